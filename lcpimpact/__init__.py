@@ -1,0 +1,68 @@
+"""lcpimpact: a laboratory for impact mechanics.
+
+One rheological scheme, run by smooth and nonsmooth integrators, and judged against an exact solution. Names are imported
+when they are first used, so that ``import lcpimpact`` costs next to nothing.
+
+>>> import lcpimpact
+>>> traj = lcpimpact.simulate(lcpimpact.load_problem("system-1"), dt=1e-2, t_end=3.0)
+>>> traj.success
+True
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_LOCATIONS = {
+    "load_problem": "lcpimpact.problems:load_problem",
+    "simulate": "lcpimpact.simulate:simulate",
+    "solve_lcp": "lcpimpact.lcp.solve:solve_lcp",
+    "Scheme": "lcpimpact.scheme.scheme:Scheme",
+    "Problem": "lcpimpact.problems.base:Problem",
+    "Trajectory": "lcpimpact.trajectory:Trajectory",
+    "Mass": "lcpimpact.scheme.elements.mass:Mass",
+    "Spring": "lcpimpact.scheme.elements.spring:Spring",
+    "Dashpot": "lcpimpact.scheme.elements.dashpot:Dashpot",
+    "KelvinVoigt": "lcpimpact.scheme.elements.kelvin_voigt:KelvinVoigt",
+    "Bumper": "lcpimpact.scheme.elements.bumper:Bumper",
+    "Load": "lcpimpact.scheme.elements.load:Load",
+    "Harmonic": "lcpimpact.scheme.elements.load:Harmonic",
+    "Status": "lcpimpact.errors:Status",
+    "LcpImpactError": "lcpimpact.errors:LcpImpactError",
+    "InputError": "lcpimpact.errors:InputError",
+    "UnsupportedError": "lcpimpact.errors:UnsupportedError",
+    "FailureError": "lcpimpact.errors:FailureError",
+}
+
+__all__ = [*_LOCATIONS, "__version__"]  # noqa: PLE0604
+
+if TYPE_CHECKING:
+    from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, UnsupportedError
+    from lcpimpact.lcp.solve import solve_lcp
+    from lcpimpact.problems import load_problem
+    from lcpimpact.problems.base import Problem
+    from lcpimpact.scheme.elements.bumper import Bumper
+    from lcpimpact.scheme.elements.dashpot import Dashpot
+    from lcpimpact.scheme.elements.kelvin_voigt import KelvinVoigt
+    from lcpimpact.scheme.elements.load import Harmonic, Load
+    from lcpimpact.scheme.elements.mass import Mass
+    from lcpimpact.scheme.elements.spring import Spring
+    from lcpimpact.scheme.scheme import Scheme
+    from lcpimpact.simulate import simulate
+    from lcpimpact.trajectory import Trajectory
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LOCATIONS:
+        raise AttributeError(f"module 'lcpimpact' has no attribute {name!r}")
+    from lcpimpact.registry import load
+
+    value = load(_LOCATIONS[name])
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -1,0 +1,67 @@
+"""Compilation: hot loops are plain Python functions, compiled ahead of their first call for stated types.
+
+With the environment variable ``NUMBA_DISABLE_JIT=1`` the same lines run in the interpreter, with the same bits
+(no fast-math, no reordering). Compiled code is cached on disk in a folder named after a hash of the package's own
+source, because numba's cache does not notice that a function called from another file has changed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+from numba import types
+from platformdirs import user_cache_path
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+f8 = types.float64
+i8 = types.int64
+vector = types.float64[::1]
+matrix = types.float64[:, ::1]
+indices = types.int64[::1]
+
+
+@cache
+def cache_folder() -> Path:
+    """Return the folder of the compiled code of exactly this source."""
+    digest = hashlib.sha256()
+    package = Path(__file__).parent
+    for file in sorted(package.rglob("*.py")):
+        digest.update(file.relative_to(package).as_posix().encode())
+        digest.update(file.read_bytes())
+    base = os.environ.get("NUMBA_CACHE_DIR") or user_cache_path("lcpimpact")
+    return Path(base) / digest.hexdigest()[:16]
+
+
+def compiled(signature: Any) -> Callable[[F], F]:
+    """Compile a function for one signature, and cache the result on disk.
+
+    Parameters
+    ----------
+    signature : numba signature
+        Argument and return types; an argument may itself be a compiled function (``types.FunctionType``), which,
+        unlike an inferred one, does not defeat the cache.
+    """
+
+    def decorate(function: F) -> F:
+        previous = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = str(cache_folder())
+        try:
+            decorated: F = numba.njit(signature, cache=True, error_model="numpy")(function)
+        finally:
+            numba.config.CACHE_DIR = previous
+        return decorated
+
+    return decorate
+
+
+def interpreted(function: F) -> F:
+    """Return the Python function behind a compiled one: the same lines, run by the interpreter."""
+    python: F = getattr(function, "py_func", function)
+    return python

@@ -1,0 +1,64 @@
+"""The errors that lcpimpact raises and the statuses that its results carry.
+
+Failure is data: a solver or an integrator that does not succeed says so with a `Status`, whose sentence names the
+remedy. Only what a caller got wrong, and a failure with ``throw=True``, becomes an exception.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Any
+
+
+class Status(IntEnum):
+    """How a solve or a simulation ended; ``status.sentence`` says it in words and names the remedy."""
+
+    SOLVED = 0, "Solved: the answer was checked outside the solver."
+    RAY = 1, "The pivoting ended on a ray: no solution along it; check M and q, or try solver='enumeration'."
+    INFEASIBLE = 2, "The problem has no solution: no complementary basis is feasible; check the sign of q and M."
+    UNDECIDED = 3, "The method could not decide whether a solution exists: try solver='lemke' or 'enumeration'."
+    MAX_ITER = 4, "The iteration limit was reached first: raise max_iter, loosen tol or take a direct solver."
+    SINGULAR = 5, "A matrix that had to be factored is singular: look for redundant contacts, or take solver='lemke'."
+    NON_FINITE = 6, "A number overflowed or is not finite: check the data, or take a smaller dt."
+    INACCURATE = 7, "The solver's answer failed the check outside it: loosen tol or take a direct solver."
+    MAX_EVENTS = 8, "More events than max_events: impacts may accumulate; raise max_events or take moreau-jean."
+    INTERRUPTED = 9, "Interrupted: the trajectory holds the steps that were finished."
+
+    sentence: str
+
+    def __new__(cls, code: int, sentence: str) -> Status:
+        """Attach the sentence to the code."""
+        member = int.__new__(cls, code)
+        member._value_ = code
+        member.sentence = sentence
+        return member
+
+
+class LcpImpactError(Exception):
+    """Base of every error that lcpimpact raises on purpose."""
+
+
+class InputError(LcpImpactError, ValueError):
+    """A value that cannot be used; the message names it and says what to give instead."""
+
+
+class UnknownNameError(InputError):
+    """A name that is not registered; the message offers the nearest one."""
+
+
+class UnsupportedError(LcpImpactError):
+    """A method was asked for something that it does not handle; the message says which one does."""
+
+
+class FailureError(LcpImpactError):
+    """A solve or a simulation failed and ``throw=True`` was set.
+
+    Attributes
+    ----------
+    result : LCPSolution or Trajectory
+        What had been reached; the same object that ``throw=False`` returns.
+    """
+
+    def __init__(self, message: str, result: Any) -> None:
+        super().__init__(message)
+        self.result = result

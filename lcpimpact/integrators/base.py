@@ -1,0 +1,141 @@
+"""What every integrator is: declared properties, a start, and a block of steps."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, TypeAlias
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import Status
+from lcpimpact.problems.base import Problem
+
+
+@dataclass(frozen=True)
+class Grid:
+    """The instants t_i = i t_end / steps; integers, never a float range."""
+
+    t_end: float
+    steps: int
+
+    @property
+    def h(self) -> float:
+        """The step."""
+        return self.t_end / self.steps
+
+    def times(self, first: int, last: int) -> Array:
+        """Return t_i for first <= i <= last."""
+        return np.arange(first, last + 1) * self.t_end / self.steps
+
+
+@dataclass(frozen=True)
+class State:
+    """Coordinates q (n,), velocities v (n,) and reactions r (nc,) at one instant, on one side of it."""
+
+    q: Array
+    v: Array
+    reaction: Array
+
+
+@dataclass(frozen=True)
+class Event:
+    """A change of the contact mode, with both limits.
+
+    Attributes
+    ----------
+    t : float               the instant in s
+    contact : str           the name of the reaction
+    kind : str              "close", "open" or "impact"
+    left, right : State     the limits from before and from after
+    impulse : float         N s; zero unless an impact
+    """
+
+    t: float
+    contact: str
+    kind: str
+    left: State
+    right: State
+    impulse: float = 0.0
+
+
+@dataclass
+class Record:
+    """The arrays that a run fills.
+
+    Attributes
+    ----------
+    t (nt,), q (nt, n), v (nt, n)               the grid and the motion on it
+    t_reaction (nr,), reaction (nr, nc)         the reactions, where they live
+    events                                      those that the method itself located
+    stats                                       counts: lcp_solves, lcp_iterations, residual, ...
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    t_reaction: Array
+    reaction: Array
+    events: list[Event] | None = None
+    stats: dict[str, float] = field(default_factory=dict)
+
+
+Dense: TypeAlias = Callable[[Array, str], tuple[Array, Array, Array]]
+"""dense(t, side) -> q, v, reaction at any times."""
+
+
+@dataclass(frozen=True)
+class Declared:
+    """The properties that a method declares; tests measure them over the whole registry.
+
+    Attributes
+    ----------
+    summary : str                   one line
+    order_smooth : float            order in smooth motion, in the coordinates (inf: to rounding)
+    order_force_jump : float        order in q and v across switches where only r jumps (relative degree 0 and 1)
+    order_impact : float            order in the L1 norm of v across impacts (relative degree 2); 0 if refused
+    relative_degrees : tuple        the relative degrees that it handles
+    reaction_lives : str            where its force is to be read
+    energy : str                    what is true of its energy
+    source : str                    where it is from
+    """
+
+    summary: str
+    order_smooth: float
+    order_force_jump: float
+    order_impact: float
+    relative_degrees: tuple[int, ...]
+    reaction_lives: str
+    energy: str
+    source: str
+
+
+class Integrator(ABC):
+    """A time integrator: frozen options, and no state of its own.
+
+    To write a new one: make a frozen dataclass whose fields are the options of the method, declare its properties in
+    ``declared``, check the problem in `start` (raising `UnsupportedError`), fill the record in `advance`, and add a line
+    to the registry. An object of such a class may also be passed to `simulate` as the method.
+    """
+
+    name: ClassVar[str]
+    declared: ClassVar[Declared]
+    solves_lcp: ClassVar[bool] = True
+
+    @abstractmethod
+    def reaction_times(self, grid: Grid) -> Array:
+        """Return the instants at which the reactions of a run on ``grid`` live."""
+
+    @abstractmethod
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Any:
+        """Write the initial values to the record, and return the carry that travels from block to block."""
+
+    @abstractmethod
+    def advance(self, carry: Any, record: Record, first: int, last: int) -> tuple[Status, int]:
+        """Take the steps from t_first to t_last; return the status and the last step that was reached."""
+
+    def dense(self, carry: Any) -> Dense | None:
+        """Return the solution as a function of time, where the method has one."""
+        return None

@@ -1,0 +1,217 @@
+r"""The Moreau-Jean θ-step: one linear solve and one LCP a step, the same lines for relative degree 0, 1 and 2.
+
+With w the mean velocity of the step, q⁺ = q + h w and v⁺ = v + (w - v)/θ on the nodes with mass, the balance of forces
+at t_θ reads
+
+.. math:: A w = f_θ - K q + \frac{1}{θ h} M v + H^T r, \qquad A = \frac{1}{θ h} M + C + θ h K .
+
+Massless nodes stay unknowns. The law of a row is imposed where its relative degree puts it,
+
+.. math:: 0 \le r \perp \frac{u^+}{h} = H w + \frac{u}{h} \ge 0 \quad (0, 1), \qquad
+          0 \le r \perp θ (U^+ + e U) = H w + (θ e - (1 - θ)) U \ge 0 \quad (2),
+
+the latter only on rows whose gap is predicted to close, u + h U/2 <= 0. With w = w_free + A⁻¹ Hᵀ r this is an LCP with
+the Delassus matrix W = H A⁻¹ Hᵀ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, vector
+from lcpimpact.errors import InputError, Status
+from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
+from lcpimpact.lcp import SOLVERS
+from lcpimpact.lcp.problem import KERNEL, scaled_residual
+from lcpimpact.lcp.solver import Delassus, Kernel
+from lcpimpact.problems.base import Problem
+from lcpimpact.scheme.elements.base import is_real
+
+SOLVED, INACCURATE, NON_FINITE = int(Status.SOLVED), int(Status.INACCURATE), int(Status.NON_FINITE)
+
+
+@compiled(
+    types.UniTuple(f8, 4)(
+        i8, i8, f8, f8, matrix, matrix, matrix, matrix, matrix, matrix, vector, vector, indices, types.boolean[::1],
+        matrix, matrix, matrix, f8, i8, KERNEL,
+    )
+)  # fmt: skip
+def steps(first, last, h, θ, Pq, Pv, Pf, G, W, H, u0, e, degree, massive, q, v, r, tol, max_iter, solve):  # type: ignore[no-untyped-def]
+    """Take the steps first ... last: fill q[k + 1], v[k + 1] and r[k] from q[k] and v[k].
+
+    w_free = Pq q + Pv v + Pf, with one row of Pf (A⁻¹ f_θ) for each step, or one for all; G = A⁻¹ Hᵀ. Returns the
+    status, the step reached, the sum of the LCP iterations, and the largest residual, found outside the solver.
+    """
+    n, nc = len(massive), len(degree)
+    w, b, z, active = np.empty(n), np.empty(nc), np.zeros(nc), np.empty(nc, np.int64)
+    iterations, worst = 0, 0.0
+    for k in range(first, last):
+        p = k - first if len(Pf) > 1 else 0
+        for i in range(n):
+            free = Pf[p, i]
+            for j in range(n):
+                free += Pq[i, j] * q[k, j] + Pv[i, j] * v[k, j]
+            w[i] = free
+
+        na = 0
+        for i in range(nc):
+            u, U, U_free = u0[i], 0.0, 0.0
+            for j in range(n):
+                u += H[i, j] * q[k, j]
+                U += H[i, j] * v[k, j]
+                U_free += H[i, j] * w[j]
+            r[k, i] = 0.0
+            if degree[i] < 2:
+                b[na] = U_free + u / h
+            elif u + 0.5 * h * U <= 0.0:
+                b[na] = U_free + (θ * e[i] - (1.0 - θ)) * U
+            else:
+                continue
+            active[na] = i
+            na += 1
+
+        if na > 0:
+            W_active = W
+            if na < nc:
+                W_active = np.empty((na, na))
+                for i in range(na):
+                    for j in range(na):
+                        W_active[i, j] = W[active[i], active[j]]
+            for i in range(na):
+                z[i] = r[k - 1, active[i]] if k > 0 else 0.0
+            status, count = solve(W_active, b[:na], z[:na], tol, max_iter)
+            iterations += count
+            residual = scaled_residual(W_active, b[:na], z[:na])
+            if status != SOLVED:
+                return float(status), float(k), float(iterations), max(worst, residual)
+            if not residual <= tol:
+                code = INACCURATE if residual < np.inf else NON_FINITE
+                return float(code), float(k), float(iterations), residual
+            worst = max(worst, residual)
+            for a in range(na):
+                r[k, active[a]] = z[a]
+                for i in range(n):
+                    w[i] += G[i, active[a]] * z[a]
+
+        for i in range(n):
+            q[k + 1, i] = q[k, i] + h * w[i]
+            v[k + 1, i] = v[k, i] + (w[i] - v[k, i]) / θ if massive[i] else w[i]
+            if not abs(q[k + 1, i]) < np.inf:
+                return float(NON_FINITE), float(k), float(iterations), worst
+    return float(SOLVED), float(last), float(iterations), worst
+
+
+@dataclass(frozen=True)
+class Step:
+    """The operators of one step size: everything that a block of steps needs and no step changes."""
+
+    grid: Grid
+    operators: tuple[Array, ...]
+    Pf: Array | None
+    applied_load: Callable[[Array], Array]
+    run: Callable[..., tuple[float, float, float, float]]
+    kernel: Kernel
+    tol: float
+    max_iter: int
+
+
+@dataclass(frozen=True)
+class MoreauJean(Integrator):
+    """The θ-step with an LCP.
+
+    Parameters
+    ----------
+    theta : float
+        θ in (0, 1]; 1/2 is of second order and keeps the energy of smooth motion, 1 damps and is of first order.
+    tol : float, optional
+        Largest LCP residual, in units where max |W| = max |q| = 1; by default what the LCP solver declares.
+    max_iter : int, optional
+        Limit of LCP iterations in a step; by default what the LCP solver declares.
+
+    Raises
+    ------
+    InputError
+        If θ lies outside (0, 1], or tol or max_iter is not positive.
+
+    Notes
+    -----
+    Velocities of massless nodes are means of the step. The reaction is the mean force that balances at t + θ h, and is
+    to be read there; on a row of relative degree 2 it is the impulse of the step over h.
+    """
+
+    theta: float = 0.5
+    tol: float | None = None
+    max_iter: int | None = None
+
+    name: ClassVar[str] = "moreau-jean"
+    declared: ClassVar[Declared] = Declared(
+        summary="θ-step with an LCP; massless nodes stay unknowns",
+        order_smooth=2,
+        order_force_jump=2,
+        order_impact=1,
+        relative_degrees=(0, 1, 2),
+        reaction_lives="at t + θ h, one for each step",
+        energy="θ = 1/2 keeps it in smooth motion; never gains for 1/2 <= θ <= 1/(1 + e)",
+        source="Moreau (1988); Jean (1999); Acary and Brogliato (2008), chapter 10",
+    )
+
+    def __post_init__(self) -> None:
+        if not is_real(self.theta) or not 0.0 < self.theta <= 1.0:
+            raise InputError(f"theta = {self.theta!r} must lie in (0, 1]: 0.5 for second order, 1.0 for damping")
+        for name, value in (("tol", self.tol), ("max_iter", self.max_iter)):
+            if value is not None and not (is_real(value) and value > 0):
+                raise InputError(f"{name} = {value!r} must be a positive number")
+
+    def reaction_times(self, grid: Grid) -> Array:
+        """Return t_k + θ h, one for each step."""
+        return grid.times(0, grid.steps - 1) + self.theta * grid.h
+
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Step:
+        """Write the initial state, and factor A once."""
+        dynamics, h, θ = problem.dynamics, grid.h, self.theta
+        record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
+        M, C, K, H = dynamics.M, dynamics.C, dynamics.K, dynamics.H
+        A = M / (θ * h) + C + θ * h * K
+        columns = np.column_stack([-K, M / (θ * h), H.T, np.eye(len(M))])
+        Pq, Pv, G, inverse = np.split(np.linalg.solve(A, columns), np.cumsum([len(M), len(M), len(H)]), axis=1)
+        W = H @ G
+
+        solver = SOLVERS[lcp_solver]
+        if len(H):
+            solver.check(W)
+        kernel = solver.prepare(Delassus(W, A, H))
+        run = steps if solver.is_compiled else interpreted(steps)
+        operators = tuple(
+            np.array(a, order="C")
+            for a in (Pq, Pv, G, W, H, dynamics.u0, dynamics.restitution, dynamics.relative_degree, dynamics.massive)
+        )
+        tol = solver.tol if self.tol is None else float(self.tol)
+        max_iter = solver.max_iter if self.max_iter is None else int(self.max_iter)
+
+        def applied_load(t: Array) -> Array:
+            """Return A⁻¹ f_θ, with f_θ = (1 - θ) f(t) + θ f(t + h), for the instants t of consecutive steps."""
+            f = dynamics.force(t)
+            return np.ascontiguousarray(((1.0 - θ) * f[:-1] + θ * f[1:]) @ inverse.T)
+
+        constant = applied_load(np.zeros(2)) if dynamics.constant_loads else None
+        return Step(grid, operators, constant, applied_load, run, kernel, tol, max_iter)
+
+    def advance(self, carry: Step, record: Record, first: int, last: int) -> tuple[Status, int]:
+        """Take the steps of the block in compiled code, or in the interpreter where the solver lives there."""
+        Pf = carry.applied_load(carry.grid.times(first, last)) if carry.Pf is None else carry.Pf
+        Pq, Pv, *rest = carry.operators
+        code, reached, iterations, residual = carry.run(
+            first, last, carry.grid.h, self.theta, Pq, Pv, Pf, *rest,
+            record.q, record.v, record.reaction, carry.tol, carry.max_iter, carry.kernel,
+        )  # fmt: skip
+        stats: dict[str, Any] = record.stats
+        stats["lcp_solves"] = stats.get("lcp_solves", 0) + int(reached) - first
+        stats["lcp_iterations"] = stats.get("lcp_iterations", 0) + int(iterations)
+        stats["residual"] = max(stats.get("residual", 0.0), residual)
+        return Status(int(code)), int(reached)

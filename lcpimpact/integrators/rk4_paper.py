@@ -1,0 +1,179 @@
+"""Eqs (3), (6) and (8) of the paper, case splits and all, by the classical Runge-Kutta method: the witness.
+
+It shares no code with the LCP path: it reads the constants of the paper's systems and nothing of the assembled scheme.
+
+"z - x = 0" means nothing in floating point, so each stage needs a rule for it. ``contact="project"``, the default, takes
+z - x <= CLOSED for contact and, after each step, puts the massless side back where the plates overlap; ``"clip"`` does
+not put it back, so that the overlap of the step in which the gap closed stays for the whole contact; ``"sign"`` takes
+z - x <= 0, so that a gap of one rounding error opens the contact for a stage; ``"equal"`` is the printed equality, which
+after the first flight is never met again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.errors import InputError, Status, UnsupportedError
+from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
+from lcpimpact.problems.base import Problem
+from lcpimpact.registry import nearest
+
+RULES = ("project", "clip", "sign", "equal")
+PROJECT, SIGN, EQUAL = RULES.index("project"), RULES.index("sign"), RULES.index("equal")
+CLOSED = 1e-9
+"""A gap in m that counts as closed: far above the rounding that gathers in a contact, far below any gap of interest."""
+
+COORDINATES = {"system-1": ("x", "z"), "system-2": ("x", "y", "z"), "system-3": ("x", "y", "z")}
+CONSTANTS = ("m", "g", "k", "c", "k_o", "c_o")
+
+
+@compiled(f8(f8))
+def positive_part(ξ):  # type: ignore[no-untyped-def]
+    """Eq. (4): [ξ]^+ = max(0, ξ)."""
+    return max(0.0, ξ)
+
+
+@compiled(f8(i8, i8, vector, vector, vector))
+def right_side(system, rule, s, p, ds):  # type: ignore[no-untyped-def]
+    """Write the derivative of s = (x, x', y, z) to ds and return R, with p = (m, g, k, c, k_o, c_o)."""
+    x, dx, y, z = s
+    m, g, k, c, k_o, c_o = p
+    gap = z - x if system == 1 else z - y
+    contact = gap == 0.0 if rule == EQUAL else gap <= (0.0 if rule == SIGN else CLOSED)
+    R, dy, dz = 0.0, 0.0, -(k_o / c_o) * z
+
+    if system == 1:
+        if contact:
+            R = positive_part(c_o * dx + k_o * x)  # (3c)
+            if c_o * dx + k_o * x > 0.0:
+                dz = dx  # (3b)
+    elif system == 2:
+        dy = dx
+        if contact:
+            R = k * (x - z)  # (6d)
+            dz = (-(k_o + k) * z + k * x) / c_o  # (6c)
+            if y < x or (k_o / c_o) * z + dx > 0.0:
+                dy = dz  # (6b)
+            else:
+                R, dz = 0.0, -(k_o / c_o) * z
+    else:
+        dy = dx + (k / c) * (x - y)
+        if contact:
+            A = positive_part(dx + (k / c) * (x - y) + (k_o / c_o) * z)  # (8e)
+            R = c * c_o / (c + c_o) * A  # (8d)
+            dy -= c_o / (c + c_o) * A  # (8b)
+            dz += c / (c + c_o) * A  # (8c)
+
+    ds[0], ds[1], ds[2], ds[3] = dx, g - R / m, dy, dz
+    return R
+
+
+@compiled(i8(i8, i8, i8, i8, f8, vector, vector, matrix, matrix, vector))
+def steps(system, rule, first, last, h, p, s, motion, rates, reaction):  # type: ignore[no-untyped-def]
+    """Take the steps first ... last of the classical Runge-Kutta method from s, which is overwritten."""
+    d1, d2, d3, d4 = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
+    for i in range(first, last):
+        right_side(system, rule, s, p, d1)
+        right_side(system, rule, s + 0.5 * h * d1, p, d2)
+        right_side(system, rule, s + 0.5 * h * d2, p, d3)
+        right_side(system, rule, s + h * d3, p, d4)
+        s += h / 6.0 * (d1 + 2.0 * d2 + 2.0 * d3 + d4)
+        if rule == PROJECT:
+            upper = s[0] if system == 1 else s[2]
+            if s[3] < upper and system == 1:
+                s[3] = upper
+            elif s[3] < upper:
+                s[2] = s[3]
+        reaction[i + 1] = right_side(system, rule, s, p, rates[i + 1])
+        motion[i + 1] = s
+        if not abs(s[0]) < np.inf:
+            return i
+    return last
+
+
+@dataclass
+class Run:
+    """What travels from block to block."""
+
+    system: int
+    h: float
+    constants: Array
+    s: Array
+    columns: list[int]
+    motion: Array
+    rates: Array
+    reaction: Array
+
+
+@dataclass(frozen=True)
+class RK4Paper(Integrator):
+    """The paper's explicit method, for its own three systems.
+
+    Parameters
+    ----------
+    contact : {"project", "clip", "sign", "equal"}
+        What "z - x = 0" means; see the module.
+    """
+
+    contact: str = "project"
+
+    name: ClassVar[str] = "rk4-paper"
+    solves_lcp: ClassVar[bool] = False
+    declared: ClassVar[Declared] = Declared(
+        summary="Eqs (3), (6), (8) as printed, by the classical Runge-Kutta method; systems 1-3 only",
+        order_smooth=4,
+        order_force_jump=1,
+        order_impact=0,
+        relative_degrees=(0, 1),
+        reaction_lives="at t",
+        energy="no rule",
+        source="Grzesikiewicz and Zbiciak, Eqs (3), (6), (8)",
+    )
+
+    def __post_init__(self) -> None:
+        if self.contact not in RULES:
+            raise InputError(nearest(str(self.contact), list(RULES), "contact rule"))
+
+    def reaction_times(self, grid: Grid) -> Array:
+        """Return the grid."""
+        return grid.times(0, grid.steps)
+
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
+        """Write the initial values, Eqs (3d), (5e), (7e)."""
+        if problem.name not in COORDINATES:
+            raise UnsupportedError(
+                f"rk4-paper knows only {', '.join(COORDINATES)}, whose equations the paper prints, and not "
+                f"{problem.name!r}: take method='moreau-jean' or 'exact'"
+            )
+        p = np.array([problem.parameters.get(name, np.nan) for name in CONSTANTS])
+        x0, y0, z0 = (float(problem.q0.get(node, 0.0)) for node in "xyz")
+        s = np.array([x0, float(problem.v0.get("x", 0.0)), y0, z0])
+        columns = [{"x": 0, "y": 2, "z": 3}[name] for name in COORDINATES[problem.name]]
+        motion, rates, reaction = (np.empty((grid.steps + 1, *shape)) for shape in ((4,), (4,), ()))
+        run = Run(int(problem.name[-1]), grid.h, p, s, columns, motion, rates, reaction)
+        motion[0] = s
+        reaction[0] = right_side(run.system, RULES.index(self.contact), s, p, rates[0])
+        _write(run, record, 0, 0)
+        return run
+
+    def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
+        """Take the steps of the block."""
+        rule = RULES.index(self.contact)
+        reached = steps(
+            carry.system, rule, first, last, carry.h, carry.constants, carry.s, carry.motion, carry.rates, carry.reaction
+        )
+        _write(carry, record, first + 1, reached)
+        return (Status.SOLVED if reached == last else Status.NON_FINITE), reached
+
+
+def _write(run: Run, record: Record, first: int, last: int) -> None:
+    here = slice(first, last + 1)
+    record.q[here] = run.motion[here][:, run.columns]
+    record.v[here] = run.rates[here][:, run.columns]
+    record.reaction[here, 0] = run.reaction[here]

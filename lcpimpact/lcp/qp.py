@@ -1,0 +1,150 @@
+r"""QP backends of qpsolvers, in the dual form (over r) and in the primal form (over w, Gauss's principle).
+
+For symmetric positive semidefinite M the LCP is the optimality condition of
+
+.. math:: \text{dual:} \quad \min_{r \ge 0} \; \tfrac12 r^T M r + q^T r, \qquad
+          \text{primal:} \quad \min_{H δ + q \ge 0} \; \tfrac12 δ^T A δ ,
+
+with M = H A⁻¹ Hᵀ, δ = w - w_free the deviation from the free motion, and r the multipliers of the gap. Gauss's principle
+of least constraint is the primal one: among the velocities that the contacts admit, the true one is nearest to the free
+one in the metric of A.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError, Status
+from lcpimpact.lcp.solver import Delassus, Kernel, LCPSolver, Requirement
+from lcpimpact.registry import nearest
+
+FORMS = ("dual", "primal")
+
+TIGHT: dict[str, dict[str, Any]] = {
+    "osqp": {"eps_abs": 1e-11, "eps_rel": 1e-11, "polishing": False, "warm_starting": False, "raise_error": False},
+    "daqp": {"primal_tol": 1e-12},
+}
+"""Settings of each backend that are tighter than its defaults."""
+
+
+@dataclass(frozen=True)
+class QPSolver(LCPSolver):
+    """A backend of qpsolvers in one of the two forms.
+
+    Attributes
+    ----------
+    backend : str           its name in qpsolvers
+    form : str              "dual" or "primal"
+    settings : dict         passed to the backend
+    """
+
+    backend: str
+    form: str
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_compiled(self) -> bool:
+        """False: the backend is called from the interpreter."""
+        return False
+
+    def prepare(self, delassus: Delassus) -> Kernel:
+        """Scale the matrices once, and return a kernel for many q."""
+        return self._dual(delassus) if self.form == "dual" else self._primal(delassus)
+
+    def _dual(self, delassus: Delassus) -> Kernel:
+        s = np.abs(delassus.W).max() or 1.0
+        nc = len(delassus.W)
+        P = csc_matrix(delassus.W / s)
+        G, h = csc_matrix(-np.eye(nc)), np.zeros(nc)
+
+        def kernel(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+            """Minimise over r >= 0, scaled to max |W| = max |q| = 1."""
+            p = -q.min()
+            z[:] = 0.0
+            if not p > 0.0:
+                return int(Status.SOLVED), 0
+            solution, status, iterations = self._solve(P, q / p, G, h, max_iter)
+            if solution is not None:
+                z[:] = np.maximum(solution.x, 0.0) * (p / s)
+            return status, iterations
+
+        return kernel
+
+    def _primal(self, delassus: Delassus) -> Kernel:
+        if delassus.A is None or delassus.H is None:
+            values, vectors = np.linalg.eigh(delassus.W)
+            A, H = np.eye(len(values)), vectors * np.sqrt(np.maximum(values, 0.0))
+        else:
+            A, H = delassus.A, delassus.H
+        # In units where A has unit diagonal and max |H| = max |q| = 1, the multipliers are r s²/p.
+        unit = 1.0 / np.sqrt(np.diag(A))
+        s = np.abs(H * unit).max() or 1.0
+        P, zero = csc_matrix(A * np.outer(unit, unit)), np.zeros(len(A))
+        G = csc_matrix(-H * unit / s)
+
+        def kernel(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+            """Minimise the deviation from the free motion; the multipliers of the gap are r."""
+            p = -q.min()
+            z[:] = 0.0
+            if not p > 0.0:
+                return int(Status.SOLVED), 0
+            solution, status, iterations = self._solve(P, zero, G, q / p, max_iter)
+            if solution is not None:
+                z[:] = np.maximum(solution.z, 0.0) * (p / s**2)
+            return status, iterations
+
+        return kernel
+
+    def _solve(self, P: csc_matrix, q: Array, G: csc_matrix, h: Array, max_iter: int) -> tuple[Any, int, int]:
+        import qpsolvers
+
+        settings = dict(self.settings)
+        if self.backend == "osqp":
+            settings["max_iter"] = max_iter
+        try:
+            solution = qpsolvers.solve_problem(qpsolvers.Problem(P, q, G, h), solver=self.backend, **settings)
+        except (qpsolvers.QPError, ValueError):
+            return None, int(Status.UNDECIDED), 0
+        info = (solution.extras or {}).get("info")
+        iterations = int(getattr(info, "iter", 0))
+        if solution.x is None or solution.z is None:
+            return None, int(Status.UNDECIDED), iterations
+        if not solution.found:
+            return solution, int(Status.MAX_ITER), iterations
+        return solution, int(Status.SOLVED), iterations
+
+
+def qp_solver(name: str) -> QPSolver:
+    """Return the solver called ``qp:BACKEND`` (dual form) or ``qp:BACKEND:primal``.
+
+    Raises
+    ------
+    InputError
+        If qpsolvers does not know the backend, or it is not installed.
+    """
+    import qpsolvers
+
+    backend, _, form = name.removeprefix("qp:").partition(":")
+    form = form or "dual"
+    if form not in FORMS:
+        raise InputError(nearest(form, list(FORMS), "form of QP"))
+    if backend not in qpsolvers.available_solvers:
+        installed = [f"qp:{each}" for each in qpsolvers.available_solvers]
+        raise InputError(f"{nearest(name, installed, 'installed QP backend')}; install others with pip")
+    unknown = "over r >= 0" if form == "dual" else "over w, Gauss's principle"
+    return QPSolver(
+        name=f"qp:{backend}" if form == "dual" else f"qp:{backend}:primal",
+        summary=f"{backend} through qpsolvers, {form} form ({unknown})",
+        requires=(Requirement.SYMMETRIC, Requirement.PSD),
+        tol=1e-7,
+        max_iter=20_000,
+        source="Caron et al., qpsolvers; Stellato et al. (2020) for OSQP",
+        backend=backend,
+        form=form,
+        settings=TIGHT.get(backend, {}),
+    )

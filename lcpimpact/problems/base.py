@@ -1,0 +1,110 @@
+"""A named problem: a scheme, its initial state, its parameters, and where it is from."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError
+from lcpimpact.registry import nearest
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.elements.base import is_real
+from lcpimpact.scheme.scheme import Scheme
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A scheme with an initial state.
+
+    Parameters
+    ----------
+    name : str
+        How results and messages call it.
+    scheme : Scheme
+        The elements.
+    q0, v0 : mapping of str to float
+        Initial coordinates (m) and velocities (m/s) by node; a node that is left out starts at zero.
+    t_end : float
+        A time (s) by which the interesting part has happened; a suggestion for drivers.
+    parameters : mapping of str to float
+        The values that the scheme was built from.
+    source : str
+        Where it is from.
+
+    Raises
+    ------
+    InputError
+        If an initial value is for an unknown node or not finite, or a bumper starts penetrated.
+
+    Examples
+    --------
+    >>> from lcpimpact import Bumper, Load, Mass, Problem, Scheme, simulate
+    >>> ball = Scheme(Mass("x", m=1.0), Load("x", f=9.81), Bumper("x", "ground", gap=1.0, e=0.5))
+    >>> simulate(Problem("ball", ball), dt=1e-3, t_end=0.5).success
+    True
+    """
+
+    name: str
+    scheme: Scheme
+    q0: Mapping[str, float] = field(default_factory=dict)
+    v0: Mapping[str, float] = field(default_factory=dict)
+    t_end: float = 1.0
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    source: str = "-"
+
+    def __post_init__(self) -> None:
+        nodes = self.dynamics.nodes
+        for kind, values in (("q0", self.q0), ("v0", self.v0)):
+            for node, value in values.items():
+                if node not in nodes:
+                    raise InputError(f"{kind} of problem {self.name!r}: {nearest(str(node), list(nodes), 'node')}")
+                if not is_real(value):
+                    raise InputError(f"{kind}[{node!r}] = {value!r} of problem {self.name!r} must be a finite number")
+        for contact, u in zip(self.dynamics.contacts, self.dynamics.gap(self.initial_coordinates), strict=True):
+            if contact.relative_degree > 0 and u < 0.0:
+                raise InputError(
+                    f"bumper {contact.name!r} of problem {self.name!r} starts penetrated by {-u:g} m: "
+                    f"lower q0[{contact.upper!r}], raise q0[{contact.lower!r}], or widen its gap"
+                )
+
+    @cached_property
+    def dynamics(self) -> Dynamics:
+        """The equations of motion."""
+        return self.scheme.assemble()
+
+    @property
+    def initial_coordinates(self) -> Array:
+        """q(0) in the order of the nodes (n,)."""
+        return np.array([float(self.q0.get(node, 0.0)) for node in self.dynamics.nodes])
+
+    @property
+    def initial_velocities(self) -> Array:
+        """v(0) in the order of the nodes (n,)."""
+        return np.array([float(self.v0.get(node, 0.0)) for node in self.dynamics.nodes])
+
+
+def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, Any]) -> Problem:
+    """Call a builder of the registry, refusing parameters that it does not have or that are no numbers."""
+    known = list(inspect.signature(builder).parameters)
+    for key, value in parameters.items():
+        if key not in known:
+            raise InputError(nearest(key, known, f"parameter of {name}"))
+        if not is_real(value):
+            raise InputError(f"parameter {key} = {value!r} of {name} must be a finite number")
+    return builder(**{key: float(value) for key, value in parameters.items()})
+
+
+def falling_speed(name: str, g: float, h_o: float, v_o: float | None) -> float:
+    """Return v_o, or sqrt(2 g h_o) where it is not given: the speed after a fall from rest."""
+    if v_o is not None:
+        return v_o
+    if g * h_o < 0.0:
+        raise InputError(f"{name}: g = {g:g} and h_o = {h_o:g} give no speed of fall; make both positive, or give v_o")
+    return math.sqrt(2.0 * g * h_o)

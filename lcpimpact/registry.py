@@ -1,0 +1,61 @@
+"""Names: every solver, method, problem and element is found by its name here, and loaded only when it is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from difflib import get_close_matches
+from importlib import import_module
+from typing import Any, Generic, TypeVar
+
+from lcpimpact.errors import UnknownNameError
+
+T = TypeVar("T")
+
+
+def load(location: str) -> Any:
+    """Import ``"package.module:attribute"`` and return the attribute."""
+    module, attribute = location.split(":")
+    return getattr(import_module(module), attribute)
+
+
+def nearest(name: str, known: list[str], kind: str) -> str:
+    """Return the sentence for an unknown ``name``: the nearest match first, then all that is known."""
+    close = get_close_matches(name, known, n=1, cutoff=0.5)
+    hint = f"did you mean {close[0]!r}? " if close else ""
+    return f"unknown {kind} {name!r}: {hint}known are {', '.join(known) if known else 'none'}"
+
+
+class Registry(Mapping[str, T], Generic[T]):
+    """A mapping from names to objects that are imported on first use.
+
+    Parameters
+    ----------
+    kind : str
+        What the entries are, for messages: ``"method"``, ``"problem"``, ...
+    entries : mapping of str to str
+        Name to ``"package.module:attribute"``.
+    families : mapping of str to str
+        Prefix of a name to the function that makes the entry from the whole name, for what is not listed one by one.
+    """
+
+    def __init__(self, kind: str, entries: Mapping[str, str], families: Mapping[str, str] | None = None) -> None:
+        self.kind = kind
+        self._entries = dict(entries)
+        self._families = dict(families or {})
+
+    def __getitem__(self, name: str) -> T:
+        entry: T
+        for prefix, location in self._families.items():
+            if isinstance(name, str) and name.startswith(prefix):
+                entry = load(location)(name)
+                return entry
+        if name not in self._entries:
+            raise UnknownNameError(nearest(str(name), list(self._entries), self.kind))
+        entry = load(self._entries[name])
+        return entry
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._entries)
+
+    def __len__(self) -> int:
+        return len(self._entries)

@@ -1,0 +1,77 @@
+"""What every element of a rheological scheme is: it joins named nodes and adds its terms to M, C, K, f and H."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from lcpimpact.errors import InputError
+
+if TYPE_CHECKING:
+    from lcpimpact.scheme.assembly import Assembly
+
+GROUND = "ground"
+"""The name of the node that does not move."""
+
+MISSING: Any = None
+"""Default of every physical constant: physics has no default, so an element that is left with it is refused."""
+
+Polyline = Sequence[tuple[float, float]]
+
+
+class Element(ABC):
+    r"""An element between named nodes.
+
+    All coordinates are positive downwards. An element is drawn in a frame that runs from its first node, at
+    (0, 0), to its last, at (1, 0); `strokes` holds its lines in that frame.
+
+    To write a new element: make a frozen dataclass with the nodes first and the constants next, check the constants in
+    ``__post_init__`` with `positive`, add the terms in `contribute`, give `strokes`, and add a line to the registry.
+    """
+
+    strokes: ClassVar[tuple[Polyline, ...]] = ()
+    symbols: tuple[str, ...]
+
+    @property
+    @abstractmethod
+    def nodes(self) -> tuple[str, ...]:
+        """The names of the nodes that the element touches."""
+
+    @abstractmethod
+    def contribute(self, system: Assembly) -> None:
+        """Add the element's terms to the system that is being assembled."""
+
+    def parts(self) -> tuple[Element, ...]:
+        """Return the elementary pieces, as they act and as they are drawn: the element itself unless it is compound."""
+        return (self,)
+
+    def __str__(self) -> str:
+        where = " and ".join(repr(node) for node in self.nodes)
+        return f"{type(self).__name__} {'between' if len(self.nodes) > 1 else 'at'} {where}"
+
+
+def positive(element: Element, symbol: str, value: Any, unit: str) -> None:
+    """Refuse a constant that is missing, not a number, not finite, or not above zero; the message names the element."""
+    if value is MISSING:
+        raise InputError(f"{element}: {symbol} is missing; give a positive number in {unit}")
+    if not is_real(value) or not value > 0.0:
+        raise InputError(f"{element}: {symbol} = {value!r} must be a positive finite number in {unit}")
+
+
+def distinct(element: Element) -> None:
+    """Refuse node names that are no names, and an element whose two ends are one node."""
+    for node in element.nodes:
+        if not isinstance(node, str) or not node:
+            raise InputError(f"{element}: a node is named by a string that is not empty, and {node!r} is not one")
+    if len(set(element.nodes)) < len(element.nodes):
+        raise InputError(f"{element}: both ends are one node; join two different nodes")
+
+
+def is_real(value: Any) -> bool:
+    """Return whether a value is a finite real number (and not a bool)."""
+    try:
+        return not isinstance(value, (bool, str)) and math.isfinite(value)
+    except TypeError:
+        return False

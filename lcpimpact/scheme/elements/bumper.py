@@ -1,0 +1,86 @@
+r"""The bumper: a unilateral constraint between two plates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from lcpimpact.errors import InputError
+from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, is_real
+
+if TYPE_CHECKING:
+    from lcpimpact.scheme.assembly import Assembly
+
+
+@dataclass(frozen=True)
+class Bumper(Element):
+    r"""A bumper: u := q_lower - q_upper + gap, 0 <= u ⟂ R >= 0; R pushes the plates apart.
+
+    ::
+
+            o  upper plate, feels -R
+          =====
+            u   (opening)                     | positive downwards
+          =====                               v
+            o  lower plate, feels +R
+
+    Between two masses the velocity jumps when the plates meet, by Newton's law U⁺ = -e U⁻ for U = u'; where a spring
+    or a dashpot gives way under a plate there is no impulse, and e means nothing.
+
+    Parameters
+    ----------
+    upper, lower : str
+        The nodes of the plates; one may be the ground.
+    gap : float
+        Opening in m when both coordinates are zero.
+    e : float, optional
+        Coefficient of restitution in [0, 1]; needed where both sides have mass (or are ground), refused elsewhere.
+    name : str
+        The name of the reaction.
+    symbols : tuple of str
+        How drawings call the opening.
+
+    Raises
+    ------
+    InputError
+        If gap is not finite, e lies outside [0, 1], or both plates are one node.
+
+    Examples
+    --------
+    >>> Bumper("x", "z").nodes
+    ('x', 'z')
+
+    References
+    ----------
+    Grzesikiewicz and Zbiciak, Eq. (2c); Moreau (1988) for the law of impact.
+    """
+
+    upper: str
+    lower: str
+    gap: float = 0.0
+    e: float | None = MISSING
+    name: str = "R"
+    symbols: tuple[str, ...] = ("R",)
+
+    strokes: ClassVar[tuple[Polyline, ...]] = (
+        ((0.0, 0.0), (0.44, 0.0)),
+        ((0.44, -0.6), (0.44, 0.6)),
+        ((0.56, -0.6), (0.56, 0.6)),
+        ((0.56, 0.0), (1.0, 0.0)),
+    )
+
+    def __post_init__(self) -> None:
+        distinct(self)
+        if not is_real(self.gap):
+            raise InputError(f"{self}: gap = {self.gap!r} must be a finite number in m")
+        if self.e is not MISSING and not (is_real(self.e) and 0.0 <= self.e <= 1.0):
+            raise InputError(f"{self}: e = {self.e!r} must lie between 0 and 1")
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """The upper and the lower plate."""
+        return (self.upper, self.lower)
+
+    def contribute(self, system: Assembly) -> None:
+        """Add a row to H and to u0."""
+        system.add_contact(self)

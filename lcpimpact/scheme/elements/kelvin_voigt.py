@@ -1,0 +1,70 @@
+r"""A spring and a dashpot side by side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from lcpimpact.scheme.elements.base import MISSING, Element
+from lcpimpact.scheme.elements.dashpot import Dashpot
+from lcpimpact.scheme.elements.spring import Spring
+
+if TYPE_CHECKING:
+    from lcpimpact.scheme.assembly import Assembly
+
+
+@dataclass(frozen=True)
+class KelvinVoigt(Element):
+    r"""A Kelvin-Voigt block: force k (q_b - q_a) + c (v_b - v_a) on node a and its opposite on node b.
+
+    ::
+
+               +--/\/\/\--+
+        a o----|          |----o b
+               +---[ |----+
+
+    Parameters
+    ----------
+    a, b : str
+        The nodes that it joins; one may be the ground.
+    k : float
+        Stiffness in N/m, positive.
+    c : float
+        Damping in N s/m, positive.
+    symbols : tuple of str
+        How drawings call the two constants.
+
+    Raises
+    ------
+    InputError
+        If k or c is missing, not positive or not finite, or both ends are one node.
+
+    Examples
+    --------
+    >>> [str(part) for part in KelvinVoigt("z", "ground", k=3924.0, c=250.0).parts()]
+    ["Spring between 'z' and 'ground'", "Dashpot between 'z' and 'ground'"]
+    """
+
+    a: str
+    b: str
+    k: float = MISSING
+    c: float = MISSING
+    symbols: tuple[str, ...] = ("k", "c")
+
+    def __post_init__(self) -> None:
+        self.parts()
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """The two ends."""
+        return (self.a, self.b)
+
+    def parts(self) -> tuple[Element, ...]:
+        """Return the spring and the dashpot."""
+        spring, dashpot = self.symbols
+        return (Spring(self.a, self.b, self.k, (spring,)), Dashpot(self.a, self.b, self.c, (dashpot,)))
+
+    def contribute(self, system: Assembly) -> None:
+        """Add the terms of the spring and of the dashpot."""
+        for part in self.parts():
+            part.contribute(system)

@@ -1,0 +1,101 @@
+r"""A force on a node, constant or of time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from lcpimpact.errors import InputError
+from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct, is_real
+
+if TYPE_CHECKING:
+    from lcpimpact.scheme.assembly import Assembly
+
+
+@dataclass(frozen=True)
+class Harmonic:
+    """The load a cos(ω t + φ), which even the exact solution follows without error.
+
+    Parameters
+    ----------
+    amplitude : float
+        a in N.
+    omega : float
+        ω in rad/s, positive.
+    phase : float
+        φ in rad.
+
+    Examples
+    --------
+    >>> Harmonic(amplitude=2.0, omega=3.0)(0.0)
+    2.0
+    """
+
+    amplitude: float
+    omega: float
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (is_real(self.amplitude) and is_real(self.phase) and is_real(self.omega) and self.omega > 0.0):
+            raise InputError(f"{self}: amplitude, omega and phase must be finite numbers, omega above zero")
+
+    def __call__(self, t: float) -> float:
+        """Return the force at time t."""
+        return self.amplitude * math.cos(self.omega * t + self.phase)
+
+
+@dataclass(frozen=True)
+class Load(Element):
+    r"""A force on a node: adds to f(t), positive downwards; its power is f v.
+
+    ::
+
+            |
+            v  f(t)
+            o  node
+
+    Parameters
+    ----------
+    node : str
+        The node that it acts on.
+    f : float, Harmonic or callable
+        Force in N; a callable takes the time in s and returns the force.
+    symbols : tuple of str
+        How drawings call the force.
+
+    Raises
+    ------
+    InputError
+        If f is missing, not finite, or the node is the ground.
+
+    Examples
+    --------
+    >>> Load("x", f=100.0 * 9.81).f
+    981.0
+    """
+
+    node: str
+    f: float | Harmonic | Callable[[float], float] = MISSING
+    symbols: tuple[str, ...] = ("f",)
+
+    strokes: ClassVar[tuple[Polyline, ...]] = (((-0.5, 0.0), (0.0, 0.0)), ((-0.15, -0.1), (0.0, 0.0), (-0.15, 0.1)))
+
+    def __post_init__(self) -> None:
+        distinct(self)
+        if self.node == GROUND:
+            raise InputError(f"{self}: a force on the ground moves nothing; name another node")
+        if self.f is MISSING:
+            raise InputError(f"{self}: f is missing; give a force in N or a function of time")
+        if not callable(self.f) and not is_real(self.f):
+            raise InputError(f"{self}: f = {self.f!r} must be a finite force in N or a function of time")
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """The node that the force acts on."""
+        return (self.node,)
+
+    def contribute(self, system: Assembly) -> None:
+        """Add the force to f(t)."""
+        system.loads.append((system.index[self.node], self.f))

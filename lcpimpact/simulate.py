@@ -1,0 +1,208 @@
+"""The driver: the time grid, the record, progress, and what happens when a method fails."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from tqdm.auto import tqdm
+
+from lcpimpact.certificate import certify
+from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
+from lcpimpact.events import events_of_steps
+from lcpimpact.integrators import METHODS
+from lcpimpact.integrators.base import Grid, Integrator, Record
+from lcpimpact.lcp import SOLVERS
+from lcpimpact.problems.base import Problem
+from lcpimpact.registry import nearest
+from lcpimpact.scheme.elements.base import is_real
+from lcpimpact.trajectory import Trajectory
+
+BLOCK_SECONDS = 0.1
+"""Blocks grow until one takes about this long: often enough for progress and Ctrl-C, rarely enough to cost nothing."""
+
+
+def simulate(
+    problem: Problem,
+    method: str | Integrator = "moreau-jean",
+    *,
+    dt: float,
+    t_end: float,
+    lcp_solver: str = "auto",
+    throw: bool = True,
+    progress: bool = True,
+    **method_options: Any,
+) -> Trajectory:
+    """Integrate a problem over 0 <= t <= t_end.
+
+    Parameters
+    ----------
+    problem : Problem
+        From `load_problem`, or made of a `Scheme` of your own.
+    method : str or Integrator
+        A name of ``lcpimpact list methods``, or an object that is an integrator.
+    dt : float
+        Step in s; t_end must be a whole number of steps. With ``exact`` it is the spacing of the output only.
+    t_end : float
+        End in s.
+    lcp_solver : str
+        A name of ``lcpimpact list solvers``.
+    throw : bool
+        Raise when the run does not reach its end, instead of returning what it reached.
+    progress : bool
+        Show a progress bar on a terminal when the run takes more than a second.
+    **method_options
+        Options of the method, as ``theta=1.0``.
+
+    Returns
+    -------
+    Trajectory
+        t, q, v, t_reaction, reaction, events, status, message, certificate and stats.
+
+    Raises
+    ------
+    InputError
+        For values that cannot be used and names that are not known.
+    UnsupportedError
+        If the method does not handle the problem; raised before the first step.
+    FailureError
+        If the run fails and ``throw`` is set; its ``result`` is the trajectory up to there.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, simulate
+    >>> traj = simulate(load_problem("system-1"), dt=1e-3, t_end=3.0)
+    >>> f"{traj['R'].max():.0f} N"
+    '5818 N'
+
+    References
+    ----------
+    Acary and Brogliato, *Numerical Methods for Nonsmooth Dynamical Systems* (2008).
+    """
+    if not isinstance(problem, Problem):
+        raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
+    integrator = _integrator(method, method_options)
+    grid = _grid(dt, t_end)
+    _check_lcp_solver(integrator, lcp_solver)
+    _check_degrees(integrator, problem)
+
+    started = time.perf_counter()
+    t_reaction = integrator.reaction_times(grid)
+    n, nc = len(problem.dynamics.nodes), len(problem.dynamics.contacts)
+    record = Record(
+        grid.times(0, grid.steps),
+        np.empty((grid.steps + 1, n)),
+        np.empty((grid.steps + 1, n)),
+        t_reaction,
+        np.empty((len(t_reaction), nc)),
+    )
+    carry = integrator.start(problem, grid, lcp_solver, record)
+    status, reached = _run(integrator, carry, record, grid, progress)
+    if reached < grid.steps:
+        per_step = len(t_reaction) == grid.steps
+        record.t, record.q, record.v = (a[: reached + 1] for a in (record.t, record.q, record.v))
+        nr = reached if per_step else reached + 1
+        record.t_reaction, record.reaction = record.t_reaction[:nr], record.reaction[:nr]
+
+    dense = integrator.dense(carry)
+    events = tuple(record.events) if record.events is not None else events_of_steps(problem.dynamics, record)
+    θ = (t_reaction[0] / grid.h) if len(t_reaction) == grid.steps else None
+    certificate = certify(problem.dynamics, record, dense, events, θ)
+    message = status.sentence
+    if status is not Status.SOLVED:
+        message = f"{integrator.name} stopped after step {reached} (t = {record.t[-1]:g} s): {message}"
+    trajectory = Trajectory(
+        problem,
+        _describe(integrator, lcp_solver),
+        record.t,
+        record.q,
+        record.v,
+        record.t_reaction,
+        record.reaction,
+        events,
+        status,
+        message,
+        certificate,
+        {"steps": reached, **record.stats, "seconds": time.perf_counter() - started},
+        dense,
+    )
+    if throw and not trajectory.success:
+        if status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        raise FailureError(message, trajectory)
+    return trajectory
+
+
+def _run(integrator: Integrator, carry: Any, record: Record, grid: Grid, progress: bool) -> tuple[Status, int]:
+    """Advance block by block until the end, a failure, or Ctrl-C."""
+    reached, block = 0, 64
+    disable = None if progress else True
+    with tqdm(total=grid.steps, desc=integrator.name, unit="step", delay=1.0, disable=disable, leave=False) as bar:
+        try:
+            while reached < grid.steps:
+                began = time.perf_counter()
+                last = min(reached + block, grid.steps)
+                status, now = integrator.advance(carry, record, reached, last)
+                bar.update(now - reached)
+                reached = now
+                if status is not Status.SOLVED:
+                    return status, reached
+                if time.perf_counter() - began < BLOCK_SECONDS:
+                    block *= 4
+        except KeyboardInterrupt:
+            return Status.INTERRUPTED, reached
+    return Status.SOLVED, reached
+
+
+def _integrator(method: str | Integrator, options: dict[str, Any]) -> Integrator:
+    if isinstance(method, Integrator):
+        if options:
+            raise InputError(f"{', '.join(options)}: options belong in the integrator object that was passed as method")
+        return method
+    if not isinstance(method, str):
+        raise InputError(f"method = {method!r} must be a name or an Integrator object")
+    kind = METHODS[method]
+    known = [each.name for each in fields(kind)]  # type: ignore[arg-type]
+    for key in options:
+        if key not in known:
+            raise InputError(nearest(key, known, f"option of {method}"))
+    return kind(**options)
+
+
+def _grid(dt: float, t_end: float) -> Grid:
+    for name, value in (("dt", dt), ("t_end", t_end)):
+        if not is_real(value) or not value > 0.0:
+            raise InputError(f"{name} = {value!r} must be a positive finite number in s")
+    if t_end / dt > 1e9:
+        raise InputError(f"dt = {dt:g} s cuts t_end = {t_end:g} s into more than 1e9 steps: take a larger dt")
+    steps = max(1, round(t_end / dt))
+    if abs(steps * dt - t_end) > 1e-9 * t_end:
+        fitting = t_end / max(1, math.ceil(t_end / dt))
+        raise InputError(f"t_end = {t_end:g} s is not a whole number of steps dt = {dt:g} s: take dt = {fitting:.12g}")
+    return Grid(float(t_end), steps)
+
+
+def _check_lcp_solver(integrator: Integrator, lcp_solver: str) -> None:
+    SOLVERS[lcp_solver]
+    if not integrator.solves_lcp and lcp_solver != "auto":
+        raise InputError(f"{integrator.name} solves no LCP, so lcp_solver = {lcp_solver!r} means nothing: leave it out")
+
+
+def _check_degrees(integrator: Integrator, problem: Problem) -> None:
+    for contact in problem.dynamics.contacts:
+        if contact.relative_degree not in integrator.declared.relative_degrees:
+            raise UnsupportedError(
+                f"{integrator.name} does not handle relative degree {contact.relative_degree} (contact "
+                f"{contact.name!r} of {problem.name!r}): take method='moreau-jean' or 'exact'"
+            )
+
+
+def _describe(integrator: Integrator, lcp_solver: str) -> str:
+    values = [(each.name, getattr(integrator, each.name)) for each in fields(integrator)]  # type: ignore[arg-type]
+    options = [f"{name}={value}" for name, value in values if value is not None]
+    if integrator.solves_lcp:
+        options.append(f"lcp_solver={lcp_solver}")
+    return f"{integrator.name}({', '.join(options)})"

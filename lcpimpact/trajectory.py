@@ -1,0 +1,242 @@
+"""The result of a simulation."""
+
+from __future__ import annotations
+
+import csv
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lcpimpact.arrays import Array
+from lcpimpact.certificate import Certificate
+from lcpimpact.errors import InputError, Status, UnsupportedError
+from lcpimpact.integrators.base import Dense, Event, State
+from lcpimpact.problems.base import Problem
+from lcpimpact.registry import load, nearest
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """What a simulation found.
+
+    Attributes
+    ----------
+    problem : Problem
+        What was simulated; ``problem.dynamics`` has the matrices and the names.
+    method : str
+        The method and its options.
+    t : (nt,) array                 grid in s
+    q, v : (nt, n) arrays           coordinates in m and velocities in m/s (right limits)
+    t_reaction : (nr,) array        where the reactions live, in s
+    reaction : (nr, nc) array       reactions in N; impulses stand in the events
+    events : tuple of Event         changes of the contact mode, with both limits
+    status : Status                 SOLVED, or why the run ended early
+    message : str                   the status in words, with the remedy
+    certificate : Certificate       residual, complementarity, penetration and energy balance
+    stats : dict                    steps, counted costs, seconds
+    """
+
+    problem: Problem
+    method: str
+    t: Array
+    q: Array
+    v: Array
+    t_reaction: Array
+    reaction: Array
+    events: tuple[Event, ...]
+    status: Status
+    message: str
+    certificate: Certificate
+    stats: Mapping[str, float]
+    dense: Dense | None = None
+
+    @property
+    def success(self) -> bool:
+        """Whether the run reached its end."""
+        return self.status is Status.SOLVED
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What can be asked for by ``traj[name]``: coordinates, velocities (v_NAME) and reactions."""
+        d = self.problem.dynamics
+        return (*d.nodes, *(f"v_{node}" for node in d.nodes), *(contact.name for contact in d.contacts))
+
+    def __getitem__(self, name: str) -> Array:
+        if name not in self.names:
+            raise InputError(nearest(str(name), list(self.names), "series"))
+        n = len(self.problem.dynamics.nodes)
+        column = self.names.index(name)
+        if column < n:
+            return self.q[:, column]
+        if column < 2 * n:
+            return self.v[:, column - n]
+        return self.reaction[:, column - 2 * n]
+
+    def sample(self, t: ArrayLike, side: str = "right") -> State:
+        """Return q, v and the reactions at any times of the run.
+
+        Parameters
+        ----------
+        t : array_like
+            Times in s, within the run.
+        side : {"right", "left"}
+            Which limit is meant where a value jumps.
+
+        Returns
+        -------
+        State
+            q and v of shape (len(t), n), reaction of shape (len(t), nc). With ``exact`` they are exact; otherwise q, v
+            are interpolated linearly between grid points, and forces that belong to a step are constant on it.
+
+        Raises
+        ------
+        InputError
+            For times outside the run, or another side.
+        """
+        times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        if side not in ("right", "left"):
+            raise InputError(f"side = {side!r} must be 'right' or 'left'")
+        if not ((times >= self.t[0]) & (times <= self.t[-1])).all():
+            raise InputError(f"sample times must lie within the run, {self.t[0]:g} to {self.t[-1]:g} s")
+        if self.dense is not None:
+            order = np.argsort(times, kind="stable")
+            back = np.argsort(order, kind="stable")
+            q, v, r = self.dense(times[order], side)
+            return State(q[back], v[back], r[back])
+        q, v = _interpolate(times, self.t, self.q), _interpolate(times, self.t, self.v)
+        if len(self.t_reaction) == len(self.t):
+            return State(q, v, _interpolate(times, self.t, self.reaction))
+        step = np.searchsorted(self.t, times, side="right" if side == "right" else "left") - 1
+        return State(q, v, self.reaction[np.clip(step, 0, len(self.reaction) - 1)])
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """Draw coordinates and reactions over time, with the events marked; return the figure, or write it to ``path``."""
+        return load("lcpimpact.plotting.trajectory:plot_trajectory")(self, path)
+
+    def save(self, path: str | Path) -> Path:
+        """Write the run to a file whose ending tells the format: .csv, .npz, or .nc (with the extra ``xarray``).
+
+        The file appears whole or not at all, and an older one of the name is replaced only by a whole one.
+
+        Raises
+        ------
+        InputError
+            For another ending, or a folder that cannot be written.
+        """
+        path = Path(path)
+        writers = {".csv": self._write_csv, ".npz": self._write_npz, ".nc": self._write_netcdf}
+        if path.suffix not in writers:
+            raise InputError(f"cannot save to {str(path)!r}: the name must end in one of {', '.join(writers)}")
+        with whole_file(path) as part:
+            writers[path.suffix](part)
+        return path
+
+    def to_xarray(self) -> Any:
+        """Return the run as an xarray Dataset with the coordinates t and t_R (needs the extra ``xarray``)."""
+        try:
+            import xarray
+        except ImportError:
+            raise UnsupportedError("xarray is not installed: pip install 'lcpimpact[xarray]'") from None
+        n = len(self.problem.dynamics.nodes)
+        series = {name: ("t", self[name]) for name in self.names[: 2 * n]}
+        forces = {name: ("t_R", self[name]) for name in self.names[2 * n :]}
+        attributes = {"problem": self.problem.name, "method": self.method, "status": self.status.name}
+        return xarray.Dataset(series | forces, coords={"t": self.t, "t_R": self.t_reaction}, attrs=attributes)
+
+    def _write_csv(self, path: Path) -> None:
+        n = len(self.problem.dynamics.nodes)
+        header = ["t", *self.names[: 2 * n], "t_R", *self.names[2 * n :]]
+        motion = np.column_stack([self.t, self.q, self.v]).tolist()
+        forces = np.column_stack([self.t_reaction, self.reaction]).tolist()
+        empty = [""] * (1 + self.reaction.shape[1])
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(header)
+            writer.writerows(a + b for a, b in zip_longest(motion, forces, fillvalue=empty))
+
+    def _write_npz(self, path: Path) -> None:
+        events = self.events
+        with path.open("wb") as file:
+            np.savez_compressed(
+                file,
+                t=self.t,
+                q=self.q,
+                v=self.v,
+                t_reaction=self.t_reaction,
+                reaction=self.reaction,
+                names=np.array(self.names),
+                event_t=np.array([event.t for event in events]),
+                event_contact=np.array([event.contact for event in events], dtype=str),
+                event_kind=np.array([event.kind for event in events], dtype=str),
+                problem=self.problem.name,
+                method=self.method,
+                status=self.status.name,
+            )
+
+    def _write_netcdf(self, path: Path) -> None:
+        self.to_xarray().to_netcdf(path, engine="scipy")
+
+    def __repr__(self) -> str:
+        d, c = self.problem.dynamics, self.certificate
+        lines = [
+            f"Trajectory of {self.problem.name} by {self.method}: {self.status.name.lower().replace('_', '-')}",
+            f"  grid        t = {self.t[0]:g} ... {self.t[-1]:g} s in {len(self.t) - 1:,} steps",
+        ]
+        for i, node in enumerate(d.nodes):
+            q = self.q[:, i]
+            lines.append(f"  {node:<10}  {q.min():.6g} ... {q.max():.6g} m, at the end {q[-1]:.6g} m")
+        for i, contact in enumerate(d.contacts):
+            peak = self.reaction[:, i].max(initial=0.0)
+            lines.append(f"  {contact.name:<10}  at most {peak:.6g} N; relative degree {contact.relative_degree}")
+        shown = ", ".join(f"{event.kind} {event.contact} {event.t:.6f}" for event in self.events[:6])
+        more = f", and {len(self.events) - 6} more" if len(self.events) > 6 else ""
+        lines += [
+            f"  events      {shown or 'none'}{more}",
+            f"  certificate residual {c.residual:.1e}, complementarity {c.complementarity:.1e} J, "
+            f"penetration {c.penetration:.1e} m, energy {c.energy_balance:.1e} of {c.energy_scale:.3g} J",
+            f"  {self.message}",
+        ]
+        return "\n".join(lines)
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give a name beside ``path`` to write to, and rename it to ``path`` only when that went well.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be written; nothing is left behind.
+    """
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+    except OSError as error:
+        raise InputError(f"cannot write {str(path)!r}: {error.strerror}; name a folder that can be written") from None
+    part = Path(name)
+    try:
+        yield part
+        part.chmod(0o666 & ~_umask())
+        part.replace(path)
+    except OSError as error:
+        raise InputError(f"cannot write {str(path)!r}: {error.strerror or error}; nothing was changed") from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _interpolate(times: Array, t: Array, values: Array) -> Array:
+    return np.column_stack([np.interp(times, t, column) for column in values.T])
