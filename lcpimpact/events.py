@@ -21,6 +21,8 @@ def events_of_steps(dynamics: Dynamics, record: Record) -> tuple[Event, ...]:
     for i, contact in enumerate(dynamics.contacts):
         r = record.reaction[:, i]
         closed = r > 0.0
+        # Plates that touch at the start are closed even where their force starts from zero.
+        closed[0] |= closed[min(1, len(closed) - 1)] and u[0, i] <= 0.0
         for j in np.flatnonzero(closed[1:] != closed[:-1]):
             # j is the last sample of the old mode: a node, or the step that begins there.
             node = j + 1 if steps_of_force else j

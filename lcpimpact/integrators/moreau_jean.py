@@ -12,6 +12,9 @@ Massless nodes stay unknowns. The law of a row is imposed where its relative deg
 
 the latter only on rows whose gap is predicted to close, u + h U/2 <= 0. With w = w_free + A⁻¹ Hᵀ r this is an LCP with
 the Delassus matrix W = H A⁻¹ Hᵀ.
+
+A node that only springs hold has no memory, and θ = 1/2 would let it alternate about its place for ever. So after a step
+the static coordinates that no closed contact touches are put where the springs balance.
 """
 
 from __future__ import annotations
@@ -28,25 +31,62 @@ from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, v
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
 from lcpimpact.lcp import SOLVERS
+from lcpimpact.lcp.gauss import eliminate
 from lcpimpact.lcp.problem import KERNEL, scaled_residual
 from lcpimpact.lcp.solver import Delassus, Kernel
 from lcpimpact.problems.base import Problem
+from lcpimpact.scheme.decomposition import decompose
 from lcpimpact.scheme.elements.base import is_real
 
 SOLVED, INACCURATE, NON_FINITE = int(Status.SOLVED), int(Status.INACCURATE), int(Status.NON_FINITE)
 
 
+@compiled(types.void(vector, vector, vector, matrix, matrix, matrix))
+def balance_static(q, r, f, S, K, H):  # type: ignore[no-untyped-def]
+    """Shift q along the columns of S that no closed contact touches so that Sᵀ (f - K q) = 0 there."""
+    n, ns = S.shape
+    free = np.empty(ns, np.int64)
+    nf = 0
+    for s in range(ns):
+        held = False
+        for i in range(len(r)):
+            moved = 0.0
+            for j in range(n):
+                moved += H[i, j] * S[j, s]
+            held = held or (r[i] > 0.0 and moved != 0.0)
+        if not held:
+            free[nf] = s
+            nf += 1
+    stiffness, force = np.zeros((nf, nf)), np.zeros(nf)
+    for a in range(nf):
+        for i in range(n):
+            unbalanced = f[i]
+            for j in range(n):
+                unbalanced -= K[i, j] * q[j]
+            force[a] += S[i, free[a]] * unbalanced
+            for b in range(nf):
+                for j in range(n):
+                    stiffness[a, b] += S[i, free[a]] * K[i, j] * S[j, free[b]]
+    if eliminate(stiffness, force):
+        for a in range(nf):
+            for i in range(n):
+                q[i] += S[i, free[a]] * force[a]
+
+
 @compiled(
     types.UniTuple(f8, 4)(
-        i8, i8, f8, f8, matrix, matrix, matrix, matrix, matrix, matrix, vector, vector, indices, types.boolean[::1],
-        matrix, matrix, matrix, f8, i8, KERNEL,
+        i8, i8, f8, f8, matrix, matrix, matrix, matrix, matrix, matrix, matrix, vector, vector, indices,
+        types.boolean[::1], matrix, matrix, matrix, matrix, matrix, f8, i8, KERNEL,
     )
 )  # fmt: skip
-def steps(first, last, h, θ, Pq, Pv, Pf, G, W, H, u0, e, degree, massive, q, v, r, tol, max_iter, solve):  # type: ignore[no-untyped-def]
+def steps(
+    first, last, h, θ, Pf, f, Pq, Pv, G, W, H, u0, e, degree, massive, S, K, q, v, r, tol, max_iter, solve
+):  # type: ignore[no-untyped-def]
     """Take the steps first ... last: fill q[k + 1], v[k + 1] and r[k] from q[k] and v[k].
 
-    w_free = Pq q + Pv v + Pf, with one row of Pf (A⁻¹ f_θ) for each step, or one for all; G = A⁻¹ Hᵀ. Returns the
-    status, the step reached, the sum of the LCP iterations, and the largest residual, found outside the solver.
+    w_free = Pq q + Pv v + Pf, with one row of Pf (A⁻¹ f_θ) and of f (the load at the end) for each step, or one for all;
+    G = A⁻¹ Hᵀ; S holds the static coordinates. Returns the status, the step reached, the sum of the LCP iterations, and
+    the largest residual, found outside the solver.
     """
     n, nc = len(massive), len(degree)
     w, b, z, active = np.empty(n), np.empty(nc), np.zeros(nc), np.empty(nc, np.int64)
@@ -104,6 +144,8 @@ def steps(first, last, h, θ, Pq, Pv, Pf, G, W, H, u0, e, degree, massive, q, v,
             v[k + 1, i] = v[k, i] + (w[i] - v[k, i]) / θ if massive[i] else w[i]
             if not abs(q[k + 1, i]) < np.inf:
                 return float(NON_FINITE), float(k), float(iterations), worst
+        if S.shape[1] > 0:
+            balance_static(q[k + 1], r[k], f[p], S, K, H)
     return float(SOLVED), float(last), float(iterations), worst
 
 
@@ -113,8 +155,8 @@ class Step:
 
     grid: Grid
     operators: tuple[Array, ...]
-    Pf: Array | None
-    applied_load: Callable[[Array], Array]
+    loads: Callable[[Array], tuple[Array, Array]]
+    constant: tuple[Array, Array] | None
     run: Callable[..., tuple[float, float, float, float]]
     kernel: Kernel
     tol: float
@@ -189,25 +231,27 @@ class MoreauJean(Integrator):
         run = steps if solver.is_compiled else interpreted(steps)
         operators = tuple(
             np.array(a, order="C")
-            for a in (Pq, Pv, G, W, H, dynamics.u0, dynamics.restitution, dynamics.relative_degree, dynamics.massive)
+            for a in (
+                *(Pq, Pv, G, W, H, dynamics.u0, dynamics.restitution, dynamics.relative_degree, dynamics.massive),
+                *(decompose(M, C).static, K),
+            )
         )
         tol = solver.tol if self.tol is None else float(self.tol)
         max_iter = solver.max_iter if self.max_iter is None else int(self.max_iter)
 
-        def applied_load(t: Array) -> Array:
-            """Return A⁻¹ f_θ, with f_θ = (1 - θ) f(t) + θ f(t + h), for the instants t of consecutive steps."""
+        def loads(t: Array) -> tuple[Array, Array]:
+            """Return A⁻¹ f_θ, f_θ = (1 - θ) f(t) + θ f(t + h), and f(t + h) for steps between the instants t."""
             f = dynamics.force(t)
-            return np.ascontiguousarray(((1.0 - θ) * f[:-1] + θ * f[1:]) @ inverse.T)
+            return np.ascontiguousarray(((1.0 - θ) * f[:-1] + θ * f[1:]) @ inverse.T), f[1:].copy()
 
-        constant = applied_load(np.zeros(2)) if dynamics.constant_loads else None
-        return Step(grid, operators, constant, applied_load, run, kernel, tol, max_iter)
+        constant = loads(np.zeros(2)) if dynamics.constant_loads else None
+        return Step(grid, operators, loads, constant, run, kernel, tol, max_iter)
 
     def advance(self, carry: Step, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block in compiled code, or in the interpreter where the solver lives there."""
-        Pf = carry.applied_load(carry.grid.times(first, last)) if carry.Pf is None else carry.Pf
-        Pq, Pv, *rest = carry.operators
+        Pf, f = carry.constant or carry.loads(carry.grid.times(first, last))
         code, reached, iterations, residual = carry.run(
-            first, last, carry.grid.h, self.theta, Pq, Pv, Pf, *rest,
+            first, last, carry.grid.h, self.theta, Pf, f, *carry.operators,
             record.q, record.v, record.reaction, carry.tol, carry.max_iter, carry.kernel,
         )  # fmt: skip
         stats: dict[str, Any] = record.stats

@@ -1,0 +1,388 @@
+r"""What a step costs: `simulate` against a C loop written for System 1 alone, against Siconos, and the price of importing.
+
+    python benchmarks/speed.py [--steps 1000000] [--repeats 7] [--out FILE.json|.csv]
+
+All run the θ-method with θ = 1/2 on System 1. Contestants take turns within each repeat, so that a slow minute of the
+machine meets them all; medians are compared. `simulate` and the C loop fill fresh arrays with every step, and `simulate`
+also certifies the run. What cannot be measured here stays in the table, with the reason. The exit code is 1 if the
+contestants do not find the same motion, and 0 otherwise, whatever the speed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import ctypes
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from datetime import date
+from pathlib import Path
+from statistics import median
+from typing import Any, TypeVar
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from lcpimpact import Problem, Trajectory, load_problem, simulate
+from lcpimpact.arrays import Array
+from lcpimpact.certificate import certify
+from lcpimpact.events import events_of_steps
+from lcpimpact.integrators import METHODS
+from lcpimpact.integrators.base import Grid, Record
+from lcpimpact.trajectory import whole_file
+
+T = TypeVar("T")
+Samples = defaultdict[str, list[float]]
+
+HERE = Path(__file__).parent
+DEBIAN_PYTHON = Path("/usr/bin/python3")
+DT = 3e-6
+THETA = 0.5
+SICONOS_STEPS, SICONOS_DT = 20_000, 1.5e-4
+IMPORTS = 15
+FIRST_CALL = """
+import time
+began = time.perf_counter()
+from lcpimpact import load_problem, simulate
+simulate(load_problem("system-1"), dt=1e-2, t_end=3.0)
+print(time.perf_counter() - began)
+"""
+
+
+class MissingError(Exception):
+    """A contestant that this machine does not have; the text says what to install."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One line of a table.
+
+    Attributes
+    ----------
+    what : str                      what was measured
+    median : float or None          None where it could not be
+    unit : str                      of the median; or why there is none
+    ratio, to : float, str          the median over that of another row
+    goal : str                      bound on the ratio, as "<= 10"
+    reached : bool or None          whether the ratio keeps to the goal
+    """
+
+    what: str
+    median: float | None
+    unit: str
+    ratio: float | None = None
+    to: str = ""
+    goal: str = ""
+    reached: bool | None = None
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """The largest relative difference of two runs in x, v, z at the end and in max R, and what is allowed."""
+
+    what: str
+    difference: float
+    allowed: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether they agree; a NaN does not."""
+        return self.difference <= self.allowed
+
+
+def timed(call: Callable[[], T]) -> tuple[float, T]:
+    """Return the seconds of one call, and its result."""
+    began = time.perf_counter()
+    result = call()
+    return time.perf_counter() - began, result
+
+
+def parameters(problem: Problem) -> dict[str, float]:
+    """Return m, k_o, c_o, g and v_o."""
+    return {name: problem.parameters[name] for name in ("m", "k_o", "c_o", "g", "v_o")}
+
+
+def c_loop(problem: Problem, folder: Path) -> Callable[[int, float], Array]:
+    """Compile system_1_floor.c; return (steps, h) -> rows (x, v, z, R), which allocates them anew in each call."""
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        raise MissingError("gcc is not installed")
+    library = folder / "system_1_floor.so"
+    source = HERE / "system_1_floor.c"
+    subprocess.run([compiler, "-O3", "-shared", "-fPIC", "-o", str(library), str(source)], check=True)
+    function = ctypes.CDLL(str(library)).system_1
+    function.argtypes = [ctypes.c_size_t, *[ctypes.c_double] * 7, ctypes.c_void_p]
+    function.restype = None
+    constants = parameters(problem).values()
+
+    def run(steps: int, h: float) -> Array:
+        rows = np.empty((steps, 4))
+        function(steps, h, THETA, *constants, rows.ctypes.data)
+        return rows
+
+    return run
+
+
+def siconos(problem: Problem) -> dict[str, Any]:
+    """Run siconos_system_1.py by the Python that Debian's Siconos belongs to."""
+    data = {"steps": SICONOS_STEPS, "h": SICONOS_DT, "theta": THETA, **parameters(problem)}
+    command = [str(DEBIAN_PYTHON), str(HERE / "siconos_system_1.py"), json.dumps(data)]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    except FileNotFoundError:
+        raise MissingError(f"no {DEBIAN_PYTHON}") from None
+    except subprocess.TimeoutExpired:
+        raise MissingError("no answer within 120 s") from None
+    if "No module named" in done.stderr:
+        raise MissingError("not installed: apt-get install python3-siconos")
+    if done.returncode != 0:
+        raise MissingError(f"failed: {(done.stderr.splitlines() or ['no message'])[-1]}")
+    result: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return result
+
+
+def tried(call: Callable[[], T]) -> T | MissingError:
+    """Return the result, or what is missing."""
+    try:
+        return call()
+    except MissingError as reason:
+        return reason
+
+
+def child(code: str, **environment: str) -> str:
+    """Run code in a fresh interpreter that may keep bytecode, as a user's does, and return what it prints."""
+    inherited = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=inherited | environment, capture_output=True, text=True, check=True
+    )
+    return done.stdout
+
+
+def measure_steps(problem: Problem, steps: int, repeats: int, loop: Any) -> tuple[Samples, Any]:
+    """Let simulate, its parts, the C loop and Siconos take turns; return seconds, and the last answer of Siconos."""
+    samples: Samples = defaultdict(list)
+    t_end = steps * DT
+    answer = tried(lambda: siconos(problem))
+    for _ in range(repeats):
+        samples["simulate"].append(timed(lambda: simulate(problem, dt=DT, t_end=t_end))[0])
+        if not isinstance(loop, MissingError):
+            samples["C loop"].append(timed(lambda: loop(steps, t_end / steps))[0])
+        for part, seconds in parts_of_simulate(problem, Grid(t_end, steps)).items():
+            samples[part].append(seconds)
+        if not isinstance(answer, MissingError):
+            answer = siconos(problem)
+            for key in ("mean", "median", "without_recording"):
+                samples[f"siconos {key}"].append(answer[f"seconds_a_step_{key}"])
+    return samples, answer
+
+
+def parts_of_simulate(problem: Problem, grid: Grid) -> dict[str, float]:
+    """Return the seconds of the parts that simulate is made of, each on its own."""
+    integrator = METHODS["moreau-jean"](theta=THETA)
+    dynamics = problem.dynamics
+    n, nc = len(dynamics.nodes), len(dynamics.contacts)
+    rows = grid.steps + 1
+
+    def allocate() -> Record:
+        t, t_reaction = grid.times(0, grid.steps), integrator.reaction_times(grid)
+        return Record(t, np.empty((rows, n)), np.empty((rows, n)), t_reaction, np.empty((grid.steps, nc)))
+
+    def advance() -> None:
+        carry = integrator.start(problem, grid, "auto", record)
+        integrator.advance(carry, record, 0, grid.steps)
+
+    times, record = timed(allocate)
+    fresh, _ = timed(advance)
+    again, _ = timed(advance)
+    listing, events = timed(lambda: events_of_steps(dynamics, record))
+    judging, _ = timed(lambda: certify(dynamics, record, None, events, THETA))
+    return {"time grids": times, "advance": fresh, "advance again": again, "events": listing, "certificate": judging}
+
+
+def measure_imports(repeats: int) -> Samples:
+    """Import numpy and lcpimpact by turns, each in an interpreter of its own, after one that warms the caches."""
+    samples: Samples = defaultdict(list)
+    for turn in range(repeats + 1):
+        for module in ("numpy", "lcpimpact"):
+            seconds, _ = timed(lambda module=module: child(f"import {module}"))  # type: ignore[misc]
+            if turn > 0:
+                samples[module].append(seconds)
+    return samples
+
+
+def first_calls(folder: Path) -> dict[str, float]:
+    """Return the seconds from the start of the import to the end of a short first run, without and with the cache."""
+    cache = {"NUMBA_CACHE_DIR": str(folder)}
+    return {state: float(child(FIRST_CALL, **cache)) for state in ("compiling", "cached")}
+
+
+def difference(found: Mapping[str, float], expected: Mapping[str, float]) -> float:
+    """Return the largest relative difference of two motions; NaN if there is one."""
+    return float(np.max([abs(found[name] - expected[name]) / abs(expected[name]) for name in expected]))
+
+
+def summary(run: Trajectory) -> dict[str, float]:
+    """Return x, v, z at the end, and the largest R."""
+    return {"x": run["x"][-1], "v": run["v_x"][-1], "z": run["z"][-1], "R": run["R"].max()}
+
+
+def agreements(problem: Problem, steps: int, loop: Any, answer: Any) -> list[Agreement]:
+    """Compare the motions: simulate with the C loop on its grid, and with Siconos on the grid of Siconos."""
+    found: list[Agreement] = []
+    if not isinstance(loop, MissingError):
+        run = simulate(problem, dt=DT, t_end=steps * DT)
+        rows = loop(steps, run.t[-1] / steps)
+        expected = dict(zip("xvz", rows[-1, :3], strict=True)) | {"R": rows[:, 3].max()}
+        found.append(Agreement("simulate and the C loop", difference(summary(run), expected), 1e-9))
+    if not isinstance(answer, MissingError):
+        run = simulate(problem, dt=SICONOS_DT, t_end=SICONOS_STEPS * SICONOS_DT)
+        expected = answer["final"] | {"R": answer["max_R"]}
+        found.append(Agreement("simulate and Siconos", difference(summary(run), expected), 1e-6))
+    return found
+
+
+def compared(what: str, value: float, unit: str, base: float | None, to: str, goal: str = "") -> Row:
+    """Return the row of a value that is judged by its ratio to another one."""
+    if base is None:
+        return Row(what, value, unit, None, to, goal, None)
+    ratio = value / base
+    reached = None
+    if goal:
+        sign, bound = goal.split()
+        reached = ratio <= float(bound) if sign == "<=" else ratio >= float(bound)
+    return Row(what, value, unit, ratio, to, goal, reached)
+
+
+def step_rows(samples: Samples, steps: int, loop: Any, answer: Any) -> list[Row]:
+    """Return the rows of what a step costs, in ns."""
+    ns = {
+        name: median(values) * (1e9 if name.startswith("siconos") else 1e9 / steps) for name, values in samples.items()
+    }
+    ours, floor = ns["simulate"], ns.get("C loop")
+    rows = [compared("simulate, with record and certificate", ours, "ns a step", floor, "C loop", "<= 10")]
+    rows.append(Row("C loop, with record", floor, "ns a step" if floor else str(loop)))
+    if isinstance(answer, MissingError):
+        return [*rows, Row("Siconos, with record", None, str(answer), None, "simulate", ">= 50")]
+    return [
+        *rows,
+        compared("Siconos, with record", ns["siconos mean"], "ns a step", ours, "simulate", ">= 50"),
+        compared("Siconos, with record, its median step", ns["siconos median"], "ns a step", ours, "simulate"),
+        compared("Siconos, its own loop, no record", ns["siconos without_recording"], "ns a step", ours, "simulate"),
+    ]
+
+
+def process_rows(imports: Samples, first: Mapping[str, float]) -> list[Row]:
+    """Return the rows of whole processes."""
+    theirs, ours = (1e3 * median(imports[module]) for module in ("numpy", "lcpimpact"))
+    return [
+        compared("import lcpimpact", ours, "ms a process", theirs, "import numpy", "<= 1.5"),
+        Row("import numpy", theirs, "ms a process"),
+        Row("import and first run, compiled before", first["cached"], "s"),
+        Row("import and first run, compiling", first["compiling"], "s"),
+    ]
+
+
+def breakdown(samples: Samples, steps: int) -> list[Row]:
+    """Return where the time of simulate goes; the parts were timed by themselves, so the rest is a difference."""
+    ns = {name: median(values) * 1e9 / steps for name, values in samples.items()}
+    total = ns["simulate"]
+    inside = ("advance", "certificate", "time grids", "events")
+    rows = [compared(part, ns[part], "ns a step", total, "simulate") for part in inside]
+    rest = total - sum(ns[part] for part in inside)
+    again = compared("(advance, into memory touched before)", ns["advance again"], "ns a step", total, "simulate")
+    return [*rows, compared("the rest", rest, "ns a step", total, "simulate"), again]
+
+
+def table(title: str, rows: list[Row]) -> Table:
+    """Return the rows as a table."""
+    drawn = Table("what", "median", "unit", "ratio to", "goal", "reached", title=title)
+    for row in rows:
+        value = "-" if row.median is None else f"{row.median:.4g}"
+        ratio = f"{row.ratio:.3g} x {row.to}" if row.ratio is not None else ""
+        reached = {True: "yes", False: "no", None: "not measured" if row.goal else ""}[row.reached]
+        drawn.add_row(row.what, value, row.unit, ratio, row.goal, reached)
+    return drawn
+
+
+def write(path: Path, report: Mapping[str, Any]) -> None:
+    """Write the report as JSON, or its two tables as CSV; the file appears whole or not at all."""
+    with whole_file(path) as part:
+        if path.suffix == ".json":
+            part.write_text(json.dumps(report, indent=1), encoding="utf-8")
+            return
+        with part.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, ["table", *Row.__dataclass_fields__])
+            writer.writeheader()
+            for name in ("rows", "breakdown"):
+                writer.writerows({"table": name, **row} for row in report[name])
+
+
+def arguments() -> argparse.Namespace:
+    """Read the command line."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--steps", type=int, default=1_000_000, help="steps of simulate and of the C loop")
+    parser.add_argument("--repeats", type=int, default=7, help="turns of each contestant")
+    parser.add_argument("--out", type=Path, help="write the figures to a .json or .csv file")
+    options = parser.parse_args()
+    if options.steps < 1 or options.repeats < 1:
+        parser.error("--steps and --repeats must be at least 1")
+    if options.out is not None and options.out.suffix not in (".json", ".csv"):
+        parser.error(f"--out {options.out}: the name must end in .json or .csv")
+    return options
+
+
+def main() -> int:
+    """Measure, print, and return the exit code."""
+    options = arguments()
+    problem = load_problem("system-1")
+    simulate(problem, dt=DT, t_end=100 * DT)
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        loop = tried(lambda: c_loop(problem, folder))
+        samples, answer = measure_steps(problem, options.steps, options.repeats, loop)
+        imports = measure_imports(IMPORTS)
+        first = first_calls(folder / "cache")
+        checks = agreements(problem, options.steps, loop, answer)
+
+    rows = step_rows(samples, options.steps, loop, answer) + process_rows(imports, first)
+    parts = breakdown(samples, options.steps)
+    console = Console(width=None if sys.stdout.isatty() else 130)
+    console.print(table(f"System 1, {options.steps:,} steps, medians of {options.repeats}", rows))
+    console.print(table("Where the time of simulate goes", parts))
+    for check in checks:
+        verdict = "agree" if check.holds else "DISAGREE"
+        console.print(f"{check.what} {verdict}: {check.difference:.1e} relative, {check.allowed:g} allowed")
+
+    if options.out is not None:
+        report = {
+            "date": date.today().isoformat(),
+            "machine": {
+                "cores": os.cpu_count(),
+                "machine": platform.machine(),
+                "python": platform.python_version(),
+                "numpy": np.__version__,
+            },
+            "steps": options.steps,
+            "repeats": options.repeats,
+            "rows": [asdict(row) for row in rows],
+            "breakdown": [asdict(row) for row in parts],
+            "agreements": [asdict(check) for check in checks],
+            "seconds": {**samples, **{f"import {module}": values for module, values in imports.items()}},
+        }
+        write(options.out, report)
+    return 0 if all(check.holds for check in checks) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,208 @@
+"""The commands: reproduce, simulate, list."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable
+from dataclasses import MISSING as NO_DEFAULT
+from dataclasses import fields
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.table import Table
+from tqdm import tqdm
+
+from lcpimpact import __version__
+from lcpimpact.errors import InputError
+from lcpimpact.integrators import METHODS
+from lcpimpact.lcp import SOLVERS
+from lcpimpact.problems import PROBLEMS, load_problem
+from lcpimpact.registry import nearest
+from lcpimpact.scheme.elements import ELEMENTS
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+    help="A laboratory for impact mechanics: one rheological scheme, run by smooth and nonsmooth integrators, and judged "
+    "against an exact solution.",
+    epilog="Start with [bold]lcpimpact reproduce[/bold], then [bold]lcpimpact simulate system-1 --set c_o=300[/bold].",
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        Console().print(f"lcpimpact {__version__}", highlight=False)
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")] = False,
+) -> None:
+    """Take the options that stand before a command."""
+
+
+@app.command()
+def reproduce(
+    out: Annotated[Path, typer.Option(help="Folder for the figures, the tables and report.html.")] = Path("report"),
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core by default.")] = None,
+) -> None:
+    """Reproduce the paper: Figures 1-9, the cross-validation tables, and one report that opens offline.
+
+    Systems 1, 2, 3, and 3 with c = 60, are run by the LCP step with every solver, by the paper's RK4, and exactly. The
+    exit code is 0 only if every tolerance that the report states holds.
+    """
+    from lcpimpact.reproduce.run import reproduce as run
+
+    def bar(items: Iterable[Any], total: int, what: str) -> Iterable[Any]:
+        return tqdm(items, total=total, desc=what, unit="", bar_format="{desc:<17}{bar:30} {n_fmt}/{total_fmt} {elapsed}")
+
+    result = run(out, workers=workers, watch=bar)
+    console = Console(highlight=False)
+    failed = [check for check in result.checks if not check.holds]
+    for check in failed:
+        console.print(f"does not hold: {check.what}: {check.value:.3g} exceeds {check.limit:.3g} {check.unit}")
+    verdict = "all hold" if not failed else f"{len(failed)} do not hold"
+    console.print(f"{len(result.checks)} stated tolerances: {verdict} ({result.seconds:.0f} s)")
+    console.print(f"open {result.report}", soft_wrap=True)
+    raise typer.Exit(1 if failed else 0)
+
+
+@app.command()
+def simulate(
+    problem: Annotated[str, typer.Argument(help="A name of [bold]lcpimpact list problems[/bold].")],
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the problem or an option of the method; repeat."),
+    ] = None,
+    method: Annotated[str, typer.Option(help="A name of [bold]lcpimpact list methods[/bold].")] = "moreau-jean",
+    dt: Annotated[float, typer.Option(help="Step in s.")] = 1e-3,
+    t_end: Annotated[float | None, typer.Option(help="End in s; by default what the problem suggests.")] = None,
+    solver: Annotated[str, typer.Option(help="A name of [bold]lcpimpact list solvers[/bold].")] = "auto",
+    out: Annotated[Path | None, typer.Option(help="File for the run: .csv, .npz or .nc.")] = None,
+    plot: Annotated[Path | None, typer.Option(help="File for a picture of the run: .png, .svg or .pdf.")] = None,
+) -> None:
+    """Run one problem by one method, say what came out, and write it to a file if asked.
+
+    Example: lcpimpact simulate system-1 --set c_o=300 --set theta=1 --dt 1e-3 --out run.csv --plot run.png
+    """
+    from lcpimpact.simulate import simulate as run
+
+    parameters = list(inspect.signature(PROBLEMS[problem]).parameters)
+    options = {each.name: each for each in fields(METHODS[method])}  # type: ignore[arg-type]
+    chosen: dict[str, Any] = {}
+    for text in set_ or []:
+        name, value = _assignment(text)
+        if name not in parameters and name not in options:
+            raise InputError(nearest(name, [*parameters, *options], f"parameter of {problem} or option of {method}"))
+        chosen[name] = value
+    built = load_problem(problem, **{name: value for name, value in chosen.items() if name in parameters})
+    trajectory = run(
+        built,
+        method,
+        dt=dt,
+        t_end=built.t_end if t_end is None else t_end,
+        lcp_solver=solver,
+        **{name: value for name, value in chosen.items() if name not in parameters},
+    )
+    console = Console(highlight=False, soft_wrap=True, markup=False)
+    console.print(str(trajectory))
+    if out is not None:
+        console.print(f"  wrote       {trajectory.save(out)}")
+    if plot is not None:
+        trajectory.plot(plot)
+        console.print(f"  drew        {plot}")
+
+
+def _assignment(text: str) -> tuple[str, Any]:
+    """Return the name and value of NAME=VALUE: a whole number, another number, or a word."""
+    name, equals, value = text.partition("=")
+    if not equals or not name or not value:
+        raise InputError(f"--set {text!r} must read NAME=VALUE, as in --set c_o=300")
+    for kind in (int, float):
+        try:
+            return name.strip(), kind(value)
+        except ValueError:
+            continue
+    return name.strip(), value.strip()
+
+
+class Kind(str, Enum):
+    """What can be listed."""
+
+    problems = "problems"
+    methods = "methods"
+    solvers = "solvers"
+    elements = "elements"
+
+
+@app.command("list")
+def list_(kind: Annotated[Kind, typer.Argument(help="problems, methods, solvers or elements.")]) -> None:
+    """List what is registered, with the properties that each declares."""
+    tables = {
+        Kind.problems: _problems,
+        Kind.methods: _methods,
+        Kind.solvers: _solvers,
+        Kind.elements: _elements,
+    }
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=200)
+    console.print(tables[kind]())
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=None, header_style="bold", pad_edge=False)
+    for column in columns:
+        table.add_column(column, overflow="fold")
+    return table
+
+
+def _first_line(thing: Any) -> str:
+    return (inspect.getdoc(thing) or "").split("\n")[0]
+
+
+def _problems() -> Table:
+    table = _table("problem", "parameters (SI)", "relative degree", "source")
+    for name in PROBLEMS:
+        problem = load_problem(name)
+        parameters = ", ".join(f"{key}={value:.6g}" for key, value in problem.parameters.items())
+        degrees = " ".join(contact.sentence for contact in problem.dynamics.contacts)
+        table.add_row(name, parameters, degrees, problem.source)
+    return table
+
+
+def _methods() -> Table:
+    table = _table("method", "what it is", "order smooth / r jumps / impacts", "degrees", "options", "its force lives")
+    for name, kind in METHODS.items():
+        d = kind.declared
+        orders = " / ".join("exact" if each == float("inf") else f"{each:g}" if each else "-" for each in _orders(d))
+        options = ", ".join(f"{each.name}={each.default}" for each in fields(kind) if each.default is not NO_DEFAULT)  # type: ignore[arg-type]
+        table.add_row(name, d.summary, orders, ", ".join(map(str, d.relative_degrees)), options, d.reaction_lives)
+    return table
+
+
+def _orders(declared: Any) -> tuple[float, float, float]:
+    return declared.order_smooth, declared.order_force_jump, declared.order_impact
+
+
+def _solvers() -> Table:
+    table = _table("solver", "what it is", "needs M with", "residual", "source")
+    for name in SOLVERS:
+        solver = SOLVERS[name]
+        needs = ", ".join(requirement.value for requirement in solver.requires) or "-"
+        table.add_row(name, solver.summary, needs, f"{solver.tol:g}", solver.source)
+    table.add_row("qp:NAME[:primal]", "any backend of qpsolvers that is installed", "symmetric, PSD", "", "qpsolvers")
+    return table
+
+
+def _elements() -> Table:
+    table = _table("element", "what it is", "constants")
+    for name, kind in ELEMENTS.items():
+        constants = ", ".join(each.name for each in fields(kind) if each.name != "symbols")  # type: ignore[arg-type]
+        table.add_row(name, _first_line(kind).strip(), constants)
+    return table

@@ -1,0 +1,70 @@
+"""The tables of the reproduction, as rows of text and as CSV."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from lcpimpact.reproduce.checks import Check
+from lcpimpact.study.cross_validation import CrossValidation, Row
+from lcpimpact.trajectory import whole_file
+
+CROSS_VALIDATION_HEADER = (
+    "system", "method", "theta", "lcp_solver", "h [s]", "sup|x| [m]", "sup|x'| [m/s]", "mean|R| [N]",
+    "t_1 [s]", "t_2 [s]", "t_3 [s]", "t_4 [s]", "switches too many", "peak R [N]", "LCP residual", "penetration [m]",
+    "energy [J]", "seconds", "failure",
+)  # fmt: skip
+ORDERS_HEADER = ("system", "method", "theta", "order of x", "order of x'", "scatter (log10)")
+CHECKS_HEADER = ("what", "value", "limit", "unit", "holds")
+
+
+def cross_validation_rows(found: CrossValidation) -> list[list[Any]]:
+    """Return a row for each run; errors are against the exact solution."""
+    return [_row(row) for row in found.rows]
+
+
+def _row(row: Row) -> list[Any]:
+    case = row.case
+    switches = [*row.switch_errors, *[""] * (4 - len(row.switch_errors))]
+    residual, _, penetration, energy = row.certificate or (math.nan,) * 4
+    solver = case.lcp_solver if case.method == "moreau-jean" else "-"
+    theta = dict(case.options).get("theta", "-")
+    return [
+        *(case.label, case.method, theta, solver, case.h, row.sup_x, row.sup_v, row.mean_R, *switches),
+        *(row.extra_switches, row.peak, residual, penetration, energy, row.seconds, row.failure),
+    ]
+
+
+def orders_rows(found: CrossValidation) -> list[list[Any]]:
+    """Return a row for each observed order."""
+    return [
+        [each.label, each.method, dict(each.options).get("theta", "-"), each.x, each.v, each.scatter]
+        for each in found.orders
+    ]
+
+
+def checks_rows(checks: Sequence[Check]) -> list[list[Any]]:
+    """Return a row for each stated tolerance."""
+    return [[check.what, check.value, check.limit, check.unit, "yes" if check.holds else "NO"] for check in checks]
+
+
+def write_csv(path: Path, header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+    """Write a table, whole or not at all."""
+    with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        writer.writerows(rows)
+
+
+def text(value: Any) -> str:
+    """Return a cell for people: three digits of an error, a dash for what is missing."""
+    if not isinstance(value, float):
+        return str(value)
+    if math.isnan(value):
+        return "missing"
+    if value == 0.0 or 1e-2 <= abs(value) < 1e5:
+        return f"{value:.4g}"
+    return f"{value:.1e}"

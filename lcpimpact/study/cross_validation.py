@@ -1,0 +1,305 @@
+"""Cross-validation: the LCP steps with every solver, the paper's RK4 and the exact solution, side by side."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from lcpimpact.errors import LcpImpactError
+from lcpimpact.problems import load_problem
+from lcpimpact.simulate import simulate
+from lcpimpact.study.reference import KNOWN, Known
+from lcpimpact.trajectory import Trajectory
+
+T_END = 3.0
+STEPS = (1e-2, 1e-3, 1e-4)
+DIRECT_SOLVERS = ("closed-form", "lemke", "pgs", "enumeration")
+QP_SOLVERS = ("qp:osqp", "qp:osqp:primal")
+
+ORDER_COUNTS = (307, 487, 773, 1229, 1951, 3089, 4903, 7789, 12373, 19661, 31223, 49597)
+"""Primes, so that no switch falls on a grid point: a lucky alignment fakes an order."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run of the cross-validation.
+
+    Attributes
+    ----------
+    label : str                 which of the known systems
+    method : str                registry name
+    options : tuple             pairs of option and value
+    lcp_solver : str            registry name
+    h : float                   step in s
+    """
+
+    label: str
+    method: str
+    options: tuple[tuple[str, Any], ...]
+    lcp_solver: str
+    h: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """What one run showed against the exact solution.
+
+    Attributes
+    ----------
+    case : Case
+    sup_x, sup_v : float        sup |x - exact| in m and sup |x' - exact| in m/s on the grid
+    mean_R : float              L1 norm of R - exact over the length of the run, in N, read where the force lives
+    switch_errors : tuple       error of each switching time in s; NaN where the switch is missing
+    extra_switches : int        switches that the exact solution does not have
+    peak : float                greatest R in N
+    certificate : tuple         residual, complementarity (J), penetration (m), energy balance (J)
+    seconds : float             of the run
+    q_end : tuple               the coordinates at the end, to compare solvers
+    failure : str               why the run failed, else empty
+    """
+
+    case: Case
+    sup_x: float = np.nan
+    sup_v: float = np.nan
+    mean_R: float = np.nan
+    switch_errors: tuple[float, ...] = ()
+    extra_switches: int = 0
+    peak: float = np.nan
+    certificate: tuple[float, ...] = ()
+    seconds: float = np.nan
+    q_end: tuple[float, ...] = ()
+    failure: str = ""
+
+
+@dataclass(frozen=True)
+class Orders:
+    """Observed orders of a method on one system, by least squares over ORDER_COUNTS.
+
+    Attributes
+    ----------
+    label, method : str
+    options : tuple
+    x, v : float                slope of log sup|x - exact| and of log sup|x' - exact| against log h
+    scatter : float             standard deviation of log10 of the errors in x about the line
+    """
+
+    label: str
+    method: str
+    options: tuple[tuple[str, Any], ...]
+    x: float
+    v: float
+    scatter: float
+
+
+@dataclass(frozen=True)
+class CrossValidation:
+    """The tables of the cross-validation.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+    orders : tuple of Orders
+    exact_errors : dict         label to the largest error of exact in switching times (s), x, y (m) and R (N)
+    peaks : dict                label to the greatest R of exact in N
+    """
+
+    rows: tuple[Row, ...]
+    orders: tuple[Orders, ...]
+    exact_errors: dict[str, dict[str, float]] = field(default_factory=dict)
+    peaks: dict[str, float] = field(default_factory=dict)
+
+
+def known(label: str) -> Known:
+    """Return the digits of the system called ``label``."""
+    return next(each for each in KNOWN if each.label == label)
+
+
+@lru_cache(maxsize=32)
+def exact_solution(label: str, steps: int) -> Trajectory:
+    """Return the exact solution of a known system on a grid of ``steps`` steps."""
+    system = known(label)
+    problem = load_problem(system.problem, **system.parameters)
+    return simulate(problem, "exact", dt=T_END / steps, t_end=T_END, progress=False)
+
+
+def peak_reaction(trajectory: Trajectory) -> float:
+    """Return the greatest reaction in N; of the exact solution, between the grid points too."""
+    r = trajectory.reaction[:, 0]
+    j = int(np.argmax(r))
+    if trajectory.dense is None:
+        return float(r[j])
+    t = trajectory.t
+    bounds = (t[max(j - 1, 0)], t[min(j + 1, len(t) - 1)])
+    found = minimize_scalar(
+        lambda s: -trajectory.sample(s).reaction[0, 0], bounds=bounds, method="bounded", options={"xatol": 1e-9}
+    )
+    return max(float(r[j]), float(-found.fun))
+
+
+def switch_errors(trajectory: Trajectory, exact: Trajectory) -> tuple[tuple[float, ...], int]:
+    """Pair the k-th opening with the k-th opening, and so for closings; return the errors, and how many are too many."""
+    errors: list[float] = []
+    extra = 0
+    for kind in ("open", "close"):
+        found = [event.t for event in trajectory.events if event.kind == kind]
+        true = [event.t for event in exact.events if event.kind == kind]
+        extra += max(0, len(found) - len(true))
+        errors += [found[k] - t if k < len(found) else np.nan for k, t in enumerate(true)]
+    order = np.argsort([event.t for kind in ("open", "close") for event in exact.events if event.kind == kind])
+    return tuple(float(errors[i]) for i in order), extra
+
+
+def run_case(case: Case) -> Row:
+    """Run one case and measure it against the exact solution on the same grid; a failure becomes a row too."""
+    system = known(case.label)
+    problem = load_problem(system.problem, **system.parameters)
+    try:
+        found = simulate(
+            problem,
+            case.method,
+            dt=case.h,
+            t_end=T_END,
+            lcp_solver=case.lcp_solver,
+            progress=False,
+            **dict(case.options),
+        )
+    except LcpImpactError as error:
+        return Row(case, failure=str(error))
+    exact = exact_solution(case.label, round(T_END / case.h))
+    R = exact.sample(found.t_reaction).reaction[:, 0]
+    errors, extra = switch_errors(found, exact)
+    c = found.certificate
+    return Row(
+        case,
+        float(np.abs(found["x"] - exact["x"]).max()),
+        float(np.abs(found["v_x"] - exact["v_x"]).max()),
+        float(np.abs(found["R"] - R).mean()),
+        errors,
+        extra,
+        peak_reaction(found),
+        (c.residual, c.complementarity, c.penetration, c.energy_balance),
+        float(found.stats["seconds"]),
+        tuple(float(value) for value in found.q[-1]),
+    )
+
+
+def observed_orders(label: str, method: str, options: tuple[tuple[str, Any], ...]) -> Orders:
+    """Fit the order of a method over ORDER_COUNTS."""
+    system = known(label)
+    problem = load_problem(system.problem, **system.parameters)
+    errors = []
+    for steps in ORDER_COUNTS:
+        exact = exact_solution(label, steps)
+        found = simulate(problem, method, dt=T_END / steps, t_end=T_END, progress=False, **dict(options))
+        errors.append([np.abs(found[name] - exact[name]).max() for name in ("x", "v_x")])
+    h = np.log10(T_END / np.array(ORDER_COUNTS))
+    logs = np.log10(np.array(errors))
+    slope, offset = np.polyfit(h, logs, 1)
+    scatter = np.std(logs[:, 0] - slope[0] * h - offset[0])
+    return Orders(label, method, options, float(slope[0]), float(slope[1]), float(scatter))
+
+
+def exact_errors(label: str) -> dict[str, float]:
+    """Return the largest errors of the exact solution against the known digits."""
+    system, exact = known(label), exact_solution(label, round(T_END / 1e-2))
+    found = np.array([event.t for event in exact.events])
+    errors = {"switches": float(np.abs(found - system.switches).max()) if len(found) == len(system.switches) else np.inf}
+    for name, value in system.at_3.items():
+        errors[name] = abs(float(exact[name][-1]) - value)
+    return errors
+
+
+def all_cases() -> list[Case]:
+    """Return every run of the cross-validation, the longest first."""
+    cases = []
+    for h in sorted(STEPS):
+        for system in KNOWN:
+            for solver in (*QP_SOLVERS, *DIRECT_SOLVERS):
+                for theta in (0.5, 1.0):
+                    cases.append(Case(system.label, "moreau-jean", (("theta", theta),), solver, h))
+            cases.append(Case(system.label, "rk4-paper", (), "auto", h))
+            cases.append(Case(system.label, "exact", (), "auto", h))
+    return sorted(cases, key=lambda case: (case.h, case.lcp_solver not in QP_SOLVERS))
+
+
+def order_studies() -> list[tuple[str, str, tuple[tuple[str, Any], ...]]]:
+    """Return what `observed_orders` is asked for."""
+    methods: list[tuple[str, tuple[tuple[str, Any], ...]]] = [
+        ("moreau-jean", (("theta", 0.5),)),
+        ("moreau-jean", (("theta", 1.0),)),
+        ("rk4-paper", ()),
+    ]
+    return [(system.label, method, options) for system in KNOWN for method, options in methods]
+
+
+def cross_validate(
+    cases: Sequence[Case] | None = None,
+    *,
+    workers: int | None = None,
+    watch: Callable[[Iterable[Any], int], Iterable[Any]] = lambda done, total: done,
+) -> CrossValidation:
+    """Run the cross-validation on all cores.
+
+    Parameters
+    ----------
+    cases : sequence of Case, optional
+        Which runs; by default `all_cases`.
+    workers : int, optional
+        Processes; by default one a core.
+    watch : callable
+        Given the results as they come and their number, yields them on: the place for a progress bar.
+
+    Returns
+    -------
+    CrossValidation
+        The rows in the order of the systems, methods and steps.
+    """
+    cases = all_cases() if cases is None else list(cases)
+    studies = order_studies()
+    jobs: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [(run_case, (case,)) for case in cases]
+    jobs += [(observed_orders, study) for study in studies]
+    results = list(watch(_in_processes(jobs, workers or os.cpu_count() or 1), len(jobs)))
+    position = {case: i for i, case in enumerate(sorted(cases, key=_reading_order))}
+    rows = sorted((each for each in results if isinstance(each, Row)), key=lambda row: position[row.case])
+    orders = {(each.label, each.method, each.options): each for each in results if isinstance(each, Orders)}
+    labels = [system.label for system in KNOWN]
+    return CrossValidation(
+        tuple(rows),
+        tuple(orders[study] for study in studies),
+        {label: exact_errors(label) for label in labels},
+        {label: peak_reaction(exact_solution(label, round(T_END / 1e-2))) for label in labels},
+    )
+
+
+def _reading_order(case: Case) -> tuple[Any, ...]:
+    labels = [system.label for system in KNOWN]
+    methods = ("moreau-jean", "rk4-paper", "exact")
+    solvers = (*DIRECT_SOLVERS, *QP_SOLVERS, "auto")
+    return (
+        labels.index(case.label),
+        methods.index(case.method),
+        case.options,
+        solvers.index(case.lcp_solver),
+        -case.h,
+    )
+
+
+def _in_processes(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: int) -> Iterator[Any]:
+    """Yield the results as they come; processes are spawned, since a fork copies the locks of numerical libraries."""
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+        pending = [pool.submit(function, *arguments) for function, arguments in jobs]
+        try:
+            for future in as_completed(pending):
+                yield future.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

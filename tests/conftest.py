@@ -1,0 +1,42 @@
+"""Hypothesis profiles, compiled code warmed once, and what several test files share."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40)
+settings.register_profile(
+    "thorough", deadline=None, max_examples=1000, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def warm() -> None:
+    """Compile (or load from the cache) once, so that no test pays for it."""
+    import lcpimpact
+
+    lcpimpact.solve_lcp([[2.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 1.0]], [-5.0, -6.0, 1.0])
+    lcpimpact.simulate(lcpimpact.load_problem("system-2"), dt=1e-2, t_end=1e-2)
+
+
+@pytest.fixture
+def python() -> Callable[..., Any]:
+    """Run code in a fresh interpreter with extra environment variables; return the JSON that it prints."""
+
+    def run(code: str, **environment: str) -> Any:
+        done = subprocess.run(
+            [sys.executable, "-c", code], env=os.environ | environment, capture_output=True, text=True, timeout=240
+        )
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    return run
