@@ -10,7 +10,7 @@ Siconos comes with Debian (``apt-get install python3-siconos``) and belongs to D
     /usr/bin/python3 siconos_system_1.py \
         '{"steps": 20000, "h": 1.5e-4, "theta": 0.5, "m": 100, "k_o": 3924, "c_o": 250, "g": 9.81, "v_o": 9.90454}'
 
-It prints one line of JSON: the seconds of a step (mean and median of a loop that records, and mean of Siconos' own loop,
+Its last line is JSON: the seconds of a step (mean and median of a loop that records, and mean of Siconos' own loop,
 which records nothing), the state at the end, and the largest R.
 """
 

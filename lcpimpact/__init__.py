@@ -17,7 +17,7 @@ __version__ = "0.1.0"
 
 _LOCATIONS = {
     "load_problem": "lcpimpact.problems:load_problem",
-    "simulate": "lcpimpact.simulate:simulate",
+    "simulate": "lcpimpact.simulation:simulate",
     "solve_lcp": "lcpimpact.lcp.solve:solve_lcp",
     "Scheme": "lcpimpact.scheme.scheme:Scheme",
     "Problem": "lcpimpact.problems.base:Problem",
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from lcpimpact.scheme.elements.mass import Mass
     from lcpimpact.scheme.elements.spring import Spring
     from lcpimpact.scheme.scheme import Scheme
-    from lcpimpact.simulate import simulate
+    from lcpimpact.simulation import simulate
     from lcpimpact.trajectory import Trajectory
 
 

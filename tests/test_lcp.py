@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
@@ -62,6 +63,16 @@ def error_bound(M, q, tol: float) -> float:
     s, p = np.abs(M).max(), np.abs(q).max() or 1.0
     values = np.linalg.eigvalsh(M / s)
     return float((1.0 + values[-1]) / values[0] * math.sqrt(len(q)) * tol * p / s)
+
+
+def exact_defect(M, q, z) -> Fraction:
+    """The same in rational arithmetic, for answers so large that M z + q is all rounding in floating point."""
+    s, p = Fraction(float(np.abs(M).max())) or Fraction(1), Fraction(float(np.abs(q).max())) or Fraction(1)
+    worst = Fraction(0)
+    for i in range(len(q)):
+        w = Fraction(float(q[i])) + sum(Fraction(float(a)) * Fraction(float(b)) for a, b in zip(M[i], z, strict=True))
+        worst = max(worst, abs(min(Fraction(float(z[i])) * s / p, w / p)))
+    return worst
 
 
 @st.composite
@@ -245,7 +256,7 @@ def fathi(n):
     return L @ L.T
 
 
-PENDULUM = [  # Stewart and Trinkle's friction problem of one contact with µ = 1/2
+FRICTION = [  # Stewart and Trinkle's friction problem of one contact with µ = 1/2
     [1.0, 0.0, 0.0, 0.0],
     [0.0, 1.0, -1.0, 1.0],
     [0.0, -1.0, 1.0, 1.0],
@@ -277,8 +288,8 @@ BOOK = {
     "only the first row acts": ([[2, 1], [1, 2]], [-1, 3], [1 / 2, 0]),
     "a chain of three contacts": ([[2, -1, 0], [-1, 2, -1], [0, -1, 2]], [-1, -1, -1], [1.5, 2, 1.5]),
     "skew: the optimality conditions of a linear program": ([[0, -1], [1, 0]], [2, -1], [1, 2]),
-    "friction that sticks (copositive)": (PENDULUM, [-1.0, 0.2, -0.2, 0.0], [1.0, 0.0, 0.2, 0.0]),
-    "friction that slides (copositive)": (PENDULUM, [-1.0, 2.0, -2.0, 0.0], [1.0, 0.0, 0.5, 1.5]),
+    "friction that sticks (copositive)": (FRICTION, [-1.0, 0.2, -0.2, 0.0], [1.0, 0.0, 0.2, 0.0]),
+    "friction that slides (copositive)": (FRICTION, [-1.0, 2.0, -2.0, 0.0], [1.0, 0.0, 0.5, 1.5]),
     "n = 1, acts": ([[4.0]], [-2.0], [0.5]),
     "n = 1, does not act": ([[4.0]], [2.0], [0.0]),
 }  # fmt: skip
@@ -386,7 +397,8 @@ def test_infeasible_semidefinite_is_never_called_solved(name, data):
         solution = solve_lcp(M, q, name, throw=False, max_iter=500)
     except UnsupportedError:
         assume(False)
-    assert not solution.success
+    # Rounding may have made M regular with a solution near 1e16; who claims it must hold it to the tolerance.
+    assert not solution.success or exact_defect(M, q, solution.z) <= SOLVERS[name].tol
 
 
 @pytest.mark.parametrize("name", ANY_MATRIX)

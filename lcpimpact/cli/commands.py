@@ -90,7 +90,7 @@ def simulate(
 
     Example: lcpimpact simulate system-1 --set c_o=300 --set theta=1 --dt 1e-3 --out run.csv --plot run.png
     """
-    from lcpimpact.simulate import simulate as run
+    from lcpimpact.simulation import simulate as run
 
     parameters = list(inspect.signature(PROBLEMS[problem]).parameters)
     options = {each.name: each for each in fields(METHODS[method])}  # type: ignore[arg-type]

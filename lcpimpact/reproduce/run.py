@@ -19,7 +19,7 @@ from lcpimpact.plotting.style import save
 from lcpimpact.problems import load_problem
 from lcpimpact.reproduce import tables
 from lcpimpact.reproduce.checks import Check, all_checks
-from lcpimpact.simulate import simulate
+from lcpimpact.simulation import simulate
 from lcpimpact.study.cross_validation import T_END, CrossValidation, cross_validate
 from lcpimpact.trajectory import whole_file
 

@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 
 from lcpimpact.errors import LcpImpactError
 from lcpimpact.problems import load_problem
-from lcpimpact.simulate import simulate
+from lcpimpact.simulation import simulate
 from lcpimpact.study.reference import KNOWN, Known
 from lcpimpact.trajectory import Trajectory
 

@@ -1,0 +1,375 @@
+"""The layers of the design, read from the imports; what the registries promise; what the package must not contain."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import re
+from pathlib import Path
+
+import pytest
+
+import lcpimpact
+from lcpimpact.errors import InputError, UnknownNameError
+from lcpimpact.integrators import METHODS
+from lcpimpact.integrators.base import Declared, Integrator
+from lcpimpact.lcp import SOLVERS
+from lcpimpact.lcp.solver import LCPSolver, Requirement
+from lcpimpact.problems import PROBLEMS, load_problem
+from lcpimpact.problems.base import Problem
+from lcpimpact.registry import Registry, load, nearest
+from lcpimpact.scheme.elements import ELEMENTS
+from lcpimpact.scheme.elements.base import Element
+
+PACKAGE = Path(lcpimpact.__file__).parent
+FILES = sorted(PACKAGE.rglob("*.py"))
+
+BASE = {"errors", "registry", "arrays", "compiled"}
+MECHANICS = BASE | {"scheme", "problems"}
+METHOD = MECHANICS | {"lcp", "integrators"}
+RUN = METHOD | {"events", "certificate", "trajectory", "simulation"}
+STUDY = RUN | {"study"}
+MAY_IMPORT = {
+    "errors": set(),
+    "registry": {"errors"},
+    "arrays": set(),
+    "compiled": {"errors", "arrays"},
+    "lcp": BASE,
+    "scheme": BASE,
+    "problems": BASE | {"scheme"},
+    "integrators": MECHANICS | {"lcp"},
+    "events": METHOD,
+    "certificate": METHOD,
+    "trajectory": METHOD | {"events", "certificate"},
+    "simulation": METHOD | {"events", "certificate", "trajectory"},
+    "study": RUN,
+    "plotting": STUDY,
+    "sweep": STUDY,
+    "reproduce": STUDY | {"plotting", "sweep"},
+    "cli": STUDY | {"plotting", "sweep", "reproduce"},
+    "__main__": {"cli"},
+}
+"""Layer (module or folder right under the package) to the layers that it may import, besides itself."""
+
+ONLY = {
+    "matplotlib": {"plotting"},
+    "typer": {"cli"},
+    "click": {"cli"},
+    "rich": {"cli"},
+    "dask": {"sweep"},
+    "qpsolvers": {"lcp"},
+    "numba": {"compiled", "lcp", "integrators", "certificate"},
+}
+"""Third-party packages to the layers that may import them."""
+
+BY_NAME = {("trajectory", "plotting")}
+"""References upwards by a string that the registry loads when asked: ``traj.plot()``."""
+
+
+def module_name(file: Path) -> str:
+    parts = file.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def layer(name: str) -> str:
+    """``lcpimpact.lcp.auto`` lies in ``lcp``; the package's own __init__ in the layer ''."""
+    parts = name.split(".")
+    return parts[1] if len(parts) > 1 else ""
+
+
+def imports(file: Path) -> list[str]:
+    """Every module that a file imports anywhere, in functions and under TYPE_CHECKING too, as absolute names."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    here = module_name(file).split(".")
+    package = here if file.name == "__init__.py" else here[:-1]
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            origin = ".".join([*package[: len(package) - node.level + 1], node.module or ""]) if node.level else node.module
+            found.append(origin.rstrip("."))
+            # `from lcpimpact import x` means what x is.
+            if origin == "lcpimpact":
+                locations = lcpimpact._LOCATIONS
+                found += [locations.get(a.name, f"lcpimpact.{a.name}").split(":")[0] for a in node.names]
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("import_module", "__import__"):
+            found += [a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
+    return found
+
+
+def locations(file: Path) -> list[str]:
+    """The strings "package.module:attribute" of a file: imports that the registry does later."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    strings = (n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str))
+    return [text.split(":")[0] for text in strings if re.fullmatch(r"lcpimpact(\.\w+)+:\w+", text)]
+
+
+def ids(file: Path) -> str:
+    return file.relative_to(PACKAGE).as_posix()
+
+
+def test_the_reader_of_imports_sees_them_all(tmp_path):
+    """The other tests here are worth what this function is worth."""
+    assert "lcpimpact.lcp.solve" in imports(PACKAGE / "integrators" / "exact.py")
+    assert "qpsolvers" in imports(PACKAGE / "lcp" / "qp.py"), "an import inside a function"
+    assert "lcpimpact.scheme.assembly" in imports(PACKAGE / "scheme" / "elements" / "mass.py"), "under TYPE_CHECKING"
+    assert "lcpimpact.integrators.exact" in locations(PACKAGE / "integrators" / "__init__.py")
+    assert len(FILES) > 40
+    assert {"lcp", "scheme", "integrators", "problems"} <= {layer(module_name(file)) for file in FILES}
+
+
+@pytest.mark.parametrize("file", FILES, ids=ids)
+def test_every_module_has_a_place_among_the_layers(file):
+    name = layer(module_name(file))
+    assert name in MAY_IMPORT or name == "", f"say where {name!r} stands: add it to MAY_IMPORT (and to the design)"
+
+
+@pytest.mark.parametrize("file", FILES, ids=ids)
+def test_imports_go_one_way(file):
+    here = layer(module_name(file))
+    if here == "":
+        return  # the package's __init__ offers names of every layer
+    wrong = []
+    for name in imports(file) + locations(file):
+        if name.split(".")[0] != "lcpimpact":
+            continue
+        there = layer(name)
+        if there not in MAY_IMPORT[here] | {here} and (here, there) not in BY_NAME:
+            wrong.append(name)
+    assert not wrong, f"{here} may import only {sorted(MAY_IMPORT[here])}"
+
+
+def test_the_layers_have_no_circle():
+    """Each layer can be put below all that import it."""
+    placed: list[str] = []
+    while len(placed) < len(MAY_IMPORT):
+        ready = [name for name in MAY_IMPORT if name not in placed and MAY_IMPORT[name] - {name} <= set(placed)]
+        assert ready, f"a circle among {sorted(set(MAY_IMPORT) - set(placed))}"
+        placed += ready
+    assert "scheme" not in MAY_IMPORT["lcp"]
+    assert not MAY_IMPORT["scheme"] & {"lcp", "integrators"}
+    assert not MAY_IMPORT["problems"] & {"lcp", "integrators"}
+
+
+def test_no_module_imports_itself_in_a_circle():
+    """Within a layer too, what is imported when a module is loaded forms no circle."""
+    graph: dict[str, set[str]] = {}
+    known = {module_name(file) for file in FILES}
+    for file in FILES:
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        now = [n for n in tree.body if isinstance(n, (ast.Import, ast.ImportFrom))]
+        names: set[str] = set()
+        for node in now:
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif node.module:
+                names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+        graph[module_name(file)] = (names & known) - {module_name(file)}
+    assert graph["lcpimpact.lcp.solve"] >= {"lcpimpact.lcp.problem", "lcpimpact.errors"}
+    done: set[str] = set()
+
+    def visit(name: str, path: tuple[str, ...]) -> None:
+        assert name not in path, " -> ".join((*path[path.index(name) :], name))
+        if name not in done:
+            for other in graph[name]:
+                visit(other, (*path, name))
+            done.add(name)
+
+    for name in graph:
+        visit(name, ())
+
+
+@pytest.mark.parametrize("file", FILES, ids=ids)
+def test_third_party_packages_stay_where_they_belong(file):
+    here = layer(module_name(file))
+    for name in {each.split(".")[0] for each in imports(file)} & ONLY.keys():
+        assert here in ONLY[name], f"only {ONLY[name]} may import {name}"
+
+
+@pytest.mark.parametrize("file", FILES, ids=ids)
+def test_what_a_file_must_not_contain(file):
+    text = file.read_text(encoding="utf-8")
+    assert file.stem not in ("utils", "util", "helpers", "misc", "common")
+    assert not re.search(r"\b(TODO|FIXME|XXX)\b", text)
+    tree = ast.parse(text)
+    assert ast.get_docstring(tree), "every module says what it is"
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call):
+            name = ast.unparse(node.func)
+            assert name not in ("print", "breakpoint", "pdb.set_trace", "exec", "eval"), f"line {node.lineno}: {name}"
+            # A float range has an extra point in 3 % of ordinary cases.
+            if name.endswith("arange"):
+                floats = [n for n in ast.walk(node) if isinstance(n, ast.Constant) and isinstance(n.value, float)]
+                assert not floats, f"line {node.lineno}: a float range"
+        if isinstance(node, ast.ExceptHandler):
+            assert node.type is not None, f"line {node.lineno}: bare except"
+        if isinstance(node, (ast.FunctionDef, ast.Lambda)):
+            defaults = [*node.args.defaults, *(d for d in node.args.kw_defaults if d is not None)]
+            assert not any(isinstance(d, (ast.List, ast.Dict, ast.Set)) for d in defaults), f"line {node.lineno}: mutable"
+
+
+def test_fast_math_is_nowhere():
+    for file in FILES:
+        assert "fastmath" not in file.read_text(encoding="utf-8"), ids(file)
+
+
+# ---- what an import costs -------------------------------------------------------------------------------------------
+
+
+def test_importing_the_package_loads_nothing_heavy(python):
+    heavy = ["numba", "scipy", "matplotlib", "qpsolvers", "osqp", "pandas", "xarray", "typer", "rich", "tqdm"]
+    loaded = python(f"import sys, json, lcpimpact; print(json.dumps([m for m in {heavy} if m in sys.modules]))")
+    assert loaded == []
+
+
+def test_names_are_imported_on_first_use(python):
+    before, after, shadowed = python(
+        "import sys, json, lcpimpact\n"
+        "before = 'lcpimpact.trajectory' in sys.modules\n"
+        "lcpimpact.Trajectory, lcpimpact.simulate, lcpimpact.solve_lcp\n"
+        "import lcpimpact.lcp.solve\n"
+        "print(json.dumps([before, 'lcpimpact.trajectory' in sys.modules, "
+        "not (callable(lcpimpact.simulate) and callable(lcpimpact.solve_lcp))]))"
+    )
+    assert (before, after, shadowed) == (False, True, False)
+
+
+def test_simulation_needs_no_matplotlib(python):
+    loaded = python(
+        "import sys, json, lcpimpact as li\n"
+        "for method in ('moreau-jean', 'exact', 'rk4-paper'):\n"
+        "    li.simulate(li.load_problem('system-1'), method, dt=1e-2, t_end=1e-1)\n"
+        "print(json.dumps([m for m in ('matplotlib', 'typer', 'rich', 'pandas', 'xarray') if m in sys.modules]))"
+    )
+    assert loaded == []
+
+
+@pytest.mark.parametrize("name", sorted(lcpimpact._LOCATIONS))
+def test_what_the_package_offers_exists_and_is_documented(name):
+    value = getattr(lcpimpact, name)
+    assert value is load(lcpimpact._LOCATIONS[name])
+    assert value.__name__ == name
+    assert inspect.getdoc(value)
+
+
+# ---- registries -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", list(SOLVERS))
+def test_solvers_declare_what_they_are(name):
+    solver = SOLVERS[name]
+    assert isinstance(solver, LCPSolver)
+    assert solver.name == name
+    assert solver.summary
+    assert solver.source
+    assert 0.0 < solver.tol <= 1e-6
+    assert solver.max_iter >= 1
+    assert all(isinstance(each, Requirement) for each in solver.requires)
+    assert SOLVERS[name] == solver
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        solver.tol = 1.0
+
+
+@pytest.mark.parametrize("name", list(METHODS))
+def test_methods_declare_what_they_are(name):
+    method = METHODS[name]
+    assert issubclass(method, Integrator)
+    assert method.name == name
+    declared = method.declared
+    assert isinstance(declared, Declared)
+    assert declared.summary
+    assert declared.reaction_lives
+    assert declared.energy
+    assert declared.source
+    assert set(declared.relative_degrees) <= {0, 1, 2}
+    assert declared.relative_degrees
+    assert declared.order_smooth >= 1
+    assert (declared.order_impact > 0) == (2 in declared.relative_degrees)
+    assert isinstance(method.solves_lcp, bool)
+    object_ = method()  # every option has a default
+    assert object_ == method()
+    for option in dataclasses.fields(method):
+        with pytest.raises(dataclasses.FrozenInstanceError):
+            setattr(object_, option.name, 1)
+        assert re.search(rf"\b{option.name} : ", method.__doc__), f"the option {option.name} is documented"
+
+
+@pytest.mark.parametrize("name", list(PROBLEMS))
+def test_problems_declare_what_they_are(name):
+    problem = load_problem(name)
+    assert isinstance(problem, Problem)
+    assert problem.name == name
+    assert problem.source != "-"
+    assert problem.t_end > 0.0
+    assert set(problem.parameters) == set(inspect.signature(PROBLEMS[name]).parameters)
+    assert inspect.getdoc(PROBLEMS[name])
+    # The parameters that a problem reports build the same problem again.
+    again = load_problem(name, **problem.parameters)
+    assert again.scheme == problem.scheme
+    assert (again.q0, again.v0) == (problem.q0, problem.v0)
+    # Every parameter is heard: a change of one changes the problem.
+    for key, value in problem.parameters.items():
+        if key == "h_o":
+            continue
+        other = load_problem(name, **{key: 0.9 * value})
+        assert other.scheme != problem.scheme or other.v0 != problem.v0, key
+        assert other.parameters[key] == 0.9 * value
+
+
+@pytest.mark.parametrize("name", list(ELEMENTS))
+def test_elements_declare_what_they_are(name):
+    element = ELEMENTS[name]
+    assert issubclass(element, Element)
+    assert element.__name__ == name
+    assert getattr(lcpimpact, name) is element
+    assert dataclasses.is_dataclass(element)
+    assert element.__dataclass_params__.frozen
+    assert inspect.isabstract(element) is False
+    assert "::" in element.__doc__, "drawn in its docstring"
+    assert element.strokes or element.parts is not Element.parts, "can be drawn"
+
+
+REGISTRIES = [SOLVERS, METHODS, PROBLEMS, ELEMENTS]
+
+
+@pytest.mark.parametrize("registry", REGISTRIES, ids=lambda r: r.kind)
+def test_a_registry_is_a_mapping(registry):
+    assert len(registry) == len(list(registry)) == len(dict(registry.items()))
+    for name in registry:
+        assert name in registry
+        assert registry.get(name) == registry[name]
+    assert "no-such-name" not in registry
+    assert registry.get("no-such-name") is None
+    assert registry.get("no-such-name", 3) == 3
+    with pytest.raises(UnknownNameError, match=rf"unknown {registry.kind} 'no-such-name'.*known are {next(iter(registry))}"):
+        registry["no-such-name"]
+
+
+def test_every_file_of_a_method_problem_or_element_is_registered():
+    """A file that is in no registry is a method that nobody can call."""
+    for folder, registry, others in (
+        ("scheme/elements", ELEMENTS, {"base"}),
+        ("lcp", SOLVERS, {"gauss", "problem", "solve", "solver"}),
+        ("integrators", METHODS, {"base", "flow"}),
+        ("problems", PROBLEMS, {"base"}),
+    ):
+        files = {file.stem for file in (PACKAGE / folder).glob("*.py")} - {"__init__"} - others
+        registered = {location.split(":")[0].rsplit(".", 1)[1] for location in registry._entries.values()}
+        assert files == registered, folder
+
+
+def test_nearest_offers_only_what_is_near():
+    assert nearest("mas", ["Mass", "Spring"], "element") == "unknown element 'mas': did you mean 'Mass'? known are Mass, Spring"
+    assert nearest("zzz", ["Mass"], "element") == "unknown element 'zzz': known are Mass"
+    assert nearest("a", [], "series") == "unknown series 'a': known are none"
+
+
+def test_a_family_makes_its_entries_from_their_names():
+    registry = Registry("thing", {"a": "math:pi"}, families={"f:": "builtins:len"})
+    assert registry["a"] == pytest.approx(3.141592653589793, rel=0.0, abs=0.0)
+    assert registry["f:xyz"] == 5
+    assert list(registry) == ["a"]
+    with pytest.raises(InputError, match="unknown thing 'g:x'"):
+        registry["g:x"]

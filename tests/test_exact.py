@@ -1,0 +1,218 @@
+"""The exact solution against digits, closed forms and SciPy's DOP853; each reference is computed without lcpimpact."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from piecewise_ode import solve
+
+import lcpimpact as li
+from lcpimpact.integrators.flow import BERNSTEIN, DEGREE, Flow, first_sign_change
+from lcpimpact.problems.bouncing_ball import closed_form
+from lcpimpact.study.cross_validation import peak_reaction
+from lcpimpact.study.reference import KNOWN
+
+
+def exact(problem, dt=1e-2, t_end=3.0, **options):
+    return li.simulate(problem, "exact", dt=dt, t_end=t_end, **options)
+
+
+@pytest.mark.parametrize("known", KNOWN, ids=lambda known: known.label)
+def test_digits_of_40_digit_arithmetic(known):
+    run = exact(li.load_problem(known.problem, **known.parameters))
+    assert [event.kind for event in run.events] == list(known.kinds[: len(known.switches)])
+    assert_allclose([event.t for event in run.events], known.switches, rtol=0, atol=1e-12)
+    for name, value in known.at_3.items():
+        assert_allclose(run[name][-1], value, rtol=0, atol=1e-8 if name == "R" else 1e-11)
+    if known.peak is not None:
+        assert_allclose(peak_reaction(run), known.peak, rtol=0, atol=1e-4)
+
+
+def test_force_jumps_to_c_o_v_o_at_first_touch():
+    assert_allclose(exact(li.load_problem("system-1"))["R"][0], 250.0 * np.sqrt(2 * 9.81 * 5), rtol=1e-14)
+    series = 1.0 / (1.0 / 125.0 + 1.0 / 250.0)
+    assert_allclose(exact(li.load_problem("system-3"))["R"][0], series * np.sqrt(2 * 9.81 * 5), rtol=1e-13)
+    assert exact(li.load_problem("system-2"))["R"][0] == 0.0
+
+
+CONSTANTS = st.fixed_dictionaries(
+    {
+        "m": st.floats(10.0, 500.0),
+        "k": st.floats(500.0, 20_000.0),
+        "k_o": st.floats(500.0, 20_000.0),
+        "c": st.floats(20.0, 1_000.0),
+        "c_o": st.floats(20.0, 1_000.0),
+        "v_o": st.floats(0.5, 15.0),
+    }
+)
+USED = {1: ("m", "k_o", "c_o", "v_o"), 2: ("m", "k", "k_o", "c_o", "v_o"), 3: ("m", "k", "k_o", "c", "c_o", "v_o")}
+
+
+def against_dop853(system, constants):
+    run = exact(li.load_problem(f"system-{system}", **{name: constants[name] for name in USED[system]}))
+    v_o = constants["v_o"]
+    others = {name: value for name, value in constants.items() if name != "v_o"}
+    x, R, switches = solve(system, 3.0, v_o, run.t, g=9.81, **others)
+    away = np.ones(len(run.t), dtype=bool)
+    for t in switches:
+        away &= np.abs(run.t - t) > 1e-9
+    assert len(run.events) == len(switches)
+    assert_allclose([event.t for event in run.events], switches, rtol=0, atol=1e-9)
+    assert_allclose(run["x"], x, rtol=0, atol=1e-9)
+    assert_allclose(run["R"][away], R[away], rtol=0, atol=1e-9 * (1.0 + np.abs(R).max()))
+
+
+@pytest.mark.parametrize("system", [1, 2, 3])
+@settings(max_examples=4)
+@given(constants=CONSTANTS)
+def test_against_dop853(system, constants):
+    against_dop853(system, constants)
+
+
+@pytest.mark.slow
+@settings(max_examples=200)
+@given(system=st.sampled_from([1, 2, 3]), constants=CONSTANTS)
+def test_against_dop853_on_200_parameter_sets(system, constants):
+    against_dop853(system, constants)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5, 0.9])
+def test_bouncing_ball_through_its_accumulation_to_rest(e):
+    run = exact(li.load_problem("bouncing-ball", e=e), dt=1e-3, t_end=12.0 if e == 0.9 else 3.0)
+    x, v = closed_form(run.t, 9.81, 1.0, e)
+    assert_allclose(run["x"], x, rtol=0, atol=1e-10)
+    impacts = [event for event in run.events if event.kind == "impact"]
+    assert_allclose(impacts[0].t, np.sqrt(2.0 / 9.81), rtol=1e-14)
+    assert_allclose(-impacts[0].left.v[0] * e, impacts[0].right.v[0], rtol=1e-13)
+    assert_allclose(impacts[0].impulse, (1 + e) * np.sqrt(2 * 9.81), rtol=1e-13)
+    assert run["v_x"][-1] == pytest.approx(0.0, abs=1e-10)
+    assert_allclose(run["R"][-1], 9.81, rtol=1e-12)
+    assert run.certificate.energy_balance < 1e-10 * run.certificate.energy_scale
+
+
+def test_elastic_ball_keeps_bouncing_on_time():
+    run = exact(li.load_problem("bouncing-ball", e=1.0), dt=1e-2, t_end=20.0)
+    fall = np.sqrt(2.0 / 9.81)
+    assert_allclose([event.t for event in run.events], fall * np.arange(1, 2 * len(run.events), 2), rtol=1e-12)
+    assert len(run.events) == int((20.0 / fall + 1) / 2)
+
+
+def test_max_events_is_a_status_and_keeps_what_was_reached():
+    run = exact(li.load_problem("bouncing-ball", e=1.0), dt=1e-2, t_end=20.0, max_events=3, throw=False)
+    assert run.status is li.Status.MAX_EVENTS
+    assert 0.0 < run.t[-1] < 20.0
+    assert np.isfinite(run.q).all()
+    with pytest.raises(li.FailureError, match="max_events"):
+        exact(li.load_problem("bouncing-ball", e=1.0), dt=1e-2, t_end=20.0, max_events=3)
+
+
+def test_harmonic_load_against_the_closed_form_of_the_driven_oscillator():
+    m, k, a, ω = 2.0, 50.0, 3.0, 4.0
+    scheme = li.Scheme(li.Mass("x", m), li.Spring("x", "ground", k), li.Load("x", li.Harmonic(a, ω)))
+    run = exact(li.Problem("driven", scheme, q0={"x": 0.1}), t_end=5.0)
+    ω0 = np.sqrt(k / m)
+    particular = a / (k - m * ω**2)
+    x = (0.1 - particular) * np.cos(ω0 * run.t) + particular * np.cos(ω * run.t)
+    assert_allclose(run["x"], x, rtol=0, atol=1e-13)
+
+
+def test_grazing_is_passed_and_just_beyond_it_there_is_contact():
+    # x = 1 - cos(t) reaches 2 at t = π; a stop at 2 + δ is missed for δ > 0 and met for δ < 0.
+    def swing(gap):
+        scheme = li.Scheme(
+            li.Mass("x", 1.0), li.Spring("x", "ground", 1.0), li.Load("x", 1.0), li.Bumper("x", "ground", gap=gap, e=0.5)
+        )
+        return exact(li.Problem("swing", scheme), t_end=6.0)
+
+    assert [event for event in swing(2.0 + 1e-9).events if event.impulse > 0.0] == []
+    assert_allclose(swing(2.0)["x"], 1.0 - np.cos(np.linspace(0, 6, 601)), rtol=0, atol=1e-9)
+    met = swing(2.0 - 1e-9)
+    assert [event.kind for event in met.events] == ["impact"]
+    assert_allclose(met.events[0].t, np.arccos(-1.0 + 1e-9), rtol=0, atol=1e-8)
+
+
+def test_no_event_is_missed_however_short_the_excursion():
+    # cos(t) dips below -1 + ε for a time of order sqrt(ε): far below any window.
+    flow = Flow(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    start = np.array([1.0, 0.0, 1.0])
+    for ε in (1e-4, 1e-8, 1e-12):
+        row = np.array([[1.0, 0.0, 1.0 - ε]])
+        crossing = flow.first_crossing(start, np.abs(start), row, np.array([0]), 10.0)
+        assert crossing is not None
+        assert_allclose(crossing[0], np.arccos(-1.0 + ε), rtol=0, atol=1e-15 / np.sqrt(ε) + 1e-14)
+    row = np.array([[1.0, 0.0, 1.0 + 1e-12]])
+    assert flow.first_crossing(start, np.abs(start), row, np.array([0]), 10.0) is None
+
+
+@given(roots=st.lists(st.floats(0.01, 0.99), min_size=1, max_size=6))
+def test_first_sign_change_is_the_first_root(roots):
+    polynomial = np.polynomial.Polynomial.fromroots(sorted(roots))
+    if polynomial(0.0) < 0.0:
+        polynomial = -polynomial
+    a = np.zeros(DEGREE + 1)
+    a[: len(polynomial.coef)] = polynomial.coef
+    floor = -1e-13
+    found = first_sign_change(BERNSTEIN @ a, floor)
+    fine = np.linspace(0.0, 1.0, 20_001)
+    below = fine[polynomial(fine) < floor * 10]
+    if found is None:
+        assert len(below) == 0
+    else:
+        assert polynomial(found) == pytest.approx(0.0, abs=1e-12)
+        assert len(below) == 0 or found <= below[0]
+
+
+@given(st.floats(0.0, 30.0), st.floats(0.1, 50.0))
+def test_flow_is_the_matrix_exponential(t, ω):
+    flow = Flow(np.array([[0.0, 1.0], [-(ω**2), 0.0]]))
+    assert_allclose(
+        flow.at(np.array([1.0, 0.0]), np.array([t]))[0],
+        [np.cos(ω * t), -ω * np.sin(ω * t)],
+        rtol=0,
+        atol=1e-12 * (1.0 + ω) * (1.0 + ω * t),
+    )
+
+
+def test_simultaneous_contacts_of_two_bodies_share_the_load():
+    # Two bodies at rest, one on the other, on the ground: R1 carries both, R2 the upper one.
+    scheme = li.Scheme(
+        li.Mass("a", 2.0),
+        li.Mass("b", 3.0),
+        li.Load("a", 20.0),
+        li.Load("b", 30.0),
+        li.Bumper("a", "b", e=0.3, name="R2"),
+        li.Bumper("b", "ground", e=0.3, name="R1"),
+    )
+    run = exact(li.Problem("pile", scheme), t_end=1.0)
+    assert_allclose(run["R1"], 50.0, rtol=1e-13)
+    assert_allclose(run["R2"], 20.0, rtol=1e-13)
+    assert_allclose(run.q, 0.0, atol=1e-14)
+
+
+def test_energy_balance_closes_on_the_papers_systems():
+    for name in ("system-1", "system-2", "system-3"):
+        certificate = exact(li.load_problem(name)).certificate
+        assert certificate.energy_balance < 1e-10 * certificate.energy_scale
+        assert certificate.penetration < 1e-13
+
+
+def test_a_run_equals_its_two_halves_at_any_output_step():
+    whole = exact(li.load_problem("system-1"), dt=1e-3)
+    coarse = exact(li.load_problem("system-1"), dt=0.5)
+    assert_allclose(coarse.q, whole.q[::500], rtol=0, atol=1e-13)
+
+
+def test_contacts_without_a_common_relative_degree_are_refused_by_name():
+    # A massless plate on a spring, with a body on each side: closed together they are an impact between the bodies.
+    scheme = li.Scheme(
+        li.Mass("a", 1.0),
+        li.Mass("b", 1.0),
+        li.Load("a", 10.0),
+        li.Load("b", 10.0),
+        li.Spring("p", "ground", 100.0),
+        li.Bumper("a", "p", name="Ra"),
+        li.Bumper("b", "p", name="Rb"),
+    )
+    with pytest.raises(li.UnsupportedError, match=r"Ra.*moreau-jean"):
+        exact(li.Problem("plate", scheme, v0={"a": 1.0, "b": 2.0}))
