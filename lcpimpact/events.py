@@ -15,27 +15,29 @@ def events_of_steps(dynamics: Dynamics, record: Record) -> tuple[Event, ...]:
     A closing is where the gap, an opening where the reaction, extrapolated from its last two positive values, reaches
     zero, within the step that it must lie in; limits are the neighbouring values on the grid.
     """
+    if len(record.t_reaction) < 2:
+        return ()
     steps_of_force = len(record.t_reaction) < len(record.t)
-    u = dynamics.gap(record.q)
     found: list[tuple[float, int, Event]] = []
     for i, contact in enumerate(dynamics.contacts):
         r = record.reaction[:, i]
         closed = r > 0.0
         # Plates that touch at the start are closed even where their force starts from zero.
-        closed[0] |= closed[min(1, len(closed) - 1)] and u[0, i] <= 0.0
+        closed[0] |= closed[min(1, len(closed) - 1)] and dynamics.gap(record.q[0])[i] <= 0.0
         for j in np.flatnonzero(closed[1:] != closed[:-1]):
             # j is the last sample of the old mode: a node, or the step that begins there.
             node = j + 1 if steps_of_force else j
+            last = min(node + 1, len(record.t) - 1)
             if closed[j]:
-                t = _zero(record.t_reaction, r, j, record.t_reaction[j + 1])
+                t = _zero(record.t_reaction[j - 1 : j + 1], r[j - 1 : j + 1], record.t_reaction[j], record.t_reaction[j + 1])
                 kind = "open"
                 lasted = j > 0 and closed[j - 1]
                 if contact.relative_degree == 2 and not lasted:
                     continue
             else:
-                t = _zero(record.t, u[:, i], node, record.t[min(node + 1, len(record.t) - 1)])
+                u = dynamics.gap(record.q[node - 1 : node + 1])[:, i]
+                t = _zero(record.t[node - 1 : node + 1], u, record.t[node], record.t[last])
                 kind = "impact" if contact.relative_degree == 2 else "close"
-            last = min(node + 1, len(record.t) - 1)
             impulse = 0.0
             if kind == "impact":
                 impulse = float(r[j + 1] * (record.t[last] - record.t[node]))
@@ -45,10 +47,9 @@ def events_of_steps(dynamics: Dynamics, record: Record) -> tuple[Event, ...]:
     return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2]))
 
 
-def _zero(t: Array, values: Array, j: int, latest: float) -> float:
-    """Return where the line through samples j - 1 and j reaches zero, kept between t[j] and ``latest``."""
-    earliest = float(t[j])
-    if j == 0 or not values[j - 1] > values[j]:
-        return 0.5 * (earliest + float(latest))
-    slope = (values[j] - values[j - 1]) / (t[j] - t[j - 1])
-    return float(min(max(earliest - values[j] / slope, earliest), float(latest)))
+def _zero(t: Array, values: Array, earliest: float, latest: float) -> float:
+    """Return where the line through two falling values reaches zero, kept between ``earliest`` and ``latest``."""
+    if len(t) < 2 or not values[0] > values[1]:
+        return float(0.5 * (earliest + latest))
+    crossing = t[1] + values[1] * (t[1] - t[0]) / (values[0] - values[1])
+    return float(min(max(crossing, earliest), latest))

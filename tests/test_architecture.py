@@ -88,12 +88,15 @@ def imports(file: Path) -> list[str]:
         if isinstance(node, ast.Import):
             found += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
-            origin = ".".join([*package[: len(package) - node.level + 1], node.module or ""]) if node.level else node.module
-            found.append(origin.rstrip("."))
-            # `from lcpimpact import x` means what x is.
-            if origin == "lcpimpact":
-                locations = lcpimpact._LOCATIONS
-                found += [locations.get(a.name, f"lcpimpact.{a.name}").split(":")[0] for a in node.names]
+            origin = (
+                ".".join([*package[: len(package) - node.level + 1], node.module or ""]) if node.level else node.module
+            )
+            if origin != "lcpimpact":
+                found.append(origin.rstrip("."))
+                continue
+            # `from lcpimpact import x` means what x is; the version is nobody's.
+            names = [alias.name for alias in node.names if alias.name != "__version__"]
+            found += [lcpimpact._LOCATIONS.get(name, f"lcpimpact.{name}").split(":")[0] for name in names]
         elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("import_module", "__import__"):
             found += [a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
     return found
@@ -207,7 +210,9 @@ def test_what_a_file_must_not_contain(file):
             assert node.type is not None, f"line {node.lineno}: bare except"
         if isinstance(node, (ast.FunctionDef, ast.Lambda)):
             defaults = [*node.args.defaults, *(d for d in node.args.kw_defaults if d is not None)]
-            assert not any(isinstance(d, (ast.List, ast.Dict, ast.Set)) for d in defaults), f"line {node.lineno}: mutable"
+            assert not any(isinstance(d, (ast.List, ast.Dict, ast.Set)) for d in defaults), (
+                f"line {node.lineno}: mutable"
+            )
 
 
 def test_fast_math_is_nowhere():
@@ -343,7 +348,9 @@ def test_a_registry_is_a_mapping(registry):
     assert "no-such-name" not in registry
     assert registry.get("no-such-name") is None
     assert registry.get("no-such-name", 3) == 3
-    with pytest.raises(UnknownNameError, match=rf"unknown {registry.kind} 'no-such-name'.*known are {next(iter(registry))}"):
+    with pytest.raises(
+        UnknownNameError, match=rf"unknown {registry.kind} 'no-such-name'.*known are {next(iter(registry))}"
+    ):
         registry["no-such-name"]
 
 
@@ -361,7 +368,10 @@ def test_every_file_of_a_method_problem_or_element_is_registered():
 
 
 def test_nearest_offers_only_what_is_near():
-    assert nearest("mas", ["Mass", "Spring"], "element") == "unknown element 'mas': did you mean 'Mass'? known are Mass, Spring"
+    assert (
+        nearest("mas", ["Mass", "Spring"], "element")
+        == "unknown element 'mas': did you mean 'Mass'? known are Mass, Spring"
+    )
     assert nearest("zzz", ["Mass"], "element") == "unknown element 'zzz': known are Mass"
     assert nearest("a", [], "series") == "unknown series 'a': known are none"
 

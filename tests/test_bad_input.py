@@ -63,11 +63,15 @@ CASES = [(name, key, unit) for name, keys in PHYSICAL.items() for key, unit in k
 @pytest.mark.parametrize("value", [0.0, 0, -1.0])
 @pytest.mark.parametrize(("name", "key", "unit"), CASES)
 def test_a_constant_of_a_problem_that_is_not_positive(name, key, unit, value):
-    with pytest.raises(InputError, match=rf"at '\w+'.*\b{key} = .*positive.* {unit}$|between .*\b{key} = .*positive.* {unit}$"):
+    with pytest.raises(
+        InputError, match=rf"at '\w+'.*\b{key} = .*positive.* {unit}$|between .*\b{key} = .*positive.* {unit}$"
+    ):
         load_problem(name, **{key: value})
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, "heavy", None, True, [1.0], 10**400], ids=lambda v: repr(v)[:8])
+@pytest.mark.parametrize(
+    "value", [math.nan, math.inf, -math.inf, "heavy", None, True, [1.0], 10**400], ids=lambda v: repr(v)[:8]
+)
 @pytest.mark.parametrize("key", ["m", "k_o", "c_o", "g", "h_o", "v_o"])
 def test_a_parameter_that_is_no_finite_number(key, value):
     with pytest.raises(InputError, match=rf"parameter {key} = .*system-1.*finite number"):
@@ -97,7 +101,9 @@ def test_an_unknown_problem_offers_the_nearest(wrong, right):
         load_problem(wrong)
 
 
-@pytest.mark.parametrize("wrong", ["", "zzz", None, 3, ["system-1"], load_problem("system-1")], ids=lambda v: repr(v)[:12])
+@pytest.mark.parametrize(
+    "wrong", ["", "zzz", None, 3, ["system-1"], load_problem("system-1")], ids=lambda v: repr(v)[:12]
+)
 def test_a_problem_that_is_none(wrong):
     with pytest.raises(InputError, match=r"unknown problem .*system-1, system-2, system-3, bouncing-ball"):
         load_problem(wrong)
@@ -141,7 +147,9 @@ def test_an_initial_value_that_is_no_number(kind, value):
 
 
 def test_starting_penetrated():
-    with pytest.raises(InputError, match=r"bumper 'R' of problem 'mine' starts penetrated by 0\.25 m.*q0\['ball'\].*gap"):
+    with pytest.raises(
+        InputError, match=r"bumper 'R' of problem 'mine' starts penetrated by 0\.25 m.*q0\['ball'\].*gap"
+    ):
         Problem("mine", BALL, q0={"ball": 1.25})
     with pytest.raises(InputError, match=r"penetrated by 0\.5 m: lower q0\['x'\], raise q0\['z'\]"):
         dataclasses.replace(load_problem("system-1"), q0={"x": 0.5})
@@ -213,7 +221,8 @@ def test_what_is_no_problem(wrong):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "right"), [("moreau_jean", "moreau-jean"), ("moreau", "moreau-jean"), ("exakt", "exact"), ("rk4", "rk4-paper")]
+    ("wrong", "right"),
+    [("moreau_jean", "moreau-jean"), ("moreau", "moreau-jean"), ("exakt", "exact"), ("rk4", "rk4-paper")],
 )
 def test_an_unknown_method_offers_the_nearest(wrong, right):
     with pytest.raises(InputError, match=rf"unknown method '{wrong}': did you mean '{right}'"):
@@ -280,7 +289,9 @@ def test_an_unknown_contact_rule_offers_the_nearest(wrong, right):
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(("wrong", "right"), [("lemkee", "lemke"), ("closed_form", "closed-form"), ("qp:osqq", "qp:osqp")])
+@pytest.mark.parametrize(
+    ("wrong", "right"), [("lemkee", "lemke"), ("closed_form", "closed-form"), ("qp:osqq", "qp:osqp")]
+)
 def test_an_unknown_lcp_solver_offers_the_nearest(method, wrong, right):
     with pytest.raises(InputError, match=rf"'{right}'"):
         run(method=method, lcp_solver=wrong)
@@ -302,7 +313,9 @@ def test_an_lcp_solver_for_a_method_that_solves_none():
 
 
 def test_rk4_paper_on_the_bouncing_ball_names_a_method_that_does():
-    with pytest.raises(UnsupportedError, match=r"rk4-paper.*relative degree 2.*'R' of 'bouncing-ball'.*moreau-jean.*exact"):
+    with pytest.raises(
+        UnsupportedError, match=r"rk4-paper.*relative degree 2.*'R' of 'bouncing-ball'.*moreau-jean.*exact"
+    ):
         run("bouncing-ball", "rk4-paper")
     for method in ("moreau-jean", "exact"):
         assert run("bouncing-ball", method).success
@@ -315,7 +328,7 @@ def test_rk4_paper_on_another_scheme_names_a_method_that_does():
 
 
 def test_rk4_paper_does_not_trust_a_name():
-    """The constants come from `parameters`; a scheme that they do not describe must not be integrated as if they did."""
+    """The constants come from `parameters`; a scheme that they do not describe must not be run as if they did."""
     paper = load_problem("system-1")
     changed = Scheme(*paper.scheme.elements, Load("x", f=500.0))
     with pytest.raises(UnsupportedError, match=r"rk4-paper.*moreau-jean"):
@@ -333,7 +346,11 @@ def test_exact_with_a_load_that_is_a_function():
 
 
 def test_an_lcp_solver_that_is_not_made_for_the_delassus_matrix():
-    bodies = [part for i in range(3) for part in (Mass(f"x{i}", m=1.0), Bumper(f"x{i}", "ground", gap=1.0, e=0.0, name=f"R{i}"))]
+    bodies = [
+        part
+        for i in range(3)
+        for part in (Mass(f"x{i}", m=1.0), Bumper(f"x{i}", "ground", gap=1.0, e=0.0, name=f"R{i}"))
+    ]
     problem = Problem("mine", Scheme(*bodies))
     with pytest.raises(UnsupportedError, match=r"'closed-form' needs .*n <= 2.*lemke.*auto"):
         simulate(problem, dt=1e-2, t_end=1e-1, lcp_solver="closed-form")
@@ -371,7 +388,9 @@ def test_a_run_that_fails_says_where_and_why():
     steps = len(traj.t) - 1
     assert 0 < steps == traj.stats["steps"] == len(traj.reaction) < 100
     assert np.isfinite(traj.q).all()
-    quiet = simulate(load_problem("system-1"), dt=1e-2, t_end=1.0, lcp_solver="pgs", max_iter=1, tol=1e-300, throw=False)
+    quiet = simulate(
+        load_problem("system-1"), dt=1e-2, t_end=1.0, lcp_solver="pgs", max_iter=1, tol=1e-300, throw=False
+    )
     assert quiet.status is Status.MAX_ITER
     assert quiet.q.tobytes() == traj.q.tobytes()
 
@@ -420,7 +439,14 @@ def test_statuses_are_sentences_with_a_remedy():
     for status in Status:
         assert status.sentence.endswith(".")
         assert Status(int(status)) is status
-    for status in (Status.MAX_ITER, Status.INACCURATE, Status.UNDECIDED, Status.SINGULAR, Status.RAY, Status.MAX_EVENTS):
+    for status in (
+        Status.MAX_ITER,
+        Status.INACCURATE,
+        Status.UNDECIDED,
+        Status.SINGULAR,
+        Status.RAY,
+        Status.MAX_EVENTS,
+    ):
         assert re.search(r"raise|loosen|try|take", status.sentence)
 
 

@@ -76,7 +76,11 @@ def test_system_3_is_eq_7(m, k, k_o, c, c_o, g):
 
 def test_table_1_and_the_fall_from_rest():
     published = {"m": 100.0, "k": 1962.0, "k_o": 3924.0, "c": 125.0, "c_o": 250.0, "g": 9.81, "h_o": 5.0}
-    for name, has in (("system-1", "m k_o c_o g h_o"), ("system-2", "m k k_o c_o g h_o"), ("system-3", " ".join(published))):
+    for name, has in (
+        ("system-1", "m k_o c_o g h_o"),
+        ("system-2", "m k k_o c_o g h_o"),
+        ("system-3", " ".join(published)),
+    ):
         problem = load_problem(name)
         v_o = problem.parameters["v_o"]
         assert v_o == pytest.approx(9.904544411531507, rel=1e-15)
@@ -261,7 +265,7 @@ def test_a_callable_load_has_no_first_order_form():
 
 @st.composite
 def schemes(draw) -> Scheme:
-    """Massive and massless nodes, each held by a spring, a dashpot or both, more links, loads, and up to two bumpers."""
+    """Massive and massless nodes, each held by a spring, a dashpot or both; more links, loads, up to two bumpers."""
     n = draw(st.integers(1, 5))
     nodes = [f"n{i}" for i in range(n)]
     elements: list = [Mass(node, m=draw(constants)) for node in nodes if draw(st.booleans())]
@@ -328,7 +332,9 @@ def test_the_first_order_form_satisfies_the_equations_it_came_from(scheme, data)
     np.testing.assert_allclose(rate[:nm], X[nm + nd : 2 * nm + nd], rtol=0.0, atol=1e-12 * (1.0 + np.abs(X).max()))
     np.testing.assert_allclose(lcs.C @ X + lcs.D @ r, dynamics.gap(q), rtol=1e-10, atol=1e-9 * (1.0 + np.abs(q).max()))
     # The load states turn as their harmonics do.
-    turning = [h.omega * d for h in harmonics for d in (-math.sin(h.omega * t + h.phase), math.cos(h.omega * t + h.phase))]
+    turning = [
+        h.omega * d for h in harmonics for d in (-math.sin(h.omega * t + h.phase), math.cos(h.omega * t + h.phase))
+    ]
     np.testing.assert_allclose(rate[2 * nm + nd :], [0.0, *turning], rtol=1e-12, atol=1e-12)
     # The basis is one: massive nodes are unit vectors, dashpots do not see the static ones, and nothing is lost.
     assert np.linalg.matrix_rank(np.column_stack([Em, Ed, Es])) == len(dynamics.nodes)
@@ -476,7 +482,9 @@ def test_bumpers_that_cannot_close_together_are_accepted(bumpers):
 
 
 def test_a_body_between_two_stops_runs():
-    box = Scheme(Mass("x", m=1.0), Bumper("x", "ground", gap=1.0, e=1.0), Bumper("ground", "x", gap=1.0, e=1.0, name="S"))
+    box = Scheme(
+        Mass("x", m=1.0), Bumper("x", "ground", gap=1.0, e=1.0), Bumper("ground", "x", gap=1.0, e=1.0, name="S")
+    )
     problem = lcpimpact.Problem("box", box, v0={"x": 1.0})
     traj = lcpimpact.simulate(problem, "exact", dt=0.5, t_end=6.5)
     np.testing.assert_allclose([event.t for event in traj.events], [1.0, 3.0, 5.0], rtol=1e-12, atol=0.0)
@@ -516,7 +524,9 @@ def test_restitution_is_needed_where_impulses_act_and_meaningless_elsewhere():
     with pytest.raises(InputError, match=r"Bumper between 'x' and 'ground'.*restitution.*give e="):
         Scheme(*BODY, Bumper("x", "ground", gap=1.0)).assemble()
     for held, degree in ((Dashpot("z", "ground", c=1.0), 1), (Spring("z", "ground", k=1.0), 0)):
-        with pytest.raises(InputError, match=rf"Bumper between 'x' and 'z'.*e = 0\.5 means nothing.*{degree}.*leave e out"):
+        with pytest.raises(
+            InputError, match=rf"Bumper between 'x' and 'z'.*e = 0\.5 means nothing.*{degree}.*leave e out"
+        ):
             Scheme(*BODY, held, Bumper("x", "z", e=0.5)).assemble()
         assert Scheme(*BODY, held, Bumper("x", "z")).assemble().restitution.tolist() == [0.0]
 

@@ -96,7 +96,8 @@ def test_the_velocity_is_the_derivative(theta):
 
 
 @pytest.mark.parametrize(
-    ("wrong", "words"), [("v_xx", "did you mean 'v_x'"), ("r", "known are x, y, z, v_x"), ("t", "known are x"), (0, "'0'")]
+    ("wrong", "words"),
+    [("v_xx", "did you mean 'v_x'"), ("r", "known are x, y, z, v_x"), ("t", "known are x"), (0, "'0'")],
 )
 def test_an_unknown_series_offers_the_nearest(theta, wrong, words):
     with pytest.raises(InputError, match=f"unknown series.*{words}"):

@@ -28,7 +28,10 @@ class Grid:
 
     def times(self, first: int, last: int) -> Array:
         """Return t_i for first <= i <= last."""
-        return np.arange(first, last + 1) * self.t_end / self.steps
+        t = np.arange(first, last + 1, dtype=np.float64)
+        t *= self.t_end
+        t /= self.steps
+        return t
 
 
 @dataclass(frozen=True)

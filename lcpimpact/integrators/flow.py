@@ -56,11 +56,17 @@ class Flow:
             powers.append(powers[-1] @ self.A * (self.window / i))
         return np.array(powers)
 
-    def on_grid(self, X: Array, h: float, count: int) -> Array:
-        """Return exp(A h j) X for j = 0 ... count - 1: (count, N), by doubling, so that errors do not accumulate."""
-        states = X[None, :]
+    @cached_property
+    def over_a_window(self) -> Array:
+        """exp(A δ)."""
+        return np.asarray(expm(self.A * self.window))
+
+    def windows(self, X: Array, count: int) -> Array:
+        """Return exp(A δ j) X for j = 0 ... count - 1: (count, N), by doubling, so that errors do not accumulate."""
+        states, step = X[None, :], self.over_a_window
         while len(states) < count:
-            states = np.concatenate([states, states @ expm(self.A * (h * len(states))).T])
+            states = np.concatenate([states, states @ step.T])
+            step = step @ step
         return states[:count]
 
     def at(self, X: Array, times: Array) -> Array:
@@ -69,7 +75,7 @@ class Flow:
             return np.zeros((0, len(X)))
         window = np.floor(times / self.window).astype(np.int64)
         s = times / self.window - window
-        starts = self.on_grid(X, self.window, int(window.max()) + 1)[window]
+        starts = self.windows(X, int(window.max()) + 1)[window]
         states = np.zeros_like(starts)
         for power in self.taylor[::-1]:
             states = states * s[:, None] + starts @ power.T
@@ -88,12 +94,12 @@ class Flow:
         multiplicity : (k,) array   order of the zero of c·X at the start, which is factored out of the first window
         horizon : float             length of time in s
         """
-        windows = max(1, math.ceil(horizon / self.window))
+        total = max(1, math.ceil(horizon / self.window))
         coefficients = np.einsum("kn,inm->kim", rows, self.taylor)
         done = 0
-        while done < windows:
-            count = min(CHUNK, windows - done)
-            states = self.on_grid(X, self.window, count)
+        while done < total:
+            count = min(CHUNK, total - done)
+            states = self.windows(X, count)
             found: list[tuple[float, int]] = []
             for k in range(len(rows)):
                 a = states @ coefficients[k].T
@@ -112,7 +118,7 @@ class Flow:
                 crossing = min(found)
                 return crossing if crossing[0] < horizon else None
             done += count
-            X = states[-1] @ expm(self.A * self.window).T
+            X = self.over_a_window @ states[-1]
         return None
 
 

@@ -91,6 +91,7 @@ def steps(
     n, nc = len(massive), len(degree)
     w, b, z, active = np.empty(n), np.empty(nc), np.zeros(nc), np.empty(nc, np.int64)
     iterations, worst = 0, 0.0
+    per_h, per_θ = 1.0 / h, 1.0 / θ
     for k in range(first, last):
         p = k - first if len(Pf) > 1 else 0
         for i in range(n):
@@ -108,7 +109,7 @@ def steps(
                 U_free += H[i, j] * w[j]
             r[k, i] = 0.0
             if degree[i] < 2:
-                b[na] = U_free + u / h
+                b[na] = U_free + u * per_h
             elif u + 0.5 * h * U <= 0.0:
                 b[na] = U_free + (θ * e[i] - (1.0 - θ)) * U
             else:
@@ -116,32 +117,36 @@ def steps(
             active[na] = i
             na += 1
 
-        if na > 0:
-            W_active = W
-            if na < nc:
-                W_active = np.empty((na, na))
-                for i in range(na):
-                    for j in range(na):
-                        W_active[i, j] = W[active[i], active[j]]
+        for i in range(na):
+            z[i] = r[k - 1, active[i]] if k > 0 else 0.0
+        residual = 0.0
+        if na == nc and nc > 0:
+            status, count = solve(W, b, z, tol, max_iter)
+            residual = scaled_residual(W, b, z)
+        elif na > 0:
+            W_active = np.empty((na, na))
             for i in range(na):
-                z[i] = r[k - 1, active[i]] if k > 0 else 0.0
+                for j in range(na):
+                    W_active[i, j] = W[active[i], active[j]]
             status, count = solve(W_active, b[:na], z[:na], tol, max_iter)
-            iterations += count
             residual = scaled_residual(W_active, b[:na], z[:na])
-            if status != SOLVED:
-                return float(status), float(k), float(iterations), max(worst, residual)
-            if not residual <= tol:
-                code = INACCURATE if residual < np.inf else NON_FINITE
-                return float(code), float(k), float(iterations), residual
-            worst = max(worst, residual)
-            for a in range(na):
-                r[k, active[a]] = z[a]
-                for i in range(n):
-                    w[i] += G[i, active[a]] * z[a]
+        else:
+            status, count = SOLVED, 0
+        iterations += count
+        worst = max(worst, residual)
+        if status != SOLVED:
+            return float(status), float(k), float(iterations), worst
+        if not residual <= tol:
+            code = INACCURATE if residual < np.inf else NON_FINITE
+            return float(code), float(k), float(iterations), worst
+        for a in range(na):
+            r[k, active[a]] = z[a]
+            for i in range(n):
+                w[i] += G[i, active[a]] * z[a]
 
         for i in range(n):
             q[k + 1, i] = q[k, i] + h * w[i]
-            v[k + 1, i] = v[k, i] + (w[i] - v[k, i]) / θ if massive[i] else w[i]
+            v[k + 1, i] = v[k, i] + (w[i] - v[k, i]) * per_θ if massive[i] else w[i]
             if not abs(q[k + 1, i]) < np.inf:
                 return float(NON_FINITE), float(k), float(iterations), worst
         if S.shape[1] > 0:
@@ -199,7 +204,7 @@ class MoreauJean(Integrator):
         order_impact=1,
         relative_degrees=(0, 1, 2),
         reaction_lives="at t + θ h, one for each step",
-        energy="θ = 1/2 keeps it in smooth motion; never gains for 1/2 <= θ <= 1/(1 + e)",
+        energy="θ = 1/2 keeps it in smooth motion; approaching bodies never gain for 1/2 <= θ <= 1/(1 + e)",
         source="Moreau (1988); Jean (1999); Acary and Brogliato (2008), chapter 10",
     )
 
@@ -212,7 +217,9 @@ class MoreauJean(Integrator):
 
     def reaction_times(self, grid: Grid) -> Array:
         """Return t_k + θ h, one for each step."""
-        return grid.times(0, grid.steps - 1) + self.theta * grid.h
+        t = grid.times(0, grid.steps - 1)
+        t += self.theta * grid.h
+        return t
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Step:
         """Write the initial state, and factor A once."""

@@ -21,6 +21,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix, vector
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
+from lcpimpact.problems import load_problem
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import nearest
 
@@ -150,6 +151,11 @@ class RK4Paper(Integrator):
             raise UnsupportedError(
                 f"rk4-paper knows only {', '.join(COORDINATES)}, whose equations the paper prints, and not "
                 f"{problem.name!r}: take method='moreau-jean' or 'exact'"
+            )
+        if problem.scheme != load_problem(problem.name, **problem.parameters).scheme:
+            raise UnsupportedError(
+                f"the scheme of this {problem.name!r} is not the paper's, whose equations rk4-paper knows: give the problem "
+                "another name and take method='moreau-jean', or get it from load_problem"
             )
         p = np.array([problem.parameters.get(name, np.nan) for name in CONSTANTS])
         x0, y0, z0 = (float(problem.q0.get(node, 0.0)) for node in "xyz")

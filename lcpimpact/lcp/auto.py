@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
 from numba import types
 
-from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.compiled import compiled, f8, i8, interpreted, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.closed_form import closed_form
 from lcpimpact.lcp.lemke import lemke
 from lcpimpact.lcp.problem import scaled_residual
-from lcpimpact.lcp.solver import CompiledSolver
+from lcpimpact.lcp.solver import Delassus, Kernel, LCPSolver, Requirement
 
 SOLVED = int(Status.SOLVED)
 
 
 @compiled(types.UniTuple(i8, 2)(matrix, vector, vector, f8, i8))
-def auto(M, q, z, tol, max_iter):  # type: ignore[no-untyped-def]
+def closed_form_or_lemke(M, q, z, tol, max_iter):  # type: ignore[no-untyped-def]
     """Solve by closed form where it applies and its answer stands the check, else by Lemke's method."""
     if len(q) <= 2:
         status, iterations = closed_form(M, q, z, tol, max_iter)
@@ -24,12 +27,28 @@ def auto(M, q, z, tol, max_iter):  # type: ignore[no-untyped-def]
     return lemke(M, q, z, tol, max_iter)
 
 
-SOLVER = CompiledSolver(
+@dataclass(frozen=True)
+class Auto(LCPSolver):
+    """The choice by the matrix."""
+
+    @property
+    def is_compiled(self) -> bool:
+        """Whether compilation is on."""
+        return interpreted(closed_form) is not closed_form
+
+    def prepare(self, delassus: Delassus) -> Kernel:
+        """Return the closed form alone for one or two rows of a positive definite W, which it always solves."""
+        W = delassus.W
+        if 0 < len(W) <= 2 and Requirement.SYMMETRIC.holds(W) and np.linalg.eigvalsh(W)[0] > 1e-12 * np.abs(W).max():
+            return closed_form
+        return closed_form_or_lemke
+
+
+SOLVER = Auto(
     name="auto",
     summary="closed-form for one or two rows, else lemke",
     requires=(),
     tol=1e-10,
     max_iter=10_000,
     source="-",
-    kernel=auto,
 )

@@ -80,7 +80,10 @@ class Load(Element):
     f: float | Harmonic | Callable[[float], float] = MISSING
     symbols: tuple[str, ...] = ("f",)
 
-    strokes: ClassVar[tuple[Polyline, ...]] = (((-0.5, 0.0), (0.0, 0.0)), ((-0.15, -0.1), (0.0, 0.0), (-0.15, 0.1)))
+    strokes: ClassVar[tuple[Polyline, ...]] = (
+        ((-0.5, 0.0), (-0.15, 0.0)),
+        ((-0.15, -0.06), (0.0, 0.0), (-0.15, 0.06), (-0.15, -0.06)),
+    )
 
     def __post_init__(self) -> None:
         distinct(self)

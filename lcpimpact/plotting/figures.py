@@ -1,0 +1,222 @@
+"""Figures 2, 3 and 6 to 9 of Grzesikiewicz and Zbiciak."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+
+from lcpimpact.arrays import Array
+from lcpimpact.plotting.style import EXACT, FAINT, INK, LCP, PALETTE, RK4, SOFT, style
+from lcpimpact.plotting.timeline import contact_intervals, curves, mark_events, math
+from lcpimpact.trajectory import Trajectory
+
+MARKERS = 60
+"""About so many LCP markers lie on a curve: enough to follow it, few enough to leave it visible."""
+
+DECADES = 7.0
+"""Errors further than this below the largest are not drawn."""
+
+HOLLOW: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
+
+
+class Corner(NamedTuple):
+    """The words in the graph of a complementarity condition between R and an abscissa."""
+
+    abscissa: str
+    closed: str
+    opened: str
+    left: str
+    inside: str
+    below: str
+
+
+@style()
+def figure_2() -> Figure:
+    """Draw Fig. 2: the graph of 0 <= u ⟂ R >= 0, Eq. (2c).
+
+    Examples
+    --------
+    >>> len(figure_2().axes)
+    1
+    """
+    return _draw_corner(
+        Corner(
+            abscissa="$u$",
+            closed="closed:\n$u=0,\\ R\\geq 0$",
+            opened="open: $u>0,\\ R=0$",
+            left="$u<0$:\npenetration",
+            inside="$u>0,\\ R>0$:\nforce at a distance",
+            below="$R<0$: adhesion",
+        )
+    )
+
+
+@style()
+def figure_3() -> Figure:
+    """Draw Fig. 3: what Fig. 2 becomes for the rates while u = 0, that is 0 <= u' ⟂ R >= 0.
+
+    Examples
+    --------
+    >>> len(figure_3().axes)
+    1
+    """
+    return _draw_corner(
+        Corner(
+            abscissa="$\\dot u$   at $u=0$",
+            closed="pressed:\n$\\dot u=0,\\ R\\geq 0$",
+            opened="parting: $\\dot u>0,\\ R=0$",
+            left="$\\dot u<0$:\npenetration",
+            inside="$\\dot u>0,\\ R>0$:\nforce while parting",
+            below="$R<0$: adhesion",
+        )
+    )
+
+
+def _draw_corner(text: Corner) -> Figure:
+    figure = Figure(figsize=(4.2, 3.6), layout="constrained")
+    ax = figure.add_subplot(aspect="equal")
+    low, high = -1.0, 2.4
+    for corner, width, height in (((low, low), -low, high - low), ((0.0, low), high, -low)):
+        ax.add_patch(
+            Rectangle(corner, width, height, facecolor="none", edgecolor="#ccd3dc", hatch="////", linewidth=0.0)
+        )
+    for tip in ((high + 0.25, 0.0), (0.0, high + 0.25)):
+        tail = (low, 0.0) if tip[0] else (0.0, low)
+        ax.annotate(
+            "", tip, tail, arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 0.8, "shrinkA": 0.0, "shrinkB": 0.0}
+        )
+    ax.plot([0.0, 0.0, high], [high, 0.0, 0.0], color=LCP, linewidth=3.5, solid_joinstyle="miter", zorder=3.0)
+
+    ground = {"facecolor": "white", "edgecolor": "none", "boxstyle": "round,pad=0.25"}
+    ax.text(
+        high + 0.2, 0.1, text.abscissa, ha="right" if len(text.abscissa) > 6 else "center", va="bottom", fontsize=12.0
+    )
+    ax.text(-0.12, high + 0.2, "$R$", ha="right", va="center", fontsize=12.0)
+    ax.text(0.14, 0.85, text.closed, ha="left", va="center", color=LCP)
+    ax.text(1.2, -0.22, text.opened, ha="center", va="center", color=LCP, bbox=ground)
+    ax.text(low / 2.0, 1.5, text.left, ha="center", va="center", color=SOFT, bbox=ground, fontsize=9.0)
+    ax.text(1.4, 1.75, text.inside, ha="center", va="center", color=SOFT, fontsize=9.0)
+    ax.text(1.2, -0.7, text.below, ha="center", va="center", color=SOFT, bbox=ground, fontsize=9.0)
+    ax.set(xlim=(low - 0.02, high + 0.3), ylim=(low - 0.02, high + 0.4))
+    ax.set_axis_off()
+    return figure
+
+
+@style()
+def force_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number: int) -> Figure:
+    """Draw Fig. 6, 7 or 8: R(t) of one system by three methods, and below it the errors of two.
+
+    The LCP's force is the mean over a step and stands at its middle; each error is taken where its force lives.
+
+    Parameters
+    ----------
+    exact, lcp, rk4 : Trajectory
+        Runs of one problem with one bumper over the same time.
+    number : int
+        The number of the figure.
+    """
+    figure, force, error = _two_panels(f"Fig. {number}.  {_system(exact)}: force between the bumper plates")
+    _, _, t, R = curves(exact)
+    peak = float(np.nanmax(R))
+    force.plot(t, R[:, 0], color=EXACT, linewidth=5.0, solid_capstyle="butt", label="exact")
+    force.plot(
+        lcp.t_reaction, lcp.reaction[:, 0], color=LCP, markevery=_every(lcp), label=f"LCP, {_step(lcp)}", **HOLLOW
+    )
+    force.plot(rk4.t_reaction, rk4.reaction[:, 0], ":", color=RK4, linewidth=1.5, label=f"RK4, {_step(rk4)}")
+    force.set(xlim=(exact.t[0], exact.t[-1]), ylim=(-0.03 * peak, 1.2 * peak), ylabel="$R$ [N]")
+    force.legend(loc="upper right")
+    _annotate_peak(force, t, R[:, 0])
+    for run, line in ((lcp, {"color": LCP}), (rk4, {"color": RK4, "linestyle": ":"})):
+        _draw_error(error, run.t_reaction, run.reaction - exact.sample(run.t_reaction).reaction, line)
+    _limit_decades(error, "$|R-R_\\mathrm{exact}|$ [N]")
+    mark_events((force, error), exact.events)
+    return figure
+
+
+@style()
+def motion_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number: int) -> Figure:
+    """Draw Fig. 9: the coordinates of one system by three methods, its times in contact shaded, and the errors below.
+
+    Parameters
+    ----------
+    exact, lcp, rk4 : Trajectory
+        Runs of one problem over the same time.
+    number : int
+        The number of the figure.
+    """
+    names = exact.problem.dynamics.nodes
+    every = ", ".join(math(name) for name in names)
+    figure, motion, error = _two_panels(f"Fig. {number}.  {_system(exact)}: motion")
+    t, q, _, _ = curves(exact)
+    for i, color in enumerate(PALETTE[: len(names)]):
+        # In contact y and z are one curve: the later line is narrower and leaves a rim of the earlier one.
+        motion.plot(t, q[:, i], color=color, alpha=0.35, linewidth=6.5 - 2.0 * i, label=f"{math(names[i])} exact")
+        motion.plot(lcp.t, lcp.q[:, i], color=color, markevery=_every(lcp), **HOLLOW)
+        motion.plot(rk4.t, rk4.q[:, i], ":", color=INK, linewidth=1.2)
+    motion.set(xlim=(exact.t[0], exact.t[-1]), ylabel=f"{every} [m] (positive downwards)")
+    shading: dict[str, Any] = {"color": FAINT, "linewidth": 0.0}
+    for contact in exact.problem.dynamics.contacts:
+        for start, end in contact_intervals(exact, contact.name):
+            motion.axvspan(start, end, zorder=0.5, **shading)
+    methods = [
+        Line2D([], [], color=SOFT, label=f"LCP, {_step(lcp)}", **HOLLOW),
+        Line2D([], [], color=INK, linestyle=":", linewidth=1.2, label=f"RK4, {_step(rk4)}"),
+        Rectangle((0.0, 0.0), 1.0, 1.0, label="in contact", **shading),
+    ]
+    motion.legend(handles=[*motion.get_legend_handles_labels()[0], *methods], loc="upper center", ncols=2)
+    for run, line in ((lcp, {"color": SOFT, "label": "LCP"}), (rk4, {"color": INK, "linestyle": ":", "label": "RK4"})):
+        _draw_error(error, run.t, run.q - exact.sample(run.t).q, line)
+    error.legend(loc="lower right", ncols=2)
+    _limit_decades(error, "largest error [m]")
+    mark_events((motion, error), exact.events)
+    return figure
+
+
+def _two_panels(title: str) -> tuple[Figure, Axes, Axes]:
+    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1.0])
+    lower.set_xlabel("$t$ [s]")
+    figure.suptitle(title, x=0.01, ha="left", fontsize=11.0)
+    return figure, upper, lower
+
+
+def _system(trajectory: Trajectory) -> str:
+    return trajectory.problem.name.replace("system-", "System No. ")
+
+
+def _step(trajectory: Trajectory) -> str:
+    return f"$h={trajectory.t[1] - trajectory.t[0]:g}$ s"
+
+
+def _every(trajectory: Trajectory) -> int:
+    return max(1, len(trajectory.t) // MARKERS)
+
+
+def _annotate_peak(ax: Axes, t: Array, R: Array) -> None:
+    top = int(np.nanargmax(R))
+    # The text stands to the right of the tip, clear of the vertical axis however early the peak is.
+    ax.annotate(
+        f"peak {R[top]:.0f} N at {t[top]:.3f} s",
+        (t[top], R[top]),
+        (-8.0, 16.0),
+        textcoords="offset points",
+        va="bottom",
+        fontsize=9.0,
+        arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 0.8, "relpos": (0.0, 0.0), "shrinkB": 3.0},
+    )
+
+
+def _draw_error(ax: Axes, t: Array, difference: Array, line: dict[str, Any]) -> None:
+    """Draw the largest error of each instant on a logarithmic scale; where there is none, the line breaks."""
+    error = np.abs(difference).max(axis=1)
+    ax.semilogy(t, np.where(error > 0.0, error, np.nan), linewidth=1.3, **line)
+
+
+def _limit_decades(ax: Axes, label: str) -> None:
+    largest = max((float(np.nanmax(line.get_ydata())) for line in ax.get_lines()), default=1.0)
+    ax.set(ylim=(largest * 10.0**-DECADES, 3.0 * largest), ylabel=label)

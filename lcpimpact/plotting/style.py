@@ -1,0 +1,103 @@
+"""How every picture looks, and how it reaches the disk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+from cycler import cycler
+from matplotlib.figure import Figure
+
+from lcpimpact.errors import InputError
+from lcpimpact.trajectory import whole_file
+
+INK = "#1c2430"
+SOFT = "#6b7685"
+FAINT = "#eef1f5"
+
+PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+"""The colours of Okabe and Ito, which the colour-blind tell apart; yellow, too pale for a line, is left out."""
+
+EXACT, LCP, RK4 = "#b9c6d6", PALETTE[0], PALETTE[1]
+"""One colour for each way to solve a system: exact (wide and light), LCP (markers), RK4 (thin and dotted)."""
+
+METADATA: dict[str, dict[str, Any]] = {
+    ".png": {"Software": None},
+    ".svg": {"Date": None, "Creator": None},
+    ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+"""The formats, and what they would otherwise say about the day and the machine."""
+
+RC: dict[Any, Any] = {
+    "axes.axisbelow": True,
+    "axes.edgecolor": INK,
+    "axes.grid": True,
+    "axes.labelcolor": INK,
+    "axes.linewidth": 0.8,
+    "axes.prop_cycle": cycler(linestyle=["-", "--", ":"]) * cycler(color=PALETTE),
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 10.0,
+    "figure.dpi": 100.0,
+    "figure.facecolor": "white",
+    # STIX, because its letters keep their code points in SVG: where a viewer lacks the font, any Times will do.
+    "font.family": ["STIXGeneral", "serif"],
+    "font.serif": ["Times New Roman", "Times", "DejaVu Serif"],
+    "font.size": 10.0,
+    "grid.color": "#dfe4ea",
+    "grid.linewidth": 0.7,
+    "legend.fontsize": 9.0,
+    "legend.edgecolor": "none",
+    "legend.framealpha": 1.0,
+    "lines.linewidth": 1.4,
+    "mathtext.fontset": "stix",
+    "savefig.bbox": "standard",
+    "savefig.dpi": 200.0,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "lcpimpact",
+    "text.color": INK,
+    "xtick.color": INK,
+    "xtick.direction": "in",
+    "ytick.color": INK,
+    "ytick.direction": "in",
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Draw in lcpimpact's style, whatever the user's matplotlibrc says, and restore the settings at the end.
+
+    Examples
+    --------
+    >>> with style():
+    ...     print(matplotlib.rcParams["svg.fonttype"])
+    none
+    """
+    # The keys are literals to a type checker in some versions of matplotlib, and strings in others.
+    ours: dict[Any, Any] = {
+        key: value for key, value in matplotlib.rcParamsDefault.items() if not key.startswith("backend")
+    }
+    with matplotlib.rc_context(ours | RC):
+        yield
+
+
+def save(figure: Figure, path: str | Path) -> Path:
+    """Write a figure to a file whose ending tells the format: .png, .svg or .pdf.
+
+    The file appears whole or not at all, and the same figure gives the same bytes on every day.
+
+    Raises
+    ------
+    InputError
+        For another ending, or a folder that cannot be written.
+    """
+    path = Path(path)
+    if path.suffix not in METADATA:
+        raise InputError(f"cannot draw to {str(path)!r}: the name must end in one of {', '.join(METADATA)}")
+    with style(), whole_file(path) as part:
+        figure.savefig(part, metadata=METADATA[path.suffix])
+    return path
