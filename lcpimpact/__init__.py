@@ -36,7 +36,27 @@ _LOCATIONS = {
     "FailureError": "lcpimpact.errors:FailureError",
 }
 
-__all__ = [*_LOCATIONS, "__version__"]  # noqa: PLE0604
+__all__ = [
+    "Bumper",
+    "Dashpot",
+    "FailureError",
+    "Harmonic",
+    "InputError",
+    "KelvinVoigt",
+    "LcpImpactError",
+    "Load",
+    "Mass",
+    "Problem",
+    "Scheme",
+    "Spring",
+    "Status",
+    "Trajectory",
+    "UnsupportedError",
+    "__version__",
+    "load_problem",
+    "simulate",
+    "solve_lcp",
+]
 
 if TYPE_CHECKING:
     from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, UnsupportedError
@@ -65,4 +85,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return __all__

@@ -1,4 +1,4 @@
-"""The one array type of the project's own signatures."""
+"""The array types of the project's own signatures."""
 
 from typing import TypeAlias
 
@@ -6,3 +6,5 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
+Indices: TypeAlias = NDArray[np.int64]
+Flags: TypeAlias = NDArray[np.bool_]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, indices, matrix, vector
 from lcpimpact.integrators.base import Dense, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
@@ -47,7 +47,21 @@ class Certificate:
         vector, matrix, matrix, matrix, matrix, f8, matrix, matrix, matrix, matrix, vector, vector, indices
     )
 )
-def certify_steps(t, q, v, r, f, θ, M, C, K, H, u0, e, degree):  # type: ignore[no-untyped-def]
+def certify_steps(
+    t: Array,
+    q: Array,
+    v: Array,
+    r: Array,
+    f: Array,
+    θ: float,
+    M: Array,
+    C: Array,
+    K: Array,
+    H: Array,
+    u0: Array,
+    e: Array,
+    degree: Indices,
+) -> tuple[float, float, float, float]:
     """Return complementarity, penetration, energy balance and scale of a run whose reactions belong to its steps.
 
     The work of a step is h w·(f_θ + Hᵀ r - C w) with w = (q⁺ - q)/h, which is what the θ-method balances.
@@ -111,10 +125,10 @@ def certify(
     d = dynamics
     if θ is not None:
         f = d.force(np.zeros(1) if d.constant_loads else record.t)
+        M, C, K, H, u0, e = (np.array(a, order="C") for a in (d.M, d.C, d.K, d.H, d.u0, d.restitution))
         values = certify_steps(
-            record.t, record.q, record.v, record.reaction, f, θ,
-            *(np.array(a, order="C") for a in (d.M, d.C, d.K, d.H, d.u0, d.restitution, d.relative_degree)),
-        )  # fmt: skip
+            record.t, record.q, record.v, record.reaction, f, θ, M, C, K, H, u0, e, d.relative_degree
+        )
         return Certificate(residual, *values)
     u = d.gap(record.q)
     stored = d.energy(record.q, record.v)
@@ -142,7 +156,7 @@ def _work_by_gauss(dynamics: Dynamics, record: Record, dense: Dense, events: Seq
     cuts = np.unique(np.concatenate([record.t, [event.t for event in events]]))
     half = 0.5 * np.diff(cuts)
     times = (cuts[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES
-    q, v, _ = dense(times.ravel(), "right")
+    _, v, _ = dense(times.ravel(), "right")
     power = dynamics.load_power(times.ravel(), v) - dynamics.dissipated_power(v)
     work = np.concatenate([[0.0], np.cumsum((power.reshape(times.shape) * GAUSS_WEIGHTS).sum(axis=1) * half)])
     for t in {event.t for event in events if event.impulse > 0.0}:

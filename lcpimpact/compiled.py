@@ -50,12 +50,13 @@ def compiled(signature: Any) -> Callable[[F], F]:
     """
 
     def decorate(function: F) -> F:
-        previous = numba.config.CACHE_DIR
-        numba.config.CACHE_DIR = str(cache_folder())
+        config: Any = numba.config
+        previous = config.CACHE_DIR
+        config.CACHE_DIR = str(cache_folder())
         try:
             decorated: F = numba.njit(signature, cache=True, error_model="numpy")(function)
         finally:
-            numba.config.CACHE_DIR = previous
+            config.CACHE_DIR = previous
         return decorated
 
     return decorate

@@ -26,7 +26,7 @@ class Status(IntEnum):
 
     sentence: str
 
-    def __new__(cls, code: int, sentence: str) -> Status:
+    def __new__(cls, code: int, sentence: str = "") -> Status:
         """Attach the sentence to the code."""
         member = int.__new__(cls, code)
         member._value_ = code

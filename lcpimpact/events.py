@@ -24,12 +24,14 @@ def events_of_steps(dynamics: Dynamics, record: Record) -> tuple[Event, ...]:
         closed = r > 0.0
         # Plates that touch at the start are closed even where their force starts from zero.
         closed[0] |= closed[min(1, len(closed) - 1)] and dynamics.gap(record.q[0])[i] <= 0.0
-        for j in np.flatnonzero(closed[1:] != closed[:-1]):
+        for j in map(int, np.flatnonzero(closed[1:] != closed[:-1])):
             # j is the last sample of the old mode: a node, or the step that begins there.
             node = j + 1 if steps_of_force else j
             last = min(node + 1, len(record.t) - 1)
             if closed[j]:
-                t = _zero(record.t_reaction[j - 1 : j + 1], r[j - 1 : j + 1], record.t_reaction[j], record.t_reaction[j + 1])
+                t = _zero(
+                    record.t_reaction[j - 1 : j + 1], r[j - 1 : j + 1], record.t_reaction[j], record.t_reaction[j + 1]
+                )
                 kind = "open"
                 lasted = j > 0 and closed[j - 1]
                 if contact.relative_degree == 2 and not lasted:

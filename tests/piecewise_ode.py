@@ -23,7 +23,7 @@ def modes(system, m, g, k, c, k_o, c_o):
     if system == 1:
 
         def contact(t, s):
-            x, dx, y, z = s
+            x, dx = s[:2]
             return [dx, g - (c_o * dx + k_o * x) / m, dx, dx]
 
         def force(t, s):
@@ -32,7 +32,7 @@ def modes(system, m, g, k, c, k_o, c_o):
     elif system == 2:
 
         def contact(t, s):
-            x, dx, y, z = s
+            x, dx, z = s[0], s[1], s[3]
             dz = (-(k_o + k) * z + k * x) / c_o
             return [dx, g - k * (x - z) / m, dz, dz]
 
@@ -46,7 +46,7 @@ def modes(system, m, g, k, c, k_o, c_o):
             return c * c_o / (c + c_o) * (dx + k / c * (x - y) + k_o / c_o * z)
 
         def contact(t, s):
-            x, dx, y, z = s
+            dx, z = s[1], s[3]
             dz = (force(t, s) - k_o * z) / c_o
             return [dx, g - force(t, s) / m, dz, dz]
 

@@ -80,7 +80,7 @@ def test_against_dop853_on_200_parameter_sets(system, constants):
 @pytest.mark.parametrize("e", [0.0, 0.5, 0.9])
 def test_bouncing_ball_through_its_accumulation_to_rest(e):
     run = exact(li.load_problem("bouncing-ball", e=e), dt=1e-3, t_end=12.0 if e == 0.9 else 3.0)
-    x, v = closed_form(run.t, 9.81, 1.0, e)
+    x, _ = closed_form(run.t, 9.81, 1.0, e)
     assert_allclose(run["x"], x, rtol=0, atol=1e-10)
     impacts = [event for event in run.events if event.kind == "impact"]
     assert_allclose(impacts[0].t, np.sqrt(2.0 / 9.81), rtol=1e-14)
@@ -121,7 +121,10 @@ def test_grazing_is_passed_and_just_beyond_it_there_is_contact():
     # x = 1 - cos(t) reaches 2 at t = π; a stop at 2 + δ is missed for δ > 0 and met for δ < 0.
     def swing(gap):
         scheme = li.Scheme(
-            li.Mass("x", 1.0), li.Spring("x", "ground", 1.0), li.Load("x", 1.0), li.Bumper("x", "ground", gap=gap, e=0.5)
+            li.Mass("x", 1.0),
+            li.Spring("x", "ground", 1.0),
+            li.Load("x", 1.0),
+            li.Bumper("x", "ground", gap=gap, e=0.5),
         )
         return exact(li.Problem("swing", scheme), t_end=6.0)
 

@@ -257,6 +257,17 @@ def test_first_order_form_of_system_3(m, k, k_o, c, c_o, g):
     np.testing.assert_allclose(lcs.D, [[0.0]], **ROUNDING)
 
 
+@given(m=constants, k=constants, c=constants)
+def test_first_order_form_of_a_maxwell_bumper(m, k, c):
+    """A plate p on a spring on a dashpot: k (p - i) = R and c i' = R, so i' = R/c and u = i + R/k - x."""
+    scheme = Scheme(Mass("x", m=m), Bumper("x", "p"), Spring("p", "i", k=k), Dashpot("i", "ground", c=c))
+    lcs = first_order_form(scheme.assemble())  # nodes x, p, i; X = (x, i, x', 1)
+    np.testing.assert_allclose(lcs.A, [[0, 0, 1, 0], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(lcs.B[:, 0], [0.0, 1.0 / c, -1.0 / m, 0.0], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(lcs.C, [[-1.0, 1.0, 0.0, 0.0]], **ROUNDING)
+    np.testing.assert_allclose(lcs.D, [[1.0 / k]], **ROUNDING)
+
+
 def test_a_callable_load_has_no_first_order_form():
     dynamics = Scheme(Mass("x", m=1.0), Load("x", f=math.sin)).assemble()
     with pytest.raises(UnsupportedError, match=r"'x'.*Harmonic.*moreau-jean"):

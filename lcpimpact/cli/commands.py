@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Iterable
 from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import fields
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -41,7 +41,9 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def common(
-    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")
+    ] = False,
 ) -> None:
     """Take the options that stand before a command."""
 
@@ -59,7 +61,9 @@ def reproduce(
     from lcpimpact.reproduce.run import reproduce as run
 
     def bar(items: Iterable[Any], total: int, what: str) -> Iterable[Any]:
-        return tqdm(items, total=total, desc=what, unit="", bar_format="{desc:<17}{bar:30} {n_fmt}/{total_fmt} {elapsed}")
+        layout = "{desc:<17}{bar:30} {n_fmt}/{total_fmt} {elapsed}"
+        shown: Iterable[Any] = tqdm(items, total=total, desc=what, bar_format=layout)
+        return shown
 
     result = run(out, workers=workers, watch=bar)
     console = Console(highlight=False)
@@ -77,7 +81,9 @@ def simulate(
     problem: Annotated[str, typer.Argument(help="A name of [bold]lcpimpact list problems[/bold].")],
     set_: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the problem or an option of the method; repeat."),
+        typer.Option(
+            "--set", metavar="NAME=VALUE", help="A parameter of the problem or an option of the method; repeat."
+        ),
     ] = None,
     method: Annotated[str, typer.Option(help="A name of [bold]lcpimpact list methods[/bold].")] = "moreau-jean",
     dt: Annotated[float, typer.Option(help="Step in s.")] = 1e-3,
@@ -131,7 +137,7 @@ def _assignment(text: str) -> tuple[str, Any]:
     return name.strip(), value.strip()
 
 
-class Kind(str, Enum):
+class Kind(StrEnum):
     """What can be listed."""
 
     problems = "problems"

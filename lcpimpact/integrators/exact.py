@@ -21,7 +21,7 @@ from typing import ClassVar
 import numpy as np
 from scipy.linalg import null_space
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.integrators.base import Declared, Dense, Event, Grid, Integrator, Record, State
 from lcpimpact.integrators.flow import Flow
@@ -60,7 +60,7 @@ class System:
         return first_order_form(self.dynamics)
 
     @cached_property
-    def degree(self) -> Array:
+    def degree(self) -> Indices:
         """ρ (nc,)."""
         return self.dynamics.relative_degree
 
@@ -73,14 +73,14 @@ class System:
     @cached_property
     def O(self) -> Array:  # noqa: E743
         """The row C_i A^ρ_i of each contact (nc, N)."""
-        return self.derivatives[self.degree, np.arange(len(self.degree))]
+        return np.asarray(self.derivatives[self.degree, np.arange(len(self.degree))])
 
     @cached_property
     def G(self) -> Array:
         """The row D_i, C_i B or C_i A B of each contact (nc, nc)."""
         B = self.lcs.B
         markov = np.array([self.lcs.D, self.lcs.C @ B, self.lcs.C @ self.lcs.A @ B])
-        return markov[self.degree, np.arange(len(self.degree))]
+        return np.asarray(markov[self.degree, np.arange(len(self.degree))])
 
     def mode(self, closed: tuple[int, ...]) -> tuple[Flow, Array]:
         """Return the flow of a mode, and the F with r = F X."""
@@ -177,7 +177,7 @@ def impact(run: Run, X: Array) -> tuple[Array, Array]:
     if not (U[meeting] < 0.0).any():
         return X, P
     run.fastest[meeting] = np.maximum(run.fastest[meeting], -U[meeting])
-    e = np.where(-U > ZENO * run.fastest, system.dynamics.restitution, 0.0)
+    e = np.where(ZENO * run.fastest < -U, system.dynamics.restitution, 0.0)
     q = (U + e * np.minimum(U, 0.0))[meeting]
     P[meeting] = solve_lcp(system.G[np.ix_(meeting, meeting)], q, run.solver).z
     return X + system.lcs.B @ P, P

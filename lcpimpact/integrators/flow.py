@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import expm, matrix_balance
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Indices
 
 DEGREE = 22
 """e / 23! = 1e-22: the remainder of a window is below rounding."""
@@ -82,7 +82,7 @@ class Flow:
         return states
 
     def first_crossing(
-        self, X: Array, scale: Array, rows: Array, multiplicity: Array, horizon: float
+        self, X: Array, scale: Array, rows: Array, multiplicity: Indices, horizon: float
     ) -> tuple[float, int] | None:
         """Return the first instant before ``horizon`` at which a row turns negative, and which row.
 
@@ -125,7 +125,9 @@ class Flow:
 def _bernstein() -> Array:
     """Return the matrix from monomial to Bernstein coefficients on [0, 1]: b_j = Σ_i C(j, i)/C(p, i) a_i."""
     p = DEGREE
-    return np.array([[math.comb(j, i) / math.comb(p, i) if i <= j else 0.0 for i in range(p + 1)] for j in range(p + 1)])
+    return np.array(
+        [[math.comb(j, i) / math.comb(p, i) if i <= j else 0.0 for i in range(p + 1)] for j in range(p + 1)]
+    )
 
 
 def _halving() -> tuple[Array, Array]:

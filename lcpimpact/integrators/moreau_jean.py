@@ -26,7 +26,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
@@ -42,7 +42,7 @@ SOLVED, INACCURATE, NON_FINITE = int(Status.SOLVED), int(Status.INACCURATE), int
 
 
 @compiled(types.void(vector, vector, vector, matrix, matrix, matrix))
-def balance_static(q, r, f, S, K, H):  # type: ignore[no-untyped-def]
+def balance_static(q: Array, r: Array, f: Array, S: Array, K: Array, H: Array) -> None:
     """Shift q along the columns of S that no closed contact touches so that Sᵀ (f - K q) = 0 there."""
     n, ns = S.shape
     free = np.empty(ns, np.int64)
@@ -80,8 +80,30 @@ def balance_static(q, r, f, S, K, H):  # type: ignore[no-untyped-def]
     )
 )  # fmt: skip
 def steps(
-    first, last, h, θ, Pf, f, Pq, Pv, G, W, H, u0, e, degree, massive, S, K, q, v, r, tol, max_iter, solve
-):  # type: ignore[no-untyped-def]
+    first: int,
+    last: int,
+    h: float,
+    θ: float,
+    Pf: Array,
+    f: Array,
+    Pq: Array,
+    Pv: Array,
+    G: Array,
+    W: Array,
+    H: Array,
+    u0: Array,
+    e: Array,
+    degree: Indices,
+    massive: Flags,
+    S: Array,
+    K: Array,
+    q: Array,
+    v: Array,
+    r: Array,
+    tol: float,
+    max_iter: int,
+    solve: Kernel,
+) -> tuple[float, float, float, float]:
     """Take the steps first ... last: fill q[k + 1], v[k + 1] and r[k] from q[k] and v[k].
 
     w_free = Pq q + Pv v + Pf, with one row of Pf (A⁻¹ f_θ) and of f (the load at the end) for each step, or one for all;

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numba import types
 
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix, vector
@@ -35,13 +34,13 @@ CONSTANTS = ("m", "g", "k", "c", "k_o", "c_o")
 
 
 @compiled(f8(f8))
-def positive_part(ξ):  # type: ignore[no-untyped-def]
+def positive_part(ξ: float) -> float:
     """Eq. (4): [ξ]^+ = max(0, ξ)."""
     return max(0.0, ξ)
 
 
 @compiled(f8(i8, i8, vector, vector, vector))
-def right_side(system, rule, s, p, ds):  # type: ignore[no-untyped-def]
+def right_side(system: int, rule: int, s: Array, p: Array, ds: Array) -> float:
     """Write the derivative of s = (x, x', y, z) to ds and return R, with p = (m, g, k, c, k_o, c_o)."""
     x, dx, y, z = s
     m, g, k, c, k_o, c_o = p
@@ -76,7 +75,18 @@ def right_side(system, rule, s, p, ds):  # type: ignore[no-untyped-def]
 
 
 @compiled(i8(i8, i8, i8, i8, f8, vector, vector, matrix, matrix, vector))
-def steps(system, rule, first, last, h, p, s, motion, rates, reaction):  # type: ignore[no-untyped-def]
+def steps(
+    system: int,
+    rule: int,
+    first: int,
+    last: int,
+    h: float,
+    p: Array,
+    s: Array,
+    motion: Array,
+    rates: Array,
+    reaction: Array,
+) -> int:
     """Take the steps first ... last of the classical Runge-Kutta method from s, which is overwritten."""
     d1, d2, d3, d4 = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
     for i in range(first, last):
@@ -172,7 +182,16 @@ class RK4Paper(Integrator):
         """Take the steps of the block."""
         rule = RULES.index(self.contact)
         reached = steps(
-            carry.system, rule, first, last, carry.h, carry.constants, carry.s, carry.motion, carry.rates, carry.reaction
+            carry.system,
+            rule,
+            first,
+            last,
+            carry.h,
+            carry.constants,
+            carry.s,
+            carry.motion,
+            carry.rates,
+            carry.reaction,
         )
         _write(carry, record, first + 1, reached)
         return (Status.SOLVED if reached == last else Status.NON_FINITE), reached

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import types
 
+from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, interpreted, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.closed_form import closed_form
@@ -18,7 +19,7 @@ SOLVED = int(Status.SOLVED)
 
 
 @compiled(types.UniTuple(i8, 2)(matrix, vector, vector, f8, i8))
-def closed_form_or_lemke(M, q, z, tol, max_iter):  # type: ignore[no-untyped-def]
+def closed_form_or_lemke(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Solve by closed form where it applies and its answer stands the check, else by Lemke's method."""
     if len(q) <= 2:
         status, iterations = closed_form(M, q, z, tol, max_iter)

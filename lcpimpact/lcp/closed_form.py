@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from numba import types
 
+from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.solver import CompiledSolver, Requirement
@@ -12,7 +13,7 @@ SOLVED, INFEASIBLE = int(Status.SOLVED), int(Status.INFEASIBLE)
 
 
 @compiled(types.UniTuple(i8, 2)(matrix, vector, vector, f8, i8))
-def closed_form(M, q, z, tol, max_iter):  # type: ignore[no-untyped-def]
+def closed_form(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Solve one or two rows by trying the bases {}, {1}, {2}, {1, 2} in this order.
 
     With one row: z = 0 if q >= 0, else z = -q/M, which is a solution only for M > 0.

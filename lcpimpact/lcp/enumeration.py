@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
+from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.gauss import solve_basis
@@ -16,7 +17,7 @@ UNDECIDED, MAX_ITER = int(Status.UNDECIDED), int(Status.MAX_ITER)
 
 
 @compiled(types.UniTuple(i8, 2)(matrix, vector, vector, f8, i8))
-def enumeration(M, q, z, tol, max_iter):  # type: ignore[no-untyped-def]
+def enumeration(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Try the 2ⁿ bases in the order of the binary numbers, and take the first whose residual is within tol.
 
     When none fits, the problem has no solution, unless a basis was singular: then it is undecided.

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from lcpimpact.compiled import compiled, i8, indices, matrix, vector
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import compiled, indices, matrix, vector
 
 
 @compiled(types.boolean(matrix, vector))
-def eliminate(A, b):  # type: ignore[no-untyped-def]
+def eliminate(A: Array, b: Array) -> bool:
     """Overwrite b with A⁻¹ b, and A with its elimination; return False if A is singular to rounding."""
     n = len(b)
     scale = 0.0
@@ -39,7 +40,7 @@ def eliminate(A, b):  # type: ignore[no-untyped-def]
 
 
 @compiled(types.boolean(matrix, vector, indices, vector))
-def solve_basis(M, q, support, z):  # type: ignore[no-untyped-def]
+def solve_basis(M: Array, q: Array, support: Indices, z: Array) -> bool:
     """Set z to the basic solution M_αα z_α = -q_α, zero elsewhere, for α = support; return False if M_αα is singular."""
     k = len(support)
     block = np.empty((k, k))

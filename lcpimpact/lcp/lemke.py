@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
+from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.gauss import solve_basis
@@ -15,7 +16,7 @@ SOLVED, RAY, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.MAX_ITER
 
 
 @compiled(types.void(matrix, i8, i8))
-def pivot(tableau, row, column):  # type: ignore[no-untyped-def]
+def pivot(tableau: Array, row: int, column: int) -> None:
     """Exchange: make ``column`` the unit vector of ``row``."""
     width = tableau.shape[1]
     scale = 1.0 / tableau[row, column]
@@ -31,7 +32,7 @@ def pivot(tableau, row, column):  # type: ignore[no-untyped-def]
 
 
 @compiled(i8(matrix, indices, i8, f8))
-def blocking_row(tableau, basis, column, threshold):  # type: ignore[no-untyped-def]
+def blocking_row(tableau: Array, basis: Indices, column: int, threshold: float) -> int:
     """Return the row that blocks the entering column, or -1 for a ray.
 
     The ratio test is lexicographic: ties in the right side are broken by the rows of the inverse basis, which stand in
@@ -66,7 +67,7 @@ def blocking_row(tableau, basis, column, threshold):  # type: ignore[no-untyped-
 
 
 @compiled(types.UniTuple(i8, 2)(matrix, vector, vector, f8, i8))
-def lemke(M, q, z, tol, max_iter):  # type: ignore[no-untyped-def]
+def lemke(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Follow the almost complementary path of w = M z + q + 1 z0 from a large z0 until z0 leaves the basis.
 
     The problem is first scaled to max |M| = max |q| = 1. Columns of the tableau: w, z, z0, right side. The answer is

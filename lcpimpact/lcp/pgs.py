@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from numba import types
 
+from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.problem import scaled_residual
@@ -13,7 +14,7 @@ SOLVED, MAX_ITER = int(Status.SOLVED), int(Status.MAX_ITER)
 
 
 @compiled(types.UniTuple(i8, 2)(matrix, vector, vector, f8, i8))
-def pgs(M, q, z, tol, max_iter):  # type: ignore[no-untyped-def]
+def pgs(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Sweep z_i <- max(0, z_i - (M z + q)_i / M_ii) until the residual is within tol."""
     for sweep in range(max_iter):
         for i in range(len(q)):

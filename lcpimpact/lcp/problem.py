@@ -11,9 +11,9 @@ import numpy as np
 from numba import types
 from numpy.typing import ArrayLike
 
+from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix, vector
 from lcpimpact.errors import InputError, Status
-from lcpimpact.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def natural_residual(M: Array, q: Array, z: Array) -> float:
 
 
 @compiled(f8(matrix, vector, vector))
-def scaled_residual(M, q, z):  # type: ignore[no-untyped-def]
+def scaled_residual(M: Array, q: Array, z: Array) -> float:
     """Return the natural residual of LCP(M/s, q/p) at z s/p, with s = max |M|, p = max |q|: free of the data's units.
 
     This is what the judge of every answer looks at; NaN counts as infinite.

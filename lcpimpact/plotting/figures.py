@@ -18,7 +18,7 @@ from lcpimpact.trajectory import Trajectory
 MARKERS = 60
 """About so many LCP markers lie on a curve: enough to follow it, few enough to leave it visible."""
 
-DECADES = 7.0
+DECADES = 8.0
 """Errors further than this below the largest are not drawn."""
 
 HOLLOW: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
@@ -129,7 +129,7 @@ def force_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number:
     )
     force.plot(rk4.t_reaction, rk4.reaction[:, 0], ":", color=RK4, linewidth=1.5, label=f"RK4, {_step(rk4)}")
     force.set(xlim=(exact.t[0], exact.t[-1]), ylim=(-0.03 * peak, 1.2 * peak), ylabel="$R$ [N]")
-    force.legend(loc="upper right")
+    figure.legend(loc="outside lower center", ncols=3)
     _annotate_peak(force, t, R[:, 0])
     for run, line in ((lcp, {"color": LCP}), (rk4, {"color": RK4, "linestyle": ":"})):
         _draw_error(error, run.t_reaction, run.reaction - exact.sample(run.t_reaction).reaction, line)
@@ -168,7 +168,7 @@ def motion_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number
         Line2D([], [], color=INK, linestyle=":", linewidth=1.2, label=f"RK4, {_step(rk4)}"),
         Rectangle((0.0, 0.0), 1.0, 1.0, label="in contact", **shading),
     ]
-    motion.legend(handles=[*motion.get_legend_handles_labels()[0], *methods], loc="upper center", ncols=2)
+    figure.legend(handles=[*motion.get_legend_handles_labels()[0], *methods], loc="outside lower center", ncols=6)
     for run, line in ((lcp, {"color": SOFT, "label": "LCP"}), (rk4, {"color": INK, "linestyle": ":", "label": "RK4"})):
         _draw_error(error, run.t, run.q - exact.sample(run.t).q, line)
     error.legend(loc="lower right", ncols=2)
@@ -207,6 +207,7 @@ def _annotate_peak(ax: Axes, t: Array, R: Array) -> None:
         textcoords="offset points",
         va="bottom",
         fontsize=9.0,
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.5},
         arrowprops={"arrowstyle": "-|>", "color": INK, "linewidth": 0.8, "relpos": (0.0, 0.0), "shrinkB": 3.0},
     )
 

@@ -17,6 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError
 from lcpimpact.plotting.style import FAINT, INK, PALETTE, SOFT, style
 from lcpimpact.plotting.timeline import math
 from lcpimpact.scheme.elements.base import GROUND, Element
@@ -36,6 +37,9 @@ BREADTH = 0.75
 BODY_HEIGHT, BODY_WIDTH = 1.1, 2.6
 ARROW = 1.3
 """Unit of a load's frame; its shaft is half as long."""
+
+STUB = 0.35
+"""From a body to the rigid bar of links that run sideways."""
 
 CLEAR = 0.2
 """Between a symbol and its label."""
@@ -111,7 +115,8 @@ class Layout:
 
     def offsets(self, group: Group) -> list[float]:
         """Return where the links of a group stand, from its middle; the labels of two links stand on the outside."""
-        apart = 2.1 * BREADTH if len(group) < 3 else BREADTH + CLEAR + self.label_reach
+        broad = 2.0 * max(map(_half_breadth, group))
+        apart = max(2.1 * BREADTH, broad + 2.0 * CLEAR) if len(group) < 3 else broad + CLEAR + self.label_reach
         return [(i - (len(group) - 1) / 2.0) * apart for i in range(len(group))]
 
     @cached_property
@@ -179,7 +184,8 @@ class Layout:
         offsets = self.offsets(group)
         if self.level[one] == self.level[other]:
             left, right = sorted((one, other), key=self.x.__getitem__)
-            points = {left: self.span(left)[1], right: self.span(right)[0]}
+            inset = STUB if len(group) > 1 else 0.0
+            points = {left: self.span(left)[1] + inset, right: self.span(right)[0] - inset}
             found = {node: [np.array([x, self.y[node] + offset]) for offset in offsets] for node, x in points.items()}
         else:
             joint = self.joint(one, other)
@@ -215,6 +221,11 @@ def draw_scheme(
     Figure or Axes
         The new figure, or ``ax``.
 
+    Raises
+    ------
+    InputError
+        If the scheme has no elements.
+
     Examples
     --------
     >>> from lcpimpact import load_problem
@@ -222,6 +233,8 @@ def draw_scheme(
     >>> sorted(text.get_text() for text in figure.axes[0].texts)
     ['$R$', '$R$', '$c_o$', '$k_o$', '$m$', '$mg$', '$x$', '$z$']
     """
+    if not scheme.elements:
+        raise InputError("a scheme without elements cannot be drawn: add a Mass, Spring, Dashpot, Bumper, Load, ...")
     figure = Figure(layout="constrained") if ax is None else None
     if figure is not None:
         ax = figure.add_subplot()
@@ -246,6 +259,10 @@ def draw_scheme(
 
 def _label(part: Element) -> str:
     return ", ".join(math(symbol) for symbol in part.symbols)
+
+
+def _half_breadth(link: Element) -> float:
+    return BREADTH * max((abs(t) for stroke in link.strokes for _, t in stroke), default=0.0)
 
 
 def _width(text: str) -> float:
@@ -292,6 +309,8 @@ def _write(ax: Axes, text: str, point: Array, side: Array, color: str = INK) -> 
 
 
 def _draw_group(ax: Axes, group: Group, ends: Sequence[tuple[Array, Array]]) -> None:
+    if len(group) > 1 and ends[0][0][1] == ends[0][1][1]:
+        _draw_side_bars(ax, np.array(ends))
     for i, (part, (start, end)) in enumerate(zip(group, ends, strict=True)):
         along = end - start
         across = np.array([-along[1], along[0]]) / np.hypot(*along)
@@ -301,8 +320,16 @@ def _draw_group(ax: Axes, group: Group, ends: Sequence[tuple[Array, Array]]) -> 
         if isinstance(part, Bumper):
             _draw_reaction(ax, part, start, along, outwards)
         else:
-            edge = BREADTH * max((abs(t) for stroke in part.strokes for _, t in stroke), default=0.0)
-            _write(ax, _label(part), start + 0.5 * along + edge * outwards, outwards)
+            _write(ax, _label(part), start + 0.5 * along + _half_breadth(part) * outwards, outwards)
+
+
+def _draw_side_bars(ax: Axes, ends: Array) -> None:
+    """Join links that run sideways, with ends (links, 2, 2), by a rigid bar at each side, and the bars to their nodes."""
+    heights = ends[:, 0, 1]
+    for x, outwards in ((ends[..., 0].min(), -STUB), (ends[..., 0].max(), STUB)):
+        middle = heights.mean()
+        for line in ([[x, x], [heights.min(), heights.max()]], [[x, x + outwards], [middle, middle]]):
+            ax.plot(*line, color=INK, linewidth=2.2, linestyle="-", solid_capstyle="round", zorder=2.0)
 
 
 def _draw_reaction(ax: Axes, bumper: Bumper, start: Array, along: Array, outwards: Array) -> None:
@@ -349,14 +376,17 @@ def _draw_node(ax: Axes, layout: Layout, node: str) -> None:
 
 
 def _draw_coordinate(ax: Axes, layout: Layout, node: str) -> None:
-    """Draw a coordinate's arrow at the right of its column, and the thin line that says where it is measured."""
-    right = max(layout.span(node)[1], layout.x[node] + layout.half_width)
-    tail = np.array([right + 2.0 * CLEAR, layout.y[node]])
-    ends = np.array([[layout.span(node)[1] + CLEAR, tail[1]], [tail[0] + CLEAR, tail[1]]])
-    ax.plot(*ends.T, color=COORDINATE, linewidth=0.7, linestyle="-", zorder=2.0)
-    tip = tail - [0.0, 0.75]
-    _arrow(ax, tail, tip, COORDINATE)
-    _write(ax, math(node), (tail + tip) / 2.0 - [0.0, 0.1], np.array([1.0, 0.0]), COORDINATE)
+    """Draw a coordinate's arrow beside its column, and the thin line that says where it is measured."""
+    sideways = [other for other in layout.neighbours(node) if layout.level[other] == layout.level[node]]
+    # On the right, unless a link leaves there and none on the left.
+    side = -1.0 if sideways and min(layout.x[other] for other in sideways) > layout.x[node] else 1.0
+    edge = layout.span(node)[1 if side > 0.0 else 0]
+    column = layout.x[node] + side * layout.half_width
+    x = (max if side > 0.0 else min)(edge, column) + 2.0 * side * CLEAR
+    y = layout.y[node]
+    ax.plot([edge + side * CLEAR, x + side * CLEAR], [y, y], color=COORDINATE, linewidth=0.7, linestyle="-", zorder=2.0)
+    _arrow(ax, np.array([x, y]), np.array([x, y - 0.75]), COORDINATE)
+    _write(ax, math(node), np.array([x, y - 0.5]), np.array([side, 0.0]), COORDINATE)
 
 
 def _draw_ground(ax: Axes, left: float, right: float) -> None:

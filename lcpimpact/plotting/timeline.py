@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from itertools import pairwise
 
@@ -30,10 +31,7 @@ def math(symbol: str) -> str:
     >>> math("k_o"), math("c_12"), math("mg")
     ('$k_o$', '$c_{12}$', '$mg$')
     """
-    letter, _, index = symbol.replace("$", r"\$").partition("_")
-    if not index:
-        return f"${letter}$"
-    return f"${letter}_{index}$" if len(index) == 1 else f"${letter}_{{{index}}}$"
+    return "$" + re.sub(r"_(\w{2,})", r"_{\1}", symbol.replace("$", r"\$")) + "$"
 
 
 def curves(trajectory: Trajectory) -> tuple[Array, Array, Array, Array]:

@@ -100,7 +100,9 @@ def _step_errors(found: CrossValidation) -> list[Check]:
         for h, limit in zip(STEPS, system.limits, strict=True):
             rows = [row for row in _select(found, "moreau-jean", 0.5, system.label) if row.case.h == h]
             worst = _worst(row.sup_x for row in rows)
-            checks.append(Check(f"{system.label}: sup error of x, θ = 1/2, h = {h:g} s, every solver", worst, limit, "m"))
+            checks.append(
+                Check(f"{system.label}: sup error of x, θ = 1/2, h = {h:g} s, every solver", worst, limit, "m")
+            )
     return checks
 
 
@@ -119,7 +121,9 @@ def _orders(found: CrossValidation) -> list[Check]:
 
 def _solvers_agree(found: CrossValidation) -> list[Check]:
     """Compare where each solver ends with where Lemke's does, relative to the largest coordinate."""
-    lemke = {(row.case.label, row.case.options, row.case.h): row for row in found.rows if row.case.lcp_solver == "lemke"}
+    lemke = {
+        (row.case.label, row.case.options, row.case.h): row for row in found.rows if row.case.lcp_solver == "lemke"
+    }
     checks = []
     for solver in (*DIRECT_SOLVERS, *QP_SOLVERS):
         differences = []
@@ -134,7 +138,8 @@ def _solvers_agree(found: CrossValidation) -> list[Check]:
 def _witness(found: CrossValidation) -> list[Check]:
     rows = [row for row in _select(found, "rk4-paper") if row.case.h == min(STEPS)]
     return [
-        Check(f"{row.case.label}: sup error of x, rk4-paper, h = {row.case.h:g} s", row.sup_x, 2e-4, "m") for row in rows
+        Check(f"{row.case.label}: sup error of x, rk4-paper, h = {row.case.h:g} s", row.sup_x, 2e-4, "m")
+        for row in rows
     ]
 
 

@@ -173,9 +173,7 @@ def reproduce(
     found = cross_validate(workers=workers, watch=lambda items, total: watch(items, total, "cross-validation"))
     checks = tuple(sorted(all_checks(found), key=lambda check: check.holds))
 
-    tables.write_csv(
-        out / "cross-validation.csv", tables.CROSS_VALIDATION_HEADER, tables.cross_validation_rows(found)
-    )
+    tables.write_csv(out / "cross-validation.csv", tables.CROSS_VALIDATION_HEADER, tables.cross_validation_rows(found))
     tables.write_csv(out / "orders.csv", tables.ORDERS_HEADER, tables.orders_rows(found))
     tables.write_csv(out / "tolerances.csv", tables.CHECKS_HEADER, tables.checks_rows(checks))
     report = out / "report.html"

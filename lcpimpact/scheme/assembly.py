@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.scheme.decomposition import decompose, loose_groups, relative_degrees
-from lcpimpact.arrays import Array
 from lcpimpact.scheme.dynamics import Contact, Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.elements.bumper import Bumper

@@ -10,10 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags, Indices
 
 
 @dataclass(frozen=True)
@@ -32,7 +31,7 @@ class Decomposition:
     static: Array
 
 
-def loose_groups(A: Array, massless: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+def loose_groups(A: Array, massless: Flags) -> list[Indices]:
     """Return the groups of massless nodes that the links in A join to each other but to neither mass nor ground.
 
     Parameters

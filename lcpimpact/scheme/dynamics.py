@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.scheme.elements.load import Harmonic
 
 DEGREE_REASON = {
@@ -78,12 +78,12 @@ class Dynamics:
     contacts: tuple[Contact, ...]
 
     @property
-    def massive(self) -> NDArray[np.bool_]:
+    def massive(self) -> Flags:
         """Which nodes carry mass (n,)."""
         return np.diag(self.M) > 0.0
 
     @property
-    def relative_degree(self) -> NDArray[np.int64]:
+    def relative_degree(self) -> Indices:
         """Relative degree of each row (nc,)."""
         return np.array([contact.relative_degree for contact in self.contacts], dtype=np.int64)
 
@@ -118,11 +118,11 @@ class Dynamics:
 
     def kinetic_energy(self, v: ArrayLike) -> Array:
         """Return ½ vᵀ M v in J, for v of shape (..., n)."""
-        return np.asarray(0.5 * np.einsum("...i,ij,...j", v, self.M, v))
+        return 0.5 * _quadratic_form(self.M, v)
 
     def elastic_energy(self, q: ArrayLike) -> Array:
         """Return ½ qᵀ K q in J, for q of shape (..., n)."""
-        return np.asarray(0.5 * np.einsum("...i,ij,...j", q, self.K, q))
+        return 0.5 * _quadratic_form(self.K, q)
 
     def energy(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the stored energy, kinetic and elastic, in J."""
@@ -130,8 +130,14 @@ class Dynamics:
 
     def dissipated_power(self, v: ArrayLike) -> Array:
         """Return vᵀ C v >= 0, the power that the dashpots dissipate, in W."""
-        return np.asarray(np.einsum("...i,ij,...j", v, self.C, v))
+        return _quadratic_form(self.C, v)
 
     def load_power(self, t: ArrayLike, v: ArrayLike) -> Array:
         """Return f(t)·v, the power of the loads, in W."""
-        return np.asarray(np.einsum("...i,...i", self.force(t), v))
+        return np.asarray((self.force(t) * np.asarray(v)).sum(axis=-1))
+
+
+def _quadratic_form(matrix: Array, x: ArrayLike) -> Array:
+    """Return xᵀ matrix x for x of shape (..., n)."""
+    vectors = np.asarray(x, dtype=np.float64)
+    return np.asarray(((vectors @ matrix) * vectors).sum(axis=-1))

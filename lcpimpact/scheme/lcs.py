@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
+from lcpimpact.arrays import Array
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.scheme.decomposition import Decomposition, decompose
-from lcpimpact.arrays import Array
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.load import Harmonic
 
@@ -114,7 +114,7 @@ def first_order_form(dynamics: Dynamics) -> LinearComplementaritySystem:
 
 def _solve(matrix: Array, right: Array) -> Array:
     """Solve, allowing for a block without rows."""
-    return np.linalg.solve(matrix, right) if len(matrix) else np.zeros((0, right.shape[1]))
+    return np.asarray(np.linalg.solve(matrix, right) if len(matrix) else np.zeros((0, right.shape[1])))
 
 
 def _load_states(dynamics: Dynamics) -> tuple[Array, Array, Array]:

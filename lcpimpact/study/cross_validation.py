@@ -211,7 +211,9 @@ def exact_errors(label: str) -> dict[str, float]:
     """Return the largest errors of the exact solution against the known digits."""
     system, exact = known(label), exact_solution(label, round(T_END / 1e-2))
     found = np.array([event.t for event in exact.events])
-    errors = {"switches": float(np.abs(found - system.switches).max()) if len(found) == len(system.switches) else np.inf}
+    errors = {
+        "switches": float(np.abs(found - system.switches).max()) if len(found) == len(system.switches) else np.inf
+    }
     for name, value in system.at_3.items():
         errors[name] = abs(float(exact[name][-1]) - value)
     return errors

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from lcpimpact.errors import InputError
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, is_real
+from lcpimpact.scheme.elements.base import Element, Polyline, distinct, is_real
 
 if TYPE_CHECKING:
     from lcpimpact.scheme.assembly import Assembly
@@ -58,7 +58,7 @@ class Bumper(Element):
     upper: str
     lower: str
     gap: float = 0.0
-    e: float | None = MISSING
+    e: float | None = None
     name: str = "R"
     symbols: tuple[str, ...] = ("R",)
 
@@ -73,7 +73,7 @@ class Bumper(Element):
         distinct(self)
         if not is_real(self.gap):
             raise InputError(f"{self}: gap = {self.gap!r} must be a finite number in m")
-        if self.e is not MISSING and not (is_real(self.e) and 0.0 <= self.e <= 1.0):
+        if self.e is not None and not (is_real(self.e) and 0.0 <= self.e <= 1.0):
             raise InputError(f"{self}: e = {self.e!r} must lie between 0 and 1")
 
     @property
