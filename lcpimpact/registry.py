@@ -7,7 +7,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from typing import Any, Generic, TypeVar
 
-from lcpimpact.errors import UnknownNameError
+from lcpimpact.errors import InputError, UnknownNameError
 
 T = TypeVar("T")
 
@@ -45,17 +45,33 @@ class Registry(Mapping[str, T], Generic[T]):
 
     def __getitem__(self, name: str) -> T:
         entry: T
+        if not isinstance(name, str):
+            raise UnknownNameError(nearest(str(name), list(self._entries), self.kind))
         for prefix, location in self._families.items():
-            if isinstance(name, str) and name.startswith(prefix):
+            if name.startswith(prefix):
                 entry = load(location)(name)
                 return entry
         if name not in self._entries:
-            raise UnknownNameError(nearest(str(name), list(self._entries), self.kind))
+            raise UnknownNameError(nearest(name, list(self._entries), self.kind))
         entry = load(self._entries[name])
         return entry
 
+    def __contains__(self, name: object) -> bool:
+        try:
+            self[name]  # type: ignore[index]
+        except InputError:
+            return False
+        return True
+
     def __iter__(self) -> Iterator[str]:
         return iter(self._entries)
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """Return the entry, or ``default`` where the name is unknown."""
+        try:
+            return self[name]
+        except InputError:
+            return default
 
     def __len__(self) -> int:
         return len(self._entries)

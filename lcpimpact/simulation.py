@@ -16,9 +16,9 @@ from lcpimpact.events import events_of_steps
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Grid, Integrator, Record
 from lcpimpact.lcp import SOLVERS
+from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import nearest
-from lcpimpact.scheme.elements.base import is_real
 from lcpimpact.trajectory import Trajectory
 
 BLOCK_SECONDS = 0.1

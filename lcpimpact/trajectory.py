@@ -109,11 +109,13 @@ class Trajectory:
         if self.dense is not None:
             order = np.argsort(times, kind="stable")
             back = np.argsort(order, kind="stable")
-            q, v, r = self.dense(times[order], side)
+            q, v, r = self.dense.read(times[order], side)
             return State(q[back], v[back], r[back])
         q, v = _interpolate(times, self.t, self.q), _interpolate(times, self.t, self.v)
         if len(self.t_reaction) == len(self.t):
             return State(q, v, _interpolate(times, self.t, self.reaction))
+        if len(self.reaction) == 0:
+            return State(q, v, np.full((len(times), self.reaction.shape[1]), np.nan))
         step = np.searchsorted(self.t, times, side="right" if side == "right" else "left") - 1
         return State(q, v, self.reaction[np.clip(step, 0, len(self.reaction) - 1)])
 

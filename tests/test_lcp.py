@@ -223,6 +223,16 @@ def test_the_units_may_be_extreme(name, scale):
     np.testing.assert_allclose(solution.z, [4.0 / 3.0, 7.0 / 3.0], rtol=1e-13, atol=0.0)
 
 
+@pytest.mark.parametrize("name", DIRECT)
+def test_a_degenerate_row_that_rounding_puts_on_neither_side(name):
+    """w_2 = -1e-15 with row 1 alone, z_2 = -1e-16 with both: each basis misses by rounding, and M is SPD."""
+    M = np.array([[8.187570051375204, -6.8706027100567555], [-6.8706027100567555, 9.711886351847385]])
+    q = np.array([-66.10129666001953, 55.46892974605019])
+    solution = solve_lcp(M, q, name)
+    assert_solution(solution, M, q, SOLVERS[name].tol)
+    np.testing.assert_allclose(solution.z, [-q[0] / M[0, 0], 0.0], rtol=1e-14, atol=1e-14)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["auto", "lemke"])
 @pytest.mark.parametrize("n", [16, 64])
@@ -559,8 +569,8 @@ BAD_DATA = {
     "q is a column": ([[1.0]], [[1.0]], r"q must have shape \(1,\).*\(1, 1\)"),
     "q is a number": ([[1.0]], 1.0, r"q must have shape \(1,\).*\(\)"),
     "empty": (np.zeros((0, 0)), [], "empty"),
-    "ragged": ([[1.0, 2.0], [3.0]], [1.0, 2.0], "M and q must be arrays of real numbers"),
-    "words": ([["a"]], [1.0], "M and q must be arrays of real numbers"),
+    "ragged": ([[1.0, 2.0], [3.0]], [1.0, 2.0], "M must be an array of real numbers"),
+    "words": ([["a"]], [1.0], "M must be an array of real numbers"),
     "None": (None, [1.0], "M"),
     "complex list": ([[1.0 + 1.0j]], [1.0], "real numbers"),
     "complex array": (np.array([[1.0 + 1.0j]]), [1.0], "real numbers"),

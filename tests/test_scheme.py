@@ -504,7 +504,7 @@ def test_a_body_between_two_stops_runs():
 
 
 def test_two_reactions_of_one_name_are_refused():
-    with pytest.raises(InputError, match=r"'R' is taken.*name="):
+    with pytest.raises(InputError, match=r"one name, 'R'.*name="):
         Scheme(*BODY, Mass("y", m=1.0), Bumper("x", "ground", e=0.0), Bumper("y", "ground", e=0.0)).assemble()
 
 

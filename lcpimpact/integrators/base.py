@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -85,8 +85,18 @@ class Record:
     stats: dict[str, float] = field(default_factory=dict)
 
 
-Dense: TypeAlias = Callable[[Array, str], tuple[Array, Array, Array]]
-"""dense(t, side) -> q, v, reaction at any times."""
+@dataclass(frozen=True, eq=False)
+class Dense:
+    """The solution as a function of time.
+
+    Attributes
+    ----------
+    read : callable         read(t, side) -> q, v, reaction at the sorted times t (nt,), on one side of the events
+    cuts : (nk,) array      times from 0 to the end between which the solution is smooth and turns little
+    """
+
+    read: Callable[[Array, str], tuple[Array, Array, Array]]
+    cuts: Array
 
 
 @dataclass(frozen=True)

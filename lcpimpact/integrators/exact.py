@@ -14,6 +14,7 @@ own: 0 <= P ⟂ U⁺ + e U⁻ >= 0 with U⁺ = U⁻ + C A B P.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar
@@ -264,8 +265,18 @@ class Exact(Integrator):
 
     def dense(self, carry: Run) -> Dense:
         """Return the solution at any times of the run."""
-        segments, system = tuple(carry.segments), carry.system
-        return lambda t, side: _read(system, segments, t, side)
+        segments, system, t_end = tuple(carry.segments), carry.system, carry.grid.t_end
+        ends = [*(segment.t0 for segment in segments[1:]), t_end]
+        cuts = [
+            np.linspace(segment.t0, end, _windows(system, segment, end), endpoint=False)
+            for segment, end in zip(segments, ends, strict=True)
+        ]
+        return Dense(lambda t, side: _read(system, segments, t, side), np.concatenate([*cuts, [t_end]]))
+
+
+def _windows(system: System, segment: Segment, end: float) -> int:
+    """Return how many windows of the flow the segment takes."""
+    return math.ceil((end - segment.t0) / system.mode(segment.mode.closed)[0].window)
 
 
 def _enter(run: Run, record: Record, t: float, X: Array) -> None:

@@ -33,10 +33,11 @@ from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.gauss import eliminate
 from lcpimpact.lcp.problem import KERNEL, scaled_residual
+from lcpimpact.lcp.solve import limits
 from lcpimpact.lcp.solver import Delassus, Kernel
+from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.decomposition import decompose
-from lcpimpact.scheme.elements.base import is_real
 
 SOLVED, INACCURATE, NON_FINITE = int(Status.SOLVED), int(Status.INACCURATE), int(Status.NON_FINITE)
 
@@ -233,9 +234,7 @@ class MoreauJean(Integrator):
     def __post_init__(self) -> None:
         if not is_real(self.theta) or not 0.0 < self.theta <= 1.0:
             raise InputError(f"theta = {self.theta!r} must lie in (0, 1]: 0.5 for second order, 1.0 for damping")
-        for name, value in (("tol", self.tol), ("max_iter", self.max_iter)):
-            if value is not None and not (is_real(value) and value > 0):
-                raise InputError(f"{name} = {value!r} must be a positive number")
+        limits(SOLVERS["auto"], self.tol, self.max_iter)
 
     def reaction_times(self, grid: Grid) -> Array:
         """Return t_k + θ h, one for each step."""
@@ -265,8 +264,7 @@ class MoreauJean(Integrator):
                 *(decompose(M, C).static, K),
             )
         )
-        tol = solver.tol if self.tol is None else float(self.tol)
-        max_iter = solver.max_iter if self.max_iter is None else int(self.max_iter)
+        tol, max_iter = limits(solver, self.tol, self.max_iter)
 
         def loads(t: Array) -> tuple[Array, Array]:
             """Return A⁻¹ f_θ, f_θ = (1 - θ) f(t) + θ f(t + h), and f(t + h) for steps between the instants t."""

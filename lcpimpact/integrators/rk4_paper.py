@@ -162,12 +162,13 @@ class RK4Paper(Integrator):
                 f"rk4-paper knows only {', '.join(COORDINATES)}, whose equations the paper prints, and not "
                 f"{problem.name!r}: take method='moreau-jean' or 'exact'"
             )
-        if problem.scheme != load_problem(problem.name, **problem.parameters).scheme:
+        paper = load_problem(problem.name, **problem.parameters)
+        if problem.scheme != paper.scheme:
             raise UnsupportedError(
                 f"the scheme of this {problem.name!r} is not the paper's, whose equations rk4-paper knows: give the problem "
                 "another name and take method='moreau-jean', or get it from load_problem"
             )
-        p = np.array([problem.parameters.get(name, np.nan) for name in CONSTANTS])
+        p = np.array([paper.parameters.get(name, np.nan) for name in CONSTANTS])
         x0, y0, z0 = (float(problem.q0.get(node, 0.0)) for node in "xyz")
         s = np.array([x0, float(problem.v0.get("x", 0.0)), y0, z0])
         columns = [{"x": 0, "y": 2, "z": 3}[name] for name in COORDINATES[problem.name]]

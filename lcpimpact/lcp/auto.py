@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array
@@ -13,7 +12,7 @@ from lcpimpact.errors import Status
 from lcpimpact.lcp.closed_form import closed_form
 from lcpimpact.lcp.lemke import lemke
 from lcpimpact.lcp.problem import scaled_residual
-from lcpimpact.lcp.solver import Delassus, Kernel, LCPSolver, Requirement
+from lcpimpact.lcp.solver import Delassus, Kernel, LCPSolver
 
 SOLVED = int(Status.SOLVED)
 
@@ -38,11 +37,9 @@ class Auto(LCPSolver):
         return interpreted(closed_form) is not closed_form
 
     def prepare(self, delassus: Delassus) -> Kernel:
-        """Return the closed form alone for one or two rows of a positive definite W, which it always solves."""
-        W = delassus.W
-        if 0 < len(W) <= 2 and Requirement.SYMMETRIC.holds(W) and np.linalg.eigvalsh(W)[0] > 1e-12 * np.abs(W).max():
-            return closed_form
-        return closed_form_or_lemke
+        """Return the closed form alone for one row of positive W, which it always solves."""
+        one_row = delassus.W.shape == (1, 1) and delassus.W[0, 0] > 0.0
+        return closed_form if one_row else closed_form_or_lemke
 
 
 SOLVER = Auto(

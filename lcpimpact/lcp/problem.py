@@ -16,6 +16,17 @@ from lcpimpact.compiled import compiled, f8, i8, matrix, vector
 from lcpimpact.errors import InputError, Status
 
 
+def real_array(name: str, values: ArrayLike) -> Array:
+    """Return a C-ordered copy in float64, refusing what is no array of real numbers."""
+    try:
+        array = np.array(values, order="C")
+        if array.dtype.kind in "fiub":
+            return array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InputError(f"{name} must be an array of real numbers, all rows of one length, and it is {values!r}")
+
+
 @dataclass(frozen=True)
 class LCP:
     """LCP(M, q): find z >= 0 with w = M z + q >= 0 and z·w = 0.
@@ -39,10 +50,7 @@ class LCP:
     @classmethod
     def checked(cls, M: ArrayLike, q: ArrayLike) -> LCP:
         """Coerce to C-ordered float64 and check shapes and numbers."""
-        try:
-            matrix_, vector_ = (np.array(a, dtype=np.float64, order="C") for a in (M, q))
-        except (TypeError, ValueError) as error:
-            raise InputError(f"M and q must be arrays of real numbers: {error}") from None
+        matrix_, vector_ = real_array("M", M), real_array("q", q)
         if matrix_.ndim != 2 or matrix_.shape[0] != matrix_.shape[1]:
             raise InputError(f"M must be square, and its shape is {matrix_.shape}")
         if vector_.shape != (len(matrix_),):

@@ -12,6 +12,7 @@ one in the metric of A.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -57,7 +58,7 @@ class QPSolver(LCPSolver):
         return self._dual(delassus) if self.form == "dual" else self._primal(delassus)
 
     def _dual(self, delassus: Delassus) -> Kernel:
-        s = np.abs(delassus.W).max() or 1.0
+        s = np.abs(delassus.W).max(initial=0.0) or 1.0
         nc = len(delassus.W)
         P = csc_matrix(delassus.W / s)
         G, h = csc_matrix(-np.eye(nc)), np.zeros(nc)
@@ -83,7 +84,7 @@ class QPSolver(LCPSolver):
             A, H = delassus.A, delassus.H
         # In units where A has unit diagonal and max |H| = max |q| = 1, the multipliers are r s²/p.
         unit = 1.0 / np.sqrt(np.diag(A))
-        s = np.abs(H * unit).max() or 1.0
+        s = np.abs(H * unit).max(initial=0.0) or 1.0
         P, zero = csc_matrix(A * np.outer(unit, unit)), np.zeros(len(A))
         G = csc_matrix(-H * unit / s)
 
@@ -107,7 +108,10 @@ class QPSolver(LCPSolver):
         if self.backend == "osqp":
             settings["max_iter"] = max_iter
         try:
-            solution = qpsolvers.solve_problem(qpsolvers.Problem(P, q, G, h), solver=self.backend, **settings)
+            with warnings.catch_warnings():
+                # qpsolvers warns of what the status says.
+                warnings.simplefilter("ignore", UserWarning)
+                solution = qpsolvers.solve_problem(qpsolvers.Problem(P, q, G, h), solver=self.backend, **settings)
         except (qpsolvers.QPError, ValueError):
             return None, int(Status.UNDECIDED), 0
         info = (solution.extras or {}).get("info")

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, Status
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.problem import LCP, LCPSolution, natural_residual, scaled_residual
-from lcpimpact.lcp.solver import Delassus
+from lcpimpact.lcp.problem import LCP, LCPSolution, natural_residual, real_array, scaled_residual
+from lcpimpact.lcp.solver import Delassus, LCPSolver
+from lcpimpact.numbers import is_count, is_real
 
 
 def solve_lcp(
@@ -68,8 +70,7 @@ def solve_lcp(
     chosen = SOLVERS[solver]
     chosen.check(problem.M)
     z = _guess(z0, len(problem.q))
-    tol = chosen.tol if tol is None else _positive("tol", tol)
-    max_iter = chosen.max_iter if max_iter is None else int(_positive("max_iter", max_iter))
+    tol, max_iter = limits(chosen, tol, max_iter)
 
     kernel = chosen.prepare(Delassus(problem.M))
     code, iterations = kernel(problem.M, problem.q, z, tol, max_iter)
@@ -91,16 +92,25 @@ def judge(status: Status, residual: float, tol: float) -> Status:
     return status
 
 
-def _guess(z0: ArrayLike | None, n: int) -> np.ndarray:
+def limits(solver: LCPSolver, tol: float | None, max_iter: int | None) -> tuple[float, int]:
+    """Return tol and max_iter as given, or as the solver declares them where they are None.
+
+    Raises
+    ------
+    InputError
+        If tol is no positive number, or max_iter no whole number above zero.
+    """
+    if tol is not None and not (is_real(tol) and tol > 0.0):
+        raise InputError(f"tol = {tol!r} must be a positive finite number")
+    if max_iter is not None and not is_count(max_iter):
+        raise InputError(f"max_iter = {max_iter!r} must be a whole number above zero")
+    return (solver.tol if tol is None else float(tol)), (solver.max_iter if max_iter is None else int(max_iter))
+
+
+def _guess(z0: ArrayLike | None, n: int) -> Array:
     if z0 is None:
         return np.zeros(n)
-    z = np.array(z0, dtype=np.float64)
+    z = real_array("z0", z0)
     if z.shape != (n,) or not np.isfinite(z).all():
         raise InputError(f"z0 must be {n} finite numbers, and it is {z0!r}")
     return np.maximum(z, 0.0)
-
-
-def _positive(name: str, value: float) -> float:
-    if not value > 0:
-        raise InputError(f"{name} = {value!r} must be positive")
-    return value

@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 
 from lcpimpact.arrays import Array
 from lcpimpact.plotting.style import EXACT, FAINT, INK, LCP, PALETTE, RK4, SOFT, style
-from lcpimpact.plotting.timeline import contact_intervals, curves, mark_events, math
+from lcpimpact.plotting.timeline import contact_intervals, curves, mark_events, math_text
 from lcpimpact.trajectory import Trajectory
 
 MARKERS = 60
@@ -122,7 +122,7 @@ def force_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number:
     """
     figure, force, error = _two_panels(f"Fig. {number}.  {_system(exact)}: force between the bumper plates")
     _, _, t, R = curves(exact)
-    peak = float(np.nanmax(R))
+    peak = float(np.nanmax(R)) or 1.0
     force.plot(t, R[:, 0], color=EXACT, linewidth=5.0, solid_capstyle="butt", label="exact")
     force.plot(
         lcp.t_reaction, lcp.reaction[:, 0], color=LCP, markevery=_every(lcp), label=f"LCP, {_step(lcp)}", **HOLLOW
@@ -150,12 +150,15 @@ def motion_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number
         The number of the figure.
     """
     names = exact.problem.dynamics.nodes
-    every = ", ".join(math(name) for name in names)
+    every = ", ".join(math_text(name) for name in names)
     figure, motion, error = _two_panels(f"Fig. {number}.  {_system(exact)}: motion")
     t, q, _, _ = curves(exact)
-    for i, color in enumerate(PALETTE[: len(names)]):
+    for i, name in enumerate(names):
+        color = PALETTE[i % len(PALETTE)]
         # In contact y and z are one curve: the later line is narrower and leaves a rim of the earlier one.
-        motion.plot(t, q[:, i], color=color, alpha=0.35, linewidth=6.5 - 2.0 * i, label=f"{math(names[i])} exact")
+        motion.plot(
+            t, q[:, i], color=color, alpha=0.35, linewidth=max(1.5, 6.5 - 2.0 * i), label=f"{math_text(name)} exact"
+        )
         motion.plot(lcp.t, lcp.q[:, i], color=color, markevery=_every(lcp), **HOLLOW)
         motion.plot(rk4.t, rk4.q[:, i], ":", color=INK, linewidth=1.2)
     motion.set(xlim=(exact.t[0], exact.t[-1]), ylabel=f"{every} [m] (positive downwards)")
@@ -201,7 +204,7 @@ def _annotate_peak(ax: Axes, t: Array, R: Array) -> None:
     top = int(np.nanargmax(R))
     # The text stands to the right of the tip, clear of the vertical axis however early the peak is.
     ax.annotate(
-        f"peak {R[top]:.0f} N at {t[top]:.3f} s",
+        f"peak {R[top]:.0f} N",
         (t[top], R[top]),
         (-8.0, 16.0),
         textcoords="offset points",
@@ -219,5 +222,5 @@ def _draw_error(ax: Axes, t: Array, difference: Array, line: dict[str, Any]) -> 
 
 
 def _limit_decades(ax: Axes, label: str) -> None:
-    largest = max((float(np.nanmax(line.get_ydata())) for line in ax.get_lines()), default=1.0)
+    largest = max(np.nanmax(np.append(line.get_ydata(), 1e-300)) for line in ax.get_lines())
     ax.set(ylim=(largest * 10.0**-DECADES, 3.0 * largest), ylabel=label)

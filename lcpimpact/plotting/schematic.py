@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.plotting.style import FAINT, INK, PALETTE, SOFT, style
-from lcpimpact.plotting.timeline import math
+from lcpimpact.plotting.timeline import math_text
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.mass import Mass
@@ -253,12 +253,13 @@ def draw_scheme(
         ax.set_title(title, loc="center", fontsize=11.0)
     if figure is None:
         return ax
-    figure.set_size_inches(width * INCH, height * INCH + (0.35 if title else 0.0))
+    # A title is about 0.09 in a letter wide, and a line of it 0.35 in high.
+    figure.set_size_inches(max(width * INCH, 0.09 * len(title or "")), height * INCH + (0.35 if title else 0.0))
     return figure
 
 
 def _label(part: Element) -> str:
-    return ", ".join(math(symbol) for symbol in part.symbols)
+    return ", ".join(math_text(symbol) for symbol in part.symbols)
 
 
 def _half_breadth(link: Element) -> float:
@@ -283,13 +284,13 @@ def _spread(wish: Sequence[float], pitch: float) -> list[float]:
 def _draw_strokes(ax: Axes, part: Element, origin: Array, along: Array, across: Array) -> None:
     """Draw an element's strokes: (s, t) in its frame goes to origin + s along + t across; fill those that are closed."""
     body = len(part.nodes) > 1 or isinstance(part, Mass)
-    color, inside = (INK, FAINT) if body else (FORCE, FORCE)
+    color, inside, width = (INK, FAINT, 1.5) if body else (FORCE, FORCE, 1.1)
     for stroke in part.strokes:
         points = origin + np.asarray(stroke) @ np.array([along, across])
         ax.plot(
             *points.T,
             color=color,
-            linewidth=1.5,
+            linewidth=width,
             linestyle="-",
             solid_joinstyle="miter",
             solid_capstyle="round",
@@ -370,7 +371,7 @@ def _draw_node(ax: Axes, layout: Layout, node: str) -> None:
         ax.plot([x], [y], "o", color=INK, markersize=4.5, zorder=4.0)
     side = np.array([-1.0 if layout.upper(node) else 1.0, 0.0])
     for load, place in zip(layout.loads(node), layout.load_places(node), strict=True):
-        point = np.array([place, y + layout.height[node] / 2.0])
+        point = np.array([place, y + layout.height[node] / 2.0 + 0.08])
         _draw_strokes(ax, load, point, ARROW * down, np.array([ARROW, 0.0]))
         _write(ax, _label(load), point - 0.3 * ARROW * down, side, FORCE)
 
@@ -386,7 +387,7 @@ def _draw_coordinate(ax: Axes, layout: Layout, node: str) -> None:
     y = layout.y[node]
     ax.plot([edge + side * CLEAR, x + side * CLEAR], [y, y], color=COORDINATE, linewidth=0.7, linestyle="-", zorder=2.0)
     _arrow(ax, np.array([x, y]), np.array([x, y - 0.75]), COORDINATE)
-    _write(ax, math(node), np.array([x, y - 0.5]), np.array([side, 0.0]), COORDINATE)
+    _write(ax, math_text(node), np.array([x, y - 0.5]), np.array([side, 0.0]), COORDINATE)
 
 
 def _draw_ground(ax: Axes, left: float, right: float) -> None:

@@ -64,6 +64,7 @@ RC: dict[Any, Any] = {
     "xtick.direction": "in",
     "ytick.color": INK,
     "ytick.direction": "in",
+    "ytick.major.pad": 6.5,
 }
 
 
@@ -100,4 +101,12 @@ def save(figure: Figure, path: str | Path) -> Path:
         raise InputError(f"cannot draw to {str(path)!r}: the name must end in one of {', '.join(METADATA)}")
     with style(), whole_file(path) as part:
         figure.savefig(part, metadata=METADATA[path.suffix])
+        if path.suffix == ".svg":
+            _name_fallback_fonts(part)
     return path
+
+
+def _name_fallback_fonts(svg: Path) -> None:
+    """Let formulas fall back as other text does: matplotlib names one font for them, which few browsers have."""
+    fonts = "font-family: 'STIXGeneral', 'STIX Two Text', 'Times New Roman', Times, serif;"
+    svg.write_text(svg.read_text(encoding="utf-8").replace("font-family: 'STIXGeneral';", fonts), encoding="utf-8")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -20,18 +19,24 @@ FINE = 2000
 MANY = 12
 """From so many events on, they are marked but no longer named."""
 
+FORMULA = re.compile(r"([^\W_](_[^\W_]+)?|[ ()+=,.'-])+")
+"""Letters, each with an index or without, and what stands between them."""
+
 WORDS = {"open": "opens", "close": "closes", "impact": "impact"}
 
 
-def math(symbol: str) -> str:
-    """Return a symbol as math text.
+def math_text(symbol: str) -> str:
+    """Return a symbol as math text, or as it is where it is no formula.
 
     Examples
     --------
-    >>> math("k_o"), math("c_12"), math("mg")
+    >>> math_text("k_o"), math_text("c_12"), math_text("mg")
     ('$k_o$', '$c_{12}$', '$mg$')
     """
-    return "$" + re.sub(r"_(\w{2,})", r"_{\1}", symbol.replace("$", r"\$")) + "$"
+    symbol = symbol.replace("$", r"\$")
+    if not FORMULA.fullmatch(symbol):
+        return symbol
+    return "$" + re.sub(r"_(\w{2,})", r"_{\1}", symbol).replace(" ", r"\ ") + "$"
 
 
 def curves(trajectory: Trajectory) -> tuple[Array, Array, Array, Array]:
@@ -43,22 +48,19 @@ def curves(trajectory: Trajectory) -> tuple[Array, Array, Array, Array]:
     if trajectory.dense is None or len(trajectory.t) < 2:
         return trajectory.t, trajectory.q, trajectory.t_reaction, trajectory.reaction
     start, end = trajectory.t[0], trajectory.t[-1]
-    inner = {event.t for event in trajectory.events if start < event.t < end}
-    cuts = [start, *sorted(inner), end]
+    inner = np.unique([event.t for event in trajectory.events if start < event.t < end])
     fine = np.union1d(trajectory.t, np.linspace(start, end, FINE + 1))
-    pieces = [_piece(trajectory, fine, a, b) for a, b in pairwise(cuts)]
-    t, q, r = (np.concatenate(parts)[:-1] for parts in zip(*pieces, strict=True))
-    return t, q, t, r
+    begins, ends = np.union1d(inner, fine[:-1]), np.append(inner, end)
+    after, before = trajectory.sample(begins, "right"), trajectory.sample(ends, "left")
 
-
-def _piece(trajectory: Trajectory, fine: Array, a: float, b: float) -> tuple[Array, Array, Array]:
-    t = np.concatenate([[a], fine[np.searchsorted(fine, a, "right") : np.searchsorted(fine, b)]])
-    after, before = trajectory.sample(t, "right"), trajectory.sample(b, "left")
-    rows = [
-        np.vstack([right, left, np.full(right.shape[1], np.nan)])
-        for right, left in ((after.q, before.q), (after.reaction, before.reaction))
-    ]
-    return np.append(t, [b, np.nan]), rows[0], rows[1]
+    # At an event stand, in this order, the left limit, the break, and the right limit.
+    t = np.concatenate([ends, inner, begins])
+    order = np.lexsort((np.repeat([0, 1, 2], [len(ends), len(inner), len(begins)]), t))
+    q, reaction = (
+        np.vstack([left, np.full((len(inner), left.shape[1]), np.nan), right])[order]
+        for left, right in ((before.q, after.q), (before.reaction, after.reaction))
+    )
+    return t[order], q, t[order], reaction
 
 
 def contact_intervals(trajectory: Trajectory, contact: str) -> list[tuple[float, float]]:
@@ -80,18 +82,17 @@ def contact_intervals(trajectory: Trajectory, contact: str) -> list[tuple[float,
 def _starts_closed(trajectory: Trajectory, contact: str, switches: Sequence[Event]) -> bool:
     if switches:
         return switches[0].kind == "open"
-    return bool((trajectory[contact] > 0.0).any())
+    return bool((trajectory[contact][-1:] > 0.0).any())
 
 
-def mark_events(axes: Sequence[Axes], events: Sequence[Event], *, named: bool = True) -> None:
+def mark_events(axes: Sequence[Axes], events: Sequence[Event]) -> None:
     """Mark the events in panels that share a time axis and, if they are few, name them above the first panel."""
     if not events:
         return
     times = sorted({event.t for event in events})
+    few = len(times) < MANY
     for ax in axes:
         # Many lines side by side would bury the curves, so they shrink to a rug along the axis.
-        few = len(times) < MANY
-
         ax.vlines(
             times,
             0.0,
@@ -102,7 +103,7 @@ def mark_events(axes: Sequence[Axes], events: Sequence[Event], *, named: bool = 
             linestyles="dashed" if few else "solid",
             zorder=1.5,
         )
-    if named and len(times) < MANY:
+    if few:
         _name_events(axes[0], events)
 
 
@@ -111,7 +112,9 @@ def _name_events(ax: Axes, events: Sequence[Event]) -> None:
     first, last = ax.get_xlim()
     taken = [-np.inf] * 3
     for t in sorted({event.t for event in events}):
-        words = [(f"{math(e.contact)} " if several else "") + WORDS.get(e.kind, e.kind) for e in events if e.t == t]
+        words = [
+            (f"{math_text(e.contact)} " if several else "") + WORDS.get(e.kind, e.kind) for e in events if e.t == t
+        ]
         name = ", ".join(dict.fromkeys(words))
         # A name takes about 1/90 of the width a letter; where its neighbour stands too near it goes one line up.
         place, half = (t - first) / (last - first), len(name.replace("$", "")) / 180.0

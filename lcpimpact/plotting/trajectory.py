@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from lcpimpact.arrays import Array
 from lcpimpact.plotting.style import save, style
-from lcpimpact.plotting.timeline import MANY, curves, mark_events, math
+from lcpimpact.plotting.timeline import MANY, curves, mark_events, math_text
 from lcpimpact.trajectory import Trajectory
 
 
@@ -65,8 +65,9 @@ def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> F
 
 
 def _draw_series(ax: Axes, t: Array, values: Array, names: Sequence[str], label: str) -> None:
-    for name, column in zip(names, values.T, strict=True):
-        ax.plot(t, column, label=math(name))
+    for i, (name, column) in enumerate(zip(names, values.T, strict=True)):
+        # Where curves coincide, the later and narrower one leaves a rim of the earlier.
+        ax.plot(t, column, label=math_text(name), linewidth=1.4 + 0.8 * max(0, min(len(names), 4) - 1 - i))
     ax.set_ylabel(label)
     _name_lines(ax)
 
@@ -77,8 +78,8 @@ def _draw_impulses(ax: Axes, trajectory: Trajectory, contacts: Sequence[str]) ->
         if impacts:
             t, impulse = np.array(impacts).T
             ax.vlines(t, 0.0, impulse, colors=f"C{i}", linewidths=1.0)
-            ax.plot(t, impulse, "o", color=f"C{i}", markersize=3.0, label=math(contact))
-    ax.set_ylim(bottom=0.0)
+            ax.plot(t, impulse, "o", color=f"C{i}", markersize=3.0, label=math_text(contact))
+    ax.set_ylim(bottom=-0.06 * ax.get_ylim()[1])
     ax.set_ylabel("impulse [N s]")
     _name_lines(ax)
 

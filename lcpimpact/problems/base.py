@@ -13,9 +13,9 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.numbers import is_real
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.elements.base import is_real
 from lcpimpact.scheme.scheme import Scheme
 
 
@@ -60,6 +60,11 @@ class Problem:
     source: str = "-"
 
     def __post_init__(self) -> None:
+        if not isinstance(self.scheme, Scheme):
+            raise InputError(f"scheme = {self.scheme!r} of problem {self.name!r} must be a Scheme")
+        for kind, values in (("q0", self.q0), ("v0", self.v0)):
+            if not isinstance(values, Mapping):
+                raise InputError(f"{kind} = {values!r} of problem {self.name!r} must map nodes to numbers")
         nodes = self.dynamics.nodes
         for kind, values in (("q0", self.q0), ("v0", self.v0)):
             for node, value in values.items():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -71,11 +71,12 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     system = Assembly(nodes)
     for element in elements:
         element.contribute(system)
+    _refuse_ambiguous_names(nodes, system.bumpers)
     _refuse_loose_nodes(system, nodes)
     rows = [system.direction(bumper.upper, bumper.lower) for bumper in system.bumpers]
     H = np.array(rows).reshape(len(rows), len(nodes))
     u0 = np.array([float(bumper.gap) for bumper in system.bumpers])
-    _refuse_ambiguous_contacts(system.bumpers, H, u0)
+    _refuse_parallel_contacts(system.bumpers)
     degrees = relative_degrees(H, decompose(system.M, system.C))
     contacts = tuple(_contact(bumper, degree) for bumper, degree in zip(system.bumpers, degrees, strict=True))
     for array in (system.M, system.C, system.K, H, u0):
@@ -92,19 +93,49 @@ def _refuse_loose_nodes(system: Assembly, nodes: Sequence[str]) -> None:
         )
 
 
-def _refuse_ambiguous_contacts(bumpers: Sequence[Bumper], H: Array, u0: Array) -> None:
-    """Refuse bumpers that can be closed together while their rows of H depend on each other: W would be singular."""
-    seen: list[str] = []
+def _refuse_ambiguous_names(nodes: Sequence[str], bumpers: Sequence[Bumper]) -> None:
+    """Refuse two series of one name, since results are read by name: coordinates, v_NAME, reactions, t and t_R."""
+    taken = {"t": "the time", "t_R": "the times of the reactions"}
+    names = [
+        *((node, f"node {node!r}") for node in nodes),
+        *((f"v_{node}", f"the velocity of {node!r}") for node in nodes),
+    ]
+    names += [(bumper.name, f"the reaction of {bumper}") for bumper in bumpers]
+    for name, what in names:
+        if name in taken:
+            raise InputError(f"{what} and {taken[name]} have one name, {name!r}: rename one, a reaction by name=")
+        taken[name] = what
+
+
+def _refuse_parallel_contacts(bumpers: Sequence[Bumper]) -> None:
+    """Refuse bumpers that can be closed together while their rows of H depend on each other: W would be singular.
+
+    Rows of H depend where bumpers form a loop, and around a loop the gaps with their signs add up to zero if all of them
+    can be closed at once. A body between two stops is a loop too, but its gaps do not add up to zero.
+    """
     for i, bumper in enumerate(bumpers):
-        if bumper.name in seen:
-            raise InputError(f"{bumper}: the reaction name {bumper.name!r} is taken; give each bumper its own name=")
-        seen.append(bumper.name)
-        rows = np.column_stack([H, u0])[: i + 1]
-        if np.linalg.matrix_rank(rows) < i + 1:
-            raise InputError(
-                f"{bumper}: bumper {bumper.name!r} acts in parallel with {', '.join(map(repr, seen[:-1]))}, so the "
-                "share of each in the reaction is undetermined (W is singular); take one of them out"
-            )
+        for path, opening in _paths(bumper.lower, bumper.upper, bumpers[:i]):
+            total = bumper.gap + opening
+            if abs(total) <= 1e-12 * (abs(bumper.gap) + abs(opening)):
+                others = ", ".join(repr(each.name) for each in path)
+                raise InputError(
+                    f"{bumper}: bumper {bumper.name!r} acts in parallel with {others}, so the share of each in the "
+                    "reaction is undetermined (W is singular); take one of them out"
+                )
+
+
+def _paths(start: str, end: str, bumpers: Sequence[Bumper]) -> Iterator[tuple[tuple[Bumper, ...], float]]:
+    """Yield every way from one node to another over bumpers, with the sum of the gaps, positive from upper to lower."""
+    if start == end:
+        yield (), 0.0
+        return
+    for i, bumper in enumerate(bumpers):
+        rest = [*bumpers[:i], *bumpers[i + 1 :]]
+        for here, there, sign in ((bumper.upper, bumper.lower, 1.0), (bumper.lower, bumper.upper, -1.0)):
+            if here == start:
+                beyond = [each for each in rest if start not in each.nodes]
+                for path, opening in _paths(there, end, beyond):
+                    yield (bumper, *path), sign * bumper.gap + opening
 
 
 def _contact(bumper: Bumper, degree: int) -> Contact:

@@ -6,6 +6,7 @@ import multiprocessing
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
@@ -295,9 +296,13 @@ def _reading_order(case: Case) -> tuple[Any, ...]:
 
 
 def _in_processes(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: int) -> Iterator[Any]:
-    """Yield the results as they come; processes are spawned, since a fork copies the locks of numerical libraries."""
+    """Yield the results as they come.
+
+    Processes are spawned, since a fork copies the locks of numerical libraries; each keeps to one thread, since the
+    matrices are small and the cores are taken.
+    """
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+    with _environment(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1"), ProcessPoolExecutor(workers, context) as pool:
         pending = [pool.submit(function, *arguments) for function, arguments in jobs]
         try:
             for future in as_completed(pending):
@@ -305,3 +310,18 @@ def _in_processes(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], wo
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+@contextmanager
+def _environment(**values: str) -> Iterator[None]:
+    """Set environment variables for the processes that are started meanwhile."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

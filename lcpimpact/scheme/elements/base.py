@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from lcpimpact.errors import InputError
+from lcpimpact.numbers import is_real
 
 if TYPE_CHECKING:
     from lcpimpact.scheme.assembly import Assembly
@@ -67,11 +67,3 @@ def distinct(element: Element) -> None:
             raise InputError(f"{element}: a node is named by a string that is not empty, and {node!r} is not one")
     if len(set(element.nodes)) < len(element.nodes):
         raise InputError(f"{element}: both ends are one node; join two different nodes")
-
-
-def is_real(value: Any) -> bool:
-    """Return whether a value is a finite real number (and not a bool)."""
-    try:
-        return not isinstance(value, (bool, str)) and math.isfinite(value)
-    except TypeError:
-        return False

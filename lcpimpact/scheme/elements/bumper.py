@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from lcpimpact.errors import InputError
-from lcpimpact.scheme.elements.base import Element, Polyline, distinct, is_real
+from lcpimpact.numbers import is_real
+from lcpimpact.scheme.elements.base import Element, Polyline, distinct
 
 if TYPE_CHECKING:
     from lcpimpact.scheme.assembly import Assembly
@@ -71,6 +72,8 @@ class Bumper(Element):
 
     def __post_init__(self) -> None:
         distinct(self)
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError(f"{self}: name = {self.name!r} must be a string that is not empty")
         if not is_real(self.gap):
             raise InputError(f"{self}: gap = {self.gap!r} must be a finite number in m")
         if self.e is not None and not (is_real(self.e) and 0.0 <= self.e <= 1.0):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from lcpimpact.scheme.elements.base import MISSING, Element
+from lcpimpact.scheme.elements.base import MISSING, Element, distinct, positive
 from lcpimpact.scheme.elements.dashpot import Dashpot
 from lcpimpact.scheme.elements.spring import Spring
 
@@ -52,7 +52,9 @@ class KelvinVoigt(Element):
     symbols: tuple[str, ...] = ("k", "c")
 
     def __post_init__(self) -> None:
-        self.parts()
+        distinct(self)
+        positive(self, self.symbols[0], self.k, "N/m")
+        positive(self, self.symbols[1], self.c, "N s/m")
 
     @property
     def nodes(self) -> tuple[str, ...]:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from lcpimpact.errors import InputError
-from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct, is_real
+from lcpimpact.numbers import is_real
+from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct
 
 if TYPE_CHECKING:
     from lcpimpact.scheme.assembly import Assembly
