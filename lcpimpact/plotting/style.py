@@ -44,7 +44,6 @@ RC: dict[Any, Any] = {
     "axes.titlesize": 10.0,
     "figure.dpi": 100.0,
     "figure.facecolor": "white",
-    # STIX, because its letters keep their code points in SVG: where a viewer lacks the font, any Times will do.
     "font.family": ["STIXGeneral", "serif"],
     "font.serif": ["Times New Roman", "Times", "DejaVu Serif"],
     "font.size": 10.0,
@@ -57,7 +56,8 @@ RC: dict[Any, Any] = {
     "mathtext.fontset": "stix",
     "savefig.bbox": "standard",
     "savefig.dpi": 200.0,
-    "svg.fonttype": "none",
+    # Letters as outlines, so that a report looks the same where the font is missing.
+    "svg.fonttype": "path",
     "svg.hashsalt": "lcpimpact",
     "text.color": INK,
     "xtick.color": INK,
@@ -76,7 +76,7 @@ def style() -> Iterator[None]:
     --------
     >>> with style():
     ...     print(matplotlib.rcParams["svg.fonttype"])
-    none
+    path
     """
     # The keys are literals to a type checker in some versions of matplotlib, and strings in others.
     ours: dict[Any, Any] = {
@@ -101,12 +101,4 @@ def save(figure: Figure, path: str | Path) -> Path:
         raise InputError(f"cannot draw to {str(path)!r}: the name must end in one of {', '.join(METADATA)}")
     with style(), whole_file(path) as part:
         figure.savefig(part, metadata=METADATA[path.suffix])
-        if path.suffix == ".svg":
-            _name_fallback_fonts(part)
     return path
-
-
-def _name_fallback_fonts(svg: Path) -> None:
-    """Let formulas fall back as other text does: matplotlib names one font for them, which few browsers have."""
-    fonts = "font-family: 'STIXGeneral', 'STIX Two Text', 'Times New Roman', Times, serif;"
-    svg.write_text(svg.read_text(encoding="utf-8").replace("font-family: 'STIXGeneral';", fonts), encoding="utf-8")

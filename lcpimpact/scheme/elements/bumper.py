@@ -39,7 +39,7 @@ class Bumper(Element):
     name : str
         The name of the reaction.
     symbols : tuple of str
-        How drawings call the opening.
+        How drawings call the reaction.
 
     Raises
     ------
