@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import csv
-import os
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -18,9 +15,12 @@ from numpy.typing import ArrayLike
 from lcpimpact.arrays import Array
 from lcpimpact.certificate import Certificate
 from lcpimpact.errors import InputError, Status, UnsupportedError
+from lcpimpact.files import check_output, whole_file
 from lcpimpact.integrators.base import Dense, Event, State
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import load, nearest
+
+SAVED_AS = (".csv", ".npz", ".nc")
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,9 +134,8 @@ class Trajectory:
             For another ending, or a folder that cannot be written.
         """
         path = Path(path)
-        writers = {".csv": self._write_csv, ".npz": self._write_npz, ".nc": self._write_netcdf}
-        if path.suffix not in writers:
-            raise InputError(f"cannot save to {str(path)!r}: the name must end in one of {', '.join(writers)}")
+        writers = dict(zip(SAVED_AS, (self._write_csv, self._write_npz, self._write_netcdf), strict=True))
+        check_output(path, writers)
         with whole_file(path) as part:
             writers[path.suffix](part)
         return path
@@ -207,37 +206,6 @@ class Trajectory:
             f"  {self.message}",
         ]
         return "\n".join(lines)
-
-
-@contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """Give a name beside ``path`` to write to, and rename it to ``path`` only when that went well.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written; nothing is left behind.
-    """
-    try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
-        os.close(handle)
-    except OSError as error:
-        raise InputError(f"cannot write {str(path)!r}: {error.strerror}; name a folder that can be written") from None
-    part = Path(name)
-    try:
-        yield part
-        part.chmod(0o666 & ~_umask())
-        part.replace(path)
-    except OSError as error:
-        raise InputError(f"cannot write {str(path)!r}: {error.strerror or error}; nothing was changed") from None
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def _interpolate(times: Array, t: Array, values: Array) -> Array:

@@ -25,7 +25,7 @@ from lcpimpact.scheme.elements.base import Element
 PACKAGE = Path(lcpimpact.__file__).parent
 FILES = sorted(PACKAGE.rglob("*.py"))
 
-BASE = {"errors", "registry", "arrays", "numbers", "compiled"}
+BASE = {"errors", "registry", "arrays", "numbers", "files", "compiled"}
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "integrators"}
 RUN = METHOD | {"events", "certificate", "trajectory", "simulation"}
@@ -35,6 +35,7 @@ MAY_IMPORT = {
     "registry": {"errors"},
     "arrays": set(),
     "numbers": set(),
+    "files": {"errors"},
     "compiled": {"errors", "arrays"},
     "lcp": BASE,
     "scheme": BASE,

@@ -28,8 +28,8 @@ from lcpimpact import (
     load_problem,
     simulate,
 )
+from lcpimpact.files import whole_file
 from lcpimpact.integrators.moreau_jean import MoreauJean
-from lcpimpact.trajectory import whole_file
 
 OPEN_1 = 0.522438236432474
 """When System No. 1 first lets go (40-digit arithmetic)."""

@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from lcpimpact import __version__
 from lcpimpact.errors import InputError
+from lcpimpact.files import check_output
 from lcpimpact.integrators import METHODS
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems import PROBLEMS, load_problem
@@ -96,8 +97,14 @@ def simulate(
 
     Example: lcpimpact simulate system-1 --set c_o=300 --set theta=1 --dt 1e-3 --out run.csv --plot run.png
     """
+    from lcpimpact.plotting.style import METADATA as DRAWN_AS
     from lcpimpact.simulation import simulate as run
+    from lcpimpact.trajectory import SAVED_AS
 
+    if out is not None:
+        check_output(out, SAVED_AS)
+    if plot is not None:
+        check_output(plot, DRAWN_AS)
     parameters = list(inspect.signature(PROBLEMS[problem]).parameters)
     options = {each.name: each for each in fields(METHODS[method])}  # type: ignore[arg-type]
     chosen: dict[str, Any] = {}

@@ -11,8 +11,7 @@ import matplotlib
 from cycler import cycler
 from matplotlib.figure import Figure
 
-from lcpimpact.errors import InputError
-from lcpimpact.trajectory import whole_file
+from lcpimpact.files import check_output, whole_file
 
 INK = "#1c2430"
 SOFT = "#6b7685"
@@ -97,8 +96,7 @@ def save(figure: Figure, path: str | Path) -> Path:
         For another ending, or a folder that cannot be written.
     """
     path = Path(path)
-    if path.suffix not in METADATA:
-        raise InputError(f"cannot draw to {str(path)!r}: the name must end in one of {', '.join(METADATA)}")
+    check_output(path, METADATA)
     with style(), whole_file(path) as part:
         figure.savefig(part, metadata=METADATA[path.suffix])
     return path

@@ -13,6 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from lcpimpact import __version__
 from lcpimpact.errors import InputError
+from lcpimpact.files import whole_file
 from lcpimpact.plotting.figures import figure_2, figure_3, force_figure, motion_figure
 from lcpimpact.plotting.schematic import draw_scheme
 from lcpimpact.plotting.style import save
@@ -21,7 +22,6 @@ from lcpimpact.reproduce import tables
 from lcpimpact.reproduce.checks import Check, all_checks
 from lcpimpact.simulation import simulate
 from lcpimpact.study.cross_validation import T_END, CrossValidation, cross_validate
-from lcpimpact.trajectory import whole_file
 
 FIGURE_STEP = 1e-2
 """Step in s of the runs that the figures show: coarse enough to see where the methods differ."""
@@ -198,7 +198,7 @@ def _render(out: Path, found: CrossValidation, checks: tuple[Check, ...], second
     environment = Environment(
         loader=PackageLoader("lcpimpact.reproduce", ""), autoescape=False, undefined=StrictUndefined, trim_blocks=True
     )
-    environment.filters["cell"] = lambda value: tables.text(value).replace("&", "&amp;").replace("<", "&lt;")
+    environment.filters["cells"] = tables.text
     figures = [{**vars(text), "data": _inline(_figure_path(out, text.number, ".svg"))} for text in FIGURES]
     degrees = [
         f"{name}: {contact.sentence}"

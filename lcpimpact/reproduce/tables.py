@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from lcpimpact.files import whole_file
 from lcpimpact.reproduce.checks import Check
 from lcpimpact.study.cross_validation import CrossValidation, Row
-from lcpimpact.trajectory import whole_file
 
 CROSS_VALIDATION_HEADER = (
     "system", "method", "theta", "lcp_solver", "h [s]", "sup|x| [m]", "sup|x'| [m/s]", "mean|R| [N]",
@@ -59,12 +59,23 @@ def write_csv(path: Path, header: Sequence[str], rows: Sequence[Sequence[Any]]) 
         writer.writerows(rows)
 
 
-def text(value: Any) -> str:
-    """Return a cell for people: three digits of an error, a dash for what is missing."""
+FORMATS = {
+    "h [s]": "g",
+    "theta": "g",
+    "peak R [N]": ".2f",
+    "order of x": ".3f",
+    "order of x'": ".3f",
+    "scatter (log10)": ".3f",
+    "seconds": ".3f",
+}
+
+
+def text(header: Sequence[str], row: Sequence[Any]) -> list[str]:
+    """Return the cells of a row for people: two digits of an error, and "missing" for what was not found."""
+    return [_cell(value, FORMATS.get(name, ".1e")) for name, value in zip(header, row, strict=True)]
+
+
+def _cell(value: Any, form: str) -> str:
     if not isinstance(value, float):
         return str(value)
-    if math.isnan(value):
-        return "missing"
-    if value == 0.0 or 1e-2 <= abs(value) < 1e5:
-        return f"{value:.4g}"
-    return f"{value:.1e}"
+    return "missing" if math.isnan(value) else format(value, form)

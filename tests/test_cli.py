@@ -1,0 +1,158 @@
+"""The command line as people call it: exit codes, one line for what is wrong, nothing half written."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import lcpimpact as li
+from lcpimpact.cli.main import main
+from lcpimpact.integrators import METHODS
+from lcpimpact.lcp import SOLVERS
+from lcpimpact.problems import PROBLEMS
+from lcpimpact.scheme.elements import ELEMENTS
+
+
+def call(capsys, *arguments):
+    with pytest.raises(SystemExit) as stop:
+        main([str(each) for each in arguments])
+    captured = capsys.readouterr()
+    return stop.value.code, captured.out, captured.err
+
+
+def test_simulate_says_what_came_out_and_writes_it(capsys, tmp_path):
+    out, plot = tmp_path / "run.csv", tmp_path / "run.png"
+    code, said, _ = call(
+        capsys,
+        "simulate",
+        "system-1",
+        "--set",
+        "c_o=300",
+        "--set",
+        "theta=1",
+        "--dt",
+        "1e-2",
+        "--out",
+        out,
+        "--plot",
+        plot,
+    )
+    assert code == 0
+    assert "theta=1" in said
+    assert "solved" in said
+    expected = li.simulate(li.load_problem("system-1", c_o=300.0), dt=1e-2, t_end=3.0, theta=1.0)
+    written = np.genfromtxt(out, delimiter=",", names=True)
+    assert written["x"].tolist() == expected["x"].tolist()
+    assert plot.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("method", ["exact", "rk4-paper"])
+def test_simulate_by_other_methods(capsys, method):
+    code, said, _ = call(capsys, "simulate", "system-3", "--method", method, "--dt", "1e-2", "--t-end", "1")
+    assert code == 0
+    assert f"by {method}" in said
+
+
+@pytest.mark.parametrize(
+    ("kind", "names"), [("problems", PROBLEMS), ("methods", METHODS), ("solvers", SOLVERS), ("elements", ELEMENTS)]
+)
+def test_list_shows_the_whole_registry(capsys, kind, names):
+    code, said, _ = call(capsys, "list", kind)
+    assert code == 0
+    for name in names:
+        assert name in said
+
+
+def test_help_teaches(capsys):
+    code, said, _ = call(capsys, "--help")
+    assert code == 0
+    for command in ("reproduce", "simulate", "list"):
+        assert command in said
+        assert call(capsys, command, "--help")[0] == 0
+    assert call(capsys, "--version")[1].strip() == f"lcpimpact {li.__version__}"
+
+
+WRONG = {
+    "unknown problem": (["simulate", "sytem-1"], "did you mean 'system-1'"),
+    "unknown method": (["simulate", "system-1", "--method", "moreau"], "did you mean 'moreau-jean'"),
+    "unknown solver": (["simulate", "system-1", "--solver", "lemk"], "did you mean 'lemke'"),
+    "unknown parameter": (["simulate", "system-1", "--set", "k_0=3"], "did you mean 'k_o'"),
+    "no value": (["simulate", "system-1", "--set", "k_o"], "NAME=VALUE"),
+    "word for a number": (["simulate", "system-1", "--set", "k_o=stiff"], "k_o"),
+    "negative mass": (["simulate", "system-1", "--set", "m=-1"], "Mass at 'x'"),
+    "zero c_o": (["simulate", "system-1", "--set", "c_o=0"], "c_o = 0"),
+    "nan": (["simulate", "system-1", "--set", "k_o=nan"], "k_o"),
+    "theta": (["simulate", "system-1", "--set", "theta=2"], "theta = 2"),
+    "negative step": (["simulate", "system-1", "--dt", "-1"], "dt = -1"),
+    "no whole number of steps": (["simulate", "system-1", "--dt", "0.7"], "take dt ="),
+    "no number": (["simulate", "system-1", "--dt", "fast"], "--dt"),
+    "unknown command": (["smulate"], "simulate"),
+    "unknown option": (["simulate", "system-1", "--stepp", "3"], "--stepp"),
+    "unknown list": (["list", "methodz"], "methods"),
+    "not handled": (["simulate", "bouncing-ball", "--method", "rk4-paper"], "moreau-jean"),
+    "folder that is not there": (["simulate", "system-1", "--out", "/nowhere/run.csv"], "/nowhere/run.csv"),
+    "unknown ending": (["simulate", "system-1", "--out", "run.xls"], ".csv"),
+    "folder that cannot be made": (["reproduce", "--out", "/dev/null/report"], "/dev/null/report"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_input_exits_2_with_one_line(capsys, case, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    arguments, said = WRONG[case]
+    code, _, error = call(capsys, *arguments)
+    assert code == 2
+    assert len(error.strip().splitlines()) == 1
+    assert error.startswith("lcpimpact: ")
+    assert said in error
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_wrong_output_is_found_before_the_run(capsys, monkeypatch):
+    import lcpimpact.simulation
+
+    monkeypatch.setattr(lcpimpact.simulation, "simulate", lambda *a, **k: pytest.fail("the run was started"))
+    assert call(capsys, "simulate", "system-1", "--out", "/nowhere/run.csv")[0] == 2
+    assert call(capsys, "simulate", "system-1", "--plot", "run.xls")[0] == 2
+
+
+def test_a_failed_run_exits_1_and_says_why(capsys):
+    code, _, error = call(
+        capsys,
+        "simulate",
+        "bouncing-ball",
+        "--method",
+        "exact",
+        "--set",
+        "e=1",
+        "--set",
+        "max_events=3",
+        "--dt",
+        "0.01",
+    )
+    assert code == 1
+    assert "max_events" in error
+
+
+def test_ctrl_c_leaves_no_half_written_file(tmp_path):
+    out = tmp_path / "run.csv"
+    out.write_text("older")
+    command = [sys.executable, "-c", "from lcpimpact.cli.main import main; main()", "simulate", "system-1"]
+    process = subprocess.Popen(
+        [*command, "--dt", "1e-6", "--t-end", "20", "--out", str(out)],
+        stderr=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "COLUMNS": "200"},
+    )
+    time.sleep(3.0)
+    process.send_signal(signal.SIGINT)
+    _, error = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert b"interrupted" in error
+    assert b"Traceback" not in error
+    assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
+    assert out.read_text() == "older"

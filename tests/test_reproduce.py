@@ -1,0 +1,126 @@
+"""The reproduction: every stated tolerance can fail, and the whole runs from one command."""
+
+import csv
+import dataclasses
+import re
+import subprocess
+import sys
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from lcpimpact.reproduce.checks import Check, all_checks
+from lcpimpact.reproduce.run import FIGURES
+from lcpimpact.study.cross_validation import Case, all_cases, cross_validate, run_case, switch_errors
+from lcpimpact.study.reference import KNOWN
+
+
+@pytest.fixture(scope="module")
+def found():
+    """The cross-validation without the slow QP runs at the smallest step."""
+    cases = [case for case in all_cases() if not (case.lcp_solver.startswith("qp") and case.h < 1e-3)]
+    return cross_validate(cases)
+
+
+def test_cases_cover_what_is_promised():
+    cases = all_cases()
+    assert len(cases) == len(set(cases)) == 4 * 3 * (6 * 2 + 2)
+    assert {case.method for case in cases} == {"moreau-jean", "rk4-paper", "exact"}
+
+
+@pytest.mark.slow
+def test_every_tolerance_holds(found):
+    checks = all_checks(found)
+    assert len(checks) > 50
+    assert [check for check in checks if not check.holds] == []
+
+
+@pytest.mark.slow
+def test_every_tolerance_can_fail(found):
+    """Spoil each kind of figure; the checks on it must notice."""
+    rows, orders = found.rows, found.orders
+
+    def failing(**changes):
+        return {check.what for check in all_checks(dataclasses.replace(found, **changes)) if not check.holds}
+
+    spoilt = [
+        {"rows": tuple(dataclasses.replace(row, sup_x=1.0) for row in rows)},
+        {"rows": tuple(dataclasses.replace(row, sup_x=np.nan) for row in rows)},
+        {"rows": tuple(dataclasses.replace(row, q_end=tuple(i + x for x in row.q_end)) for i, row in enumerate(rows))},
+        {"rows": tuple(dataclasses.replace(row, failure="x") for row in rows)},
+        {"rows": tuple(dataclasses.replace(row, certificate=(1.0, 1.0, 1.0, 1.0)) for row in rows)},
+        {"orders": tuple(dataclasses.replace(each, x=1.5) for each in orders)},
+        {"orders": tuple(dataclasses.replace(each, v=np.nan) for each in orders)},
+        {"exact_errors": {label: {"switches": 1e-6, "x": 1.0, "R": 1.0} for label in found.exact_errors}},
+        {"peaks": dict.fromkeys(found.peaks, 5000.0)},
+    ]
+    noticed = [failing(**changes) for changes in spoilt]
+    assert all(noticed)
+    assert set().union(*noticed) == {check.what for check in all_checks(found)} - {
+        what for what in (check.what for check in all_checks(found)) if "R_2 / R_1" in what or "R_3 / R_2" in what
+    }
+    swapped = dict(zip(found.peaks, [1.0, 2.0, 3.0, 4.0], strict=True))
+    assert {what for what in failing(peaks=swapped) if "ranking" in what} == {
+        check.what for check in all_checks(found) if "ranking" in check.what
+    }
+
+
+def test_a_check_of_nothing_does_not_hold():
+    assert not Check("nothing was found", float("nan"), 1.0).holds
+    assert Check("zero", 0.0, 0.0).holds
+
+
+def test_a_failed_run_is_a_row():
+    row = run_case(Case("System 1", "moreau-jean", (("theta", 0.5), ("max_iter", 1), ("tol", 1e-15)), "qp:osqp", 1e-2))
+    assert "MAX_ITER" in row.failure or "max_iter" in row.failure
+    assert np.isnan(row.sup_x)
+
+
+def test_switches_are_paired_and_missing_ones_shown():
+    import lcpimpact as li
+
+    exact = li.simulate(li.load_problem("system-1"), "exact", dt=1e-2, t_end=3.0)
+    damped = li.simulate(li.load_problem("system-1"), dt=1e-2, t_end=3.0, theta=1.0)
+    errors, extra = switch_errors(damped, exact)
+    assert extra == 0
+    assert np.isnan(errors).tolist() == [False, False, True, True]
+    assert switch_errors(exact, exact) == ((0.0, 0.0, 0.0, 0.0), 0)
+    assert switch_errors(exact, damped)[1] == 2
+
+
+class Page(HTMLParser):
+    def __init__(self):
+        super().__init__()
+        self.sources, self.links, self.rows = [], [], 0
+
+    def handle_starttag(self, tag, attributes):
+        attributes = dict(attributes)
+        self.sources += [attributes["src"]] if "src" in attributes else []
+        self.links += [attributes["href"]] if "href" in attributes else []
+        self.rows += tag == "tr"
+
+
+@pytest.mark.slow
+def test_the_command_writes_everything_and_exits_0(tmp_path):
+    out = tmp_path / "report"
+    command = [sys.executable, "-c", "from lcpimpact.cli.main import main; main()", "reproduce", "--out", str(out)]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "all hold" in run.stdout
+    for text in FIGURES:
+        assert (out / "figures" / f"figure-{text.number}.png").read_bytes().startswith(b"\x89PNG")
+        assert "<svg" in (out / "figures" / f"figure-{text.number}.svg").read_text(encoding="utf-8")
+    with (out / "cross-validation.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(all_cases())
+    assert {row["system"] for row in rows} == {known.label for known in KNOWN}
+    page = Page()
+    page.feed((out / "report.html").read_text(encoding="utf-8"))
+    assert len(page.sources) == 9
+    assert all(source.startswith("data:") for source in page.sources)
+    assert page.links == []
+    assert page.rows > len(all_cases())
+    for text in FIGURES:
+        plain = re.sub(r"<[^>]*>|&[a-z]+;", "", text.caption)
+        assert len(re.findall(r"[.](?:\s|$)", plain.replace("No. ", "No "))) == 2
