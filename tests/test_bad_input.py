@@ -467,7 +467,7 @@ def test_a_folder_that_does_not_exist(tmp_path, ending):
 
 
 def test_a_folder_that_cannot_be_written():
-    with pytest.raises(InputError, match=r"cannot write '/proc/run\.csv'.*there is no folder.*name another"):
+    with pytest.raises(InputError, match=r"cannot write '/proc/run\.csv'.*folder that can be written"):
         run().save("/proc/run.csv")
 
 

@@ -130,7 +130,7 @@ def test_a_failed_run_exits_1_and_says_why(capsys):
         "--set",
         "e=1",
         "--set",
-        "max_events=3",
+        "max_events=2",
         "--dt",
         "0.01",
     )
@@ -141,7 +141,9 @@ def test_a_failed_run_exits_1_and_says_why(capsys):
 def test_ctrl_c_leaves_no_half_written_file(tmp_path):
     out = tmp_path / "run.csv"
     out.write_text("older")
-    command = [sys.executable, "-c", "from lcpimpact.cli.main import main; main()", "simulate", "system-1"]
+    # A shell that runs the tests in the background lets its children ignore Ctrl-C; a terminal does not.
+    start = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    command = [sys.executable, "-c", start + "from lcpimpact.cli.main import main; main()", "simulate", "system-1"]
     process = subprocess.Popen(
         [*command, "--dt", "1e-6", "--t-end", "20", "--out", str(out)],
         stderr=subprocess.PIPE,

@@ -12,6 +12,8 @@ from typer.exceptions import TyperException
 
 from lcpimpact.errors import FailureError, LcpImpactError
 
+INTERRUPTED = 130
+
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line.
@@ -23,18 +25,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     from lcpimpact.cli.commands import app
 
     try:
+        # Typer itself turns Ctrl-C within a command into the exit code 130.
         code = app(args=None if arguments is None else list(arguments), prog_name="lcpimpact", standalone_mode=False)
+    except (KeyboardInterrupt, Abort):
+        code = INTERRUPTED
     except TyperException as error:
         code = _say(f"{error.format_message()} (see: lcpimpact --help)", 2)
     except FailureError as error:
         code = _say(str(error), 1)
     except LcpImpactError as error:
         code = _say(str(error), 2)
-    except (KeyboardInterrupt, Abort):
-        code = _say("interrupted: files that were finished are whole, and no other was left", 130)
     except BrokenPipeError:
         sys.stderr.close()
         code = 1
+    if code == INTERRUPTED:
+        _say("interrupted: files that were finished are whole, and no other was left", code)
     sys.exit(int(code or 0))
 
 
