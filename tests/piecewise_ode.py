@@ -60,15 +60,17 @@ def solve(system, t_end, v_o, times, **constants):
     table = modes(system, **constants)
     force = table["contact"][1]
     s, t, mode, switches = np.array([0.0, v_o, 0.0, 0.0]), 0.0, "contact", []
+    # Short steps, since the dense output is of lower order than the steps and k/c sets the fastest time.
+    max_step = min(0.02, 0.2 * constants["c_o"] / (constants["k_o"] + (constants["k"] or 0.0)))
     x, R = np.full(len(times), np.nan), np.full(len(times), np.nan)
     while t < t_end:
         right_side, event = table[mode]
         run = solve_ivp(
             right_side, (t, t_end), s, method="DOP853", rtol=1e-13, atol=1e-14, events=event, dense_output=True,
-            max_step=0.02,
+            max_step=max_step,
         )  # fmt: skip
         here = (times >= t) & (times <= run.t[-1])
-        states = run.sol(times[here])
+        states = run.sol(times[here]) if here.any() else np.empty((4, 0))
         x[here] = states[0]
         R[here] = force(0.0, states) if mode == "contact" else 0.0
         t, s = run.t[-1], run.y[:, -1].copy()

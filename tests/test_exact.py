@@ -70,6 +70,11 @@ def test_against_dop853(system, constants):
     against_dop853(system, constants)
 
 
+def test_what_is_zero_is_measured_against_the_whole_run():
+    # The body travels 10 m and opens at 0.4 mm: rounding is that of 10 m.
+    against_dop853(2, {"m": 175.5735866993122, "k": 500.0, "k_o": 20000.0, "c": 1000.0, "c_o": 20.0, "v_o": 15.0})
+
+
 @pytest.mark.slow
 @settings(max_examples=200)
 @given(system=st.sampled_from([1, 2, 3]), constants=CONSTANTS)

@@ -40,6 +40,10 @@ ZENO = 1e-12
 """An approach this slow, relative to the fastest that the contact has met, ends an accumulation of impacts (e = 0)."""
 
 
+STALL = 100
+"""So many events at one instant are no motion: the run ends as if it had reached max_events."""
+
+
 @dataclass(frozen=True, eq=False)
 class Mode:
     """The closed rows, and how each row leaves zero: ``order[i]`` is the order of the zero, -1 if it is zero for ever."""
@@ -252,7 +256,8 @@ class Exact(Integrator):
         """Follow the events to t_last and sample the block on the grid."""
         t_last = carry.grid.t_end * last / carry.grid.steps
         while carry.next_event[0] <= t_last:
-            if len(carry.segments) > carry.max_events:
+            stalled = len(carry.segments) > STALL and carry.segments[-STALL].t0 == carry.next_event[0]
+            if len(carry.segments) > carry.max_events or stalled:
                 reached = int(np.searchsorted(carry.grid.times(first, last), carry.next_event[0])) - 1 + first
                 _sample(carry, record, first + 1, reached)
                 return Status.MAX_EVENTS, reached
@@ -306,6 +311,8 @@ def _enter(run: Run, record: Record, t: float, X: Array) -> None:
     order = np.array([mode.order[i] for i in watched], dtype=np.int64)
     crossing = flow.first_crossing(after, run.scale, rows, order, run.grid.t_end - t) if watched else None
     run.next_event = (t + crossing[0], watched[crossing[1]]) if crossing else (np.inf, -1)
+    end = min(run.next_event[0], run.grid.t_end)
+    run.scale = np.maximum(run.scale, np.abs(flow.windows(after, 1 + _windows(system, new, end))).max(axis=0))
 
 
 def _state(system: System, segment: Segment, X: Array) -> State:
