@@ -52,7 +52,7 @@ def test_every_tolerance_can_fail(found):
         {"rows": tuple(dataclasses.replace(row, certificate=(1.0, 1.0, 1.0, 1.0)) for row in rows)},
         {"orders": tuple(dataclasses.replace(each, x=1.5) for each in orders)},
         {"orders": tuple(dataclasses.replace(each, v=np.nan) for each in orders)},
-        {"exact_errors": {label: {"switches": 1e-6, "x": 1.0, "R": 1.0} for label in found.exact_errors}},
+        {"exact_errors": {label: dict.fromkeys(errors, 1.0) for label, errors in found.exact_errors.items()}},
         {"peaks": dict.fromkeys(found.peaks, 5000.0)},
     ]
     noticed = [failing(**changes) for changes in spoilt]

@@ -125,7 +125,7 @@ def _solvers_agree(found: CrossValidation) -> list[Check]:
         (row.case.label, row.case.options, row.case.h): row for row in found.rows if row.case.lcp_solver == "lemke"
     }
     checks = []
-    for solver in (*DIRECT_SOLVERS, *QP_SOLVERS):
+    for solver in (each for each in (*DIRECT_SOLVERS, *QP_SOLVERS) if each != "lemke"):
         differences = []
         for row in (row for row in found.rows if row.case.lcp_solver == solver):
             reference = np.array(lemke[row.case.label, row.case.options, row.case.h].q_end)
