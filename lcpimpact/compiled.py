@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -35,8 +36,14 @@ def cache_folder() -> Path:
     for file in sorted(package.rglob("*.py")):
         digest.update(file.relative_to(package).as_posix().encode())
         digest.update(file.read_bytes())
-    base = os.environ.get("NUMBA_CACHE_DIR") or user_cache_path("lcpimpact")
-    return Path(base) / digest.hexdigest()[:16]
+    base = Path(os.environ.get("NUMBA_CACHE_DIR") or user_cache_path("lcpimpact"))
+    folder = base / digest.hexdigest()[:16]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        # A home that cannot be written costs a compilation in each process, and nothing else.
+        folder = Path(tempfile.mkdtemp(prefix="lcpimpact-"))
+    return folder
 
 
 def compiled(signature: Any) -> Callable[[F], F]:

@@ -51,7 +51,8 @@ def simulate(
     lcp_solver : str
         A name of ``lcpimpact list solvers``.
     throw : bool
-        Raise when the run does not reach its end, instead of returning what it reached.
+        Raise when the run does not reach its end, instead of returning what it reached; so too for Ctrl-C, which with
+        ``throw=False`` returns the finished steps with the status INTERRUPTED.
     progress : bool
         Show a progress bar on a terminal when the run takes more than a second.
     **method_options

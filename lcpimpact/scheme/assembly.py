@@ -2,53 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.scheme.decomposition import decompose, loose_groups, relative_degrees
 from lcpimpact.scheme.dynamics import Contact, Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.elements.bumper import Bumper
-from lcpimpact.scheme.elements.load import Harmonic
-
-
-class Assembly:
-    """The system while elements add their terms to it.
-
-    Attributes
-    ----------
-    index : dict of str to int      position of each node in q
-    M, C, K : (n, n) arrays         what has been added so far
-    loads : list                    index of the node and the load
-    """
-
-    def __init__(self, nodes: Sequence[str]) -> None:
-        n = len(nodes)
-        self.index = {node: i for i, node in enumerate(nodes)}
-        self.M, self.C, self.K = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
-        self.loads: list[tuple[int, float | Harmonic | Callable[[float], float]]] = []
-        self.bumpers: list[Bumper] = []
-
-    def direction(self, a: str, b: str) -> Array:
-        """Return the row (n,) for which row·q = q_b - q_a; the ground does not move."""
-        row = np.zeros(len(self.index))
-        if b != GROUND:
-            row[self.index[b]] += 1.0
-        if a != GROUND:
-            row[self.index[a]] -= 1.0
-        return row
-
-    def link(self, matrix: Array, a: str, b: str, value: float) -> None:
-        """Add ``value`` times the square of (q_b - q_a) to the quadratic form of ``matrix``."""
-        d = self.direction(a, b)
-        matrix += value * np.outer(d, d)
-
-    def add_contact(self, bumper: Bumper) -> None:
-        """Add a unilateral row."""
-        self.bumpers.append(bumper)
+from lcpimpact.scheme.terms import Terms
 
 
 def assemble(elements: Sequence[Element]) -> Dynamics:
@@ -68,24 +31,24 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     nodes = list(dict.fromkeys(node for element in elements for node in element.nodes if node != GROUND))
     if not nodes:
         raise InputError("the scheme has no element yet: add a Mass, a Spring, ... before it is assembled")
-    system = Assembly(nodes)
+    terms = Terms(nodes)
     for element in elements:
-        element.contribute(system)
-    _refuse_ambiguous_names(nodes, system.bumpers)
-    _refuse_loose_nodes(system, nodes)
-    rows = [system.direction(bumper.upper, bumper.lower) for bumper in system.bumpers]
+        element.contribute(terms)
+    _refuse_ambiguous_names(nodes, terms.bumpers)
+    _refuse_loose_nodes(terms, nodes)
+    rows = [terms.direction(bumper.upper, bumper.lower) for bumper in terms.bumpers]
     H = np.array(rows).reshape(len(rows), len(nodes))
-    u0 = np.array([float(bumper.gap) for bumper in system.bumpers])
-    _refuse_parallel_contacts(system.bumpers)
-    degrees = relative_degrees(H, decompose(system.M, system.C))
-    contacts = tuple(_contact(bumper, degree) for bumper, degree in zip(system.bumpers, degrees, strict=True))
-    for array in (system.M, system.C, system.K, H, u0):
+    u0 = np.array([float(bumper.gap) for bumper in terms.bumpers])
+    _refuse_parallel_contacts(terms.bumpers)
+    degrees = relative_degrees(H, decompose(terms.M, terms.C))
+    contacts = tuple(_contact(bumper, degree) for bumper, degree in zip(terms.bumpers, degrees, strict=True))
+    for array in (terms.M, terms.C, terms.K, H, u0):
         array.flags.writeable = False
-    return Dynamics(tuple(nodes), system.M, system.C, system.K, tuple(system.loads), H, u0, contacts)
+    return Dynamics(tuple(nodes), terms.M, terms.C, terms.K, tuple(terms.loads), H, u0, contacts)
 
 
-def _refuse_loose_nodes(system: Assembly, nodes: Sequence[str]) -> None:
-    for group in loose_groups(system.C + system.K, np.diag(system.M) == 0.0):
+def _refuse_loose_nodes(terms: Terms, nodes: Sequence[str]) -> None:
+    for group in loose_groups(terms.C + terms.K, np.diag(terms.M) == 0.0):
         names = ", ".join(repr(nodes[i]) for i in group)
         raise InputError(
             f"nothing holds node {names}: join it to the ground or to a mass by a Spring or a Dashpot, "

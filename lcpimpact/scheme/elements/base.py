@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
+from lcpimpact.scheme.terms import GROUND, Terms
 
-if TYPE_CHECKING:
-    from lcpimpact.scheme.assembly import Assembly
-
-GROUND = "ground"
-"""The name of the node that does not move."""
+__all__ = ["GROUND", "MISSING", "Element", "Polyline", "distinct", "positive"]
 
 MISSING: Any = None
 """Default of every physical constant: physics has no default, so an element that is left with it is refused."""
@@ -40,8 +37,8 @@ class Element(ABC):
         """The names of the nodes that the element touches."""
 
     @abstractmethod
-    def contribute(self, system: Assembly) -> None:
-        """Add the element's terms to the system that is being assembled."""
+    def contribute(self, terms: Terms) -> None:
+        """Add the element's terms to the system."""
 
     def parts(self) -> tuple[Element, ...]:
         """Return the elementary pieces, as they act and as they are drawn: the element itself unless it is compound."""

@@ -3,14 +3,12 @@ r"""The bumper: a unilateral constraint between two plates."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.elements.base import Element, Polyline, distinct
-
-if TYPE_CHECKING:
-    from lcpimpact.scheme.assembly import Assembly
+from lcpimpact.scheme.terms import Terms
 
 
 @dataclass(frozen=True)
@@ -84,6 +82,6 @@ class Bumper(Element):
         """The upper and the lower plate."""
         return (self.upper, self.lower)
 
-    def contribute(self, system: Assembly) -> None:
+    def contribute(self, terms: Terms) -> None:
         """Add a row to H and to u0."""
-        system.add_contact(self)
+        terms.add_contact(self)

@@ -3,12 +3,10 @@ r"""A linear dashpot."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
-
-if TYPE_CHECKING:
-    from lcpimpact.scheme.assembly import Assembly
+from lcpimpact.scheme.terms import Terms
 
 
 @dataclass(frozen=True)
@@ -62,6 +60,6 @@ class Dashpot(Element):
         """The two ends."""
         return (self.a, self.b)
 
-    def contribute(self, system: Assembly) -> None:
+    def contribute(self, terms: Terms) -> None:
         """Add c to C between the two nodes."""
-        system.link(system.C, self.a, self.b, self.c)
+        terms.link(terms.C, self.a, self.b, self.c)

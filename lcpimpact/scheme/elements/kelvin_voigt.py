@@ -3,14 +3,11 @@ r"""A spring and a dashpot side by side."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from lcpimpact.scheme.elements.base import MISSING, Element, distinct, positive
 from lcpimpact.scheme.elements.dashpot import Dashpot
 from lcpimpact.scheme.elements.spring import Spring
-
-if TYPE_CHECKING:
-    from lcpimpact.scheme.assembly import Assembly
+from lcpimpact.scheme.terms import Terms
 
 
 @dataclass(frozen=True)
@@ -66,7 +63,7 @@ class KelvinVoigt(Element):
         spring, dashpot = self.symbols
         return (Spring(self.a, self.b, self.k, (spring,)), Dashpot(self.a, self.b, self.c, (dashpot,)))
 
-    def contribute(self, system: Assembly) -> None:
+    def contribute(self, terms: Terms) -> None:
         """Add the terms of the spring and of the dashpot."""
         for part in self.parts():
-            part.contribute(system)
+            part.contribute(terms)

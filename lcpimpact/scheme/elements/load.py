@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct
-
-if TYPE_CHECKING:
-    from lcpimpact.scheme.assembly import Assembly
+from lcpimpact.scheme.terms import Terms
 
 
 @dataclass(frozen=True)
@@ -100,6 +98,6 @@ class Load(Element):
         """The node that the force acts on."""
         return (self.node,)
 
-    def contribute(self, system: Assembly) -> None:
+    def contribute(self, terms: Terms) -> None:
         """Add the force to f(t)."""
-        system.loads.append((system.index[self.node], self.f))
+        terms.loads.append((terms.index[self.node], self.f))

@@ -3,13 +3,11 @@ r"""A point mass."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from lcpimpact.errors import InputError
 from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct, positive
-
-if TYPE_CHECKING:
-    from lcpimpact.scheme.assembly import Assembly
+from lcpimpact.scheme.terms import Terms
 
 
 @dataclass(frozen=True)
@@ -59,7 +57,7 @@ class Mass(Element):
         """The node that carries the mass."""
         return (self.node,)
 
-    def contribute(self, system: Assembly) -> None:
+    def contribute(self, terms: Terms) -> None:
         """Add m to the diagonal of M."""
-        i = system.index[self.node]
-        system.M[i, i] += self.m
+        i = terms.index[self.node]
+        terms.M[i, i] += self.m

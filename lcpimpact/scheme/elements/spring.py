@@ -3,12 +3,10 @@ r"""A linear spring."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
-
-if TYPE_CHECKING:
-    from lcpimpact.scheme.assembly import Assembly
+from lcpimpact.scheme.terms import Terms
 
 
 @dataclass(frozen=True)
@@ -68,6 +66,6 @@ class Spring(Element):
         """The two ends."""
         return (self.a, self.b)
 
-    def contribute(self, system: Assembly) -> None:
+    def contribute(self, terms: Terms) -> None:
         """Add k to K between the two nodes."""
-        system.link(system.K, self.a, self.b, self.k)
+        terms.link(terms.K, self.a, self.b, self.k)
