@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags
 from lcpimpact.integrators.base import Event, Record, State
 from lcpimpact.scheme.dynamics import Dynamics
 
 
-def events_of_steps(dynamics: Dynamics, record: Record) -> tuple[Event, ...]:
-    """Return the closings, openings and impacts of a run, in the order of time.
+def events_of_steps(dynamics: Dynamics, record: Record) -> tuple[tuple[Event, ...], Flags]:
+    """Return the closings, openings and impacts of a run, in the order of time, and which reactions are impulses.
 
     A closing is where the gap, an opening where the reaction, extrapolated from its last two positive values, reaches
-    zero, within the step that it must lie in; limits are the neighbouring values on the grid.
+    zero, within the step that it must lie in; limits are the neighbouring values on the grid. Where both sides of a contact
+    have mass, the step that closes it holds an impact: its mean force is an impulse over h and belongs to the event.
     """
+    impulsive = np.zeros(record.reaction.shape, dtype=bool)
     if len(record.t_reaction) < 2:
-        return ()
+        return (), impulsive
     steps_of_force = len(record.t_reaction) < len(record.t)
     found: list[tuple[float, int, Event]] = []
     for i, contact in enumerate(dynamics.contacts):
@@ -43,10 +45,11 @@ def events_of_steps(dynamics: Dynamics, record: Record) -> tuple[Event, ...]:
             impulse = 0.0
             if kind == "impact":
                 impulse = float(r[j + 1] * (record.t[last] - record.t[node]))
+                impulsive[j + 1, i] = True
             left = State(record.q[node], record.v[node], record.reaction[j])
             right = State(record.q[last], record.v[last], record.reaction[j + 1])
             found.append((t, i, Event(t, contact.name, kind, left, right, impulse)))
-    return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2]))
+    return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2])), impulsive
 
 
 def _zero(t: Array, values: Array, earliest: float, latest: float) -> float:

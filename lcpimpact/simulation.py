@@ -109,9 +109,13 @@ def simulate(
         record.t_reaction, record.reaction = record.t_reaction[:nr], record.reaction[:nr]
 
     dense = integrator.dense(carry)
-    events = tuple(record.events) if record.events is not None else events_of_steps(problem.dynamics, record)
+    if record.events is not None:
+        events, impulsive = tuple(record.events), np.zeros(record.reaction.shape, dtype=bool)
+    else:
+        events, impulsive = events_of_steps(problem.dynamics, record)
     θ = (t_reaction[0] / grid.h) if len(t_reaction) == grid.steps else None
     certificate = certify(problem.dynamics, record, dense, events, θ)
+    record.reaction[impulsive] = 0.0
     message = status.sentence
     if status is not Status.SOLVED:
         message = f"{integrator.name} stopped after step {reached} (t = {record.t[-1]:g} s): {message}"

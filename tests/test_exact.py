@@ -103,6 +103,31 @@ def test_elastic_ball_keeps_bouncing_on_time():
     assert len(run.events) == int((20.0 / fall + 1) / 2)
 
 
+def test_rounding_of_long_times_is_no_event():
+    # At t = 500 s an instant is known to 1e-13 s, so a contact opens at a gap of that order, of either sign.
+    run = exact(li.load_problem("bouncing-ball", e=1.0), dt=0.5, t_end=500.0)
+    fall = np.sqrt(2.0 / 9.81)
+    assert len(run.events) == int((500.0 / fall + 1) / 2)
+    assert_allclose([event.t for event in run.events], fall * np.arange(1, 2 * len(run.events), 2), rtol=1e-11)
+
+
+def test_a_shaken_buffer_opens_for_hundreds_of_periods():
+    scheme = li.Scheme(
+        li.Mass("x", 1.0),
+        li.Load("x", 10.0),
+        li.Load("x", li.Harmonic(30.0, 5.0)),
+        li.Bumper("x", "z"),
+        li.KelvinVoigt("z", "ground", k=100.0, c=2.0),
+    )
+    run = exact(li.Problem("shaken", scheme), dt=0.1, t_end=500.0)
+    kinds = [event.kind for event in run.events]
+    assert len(kinds) > 200
+    assert set(kinds[::2]) == {"open"}
+    assert set(kinds[1::2]) == {"close"}
+    assert run.certificate.penetration < 1e-11
+    assert run.certificate.energy_balance < 1e-9 * 30.0 * np.abs(run.v).max() * 500.0
+
+
 def test_max_events_is_a_status_and_keeps_what_was_reached():
     run = exact(li.load_problem("bouncing-ball", e=1.0), dt=1e-2, t_end=20.0, max_events=3, throw=False)
     assert run.status is li.Status.MAX_EVENTS

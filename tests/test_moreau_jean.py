@@ -101,6 +101,14 @@ def test_newtons_law_holds_at_each_impact():
     assert found.certificate.complementarity < 1e-12
 
 
+def test_impulses_and_forces_are_kept_apart():
+    found = run(li.load_problem("bouncing-ball", e=0.5), dt=1e-3, t_end=5.0)
+    impulses = sum(event.impulse for event in found.events)
+    # Forces hold the weight and no impulse; together they take all the momentum that gravity gave.
+    assert found["R"].max() < 2.0 * 9.81
+    assert_allclose(impulses + found["R"].sum() * 1e-3, 9.81 * 5.0 - found["v_x"][-1], rtol=1e-10)
+
+
 @given(e=st.floats(0.0, 1.0), relative=st.floats(0.0, 1.0), h=st.floats(1e-4, 5e-2), height=st.floats(0.05, 3.0))
 def test_impacts_of_approaching_bodies_never_gain_energy(e, relative, h, height):
     theta = 0.5 + relative * (1.0 / (1.0 + e) - 0.5)

@@ -42,7 +42,6 @@ class Run:
     max_events: int
     segments: list[Segment]
     next_event: tuple[float, int]
-    fastest: Array
     scale: Array
 
 
@@ -90,7 +89,7 @@ class Exact(Integrator):
         refuse_mixed_degrees(system)
         X = system.lcs.state(problem.initial_coordinates, problem.initial_velocities)
         record.events = []
-        run = Run(system, grid, lcp_solver, self.max_events, [], (0.0, -1), np.zeros(len(system.degree)), np.abs(X))
+        run = Run(system, grid, lcp_solver, self.max_events, [], (0.0, -1), np.abs(X))
         _enter(run, record, 0.0, X)
         _sample(run, record, 0, 0)
         return run
@@ -133,7 +132,7 @@ def _enter(run: Run, record: Record, t: float, X: Array) -> None:
     system, events = run.system, record.events
     assert events is not None
     run.scale = np.maximum(run.scale, np.abs(X))
-    after, P, run.fastest = impact(system, X, run.scale, run.fastest, run.solver)
+    after, P = impact(system, X, run.scale, run.solver)
     mode = choose_mode(system, after, run.scale, run.solver)
     flow, F = system.mode(mode.closed)
     new = Segment(t, after, mode)

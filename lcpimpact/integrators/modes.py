@@ -29,10 +29,7 @@ from lcpimpact.scheme.lcs import LinearComplementaritySystem, first_order_form
 
 ZERO = 1e-12
 """What counts as zero, relative to the terms of the sum that gave it, each taken at its largest value so far: a root found
-to rounding leaves about 1e-15 of them."""
-
-ZENO = 1e-12
-"""An approach this slow, relative to the fastest that the contact has met, ends an accumulation of impacts (e = 0)."""
+to rounding leaves about 1e-15 of them. An approach this slow is none: that ends an accumulation of impacts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,22 +138,16 @@ def choose_mode(system: System, X: Array, scale: Array, solver: str) -> Mode:
     return Mode(tuple(sorted(int(i) for i in closed)), tuple(order))
 
 
-def impact(system: System, X: Array, scale: Array, fastest: Array, solver: str) -> tuple[Array, Array, Array]:
-    """Return X after the impacts at this instant, the impulses P (nc,), and the fastest approach of each row so far.
-
-    0 <= P ⟂ U⁺ + e U⁻ >= 0 on the rows of degree 2 that touch; e = 0 where an accumulation of impacts ends.
-    """
+def impact(system: System, X: Array, scale: Array, solver: str) -> tuple[Array, Array]:
+    """Return X after the impacts at this instant, and the impulses (nc,): 0 <= P ⟂ U⁺ + e U⁻ >= 0."""
     P = np.zeros(len(system.degree))
     u, U = gaps(system, X, scale)
     meeting = np.flatnonzero((system.degree == 2) & (u <= 0.0))
     if not (U[meeting] < 0.0).any():
-        return X, P, fastest
-    fastest = fastest.copy()
-    fastest[meeting] = np.maximum(fastest[meeting], -U[meeting])
-    e = np.where(ZENO * fastest < -U, system.dynamics.restitution, 0.0)
-    q = (U + e * np.minimum(U, 0.0))[meeting]
+        return X, P
+    q = (U + system.dynamics.restitution * np.minimum(U, 0.0))[meeting]
     P[meeting] = solve_lcp(system.G[np.ix_(meeting, meeting)], q, solver).z
-    return X + system.lcs.B @ P, P, fastest
+    return X + system.lcs.B @ P, P
 
 
 def refuse_mixed_degrees(system: System) -> None:

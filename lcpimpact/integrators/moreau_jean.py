@@ -212,7 +212,8 @@ class MoreauJean(Integrator):
     Notes
     -----
     Velocities of massless nodes are means of the step. The reaction is the mean force that balances at t + θ h, and is
-    to be read there; on a row of relative degree 2 it is the impulse of the step over h.
+    to be read there. Where both sides of a contact have mass, the step that closes it holds an impact, whose impulse stands
+    in the event and not among the reactions.
     """
 
     theta: float = 0.5
