@@ -60,7 +60,7 @@ class QPSolver(LCPSolver):
     def _dual(self, delassus: Delassus) -> Kernel:
         s = np.abs(delassus.W).max(initial=0.0) or 1.0
         nc = len(delassus.W)
-        P = csc_matrix(delassus.W / s)
+        P = self._cost(delassus.W / s)
         G, h = csc_matrix(-np.eye(nc)), np.zeros(nc)
 
         def kernel(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
@@ -85,7 +85,7 @@ class QPSolver(LCPSolver):
         # In units where A has unit diagonal and max |H| = max |q| = 1, the multipliers are r s²/p.
         unit = 1.0 / np.sqrt(np.diag(A))
         s = np.abs(H * unit).max(initial=0.0) or 1.0
-        P, zero = csc_matrix(A * np.outer(unit, unit)), np.zeros(len(A))
+        P, zero = self._cost(A * np.outer(unit, unit)), np.zeros(len(A))
         G = csc_matrix(-H * unit / s)
 
         def kernel(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
@@ -100,6 +100,10 @@ class QPSolver(LCPSolver):
             return status, iterations
 
         return kernel
+
+    def _cost(self, P: Array) -> csc_matrix:
+        """Return the matrix of the cost as the backend wants it: OSQP seeks the upper triangle of a full one each time."""
+        return csc_matrix(np.triu(P) if self.backend == "osqp" else P)
 
     def _solve(self, P: csc_matrix, q: Array, G: csc_matrix, h: Array, max_iter: int) -> tuple[Any, int, int]:
         import qpsolvers
