@@ -165,6 +165,20 @@ def test_grazing_is_passed_and_just_beyond_it_there_is_contact():
     assert_allclose(met.events[0].t, np.arccos(-1.0 + 1e-9), rtol=0, atol=1e-8)
 
 
+@pytest.mark.parametrize("t_end", [2.0, 500.0])
+def test_grazing_in_free_flight(t_end):
+    # A body thrown up against a stop at 1 m, which it would pass by 1e-10 m, or miss by as much.
+    def throw(beyond):
+        scheme = li.Scheme(li.Mass("x", 1.0), li.Load("x", 9.81), li.Bumper("ground", "x", gap=1.0, e=0.5))
+        problem = li.Problem("throw", scheme, v0={"x": -np.sqrt(2.0 * 9.81 * (1.0 + beyond))})
+        return exact(problem, dt=t_end / 10, t_end=t_end)
+
+    assert throw(-1e-10).events == ()
+    met = throw(1e-10).events
+    assert [event.kind for event in met] == ["impact"]
+    assert_allclose(met[0].left.v[0], -np.sqrt(2.0 * 9.81 * 1e-10), rtol=1e-4)
+
+
 def test_no_event_is_missed_however_short_the_excursion():
     # cos(t) dips below -1 + ε for a time of order sqrt(ε): far below any window.
     flow = Flow(np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
