@@ -1,0 +1,69 @@
+"""Two independent routes on schemes that nobody chose: the exact solution and the θ-step at a small step."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+import lcpimpact as li
+
+
+def random_problem(seed):
+    """A column of up to four nodes, some massless, with gaps between some of them and at both ends."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 5))
+    nodes = [f"n{i}" for i in range(n)]
+    massive = rng.random(n) < 0.6
+    massive[int(rng.integers(n))] = True
+    elements, v0 = [], {}
+    for i, node in enumerate(nodes):
+        if massive[i]:
+            elements += [li.Mass(node, rng.uniform(0.5, 5.0)), li.Load(node, rng.uniform(-5.0, 20.0))]
+            elements += [li.Load(node, li.Harmonic(rng.uniform(1.0, 20.0), rng.uniform(1.0, 8.0)))]
+            v0[node] = float(rng.normal() * 3.0)
+        else:
+            k, c = rng.uniform(50.0, 500.0), rng.uniform(2.0, 30.0)
+            other = "ground" if rng.random() < 0.5 or n == 1 else nodes[(i + 1) % n]
+            held = (li.Spring(node, other, k), li.KelvinVoigt(node, other, k, c), li.Dashpot(node, other, c))
+            elements.append(held[int(rng.integers(3))])
+    elements.append(li.KelvinVoigt(nodes[0], "ground", rng.uniform(20.0, 200.0), rng.uniform(0.5, 5.0)))
+    for j, (a, b) in enumerate([*pairwise(nodes), (nodes[-1], "ground"), ("ground", nodes[0])]):
+        if rng.random() < 0.6:
+            gap, e = rng.uniform(0.0, 0.3), rng.uniform(0.0, 0.8)
+            try:
+                scheme = li.Scheme(*elements, li.Bumper(a, b, gap=gap, name=f"R{j}"))
+                scheme.assemble()
+            except li.InputError:
+                scheme = li.Scheme(*elements, li.Bumper(a, b, gap=gap, e=e, name=f"R{j}"))
+            elements = list(scheme.elements)
+    return li.Problem(f"random {seed}", li.Scheme(*elements), v0=v0)
+
+
+def runnable(seeds):
+    """Yield the problems that assemble and that the exact solution takes, with its run."""
+    for seed in seeds:
+        try:
+            problem = random_problem(seed)
+            exact = li.simulate(problem, "exact", dt=1e-2, t_end=2.0)
+        except (li.InputError, li.UnsupportedError):
+            continue
+        yield problem, exact
+
+
+@pytest.mark.parametrize("first", [0, 50, 100, 150])
+def test_exact_obeys_the_laws_and_the_step_converges_to_it(first):
+    compared = degrees = 0
+    for problem, exact in runnable(range(first, first + 50)):
+        certificate = exact.certificate
+        assert certificate.penetration < 1e-11
+        assert certificate.complementarity < 1e-9 * (1.0 + certificate.energy_scale)
+        assert certificate.energy_balance < 1e-9 * (1.0 + certificate.energy_scale)
+        if (problem.dynamics.relative_degree < 2).all():
+            found = li.simulate(problem, dt=1e-4, t_end=2.0)
+            massive = problem.dynamics.massive
+            error = np.abs(found.q[::100][:, massive] - exact.q[:, massive]).max()
+            assert error < 2e-5 * (1.0 + np.abs(exact.q).max())
+            compared += 1
+            degrees += len(problem.dynamics.contacts)
+    assert compared >= 5
+    assert degrees >= 2
