@@ -93,13 +93,11 @@ def simulate(
     started = time.perf_counter()
     t_reaction = integrator.reaction_times(grid)
     n, nc = len(problem.dynamics.nodes), len(problem.dynamics.contacts)
-    record = Record(
-        grid.times(0, grid.steps),
-        np.empty((grid.steps + 1, n)),
-        np.empty((grid.steps + 1, n)),
-        t_reaction,
-        np.empty((len(t_reaction), nc)),
-    )
+    try:
+        t, q, v = grid.times(0, grid.steps), np.empty((grid.steps + 1, n)), np.empty((grid.steps + 1, n))
+        record = Record(t, q, v, t_reaction, np.empty((len(t_reaction), nc)))
+    except MemoryError:
+        raise InputError(f"{grid.steps:,} steps do not fit in memory: take a larger dt or a shorter t_end") from None
     carry = integrator.start(problem, grid, lcp_solver, record)
     status, reached = _run(integrator, carry, record, grid, progress)
     if reached < grid.steps:

@@ -10,13 +10,14 @@ from typing import Any
 
 from lcpimpact.files import whole_file
 from lcpimpact.reproduce.checks import Check
-from lcpimpact.study.cross_validation import CrossValidation, Row
+from lcpimpact.study.cross_validation import STEPS, CrossValidation, Row
 
 CROSS_VALIDATION_HEADER = (
     "system", "method", "theta", "lcp_solver", "h [s]", "sup|x| [m]", "sup|x'| [m/s]", "mean|R| [N]",
     "t_1 [s]", "t_2 [s]", "t_3 [s]", "t_4 [s]", "switches too many", "peak R [N]", "LCP residual", "penetration [m]",
     "energy [J]", "seconds", "failure",
 )  # fmt: skip
+PEAKS_HEADER = ("system", "peak R [N]", "peak of the LCP step, h = 0.0001 s [N]")
 ORDERS_HEADER = ("system", "method", "theta", "order of x", "order of x'", "scatter (log10)")
 CHECKS_HEADER = ("what", "value", "limit", "unit", "holds")
 
@@ -36,6 +37,16 @@ def _row(row: Row) -> list[Any]:
         *(case.label, case.method, theta, solver, case.h, row.sup_x, row.sup_v, row.mean_R, *switches),
         *(row.extra_switches, row.peak, residual, penetration, energy, row.seconds, row.failure),
     ]
+
+
+def peaks_rows(found: CrossValidation) -> list[list[Any]]:
+    """Return a row for each system: the peak of R, exact and by the θ = 1/2 step with Lemke's method."""
+    by_step = {
+        row.case.label: row.peak
+        for row in found.rows
+        if row.case.lcp_solver == "lemke" and row.case.options == (("theta", 0.5),) and row.case.h == min(STEPS)
+    }
+    return [[label, peak, by_step[label]] for label, peak in found.peaks.items()]
 
 
 def orders_rows(found: CrossValidation) -> list[list[Any]]:
@@ -62,7 +73,8 @@ def write_csv(path: Path, header: Sequence[str], rows: Sequence[Sequence[Any]]) 
 FORMATS = {
     "h [s]": "g",
     "theta": "g",
-    "peak R [N]": ".2f",
+    "peak R [N]": ".4f",
+    "peak of the LCP step, h = 0.0001 s [N]": ".4f",
     "order of x": ".3f",
     "order of x'": ".3f",
     "scatter (log10)": ".3f",
