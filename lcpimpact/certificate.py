@@ -93,9 +93,13 @@ def certify_steps(
             w = (q[k + 1, i] - q[k, i]) / h
             load = f[0, i] if len(f) == 1 else (1.0 - θ) * f[k, i] + θ * f[k + 1, i]
             power += w * load
+            inertia, elastic, damping = 0.0, 0.0, 0.0
             for j in range(n):
-                power -= w * C[i, j] * (q[k + 1, j] - q[k, j]) / h
-                after += 0.5 * (v[k + 1, i] * M[i, j] * v[k + 1, j] + q[k + 1, i] * K[i, j] * q[k + 1, j])
+                inertia += M[i, j] * v[k + 1, j]
+                elastic += K[i, j] * q[k + 1, j]
+                damping += C[i, j] * (q[k + 1, j] - q[k, j])
+            power -= w * damping / h
+            after += 0.5 * (v[k + 1, i] * inertia + q[k + 1, i] * elastic)
         balance += after - stored - h * power
         worst = max(worst, abs(balance))
         stored = after
