@@ -91,17 +91,17 @@ def simulate(
     _check_degrees(integrator, problem)
 
     started = time.perf_counter()
-    t_reaction = integrator.reaction_times(grid)
     n, nc = len(problem.dynamics.nodes), len(problem.dynamics.contacts)
     try:
         t, q, v = grid.times(0, grid.steps), np.empty((grid.steps + 1, n)), np.empty((grid.steps + 1, n))
+        t_reaction = integrator.reaction_times(grid)
         record = Record(t, q, v, t_reaction, np.empty((len(t_reaction), nc)))
     except MemoryError:
         raise InputError(f"{grid.steps:,} steps do not fit in memory: take a larger dt or a shorter t_end") from None
+    per_step = len(t_reaction) == grid.steps
     carry = integrator.start(problem, grid, lcp_solver, record)
     status, reached = _run(integrator, carry, record, grid, progress)
     if reached < grid.steps:
-        per_step = len(t_reaction) == grid.steps
         record.t, record.q, record.v = (a[: reached + 1] for a in (record.t, record.q, record.v))
         nr = reached if per_step else reached + 1
         record.t_reaction, record.reaction = record.t_reaction[:nr], record.reaction[:nr]
@@ -111,7 +111,7 @@ def simulate(
         events, impulsive = tuple(record.events), np.zeros(record.reaction.shape, dtype=bool)
     else:
         events, impulsive = events_of_steps(problem.dynamics, record)
-    θ = (t_reaction[0] / grid.h) if len(t_reaction) == grid.steps else None
+    θ = t_reaction[0] / grid.h if per_step else None
     certificate = certify(problem.dynamics, record, dense, events, θ)
     record.reaction[impulsive] = 0.0
     message = status.sentence

@@ -101,6 +101,24 @@ def test_newtons_law_holds_at_each_impact():
     assert found.certificate.complementarity < 1e-12
 
 
+@pytest.mark.parametrize("gap", [0.0, 1e-3])
+def test_an_impact_in_the_first_step_is_an_event(gap):
+    scheme = li.Scheme(li.Mass("x", 2.0), li.Bumper("x", "ground", gap=gap, e=0.5))
+    for t_end in (1e-2, 1e-1):
+        found = run(li.Problem("thrown", scheme, v0={"x": 1.0}), t_end=t_end)
+        assert [event.kind for event in found.events] == ["impact"]
+        assert 0.0 <= found.events[0].t <= 1e-2
+        assert_allclose(found.events[0].impulse, 2.0 * 1.5, rtol=1e-12)
+        assert_allclose(found.reaction, 0.0, atol=0.0)
+
+
+def test_a_body_at_rest_on_the_ground_makes_no_event():
+    scheme = li.Scheme(li.Mass("x", 2.0), li.Load("x", 20.0), li.Bumper("x", "ground", e=0.5))
+    found = run(li.Problem("resting", scheme), t_end=0.1)
+    assert found.events == ()
+    assert_allclose(found["R"], 20.0, rtol=1e-12)
+
+
 def test_impulses_and_forces_are_kept_apart():
     found = run(li.load_problem("bouncing-ball", e=0.5), dt=1e-3, t_end=5.0)
     impulses = sum(event.impulse for event in found.events)

@@ -12,7 +12,7 @@ import pytest
 
 from lcpimpact.reproduce.checks import Check, all_checks
 from lcpimpact.reproduce.run import FIGURES
-from lcpimpact.study.cross_validation import Case, all_cases, cross_validate, run_case, switch_errors
+from lcpimpact.study.cross_validation import Case, Row, all_cases, cross_validate, run_case, switch_errors
 from lcpimpact.study.reference import KNOWN
 
 
@@ -60,6 +60,8 @@ def test_every_tolerance_can_fail(found):
     assert set().union(*noticed) == {check.what for check in all_checks(found)} - {
         what for what in (check.what for check in all_checks(found)) if "R_2 / R_1" in what or "R_3 / R_2" in what
     }
+    failed = tuple(Row(row.case, failure="x") if row.case.lcp_solver == "pgs" else row for row in rows)
+    assert {"runs that failed", "pgs ends where lemke ends, relative"} <= failing(rows=failed)
     swapped = dict(zip(found.peaks, [1.0, 2.0, 3.0, 4.0], strict=True))
     assert {what for what in failing(peaks=swapped) if "ranking" in what} == {
         check.what for check in all_checks(found) if "ranking" in check.what

@@ -55,51 +55,39 @@ class QPSolver(LCPSolver):
 
     def prepare(self, delassus: Delassus) -> Kernel:
         """Scale the matrices once, and return a kernel for many q."""
-        return self._dual(delassus) if self.form == "dual" else self._primal(delassus)
-
-    def _dual(self, delassus: Delassus) -> Kernel:
-        s = np.abs(delassus.W).max(initial=0.0) or 1.0
-        nc = len(delassus.W)
-        P = self._cost(delassus.W / s)
-        G, h = csc_matrix(-np.eye(nc)), np.zeros(nc)
+        dual = self.form == "dual"
+        P, G, unit = self._dual(delassus) if dual else self._primal(delassus)
+        zero = np.zeros(len(delassus.W) if dual else P.shape[0])
 
         def kernel(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-            """Minimise over r >= 0, scaled to max |W| = max |q| = 1."""
+            """Minimise in units of max |q| = 1; q is the linear cost of the dual form, and the bound of the primal one."""
             p = -q.min()
             z[:] = 0.0
             if not p > 0.0:
                 return int(Status.SOLVED), 0
-            solution, status, iterations = self._solve(P, q / p, G, h, max_iter)
+            linear, bound = (q / p, zero) if dual else (zero, q / p)
+            solution, status, iterations = self._solve(P, linear, G, bound, max_iter)
             if solution is not None:
-                z[:] = np.maximum(solution.x, 0.0) * (p / s)
+                z[:] = np.maximum(solution.x if dual else solution.z, 0.0) * (p * unit)
             return status, iterations
 
         return kernel
 
-    def _primal(self, delassus: Delassus) -> Kernel:
+    def _dual(self, delassus: Delassus) -> tuple[csc_matrix, csc_matrix, float]:
+        """Return P and G of the form over r >= 0 with max |W| = 1, and the unit of its unknowns for max |q| = 1."""
+        s = np.abs(delassus.W).max(initial=0.0) or 1.0
+        return self._cost(delassus.W / s), csc_matrix(-np.eye(len(delassus.W))), 1.0 / s
+
+    def _primal(self, delassus: Delassus) -> tuple[csc_matrix, csc_matrix, float]:
+        """Return P and G of the form over w with unit diagonal of A and max |H| = 1, and the unit of the multipliers."""
         if delassus.A is None or delassus.H is None:
             values, vectors = np.linalg.eigh(delassus.W)
             A, H = np.eye(len(values)), vectors * np.sqrt(np.maximum(values, 0.0))
         else:
             A, H = delassus.A, delassus.H
-        # In units where A has unit diagonal and max |H| = max |q| = 1, the multipliers are r s²/p.
         unit = 1.0 / np.sqrt(np.diag(A))
         s = np.abs(H * unit).max(initial=0.0) or 1.0
-        P, zero = self._cost(A * np.outer(unit, unit)), np.zeros(len(A))
-        G = csc_matrix(-H * unit / s)
-
-        def kernel(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-            """Minimise the deviation from the free motion; the multipliers of the gap are r."""
-            p = -q.min()
-            z[:] = 0.0
-            if not p > 0.0:
-                return int(Status.SOLVED), 0
-            solution, status, iterations = self._solve(P, zero, G, q / p, max_iter)
-            if solution is not None:
-                z[:] = np.maximum(solution.z, 0.0) * (p / s**2)
-            return status, iterations
-
-        return kernel
+        return self._cost(A * np.outer(unit, unit)), csc_matrix(-H * unit / s), 1.0 / s**2
 
     def _cost(self, P: Array) -> csc_matrix:
         """Return the matrix of the cost as the backend wants it: OSQP seeks the upper triangle of a full one each time."""

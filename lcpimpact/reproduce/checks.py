@@ -128,11 +128,18 @@ def _solvers_agree(found: CrossValidation) -> list[Check]:
     for solver in (each for each in (*DIRECT_SOLVERS, *QP_SOLVERS) if each != "lemke"):
         differences = []
         for row in (row for row in found.rows if row.case.lcp_solver == solver):
-            reference = np.array(lemke[row.case.label, row.case.options, row.case.h].q_end)
-            differences.append(float(np.abs(np.array(row.q_end) - reference).max() / np.abs(reference).max()))
+            differences.append(_difference(row, lemke[row.case.label, row.case.options, row.case.h]))
         limit = QP_TOLERANCE if solver in QP_SOLVERS else 1e-10
         checks.append(Check(f"{solver} ends where lemke ends, relative", _worst(differences), limit))
     return checks
+
+
+def _difference(row: Row, reference: Row) -> float:
+    """Return how far apart two runs end, relative to the largest coordinate; NaN if one of them failed."""
+    if row.failure or reference.failure:
+        return float("nan")
+    expected = np.array(reference.q_end)
+    return float(np.abs(np.array(row.q_end) - expected).max() / np.abs(expected).max())
 
 
 def _witness(found: CrossValidation) -> list[Check]:
