@@ -39,8 +39,7 @@ def events_of_steps(dynamics: Dynamics, record: Record) -> tuple[tuple[Event, ..
             if before[j]:
                 t = _zero(record.t_reaction[j - 2 : j], r[j - 2 : j], record.t_reaction[j - 1], record.t_reaction[j])
                 kind = "open"
-                lasted = j > 1 and closed[j - 2]
-                if contact.relative_degree == 2 and not lasted:
+                if contact.relative_degree == 2 and not before[j - 1]:
                     continue
             else:
                 gaps = dynamics.gap(record.q[node - 1 : node + 1])[:, i]
