@@ -19,6 +19,13 @@ _LOCATIONS = {
     "load_problem": "lcpimpact.problems:load_problem",
     "simulate": "lcpimpact.simulation:simulate",
     "solve_lcp": "lcpimpact.lcp.solve:solve_lcp",
+    "prepare_lcp": "lcpimpact.lcp.solve:prepare_lcp",
+    "all_solutions": "lcpimpact.lcp.enumeration:all_solutions",
+    "plot_cones": "lcpimpact.plotting.cones:plot_cones",
+    "LCPSolution": "lcpimpact.lcp.problem:LCPSolution",
+    "Dense": "lcpimpact.lcp.operators:Dense",
+    "Banded": "lcpimpact.lcp.operators:Banded",
+    "Factored": "lcpimpact.lcp.operators:Factored",
     "Scheme": "lcpimpact.scheme.scheme:Scheme",
     "Problem": "lcpimpact.problems.base:Problem",
     "Trajectory": "lcpimpact.trajectory:Trajectory",
@@ -37,12 +44,16 @@ _LOCATIONS = {
 }
 
 __all__ = [
+    "Banded",
     "Bumper",
     "Dashpot",
+    "Dense",
+    "Factored",
     "FailureError",
     "Harmonic",
     "InputError",
     "KelvinVoigt",
+    "LCPSolution",
     "LcpImpactError",
     "Load",
     "Mass",
@@ -53,14 +64,21 @@ __all__ = [
     "Trajectory",
     "UnsupportedError",
     "__version__",
+    "all_solutions",
     "load_problem",
+    "plot_cones",
+    "prepare_lcp",
     "simulate",
     "solve_lcp",
 ]
 
 if TYPE_CHECKING:
     from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, UnsupportedError
-    from lcpimpact.lcp.solve import solve_lcp
+    from lcpimpact.lcp.enumeration import all_solutions
+    from lcpimpact.lcp.operators import Banded, Dense, Factored
+    from lcpimpact.lcp.problem import LCPSolution
+    from lcpimpact.lcp.solve import prepare_lcp, solve_lcp
+    from lcpimpact.plotting.cones import plot_cones
     from lcpimpact.problems import load_problem
     from lcpimpact.problems.base import Problem
     from lcpimpact.scheme.elements.bumper import Bumper

@@ -13,6 +13,7 @@ import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from types import FunctionType
 from typing import Any, TypeVar
 
 import numba
@@ -26,6 +27,12 @@ i8 = types.int64
 vector = types.float64[::1]
 matrix = types.float64[:, ::1]
 indices = types.int64[::1]
+
+
+CONFIG: Any = numba.config
+
+COMPILING = not CONFIG.DISABLE_JIT
+"""Whether functions are compiled in this process."""
 
 
 @cache
@@ -57,19 +64,30 @@ def compiled(signature: Any) -> Callable[[F], F]:
     """
 
     def decorate(function: F) -> F:
-        config: Any = numba.config
-        previous = config.CACHE_DIR
-        config.CACHE_DIR = str(cache_folder())
+        previous = CONFIG.CACHE_DIR
+        CONFIG.CACHE_DIR = str(cache_folder())
         try:
             decorated: F = numba.njit(signature, cache=True, error_model="numpy")(function)
         finally:
-            config.CACHE_DIR = previous
+            CONFIG.CACHE_DIR = previous
         return decorated
 
     return decorate
 
 
-def interpreted(function: F) -> F:
-    """Return the Python function behind a compiled one: the same lines, run by the interpreter."""
-    python: F = getattr(function, "py_func", function)
-    return python
+def interpreted(function: F, **names: Any) -> F:
+    """Return the Python function behind a compiled one: the same lines, run by the interpreter.
+
+    Parameters
+    ----------
+    function : compiled function
+        With compilation switched off, the function itself.
+    **names
+        Functions to stand under global names of ``function``, in place of what its module has there: an operator's own
+        product in place of that of an array, or a note-taker in place of one that takes none.
+    """
+    python: Any = getattr(function, "py_func", function)
+    if names:
+        python = FunctionType(python.__code__, python.__globals__ | names, python.__name__, None, python.__closure__)
+    found: F = python
+    return found

@@ -42,9 +42,12 @@ class Registry(Mapping[str, T], Generic[T]):
         self.kind = kind
         self._entries = dict(entries)
         self._families = dict(families or {})
+        self._loaded: dict[str, T] = {}
 
     def __getitem__(self, name: str) -> T:
         entry: T
+        if isinstance(name, str) and name in self._loaded:
+            return self._loaded[name]
         if not isinstance(name, str):
             raise UnknownNameError(nearest(str(name), list(self._entries), self.kind))
         for prefix, location in self._families.items():
@@ -53,8 +56,8 @@ class Registry(Mapping[str, T], Generic[T]):
                 return entry
         if name not in self._entries:
             raise UnknownNameError(nearest(name, list(self._entries), self.kind))
-        entry = load(self._entries[name])
-        return entry
+        self._loaded[name] = load(self._entries[name])
+        return self._loaded[name]
 
     def __contains__(self, name: object) -> bool:
         try:

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import lcpimpact as li
+from lcpimpact.lcp.solver import State
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.study.cross_validation import DIRECT_SOLVERS, ORDER_COUNTS, QP_SOLVERS, observed_orders
 from lcpimpact.study.reference import KNOWN
@@ -203,13 +204,13 @@ def test_starved_solver_stops_the_run_and_says_where():
 
 
 def test_inaccurate_answers_are_not_accepted(monkeypatch):
-    def wrong(M, q, z, tol, max_iter):
+    def wrong(W, q, lower, upper, z, tol, max_iter):
         z[:] = 1.0
         return int(li.Status.SOLVED), 1
 
     import lcpimpact.lcp.qp as qp
 
-    monkeypatch.setattr(qp.QPSolver, "prepare", lambda self, delassus: wrong)
+    monkeypatch.setattr(qp.QPSolver, "init", lambda self, M: State(M.W, wrong, False, "wrong"))
     failed = run(li.load_problem("system-1"), lcp_solver="qp:osqp", throw=False)
     assert failed.status is li.Status.INACCURATE
     assert len(failed.t) == 1

@@ -1,4 +1,4 @@
-"""The commands: reproduce, simulate, list."""
+"""The commands: reproduce, simulate, solve, list."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from collections.abc import Iterable
 from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import fields
 from enum import StrEnum
+from importlib.metadata import metadata
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 from tqdm import tqdm
 
 from lcpimpact import __version__
+from lcpimpact.cli.lcp import solve
 from lcpimpact.errors import InputError
 from lcpimpact.files import check_output
 from lcpimpact.integrators import METHODS
@@ -144,6 +147,9 @@ def _assignment(text: str) -> tuple[str, Any]:
     return name.strip(), value.strip()
 
 
+app.command()(solve)
+
+
 class Kind(StrEnum):
     """What can be listed."""
 
@@ -204,13 +210,36 @@ def _orders(declared: Any) -> tuple[float, float, float]:
 
 
 def _solvers() -> Table:
-    table = _table("solver", "what it is", "needs M with", "residual", "source")
+    table = _table("solver", "what it is; what it declares; where it is from")
     for name in SOLVERS:
         solver = SOLVERS[name]
-        needs = ", ".join(requirement.value for requirement in solver.requires) or "-"
-        table.add_row(name, solver.summary, needs, f"{solver.tol:g}", solver.source)
-    table.add_row("qp:NAME[:primal]", "any backend of qpsolvers that is installed", "symmetric, PSD", "", "qpsolvers")
+        needs = ", ".join(each.value for each in solver.requires)
+        declared = (
+            f"M: {needs}" if needs else "any M",
+            f"reads {', '.join(solver.storages)}",
+            f"bounds: {'yes' if solver.boxed else 'no'}",
+            "any n" if solver.largest is None else f"n <= {solver.largest}",
+            f"residual {solver.tol:g}",
+        )
+        table.add_row(name, _lines(solver.summary, "; ".join(declared), *[solver.source] * (solver.source != "-")))
+    here, elsewhere = _backends()
+    table.add_row("qp:NAME", _lines(f"any backend of qpsolvers, as qp:osqp; also here: {', '.join(here) or 'none'}"))
+    install = f"not here: {', '.join(elsewhere) or 'none'}"
+    table.add_row("", _lines(f"{install}; pip install 'qpsolvers[NAME]' brings one of them"))
     return table
+
+
+def _lines(first: str, *others: str) -> Text:
+    return Text(first).append("".join(f"\n{line}" for line in others), style="dim")
+
+
+def _backends() -> tuple[list[str], list[str]]:
+    """Return the QP backends that pip installs with qpsolvers: those that are here, and the others."""
+    extras = metadata("qpsolvers").get_all("Provides-Extra") or []
+    # Two of the extras are bundles of others.
+    names = sorted(name for name in extras if "-" not in name and f"qp:{name}" not in list(SOLVERS))
+    here = [name for name in names if f"qp:{name}" in SOLVERS]
+    return here, [name for name in names if name not in here]
 
 
 def _elements() -> Table:

@@ -31,10 +31,12 @@ from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, v
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.gauss import eliminate
-from lcpimpact.lcp.problem import KERNEL, scaled_residual
+from lcpimpact.lcp.judge import holds, measure
+from lcpimpact.lcp.lapack import lu_solve
+from lcpimpact.lcp.operators import Dense
+from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits
-from lcpimpact.lcp.solver import Delassus, Kernel
+from lcpimpact.lcp.solver import Kernel, State
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.decomposition import decompose
@@ -68,7 +70,7 @@ def balance_static(q: Array, r: Array, f: Array, S: Array, K: Array, H: Array) -
             for b in range(nf):
                 for j in range(n):
                     stiffness[a, b] += S[i, free[a]] * K[i, j] * S[j, free[b]]
-    if eliminate(stiffness, force):
+    if lu_solve(stiffness, force):
         for a in range(nf):
             for i in range(n):
                 q[i] += S[i, free[a]] * force[a]
@@ -113,6 +115,7 @@ def steps(
     """
     n, nc = len(massive), len(degree)
     w, b, z, active = np.empty(n), np.empty(nc), np.zeros(nc), np.empty(nc, np.int64)
+    lower, upper, gap = np.zeros(nc), np.full(nc, np.inf), np.empty(nc)
     iterations, worst = 0, 0.0
     per_h, per_θ = 1.0 / h, 1.0 / θ
     for k in range(first, last):
@@ -142,26 +145,26 @@ def steps(
 
         for i in range(na):
             z[i] = r[k - 1, active[i]] if k > 0 else 0.0
-        residual = 0.0
+        residual, rounding = 0.0, 0.0
         if na == nc and nc > 0:
-            status, count = solve(W, b, z, tol, max_iter)
-            residual = scaled_residual(W, b, z)
+            status, count = solve(W, b, lower, upper, z, tol, max_iter)
+            residual, _, rounding = measure(W, b, lower, upper, z, gap)
         elif na > 0:
             W_active = np.empty((na, na))
             for i in range(na):
                 for j in range(na):
                     W_active[i, j] = W[active[i], active[j]]
-            status, count = solve(W_active, b[:na], z[:na], tol, max_iter)
-            residual = scaled_residual(W_active, b[:na], z[:na])
+            status, count = solve(W_active, b[:na], lower[:na], upper[:na], z[:na], tol, max_iter)
+            residual, _, rounding = measure(W_active, b[:na], lower[:na], upper[:na], z[:na], gap[:na])
         else:
             status, count = SOLVED, 0
         iterations += count
-        worst = max(worst, residual)
         if status != SOLVED:
             return float(status), float(k), float(iterations), worst
-        if not residual <= tol:
+        if not holds(residual, rounding, tol):
             code = INACCURATE if residual < np.inf else NON_FINITE
             return float(code), float(k), float(iterations), worst
+        worst = max(worst, residual)
         for a in range(na):
             r[k, active[a]] = z[a]
             for i in range(n):
@@ -185,8 +188,8 @@ class Step:
     operators: tuple[Array, ...]
     loads: Callable[[Array], tuple[Array, Array]]
     constant: tuple[Array, Array] | None
-    run: Callable[..., tuple[float, float, float, float]]
-    kernel: Kernel
+    contacts: Dense
+    solver: State
     tol: float
     max_iter: int
 
@@ -254,10 +257,10 @@ class MoreauJean(Integrator):
         W = H @ G
 
         solver = SOLVERS[lcp_solver]
+        # Without contacts the kernel is never called.
+        contacts = Dense(W, ("symmetric", "psd"), A=A, H=H) if len(H) else Dense(np.eye(1))
         if len(H):
-            solver.check(W)
-        kernel = solver.prepare(Delassus(W, A, H))
-        run = steps if solver.is_compiled else interpreted(steps)
+            solver.check(contacts)
         operators = tuple(
             np.array(a, order="C")
             for a in (
@@ -273,14 +276,30 @@ class MoreauJean(Integrator):
             return np.ascontiguousarray(((1.0 - θ) * f[:-1] + θ * f[1:]) @ inverse.T), f[1:].copy()
 
         constant = loads(np.zeros(2)) if dynamics.constant_loads else None
-        return Step(grid, operators, loads, constant, run, kernel, tol, max_iter)
+        return Step(grid, operators, loads, constant, contacts, solver.init(contacts), tol, max_iter)
 
     def advance(self, carry: Step, record: Record, first: int, last: int) -> tuple[Status, int]:
-        """Take the steps of the block in compiled code, or in the interpreter where the solver lives there."""
+        """Take the steps of the block; one whose LCP the first method did not solve is tried by those it falls back on."""
+        status, reached = self._run(carry, carry.solver, record, first, last)
+        while status is not Status.SOLVED:
+            for name in carry.solver.fallbacks:
+                again, after = self._run(carry, SOLVERS[name].init(carry.contacts), record, reached, reached + 1)
+                if again is Status.SOLVED:
+                    break
+            else:
+                return status, reached
+            if after == last:
+                return Status.SOLVED, last
+            status, reached = self._run(carry, carry.solver, record, after, last)
+        return status, reached
+
+    def _run(self, carry: Step, solver: State, record: Record, first: int, last: int) -> tuple[Status, int]:
+        """Take steps in compiled code, or in the interpreter where the solver lives there."""
         Pf, f = carry.constant or carry.loads(carry.grid.times(first, last))
-        code, reached, iterations, residual = carry.run(
+        run: Callable[..., tuple[float, float, float, float]] = steps if solver.compiled else interpreted(steps)
+        code, reached, iterations, residual = run(
             first, last, carry.grid.h, self.theta, Pf, f, *carry.operators,
-            record.q, record.v, record.reaction, carry.tol, carry.max_iter, carry.kernel,
+            record.q, record.v, record.reaction, carry.tol, carry.max_iter, solver.kernel,
         )  # fmt: skip
         stats: dict[str, Any] = record.stats
         stats["lcp_solves"] = stats.get("lcp_solves", 0) + int(reached) - first

@@ -14,6 +14,9 @@ SOLVERS: Registry[LCPSolver] = Registry(
     {
         "auto": "lcpimpact.lcp.auto:SOLVER",
         "closed-form": "lcpimpact.lcp.closed_form:SOLVER",
+        "active-set": "lcpimpact.lcp.active_set:SOLVER",
+        "block-pivoting": "lcpimpact.lcp.block_pivoting:SOLVER",
+        "banded": "lcpimpact.lcp.banded:SOLVER",
         "lemke": "lcpimpact.lcp.lemke:SOLVER",
         "pgs": "lcpimpact.lcp.pgs:SOLVER",
         "enumeration": "lcpimpact.lcp.enumeration:SOLVER",

@@ -1,51 +1,52 @@
-"""The choice of a solver when none is named: closed form for one or two rows, Lemke for more."""
+"""The choice of a solver when none is named: by size and structure, with others to fall back on."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from numba import types
+from lcpimpact.lcp import SOLVERS
+from lcpimpact.lcp.operators import Delassus, Property, narrow
+from lcpimpact.lcp.solver import LCPSolver, State
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, interpreted, matrix, vector
-from lcpimpact.errors import Status
-from lcpimpact.lcp.closed_form import closed_form
-from lcpimpact.lcp.lemke import lemke
-from lcpimpact.lcp.problem import scaled_residual
-from lcpimpact.lcp.solver import Delassus, Kernel, LCPSolver
-
-SOLVED = int(Status.SOLVED)
+SMALLEST_BAND = 16
+"""Order from which a dense M is looked at for bands."""
 
 
-@compiled(types.UniTuple(i8, 2)(matrix, vector, vector, f8, i8))
-def closed_form_or_lemke(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Solve by closed form where it applies and its answer stands the check, else by Lemke's method."""
-    if len(q) <= 2:
-        status, iterations = closed_form(M, q, z, tol, max_iter)
-        if status == SOLVED and scaled_residual(M, q, z) <= tol:
-            return status, iterations
-    return lemke(M, q, z, tol, max_iter)
+def methods(M: Delassus) -> tuple[str, ...]:
+    """Return the methods to try in turn; those whose requirements M lacks are passed over when it comes to them."""
+    if M.storage == "factored":
+        return "active-set", "apgd"
+    if M.storage == "banded":
+        return "banded", "block-pivoting", "active-set", "lemke"
+    if M.n <= 2:
+        return "closed-form", "lemke"
+    # Who declares M no more than semidefinite may have redundant contacts; else the first factorisation finds that out.
+    if Property.PSD in M.tags and not M.has(Property.P):
+        return "active-set", "lemke", "enumeration"
+    return "block-pivoting", "active-set", "lemke", "enumeration"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Auto(LCPSolver):
     """The choice by the matrix."""
 
-    @property
-    def is_compiled(self) -> bool:
-        """Whether compilation is on."""
-        return interpreted(closed_form) is not closed_form
-
-    def prepare(self, delassus: Delassus) -> Kernel:
-        """Return the closed form alone for one row of positive W, which it always solves."""
-        one_row = delassus.W.shape == (1, 1) and delassus.W[0, 0] > 0.0
-        return closed_form if one_row else closed_form_or_lemke
+    def init(self, M: Delassus) -> State:
+        """Find bands, and make the first method that suits ready."""
+        few = narrow(M.W) if M.storage == "dense" and M.n >= SMALLEST_BAND else None
+        chosen = M if few is None else few
+        first, *others = methods(chosen)
+        if first == "active-set" and not M.has(Property.SYMMETRIC):
+            first, *others = others
+        state = SOLVERS[first].init(chosen)
+        return State(state.W, state.kernel, state.compiled, first, tuple(others))
 
 
 SOLVER = Auto(
     name="auto",
-    summary="closed-form for one or two rows, else lemke",
+    summary="by structure: closed-form, banded, block-pivoting, active-set, lemke, enumeration, until an answer holds",
     requires=(),
+    storages=("dense", "banded", "factored"),
+    boxed=True,
     tol=1e-10,
     max_iter=10_000,
     source="-",

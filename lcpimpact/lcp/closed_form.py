@@ -6,67 +6,90 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.compiled import compiled, f8
 from lcpimpact.errors import Status
-from lcpimpact.lcp.problem import scaled_residual
-from lcpimpact.lcp.solver import CompiledSolver, Requirement
+from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
+from lcpimpact.lcp.solver import CompiledSolver
 
 SOLVED, INFEASIBLE = int(Status.SOLVED), int(Status.INFEASIBLE)
 
 
-@compiled(types.UniTuple(i8, 2)(matrix, vector, vector, f8, i8))
-def closed_form(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Solve one or two rows by trying the bases {}, {1}, {2}, {1, 2}.
+@compiled(types.UniTuple(f8, 2)(f8, f8, f8, f8))
+def one_row(m: float, q: float, lower: float, upper: float) -> tuple[float, float]:
+    """Return z for the row m z + q, and its residual z - P(z - w), the least that a basis gives."""
+    if m > 0.0:
+        return min(max(-q / m, lower), upper), 0.0
+    z, smallest = 0.0, np.inf
+    for basis in (LOWER, FREE, UPPER):
+        trial = lower if basis == LOWER else upper if basis == UPPER else -q / m if m != 0.0 else 0.0
+        if -np.inf < trial < np.inf:
+            trial = min(max(trial, lower), upper)
+            residual = abs(max(min(m * trial + q, trial - lower), trial - upper))
+            if residual < smallest:
+                z, smallest = trial, residual
+    return z, smallest
 
-    One row: z = 0 if q >= 0, else z = -q/M, which is a solution only for M > 0. Two rows: each basis gives a candidate,
-    and the one with the smallest residual stands if it is within tol, so that rounding at a corner decides nothing.
+
+@compiled(SIGNATURE)
+def closed_form(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+    """Solve one or two rows by trying their bases: a row at its lower bound, at its upper one, or free.
+
+    In units where max |M| = max |q| = 1. Each basis gives a candidate, and the one with the smallest residual stands if it
+    is within tol, so that rounding at a corner decides nothing.
     """
+    p = abs(q[0]) if len(q) == 1 else max(abs(q[0]), abs(q[1]))
+    p = p if p > 0.0 else 1.0
     if len(q) == 1:
-        if q[0] >= 0.0:
-            z[0] = 0.0
-            return SOLVED, 1
-        if M[0, 0] > 0.0:
-            z[0] = -q[0] / M[0, 0]
-            return SOLVED, 1
-        return INFEASIBLE, 1
+        s = abs(W[0, 0]) if W[0, 0] != 0.0 else 1.0
+        x, residual = one_row(W[0, 0] / s, q[0] / p, lower[0] * (s / p), upper[0] * (s / p))
+        z[0] = min(max(x * (p / s), lower[0]), upper[0])
+        return (SOLVED if residual <= tol else INFEASIBLE), 1
 
-    s = max(max(abs(M[0, 0]), abs(M[0, 1])), max(abs(M[1, 0]), abs(M[1, 1])))
-    p = max(abs(q[0]), abs(q[1]))
-    z[0] = z[1] = 0.0
-    if q[0] >= 0.0 and q[1] >= 0.0:
+    if q[0] >= 0.0 and q[1] >= 0.0 and lower[0] == 0.0 and lower[1] == 0.0:
+        z[0] = z[1] = 0.0
         return SOLVED, 1
-    if s == 0.0:
-        return INFEASIBLE, 1
-    a, b, c, d = M[0, 0] / s, M[0, 1] / s, M[1, 0] / s, M[1, 1] / s
-    f, g = q[0] / p, q[1] / p
-    best, trial = np.zeros(2), np.zeros(2)
-    smallest = scaled_residual(M, q, best)
-    for basis in range(1, 4):
-        trial[0] = trial[1] = 0.0
-        if basis == 1 and a > 0.0:
-            trial[0] = max(0.0, -f / a)
-        elif basis == 2 and d > 0.0:
-            trial[1] = max(0.0, -g / d)
-        elif basis == 3 and abs(a * d - b * c) > 1e-14 * (abs(a * d) + abs(b * c)):
-            trial[0] = max(0.0, (b * g - d * f) / (a * d - b * c))
-            trial[1] = max(0.0, (c * f - a * g) / (a * d - b * c))
-        trial *= p / s
-        residual = scaled_residual(M, q, trial)
-        if residual < smallest:
-            smallest = residual
-            best[:] = trial
-    if smallest <= tol:
-        z[:] = best
-        return SOLVED, 4
-    return INFEASIBLE, 4
+    s = max(max(abs(W[0, 0]), abs(W[0, 1])), max(abs(W[1, 0]), abs(W[1, 1])))
+    s = s if s > 0.0 else 1.0
+    u = s / p
+    a, b, c, d, f, g = W[0, 0] / s, W[0, 1] / s, W[1, 0] / s, W[1, 1] / s, q[0] / p, q[1] / p
+    l0, l1, u0, u1 = lower[0] * u, lower[1] * u, upper[0] * u, upper[1] * u
+    determinant = a * d - b * c
+    regular = abs(determinant) > 1e-14 * (abs(a * d) + abs(b * c))
+    x, y, smallest, tried = 0.0, 0.0, np.inf, 0
+    for first in (LOWER, FREE, UPPER):
+        for second in (LOWER, FREE, UPPER):
+            v = l0 if first == LOWER else u0
+            t = l1 if second == LOWER else u1
+            if first == FREE and second == FREE:
+                if not regular:
+                    continue
+                v, t = (b * g - d * f) / determinant, (c * f - a * g) / determinant
+            elif first == FREE:
+                v = -(f + b * t) / a if a != 0.0 else 0.0
+            elif second == FREE:
+                t = -(g + c * v) / d if d != 0.0 else 0.0
+            if not (abs(v) < np.inf and abs(t) < np.inf):
+                continue
+            tried += 1
+            v, t = min(max(v, l0), u0), min(max(t, l1), u1)
+            residual = max(
+                abs(max(min(a * v + b * t + f, v - l0), v - u0)), abs(max(min(c * v + d * t + g, t - l1), t - u1))
+            )
+            if residual < smallest:
+                x, y, smallest = v, t, residual
+    z[0], z[1] = min(max(x / u, lower[0]), upper[0]), min(max(y / u, lower[1]), upper[1])
+    return (SOLVED if smallest <= tol else INFEASIBLE), tried
 
 
 SOLVER = CompiledSolver(
     name="closed-form",
     summary="one or two rows by cases; what the paper's own steps need",
-    requires=(Requirement.AT_MOST_2,),
+    requires=(),
+    storages=("dense",),
+    boxed=True,
     tol=1e-12,
-    max_iter=4,
-    source="enumeration of the four complementary bases",
+    max_iter=9,
+    source="enumeration of the complementary bases",
+    largest=2,
     kernel=closed_form,
 )

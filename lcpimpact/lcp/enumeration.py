@@ -4,52 +4,132 @@ from __future__ import annotations
 
 import numpy as np
 from numba import types
+from numpy.typing import ArrayLike
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
 from lcpimpact.errors import Status
-from lcpimpact.lcp.gauss import solve_basis
-from lcpimpact.lcp.problem import scaled_residual
-from lcpimpact.lcp.solver import CompiledSolver, Requirement
+from lcpimpact.lcp.basis import basic_solution
+from lcpimpact.lcp.judge import holds, measure
+from lcpimpact.lcp.operators import as_operator, finite_array
+from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER, bounds
+from lcpimpact.lcp.solver import CompiledSolver
+from lcpimpact.lcp.trace import NONE, note
 
 SOLVED, INFEASIBLE = int(Status.SOLVED), int(Status.INFEASIBLE)
 UNDECIDED, MAX_ITER = int(Status.UNDECIDED), int(Status.MAX_ITER)
 
 
-@compiled(types.UniTuple(i8, 2)(matrix, vector, vector, f8, i8))
-def enumeration(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Try the 2ⁿ bases in the order of the binary numbers, and take the first whose residual is within tol.
+@compiled(types.boolean(i8, vector, vector, indices))
+def nth_basis(number: int, lower: Array, upper: Array, side: Indices) -> bool:
+    """Set ``side`` to the basis of that number; return False if there are not so many.
+
+    A number has one digit for each row: at its lower bound, free, at its upper bound, of those that it has.
+    """
+    for i in range(len(side)):
+        below, above = lower[i] > -np.inf, upper[i] < np.inf
+        choices = 1 if lower[i] == upper[i] else 1 + int(below) + int(above)
+        digit = number % choices + (0 if below else 1)
+        number //= choices
+        side[i] = LOWER if digit == 0 else FREE if digit == 1 else UPPER
+    return number == 0
+
+
+@compiled(types.UniTuple(types.boolean, 2)(matrix, vector, vector, vector, indices, vector, f8))
+def try_basis(W: Array, q: Array, lower: Array, upper: Array, side: Indices, z: Array, tol: float) -> tuple[bool, bool]:
+    """Set z to the basic solution of ``side``; return whether the basis is regular, and whether z solves the problem."""
+    regular = basic_solution(W, False, q, lower, upper, side, z)
+    scaled, _, rounding = measure(W, q, lower, upper, z, np.empty(len(q)))
+    return regular, regular and holds(scaled, rounding, tol)
+
+
+@compiled(SIGNATURE)
+def enumeration(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+    """Try the bases in the order of their numbers, and take the first whose residual is within tol.
 
     When none fits, the problem has no solution, unless a basis was singular: then it is undecided.
     """
     n = len(q)
-    support = np.empty(n, np.int64)
-    trial = np.empty(n)
+    side, basis, trial = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
+    unshifted = np.zeros(n)
     singular = False
-    z[:] = 0.0
-    for basis in range(2**n):
-        if basis >= max_iter:
-            return MAX_ITER, basis
-        k = 0
+    for i in range(n):
+        z[i] = min(max(0.0, lower[i]), upper[i])
+    for number in range(max_iter):
+        if not nth_basis(number, lower, upper, side):
+            return (UNDECIDED if singular else INFEASIBLE), number
+        regular, solved = try_basis(W, q, lower, upper, side, trial, tol)
+        singular = singular or not regular
         for i in range(n):
-            if basis >> i & 1:
-                support[k] = i
-                k += 1
-        if not solve_basis(M, q, support[:k], trial):
-            singular = True
-        elif scaled_residual(M, q, trial) <= tol:
+            basis[i] = n + i if side[i] == FREE else i
+        note(trial, basis, NONE, NONE, unshifted)
+        if solved:
             for i in range(n):
-                z[i] = max(trial[i], 0.0)
-            return SOLVED, basis + 1
-    return (UNDECIDED if singular else INFEASIBLE), 2**n
+                z[i] = min(max(trial[i], lower[i]), upper[i])
+            return SOLVED, number + 1
+    return MAX_ITER, max_iter
 
 
 SOLVER = CompiledSolver(
     name="enumeration",
-    summary="all 2^n complementary bases; the oracle for n <= 15",
-    requires=(Requirement.AT_MOST_15,),
+    summary="all 2^n complementary bases (3^n between bounds); the oracle for n <= 15",
+    requires=(),
+    storages=("dense",),
+    boxed=True,
     tol=1e-10,
-    max_iter=2**15,
+    max_iter=3**15,
     source="Cottle, Pang and Stone (1992), section 1.3",
+    largest=15,
     kernel=enumeration,
 )
+
+
+def all_solutions(
+    M: ArrayLike, q: ArrayLike, *, lower: ArrayLike | None = None, upper: ArrayLike | None = None, tol: float = 1e-10
+) -> list[Array]:
+    """Return every basic solution of LCP(M, q), each once.
+
+    Parameters
+    ----------
+    M : (n, n) array_like
+        n <= 15.
+    q : (n,) array_like
+    lower, upper : (n,) array_like, optional
+        0 and inf unless given.
+    tol : float
+        Largest scaled residual of a solution.
+
+    Returns
+    -------
+    list of (n,) arrays
+        Where the solutions are a continuum (singular bases) its corners are among them.
+
+    Raises
+    ------
+    InputError, UnsupportedError
+        For data of the wrong shape or kind, or n > 15.
+
+    Examples
+    --------
+    >>> all_solutions([[0.0, 1.0], [1.0, 0.0]], [-1.0, -1.0])
+    [array([1., 1.])]
+    >>> len(all_solutions([[1.0, 2.0], [2.0, 1.0]], [-1.0, -1.0]))
+    3
+
+    References
+    ----------
+    Cottle, Pang and Stone, *The Linear Complementarity Problem* (1992), section 1.3.
+    """
+    operator = as_operator(M)
+    right = finite_array("q", q)
+    SOLVER.check(operator)
+    low, high, _ = bounds(operator.n, lower, upper)
+    found: list[Array] = []
+    side, number = np.empty(operator.n, np.int64), 0
+    while nth_basis(number, low, high, side):
+        z = np.empty(operator.n)
+        _, solved = try_basis(operator.array(), right, low, high, side, z, tol)
+        if solved and not any(np.abs(z - other).max() <= 1e-9 * (1.0 + np.abs(z).max()) for other in found):
+            found.append(np.clip(z, low, high))
+        number += 1
+    return found

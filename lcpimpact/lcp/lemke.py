@@ -6,130 +6,209 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
+from lcpimpact.compiled import compiled, i8, indices, matrix, vector
 from lcpimpact.errors import Status
-from lcpimpact.lcp.gauss import solve_basis
-from lcpimpact.lcp.problem import scaled_residual
+from lcpimpact.lcp.judge import holds, measure, proves_infeasible
+from lcpimpact.lcp.polish import polish
+from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, is_plain
+from lcpimpact.lcp.reduction import from_lcp, to_lcp
 from lcpimpact.lcp.solver import CompiledSolver
+from lcpimpact.lcp.trace import note
 
-SOLVED, RAY, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.MAX_ITER)
+SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED), int(Status.MAX_ITER)
+
+COVERINGS = 4
+"""Covering vectors to try, one after another, while the method ends on a ray that proves nothing."""
+
+GOLDEN = 0.6180339887498949
+
+THRESHOLD = 1e-11
+"""Least entry of a scaled tableau that may be a pivot."""
+
+TIE = 1e-10
+"""Relative distance of two ratios that counts as none: after hundreds of pivots rounding has grown to this."""
 
 
 @compiled(types.void(matrix, i8, i8))
-def pivot(tableau: Array, row: int, column: int) -> None:
-    """Exchange: make ``column`` the unit vector of ``row``."""
-    width = tableau.shape[1]
-    scale = 1.0 / tableau[row, column]
+def exchange(T: Array, r: int, c: int) -> None:
+    """Exchange the basic variable of row r with the one outside the basis of column c."""
+    width = T.shape[1]
+    pivot = 1.0 / T[r, c]
     for j in range(width):
-        tableau[row, j] *= scale
-    tableau[row, column] = 1.0
-    for i in range(tableau.shape[0]):
-        factor = tableau[i, column]
-        if i != row and factor != 0.0:
+        T[r, j] *= pivot
+    T[r, c] = pivot
+    for i in range(T.shape[0]):
+        factor = T[i, c]
+        if i != r and factor != 0.0:
             for j in range(width):
-                tableau[i, j] -= factor * tableau[row, j]
-            tableau[i, column] = 0.0
+                T[i, j] -= factor * T[r, j]
+            T[i, c] = -factor * pivot
 
 
-@compiled(i8(matrix, indices, i8, f8))
-def blocking_row(tableau: Array, basis: Indices, column: int, threshold: float) -> int:
-    """Return the row that blocks the entering column, or -1 for a ray.
+@compiled(types.boolean(matrix, indices, indices, i8, i8, i8))
+def precedes(T: Array, inside: Indices, outside: Indices, i: int, k: int, c: int) -> bool:
+    """Return whether row i of the inverse basis over T_ic is lexicographically less than row k over T_kc."""
+    n = T.shape[0]
+    slot = np.full(n, -1)
+    for j in range(n + 1):
+        if outside[j] < n:
+            slot[outside[j]] = j
+    for j in range(n):
+        if slot[j] >= 0:
+            new, old = T[i, slot[j]] / T[i, c], T[k, slot[j]] / T[k, c]
+        else:
+            new = 1.0 / T[i, c] if inside[i] == j else 0.0
+            old = 1.0 / T[k, c] if inside[k] == j else 0.0
+        if abs(new - old) > TIE * max(abs(new), abs(old)) + 1e-3 * TIE:
+            return bool(new < old)
+    return False
+
+
+@compiled(i8(matrix, indices, indices, i8))
+def blocking_row(T: Array, inside: Indices, outside: Indices, c: int) -> int:
+    """Return the row whose variable reaches zero first as that of column c grows, or -1 for a ray.
 
     The ratio test is lexicographic: ties in the right side are broken by the rows of the inverse basis, which stand in
-    the columns of w. The covering variable z0 leaves whenever it can, since that ends the method.
+    the columns of w. The covering variable leaves whenever it can, since that ends the method.
     """
-    n = tableau.shape[0]
-    covering, right = 2 * n, 2 * n + 1
+    n = T.shape[0]
+    covering, right = 2 * n, n + 1
     best = -1
     for i in range(n):
-        if tableau[i, column] <= threshold:
+        if T[i, c] <= THRESHOLD:
             continue
         if best < 0:
             best = i
             continue
-        for level in range(n + 1):
-            j = right if level == 0 else level - 1
-            new = tableau[i, j] / tableau[i, column]
-            old = tableau[best, j] / tableau[best, column]
-            margin = 1e-12 * max(abs(new), abs(old)) + 1e-15
-            if level == 0 and abs(new - old) <= margin:
-                if basis[best] == covering:
-                    break
-                if basis[i] == covering:
-                    best = i
-                    break
-            if new < old - margin:
-                best = i
-                break
-            if new > old + margin:
-                break
+        new, old = T[i, right] / T[i, c], T[best, right] / T[best, c]
+        margin = TIE * max(abs(new), abs(old)) + 1e-3 * TIE
+        if new < old - margin or (
+            new <= old + margin
+            and inside[best] != covering
+            and (inside[i] == covering or precedes(T, inside, outside, i, best, c))
+        ):
+            best = i
     return best
 
 
-@compiled(types.UniTuple(i8, 2)(matrix, vector, vector, f8, i8))
-def lemke(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Follow the almost complementary path of w = M z + q + 1 z0 from a large z0 until z0 leaves the basis.
-
-    The problem is first scaled to max |M| = max |q| = 1. Columns of the tableau: w, z, z0, right side. The answer is
-    recomputed from M and q for the final basis, so that rounding does not accumulate over the pivots.
-    """
+@compiled(types.void(matrix, vector, vector))
+def units(M: Array, q: Array, unit: Array) -> None:
+    """Set ``unit`` to the D that gives D M D a unit diagonal, or a largest entry near one where M_ii <= 0."""
     n = len(q)
-    s, p = 0.0, 0.0
     for i in range(n):
-        p = max(p, -q[i])
-        for j in range(n):
-            s = max(s, abs(M[i, j]))
-    z[:] = 0.0
-    if p == 0.0:
-        return SOLVED, 0
-    if s == 0.0:
-        return RAY, 0
+        size = M[i, i]
+        if not size > 0.0:
+            size = 0.0
+            for j in range(n):
+                size = max(size, max(abs(M[i, j]), abs(M[j, i])))
+        unit[i] = 1.0 / np.sqrt(size) if size > 0.0 else 1.0
 
-    covering, right = 2 * n, 2 * n + 1
-    tableau = np.zeros((n, 2 * n + 2))
-    basis = np.empty(n, np.int64)
-    row = 0
+
+@compiled(SIGNATURE)
+def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+    """Follow the almost complementary path of w = M z + q + d z0 from a large z0 until z0 leaves the basis.
+
+    The problem is first scaled to a unit diagonal and max |q| = 1. Columns of the tableau: those outside the basis, then
+    the right side; at first z, z0, q. The answer is recomputed from M and q for the final basis, so that rounding does not
+    accumulate over the pivots. A ray whose direction proves that there is no solution ends the method; after any other it
+    starts anew with another d. Bounds are turned into more unknowns first.
+    """
+    N, p, row, sign, base = W, q, np.arange(len(q)), np.ones(len(q)), np.zeros(len(q))
+    if not is_plain(lower, upper):
+        N, p, row, sign, base = to_lcp(W, q, lower, upper)
+    n = len(p)
+    zero, infinite = np.zeros(n), np.full(n, np.inf)
+    y, unit = np.zeros(n), np.empty(n)
+    T, inside, outside, side = (
+        np.empty((n, n + 2)),
+        np.empty(n, np.int64),
+        np.empty(n + 1, np.int64),
+        np.empty(n, np.int64),
+    )
+    d, shift, w = np.empty(n), np.empty(n), np.empty(n)
+    covering, right = 2 * n, n + 1
+    units(N, p, unit)
+    size, widest = 0.0, 0.0
     for i in range(n):
-        basis[i] = i
-        tableau[i, i] = 1.0
-        for j in range(n):
-            tableau[i, n + j] = -M[i, j] / s
-        tableau[i, covering] = -1.0
-        tableau[i, right] = q[i] / p
-        # The first to leave is the lexicographic minimum of (q, I): the least q, and of equals the last.
-        if tableau[i, right] <= tableau[row, right]:
-            row = i
-
-    entering = covering
-    for step in range(max_iter):
-        pivot(tableau, row, entering)
-        leaving, basis[row] = basis[row], entering
-        if leaving == covering:
-            support = np.empty(n, np.int64)
-            k = 0
+        size = max(size, -p[i] * unit[i])
+        widest = max(widest, unit[i])
+    status, count = UNDECIDED, 0
+    if size == 0.0:
+        status = SOLVED
+    attempt = 0
+    while status == UNDECIDED and attempt < COVERINGS:
+        attempt += 1
+        r = 0
+        outside[n] = covering
+        for i in range(n):
+            inside[i], outside[i] = i, n + i
+            for j in range(n):
+                T[i, j] = -N[i, j] * unit[i] * unit[j]
+            # d = (1, ..., 1) in the units of q; later tries spread it between 1 and 2 in those of the scaled problem.
+            d[i] = unit[i] / widest if attempt == 1 else 1.0 + GOLDEN * (i + 1) * attempt % 1.0
+            T[i, n] = -d[i]
+            T[i, right] = p[i] * unit[i] / size
+            # The first to leave is the lexicographic minimum of (q, I)/d: the least ratio, and of equals the last.
+            if T[i, right] / d[i] <= T[r, right] / d[r]:
+                r = i
+        c = n
+        while True:
+            if count == max_iter:
+                status = MAX_ITER
+                break
+            count += 1
+            entering, leaving = outside[c], inside[r]
+            exchange(T, r, c)
+            inside[r], outside[c] = entering, leaving
+            y[:] = 0.0
+            z0 = 0.0
             for i in range(n):
-                if basis[i] >= n:
-                    support[k] = basis[i] - n
-                    k += 1
-                    z[basis[i] - n] = max(tableau[i, right], 0.0) * (p / s)
-            polished = np.empty(n)
-            if solve_basis(M, q, support[:k], polished):
+                if inside[i] == covering:
+                    z0 = T[i, right] * size
+                elif inside[i] >= n:
+                    y[inside[i] - n] = max(T[i, right], 0.0) * size * unit[inside[i] - n]
+            for i in range(n):
+                shift[i] = d[i] * z0 / unit[i]
+            note(y, inside, entering, leaving, shift)
+            if leaving == covering:
                 for i in range(n):
-                    polished[i] = max(polished[i], 0.0)
-                if scaled_residual(M, q, polished) <= scaled_residual(M, q, z):
-                    z[:] = polished
-            return SOLVED, step + 1
-        entering = leaving + n if leaving < n else leaving - n
-        row = blocking_row(tableau, basis, entering, 1e-11)
-        if row < 0:
-            return RAY, step + 1
-    return MAX_ITER, max_iter
+                    side[i] = LOWER
+                for i in range(n):
+                    if inside[i] >= n:
+                        side[inside[i] - n] = FREE
+                polish(N, p, zero, infinite, side, y)
+                scaled, _, rounding = measure(N, p, zero, infinite, y, w)
+                status = SOLVED if attempt == COVERINGS or holds(scaled, rounding, tol) else UNDECIDED
+                break
+            wanted = leaving + n if leaving < n else leaving - n
+            for j in range(n + 1):
+                if outside[j] == wanted:
+                    c = j
+            r = blocking_row(T, inside, outside, c)
+            if r < 0:
+                y[:] = 0.0
+                for i in range(n):
+                    if inside[i] >= n and inside[i] != covering:
+                        y[inside[i] - n] = max(-T[i, c], 0.0) * unit[inside[i] - n]
+                if wanted >= n:
+                    y[wanted - n] = unit[wanted - n]
+                status = RAY if proves_infeasible(N, p, zero, infinite, y) else UNDECIDED
+                break
+    for i in range(len(q)):
+        z[i] = 0.0 if status == RAY else base[i]
+    from_lcp(row, sign, y, z)
+    if status != RAY:
+        for i in range(len(q)):
+            z[i] = min(max(z[i], lower[i]), upper[i])
+    return status, count
 
 
 SOLVER = CompiledSolver(
     name="lemke",
-    summary="lexicographic complementary pivoting; takes singular, non-symmetric and copositive M",
+    summary="lexicographic complementary pivoting; takes singular, non-symmetric and copositive M, and bounds",
     requires=(),
+    storages=("dense",),
+    boxed=True,
     tol=1e-10,
     max_iter=10_000,
     source="Lemke (1965); Cottle, Pang and Stone (1992), section 4.4",

@@ -1,36 +1,43 @@
-"""Projected Gauss-Seidel: the iteration that granular and game codes use."""
+"""Projected Gauss-Seidel and its over-relaxation: the iterations that granular and game codes use."""
 
 from __future__ import annotations
 
-from numba import types
+import numpy as np
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
-from lcpimpact.lcp.problem import scaled_residual
-from lcpimpact.lcp.solver import CompiledSolver, Requirement
+from lcpimpact.lcp.judge import measure
+from lcpimpact.lcp.operators import Property
+from lcpimpact.lcp.problem import SIGNATURE
+from lcpimpact.lcp.solver import CompiledSolver
+from lcpimpact.lcp.storage import entry, row_product
+from lcpimpact.lcp.trace import NONE, note
 
 SOLVED, MAX_ITER = int(Status.SOLVED), int(Status.MAX_ITER)
 
 
-@compiled(types.UniTuple(i8, 2)(matrix, vector, vector, f8, i8))
-def pgs(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Sweep z_i <- max(0, z_i - (M z + q)_i / M_ii) until the residual is within tol."""
-    for sweep in range(max_iter):
-        for i in range(len(q)):
-            w = q[i]
-            for j in range(len(q)):
-                w += M[i, j] * z[j]
-            z[i] = max(0.0, z[i] - w / M[i, i])
-        if scaled_residual(M, q, z) <= tol:
-            return SOLVED, sweep + 1
+@compiled(SIGNATURE)
+def pgs(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+    """Sweep z_i <- P(z_i - (M z + q)_i / M_ii) until the residual is within tol."""
+    n = len(q)
+    w, basis, unshifted = np.empty(n), np.empty(n, np.int64), np.zeros(n)
+    for sweep in range(1, max_iter + 1):
+        for i in range(n):
+            z[i] = min(max(z[i] - (row_product(W, i, z) + q[i]) / entry(W, i, i), lower[i]), upper[i])
+            basis[i] = n + i if lower[i] < z[i] < upper[i] else i
+        note(z, basis, NONE, NONE, unshifted)
+        if measure(W, q, lower, upper, z, w)[0] <= tol:
+            return SOLVED, sweep
     return MAX_ITER, max_iter
 
 
 SOLVER = CompiledSolver(
     name="pgs",
     summary="projected Gauss-Seidel: a baseline, slow on tall stacks",
-    requires=(Requirement.SYMMETRIC, Requirement.PSD, Requirement.POSITIVE_DIAGONAL),
+    requires=(Property.SYMMETRIC, Property.PSD, Property.POSITIVE_DIAGONAL),
+    storages=("dense", "banded"),
+    boxed=True,
     tol=1e-12,
     max_iter=20_000,
     source="Cryer (1971)",

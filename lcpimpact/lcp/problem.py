@@ -1,11 +1,16 @@
-r"""The linear complementarity problem, its solution, and the judge of every answer.
+r"""The linear complementarity problem with bounds, and its solution.
 
-.. math:: w = M z + q, \qquad 0 \le z \perp w \ge 0
+.. math:: w = M z + q, \qquad lower \le z \le upper, \qquad
+          w_i \ge 0 \text{ if } z_i < upper_i, \quad w_i \le 0 \text{ if } z_i > lower_i
+
+lower = 0, upper = inf is the LCP 0 <= z ⟂ w >= 0. Finite bounds make it boxed (a dry-friction slider); a row without
+bounds is free and asks for w_i = 0 (a mixed LCP).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numba import types
@@ -14,66 +19,33 @@ from numpy.typing import ArrayLike
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix, vector
 from lcpimpact.errors import InputError, Status
+from lcpimpact.lcp.operators import real_array
+from lcpimpact.lcp.trace import Trace
+
+SIGNATURE = types.UniTuple(i8, 2)(matrix, vector, vector, vector, vector, f8, i8)
+"""Types of a solver's kernel(W, q, lower, upper, z, tol, max_iter) -> (status, iterations)."""
+
+LOWER, FREE, UPPER = -1, 0, 1
+"""Sides of a row in a complementary basis: at a bound, or between them with w = 0."""
+
+KERNEL = types.FunctionType(SIGNATURE)
+"""Type of a compiled kernel as an argument of compiled code."""
 
 
-def real_array(name: str, values: ArrayLike) -> Array:
-    """Return a C-ordered copy in float64, refusing what is no array of real numbers."""
-    try:
-        array = np.array(values, order="C")
-        if array.dtype.kind in "fiub":
-            return array.astype(np.float64)
-    except (TypeError, ValueError, OverflowError):
-        pass
-    raise InputError(f"{name} must be an array of real numbers, all rows of one length, and it is {values!r}")
-
-
-@dataclass(frozen=True)
-class LCP:
-    """LCP(M, q): find z >= 0 with w = M z + q >= 0 and z·w = 0.
-
-    Parameters
-    ----------
-    M : (n, n) array
-        Any square matrix of finite numbers.
-    q : (n,) array
-        Finite numbers.
-
-    Raises
-    ------
-    InputError
-        If M is not square, q does not fit, or a number is not finite.
-    """
-
-    M: Array
-    q: Array
-
-    @classmethod
-    def checked(cls, M: ArrayLike, q: ArrayLike) -> LCP:
-        """Coerce to C-ordered float64 and check shapes and numbers."""
-        matrix_, vector_ = real_array("M", M), real_array("q", q)
-        if matrix_.ndim != 2 or matrix_.shape[0] != matrix_.shape[1]:
-            raise InputError(f"M must be square, and its shape is {matrix_.shape}")
-        if vector_.shape != (len(matrix_),):
-            raise InputError(f"q must have shape ({len(matrix_)},) to fit M, and its shape is {vector_.shape}")
-        if len(vector_) == 0:
-            raise InputError("the LCP is empty: give at least one row")
-        for name, array in (("M", matrix_), ("q", vector_)):
-            if not np.isfinite(array).all():
-                raise InputError(f"{name} has an entry that is not finite: replace NaN and inf before solving")
-        return cls(matrix_, vector_)
-
-
-@dataclass(frozen=True)
-class LCPSolution:
+class LCPSolution(NamedTuple):
     """What a solver found, judged from outside.
 
     Attributes
     ----------
     z, w : (n,) arrays      the answer and M z + q
     status : Status
-    residual : float        ‖min(z, w)‖_inf / max(1, ‖q‖_inf)
+    residual : float        ‖z - P(z - w)‖_inf / max(1, ‖q‖_inf); for an LCP ‖min(z, w)‖_inf / max(1, ‖q‖_inf)
     iterations : int        pivots, sweeps or backend iterations
-    solver : str            the solver that gave the answer
+    solver : str            the solver that was asked
+    route : tuple of str    the methods that it went through; the last gave the answer
+    ray : (n,) array        with the status RAY: v that proves there is no solution, for an LCP
+                            v >= 0, Mᵀ v <= 0, q·v < 0; else None
+    trace : Trace           the pivots or iterates, if asked for; else None
     """
 
     z: Array
@@ -82,6 +54,9 @@ class LCPSolution:
     residual: float
     iterations: int
     solver: str
+    route: tuple[str, ...]
+    ray: Array | None = None
+    trace: Trace | None = None
 
     @property
     def success(self) -> bool:
@@ -93,38 +68,50 @@ class LCPSolution:
         """The status in words, with its remedy."""
         return self.status.sentence
 
+    @property
+    def explanation(self) -> str:
+        """Which method gave the answer, and which were tried before."""
+        *failed, last = self.route
+        before = f" after {', '.join(failed)} had given no answer that holds" if failed else ""
+        return f"{self.solver}: {last}{before} ({self.iterations} iterations, residual {self.residual:.1e})"
 
-def natural_residual(M: Array, q: Array, z: Array) -> float:
-    """Return ‖min(z, M z + q)‖_inf / max(1, ‖q‖_inf), which is zero at solutions and nowhere else."""
-    defect = np.abs(np.minimum(z, M @ z + q)).max()
-    return float(defect / max(1.0, np.abs(q).max())) if np.isfinite(defect) else np.inf
+
+@compiled(types.boolean(vector, vector))
+def is_plain(lower: Array, upper: Array) -> bool:
+    """Return whether lower = 0 and upper = inf."""
+    plain = True
+    for i in range(len(lower)):
+        plain = plain and lower[i] == 0.0 and upper[i] == np.inf
+    return plain
 
 
-@compiled(f8(matrix, vector, vector))
-def scaled_residual(M: Array, q: Array, z: Array) -> float:
-    """Return the natural residual of LCP(M/s, q/p) at z s/p, with s = max |M|, p = max |q|: free of the data's units.
+@lru_cache(maxsize=256)
+def unbounded_above(n: int) -> tuple[Array, Array]:
+    """Return lower = 0 and upper = inf of an LCP of order n; read only."""
+    return np.zeros(n), np.full(n, np.inf)
 
-    This is what the judge of every answer looks at; NaN counts as infinite.
+
+def bounds(n: int, lower: ArrayLike | None, upper: ArrayLike | None) -> tuple[Array, Array, bool]:
+    """Return the bounds as arrays of length n, 0 and inf where they are None, and whether they differ from these.
+
+    Raises
+    ------
+    InputError
+        If a bound is no number or n numbers, is NaN, or a lower one exceeds its upper one.
     """
-    s, p = 0.0, 0.0
-    for i in range(len(q)):
-        p = max(p, abs(q[i]))
-        for j in range(len(q)):
-            s = max(s, abs(M[i, j]))
-    p = p if p > 0.0 else 1.0
-    s = s if s > 0.0 else 1.0
-    residual = 0.0
-    for i in range(len(q)):
-        w = q[i]
-        for j in range(len(q)):
-            w += M[i, j] * z[j]
-        w /= p
-        zi = z[i] * (s / p)
-        if not (w == w and zi == zi):
-            return np.inf
-        residual = max(residual, abs(min(zi, w)))
-    return residual
-
-
-KERNEL = types.FunctionType(types.UniTuple(i8, 2)(matrix, vector, vector, f8, i8))
-"""Type of a compiled solver: kernel(M, q, z, tol, max_iter) -> (status, iterations); z holds a guess and the answer."""
+    default = unbounded_above(n)
+    if lower is None and upper is None:
+        return (*default, False)
+    found = []
+    for name, given, usual in (("lower", lower, default[0]), ("upper", upper, default[1])):
+        array = usual if given is None else real_array(name, given)
+        if array.shape not in ((), (n,)) or np.isnan(array).any():
+            raise InputError(
+                f"{name} must be one number or {n} numbers (inf where there is no bound), and it is {given!r}"
+            )
+        found.append(np.array(np.broadcast_to(array, (n,))))
+    low, high = found
+    if not (low <= high).all() or (low == np.inf).any() or (high == -np.inf).any():
+        i = int(np.argmax((low > high) | (low == np.inf) | (high == -np.inf)))
+        raise InputError(f"lower[{i}] = {low[i]:g} and upper[{i}] = {high[i]:g} leave no value: need lower <= upper")
+    return low, high, bool((low != 0.0).any() or (high != np.inf).any())

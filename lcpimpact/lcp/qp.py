@@ -17,11 +17,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, diags, triu
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
-from lcpimpact.lcp.solver import Delassus, Kernel, LCPSolver, Requirement
+from lcpimpact.lcp.operators import Delassus, Dense, Property
+from lcpimpact.lcp.solver import Kernel, LCPSolver, State
 from lcpimpact.registry import nearest
 
 FORMS = ("dual", "primal")
@@ -33,7 +34,7 @@ TIGHT: dict[str, dict[str, Any]] = {
 """Settings of each backend that are tighter than its defaults."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class QPSolver(LCPSolver):
     """A backend of qpsolvers in one of the two forms.
 
@@ -48,52 +49,53 @@ class QPSolver(LCPSolver):
     form: str
     settings: dict[str, Any] = field(default_factory=dict)
 
-    @property
-    def is_compiled(self) -> bool:
-        """False: the backend is called from the interpreter."""
-        return False
-
-    def prepare(self, delassus: Delassus) -> Kernel:
+    def init(self, M: Delassus) -> State:
         """Scale the matrices once, and return a kernel for many q."""
-        dual = self.form == "dual"
-        P, G, unit = self._dual(delassus) if dual else self._primal(delassus)
-        zero = np.zeros(len(delassus.W) if dual else P.shape[0])
+        return State(M.W, self._kernel(M), False, self.name)
 
-        def kernel(M: Array, q: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+    def _kernel(self, operator: Delassus) -> Kernel:
+        dual = self.form == "dual"
+        P, G, unit = self._dual(operator) if dual else self._primal(operator)
+
+        def kernel(W: Any, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
             """Minimise in units of max |q| = 1; q is the linear cost of the dual form, and the bound of the primal one."""
-            p = -q.min()
-            z[:] = 0.0
-            if not p > 0.0:
-                return int(Status.SOLVED), 0
-            linear, bound = (q / p, zero) if dual else (zero, q / p)
-            solution, status, iterations = self._solve(P, linear, G, bound, max_iter)
-            if solution is not None:
-                z[:] = np.maximum(solution.x if dual else solution.z, 0.0) * (p * unit)
+            if len(q) != operator.n:
+                # A step in which not all contacts act hands over their own matrix.
+                return self._kernel(Dense(W))(W, q, lower, upper, z, tol, max_iter)
+            p = float(np.abs(q).max()) or 1.0
+            if dual:
+                box = {"lb": lower / (p * unit), "ub": upper / (p * unit)}
+                solution, status, iterations = self._solve(P, q / p, box, max_iter)
+            else:
+                solution, status, iterations = self._solve(P, np.zeros(P.shape[0]), {"G": G, "h": q / p}, max_iter)
+            found = 0.0 if solution is None else (solution.x if dual else solution.z) * (p * unit)
+            z[:] = np.clip(found, lower, upper)
             return status, iterations
 
         return kernel
 
-    def _dual(self, delassus: Delassus) -> tuple[csc_matrix, csc_matrix, float]:
-        """Return P and G of the form over r >= 0 with max |W| = 1, and the unit of its unknowns for max |q| = 1."""
-        s = np.abs(delassus.W).max(initial=0.0) or 1.0
-        return self._cost(delassus.W / s), csc_matrix(-np.eye(len(delassus.W))), 1.0 / s
+    def _dual(self, operator: Delassus) -> tuple[csc_matrix, None, float]:
+        """Return the cost of the form over z with max |M| = 1, and the unit of its unknowns for max |q| = 1."""
+        M = operator.array()
+        s = np.abs(M).max() or 1.0
+        return self._cost(M / s), None, 1.0 / s
 
-    def _primal(self, delassus: Delassus) -> tuple[csc_matrix, csc_matrix, float]:
+    def _primal(self, operator: Delassus) -> tuple[csc_matrix, csc_matrix, float]:
         """Return P and G of the form over w with unit diagonal of A and max |H| = 1, and the unit of the multipliers."""
-        if delassus.A is None or delassus.H is None:
-            values, vectors = np.linalg.eigh(delassus.W)
+        A, H = getattr(operator, "A", None), getattr(operator, "H", None)
+        if A is None or H is None:
+            values, vectors = np.linalg.eigh(operator.array())
             A, H = np.eye(len(values)), vectors * np.sqrt(np.maximum(values, 0.0))
-        else:
-            A, H = delassus.A, delassus.H
-        unit = 1.0 / np.sqrt(np.diag(A))
-        s = np.abs(H * unit).max(initial=0.0) or 1.0
-        return self._cost(A * np.outer(unit, unit)), csc_matrix(-H * unit / s), 1.0 / s**2
+        unit = diags(1.0 / np.sqrt(A.diagonal()))
+        scaled = csc_matrix(H) @ unit
+        s = abs(scaled).max() or 1.0
+        return self._cost(unit @ csc_matrix(A) @ unit), csc_matrix(-scaled / s), 1.0 / s**2
 
-    def _cost(self, P: Array) -> csc_matrix:
+    def _cost(self, P: Any) -> csc_matrix:
         """Return the matrix of the cost as the backend wants it: OSQP seeks the upper triangle of a full one each time."""
-        return csc_matrix(np.triu(P) if self.backend == "osqp" else P)
+        return csc_matrix(triu(P) if self.backend == "osqp" else P)
 
-    def _solve(self, P: csc_matrix, q: Array, G: csc_matrix, h: Array, max_iter: int) -> tuple[Any, int, int]:
+    def _solve(self, P: csc_matrix, q: Array, constraints: dict[str, Any], max_iter: int) -> tuple[Any, int, int]:
         import qpsolvers
 
         settings = dict(self.settings)
@@ -103,7 +105,7 @@ class QPSolver(LCPSolver):
             with warnings.catch_warnings():
                 # qpsolvers warns of what the status says.
                 warnings.simplefilter("ignore", UserWarning)
-                solution = qpsolvers.solve_problem(qpsolvers.Problem(P, q, G, h), solver=self.backend, **settings)
+                solution = qpsolvers.solve_problem(qpsolvers.Problem(P, q, **constraints), solver=self.backend, **settings)
         except (qpsolvers.QPError, ValueError):
             return None, int(Status.UNDECIDED), 0
         info = (solution.extras or {}).get("info")
@@ -136,7 +138,9 @@ def qp_solver(name: str) -> QPSolver:
     return QPSolver(
         name=f"qp:{backend}" if form == "dual" else f"qp:{backend}:primal",
         summary=f"{backend} through qpsolvers, {form} form ({unknown})",
-        requires=(Requirement.SYMMETRIC, Requirement.PSD),
+        requires=(Property.SYMMETRIC, Property.PSD),
+        storages=("dense", "banded", "factored"),
+        boxed=form == "dual",
         tol=1e-7,
         max_iter=20_000,
         source="Caron et al., qpsolvers; Stellato et al. (2020) for OSQP",

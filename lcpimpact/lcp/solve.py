@@ -1,59 +1,248 @@
-"""One LCP by one call."""
+"""One LCP by one call, or one matrix and many right sides."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
-from lcpimpact.errors import FailureError, InputError, Status
-from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.problem import LCP, LCPSolution, natural_residual, real_array, scaled_residual
-from lcpimpact.lcp.solver import Delassus, LCPSolver
+from lcpimpact.compiled import interpreted
+from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
+from lcpimpact.lcp import SOLVERS, judge
+from lcpimpact.lcp.farkas import infeasibility
+from lcpimpact.lcp.operators import Delassus, Dense, Factored, as_operator, finite_array, real_array
+from lcpimpact.lcp.problem import LCPSolution, bounds, is_plain
+from lcpimpact.lcp.solver import LCPSolver, State
+from lcpimpact.lcp.trace import Trace, traced
 from lcpimpact.numbers import is_count, is_real
+
+STATUS = {int(each): each for each in Status}
+
+SOLVED = Status.SOLVED
+PROVEN = Status.SOLVED, Status.RAY
+"""Statuses after which no other method need be tried."""
+
+LARGEST_PROGRAM = 1_000
+"""Order up to which a proof of infeasibility is looked for by a linear program."""
+
+MATRIX_FREE = {
+    "product": Factored.product,
+    "transposed_product": Factored.product,
+    "largest": Factored.largest,
+    "magnitude": Factored.magnitude,
+}
+
+
+class PreparedLCP(NamedTuple):
+    """A solver made ready for one matrix and one pair of bounds; `solve` may be called for many q.
+
+    Nothing is carried from one solve to the next but what is passed as the guess z0.
+
+    Attributes
+    ----------
+    solver : LCPSolver
+    operator : Delassus
+    lower, upper : (n,) arrays
+    state : State               what the solver's init returned
+    """
+
+    solver: LCPSolver
+    operator: Delassus
+    lower: Array
+    upper: Array
+    state: State
+
+    def solve(
+        self,
+        q: ArrayLike,
+        *,
+        z0: ArrayLike | None = None,
+        tol: float | None = None,
+        max_iter: int | None = None,
+        throw: bool = True,
+        trace: bool = False,
+    ) -> LCPSolution:
+        """Solve for one q; parameters, returns and errors are those of `solve_lcp`."""
+        n, solver, state = self.operator.n, self.solver, self.state
+        right = finite_array("q", q, copy=False)
+        if right.shape != (n,):
+            raise InputError(f"q must have shape ({n},) to fit M, and its shape is {right.shape}")
+        within, most = limits(solver, tol, max_iter)
+        guess = None if z0 is None else _guess(z0, n)
+
+        solution = self._attempt(state, right, guess, within, most)
+        for name in state.fallbacks:
+            if solution.status in PROVEN:
+                break
+            solution = self._fall_back(name, solution, right, guess, within, max_iter)
+        if state.fallbacks and solution.status not in (*PROVEN, Status.INFEASIBLE):
+            solution = self._prove(solution, right)
+        if trace:
+            solution = solution._replace(trace=self._trace(solution, right, guess, within, most))
+        if throw and solution.status is not SOLVED:
+            raise FailureError(
+                f"{solver.name}: {solution.status.sentence} (residual {solution.residual:.1e})", solution
+            )
+        return solution
+
+    def _attempt(self, state: State, q: Array, guess: Array | None, tol: float, max_iter: int) -> LCPSolution:
+        """Run one method and judge its answer."""
+        W, lower, upper = state.W, self.lower, self.upper
+        z, w = np.zeros(len(q)) if guess is None else guess.copy(), np.empty(len(q))
+        code, iterations = state.kernel(W, q, lower, upper, z, tol, max_iter)
+        status, ray = STATUS[code], None
+        measure, proves_infeasible = judge.measure, judge.proves_infeasible
+        if type(W) is Factored:
+            measure = interpreted(measure, **MATRIX_FREE)
+            proves_infeasible = interpreted(proves_infeasible, **MATRIX_FREE)
+        if status is Status.RAY:
+            ray, z = z, np.minimum(np.maximum(0.0, lower), upper)
+            if not proves_infeasible(W, q, lower, upper, ray):
+                status, ray = Status.UNDECIDED, None
+        scaled, natural, rounding = measure(W, q, lower, upper, z, w)
+        if status is not SOLVED or not (scaled <= tol and rounding <= tol):
+            status = verdict(status, scaled, rounding, tol)
+            if status is not SOLVED:
+                # What a method had reached may lie anywhere; what is handed back lies between the bounds.
+                z = np.minimum(np.maximum(np.where(np.isfinite(z), z, 0.0), lower), upper)
+                _, natural, _ = measure(W, q, lower, upper, z, w)
+        return LCPSolution(z, w, status, natural, iterations, self.solver.name, (state.name,), ray)
+
+    def _fall_back(
+        self, name: str, before: LCPSolution, q: Array, guess: Array | None, tol: float, max_iter: int | None
+    ) -> LCPSolution:
+        """Run another method after one that failed; it is passed over if the problem is not one for it."""
+        method = SOLVERS[name]
+        try:
+            method.check(self.operator, boxed=not is_plain(self.lower, self.upper))
+        except UnsupportedError:
+            return before
+        after = self._attempt(method.init(self.operator), q, guess, tol, limits(method, None, max_iter)[1])
+        # That all bases were tried in vain is worth more than the failure of a method that tried some.
+        keeps = before.status is Status.INFEASIBLE and after.status not in PROVEN
+        better = before if keeps else after
+        return better._replace(iterations=before.iterations + after.iterations, route=(*before.route, name))
+
+    def _prove(self, solution: LCPSolution, q: Array) -> LCPSolution:
+        """Look for a proof that there is no solution, after every method was left undecided."""
+        if self.operator.n > LARGEST_PROGRAM:
+            return solution
+        M = self.operator.array()
+        ray = infeasibility(M, q, self.lower, self.upper)
+        if ray is None or not judge.proves_infeasible(M, q, self.lower, self.upper, ray):
+            return solution
+        return solution._replace(status=Status.RAY, ray=ray, route=(*solution.route, "linear program"))
+
+    def _trace(self, solution: LCPSolution, q: Array, guess: Array | None, tol: float, max_iter: int) -> Trace:
+        """Return the trace of the method that gave the solution, run again by the interpreter."""
+        M, method = Dense(self.operator.array()), SOLVERS[[name for name in solution.route if name in SOLVERS][-1]]
+        kernel, notes = traced(method.init(M).kernel, M.M, q, self.lower, self.upper, method.name)
+        kernel(M.M, q, self.lower, self.upper, np.zeros(len(q)) if guess is None else guess.copy(), tol, max_iter)
+        return notes().ending(solution.z)
+
+
+def prepare_lcp(
+    M: Any,
+    solver: str | LCPSolver = "auto",
+    *,
+    lower: ArrayLike | None = None,
+    upper: ArrayLike | None = None,
+    tags: Iterable[str] = (),
+) -> PreparedLCP:
+    """Make a solver ready for one matrix: what depends on M alone is done here, once.
+
+    Parameters
+    ----------
+    M, solver, lower, upper, tags
+        As for `solve_lcp`.
+
+    Returns
+    -------
+    PreparedLCP
+        Its `solve` takes one q after another.
+
+    Raises
+    ------
+    InputError, UnsupportedError
+        As for `solve_lcp`.
+
+    Examples
+    --------
+    >>> stack = prepare_lcp([[2.0, -1.0], [-1.0, 1.0]])
+    >>> first = stack.solve([-1.0, 0.0])
+    >>> first.z, stack.solve([-1.0, 0.1], z0=first.z).z
+    (array([1., 1.]), array([0.9, 0.8]))
+    """
+    return _prepare(as_operator(M, tags), solver, lower, upper)
+
+
+def _prepare(
+    operator: Delassus, solver: str | LCPSolver, lower: ArrayLike | None, upper: ArrayLike | None
+) -> PreparedLCP:
+    chosen = SOLVERS[solver] if isinstance(solver, str) or not isinstance(solver, LCPSolver) else solver
+    low, high, boxed = bounds(operator.n, lower, upper)
+    chosen.check(operator, boxed)
+    return PreparedLCP(chosen, operator, low, high, chosen.init(operator))
 
 
 def solve_lcp(
-    M: ArrayLike,
+    M: Any,
     q: ArrayLike,
-    solver: str = "auto",
+    solver: str | LCPSolver = "auto",
     *,
+    lower: ArrayLike | None = None,
+    upper: ArrayLike | None = None,
+    tags: Iterable[str] = (),
     tol: float | None = None,
     max_iter: int | None = None,
     z0: ArrayLike | None = None,
     throw: bool = True,
+    trace: bool = False,
 ) -> LCPSolution:
-    r"""Solve w = M z + q, 0 <= z ⟂ w >= 0.
+    r"""Solve w = M z + q with lower <= z <= upper, w >= 0 where z < upper, w <= 0 where z > lower.
+
+    With lower = 0 and upper = inf, as they are unless given, this is the LCP 0 <= z ⟂ w >= 0. A row with
+    lower = -inf and upper = inf is free: w = 0.
 
     Parameters
     ----------
-    M : (n, n) array_like
+    M : (n, n) array_like, sparse matrix, `Dense`, `Banded` or `Factored`
         Any square matrix; a solver refuses one that it is not made for.
     q : (n,) array_like
         Right side.
-    solver : str
-        A name of ``lcpimpact list solvers``.
+    solver : str or LCPSolver
+        A name of ``lcpimpact list solvers``, or a solver of your own.
+    lower, upper : float or (n,) array_like, optional
+        Bounds of z.
+    tags : iterable of str
+        Properties of M that are known and need not be found: "symmetric", "psd", "p", "positive_diagonal".
     tol : float, optional
         Largest residual, in units where max |M| = max |q| = 1, of an answer that counts as solved; by default what
-        the solver declares.
+        the solver declares. Where the rounding of M z + q is larger, that counts.
     max_iter : int, optional
         Limit of pivots, sweeps or backend iterations; by default what the solver declares.
     z0 : (n,) array_like, optional
-        A guess, for the iterative solvers.
+        A guess: the point where an iteration starts, or the rows that are free at first.
     throw : bool
         Raise when the status is not SOLVED, instead of returning the failed solution.
+    trace : bool
+        Run the method that gave the answer again in the interpreter, and keep its pivots or iterates.
 
     Returns
     -------
     LCPSolution
-        With z, w, status, success, residual, iterations and solver; the residual is computed outside the solver.
+        With z, w, status, success, residual, iterations, solver, route and explanation; the residual is computed
+        outside the solver.
 
     Raises
     ------
     InputError
         For data of the wrong shape or kind, or an unknown solver.
     UnsupportedError
-        If M lacks a property that the solver declares it needs.
+        If the problem lacks a property that the solver declares it needs.
     FailureError
         If no solution was reached and ``throw`` is set.
 
@@ -61,33 +250,22 @@ def solve_lcp(
     --------
     >>> solve_lcp([[2.0, 1.0], [1.0, 2.0]], [-5.0, -6.0]).z
     array([1.33333333, 2.33333333])
+    >>> solve_lcp([[2.0]], [-5.0], lower=-1.0, upper=1.0).w
+    array([-3.])
 
     References
     ----------
     Cottle, Pang and Stone, *The Linear Complementarity Problem* (1992).
     """
-    problem = LCP.checked(M, q)
-    chosen = SOLVERS[solver]
-    chosen.check(problem.M)
-    z = _guess(z0, len(problem.q))
-    tol, max_iter = limits(chosen, tol, max_iter)
-
-    kernel = chosen.prepare(Delassus(problem.M))
-    code, iterations = kernel(problem.M, problem.q, z, tol, max_iter)
-    status = judge(Status(code), scaled_residual(problem.M, problem.q, z), tol)
-    solution = LCPSolution(
-        z, problem.M @ z + problem.q, status, natural_residual(problem.M, problem.q, z), iterations, chosen.name
-    )
-    if throw and not solution.success:
-        raise FailureError(f"{chosen.name}: {status.sentence} (residual {solution.residual:.1e})", solution)
-    return solution
+    prepared = _prepare(as_operator(M, tags, copy=False), solver, lower, upper)
+    return prepared.solve(q, z0=z0, tol=tol, max_iter=max_iter, throw=throw, trace=trace)
 
 
-def judge(status: Status, residual: float, tol: float) -> Status:
+def verdict(status: Status, scaled: float, rounding: float, tol: float) -> Status:
     """Return the status that stands: an answer is solved only if its residual, computed outside the solver, says so."""
-    if not np.isfinite(residual):
+    if not scaled < np.inf:
         return Status.NON_FINITE
-    if status is Status.SOLVED and not residual <= tol:
+    if status is SOLVED and not judge.holds(scaled, rounding, tol):
         return Status.INACCURATE
     return status
 
@@ -107,10 +285,8 @@ def limits(solver: LCPSolver, tol: float | None, max_iter: int | None) -> tuple[
     return (solver.tol if tol is None else float(tol)), (solver.max_iter if max_iter is None else int(max_iter))
 
 
-def _guess(z0: ArrayLike | None, n: int) -> Array:
-    if z0 is None:
-        return np.zeros(n)
+def _guess(z0: ArrayLike, n: int) -> Array:
     z = real_array("z0", z0)
     if z.shape != (n,) or not np.isfinite(z).all():
         raise InputError(f"z0 must be {n} finite numbers, and it is {z0!r}")
-    return np.maximum(z, 0.0)
+    return z

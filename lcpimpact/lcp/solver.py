@@ -5,59 +5,41 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import Enum
-from typing import TypeAlias
-
-import numpy as np
+from typing import Any, NamedTuple, TypeAlias
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import interpreted
+from lcpimpact.compiled import COMPILING, interpreted
 from lcpimpact.errors import UnsupportedError
+from lcpimpact.lcp.operators import Delassus, Dense, Factored, Property
 
-Kernel: TypeAlias = Callable[[Array, Array, Array, float, int], tuple[int, int]]
-"""kernel(M, q, z, tol, max_iter) -> (status, iterations); z (n,) holds a guess on entry and the answer on return."""
+Kernel: TypeAlias = Callable[[Any, Array, Array, Array, Array, float, int], tuple[int, int]]
+"""kernel(W, q, lower, upper, z, tol, max_iter) -> (status, iterations).
 
-
-class Requirement(Enum):
-    """A property of M that a solver relies on."""
-
-    SYMMETRIC = "symmetric"
-    PSD = "positive semidefinite"
-    POSITIVE_DIAGONAL = "positive diagonal"
-    AT_MOST_2 = "n <= 2"
-    AT_MOST_15 = "n <= 15"
-
-    def holds(self, M: Array) -> bool:
-        """Return whether M has the property, to rounding."""
-        if self is Requirement.AT_MOST_2:
-            return len(M) <= 2
-        if self is Requirement.AT_MOST_15:
-            return len(M) <= 15
-        if self is Requirement.POSITIVE_DIAGONAL:
-            return bool((np.diag(M) > 0.0).all())
-        scale = np.abs(M).max() or 1.0
-        if self is Requirement.SYMMETRIC:
-            return bool(np.abs(M - M.T).max() <= 1e-12 * scale)
-        return bool(np.linalg.eigvalsh(0.5 * (M + M.T))[0] >= -1e-12 * len(M) * scale)
+W is M in one of the solver's storages; z (n,) holds a guess on entry and the answer on return, or with the status RAY the
+direction that proves that there is none.
+"""
 
 
-@dataclass(frozen=True)
-class Delassus:
-    """W = H A⁻¹ Hᵀ, with the A and H that it came from where they are known.
+class State(NamedTuple):
+    """A solver made ready for one matrix, as `LCPSolver.init` returns it.
 
     Attributes
     ----------
-    W : (nc, nc) array            the matrix of the LCP
-    A : (n, n) array, optional    symmetric positive definite
-    H : (nc, n) array, optional   the rows of the contacts
+    W : array or Factored       what the kernel reads
+    kernel : Kernel             may be called for many q, and for other matrices of the same storage
+    compiled : bool             whether the kernel can be called from compiled code
+    name : str                  the method that the kernel is
+    fallbacks : tuple of str    methods to try in turn if its answer does not hold, by a solver that chooses
     """
 
-    W: Array
-    A: Array | None = None
-    H: Array | None = None
+    W: Any
+    kernel: Kernel
+    compiled: bool
+    name: str
+    fallbacks: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class LCPSolver(ABC):
     """A method for LCPs: what it is called, what it needs, how exact it is.
 
@@ -68,55 +50,67 @@ class LCPSolver(ABC):
     ----------
     name : str                      the registry name
     summary : str                   one line for tables
-    requires : tuple                properties of M that it relies on
+    requires : tuple of Property    properties of M that it relies on
+    storages : tuple of str         forms of M that it reads: "dense", "banded", "factored"; others are made dense
+    boxed : bool                    whether it takes bounds other than lower = 0, upper = inf
     tol : float                     the relative residual that it reaches, and is judged by, unless told otherwise
     max_iter : int                  default limit of pivots, sweeps or backend iterations
     source : str                    where the method is from
+    largest : int, optional         largest n that it takes
     """
 
     name: str
     summary: str
-    requires: tuple[Requirement, ...]
+    requires: tuple[Property, ...]
+    storages: tuple[str, ...]
+    boxed: bool
     tol: float
     max_iter: int
     source: str
+    largest: int | None = None
 
     @abstractmethod
-    def prepare(self, delassus: Delassus) -> Kernel:
-        """Return the kernel for a fixed matrix, which may then be called for many q."""
+    def init(self, M: Delassus) -> State:
+        """Do once what depends on M alone: choose its storage, scale it, factor it."""
 
-    @property
-    @abstractmethod
-    def is_compiled(self) -> bool:
-        """Whether the kernel can be called from compiled code."""
-
-    def check(self, M: Array) -> None:
-        """Refuse a matrix that lacks a property the solver relies on.
+    def check(self, M: Delassus, boxed: bool = False) -> None:
+        """Refuse a problem that lacks a property the solver relies on.
 
         Raises
         ------
         UnsupportedError
             Naming the property and a solver that does without it.
         """
-        for requirement in self.requires:
-            if not requirement.holds(M):
-                raise UnsupportedError(
-                    f"solver {self.name!r} needs M with {requirement.value}, and this M is not so; "
-                    "take solver='lemke', or 'auto' to let it be chosen"
-                )
+        needs = ""
+        for each in self.requires:
+            if not M.has(each):
+                needs = f"M with the property {each.value!r}"
+                break
+        if boxed and not self.boxed:
+            needs = "lower = 0 and upper = inf"
+        if self.largest is not None and M.n > self.largest:
+            needs = f"n <= {self.largest}"
+        if needs:
+            raise UnsupportedError(
+                f"solver {self.name!r} needs {needs}, and this problem is not so; "
+                "take solver='lemke', or 'auto' to let it be chosen"
+            )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CompiledSolver(LCPSolver):
-    """A solver whose kernel is compiled and needs nothing but M and q."""
+    """A solver whose kernel is compiled and needs nothing but M, q and the bounds."""
 
     kernel: Kernel
 
-    @property
-    def is_compiled(self) -> bool:
-        """True, unless compilation is switched off."""
-        return interpreted(self.kernel) is not self.kernel
+    def init(self, M: Delassus) -> State:
+        """Return the kernel, run by the interpreter with the operator's own products where M is by its factors."""
+        if M.storage == "factored" and M.storage in self.storages:
+            return State(M, matrix_free(self.kernel), False, self.name)
+        W = M.W if M.storage in self.storages else Dense(M.array()).W
+        return State(W, self.kernel, COMPILING, self.name)
 
-    def prepare(self, delassus: Delassus) -> Kernel:
-        """Return the kernel."""
-        return self.kernel
+
+def matrix_free(kernel: Kernel) -> Kernel:
+    """Return a kernel that asks the operator for products, columns and the diagonal, where it asked an array."""
+    return interpreted(kernel, product=Factored.product, column=Factored.column, diagonal=Factored.diagonal)

@@ -1,0 +1,231 @@
+"""The command solve: one LCP from a file, and everything that can be said about it."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import FailureError, InputError
+from lcpimpact.files import check_output, whole_file
+
+if TYPE_CHECKING:
+    from lcpimpact.lcp.operators import Delassus
+    from lcpimpact.lcp.problem import LCPSolution
+
+ROWS = 20
+"""Of more rows than these, only the first and the last are shown."""
+
+MOST_BASES = 3**10
+"""So many complementary bases are tried in seconds."""
+
+LARGEST_EXAMINED = 2_000
+"""Order up to which a matrix is searched for properties: a factorisation or two."""
+
+SAVED_AS = (".csv", ".npz")
+
+
+def solve(
+    file: Annotated[Path, typer.Argument(help="The LCP: .lcp, .txt, .csv, .npz, .npy or .mtx.", show_default=False)],
+    q: Annotated[Path | None, typer.Option(help="File with q, if the first has M alone.")] = None,
+    solver: Annotated[str, typer.Option(help="A name of [bold]lcpimpact list solvers[/bold].")] = "auto",
+    tol: Annotated[float | None, typer.Option(help="Largest scaled residual; by default the solver's own.")] = None,
+    max_iter: Annotated[int | None, typer.Option(help="Limit of iterations; by default the solver's own.")] = None,
+    lower: Annotated[
+        str | None, typer.Option(metavar="X", help="Lower bound instead of the file's: a number, or n with commas.")
+    ] = None,
+    upper: Annotated[str | None, typer.Option(metavar="X", help="Upper bound, likewise.")] = None,
+    trace: Annotated[bool, typer.Option("--trace", help="Show each pivot or iterate.")] = False,
+    tableau: Annotated[int | None, typer.Option(metavar="K", help="Show the tableau of step K of the trace.")] = None,
+    every: Annotated[bool, typer.Option("--all", help="List all solutions, for n <= 15.")] = False,
+    out: Annotated[Path | None, typer.Option(help="File for z and w: .csv or .npz.")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="File for the complementary cones, for n = 2: .png, .svg or .pdf.")
+    ] = None,
+) -> None:
+    """Solve the LCP of a file, w = M z + q, 0 <= z ⟂ w >= 0 or between bounds, and say how it was done.
+
+    A text file holds the rows of M, and q as one row more. Rows that begin with lower: and upper: are bounds. The exit
+    code is 0 only if the answer holds.
+
+    Example: lcpimpact solve three.lcp --solver lemke --trace --tableau 2
+    """
+    from lcpimpact.lcp.files import read_lcp
+    from lcpimpact.lcp.problem import bounds
+    from lcpimpact.lcp.solve import solve_lcp
+    from lcpimpact.plotting.style import METADATA as DRAWN_AS
+
+    if out is not None:
+        check_output(out, SAVED_AS)
+    if plot is not None:
+        check_output(plot, DRAWN_AS)
+    problem = read_lcp(file, q)
+    M, n = problem.M, problem.M.n
+    low, high, bounded = bounds(
+        n,
+        problem.lower if lower is None else _numbers("--lower", lower, n),
+        problem.upper if upper is None else _numbers("--upper", upper, n),
+    )
+    if plot is not None and (n != 2 or bounded):
+        raise InputError("--plot draws the cones of an LCP with n = 2 and without bounds: leave it out for this one")
+    if every:
+        _check_bases(low, high)
+
+    solution = solve_lcp(
+        M, problem.q, solver, lower=low, upper=high, tol=tol, max_iter=max_iter,
+        throw=False, trace=trace or tableau is not None,
+    )  # fmt: skip
+    side = _sides(solution, problem.q, low, high)
+    lines = [
+        f"LCP {problem.name} of order {n} by {solution.solver}: {solution.status.name.lower().replace('_', '-')}",
+        f"  M           {M.storage}; {_properties(M)}",
+        f"  bounds      {_bounds(low, high)}",
+        f"  solver      {solution.explanation}",
+        f"  status      {solution.message}",
+        "",
+        *(_answer(solution, side) if solution.ray is None else _certificate(M, problem.q, low, high, solution.ray)),
+    ]
+    if trace:
+        lines += ["", str(solution.trace)]
+    if tableau is not None:
+        lines += ["", f"tableau of step {tableau}", _tableau(solution, tableau)]
+    if every:
+        lines += ["", *_all(M, problem.q, low, high)]
+    if out is not None and solution.success:
+        _write(out, solution, side)
+        lines += [f"  wrote       {out}"]
+    if plot is not None:
+        from lcpimpact.plotting.cones import plot_cones
+
+        plot_cones(M, problem.q, plot)
+        lines += [f"  drew        {plot}"]
+    Console(highlight=False, soft_wrap=True, markup=False, emoji=False).print("\n".join(lines))
+    if not solution.success:
+        unwritten = f" ({str(out)!r} was not written)" if out is not None else ""
+        raise FailureError(f"{problem.name} by {solution.solver}: {solution.message}{unwritten}", solution)
+
+
+def _numbers(option: str, text: str, n: int) -> Array:
+    try:
+        values = np.array([float(each) for each in text.split(",")])
+    except ValueError:
+        values = np.empty(0)
+    if len(values) not in (1, n):
+        raise InputError(f"{option} {text!r} must be one number or {n} with commas between, as in {option} 0 or -inf")
+    return np.array(np.broadcast_to(values, (n,)))
+
+
+def _check_bases(lower: Array, upper: Array) -> None:
+    choices = np.where(lower == upper, 1.0, 1.0 + np.isfinite(lower) + np.isfinite(upper))
+    if (count := float(np.exp(np.log(choices).sum()))) > MOST_BASES * 1.001:
+        raise InputError(
+            f"--all tries every basis, and here there are {count:.2g}: leave it out for n > 15, or n > 10 in a box"
+        )
+
+
+def _properties(M: Delassus) -> str:
+    """Say what is found about M: of P-matrices some of more than ten rows escape."""
+    from lcpimpact.lcp.operators import Property
+
+    if M.n > LARGEST_EXAMINED:
+        known = ", ".join(each.value for each in Property if each in M.tags)
+        return f"{known or 'no property is declared'} (n > {LARGEST_EXAMINED}: no others were looked for)"
+    holds = {each: M.has(each) for each in Property}
+    undecided = M.n > 10 and holds[Property.POSITIVE_DIAGONAL] and not (holds[Property.SYMMETRIC] or holds[Property.P])
+    parts = [", ".join(each.value for each in Property if holds[each])]
+    lacking = [each.value for each in Property if not holds[each] and not (undecided and each is Property.P)]
+    parts.append(f"not {', not '.join(lacking)}" if lacking else "")
+    parts.append(f"whether {Property.P.value} is not known" if undecided else "")
+    return "; ".join(part for part in parts if part)
+
+
+def _bounds(lower: Array, upper: Array) -> str:
+    plain = int(((lower == 0.0) & (upper == np.inf)).sum())
+    free = int(((lower == -np.inf) & (upper == np.inf)).sum())
+    other = len(lower) - plain - free
+    counts = ((plain, "with z >= 0"), (free, "free"), (other, "between bounds"))
+    if plain == len(lower):
+        return "z >= 0"
+    return ", ".join(f"{count} row{'s' if count > 1 else ''} {kind}" for count, kind in counts if count)
+
+
+def _sides(solution: LCPSolution, q: Array, lower: Array, upper: Array) -> list[str]:
+    """Say for each row where z is; at a bound with w = 0 too the solution is degenerate."""
+    z, w = solution.z, solution.w
+    tiny = 1e-12 * float(np.abs(q).max())
+    words = []
+    for i in range(len(z)):
+        if lower[i] < z[i] < upper[i]:
+            words.append("between" if np.isfinite(lower[i]) or np.isfinite(upper[i]) else "free")
+        else:
+            bound = "lower" if z[i] <= lower[i] else "upper"
+            words.append(f"{bound}, w = 0" if abs(w[i]) <= tiny else bound)
+    return words
+
+
+def _answer(solution: LCPSolution, side: list[str]) -> Iterator[str]:
+    yield f"{'row':>5} {'z':>14} {'w':>14}  side"
+    for i in _shown(len(solution.z)):
+        yield "  ..." if i is None else f"{i + 1:>5} {solution.z[i]:>14.6g} {solution.w[i]:>14.6g}  {side[i]}"
+
+
+def _shown(n: int) -> Iterator[int | None]:
+    """Yield the rows to show, with None where others are left out."""
+    if n <= ROWS:
+        yield from range(n)
+        return
+    yield from range(ROWS // 2)
+    yield None
+    yield from range(n - ROWS // 2, n)
+
+
+def _tableau(solution: LCPSolution, step: int) -> str:
+    assert solution.trace is not None
+    count = len(solution.trace)
+    if not 1 <= step <= count:
+        raise InputError(f"--tableau {step}: the trace has the steps 1 to {count}; see --trace")
+    return solution.trace.tableau(step - 1)
+
+
+def _certificate(M: Delassus, q: Array, lower: Array, upper: Array, v: Array) -> Iterator[str]:
+    """Say why there is no solution: w·v cannot be as large as the signs of w ask."""
+    v = v / np.abs(v).max()
+    full = M.array()
+    c = full.T @ v
+    c[np.abs(c) <= 1e-11 * np.abs(full).max()] = 0.0
+    largest = float(q @ v) + sum(float(c[j] * (upper[j] if c[j] > 0.0 else lower[j])) for j in np.flatnonzero(c))
+    yield f"{'row':>5} {'v':>14} {'Mᵀ v':>14} {'q':>14}"
+    for i in _shown(M.n):
+        yield "  ..." if i is None else f"{i + 1:>5} {v[i]:>14.6g} {c[i]:>14.6g} {q[i]:>14.6g}"
+    yield f"No z has w of the right signs: they ask for v·w >= 0, and v·w = (Mᵀ v)·z + q·v <= {largest:.6g} for all z."
+
+
+def _all(M: Delassus, q: Array, lower: Array, upper: Array) -> Iterator[str]:
+    from lcpimpact.lcp.enumeration import all_solutions
+
+    found = all_solutions(M.array(), q, lower=lower, upper=upper)
+    yield f"{len(found)} solution{'' if len(found) == 1 else 's'} at complementary bases"
+    for number, z in enumerate(found, 1):
+        yield f"{number:>5}  z = ({', '.join(f'{x:.6g}' for x in z)})"
+
+
+def _write(path: Path, solution: LCPSolution, side: list[str]) -> None:
+    z, w = solution.z, solution.w
+    with whole_file(path) as part:
+        if path.suffix == ".npz":
+            with part.open("wb") as file:
+                np.savez_compressed(
+                    file, z=z, w=w, status=solution.status.name, residual=solution.residual,
+                    iterations=solution.iterations, solver=solution.solver, route=np.array(solution.route),
+                )  # fmt: skip
+            return
+        with part.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(["row", "z", "w", "side"])
+            writer.writerows(zip(range(1, len(z) + 1), z.tolist(), w.tolist(), side, strict=True))

@@ -1,0 +1,120 @@
+"""Chains of contacts in linear time: isotonic regression where M is that of a chain, else block pivoting along the band.
+
+Bodies with the inverse masses c_0, c_1, ... stand in a row, contact i between the bodies i and i + 1. Then
+
+    M_ii = c_i + c_{i+1},    M_{i,i+1} = -c_{i+1},    w_i = v_{i+1} - v_i,    v_j = y_j + c_j (z_{j-1} - z_j)
+
+with y the velocities without contact, q_i = y_{i+1} - y_i. So v is the nearest to y, weighted by the masses, among those
+that do not fall along the chain: isotonic regression, which pooling neighbours that violate the order solves in one pass.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import compiled, i8, matrix, vector
+from lcpimpact.errors import Status
+from lcpimpact.lcp.block_pivoting import block_pivoting
+from lcpimpact.lcp.lapack import EPS
+from lcpimpact.lcp.operators import Property
+from lcpimpact.lcp.problem import SIGNATURE, is_plain
+from lcpimpact.lcp.solver import CompiledSolver
+
+SOLVED, RAY, UNDECIDED = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED)
+
+
+@compiled(types.boolean(matrix, vector))
+def chain_masses(W: Array, mass: Array) -> bool:
+    """Set ``mass`` (n + 1,) to the bodies of the chain that M belongs to; return False if it belongs to none.
+
+    The ends may be infinite (ground, wall).
+    """
+    bands, n = W.shape
+    if bands != 2:
+        return False
+    left = 0.0
+    for i in range(n):
+        right = -W[1, i] if i < n - 1 else W[0, i] - left
+        if i == 0:
+            left = W[0, 0] - right if n > 1 else 0.0
+        tiny = 8.0 * EPS * W[0, i]
+        if i in (0, n - 1):
+            left = 0.0 if abs(left) <= tiny else left
+            right = 0.0 if abs(right) <= tiny else right
+        if not abs(W[0, i] - left - right) <= tiny or left < 0.0 or right < 0.0 or (right == 0.0 and i < n - 1):
+            return False
+        if i == 0:
+            mass[0] = 1.0 / left if left > 0.0 else np.inf
+        mass[i + 1] = 1.0 / right if right > 0.0 else np.inf
+        left = right
+    return True
+
+
+@compiled(i8(vector, vector, vector))
+def isotonic_chain(mass: Array, q: Array, z: Array) -> int:
+    """Set z to the impulses of a chain by pooling adjacent violators.
+
+    Returns SOLVED; or RAY between two walls that close on each other, with z = 1 as the proof.
+    """
+    n = len(q)
+    y = np.empty(n + 1)
+    value, weight, last = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1, np.int64)
+    y[0] = 0.0
+    pools = 0
+    for j in range(n + 1):
+        if j > 0:
+            y[j] = y[j - 1] + q[j - 1]
+        v, m = y[j], mass[j]
+        while pools > 0 and value[pools - 1] > v:
+            pools -= 1
+            if weight[pools] == np.inf:
+                if m == np.inf:
+                    z[:] = 1.0
+                    return RAY
+                v, m = value[pools], np.inf
+            elif m < np.inf:
+                m += weight[pools]
+                v += (value[pools] - v) * (weight[pools] / m)
+        value[pools], weight[pools], last[pools] = v, m, j
+        pools += 1
+    first = 0
+    for pool in range(pools):
+        v, end = value[pool], last[pool]
+        if mass[end] < np.inf:
+            total = 0.0
+            for j in range(end, first, -1):
+                total += mass[j] * (v - y[j])
+                z[j - 1] = max(total, 0.0)
+        else:
+            total = 0.0
+            for j in range(first, end):
+                total -= mass[j] * (v - y[j])
+                z[j] = max(total, 0.0)
+        if end < n:
+            z[end] = 0.0
+        first = end + 1
+    return SOLVED
+
+
+@compiled(SIGNATURE)
+def banded(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+    """Solve by isotonic regression if M is that of a chain and there are no bounds but z >= 0, else by block pivoting."""
+    mass = np.empty(len(q) + 1)
+    if is_plain(lower, upper) and chain_masses(W, mass):
+        return isotonic_chain(mass, q, z), 1
+    return block_pivoting(W, q, lower, upper, z, tol, max_iter)
+
+
+SOLVER = CompiledSolver(
+    name="banded",
+    summary="chains and bars in O(n): isotonic regression, or block pivoting with a banded factor",
+    requires=(Property.SYMMETRIC, Property.POSITIVE_DIAGONAL),
+    storages=("banded", "dense"),
+    boxed=True,
+    tol=1e-10,
+    max_iter=1_000,
+    source="Best and Chakravarti (1990) for the pooling; Portugal, Júdice and Vicente (1994)",
+    kernel=banded,
+)

@@ -1,0 +1,108 @@
+"""Complementary bases: which rows lie at a bound and which are free, and the point that such a choice means."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import compiled, indices, matrix, vector
+from lcpimpact.lcp.lapack import EPS, cholesky_solve, lu_solve
+from lcpimpact.lcp.problem import FREE, LOWER, UPPER
+from lcpimpact.lcp.storage import product
+
+
+@compiled(types.void(vector, vector, vector, indices))
+def sides(z: Array, lower: Array, upper: Array, side: Indices) -> None:
+    """Set ``side`` to where z lies: at a bound, or free between them; a row without bounds is always free."""
+    for i in range(len(z)):
+        if lower[i] == -np.inf and upper[i] == np.inf:
+            side[i] = FREE
+        elif z[i] <= lower[i] or lower[i] == upper[i]:
+            side[i] = LOWER
+        else:
+            side[i] = UPPER if z[i] >= upper[i] else FREE
+
+
+@compiled(types.boolean(matrix, indices, vector))
+def banded_solve(W: Array, rows: Indices, b: Array) -> bool:
+    """Overwrite b with M_αα⁻¹ b for banded M and α = rows in rising order, by L D Lᵀ; return False if not definite.
+
+    Leaving rows out only brings the others nearer, so M_αα has no more bands than M.
+    """
+    bands, k = W.shape[0], len(rows)
+    L, inverse = np.zeros((bands, k)), np.empty(k)  # L[a - c, c] = L_ac, inverse = 1/D
+    for a in range(k):
+        first = max(0, a - bands + 1)
+        for c in range(first, a):
+            # L_ac D_c until row a is finished, so that each product has one factor with D and one without.
+            distance = rows[a] - rows[c]
+            value = W[distance, rows[c]] if distance < bands else 0.0
+            for e in range(first, c):
+                value -= L[a - e, e] * L[c - e, e]
+            L[a - c, c] = value
+        pivot = W[0, rows[a]]
+        for c in range(first, a):
+            multiplier = L[a - c, c] * inverse[c]
+            pivot -= multiplier * L[a - c, c]
+            b[a] -= multiplier * b[c]
+            L[a - c, c] = multiplier
+        if not pivot > 4.0 * bands * EPS * W[0, rows[a]]:
+            return False
+        inverse[a] = 1.0 / pivot
+    for a in range(k - 1, -1, -1):
+        b[a] *= inverse[a]
+        for c in range(a + 1, min(k, a + bands)):
+            b[a] -= L[c - a, a] * b[c]
+    return True
+
+
+@compiled(types.boolean(matrix, types.boolean, indices, vector))
+def solve_rows(W: Array, definite: bool, rows: Indices, b: Array) -> bool:
+    """Overwrite b with M_αα⁻¹ b, α = rows in rising order; return False if M_αα is not regular, or not definite as said."""
+    k = len(rows)
+    if W.shape[0] != W.shape[1]:
+        return banded_solve(W, rows, b)
+    A = np.empty((k, k))
+    if definite:
+        for a in range(k):
+            for c in range(a, k):
+                A[a, c] = W[rows[a], rows[c]]
+        return cholesky_solve(A, b)
+    for a in range(k):
+        for c in range(k):
+            A[a, c] = W[rows[a], rows[c]]
+    return lu_solve(A, b)
+
+
+@compiled(types.boolean(matrix, types.boolean, vector, vector, vector, indices, vector))
+def basic_solution(W: Array, definite: bool, q: Array, lower: Array, upper: Array, side: Indices, z: Array) -> bool:
+    """Set z to the bounds β where ``side`` says so, and elsewhere to M_αα z_α = -(q_α + M_αβ z_β).
+
+    Returns False, with z_α = 0, if M_αα is singular; or not definite, where ``definite`` allows a Cholesky factor.
+    """
+    n = len(q)
+    rows, k, shifted = np.empty(n, np.int64), 0, False
+    for i in range(n):
+        z[i] = 0.0
+        if side[i] == FREE:
+            rows[k] = i
+            k += 1
+        else:
+            z[i] = lower[i] if side[i] == LOWER else upper[i]
+            shifted = shifted or z[i] != 0.0
+    if k == 0:
+        return True
+    b = np.empty(k)
+    for a in range(k):
+        b[a] = -q[rows[a]]
+    if shifted:
+        w = np.empty(n)
+        product(W, z, w)
+        for a in range(k):
+            b[a] -= w[rows[a]]
+    regular = solve_rows(W, definite, rows[:k], b)
+    if regular:
+        for a in range(k):
+            z[rows[a]] = b[a]
+    return regular

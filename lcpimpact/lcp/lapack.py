@@ -1,0 +1,184 @@
+"""Linear systems inside LCP solvers: plain loops where the matrix is small, BLAS and LAPACK where it is not.
+
+SciPy offers its BLAS and LAPACK as addresses. Compiled code calls them by a symbol of ours, so that it can still be cached;
+with compilation switched off the same addresses are called through ctypes, and give the same bits.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from typing import Any
+
+import llvmlite.binding
+import numpy as np
+from numba import types
+from numba.extending import get_cython_function_address
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import COMPILING, compiled, f8, i8, matrix, vector
+
+SMALL = 20
+"""Order up to which loops are faster than a call of LAPACK."""
+
+EPS = 2.0**-52
+
+
+def _routine(module: str, name: str, arguments: int, returns: Any = types.void) -> Any:
+    """Return a routine whose arguments are all pointers, callable from compiled code or, without it, from Python."""
+    address = get_cython_function_address(f"scipy.linalg.{module}", name)
+    if not COMPILING:
+        result = {types.void: None, types.int32: ctypes.c_int, types.float64: ctypes.c_double}[returns]
+        return ctypes.CFUNCTYPE(result, *[ctypes.c_void_p] * arguments)(address)
+    symbol = f"lcpimpact_{name}"
+    llvmlite.binding.add_symbol(symbol, address)
+    return types.ExternalFunction(symbol, returns(*[types.voidptr] * arguments))
+
+
+_dgemv = _routine("cython_blas", "dgemv", 11)
+_idamax = _routine("cython_blas", "idamax", 3, types.int32)
+_dasum = _routine("cython_blas", "dasum", 3, types.float64)
+_dposv = _routine("cython_lapack", "dposv", 8)
+_dgesv = _routine("cython_lapack", "dgesv", 8)
+
+
+@compiled(types.int32[::1](i8))
+def pointed(value: int) -> Any:
+    """Return an integer as Fortran takes it: by its address."""
+    cell = np.empty(1, np.int32)
+    cell[0] = value
+    return cell
+
+
+LETTER_L, LETTER_T = ord("L"), ord("T")  # the low byte of an integer is what Fortran reads of a letter
+
+
+@compiled(types.void(matrix, vector, vector))
+def multiply(A: Array, x: Array, y: Array) -> None:
+    """Set y = A x for a matrix of any shape."""
+    rows, columns = A.shape
+    if rows * columns <= SMALL * SMALL:
+        for i in range(rows):
+            total = 0.0
+            for j in range(columns):
+                total += A[i, j] * x[j]
+            y[i] = total
+        return
+    # C order is the transpose of what Fortran sees.
+    transposed, m, n, one = pointed(LETTER_T), pointed(columns), pointed(rows), pointed(1)
+    alpha, beta = np.ones(1), np.zeros(1)
+    _dgemv(
+        transposed.ctypes, m.ctypes, n.ctypes, alpha.ctypes, A.ctypes, m.ctypes, x.ctypes, one.ctypes, beta.ctypes,
+        y.ctypes, one.ctypes,
+    )  # fmt: skip
+
+
+@compiled(f8(matrix))
+def largest(A: Array) -> float:
+    """Return max |A|, of finite numbers."""
+    rows, columns = A.shape
+    found: float = 0.0
+    if rows * columns <= SMALL * SMALL:
+        for i in range(rows):
+            for j in range(columns):
+                found = max(found, abs(A[i, j]))
+        return found
+    size, one = pointed(rows * columns), pointed(1)
+    at = _idamax(size.ctypes, A.ctypes, one.ctypes) - 1
+    found = max(found, abs(A[at // columns, at % columns]))
+    return found
+
+
+@compiled(f8(vector))
+def absolute_sum(x: Array) -> float:
+    """Return Σ |x_i|, NaN if one is."""
+    if len(x) > SMALL * SMALL:
+        size, one = pointed(len(x)), pointed(1)
+        total: float = _dasum(size.ctypes, x.ctypes, one.ctypes)
+        return total
+    total = 0.0
+    for i in range(len(x)):
+        total += abs(x[i])
+    return total
+
+
+@compiled(types.boolean(matrix, vector))
+def cholesky_solve(A: Array, b: Array) -> bool:
+    """Overwrite b with A⁻¹ b for symmetric positive definite A; return False if it is not, to rounding.
+
+    Only the upper triangle of A is read, and it is overwritten by the factor U of A = Uᵀ U.
+    """
+    n = len(b)
+    least = np.empty(n)
+    for k in range(n):
+        least[k] = 4.0 * n * EPS * A[k, k]
+    if n > SMALL:
+        # The lower triangle is the upper one in C order.
+        lower, order, one, info = pointed(LETTER_L), pointed(n), pointed(1), pointed(0)
+        _dposv(
+            lower.ctypes, order.ctypes, one.ctypes, A.ctypes, order.ctypes, b.ctypes, order.ctypes, info.ctypes
+        )  # fmt: skip
+        regular: bool = info[0] == 0
+        for k in range(n):
+            regular = regular and A[k, k] * A[k, k] > least[k]
+        return regular
+    for k in range(n):
+        pivot = A[k, k]
+        if not (pivot > least[k] and pivot > 0.0):
+            return False
+        scale = 1.0 / np.sqrt(pivot)
+        for j in range(k, n):
+            A[k, j] *= scale
+        for i in range(k + 1, n):
+            factor = A[k, i]
+            for j in range(i, n):
+                A[i, j] -= factor * A[k, j]
+    for k in range(n):
+        b[k] /= A[k, k]
+        for j in range(k + 1, n):
+            b[j] -= A[k, j] * b[k]
+    for k in range(n - 1, -1, -1):
+        total = b[k]
+        for j in range(k + 1, n):
+            total -= A[k, j] * b[j]
+        b[k] = total / A[k, k]
+    return True
+
+
+@compiled(types.boolean(matrix, vector))
+def lu_solve(A: Array, b: Array) -> bool:
+    """Overwrite b with A⁻¹ b, and A with its elimination; return False if A is singular to rounding."""
+    n = len(b)
+    if n > SMALL:
+        columns = A.T.copy()
+        order, one, info = pointed(n), pointed(1), pointed(0)
+        swaps = np.empty(n, np.int32)
+        _dgesv(
+            order.ctypes, one.ctypes, columns.ctypes, order.ctypes, swaps.ctypes, b.ctypes, order.ctypes, info.ctypes
+        )  # fmt: skip
+        scale, least = largest(A), np.inf
+        for k in range(n):
+            least = min(least, abs(columns[k, k]))
+        return info[0] == 0 and least > 1e-14 * scale
+    scale = largest(A)
+    for k in range(n):
+        p = k
+        for i in range(k + 1, n):
+            if abs(A[i, k]) > abs(A[p, k]):
+                p = i
+        if not abs(A[p, k]) > 1e-14 * scale:
+            return False
+        if p != k:
+            for j in range(k, n):
+                A[k, j], A[p, j] = A[p, j], A[k, j]
+            b[k], b[p] = b[p], b[k]
+        for i in range(k + 1, n):
+            factor = A[i, k] / A[k, k]
+            if factor != 0.0:
+                for j in range(k + 1, n):
+                    A[i, j] -= factor * A[k, j]
+                b[i] -= factor * b[k]
+    for k in range(n - 1, -1, -1):
+        for j in range(k + 1, n):
+            b[k] -= A[k, j] * b[j]
+        b[k] /= A[k, k]
+    return True

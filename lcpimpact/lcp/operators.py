@@ -1,0 +1,503 @@
+"""What stands for M: a dense array, the bands of a symmetric one, or the factors of H A⁻¹ Hᵀ."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from enum import Enum
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numba import types
+from numpy.typing import ArrayLike
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import compiled, vector
+from lcpimpact.errors import InputError, UnsupportedError
+from lcpimpact.lcp import storage
+from lcpimpact.lcp.lapack import absolute_sum
+from lcpimpact.registry import nearest
+
+F8 = np.dtype(np.float64)
+
+DENSE_LIMIT = 20_000
+"""Order from which an operator is not made dense without being asked: 3 GB."""
+
+
+class Property(Enum):
+    """A property of M that a solver may rely on; its name in lower case is the tag that declares it."""
+
+    SYMMETRIC = "symmetric"
+    PSD = "positive semidefinite"
+    P = "a P-matrix"
+    POSITIVE_DIAGONAL = "positive diagonal"
+
+
+UNTAGGED: frozenset[Property] = frozenset()
+
+
+def real_array(name: str, values: ArrayLike, copy: bool = True) -> Array:
+    """Return a C-ordered writable array in float64, refusing what is no array of real numbers.
+
+    With ``copy=False`` an array that is such already is returned as it is.
+    """
+    try:
+        array = (
+            np.array(values, order="C") if copy or not isinstance(values, np.ndarray) else np.asarray(values, order="C")
+        )
+        if array.dtype is F8 and array.flags.writeable:
+            return array
+        if array.dtype.kind in "fiub":
+            return array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise InputError(f"{name} must be an array of real numbers, all rows of one length, and it is {values!r}")
+
+
+@compiled(types.boolean(vector))
+def all_finite(x: Array) -> bool:
+    """Return whether no number is NaN or infinite."""
+    finite = absolute_sum(x) < np.inf
+    if not finite:
+        # The sum of finite numbers may be infinite.
+        finite = True
+        for i in range(len(x)):
+            finite = finite and abs(x[i]) < np.inf
+    return finite
+
+
+def finite_array(name: str, values: ArrayLike, copy: bool = True) -> Array:
+    """Return `real_array`, refusing NaN and inf."""
+    array = real_array(name, values, copy)
+    if not all_finite(array if array.ndim == 1 else array.reshape(-1)):
+        raise InputError(f"{name} has an entry that is not finite: replace NaN and inf before solving")
+    return array
+
+
+def _tags(tags: Iterable[str]) -> frozenset[Property]:
+    if not tags:
+        return UNTAGGED
+    known = {each.name.lower(): each for each in Property}
+    for tag in tags:
+        if tag not in known:
+            raise InputError(nearest(str(tag), list(known), "tag of M"))
+    return frozenset(known[tag] for tag in tags)
+
+
+class Delassus(ABC):
+    """The matrix of an LCP in one of three forms: `Dense`, `Banded`, `Factored`.
+
+    Attributes
+    ----------
+    n : int
+        Order.
+    storage : str
+        "dense", "banded" or "factored": a solver lists those that it reads.
+    tags : frozenset of Property
+        Properties that are declared; those that are not are found where a solver needs them.
+    """
+
+    storage: str
+    n: int
+    tags: frozenset[Property]
+
+    @property
+    @abstractmethod
+    def W(self) -> Any:
+        """What a kernel reads: an array in one of the two storages, or the operator itself."""
+
+    @abstractmethod
+    def product(self, z: Array, w: Array) -> None:
+        """Set w = M z."""
+
+    @abstractmethod
+    def column(self, j: int, c: Array) -> None:
+        """Set c = M_·j."""
+
+    @abstractmethod
+    def diagonal(self, d: Array) -> None:
+        """Set d = (M_ii)."""
+
+    def array(self) -> Array:
+        """Return the dense M.
+
+        Raises
+        ------
+        UnsupportedError
+            If it would not fit in memory.
+        """
+        if self.n > DENSE_LIMIT:
+            raise UnsupportedError(
+                f"a dense M of order {self.n} takes {8e-9 * self.n**2:.0f} GB: take a solver that reads {self.storage} "
+                "storage, as 'auto' does"
+            )
+        M, c = np.empty((self.n, self.n)), np.empty(self.n)
+        for j in range(self.n):
+            self.column(j, c)
+            M[:, j] = c
+        return M
+
+    def has(self, wanted: Property) -> bool:
+        """Return whether M is known to have the property: declared, or found to rounding.
+
+        P is found for positive definite symmetric parts, strict diagonal dominance, and by all minors for n <= 10.
+        """
+        if wanted in self.tags:
+            return True
+        return _FOUND[wanted](self)
+
+
+class Dense(Delassus):
+    """A square array.
+
+    Parameters
+    ----------
+    M : (n, n) array_like
+        Finite numbers.
+    tags : iterable of str
+        Declared properties: "symmetric", "psd", "p", "positive_diagonal".
+    A, H : arrays, optional
+        Where M = H A⁻¹ Hᵀ came from: (m, m) symmetric positive definite, (n, m). Gauss's principle is stated in them.
+    copy : bool
+        Whether M is copied; without it, it must not change while the operator is in use.
+
+    Raises
+    ------
+    InputError
+        If M is not square, is empty or holds a number that is not finite.
+
+    Examples
+    --------
+    >>> Dense([[2.0, 1.0], [1.0, 2.0]], tags=["psd"]).has(Property.SYMMETRIC)
+    True
+    """
+
+    storage = "dense"
+
+    def __init__(
+        self,
+        M: ArrayLike,
+        tags: Iterable[str] = (),
+        *,
+        A: Array | None = None,
+        H: Array | None = None,
+        copy: bool = True,
+    ) -> None:
+        self.M = finite_array("M", M, copy)
+        if self.M.ndim != 2 or self.M.shape[0] != self.M.shape[1]:
+            raise InputError(f"M must be square, and its shape is {self.M.shape}")
+        self.n = len(self.M)
+        if self.n == 0:
+            raise InputError("the LCP is empty: give at least one row")
+        self.tags = _tags(tags)
+        self.A, self.H = A, H
+
+    @property
+    def W(self) -> Array:
+        """M."""
+        return self.M
+
+    def product(self, z: Array, w: Array) -> None:
+        """Set w = M z."""
+        storage.product(self.M, z, w)
+
+    def column(self, j: int, c: Array) -> None:
+        """Set c = M_·j."""
+        storage.column(self.M, j, c)
+
+    def diagonal(self, d: Array) -> None:
+        """Set d = (M_ii)."""
+        storage.diagonal(self.M, d)
+
+    def array(self) -> Array:
+        """Return M."""
+        return self.M
+
+
+class Banded(Delassus):
+    """A symmetric matrix by its lower bands, as the contacts of a chain or a bar give it.
+
+    Parameters
+    ----------
+    bands : (b + 1, n) array_like
+        bands[k, j] = M[j + k, j]; the last k entries of row k lie outside M and are not read.
+    tags : iterable of str
+        Declared properties, as for `Dense`; symmetric is given.
+
+    Raises
+    ------
+    InputError
+        If the array has not two dimensions, more rows than columns, or a number that is not finite.
+
+    Examples
+    --------
+    >>> Banded([[2.0, 2.0, 2.0], [-1.0, -1.0, 0.0]]).array()
+    array([[ 2., -1.,  0.],
+           [-1.,  2., -1.],
+           [ 0., -1.,  2.]])
+    """
+
+    storage = "banded"
+
+    def __init__(self, bands: ArrayLike, tags: Iterable[str] = ()) -> None:
+        self.bands = real_array("bands", bands)
+        if self.bands.ndim != 2 or not 1 <= len(self.bands) <= self.bands.shape[1]:
+            raise InputError(f"bands must have the shape (b + 1, n) with b < n, and it is {self.bands.shape}")
+        self.n = self.bands.shape[1]
+        for k in range(1, len(self.bands)):
+            self.bands[k, self.n - k :] = 0.0
+        finite_array("bands", self.bands)
+        self.tags = _tags(tags) | {Property.SYMMETRIC}
+
+    @property
+    def W(self) -> Array:
+        """The bands; M itself where they are so many that the two storages have one shape."""
+        return self.bands if len(self.bands) < self.n else self.array()
+
+    def product(self, z: Array, w: Array) -> None:
+        """Set w = M z."""
+        storage.product(self.W, z, w)
+
+    def column(self, j: int, c: Array) -> None:
+        """Set c = M_·j."""
+        c[:] = 0.0
+        for k in range(len(self.bands)):
+            if j + k < self.n:
+                c[j + k] = self.bands[k, j]
+            if j - k >= 0:
+                c[j - k] = self.bands[k, j - k]
+
+    def diagonal(self, d: Array) -> None:
+        """Set d = (M_ii)."""
+        d[:] = self.bands[0]
+
+
+class Factored(Delassus):
+    r"""The Delassus operator M = H A⁻¹ Hᵀ by its factors: A is factored once, and M is never formed.
+
+    Parameters
+    ----------
+    A : (m, m) array_like or sparse matrix
+        Symmetric positive definite: masses, or the iteration matrix of a time step.
+    H : (n, m) array_like or sparse matrix
+        One row for each contact.
+    tags : iterable of str
+        Declared properties, as for `Dense`; symmetric and positive semidefinite are given.
+
+    Raises
+    ------
+    InputError
+        If the shapes do not fit, or A is not symmetric positive definite.
+
+    Examples
+    --------
+    >>> Factored([[4.0, 0.0], [0.0, 2.0]], [[1.0, 0.0], [-1.0, 1.0]]).array()
+    array([[ 0.25, -0.25],
+           [-0.25,  0.75]])
+    """
+
+    storage = "factored"
+
+    def __init__(self, A: Any, H: Any, tags: Iterable[str] = ()) -> None:
+        self.A: Any = A if _is_sparse(A) else finite_array("A", A)
+        self.H: Any = H if _is_sparse(H) else finite_array("H", H)
+        if self.A.ndim != 2 or self.A.shape[0] != self.A.shape[1]:
+            raise InputError(f"A must be square, and its shape is {self.A.shape}")
+        if self.H.ndim != 2 or self.H.shape[1] != self.A.shape[0] or self.H.shape[0] == 0:
+            raise InputError(f"H must have {self.A.shape[0]} columns, as A has, and rows; its shape is {self.H.shape}")
+        self.n = self.H.shape[0]
+        self.tags = _tags(tags) | {Property.SYMMETRIC, Property.PSD}
+        self._solve = _sparse_factor(self.A) if _is_sparse(self.A) else _dense_factor(self.A)
+        self._diagonal: Array | None = None
+        self._H: Any = H.tocsr() if _is_sparse(H) else self.H
+
+    @property
+    def W(self) -> Factored:
+        """The operator itself."""
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """That of M."""
+        return self.n, self.n
+
+    def largest(self) -> float:
+        """Return max |M|, which a semidefinite matrix has on its diagonal."""
+        d = np.empty(self.n)
+        self.diagonal(d)
+        return float(d.max())
+
+    def magnitude(self, q: Array, z: Array) -> float:
+        """Return a bound of max_i (|M| |z| + |q|)_i."""
+        return self.largest() * float(np.abs(z).sum()) + float(np.abs(q).max())
+
+    def product(self, z: Array, w: Array) -> None:
+        """Set w = H A⁻¹ Hᵀ z."""
+        w[:] = self._H @ self._solve(self._H.T @ z)
+
+    def column(self, j: int, c: Array) -> None:
+        """Set c = H A⁻¹ H_j."""
+        row = self._H[[j]]
+        c[:] = self._H @ self._solve(row.toarray()[0] if _is_sparse(row) else row[0])
+
+    def diagonal(self, d: Array) -> None:
+        """Set d = (H_i A⁻¹ H_i), by one solve for each row, the first time."""
+        if self._diagonal is None:
+            self._diagonal, c = np.empty(self.n), np.empty(self.n)
+            for j in range(self.n):
+                self.column(j, c)
+                self._diagonal[j] = c[j]
+        d[:] = self._diagonal
+
+
+def as_operator(M: Any, tags: Iterable[str] = (), copy: bool = True) -> Delassus:
+    """Return M as an operator: one as it is, a sparse symmetric M of few bands as `Banded`, anything else as `Dense`."""
+    if isinstance(M, np.ndarray):
+        return Dense(M, tags, copy=copy)
+    if isinstance(M, Delassus):
+        if tags:
+            raise InputError("tags stand with the operator: give them where it is made")
+        return M
+    if not _is_sparse(M):
+        return Dense(M, tags)
+    bands = _bands(M) if M.shape[0] == M.shape[1] > 0 else None
+    return Dense(M.toarray(), tags) if bands is None else Banded(bands, tags)
+
+
+def narrow(M: Array) -> Banded | None:
+    """Return a dense symmetric M by its bands where those are few, else None."""
+    n = len(M)
+    b = storage.bandwidth(M) if n >= 8 else n
+    if 4 * (b + 1) > n or not storage.is_symmetric(M):
+        return None
+    bands = np.zeros((b + 1, n))
+    for k in range(b + 1):
+        bands[k, : n - k] = np.diag(M, -k)
+    return Banded(bands)
+
+
+def _bands(M: Any) -> Array | None:
+    M = M.tocsr()
+    coo = M.tocoo()
+    finite_array("M", coo.data)
+    n, distance = M.shape[0], coo.row - coo.col
+    b = int(np.abs(distance).max(initial=0))
+    difference = abs(M - M.T)
+    if 4 * (b + 1) > n or difference.max() > 1e-14 * abs(M).max():
+        return None
+    bands = np.zeros((b + 1, n))
+    lower = distance >= 0
+    np.add.at(bands, (distance[lower], coo.col[lower]), coo.data[lower])
+    return bands
+
+
+def _is_sparse(M: Any) -> bool:
+    # Asked of every M, so SciPy is not imported for it: whoever made a sparse one has done so.
+    return hasattr(M, "tocsr") and not isinstance(M, np.ndarray)
+
+
+def _not_definite() -> InputError:
+    return InputError(
+        "A must be symmetric positive definite: every coordinate needs a mass, spring or dashpot of its own"
+    )
+
+
+def _dense_factor(A: Array) -> Callable[[Array], Array]:
+    from scipy.linalg import cho_factor, cho_solve
+
+    if not storage.is_symmetric(A):
+        raise _not_definite()
+    try:
+        factor = cho_factor(A)
+    except np.linalg.LinAlgError:
+        raise _not_definite() from None
+
+    def solve(b: Array) -> Array:
+        x: Array = cho_solve(factor, b)
+        return x
+
+    return solve
+
+
+def _sparse_factor(A: Any) -> Callable[[Array], Array]:
+    from scipy.sparse.linalg import splu
+
+    A = A.tocsc()
+    finite_array("A", A.data)
+    if abs(A - A.T).max() > 1e-12 * abs(A).max():
+        raise _not_definite()
+    try:
+        # Without pivoting this is L D Lᵀ, whose signs are those of the eigenvalues.
+        factor = splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError:
+        raise _not_definite() from None
+    if not (factor.U.diagonal() > 0.0).all():
+        raise _not_definite()
+
+    def solve(b: Array) -> Array:
+        x: Array = factor.solve(np.ascontiguousarray(b))
+        return x
+
+    return solve
+
+
+def _is_definite(M: Delassus, shift: float) -> bool:
+    """Return whether the symmetric part plus ``shift`` max |M| I has a Cholesky factor."""
+    S = 0.5 * (M.array() + M.array().T)
+    scale = np.abs(S).max() or 1.0
+    try:
+        np.linalg.cholesky(S / scale + shift * np.eye(M.n))
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+def _is_banded_definite(M: Banded, shift: float) -> bool:
+    from scipy.linalg import cholesky_banded
+
+    bands = M.bands / (np.abs(M.bands).max() or 1.0)
+    bands[0] += shift
+    try:
+        cholesky_banded(bands, lower=True)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+def _psd(M: Delassus) -> bool:
+    shift = 1e-12 * M.n
+    return _is_banded_definite(M, shift) if isinstance(M, Banded) else _is_definite(M, shift)
+
+
+def _symmetric(M: Delassus) -> bool:
+    return not isinstance(M, Dense) or storage.is_symmetric(M.M)
+
+
+def _positive_diagonal(M: Delassus) -> bool:
+    d = np.empty(M.n)
+    M.diagonal(d)
+    return bool((d > 0.0).all())
+
+
+def _p(M: Delassus) -> bool:
+    if not _positive_diagonal(M):
+        return False
+    if isinstance(M, Banded):
+        return _is_banded_definite(M, 0.0)
+    full = M.array()
+    off = np.abs(full).sum(axis=1) - np.diag(full), np.abs(full).sum(axis=0) - np.diag(full)
+    if (np.diag(full) > off[0]).all() or (np.diag(full) > off[1]).all() or _is_definite(M, 0.0):
+        return True
+    if M.n > 10:
+        return False
+    subsets = (list(rows) for k in range(1, M.n + 1) for rows in combinations(range(M.n), k))
+    return all(np.linalg.det(full[np.ix_(rows, rows)]) > 0.0 for rows in subsets)
+
+
+_FOUND: dict[Property, Callable[[Delassus], bool]] = {
+    Property.SYMMETRIC: _symmetric,
+    Property.PSD: _psd,
+    Property.P: _p,
+    Property.POSITIVE_DIAGONAL: _positive_diagonal,
+}

@@ -1,0 +1,125 @@
+"""The two storages of M that compiled solvers read, told apart by their shape.
+
+dense    (n, n)        any matrix
+banded   (b + 1, n)    a symmetric one by its lower bands, b + 1 < n: W[k, j] = M[j + k, j]
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.lcp.lapack import EPS, multiply
+
+
+@compiled(f8(matrix, i8, i8))
+def entry(W: Array, i: int, j: int) -> float:
+    """Return M_ij."""
+    found: float = 0.0
+    low, high = min(i, j), max(i, j)
+    if W.shape[0] == W.shape[1]:
+        found = W[i, j]
+    elif high - low < W.shape[0]:
+        found = W[high - low, low]
+    return found
+
+
+@compiled(types.void(matrix, vector, vector))
+def product(W: Array, z: Array, w: Array) -> None:
+    """Set w = M z."""
+    bands, n = W.shape
+    if bands == n:
+        multiply(W, z, w)
+        return
+    for j in range(n):
+        w[j] = W[0, j] * z[j]
+    for k in range(1, bands):
+        for j in range(n - k):
+            w[j + k] += W[k, j] * z[j]
+        for j in range(n - k):
+            w[j] += W[k, j] * z[j + k]
+
+
+@compiled(types.void(matrix, vector, vector))
+def transposed_product(W: Array, v: Array, c: Array) -> None:
+    """Set c = Mᵀ v."""
+    bands, n = W.shape
+    if bands != n:
+        product(W, v, c)
+        return
+    c[:] = 0.0
+    for i in range(n):
+        for j in range(n):
+            c[j] += W[i, j] * v[i]
+
+
+@compiled(types.void(matrix, i8, vector))
+def column(W: Array, j: int, c: Array) -> None:
+    """Set c = M_·j."""
+    bands, n = W.shape
+    if bands == n:
+        for i in range(n):
+            c[i] = W[i, j]
+        return
+    c[:] = 0.0
+    for i in range(max(0, j - bands + 1), min(n, j + bands)):
+        c[i] = entry(W, i, j)
+
+
+@compiled(types.void(matrix, vector))
+def diagonal(W: Array, d: Array) -> None:
+    """Set d = (M_ii)."""
+    for i in range(len(d)):
+        d[i] = entry(W, i, i)
+
+
+@compiled(f8(matrix, i8, vector))
+def row_product(W: Array, i: int, z: Array) -> float:
+    """Return M_i· z."""
+    bands, n = W.shape
+    total = 0.0
+    if bands == n:
+        for j in range(n):
+            total += W[i, j] * z[j]
+        return total
+    for j in range(max(0, i - bands + 1), min(n, i + bands)):
+        total += entry(W, i, j) * z[j]
+    return total
+
+
+@compiled(types.boolean(matrix))
+def is_symmetric(W: Array) -> bool:
+    """Return whether M is symmetric to rounding: |M_ij - M_ji| <= 1e-12 sqrt(|M_ii M_jj|), or a rounding of M_ij."""
+    bands, n = W.shape
+    if bands != n:
+        return True
+    tile = 32  # so that the transposed half is read while it is near
+    for rows in range(0, n, tile):
+        for columns in range(0, rows + 1, tile):
+            for i in range(rows, min(n, rows + tile)):
+                for j in range(columns, min(i, columns + tile)):
+                    difference = abs(W[i, j] - W[j, i])
+                    if difference > 4.0 * EPS * abs(W[i, j]) and difference > 1e-12 * (
+                        np.sqrt(abs(W[i, i])) * np.sqrt(abs(W[j, j]))
+                    ):
+                        return False
+    return True
+
+
+@compiled(i8(matrix))
+def bandwidth(M: Array) -> int:
+    """Return the largest |i - j| with M_ij != 0."""
+    n = len(M)
+    b = 0
+    for i in range(n):
+        for j in range(i - b):
+            if M[i, j] != 0.0:
+                b = i - j
+                break
+        for j in range(n - 1, i + b, -1):
+            if M[i, j] != 0.0:
+                b = j - i
+                break
+    return b

@@ -1,0 +1,153 @@
+"""What a solver did: its pivots or iterates, one by one, and the tableau of each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import compiled, i8, indices, interpreted, vector
+
+NONE = -1
+"""No single variable entered or left."""
+
+
+@compiled(types.void(vector, indices, i8, i8, vector))
+def note(z: Array, basis: Indices, entering: int, leaving: int, shift: Array) -> None:
+    """Take no note. A traced run puts a note-taker in the place of this function.
+
+    Variables are numbered w_1 ... w_n, z_1 ... z_n, z0 from 0 to 2n; ``basis[i]`` is the one that stands in row i. For
+    Lemke's method ``shift`` is d z0, for any other it is zero.
+    """
+
+
+@dataclass(frozen=True)
+class Step:
+    """One basis or iterate.
+
+    Attributes
+    ----------
+    z, w : (n,) arrays      the point, with w = M z + q + z0
+    z0 : float              the covering variable of Lemke's method, 0 elsewhere
+    basis : (n,) tuple      the variable that stands in each row, by name
+    entering, leaving : str the exchange that led here, "" where several variables changed or none
+    """
+
+    z: Array
+    w: Array
+    z0: float
+    basis: tuple[str, ...]
+    entering: str
+    leaving: str
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The steps of a run on LCP(M, q).
+
+    Printed, it is a table of all steps; `tableau` prints one of them in full.
+
+    Attributes
+    ----------
+    M : (n, n) array
+    q : (n,) array
+    solver : str
+    steps : tuple of Step
+
+    Examples
+    --------
+    >>> from lcpimpact import solve_lcp
+    >>> print(solve_lcp([[2.0, 1.0], [1.0, 2.0]], [-5.0, -6.0], "lemke", trace=True).trace)
+    lemke on an LCP of order 2
+    step  enters  leaves  basis       z1        z2        w1        w2        z0
+       1  z0      w2      w1 z0        0         0         1         0         6
+       2  z2      w1      z2 z0        0         1         0         0         4
+       3  z1      z0      z2 z1  1.33333   2.33333         0         0         0
+    """
+
+    M: Array
+    q: Array
+    solver: str
+    steps: tuple[Step, ...]
+
+    def ending(self, z: Array) -> Trace:
+        """Return the trace, or for a method that takes no notes one whose only step is its answer z."""
+        if self.steps:
+            return self
+        n = len(z)
+        basis = tuple(f"z{i + 1}" if z[i] != 0.0 else f"w{i + 1}" for i in range(n))
+        return replace(self, steps=(Step(z, self.M @ z + self.q, 0.0, basis, "", ""),))
+
+    def __len__(self) -> int:
+        return len(self.steps)
+
+    def __str__(self) -> str:
+        n = len(self.q)
+        width = max([5, *(len(" ".join(step.basis)) for step in self.steps)])
+        columns = [f"z{i + 1}" for i in range(n)] + [f"w{i + 1}" for i in range(n)]
+        covered = any("z0" in (*step.basis, step.entering, step.leaving) for step in self.steps)
+        columns += ["z0"] if covered else []
+        lines = [f"{self.solver} on an LCP of order {n}"]
+        lines.append(
+            f"step  {'enters':<6}  {'leaves':<6}  {'basis':<{width}}" + "".join(f"{name:>12}" for name in columns)
+        )
+        for number, step in enumerate(self.steps, 1):
+            values = [*step.z, *step.w, *([step.z0] if covered else [])]
+            lines.append(
+                f"{number:>4}  {step.entering:<6}  {step.leaving:<6}  {' '.join(step.basis):<{width}}"
+                + "".join(f"{_short(value):>12}" for value in values)
+            )
+        return "\n".join(lines)
+
+    def tableau(self, k: int) -> str:
+        """Return the tableau of step k: each basic variable in terms of those outside the basis.
+
+        A row reads basic = constant + Σ coefficient · nonbasic.
+        """
+        n, basis = len(self.q), self.steps[k].basis
+        names = [f"w{i + 1}" for i in range(n)] + [f"z{i + 1}" for i in range(n)] + ["z0"]
+        full = np.hstack([np.eye(n), -self.M, -np.ones((n, 1))])  # full (w, z, z0) = q
+        inside = [names.index(name) for name in basis]
+        # Without Lemke's covering variable there is no column for it.
+        outside = [i for i in range(2 * n + ("z0" in basis)) if i not in inside]
+        try:
+            solved = np.linalg.solve(full[:, inside], np.column_stack([self.q, -full[:, outside]]))
+        except np.linalg.LinAlgError:
+            return f"step {k + 1}: the basis {' '.join(basis)} is singular"
+        header = f"{'':<4}" + "".join(f"{name:>14}" for name in ["1", *(names[i] for i in outside)])
+        rows = (
+            f"{name:<4}" + "".join(f"{_short(a):>14}" for a in row) for name, row in zip(basis, solved, strict=True)
+        )
+        return "\n".join([header, *rows])
+
+
+def _short(value: float) -> str:
+    return f"{0.0 if abs(value) < 1e-14 else value:.6g}"
+
+
+def traced(
+    kernel: Callable[..., Any], M: Array, q: Array, lower: Array, upper: Array, name: str
+) -> tuple[Callable[..., Any], Callable[[], Trace]]:
+    """Return a kernel that runs in the interpreter and takes notes, and the function that gives them as a `Trace`.
+
+    A method that knows no bounds works on the LCP of `to_lcp`, and the notes are of that.
+    """
+    steps: list[Step] = []
+    problem = [M, q]
+
+    def take(z: Array, basis: Indices, entering: int, leaving: int, shift: Array) -> None:
+        n = len(z)
+        if n != len(problem[1]):
+            from lcpimpact.lcp.reduction import to_lcp
+
+            problem[:] = to_lcp(M, q, lower, upper)[:2]
+        names = [f"w{i + 1}" for i in range(n)] + [f"z{i + 1}" for i in range(n)] + ["z0", ""]
+        w = problem[0] @ z + problem[1] + shift
+        inside = tuple(names[i] for i in basis)
+        steps.append(Step(z.copy(), w, float(shift.max()), inside, names[entering], names[leaving]))
+
+    return interpreted(kernel, note=take), lambda: Trace(problem[0], problem[1], name, tuple(steps))
