@@ -73,7 +73,7 @@ def test_a_family_is_what_it_says(name):
         if not family.has_order(n):
             continue
         case, again = (family.make(n, np.random.default_rng(n)) for _ in range(2))
-        M, q, lower, upper = dense(case)
+        M, q, *_ = dense(case)
         assert (dense(again)[0] == M).all()
         assert (again.q == q).all()
         assert M.shape == (len(q), len(q))
@@ -206,8 +206,11 @@ def check_any_input(problem):
         solution = solve_lcp(
             laid_out(M, layout_M), laid_out(q, layout_q), name, lower=lower, upper=upper, throw=False, max_iter=3000
         )
-    except (UnsupportedError, InputError) as refusal:
-        assert name != "auto" or "finite" in str(refusal), refusal
+    except UnsupportedError:
+        assert name != "auto"
+        return
+    except InputError:
+        assert not (np.isfinite(M).all() and np.isfinite(q).all())
         return
     n = len(q)
     assert solution.z.shape == solution.w.shape == (n,)

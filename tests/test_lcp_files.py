@@ -305,7 +305,7 @@ WRONG = {
     "an unknown label": ("a.txt", "M: 1\nq: 1\nlowr: 0\n", "line 3: unknown label 'lowr': did you mean 'lower'"),
     "no M": ("a.txt", "q: 1 2\n", "must hold M"),
     "a shape that is none": ("a.txt", "1 2 3 4\n5 6 7 8\n", "2 rows of 4 numbers are no LCP"),
-    "one row": ("a.txt", "M: 1 2 3 4\nq: 1\n", "M must be square"),
+    "one row": ("a.txt", "M: 1 2 3 4\nq: 1\n", "1 rows of 4 numbers are no LCP"),
     "q too long": ("a.txt", "M: 1\nq: 1 2\n", "q must have n = 1 numbers to fit M, and it has 2"),
     "q too short": ("a.txt", "M: 1 2\n3 4\nq: 1\n", "q must have n = 2 numbers to fit M, and it has 1"),
     "bounds too long": ("a.txt", "M: 1 2\n3 4\nq: 1 2\nupper: 1 2 3", "upper must have n = 2"),
@@ -325,7 +325,7 @@ WRONG = {
     "nan in M of npz": ("a.npz", archive(M=[[np.inf]], q=[1.0]), "M has an entry that is not finite"),
     "three dimensions": ("a.npz", archive(M=np.ones((1, 1, 1)), q=[1.0]), "shape is (1, 1, 1)"),
     "q with two": ("a.npz", archive(M=np.eye(4), q=np.ones((2, 2))), "q must have n = 4 numbers"),
-    "no rows": ("a.npz", archive(M=np.ones((0, 0)), q=[]), "empty"),
+    "no rows": ("a.npz", archive(M=np.ones((0, 0)), q=[]), "its shape is (0, 0)"),
     "A not definite": ("a.npz", archive(A=-np.eye(1), H=np.eye(1), q=[1.0]), "positive definite"),
     "H of the wrong width": ("a.npz", archive(A=np.eye(2), H=np.eye(1), q=[1.0]), "H must have 2 columns"),
     "bands of the wrong shape": ("a.npz", archive(bands=np.ones((3, 1)), q=[1.0]), "(b + 1, n)"),
@@ -335,7 +335,7 @@ WRONG = {
     "matrix market without sizes": ("a.mtx", HEADER + "% nothing\n", "line 2 must hold the numbers of rows"),
     "sizes that are none": ("a.mtx", HEADER + "1.5 2\n1\n", "line 2 must hold"),
     "a negative size": ("a.mtx", HEADER + "-1 2\n1\n", "line 2 must hold"),
-    "no rows in matrix market": ("a.mtx", HEADER + "0 0\n", "empty"),
+    "no rows in matrix market": ("a.mtx", HEADER + "0 0\n", "its shape is (0, 0)"),
     "an absurd size": ("a.mtx", HEADER + "999999999 999999999\n1\n", "line 2: 999999999 rows"),
     "an absurd order": ("a.mtx", ENTRIES + "999999999 999999999 1\n1 1 1\n", "line 2: 999999999 rows"),
     "too few entries": ("a.mtx", HEADER + "2 3\n1\n2\n", "promises 6 entries and holds 2"),
@@ -559,11 +559,11 @@ def test_a_ray_is_printed_with_what_it_proves(capsys, tmp_path):
 
 
 def test_the_bound_that_a_ray_proves_counts_the_box(capsys, tmp_path):
-    # w1 = z2 - 5 with z2 <= 3 is never positive, and z1 has no upper bound.
-    file = put(tmp_path, "a.lcp", "M: 0 1\n0 1\nq: -5 0\nupper: inf 3\n")
-    code, said, _ = call(capsys, "solve", file)
+    # w2 = -z2 - 6, and z2 is 1 at least.
+    file = put(tmp_path, "a.lcp", "M: 0 0\n0 -1\nq: 5 -6\nlower: 0 1\n")
+    code, said, _ = call(capsys, "solve", file, "--solver", "lemke")
     assert code == 1
-    assert "q·v <= -2 for all z." in said
+    assert "q·v <= -7 for all z." in said
 
 
 def test_trace_and_tableau_are_those_of_the_solution(capsys, tmp_path):

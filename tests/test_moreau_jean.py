@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import lcpimpact as li
+from lcpimpact.lcp import SOLVERS
+from lcpimpact.lcp.auto import Auto
 from lcpimpact.lcp.solver import State
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.study.cross_validation import DIRECT_SOLVERS, ORDER_COUNTS, QP_SOLVERS, observed_orders
@@ -201,6 +203,39 @@ def test_starved_solver_stops_the_run_and_says_where():
         run(pile, t_end=0.1, lcp_solver="pgs", max_iter=1)
     settled = run(pile, t_end=0.1, lcp_solver="pgs")
     assert_allclose(settled.reaction[-1], 10.0 * np.arange(1, 7), rtol=1e-9)
+
+
+def test_a_step_that_one_method_does_not_solve_is_tried_by_the_next(monkeypatch):
+    """Every third solve fails; the steps that auto's second method takes over are those of that method alone."""
+    solves = []
+
+    def lazy(W, q, lower, upper, z, tol, max_iter):
+        solves.append(len(q))
+        if len(solves) % 3 == 0:
+            return int(li.Status.SINGULAR), 1
+        return lemke.kernel(W, q, lower, upper, z, tol, max_iter)
+
+    lemke = SOLVERS["lemke"]
+    problem = li.load_problem("system-3")
+    expected = run(problem, lcp_solver="lemke", t_end=0.5)
+    monkeypatch.setattr(Auto, "init", lambda self, M: State(M.W, lazy, False, "lazy", ("pgs", "lemke")))
+    monkeypatch.setattr(type(SOLVERS["pgs"]), "init", _refusing(type(SOLVERS["pgs"]).init, "pgs"))
+    found = run(problem, lcp_solver="auto", t_end=0.5)
+    assert len(solves) >= 50
+    assert_allclose(found.q, expected.q, rtol=0.0, atol=1e-12)
+    assert_allclose(found.reaction, expected.reaction, rtol=0.0, atol=1e-9)
+    assert found.stats["lcp_solves"] == expected.stats["lcp_solves"]
+
+
+def _refusing(init, name):
+    """An init whose kernel fails for the solver of that name, and is as it was for any other."""
+
+    def replaced(self, M):
+        state = init(self, M)
+        fails = State(state.W, lambda *_: (int(li.Status.UNDECIDED), 1), False, name)
+        return fails if self.name == name else state
+
+    return replaced
 
 
 def test_inaccurate_answers_are_not_accepted(monkeypatch):

@@ -13,10 +13,12 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.patches import Wedge
 from matplotlib.text import Text
 
 import lcpimpact
 from lcpimpact import Bumper, Dashpot, InputError, KelvinVoigt, Load, Mass, Problem, Scheme, Spring, Trajectory
+from lcpimpact.plotting.cones import RADII, Cone, cones, plot_cones, sectors
 from lcpimpact.plotting.figures import figure_2, figure_3, force_figure, motion_figure
 from lcpimpact.plotting.schematic import FORCE, draw_scheme
 from lcpimpact.plotting.style import save, style
@@ -422,6 +424,198 @@ def test_a_run_with_no_steps_is_drawn() -> None:
         lcpimpact.Status.NON_FINITE, "stopped", run.certificate, run.stats,
     )  # fmt: skip
     assert "non-finite" in plot_trajectory(empty).get_suptitle()
+
+
+# --- complementary cones -----------------------------------------------------------------------------------------------
+
+MATRICES = {
+    "a P-matrix": ([[2.0, -1.0], [-1.0, 2.0]], [-1.0, 0.3]),
+    "not symmetric": ([[1.0, -4.0], [1.0, 1.0]], [-3.0, -1.0]),
+    "redundant contacts": ([[1.0, 1.0], [1.0, 1.0]], [-1.0, -1.0]),
+    "bodies pressed together": ([[1.0, -1.0], [-1.0, 1.0]], [-1.0, 1.0]),
+    "indefinite": ([[1.0, 2.0], [2.0, 1.0]], [-4.0, -5.0]),
+    "negative": ([[-1.0, 0.0], [0.0, -1.0]], [1.0, 1.5]),
+    "zero": ([[0.0, 0.0], [0.0, 0.0]], [0.0, 1.0]),
+    "zero diagonal": ([[0.0, 1.0], [1.0, 0.0]], [-1.0, -1.0]),
+    "a column of zeros": ([[0.0, 0.0], [0.0, 1.0]], [-1.0, 1.0]),
+    "badly scaled": ([[1e9, 0.0], [0.0, 1e-9]], [-1e9, -1e-9]),
+}
+NAMES = ["{}", "{1}", "{2}", "{1,2}"]
+
+
+def wedges(ax: Axes) -> dict[str, list[Wedge]]:
+    """Return the wedges that were drawn, by their labels: one for each cone with an inside, and those without solution."""
+    found: dict[str, list[Wedge]] = {}
+    for patch in ax.patches:
+        if isinstance(patch, Wedge) and not str(patch.get_label()).startswith("_") and patch.get_label():
+            found.setdefault(str(patch.get_label()), []).append(patch)
+    return found
+
+
+def entries(ax: Axes) -> list[str]:
+    legend = ax.get_legend()
+    assert legend is not None
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def arrows(ax: Axes) -> list[tuple[float, float]]:
+    return [text.xy for text in ax.texts if getattr(text, "arrow_patch", None) is not None]
+
+
+@pytest.mark.parametrize("case", MATRICES)
+def test_every_cone_and_every_column_is_named_and_nothing_overlaps(case: str) -> None:
+    M, q = MATRICES[case]
+    figure = plot_cones(M, q)
+    (ax,) = figure.axes
+    written = [text.get_text() for text in ax.texts if text.get_text()]
+    assert [name for name in written if name.startswith("$\\{")] == [f"$\\{{{name[1:-1]}\\}}$" for name in NAMES]
+    columns = " ".join(written).replace(",", " ").split()
+    expected = {"$e_1$", "$e_2$", "$q$"} | {f"${{-}}M_{i + 1}$" for i in range(2) if np.any(np.array(M)[:, i])}
+    assert expected <= set(columns)
+    for i in range(2):
+        assert (f"${{-}}M_{i + 1} = 0$" in entries(ax)) == (f"${{-}}M_{i + 1}$" not in expected)
+    # Each column, and q, is an arrow in its own direction.
+    vectors = [each for each in (*np.eye(2), *-np.transpose(M), np.array(q)) if each.any()]
+    drawn = arrows(ax)
+    assert len(drawn) == len(vectors)
+    for tip, vector in zip(drawn, vectors, strict=True):
+        assert np.arctan2(*tip) == pytest.approx(np.arctan2(*vector), abs=1e-12)
+    assert ax.get_aspect() == 1.0
+    assert_nothing_overlaps(figure)
+    assert_nothing_is_cut_off(figure)
+
+
+def test_the_cones_of_a_P_matrix_have_the_angles_of_its_columns_and_cover_the_plane_once() -> None:
+    ax = plot_cones([[2.0, -1.0], [-1.0, 2.0]]).axes[0]
+    found = wedges(ax)
+    lower, left = -np.degrees(np.arctan2(2.0, 1.0)) % 360.0, np.degrees(np.arctan2(1.0, -2.0))
+    expected = {"{}": (0.0, 90.0), "{1}": (90.0, left), "{2}": (lower, 360.0), "{1,2}": (left, lower)}
+    assert set(found) == set(expected)
+    for (name, angles), radius in zip(expected.items(), RADII, strict=True):
+        (wedge,) = found[name]
+        assert (wedge.theta1, wedge.theta2) == pytest.approx(angles, abs=1e-9)
+        assert wedge.r == radius
+    assert "one solution for every $q$: a P-matrix" in ax.get_title(loc="left")
+
+
+@pytest.mark.parametrize(
+    ("case", "kinds", "gaps", "said"),
+    [
+        ("not symmetric", ["wedge"] * 4, [], "a P-matrix"),
+        ("redundant contacts", ["wedge"] * 3 + ["ray"], [], "one solution; infinitely many on a thick line"),
+        ("bodies pressed together", ["wedge"] * 3 + ["line"], [(135.0, 315.0)], "0 or 1 solutions"),
+        ("indefinite", ["wedge"] * 4, [], "1 or 3 solutions"),
+        ("negative", ["wedge"] * 4, [(90.0, 360.0)], "0 or 4 solutions"),
+        ("zero", ["wedge", "ray", "ray", "origin"], [(90.0, 360.0)], "infinitely many on a thick line"),
+        ("zero diagonal", ["wedge", "line", "line", "wedge"], [(90.0, 180.0), (270.0, 360.0)], "0 or 1"),
+        ("a column of zeros", ["wedge", "ray", "wedge", "ray"], [(90.0, 270.0)], "0 or 1"),
+        ("badly scaled", ["wedge"] * 4, [], "a P-matrix"),
+    ],
+)
+def test_overlaps_gaps_and_lines_are_drawn(
+    case: str, kinds: list[str], gaps: list[tuple[float, float]], said: str
+) -> None:
+    M, q = MATRICES[case]
+    ax = plot_cones(M, q).axes[0]
+    assert [cone.kind for cone in cones(np.array(M))] == kinds
+    found = wedges(ax)
+    empty = [(wedge.theta1, wedge.theta2) for wedge in found.pop("no solution", [])]
+    assert np.ravel(empty) == pytest.approx(np.ravel(gaps), abs=1e-9)
+    assert ("no solution" in entries(ax)) == bool(gaps)
+    assert list(found) == [name for name, kind in zip(NAMES, kinds, strict=True) if kind == "wedge"]
+    lines = {str(line.get_label()): line for line in ax.get_lines()}
+    assert list(lines) == [name for name, kind in zip(NAMES, kinds, strict=True) if kind != "wedge"]
+    for name, line in lines.items():
+        # A line runs through the origin, a ray begins there, and the cone {0} is a point.
+        kind, points = kinds[NAMES.index(name)], line.get_xydata()
+        lengths = np.hypot(*points.T)
+        radius = RADII[NAMES.index(name)]
+        assert sorted(lengths) == pytest.approx({"line": [radius] * 2, "ray": [0.0, radius], "origin": [0.0]}[kind])
+        if kind == "line":
+            np.testing.assert_allclose(points[0], -points[1], rtol=0.0, atol=1e-12)
+    assert said in ax.get_title(loc="left")
+    for entry, kind in zip(entries(ax)[:4], kinds, strict=True):
+        assert entry.endswith(")$" if kind == "wedge" else f" {kind}")
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_direction_lies_in_as_many_cones_as_the_problem_has_solutions(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    M = rng.normal(size=(2, 2)) * 10.0 ** rng.integers(-3, 4, size=2)
+    drawn = cones(M)
+    parts = sectors(drawn)
+    assert sum(last - first for first, last, _ in parts) == pytest.approx(360.0, abs=1e-6)
+    for angle in rng.uniform(0.0, 360.0, size=20):
+        q = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
+        solutions = lcpimpact.all_solutions(M, q)
+        assert sum(cone.holds(angle) for cone in drawn) == len(solutions)
+        assert sum(count for first, last, count in parts if (angle - first) % 360.0 < last - first) == len(solutions)
+
+
+def test_the_solutions_for_q_are_counted_and_listed() -> None:
+    def said(M: Any, q: Any) -> list[str]:
+        listed = entries(plot_cones(M, q).axes[0])
+        return listed[next(i for i, text in enumerate(listed) if text.startswith("$q$")) :]
+
+    M = [[1.0, 2.0], [2.0, 1.0]]
+    assert said(M, [-4, -5]) == ["$q$ = (-4, -5): 3 solutions", "$z$ = (4, 0)", "$z$ = (0, 5)", "$z$ = (2, 1)"]
+    assert said(M, [1, -2]) == ["$q$ = (1, -2): 1 solution", "$z$ = (0, 2)"]
+    assert said(-np.eye(2), [-1, -1]) == ["$q$ = (-1, -1): no solutions"]
+    assert said(np.ones((2, 2)), [-1, -1])[0] == "$q$ = (-1, -1): infinitely many, among them"
+    assert said(np.ones((2, 2)), [-1, -2])[0] == "$q$ = (-1, -2): 1 solution"
+    assert said(np.ones((2, 2)), [0, 0])[0] == "$q$ = (0, 0): 1 solution"
+    assert said(np.zeros((2, 2)), [0, 0])[0] == "$q$ = (0, 0): infinitely many, among them"
+    assert said([[1, -1], [-1, 1]], [0, 0])[0] == "$q$ = (0, 0): infinitely many, among them"
+    assert not [text for text in entries(plot_cones(M).axes[0]) if text.startswith("$q$")]
+
+
+def test_a_cone_holds_its_edges_and_what_lies_between() -> None:
+    cone = Cone((0,), np.array([[-1.0, -1.0], [0.0, 1.0]]))
+    assert cone.name == "{1}"
+    assert cone.angles == pytest.approx((90.0, 225.0))
+    assert [cone.holds(angle) for angle in (89.9, 90.0, 180.0, 225.0, 225.1, 0.0)] == [
+        False,
+        True,
+        True,
+        True,
+        False,
+        False,
+    ]
+    across = Cone((0, 1), np.array([[1.0, 1.0], [1.0, -1.0]]))
+    assert [across.holds(angle) for angle in (0.0, 44.0, 46.0, 314.0, 316.0, 180.0)] == [
+        True,
+        True,
+        False,
+        False,
+        True,
+        False,
+    ]
+
+
+def test_cones_are_drawn_into_given_axes_or_a_file(tmp_path: Path) -> None:
+    ax = Figure().add_subplot()
+    assert plot_cones(np.eye(2), ax=ax) is ax
+    assert set(wedges(ax)) == set(NAMES)
+    once, again = tmp_path / "once.svg", tmp_path / "again.svg"
+    plot_cones(*MATRICES["indefinite"], once)
+    plot_cones(*MATRICES["indefinite"], again)
+    assert once.read_bytes().startswith(b"<?xml")
+    assert once.read_bytes() == again.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("M", "q", "path", "said"),
+    [
+        (np.eye(3), None, None, "of order 2, and it is of order 3"),
+        ([[1.0, np.nan], [0.0, 1.0]], None, None, "not finite"),
+        (np.eye(2), [1.0], None, r"q must have shape \(2,\)"),
+        (np.eye(2), [1.0, np.inf], None, "q has an entry that is not finite"),
+        (np.eye(2), None, "cones.jpg", "must end in one of"),
+    ],
+)
+def test_cones_of_what_is_no_plane_are_refused(M: Any, q: Any, path: str | None, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        plot_cones(M, q, path)
 
 
 # --- files -------------------------------------------------------------------------------------------------------------

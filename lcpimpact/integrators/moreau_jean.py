@@ -258,7 +258,7 @@ class MoreauJean(Integrator):
 
         solver = SOLVERS[lcp_solver]
         # Without contacts the kernel is never called.
-        contacts = Dense(W, ("symmetric", "psd"), A=A, H=H) if len(H) else Dense(np.eye(1))
+        contacts = Dense(W, A=A, H=H) if len(H) else Dense(np.eye(1))
         if len(H):
             solver.check(contacts)
         operators = tuple(

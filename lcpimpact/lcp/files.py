@@ -123,7 +123,7 @@ def read_lcp(path: str | Path, q: str | Path | None = None) -> LCPFile:
     """
     path = Path(path)
     with _reading(path):
-        parts = _parts(path)
+        parts = _split(_parts(path))
         if q is not None and "q" in parts:
             raise InputError("q stands in it already: leave it out there, or give no second file")
     if q is not None:
@@ -192,45 +192,43 @@ def _reading(path: Path) -> Iterator[None]:
 
 
 def _parts(path: Path) -> dict[str, Any]:
-    """Return what a file holds, by name; of [M | q] both."""
+    """Return what a file holds, by name; [M | q], or a lone q, is called M."""
     ending = path.suffix.lower()
     if ending not in READERS:
         raise InputError(f"the ending {path.suffix!r} tells no format: known are {', '.join(READERS)}")
     if path.exists() and not path.is_file():
         raise InputError("it is no file; name one that holds an LCP")
-    parts = dict(READERS[ending](path))
-    if "M" in parts:
-        parts |= _split(parts["M"], "q" in parts)
-    return parts
+    return dict(READERS[ending](path))
 
 
-def _split(M: Any, has_q: bool) -> dict[str, Any]:
-    """Return M and q of [M | q], or of M with q below it; a square M, a row or a column alone as it is."""
-    if M.ndim != 2:
+def _split(parts: dict[str, Any]) -> dict[str, Any]:
+    """Return the parts with M and q for [M | q], and for M with q below it."""
+    if "M" not in parts:
+        return parts
+    M = parts["M"]
+    if M.ndim != 2 or 0 in M.shape:
         raise InputError(f"M must have rows and columns, and its shape is {M.shape}")
     rows, columns = M.shape
-    if rows == columns or (min(rows, columns) == 1 and rows + columns > 3):
-        return {"M": M}
+    if rows == columns:
+        return parts
     if abs(rows - columns) != 1:
         raise InputError(
-            f"{rows} rows of {columns} numbers are no LCP: give n rows of n for M, and q apart or as one row or column more"
+            f"{rows} rows of {columns} numbers are no LCP: M has n rows of n, and q is one row or column more"
         )
-    if has_q:
-        raise InputError(f"q stands in it twice, by its name and as the last {'column' if rows < columns else 'row'}")
+    where = "column" if rows < columns else "row"
+    if "q" in parts:
+        raise InputError(f"q stands in it twice, by its name and as the last {where} of M")
     full = M if isinstance(M, np.ndarray) else M.tocsc()
-    M, q = (full[:, :-1], full[:, [-1]]) if rows < columns else (full[:-1], full[[-1]])
-    return {"M": M, "q": _plain(q).reshape(-1)}
+    M, q = (full[:, :-1], full[:, [-1]]) if where == "column" else (full[:-1], full[[-1]])
+    return parts | {"M": M, "q": _plain(q).reshape(-1)}
 
 
 def _lone_vector(parts: Mapping[str, Any]) -> Any:
-    """Return the q of a file of its own: one row or one column, or what is called q."""
+    """Return the q of a file of its own: what is called q, or one row or column."""
     if set(parts) == {"q"}:
         return parts["q"]
-    if set(parts) == {"M"} and min(parts["M"].shape) == 1:
+    if set(parts) == {"M"} and 1 in parts["M"].shape:
         return _plain(parts["M"]).reshape(-1)
-    if set(parts) == {"M", "q"} and parts["M"].shape == (1, 1):
-        # Two numbers look like [M | q] of order 1.
-        return np.append(_plain(parts["M"]), parts["q"])
     raise InputError("it must hold q alone: one row or one column of numbers")
 
 
@@ -242,11 +240,8 @@ def _operator(parts: Mapping[str, Any]) -> Delassus:
         return Factored(parts["A"], parts["H"])
     if given != ["M"]:
         raise InputError(f"it must hold M, or A and H, or bands, and it holds {' and '.join(given) or 'none of them'}")
-    rows, columns = parts["M"].shape
-    if rows != columns:
-        raise InputError(f"M must be square, and it has {rows} rows of {columns} numbers")
     # Before a matrix of an absurd order is built, its right side tells.
-    _vector("q", parts["q"], rows)
+    _vector("q", parts["q"], parts["M"].shape[0])
     return as_operator(parts["M"])
 
 
@@ -365,8 +360,8 @@ def _read_numpy(path: Path) -> dict[str, Array]:
         if name not in ARRAYS:
             raise InputError(f"{nearest(name, ARRAYS, 'array')}; leave out what is no part of the problem")
         _real(name, array)
-    if "M" in found and path.suffix.lower() == ".npy" and found["M"].ndim == 1:
-        found["M"] = found["M"].reshape(1, -1)
+    if path.suffix.lower() == ".npy":
+        found["M"] = np.atleast_2d(found["M"])
     return found
 
 

@@ -77,14 +77,14 @@ def largest(A: Array) -> float:
     """Return max |A|, of finite numbers."""
     rows, columns = A.shape
     found: float = 0.0
-    if rows * columns <= SMALL * SMALL:
+    if rows * columns > SMALL * SMALL:
+        size, one = pointed(rows * columns), pointed(1)
+        at = _idamax(size.ctypes, A.ctypes, one.ctypes) - 1
+        found = abs(A[at // columns, at % columns])
+    else:
         for i in range(rows):
             for j in range(columns):
                 found = max(found, abs(A[i, j]))
-        return found
-    size, one = pointed(rows * columns), pointed(1)
-    at = _idamax(size.ctypes, A.ctypes, one.ctypes) - 1
-    found = max(found, abs(A[at // columns, at % columns]))
     return found
 
 
