@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 
 import numpy as np
@@ -125,6 +126,25 @@ def test_auto_solves_every_family(name):
                     np.testing.assert_allclose(
                         solution.z, case.z, rtol=0.0, atol=1e-6 * (1.0 + np.abs(case.z).max()), err_msg=str(n)
                     )
+
+
+@pytest.mark.parametrize("name", [name for name in FAMILIES if "p" in FAMILIES[name].tags])
+def test_block_pivoting_is_finite_for_p_matrices(name):
+    """Its safeguard is what ends the cycles that Ben Gharbia and Gilbert made for Newton's method without one."""
+    for n in (1, 2, 3, 5, 8, 13):
+        if FAMILIES[name].has_order(n):
+            case = FAMILIES[name].make(n, np.random.default_rng(n))
+            assert verdict(case, True, solve(case, "block-pivoting")) == "right", n
+
+
+@pytest.mark.parametrize("name", [name for name in FAMILIES if {"symmetric", "psd"} <= set(FAMILIES[name].tags)])
+def test_the_active_set_decides_every_semidefinite_problem(name):
+    """With redundant contacts and bounds too, and where there is no solution it shows why."""
+    family = FAMILIES[name]
+    for n, seed in itertools.product((1, 2, 3, 4, 5, 6, 8, 13, 21), range(4)):
+        if family.has_order(n):
+            case = family.make(n, np.random.default_rng([n, seed]))
+            assert verdict(case, family.solvable, solve(case, "active-set")) == "right", (n, seed)
 
 
 @pytest.mark.slow

@@ -343,6 +343,7 @@ WRONG = {
     "symmetric and not square": ("a.mtx", ENTRIES + "2 3 1\n1 1 1\n", "2 rows and 3 columns cannot be right"),
     "an entry outside": ("a.mtx", ENTRIES + "2 2 1\n3 1 1\n", "outside the 2 rows"),
     "an entry of row zero": ("a.mtx", ENTRIES + "2 2 1\n0 1 1\n", "counted from 1"),
+    "half a row": ("a.mtx", ENTRIES + "2 2 1\n1.5 1 1\n", "counted from 1"),
     "half an entry": ("a.mtx", ENTRIES + "2 2 1\n1 1\n", "line 3 must hold row, column and number"),
     "an infinite entry": ("a.mtx", HEADER + "1 2\n1\ninf\n", "line 4 must hold one number, finite"),
     "a cut number": ("a.mtx", HEADER + "1 2\n1\n5E-", "line 4: '5E-' is no number"),
@@ -504,6 +505,12 @@ def test_solve_says_that_a_P_matrix_of_many_rows_is_not_recognised(capsys, tmp_p
     assert "whether a P-matrix is not known" in said
 
 
+def test_a_large_matrix_is_not_searched_for_properties(capsys, tmp_path):
+    bands = np.array([np.full(2_500, 2.0), np.full(2_500, -1.0)])
+    said = call(capsys, "solve", write_lcp(tmp_path / "a.npz", Banded(bands), -np.ones(2_500)))[1]
+    assert "  M           banded; symmetric (n > 2000: no others were looked for)\n" in said
+
+
 def test_the_sides_of_a_problem_with_bounds(capsys, tmp_path):
     text = "M: 1 0 0 0 0\n0 1 0 0 0\n0 0 1 0 0\n0 0 0 1 0\n0 0 0 0 1\nq: -2 2 -0.5 7 0\n"
     file = put(tmp_path, "a.lcp", f"{text}lower: -1 -1 -1 -inf 0\nupper: 1 1 1 inf inf\n")
@@ -652,6 +659,14 @@ def test_a_wrong_option_exits_2_with_one_line_and_writes_nothing(capsys, tmp_pat
     assert len(error.strip().splitlines()) == 1
     assert said in error
     assert not list(tmp_path.iterdir())
+
+
+def test_a_wrong_name_is_found_before_the_run(capsys, monkeypatch):
+    import lcpimpact.lcp.solve
+
+    monkeypatch.setattr(lcpimpact.lcp.solve, "solve_lcp", lambda *a, **k: pytest.fail("the run was started"))
+    for option, name in (("--out", "z.xls"), ("--out", "/nowhere/z.csv"), ("--plot", "z.xls")):
+        assert call(capsys, "solve", ROOT / "docs" / "three.lcp", option, name)[0] == 2
 
 
 def test_what_only_small_problems_can_show_is_refused_for_others(capsys, tmp_path):

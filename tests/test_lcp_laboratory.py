@@ -369,6 +369,8 @@ def test_a_matrix_that_is_too_large_to_be_dense_is_refused():
     with pytest.raises(UnsupportedError, match=r"dense M of order 30000 takes 7 GB.*auto"):
         solve_lcp(big, -np.ones(30_000), "lemke")
     assert solve_lcp(big, -np.ones(30_000)).success
+    with pytest.raises(UnsupportedError, match=r"order 30000 takes 7 GB"):
+        as_operator(sp.coo_array(([1.0], ([0], [29_999])), shape=(30_000, 30_000)))
 
 
 # ---- tags -----------------------------------------------------------------------------------------------------------
@@ -454,6 +456,36 @@ def test_auto_decides_what_lemke_cannot():
     assert not both.success
 
 
+@pytest.mark.parametrize(
+    ("M", "q", "z"),
+    [
+        ([[1.0, 3.0], [2.0, -1.0]], [-3.0, -3.0], [3.0, 0.0]),
+        ([[1.0, 1.0], [3.0, -1.0]], [-1.0, -1.0], [1.0, 0.0]),
+        ([[-2.0, -3.0, 0.0], [2.0, -1.0, 2.0], [-2.0, -3.0, -1.0]], [0.0, -2.0, 1.0], [0.0, 0.0, 1.0]),
+    ],
+)
+def test_lemke_covers_anew_after_a_ray_that_proves_nothing(M, q, z):
+    """From z0 (1, ..., 1) the path ends on a ray, and there is a solution."""
+    found = solve_lcp(M, q, "lemke", trace=True)
+    assert found.z.tolist() == z
+    assert [step.entering for step in found.trace.steps].count("z0") > 1
+
+
+def test_the_last_basis_is_solved_anew():
+    """At condition 1e8 the tableau has lost digits that the matrix has not."""
+    rng = np.random.default_rng(1)
+    for _ in range(8):
+        Q, _ = np.linalg.qr(rng.normal(size=(40, 40)))
+        M = Q @ np.diag(np.logspace(-8, 0, 40)) @ Q.T
+        M, q = 0.5 * (M + M.T), rng.normal(size=40)
+        z = solve_lcp(M, q, "lemke").z
+        alpha, fresh = z > 0.0, np.zeros(40)
+        fresh[alpha] = np.linalg.solve(M[np.ix_(alpha, alpha)], -q[alpha])
+        free = np.full(40, np.inf)
+        limit = 3.0 * box_defect(M, q, np.zeros(40), free, np.maximum(fresh, 0.0))
+        assert box_defect(M, q, np.zeros(40), free, z) <= limit
+
+
 def test_every_method_that_auto_falls_back_on_is_registered():
     from lcpimpact.lcp.auto import methods
 
@@ -501,6 +533,7 @@ def test_the_certificate_is_checked_on_every_count():
     assert proves_infeasible(M, q, *plain, np.array([1.0, 1.0]))
     assert not proves_infeasible(M, q, *plain, np.array([1.0, 0.5])), "Mᵀ v has a positive entry"
     assert not proves_infeasible(M, -q, *plain, np.array([1.0, 1.0])), "q·v > 0"
+    assert not proves_infeasible(M, np.array([-1.0, 1.0]), *plain, np.array([1.0, 1.0])), "q·v = 0 leaves a solution"
     assert not proves_infeasible(M, q, *plain, np.array([-1.0, -1.0])), "v < 0"
     assert not proves_infeasible(M, q, *plain, np.zeros(2))
     assert not proves_infeasible(M, q, *plain, np.array([np.nan, 1.0]))
@@ -576,6 +609,18 @@ def test_a_long_chain_under_gravity():
     solution = solve_lcp(chain_of(masses), q)
     assert solution.route == ("banded",)
     np.testing.assert_allclose(solution.z, np.cumsum(masses[:0:-1])[::-1], rtol=1e-10, atol=0.0)
+
+
+def test_a_stack_that_flies_keeps_its_small_differences():
+    """Bodies thrown upwards in a long row: y grows to thousands along it, and the impulses of a few contacts stay small."""
+    n = 50_000
+    rng = np.random.default_rng(4)
+    q = 0.1 + 0.01 * rng.random(n)
+    q[1000::7000] = -1e-3
+    solution = solve_lcp(chain_of(np.r_[np.inf, rng.uniform(0.5, 2.0, n)]), q)
+    assert solution.route == ("banded",)
+    assert (solution.z > 0.0).sum() == len(range(1000, n, 7000))
+    assert solution.residual <= 1e-15
 
 
 # ---- many right sides -----------------------------------------------------------------------------------------------

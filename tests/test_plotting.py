@@ -438,6 +438,8 @@ MATRICES = {
     "zero": ([[0.0, 0.0], [0.0, 0.0]], [0.0, 1.0]),
     "zero diagonal": ([[0.0, 1.0], [1.0, 0.0]], [-1.0, -1.0]),
     "a column of zeros": ([[0.0, 0.0], [0.0, 1.0]], [-1.0, 1.0]),
+    "nearly parallel": ([[1.0, 1.0], [1.0, 1.2]], [-1.0, -1.1]),
+    "three in one direction": ([[-1.0, 0.0], [0.0, -1.0]], [1.0, 0.0]),
     "badly scaled": ([[1e9, 0.0], [0.0, 1e-9]], [-1e9, -1e-9]),
 }
 NAMES = ["{}", "{1}", "{2}", "{1,2}"]
@@ -469,6 +471,13 @@ def test_every_cone_and_every_column_is_named_and_nothing_overlaps(case: str) ->
     (ax,) = figure.axes
     written = [text.get_text() for text in ax.texts if text.get_text()]
     assert [name for name in written if name.startswith("$\\{")] == [f"$\\{{{name[1:-1]}\\}}$" for name in NAMES]
+    for cone, radius, text in zip(
+        cones(np.array(M)), RADII, [t for t in ax.texts if "\\{" in t.get_text()], strict=True
+    ):
+        x, y = text.get_position()
+        if cone.kind == "wedge":
+            assert cone.holds(np.degrees(np.arctan2(y, x)) % 360.0)
+            assert radius - 0.16 < np.hypot(x, y) < radius
     columns = " ".join(written).replace(",", " ").split()
     expected = {"$e_1$", "$e_2$", "$q$"} | {f"${{-}}M_{i + 1}$" for i in range(2) if np.any(np.array(M)[:, i])}
     assert expected <= set(columns)
@@ -483,6 +492,8 @@ def test_every_cone_and_every_column_is_named_and_nothing_overlaps(case: str) ->
     assert ax.get_aspect() == 1.0
     assert_nothing_overlaps(figure)
     assert_nothing_is_cut_off(figure)
+    beside = ax.get_legend().get_window_extent().x0
+    assert all(text.get_window_extent().x1 < beside for text in ax.texts if text.get_text())
 
 
 def test_the_cones_of_a_P_matrix_have_the_angles_of_its_columns_and_cover_the_plane_once() -> None:
@@ -560,6 +571,7 @@ def test_the_solutions_for_q_are_counted_and_listed() -> None:
     M = [[1.0, 2.0], [2.0, 1.0]]
     assert said(M, [-4, -5]) == ["$q$ = (-4, -5): 3 solutions", "$z$ = (4, 0)", "$z$ = (0, 5)", "$z$ = (2, 1)"]
     assert said(M, [1, -2]) == ["$q$ = (1, -2): 1 solution", "$z$ = (0, 2)"]
+    assert said([[1, -4], [1, 1]], [-3, -1]) == ["$q$ = (-3, -1): 1 solution", "$z$ = (3, 0)"]
     assert said(-np.eye(2), [-1, -1]) == ["$q$ = (-1, -1): no solutions"]
     assert said(np.ones((2, 2)), [-1, -1])[0] == "$q$ = (-1, -1): infinitely many, among them"
     assert said(np.ones((2, 2)), [-1, -2])[0] == "$q$ = (-1, -2): 1 solution"

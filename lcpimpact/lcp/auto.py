@@ -8,6 +8,8 @@ from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Delassus, Property, narrow
 from lcpimpact.lcp.solver import LCPSolver, State
 
+LARGEST_TABLEAU = 3_000
+
 SMALLEST_BAND = 16
 """Order from which a dense M is looked at for bands."""
 
@@ -17,7 +19,8 @@ def methods(M: Delassus) -> tuple[str, ...]:
     if M.storage == "factored":
         return "active-set", "apgd"
     if M.storage == "banded":
-        return "banded", "block-pivoting", "active-set", "lemke"
+        # The others need room for n² numbers.
+        return ("banded", "block-pivoting", "active-set", "lemke")[: 4 if M.n <= LARGEST_TABLEAU else 2]
     if M.n <= 2:
         return "closed-form", "lemke"
     # Who declares M no more than semidefinite may have redundant contacts; else the first factorisation finds that out.

@@ -56,45 +56,51 @@ def chain_masses(W: Array, mass: Array) -> bool:
 def isotonic_chain(mass: Array, q: Array, z: Array) -> int:
     """Set z to the impulses of a chain by pooling adjacent violators.
 
+    A pool moves with one velocity v. It is kept as v - y of its first body and of its last, never as v itself: along a
+    stack that flies y grows, and the small differences that make the impulses would drown in it.
+
     Returns SOLVED; or RAY between two walls that close on each other, with z = 1 as the proof.
     """
     n = len(q)
-    y = np.empty(n + 1)
-    value, weight, last = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1, np.int64)
-    y[0] = 0.0
+    of_first, of_last, weight, end = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1), np.empty(n + 1, np.int64)
     pools = 0
     for j in range(n + 1):
-        if j > 0:
-            y[j] = y[j - 1] + q[j - 1]
-        v, m = y[j], mass[j]
-        while pools > 0 and value[pools - 1] > v:
+        first, last, m = 0.0, 0.0, mass[j]
+        while pools > 0 and of_last[pools - 1] > q[end[pools - 1]] + first:
             pools -= 1
-            if weight[pools] == np.inf:
-                if m == np.inf:
-                    z[:] = 1.0
-                    return RAY
-                v, m = value[pools], np.inf
-            elif m < np.inf:
+            # From the first body of the pool before: y of the first body of this one, and of its last.
+            start = of_first[pools] - of_last[pools] + q[end[pools]]
+            stop = start + (first - last)
+            if weight[pools] < np.inf:
+                share = m / (m + weight[pools]) if m < np.inf else 1.0
+                first = of_first[pools] + (start + first - of_first[pools]) * share
                 m += weight[pools]
-                v += (value[pools] - v) * (weight[pools] / m)
-        value[pools], weight[pools], last[pools] = v, m, j
+            elif m < np.inf:
+                first, m = of_first[pools], np.inf
+            else:
+                z[:] = 1.0
+                return RAY
+            last = first - stop
+        of_first[pools], of_last[pools], weight[pools], end[pools] = first, last, m, j
         pools += 1
-    first = 0
+    begin = 0
     for pool in range(pools):
-        v, end = value[pool], last[pool]
-        if mass[end] < np.inf:
-            total = 0.0
-            for j in range(end, first, -1):
-                total += mass[j] * (v - y[j])
+        total = 0.0
+        if mass[end[pool]] < np.inf:
+            excess = of_last[pool]  # v - y_j
+            for j in range(end[pool], begin, -1):
+                total += mass[j] * excess
                 z[j - 1] = max(total, 0.0)
+                excess += q[j - 1]
         else:
-            total = 0.0
-            for j in range(first, end):
-                total -= mass[j] * (v - y[j])
+            excess = of_first[pool]
+            for j in range(begin, end[pool]):
+                total -= mass[j] * excess
                 z[j] = max(total, 0.0)
-        if end < n:
-            z[end] = 0.0
-        first = end + 1
+                excess -= q[j]
+        if end[pool] < n:
+            z[end[pool]] = 0.0
+        begin = end[pool] + 1
     return SOLVED
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8
+from lcpimpact.compiled import compiled, f8, i8, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
 from lcpimpact.lcp.solver import CompiledSolver
@@ -16,9 +16,7 @@ SOLVED, INFEASIBLE = int(Status.SOLVED), int(Status.INFEASIBLE)
 
 @compiled(types.UniTuple(f8, 2)(f8, f8, f8, f8))
 def one_row(m: float, q: float, lower: float, upper: float) -> tuple[float, float]:
-    """Return z for the row m z + q, and its residual z - P(z - w), the least that a basis gives."""
-    if m > 0.0:
-        return min(max(-q / m, lower), upper), 0.0
+    """Return z for the row m z + q with m <= 0, and its residual z - P(z - w), the least that a basis gives."""
     z, smallest = 0.0, np.inf
     for basis in (LOWER, FREE, UPPER):
         trial = lower if basis == LOWER else upper if basis == UPPER else -q / m if m != 0.0 else 0.0
@@ -30,6 +28,32 @@ def one_row(m: float, q: float, lower: float, upper: float) -> tuple[float, floa
     return z, smallest
 
 
+@compiled(i8(matrix, vector, vector))
+def two_rows(M: Array, q: Array, z: Array) -> int:
+    """Solve a plain LCP of two rows if a basis fits without a doubt about signs; return how many were tried, 0 if none fits."""
+    z[0], z[1] = 0.0, 0.0
+    if q[0] >= 0.0 and q[1] >= 0.0:
+        return 1
+    if q[0] < 0.0 and M[0, 0] > 0.0:
+        z[0] = -q[0] / M[0, 0]
+        if z[0] * M[1, 0] + q[1] >= 0.0:
+            return 2
+        z[0] = 0.0
+    if q[1] < 0.0 and M[1, 1] > 0.0:
+        z[1] = -q[1] / M[1, 1]
+        if z[1] * M[0, 1] + q[0] >= 0.0:
+            return 3
+        z[1] = 0.0
+    determinant = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]
+    if abs(determinant) > 1e-8 * (abs(M[0, 0] * M[1, 1]) + abs(M[0, 1] * M[1, 0])):
+        x = (M[0, 1] * q[1] - M[1, 1] * q[0]) / determinant
+        y = (M[1, 0] * q[0] - M[0, 0] * q[1]) / determinant
+        if 0.0 <= x < np.inf and 0.0 <= y < np.inf:
+            z[0], z[1] = x, y
+            return 4
+    return 0
+
+
 @compiled(SIGNATURE)
 def closed_form(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Solve one or two rows by trying their bases: a row at its lower bound, at its upper one, or free.
@@ -37,6 +61,9 @@ def closed_form(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: f
     In units where max |M| = max |q| = 1. Each basis gives a candidate, and the one with the smallest residual stands if it
     is within tol, so that rounding at a corner decides nothing.
     """
+    if len(q) == 1 and W[0, 0] > 0.0:
+        z[0] = min(max(-q[0] / W[0, 0], lower[0]), upper[0])
+        return SOLVED, 1
     p = abs(q[0]) if len(q) == 1 else max(abs(q[0]), abs(q[1]))
     p = p if p > 0.0 else 1.0
     if len(q) == 1:
@@ -45,9 +72,10 @@ def closed_form(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: f
         z[0] = min(max(x * (p / s), lower[0]), upper[0])
         return (SOLVED if residual <= tol else INFEASIBLE), 1
 
-    if q[0] >= 0.0 and q[1] >= 0.0 and lower[0] == 0.0 and lower[1] == 0.0:
-        z[0] = z[1] = 0.0
-        return SOLVED, 1
+    if lower[0] == 0.0 and lower[1] == 0.0 and upper[0] == np.inf and upper[1] == np.inf:
+        found = two_rows(W, q, z)
+        if found > 0:
+            return SOLVED, found
     s = max(max(abs(W[0, 0]), abs(W[0, 1])), max(abs(W[1, 0]), abs(W[1, 1])))
     s = s if s > 0.0 else 1.0
     u = s / p

@@ -127,11 +127,7 @@ class Delassus(ABC):
         UnsupportedError
             If it would not fit in memory.
         """
-        if self.n > DENSE_LIMIT:
-            raise UnsupportedError(
-                f"a dense M of order {self.n} takes {8e-9 * self.n**2:.0f} GB: take a solver that reads {self.storage} "
-                "storage, as 'auto' does"
-            )
+        _refuse_large(self.n)
         M, c = np.empty((self.n, self.n)), np.empty(self.n)
         for j in range(self.n):
             self.column(j, c)
@@ -362,7 +358,10 @@ def as_operator(M: Any, tags: Iterable[str] = (), copy: bool = True) -> Delassus
     if not _is_sparse(M):
         return Dense(M, tags)
     bands = _bands(M) if M.shape[0] == M.shape[1] > 0 else None
-    return Dense(M.toarray(), tags) if bands is None else Banded(bands, tags)
+    if bands is not None:
+        return Banded(bands, tags)
+    _refuse_large(M.shape[0])
+    return Dense(M.toarray(), tags)
 
 
 def narrow(M: Array) -> Banded | None:
@@ -375,6 +374,13 @@ def narrow(M: Array) -> Banded | None:
     for k in range(b + 1):
         bands[k, : n - k] = np.diag(M, -k)
     return Banded(bands)
+
+
+def _refuse_large(n: int) -> None:
+    if n > DENSE_LIMIT:
+        raise UnsupportedError(
+            f"a dense M of order {n} takes {8e-9 * n**2:.0f} GB: give M as Banded or Factored, and take solver='auto'"
+        )
 
 
 def _bands(M: Any) -> Array | None:

@@ -73,6 +73,8 @@ class PreparedLCP(NamedTuple):
         within, most = limits(solver, tol, max_iter)
         guess = None if z0 is None else _guess(z0, n)
 
+        if state.fallbacks and max_iter is None:
+            most = SOLVERS[state.name].max_iter
         solution = self._attempt(state, right, guess, within, most)
         for name in state.fallbacks:
             if solution.status in PROVEN:
@@ -118,9 +120,10 @@ class PreparedLCP(NamedTuple):
         method = SOLVERS[name]
         try:
             method.check(self.operator, boxed=not is_plain(self.lower, self.upper))
+            state = method.init(self.operator)
         except UnsupportedError:
             return before
-        after = self._attempt(method.init(self.operator), q, guess, tol, limits(method, None, max_iter)[1])
+        after = self._attempt(state, q, guess, tol, limits(method, None, max_iter)[1])
         # That all bases were tried in vain is worth more than the failure of a method that tried some.
         keeps = before.status is Status.INFEASIBLE and after.status not in PROVEN
         better = before if keeps else after
