@@ -39,10 +39,10 @@ from scipy.linalg.lapack import dposv
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.files import check_output, whole_file
-from lcpimpact.lcp.closed_form import closed_form
 from lcpimpact.lcp.families import FAMILIES, Family
 from lcpimpact.lcp.operators import Banded
 from lcpimpact.lcp.solve import prepare_lcp, solve_lcp
+from lcpimpact.lcp.solvers.closed_form import closed_form
 
 WRONG = 1e-6
 TURNS = 3

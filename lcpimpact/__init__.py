@@ -20,7 +20,7 @@ _LOCATIONS = {
     "simulate": "lcpimpact.simulation:simulate",
     "solve_lcp": "lcpimpact.lcp.solve:solve_lcp",
     "prepare_lcp": "lcpimpact.lcp.solve:prepare_lcp",
-    "all_solutions": "lcpimpact.lcp.enumeration:all_solutions",
+    "all_solutions": "lcpimpact.lcp.solvers.enumeration:all_solutions",
     "plot_cones": "lcpimpact.plotting.cones:plot_cones",
     "LCPSolution": "lcpimpact.lcp.problem:LCPSolution",
     "Dense": "lcpimpact.lcp.operators:Dense",
@@ -74,10 +74,10 @@ __all__ = [
 
 if TYPE_CHECKING:
     from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, UnsupportedError
-    from lcpimpact.lcp.enumeration import all_solutions
     from lcpimpact.lcp.operators import Banded, Dense, Factored
     from lcpimpact.lcp.problem import LCPSolution
     from lcpimpact.lcp.solve import prepare_lcp, solve_lcp
+    from lcpimpact.lcp.solvers.enumeration import all_solutions
     from lcpimpact.plotting.cones import plot_cones
     from lcpimpact.problems import load_problem
     from lcpimpact.problems.base import Problem

@@ -14,9 +14,15 @@ class Status(IntEnum):
     """How a solve or a simulation ended; ``status.sentence`` says it in words and names the remedy."""
 
     SOLVED = 0, "Solved: the answer was checked outside the solver."
-    RAY = 1, "The problem has no solution: a ray in the result proves it; check q and M, and take the rows of the ray first."
+    RAY = (
+        1,
+        "The problem has no solution: a ray in the result proves it; check q and M, and take the rows of the ray first.",
+    )
     INFEASIBLE = 2, "The problem has no solution: no complementary basis is feasible; check the sign of q and M."
-    UNDECIDED = 3, "The method could not decide whether a solution exists: try solver='auto', or 'enumeration' for n <= 15."
+    UNDECIDED = (
+        3,
+        "The method could not decide whether a solution exists: try solver='auto', or 'enumeration' for n <= 15.",
+    )
     MAX_ITER = 4, "The iteration limit was reached first: raise max_iter, loosen tol or take a direct solver."
     SINGULAR = 5, "A matrix that had to be factored is singular: look for redundant contacts, or take solver='lemke'."
     NON_FINITE = 6, "A number overflowed or is not finite: check the data, or take a smaller dt."

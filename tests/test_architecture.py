@@ -76,7 +76,7 @@ def module_name(file: Path) -> str:
 
 
 def layer(name: str) -> str:
-    """``lcpimpact.lcp.auto`` lies in ``lcp``; the package's own __init__ in the layer ''."""
+    """``lcpimpact.lcp.solvers.auto`` lies in ``lcp``; the package's own __init__ in the layer ''."""
     parts = name.split(".")
     return parts[1] if len(parts) > 1 else ""
 
@@ -119,7 +119,7 @@ def ids(file: Path) -> str:
 def test_the_reader_of_imports_sees_them_all(tmp_path):
     """The other tests here are worth what this function is worth."""
     assert "lcpimpact.lcp.solve" in imports(PACKAGE / "integrators" / "modes.py")
-    assert "qpsolvers" in imports(PACKAGE / "lcp" / "qp.py"), "an import inside a function"
+    assert "qpsolvers" in imports(PACKAGE / "lcp" / "solvers" / "qp.py"), "an import inside a function"
     assert "lcpimpact.lcp.solver" in imports(PACKAGE / "lcp" / "__init__.py"), "under TYPE_CHECKING"
     assert "lcpimpact.integrators.exact" in locations(PACKAGE / "integrators" / "__init__.py")
     assert len(FILES) > 40
@@ -341,24 +341,6 @@ def test_elements_declare_what_they_are(name):
     assert element.strokes or element.parts is not Element.parts, "can be drawn"
 
 
-LCP_MACHINERY = {
-    "basis",
-    "families",
-    "farkas",
-    "files",
-    "judge",
-    "lapack",
-    "operators",
-    "polish",
-    "problem",
-    "reduction",
-    "solve",
-    "solver",
-    "storage",
-    "trace",
-}
-"""Files of lcp/ that hold no solver."""
-
 REGISTRIES = [SOLVERS, METHODS, PROBLEMS, ELEMENTS]
 
 
@@ -381,7 +363,7 @@ def test_every_file_of_a_method_problem_or_element_is_registered():
     """A file that is in no registry is a method that nobody can call."""
     for folder, registry, others in (
         ("scheme/elements", ELEMENTS, {"base"}),
-        ("lcp", SOLVERS, LCP_MACHINERY),
+        ("lcp/solvers", SOLVERS, set()),
         ("integrators", METHODS, {"base", "flow", "modes"}),
         ("problems", PROBLEMS, {"base"}),
     ):

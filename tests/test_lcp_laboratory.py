@@ -12,19 +12,20 @@ from hypothesis import strategies as st
 
 from lcpimpact import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.banded import chain_masses, isotonic_chain
-from lcpimpact.lcp.enumeration import all_solutions
 from lcpimpact.lcp.judge import measure, proves_infeasible
 from lcpimpact.lcp.lapack import SMALL, absolute_sum, cholesky_solve, largest, lu_solve, multiply
 from lcpimpact.lcp.operators import Banded, Dense, Factored, Property, all_finite, as_operator
 from lcpimpact.lcp.problem import bounds, unbounded_above
 from lcpimpact.lcp.reduction import from_lcp, to_lcp
 from lcpimpact.lcp.solve import prepare_lcp, solve_lcp
+from lcpimpact.lcp.solvers.banded import chain_masses, isotonic_chain
+from lcpimpact.lcp.solvers.enumeration import all_solutions
 from lcpimpact.lcp.storage import bandwidth, column, diagonal, entry, is_symmetric, product, row_product
 
 BOXED = [name for name in SOLVERS if SOLVERS[name].boxed]
 PLAIN = [name for name in SOLVERS if not SOLVERS[name].boxed]
-DIRECT_BOXED = [name for name in BOXED if name not in ("pgs", "psor", "apgd") and not name.startswith("qp:")]
+ITERATIVE = ("pgs", "psor", "apgd", "newton-fb", "interior-point")
+DIRECT_BOXED = [name for name in BOXED if name not in ITERATIVE and not name.startswith("qp:")]
 
 
 def box_defect(M, q, lower, upper, z) -> float:
@@ -487,7 +488,7 @@ def test_the_last_basis_is_solved_anew():
 
 
 def test_every_method_that_auto_falls_back_on_is_registered():
-    from lcpimpact.lcp.auto import methods
+    from lcpimpact.lcp.solvers.auto import methods
 
     operators = [
         Dense([[1.0]]), Dense(spd(4)), Dense(np.ones((4, 4)), tags=["psd"]), Banded(np.ones((2, 9))),
@@ -549,6 +550,22 @@ def test_the_certificate_is_checked_on_every_count():
     assert not proves_infeasible(N, p / 2.5, lower, upper, np.array([0.0, 1.0]))
     assert solve_lcp(N, p, lower=lower, upper=upper, throw=False).status in (Status.RAY, Status.INFEASIBLE)
     assert solve_lcp(N, p / 2.5, lower=lower, upper=upper).success
+
+
+def test_a_nearly_singular_matrix_is_no_proof():
+    """At condition 1e12 a direction that M all but annuls looks like a ray, and there is a solution."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        n = int(rng.integers(2, 12))
+        Q, _ = np.linalg.qr(rng.normal(size=(n, n)))
+        M = Q @ np.diag(np.logspace(-12, 0, n)) @ Q.T
+        M = 0.5 * (M + M.T)
+        v = np.abs(Q[:, 0])  # a copy of M with the annulled direction in the positive orthant
+        signs = np.where(Q[:, 0] < 0.0, -1.0, 1.0)
+        M = signs[:, None] * M * signs
+        assert np.abs(M @ v).max() < 1e-11
+        assert not proves_infeasible(M, -M @ v, *unbounded_above(n), v), "z = v is a solution"
+        assert solve_lcp(M, -M @ v, throw=False).status not in (Status.RAY, Status.INFEASIBLE)
 
 
 def test_two_walls_that_close_on_each_other():

@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 
 import lcpimpact as li
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.auto import Auto
 from lcpimpact.lcp.solver import State
+from lcpimpact.lcp.solvers.auto import Auto
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.study.cross_validation import DIRECT_SOLVERS, ORDER_COUNTS, QP_SOLVERS, observed_orders
 from lcpimpact.study.reference import KNOWN
@@ -243,7 +243,7 @@ def test_inaccurate_answers_are_not_accepted(monkeypatch):
         z[:] = 1.0
         return int(li.Status.SOLVED), 1
 
-    import lcpimpact.lcp.qp as qp
+    import lcpimpact.lcp.solvers.qp as qp
 
     monkeypatch.setattr(qp.QPSolver, "init", lambda self, M: State(M.W, wrong, False, "wrong"))
     failed = run(li.load_problem("system-1"), lcp_solver="qp:osqp", throw=False)

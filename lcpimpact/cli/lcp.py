@@ -207,7 +207,7 @@ def _certificate(M: Delassus, q: Array, lower: Array, upper: Array, v: Array) ->
 
 
 def _all(M: Delassus, q: Array, lower: Array, upper: Array) -> Iterator[str]:
-    from lcpimpact.lcp.enumeration import all_solutions
+    from lcpimpact.lcp.solvers.enumeration import all_solutions
 
     found = all_solutions(M.array(), q, lower=lower, upper=upper)
     yield f"{len(found)} solution{'' if len(found) == 1 else 's'} at complementary bases"

@@ -115,26 +115,29 @@ def proves_infeasible(W: Array, q: Array, lower: Array, upper: Array, v: Array) 
     is, any where neither is, 0 where both are; and the largest value of (Mᵀ v)·z over the box stands for the first term.
     """
     n = len(q)
-    s, size = largest(W), 0.0
+    u, c = np.empty(n), np.empty(n)
+    size, summed = 0.0, 0.0
     for i in range(n):
         size = max(size, abs(v[i]))
     if not 0.0 < size < np.inf:
         return False
-    tiny = 1e-11 * size
     total, terms = 0.0, 0.0
     for i in range(n):
         below, above = lower[i] > -np.inf, upper[i] < np.inf
-        if (below and v[i] < -tiny) or (above and v[i] > tiny):
+        # What is rounding has no sign to be wrong; u stands for v without it.
+        u[i] = v[i] if abs(v[i]) > 1e-11 * size else 0.0
+        if (below and u[i] < 0.0) or (above and u[i] > 0.0):
             return False
-        total += q[i] * v[i]
-        terms += abs(q[i] * v[i])
-    c = np.empty(n)
-    transposed_product(W, v, c)
+        summed += abs(u[i])
+        total += q[i] * u[i]
+        terms += abs(q[i] * u[i])
+    rounding = 16.0 * EPS * largest(W) * summed
+    transposed_product(W, u, c)
     for j in range(n):
         bound = upper[j] if c[j] > 0.0 else lower[j]
         if abs(bound) < np.inf:
             total += c[j] * bound
             terms += abs(c[j] * bound)
-        elif abs(c[j]) > 1e-11 * s * size:
+        elif abs(c[j]) > rounding:
             return False
     return total < -1e-9 * terms

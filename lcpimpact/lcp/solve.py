@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import interpreted
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.lcp import SOLVERS, judge
 from lcpimpact.lcp.farkas import infeasibility
 from lcpimpact.lcp.operators import Delassus, Dense, Factored, as_operator, finite_array, real_array
 from lcpimpact.lcp.problem import LCPSolution, bounds, is_plain
-from lcpimpact.lcp.solver import LCPSolver, State
+from lcpimpact.lcp.solver import LCPSolver, State, matrix_free
 from lcpimpact.lcp.trace import Trace, traced
 from lcpimpact.numbers import is_count, is_real
 
@@ -27,13 +26,6 @@ PROVEN = Status.SOLVED, Status.RAY
 
 LARGEST_PROGRAM = 1_000
 """Order up to which a proof of infeasibility is looked for by a linear program."""
-
-MATRIX_FREE = {
-    "product": Factored.product,
-    "transposed_product": Factored.product,
-    "largest": Factored.largest,
-    "magnitude": Factored.magnitude,
-}
 
 
 class PreparedLCP(NamedTuple):
@@ -98,8 +90,7 @@ class PreparedLCP(NamedTuple):
         status, ray = STATUS[code], None
         measure, proves_infeasible = judge.measure, judge.proves_infeasible
         if type(W) is Factored:
-            measure = interpreted(measure, **MATRIX_FREE)
-            proves_infeasible = interpreted(proves_infeasible, **MATRIX_FREE)
+            measure, proves_infeasible = matrix_free(measure), matrix_free(proves_infeasible)
         if status is Status.RAY:
             ray, z = z, np.minimum(np.maximum(0.0, lower), upper)
             if not proves_infeasible(W, q, lower, upper, ray):

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeAlias
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import COMPILING, interpreted
+from lcpimpact.compiled import COMPILING, F, interpreted
 from lcpimpact.errors import UnsupportedError
+from lcpimpact.lcp.judge import measure
 from lcpimpact.lcp.operators import Delassus, Dense, Factored, Property
 
 Kernel: TypeAlias = Callable[[Any, Array, Array, Array, Array, float, int], tuple[int, int]]
@@ -111,6 +112,14 @@ class CompiledSolver(LCPSolver):
         return State(W, self.kernel, COMPILING, self.name)
 
 
-def matrix_free(kernel: Kernel) -> Kernel:
-    """Return a kernel that asks the operator for products, columns and the diagonal, where it asked an array."""
-    return interpreted(kernel, product=Factored.product, column=Factored.column, diagonal=Factored.diagonal)
+def matrix_free(function: F) -> F:
+    """Return a kernel or judge that asks the operator for its products, columns and size, where it asked an array."""
+    asked: dict[str, Any] = {
+        "product": Factored.product,
+        "transposed_product": Factored.product,
+        "column": Factored.column,
+        "diagonal": Factored.diagonal,
+        "largest": Factored.largest,
+        "magnitude": Factored.magnitude,
+    }
+    return interpreted(function, **asked, measure=interpreted(measure, **asked))

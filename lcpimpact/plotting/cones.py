@@ -24,8 +24,8 @@ from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.lcp.enumeration import all_solutions
 from lcpimpact.lcp.operators import as_operator, finite_array
+from lcpimpact.lcp.solvers.enumeration import all_solutions
 from lcpimpact.plotting.style import INK, LCP, PALETTE, RK4, save, style
 
 BASES = ((), (0,), (1,), (0, 1))

@@ -30,7 +30,7 @@ def one_row(m: float, q: float, lower: float, upper: float) -> tuple[float, floa
 
 @compiled(i8(matrix, vector, vector))
 def two_rows(M: Array, q: Array, z: Array) -> int:
-    """Solve a plain LCP of two rows if a basis fits without a doubt about signs; return how many were tried, 0 if none fits."""
+    """Solve a plain LCP of two rows if a basis fits without a doubt about signs; return how many were tried, or 0."""
     z[0], z[1] = 0.0, 0.0
     if q[0] >= 0.0 and q[1] >= 0.0:
         return 1

@@ -1,4 +1,4 @@
-"""Projected Gauss-Seidel and its over-relaxation: the iterations that granular and game codes use."""
+"""Projected Gauss-Seidel: the iteration that granular and game codes use."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
-from lcpimpact.lcp.judge import measure
+from lcpimpact.lcp.judge import holds, measure
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.problem import SIGNATURE
 from lcpimpact.lcp.solver import CompiledSolver
@@ -19,7 +19,7 @@ SOLVED, MAX_ITER = int(Status.SOLVED), int(Status.MAX_ITER)
 
 @compiled(SIGNATURE)
 def pgs(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Sweep z_i <- P(z_i - (M z + q)_i / M_ii) until the residual is within tol."""
+    """Sweep z_i <- P(z_i - (M z + q)_i / M_ii) until the residual is within tol, or within its rounding."""
     n = len(q)
     w, basis, unshifted = np.empty(n), np.empty(n, np.int64), np.zeros(n)
     for sweep in range(1, max_iter + 1):
@@ -27,7 +27,8 @@ def pgs(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, ma
             z[i] = min(max(z[i] - (row_product(W, i, z) + q[i]) / entry(W, i, i), lower[i]), upper[i])
             basis[i] = n + i if lower[i] < z[i] < upper[i] else i
         note(z, basis, NONE, NONE, unshifted)
-        if measure(W, q, lower, upper, z, w)[0] <= tol:
+        scaled, _, rounding = measure(W, q, lower, upper, z, w)
+        if holds(scaled, rounding, tol):
             return SOLVED, sweep
     return MAX_ITER, max_iter
 

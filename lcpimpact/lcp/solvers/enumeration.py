@@ -37,29 +37,33 @@ def nth_basis(number: int, lower: Array, upper: Array, side: Indices) -> bool:
 
 @compiled(types.UniTuple(types.boolean, 2)(matrix, vector, vector, vector, indices, vector, f8))
 def try_basis(W: Array, q: Array, lower: Array, upper: Array, side: Indices, z: Array, tol: float) -> tuple[bool, bool]:
-    """Set z to the basic solution of ``side``; return whether the basis is regular, and whether z solves the problem."""
+    """Set z to the basic solution of ``side``; return whether z solves the problem, and whether that is in doubt.
+
+    It is in doubt if the basis is singular, or so nearly that rounding hides whether z fits.
+    """
     regular = basic_solution(W, False, q, lower, upper, side, z)
     scaled, _, rounding = measure(W, q, lower, upper, z, np.empty(len(q)))
-    return regular, regular and holds(scaled, rounding, tol)
+    solved = regular and holds(scaled, rounding, tol)
+    return solved, not solved and (not regular or scaled <= 10.0 * max(tol, rounding))
 
 
 @compiled(SIGNATURE)
 def enumeration(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Try the bases in the order of their numbers, and take the first whose residual is within tol.
 
-    When none fits, the problem has no solution, unless a basis was singular: then it is undecided.
+    When none fits, the problem has no solution, unless a basis was in doubt: then it is undecided.
     """
     n = len(q)
     side, basis, trial = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
     unshifted = np.zeros(n)
-    singular = False
+    any_doubt = False
     for i in range(n):
         z[i] = min(max(0.0, lower[i]), upper[i])
     for number in range(max_iter):
         if not nth_basis(number, lower, upper, side):
-            return (UNDECIDED if singular else INFEASIBLE), number
-        regular, solved = try_basis(W, q, lower, upper, side, trial, tol)
-        singular = singular or not regular
+            return (UNDECIDED if any_doubt else INFEASIBLE), number
+        solved, doubt = try_basis(W, q, lower, upper, side, trial, tol)
+        any_doubt = any_doubt or doubt
         for i in range(n):
             basis[i] = n + i if side[i] == FREE else i
         note(trial, basis, NONE, NONE, unshifted)
@@ -128,7 +132,7 @@ def all_solutions(
     side, number = np.empty(operator.n, np.int64), 0
     while nth_basis(number, low, high, side):
         z = np.empty(operator.n)
-        _, solved = try_basis(operator.array(), right, low, high, side, z, tol)
+        solved, _ = try_basis(operator.array(), right, low, high, side, z, tol)
         if solved and not any(np.abs(z - other).max() <= 1e-9 * (1.0 + np.abs(z).max()) for other in found):
             found.append(np.clip(z, low, high))
         number += 1

@@ -16,11 +16,11 @@ from numba import types
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, i8, matrix, vector
 from lcpimpact.errors import Status
-from lcpimpact.lcp.block_pivoting import block_pivoting
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.problem import SIGNATURE, is_plain
 from lcpimpact.lcp.solver import CompiledSolver
+from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 
 SOLVED, RAY, UNDECIDED = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED)
 

@@ -6,12 +6,13 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, i8, indices, matrix, vector
+from lcpimpact.compiled import compiled, i8, indices, matrix
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import holds, measure, proves_infeasible
 from lcpimpact.lcp.polish import polish
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, is_plain
 from lcpimpact.lcp.reduction import from_lcp, to_lcp
+from lcpimpact.lcp.scaling import units
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.trace import note
 
@@ -89,19 +90,6 @@ def blocking_row(T: Array, inside: Indices, outside: Indices, c: int) -> int:
         ):
             best = i
     return best
-
-
-@compiled(types.void(matrix, vector, vector))
-def units(M: Array, q: Array, unit: Array) -> None:
-    """Set ``unit`` to the D that gives D M D a unit diagonal, or a largest entry near one where M_ii <= 0."""
-    n = len(q)
-    for i in range(n):
-        size = M[i, i]
-        if not size > 0.0:
-            size = 0.0
-            for j in range(n):
-                size = max(size, max(abs(M[i, j]), abs(M[j, i])))
-        unit[i] = 1.0 / np.sqrt(size) if size > 0.0 else 1.0
 
 
 @compiled(SIGNATURE)

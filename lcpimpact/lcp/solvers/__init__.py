@@ -1,0 +1,1 @@
+"""One method a file; `lcpimpact.lcp.SOLVERS` lists them by name."""

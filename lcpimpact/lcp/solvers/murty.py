@@ -1,0 +1,77 @@
+"""Murty's principal pivoting: the first infeasible row is exchanged, one at a time.
+
+It is finite for every P-matrix, and the plainest of all pivoting methods, but on some families it visits all 2^n bases.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import compiled
+from lcpimpact.errors import Status
+from lcpimpact.lcp.basis import basic_solution, sides
+from lcpimpact.lcp.lapack import EPS
+from lcpimpact.lcp.operators import Property
+from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE
+from lcpimpact.lcp.solver import CompiledSolver
+from lcpimpact.lcp.storage import entry, is_symmetric, product
+from lcpimpact.lcp.trace import NONE, note
+
+SOLVED, SINGULAR, MAX_ITER = int(Status.SOLVED), int(Status.SINGULAR), int(Status.MAX_ITER)
+
+
+@compiled(SIGNATURE)
+def murty(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+    """Exchange w_i and z_i of the least i whose basic variable is negative, until there is none.
+
+    The rows of a guess with z > 0 are free at first. Thresholds are those of the problem scaled to a unit diagonal, with the
+    rounding of a product added.
+    """
+    n = len(q)
+    definite = is_symmetric(W)
+    side, basis = np.empty(n, np.int64), np.empty(n, np.int64)
+    w, root, unshifted = np.empty(n), np.empty(n), np.zeros(n)
+    sides(z, lower, upper, side)
+    size = 0.0
+    for i in range(n):
+        root[i] = np.sqrt(entry(W, i, i))
+        size = max(size, abs(q[i]) / root[i])
+    entering, leaving = NONE, NONE
+    for step in range(1, max_iter + 1):
+        if not basic_solution(W, definite, q, lower, upper, side, z):
+            return SINGULAR, step
+        product(W, z, w)
+        terms = 0.0
+        for i in range(n):
+            terms += root[i] * abs(z[i])
+            basis[i] = n + i if side[i] == FREE else i
+        note(z, basis, entering, leaving, unshifted)
+
+        rounding = 1e-14 * size + 8.0 * EPS * terms
+        entering = NONE
+        for i in range(n):
+            if side[i] == FREE and z[i] < -rounding / root[i]:
+                side[i], entering, leaving = LOWER, i, n + i
+                break
+            if side[i] == LOWER and w[i] + q[i] < -rounding * root[i]:
+                side[i], entering, leaving = FREE, n + i, i
+                break
+        if entering == NONE:
+            for i in range(n):
+                z[i] = max(z[i], 0.0)
+            return SOLVED, step
+    return MAX_ITER, max_iter
+
+
+SOLVER = CompiledSolver(
+    name="murty",
+    summary="least-index principal pivoting, for teaching: finite for P-matrices, exponential on Murty's and Fathi's",
+    requires=(Property.POSITIVE_DIAGONAL,),
+    storages=("dense", "banded"),
+    boxed=False,
+    tol=1e-10,
+    max_iter=10_000,
+    source="Murty (1974); Murty (1988), section 4.1",
+    kernel=murty,
+)

@@ -1,0 +1,236 @@
+r"""Newton's method for the Fischer-Burmeister equations, made global by a line search.
+
+.. math:: \varphi(a, b) = a + b - \sqrt{a^2 + b^2} = 0 \iff a \ge 0,\ b \ge 0,\ a b = 0
+
+turns a row of the LCP into the equation φ(z - lower, w) = 0, and a row with two bounds into Billups's nested one,
+φ(z - lower, -φ(upper - z, -w)) = 0. Half the sum of their squares is smooth, and its gradient is what a step falls back on.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import compiled, f8, indices, matrix, vector
+from lcpimpact.errors import Status
+from lcpimpact.lcp.judge import holds, measure, proves_infeasible
+from lcpimpact.lcp.lapack import lu_solve
+from lcpimpact.lcp.polish import polish
+from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
+from lcpimpact.lcp.scaling import units
+from lcpimpact.lcp.solver import CompiledSolver
+from lcpimpact.lcp.storage import product
+from lcpimpact.lcp.trace import NONE, note
+
+SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED), int(Status.MAX_ITER)
+
+CORNER = 1.0 - float(np.sqrt(0.5))
+"""Both derivatives of φ at (0, 0), as on the diagonal nearby."""
+
+ARMIJO = 1e-4
+"""Share of the fall that the slope promises which a step must bring."""
+
+SHORTEST = 2.0**-40
+"""Least length of a step."""
+
+LEAST_SHIFT, MOST_SHIFT = 1e-12, 1e-2
+"""Range of the ε that is added to a singular M of unit diagonal."""
+
+UNKNOWN = 2
+"""No side of a row."""
+
+
+@compiled(types.UniTuple(f8, 3)(f8, f8))
+def fischer_burmeister(a: float, b: float) -> tuple[float, float, float]:
+    """Return φ and its two derivatives."""
+    size = max(abs(a), abs(b))
+    if size == 0.0:
+        return 0.0, CORNER, CORNER
+    x, y = a / size, b / size
+    h = np.sqrt(x * x + y * y)
+    # φ = 2 a b / (a + b + h) too: of the two forms the one in which nothing cancels.
+    value = 2.0 * a * y / (x + y + h) if x + y > 0.0 else size * (x + y - h)
+    return value, 1.0 - x / h, 1.0 - y / h
+
+
+@compiled(types.UniTuple(f8, 3)(f8, f8, f8, f8))
+def row_equation(z: float, w: float, lower: float, upper: float) -> tuple[float, float, float]:
+    """Return Φ_i and its derivatives with respect to z_i and w_i, which are >= 0 and not both zero."""
+    below, above = lower > -np.inf, upper < np.inf
+    if lower == upper:
+        return z - lower, 1.0, 0.0
+    if not below and not above:
+        return w, 0.0, 1.0
+    if not above:
+        return fischer_burmeister(z - lower, w)
+    inner, inner_z, inner_w = fischer_burmeister(upper - z, -w)
+    if not below:
+        return -inner, inner_z, inner_w
+    value, by_z, by_inner = fischer_burmeister(z - lower, -inner)
+    return value, by_z + by_inner * inner_z, by_inner * inner_w
+
+
+@compiled(f8(vector, vector, vector, vector))
+def merit(z: Array, w: Array, lower: Array, upper: Array) -> float:
+    """Return Ψ = ½ Σ Φ_i²."""
+    total = 0.0
+    for i in range(len(z)):
+        value = row_equation(z[i], w[i], lower[i], upper[i])[0]
+        total += 0.5 * value * value
+    return total
+
+
+@compiled(f8(vector, vector))
+def dot(a: Array, b: Array) -> float:
+    """Return a·b."""
+    total = 0.0
+    for i in range(len(a)):
+        total += a[i] * b[i]
+    return total
+
+
+@compiled(types.boolean(matrix, vector, vector, vector, f8, vector))
+def newton_step(N: Array, phi: Array, by_z: Array, by_w: Array, shift: float, d: Array) -> bool:
+    """Set d = -J⁻¹ Φ, J = diag(∂Φ/∂z) + diag(∂Φ/∂w) (N + ε I); return False if J is singular to rounding."""
+    n = len(d)
+    J = np.empty((n, n))
+    for i in range(n):
+        for j in range(n):
+            J[i, j] = by_w[i] * N[i, j]
+        J[i, i] += by_z[i] + by_w[i] * shift
+        d[i] = -phi[i]
+    return lu_solve(J, d)
+
+
+@compiled(types.void(matrix, vector, vector, vector, matrix, vector, vector, vector, vector))
+def scale(
+    M: Array, q: Array, lower: Array, upper: Array, N: Array, p: Array, low: Array, high: Array, unit: Array
+) -> None:
+    """Set N, p, low, high to the problem in x = z / unit, with a unit diagonal of N and max |p| = 1."""
+    n = len(q)
+    units(M, q, unit)
+    size, widest = 0.0, 0.0
+    for i in range(n):
+        size = max(size, abs(q[i]) * unit[i])
+        if abs(lower[i]) < np.inf:
+            widest = max(widest, abs(lower[i]) / unit[i])
+        if abs(upper[i]) < np.inf:
+            widest = max(widest, abs(upper[i]) / unit[i])
+    size = size if size > 0.0 else widest if widest > 0.0 else 1.0
+    for i in range(n):
+        for j in range(n):
+            N[i, j] = M[i, j] * unit[i] * unit[j]
+        p[i] = q[i] * unit[i] / size
+    for i in range(n):
+        unit[i] *= size
+        low[i], high[i] = lower[i] / unit[i], upper[i] / unit[i]
+
+
+@compiled(types.boolean(matrix, vector, vector, vector, indices, indices, indices, vector, f8))
+def identified(
+    W: Array, q: Array, lower: Array, upper: Array, side: Indices, last: Indices, tried: Indices, z: Array, tol: float
+) -> bool:
+    """Return whether z solves the problem, or the basic solution of ``side`` does, which then takes its place.
+
+    A basis is tried once two iterates agree on it, and not twice: ``last`` and ``tried`` are the sides of the iterate before
+    and of the basis that was tried last.
+    """
+    trial, w = z.copy(), np.empty(len(q))
+    scaled, _, rounding = measure(W, q, lower, upper, z, w)
+    near = holds(scaled, rounding, tol)
+    agreed, fresh = True, False
+    for i in range(len(q)):
+        agreed = agreed and side[i] == last[i]
+        fresh = fresh or side[i] != tried[i]
+        last[i] = side[i]
+    if not near and not (agreed and fresh):
+        return False
+    tried[:] = side
+    polish(W, q, lower, upper, side, trial)
+    scaled, _, rounding = measure(W, q, lower, upper, trial, w)
+    if holds(scaled, rounding, tol):
+        z[:] = trial
+        return True
+    return near
+
+
+@compiled(SIGNATURE)
+def newton_fb(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+    """Step along -J⁻¹ Φ as far as Ψ = ½ Φ·Φ falls enough, until the rows that are free are known.
+
+    The problem is first scaled to a unit diagonal and max |q| = 1. Where J is singular, as it is near the solutions of a
+    singular M, or its step leads nowhere, M + ε I stands for M with a growing ε, and at last the gradient of Ψ for all.
+    Once two iterates agree on the free rows these are tried as a basis. Steps that grow along a ray may prove that there is
+    no solution; where Ψ stops falling without that, it may be a local minimum.
+    """
+    n = len(q)
+    N, p, low, high, unit = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    x, y, d, slope, trial, w = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    phi, by_z, by_w, gradient, unshifted = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.zeros(n)
+    basis, side, last, tried = np.empty(n, np.int64), np.empty(n, np.int64), np.full(n, UNKNOWN), np.full(n, UNKNOWN)
+    scale(W, q, lower, upper, N, p, low, high, unit)
+    for i in range(n):
+        x[i] = z[i] / unit[i]
+    before = np.inf
+    for step in range(1, max_iter + 1):
+        product(N, x, y)
+        for i in range(n):
+            y[i] += p[i]
+            phi[i], by_z[i], by_w[i] = row_equation(x[i], y[i], low[i], high[i])
+            side[i] = LOWER if x[i] - y[i] <= low[i] else UPPER if x[i] - y[i] >= high[i] else FREE
+            basis[i] = n + i if side[i] == FREE else i
+            z[i] = min(max(x[i] * unit[i], lower[i]), upper[i])
+        note(z, basis, NONE, NONE, unshifted)
+        if identified(W, q, lower, upper, side, last, tried, z, tol):
+            return SOLVED, step
+        psi = 0.5 * dot(phi, phi)
+        if not psi < (1.0 - 1e-13) * before:
+            return UNDECIDED, step
+        before = psi
+
+        for j in range(n):
+            gradient[j] = by_z[j] * phi[j]
+        for i in range(n):
+            for j in range(n):
+                gradient[j] += by_w[i] * phi[i] * N[i, j]
+        steepest = np.sqrt(dot(gradient, gradient))
+        shift, length = 0.0, 0.0
+        while length < SHORTEST:
+            if shift > MOST_SHIFT:
+                for i in range(n):
+                    d[i] = -gradient[i]
+            if shift > MOST_SHIFT or newton_step(N, phi, by_z, by_w, shift, d):
+                fall = dot(gradient, d)
+                length = 1.0 if fall < -1e-12 * steepest * np.sqrt(dot(d, d)) else 0.0
+                product(N, d, slope)
+            while length >= SHORTEST:
+                for i in range(n):
+                    trial[i], w[i] = x[i] + length * d[i], y[i] + length * slope[i]
+                if merit(trial, w, low, high) <= psi + ARMIJO * length * fall:
+                    break
+                length *= 0.5
+            if length < SHORTEST and shift > MOST_SHIFT:
+                return UNDECIDED, step
+            shift = max(100.0 * shift, LEAST_SHIFT)
+        for i in range(n):
+            x[i] = trial[i]
+            w[i] = d[i] * unit[i]
+        # In both units: M as it is given may have rows that look like rounding there.
+        if proves_infeasible(N, p, low, high, d) and proves_infeasible(W, q, lower, upper, w):
+            z[:] = w
+            return RAY, step
+    return MAX_ITER, max_iter
+
+
+SOLVER = CompiledSolver(
+    name="newton-fb",
+    summary="semismooth Newton for the Fischer-Burmeister equations, with a line search; any M, and bounds",
+    requires=(),
+    storages=("dense",),
+    boxed=True,
+    tol=1e-10,
+    max_iter=200,
+    source="Fischer (1992); De Luca, Facchinei and Kanzow (1996); Billups (1995) for bounds",
+    kernel=newton_fb,
+)

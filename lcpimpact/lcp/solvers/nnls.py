@@ -1,0 +1,106 @@
+r"""Non-negative least squares, by SciPy's implementation of Lawson and Hanson.
+
+For definite M the LCP is min ‖U z + U⁻ᵀ q‖ over z >= 0, with M = Uᵀ U. For semidefinite M = Bᵀ B it is the problem of least
+distance, min ½ ‖v‖² over w = Bᵀ v + q >= 0 with v = B z, which is
+
+.. math:: \min_{u \ge 0} \left\| \begin{pmatrix} B \\ -q^T \end{pmatrix} u - \begin{pmatrix} 0 \\ 1 \end{pmatrix} \right\|,
+          \qquad z = u / (1 + q^T u);
+
+where its residual is zero, u proves that there is no solution: B u = 0 and q·u < 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import Status
+from lcpimpact.lcp.judge import proves_infeasible
+from lcpimpact.lcp.operators import Delassus, Dense, Property
+from lcpimpact.lcp.polish import polish
+from lcpimpact.lcp.problem import FREE, LOWER
+from lcpimpact.lcp.solver import Kernel, LCPSolver, State
+
+SOLVED, RAY, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.MAX_ITER)
+
+NUDGE = 1e-13
+"""What is added to q, in units of max |q|: rounding must not make a row that is zero negative, nor a problem
+unsolvable; for the basis that is found it is taken away again."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class NNLS(LCPSolver):
+    """Least squares with a factor of M."""
+
+    def init(self, M: Delassus) -> State:
+        """Scale M to a unit diagonal and factor it, by Cholesky or, if it is singular, by its eigenvalues."""
+        return State(M.W, self._kernel(M), False, self.name)
+
+    def _kernel(self, operator: Delassus) -> Kernel:
+        from scipy.linalg import solve_triangular
+        from scipy.optimize import nnls
+
+        M = operator.array()
+        d = np.diag(M)
+        unit = 1.0 / np.sqrt(np.where(d > 0.0, d, d.max() if d.max() > 0.0 else 1.0))
+        N = M * unit[:, None] * unit
+        B, definite = root(N)
+
+        def kernel(
+            W: Any, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
+        ) -> tuple[int, int]:
+            """Minimise in units of a unit diagonal and max |q| = 1."""
+            if len(q) != operator.n:
+                # A step in which not all contacts act hands over their own matrix.
+                return self._kernel(Dense(W))(W, q, lower, upper, z, tol, max_iter)
+            p = q * unit
+            size = float(np.abs(p).max()) or 1.0
+            p = p / size + NUDGE
+            A = B if definite else np.vstack([B, -p])
+            b = -solve_triangular(B, p, trans="T") if definite else np.append(np.zeros(len(B)), 1.0)
+            try:
+                u, _ = nnls(A, b, maxiter=max_iter)
+            except RuntimeError:
+                z[:] = 0.0
+                return MAX_ITER, max_iter
+            rest = 1.0 if definite else 1.0 + float(p @ u)
+            if rest <= NUDGE or (not definite and proves_infeasible(N, p, lower, upper, u)):
+                z[:] = u * unit
+                return RAY, int(np.count_nonzero(u))
+            z[:] = u * unit * (size / rest)
+            polish(M, q, lower, upper, np.where(u > 0.0, FREE, LOWER), z)
+            return SOLVED, int(np.count_nonzero(u))
+
+        return kernel
+
+
+def root(N: Array) -> tuple[Array, bool]:
+    """Return B with N = Bᵀ B, and whether it is the triangle of a definite N."""
+    from scipy.linalg import cholesky
+
+    B: Array
+    try:
+        B = cholesky(N)
+        if np.diag(B).min() ** 2 > 1e-13 * len(N):
+            return B, True
+    except np.linalg.LinAlgError:
+        pass
+    values, vectors = np.linalg.eigh(N)
+    kept = values > 1e-13 * len(N)
+    B = (vectors[:, kept] * np.sqrt(values[kept])).T
+    return B, False
+
+
+SOLVER = NNLS(
+    name="nnls",
+    summary="non-negative least squares with a factor of M, by SciPy; a second opinion",
+    requires=(Property.SYMMETRIC, Property.PSD),
+    storages=("dense", "banded", "factored"),
+    boxed=False,
+    tol=1e-10,
+    max_iter=10_000,
+    source="Lawson and Hanson (1974), chapter 23; SciPy",
+)

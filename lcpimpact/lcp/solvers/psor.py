@@ -1,0 +1,156 @@
+"""Projected successive over-relaxation: Gauss-Seidel sweeps that go too far on purpose, by a factor found on the way.
+
+For symmetric semidefinite M with positive diagonal each relaxed step lowers ½ zᵀ M z + qᵀ z, whatever 0 < ω < 2, so ω may
+change between sweeps at no risk. Young's relation between the contraction of the sweeps and the best ω is exact where M is
+consistently ordered (chains, grids) and a guess elsewhere; so a new ω stays only if it is seen to contract faster.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import compiled, f8, i8, vector
+from lcpimpact.errors import Status
+from lcpimpact.lcp.judge import holds, measure
+from lcpimpact.lcp.operators import Property
+from lcpimpact.lcp.problem import SIGNATURE
+from lcpimpact.lcp.solver import CompiledSolver
+from lcpimpact.lcp.storage import diagonal, product, row_product
+from lcpimpact.lcp.trace import NONE, note
+
+SOLVED, RAY, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.MAX_ITER)
+
+CHECK = 8
+"""Sweeps from one look at the residual, which costs as much as a sweep, to the next."""
+
+NEAREST = 1e-4
+"""Least 2 - ω."""
+
+
+@compiled(types.boolean(vector, vector, vector, vector, vector, vector))
+def recedes(q: Array, lower: Array, upper: Array, d: Array, v: Array, c: Array) -> bool:
+    """Return whether the energy falls without end along v, so that there is no solution; c = M v, d = diag(M).
+
+    It is `proves_infeasible` for symmetric M, and holds in units of a unit diagonal too: no small row passes for rounding.
+    """
+    size, largest = 0.0, 0.0
+    for i in range(len(q)):
+        size = max(size, abs(v[i]) * np.sqrt(d[i]))
+        largest = max(largest, abs(v[i]))
+    slope, terms = 0.0, 0.0
+    for i in range(len(q)):
+        root = np.sqrt(d[i])
+        tiny = 1e-11 * min(size / root, largest)
+        if (lower[i] > -np.inf and v[i] < -tiny) or (upper[i] < np.inf and v[i] > tiny):
+            return False
+        bound = upper[i] if c[i] > 0.0 else lower[i]
+        if abs(bound) == np.inf:
+            if abs(c[i]) > 1e-11 * size * root:
+                return False
+            bound = 0.0
+        slope += q[i] * v[i] + c[i] * bound
+        terms += abs(q[i] * v[i]) + abs(c[i] * bound)
+    return slope < -1e-9 * terms
+
+
+@compiled(f8(f8, f8))
+def young(omega: float, contraction: float) -> float:
+    r"""Return the best ω, if sweeps with this one contract by λ.
+
+    .. math:: (\lambda + \omega - 1)^2 = \lambda \omega^2 \mu^2, \qquad \omega_{best} = \frac{2}{1 + \sqrt{1 - \mu^2}}
+
+    λ = ω - 1 says no more than that this one is not too small: then it is reduced.
+    """
+    if contraction <= 1.02 * (omega - 1.0):
+        return 2.0 - 1.5 * (2.0 - omega)
+    mu = (contraction + omega - 1.0) / (np.sqrt(contraction) * omega)
+    root: float = np.sqrt(max(1.0 - mu * mu, 0.0))
+    return 2.0 / (1.0 + root)
+
+
+@compiled(f8(f8, f8, f8, i8))
+def proposal(best: float, contraction: float, reach: float, direction: int) -> float:
+    """Return the ω to try next: Young's for direction 0, else one above or below; or the best, if that is as good."""
+    ratio = 1.0 / reach if direction > 0 else reach
+    if direction == 0:
+        ratio = min(max((2.0 - young(best, contraction)) / (2.0 - best), 1.0 / reach), reach)
+    if abs(ratio - 1.0) < 0.05:
+        return best
+    return 2.0 - min(max(ratio * (2.0 - best), NEAREST), 1.0)
+
+
+@compiled(SIGNATURE)
+def psor(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+    """Sweep z_i <- P(z_i - ω (M z + q)_i / M_ii) until the residual is within tol, or steps of one kind prove it never is.
+
+    An ω is tried for three equal parts of a stage; the first is left out, and λ² per sweep is the ratio of the falls of the
+    energy in the two others. Early sweeps contract faster than later ones, so an ω that seems slower than the best loses
+    only if a new stage of the best is faster. The next to try is Young's, and after a first loss one above or below the
+    best. Stages are long enough for an ω near 2 to show its effect, after a loss also for the contraction that was seen.
+    """
+    n = len(q)
+    d, w, change, basis, unshifted = np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64), np.zeros(n)
+    diagonal(W, d)
+    omega, best, trial = 1.0, 1.0, 1.0
+    best_rate, trial_rate = np.inf, np.inf
+    reach, direction, patience = 8.0, 0, 1.0
+    count, third, early, late = 0, 4, 0.0, 0.0
+    for sweep in range(1, max_iter + 1):
+        fall = 0.0
+        for i in range(n):
+            m, old = d[i], z[i]
+            slope = row_product(W, i, z) + q[i]
+            z[i] = min(max(old - omega * slope / m, lower[i]), upper[i])
+            change[i] = z[i] - old
+            fall -= change[i] * (slope + 0.5 * m * change[i])
+            basis[i] = n + i if lower[i] < z[i] < upper[i] else i
+        note(z, basis, NONE, NONE, unshifted)
+        if sweep % CHECK == 1 or sweep == max_iter:
+            scaled, _, rounding = measure(W, q, lower, upper, z, w)
+            if holds(scaled, rounding, tol):
+                return SOLVED, sweep
+            product(W, change, w)
+            if recedes(q, lower, upper, d, change, w):
+                z[:] = change
+                return RAY, sweep
+
+        count += 1
+        if count > 2 * third:
+            late += fall
+        elif count > third:
+            early += fall
+        if count < 3 * third:
+            continue
+        rate = (late / early) ** (0.5 / third) if early > 0.0 and late > 0.0 else 0.0
+        if omega != best and rate >= best_rate:
+            trial, trial_rate, omega = omega, rate, best
+        else:
+            if omega == best and trial_rate <= rate:
+                omega, rate = trial, trial_rate
+            elif trial_rate < np.inf:
+                direction = 1 if direction < 0 else -1
+                reach, patience = max(np.sqrt(reach), 1.2), 1.5 * patience
+            best, best_rate, trial_rate = omega, rate, np.inf
+            omega = proposal(best, best_rate, reach, direction)
+            if omega == best:
+                direction = -direction
+        horizon = 1.0 / (2.0 - omega)
+        if direction != 0:
+            horizon = max(horizon, 0.5 / max(1.0 - min(best_rate, trial_rate), 1e-3))
+        count, third, early, late = 0, 4 + int(patience * horizon), 0.0, 0.0
+    return MAX_ITER, max_iter
+
+
+SOLVER = CompiledSolver(
+    name="psor",
+    summary="projected successive over-relaxation, its factor found on the way: chains in O(n) sweeps",
+    requires=(Property.SYMMETRIC, Property.PSD, Property.POSITIVE_DIAGONAL),
+    storages=("dense", "banded"),
+    boxed=True,
+    tol=1e-12,
+    max_iter=20_000,
+    source="Cryer (1971); Young (1954); Hageman and Young (1981), chapter 9",
+    kernel=psor,
+)

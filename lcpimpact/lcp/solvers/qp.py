@@ -1,0 +1,238 @@
+r"""QP backends of qpsolvers, in the dual form (over r) and in the primal form (over w, Gauss's principle).
+
+For symmetric positive semidefinite M the LCP is the optimality condition of
+
+.. math:: \text{dual:} \quad \min_{r \ge 0} \; \tfrac12 r^T M r + q^T r, \qquad
+          \text{primal:} \quad \min_{H δ + q \ge 0} \; \tfrac12 δ^T A δ ,
+
+with M = H A⁻¹ Hᵀ, δ = w - w_free the deviation from the free motion, and r the multipliers of the gap. Gauss's principle
+of least constraint is the primal one: among the velocities that the contacts admit, the true one is nearest to the free
+one in the metric of A.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csc_matrix, diags, triu
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError, Status
+from lcpimpact.lcp.operators import Delassus, Dense, Property
+from lcpimpact.lcp.solver import Kernel, LCPSolver, State
+from lcpimpact.registry import nearest
+
+SOLVED, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.UNDECIDED), int(Status.MAX_ITER)
+
+FORMS = ("dual", "primal")
+
+
+@dataclass(frozen=True)
+class Backend:
+    """How a backend of qpsolvers is called, and what it reaches.
+
+    Attributes
+    ----------
+    tol : float         residual of nine answers in ten or more, over definite, singular and degenerate problems
+    limit : str         its setting for the number of iterations, "" if it has none
+    max_iter : int
+    dense : bool        whether it takes dense matrices; else sparse ones
+    settings : dict     as tight as it can reach
+    """
+
+    tol: float
+    limit: str
+    max_iter: int
+    dense: bool
+    settings: dict[str, Any] = field(default_factory=dict)
+
+
+BACKENDS = {
+    "osqp": Backend(1e-7, "max_iter", 20_000, False, {
+        "eps_abs": 1e-10, "eps_rel": 1e-10, "eps_dual_inf": 1e-10,
+        "polishing": False, "warm_starting": False, "raise_error": False,
+    }),
+    "daqp": Backend(1e-9, "iter_limit", 10_000, True, {"primal_tol": 1e-12, "dual_tol": 1e-13}),
+    "proxqp": Backend(1e-7, "max_iter", 100, True, {
+        "eps_abs": 1e-11, "eps_rel": 0.0,
+        "check_duality_gap": True, "eps_duality_gap_abs": 1e-11, "eps_duality_gap_rel": 1e-12,
+    }),
+    "scs": Backend(1e-7, "max_iters", 20_000, False, {"eps_abs": 1e-11, "eps_rel": 1e-11, "eps_infeas": 1e-12}),
+    "clarabel": Backend(1e-6, "max_iter", 200, False, {
+        "tol_gap_abs": 1e-14, "tol_gap_rel": 1e-14, "tol_feas": 1e-12, "static_regularization_constant": 1e-10,
+        "iterative_refinement_abstol": 1e-14, "iterative_refinement_reltol": 1e-14, "iterative_refinement_max_iter": 20,
+    }),
+    "piqp": Backend(1e-6, "max_iter", 250, True, {
+        "eps_abs": 1e-13, "eps_rel": 1e-13, "eps_duality_gap_abs": 1e-14, "eps_duality_gap_rel": 1e-14,
+    }),
+    "highs": Backend(1e-6, "qp_iteration_limit", 10_000, False, {
+        "primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10, "qp_regularization_value": 1e-12,
+    }),
+}  # fmt: skip
+"""Those that were measured; any other is called with its own defaults."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class QPSolver(LCPSolver):
+    """A backend of qpsolvers in one of the two forms.
+
+    Attributes
+    ----------
+    backend : str           its name in qpsolvers
+    form : str              "dual" or "primal"
+    call : Backend          how it is called
+    """
+
+    backend: str
+    form: str
+    call: Backend
+
+    def init(self, M: Delassus) -> State:
+        """Scale the matrices once, and return a kernel for many q."""
+        return State(M.W, self._kernel(M), False, self.name)
+
+    def _kernel(self, operator: Delassus) -> Kernel:
+        dual = self.form == "dual"
+        P, G, unit = self._dual(operator) if dual else self._primal(operator)
+        zero = np.zeros(P.shape[0])
+
+        def kernel(
+            W: Any, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
+        ) -> tuple[int, int]:
+            """Minimise in units of max |q| = 1; q is the linear cost of the dual form, and the bound of the primal one."""
+            if len(q) != operator.n:
+                # A step in which not all contacts act hands over their own matrix.
+                return self._kernel(Dense(W))(W, q, lower, upper, z, tol, max_iter)
+            b = q * unit
+            p = float(np.abs(b).max()) or 1.0
+            b /= p
+            scale = p * unit
+            if dual:
+                solution, status, iterations = self._solve(P, b, {"lb": lower / scale, "ub": upper / scale}, max_iter)
+            else:
+                solution, status, iterations = self._solve(P, zero, {"G": G, "h": b}, max_iter)
+            z[:] = 0.0 if solution is None else (solution.x if dual else solution.z) * scale
+            np.maximum(z, lower, out=z)
+            np.minimum(z, upper, out=z)
+            return status, iterations
+
+        return kernel
+
+    def _dual(self, operator: Delassus) -> tuple[Any, None, Array]:
+        """Return the cost of the form over z with a unit diagonal, and the units of its unknowns for max |q| = 1."""
+        M, d = operator.array(), np.empty(operator.n)
+        operator.diagonal(d)
+        unit = inverse_root(d)
+        return self._cost(M * unit[:, None] * unit), None, unit
+
+    def _primal(self, operator: Delassus) -> tuple[Any, Any, Array]:
+        """Return P and G of the form over w with a unit diagonal of A and unit rows of H, and the multipliers' units.
+
+        Where the operator does not come from A and H, M = H Hᵀ.
+        """
+        A, H = getattr(operator, "A", None), getattr(operator, "H", None)
+        if A is None or H is None:
+            values, vectors = np.linalg.eigh(operator.array())
+            A, H = np.eye(len(values)), vectors * np.sqrt(np.maximum(values, 0.0))
+        columns = diags(inverse_root(A.diagonal()))
+        scaled = csc_matrix(H) @ columns
+        unit = inverse_root(np.asarray(scaled.multiply(scaled).sum(axis=1)).ravel())
+        return self._cost(columns @ csc_matrix(A) @ columns), self._stored(-(diags(unit) @ scaled)), unit
+
+    def _cost(self, P: Any) -> Any:
+        """Return the matrix of the cost as the backend wants it: OSQP seeks the upper triangle of a full one each time."""
+        return self._stored(triu(P) if self.backend == "osqp" else P)
+
+    def _stored(self, matrix: Any) -> Any:
+        """Return a matrix in the storage that the backend takes, so that it need not be converted each time."""
+        if not self.call.dense:
+            return csc_matrix(matrix)
+        return np.ascontiguousarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix)
+
+    def _solve(self, P: Any, q: Array, constraints: dict[str, Any], max_iter: int) -> tuple[Any, int, int]:
+        """Return the solution, or None, the status and the iterations.
+
+        The settings ask for more than can always be reached, so an answer that a backend itself calls inaccurate is left
+        to the judge. That it calls a problem infeasible is no proof.
+        """
+        import qpsolvers
+
+        settings = dict(self.call.settings)
+        if self.call.limit:
+            settings[self.call.limit] = max_iter
+        try:
+            with warnings.catch_warnings():
+                # qpsolvers warns of what the status says.
+                warnings.simplefilter("ignore", UserWarning)
+                problem = qpsolvers.Problem(P, q, **constraints)
+                solution = qpsolvers.solve_problem(problem, solver=self.backend, **settings)
+        except failures():
+            return None, UNDECIDED, 0
+        extras = solution.extras or {}
+        info = extras.get("info")
+        iterations = int(getattr(info, "iter", 0) if info is not None else extras.get("iter", 0))
+        answer = solution.x if self.form == "dual" else solution.z
+        if solution.x is None or answer is None:
+            return None, UNDECIDED, iterations
+        if solution.found:
+            return solution, SOLVED, iterations
+        said = str(extras.get("status") or getattr(info, "status", "")).lower()
+        if "max" in said and "iter" in said:
+            return solution, MAX_ITER, iterations
+        if not said or "infeasible" in said or "unbounded" in said:
+            return None, UNDECIDED, iterations
+        return solution, SOLVED, iterations
+
+
+def inverse_root(d: Array) -> Array:
+    """Return d^-1/2, with the largest of d where it is not positive."""
+    widest = float(d.max())
+    inverse: Array = 1.0 / np.sqrt(np.where(d > 0.0, d, widest if widest > 0.0 else 1.0))
+    return inverse
+
+
+@cache
+def failures() -> tuple[type[Exception], ...]:
+    """Return what qpsolvers and the backends raise where they give up."""
+    import osqp
+    import qpsolvers
+
+    return qpsolvers.QPError, osqp.OSQPException, ValueError, ArithmeticError, RuntimeError
+
+
+def qp_solver(name: str) -> QPSolver:
+    """Return the solver called ``qp:BACKEND`` (dual form) or ``qp:BACKEND:primal``.
+
+    Raises
+    ------
+    InputError
+        If qpsolvers does not know the backend, or it is not installed.
+    """
+    import qpsolvers
+
+    backend, _, form = name.removeprefix("qp:").partition(":")
+    form = form or "dual"
+    if form not in FORMS:
+        raise InputError(nearest(form, list(FORMS), "form of QP"))
+    if backend not in qpsolvers.available_solvers:
+        installed = [f"qp:{each}" for each in qpsolvers.available_solvers]
+        raise InputError(f"{nearest(name, installed, 'installed QP backend')}; install others with pip")
+    unknown = "over r >= 0" if form == "dual" else "over w, Gauss's principle"
+    call = BACKENDS.get(backend) or Backend(1e-6, "", 20_000, backend in qpsolvers.dense_solvers)
+    return QPSolver(
+        name=f"qp:{backend}" if form == "dual" else f"qp:{backend}:primal",
+        summary=f"{backend} through qpsolvers, {form} form ({unknown})",
+        requires=(Property.SYMMETRIC, Property.PSD),
+        storages=("dense", "banded", "factored"),
+        boxed=form == "dual",
+        tol=call.tol,
+        max_iter=call.max_iter,
+        source="Caron et al., qpsolvers; Stellato et al. (2020) for OSQP",
+        backend=backend,
+        form=form,
+        call=call,
+    )
