@@ -8,10 +8,11 @@ from numba import types
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix, vector
 from lcpimpact.errors import Status
+from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
 from lcpimpact.lcp.solver import CompiledSolver
 
-SOLVED, INFEASIBLE = int(Status.SOLVED), int(Status.INFEASIBLE)
+SOLVED, INFEASIBLE, UNDECIDED = int(Status.SOLVED), int(Status.INFEASIBLE), int(Status.UNDECIDED)
 
 
 @compiled(types.UniTuple(f8, 2)(f8, f8, f8, f8))
@@ -106,7 +107,11 @@ def closed_form(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: f
             if residual < smallest:
                 x, y, smallest = v, t, residual
     z[0], z[1] = min(max(x / u, lower[0]), upper[0]), min(max(y / u, lower[1]), upper[1])
-    return (SOLVED if smallest <= tol else INFEASIBLE), tried
+    if smallest <= tol:
+        return SOLVED, tried
+    # Where rounding hides whether the best candidate fits, that none does is no proof.
+    rounding = 8.0 * EPS * (1.0 + abs(x) + abs(y))
+    return (UNDECIDED if smallest <= 10.0 * rounding else INFEASIBLE), tried
 
 
 SOLVER = CompiledSolver(
