@@ -31,7 +31,7 @@ from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, v
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.judge import holds, measure
+from lcpimpact.lcp.judge import clear_residual, holds, measure
 from lcpimpact.lcp.lapack import lu_solve
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.problem import KERNEL
@@ -145,23 +145,29 @@ def steps(
 
         for i in range(na):
             z[i] = r[k - 1, active[i]] if k > 0 else 0.0
-        residual, rounding = 0.0, 0.0
+        residual, fits = 0.0, True
         if na == nc and nc > 0:
             status, count = solve(W, b, lower, upper, z, tol, max_iter)
-            residual, _, rounding = measure(W, b, lower, upper, z, gap)
+            residual = clear_residual(W, b, z, tol)
+            if residual == np.inf:
+                residual, _, rounding = measure(W, b, lower, upper, z, gap)
+                fits = holds(residual, rounding, tol)
         elif na > 0:
             W_active = np.empty((na, na))
             for i in range(na):
                 for j in range(na):
                     W_active[i, j] = W[active[i], active[j]]
             status, count = solve(W_active, b[:na], lower[:na], upper[:na], z[:na], tol, max_iter)
-            residual, _, rounding = measure(W_active, b[:na], lower[:na], upper[:na], z[:na], gap[:na])
+            residual = clear_residual(W_active, b[:na], z[:na], tol)
+            if residual == np.inf:
+                residual, _, rounding = measure(W_active, b[:na], lower[:na], upper[:na], z[:na], gap[:na])
+                fits = holds(residual, rounding, tol)
         else:
             status, count = SOLVED, 0
         iterations += count
         if status != SOLVED:
             return float(status), float(k), float(iterations), worst
-        if not holds(residual, rounding, tol):
+        if not fits:
             code = INACCURATE if residual < np.inf else NON_FINITE
             return float(code), float(k), float(iterations), worst
         worst = max(worst, residual)

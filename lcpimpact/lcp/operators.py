@@ -324,6 +324,10 @@ class Factored(Delassus):
         self.diagonal(d)
         return float(d.max())
 
+    def absolute_product(self, v: Array, c: Array) -> None:
+        """Set c to a bound of |M| |v|."""
+        c[:] = self.largest() * np.abs(v).sum()
+
     def magnitude(self, q: Array, z: Array) -> float:
         """Return a bound of max_i (|M| |z| + |q|)_i."""
         return self.largest() * float(np.abs(z).sum()) + float(np.abs(q).max())

@@ -117,6 +117,7 @@ def matrix_free(function: F) -> F:
     asked: dict[str, Any] = {
         "product": Factored.product,
         "transposed_product": Factored.product,
+        "absolute_product": Factored.absolute_product,
         "column": Factored.column,
         "diagonal": Factored.diagonal,
         "largest": Factored.largest,

@@ -55,6 +55,23 @@ def transposed_product(W: Array, v: Array, c: Array) -> None:
             c[j] += W[i, j] * v[i]
 
 
+@compiled(types.void(matrix, vector, vector))
+def absolute_product(W: Array, v: Array, c: Array) -> None:
+    """Set c = |M|ᵀ |v|, which times ε bounds the rounding of Mᵀ v."""
+    bands, n = W.shape
+    c[:] = 0.0
+    if bands == n:
+        for i in range(n):
+            for j in range(n):
+                c[j] += abs(W[i, j] * v[i])
+        return
+    for k in range(bands):
+        for j in range(n - k):
+            c[j + k] += abs(W[k, j] * v[j])
+        for j in range(n - k if k > 0 else 0):
+            c[j] += abs(W[k, j] * v[j + k])
+
+
 @compiled(types.void(matrix, i8, vector))
 def column(W: Array, j: int, c: Array) -> None:
     """Set c = M_·j."""

@@ -33,7 +33,7 @@ NEAREST = 1e-4
 def recedes(q: Array, lower: Array, upper: Array, d: Array, v: Array, c: Array) -> bool:
     """Return whether the energy falls without end along v, so that there is no solution; c = M v, d = diag(M).
 
-    It is `proves_infeasible` for symmetric M, and holds in units of a unit diagonal too: no small row passes for rounding.
+    Within 1e-11, and so in units of a unit diagonal too: no small row passes for rounding. The judge says if v is a proof.
     """
     size, largest = 0.0, 0.0
     for i in range(len(q)):
