@@ -126,7 +126,7 @@ SOLVER = CompiledSolver(
     storages=("dense", "banded"),
     boxed=True,
     tol=1e-10,
-    max_iter=100,
+    max_iter=200,
     source="Júdice and Pires (1994); Portugal, Júdice and Vicente (1994)",
     kernel=block_pivoting,
 )
