@@ -128,6 +128,15 @@ def test_auto_solves_every_family(name):
                     )
 
 
+def test_two_rows_at_condition_1e8_need_no_second_method():
+    family = FAMILIES["ill-conditioned"]
+    for seed in range(400):
+        case = family.make(2, np.random.default_rng([2, seed]))
+        solution = solve(case, "auto")
+        assert verdict(case, True, solution) == "right", seed
+        assert solution.route == ("closed-form",), seed
+
+
 @pytest.mark.parametrize("name", [name for name in FAMILIES if "p" in FAMILIES[name].tags])
 def test_block_pivoting_is_finite_for_p_matrices(name):
     """Its safeguard is what ends the cycles that Ben Gharbia and Gilbert made for Newton's method without one."""

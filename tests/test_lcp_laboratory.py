@@ -575,6 +575,7 @@ def test_two_walls_that_close_on_each_other():
     solution = solve_lcp(free, np.full(n, -0.1), throw=False)
     assert solution.status is Status.RAY
     assert solution.ray.tolist() == [1.0] * n
+    assert solve_lcp(free, np.full(n, -0.1), "block-pivoting", throw=False).status is Status.SINGULAR
     assert solve_lcp(free, np.where(np.arange(n) == 3, 1.0, -1.0 / n)).success
 
 

@@ -22,7 +22,7 @@ def methods(M: Delassus) -> tuple[str, ...]:
         # The others need room for n² numbers.
         return ("banded", "block-pivoting", "active-set", "lemke")[: 4 if M.n <= LARGEST_TABLEAU else 2]
     if M.n <= 2:
-        return "closed-form", "lemke"
+        return "closed-form", "lemke", "enumeration"
     # Who declares M no more than semidefinite may have redundant contacts; else the first factorisation finds that out.
     if Property.PSD in M.tags and not M.has(Property.P):
         return "active-set", "lemke", "enumeration"

@@ -29,6 +29,24 @@ def one_row(m: float, q: float, lower: float, upper: float) -> tuple[float, floa
     return z, smallest
 
 
+@compiled(types.UniTuple(f8, 2)(f8, f8, f8, f8, f8, f8))
+def both_free(a: float, b: float, c: float, d: float, f: float, g: float) -> tuple[float, float]:
+    """Return the (x, y) of a x + b y + f = 0, c x + d y + g = 0, by elimination with the larger pivot; inf if singular.
+
+    Cramer's rule would be shorter, and loses half of the digits at condition 1e8.
+    """
+    if abs(a) < abs(c):
+        a, b, f, c, d, g = c, d, g, a, b, f
+    if a == 0.0:
+        return np.inf, np.inf
+    multiplier = c / a
+    rest = d - multiplier * b
+    if not abs(rest) > 1e-15 * (abs(d) + abs(multiplier * b)):
+        return np.inf, np.inf
+    y = (multiplier * f - g) / rest
+    return -(f + b * y) / a, y
+
+
 @compiled(i8(matrix, vector, vector))
 def two_rows(M: Array, q: Array, z: Array) -> int:
     """Solve a plain LCP of two rows if a basis fits without a doubt about signs; return how many were tried, or 0."""
@@ -45,13 +63,10 @@ def two_rows(M: Array, q: Array, z: Array) -> int:
         if z[1] * M[0, 1] + q[0] >= 0.0:
             return 3
         z[1] = 0.0
-    determinant = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]
-    if abs(determinant) > 1e-8 * (abs(M[0, 0] * M[1, 1]) + abs(M[0, 1] * M[1, 0])):
-        x = (M[0, 1] * q[1] - M[1, 1] * q[0]) / determinant
-        y = (M[1, 0] * q[0] - M[0, 0] * q[1]) / determinant
-        if 0.0 <= x < np.inf and 0.0 <= y < np.inf:
-            z[0], z[1] = x, y
-            return 4
+    x, y = both_free(M[0, 0], M[0, 1], M[1, 0], M[1, 1], q[0], q[1])
+    if 0.0 <= x < np.inf and 0.0 <= y < np.inf:
+        z[0], z[1] = x, y
+        return 4
     return 0
 
 
@@ -82,17 +97,13 @@ def closed_form(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: f
     u = s / p
     a, b, c, d, f, g = W[0, 0] / s, W[0, 1] / s, W[1, 0] / s, W[1, 1] / s, q[0] / p, q[1] / p
     l0, l1, u0, u1 = lower[0] * u, lower[1] * u, upper[0] * u, upper[1] * u
-    determinant = a * d - b * c
-    regular = abs(determinant) > 1e-14 * (abs(a * d) + abs(b * c))
     x, y, smallest, tried = 0.0, 0.0, np.inf, 0
     for first in (LOWER, FREE, UPPER):
         for second in (LOWER, FREE, UPPER):
             v = l0 if first == LOWER else u0
             t = l1 if second == LOWER else u1
             if first == FREE and second == FREE:
-                if not regular:
-                    continue
-                v, t = (b * g - d * f) / determinant, (c * f - a * g) / determinant
+                v, t = both_free(a, b, c, d, f, g)
             elif first == FREE:
                 v = -(f + b * t) / a if a != 0.0 else 0.0
             elif second == FREE:
