@@ -693,6 +693,7 @@ LIAR = Liar(
 def test_a_lying_solver_is_found_out(monkeypatch):
     assert solve_lcp([[1.0]], [-1.0], LIAR, throw=False).status is Status.INACCURATE
     assert solve_lcp([[1.0]], [1.0], LIAR).success
+    assert solve_lcp([[1.0]], [1.0], LIAR, trace=True).trace.steps[-1].z.tolist() == [0.0]
     monkeypatch.setattr(Liar, "says", Status.RAY)
     found = solve_lcp([[1.0]], [-1.0], LIAR, throw=False)
     assert found.status is Status.UNDECIDED, "1 proves nothing for M = 1"

@@ -18,7 +18,7 @@ from lcpimpact.lcp.lapack import EPS, largest
 from lcpimpact.lcp.storage import absolute_product, product, transposed_product
 
 WRONG = 1e-6
-"""Residual from which no answer is called solved, whatever its tolerance says."""
+"""Largest rounding that excuses a residual above the tolerance."""
 
 
 @compiled(f8(f8, vector, vector, vector))

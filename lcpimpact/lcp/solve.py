@@ -132,7 +132,8 @@ class PreparedLCP(NamedTuple):
 
     def _trace(self, solution: LCPSolution, q: Array, guess: Array | None, tol: float, max_iter: int) -> Trace:
         """Return the trace of the method that gave the solution, run again by the interpreter."""
-        M, method = Dense(self.operator.array()), SOLVERS[[name for name in solution.route if name in SOLVERS][-1]]
+        M, named = Dense(self.operator.array()), [name for name in solution.route if name in SOLVERS]
+        method = SOLVERS[named[-1]] if named else self.solver
         kernel, notes = traced(method.init(M).kernel, M.M, q, self.lower, self.upper, method.name)
         kernel(M.M, q, self.lower, self.upper, np.zeros(len(q)) if guess is None else guess.copy(), tol, max_iter)
         return notes().ending(solution.z)
