@@ -24,7 +24,6 @@ import math
 import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -39,10 +38,13 @@ from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
-from lcpimpact.files import check_output, whole_file
+from lcpimpact.files import check_output, reading, whole_file
 from lcpimpact.lcp.operators import DENSE_LIMIT, Banded, Delassus, Factored, as_operator, finite_array
 from lcpimpact.lcp.problem import bounds
 from lcpimpact.registry import nearest
+
+SMALLER = "give a sparse .mtx, or factors"
+"""The remedy for an LCP that does not fit in memory."""
 
 LABELS = ["M", "q", "lower", "upper"]
 ARRAYS = ["M", "A", "H", "bands", "q", "lower", "upper"]
@@ -122,14 +124,14 @@ def read_lcp(path: str | Path, q: str | Path | None = None) -> LCPFile:
            [1., 2.]]), array([-5., -6.]))
     """
     path = Path(path)
-    with _reading(path):
+    with reading(path, SMALLER):
         parts = _split(_parts(path))
         if q is not None and "q" in parts:
             raise InputError("q stands in it already: leave it out there, or give no second file")
     if q is not None:
-        with _reading(Path(q)):
+        with reading(Path(q), SMALLER):
             parts["q"] = _lone_vector(_parts(Path(q)))
-    with _reading(path):
+    with reading(path, SMALLER):
         if "q" not in parts:
             raise InputError("it holds no q: add a row 'q: ...' to text or an array q, or give q in a file of its own")
         M = _operator(parts)
@@ -172,23 +174,6 @@ def write_lcp(
     with whole_file(path) as part:
         WRITERS[path.suffix](part, operator, vectors)
     return path
-
-
-@contextmanager
-def _reading(path: Path) -> Iterator[None]:
-    """Say of which file an error is."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"cannot read {str(path)!r}: {error}") from None
-    except OSError as error:
-        raise InputError(
-            f"cannot read {str(path)!r}: {error.strerror or error}; check the name and the rights"
-        ) from None
-    except MemoryError:
-        raise InputError(
-            f"cannot read {str(path)!r}: it does not fit in memory; give a sparse .mtx, or factors"
-        ) from None
 
 
 def _parts(path: Path) -> dict[str, Any]:

@@ -18,11 +18,12 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix, diags, triu
+from scipy.sparse import csc_matrix, diags, eye, triu
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
 from lcpimpact.lcp.operators import Delassus, Dense, Property
+from lcpimpact.lcp.problem import is_plain
 from lcpimpact.lcp.solver import Kernel, LCPSolver, State
 from lcpimpact.registry import nearest
 
@@ -99,13 +100,15 @@ class QPSolver(LCPSolver):
         dual = self.form == "dual"
         P, G, unit = self._dual(operator) if dual else self._primal(operator)
         zero = np.zeros(P.shape[0])
+        # Bounds would be stacked anew to rows of G at each call.
+        plain = {"G": self._stored(-eye(operator.n)), "h": np.zeros(operator.n)} if dual else {}
 
         def kernel(
             W: Any, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
         ) -> tuple[int, int]:
             """Minimise in units of max |q| = 1; q is the linear cost of the dual form, and the bound of the primal one."""
-            if len(q) != operator.n:
-                # A step in which not all contacts act hands over their own matrix.
+            if len(q) != operator.n or (W is not operator.W and not np.array_equal(W, operator.W)):
+                # A step in which not all contacts act, or springs act with them, hands over a matrix of its own.
                 return self._kernel(Dense(W))(W, q, lower, upper, z, tol, max_iter)
             if q.min() >= 0.0 and not lower.any():
                 # Nothing presses: z = 0, and half of the steps of a rebound need no backend.
@@ -116,7 +119,8 @@ class QPSolver(LCPSolver):
             b /= p
             scale = p * unit
             if dual:
-                solution, status, iterations = self._solve(P, b, {"lb": lower / scale, "ub": upper / scale}, max_iter)
+                limits = plain if is_plain(lower, upper) else {"lb": lower / scale, "ub": upper / scale}
+                solution, status, iterations = self._solve(P, b, limits, max_iter)
             else:
                 solution, status, iterations = self._solve(P, zero, {"G": G, "h": b}, max_iter)
             z[:] = 0.0 if solution is None else (solution.x if dual else solution.z) * scale
