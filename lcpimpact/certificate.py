@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, f8, indices, matrix, vector
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
 from lcpimpact.integrators.base import Dense, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 
@@ -25,12 +25,15 @@ class Certificate:
     residual : float
         Largest residual of the LCPs of the steps, in units where max |W| = max |q| = 1; zero where none is solved.
     complementarity : float
-        Largest product in J: r u on rows of relative degree 0 and 1; impulse times U⁺ + e U on rows of degree 2.
+        Largest product in J: r u on rows of relative degree 0 and 1; impulse times U⁺ + e U on rows of degree 2; what the
+        friction of a slider should dissipate more than it does, r0 |U| + r U over a step, or as a power in W for a method
+        whose reactions live at instants.
     penetration : float
         Largest -u in m.
     energy_balance : float
         Largest |E(t) - E(0) - work of loads and contacts + dissipation| in J. With the θ-method it is what the method
-        itself adds or takes, zero to rounding for θ = 1/2.
+        itself adds or takes, zero to rounding for θ = 1/2 and linear springs. NaN for a system that is given directly,
+        which has no energy to balance.
     energy_scale : float
         Largest stored energy of the run in J, to compare with.
     """
@@ -42,11 +45,22 @@ class Certificate:
     energy_scale: float
 
 
+@compiled(f8(matrix, matrix, i8, vector))
+def power_law(N: Array, springs: Array, a: int, q: Array) -> float:
+    """Return the energy K δⁿ⁺¹/(n + 1) of one non-linear spring."""
+    gap, K, n, _ = springs[a]
+    δ = -gap
+    for j in range(len(q)):
+        δ -= N[a, j] * q[j]
+    return float(K * max(δ, 0.0) ** (n + 1.0) / (n + 1.0))
+
+
 @compiled(
     types.UniTuple(f8, 4)(
-        vector, matrix, matrix, matrix, matrix, f8, matrix, matrix, matrix, matrix, vector, vector, indices
+        vector, matrix, matrix, matrix, matrix, f8, matrix, matrix, matrix, matrix, matrix, vector, vector, vector,
+        indices, types.boolean[::1], matrix, matrix,
     )
-)
+)  # fmt: skip
 def certify_steps(
     t: Array,
     q: Array,
@@ -58,20 +72,32 @@ def certify_steps(
     C: Array,
     K: Array,
     H: Array,
+    D: Array,
     u0: Array,
     e: Array,
+    r_max: Array,
     degree: Indices,
+    driven: Flags,
+    N: Array,
+    springs: Array,
 ) -> tuple[float, float, float, float]:
     """Return complementarity, penetration, energy balance and scale of a run whose reactions belong to its steps.
 
-    The work of a step is h w·(f_θ + Hᵀ r - C w) with w = (q⁺ - q)/h, which is what the θ-method balances.
+    The work of a step is h w·(f_θ + Hᵀ r - C w) with w = (q⁺ - q)/h, which is what the θ-method balances; on a node whose
+    motion is given the force that drives it balances the others, and leaves K q_θ - s.
     """
-    n, nc = q.shape[1], len(u0)
+    n, nc, ns = q.shape[1], len(u0), len(springs)
     complementarity, penetration, balance, worst, scale = 0.0, 0.0, 0.0, 0.0, 0.0
+    direct = np.zeros(nc, np.bool_)
+    for i in range(nc):
+        for j in range(nc):
+            direct[i] |= D[i, j] != 0.0
     stored = 0.0
     for i in range(n):
         for j in range(n):
             stored += 0.5 * (v[0, i] * M[i, j] * v[0, j] + q[0, i] * K[i, j] * q[0, j])
+    for a in range(ns):
+        stored += power_law(N, springs, a, q[0])
     scale = stored
     for k in range(len(t) - 1):
         h = t[k + 1] - t[k]
@@ -81,25 +107,52 @@ def certify_steps(
             for j in range(n):
                 u += H[i, j] * q[k + 1, j]
                 W += H[i, j] * (q[k + 1, j] - q[k, j]) / h
+                if driven[j]:
+                    power -= r[k, i] * H[i, j] * (q[k + 1, j] - q[k, j]) / h
                 if degree[i] == 2:
                     U += H[i, j] * v[k + 1, j]
                     U_before += H[i, j] * v[k, j]
             power += r[k, i] * W
-            penetration = max(penetration, -u)
-            product = h * r[k, i] * (U + e[i] * U_before) if degree[i] == 2 else r[k, i] * u
+            if direct[i]:
+                u -= (1.0 - θ) * h * W
+                for j in range(nc):
+                    u += D[i, j] * r[k, j]
+            if r_max[i] < np.inf:
+                U = U if degree[i] == 2 else W
+                product = h * (r_max[i] * abs(U) + r[k, i] * U)
+            else:
+                penetration = max(penetration, -u)
+                product = h * r[k, i] * (U + e[i] * U_before) if degree[i] == 2 else r[k, i] * u
             complementarity = max(complementarity, abs(product))
         after = 0.0
         for i in range(n):
             w = (q[k + 1, i] - q[k, i]) / h
-            load = f[0, i] if len(f) == 1 else (1.0 - θ) * f[k, i] + θ * f[k + 1, i]
-            power += w * load
-            inertia, elastic, damping = 0.0, 0.0, 0.0
+            inertia, elastic, damping, elastic_θ = 0.0, 0.0, 0.0, 0.0
             for j in range(n):
                 inertia += M[i, j] * v[k + 1, j]
                 elastic += K[i, j] * q[k + 1, j]
                 damping += C[i, j] * (q[k + 1, j] - q[k, j])
-            power -= w * damping / h
+                if driven[i]:
+                    elastic_θ += K[i, j] * ((1.0 - θ) * q[k, j] + θ * q[k + 1, j])
+            if driven[i]:
+                power += w * elastic_θ
+            else:
+                load = f[0, i] if len(f) == 1 else (1.0 - θ) * f[k, i] + θ * f[k + 1, i]
+                power += w * (load - damping / h)
             after += 0.5 * (v[k + 1, i] * inertia + q[k + 1, i] * elastic)
+        for a in range(ns):
+            δ, rate = -springs[a, 0], 0.0
+            for j in range(n):
+                w = (q[k + 1, j] - q[k, j]) / h
+                δ -= N[a, j] * (q[k, j] + θ * h * w)
+                rate -= N[a, j] * w
+            _, stiffness, exponent, loss = springs[a]
+            elastic = stiffness * max(δ, 0.0) ** exponent
+            power -= loss * elastic * rate * rate
+            for j in range(n):
+                if driven[j]:
+                    power -= N[a, j] * elastic * (1.0 + loss * rate) * (q[k + 1, j] - q[k, j]) / h
+            after += power_law(N, springs, a, q[k + 1])
         balance += after - stored - h * power
         worst = max(worst, abs(balance))
         stored = after
@@ -129,27 +182,34 @@ def certify(
     d = dynamics
     if θ is not None:
         f = d.force(np.zeros(1) if d.constant_loads else record.t)
-        M, C, K, H, u0, e = (np.array(a, order="C") for a in (d.M, d.C, d.K, d.H, d.u0, d.restitution))
-        values = certify_steps(
-            record.t, record.q, record.v, record.reaction, f, θ, M, C, K, H, u0, e, d.relative_degree
-        )
-        return Certificate(residual, *values)
-    u = d.gap(record.q)
-    stored = d.energy(record.q, record.v)
-    balance = _balance_by_gauss(d, dense, events) if dense else _balance_by_trapezoid(d, record)
-    products = np.abs(record.reaction * u)[:, d.relative_degree < 2]
-    return Certificate(
-        residual,
-        float(products.max(initial=0.0)),
-        float(max(0.0, (-u).max(initial=0.0))),
-        balance,
-        float(stored.max()),
-    )
+        M, C, K, H, D = (np.array(a, order="C") for a in (d.M, d.C, d.K, d.H, d.D))
+        complementarity, penetration, balance, scale = certify_steps(
+            record.t, record.q, record.v, record.reaction, f, θ, M, C, K, H, D, d.u0.copy(), d.restitution, d.r_max,
+            d.relative_degree, d.driven, d.directions, d.power_laws,
+        )  # fmt: skip
+    else:
+        r, U = record.reaction, d.gap_rate(record.v)
+        u = d.gap(record.q) + r @ d.D.T
+        balance = _balance_by_gauss(d, dense, events) if dense else _balance_by_trapezoid(d, record)
+        products = np.abs(r * u)[:, (d.relative_degree < 2) & ~d.slides]
+        friction = np.abs(d.r_max[d.slides] * np.abs(U[:, d.slides]) + (r * U)[:, d.slides])
+        complementarity = max(products.max(initial=0.0), friction.max(initial=0.0))
+        penetration = max(0.0, (-u)[:, ~d.slides].max(initial=0.0))
+        scale = d.energy(record.q, record.v).max()
+    if not d.stores_energy:
+        balance = scale = np.nan
+    return Certificate(residual, float(complementarity), float(penetration), float(balance), float(scale))
+
+
+def _contact_power(dynamics: Dynamics, t: Array, q: Array, v: Array, r: Array) -> Array:
+    """Return the power in W that sliders and driven nodes take and give; unilateral contacts have none but in impacts."""
+    friction = (r * dynamics.gap_rate(v))[..., dynamics.slides].sum(axis=-1)
+    return np.asarray(friction + dynamics.driving_power(t, q, v, r))
 
 
 def _balance_by_trapezoid(dynamics: Dynamics, record: Record) -> float:
     """Return the largest |E(t) - E(0) - work| with the power of the record integrated from point to point."""
-    power = dynamics.load_power(record.t, record.v) - dynamics.dissipated_power(record.v)
+    power = dynamics.load_power(record.t, record.v) - dynamics.dissipated_power(record.q, record.v)
     power += (record.reaction * dynamics.gap_rate(record.v)).sum(axis=1)
     work = np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(record.t))
     stored = dynamics.energy(record.q, record.v)
@@ -160,10 +220,10 @@ def _balance_by_gauss(dynamics: Dynamics, dense: Dense, events: Sequence[Event])
     """Return the largest |E(t) - E(0) - work| over the cuts of the solution, with the power integrated between them."""
     cuts = np.unique(np.concatenate([dense.cuts, [event.t for event in events]]))
     half = 0.5 * np.diff(cuts)
-    times = (cuts[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES
-    _, v, _ = dense.read(times.ravel(), "right")
-    power = dynamics.load_power(times.ravel(), v) - dynamics.dissipated_power(v)
-    work = np.concatenate([[0.0], np.cumsum((power.reshape(times.shape) * GAUSS_WEIGHTS).sum(axis=1) * half)])
+    times = ((cuts[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES).ravel()
+    q, v, r = dense.read(times, "right")
+    power = dynamics.load_power(times, v) - dynamics.dissipated_power(q, v) + _contact_power(dynamics, times, q, v, r)
+    work = np.concatenate([[0.0], np.cumsum((power.reshape(-1, len(GAUSS_NODES)) * GAUSS_WEIGHTS).sum(axis=1) * half)])
     for t, event in {event.t: event for event in events if event.impulse > 0.0}.items():
         work[cuts >= t] += dynamics.kinetic_energy(event.right.v) - dynamics.kinetic_energy(event.left.v)
     q, v, _ = dense.read(cuts, "right")

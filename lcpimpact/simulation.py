@@ -14,11 +14,12 @@ from lcpimpact.certificate import certify
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.events import events_of_steps
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.base import Grid, Integrator, Record
+from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import nearest
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.trajectory import Trajectory
 
 BLOCK_SECONDS = 0.1
@@ -85,10 +86,10 @@ def simulate(
     """
     if not isinstance(problem, Problem):
         raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
-    integrator = _integrator(method, method_options)
+    integrator = make_integrator(method, method_options)
     grid = _grid(dt, t_end)
     _check_lcp_solver(integrator, lcp_solver)
-    _check_degrees(integrator, problem)
+    _check_handled(integrator, problem)
 
     started = time.perf_counter()
     n, nc = len(problem.dynamics.nodes), len(problem.dynamics.contacts)
@@ -160,7 +161,8 @@ def _run(integrator: Integrator, carry: Any, record: Record, grid: Grid, progres
     return Status.SOLVED, reached
 
 
-def _integrator(method: str | Integrator, options: dict[str, Any]) -> Integrator:
+def make_integrator(method: str | Integrator, options: dict[str, Any]) -> Integrator:
+    """Return the method of a name with its options, refusing those that it does not have, or the object that was given."""
     if isinstance(method, Integrator):
         if options:
             raise InputError(f"{', '.join(options)}: options belong in the integrator object that was passed as method")
@@ -194,13 +196,27 @@ def _check_lcp_solver(integrator: Integrator, lcp_solver: str) -> None:
         raise InputError(f"{integrator.name} solves no LCP, so lcp_solver = {lcp_solver!r} means nothing: leave it out")
 
 
-def _check_degrees(integrator: Integrator, problem: Problem) -> None:
-    for contact in problem.dynamics.contacts:
-        if contact.relative_degree not in integrator.declared.relative_degrees:
-            raise UnsupportedError(
-                f"{integrator.name} does not handle relative degree {contact.relative_degree} (contact "
-                f"{contact.name!r} of {problem.name!r}): take method='moreau-jean' or 'exact'"
-            )
+def _check_handled(integrator: Integrator, problem: Problem) -> None:
+    """Refuse, before the first step, what the method does not declare, naming it and the methods that do."""
+    dynamics = problem.dynamics
+    missing = _missing(integrator.declared, dynamics)
+    if missing:
+        able = [name for name, kind in METHODS.items() if not _missing(kind.declared, dynamics)]
+        raise UnsupportedError(
+            f"{integrator.name} does not handle {missing} of {problem.name!r}: "
+            + (f"take method={' or '.join(map(repr, able))}" if able else "no method that is registered does")
+        )
+
+
+def _missing(declared: Declared, dynamics: Dynamics) -> str:
+    """Return the first thing of a system that a method does not declare to handle, and who brings it in, or ""."""
+    for contact in dynamics.contacts:
+        if contact.relative_degree not in declared.relative_degrees:
+            return f"relative degree {contact.relative_degree} (contact {contact.name!r})"
+    for feature, what in dynamics.features.items():
+        if feature not in declared.handles:
+            return f"{feature.value} ({what})"
+    return ""
 
 
 def _describe(integrator: Integrator, lcp_solver: str) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.errors import Status
 from lcpimpact.problems.base import Problem
+from lcpimpact.scheme.dynamics import Feature
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Event:
     ----------
     t : float               the instant in s
     contact : str           the name of the reaction
-    kind : str              "close", "open" or "impact"
+    kind : str              "close", "open" or "impact"; "stick" or "slip" of a slider, which slips anew where it turns
     left, right : State     the limits from before and from after
     impulse : float         N s; zero unless an impact
     """
@@ -109,7 +110,9 @@ class Declared:
     order_smooth : float            order in smooth motion, in the coordinates (inf: to rounding)
     order_force_jump : float        order in q and v across switches where only r jumps (relative degree 0 and 1)
     order_impact : float            order in the L1 norm of v across impacts (relative degree 2); 0 if refused
+    order_friction : float          order in the coordinates where sliders of relative degree 2 turn or stop; 0 if refused
     relative_degrees : tuple        the relative degrees that it handles
+    handles : tuple of Feature      what else it handles
     reaction_lives : str            where its force is to be read
     energy : str                    what is true of its energy
     source : str                    where it is from
@@ -119,7 +122,9 @@ class Declared:
     order_smooth: float
     order_force_jump: float
     order_impact: float
+    order_friction: float
     relative_degrees: tuple[int, ...]
+    handles: tuple[Feature, ...]
     reaction_lives: str
     energy: str
     source: str

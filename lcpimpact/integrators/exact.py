@@ -13,11 +13,12 @@ from typing import ClassVar
 import numpy as np
 
 from lcpimpact.arrays import Array
-from lcpimpact.errors import FailureError, InputError, Status
+from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.integrators.base import Declared, Dense, Event, Grid, Integrator, Record, State
 from lcpimpact.integrators.modes import Mode, System, choose_mode, impact, refuse_mixed_degrees
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems.base import Problem
+from lcpimpact.scheme.dynamics import Feature
 
 STALL = 100
 """So many events at one instant are no motion: the run ends as if it had reached max_events."""
@@ -68,7 +69,9 @@ class Exact(Integrator):
         order_smooth=float("inf"),
         order_force_jump=float("inf"),
         order_impact=float("inf"),
+        order_friction=float("inf"),
         relative_degrees=(0, 1, 2),
+        handles=(Feature.SLIDERS, Feature.MOTIONS, Feature.SYSTEMS),
         reaction_lives="at t, right limit",
         energy="exact",
         source="modes by the linear dynamic complementarity problem: van der Schaft and Schumacher (1998)",
@@ -87,10 +90,16 @@ class Exact(Integrator):
         SOLVERS[lcp_solver]
         system = System(problem.dynamics)
         refuse_mixed_degrees(system)
-        X = system.lcs.state(problem.initial_coordinates, problem.initial_velocities)
+        X = system.state(problem.initial_coordinates, problem.initial_velocities)
         record.events = []
         run = Run(system, grid, lcp_solver, self.max_events, [], (0.0, -1), np.abs(X))
-        _enter(run, record, 0.0, X)
+        try:
+            _enter(run, record, 0.0, X)
+        except np.linalg.LinAlgError:
+            raise UnsupportedError(
+                f"some contacts or sliders of {problem.name!r} hold together at the start in a way that leaves their shares "
+                "undetermined, which 'exact' does not handle: take method='moreau-jean'"
+            ) from None
         _sample(run, record, 0, 0)
         return run
 
@@ -103,11 +112,13 @@ class Exact(Integrator):
                 return Status.MAX_EVENTS, _sample_before(carry, record, first, last)
             segment = carry.segments[-1]
             t = carry.next_event[0]
-            flow, _ = carry.system.mode(segment.mode.closed)
+            flow, _ = carry.system.mode(segment.mode)
             try:
                 _enter(carry, record, t, flow.at(segment.X, np.array([t - segment.t0]))[0])
             except FailureError as failure:
                 return failure.result.status, _sample_before(carry, record, first, last)
+            except np.linalg.LinAlgError:
+                return Status.SINGULAR, _sample_before(carry, record, first, last)
         _sample(carry, record, first + 1, last)
         return Status.SOLVED, last
 
@@ -124,38 +135,50 @@ class Exact(Integrator):
 
 def _windows(system: System, segment: Segment, end: float) -> int:
     """Return how many windows of the flow the segment takes."""
-    return math.ceil((end - segment.t0) / system.mode(segment.mode.closed)[0].window)
+    return math.ceil((end - segment.t0) / system.mode(segment.mode)[0].window)
 
 
 def _enter(run: Run, record: Record, t: float, X: Array) -> None:
     """Begin a segment at t: impacts, the mode, the events that this makes, and the next switch."""
     system, events = run.system, record.events
     assert events is not None
+    old = run.segments[-1] if run.segments else None
+    if old is not None:
+        X = system.moved(old.mode, X)
     run.scale = np.maximum(run.scale, np.abs(X))
     after, P = impact(system, X, run.scale, run.solver)
-    mode = choose_mode(system, after, run.scale, run.solver)
-    flow, F = system.mode(mode.closed)
+    mode, after = choose_mode(system, after, run.scale, run.solver)
+    flow, _ = system.mode(mode)
     new = Segment(t, after, mode)
-    old = run.segments[-1] if run.segments else None
-    closed_before = set(old.mode.closed) if old else set(mode.closed)
     right = _state(system, new, after)
     left = _state(system, old, X) if old else _state(system, new, X)
+    before = old.mode if old else mode
     for i, contact in enumerate(system.dynamics.contacts):
         if P[i] > 0.0:
             events.append(Event(t, contact.name, "impact", left, right, float(P[i])))
-        if i in mode.closed and i not in closed_before:
-            events.append(Event(t, contact.name, "close", left, right))
-        if i not in mode.closed and i in closed_before:
-            events.append(Event(t, contact.name, "open", left, right))
+        if kind := _change(before, mode, i, contact.r0 is not None):
+            events.append(Event(t, contact.name, kind, left, right))
     run.segments.append(new)
 
-    watched = [i for i in range(len(mode.order)) if mode.order[i] >= 0]
-    rows = np.array([F[i] if i in mode.closed else system.lcs.C[i] + system.lcs.D[i] @ F for i in watched])
-    order = np.array([mode.order[i] for i in watched], dtype=np.int64)
+    watched = system.watched(mode)
+    rows = np.array([row for _, row, _ in watched])
+    order = np.array([zeros for _, _, zeros in watched], dtype=np.int64)
     crossing = flow.first_crossing(after, run.scale, rows, order, run.grid.t_end - t) if watched else None
-    run.next_event = (t + crossing[0], watched[crossing[1]]) if crossing else (np.inf, -1)
+    run.next_event = (t + crossing[0], watched[crossing[1]][0]) if crossing else (np.inf, -1)
     end = min(run.next_event[0], run.grid.t_end)
     run.scale = np.maximum(run.scale, np.abs(flow.windows(after, 1 + _windows(system, new, end))).max(axis=0))
+
+
+def _change(before: Mode, after: Mode, i: int, slider: bool) -> str | None:
+    """Return what happens to row i between two modes, if anything."""
+    if slider:
+        slips = dict(after.slips)
+        if i in slips:
+            return "slip" if slips[i] != dict(before.slips).get(i) else None
+        return "stick" if i not in before.closed else None
+    if (i in before.closed) == (i in after.closed):
+        return None
+    return "close" if i in after.closed else "open"
 
 
 def _state(system: System, segment: Segment, X: Array) -> State:
@@ -166,9 +189,11 @@ def _state(system: System, segment: Segment, X: Array) -> State:
 
 def _coordinates(system: System, segment: Segment, X: Array) -> tuple[Array, Array, Array]:
     """Return q, v and r for the states X (nt, N)."""
-    flow, F = system.mode(segment.mode.closed)
-    read = system.lcs.Q + system.lcs.Qr @ F
-    return X @ read.T, X @ (read @ flow.A).T, np.maximum(X @ F.T, 0.0)
+    flow, F = system.mode(segment.mode)
+    Q, Qr = system.read
+    read = Q + Qr @ F
+    r = np.clip(X @ F.T, system.dynamics.r_min, system.dynamics.r_max)
+    return X @ read.T, X @ (read @ flow.A).T, r
 
 
 def _read(system: System, segments: tuple[Segment, ...], t: Array, side: str) -> tuple[Array, Array, Array]:
@@ -179,7 +204,7 @@ def _read(system: System, segments: tuple[Segment, ...], t: Array, side: str) ->
     q, v, r = np.empty((len(t), n)), np.empty((len(t), n)), np.empty((len(t), nc))
     for k in np.unique(owner):
         segment, mine = segments[k], owner == k
-        flow, _ = system.mode(segment.mode.closed)
+        flow, _ = system.mode(segment.mode)
         q[mine], v[mine], r[mine] = _coordinates(system, segment, flow.at(segment.X, t[mine] - segment.t0))
     return q, v, r
 

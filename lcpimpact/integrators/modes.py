@@ -1,7 +1,7 @@
-r"""The contact modes of a linear scheme, and which one comes next.
+r"""The contact modes of a linear system, and which one comes next.
 
-In first-order form (see `lcpimpact.scheme.lcs`) the scheme is X' = A X + B r, u = C X + D r, 0 <= u ⟂ r >= 0. A *mode* is
-the set of closed rows, on which u ≡ 0. With ρ_i the relative degree of row i,
+In first-order form (see `lcpimpact.scheme.first_order`) the system is X' = A X + B r, u = C X + D r, 0 <= u ⟂ r >= 0. A
+*mode* is the set of closed rows, on which u ≡ 0. With ρ_i the relative degree of row i,
 
 .. math:: u_i^{(ρ_i)} = O_i X + G_i r, \qquad O_i = C_i A^{ρ_i}, \qquad G_i = D_i,\; C_i B,\; C_i A B \quad (ρ_i = 0, 1, 2),
 
@@ -10,6 +10,10 @@ event, by LCPs on the one-sided derivatives: first 0 <= r ⟂ O X + G r >= 0 on 
 that it leaves undecided (both sides zero: grazing, and every switch that is not a jump), the same for the next derivatives
 of r and u, until each is decided. Where plates that both have mass meet with U < 0, Newton's law of impact is an LCP of its
 own: 0 <= P ⟂ U⁺ + e U⁻ >= 0 with U⁺ = U⁻ + C A B P.
+
+A slider is a row too: it sticks, with u constant and -r_0 < r < r_0, or slips with r = -r_0 sign U. The LCPs are the same,
+within bounds: -r_0 <= r <= r_0 at first, and for the derivatives r' >= 0 where r = -r_0, r' <= 0 where r = r_0. Where a
+spring alone gives way to it (ρ = 0), the place p where it sticks is a state of its own, and u counts from there.
 """
 
 from __future__ import annotations
@@ -25,7 +29,7 @@ from lcpimpact.errors import UnsupportedError
 from lcpimpact.integrators.flow import Flow
 from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.lcs import LinearComplementaritySystem, first_order_form
+from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
 
 ZERO = 1e-12
 """What counts as zero, relative to the terms of the sum that gave it, each taken at its largest value so far: a root found
@@ -34,10 +38,25 @@ to rounding leaves about 1e-15 of them. An approach this slow is none: that ends
 
 @dataclass(frozen=True, eq=False)
 class Mode:
-    """The closed rows, and how each row leaves zero: ``order[i]`` is the order of the zero, -1 if it is zero for ever."""
+    """What each row does, and how it begins.
+
+    Attributes
+    ----------
+    closed : tuple of int       the rows with u ≡ 0: closed contacts and sticking sliders
+    slips : tuple of (int, int) the sliders that slip, with the sign of U
+    order : tuple of int        order of the zero with which what ends the mode leaves it, -1 if it is zero for ever
+    side : tuple of int         sign of r of a slider that begins to stick with its force at a threshold, else 0
+    """
 
     closed: tuple[int, ...]
+    slips: tuple[tuple[int, int], ...]
     order: tuple[int, ...]
+    side: tuple[int, ...]
+
+    @property
+    def key(self) -> tuple[tuple[int, ...], tuple[tuple[int, int], ...]]:
+        """What its flow depends on."""
+        return self.closed, self.slips
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +64,11 @@ class System:
     """The first-order form with its Markov parameters, and the flow of each mode."""
 
     dynamics: Dynamics
-    flows: dict[tuple[int, ...], tuple[Flow, Array]] = field(default_factory=dict)
+    flows: dict[object, tuple[Flow, Array]] = field(default_factory=dict)
 
     @cached_property
-    def lcs(self) -> LinearComplementaritySystem:
-        """The linear complementarity system."""
+    def form(self) -> FirstOrderForm:
+        """The first-order form."""
         return first_order_form(self.dynamics)
 
     @cached_property
@@ -58,9 +77,45 @@ class System:
         return self.dynamics.relative_degree
 
     @cached_property
+    def remembered(self) -> Indices:
+        """The sliders of degree 0, whose places p are states, the last of X."""
+        return np.flatnonzero(self.dynamics.slides & (self.degree == 0))
+
+    @cached_property
+    def matrices(self) -> tuple[Array, Array, Array]:
+        """A, B and C with the states p, p' = 0, and u - p in the rows of the sliders that they belong to."""
+        memory = len(self.remembered)
+        A = np.pad(self.form.A, ((0, memory), (0, memory)))
+        B = np.pad(self.form.B, ((0, memory), (0, 0)))
+        C = np.pad(self.form.C, ((0, 0), (0, memory)))
+        C[self.remembered, len(self.form.A) + np.arange(memory)] = -1.0
+        return A, B, C
+
+    @cached_property
+    def read(self) -> tuple[Array, Array]:
+        """Q and Qr with q = Q X + Qr r."""
+        return np.pad(self.form.Q, ((0, 0), (0, len(self.remembered)))), self.form.Qr
+
+    def state(self, q: Array, v: Array) -> Array:
+        """Return X at t = 0; a slider of degree 0 begins where the coordinates have it."""
+        return np.concatenate([self.form.state(q, v), self.dynamics.gap(q)[self.remembered]])
+
+    def moved(self, mode: Mode, X: Array) -> Array:
+        """Return X with the places p of the sliders that slipped brought up to date."""
+        _, F = self.mode(mode)
+        X, u = X.copy(), (self.derivatives[0] + self.form.D @ F) @ X
+        for i, _ in mode.slips:
+            self.put(X, i, u[i])
+        return X
+
+    def put(self, X: Array, i: int, u: float) -> None:
+        """Move the place of slider i by u, if it is remembered."""
+        X[len(self.form.A) :][self.remembered == i] += u
+
+    @cached_property
     def derivatives(self) -> Array:
         """C, C A, C A²: (3, nc, N)."""
-        C, A = self.lcs.C, self.lcs.A
+        A, _, C = self.matrices
         return np.array([C, C @ A, C @ A @ A])
 
     @cached_property
@@ -71,19 +126,48 @@ class System:
     @cached_property
     def G(self) -> Array:
         """The row D_i, C_i B or C_i A B of each contact (nc, nc)."""
-        B = self.lcs.B
-        markov = np.array([self.lcs.D, self.lcs.C @ B, self.lcs.C @ self.lcs.A @ B])
+        A, B, C = self.matrices
+        markov = np.array([self.form.D, C @ B, C @ A @ B])
         return np.asarray(markov[self.degree, np.arange(len(self.degree))])
 
-    def mode(self, closed: tuple[int, ...]) -> tuple[Flow, Array]:
+    def mode(self, mode: Mode) -> tuple[Flow, Array]:
         """Return the flow of a mode, and the F with r = F X."""
-        if closed not in self.flows:
+        if mode.key not in self.flows:
+            A, B, _ = self.matrices
             F = np.zeros_like(self.O)
-            rows = list(closed)
-            G = self.G[np.ix_(rows, rows)]
-            F[rows] = -np.linalg.solve(G, self.O[rows])
-            self.flows[closed] = Flow(self.lcs.A + self.lcs.B @ F), F
-        return self.flows[closed]
+            for i, sign in mode.slips:
+                F[i, self.form.constant] = -sign * self.dynamics.r_max[i]
+            rows = list(mode.closed)
+            F[rows] = -_solve(self.G[np.ix_(rows, rows)], self.O[rows] + self.G[rows] @ F)
+            self.flows[mode.key] = Flow(A + B @ F), F
+        return self.flows[mode.key]
+
+    def watched(self, mode: Mode) -> list[tuple[int, Array, int]]:
+        """Return what ends a mode where it turns negative: the row of H, the row c of c·X, and the order of its zero."""
+        flow, F = self.mode(mode)
+        u = self.derivatives[0] + self.form.D @ F
+        found = []
+        slips = dict(mode.slips)
+        for i, contact in enumerate(self.dynamics.contacts):
+            if mode.order[i] < 0:
+                continue
+            if contact.r0 is None:
+                found.append((i, F[i] if i in mode.closed else u[i], mode.order[i]))
+            elif i in slips:
+                found.append((i, slips[i] * (u[i] @ flow.A), mode.order[i]))
+            else:
+                for sign in (1, -1):
+                    row = -sign * F[i]
+                    row[self.form.constant] += contact.r0
+                    found.append((i, row, mode.order[i] if sign == mode.side[i] else 0))
+        return found
+
+
+def _solve(G: Array, right: Array) -> Array:
+    """Solve with a block of G; where it is singular, the closed rows share their force as they like."""
+    if len(G) > 1 and not np.linalg.cond(G) < 1e13:
+        raise np.linalg.LinAlgError
+    return np.asarray(np.linalg.solve(G, right))
 
 
 def _zero(terms: Array, values: Array) -> Array:
@@ -97,57 +181,89 @@ def gaps(system: System, X: Array, scale: Array) -> tuple[Array, Array]:
     return _zero(np.abs(C) @ scale, C @ X), _zero(np.abs(CA) @ scale, CA @ X)
 
 
-def choose_mode(system: System, X: Array, scale: Array, solver: str) -> Mode:
-    """Return the mode in which the motion goes on from X, by LCPs on the one-sided derivatives."""
-    A, B, G = system.lcs.A, system.lcs.B, system.G
-    nc = len(system.degree)
+def choose_mode(system: System, X: Array, scale: Array, solver: str) -> tuple[Mode, Array]:
+    """Return the mode in which the motion goes on from X, by LCPs on the one-sided derivatives, and X.
+
+    X differs only where a slider of degree 0 begins with a force beyond its threshold, and gives way at once.
+    """
+    A, B, _ = system.matrices
+    G, degree, r_max = system.G, system.degree, system.dynamics.r_max
+    slides, nc = system.dynamics.slides, len(system.degree)
     u, U = gaps(system, X, scale)
-    # A force may act on rows of degree 0, and on those that touch and do not open.
-    opening = (system.degree > 0) & ((u > 0.0) | ((system.degree == 2) & (U > 0.0)))
-    undecided = [int(i) for i in np.flatnonzero(~opening)]
+    # A force is sought on rows of degree 0, on those that touch and do not open, and on sliders that do not move.
+    moving = slides & (degree == 2) & (U != 0.0)
+    opening = ~slides & (degree > 0) & ((u > 0.0) | ((degree == 2) & (U > 0.0)))
+    undecided = [int(i) for i in np.flatnonzero(~opening & ~moving)]
     closed: list[int] = []
-    order = [0 if u[i] > 0.0 else 1 for i in range(nc)]
+    slips = [(int(i), int(np.sign(U[i]))) for i in np.flatnonzero(moving)]
+    order = [0 if u[i] > 0.0 or moving[i] else 1 for i in range(nc)]
+    side = [0] * nc
+    start, level = X.copy(), 0
+    r = np.where(moving, -np.sign(U) * np.where(slides, r_max, 0.0), 0.0)
     for level in range(len(X) + 1):
         if not undecided:
             break
         # On closed rows the derivative of u is zero, which gives theirs of r; what remains is an LCP.
-        g, terms = system.O @ X, np.abs(system.O) @ scale
+        g, terms = system.O @ X + G @ r, np.abs(system.O) @ scale + np.abs(G) @ np.abs(r)
         c, m = closed, undecided
-        eliminated = np.linalg.solve(G[np.ix_(c, c)], np.column_stack([g[c], G[np.ix_(c, m)]]))
+        eliminated = _solve(G[np.ix_(c, c)], np.column_stack([g[c], G[np.ix_(c, m)]]))
         q = g[m] - G[np.ix_(m, c)] @ eliminated[:, 0]
         summed = terms[m] + np.abs(G[np.ix_(m, c)]) @ np.abs(eliminated[:, 0])
         W = G[np.ix_(m, m)] - G[np.ix_(m, c)] @ eliminated[:, 1:]
         q = _zero(summed, q)
-        solution = solve_lcp(W, q, solver)
-        r = np.zeros(nc)
+        lower, upper = _bounds(system, m, side, level)
+        solution = solve_lcp(W, q, solver, lower=lower, upper=upper)
         r[m] = solution.z
         r[c] = -eliminated[:, 0] - eliminated[:, 1:] @ solution.z
-        w_zero = ZERO * (summed + np.abs(W) @ solution.z)
+        w_zero = ZERO * (summed + np.abs(W) @ np.abs(solution.z))
         undecided = []
         for i, z, w, tiny in zip(m, solution.z, solution.w, w_zero, strict=True):
-            if z * abs(G[i, i]) > tiny:
+            unit = abs(G[i, i]) or np.abs(G[:, i]).max()
+            room = min(z + r_max[i], r_max[i] - z) if slides[i] and level == 0 else abs(z)
+            if room * unit > tiny:
                 closed.append(i)
                 order[i] = level
-            elif w > tiny:
-                order[i] = int(system.degree[i]) + level
+                continue
+            if slides[i] and level == 0:
+                side[i] = 1 if z > 0.0 else -1
+                if degree[i] == 0:
+                    system.put(start, i, w)
+                    system.put(X, i, w)
+                    w = 0.0
+            if abs(w) > tiny:
+                order[i] = int(degree[i]) + level - int(slides[i])
+                if slides[i]:
+                    slips.append((i, -side[i]))
             else:
                 undecided.append(i)
         X, scale = A @ X + B @ r, np.abs(A) @ scale + np.abs(B) @ np.abs(r)
+        r = np.zeros(nc)
     for i in undecided:
         order[i] = -1
-    return Mode(tuple(sorted(int(i) for i in closed)), tuple(order))
+        if slides[i]:
+            slips.append((i, -side[i]))
+    return Mode(tuple(sorted(closed)), tuple(sorted(slips)), tuple(order), tuple(side)), start
+
+
+def _bounds(system: System, rows: list[int], side: list[int], level: int) -> tuple[Array, Array]:
+    """Return the bounds of r, and for a higher level those of its derivative, for rows that are undecided."""
+    slides = system.dynamics.slides[rows]
+    if level == 0:
+        return system.dynamics.r_min[rows], system.dynamics.r_max[rows]
+    at = np.array([side[i] for i in rows])
+    return np.where(slides & (at > 0), -np.inf, 0.0), np.where(slides & (at > 0), 0.0, np.inf)
 
 
 def impact(system: System, X: Array, scale: Array, solver: str) -> tuple[Array, Array]:
     """Return X after the impacts at this instant, and the impulses (nc,): 0 <= P ⟂ U⁺ + e U⁻ >= 0."""
     P = np.zeros(len(system.degree))
     u, U = gaps(system, X, scale)
-    meeting = np.flatnonzero((system.degree == 2) & (u <= 0.0))
+    meeting = np.flatnonzero((system.degree == 2) & (u <= 0.0) & ~system.dynamics.slides)
     if not (U[meeting] < 0.0).any():
         return X, P
     q = (U + system.dynamics.restitution * np.minimum(U, 0.0))[meeting]
     P[meeting] = solve_lcp(system.G[np.ix_(meeting, meeting)], q, solver).z
-    return X + system.lcs.B @ P, P
+    return X + system.matrices[1] @ P, P
 
 
 def refuse_mixed_degrees(system: System) -> None:

@@ -13,8 +13,15 @@ Massless nodes stay unknowns. The law of a row is imposed where its relative deg
 the latter only on rows whose gap is predicted to close, u + h U/2 <= 0. With w = w_free + A⁻¹ Hᵀ r this is an LCP with
 the Delassus matrix W = H A⁻¹ Hᵀ.
 
+A slider's law stands on rates instead: -r_0 <= r <= r_0 is complementary to H w (0, 1) or to θ U⁺ (2). So the LCP has
+bounds, and is otherwise the same. A system given directly, u = C x + D λ + c, is met at t_θ in the rows of D that are not
+zero, as λ is a mean of the step; in the other rows u closes at its end.
+
 A node that only springs hold has no memory, and θ = 1/2 would let it alternate about its place for ever. So after a step
-the static coordinates that no closed contact touches are put where the springs balance.
+the static coordinates that no closed contact and no sticking slider touches are put where the forces balance.
+
+A node whose motion is given takes its place from that: its row of A is that of the identity. Non-linear springs are met
+at t_θ by Newton's method around the LCP; see `lcpimpact.integrators.newton`.
 """
 
 from __future__ import annotations
@@ -26,12 +33,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
+from lcpimpact.integrators.newton import examine, solve_law, solve_with_springs
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.judge import clear_residual, holds, measure
+from lcpimpact.lcp.judge import clear_residual
 from lcpimpact.lcp.lapack import lu_solve
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.problem import KERNEL
@@ -40,13 +48,19 @@ from lcpimpact.lcp.solver import Kernel, State
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.decomposition import decompose
+from lcpimpact.scheme.dynamics import Feature
 
-SOLVED, INACCURATE, NON_FINITE = int(Status.SOLVED), int(Status.INACCURATE), int(Status.NON_FINITE)
+SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
+
+MASSIVE, DRIVEN = 1, 2
+
+AT_BOUND = 1e-6
+"""A slider whose force is this near its threshold, relative to it, slips."""
 
 
-@compiled(types.void(vector, vector, vector, matrix, matrix, matrix))
-def balance_static(q: Array, r: Array, f: Array, S: Array, K: Array, H: Array) -> None:
-    """Shift q along the columns of S that no closed contact touches so that Sᵀ (f - K q) = 0 there."""
+@compiled(types.void(vector, vector, vector, vector, vector, matrix, matrix, matrix))
+def balance_static(q: Array, r: Array, r_min: Array, r_max: Array, f: Array, S: Array, K: Array, H: Array) -> None:
+    """Shift q along the columns of S that nothing holds so that Sᵀ (f - K q + Hᵀ r) = 0 there."""
     n, ns = S.shape
     free = np.empty(ns, np.int64)
     nf = 0
@@ -56,16 +70,22 @@ def balance_static(q: Array, r: Array, f: Array, S: Array, K: Array, H: Array) -
             moved = 0.0
             for j in range(n):
                 moved += H[i, j] * S[j, s]
-            held = held or (r[i] > 0.0 and moved != 0.0)
+            # A solver that iterates ends near a bound, and not on it.
+            near = AT_BOUND * (r_max[i] - r_min[i]) if r_max[i] < np.inf else 0.0
+            held = held or (moved != 0.0 and r_min[i] + near < r[i] < r_max[i] - near)
         if not held:
             free[nf] = s
             nf += 1
     stiffness, force = np.zeros((nf, nf)), np.zeros(nf)
     for a in range(nf):
         for i in range(n):
+            if S[i, free[a]] == 0.0:
+                continue
             unbalanced = f[i]
             for j in range(n):
                 unbalanced -= K[i, j] * q[j]
+            for c in range(len(r)):
+                unbalanced += H[c, i] * r[c]
             force[a] += S[i, free[a]] * unbalanced
             for b in range(nf):
                 for j in range(n):
@@ -76,10 +96,20 @@ def balance_static(q: Array, r: Array, f: Array, S: Array, K: Array, H: Array) -
                 q[i] += S[i, free[a]] * force[a]
 
 
+@compiled(matrix(matrix, indices))
+def submatrix(W: Array, rows: Indices) -> Array:
+    """Return W with only these rows and columns."""
+    part = np.empty((len(rows), len(rows)))
+    for i in range(len(rows)):
+        for j in range(len(rows)):
+            part[i, j] = W[rows[i], rows[j]]
+    return part
+
+
 @compiled(
-    types.UniTuple(f8, 4)(
-        i8, i8, f8, f8, matrix, matrix, matrix, matrix, matrix, matrix, matrix, vector, vector, indices,
-        types.boolean[::1], matrix, matrix, matrix, matrix, matrix, f8, i8, KERNEL,
+    types.Tuple((i8, i8, i8, i8, f8))(
+        i8, i8, f8, f8, matrix, matrix, matrix, matrix, matrix, matrix, matrix, vector, vector, vector, vector, vector,
+        indices, indices, matrix, matrix, matrix, matrix, matrix, matrix, matrix, matrix, f8, i8, KERNEL,
     )
 )  # fmt: skip
 def steps(
@@ -95,29 +125,41 @@ def steps(
     W: Array,
     H: Array,
     u0: Array,
+    level: Array,
     e: Array,
+    r_min: Array,
+    r_max: Array,
     degree: Indices,
-    massive: Flags,
+    kind: Indices,
     S: Array,
     K: Array,
+    N: Array,
+    Gs: Array,
+    springs: Array,
     q: Array,
     v: Array,
     r: Array,
     tol: float,
     max_iter: int,
     solve: Kernel,
-) -> tuple[float, float, float, float]:
+) -> tuple[int, int, int, int, float]:
     """Take the steps first ... last: fill q[k + 1], v[k + 1] and r[k] from q[k] and v[k].
 
     w_free = Pq q + Pv v + Pf, with one row of Pf (A⁻¹ f_θ) and of f (the load at the end) for each step, or one for all;
-    G = A⁻¹ Hᵀ; S holds the static coordinates. Returns the status, the step reached, the sum of the LCP iterations, and
-    the largest residual, found outside the solver.
+    G = A⁻¹ B and Gs = A⁻¹ Nᵀ; ``level`` (nc,) is what u is divided by time with; ``kind`` (n,) tells nodes without mass
+    (0), with mass (1), and with a motion that stands in q and v already (2); S holds the static coordinates. Returns the
+    status, the step reached, the sums of the LCP and Newton iterations, and the largest residual, found outside the solver.
     """
-    n, nc = len(massive), len(degree)
+    n, nc, ns = len(kind), len(degree), len(springs)
     w, b, z, active = np.empty(n), np.empty(nc), np.zeros(nc), np.empty(nc, np.int64)
     lower, upper, gap = np.zeros(nc), np.full(nc, np.inf), np.empty(nc)
-    iterations, worst = 0, 0.0
-    per_h, per_θ = 1.0 / h, 1.0 / θ
+    y_free, δ, y, s = np.empty(ns), np.empty(ns), np.zeros(ns), np.zeros(ns)
+    NGs = N @ Gs
+    plain = True
+    for i in range(nc):
+        plain = plain and r_max[i] == np.inf
+    iterations, newton, worst = 0, 0, 0.0
+    per_θ = 1.0 / θ
     for k in range(first, last):
         p = k - first if len(Pf) > 1 else 0
         for i in range(n):
@@ -135,41 +177,49 @@ def steps(
                 U_free += H[i, j] * w[j]
             r[k, i] = 0.0
             if degree[i] < 2:
-                b[na] = U_free + u * per_h
-            elif u + 0.5 * h * U <= 0.0:
+                b[na] = U_free + u * level[i]
+            elif u + 0.5 * h * U <= 0.0 or r_max[i] < np.inf:
                 b[na] = U_free + (θ * e[i] - (1.0 - θ)) * U
             else:
                 continue
+            if not plain:
+                lower[na], upper[na] = r_min[i], r_max[i]
             active[na] = i
+            z[na] = r[k - 1, i] if k > 0 else 0.0
             na += 1
 
-        for i in range(na):
-            z[i] = r[k - 1, active[i]] if k > 0 else 0.0
-        residual, fits = 0.0, True
-        if na == nc and nc > 0:
+        status, count, tried, residual = SOLVED, 0, 0, 0.0
+        if ns > 0:
+            HGs, NG = np.zeros((na, ns)), np.zeros((ns, na))
+            for a in range(ns):
+                y_free[a], δ[a] = 0.0, -springs[a, 0]
+                for j in range(n):
+                    y_free[a] += N[a, j] * w[j]
+                    δ[a] -= N[a, j] * q[k, j]
+                    for i in range(na):
+                        HGs[i, a] += H[active[i], j] * Gs[j, a]
+                        NG[a, i] += N[a, j] * G[j, active[i]]
+            status, count, tried, residual = solve_with_springs(
+                submatrix(W, active[:na]), b[:na], lower[:na], upper[:na], z[:na], gap[:na], plain, tol, max_iter, solve,
+                HGs, NG, NGs, y_free, δ, springs, θ * h, y, s,
+            )  # fmt: skip
+            for a in range(ns):
+                for i in range(n):
+                    w[i] += Gs[i, a] * s[a]
+        elif na == nc and nc > 0:
+            # The lines of solve_law: to call it costs as much as to solve one row.
             status, count = solve(W, b, lower, upper, z, tol, max_iter)
-            residual = clear_residual(W, b, z, tol)
+            residual = clear_residual(W, b, z, tol) if plain else np.inf
             if residual == np.inf:
-                residual, _, rounding = measure(W, b, lower, upper, z, gap)
-                fits = holds(residual, rounding, tol)
+                status, residual = examine(status, W, b, lower, upper, z, gap, tol)
         elif na > 0:
-            W_active = np.empty((na, na))
-            for i in range(na):
-                for j in range(na):
-                    W_active[i, j] = W[active[i], active[j]]
-            status, count = solve(W_active, b[:na], lower[:na], upper[:na], z[:na], tol, max_iter)
-            residual = clear_residual(W_active, b[:na], z[:na], tol)
-            if residual == np.inf:
-                residual, _, rounding = measure(W_active, b[:na], lower[:na], upper[:na], z[:na], gap[:na])
-                fits = holds(residual, rounding, tol)
-        else:
-            status, count = SOLVED, 0
+            status, count, residual = solve_law(
+                submatrix(W, active[:na]), b[:na], lower[:na], upper[:na], z[:na], gap[:na], plain, tol, max_iter, solve
+            )
         iterations += count
+        newton += tried
         if status != SOLVED:
-            return float(status), float(k), float(iterations), worst
-        if not fits:
-            code = INACCURATE if residual < np.inf else NON_FINITE
-            return float(code), float(k), float(iterations), worst
+            return status, k, iterations, newton, worst
         worst = max(worst, residual)
         for a in range(na):
             r[k, active[a]] = z[a]
@@ -177,13 +227,15 @@ def steps(
                 w[i] += G[i, active[a]] * z[a]
 
         for i in range(n):
+            if kind[i] == DRIVEN:
+                continue
             q[k + 1, i] = q[k, i] + h * w[i]
-            v[k + 1, i] = v[k, i] + (w[i] - v[k, i]) * per_θ if massive[i] else w[i]
+            v[k + 1, i] = v[k, i] + (w[i] - v[k, i]) * per_θ if kind[i] == MASSIVE else w[i]
             if not abs(q[k + 1, i]) < np.inf:
-                return float(NON_FINITE), float(k), float(iterations), worst
+                return NON_FINITE, k, iterations, newton, worst
         if S.shape[1] > 0:
-            balance_static(q[k + 1], r[k], f[p], S, K, H)
-    return float(SOLVED), float(last), float(iterations), worst
+            balance_static(q[k + 1], r[k], r_min, r_max, f[p], S, K, H)
+    return SOLVED, last, iterations, newton, worst
 
 
 @dataclass(frozen=True)
@@ -235,7 +287,9 @@ class MoreauJean(Integrator):
         order_smooth=2,
         order_force_jump=2,
         order_impact=1,
+        order_friction=1,
         relative_degrees=(0, 1, 2),
+        handles=tuple(Feature),
         reaction_lives="at t + θ h, one for each step",
         energy="θ = 1/2 keeps it in smooth motion; approaching bodies never gain for 1/2 <= θ <= 1/(1 + e)",
         source="Moreau (1988); Jean (1999); Acary and Brogliato (2008), chapter 10",
@@ -253,35 +307,49 @@ class MoreauJean(Integrator):
         return t
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Step:
-        """Write the initial state, and factor A once."""
+        """Write the initial state and the motions that are given, and factor A once."""
         dynamics, h, θ = problem.dynamics, grid.h, self.theta
         record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
-        M, C, K, H = dynamics.M, dynamics.C, dynamics.K, dynamics.H
-        A = M / (θ * h) + C + θ * h * K
-        columns = np.column_stack([-K, M / (θ * h), H.T, np.eye(len(M))])
-        Pq, Pv, G, inverse = np.split(np.linalg.solve(A, columns), np.cumsum([len(M), len(M), len(H)]), axis=1)
-        W = H @ G
+        d, driven, free = dynamics, dynamics.driven, ~dynamics.driven
+        if driven.any():
+            record.q[:, driven], record.v[:, driven] = dynamics.motion(record.t)
+        A = d.M / (θ * h) + d.C + θ * h * d.K
+        columns = np.column_stack([-d.K, d.M / (θ * h), d.B, d.directions.T])
+        A[driven], columns[driven] = np.eye(len(A))[driven], 0.0
+        parts = np.cumsum([len(A), len(A), len(d.contacts), len(d.springs)])
+        Pq, Pv, G, Gs, inverse = np.split(np.linalg.solve(A, np.column_stack([columns, np.eye(len(A))])), parts, axis=1)
+        # u counts at the end of the step, or at t_θ where λ, a mean of the step, enters it; a slider's place does not count.
+        level = np.where(d.D.any(axis=1), 1.0 / (θ * h), 1.0 / h)
+        W = d.H @ G + level[:, None] * d.D
+        level[d.slides] = 0.0
 
         solver = SOLVERS[lcp_solver]
         # Without contacts the kernel is never called.
-        contacts = Dense(W, A=A, H=H) if len(H) else Dense(np.eye(1))
-        if len(H):
-            solver.check(contacts)
+        contacts = Dense(np.eye(1))
+        if len(d.contacts):
+            schemed = d.stores_energy and not d.springs
+            contacts = Dense(W, A=A[np.ix_(free, free)], H=d.H[:, free]) if schemed else Dense(W)
+            solver.check(contacts, bool(d.slides.any()))
+        kind = np.select([driven, d.massive], [DRIVEN, MASSIVE], 0)
+        static = decompose(d.M, d.C, driven).static
+        static = static[:, ~(np.abs(d.directions) @ np.abs(static)).any(axis=0)]
         operators = tuple(
             np.array(a, order="C")
             for a in (
-                *(Pq, Pv, G, W, H, dynamics.u0, dynamics.restitution, dynamics.relative_degree, dynamics.massive),
-                *(decompose(M, C).static, K),
+                *(Pq, Pv, G, W, d.H, d.u0, level, d.restitution, d.r_min, d.r_max, d.relative_degree, kind),
+                *(static, d.K, d.directions, Gs, d.power_laws),
             )
         )
         tol, max_iter = limits(solver, self.tol, self.max_iter)
 
         def loads(t: Array) -> tuple[Array, Array]:
             """Return A⁻¹ f_θ, f_θ = (1 - θ) f(t) + θ f(t + h), and f(t + h) for steps between the instants t."""
-            f = dynamics.force(t)
-            return np.ascontiguousarray(((1.0 - θ) * f[:-1] + θ * f[1:]) @ inverse.T), f[1:].copy()
+            f = d.force(t)
+            mean = (1.0 - θ) * f[:-1] + θ * f[1:]
+            mean[:, driven] = np.diff(d.motion(t)[0], axis=0) / h
+            return np.ascontiguousarray(mean @ inverse.T), f[1:].copy()
 
-        constant = loads(np.zeros(2)) if dynamics.constant_loads else None
+        constant = loads(np.array([0.0, h])) if d.constant_loads and not d.motions else None
         return Step(grid, operators, loads, constant, contacts, solver.init(contacts), tol, max_iter)
 
     def advance(self, carry: Step, record: Record, first: int, last: int) -> tuple[Status, int]:
@@ -302,13 +370,19 @@ class MoreauJean(Integrator):
     def _run(self, carry: Step, solver: State, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take steps in compiled code, or in the interpreter where the solver lives there."""
         Pf, f = carry.constant or carry.loads(carry.grid.times(first, last))
-        run: Callable[..., tuple[float, float, float, float]] = steps if solver.compiled else interpreted(steps)
-        code, reached, iterations, residual = run(
+        run: Callable[..., tuple[int, int, int, int, float]] = steps
+        if not solver.compiled:
+            inner = interpreted(solve_law)
+            around = interpreted(solve_with_springs, solve_law=inner)
+            run = interpreted(steps, solve_law=inner, solve_with_springs=around)
+        code, reached, iterations, newton, residual = run(
             first, last, carry.grid.h, self.theta, Pf, f, *carry.operators,
             record.q, record.v, record.reaction, carry.tol, carry.max_iter, solver.kernel,
         )  # fmt: skip
         stats: dict[str, Any] = record.stats
-        stats["lcp_solves"] = stats.get("lcp_solves", 0) + int(reached) - first
-        stats["lcp_iterations"] = stats.get("lcp_iterations", 0) + int(iterations)
+        stats["lcp_solves"] = stats.get("lcp_solves", 0) + reached - first
+        stats["lcp_iterations"] = stats.get("lcp_iterations", 0) + iterations
+        if len(carry.operators[-1]):
+            stats["newton_iterations"] = stats.get("newton_iterations", 0) + newton
         stats["residual"] = max(stats.get("residual", 0.0), residual)
-        return Status(int(code)), int(reached)
+        return Status(code), reached

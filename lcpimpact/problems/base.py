@@ -13,10 +13,12 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import is_count, is_real
+from lcpimpact.problems.facts import Fact
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.system import LinearComplementaritySystem
 
 
 @dataclass(frozen=True)
@@ -27,8 +29,8 @@ class Problem:
     ----------
     name : str
         How results and messages call it.
-    scheme : Scheme
-        The elements.
+    scheme : Scheme or LinearComplementaritySystem
+        The elements, or the matrices of a system.
     q0, v0 : mapping of str to float
         Initial coordinates (m) and velocities (m/s) by node; a node that is left out starts at zero.
     t_end : float
@@ -37,6 +39,10 @@ class Problem:
         The values that the scheme was built from.
     source : str
         Where it is from.
+    facts : tuple of Fact
+        What is known of it in closed form.
+    motion : callable, optional
+        The closed form of the motion: takes times (nt,) and returns q and v (nt, n), right limits.
 
     Raises
     ------
@@ -52,16 +58,20 @@ class Problem:
     """
 
     name: str
-    scheme: Scheme
+    scheme: Scheme | LinearComplementaritySystem
     q0: Mapping[str, float] = field(default_factory=dict)
     v0: Mapping[str, float] = field(default_factory=dict)
     t_end: float = 1.0
     parameters: Mapping[str, float] = field(default_factory=dict)
     source: str = "-"
+    facts: tuple[Fact, ...] = field(default=(), compare=False, repr=False)
+    motion: Callable[[Array], tuple[Array, Array]] | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.scheme, Scheme):
-            raise InputError(f"scheme = {self.scheme!r} of problem {self.name!r} must be a Scheme")
+        if not isinstance(self.scheme, (Scheme, LinearComplementaritySystem)):
+            raise InputError(
+                f"scheme = {self.scheme!r} of problem {self.name!r} must be a Scheme or a LinearComplementaritySystem"
+            )
         for kind, values in (("q0", self.q0), ("v0", self.v0)):
             if not isinstance(values, Mapping):
                 raise InputError(f"{kind} = {values!r} of problem {self.name!r} must map nodes to numbers")
@@ -72,8 +82,13 @@ class Problem:
                     raise InputError(f"{kind} of problem {self.name!r}: {nearest(str(node), list(nodes), 'node')}")
                 if not is_real(value):
                     raise InputError(f"{kind}[{node!r}] = {value!r} of problem {self.name!r} must be a finite number")
+                if nodes.index(node) in self.dynamics.motions:
+                    raise InputError(
+                        f"{kind}[{node!r}] of problem {self.name!r}: the motion of that node is given, and begins as it says; "
+                        "leave the value out"
+                    )
         for contact, u in zip(self.dynamics.contacts, self.dynamics.gap(self.initial_coordinates), strict=True):
-            if contact.relative_degree > 0 and u < 0.0:
+            if contact.relative_degree > 0 and contact.r0 is None and u < 0.0 and contact.upper:
                 raise InputError(
                     f"bumper {contact.name!r} of problem {self.name!r} starts penetrated by {-u:g} m: "
                     f"lower q0[{contact.upper!r}], raise q0[{contact.lower!r}], or widen its gap"
@@ -87,12 +102,17 @@ class Problem:
     @property
     def initial_coordinates(self) -> Array:
         """q(0) in the order of the nodes (n,)."""
-        return np.array([float(self.q0.get(node, 0.0)) for node in self.dynamics.nodes])
+        return self._initial(self.q0, self.dynamics.motion(0.0)[0])
 
     @property
     def initial_velocities(self) -> Array:
         """v(0) in the order of the nodes (n,)."""
-        return np.array([float(self.v0.get(node, 0.0)) for node in self.dynamics.nodes])
+        return self._initial(self.v0, self.dynamics.motion(0.0)[1])
+
+    def _initial(self, given: Mapping[str, float], driven: Array) -> Array:
+        values = np.array([float(given.get(node, 0.0)) for node in self.dynamics.nodes])
+        values[self.dynamics.driven] = driven
+        return values
 
 
 def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, Any]) -> Problem:
@@ -113,3 +133,23 @@ def falling_speed(name: str, g: float, h_o: float, v_o: float | None) -> float:
     if g * h_o < 0.0:
         raise InputError(f"{name}: g = {g:g} and h_o = {h_o:g} give no speed of fall; make both positive, or give v_o")
     return math.sqrt(2.0 * g * h_o)
+
+
+def above_zero(name: str, **values: float) -> None:
+    """Refuse parameters of a problem that are not above zero."""
+    for symbol, value in values.items():
+        if not value > 0.0:
+            raise InputError(f"{name}: {symbol} = {value:g} must be above zero")
+
+
+def restitution(name: str, e: float) -> None:
+    """Refuse a coefficient of restitution that is none."""
+    if not 0.0 <= e <= 1.0:
+        raise InputError(f"{name}: e = {e:g} must lie between 0 and 1")
+
+
+def whole(name: str, symbol: str, value: float, least: int = 1) -> int:
+    """Return a parameter that counts something as an int, and refuse one that is no whole number or too small."""
+    if not is_count(value) or value < least:
+        raise InputError(f"{name}: {symbol} = {value:g} must be a whole number, at least {least}")
+    return int(value)

@@ -6,12 +6,15 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import InputError
 from lcpimpact.scheme.decomposition import decompose, loose_groups, relative_degrees
 from lcpimpact.scheme.dynamics import Contact, Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Element
-from lcpimpact.scheme.elements.bumper import Bumper
-from lcpimpact.scheme.terms import Terms
+from lcpimpact.scheme.terms import Row, Terms
+
+LARGEST = 10_000
+"""So many nodes are full matrices of 800 MB each."""
 
 
 def assemble(elements: Sequence[Element]) -> Dynamics:
@@ -25,52 +28,97 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     Raises
     ------
     InputError
-        If a node is held by nothing, bumpers act in parallel, two reactions have one name, or a coefficient of
-        restitution is missing or meaningless.
+        If a node is held by nothing or pushed over, bumpers or sliders act in parallel, two reactions or inner nodes have
+        one name, a node has two motions, or a coefficient of restitution is missing or meaningless.
     """
     nodes = list(dict.fromkeys(node for element in elements for node in element.nodes if node != GROUND))
     if not nodes:
         raise InputError("the scheme has no element yet: add a Mass, a Spring, ... before it is assembled")
+    if len(nodes) > LARGEST:
+        raise InputError(
+            f"the scheme has {len(nodes):,} nodes, and full matrices are kept of {LARGEST:,}: model it coarser"
+        )
+    _refuse_shared_inner_nodes(elements)
     terms = Terms(nodes)
     for element in elements:
         element.contribute(terms)
-    _refuse_ambiguous_names(nodes, terms.bumpers)
-    _refuse_loose_nodes(terms, nodes)
-    rows = [terms.direction(bumper.upper, bumper.lower) for bumper in terms.bumpers]
+    driven = np.isin(np.arange(len(nodes)), list(terms.motions))
+    _refuse_ambiguous_names(nodes, terms.rows)
+    _refuse_driven_masses(terms, nodes)
+    _refuse_loose_nodes(terms, nodes, driven)
+    rows = [terms.direction(row.upper, row.lower) for row in terms.rows]
     H = np.array(rows).reshape(len(rows), len(nodes))
-    u0 = np.array([float(bumper.gap) for bumper in terms.bumpers])
-    _refuse_parallel_contacts(terms.bumpers)
-    degrees = relative_degrees(H, decompose(terms.M, terms.C))
-    contacts = tuple(_contact(bumper, degree) for bumper, degree in zip(terms.bumpers, degrees, strict=True))
-    for array in (terms.M, terms.C, terms.K, H, u0):
+    u0 = np.array([row.gap for row in terms.rows])
+    _refuse_parallel_contacts([row for row in terms.rows if row.r0 is None])
+    _refuse_loops_of_sliders(H, terms.rows)
+    parts = decompose(terms.M, terms.C, driven)
+    _refuse_falling_nodes(terms.K, parts.static, nodes)
+    degrees = relative_degrees(H, parts)
+    contacts = tuple(_contact(row, degree) for row, degree in zip(terms.rows, degrees, strict=True))
+    B, D = H.T.copy(), np.zeros((len(rows), len(rows)))
+    for array in (terms.M, terms.C, terms.K, H, u0, B, D):
         array.flags.writeable = False
-    return Dynamics(tuple(nodes), terms.M, terms.C, terms.K, tuple(terms.loads), H, u0, contacts)
+    return Dynamics(
+        tuple(nodes), terms.M, terms.C, terms.K, tuple(terms.loads), H, u0, contacts, B, D,
+        tuple(terms.springs), dict(terms.motions),
+    )  # fmt: skip
 
 
-def _refuse_loose_nodes(terms: Terms, nodes: Sequence[str]) -> None:
-    for group in loose_groups(terms.C + terms.K, np.diag(terms.M) == 0.0):
+def _refuse_shared_inner_nodes(elements: Sequence[Element]) -> None:
+    """Refuse two elements that make a node of one name: they would be joined there unasked."""
+    for i, element in enumerate(elements):
+        for node in element.nodes[1:-1]:
+            others = [other for j, other in enumerate(elements) if j != i and node in other.nodes[1:-1]]
+            if others:
+                raise InputError(f"{element} and {others[0]} both make a node {node!r}: give one of them another name=")
+
+
+def _refuse_driven_masses(terms: Terms, nodes: Sequence[str]) -> None:
+    for i in terms.motions:
+        if terms.M[i].any():
+            raise InputError(
+                f"node {nodes[i]!r} has a mass, and a motion that is given, which the mass cannot change: "
+                "leave out the Mass or the PrescribedMotion"
+            )
+
+
+def _refuse_loose_nodes(terms: Terms, nodes: Sequence[str], driven: Flags) -> None:
+    for group in loose_groups((np.diag(terms.M) == 0.0) & ~driven, terms.C, terms.K):
         names = ", ".join(repr(nodes[i]) for i in group)
         raise InputError(
             f"nothing holds node {names}: join it to the ground or to a mass by a Spring or a Dashpot, "
-            "or give it a Mass"
+            "or give it a Mass (a Slider, a Bumper or a non-linear spring alone leaves it undetermined)"
         )
 
 
-def _refuse_ambiguous_names(nodes: Sequence[str], bumpers: Sequence[Bumper]) -> None:
+def _refuse_falling_nodes(K: Array, static: Array, nodes: Sequence[str]) -> None:
+    """Refuse massless nodes that springs alone hold where negative ones outweigh the others: no balance is stable."""
+    stiffness = static.T @ K @ static
+    scale = np.sqrt(np.abs(np.diag(stiffness)))
+    values, vectors = np.linalg.eigh(stiffness / np.outer(scale, scale))
+    if len(values) and values[0] <= 8.0 * np.finfo(float).eps:
+        node = nodes[int(np.argmax(np.abs(static @ (vectors[:, 0] / scale))))]
+        raise InputError(
+            f"node {node!r} has neither mass nor dashpot, and the NegativeSpring at it outweighs the springs that hold it: "
+            "give it a Mass, or a stiffer Spring"
+        )
+
+
+def _refuse_ambiguous_names(nodes: Sequence[str], rows: Sequence[Row]) -> None:
     """Refuse two series of one name, since results are read by name: coordinates, v_NAME, reactions, t and t_R."""
     taken = {"t": "the time", "t_R": "the times of the reactions"}
     names = [
         *((node, f"node {node!r}") for node in nodes),
         *((f"v_{node}", f"the velocity of {node!r}") for node in nodes),
     ]
-    names += [(bumper.name, f"the reaction of {bumper}") for bumper in bumpers]
+    names += [(row.name, f"the reaction of {row.element}") for row in rows]
     for name, what in names:
         if name in taken:
             raise InputError(f"{what} and {taken[name]} have one name, {name!r}: rename one, a reaction by name=")
         taken[name] = what
 
 
-def _refuse_parallel_contacts(bumpers: Sequence[Bumper]) -> None:
+def _refuse_parallel_contacts(bumpers: Sequence[Row]) -> None:
     """Refuse bumpers that can be closed together while their rows of H depend on each other: W would be singular.
 
     Rows of H depend where bumpers form a loop, and around a loop the gaps with their signs add up to zero if all of them
@@ -82,12 +130,12 @@ def _refuse_parallel_contacts(bumpers: Sequence[Bumper]) -> None:
             if abs(total) <= 1e-12 * (abs(bumper.gap) + abs(opening)):
                 others = ", ".join(repr(each.name) for each in path)
                 raise InputError(
-                    f"{bumper}: bumper {bumper.name!r} acts in parallel with {others}, so the share of each in the "
+                    f"{bumper.element}: bumper {bumper.name!r} acts in parallel with {others}, so the share of each in the "
                     "reaction is undetermined (W is singular); take one of them out"
                 )
 
 
-def _paths(start: str, end: str, bumpers: Sequence[Bumper]) -> Iterator[tuple[tuple[Bumper, ...], float]]:
+def _paths(start: str, end: str, bumpers: Sequence[Row]) -> Iterator[tuple[tuple[Row, ...], float]]:
     """Yield every way from one node to another over bumpers, with the sum of the gaps, positive from upper to lower."""
     if start == end:
         yield (), 0.0
@@ -96,18 +144,30 @@ def _paths(start: str, end: str, bumpers: Sequence[Bumper]) -> Iterator[tuple[tu
         rest = [*bumpers[:i], *bumpers[i + 1 :]]
         for here, there, sign in ((bumper.upper, bumper.lower, 1.0), (bumper.lower, bumper.upper, -1.0)):
             if here == start:
-                beyond = [each for each in rest if start not in each.nodes]
+                beyond = [each for each in rest if start not in (each.upper, each.lower)]
                 for path, opening in _paths(there, end, beyond):
                     yield (bumper, *path), sign * bumper.gap + opening
 
 
-def _contact(bumper: Bumper, degree: int) -> Contact:
-    if degree == 2 and bumper.e is None:
-        raise InputError(f"{bumper}: both sides have mass, so impacts need a restitution coefficient; give e=")
-    if degree < 2 and bumper.e is not None:
+def _refuse_loops_of_sliders(H: Array, rows: Sequence[Row]) -> None:
+    """Refuse sliders whose rows of H depend on each other: they can all stick, and then share one force as they like."""
+    sliders = [i for i, row in enumerate(rows) if row.r0 is not None]
+    if not sliders or np.linalg.matrix_rank(H[sliders]) == len(sliders):
+        return
+    first = next(n for n in range(1, len(sliders) + 1) if np.linalg.matrix_rank(H[sliders[:n]]) < n)
+    row = rows[sliders[first - 1]]
+    raise InputError(
+        f"{row.element}: slider {row.name!r} closes a loop with others, so the share of each in the friction is "
+        "undetermined (W is singular); add its r0 to another and take it out"
+    )
+
+
+def _contact(row: Row, degree: int) -> Contact:
+    if row.r0 is None and degree == 2 and row.e is None:
+        raise InputError(f"{row.element}: both sides have mass, so impacts need a restitution coefficient; give e=")
+    if degree < 2 and row.e is not None:
         raise InputError(
-            f"{bumper}: e = {bumper.e!r} means nothing, since a spring or dashpot gives way under a massless plate "
+            f"{row.element}: e = {row.e!r} means nothing, since a spring or dashpot gives way under a massless plate "
             f"(relative degree {degree}) and no impulse acts; leave e out"
         )
-    e = 0.0 if bumper.e is None else float(bumper.e)
-    return Contact(bumper.name, bumper.upper, bumper.lower, float(bumper.gap), e, degree)
+    return Contact(row.name, row.upper, row.lower, row.gap, row.e or 0.0, degree, row.r0)

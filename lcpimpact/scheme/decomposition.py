@@ -1,4 +1,4 @@
-r"""The three kinds of coordinates: with mass, with a dashpot only, and with a spring only.
+r"""The kinds of coordinates: with mass, with a dashpot only, with a spring only, and with a motion that is given.
 
 A massless node moves by a first-order equation where a dashpot holds it, and has no equation of motion at all, only a
 balance of forces, where nothing but springs hold it. Which is which follows from the graph of the elements: massless
@@ -17,59 +17,65 @@ from lcpimpact.arrays import Array, Flags, Indices
 
 @dataclass(frozen=True)
 class Decomposition:
-    """A basis q = E_m q_m + E_d q_d + E_s q_s of the coordinates.
+    """A basis q = E_m q_m + E_d q_d + E_s q_s + E_p y(t) of the coordinates.
 
     Attributes
     ----------
     massive : (n, nm) array     unit vectors of the nodes with mass
     damped : (n, nd) array      massless, and C is positive definite on them
     static : (n, ns) array      massless, and C vanishes on them: each column moves a dashpot-joined group as one
+    driven : (n, np) array      unit vectors of the nodes whose motion is given, in the order of their indices
     """
 
     massive: Array
     damped: Array
     static: Array
+    driven: Array
 
 
-def loose_groups(A: Array, massless: Flags) -> list[Indices]:
-    """Return the groups of massless nodes that the links in A join to each other but to neither mass nor ground.
+def loose_groups(massless: Flags, *links: Array) -> list[Indices]:
+    """Return the groups of massless nodes that links join to each other but to neither mass nor ground.
 
     Parameters
     ----------
-    A : (n, n) array
-        A sum of links, as C or K: positive diagonal, and a row sums to what ties the node to the ground.
     massless : (n,) array of bool
         The nodes without mass.
+    *links : (n, n) arrays
+        Sums of links, as C and K: a row sums to what ties the node to the ground. A tie counts whatever its sign.
     """
     nodes = np.flatnonzero(massless)
-    inner = A[np.ix_(nodes, nodes)]
-    count, label = connected_components(inner != 0.0, directed=False)
+    inner = [A[np.ix_(nodes, nodes)] for A in links]
+    count, label = connected_components(sum(A != 0.0 for A in inner), directed=False)
     groups = []
     for group in range(count):
         members = np.flatnonzero(label == group)
-        tie = abs(inner[np.ix_(members, members)].sum())
-        if tie <= 8.0 * np.finfo(float).eps * np.trace(inner[np.ix_(members, members)]):
+        blocks = [A[np.ix_(members, members)] for A in inner]
+        rounding = 8.0 * np.finfo(float).eps
+        if all(abs(block.sum()) <= rounding * abs(np.diag(block)).sum() for block in blocks):
             groups.append(nodes[members])
     return groups
 
 
-def decompose(M: Array, C: Array) -> Decomposition:
+def decompose(M: Array, C: Array, driven: Flags) -> Decomposition:
     """Split the coordinates by what holds them.
 
     Parameters
     ----------
     M, C : (n, n) arrays
         Mass and damping matrix of a scheme.
+    driven : (n,) array of bool
+        The nodes whose motion is given.
     """
     identity = np.eye(len(M))
-    massless = np.diag(M) == 0.0
-    groups = loose_groups(C, massless)
+    massive = (np.diag(M) > 0.0) & ~driven
+    massless = ~massive & ~driven
+    groups = loose_groups(massless, C)
     static = np.zeros((len(M), len(groups)))
     damped = massless.copy()
     for column, group in enumerate(groups):
         static[group, column] = 1.0
         damped[group[0]] = False
-    return Decomposition(identity[:, ~massless], identity[:, damped], static)
+    return Decomposition(identity[:, massive], identity[:, damped], static, identity[:, driven])
 
 
 def relative_degrees(H: Array, parts: Decomposition) -> list[int]:

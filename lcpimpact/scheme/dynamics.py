@@ -1,15 +1,18 @@
-"""What a scheme assembles to: M q'' + C q' + K q = f(t) + Hᵀ r, u = H q + u0, one law for each row of r."""
+"""What a scheme assembles to: M q'' + C q' + K q = f(t) + s(q, q') + Hᵀ r, u = H q + u0, one law for each row of r."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.scheme.elements.load import Harmonic
+from lcpimpact.scheme.signals import Signal
+from lcpimpact.scheme.terms import PowerLaw, Terms
 
 DEGREE_REASON = {
     0: "a spring gives way under a plate that has neither mass nor dashpot, so the force is continuous",
@@ -18,22 +21,33 @@ DEGREE_REASON = {
 }
 
 
+class Feature(StrEnum):
+    """What a system may hold beyond masses, springs, dashpots and bumpers, and a method may or may not handle."""
+
+    SLIDERS = "sliders"
+    POWER_LAWS = "non-linear springs"
+    MOTIONS = "prescribed motion"
+    SYSTEMS = "systems given directly"
+
+
 @dataclass(frozen=True)
 class Contact:
-    """One unilateral row: 0 <= u ⟂ r >= 0 with u = q_lower - q_upper + gap.
+    """One row of the constraint, u = H q + D r + u0, with its law.
 
     Attributes
     ----------
     name : str
         The name of the reaction.
     upper, lower : str
-        The nodes of the plates.
+        The nodes that r pushes apart.
     gap : float
-        Opening in m at zero coordinates.
+        u in m at zero coordinates.
     e : float
         Coefficient of restitution; 0 where the relative degree is below 2 and it means nothing.
     relative_degree : int
         How often u must be differentiated before r appears: 0, 1 or 2.
+    r0 : float or None
+        None for a unilateral row, 0 <= u ⟂ r >= 0; for a slider the threshold in N of -r0 <= r <= r0 ⟂ u'.
     """
 
     name: str
@@ -42,21 +56,31 @@ class Contact:
     gap: float
     e: float
     relative_degree: int
+    r0: float | None = None
 
     @property
     def sentence(self) -> str:
         """Say what the relative degree is and why."""
-        return (
-            f"{self.name} between {self.upper!r} and {self.lower!r} has relative degree {self.relative_degree}: "
-            f"{DEGREE_REASON[self.relative_degree]}."
-        )
+        reason = DEGREE_REASON[self.relative_degree]
+        if self.r0 is not None:
+            reason = reason.replace("and impulses act", "but no impulse acts, since friction is bounded")
+        where = f" between {self.upper!r} and {self.lower!r}" if self.upper or self.lower else ""
+        if not where:
+            reason = f"r appears in {('u', 'the first', 'the second')[self.relative_degree]}" + (
+                " derivative of u" if self.relative_degree else ""
+            )
+        return f"{self.name}{where} has relative degree {self.relative_degree}: {reason}."
 
 
 @dataclass(frozen=True)
 class Dynamics:
     r"""The equations of motion of a scheme.
 
-    .. math:: M \ddot q + C \dot q + K q = f(t) + H^T r, \qquad u = H q + u_0, \qquad 0 \le u \perp r \ge 0
+    .. math:: M \ddot q + C \dot q + K q = f(t) + s(q, \dot q) + B r, \qquad u = H q + D r + u_0
+
+    with one law for each row: 0 <= u ⟂ r >= 0, or -r0 <= r <= r0 ⟂ u' for a slider. In a scheme B = Hᵀ and D = 0; a
+    complementarity system that is given directly has both of its own. The rows of nodes whose motion is given, q_i = y(t),
+    are no equations of motion: what they lack in balance is the force that drives the node.
 
     Attributes
     ----------
@@ -66,21 +90,86 @@ class Dynamics:
     H : (nc, n) array                   row of +1 at the lower and -1 at the upper plate of each contact
     u0 : (nc,) array                    openings in m at q = 0
     contacts : tuple of Contact         name, law and relative degree of each row
+    B : (n, nc) array                   how the reactions act
+    D : (nc, nc) array                  how they act on u directly
+    springs : tuple of PowerLaw         the non-linear springs, whose forces are s
+    motions : dict of int to Signal     index of each node whose motion is given, and its motion
+    stores_energy : bool                whether ½ vᵀ M v + ½ qᵀ K q is an energy
     """
 
     nodes: tuple[str, ...]
     M: Array
     C: Array
     K: Array
-    loads: tuple[tuple[int, float | Harmonic | Callable[[float], float]], ...]
+    loads: tuple[tuple[int, float | Callable[[float], float]], ...]
     H: Array
     u0: Array
     contacts: tuple[Contact, ...]
+    B: Array
+    D: Array
+    springs: tuple[PowerLaw, ...] = ()
+    motions: Mapping[int, Signal] = field(default_factory=dict)
+    stores_energy: bool = True
+
+    @property
+    def features(self) -> dict[Feature, str]:
+        """What it holds that not every method handles, and the element or name that brings it in."""
+        found: dict[Feature, str] = {}
+        if sliders := [contact.name for contact in self.contacts if contact.r0 is not None]:
+            found[Feature.SLIDERS] = f"slider {sliders[0]!r}"
+        if self.springs:
+            found[Feature.POWER_LAWS] = self.springs[0].element
+        if self.motions:
+            found[Feature.MOTIONS] = f"node {self.nodes[next(iter(self.motions))]!r}"
+        if not self.stores_energy:
+            found[Feature.SYSTEMS] = "A, B, C, D"
+        return found
+
+    @property
+    def driven(self) -> Flags:
+        """Which nodes have a motion that is given (n,)."""
+        return np.isin(np.arange(len(self.nodes)), list(self.motions))
+
+    @property
+    def r_min(self) -> Array:
+        """Lower bound of each reaction in N (nc,): 0, or -r0."""
+        return np.array([0.0 if each.r0 is None else -each.r0 for each in self.contacts])
+
+    @property
+    def r_max(self) -> Array:
+        """Upper bound of each reaction in N (nc,): inf, or r0."""
+        return np.array([np.inf if each.r0 is None else each.r0 for each in self.contacts])
+
+    @property
+    def slides(self) -> Flags:
+        """Which rows are sliders (nc,)."""
+        return np.array([each.r0 is not None for each in self.contacts], dtype=np.bool_)
+
+    @cached_property
+    def directions(self) -> Array:
+        """For each non-linear spring the row d with δ = -(d·q + gap) (ns, n)."""
+        terms = Terms(self.nodes)
+        rows = [terms.direction(spring.upper, spring.lower) for spring in self.springs]
+        return np.array(rows).reshape(len(rows), len(self.nodes))
+
+    @cached_property
+    def power_laws(self) -> Array:
+        """Gap, K, n and b of each non-linear spring (ns, 4)."""
+        return np.array([(each.gap, each.K, each.n, each.b) for each in self.springs]).reshape(-1, 4)
+
+    def motion(self, t: ArrayLike) -> tuple[Array, Array]:
+        """Return y(t) and y'(t) of the driven nodes, in the order of their indices, with the shape of t and then (np,)."""
+        times = np.asarray(t, dtype=np.float64)
+        signals = [self.motions[i] for i in sorted(self.motions)]
+        shape = (*times.shape, len(signals))
+        y = np.array([[signal(float(s)) for signal in signals] for s in times.ravel()]).reshape(shape)
+        rate = np.array([[signal.rate(float(s)) for signal in signals] for s in times.ravel()]).reshape(shape)
+        return y, rate
 
     @property
     def massive(self) -> Flags:
-        """Which nodes carry mass (n,)."""
-        return np.diag(self.M) > 0.0
+        """Which nodes move by a mass of their own (n,)."""
+        return (np.diag(self.M) > 0.0) & ~self.driven
 
     @property
     def relative_degree(self) -> Indices:
@@ -109,7 +198,7 @@ class Dynamics:
         return f
 
     def gap(self, q: ArrayLike) -> Array:
-        """Return the openings u = H q + u0 in m, for q of shape (..., n)."""
+        """Return the openings H q + u0 in m, for q of shape (..., n), without what D r adds."""
         return np.asarray(np.asarray(q) @ self.H.T + self.u0)
 
     def gap_rate(self, v: ArrayLike) -> Array:
@@ -121,16 +210,45 @@ class Dynamics:
         return 0.5 * _quadratic_form(self.M, v)
 
     def elastic_energy(self, q: ArrayLike) -> Array:
-        """Return ½ qᵀ K q in J, for q of shape (..., n)."""
-        return 0.5 * _quadratic_form(self.K, q)
+        """Return ½ qᵀ K q + Σ K δⁿ⁺¹/(n + 1) in J, for q of shape (..., n)."""
+        linear = 0.5 * _quadratic_form(self.K, q)
+        if not self.springs:
+            return linear
+        _, K, n, _ = self.power_laws.T
+        δ = np.maximum(self.approach(q), 0.0)
+        return np.asarray(linear + (K * δ ** (n + 1.0) / (n + 1.0)).sum(axis=-1))
+
+    def approach(self, q: ArrayLike) -> Array:
+        """Return δ of the non-linear springs in m (..., ns), for q of shape (..., n)."""
+        return np.asarray(-(np.asarray(q) @ self.directions.T + self.power_laws[:, 0]))
+
+    def spring_force(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return s(q, v) in N, the forces of the non-linear springs on the nodes (..., n)."""
+        _, K, n, b = self.power_laws.T
+        δ = np.maximum(self.approach(q), 0.0)
+        rate = -np.asarray(v) @ self.directions.T
+        return np.asarray((K * δ**n * (1.0 + b * rate)) @ self.directions)
 
     def energy(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the stored energy, kinetic and elastic, in J."""
         return np.asarray(self.kinetic_energy(v) + self.elastic_energy(q))
 
-    def dissipated_power(self, v: ArrayLike) -> Array:
-        """Return vᵀ C v >= 0, the power that the dashpots dissipate, in W."""
-        return _quadratic_form(self.C, v)
+    def dissipated_power(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return vᵀ C v + Σ b K δⁿ δ'² >= 0, the power that dashpots and non-linear springs dissipate, in W."""
+        linear = _quadratic_form(self.C, v)
+        if not self.springs:
+            return linear
+        _, K, n, b = self.power_laws.T
+        rate = np.asarray(v) @ self.directions.T
+        return np.asarray(linear + (b * K * np.maximum(self.approach(q), 0.0) ** n * rate**2).sum(axis=-1))
+
+    def driving_power(self, t: ArrayLike, q: ArrayLike, v: ArrayLike, r: ArrayLike) -> Array:
+        """Return the power in W of the forces that drive the nodes whose motion is given, which carry no mass."""
+        if not self.motions:
+            return np.zeros(np.shape(q)[:-1])
+        q, v, r = np.asarray(q), np.asarray(v), np.asarray(r)
+        force = q @ self.K.T + v @ self.C.T - r @ self.B.T - self.force(t) - self.spring_force(q, v)
+        return np.asarray((force * v)[..., self.driven].sum(axis=-1))
 
     def load_power(self, t: ArrayLike, v: ArrayLike) -> Array:
         """Return f(t)·v, the power of the loads, in W."""

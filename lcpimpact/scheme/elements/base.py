@@ -10,7 +10,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.terms import GROUND, Terms
 
-__all__ = ["GROUND", "MISSING", "Element", "Polyline", "distinct", "positive"]
+__all__ = ["GROUND", "MISSING", "Compound", "Element", "Polyline", "distinct", "named", "positive"]
 
 MISSING: Any = None
 """Default of every physical constant: physics has no default, so an element that is left with it is refused."""
@@ -22,31 +22,55 @@ class Element(ABC):
     r"""An element between named nodes.
 
     All coordinates are positive downwards. An element is drawn in a frame that runs from its first node, at
-    (0, 0), to its last, at (1, 0); `strokes` holds its lines in that frame.
+    (0, 0), to its last, at (1, 0); `strokes` holds its lines in that frame. When the ends move, a symbol stretches as a
+    whole; with ``split`` it parts instead: strokes that reach no further than there go with the first node, others with
+    the last.
 
     To write a new element: make a frozen dataclass with the nodes first and the constants next, check the constants in
     ``__post_init__`` with `positive`, add the terms in `contribute`, give `strokes`, and add a line to the registry.
     """
 
     strokes: ClassVar[tuple[Polyline, ...]] = ()
+    split: ClassVar[float | None] = None
     symbols: tuple[str, ...]
 
     @property
     @abstractmethod
     def nodes(self) -> tuple[str, ...]:
-        """The names of the nodes that the element touches."""
+        """The names of the nodes that the element touches: its two ends are the first and the last.
+
+        Between them stand the nodes that the element makes for itself, as NAME.1, NAME.2, ..., which no other may use.
+        """
 
     @abstractmethod
     def contribute(self, terms: Terms) -> None:
         """Add the element's terms to the system."""
 
     def parts(self) -> tuple[Element, ...]:
-        """Return the elementary pieces, as they act and as they are drawn: the element itself unless it is compound."""
+        """Return the elementary pieces, as they act: the element itself unless it is compound."""
         return (self,)
 
+    def drawn(self) -> tuple[Element, ...]:
+        """Return the pieces to draw: the element itself where it has strokes of its own, else its parts."""
+        return (self,) if self.strokes else self.parts()
+
     def __str__(self) -> str:
-        where = " and ".join(repr(node) for node in self.nodes)
-        return f"{type(self).__name__} {'between' if len(self.nodes) > 1 else 'at'} {where}"
+        first, last = self.nodes[0], self.nodes[-1]
+        where = f"between {first!r} and {last!r}" if len(self.nodes) > 1 else f"at {first!r}"
+        return f"{type(self).__name__} {where}"
+
+
+class Compound(Element):
+    """An element made of others: it acts as its parts do."""
+
+    @abstractmethod
+    def parts(self) -> tuple[Element, ...]:
+        """Return the elementary pieces."""
+
+    def contribute(self, terms: Terms) -> None:
+        """Add the terms of the parts."""
+        for part in self.parts():
+            part.contribute(terms)
 
 
 def positive(element: Element, symbol: str, value: Any, unit: str) -> None:
@@ -64,3 +88,9 @@ def distinct(element: Element) -> None:
             raise InputError(f"{element}: a node is named by a string that is not empty, and {node!r} is not one")
     if len(set(element.nodes)) < len(element.nodes):
         raise InputError(f"{element}: both ends are one node; join two different nodes")
+
+
+def named(element: Any) -> None:
+    """Refuse an element whose ``name`` is no name."""
+    if not isinstance(element.name, str) or not element.name:
+        raise InputError(f"{element}: name = {element.name!r} must be a string that is not empty")

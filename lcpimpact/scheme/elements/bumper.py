@@ -7,8 +7,8 @@ from typing import ClassVar
 
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
-from lcpimpact.scheme.elements.base import Element, Polyline, distinct
-from lcpimpact.scheme.terms import Terms
+from lcpimpact.scheme.elements.base import Element, Polyline, distinct, named
+from lcpimpact.scheme.terms import Row, Terms
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,8 @@ class Bumper(Element):
             o  lower plate, feels +R
 
     Between two masses the velocity jumps when the plates meet, by Newton's law U⁺ = -e U⁻ for U = u'; where a spring
-    or a dashpot gives way under a plate there is no impulse, and e means nothing.
+    or a dashpot gives way under a plate there is no impulse, and e means nothing. R does no work; an impact with e < 1
+    dissipates kinetic energy.
 
     Parameters
     ----------
@@ -67,11 +68,11 @@ class Bumper(Element):
         ((0.56, -1.0), (0.56, 1.0)),
         ((0.56, 0.0), (1.0, 0.0)),
     )
+    split: ClassVar[float | None] = 0.5
 
     def __post_init__(self) -> None:
         distinct(self)
-        if not isinstance(self.name, str) or not self.name:
-            raise InputError(f"{self}: name = {self.name!r} must be a string that is not empty")
+        named(self)
         if not is_real(self.gap):
             raise InputError(f"{self}: gap = {self.gap!r} must be a finite number in m")
         if self.e is not None and not (is_real(self.e) and 0.0 <= self.e <= 1.0):
@@ -84,4 +85,5 @@ class Bumper(Element):
 
     def contribute(self, terms: Terms) -> None:
         """Add a row to H and to u0."""
-        terms.add_contact(self)
+        e = None if self.e is None else float(self.e)
+        terms.rows.append(Row(str(self), self.name, self.upper, self.lower, float(self.gap), e))

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lcpimpact.scheme.elements.base import MISSING, Element, distinct, positive
+from lcpimpact.scheme.elements.base import MISSING, Compound, Element, distinct, positive
 from lcpimpact.scheme.elements.dashpot import Dashpot
 from lcpimpact.scheme.elements.spring import Spring
-from lcpimpact.scheme.terms import Terms
 
 
 @dataclass(frozen=True)
-class KelvinVoigt(Element):
+class KelvinVoigt(Compound):
     r"""A Kelvin-Voigt block: force k (q_b - q_a) + c (v_b - v_a) on node a and its opposite on node b.
+
+    Energy ½ k (q_b - q_a)²; dissipates c (v_b - v_a)².
 
     ::
 
@@ -62,8 +63,3 @@ class KelvinVoigt(Element):
         """Return the spring and the dashpot."""
         spring, dashpot = self.symbols
         return (Spring(self.a, self.b, self.k, (spring,)), Dashpot(self.a, self.b, self.c, (dashpot,)))
-
-    def contribute(self, terms: Terms) -> None:
-        """Add the terms of the spring and of the dashpot."""
-        for part in self.parts():
-            part.contribute(terms)

@@ -2,7 +2,6 @@ r"""A force on a node, constant or of time."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
@@ -10,39 +9,8 @@ from typing import ClassVar
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct
+from lcpimpact.scheme.signals import Harmonic
 from lcpimpact.scheme.terms import Terms
-
-
-@dataclass(frozen=True)
-class Harmonic:
-    """The load a cos(ω t + φ), which even the exact solution follows without error.
-
-    Parameters
-    ----------
-    amplitude : float
-        a in N.
-    omega : float
-        ω in rad/s, positive.
-    phase : float
-        φ in rad.
-
-    Examples
-    --------
-    >>> Harmonic(amplitude=2.0, omega=3.0)(0.0)
-    2.0
-    """
-
-    amplitude: float
-    omega: float
-    phase: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not (is_real(self.amplitude) and is_real(self.phase) and is_real(self.omega) and self.omega > 0.0):
-            raise InputError(f"{self}: amplitude, omega and phase must be finite numbers, omega above zero")
-
-    def __call__(self, t: float) -> float:
-        """Return the force at time t."""
-        return self.amplitude * math.cos(self.omega * t + self.phase)
 
 
 @dataclass(frozen=True)

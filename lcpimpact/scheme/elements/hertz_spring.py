@@ -1,0 +1,93 @@
+r"""The contact spring of Hertz."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lcpimpact.errors import InputError
+from lcpimpact.numbers import is_real
+from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
+from lcpimpact.scheme.terms import PowerLaw, Terms
+
+
+@dataclass(frozen=True)
+class HertzSpring(Element):
+    r"""Hertz's contact of two elastic bodies, Eq. (1): f = K δ^(3/2), and no force apart.
+
+    δ = q_upper - q_lower - gap is how far the bodies have come together; the force pushes them apart. The energy is
+    2/5 K δ^(5/2), and more generally K δⁿ⁺¹/(n + 1). For two spheres K = 4/3 E* sqrt(R*), 1/E* = Σ (1 - ν²)/E and
+    1/R* = Σ 1/R.
+
+    ::
+
+            o  upper, feels -f
+           ( )
+           ( )   δ > 0 where they overlap      | positive downwards
+            o  lower, feels +f                 v
+
+    Parameters
+    ----------
+    upper, lower : str
+        The nodes; one may be the ground.
+    K : float
+        N/mⁿ, positive.
+    n : float
+        Exponent, at least 1: 3/2 for smooth bodies, 2 for a cone.
+    gap : float
+        Opening in m when both coordinates are zero.
+    symbols : tuple of str
+        How drawings call the constant.
+
+    Raises
+    ------
+    InputError
+        If K is missing, not positive or not finite, n < 1, gap is not finite, or both ends are one node.
+
+    Examples
+    --------
+    >>> HertzSpring("x", "ground", K=1e6).n
+    1.5
+
+    References
+    ----------
+    Grzesikiewicz and Zbiciak, Eq. (1); Johnson, *Contact Mechanics* (1985), section 4.2.
+    """
+
+    upper: str
+    lower: str
+    K: float = MISSING
+    n: float = 1.5
+    gap: float = 0.0
+    symbols: tuple[str, ...] = ("K",)
+
+    strokes: ClassVar[tuple[Polyline, ...]] = (
+        ((0.0, 0.0), (0.3, 0.0)),
+        ((0.3, -0.6), (0.4, -0.54), (0.46, -0.36), (0.5, 0.0), (0.46, 0.36), (0.4, 0.54), (0.3, 0.6), (0.3, -0.6)),
+        ((0.7, -0.6), (0.6, -0.54), (0.54, -0.36), (0.5, 0.0), (0.54, 0.36), (0.6, 0.54), (0.7, 0.6), (0.7, -0.6)),
+        ((0.7, 0.0), (1.0, 0.0)),
+    )
+    split: ClassVar[float | None] = 0.5
+
+    def __post_init__(self) -> None:
+        distinct(self)
+        positive(self, "K", self.K, "N/mⁿ")
+        power_law_shape(self, self.n, self.gap)
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """The two ends."""
+        return (self.upper, self.lower)
+
+    def contribute(self, terms: Terms) -> None:
+        """Add the non-linear spring."""
+        law = PowerLaw(str(self), self.upper, self.lower, float(self.gap), float(self.K), float(self.n))
+        terms.springs.append(law)
+
+
+def power_law_shape(element: Element, n: float, gap: float) -> None:
+    """Refuse an exponent below 1, at which the stiffness would be infinite at δ = 0, and a gap that is no number."""
+    if not is_real(n) or n < 1.0:
+        raise InputError(f"{element}: n = {n!r} must be a finite number, at least 1")
+    if not is_real(gap):
+        raise InputError(f"{element}: gap = {gap!r} must be a finite number in m")

@@ -1,0 +1,88 @@
+r"""The contact law of Hunt and Crossley: a Hertzian spring with loss."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
+from lcpimpact.scheme.elements.hertz_spring import HertzSpring, power_law_shape
+from lcpimpact.scheme.terms import PowerLaw, Terms
+
+
+@dataclass(frozen=True)
+class HuntCrossley(Element):
+    r"""Hunt and Crossley's contact: f = K δⁿ (1 + b δ'), and no force apart.
+
+    The damping grows with the overlap, so the force starts from zero and, in free rebound, ends at zero without tension.
+    It stores K δⁿ⁺¹/(n + 1) and dissipates b K δⁿ δ'². Pulled apart faster than 1/b from outside, it would pull.
+
+    ::
+
+            o  upper, feels -f
+           ( )
+           ( )]   δ = q_upper - q_lower - gap > 0 where they overlap     | positive downwards
+            o  lower, feels +f                                           v
+
+    Parameters
+    ----------
+    upper, lower : str
+        The nodes; one may be the ground.
+    K : float
+        N/mⁿ, positive.
+    b : float
+        Loss in s/m, positive.
+    n : float
+        Exponent, at least 1: 3/2 for smooth bodies.
+    gap : float
+        Opening in m when both coordinates are zero.
+    symbols : tuple of str
+        How drawings call the two constants.
+
+    Raises
+    ------
+    InputError
+        If K or b is missing, not positive or not finite, n < 1, gap is not finite, or both ends are one node.
+
+    Examples
+    --------
+    >>> HuntCrossley("x", "ground", K=1e6, b=0.1).b
+    0.1
+
+    References
+    ----------
+    Hunt and Crossley, Coefficient of restitution interpreted as damping in vibroimpact (1975).
+    """
+
+    upper: str
+    lower: str
+    K: float = MISSING
+    b: float = MISSING
+    n: float = 1.5
+    gap: float = 0.0
+    symbols: tuple[str, ...] = ("K", "b")
+
+    strokes: ClassVar[tuple[Polyline, ...]] = (
+        *HertzSpring.strokes,
+        ((0.3, 0.6), (0.3, 0.9), (0.5, 0.9)),
+        ((0.5, 0.78), (0.5, 1.02)),
+        ((0.4, 1.08), (0.6, 1.08), (0.6, 0.72), (0.4, 0.72)),
+        ((0.6, 0.9), (0.7, 0.9), (0.7, 0.6)),
+    )
+    split: ClassVar[float | None] = HertzSpring.split
+
+    def __post_init__(self) -> None:
+        distinct(self)
+        positive(self, "K", self.K, "N/mⁿ")
+        positive(self, "b", self.b, "s/m")
+        power_law_shape(self, self.n, self.gap)
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """The two ends."""
+        return (self.upper, self.lower)
+
+    def contribute(self, terms: Terms) -> None:
+        """Add the non-linear spring."""
+        law = PowerLaw(str(self), self.upper, self.lower, float(self.gap), float(self.K), float(self.n), float(self.b))
+        terms.springs.append(law)

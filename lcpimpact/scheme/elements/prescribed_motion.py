@@ -1,0 +1,75 @@
+r"""A node whose motion is given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lcpimpact.errors import InputError
+from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct
+from lcpimpact.scheme.signals import Signal
+from lcpimpact.scheme.terms import Terms
+
+
+@dataclass(frozen=True)
+class PrescribedMotion(Element):
+    r"""A node that moves as it is told, q = y(t), whatever pulls at it: a vibrating table, a testing machine.
+
+    The force that this takes balances the node; its power feeds the system, and the certificate counts it.
+
+    ::
+
+           o  node
+        ======== | y(t)    positive downwards
+           /|\   v
+
+    Parameters
+    ----------
+    node : str
+        The node; it must carry no mass.
+    y : Harmonic or Motion
+        Its place in m over time, with the velocity.
+    symbols : tuple of str
+        How drawings call the motion.
+
+    Raises
+    ------
+    InputError
+        If y is missing or does not know its velocity, or the node is the ground.
+
+    Examples
+    --------
+    >>> from lcpimpact import Harmonic
+    >>> PrescribedMotion("table", Harmonic(amplitude=0.01, omega=30.0)).y(0.0)
+    0.01
+    """
+
+    node: str
+    y: Signal = MISSING
+    symbols: tuple[str, ...] = ("y",)
+
+    strokes: ClassVar[tuple[Polyline, ...]] = (
+        ((-0.5, -0.5), (0.5, -0.5)),
+        ((-0.5, 0.5), (0.5, 0.5)),
+    )
+
+    def __post_init__(self) -> None:
+        distinct(self)
+        if self.node == GROUND:
+            raise InputError(f"{self}: the ground does not move; name another node")
+        if self.y is MISSING or not callable(self.y) or not callable(getattr(self.y, "rate", None)):
+            raise InputError(
+                f"{self}: y = {self.y!r} must be a motion that knows its velocity: Harmonic(...) or Motion(place, velocity)"
+            )
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """The node that is moved."""
+        return (self.node,)
+
+    def contribute(self, terms: Terms) -> None:
+        """Give the node its motion."""
+        i = terms.index[self.node]
+        if i in terms.motions:
+            raise InputError(f"node {self.node!r} has two motions that are given: leave one out")
+        terms.motions[i] = self.y

@@ -1,0 +1,129 @@
+"""Nodes whose motion is given: forced vibration in closed form, the work of the drive, and refusals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import lcpimpact as li
+from lcpimpact import Bumper, Harmonic, KelvinVoigt, Load, Mass, Motion, PrescribedMotion, Scheme, Spring
+from lcpimpact.scheme.decomposition import decompose
+
+A, Ω, M, K, C = 0.1, 7.0, 1.5, 60.0, 2.0
+DRIVEN = PrescribedMotion("b", Harmonic(A, Ω, 0.3))
+SHAKEN = Scheme(DRIVEN, Mass("x", M), KelvinVoigt("x", "b", K, C))
+
+
+def steady(t):
+    """x and x' of m x'' + c (x' - y') + k (x - y) = 0, y = a cos(Ω t + φ), by the complex transfer function."""
+    transfer = (K + 1j * C * Ω) / (K - M * Ω**2 + 1j * C * Ω)
+    phasor = A * transfer * np.exp(1j * (Ω * np.asarray(t) + 0.3))
+    return phasor.real, (1j * Ω * phasor).real
+
+
+START = {"q0": {"x": float(steady(0.0)[0])}, "v0": {"x": float(steady(0.0)[1])}}
+
+
+def test_exact_is_the_transfer_function():
+    run = li.simulate(li.Problem("shaken", SHAKEN, **START), "exact", dt=1e-2, t_end=10.0)
+    x, v = steady(run.t)
+    np.testing.assert_allclose(run["x"], x, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(run["v_x"], v, rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(run["b"], A * np.cos(Ω * run.t + 0.3), rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(run["v_b"], -A * Ω * np.sin(Ω * run.t + 0.3), rtol=0.0, atol=1e-12)
+    assert run.certificate.energy_balance < 1e-11
+
+
+@pytest.mark.parametrize(("theta", "order"), [(0.5, 2.0), (1.0, 1.0)])
+def test_moreau_jean_has_its_order_under_a_motion_that_is_given(theta, order):
+    problem = li.Problem("shaken", SHAKEN, **START)
+    counts, errors = (401, 797, 1201, 1999, 3001, 4001), []
+    for n in counts:
+        run = li.simulate(problem, dt=5.0 / n, t_end=5.0, theta=theta)
+        errors.append(np.abs(run["x"] - steady(run.t)[0]).max())
+        np.testing.assert_allclose(run["b"], A * np.cos(Ω * run.t + 0.3), rtol=0.0, atol=1e-15)
+    assert -np.polyfit(np.log(counts), np.log(errors), 1)[0] == pytest.approx(order, abs=0.2)
+
+
+def test_the_balance_of_energy_counts_the_drive():
+    run = li.simulate(li.Problem("shaken", SHAKEN, **START), dt=1e-3, t_end=5.0)
+    assert run.certificate.energy_balance < 1e-10
+    # Without the work of the drive it would not close: the dashpot takes more than the energy that is there.
+    assert (np.gradient(run["x"] - run["b"], run.t) ** 2).mean() * C * 5.0 > run.certificate.energy_scale
+
+
+def test_a_function_of_your_own_with_its_velocity_is_a_motion():
+    ramp = Motion(lambda t: 0.5 * t, lambda t: 0.5)
+    scheme = Scheme(PrescribedMotion("b", ramp), Mass("x", 1.0), Spring("x", "b", 100.0))
+    run = li.simulate(li.Problem("pulled", scheme), dt=1e-4, t_end=1.0)
+    np.testing.assert_allclose(run["x"], 0.5 * run.t - 0.05 * np.sin(10.0 * run.t), rtol=0.0, atol=1e-7)
+    with pytest.raises(li.UnsupportedError, match="motion of 'b' is a function of time"):
+        li.simulate(li.Problem("pulled", scheme), "exact", dt=1e-4, t_end=1.0)
+
+
+def test_a_plate_on_a_spring_follows_a_node_that_is_driven():
+    """A massless node between two springs, one of them driven: half the motion, by either method."""
+    scheme = Scheme(PrescribedMotion("b", Harmonic(1.0, 3.0)), Spring("b", "y", 10.0), Spring("y", "ground", 10.0))
+    for method in ("moreau-jean", "exact"):
+        run = li.simulate(li.Problem("half", scheme, q0={"y": 0.5}), method, dt=1e-2, t_end=2.0)
+        np.testing.assert_allclose(run["y"], 0.5 * np.cos(3.0 * run.t), rtol=0.0, atol=1e-12)
+
+
+def test_impacts_count_the_velocity_of_the_table():
+    """A table that rises at 1 m/s meets a resting ball: U⁺ = -e U⁻ asks for 1.5 m/s."""
+    scheme = Scheme(
+        PrescribedMotion("y", Motion(lambda t: 0.5 - t, lambda t: -1.0)), Mass("x", 1.0), Bumper("x", "y", e=0.5)
+    )
+    run = li.simulate(li.Problem("rising", scheme), dt=1e-3, t_end=1.0)
+    (impact,) = run.events
+    assert impact.t == pytest.approx(0.5, abs=2e-3)
+    assert run["v_x"][-1] == pytest.approx(-1.5, rel=1e-12)
+    assert impact.impulse == pytest.approx(1.5, rel=1e-9)
+
+
+def test_driven_nodes_are_no_coordinates_of_their_own():
+    dynamics = SHAKEN.assemble()
+    parts = decompose(dynamics.M, dynamics.C, dynamics.driven)
+    assert [part.shape[1] for part in (parts.massive, parts.damped, parts.static, parts.driven)] == [1, 0, 0, 1]
+    assert dynamics.massive.tolist() == [False, True]
+    assert not dynamics.massive[dynamics.driven].any()
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: PrescribedMotion("ground", Harmonic(1.0, 1.0)), r"the ground does not move"),
+        (lambda: PrescribedMotion("b"), r"must be a motion that knows its velocity"),
+        (lambda: PrescribedMotion("b", math.sin), r"must be a motion that knows its velocity"),
+        (
+            lambda: Scheme(PrescribedMotion("b", Harmonic(1.0, 1.0)), Mass("b", 1.0)).assemble(),
+            r"'b' has a mass, and a motion",
+        ),
+        (
+            lambda: Scheme(
+                PrescribedMotion("b", Harmonic(1.0, 1.0)), PrescribedMotion("b", Harmonic(2.0, 1.0))
+            ).assemble(),
+            r"'b' has two motions",
+        ),
+        (
+            lambda: li.Problem("shaken", SHAKEN, q0={"b": 1.0}),
+            r"q0\['b'\] of problem 'shaken': the motion .* leave the value out",
+        ),
+    ],
+)
+def test_what_contradicts_a_given_motion_is_refused(make, says):
+    with pytest.raises(li.InputError, match=says):
+        make()
+
+
+def test_a_problem_begins_where_the_motion_begins():
+    problem = li.Problem("table", Scheme(PrescribedMotion("y", Harmonic(0.2, 2.0, 1.0)), Mass("x", 1.0), Load("x", 1.0),
+                                         Bumper("x", "y", gap=1.0, e=0.0)))  # fmt: skip
+    assert problem.initial_coordinates[0] == pytest.approx(0.2 * math.cos(1.0), rel=1e-15)
+    assert problem.initial_velocities[0] == pytest.approx(-0.4 * math.sin(1.0), rel=1e-15)
+    with pytest.raises(li.InputError, match="starts penetrated"):
+        li.Problem(
+            "table", Scheme(PrescribedMotion("y", Harmonic(0.2, 2.0, 3.0)), Mass("x", 1.0), Bumper("x", "y", e=0.0))
+        )
