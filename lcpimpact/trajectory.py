@@ -22,6 +22,9 @@ from lcpimpact.registry import load, nearest
 
 SAVED_AS = (".csv", ".npz", ".nc")
 
+SHOWN = 8
+"""Of more coordinates or reactions than these, the summary shows the first."""
+
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
@@ -123,6 +126,11 @@ class Trajectory:
         """Draw coordinates and reactions over time, with the events marked; return the figure, or write it to ``path``."""
         return load("lcpimpact.plotting.trajectory:plot_trajectory")(self, path)
 
+    def animate(self, path: str | Path, **options: Any) -> Path:
+        """Write the run as a moving picture, .gif, .html or .mp4; options as of `lcpimpact.plotting.animation.animate`."""
+        written: Path = load("lcpimpact.plotting.animation:animate")(self, path, **options)
+        return written
+
     def save(self, path: str | Path) -> Path:
         """Write the run to a file whose ending tells the format: .csv, .npz, or .nc (with the extra ``xarray``).
 
@@ -191,18 +199,23 @@ class Trajectory:
             f"Trajectory of {self.problem.name} by {self.method}: {self.status.name.lower().replace('_', '-')}",
             f"  grid        t = {self.t[0]:g} ... {self.t[-1]:g} s in {len(self.t) - 1:,} steps",
         ]
-        for i, node in enumerate(d.nodes):
+        metre, newton = (" m", " N") if d.stores_energy else ("", "")
+        for i, node in enumerate(d.nodes[:SHOWN]):
             q = self.q[:, i]
-            lines.append(f"  {node:<10}  {q.min():.6g} ... {q.max():.6g} m, at the end {q[-1]:.6g} m")
-        for i, contact in enumerate(d.contacts):
-            peak = self.reaction[:, i].max(initial=0.0)
-            lines.append(f"  {contact.name:<10}  at most {peak:.6g} N; relative degree {contact.relative_degree}")
+            lines.append(f"  {node:<10}  {q.min():.6g} ... {q.max():.6g}{metre}, at the end {q[-1]:.6g}{metre}")
+        for i, contact in enumerate(d.contacts[:SHOWN]):
+            peak = np.abs(self.reaction[:, i]).max(initial=0.0)
+            lines.append(f"  {contact.name:<10}  at most {peak:.6g}{newton}; relative degree {contact.relative_degree}")
+        for what, count in (("coordinates", len(d.nodes)), ("reactions", len(d.contacts))):
+            if count > SHOWN:
+                lines.append(f"  ...         and {count - SHOWN} more {what}")
+        balance = f"energy {c.energy_balance:.1e} of {c.energy_scale:.3g} J" if d.stores_energy else "no energy"
         shown = ", ".join(f"{event.kind} {event.contact} {event.t:.6f}" for event in self.events[:6])
         more = f", and {len(self.events) - 6} more" if len(self.events) > 6 else ""
         lines += [
             f"  events      {shown or 'none'}{more}",
-            f"  certificate residual {c.residual:.1e}, complementarity {c.complementarity:.1e} J, "
-            f"penetration {c.penetration:.1e} m, energy {c.energy_balance:.1e} of {c.energy_scale:.3g} J",
+            f"  certificate residual {c.residual:.1e}, complementarity {c.complementarity:.1e}{metre and ' J'}, "
+            f"penetration {c.penetration:.1e}{metre}, {balance}",
             f"  {self.message}",
         ]
         return "\n".join(lines)
