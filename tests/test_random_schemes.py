@@ -39,11 +39,33 @@ def random_problem(seed):
     return li.Problem(f"random {seed}", li.Scheme(*elements), v0=v0)
 
 
-def runnable(seeds):
+def frictional(seed):
+    """The same with sliders, Jenkins elements and sliders behind dashpots, to the ground or to a shaker."""
+    base, rng = random_problem(seed), np.random.default_rng(10_000 + seed)
+    elements = list(base.scheme.elements)
+    for j, node in enumerate(base.dynamics.nodes):
+        other = "ground" if rng.random() < 0.5 else "shaker"
+        name, r0, k = f"F{j}", rng.uniform(1.0, 15.0), rng.uniform(50.0, 500.0)
+        chosen = int(rng.integers(4))
+        if chosen == 0:
+            elements.append(li.Slider(node, other, r0, name))
+        elif chosen == 1:
+            hardening = None if rng.random() < 0.5 else rng.uniform(5.0, 50.0)
+            elements.append(li.Jenkins(node, other, k, r0, hardening, name))
+        elif chosen == 2:
+            inner = f"i{j}"
+            elements += [li.KelvinVoigt(node, inner, k, rng.uniform(1.0, 20.0)), li.Slider(inner, other, r0, name)]
+    if any("shaker" in element.nodes for element in elements):
+        motion = li.Harmonic(rng.uniform(0.05, 0.2), rng.uniform(2.0, 8.0), -0.5 * np.pi)
+        elements.append(li.PrescribedMotion("shaker", motion))
+    return li.Problem(f"frictional {seed}", li.Scheme(*elements), v0=base.v0)
+
+
+def runnable(seeds, make=random_problem):
     """Yield the problems that assemble and that the exact solution takes, with its run."""
     for seed in seeds:
         try:
-            problem = random_problem(seed)
+            problem = make(seed)
             exact = li.simulate(problem, "exact", dt=1e-2, t_end=2.0)
         except (li.InputError, li.UnsupportedError):
             continue
@@ -67,3 +89,23 @@ def test_exact_obeys_the_laws_and_the_step_converges_to_it(first):
             degrees += len(problem.dynamics.contacts)
     assert compared >= 5
     assert degrees >= 2
+
+
+@pytest.mark.parametrize("first", [0, 40])
+def test_exact_and_the_step_agree_with_friction_and_shakers(first):
+    compared = switches = 0
+    for problem, exact in runnable(range(first, first + 40), frictional):
+        certificate = exact.certificate
+        assert certificate.penetration < 1e-11
+        assert certificate.complementarity < 1e-9 * (1.0 + certificate.energy_scale)
+        assert certificate.energy_balance < 1e-9 * (1.0 + certificate.energy_scale)
+        if any(event.kind == "impact" for event in exact.events):
+            continue
+        found = li.simulate(problem, dt=2e-4, t_end=2.0)
+        massive = problem.dynamics.massive
+        error = np.abs(found.q[::50][:, massive] - exact.q[:, massive]).max()
+        assert error < 4e-4 * (1.0 + np.abs(exact.q).max())
+        compared += 1
+        switches += sum(event.kind in ("stick", "slip") for event in exact.events)
+    assert compared >= 5
+    assert switches >= 50
