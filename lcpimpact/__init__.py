@@ -18,6 +18,10 @@ __version__ = "0.1.0"
 _LOCATIONS = {
     "load_problem": "lcpimpact.problems:load_problem",
     "simulate": "lcpimpact.simulation:simulate",
+    "read_scheme_file": "lcpimpact.schemefile:read_scheme_file",
+    "write_scheme_file": "lcpimpact.schemefile:write_scheme_file",
+    "SchemeFile": "lcpimpact.schemefile:SchemeFile",
+    "Run": "lcpimpact.schemefile:Run",
     "solve_lcp": "lcpimpact.lcp.solve:solve_lcp",
     "prepare_lcp": "lcpimpact.lcp.solve:prepare_lcp",
     "all_solutions": "lcpimpact.lcp.solvers.enumeration:all_solutions",
@@ -35,7 +39,21 @@ _LOCATIONS = {
     "KelvinVoigt": "lcpimpact.scheme.elements.kelvin_voigt:KelvinVoigt",
     "Bumper": "lcpimpact.scheme.elements.bumper:Bumper",
     "Load": "lcpimpact.scheme.elements.load:Load",
-    "Harmonic": "lcpimpact.scheme.elements.load:Harmonic",
+    "Slider": "lcpimpact.scheme.elements.slider:Slider",
+    "Jenkins": "lcpimpact.scheme.elements.jenkins:Jenkins",
+    "HertzSpring": "lcpimpact.scheme.elements.hertz_spring:HertzSpring",
+    "HuntCrossley": "lcpimpact.scheme.elements.hunt_crossley:HuntCrossley",
+    "PrescribedMotion": "lcpimpact.scheme.elements.prescribed_motion:PrescribedMotion",
+    "Maxwell": "lcpimpact.scheme.elements.maxwell:Maxwell",
+    "Zener": "lcpimpact.scheme.elements.zener:Zener",
+    "GeneralizedMaxwell": "lcpimpact.scheme.elements.generalized_maxwell:GeneralizedMaxwell",
+    "SpringPot": "lcpimpact.scheme.elements.spring_pot:SpringPot",
+    "NegativeSpring": "lcpimpact.scheme.elements.negative_spring:NegativeSpring",
+    "Rope": "lcpimpact.scheme.elements.rope:Rope",
+    "Bar": "lcpimpact.scheme.elements.bar:Bar",
+    "Motion": "lcpimpact.scheme.signals:Motion",
+    "LinearComplementaritySystem": "lcpimpact.scheme.system:LinearComplementaritySystem",
+    "Harmonic": "lcpimpact.scheme.signals:Harmonic",
     "Status": "lcpimpact.errors:Status",
     "LcpImpactError": "lcpimpact.errors:LcpImpactError",
     "InputError": "lcpimpact.errors:InputError",
@@ -45,31 +63,49 @@ _LOCATIONS = {
 
 __all__ = [
     "Banded",
+    "Bar",
     "Bumper",
     "Dashpot",
     "Dense",
     "Factored",
     "FailureError",
+    "GeneralizedMaxwell",
     "Harmonic",
+    "HertzSpring",
+    "HuntCrossley",
     "InputError",
+    "Jenkins",
     "KelvinVoigt",
     "LCPSolution",
     "LcpImpactError",
+    "LinearComplementaritySystem",
     "Load",
     "Mass",
+    "Maxwell",
+    "Motion",
+    "NegativeSpring",
+    "PrescribedMotion",
     "Problem",
+    "Rope",
+    "Run",
     "Scheme",
+    "SchemeFile",
+    "Slider",
     "Spring",
+    "SpringPot",
     "Status",
     "Trajectory",
     "UnsupportedError",
+    "Zener",
     "__version__",
     "all_solutions",
     "load_problem",
     "plot_cones",
     "prepare_lcp",
+    "read_scheme_file",
     "simulate",
     "solve_lcp",
+    "write_scheme_file",
 ]
 
 if TYPE_CHECKING:
@@ -81,13 +117,27 @@ if TYPE_CHECKING:
     from lcpimpact.plotting.cones import plot_cones
     from lcpimpact.problems import load_problem
     from lcpimpact.problems.base import Problem
+    from lcpimpact.scheme.elements.bar import Bar
     from lcpimpact.scheme.elements.bumper import Bumper
     from lcpimpact.scheme.elements.dashpot import Dashpot
+    from lcpimpact.scheme.elements.generalized_maxwell import GeneralizedMaxwell
+    from lcpimpact.scheme.elements.hertz_spring import HertzSpring
+    from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley
+    from lcpimpact.scheme.elements.jenkins import Jenkins
     from lcpimpact.scheme.elements.kelvin_voigt import KelvinVoigt
-    from lcpimpact.scheme.elements.load import Harmonic, Load
+    from lcpimpact.scheme.elements.load import Load
     from lcpimpact.scheme.elements.mass import Mass
+    from lcpimpact.scheme.elements.maxwell import Maxwell
+    from lcpimpact.scheme.elements.negative_spring import NegativeSpring
+    from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion
+    from lcpimpact.scheme.elements.rope import Rope
+    from lcpimpact.scheme.elements.slider import Slider
     from lcpimpact.scheme.elements.spring import Spring
+    from lcpimpact.scheme.elements.spring_pot import SpringPot
+    from lcpimpact.scheme.elements.zener import Zener
     from lcpimpact.scheme.scheme import Scheme
+    from lcpimpact.scheme.system import LinearComplementaritySystem
+    from lcpimpact.schemefile import Run, SchemeFile, read_scheme_file, write_scheme_file
     from lcpimpact.simulation import simulate
     from lcpimpact.trajectory import Trajectory
 

@@ -35,7 +35,7 @@ class Certificate:
         itself adds or takes, zero to rounding for θ = 1/2 and linear springs. NaN for a system that is given directly,
         which has no energy to balance.
     energy_scale : float
-        Largest stored energy of the run in J, to compare with.
+        Largest size of the stored energy in the run in J, to compare with.
     """
 
     residual: float
@@ -98,7 +98,7 @@ def certify_steps(
             stored += 0.5 * (v[0, i] * M[i, j] * v[0, j] + q[0, i] * K[i, j] * q[0, j])
     for a in range(ns):
         stored += power_law(N, springs, a, q[0])
-    scale = stored
+    scale = abs(stored)
     for k in range(len(t) - 1):
         h = t[k + 1] - t[k]
         power = 0.0
@@ -156,7 +156,7 @@ def certify_steps(
         balance += after - stored - h * power
         worst = max(worst, abs(balance))
         stored = after
-        scale = max(scale, stored)
+        scale = max(scale, abs(stored))
     return complementarity, penetration, worst, scale
 
 
@@ -195,7 +195,7 @@ def certify(
         friction = np.abs(d.r_max[d.slides] * np.abs(U[:, d.slides]) + (r * U)[:, d.slides])
         complementarity = max(products.max(initial=0.0), friction.max(initial=0.0))
         penetration = max(0.0, (-u)[:, ~d.slides].max(initial=0.0))
-        scale = d.energy(record.q, record.v).max()
+        scale = np.abs(d.energy(record.q, record.v)).max()
     if not d.stores_energy:
         balance = scale = np.nan
     return Certificate(residual, float(complementarity), float(penetration), float(balance), float(scale))

@@ -20,6 +20,9 @@ from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.dynamics import Feature
 
+MOST_CUTS = 4_000
+"""So many instants show a segment well enough for its scale and its balance of energy."""
+
 STALL = 100
 """So many events at one instant are no motion: the run ends as if it had reached max_events."""
 
@@ -126,16 +129,20 @@ class Exact(Integrator):
         """Return the solution at any times of the run."""
         segments, system, t_end = tuple(carry.segments), carry.system, carry.grid.t_end
         ends = [*(segment.t0 for segment in segments[1:]), t_end]
-        cuts = [
-            np.linspace(segment.t0, end, _windows(system, segment, end), endpoint=False)
-            for segment, end in zip(segments, ends, strict=True)
-        ]
+        cuts = [_cuts(system, segment, end) for segment, end in zip(segments, ends, strict=True)]
         return Dense(lambda t, side: _read(system, segments, t, side), np.concatenate([*cuts, [t_end]]))
 
 
-def _windows(system: System, segment: Segment, end: float) -> int:
-    """Return how many windows of the flow the segment takes."""
-    return math.ceil((end - segment.t0) / system.mode(segment.mode)[0].window)
+def _cuts(system: System, segment: Segment, end: float) -> Array:
+    """Return times from the start of a segment, its end not included, between which it turns little.
+
+    They are the windows of its flow. Where a stiff mode has more of them than `MOST_CUTS`, its fast parts decay soon, and
+    the times spread out geometrically after the start.
+    """
+    windows = math.ceil((end - segment.t0) / system.mode(segment.mode)[0].window)
+    if windows <= MOST_CUTS:
+        return np.linspace(segment.t0, end, windows, endpoint=False)
+    return segment.t0 + (end - segment.t0) * np.append(0.0, np.geomspace(1.0 / windows, 1.0, MOST_CUTS)[:-1])
 
 
 def _enter(run: Run, record: Record, t: float, X: Array) -> None:
@@ -166,7 +173,8 @@ def _enter(run: Run, record: Record, t: float, X: Array) -> None:
     crossing = flow.first_crossing(after, run.scale, rows, order, run.grid.t_end - t) if watched else None
     run.next_event = (t + crossing[0], watched[crossing[1]][0]) if crossing else (np.inf, -1)
     end = min(run.next_event[0], run.grid.t_end)
-    run.scale = np.maximum(run.scale, np.abs(flow.windows(after, 1 + _windows(system, new, end))).max(axis=0))
+    seen = flow.at(after, np.append(_cuts(system, new, end), end) - t)
+    run.scale = np.maximum(run.scale, np.abs(seen).max(axis=0))
 
 
 def _change(before: Mode, after: Mode, i: int, slider: bool) -> str | None:

@@ -66,11 +66,14 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
 
 def _refuse_shared_inner_nodes(elements: Sequence[Element]) -> None:
     """Refuse two elements that make a node of one name: they would be joined there unasked."""
-    for i, element in enumerate(elements):
+    makers: dict[str, Element] = {}
+    for element in elements:
         for node in element.nodes[1:-1]:
-            others = [other for j, other in enumerate(elements) if j != i and node in other.nodes[1:-1]]
-            if others:
-                raise InputError(f"{element} and {others[0]} both make a node {node!r}: give one of them another name=")
+            if node in makers:
+                raise InputError(
+                    f"{makers[node]} and {element} both make a node {node!r}: give one of them another name="
+                )
+            makers[node] = element
 
 
 def _refuse_driven_masses(terms: Terms, nodes: Sequence[str]) -> None:

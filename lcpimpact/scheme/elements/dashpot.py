@@ -50,6 +50,7 @@ class Dashpot(Element):
         ((0.36, 0.5), (0.66, 0.5), (0.66, -0.5), (0.36, -0.5)),
         ((0.66, 0.0), (1.0, 0.0)),
     )
+    split: ClassVar[float | None] = 0.5
 
     def __post_init__(self) -> None:
         distinct(self)
