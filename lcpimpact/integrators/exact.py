@@ -150,8 +150,6 @@ def _enter(run: Run, record: Record, t: float, X: Array) -> None:
     system, events = run.system, record.events
     assert events is not None
     old = run.segments[-1] if run.segments else None
-    if old is not None:
-        X = system.moved(old.mode, X)
     run.scale = np.maximum(run.scale, np.abs(X))
     after, P = impact(system, X, run.scale, run.solver)
     mode, after = choose_mode(system, after, run.scale, run.solver)

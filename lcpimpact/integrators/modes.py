@@ -100,16 +100,8 @@ class System:
         """Return X at t = 0; a slider of degree 0 begins where the coordinates have it."""
         return np.concatenate([self.form.state(q, v), self.dynamics.gap(q)[self.remembered]])
 
-    def moved(self, mode: Mode, X: Array) -> Array:
-        """Return X with the places p of the sliders that slipped brought up to date."""
-        _, F = self.mode(mode)
-        X, u = X.copy(), (self.derivatives[0] + self.form.D @ F) @ X
-        for i, _ in mode.slips:
-            self.put(X, i, u[i])
-        return X
-
     def put(self, X: Array, i: int, u: float) -> None:
-        """Move the place of slider i by u, if it is remembered."""
+        """Move the place of slider i, which has degree 0, by u."""
         X[len(self.form.A) :][self.remembered == i] += u
 
     @cached_property
@@ -184,7 +176,7 @@ def gaps(system: System, X: Array, scale: Array) -> tuple[Array, Array]:
 def choose_mode(system: System, X: Array, scale: Array, solver: str) -> tuple[Mode, Array]:
     """Return the mode in which the motion goes on from X, by LCPs on the one-sided derivatives, and X.
 
-    X differs only where a slider of degree 0 begins with a force beyond its threshold, and gives way at once.
+    X differs only in the places of sliders of degree 0, which have slipped, or begin with a force beyond their threshold.
     """
     A, B, _ = system.matrices
     G, degree, r_max = system.G, system.degree, system.dynamics.r_max
