@@ -30,6 +30,27 @@ def check_output(path: Path, endings: Iterable[str]) -> None:
 
 
 @contextmanager
+def reading(path: Path, smaller: str) -> Iterator[None]:
+    """Say of which file an error is, and of one that does not fit in memory what to give instead.
+
+    Raises
+    ------
+    InputError
+        For an InputError, a file that cannot be read, and one that is too large.
+    """
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"cannot read {str(path)!r}: {error}") from None
+    except OSError as error:
+        raise InputError(
+            f"cannot read {str(path)!r}: {error.strerror or error}; check the name and the rights"
+        ) from None
+    except MemoryError:
+        raise InputError(f"cannot read {str(path)!r}: it does not fit in memory; {smaller}") from None
+
+
+@contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
     """Give a name beside ``path`` to write to, and rename it to ``path`` only when that went well.
 

@@ -11,6 +11,9 @@ from lcpimpact.errors import InputError, UnknownNameError
 
 T = TypeVar("T")
 
+SHOWN = 50
+"""So many names stand in a message; a bar has more nodes."""
+
 
 def load(location: str) -> Any:
     """Import ``"package.module:attribute"`` and return the attribute."""
@@ -22,7 +25,8 @@ def nearest(name: str, known: list[str], kind: str) -> str:
     """Return the sentence for an unknown ``name``: the nearest match first, then all that is known."""
     close = get_close_matches(name, known, n=1, cutoff=0.5)
     hint = f"did you mean {close[0]!r}? " if close else ""
-    return f"unknown {kind} {name!r}: {hint}known are {', '.join(known) if known else 'none'}"
+    more = f" and {len(known) - SHOWN} more" if len(known) > SHOWN else ""
+    return f"unknown {kind} {name!r}: {hint}known are {', '.join(known[:SHOWN]) if known else 'none'}{more}"
 
 
 class Registry(Mapping[str, T], Generic[T]):

@@ -88,7 +88,7 @@ WRONG = {
     "nan": (["simulate", "system-1", "--set", "k_o=nan"], "k_o"),
     "theta": (["simulate", "system-1", "--set", "theta=2"], "theta = 2"),
     "negative step": (["simulate", "system-1", "--dt", "-1"], "dt = -1"),
-    "no whole number of steps": (["simulate", "system-1", "--dt", "0.7"], "take dt ="),
+    "no whole number of steps": (["simulate", "system-1", "--t-end", "3", "--dt", "0.7"], "take dt ="),
     "no number": (["simulate", "system-1", "--dt", "fast"], "--dt"),
     "unknown command": (["smulate"], "simulate"),
     "unknown option": (["simulate", "system-1", "--stepp", "3"], "--stepp"),
@@ -118,6 +118,7 @@ def test_wrong_output_is_found_before_the_run(capsys, monkeypatch):
     monkeypatch.setattr(lcpimpact.simulation, "simulate", lambda *a, **k: pytest.fail("the run was started"))
     assert call(capsys, "simulate", "system-1", "--out", "/nowhere/run.csv")[0] == 2
     assert call(capsys, "simulate", "system-1", "--plot", "run.xls")[0] == 2
+    assert call(capsys, "animate", "system-1", "--out", "run.xls")[0] == 2
 
 
 def test_a_failed_run_exits_1_and_says_why(capsys):

@@ -1,4 +1,4 @@
-"""The commands: reproduce, simulate, solve, list."""
+"""The commands, and those that are short: reproduce and list."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ from tqdm import tqdm
 
 from lcpimpact import __version__
 from lcpimpact.cli.lcp import solve
-from lcpimpact.errors import InputError
-from lcpimpact.files import check_output
+from lcpimpact.cli.runs import animate, draw, export, simulate
 from lcpimpact.integrators import METHODS
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems import PROBLEMS, load_problem
-from lcpimpact.registry import nearest
 from lcpimpact.scheme.elements import ELEMENTS
+
+SHOWN = 3
+"""Of more contacts than these, only the first are listed."""
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -80,74 +81,8 @@ def reproduce(
     raise typer.Exit(1 if failed else 0)
 
 
-@app.command()
-def simulate(
-    problem: Annotated[str, typer.Argument(help="A name of [bold]lcpimpact list problems[/bold].")],
-    set_: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="NAME=VALUE", help="A parameter of the problem or an option of the method; repeat."
-        ),
-    ] = None,
-    method: Annotated[str, typer.Option(help="A name of [bold]lcpimpact list methods[/bold].")] = "moreau-jean",
-    dt: Annotated[float, typer.Option(help="Step in s.")] = 1e-3,
-    t_end: Annotated[float | None, typer.Option(help="End in s; by default what the problem suggests.")] = None,
-    solver: Annotated[str, typer.Option(help="A name of [bold]lcpimpact list solvers[/bold].")] = "auto",
-    out: Annotated[Path | None, typer.Option(help="File for the run: .csv, .npz or .nc.")] = None,
-    plot: Annotated[Path | None, typer.Option(help="File for a picture of the run: .png, .svg or .pdf.")] = None,
-) -> None:
-    """Run one problem by one method, say what came out, and write it to a file if asked.
-
-    Example: lcpimpact simulate system-1 --set c_o=300 --set theta=1 --dt 1e-3 --out run.csv --plot run.png
-    """
-    from lcpimpact.plotting.style import METADATA as DRAWN_AS
-    from lcpimpact.simulation import simulate as run
-    from lcpimpact.trajectory import SAVED_AS
-
-    if out is not None:
-        check_output(out, SAVED_AS)
-    if plot is not None:
-        check_output(plot, DRAWN_AS)
-    parameters = list(inspect.signature(PROBLEMS[problem]).parameters)
-    options = {each.name: each for each in fields(METHODS[method])}  # type: ignore[arg-type]
-    chosen: dict[str, Any] = {}
-    for text in set_ or []:
-        name, value = _assignment(text)
-        if name not in parameters and name not in options:
-            raise InputError(nearest(name, [*parameters, *options], f"parameter of {problem} or option of {method}"))
-        chosen[name] = value
-    built = load_problem(problem, **{name: value for name, value in chosen.items() if name in parameters})
-    trajectory = run(
-        built,
-        method,
-        dt=dt,
-        t_end=built.t_end if t_end is None else t_end,
-        lcp_solver=solver,
-        **{name: value for name, value in chosen.items() if name not in parameters},
-    )
-    console = Console(highlight=False, soft_wrap=True, markup=False)
-    console.print(str(trajectory))
-    if out is not None:
-        console.print(f"  wrote       {trajectory.save(out)}")
-    if plot is not None:
-        trajectory.plot(plot)
-        console.print(f"  drew        {plot}")
-
-
-def _assignment(text: str) -> tuple[str, Any]:
-    """Return the name and value of NAME=VALUE: a whole number, another number, or a word."""
-    name, equals, value = text.partition("=")
-    if not equals or not name or not value:
-        raise InputError(f"--set {text!r} must read NAME=VALUE, as in --set c_o=300")
-    for kind in (int, float):
-        try:
-            return name.strip(), kind(value)
-        except ValueError:
-            continue
-    return name.strip(), value.strip()
-
-
-app.command()(solve)
+for command in (simulate, draw, animate, export, solve):
+    app.command()(command)
 
 
 class Kind(StrEnum):
@@ -186,27 +121,32 @@ def _first_line(thing: Any) -> str:
 
 
 def _problems() -> Table:
-    table = _table("problem", "parameters (SI)", "relative degree", "source")
+    table = _table("problem", "parameters (SI)", "relative degree", "closed forms", "source")
     for name in PROBLEMS:
         problem = load_problem(name)
         parameters = ", ".join(f"{key}={value:.6g}" for key, value in problem.parameters.items())
-        degrees = " ".join(contact.sentence for contact in problem.dynamics.contacts)
-        table.add_row(name, parameters, degrees, problem.source)
+        contacts = problem.dynamics.contacts
+        more = f" And {len(contacts) - SHOWN} more." if len(contacts) > SHOWN else ""
+        degrees = " ".join(contact.sentence for contact in contacts[:SHOWN]) + more
+        table.add_row(name, parameters, degrees, ", ".join(fact.symbol for fact in problem.facts), problem.source)
     return table
 
 
 def _methods() -> Table:
-    table = _table("method", "what it is", "order smooth / r jumps / impacts", "degrees", "options", "its force lives")
+    orders = "order smooth / r jumps / impacts / friction"
+    table = _table("method", "what it is", orders, "degrees", "handles", "options", "its force lives")
     for name, kind in METHODS.items():
         d = kind.declared
         orders = " / ".join("exact" if each == float("inf") else f"{each:g}" if each else "-" for each in _orders(d))
         options = ", ".join(f"{each.name}={each.default}" for each in fields(kind) if each.default is not NO_DEFAULT)  # type: ignore[arg-type]
-        table.add_row(name, d.summary, orders, ", ".join(map(str, d.relative_degrees)), options, d.reaction_lives)
+        degrees = ", ".join(map(str, d.relative_degrees))
+        handles = ", ".join(feature.value for feature in d.handles) or "-"
+        table.add_row(name, d.summary, orders, degrees, handles, options, d.reaction_lives)
     return table
 
 
-def _orders(declared: Any) -> tuple[float, float, float]:
-    return declared.order_smooth, declared.order_force_jump, declared.order_impact
+def _orders(declared: Any) -> tuple[float, ...]:
+    return declared.order_smooth, declared.order_force_jump, declared.order_impact, declared.order_friction
 
 
 def _solvers() -> Table:

@@ -1,0 +1,636 @@
+"""Schemes and runs in TOML files, to write by hand or to export.
+
+A file states a problem in one of three ways: by the elements of a scheme, by the matrices of a system, or by the name of a
+registered problem; and, under ``[run]``, how it is to be run::
+
+    name = "my buffer"
+    t_end = 3.0
+
+    [[elements]]
+    type = "Mass"
+    node = "x"
+    m = 100.0
+
+    [[elements]]
+    type = "Spring"
+    a = "x"
+    b = "ground"
+    k = 3924.0
+
+    [initial.x]
+    v = 9.9
+
+    [run]
+    method = "moreau-jean"
+    dt = 1e-3
+
+    [run.options]
+    theta = 1.0
+
+The keys of an element are its constants as Python has them, and a `Harmonic` is a table { amplitude, omega, phase }.
+docs/scheme-files.md has every key.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import MISSING as NO_DEFAULT
+from dataclasses import Field, dataclass, field, fields, replace
+from numbers import Integral
+from pathlib import Path
+from types import UnionType
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+import tomlkit
+
+from lcpimpact.errors import InputError
+from lcpimpact.files import check_output, reading, whole_file
+from lcpimpact.numbers import is_real
+from lcpimpact.problems import PROBLEMS
+from lcpimpact.problems.base import Problem, build
+from lcpimpact.registry import nearest
+from lcpimpact.scheme.elements import ELEMENTS
+from lcpimpact.scheme.elements.base import GROUND, Element
+from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.signals import Harmonic, Signal
+from lcpimpact.scheme.system import LinearComplementaritySystem
+
+if TYPE_CHECKING:
+    from lcpimpact.trajectory import Trajectory
+
+T = TypeVar("T")
+
+ENDING = ".toml"
+
+DT, STEPS = 1e-3, 1000
+"""The step in s of a run for which nobody gave one, and the least number of steps."""
+
+LARGEST = 4_000_000
+"""Bytes; what is longer than this is no scheme that anybody wrote."""
+
+SMALLER = "give a smaller scheme"
+
+DEEPEST = 10
+"""Tables and brackets are nested less than this: a row of a matrix of a system is at 3."""
+
+LONGEST = 1_000
+"""Characters of a name or another string."""
+
+KEYS = {
+    "elements": ["name", "source", "t_end", "built_from", "elements", "initial", "run"],
+    "system": ["name", "source", "t_end", "built_from", "system", "initial", "run"],
+    "problem": ["problem", "parameters", "run"],
+}
+"""The three ways to state a problem, and what may stand beside each."""
+
+NUMBERS = tuple[float, ...]
+MATRIX = tuple[NUMBERS, ...]
+NAMES = tuple[str, ...]
+SYSTEM: dict[str, Any] = {
+    **dict.fromkeys("ABCD", MATRIX), "a": tuple[float | Harmonic, ...], "c": NUMBERS, "states": NAMES, "multipliers": NAMES
+}  # fmt: skip
+"""What the arrays of a system hold."""
+
+HOLDS = {tuple: "array", Sequence: "array", Mapping: "table", Literal: "word"}
+
+WORDS = {
+    float: "a number", int: "a whole number", str: "a string", bool: "true or false", "array": "an array",
+    "signal": "a table { amplitude, omega, phase }", "table": "a table",
+}  # fmt: skip
+
+DOTTED = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){50}""")
+"""A key that tomllib would take hours over, if it is long enough."""
+
+ELEMENT_HEADER = re.compile(r"\s*\[\[\s*(elements|'elements'|\"elements\")\s*\]\]")
+
+
+@dataclass(frozen=True)
+class Run:
+    """How a problem is to be run: what ``[run]`` of a file holds.
+
+    Parameters
+    ----------
+    method : str
+        A name of ``lcpimpact list methods``.
+    dt : float, optional
+        Step in s.
+    t_end : float, optional
+        End in s; by default what the problem suggests.
+    solver : str
+        A name of ``lcpimpact list solvers``.
+    options : mapping of str to value
+        Options of the method.
+
+    Raises
+    ------
+    InputError
+        For an unknown name or option (the nearest is offered), or a value that cannot be used.
+
+    Examples
+    --------
+    >>> Run("moreau-jean", dt=1e-3, options={"theta": 1.0}).changed(method="exact")
+    Run(method='exact', dt=0.001, t_end=None, solver='auto', options={})
+    """
+
+    method: str = "moreau-jean"
+    dt: float | None = None
+    t_end: float | None = None
+    solver: str = "auto"
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        from lcpimpact.lcp import SOLVERS
+        from lcpimpact.simulation import make_integrator
+
+        make_integrator(self.method, dict(self.options))
+        SOLVERS[self.solver]
+        for name in ("dt", "t_end"):
+            if (value := getattr(self, name)) is not None:
+                _check_time(name, value)
+
+    def changed(
+        self,
+        *,
+        method: str | None = None,
+        dt: float | None = None,
+        t_end: float | None = None,
+        solver: str | None = None,
+        **options: Any,
+    ) -> Run:
+        """Return the run with what is given in place of its own; another method keeps neither options nor solver."""
+        old = self if method in (None, self.method) else Run(dt=self.dt, t_end=self.t_end)
+        given = {"method": method, "dt": dt, "t_end": t_end, "solver": solver}
+        changes: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
+        return replace(old, **changes, options={**old.options, **options})
+
+
+@dataclass(frozen=True)
+class SchemeFile:
+    """What a scheme file states.
+
+    Attributes
+    ----------
+    problem : Problem
+    run : Run                       how it is to be run
+    registered : str or None        the name in the registry, where the file gives one instead of a scheme
+    parameters : mapping            the parameters that the file gives to the registered problem
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem
+    >>> SchemeFile(load_problem("system-1"), Run(dt=1e-2)).simulate(method="exact").success
+    True
+    """
+
+    problem: Problem
+    run: Run = field(default_factory=Run)
+    registered: str | None = None
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+    def with_parameters(self, **parameters: float) -> SchemeFile:
+        """Return the same with other parameters of its registered problem.
+
+        Raises
+        ------
+        InputError
+            If the file states a scheme or a system, whose constants stand where they are used; for an unknown parameter
+            or a value that the problem refuses.
+        """
+        if not parameters:
+            return self
+        if self.registered is None:
+            raise InputError(
+                f"{', '.join(parameters)}: {self.problem.name!r} has its constants in its elements or matrices; change "
+                "them there, since only problems of the registry have parameters"
+            )
+        return registered(self.registered, {**self.parameters, **parameters}, self.run)
+
+    def simulate(self, **changes: Any) -> Trajectory:
+        """Run the problem as the file says, but for what is given: method, dt, t_end, solver, options of the method.
+
+        Where neither the file nor the caller gives dt, it is 1 ms, or a thousandth of t_end if that is less; where neither
+        gives t_end, it is what the problem suggests, up to a whole step. Errors are those of `lcpimpact.simulate`.
+        """
+        from lcpimpact.simulation import simulate
+
+        run = self.run.changed(**changes)
+        dt, t_end = run.dt, run.t_end
+        if dt is None:
+            t_end = t_end or self.problem.t_end
+            dt = t_end / _steps(max(STEPS, t_end / DT))
+        elif t_end is None:
+            t_end = dt * _steps(self.problem.t_end / dt)
+        return simulate(self.problem, run.method, dt=dt, t_end=t_end, lcp_solver=run.solver, **run.options)
+
+
+def _steps(number: float) -> int:
+    # More than 1e9 steps are refused anyway, and an infinite number has no ceiling.
+    return math.ceil(min(number * (1.0 - 1e-12), 1e10))
+
+
+def registered(name: str, parameters: Mapping[str, Any], run: Run | None = None) -> SchemeFile:
+    """Return what a file with ``problem = name`` and these parameters states."""
+    return SchemeFile(build(name, PROBLEMS[name], parameters), run or Run(), name, dict(parameters))
+
+
+def read_scheme_file(path: str | Path) -> SchemeFile:
+    """Read a problem, and how it is to be run, from a TOML file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    SchemeFile
+        ``problem`` and ``run``; its method `simulate` does what the file says.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read, and for anything in it that is wrong; the message names the file, the key, and
+        what is known instead. Elements are counted from 0.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> file = Path(mkdtemp(), "ball.toml")
+    >>> _ = file.write_text('problem = "bouncing-ball"' + chr(10) + "parameters.e = 0.5")
+    >>> read_scheme_file(file).problem.parameters["e"]
+    0.5
+
+    References
+    ----------
+    TOML 1.0.0, toml.io.
+    """
+    path = Path(path)
+    with reading(path, SMALLER):
+        return _parse(_text(path), path.stem)
+
+
+def write_scheme_file(problem: Problem, path: str | Path, run: Run | None = None) -> Path:
+    """Write a problem to a TOML file that `read_scheme_file` reads back as an equal problem: whole, or not at all.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem whose scheme is made of registered elements. Its facts and its closed form stay behind.
+    path : str or Path
+        A file ending in .toml.
+    run : Run, optional
+        How it is to be run.
+
+    Raises
+    ------
+    InputError
+        If the name has another ending, the folder cannot be written, or the problem holds what a file cannot: a Python
+        function, an element of your own.
+
+    Examples
+    --------
+    >>> from tempfile import mkdtemp
+    >>> from lcpimpact import load_problem
+    >>> file = write_scheme_file(load_problem("system-1"), Path(mkdtemp(), "system-1.toml"))
+    >>> read_scheme_file(file).problem == load_problem("system-1")
+    True
+    """
+    path = Path(path)
+    check_output(path, (ENDING,))
+    run = run or Run()
+    try:
+        text = _format(problem, run)
+        data = text.encode("utf-8")
+        if _parse(text, path.stem) != SchemeFile(problem, run):
+            raise InputError(
+                f"problem {problem.name!r} holds values that a file does not keep; make them plain numbers"
+            )
+    except UnicodeEncodeError:
+        raise InputError(f"cannot write {str(path)!r}: a name holds half a character; write it anew") from None
+    except InputError as error:
+        raise InputError(f"cannot write {str(path)!r}: {error}") from None
+    with whole_file(path) as part:
+        part.write_bytes(data)
+    return path
+
+
+# --- reading -----------------------------------------------------------------------------------------------------------
+
+
+def _text(path: Path) -> str:
+    if path.exists() and not path.is_file():
+        raise InputError("it is no file; name one that holds a scheme")
+    if (size := path.stat().st_size) > LARGEST:
+        raise InputError(f"it has {size:,} bytes, and a scheme file at most {LARGEST:,}; is it another file?")
+    data = path.read_bytes()
+    try:
+        # Some editors begin a file with a byte order mark.
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(f"line {line}: it is no text in UTF-8; save it as such") from None
+
+
+def _parse(text: str, stem: str) -> SchemeFile:
+    if DOTTED.search(text):
+        raise InputError("a key has more than 50 dots; a scheme needs two")
+    try:
+        data = tomllib.loads(text)
+        _check_size(data)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(
+            f"it is no TOML: {error}; check the quotes, the brackets, and that no key stands twice"
+        ) from None
+    except InputError:
+        raise
+    except ValueError:
+        raise InputError("a whole number has too many digits; write it as 1e9") from None
+    except RecursionError:
+        raise InputError("its brackets are nested too deeply; a scheme needs three of them") from None
+    way = _way(data)
+    run = _run(data["run"]) if "run" in data else Run()
+    if way == "problem":
+        name = _converted(data["problem"], str, "problem")
+        return registered(name, _numbers(data.get("parameters", {}), "parameters"), run)
+    scheme: Scheme | LinearComplementaritySystem
+    if way == "elements":
+        scheme = _scheme(data["elements"], text)
+        nodes = [node for element in scheme.elements for node in element.nodes if node != GROUND]
+    else:
+        scheme = _built(LinearComplementaritySystem, _table(data["system"], "system"), "system", SYSTEM)
+        nodes = list(scheme.states or ())
+    q0, v0 = _initial(_table(data.get("initial", {}), "initial"), list(dict.fromkeys(nodes)))
+    problem = Problem(
+        _converted(data.get("name", stem), str, "name"),
+        scheme,
+        q0,
+        v0,
+        t_end=_check_time("t_end", data.get("t_end", 1.0)),
+        parameters=_numbers(data.get("built_from", {}), "built_from"),
+        source=_converted(data.get("source", "-"), str, "source"),
+    )
+    return SchemeFile(problem, run)
+
+
+def _check_size(value: Any, depth: int = 0) -> None:
+    """Refuse what cannot be right, and cannot even be shown: endless nesting and strings, numbers beyond all floats."""
+    if depth > DEEPEST:
+        raise InputError("its tables are nested too deeply; a scheme needs three of them")
+    if type(value) is int and not is_real(value):
+        raise InputError("a whole number has too many digits; write it as 1e9")
+    if isinstance(value, str) and len(value) > LONGEST:
+        raise InputError(
+            f"{value[:20]!r}... has {len(value):,} characters, and a string at most {LONGEST:,}; shorten it"
+        )
+    for key in value if isinstance(value, dict) else ():
+        _check_size(key, depth)
+    for each in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        _check_size(each, depth + 1)
+
+
+def _way(data: Mapping[str, Any]) -> str:
+    """Return which of the three ways a file takes, refusing keys that are not known or have no meaning in it."""
+    known = list(dict.fromkeys(key for keys in KEYS.values() for key in keys))
+    for key in data:
+        if key not in known:
+            place = _place_of(key)
+            hint = f"; {place}" if place else ""
+            raise InputError(nearest(key, known, "key") + hint)
+    ways = [way for way in KEYS if way in data]
+    if len(ways) != 1:
+        found = f"{' and '.join(ways)}: leave all but one out" if ways else "none of them: add one"
+        raise InputError(f"it must state a problem by [[elements]], [system] or problem = NAME, and it has {found}")
+    for key in data:
+        if key not in KEYS[ways[0]]:
+            where = {"parameters": "constants of a scheme stand in its elements", "t_end": "the end stands under [run]"}
+            raise InputError(f"{key} means nothing beside {ways[0]}: {where.get(key, 'leave it out')}")
+    return ways[0]
+
+
+def _place_of(key: str) -> str:
+    """Say where a key belongs that stands at the top and should not."""
+    if key in ("q", "v"):
+        return f"initial values stand as {key} under [initial.NODE]"
+    if key in (each.name for each in fields(Run)):
+        return f"{key} stands under [run]"
+    return ""
+
+
+def _scheme(tables: Any, text: str) -> Scheme:
+    """Return the scheme of an array of tables; where each stands in the text is for the messages."""
+    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables) or not tables:
+        raise InputError("elements must be an array of tables: begin each element with [[elements]]")
+    lines = [n for n, line in enumerate(text.split("\n"), 1) if ELEMENT_HEADER.match(line)]
+    known = len(lines) == len(tables)
+    places = [f"elements[{i}]" + (f" (line {lines[i]})" if known else "") for i in range(len(tables))]
+    return Scheme(*(_element(table, place) for table, place in zip(tables, places, strict=True)))
+
+
+def _element(table: Mapping[str, Any], place: str) -> Element:
+    if "type" not in table:
+        raise InputError(f"{place}: type is missing: give one of {', '.join(ELEMENTS)}")
+    with _at(place):
+        kind = ELEMENTS[_converted(table["type"], str, "type")]
+        return _built(kind, {key: value for key, value in table.items() if key != "type"}, kind.__name__)
+
+
+def _initial(tables: Mapping[str, Any], nodes: list[str]) -> tuple[dict[str, float], dict[str, float]]:
+    """Return q0 and v0."""
+    found: dict[str, dict[str, float]] = {"q": {}, "v": {}}
+    for node, table in tables.items():
+        place = f"initial.{node}"
+        inner = [f"{node}.{key}" for key in table] if isinstance(table, dict) else []
+        if node not in nodes and (dotted := [name for name in inner if name in nodes]):
+            raise InputError(f'{place}: a node with a dot in its name stands in quotes, as in [initial."{dotted[0]}"]')
+        if node not in nodes:
+            raise InputError(f"initial: {nearest(node, nodes, 'node')}")
+        for key, value in _table(table, place).items():
+            if key not in found:
+                raise InputError(f"{place}: {nearest(key, list(found), 'key')}")
+            found[key][node] = _number(value, f"{place}.{key}")
+    return found["q"], found["v"]
+
+
+def _run(value: Any) -> Run:
+    table, known = _table(value, "run"), [each.name for each in fields(Run)]
+    for key in table:
+        if key not in known:
+            raise InputError(f"{nearest(key, known, 'key of run')}; options of the method stand under [run.options]")
+    return _built(Run, table, "run")
+
+
+def _built(kind: type[T], table: Mapping[str, Any], place: str, hints: Mapping[str, Any] | None = None) -> T:
+    """Return the object of a dataclass whose fields are the keys of a table."""
+    known: dict[str, Field[Any]] = {each.name: each for each in fields(kind) if each.init}  # type: ignore[arg-type]
+    hints = hints or get_type_hints(kind)
+    for key in table:
+        if key not in known:
+            raise InputError(nearest(key, list(known), f"key of {place}"))
+    for key, each in known.items():
+        if key not in table and each.default is NO_DEFAULT and each.default_factory is NO_DEFAULT:
+            raise InputError(f"{place}: {key} is missing: add it")
+    values = {key: _converted(value, hints[key], f"{place}.{key}") for key, value in table.items()}
+    if "symbols" in values and len(values["symbols"]) != (n := len(_default(known["symbols"]))):
+        raise InputError(f"{place}.symbols must hold {n} strings, one for each constant")
+    with _at("" if issubclass(kind, Element) else place):
+        return kind(**values)
+
+
+def _converted(value: Any, hint: Any, place: str) -> Any:
+    """Return a value of a file as a field with this type takes it."""
+    kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+    held = {_holds(kind): kind for kind in kinds}
+    if isinstance(value, list) and "array" in held:
+        inner = get_args(held["array"])[0]
+        return tuple(_converted(each, inner, f"{place}[{i}]") for i, each in enumerate(value))
+    if isinstance(value, dict) and "signal" in held:
+        return _built(Harmonic, value, place)
+    if isinstance(value, dict) and "table" in held:
+        return value
+    # Whether a whole number is needed is for the element to say.
+    number = type(value) in (int, float) and not {int, float}.isdisjoint(kinds)
+    if number or type(value) in kinds or (type(value) is str and "word" in held):
+        return value
+    what = dict.fromkeys(word for word in map(_word, kinds) if word)
+    raise InputError(f"{place} = {_short(value)} must be {' or '.join(what)}")
+
+
+def _holds(kind: Any) -> str:
+    """Return which of the values of TOML a type takes that are more than numbers and strings."""
+    if kind in (Harmonic, Signal):
+        return "signal"
+    return HOLDS.get(get_origin(kind), "")
+
+
+def _word(kind: Any) -> str:
+    """Say what a type is in a file, where it can be in one."""
+    if get_origin(kind) is Literal:
+        return " or ".join(map(repr, get_args(kind)))
+    return WORDS.get(_holds(kind) or kind, "")
+
+
+def _table(value: Any, place: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise InputError(f"{place} = {_short(value)} must be a table: write [{place}] and its keys below")
+    return value
+
+
+def _number(value: Any, place: str) -> float:
+    if not is_real(_converted(value, float, place)):
+        raise InputError(f"{place} = {_short(value)} must be a finite number")
+    number: float = value
+    return number
+
+
+def _numbers(value: Any, place: str) -> dict[str, float]:
+    return {key: _number(each, f"{place}.{key}") for key, each in _table(value, place).items()}
+
+
+def _check_time(name: str, value: Any) -> float:
+    if not is_real(value) or not value > 0.0:
+        raise InputError(f"{name} = {_short(value)} must be a positive finite number in s")
+    time: float = value
+    return time
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+@contextmanager
+def _at(place: str) -> Iterator[None]:
+    """Say at which place of the file an error is."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{place}: {error}" if place else str(error)) from None
+
+
+# --- writing -----------------------------------------------------------------------------------------------------------
+
+
+def _format(problem: Problem, run: Run) -> str:
+    """Return the text of a file, table by table."""
+    scheme, nodes = problem.scheme, problem.dynamics.nodes
+    head = {"name": problem.name, "source": problem.source, "t_end": problem.t_end}
+    if problem.source == "-":
+        del head["source"]
+    document = tomlkit.document()
+    document.update(_table_of(head, "problem"))
+    if problem.parameters:
+        document["built_from"] = _table_of(problem.parameters, "parameters")
+    if isinstance(scheme, Scheme):
+        document.add(tomlkit.nl())
+        document["elements"] = tomlkit.aot()
+        for element in scheme.elements:
+            document["elements"].append(_table_of(_element_entries(element), str(element)))
+    else:
+        document["system"] = _table_of(_entries(scheme), "system")
+    starts = {
+        node: {key: values[node] for key, values in (("q", problem.q0), ("v", problem.v0)) if node in values}
+        for node in nodes
+    }
+    if any(starts.values()):
+        document["initial"] = tomlkit.table(is_super_table=True)
+        for node, given in starts.items():
+            if given:
+                document["initial"][node] = _table_of(given, f"initial.{node}")
+    settings = _entries(run)
+    options = settings.pop("options", {})
+    if settings or options:
+        document["run"] = _table_of(settings, "run")
+        if options:
+            document["run"]["options"] = _table_of(options, "run.options")
+    return tomlkit.dumps(document)
+
+
+def _element_entries(element: Element) -> dict[str, Any]:
+    kind = type(element).__name__
+    if ELEMENTS.get(kind) is not type(element):
+        raise InputError(f"{element} is an element of your own, and a file can name only {', '.join(ELEMENTS)}")
+    return {"type": kind, **_entries(element)}
+
+
+def _entries(described: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass that were given."""
+    values = {each.name: (getattr(described, each.name), _default(each)) for each in fields(described) if each.init}
+    return {name: value for name, (value, default) in values.items() if value is not default and value is not None}
+
+
+def _default(each: Field[Any]) -> Any:
+    return each.default if each.default_factory is NO_DEFAULT else each.default_factory()
+
+
+def _table_of(entries: Mapping[str, Any], place: str) -> Any:
+    table = tomlkit.table()
+    for key, value in entries.items():
+        table[key] = _item(value, f"{key} of {place}")
+    return table
+
+
+def _item(value: Any, place: str) -> Any:
+    """Return a value as TOML holds it; a matrix takes a line a row."""
+    if isinstance(value, (bool, str)):
+        return value
+    if isinstance(value, Harmonic):
+        inline = tomlkit.inline_table()
+        inline.update({key: _item(each, place) for key, each in _entries(value).items()})
+        return inline
+    if isinstance(value, (tuple, list, np.ndarray)):
+        array = tomlkit.array()
+        array.extend(_item(each, place) for each in value)
+        return array.multiline(any(isinstance(each, (tuple, list, np.ndarray)) for each in value))
+    if is_real(value):
+        return int(value) if isinstance(value, Integral) else float(value)
+    if callable(value):
+        raise InputError(
+            f"{place} is a Python function, which a file cannot hold; give a number or Harmonic(...), or keep the scheme "
+            "in Python"
+        )
+    raise InputError(f"{place} = {value!r} cannot stand in a file; give a number, a string or Harmonic(...)")
