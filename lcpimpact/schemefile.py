@@ -475,8 +475,6 @@ def _built(kind: type[T], table: Mapping[str, Any], place: str, hints: Mapping[s
         if key not in table and each.default is NO_DEFAULT and each.default_factory is NO_DEFAULT:
             raise InputError(f"{place}: {key} is missing: add it")
     values = {key: _converted(value, hints[key], f"{place}.{key}") for key, value in table.items()}
-    if "symbols" in values and len(values["symbols"]) != (n := len(_default(known["symbols"]))):
-        raise InputError(f"{place}.symbols must hold {n} strings, one for each constant")
     with _at("" if issubclass(kind, Element) else place):
         return kind(**values)
 

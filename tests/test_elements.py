@@ -706,3 +706,8 @@ def test_the_page_of_the_elements_lists_them_all():
 def test_the_example_of_the_page_runs():
     for code in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL):
         exec(compile(code, "elements.md", "exec"), {})
+
+
+def test_symbols_are_one_for_each_constant():
+    with pytest.raises(li.InputError, match=r"symbols = \('k',\) of a KelvinVoigt must be a tuple of 2 strings"):
+        li.KelvinVoigt("x", "ground", 1.0, 1.0, symbols=("k",))

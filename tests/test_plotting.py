@@ -17,13 +17,41 @@ from matplotlib.patches import Wedge
 from matplotlib.text import Text
 
 import lcpimpact
-from lcpimpact import Bumper, Dashpot, InputError, KelvinVoigt, Load, Mass, Problem, Scheme, Spring, Trajectory
+from lcpimpact import (
+    Bar,
+    Bumper,
+    Dashpot,
+    GeneralizedMaxwell,
+    Harmonic,
+    HertzSpring,
+    HuntCrossley,
+    InputError,
+    Jenkins,
+    KelvinVoigt,
+    LinearComplementaritySystem,
+    Load,
+    Mass,
+    Maxwell,
+    NegativeSpring,
+    PrescribedMotion,
+    Problem,
+    Rope,
+    Scheme,
+    Slider,
+    Spring,
+    SpringPot,
+    Trajectory,
+    Zener,
+)
 from lcpimpact.plotting.cones import RADII, Cone, cones, plot_cones, sectors
 from lcpimpact.plotting.figures import figure_2, figure_3, force_figure, motion_figure
+from lcpimpact.plotting.layout import CEILING, Layout, half_breadth
 from lcpimpact.plotting.schematic import FORCE, draw_scheme
 from lcpimpact.plotting.style import save, style
-from lcpimpact.plotting.timeline import contact_intervals, curves, math_text
+from lcpimpact.plotting.timeline import contact_intervals, curves, math_text, shown_events
 from lcpimpact.plotting.trajectory import plot_trajectory
+from lcpimpact.problems import PROBLEMS
+from lcpimpact.scheme.elements import ELEMENTS
 
 METHODS = ("exact", "moreau-jean", "rk4-paper")
 SYSTEMS = ("system-1", "system-2", "system-3")
@@ -68,6 +96,49 @@ SCHEMES = {
         KelvinVoigt("y", "ground", 1.0, 1.0, symbols=("k_o", "c_o")),
     ),
     "free bodies": Scheme(Mass("x", 1.0), Mass("y", 2.0), Bumper("x", "y", e=1.0), Mass("z", 1.0)),
+    "dry friction": Scheme(Mass("x", 1.0), Spring("x", "ground", 1.0), Slider("x", "ground", 1.0)),
+    "elastic-plastic": Scheme(Mass("x", 1.0), Jenkins("x", "ground", 1.0, 1.0)),
+    "elastic-plastic with hardening, beside a dashpot": Scheme(
+        Mass("x", 1.0), Load("x", 1.0), Jenkins("x", "ground", 1.0, 1.0, k_h=1.0), Dashpot("x", "ground", 1.0)
+    ),
+    "Maxwell beside a spring": Scheme(
+        Mass("x", 1.0), Bumper("x", "y"), Maxwell("y", "ground", 1.0, 1.0), Spring("y", "ground", 1.0)
+    ),
+    "Zener": Scheme(Mass("x", 1.0), Bumper("x", "y"), Zener("y", "ground", 1.0, 1.0, 1.0)),
+    "three arms": Scheme(Mass("x", 1.0), GeneralizedMaxwell("x", "ground", 1.0, (1.0,) * 3, (1.0,) * 3)),
+    "five arms": Scheme(Mass("x", 1.0), GeneralizedMaxwell("x", "ground", 1.0, (1.0,) * 5, (1.0,) * 5)),
+    "spring-pot": Scheme(Mass("x", 1.0), SpringPot("x", "ground", 1.0, 0.5, 1e-3, 1.0)),
+    "Hertz": Scheme(Mass("x", 1.0), Load("x", 1.0), HertzSpring("x", "ground", 1.0)),
+    "Hunt and Crossley": Scheme(Mass("x", 1.0), HuntCrossley("x", "ground", 1.0, 1.0)),
+    "hanging on a rope": Scheme(Mass("x", 1.0), Load("x", 1.0), Rope("ground", "x", slack=1.0, e=0.5)),
+    "tied down, and pushed away": Scheme(
+        Mass("x", 1.0), Rope("x", "ground", slack=1.0, e=0.5), NegativeSpring("x", "ground", 1.0)
+    ),
+    "between two stops": Scheme(
+        Mass("x", 1.0),
+        Bumper("ground", "x", gap=1.0, e=0.5, name="R_2", symbols=("R_2",)),
+        Spring("x", "ground", 1.0),
+        Bumper("x", "ground", gap=1.0, e=0.5),
+    ),
+    "a table that moves": Scheme(
+        Mass("x", 1.0), Load("x", 1.0), Bumper("x", "table", e=0.5), PrescribedMotion("table", Harmonic(1.0, 2.0))
+    ),
+    "a ceiling that moves": Scheme(
+        PrescribedMotion("base", Harmonic(1.0, 2.0)),
+        Mass("x", 1.0),
+        KelvinVoigt("base", "x", 1.0, 1.0),
+        Bumper("x", "ground", e=0.5, gap=1.0),
+    ),
+    "balls in a column": Scheme(
+        *(Mass(f"x_{i}", 1.0, symbols=(f"m_{i}",)) for i in range(1, 6)),
+        *(Bumper(f"x_{i}", f"x_{i + 1}", e=1.0, name=f"R_{i}", symbols=(f"R_{i}",)) for i in range(1, 5)),
+    ),
+    "a bar above a wall": Scheme(
+        bar := Bar("a", "b", E=900.0, A=1.0, rho=1.0, L=10.0, elements=40, massless="b"),
+        *bar.weight(10.0),
+        Bumper("b", "ground", gap=5.0),
+    ),
+    "two chains": Scheme(Mass("a", 1.0), Spring("a", "ground", 1.0), Mass("b", 1.0), Spring("b", "ground", 1.0)),
 }
 
 
@@ -81,8 +152,78 @@ def runs() -> dict[str, list[Trajectory]]:
     }
 
 
-def parts(scheme: Scheme) -> list[Any]:
-    return [part for element in scheme.elements for part in element.parts()]
+def pieces(scheme: Scheme) -> list[Any]:
+    """Return what is to be drawn: loads on nodes that elements keep to themselves are not."""
+    inner = {node for element in scheme.elements for node in element.nodes[1:-1]}
+    every = [piece for element in scheme.elements for piece in element.drawn()]
+    return [piece for piece in every if len(piece.nodes) > 1 or piece.node not in inner]
+
+
+def random_scheme(seed: int) -> Scheme:
+    """Return elements of every kind between any of two to six nodes."""
+    rng = np.random.default_rng(seed)
+    nodes = ["ground", "x", "y_1", "a", "w", "z_12"][: 2 + seed % 5]
+    scheme = Scheme()
+    for i in range(int(rng.integers(len(nodes), 2 * len(nodes) + 1))):
+        a, b = (nodes[j] for j in rng.choice(len(nodes), 2, replace=False))
+        node, name, arms = nodes[1 + i % (len(nodes) - 1)], f"N{i}", (1.0,) * (1 + i % 5)
+        kinds = [
+            Spring(a, b, 1.0),
+            Dashpot(a, b, 1.0),
+            KelvinVoigt(a, b, 1.0, 1.0),
+            Bumper(a, b, e=0.5, name=name),
+            Slider(a, b, 1.0, name=name),
+            Jenkins(a, b, 1.0, 1.0, k_h=1.0 if i % 2 else None, name=name),
+            HertzSpring(a, b, 1.0),
+            HuntCrossley(a, b, 1.0, 1.0),
+            Maxwell(a, b, 1.0, 1.0, name=name),
+            Zener(a, b, 1.0, 1.0, 1.0, name=name),
+            GeneralizedMaxwell(a, b, 1.0, arms, arms, name=name),
+            Rope(a, b, slack=1.0, name=name),
+            NegativeSpring(a, b, 1.0),
+            Mass(node, 1.0),
+            Load(node, 1.0),
+        ]
+        scheme.add(kinds[rng.integers(len(kinds))])
+    return scheme
+
+
+def registered(name: str) -> Scheme:
+    scheme = lcpimpact.load_problem(name).scheme
+    if not isinstance(scheme, Scheme):
+        pytest.skip("no scheme, but matrices")
+    return scheme
+
+
+def assert_no_symbol_meets_another_or_a_text(scheme: Scheme) -> None:
+    """The boxes around symbols and bodies are apart, and no text stands in one but the names of the bodies."""
+    layout = Layout(scheme.elements)
+    figure = draw_scheme(scheme)
+    ax = figure.axes[0]
+    found: list[tuple[str, float, float, float, float]] = []
+    for link in layout.links:
+        half = half_breadth(link.part)
+        low, high = layout.edge(layout.y, link.bottom, 1), layout.edge(layout.y, link.top, -1)
+        # Without its leads, which a label may stand beside.
+        ends = link.leads if link.down else link.leads[::-1]
+        s = [s for stroke in link.part.strokes for s, t in stroke if t]
+        top, bottom = (min(s), max(s)) if link.down else (1.0 - max(s), 1.0 - min(s))
+        low, high = low + ends[1] + (1.0 - bottom) * link.body, high - ends[0] - top * link.body
+        found.append((str(link.part), link.x - half, link.x + half, low, high))
+    for node in layout.nodes:
+        if layout.bodies(node):
+            left, right = layout.span(node)
+            found.append((f"Mass {node}", left, right, layout.edge(layout.y, node, -1), layout.edge(layout.y, node, 1)))
+    assert len(found) == len(layout.links) + len({p.node for p in pieces(scheme) if isinstance(p, Mass)})
+    for one, other in combinations(found, 2):
+        across = min(one[2], other[2]) - max(one[1], other[1])
+        along = min(one[4], other[4]) - max(one[3], other[3])
+        assert across <= 1e-9 or along <= 1e-9, (one, other)
+    for text, box in boxes(figure):
+        (x0, y0), (x1, y1) = ax.transData.inverted().transform([(box.x0, box.y0), (box.x1, box.y1)])
+        for name, left, right, low, high in found:
+            inside = min(x1, right) - max(x0, left) > 0.02 and min(y1, high) - max(y0, low) > 0.02
+            assert not inside or (name.startswith("Mass") and left <= x0 <= x1 <= right), (text, name)
 
 
 def texts(figure: Figure) -> list[Text]:
@@ -139,21 +280,21 @@ def points(ax: Axes, kind: str) -> list[np.ndarray]:
 def test_every_symbol_and_every_coordinate_is_written(name: str) -> None:
     scheme = SCHEMES[name]
     written = Counter(text.get_text() for text in draw_scheme(scheme).axes[0].texts)
-    expected = Counter(math_text(symbol) for part in parts(scheme) for symbol in part.symbols)
-    expected += Counter(
-        math_text(symbol) for part in parts(scheme) if isinstance(part, Bumper) for symbol in part.symbols
-    )
-    expected += Counter(
-        math_text(node) for node in {node for part in parts(scheme) for node in part.nodes} - {"ground"}
-    )
+    shown = pieces(scheme)
+    expected = Counter(", ".join(map(math_text, p.symbols)) for p in shown if not isinstance(p, PrescribedMotion))
+    expected += Counter(math_text(symbol) for p in shown if isinstance(p, Bumper) for symbol in p.symbols)
+    expected += Counter("$y(t)$" for p in shown if isinstance(p, PrescribedMotion))
+    outer = {node for e in scheme.elements for node in (e.nodes[0], e.nodes[-1])}
+    inner = {node for e in scheme.elements for node in e.nodes[1:-1]}
+    expected += Counter(math_text(node) for node in outer - inner - {"ground"})
     assert written == expected
 
 
 @pytest.mark.parametrize("name", SCHEMES)
 def test_every_element_is_drawn_by_its_own_strokes(name: str) -> None:
     ax = draw_scheme(SCHEMES[name]).axes[0]
-    for kind in (Mass, Spring, Dashpot, Bumper, Load):
-        count = sum(type(part) is kind for part in parts(SCHEMES[name]))
+    for kind in (each for each in ELEMENTS.values() if each.strokes and each is not PrescribedMotion):
+        count = sum(type(piece) is kind for piece in pieces(SCHEMES[name]))
         lines = points(ax, kind.__name__)
         assert [len(line) for line in lines] == [len(stroke) for stroke in kind.strokes] * count
 
@@ -166,29 +307,95 @@ def test_no_two_texts_of_a_scheme_overlap_and_none_is_cut_off(name: str) -> None
 
 
 @pytest.mark.parametrize("name", SCHEMES)
-def test_no_two_symbols_share_a_place(name: str) -> None:
-    """The boxes around the symbols of springs, dashpots, bumpers and masses meet at most along their edges."""
-    ax = draw_scheme(SCHEMES[name]).axes[0]
-    found: dict[str, np.ndarray] = {}
-    for label in {str(line.get_label()) for line in ax.get_lines()}:
-        if label.startswith(("Mass", "Spring", "Dashpot", "Bumper")):
-            found[label] = np.vstack([line.get_xydata() for line in ax.get_lines() if line.get_label() == label])
-    assert len(found) == sum(not isinstance(part, Load) for part in parts(SCHEMES[name]))
-    for (one, a), (other, b) in combinations(found.items(), 2):
-        shared = np.minimum(a.max(axis=0), b.max(axis=0)) - np.maximum(a.min(axis=0), b.min(axis=0))
-        assert (shared <= 1e-9).any(), (one, other)
+def test_no_symbol_meets_another_or_a_text(name: str) -> None:
+    assert_no_symbol_meets_another_or_a_text(SCHEMES[name])
 
 
-@pytest.mark.parametrize("name", SCHEMES)
-def test_no_text_stands_on_a_spring_or_a_dashpot(name: str) -> None:
-    figure = draw_scheme(SCHEMES[name])
-    written = boxes(figure)
-    ax = figure.axes[0]
-    for line in ax.get_lines():
-        if str(line.get_label()).startswith(("Spring", "Dashpot")):
-            (x0, y0), (x1, y1) = (f(ax.transData.transform(line.get_xydata()), axis=0) for f in (np.min, np.max))
-            for text, box in written:
-                assert min(x1, box.x1) <= max(x0, box.x0) or min(y1, box.y1) <= max(y0, box.y0), text
+@pytest.mark.parametrize("name", list(PROBLEMS))
+def test_every_registered_problem_is_drawn_without_overlaps(name: str) -> None:
+    scheme = registered(name)
+    figure = draw_scheme(scheme, title=name)
+    assert_nothing_overlaps(figure)
+    assert_nothing_is_cut_off(figure)
+    assert_no_symbol_meets_another_or_a_text(scheme)
+
+
+@pytest.mark.parametrize("seed", [*range(40), 46, 69, 84, 96])
+def test_a_random_scheme_is_drawn_without_overlaps(seed: int) -> None:
+    scheme = random_scheme(seed)
+    figure = draw_scheme(scheme)
+    assert_nothing_overlaps(figure)
+    assert_nothing_is_cut_off(figure)
+    assert_no_symbol_meets_another_or_a_text(scheme)
+
+
+@pytest.mark.parametrize("scheme", [*SCHEMES.values(), random_scheme(69)], ids=[*SCHEMES, "two components"])
+def test_no_link_runs_through_a_node(scheme: Scheme) -> None:
+    layout = Layout(scheme.elements)
+    for link in layout.links:
+        for node in layout.nodes:
+            left, right = layout.span(node)
+            crosses = left < link.x < right and layout.y[link.bottom] < layout.y[node] < layout.y[link.top]
+            assert node in (link.top, link.bottom) or not crosses, (str(link.part), node)
+
+
+def test_pieces_in_series_are_drawn_as_an_arm_with_no_coordinate_of_their_own() -> None:
+    ax = draw_scheme(SCHEMES["Zener"]).axes[0]
+    (dashpot,), springs = [np.vstack(points(ax, "Dashpot"))], points(ax, "Spring")
+    arm, alone = sorted(springs, key=lambda spring: abs(spring[0, 0] - dashpot[0, 0]))
+    assert arm[[0, -1], 0] == pytest.approx(dashpot[[0, -1], 0], abs=1e-12)
+    assert arm[:, 1].min() == pytest.approx(dashpot[:, 1].max(), abs=1e-12)
+    assert alone[:, 1].max() == pytest.approx(arm[:, 1].max(), abs=1e-12)
+    assert alone[:, 1].min() == pytest.approx(dashpot[:, 1].min(), abs=1e-12) == 0.0
+    assert not [text.get_text() for text in ax.texts if "ground" in text.get_text()]
+
+
+def test_a_bar_is_one_block_and_its_weight_stands_at_its_end_only() -> None:
+    ax = draw_scheme(SCHEMES["a bar above a wall"]).axes[0]
+    assert len(points(ax, "Bar")) == len(Bar.strokes)
+    assert len(points(ax, "Load")) == len(Load.strokes)
+    assert not points(ax, "Spring")
+
+
+def test_more_than_three_arms_are_one_symbol() -> None:
+    few, many = draw_scheme(SCHEMES["three arms"]).axes[0], draw_scheme(SCHEMES["five arms"]).axes[0]
+    assert (len(points(few, "Spring")), len(points(many, "Spring"))) == (4, 0)
+    assert len(points(many, "GeneralizedMaxwell")) == len(GeneralizedMaxwell.strokes)
+
+
+def test_what_the_ground_holds_from_above_hangs() -> None:
+    layout = Layout(SCHEMES["between two stops"].elements)
+    assert layout.y[CEILING] > layout.y["x"] > layout.y["ground"]
+    # Its reaction, too, pushes the mass down and the ceiling up.
+    ax = draw_scheme(SCHEMES["between two stops"]).axes[0]
+    labels = sorted(text.get_position()[1] for text in ax.texts if text.get_text() == "$R_2$")
+    assert layout.y["x"] < labels[0] < labels[1] < layout.y[CEILING]
+
+
+def test_a_plate_that_is_called_the_upper_one_stands_above() -> None:
+    for a, b in (("p", "q"), ("q", "p")):
+        layout = Layout((Bumper(a, b), Mass("p", 1.0), Mass("q", 1.0)))
+        assert layout.y[a] > layout.y[b]
+
+
+def test_no_link_runs_sideways() -> None:
+    layout = Layout(SCHEMES["two masses side by side"].elements)
+    assert all(layout.y[link.top] > layout.y[link.bottom] for link in layout.links)
+    assert len(layout.links) == 4
+
+
+def test_a_system_given_by_its_matrices_is_a_block_diagram() -> None:
+    system = LinearComplementaritySystem(
+        [[0.0, 1.0], [-1.0, 0.0]], np.eye(2), np.eye(2), np.eye(2), a=[1.0, 0.0], states=("v_C", "i_L")
+    )
+    figure = draw_scheme(system, title="circuit")
+    written = " ".join(text.get_text() for text in figure.axes[0].texts)
+    assert "A\\,x + B\\,λ + a(t)" in written
+    assert "C\\,x + D\\,λ$" in written
+    assert "$v_C$, $i_L$" in written
+    assert r"0 \leq λ \perp w \geq 0" in written
+    assert_nothing_overlaps(figure)
+    assert_nothing_is_cut_off(figure)
 
 
 def test_a_stroke_is_placed_by_the_frame_of_its_element() -> None:
@@ -372,6 +579,11 @@ def ball(method: str, t_end: float) -> Trajectory:
     return lcpimpact.simulate(lcpimpact.load_problem("bouncing-ball"), method, dt=1e-2, t_end=t_end)
 
 
+def simulated(name: str, method: str, **parameters: float) -> Trajectory:
+    problem = lcpimpact.load_problem(name, **parameters)
+    return lcpimpact.simulate(problem, method, dt=problem.t_end / 500, t_end=problem.t_end)
+
+
 def oscillator(method: str) -> Trajectory:
     scheme = Scheme(Mass("x", 1.0), KelvinVoigt("x", "ground", 10.0, 0.5))
     return lcpimpact.simulate(Problem("oscillator", scheme, q0={"x": 1.0}), method, dt=1e-2, t_end=1.0)
@@ -394,6 +606,54 @@ def test_a_run_shows_coordinates_reactions_and_the_names_of_its_events(method: s
     assert [text.get_text() for text in upper.texts] == ["opens", "closes"]
     assert_nothing_overlaps(figure)
     assert_nothing_is_cut_off(figure)
+
+
+def test_friction_is_drawn_on_both_sides_of_zero_with_the_names_of_its_events() -> None:
+    run = simulated("coulomb-oscillator", "exact")
+    figure = run.plot()
+    motion, force = figure.axes
+    assert force.get_ylabel() == "force [N]"
+    (line,) = force.get_lines()
+    values = np.asarray(line.get_ydata())
+    r0 = run.problem.dynamics.r_max[0]
+    assert np.nanmin(values) == pytest.approx(-r0, rel=1e-9)
+    assert np.nanmax(values) == pytest.approx(r0, rel=1e-9)
+    assert [text.get_text() for text in motion.texts] == ["slips"] * (len(run.events) - 1) + ["sticks"]
+    assert_nothing_overlaps(figure)
+    assert_nothing_is_cut_off(figure)
+
+
+def test_what_an_element_has_inside_stays_out_of_the_picture() -> None:
+    run = simulated("plastic-bar-impact", "moreau-jean", elements=6)
+    assert len(run.problem.dynamics.nodes) > 10
+    assert len(run.problem.dynamics.contacts) > 3
+    figure = run.plot()
+    assert [[line.get_label() for line in ax.get_lines()] for ax in figure.axes[:2]] == [["$x$", "$y$", "$w$"], ["$R$"]]
+    assert {event.contact for event in run.events} > {"R"}
+    assert {event.contact for event in shown_events(run)} <= {"R"}
+    assert not [text for ax in figure.axes for text in ax.texts if "F" in text.get_text()]
+    # A Jenkins element is drawn with its slider, whose force is shown; its inner node is not.
+    figure = simulated("jenkins-cycle", "moreau-jean").plot()
+    assert [[line.get_label() for line in ax.get_lines()] for ax in figure.axes] == [["$x$"], ["$F$"]]
+
+
+def test_a_system_given_by_its_matrices_has_states_and_multipliers() -> None:
+    figure = simulated("diode-bridge", "moreau-jean").plot()
+    assert [ax.get_ylabel() for ax in figure.axes] == ["states", "mean multipliers of a step"]
+    assert len(figure.axes[1].get_lines()) == 4
+
+
+def test_a_reaction_that_is_all_impulses_has_no_panel_of_its_own() -> None:
+    figure = ball("exact", 1.0).plot()
+    assert [ax.get_ylabel() for ax in figure.axes] == ["coordinates [m]", "impulse [N s]"]
+    (needles,) = figure.axes[1].get_lines()
+    assert len(needles.get_xdata()) == 1
+
+
+def test_the_title_says_the_options_that_are_not_the_usual_ones() -> None:
+    assert ball("moreau-jean", 0.1).plot().get_suptitle() == "bouncing-ball by moreau-jean"
+    run = lcpimpact.simulate(lcpimpact.load_problem("bouncing-ball"), "moreau-jean", dt=1e-2, t_end=0.1, theta=1.0)
+    assert run.plot().get_suptitle() == "bouncing-ball by moreau-jean(theta=1.0)"
 
 
 def test_many_events_are_marked_but_not_named() -> None:

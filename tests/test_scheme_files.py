@@ -405,7 +405,7 @@ WRONG = {
     "too large": (SPRING.replace("5.0", "9" * 400), r"a whole number has too many digits; write it as 1e9"),
     "far too large": (SPRING.replace("5.0", "9" * 5000), r"a whole number has too many digits"),
     "far too large in base 16": (SPRING.replace("5.0", "0x" + "f" * 5000), r"a whole number has too many digits"),
-    "symbols": (SPRING + 'symbols = ["k", "l"]', r"Spring.symbols must hold 1 strings"),
+    "symbols": (SPRING + 'symbols = ["k", "l"]', r"of a Spring must be a tuple of 1 strings"),
     "symbols that are none": (SPRING + "symbols = [1]", r"Spring.symbols\[0\] = 1 must be a string"),
     "no load": (LOAD, r"Load at 'x': f is missing"),
     "word as a load": (LOAD + 'f = "g"', r"Load.f = 'g' must be a number or a table \{ amplitude, omega, phase \}$"),

@@ -1,16 +1,11 @@
-"""Schemes drawn in the usual symbols of engineering, from the strokes that the elements themselves carry.
-
-Nodes are stacked in levels by their distance from the ground, and every link between two levels is vertical: a node
-with several links becomes a rigid bar, or a body wide enough to carry them.
-"""
+"""Schemes drawn in the usual symbols of engineering, from the strokes that the elements themselves carry."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from statistics import fmean
-from typing import overload
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from itertools import chain
+from typing import Any, overload
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,197 +13,124 @@ from matplotlib.figure import Figure
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.plotting.block_diagram import draw_system
+from lcpimpact.plotting.layout import (
+    BREADTH,
+    CEILING,
+    CLEAR,
+    COORDINATE,
+    LINK,
+    LOAD,
+    Layout,
+    Link,
+    half_breadth,
+    label,
+    width,
+)
 from lcpimpact.plotting.style import FAINT, INK, PALETTE, SOFT, style
 from lcpimpact.plotting.timeline import math_text
+from lcpimpact.scheme.elements.bar import Bar
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.elements.bumper import Bumper
+from lcpimpact.scheme.elements.hertz_spring import HertzSpring
+from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley
 from lcpimpact.scheme.elements.mass import Mass
+from lcpimpact.scheme.elements.rope import Rope
 from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.system import LinearComplementaritySystem
 
 INCH = 0.42
-"""Inches in the unit of the drawing, in which all the lengths below are."""
+"""Inches in the unit of the layout, as long as the picture is no taller than `TALL`."""
 
-LINK = 2.1
-"""Height of a link."""
+TALL = 9.0
+"""Inches from which on a picture is drawn smaller."""
 
-BREADTH = 0.75
-"""Width of a link's symbol."""
+FORCE, MOVES = PALETTE[1], PALETTE[0]
 
-BODY_HEIGHT, BODY_WIDTH = 1.1, 2.6
-ARROW = 1.3
-"""Unit of a load's frame; its shaft is half as long."""
+DOWN = np.array([0.0, -1.0])
+RIGHT = np.array([1.0, 0.0])
 
-STUB = 0.35
-"""From a body to the rigid bar of links that run sideways."""
+CAGE: tuple[tuple[tuple[float, float], ...], ...] = (
+    ((0.0, 0.0), (0.62, 0.0)),
+    ((0.62, -0.55), (0.62, 0.55)),
+    ((0.5, -0.2), (0.5, -0.8), (0.8, -0.8), (0.8, 0.8), (0.5, 0.8), (0.5, 0.2)),
+    ((0.8, 0.0), (1.0, 0.0)),
+)
+"""A bumper whose upper plate hangs from the node below: a head behind the lips of a cage, from top to bottom."""
 
-CLEAR = 0.2
-"""Between a symbol and its label."""
-
-LETTER = 0.32
-"""About the width of a letter."""
-
-FORCE, COORDINATE = PALETTE[1], PALETTE[0]
-
-Group = tuple[Element, ...]
-"""Links side by side between the same two nodes."""
+CAGE_SPLIT = 0.62
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
-    """Where everything stands; y grows upwards from the ground at zero."""
+class Line:
+    """A line of the picture, filled where it says with what."""
 
-    parts: tuple[Element, ...]
+    points: Array
+    color: str
+    width: float
+    label: str = "_"
+    fill: str | None = None
+    cap: str = "round"
+    zorder: float = 3.0
 
-    @cached_property
-    def nodes(self) -> list[str]:
-        """The nodes in the order in which they are mentioned, without the ground."""
-        return [node for node in dict.fromkeys(node for part in self.parts for node in part.nodes) if node != GROUND]
 
-    @cached_property
-    def groups(self) -> dict[frozenset[str], Group]:
-        """The links, by the two nodes that they join."""
-        found: dict[frozenset[str], Group] = {}
-        for part in self.parts:
-            if len(part.nodes) > 1:
-                ends = frozenset((part.nodes[0], part.nodes[-1]))
-                found[ends] = (*found.get(ends, ()), part)
-        return found
+@dataclass(frozen=True, eq=False)
+class Words:
+    """A text of the picture; ``side`` is the direction in which it stands beside its point."""
 
-    @cached_property
-    def level(self) -> dict[str, int]:
-        """The distance from the ground in links; what floats freely stands above everything else."""
-        level, reached = {GROUND: 0}, [GROUND]
-        while True:
-            for node in reached:
-                new = [other for other in self.neighbours(node) if other not in level]
-                level |= dict.fromkeys(new, level[node] + 1)
-                reached.extend(new)
-            free = [node for node in self.nodes if node not in level]
-            if not free:
-                return level
-            level[free[-1]] = max(level.values()) + 1
-            reached = [free[-1]]
+    text: str
+    point: Array
+    side: Array
+    color: str = INK
+    size: float = 13.0
 
-    def neighbours(self, node: str) -> list[str]:
-        """Return the nodes that links join to a node."""
-        return [other for ends in self.groups if node in ends for other in ends - {node}]
+    @property
+    def place(self) -> Array:
+        """Where the text stands."""
+        return np.asarray(self.point + CLEAR * self.side)
 
-    def lower(self, node: str) -> list[str]:
-        """Return the neighbours one level below."""
-        return [other for other in self.neighbours(node) if self.level[other] < self.level[node]]
 
-    def upper(self, node: str) -> list[str]:
-        """Return the neighbours one level above."""
-        return [other for other in self.neighbours(node) if self.level[other] > self.level[node]]
+Piece = Line | Words
 
-    @cached_property
-    def label_reach(self) -> float:
-        """How far the widest label of a link reaches out from its symbol."""
-        links = [part for group in self.groups.values() for part in group]
-        return CLEAR + max((_width(_label(part)) for part in links), default=0.0)
 
-    @cached_property
-    def half_width(self) -> float:
-        """Half of the widest group or body, with its labels."""
-        widest = max((self.offsets(group)[-1] for group in self.groups.values()), default=0.0)
-        return max(BODY_WIDTH / 2.0, widest + BREADTH / 2.0 + self.label_reach)
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """What moves in a picture.
 
-    def offsets(self, group: Group) -> list[float]:
-        """Return where the links of a group stand, from its middle; the labels of two links stand on the outside."""
-        broad = 2.0 * max(map(_half_breadth, group))
-        apart = max(2.1 * BREADTH, broad + 2.0 * CLEAR) if len(group) < 3 else broad + CLEAR + self.label_reach
-        return [(i - (len(group) - 1) / 2.0) * apart for i in range(len(group))]
+    Attributes
+    ----------
+    y : mapping of str to float             where the nodes are
+    pressed : mapping of str to float       how hard each bumper is pressed, from 0 to 1
+    down : mapping of str to float          how far each node has moved down, those inside a bar included
+    """
 
-    @cached_property
-    def x(self) -> dict[str, float]:
-        """The middle of each node: above the nodes that carry it, and never too near its neighbours in the level."""
-        x = {GROUND: 0.0}
-        for level in range(1, max(self.level.values()) + 1):
-            row = [node for node in self.nodes if self.level[node] == level]
-            wish = {node: fmean([x[other] for other in self.lower(node)] or [0.0]) for node in row}
-            row.sort(key=wish.__getitem__)
-            x |= zip(row, _spread([wish[node] for node in row], 2.0 * self.half_width + LINK), strict=True)
-        return x
-
-    @cached_property
-    def height(self) -> dict[str, float]:
-        """The height of each node: that of its body, or zero."""
-        return {node: BODY_HEIGHT if self.bodies(node) else 0.0 for node in [GROUND, *self.nodes]}
-
-    @cached_property
-    def y(self) -> dict[str, float]:
-        """The middle of each node."""
-        y, top = {GROUND: 0.0}, 0.0
-        for level in range(1, max(self.level.values()) + 1):
-            row = [node for node in self.nodes if self.level[node] == level]
-            thick = max(self.height[node] for node in row)
-            y |= dict.fromkeys(row, top + LINK + thick / 2.0)
-            top += LINK + thick
-        return y
-
-    def bodies(self, node: str) -> list[Mass]:
-        """Return the masses at a node."""
-        return [part for part in self.parts if isinstance(part, Mass) and part.node == node]
-
-    def loads(self, node: str) -> list[Element]:
-        """Return what acts on a node alone and is no mass."""
-        return [part for part in self.parts if part.nodes == (node,) and not isinstance(part, Mass)]
-
-    def joint(self, one: str, other: str) -> float:
-        """Return the x at which a group stands between two levels: over the node that has no choice."""
-        upper, lower = (one, other) if self.level[one] > self.level[other] else (other, one)
-        return self.x[lower] if len(self.lower(upper)) > 1 and lower != GROUND else self.x[upper]
-
-    def load_places(self, node: str) -> list[float]:
-        """Return the x of each load of a node: in its middle, or left of what stands on it."""
-        above = [
-            self.joint(node, other) + self.offsets(self.groups[frozenset((node, other))])[0]
-            for other in self.upper(node)
-        ]
-        first = min(above) - BREADTH if above else self.x[node]
-        return [first - i * (BREADTH + self.label_reach) for i in range(len(self.loads(node)))]
-
-    def span(self, node: str) -> tuple[float, float]:
-        """Return from where to where a node reaches, as a body or as a rigid bar."""
-        x = [self.x[node], *self.load_places(node)]
-        for other in [*self.lower(node), *self.upper(node)]:
-            joint = self.joint(node, other)
-            x += [joint + offset for offset in self.offsets(self.groups[frozenset((node, other))])]
-        half = BODY_WIDTH / 2.0 if self.bodies(node) else 0.0
-        margin = CLEAR if half else 0.0
-        return min(self.x[node] - half, min(x) - margin), max(self.x[node] + half, max(x) + margin)
-
-    def ends(self, group: Group) -> list[tuple[Array, Array]]:
-        """Return for each link of a group the points of its first and of its last node."""
-        one, other = group[0].nodes[0], group[0].nodes[-1]
-        offsets = self.offsets(group)
-        if self.level[one] == self.level[other]:
-            left, right = sorted((one, other), key=self.x.__getitem__)
-            inset = STUB if len(group) > 1 else 0.0
-            points = {left: self.span(left)[1] + inset, right: self.span(right)[0] - inset}
-            found = {node: [np.array([x, self.y[node] + offset]) for offset in offsets] for node, x in points.items()}
-        else:
-            joint = self.joint(one, other)
-            side = 0.5 if self.level[one] > self.level[other] else -0.5
-            heights = {one: self.y[one] - side * self.height[one], other: self.y[other] + side * self.height[other]}
-            found = {node: [np.array([joint + offset, y]) for offset in offsets] for node, y in heights.items()}
-        return [(found[part.nodes[0]][i], found[part.nodes[-1]][i]) for i, part in enumerate(group)]
+    y: Mapping[str, float]
+    pressed: Mapping[str, float] = field(default_factory=dict)
+    down: Mapping[str, float] = field(default_factory=dict)
 
 
 @overload
-def draw_scheme(scheme: Scheme, ax: None = None, *, title: str | None = None, coordinates: bool = True) -> Figure: ...
+def draw_scheme(
+    scheme: Scheme | LinearComplementaritySystem, ax: None = None, *, title: str | None = None, coordinates: bool = True
+) -> Figure: ...
 @overload
-def draw_scheme(scheme: Scheme, ax: Axes, *, title: str | None = None, coordinates: bool = True) -> Axes: ...
+def draw_scheme(
+    scheme: Scheme | LinearComplementaritySystem, ax: Axes, *, title: str | None = None, coordinates: bool = True
+) -> Axes: ...
 @style()
 def draw_scheme(
-    scheme: Scheme, ax: Axes | None = None, *, title: str | None = None, coordinates: bool = True
+    scheme: Scheme | LinearComplementaritySystem,
+    ax: Axes | None = None,
+    *,
+    title: str | None = None,
+    coordinates: bool = True,
 ) -> Figure | Axes:
-    """Draw a scheme upright, with the ground at its foot.
+    """Draw a scheme upright, with the ground at its foot; a system given by its matrices is drawn as a block diagram.
 
     Parameters
     ----------
-    scheme : Scheme
-        Any scheme.
+    scheme : Scheme or LinearComplementaritySystem
+        Any.
     ax : Axes, optional
         Where to draw; without it a figure of the right size is made.
     title : str, optional
@@ -233,180 +155,260 @@ def draw_scheme(
     >>> sorted(text.get_text() for text in figure.axes[0].texts)
     ['$R$', '$R$', '$c_o$', '$k_o$', '$m$', '$mg$', '$x$', '$z$']
     """
-    if not scheme.elements:
-        raise InputError("a scheme without elements cannot be drawn: add a Mass, Spring, Dashpot, Bumper, Load, ...")
     figure = Figure(layout="constrained") if ax is None else None
-    if figure is not None:
-        ax = figure.add_subplot()
-    assert ax is not None
-    layout = Layout(tuple(part for element in scheme.elements for part in element.parts()))
-    if any(GROUND in ends for ends in layout.groups):
-        _draw_ground(ax, *layout.span(GROUND))
-    for group in layout.groups.values():
-        _draw_group(ax, group, layout.ends(group))
-    for node in layout.nodes:
-        _draw_node(ax, layout, node)
-        if coordinates:
-            _draw_coordinate(ax, layout, node)
-    width, height = _frame(ax)
+    panel = ax if figure is None else figure.add_subplot()
+    assert panel is not None
+    if isinstance(scheme, LinearComplementaritySystem):
+        pieces_width, pieces_height = draw_system(panel, scheme)
+    else:
+        if not scheme.elements:
+            raise InputError(
+                "a scheme without elements cannot be drawn: add a Mass, Spring, Dashpot, Bumper, Load, ..."
+            )
+        layout = Layout(scheme.elements)
+        pieces = list(picture(layout, at_rest(layout), coordinates=coordinates))
+        left, right, low, high = extent(pieces)
+        pieces_width, pieces_height = right - left, high - low
+        size = 1.0 if figure is None else min(1.0, TALL / (pieces_height * INCH))
+        paint(panel, pieces, size)
+        panel.set(xlim=(left, right), ylim=(low, high), aspect="equal")
+        panel.set_axis_off()
+        pieces_width, pieces_height = pieces_width * size, pieces_height * size
     if title is not None:
-        ax.set_title(title, loc="center", fontsize=11.0)
+        panel.set_title(title, loc="center", fontsize=11.0)
     if figure is None:
-        return ax
+        return panel
     # A title is about 0.09 in a letter wide, and a line of it 0.35 in high.
-    figure.set_size_inches(max(width * INCH, 0.09 * len(title or "")), height * INCH + (0.35 if title else 0.0))
+    figure.set_size_inches(
+        max(pieces_width * INCH, 0.09 * len(title or "")), pieces_height * INCH + (0.35 if title else 0.0)
+    )
     return figure
 
 
-def _label(part: Element) -> str:
-    return ", ".join(math_text(symbol) for symbol in part.symbols)
+def at_rest(layout: Layout) -> Posture:
+    """Return the posture of a picture that stands still: bumpers part, with their reactions as full arrows."""
+    return Posture(layout.y)
 
 
-def _half_breadth(link: Element) -> float:
-    return BREADTH * max((abs(t) for stroke in link.strokes for _, t in stroke), default=0.0)
+def picture(layout: Layout, posture: Posture, *, coordinates: bool = True) -> Iterator[Piece]:
+    """Yield everything that a picture consists of; the same pieces in the same order for every posture."""
+    y = posture.y
+    if layout.grounded:
+        yield from _ground(*layout.span(GROUND), y[GROUND], reach=0.8)
+    if layout.hung:
+        yield from _ground(*layout.span(CEILING), y[CEILING], reach=0.8, above=True)
+    for link in layout.links:
+        yield from _link(layout, link, posture)
+    for node, (left, right) in layout.inner_bars.items():
+        yield from _bar(left, right, y[node])
+    for node in layout.nodes:
+        yield from _node(layout, node, y)
+        if coordinates:
+            yield from _coordinate(layout, node, y[node])
 
 
-def _width(text: str) -> float:
-    return LETTER * len(text.translate(str.maketrans("", "", "$_{}\\")))
+def paint(ax: Axes, pieces: list[Piece], size: float = 1.0) -> list[Any]:
+    """Draw the pieces of a picture, with letters and lines of a relative size; return the artists of each."""
+    return [_paint_line(ax, p, size) if isinstance(p, Line) else _paint_words(ax, p, size) for p in pieces]
 
 
-def _spread(wish: Sequence[float], pitch: float) -> list[float]:
-    """Return the places nearest (least squares) to those wished for, which ascend, a pitch or more apart."""
-    blocks: list[list[float]] = []
-    for i, x in enumerate(wish):
-        blocks.append([x - i * pitch])
-        while len(blocks) > 1 and fmean(blocks[-2]) > fmean(blocks[-1]):
-            blocks[-2:] = [blocks[-2] + blocks[-1]]
-    shifted = [fmean(block) for block in blocks for _ in block]
-    return [x + i * pitch for i, x in enumerate(shifted)]
+def extent(pieces: list[Piece]) -> tuple[float, float, float, float]:
+    """Return left, right, bottom and top of all that is to be drawn, with a margin."""
+    x: list[float] = []
+    y: list[float] = []
+    for piece in pieces:
+        if isinstance(piece, Line):
+            shown = piece.points[np.isfinite(piece.points).all(axis=1)]
+            x += shown[:, 0].tolist()
+            y += shown[:, 1].tolist()
+        else:
+            place, long = piece.place, width(piece.text)
+            shift = 0.5 - 0.5 * np.round(piece.side[0])
+            x += [place[0] - shift * long, place[0] + (1.0 - shift) * long]
+            y += [place[1] - 0.5, place[1] + 0.5]
+    margin = 0.3
+    return min(x) - margin, max(x) + margin, min(y) - margin, max(y) + margin
 
 
-def _draw_strokes(ax: Axes, part: Element, origin: Array, along: Array, across: Array) -> None:
-    """Draw an element's strokes: (s, t) in its frame goes to origin + s along + t across; fill those that are closed."""
-    body = len(part.nodes) > 1 or isinstance(part, Mass)
-    color, inside, width = (INK, FAINT, 1.5) if body else (FORCE, FORCE, 1.1)
-    for stroke in part.strokes:
-        points = origin + np.asarray(stroke) @ np.array([along, across])
-        ax.plot(
-            *points.T,
-            color=color,
-            linewidth=width,
+def _paint_line(ax: Axes, line: Line, size: float) -> tuple[Any, Any]:
+    drawn = None
+    if line.width:
+        (drawn,) = ax.plot(
+            *line.points.T,
+            color=line.color,
+            linewidth=line.width * size,
             linestyle="-",
             solid_joinstyle="miter",
-            solid_capstyle="round",
-            label=f"{part} {_label(part)}",
-            zorder=3.0,
+            solid_capstyle=line.cap,
+            label=line.label,
+            zorder=line.zorder,
         )
-        if stroke[0] == stroke[-1]:
-            ax.fill(*points.T, facecolor=inside, edgecolor="none", zorder=2.5)
+    filled = None
+    if line.fill is not None:
+        (filled,) = ax.fill(
+            *line.points.T, facecolor=line.fill, edgecolor="none", linewidth=0.0, zorder=line.zorder - 0.5
+        )
+    return drawn, filled
 
 
-def _write(ax: Axes, text: str, point: Array, side: Array, color: str = INK) -> None:
-    """Write beside a point, on the side where the vector points."""
-    ha = "left" if side[0] > 0.5 else "right" if side[0] < -0.5 else "center"
-    va = "bottom" if side[1] > 0.5 else "top" if side[1] < -0.5 else "center_baseline"
-    x, y = point + CLEAR * side
-    ax.text(x, y, text, ha=ha, va=va, fontsize=13.0, color=color)
+def _paint_words(ax: Axes, words: Words, size: float) -> Any:
+    ha = "left" if words.side[0] > 0.5 else "right" if words.side[0] < -0.5 else "center"
+    x, y = words.place
+    return ax.text(
+        x, y, words.text, ha=ha, va="center_baseline", fontsize=words.size * size, color=words.color, zorder=5.0
+    )
 
 
-def _draw_group(ax: Axes, group: Group, ends: Sequence[tuple[Array, Array]]) -> None:
-    if len(group) > 1 and ends[0][0][1] == ends[0][1][1]:
-        _draw_side_bars(ax, np.array(ends))
-    for i, (part, (start, end)) in enumerate(zip(group, ends, strict=True)):
-        along = end - start
-        across = np.array([-along[1], along[0]]) / np.hypot(*along)
-        # Across points to the right of a link that runs down; of two or more links the first has its label on the left.
-        outwards = (-1.0 if i == 0 and len(group) > 1 else 1.0) * np.sign(across.sum()) * across
-        _draw_strokes(ax, part, start, along, BREADTH * across)
-        if isinstance(part, Bumper):
-            _draw_reaction(ax, part, start, along, outwards)
-        else:
-            _write(ax, _label(part), start + 0.5 * along + _half_breadth(part) * outwards, outwards)
+def _ground(left: float, right: float, y: float, *, reach: float, above: bool = False) -> Iterator[Line]:
+    left, right, deep = left - reach, right + reach, 0.35
+    yield Line(np.array([[left, y], [right, y]]), INK, 2.2, cap="butt")
+    low = y if above else y - deep
+    feet = np.arange(left, right - deep + 1e-9, 0.28)
+    hatch = [place for x in feet for place in ((x, low), (x + deep, low + deep), (np.nan, np.nan))]
+    yield Line(np.array(hatch), SOFT, 0.8, zorder=2.0)
 
 
-def _draw_side_bars(ax: Axes, ends: Array) -> None:
-    """Join links that run sideways, with ends (links, 2, 2), by a rigid bar at each side, and the bars to their nodes."""
-    heights = ends[:, 0, 1]
-    for x, outwards in ((ends[..., 0].min(), -STUB), (ends[..., 0].max(), STUB)):
-        middle = heights.mean()
-        for line in ([[x, x], [heights.min(), heights.max()]], [[x, x + outwards], [middle, middle]]):
-            ax.plot(*line, color=INK, linewidth=2.2, linestyle="-", solid_capstyle="round", zorder=2.0)
+def _bar(left: float, right: float, y: float) -> Iterator[Line]:
+    yield Line(np.array([[left, y], [right, y]]), INK, 2.2)
 
 
-def _draw_reaction(ax: Axes, bumper: Bumper, start: Array, along: Array, outwards: Array) -> None:
-    """Draw R where it acts: on the upper plate upwards, on the lower plate downwards."""
-    for tail, tip in ((0.41, 0.14), (0.59, 0.86)):
-        foot = start + 0.55 * BREADTH * outwards
-        _arrow(ax, foot + tail * along, foot + tip * along, FORCE)
-        _write(ax, _label(bumper), foot + 0.5 * (tail + tip) * along, outwards, FORCE)
-
-
-def _arrow(ax: Axes, tail: Array, tip: Array, color: str) -> None:
-    along = (tip - tail) / np.hypot(*(tip - tail))
+def _arrow(tail: Array, tip: Array, color: str) -> Iterator[Line]:
+    """Yield a shaft and a head; nothing shows of an arrow that is hardly longer than wide."""
+    length = float(np.hypot(*(tip - tail)))
+    if length < 0.08:
+        yield Line(np.full((2, 2), np.nan), color, 1.3, cap="butt")
+        yield Line(np.full((4, 2), np.nan), color, 0.0, fill=color, zorder=3.5)
+        return
+    along = (tip - tail) / length
     across = np.array([-along[1], along[0]])
-    base = tip - 0.2 * along
-    ax.plot(*np.array([tail, base]).T, color=color, linewidth=1.3, linestyle="-", solid_capstyle="butt", zorder=3.0)
-    ax.fill(*np.array([tip, base + 0.08 * across, base - 0.08 * across]).T, color=color, linewidth=0.0, zorder=3.0)
+    head_size = min(0.2, 0.7 * length)
+    base = tip - head_size * along
+    yield Line(np.array([tail, base]), color, 1.3, cap="butt")
+    head = np.array([tip, base + 0.4 * head_size * across, base - 0.4 * head_size * across, tip])
+    yield Line(head, color, 0.0, fill=color, zorder=3.5)
 
 
-def _draw_node(ax: Axes, layout: Layout, node: str) -> None:
-    x, y = layout.x[node], layout.y[node]
+def _strokes(part: Element, places: list[Array]) -> Iterator[Line]:
+    """Yield an element's strokes, which have their places; fill those that are closed."""
+    body = len(part.nodes) > 1 or isinstance(part, Mass)
+    color, inside, wide = (INK, FAINT, 1.5) if body else (FORCE, FORCE, 1.1)
+    for points in places:
+        closed = len(points) > 3 and bool((points[0] == points[-1]).all())
+        yield Line(points, color, wide, f"{part} {label(part)}", inside if closed else None)
+
+
+def _link(layout: Layout, link: Link, posture: Posture) -> Iterator[Piece]:
+    part = link.part
+    top, bottom = layout.edge(posture.y, link.top, -1), layout.edge(posture.y, link.bottom, 1)
+    length, down = top - bottom, link.down
+    cage = isinstance(part, Bumper) and not down
+    first = np.array([link.x, top if down or cage else bottom])
+    along = DOWN if down or cage else -DOWN
+    # The right of a link stays on the right, whichever way it runs.
+    split = CAGE_SPLIT if cage else part.split
+    placed = []
+    for stroke in CAGE if cage else part.strokes:
+        s, t = np.array(stroke, dtype=np.float64).T
+        place = _within(s, link, layout, posture) if isinstance(part, Bar) and posture.down else None
+        if place is None:
+            place = _along(s, link, length, split)
+        placed.append(first + np.outer(place, along) + np.outer(BREADTH * _sag(t, link, length, layout), RIGHT))
+    yield from _strokes(part, placed)
+    side = np.array([float(link.side), 0.0])
+    if not isinstance(part, Bumper):
+        # Beside the symbol, which its leads may keep from the middle.
+        wide = [y for points in placed for x, y in points.tolist() if abs(x - link.x) > 1e-9]
+        middle = (min(wide) + max(wide)) / 2.0 if wide else (top + bottom) / 2.0
+        yield Words(label(part), np.array([link.x, middle]) + half_breadth(part) * side, side)
+        return
+    # R acts on the upper plate upwards and on the lower plate downwards; a cage has both between its plates.
+    plates = sorted({float(line[0, 1]) for line in placed if abs(line[0, 1] - line[-1, 1]) < 1e-9 and len(line) == 2})
+    yield from _reaction(link, (plates[0] + plates[-1]) / 2.0, posture.pressed.get(part.name, 1.0), side, cage)
+
+
+def _along(s: Array, link: Link, length: float, split: float | None) -> Array:
+    """Return how far from the first end of a link each of the points of a stroke lies."""
+    first, last = link.leads
+    body = link.body
+    if split is None:
+        body = length - first - last
+    elif isinstance(link.part, (HertzSpring, HuntCrossley)):
+        body = min(body, length - first - last)
+    place = first + s * body
+    if split is not None and s.max() > split:
+        place = length - last - (1.0 - s) * body - np.where(s < split, link.extra, 0.0)
+    return np.asarray(np.where(s == 0.0, 0.0, np.where(s == 1.0, length, place)))
+
+
+def _within(s: Array, link: Link, layout: Layout, posture: Posture) -> Array:
+    """Return how far from its first end the points of a bar lie, which move as the nodes inside it do."""
+    assert isinstance(link.part, Bar)
+    rest = _along(s, link, layout.edge(layout.y, link.top, -1) - layout.edge(layout.y, link.bottom, 1), None)
+    block = [s for s, t in chain.from_iterable(link.part.strokes) if t]
+    down = np.array([posture.down[node] for node in link.part.joints]) - posture.down[link.part.a]
+    moved = np.interp(s, np.linspace(min(block), max(block), len(down)), down)
+    return np.asarray(rest + (moved if link.down else -moved))
+
+
+def _sag(t: Array, link: Link, length: float, layout: Layout) -> Array:
+    """Return how far sideways the points of a stroke lie: a rope straightens until it is taut."""
+    if not isinstance(link.part, Rope) or not layout.scale:
+        return t
+    rest = layout.edge(layout.y, link.top, -1) - layout.edge(layout.y, link.bottom, 1)
+    slack = layout.scale * link.part.slack - (length - rest)
+    return np.asarray(t * min(1.5, np.sqrt(max(slack, 0.0) / LINK) * 2.0))
+
+
+def _reaction(link: Link, middle: float, pressed: float, side: Array, cage: bool) -> Iterator[Piece]:
+    foot = np.array([link.x, middle]) + (half_breadth(link.part) if cage else 0.55 * BREADTH) * side
+    for direction in (-DOWN, DOWN):
+        tail = foot + 0.09 * LINK * direction
+        tip = tail + 0.27 * LINK * pressed * direction
+        yield from _arrow(tail, tip, FORCE)
+        at = tail + 0.135 * LINK * direction
+        yield Words(label(link.part) if pressed else "", at, side, FORCE)
+
+
+def _node(layout: Layout, node: str, y: Mapping[str, float]) -> Iterator[Piece]:
     left, right = layout.span(node)
     bodies = layout.bodies(node)
-    middle, down = np.array([(left + right) / 2.0, y]), np.array([0.0, -1.0])
+    middle = np.array([(left + right) / 2.0, y[node]])
     for body in bodies:
-        _draw_strokes(ax, body, middle, BODY_HEIGHT * down, np.array([right - left, 0.0]))
+        frame = np.array([layout.thickness(node) * DOWN, (right - left) * RIGHT])
+        yield from _strokes(body, [middle + np.asarray(stroke) @ frame for stroke in body.strokes])
     if bodies:
-        ax.text(
-            middle[0],
-            middle[1],
-            " + ".join(map(_label, bodies)),
-            ha="center",
-            va="center_baseline",
-            fontsize=14.0,
-            color=INK,
-        )
-    else:
-        ax.plot([left, right], [y, y], color=INK, linewidth=2.2, linestyle="-", solid_capstyle="round", zorder=3.0)
-        ax.plot([x], [y], "o", color=INK, markersize=4.5, zorder=4.0)
-    side = np.array([-1.0 if layout.upper(node) else 1.0, 0.0])
-    for load, place in zip(layout.loads(node), layout.load_places(node), strict=True):
-        point = np.array([place, y + layout.height[node] / 2.0 + 0.08])
-        _draw_strokes(ax, load, point, ARROW * down, np.array([ARROW, 0.0]))
-        _write(ax, _label(load), point - 0.3 * ARROW * down, side, FORCE)
+        yield Words(" + ".join(map(label, bodies)), middle, np.zeros(2), size=14.0)
+    elif not layout.motions(node):
+        yield from _bar(left, right, y[node])
+        if left == right:
+            yield Line(_dot(middle), INK, 0.0, fill=INK, zorder=4.5)
+    for motion in layout.motions(node):
+        below = any(arm.top == node for arm in layout.arms)
+        yield from _ground(left, right, y[node], reach=0.0, above=below)
+        foot = np.array([left - 0.4, y[node]])
+        for direction in (DOWN, -DOWN):
+            yield from _arrow(foot, foot + 0.55 * direction, MOVES)
+        yield Words(f"{label(motion)[:-1]}(t)$" if label(motion).endswith("$") else label(motion), foot, -RIGHT, MOVES)
+    top = layout.edge(y, node, 1)
+    for load in layout.loads(node):
+        x, side = layout.load_place(load)
+        tip = np.array([x, top + 0.08])
+        # In a load's frame its arrow has half of the unit's length.
+        frame = 2.0 * LOAD * np.array([DOWN, RIGHT])
+        yield from _strokes(load, [tip + np.asarray(stroke) @ frame for stroke in load.strokes])
+        yield Words(label(load), tip - 0.6 * LOAD * DOWN, side * RIGHT, FORCE)
 
 
-def _draw_coordinate(ax: Axes, layout: Layout, node: str) -> None:
-    """Draw a coordinate's arrow beside its column, and the thin line that says where it is measured."""
-    sideways = [other for other in layout.neighbours(node) if layout.level[other] == layout.level[node]]
-    # On the right, unless a link leaves there and none on the left.
-    side = -1.0 if sideways and min(layout.x[other] for other in sideways) > layout.x[node] else 1.0
-    edge = layout.span(node)[1 if side > 0.0 else 0]
-    column = layout.x[node] + side * layout.half_width
-    x = (max if side > 0.0 else min)(edge, column) + 2.0 * side * CLEAR
-    y = layout.y[node]
-    ax.plot([edge + side * CLEAR, x + side * CLEAR], [y, y], color=COORDINATE, linewidth=0.7, linestyle="-", zorder=2.0)
-    _arrow(ax, np.array([x, y]), np.array([x, y - 0.75]), COORDINATE)
-    _write(ax, math_text(node), np.array([x, y - 0.5]), np.array([side, 0.0]), COORDINATE)
+def _dot(middle: Array) -> Array:
+    angle = np.linspace(0.0, 2.0 * np.pi, 17)
+    return np.asarray(middle + 0.09 * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
-def _draw_ground(ax: Axes, left: float, right: float) -> None:
-    left, right, deep = left - 0.8, right + 0.8, 0.35
-    ax.plot([left, right], [0.0, 0.0], color=INK, linewidth=2.2, linestyle="-", solid_capstyle="butt", zorder=3.0)
-    feet = np.arange(left, right - deep, 0.28)
-    hatch = np.array([(x, y) for foot in feet for x, y in ((foot, -deep), (foot + deep, 0.0), (np.nan, np.nan))])
-    ax.plot(*hatch.T, color=SOFT, linewidth=0.8, linestyle="-", zorder=2.0)
-
-
-def _frame(ax: Axes) -> tuple[float, float]:
-    """Fit the axes around all that was drawn, equal in both directions; return their width and height."""
-    x, y = [ax.dataLim.x0, ax.dataLim.x1], [ax.dataLim.y0, ax.dataLim.y1]
-    for text in ax.texts:
-        place, width = text.get_position(), _width(text.get_text())
-        shift = {"left": 0.0, "center": 0.5, "right": 1.0}[text.get_horizontalalignment()]
-        x += [place[0] - shift * width, place[0] + (1.0 - shift) * width]
-        y += [place[1] - 0.5, place[1] + 0.5]
-    margin = 0.3
-    ax.set(xlim=(min(x) - margin, max(x) + margin), ylim=(min(y) - margin, max(y) + margin), aspect="equal")
-    ax.set_axis_off()
-    return max(x) - min(x) + 2.0 * margin, max(y) - min(y) + 2.0 * margin
+def _coordinate(layout: Layout, node: str, y: float) -> Iterator[Piece]:
+    """Yield a coordinate's arrow beside its column, and the thin line that says where it is measured."""
+    x, side = layout.coordinate_places[node]
+    edge = layout.span(node)[1 if side > 0 else 0]
+    ends = np.array([[edge + 0.5 * side * CLEAR, y], [x + side * CLEAR, y]])
+    yield Line(ends, MOVES, 0.7, zorder=2.0)
+    yield from _arrow(np.array([x, y]), np.array([x, y - COORDINATE]), MOVES)
+    yield Words(math_text(node), np.array([x, y - 0.45]), side * RIGHT, MOVES)

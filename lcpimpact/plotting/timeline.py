@@ -11,6 +11,8 @@ from matplotlib.axes import Axes
 from lcpimpact.arrays import Array
 from lcpimpact.integrators.base import Event
 from lcpimpact.plotting.style import INK, SOFT
+from lcpimpact.scheme.elements.base import Element
+from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.trajectory import Trajectory
 
 FINE = 2000
@@ -22,7 +24,7 @@ MANY = 12
 FORMULA = re.compile(r"([^\W_](_[^\W_]+)?|[ ()+=,.'-])+")
 """Letters, each with an index or without, and what stands between them."""
 
-WORDS = {"open": "opens", "close": "closes", "impact": "impact"}
+WORDS = {"open": "opens", "close": "closes", "impact": "impact", "stick": "sticks", "slip": "slips"}
 
 
 def math_text(symbol: str) -> str:
@@ -30,13 +32,41 @@ def math_text(symbol: str) -> str:
 
     Examples
     --------
-    >>> math_text("k_o"), math_text("c_12"), math_text("mg")
-    ('$k_o$', '$c_{12}$', '$mg$')
+    >>> math_text("k_o"), math_text("c_12"), math_text("x1"), math_text("mg")
+    ('$k_o$', '$c_{12}$', '$x_1$', '$mg$')
     """
     symbol = symbol.replace("$", r"\$")
     if not FORMULA.fullmatch(symbol):
         return symbol
+    # A letter and a number behind it are a symbol with its index, x1 as well as x_1.
+    symbol = re.sub(r"\b([^\W\d_])(\d+)\b", r"\1_\2", symbol)
     return "$" + re.sub(r"_(\w{2,})", r"_{\1}", symbol).replace(" ", r"\ ") + "$"
+
+
+def shown_nodes(trajectory: Trajectory) -> list[int]:
+    """Return which coordinates a picture shows: not those of nodes that elements made for themselves."""
+    nodes = trajectory.problem.dynamics.nodes
+    inner = {node for element in _elements(trajectory) for node in element.nodes[1:-1]}
+    return [i for i, node in enumerate(nodes) if node not in inner] or list(range(len(nodes)))
+
+
+def shown_reactions(trajectory: Trajectory) -> list[int]:
+    """Return which reactions a picture shows: not those within an element that is drawn as one symbol."""
+    inner = {node for e in _elements(trajectory) if e.drawn()[0] is e for node in e.nodes[1:-1]}
+    contacts = trajectory.problem.dynamics.contacts
+    return [i for i, contact in enumerate(contacts) if not {contact.upper, contact.lower} & inner]
+
+
+def shown_events(trajectory: Trajectory) -> list[Event]:
+    """Return the events of the reactions that a picture shows."""
+    contacts = trajectory.problem.dynamics.contacts
+    names = {contacts[i].name for i in shown_reactions(trajectory)}
+    return [event for event in trajectory.events if event.contact in names]
+
+
+def _elements(trajectory: Trajectory) -> Sequence[Element]:
+    scheme = trajectory.problem.scheme
+    return scheme.elements if isinstance(scheme, Scheme) else ()
 
 
 def curves(trajectory: Trajectory) -> tuple[Array, Array, Array, Array]:

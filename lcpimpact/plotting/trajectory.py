@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +11,47 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lcpimpact.arrays import Array
+from lcpimpact.integrators import METHODS
+from lcpimpact.integrators.base import Event
 from lcpimpact.plotting.style import save, style
-from lcpimpact.plotting.timeline import MANY, curves, mark_events, math_text
+from lcpimpact.plotting.timeline import (
+    MANY,
+    curves,
+    mark_events,
+    math_text,
+    shown_events,
+    shown_nodes,
+    shown_reactions,
+)
+from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """Curves that share an axis.
+
+    Attributes
+    ----------
+    label : str                 of the axis
+    names : tuple of str        of the curves
+    t : (nt,) array             s
+    values : (nt, n) array      a row of nan where the curves break
+    """
+
+    label: str
+    names: tuple[str, ...]
+    t: Array
+    values: Array
 
 
 @style()
 def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> Figure:
     """Draw coordinates over time, reactions below, and impulses below those if there are impacts; mark the events.
+
+    Reactions that are impulses and nothing else have no panel of their own.
+
+    Nodes and forces inside an element that is drawn as one symbol, as those of a `Bar`, are left out.
 
     Parameters
     ----------
@@ -36,45 +70,85 @@ def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> F
     >>> from lcpimpact import load_problem, simulate
     >>> figure = plot_trajectory(simulate(load_problem("bouncing-ball"), "exact", dt=1e-2, t_end=1.0))
     >>> [ax.get_ylabel() for ax in figure.axes]
-    ['coordinates [m]', 'reaction [N]', 'impulse [N s]']
+    ['coordinates [m]', 'impulse [N s]']
     """
-    dynamics = trajectory.problem.dynamics
-    contacts = [contact.name for contact in dynamics.contacts]
-    impacts = any(event.impulse > 0.0 for event in trajectory.events)
-    heights = [3.0] + [2.0] * bool(contacts) + [1.2] * impacts
+    contents = panels(trajectory)
+    events = shown_events(trajectory)
+    impacts = any(event.impulse > 0.0 for event in events)
+    heights = [3.0, 2.0][: len(contents)] + [1.2] * impacts
     figure = Figure(figsize=(7.0, 0.9 + sum(heights)), layout="constrained")
-    panels = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
-
-    t, q, t_reaction, reaction = curves(trajectory)
-    _draw_series(panels[0], t, q, dynamics.nodes, "coordinates [m]")
-    if contacts:
-        averaged = len(trajectory.t_reaction) < len(trajectory.t)
-        _draw_series(
-            panels[1], t_reaction, reaction, contacts, "mean reaction of a step [N]" if averaged else "reaction [N]"
-        )
+    axes = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
+    for ax, panel in zip(axes, contents, strict=False):
+        draw_panel(ax, panel)
     if impacts:
-        _draw_impulses(panels[-1], trajectory, contacts)
+        _draw_impulses(axes[-1], events, reaction_names(trajectory))
 
-    panels[0].set_xlim(*_span(trajectory.t))
-    panels[-1].set_xlabel("$t$ [s]")
-    mark_events(panels, trajectory.events)
-    figure.suptitle(_title(trajectory), x=0.01, ha="left", fontsize=10.0)
+    axes[0].set_xlim(*_span(trajectory.t))
+    axes[-1].set_xlabel("$t$ [s]")
+    mark_events(axes, events)
+    figure.suptitle(title_of(trajectory), x=0.01, ha="left", fontsize=10.0)
     if path is not None:
         save(figure, path)
     return figure
 
 
-def _draw_series(ax: Axes, t: Array, values: Array, names: Sequence[str], label: str) -> None:
-    for i, (name, column) in enumerate(zip(names, values.T, strict=True)):
+def panels(trajectory: Trajectory) -> list[Panel]:
+    """Return what is to be seen of a run: its coordinates, and its reactions unless there are none or only impulses."""
+    dynamics = trajectory.problem.dynamics
+    t, q, t_reaction, reaction = curves(trajectory)
+    nodes, contacts = shown_nodes(trajectory), shown_reactions(trajectory)
+    given = not isinstance(trajectory.problem.scheme, Scheme)
+    found = [Panel("states" if given else "coordinates [m]", tuple(dynamics.nodes[i] for i in nodes), t, q[:, nodes])]
+    impulsive = any(event.impulse > 0.0 for event in shown_events(trajectory))
+    if contacts and not (impulsive and not np.nan_to_num(reaction[:, contacts]).any()):
+        sliders = [dynamics.contacts[i].r0 is not None for i in contacts]
+        label = "multipliers" if given else "force" if all(sliders) else "reaction"
+        if len(trajectory.t_reaction) < len(trajectory.t):
+            label = f"mean {label} of a step"
+        label = label if given else f"{label} [N]"
+        found.append(Panel(label, reaction_names(trajectory), t_reaction, reaction[:, contacts]))
+    return found
+
+
+def reaction_names(trajectory: Trajectory) -> tuple[str, ...]:
+    """Return the names of the reactions that a picture shows."""
+    contacts = trajectory.problem.dynamics.contacts
+    return tuple(contacts[i].name for i in shown_reactions(trajectory))
+
+
+def draw_panel(ax: Axes, panel: Panel, *, faint: bool = False) -> None:
+    """Draw the curves of a panel, with their names beside it."""
+    n = len(panel.names)
+    for i, (name, column) in enumerate(zip(panel.names, panel.values.T, strict=True)):
         # Where curves coincide, the later and narrower one leaves a rim of the earlier.
-        ax.plot(t, column, label=math_text(name), linewidth=1.4 + 0.8 * max(0, min(len(names), 4) - 1 - i))
-    ax.set_ylabel(label)
+        wide = 1.4 + 0.8 * max(0, min(n, 4) - 1 - i)
+        ax.plot(panel.t, column, label=math_text(name), linewidth=wide, alpha=0.25 if faint else 1.0)
+    ax.set_ylabel(panel.label)
     _name_lines(ax)
 
 
-def _draw_impulses(ax: Axes, trajectory: Trajectory, contacts: Sequence[str]) -> None:
+def title_of(trajectory: Trajectory) -> str:
+    """Return what a picture of a run is called."""
+    title = f"{trajectory.problem.name} by {_method(trajectory.method)}"
+    if not trajectory.success:
+        title += f": {trajectory.status.name.lower().replace('_', '-')} at t = {trajectory.t[-1]:g} s"
+    if (events := len(shown_events(trajectory))) >= MANY:
+        title += f", {events} events"
+    return title
+
+
+def _method(method: str) -> str:
+    """Return a method with those of its options that are not the usual ones."""
+    name, _, options = method.removesuffix(")").partition("(")
+    known = METHODS.get(name)
+    usual = {"lcp_solver=auto"} | {f"{each.name}={each.default}" for each in (fields(known) if known else ())}
+    chosen = [each for each in options.split(", ") if each and each not in usual]
+    return f"{name}({', '.join(chosen)})" if chosen else name
+
+
+def _draw_impulses(ax: Axes, events: Sequence[Event], contacts: Sequence[str]) -> None:
     for i, contact in enumerate(contacts):
-        impacts = [(e.t, e.impulse) for e in trajectory.events if e.contact == contact and e.impulse > 0.0]
+        impacts = [(e.t, e.impulse) for e in events if e.contact == contact and e.impulse > 0.0]
         if impacts:
             t, impulse = np.array(impacts).T
             ax.vlines(t, 0.0, impulse, colors=f"C{i}", linewidths=1.0)
@@ -90,12 +164,3 @@ def _name_lines(ax: Axes) -> None:
 
 def _span(t: Array) -> tuple[float, float]:
     return (float(t[0]), float(t[-1])) if t[-1] > t[0] else (float(t[0]), float(t[0]) + 1.0)
-
-
-def _title(trajectory: Trajectory) -> str:
-    title = f"{trajectory.problem.name} by {trajectory.method}"
-    if not trajectory.success:
-        title += f": {trajectory.status.name.lower().replace('_', '-')} at t = {trajectory.t[-1]:g} s"
-    if len(trajectory.events) >= MANY:
-        title += f", {len(trajectory.events)} events"
-    return title

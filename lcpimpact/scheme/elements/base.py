@@ -82,7 +82,10 @@ def positive(element: Element, symbol: str, value: Any, unit: str) -> None:
 
 
 def distinct(element: Element) -> None:
-    """Refuse node names that are no names, and an element whose two ends are one node."""
+    """Refuse node names that are no names, an element whose two ends are one node, and symbols for other constants."""
+    count, symbols = len(getattr(type(element), "symbols", ())), getattr(element, "symbols", ())
+    if not isinstance(symbols, tuple) or len(symbols) != count or not all(isinstance(each, str) for each in symbols):
+        raise InputError(f"symbols = {symbols!r} of a {type(element).__name__} must be a tuple of {count} strings")
     for node in element.nodes:
         if not isinstance(node, str) or not node:
             raise InputError(f"{element}: a node is named by a string that is not empty, and {node!r} is not one")

@@ -1,0 +1,147 @@
+"""Write docs/problems.md: every registered problem with its text, its numbers, its scheme and a run of it.
+
+Run it as ``python docs/gallery.py`` after a problem or a drawing has changed, or with names of problems to redraw these
+only; the text is always written for all. A test compares the text with what this would write.
+"""
+
+from __future__ import annotations
+
+import inspect
+import io
+import re
+import sys
+from pathlib import Path
+
+from matplotlib.figure import Figure
+from PIL import Image
+
+from lcpimpact import UnsupportedError, load_problem, simulate
+from lcpimpact.plotting.animation import few_colors
+from lcpimpact.plotting.schematic import draw_scheme
+from lcpimpact.plotting.style import style
+from lcpimpact.problems import PROBLEMS
+from lcpimpact.scheme.scheme import Scheme
+
+PAGE = Path(__file__).parent / "problems.md"
+IMAGES = Path(__file__).parent / "images" / "problems"
+
+STEPS = {"bar-impact": 900, "bouncing-bar": 2750, "plastic-bar-impact": 160}
+"""Steps of the runs of bars, for which their mass was chosen; these run by moreau-jean."""
+
+FINE = 2000
+"""Steps of every other run."""
+
+DPI = 110
+COLORS = 64
+
+
+def main(names: list[str]) -> None:
+    """Write the page, and the pictures of the problems that are named, or of all."""
+    IMAGES.mkdir(parents=True, exist_ok=True)
+    for name in names or list(PROBLEMS):
+        problem = load_problem(name)
+        with style():
+            write(draw_scheme(problem.scheme), IMAGES / f"{name}-scheme.png")
+        write(run(name).plot(), IMAGES / f"{name}-run.png")
+    PAGE.write_text(page(), encoding="utf-8")
+
+
+def run(name: str):
+    """Return a run of a problem: exact where it can be."""
+    problem = load_problem(name)
+    if name in STEPS:
+        return simulate(problem, "moreau-jean", dt=problem.t_end / STEPS[name], t_end=problem.t_end)
+    try:
+        return simulate(problem, "exact", dt=problem.t_end / FINE, t_end=problem.t_end)
+    except UnsupportedError:
+        return simulate(problem, "moreau-jean", dt=problem.t_end / FINE, t_end=problem.t_end)
+
+
+def write(figure: Figure, path: Path) -> None:
+    """Write a figure with few colours, which makes a small file."""
+    data = io.BytesIO()
+    with style():
+        figure.savefig(data, format="png", dpi=DPI, metadata={"Software": None})
+    picture = Image.open(data).convert("RGB")
+    picture = picture.quantize(palette=few_colors([picture], COLORS), dither=Image.Dither.NONE)
+    picture.save(path, format="PNG", optimize=True)
+
+
+def page() -> str:
+    """Return the text of the page."""
+    names = list(PROBLEMS)
+    head = [
+        "# The problems",
+        "",
+        "Every registered problem, with what is known of it in closed form. Coordinates are positive downwards. Load one by",
+        "`load_problem(name, **parameters)`, or run it by `lcpimpact simulate NAME`; draw it by `lcpimpact draw NAME`, and",
+        "set it in motion by `lcpimpact animate NAME --out NAME.gif`. This page is written by `docs/gallery.py`.",
+        "",
+        *(f"- [{name}](#{name}): {_plain(_summary(name))}" for name in names),
+        "",
+    ]
+    return "\n".join(head) + "\n" + "\n".join(section(name) for name in names)
+
+
+def section(name: str) -> str:
+    """Return the text of one problem."""
+    problem = load_problem(name)
+    doc = inspect.getdoc(PROBLEMS[name]) or ""
+    text = re.split(r"\n(?=\w[\w ]*\n-{3,}\n)", doc)[0]
+    drawing = "The scheme" if isinstance(problem.scheme, Scheme) else "The system"
+    lines = [
+        f"## {name}",
+        "",
+        _plain(text),
+        "",
+        f"![{drawing} of {name}](images/problems/{name}-scheme.png)",
+        "",
+        f"![A run of {name}](images/problems/{name}-run.png)",
+        "",
+        "| parameter | value | meaning |",
+        "|---|---|---|",
+        *(_row(*each) for each in parameters(name)),
+        "",
+    ]
+    if problem.facts:
+        lines += ["| known in closed form | | value |", "|---|---|---|"]
+        lines += [_row(fact.symbol, fact.what, f"{fact.value:.10g} {fact.unit}") for fact in problem.facts]
+        lines.append("")
+    if problem.motion is not None:
+        lines += ["The whole motion is known in closed form: `load_problem(...).motion(t)` returns q and v.", ""]
+    lines += [f"Source: {problem.source}.", ""]
+    return "\n".join(lines)
+
+
+def parameters(name: str) -> list[tuple[str, str, str]]:
+    """Return for each entry of a problem's parameters its names, its values and what they are."""
+    doc = inspect.getdoc(PROBLEMS[name]) or ""
+    found = re.search(r"\nParameters\n-+\n(.*?)(\n\n|$)", doc, flags=re.DOTALL)
+    values = load_problem(name).parameters
+    rows = []
+    for entry in re.split(r"\n(?=\S)", found[1]) if found else []:
+        symbols, *meaning = entry.split("\n")
+        names = [each.strip() for each in symbols.split(" : ")[0].split(",")]
+        shown = ", ".join(f"{values[each]:.6g}" for each in names)
+        rows.append((", ".join(names), shown, _plain(" ".join(line.strip() for line in meaning))))
+    return rows
+
+
+def _summary(name: str) -> str:
+    return (inspect.getdoc(PROBLEMS[name]) or "").split("\n\n")[0].replace("\n", " ")
+
+
+def _plain(text: str) -> str:
+    """Return a docstring's text as Markdown; a name of another problem's builder becomes its link."""
+    links = {name.replace("-", "_"): f"[{name}](#{name})" for name in PROBLEMS}
+    text = re.sub(r"``([^`]+)``", "\0\\1\0", text.strip())
+    return re.sub(r"`(\w+)`", lambda match: links.get(match[1], match[0]), text).replace("\0", "`")
+
+
+def _row(*cells: str) -> str:
+    """Return a row of a table, where a bar would end a cell."""
+    return "| " + " | ".join(cell.strip().replace("|", "\\|") for cell in cells) + " |"
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

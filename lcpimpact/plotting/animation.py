@@ -1,0 +1,432 @@
+"""A run as a moving picture: springs stretch, plates part, and the curves grow beside the scheme."""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from subprocess import CalledProcessError
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader
+from matplotlib.animation import FFMpegWriter
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from PIL import Image
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError, UnsupportedError
+from lcpimpact.files import check_output, whole_file
+from lcpimpact.numbers import is_count, is_real
+from lcpimpact.plotting.block_diagram import draw_system
+from lcpimpact.plotting.layout import CEILING, Layout
+from lcpimpact.plotting.schematic import INCH, Line, Piece, Posture, extent, paint, picture
+from lcpimpact.plotting.style import INK, SOFT, style
+from lcpimpact.plotting.timeline import shown_events
+from lcpimpact.plotting.trajectory import Panel, draw_panel, panels, reaction_names, title_of
+from lcpimpact.scheme.elements.base import GROUND
+from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.trajectory import Trajectory
+
+FORMATS = (".gif", ".mp4", ".html")
+
+SECONDS = 8.0
+"""How long an animation takes unless told otherwise."""
+
+HOLD = 1.0
+"""How long the last picture of a GIF stands, in s."""
+
+TRAVEL = 3.6
+"""What the largest relative displacement becomes, in units of the layout."""
+
+FLASH = 0.15
+"""How long an impact shows, in s of the animation."""
+
+COLORS = 96
+"""Colours of a GIF or of a picture in HTML, anti-aliasing included."""
+
+MOST = 10_000
+"""Frames that an animation may have."""
+
+DPI = 100.0
+LOWEST, HIGHEST, WIDEST, CURVES = 3.8, 6.4, 5.0, 5.6
+"""Inches: least and largest height of an animation, and the widths of its scheme, at most, and of its curves."""
+
+
+@style()
+def animate(trajectory: Trajectory, path: str | Path, *, seconds: float | None = None, fps: int = 30) -> Path:
+    """Write a run as a moving picture: the scheme on the left, and its coordinates and forces growing on the right.
+
+    The frames are evenly spaced in time, from the start to the end of the run; where a value jumps, the right limit is
+    shown. One scale is chosen for all displacements, so that the largest between two ends of an element reads well; a bar
+    in the picture says what it is. Arrows at a bumper are as long as its reaction is large, and an impulse shows for an
+    instant as the largest of them.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Any run of one step or more.
+    path : str or Path
+        A file ending in .gif, .html (a player in one file, which needs nothing else) or .mp4 (which needs ffmpeg).
+    seconds : float, optional
+        How long it takes to show, 8 by default.
+    fps : int
+        Frames in a second.
+
+    Returns
+    -------
+    Path
+        Where it was written; the file appears whole or not at all.
+
+    Raises
+    ------
+    InputError
+        For another ending, a folder that cannot be written, a run without steps, or seconds and fps that are no positive
+        numbers, or ask for fewer than 2 or more than 10,000 frames.
+    UnsupportedError
+        For .mp4 where ffmpeg is not installed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from lcpimpact import load_problem, simulate
+    >>> run = simulate(load_problem("system-1"), "exact", dt=1e-2, t_end=1.0)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     animate(run, f"{folder}/run.gif", seconds=0.2, fps=10).name
+    'run.gif'
+    """
+    path = Path(path)
+    check_output(path, FORMATS)
+    length = SECONDS if seconds is None else seconds
+    if not is_real(length) or length <= 0.0:
+        raise InputError(f"seconds = {seconds!r} must be a positive number of seconds")
+    if not is_count(fps):
+        raise InputError(f"fps = {fps!r} must be a whole number of frames in a second, above zero")
+    frames = round(length * fps)
+    if not 2 <= frames <= MOST:
+        raise InputError(
+            f"seconds = {length:g} at fps = {fps} make {frames} frames, and 2 to {MOST} are possible: change one of them"
+        )
+    if len(trajectory.t) < 2:
+        raise InputError("a run without steps does not move: simulate it further before it is animated")
+    if path.suffix == ".mp4" and not FFMpegWriter.isAvailable():
+        raise UnsupportedError("an .mp4 needs ffmpeg, which is not installed: install ffmpeg, or write .gif or .html")
+    film = Film.of(trajectory, np.linspace(trajectory.t[0], trajectory.t[-1], frames), length)
+    with whole_file(path) as part:
+        {".gif": _write_gif, ".mp4": _write_mp4, ".html": _write_html}[path.suffix](film, part, fps)
+    return path
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """A figure that can show each of its frames.
+
+    Attributes
+    ----------
+    figure : Figure             with its moving artists
+    times : (nf,) array         the instant of each frame in s
+    scale : float               units of the layout in a metre of motion
+    moving : list of Artist     what changes from frame to frame, in the order in which it is painted
+    title : str                 what is shown
+    """
+
+    figure: Figure
+    times: Array
+    scale: float
+    moving: list[Artist]
+    title: str
+    _scenes: list[list[Piece]]
+    _artists: list[Any]
+    _growing: list[tuple[Panel, list[Line2D], list[Line2D]]]
+    _clock: Any
+
+    @classmethod
+    def of(cls, trajectory: Trajectory, times: Array, seconds: float) -> Film:
+        """Lay out the film of a run: one frame for each of the times."""
+        contents = _to_show(trajectory)
+        scheme = trajectory.problem.scheme
+        scenes: list[list[Piece]] = [[] for _ in times]
+        scale, left, right, low, high = 0.0, 0.0, 0.0, 0.0, 0.0
+        if isinstance(scheme, Scheme):
+            layout, postures = stage(trajectory, times)
+            scale = layout.scale
+            scenes = [list(picture(layout, posture, coordinates=True)) for posture in postures]
+            sides = np.array([extent(scene) for scene in scenes])
+            left, low = sides[:, 0].min() - 1.6, sides[:, 2].min()
+            right, high = sides[:, 1].max(), sides[:, 3].max()
+        else:
+            spare = Figure().add_subplot()
+            wide, tall = draw_system(spare, scheme)
+            right, high = wide, tall
+        height = _even(min(HIGHEST, max(LOWEST, (high - low) * INCH + 0.8)))
+        unit = min(INCH, (height - 0.8) / (high - low), WIDEST / (right - left))
+        width = _even((right - left) * unit + 0.2 + CURVES)
+        figure = Figure(figsize=(width, height), dpi=DPI)
+        drawing = figure.add_axes((0.1 / width, 0.4 / height, (right - left) * unit / width, 1.0 - 0.8 / height))
+        artists: list[Any] = []
+        if isinstance(scheme, Scheme):
+            artists = paint(drawing, scenes[0], unit / INCH)
+            drawing.set(xlim=(left, right), ylim=(low, high), aspect="equal")
+            drawing.set_axis_off()
+            _scale_bar(drawing, left + 0.5, low + 0.4, scale, unit / INCH)
+        else:
+            draw_system(drawing, scheme)
+
+        growing = _draw_curves(figure, contents, trajectory, ((right - left) * unit + 0.2) / width)
+        title = title_of(trajectory)
+        figure.text(0.15 / width, 1.0 - 0.2 / height, title, ha="left", va="center", fontsize=10.5, color=INK)
+        ratio = (times[-1] - times[0]) / seconds
+        pace = f"slowed down {_three(1.0 / ratio)} times" if ratio < 1.0 else f"sped up {_three(ratio)} times"
+        pace = "as fast as it is" if abs(ratio - 1.0) < 5e-3 else pace
+        figure.text(1.0 - 0.15 / width, 1.0 - 0.2 / height, pace, ha="right", va="center", fontsize=9.0, color=SOFT)
+        clock = figure.text(0.15 / width, 0.2 / height, "", ha="left", va="center", fontsize=11.0, color=INK)
+        moving = [artist for group in artists for artist in (group if isinstance(group, tuple) else (group,)) if artist]
+        moving += [line for _, grown, marks in growing for line in (*grown, *marks)]
+        moving.append(clock)
+        for artist in moving:
+            artist.set_animated(True)
+        order = sorted(moving, key=lambda artist: artist.get_zorder())
+        return cls(figure, times, scale, order, title, scenes, artists, growing, clock)
+
+    def show(self, frame: int) -> None:
+        """Set everything that moves to a frame."""
+        t = float(self.times[frame])
+        for piece, artist in zip(self._scenes[frame], self._artists, strict=True):
+            if isinstance(piece, Line):
+                drawn, filled = artist
+                if drawn is not None:
+                    drawn.set_data(*piece.points.T)
+                if filled is not None:
+                    filled.set_xy(piece.points)
+            else:
+                place = piece.place
+                artist.set_position((float(place[0]), float(place[1])))
+                artist.set_text(piece.text)
+        for panel, grown, marks in self._growing:
+            past = int(np.searchsorted(panel.t, t, side="right"))
+            for i, (line, mark) in enumerate(zip(grown, marks, strict=True)):
+                line.set_data(panel.t[:past], panel.values[:past, i])
+                here = panel.values[past - 1 : past, i]
+                mark.set_data([t] * len(here), here)
+        self._clock.set_text(f"$t$ = {t:.{self._digits}f} s")
+
+    @property
+    def _digits(self) -> int:
+        """Decimals that tell one frame from the next, and no more than needed."""
+        step = (self.times[-1] - self.times[0]) / (len(self.times) - 1)
+        return max(0, math.ceil(-math.log10(step)))
+
+    def frames(self, chosen: Iterable[int] | None = None) -> Iterator[Image.Image]:
+        """Yield the picture of each frame, or of those that are chosen; what does not move is painted once."""
+        canvas: Any = FigureCanvasAgg(self.figure)
+        canvas.draw()
+        still = canvas.copy_from_bbox(self.figure.bbox)
+        for i in range(len(self.times)) if chosen is None else chosen:
+            canvas.restore_region(still)
+            self.show(i)
+            for artist in self.moving:
+                artist.draw(canvas.get_renderer())
+            yield Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
+
+
+def stage(trajectory: Trajectory, times: Array) -> tuple[Layout, list[Posture]]:
+    """Return where everything stands, with room for the run, and the posture at each of the times.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        A run of a scheme.
+    times : (nf,) array
+        Times within the run, in s.
+    """
+    problem = trajectory.problem
+    assert isinstance(problem.scheme, Scheme)
+    dynamics = problem.dynamics
+    state = trajectory.sample(times, "right")
+    q: dict[str, Array] = {GROUND: np.zeros(len(times)), CEILING: np.zeros(len(times))}
+    q |= dict(zip(dynamics.nodes, state.q.T, strict=True))
+    plain = Layout(problem.scheme.elements)
+    stretched = [np.ptp(q[link.bottom] - q[link.top]) for link in plain.links]
+    carried = {arm.top for arm in plain.arms if arm.bottom in (GROUND, *plain.nodes)}
+    largest = max([*stretched, *(np.ptp(q[node]) for node in plain.nodes if node not in carried)], default=0.0)
+    scale = TRAVEL / largest if largest > 0.0 else 1.0
+    layout = Layout(problem.scheme.elements, partial(_travel, q, scale), scale)
+
+    pressed = _pressed(trajectory, times, state.reaction)
+    rest = layout.y
+    moved = {node: scale * each for node, each in q.items()}
+    postures = []
+    for i in range(len(times)):
+        here = {node: float(each[i]) for node, each in moved.items()}
+        y = {node: place - here[node] for node, place in rest.items()}
+        postures.append(Posture(y, {name: float(each[i]) for name, each in pressed.items()}, here))
+    return layout, postures
+
+
+def _travel(q: Mapping[str, Array], scale: float, top: str, bottom: str) -> tuple[float, float]:
+    """Return how far, at least and at most, one node comes away from another, in units of the layout."""
+    apart = scale * (q[bottom] - q[top])
+    return float(apart.min()), float(apart.max())
+
+
+def _pressed(trajectory: Trajectory, times: Array, reaction: Array) -> dict[str, Array]:
+    """Return how hard each contact is pressed at each time, from 0 to 1, an impulse as 1 for an instant."""
+    contacts = trajectory.problem.dynamics.contacts
+    r = np.nan_to_num(reaction)
+    largest = max(float(np.abs(r).max(initial=0.0)), float(np.abs(np.nan_to_num(trajectory.reaction)).max(initial=0.0)))
+    found = {contact.name: np.abs(r[:, i]) / (largest or 1.0) for i, contact in enumerate(contacts)}
+    # A frame stands for FLASH/SECONDS of the run at least.
+    instant = FLASH / SECONDS * (times[-1] - times[0])
+    for event in shown_events(trajectory):
+        if event.impulse > 0.0:
+            found[event.contact][(times >= event.t) & (times < event.t + instant)] = 1.0
+    return found
+
+
+def _to_show(trajectory: Trajectory) -> list[Panel]:
+    """Return the panels of a run, with impulses as needles."""
+    impacts = [event for event in shown_events(trajectory) if event.impulse > 0.0]
+    if not impacts:
+        return panels(trajectory)
+    names = reaction_names(trajectory)
+    needles = np.full((3 * len(impacts), len(names)), np.nan)
+    for i, event in enumerate(impacts):
+        needles[3 * i : 3 * i + 2, names.index(event.contact)] = 0.0, event.impulse
+    t = np.repeat([event.t for event in impacts], 3)
+    return [*panels(trajectory), Panel("impulse [N s]", names, t, needles)]
+
+
+def _three(value: float) -> str:
+    """Return a number with three digits or, from a hundred on, as a whole number of two."""
+    return f"{value:.3g}" if value < 99.5 else f"{float(f'{value:.2g}'):,.0f}"
+
+
+def _draw_curves(
+    figure: Figure, contents: Sequence[Panel], trajectory: Trajectory, start: float
+) -> list[tuple[Panel, list[Line2D], list[Line2D]]]:
+    """Draw the curves faintly, and return them with the lines that grow over them and the marks that run ahead."""
+    width, height = figure.get_size_inches()
+    left, right = start + 0.75 / width, 1.0 - 1.0 / width
+    low, high = 0.55 / height, 1.0 - 0.5 / height
+    each = (high - low) / len(contents)
+    found = []
+    first: Axes | None = None
+    for i, panel in enumerate(contents):
+        box = (left, high - (i + 1) * each + (0.12 / height if i + 1 < len(contents) else 0.0), right - left, each)
+        ax = figure.add_axes((box[0], box[1], box[2], box[3] - 0.12 / height), sharex=first)
+        first = first or ax
+        draw_panel(ax, panel, faint=True)
+        ax.set_xlim(float(trajectory.t[0]), float(trajectory.t[-1]))
+        if i + 1 < len(contents):
+            ax.tick_params(labelbottom=False)
+        else:
+            ax.set_xlabel("$t$ [s]")
+        pale = list(ax.get_lines())
+        for line, entry in zip(pale, ax.get_legend().get_lines(), strict=True):  # type: ignore[union-attr]
+            entry.set_alpha(1.0)
+            entry.set_linestyle(line.get_linestyle())
+        looks: list[dict[str, Any]] = [
+            {"color": line.get_color(), "linestyle": line.get_linestyle(), "linewidth": line.get_linewidth()}
+            for line in pale
+        ]
+        grown = [ax.plot([], [], **look, label="_")[0] for look in looks]
+        marks = [
+            ax.plot([], [], "o", color=look["color"], markersize=5.0, label="_", clip_on=False, zorder=5.0)[0]
+            for look in looks
+        ]
+        ax.set_autoscale_on(False)
+        found.append((panel, grown, marks))
+    return found
+
+
+def _scale_bar(ax: Axes, x: float, y: float, scale: float, size: float) -> None:
+    """Draw a bar of a round length in metres, upright since all motion is, and write how long it is."""
+    metres = _round_below(1.6 / scale)
+    long = metres * scale
+    ax.plot([x, x], [y, y + long], color=SOFT, linewidth=1.2 * size, linestyle="-", solid_capstyle="butt")
+    for end in (y, y + long):
+        ax.plot([x - 0.12, x + 0.12], [end, end], color=SOFT, linewidth=1.2 * size, linestyle="-")
+    ax.text(
+        x + 0.22, y + long / 2.0, _length(metres), ha="left", va="center_baseline", fontsize=10.0 * size, color=SOFT
+    )
+
+
+def _round_below(value: float) -> float:
+    """Return the largest of 1, 2 and 5 times a power of ten that is no larger."""
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(digit * power for digit in (5.0, 2.0, 1.0) if digit * power <= value * (1.0 + 1e-12))
+
+
+def _length(metres: float) -> str:
+    for unit, name in ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")):
+        if metres >= 0.99 * unit * (0.1 if unit == 1.0 else 1.0):
+            return f"{metres / unit:g} {name}"
+    return f"{metres:.0e} m"
+
+
+def _even(inches: float) -> float:
+    """Return a length that is an even number of pixels, as video wants it."""
+    return 2.0 * math.ceil(inches * DPI / 2.0) / DPI
+
+
+def few_colors(pictures: Sequence[Image.Image], colors: int = COLORS) -> Image.Image:
+    """Return an image whose palette suits all the pictures, with a white that is white."""
+    together = Image.fromarray(np.vstack([np.asarray(picture) for picture in pictures]))
+    palette = together.quantize(colors, method=Image.Quantize.MEDIANCUT)
+    rgb = np.array(palette.getpalette()).reshape(-1, 3)
+    # The nearest colour is looked up coarsely, so that no other may stand beside white.
+    rgb[rgb.min(axis=1) >= 246] = 255
+    palette.putpalette(rgb.ravel().tolist())
+    return palette
+
+
+def _few_colors(film: Film) -> Iterator[Image.Image]:
+    """Yield the frames in the same colours, which are those of four of them."""
+    palette = few_colors(list(film.frames(np.linspace(0, len(film.times) - 1, 4).round().astype(int).tolist())))
+    for frame in film.frames():
+        yield frame.quantize(palette=palette, dither=Image.Dither.NONE)
+
+
+def _write_gif(film: Film, path: Path, fps: int) -> None:
+    first, *others = _few_colors(film)
+    # A GIF counts in hundredths of a second, so that frames of 1/30 s take 3, 3 and 4 of them.
+    ends = [round(100.0 * i / fps) for i in range(len(film.times) + 1)]
+    lasts = [10 * max(2, after - before) for before, after in pairwise(ends)]
+    lasts[-1] = round(1000.0 * HOLD)
+    first.save(path, format="GIF", save_all=True, append_images=others, duration=lasts, loop=0, optimize=False)
+
+
+def _write_mp4(film: Film, path: Path, fps: int) -> None:
+    writer = FFMpegWriter(fps=fps, metadata={"title": film.title})
+    try:
+        with writer.saving(film.figure, str(path), dpi=DPI):
+            for i in range(len(film.times)):
+                film.show(i)
+                writer.grab_frame()
+    except (CalledProcessError, BrokenPipeError) as error:
+        raise UnsupportedError(
+            f"ffmpeg could not write the film ({error}): install an ffmpeg with an H.264 encoder, or write .gif or .html"
+        ) from None
+
+
+def _write_html(film: Film, path: Path, fps: int) -> None:
+    pictures = []
+    for frame in _few_colors(film):
+        data = io.BytesIO()
+        frame.save(data, format="PNG", optimize=False)
+        pictures.append(base64.b64encode(data.getvalue()).decode("ascii"))
+    template = Environment(loader=PackageLoader("lcpimpact.plotting", "."), autoescape=True).get_template(
+        "player.html.j2"
+    )
+    width, height = (round(DPI * inches) for inches in film.figure.get_size_inches())
+    text = template.render(title=film.title, pictures=pictures, fps=fps, width=width, height=height)
+    path.write_text(text, encoding="utf-8")

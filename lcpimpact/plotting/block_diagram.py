@@ -1,0 +1,78 @@
+"""A linear complementarity system as a block diagram: a linear block, and the law that is its feedback."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
+
+from lcpimpact.plotting.layout import width
+from lcpimpact.plotting.style import FAINT, INK, PALETTE
+from lcpimpact.plotting.timeline import math_text
+from lcpimpact.scheme.system import LinearComplementaritySystem
+
+SIGNAL = PALETTE[1]
+
+MANY = 4
+"""From more names than this on, only the first and the last are written."""
+
+
+def draw_system(ax: Axes, system: LinearComplementaritySystem) -> tuple[float, float]:
+    """Draw the block diagram of x' = A x + B λ + a, w = C x + D λ + c, 0 <= λ ⟂ w >= 0; return its width and height."""
+    assert system.states is not None
+    assert system.multipliers is not None
+    a = system.a or ()
+    forced = any(callable(each) or each != 0.0 for each in a)
+    terms = {
+        "C\\,x": True,
+        "D\\,λ": bool(np.asarray(system.D).any()),
+        "c": bool(np.asarray(system.c).any()),
+    }
+    output = " + ".join(term for term, there in terms.items() if there)
+    equations = [f"$\\dot x = A\\,x + B\\,λ{' + a(t)' if forced else ''}$", f"$w = {output}$"]
+    names = f"$x$ = ({_some(system.states)})", f"$λ$ = ({_some(system.multipliers)})"
+    half = max(3.0, *(width(text) / 2.0 + 0.6 for text in names))
+
+    _box(ax, half, 2.5, 2.5)
+    for line, height in zip((*equations, names[0]), (4.25, 3.55, 2.9), strict=True):
+        _words(ax, line, height, 11.0 if line == names[0] else 14.0)
+    _box(ax, half, 0.0, 1.6)
+    _words(ax, r"$0 \leq λ \perp w \geq 0$", 1.1, 14.0)
+    _words(ax, names[1], 0.45, 11.0)
+    outside = half + 1.2
+    # Round the right side runs w, and back on the left runs λ.
+    for side, name, path in ((1.0, "$w$", (3.75, 0.8)), (-1.0, "$λ$", (0.8, 3.75))):
+        start, end = path
+        ax.plot(
+            [side * half, side * outside, side * outside, side * (half + 0.2)],
+            [start, start, end, end],
+            color=SIGNAL,
+            linewidth=1.3,
+            linestyle="-",
+            solid_joinstyle="miter",
+        )
+        tip = np.array([[0.0, 0.0], [0.3, 0.11], [0.3, -0.11]]) * [side, 1.0] + [side * half, end]
+        ax.fill(*tip.T, color=SIGNAL, linewidth=0.0)
+        ax.text(
+            side * (outside + 0.2), 2.275, name, ha="left" if side > 0.0 else "right", va="center", fontsize=14.0,
+            color=SIGNAL,
+        )  # fmt: skip
+    wide, high = 2.0 * (outside + 1.0), 5.6
+    ax.set(xlim=(-wide / 2.0, wide / 2.0), ylim=(-0.3, high - 0.3), aspect="equal")
+    ax.set_axis_off()
+    return wide, high
+
+
+def _some(names: Sequence[str]) -> str:
+    shown = [math_text(name) for name in names]
+    return ", ".join(shown if len(shown) <= MANY else [*shown[:2], "…", shown[-1]])
+
+
+def _box(ax: Axes, half: float, low: float, height: float) -> None:
+    ax.add_patch(Rectangle((-half, low), 2.0 * half, height, facecolor=FAINT, edgecolor=INK, linewidth=1.5))
+
+
+def _words(ax: Axes, text: str, height: float, size: float) -> None:
+    ax.text(0.0, height, text, ha="center", va="center", fontsize=size, color=INK)

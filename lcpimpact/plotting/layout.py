@@ -1,0 +1,689 @@
+"""Where the elements of a scheme stand in its picture; this knows nothing of how they are painted.
+
+Nodes are stacked in levels above the ground and every link is upright, so that a node moves along the links that it
+stretches. What several elements do between the same two nodes is an arm: links side by side, in series, or both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from statistics import fmean
+from typing import Literal
+
+from lcpimpact.plotting.timeline import math_text
+from lcpimpact.scheme.elements.bar import Bar
+from lcpimpact.scheme.elements.base import GROUND, Element
+from lcpimpact.scheme.elements.bumper import Bumper
+from lcpimpact.scheme.elements.hertz_spring import HertzSpring
+from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley
+from lcpimpact.scheme.elements.mass import Mass
+from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion
+from lcpimpact.scheme.elements.rope import Rope
+
+CEILING = "\0ceiling"
+"""The ground once more, above everything: from it hangs what names the ground as its upper end."""
+
+LINK = 2.1
+"""Height of a link."""
+
+PIECE = 1.6
+"""Height of a link in series with others."""
+
+BAR = 2.0 * LINK
+"""Height of a bar."""
+
+BREADTH = 0.75
+"""Width of a link's symbol."""
+
+BODY_HEIGHT, BODY_WIDTH = 1.1, 2.6
+
+PLATE = 1.0
+"""Half of the width of a plate whose motion is given."""
+
+LOAD = 0.75
+"""Height of a load's arrow above its node."""
+
+COORDINATE = 0.75
+"""Length of a coordinate's arrow below its node."""
+
+CLEAR = 0.2
+"""Between a symbol and its label."""
+
+LETTER = 0.29
+"""About the width of a letter."""
+
+ROW = 1.15
+"""Between two rows of nodes that no link joins."""
+
+CROSSING = 6.0
+"""What a bar that crosses a link costs, in units of a detour."""
+
+OPENING = 0.12
+"""How far the strokes of a bumper stand apart, in parts of its height."""
+
+Side = Literal[-1, 1]
+
+
+def label(part: Element) -> str:
+    """Return what stands beside an element: its symbols."""
+    return ", ".join(math_text(symbol) for symbol in part.symbols)
+
+
+def width(text: str) -> float:
+    """Return about how wide a text is."""
+    return LETTER * len(text.translate(str.maketrans("", "", "$_{}\\")))
+
+
+def half_breadth(link: Element) -> float:
+    """Return how far a link's symbol reaches sideways."""
+    return BREADTH * max((abs(t) for stroke in link.strokes for _, t in stroke), default=0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Arm:
+    """What acts between two nodes: one link, or arms in series or side by side.
+
+    Attributes
+    ----------
+    top, bottom : str       the nodes
+    link : Element          where it is one link
+    series : tuple of Arm   from the top to the bottom
+    beside : tuple of Arm   from the left to the right
+    """
+
+    top: str
+    bottom: str
+    link: Element | None = None
+    series: tuple[Arm, ...] = ()
+    beside: tuple[Arm, ...] = ()
+
+    def turned(self) -> Arm:
+        """Return the same arm upside down."""
+        series = tuple(arm.turned() for arm in reversed(self.series))
+        return Arm(self.bottom, self.top, self.link, series, tuple(arm.turned() for arm in self.beside))
+
+    def downwards(self, top: str) -> Arm:
+        """Return the arm so that it hangs from the node ``top``."""
+        return self if self.top == top else self.turned()
+
+    @property
+    def links(self) -> list[Element]:
+        """Every link in it."""
+        own = [] if self.link is None else [self.link]
+        return own + [link for arm in (*self.series, *self.beside) for link in arm.links]
+
+
+def ends(link: Element) -> tuple[str, str]:
+    """Return the two nodes that a link joins in the picture."""
+    first, last = link.nodes[0], link.nodes[-1]
+    return (CEILING if first == GROUND and _told(link) else first), last
+
+
+def side_by_side(arms: Sequence[Arm]) -> Arm:
+    """Return arms between the same two nodes as one."""
+    first = arms[0]
+    flat = [each for arm in arms for each in (arm.downwards(first.top).beside or (arm.downwards(first.top),))]
+    return flat[0] if len(flat) == 1 else Arm(first.top, first.bottom, beside=tuple(flat))
+
+
+def in_series(upper: Arm, lower: Arm) -> Arm:
+    """Return two arms, of which the one ends where the other begins, as one."""
+    return Arm(upper.top, lower.bottom, series=(*(upper.series or (upper,)), *(lower.series or (lower,))))
+
+
+def arms_between(elements: Sequence[Element]) -> list[Arm]:
+    """Return an arm for each pair of nodes that are joined, with the inner nodes of elements taken up in the arms."""
+    inner = [node for element in elements for node in element.nodes[1:-1]]
+    outer = {node for element in elements for node in (element.nodes[0], element.nodes[-1])}
+    arms = [Arm(*ends(p), p) for e in elements for p in e.drawn() if len(p.nodes) > 1]
+    while True:
+        pairs: dict[frozenset[str], list[Arm]] = {}
+        for arm in arms:
+            pairs.setdefault(frozenset((arm.top, arm.bottom)), []).append(arm)
+        arms = [side_by_side(pair) for pair in pairs.values()]
+        for node in inner:
+            here = [arm for arm in arms if node in (arm.top, arm.bottom)]
+            if len(here) == 2 and node not in outer:
+                upper, lower = here
+                joined = in_series(upper.turned() if upper.top == node else upper, lower.downwards(node))
+                arms[arms.index(upper)] = joined
+                arms.remove(lower)
+                break
+        else:
+            return arms
+
+
+@dataclass(frozen=True)
+class Link:
+    """A link in its place, upright between two nodes.
+
+    Attributes
+    ----------
+    part : Element              the element
+    top, bottom : str           the nodes at its ends
+    x : float                   where it stands
+    side : 1 or -1              where its label stands, right or left
+    body : float                height of its symbol
+    leads : tuple of float      from its first and from its last node to the symbol
+    extra : float               by how much the part that moves with the last node is longer, so that the other stays in it
+    """
+
+    part: Element
+    top: str
+    bottom: str
+    x: float
+    side: Side
+    body: float
+    leads: tuple[float, float]
+    extra: float
+
+    @property
+    def down(self) -> bool:
+        """Whether it runs down from its first node."""
+        return ends(self.part)[0] == self.top
+
+
+@dataclass(frozen=True)
+class Box:
+    """A part of the picture that is taken: x from left to right, and levels from low to high."""
+
+    left: float
+    right: float
+    low: float
+    high: float
+    owner: object = None
+
+    def moved(self, x: float) -> Box:
+        """Return the box moved to the right."""
+        return Box(self.left + x, self.right + x, self.low, self.high, self.owner)
+
+    def meets(self, other: Box) -> bool:
+        """Return whether the two share a place."""
+        return (
+            min(self.right, other.right) - max(self.left, other.left) > 1e-9
+            and min(self.high, other.high) - max(self.low, other.low) > 1e-9
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where everything stands; y grows upwards from the ground at zero.
+
+    Parameters
+    ----------
+    elements : tuple of Element
+        Those of a scheme.
+    travel : mapping of str to (low, high) of relative motion, optional
+        Called with two nodes, returns how far the lower comes away from the upper in the units of the drawing, at least
+        and at most: links get the room that they need.
+    scale : float
+        Units of the drawing in a metre of motion; zero for a picture that stands still.
+    """
+
+    elements: tuple[Element, ...]
+    travel: Callable[[str, str], tuple[float, float]] = field(default=lambda top, bottom: (0.0, 0.0))
+    scale: float = 0.0
+
+    # --- what there is -------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def parts(self) -> list[Element]:
+        """The pieces to draw."""
+        return [part for element in self.elements for part in element.drawn()]
+
+    @cached_property
+    def given(self) -> list[Arm]:
+        """The arms, not yet told what is up."""
+        return arms_between(self.elements)
+
+    @cached_property
+    def nodes(self) -> list[str]:
+        """The nodes in the order in which they are mentioned, without the ground and without inner ones."""
+        named = dict.fromkeys(node for part in self.parts for node in (part.nodes[0], part.nodes[-1]))
+        taken_up = {node for element in self.elements for node in element.nodes[1:-1]} - {
+            end for arm in self.given for end in (arm.top, arm.bottom)
+        }
+        named = {node: None for node in named if node not in taken_up}
+        named |= dict.fromkeys(end for arm in self.given for end in (arm.top, arm.bottom))
+        return [node for node in named if node not in (GROUND, CEILING)]
+
+    def bodies(self, node: str) -> list[Mass]:
+        """Return the masses at a node."""
+        return [part for part in self.parts if isinstance(part, Mass) and part.node == node]
+
+    def motions(self, node: str) -> list[PrescribedMotion]:
+        """Return the motions that are given to a node."""
+        return [part for part in self.parts if isinstance(part, PrescribedMotion) and part.node == node]
+
+    def loads(self, node: str) -> list[Element]:
+        """Return what acts on a node alone and is neither a mass nor a motion."""
+        return [p for p in self.parts if p.nodes == (node,) and not isinstance(p, (Mass, PrescribedMotion))]
+
+    # --- what is above what --------------------------------------------------------------------------------------------
+
+    @cached_property
+    def distance(self) -> dict[str, int]:
+        """The number of arms from each node to the ground or, where nothing leads there, to a node that is carried."""
+        found: dict[str, int] = {}
+        bases = [GROUND]
+        while bases:
+            found |= dict.fromkeys(bases, 0)
+            for node in (reached := list(bases)):
+                new = [other for other in self._neighbours(node) if other not in found]
+                found |= dict.fromkeys(new, found[node] + 1)
+                reached.extend(new)
+            free = [node for node in self.nodes if node not in found]
+            carries = {link.nodes[0] for arm in self.given for link in arm.links if _told(link)}
+            bases = sorted(free, key=lambda node: (not self.motions(node), node in carries, -self.nodes.index(node)))[
+                :1
+            ]
+        return found
+
+    def _neighbours(self, node: str) -> list[str]:
+        arms = [arm for arm in self.given if node in (arm.top, arm.bottom) and CEILING not in (arm.top, arm.bottom)]
+        return [arm.bottom if arm.top == node else arm.top for arm in arms]
+
+    @cached_property
+    def arms(self) -> list[Arm]:
+        """The arms, each hanging from its upper node; no way leads down and comes back."""
+        rank = {node: (self.distance[node], -i) for i, node in enumerate([GROUND, *self.nodes])}
+        rank[CEILING] = (len(rank), 0)
+        below: dict[str, list[str]] = {node: [] for node in rank}
+
+        def leads(start: str, end: str) -> bool:
+            return start == end or any(leads(other, end) for other in below[start])
+
+        found: dict[int, Arm] = {}
+
+        # A plate that is called the upper one stands above the other, wherever the ground leaves a choice.
+        def urgency(each: tuple[int, Arm]) -> tuple[bool, bool]:
+            fixed = {GROUND, CEILING} & {each[1].top, each[1].bottom}
+            return not fixed, not any(map(_told, each[1].links))
+
+        for i, arm in sorted(enumerate(self.given), key=urgency):
+            top = next((ends(link)[0] for link in arm.links if _told(link)), None)
+            if top is None or {GROUND, CEILING} & {arm.top, arm.bottom}:
+                top = max(arm.top, arm.bottom, key=rank.__getitem__)
+            if leads(arm.downwards(top).bottom, top):
+                top = arm.downwards(top).bottom
+            found[i] = arm.downwards(top)
+            below[top].append(found[i].bottom)
+        return [found[i] for i in sorted(found)]
+
+    @cached_property
+    def level(self) -> dict[str, int]:
+        """The longest way down from each node."""
+        found = {GROUND: 0}
+
+        def measure(node: str) -> int:
+            if node not in found:
+                found[node] = 1 + max((measure(arm.bottom) for arm in self.arms if arm.top == node), default=0)
+            return found[node]
+
+        for node in self.nodes:
+            measure(node)
+        return found | {CEILING: 1 + max(found.values())}
+
+    @property
+    def grounded(self) -> bool:
+        """Whether anything stands on the ground."""
+        return any(arm.bottom == GROUND for arm in self.arms)
+
+    @property
+    def hung(self) -> bool:
+        """Whether anything hangs from the ceiling."""
+        return any(arm.top == CEILING for arm in self.arms)
+
+    # --- across --------------------------------------------------------------------------------------------------------
+
+    def reach(self, arm: Arm, side: Side = 1) -> tuple[float, float]:
+        """Return how far an arm reaches to the left and to the right of its middle, labels included."""
+        if arm.link is not None:
+            half = half_breadth(arm.link)
+            beside = half + CLEAR + width(label(arm.link))
+            return (half, beside) if side > 0 else (beside, half)
+        if arm.series:
+            each = [self.reach(piece, side) for piece in arm.series]
+            return max(left for left, _ in each), max(right for _, right in each)
+        offsets = self.offsets(arm)
+        first, last = self.reach(arm.beside[0], -1), self.reach(arm.beside[-1], 1)
+        return first[0] - offsets[0], offsets[-1] + last[1]
+
+    def offsets(self, arm: Arm) -> list[float]:
+        """Return where the arms of an arm stand, from its middle; the first has its labels on the left."""
+        reaches = [self.reach(each, -1 if i == 0 else 1) for i, each in enumerate(arm.beside)]
+        x = [0.0]
+        for (_, right), (left, _) in pairwise(reaches):
+            x.append(x[-1] + max(2.1 * BREADTH, right + left + 2.0 * CLEAR))
+        return [each - x[-1] / 2.0 for each in x]
+
+    def feet(self, arm: Arm, x: float, end: str) -> list[float]:
+        """Return every x at which an arm with its middle at x touches one of its two nodes."""
+        if arm.series:
+            return self.feet(arm.series[0 if end == arm.top else -1], x, end)
+        if arm.beside:
+            pairs = zip(arm.beside, self.offsets(arm), strict=True)
+            return [foot for each, offset in pairs for foot in self.feet(each, x + offset, end)]
+        return [x]
+
+    @cached_property
+    def _across(self) -> tuple[dict[int, float], dict[str, list[float]], dict[int, tuple[float, Side]]]:
+        """The middle of each arm, what each node must reach, and the place of each load and the side of its label."""
+        taken: list[Box] = []
+        middle: dict[int, float] = {}
+        touched: dict[str, list[float]] = {}
+
+        def stand(node: str, x: float) -> None:
+            if node not in touched:
+                half = self._half(node)
+                touched[node] = [x - half, x + half] if half else [x]
+                taken.append(self._node_box(node, x, (0.0, 0.0)))
+
+        order = sorted(range(len(self.arms)), key=lambda i: (self.level[self.arms[i].bottom], i))
+        free = [node for node in self.nodes if not any(arm.top == node for arm in self.arms)]
+        for node in free:
+            if self.level[node] == 1 and not self.grounded and not touched:
+                stand(node, 0.0)
+            else:
+                x = self._place(0.0, [self._node_box(node, 0.0, (0.0, 0.0))], taken, {}, [])
+                stand(node, x)
+        for i in order:
+            arm = self.arms[i]
+            top, bottom = arm.top, arm.bottom
+            left, right = self.reach(arm)
+            boxes = [Box(-left, right, self.level[bottom] + 0.25, self.level[top] - 0.25, i)]
+            if top not in touched and top != CEILING:
+                boxes.append(self._node_box(top, 0.0, (left, right)))
+            own = [node for node in (top, bottom) if node not in (GROUND, CEILING)]
+            # Where its feet stand on a node, that node becomes a bar.
+            for node in own:
+                first, last = _span(self.feet(arm, 0.0, node))
+                boxes.append(Box(first - CLEAR, last + CLEAR, self.level[node] - 0.25, self.level[node] + 0.25, node))
+            wish = fmean(_span(touched[bottom])) if bottom in touched else 0.0
+            if bottom == GROUND and top in touched:
+                wish = fmean(_span(touched[top]))
+            bars = {self.level[node]: _span(touched[node]) for node in (top, bottom) if node in touched}
+            x = self._place(wish, boxes, taken, bars, own)
+            middle[i] = x
+            if top not in touched:
+                touched[top] = [x - self._half(top), x + self._half(top)] if self._half(top) else []
+            taken += [box.moved(x) for box in boxes]
+            touched[top] += self.feet(arm, x, top)
+            touched.setdefault(bottom, []).extend(self.feet(arm, x, bottom))
+        for node in free:
+            # Where it was put to begin with binds a node no more once links lead to it.
+            if not self._half(node):
+                touched[node] = touched[node][1:] or touched[node]
+        loads: dict[int, tuple[float, Side]] = {}
+        for node in self.nodes:
+            above = [
+                foot
+                for i, arm in enumerate(self.arms)
+                if arm.bottom == node
+                for foot in self.feet(arm, middle[i], node)
+            ]
+            for load in self.loads(node):
+                side: Side = -1 if above else 1
+                text = CLEAR + width(label(load))
+                left, right = (0.15, 0.15 + text) if side > 0 else (0.15 + text, 0.15)
+                box = Box(-left, right, self.level[node] + 0.25, self.level[node] + 0.6)
+                wish = min(above) - BREADTH if above else fmean(_span(touched[node]))
+                x = self._place(wish, [box], taken, {self.level[node]: _span(touched[node])}, [node])
+                loads[id(load)] = x, side
+                touched[node].append(x)
+                taken.append(Box(x - left, x + right, box.low, box.high))
+        return middle, touched, loads
+
+    def _half(self, node: str) -> float:
+        return BODY_WIDTH / 2.0 if self.bodies(node) else PLATE if self.motions(node) else 0.0
+
+    def _node_box(self, node: str, x: float, around: tuple[float, float]) -> Box:
+        """Return the place that a node takes with its coordinate beside it, and with its motion."""
+        half = self._half(node)
+        left = max(half, around[0]) + (0.9 + width("y(t)") if self.motions(node) else 0.0)
+        right = max(half, around[1]) + 4.0 * CLEAR + width(math_text(node))
+        return Box(x - left, x + right, self.level[node] - 0.45, self.level[node] + 0.25, node)
+
+    def _place(
+        self, wish: float, boxes: Sequence[Box], taken: Sequence[Box], bars: Mapping[int, tuple[float, float]],
+        own: Sequence[str],
+    ) -> float:  # fmt: skip
+        """Return the x nearest to a wish at which boxes, given relative to it, meet none that is taken.
+
+        A node's own box is no obstacle to its arms. Bars, level to span, would have to be drawn out to the new place: to
+        cross others with them costs as much as a long detour.
+        """
+        obstacles = [box for box in taken if box.owner not in own]
+
+        def cost(x: float) -> tuple[float, float]:
+            crossings = 0
+            for level, (left, right) in bars.items():
+                line = Box(min(left, x), max(right, x), level - 0.01, level + 0.01)
+                before = Box(left, right, level - 0.01, level + 0.01)
+                crossings += sum(line.meets(box) and not before.meets(box) for box in obstacles)
+            return abs(x - wish) + CROSSING * crossings, -x
+
+        candidates = [wish]
+        for box in boxes:
+            for other in obstacles:
+                candidates += [other.left - box.right - CLEAR, other.right - box.left + CLEAR]
+        clear = [x for x in candidates if not any(b.moved(x).meets(other) for b in boxes for other in obstacles)]
+        return min(clear, key=cost)
+
+    # --- up ------------------------------------------------------------------------------------------------------------
+
+    def need(self, link: Element, top: str, bottom: str, *, piece: bool) -> tuple[float, float, float, float]:
+        """Return what a link needs upright: its height at rest, its symbol's height, and what it opens and closes by."""
+        body = BAR if isinstance(link, Bar) else PIECE if piece else LINK
+        low, high = self.travel(top, bottom)
+        opens, closes = max(high, 0.0), max(-low, 0.0)
+        gap = self.scale * getattr(link, "gap", 0.0)
+        if not self.scale:
+            return body + (0.25 * body if _soft(link) else 0.0), body, 0.0, 0.0
+        if isinstance(link, Bumper):
+            if ends(link)[0] == top:
+                return (1.0 - OPENING) * body + gap, body, 0.0, 0.0
+            deep = max(gap - low, 0.0)
+            return (1.0 + OPENING) * body - gap + 2.0 * deep, body, 0.0, deep
+        if _soft(link):
+            overlap = max(-low - gap, 0.0)
+            return body + overlap + gap, body + overlap, 0.0, 0.0
+        if link.split is None:
+            return body + closes, body + closes, 0.0, 0.0
+        return body + opens + 2.0 * closes, body, opens, closes
+
+    def height(self, arm: Arm, *, piece: bool = False) -> float:
+        """Return the height that an arm needs at rest."""
+        if arm.link is not None:
+            return self.need(arm.link, arm.top, arm.bottom, piece=piece)[0]
+        if arm.series:
+            return sum(self.height(each, piece=True) for each in arm.series)
+        return max(self.height(each, piece=piece) for each in arm.beside)
+
+    @cached_property
+    def rows(self) -> list[list[str]]:
+        """The nodes from the ground up, in rows of one height: those of a level, unless they would stand on each other."""
+        found = []
+        for level in range(1, self.level[CEILING]):
+            rows: list[list[str]] = [[]]
+            for node in (node for node in self.nodes if self.level[node] == level):
+                left, right = self.span(node)
+                free = (r for r in rows if all(right < self.span(o)[0] or left > self.span(o)[1] for o in r))
+                row = next(free, None)
+                if row is None:
+                    rows.append(row := [])
+                row.append(node)
+            found += [row for row in rows if row]
+        return [*found, [CEILING]] if self.hung else found
+
+    def thickness(self, node: str) -> float:
+        """Return the height of a node: that of its body, or zero."""
+        return BODY_HEIGHT if self.bodies(node) else 0.0
+
+    @cached_property
+    def y(self) -> dict[str, float]:
+        """The middle of each node at rest, inner ones included."""
+        y, top, level = {GROUND: 0.0}, 0.0, 0
+        for row in self.rows:
+            here = self.level[row[0]]
+            thick = max(map(self.thickness, row))
+            if y.keys() != {GROUND} or self.grounded:
+                below = [
+                    arm
+                    for i, arm in enumerate(self.arms)
+                    if arm.bottom in y and (arm.top in row or (i in self._crossed))
+                ]
+                lift = ROW if here == level else 0.9 * LINK
+                base = max([top + lift, *(self.edge(y, arm.bottom, 1) + self.height(arm) for arm in below)])
+            else:
+                base = 0.0
+            y |= dict.fromkeys(row, base + thick / 2.0)
+            top, level = base + thick, here
+        return y | dict(self._inner(y))
+
+    def edge(self, y: Mapping[str, float], node: str, side: Side) -> float:
+        """Return where links meet a node: the upper (1) or the lower (-1) edge of its body."""
+        return y[node] + side * self.thickness(node) / 2.0
+
+    def _inner(self, y: Mapping[str, float]) -> Iterator[tuple[str, float]]:
+        def walk(arm: Arm, top: float, bottom: float, *, low: bool) -> Iterator[tuple[str, float]]:
+            for each in arm.beside:
+                yield from walk(each, top, bottom, low=low)
+            needs = [self.height(each, piece=True) for each in arm.series]
+            for i, (each, need) in enumerate(zip(arm.series, needs, strict=True)):
+                # What the arm is longer than its pieces is shared among them, or goes to the first.
+                spare = top - bottom - sum(needs[i:])
+                foot = top - need - (spare if low else spare / (len(needs) - i))
+                yield from walk(each, top, foot, low=low)
+                if each is not arm.series[-1]:
+                    yield each.bottom, foot
+                top = foot
+
+        for i, arm in enumerate(self.arms):
+            yield from walk(arm, self.edge(y, arm.top, -1), self.edge(y, arm.bottom, 1), low=i in self._crossed)
+
+    @cached_property
+    def _crossed(self) -> set[int]:
+        """The arms that run behind a node on their way down: their symbols stand at the foot, below it."""
+        found = set()
+        for i, arm in enumerate(self.arms):
+            left, right = (self._across[0][i] + side * out for side, out in zip((-1, 1), self.reach(arm), strict=True))
+            for node in (node for node in self.nodes if node not in (arm.top, arm.bottom)):
+                start, end = self.span(node)
+                between = self.level[arm.bottom] <= self.level[node] <= self.level[arm.top]
+                if between and start < right and end > left:
+                    found.add(i)
+        return found
+
+    # --- the result ----------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _placed(self) -> tuple[list[Link], dict[str, tuple[float, float]]]:
+        links: list[Link] = []
+        bars: dict[str, tuple[float, float]] = {}
+
+        def walk(arm: Arm, x: float, side: Side, *, piece: bool, low: bool) -> None:
+            if arm.link is not None:
+                need, body, opens, closes = self.need(arm.link, arm.top, arm.bottom, piece=piece)
+                spare = self.edge(self.y, arm.top, -1) - self.edge(self.y, arm.bottom, 1) - need
+                top_lead, bottom_lead = (spare, 0.0) if low else (spare / 2.0, spare / 2.0)
+                if not self.scale and _soft(arm.link):
+                    top_lead, bottom_lead = top_lead + 0.08 * body, bottom_lead + 0.08 * body
+                first_up = ends(arm.link)[0] == arm.top
+                first, last = (top_lead, bottom_lead) if first_up else (bottom_lead, top_lead)
+                # What moves in a case keeps so much of its rod outside that the case never runs into the first node.
+                extra = opens + closes
+                links.append(Link(arm.link, arm.top, arm.bottom, x, side, body, (first + extra, last), extra))
+            for each in arm.series:
+                walk(each, x, side, piece=True, low=low)
+            for upper, lower in pairwise(arm.series):
+                feet = self.feet(upper, x, upper.bottom) + self.feet(lower, x, lower.top)
+                bars[upper.bottom] = min(feet), max(feet)
+            for i, (each, offset) in enumerate(zip(arm.beside, self.offsets(arm) if arm.beside else [], strict=True)):
+                walk(each, x + offset, -1 if i == 0 else 1, piece=piece, low=low)
+
+        for i, arm in enumerate(self.arms):
+            walk(arm, self._across[0][i], 1, piece=False, low=i in self._crossed)
+        return links, bars
+
+    @property
+    def links(self) -> list[Link]:
+        """Every link in its place."""
+        return self._placed[0]
+
+    @property
+    def inner_bars(self) -> dict[str, tuple[float, float]]:
+        """From where to where each inner node reaches."""
+        return self._placed[1]
+
+    def load_place(self, load: Element) -> tuple[float, Side]:
+        """Return the x of a load, and the side of its label."""
+        return self._across[2][id(load)]
+
+    def span(self, node: str) -> tuple[float, float]:
+        """Return from where to where a node reaches, as a body or as a rigid bar."""
+        touched = self._across[1].get(node, [0.0])
+        left, right = _span(touched)
+        margin = CLEAR if self.bodies(node) and right - left > BODY_WIDTH + 1e-9 else 0.0
+        return left - margin, right + margin
+
+    @cached_property
+    def coordinate_places(self) -> dict[str, tuple[float, Side]]:
+        """The x of each coordinate's arrow and the side of its name: the nearest free place beside the node."""
+        taken = [self._link_box(link) for link in self.links]
+        for node in self.nodes:
+            left, right = self.span(node)
+            half = max(self.thickness(node) / 2.0, 0.1)
+            motion = 0.9 + width("y(t)") if self.motions(node) else 0.0
+            taken.append(Box(left - motion, right, self.y[node] - half, self.y[node] + half))
+            for load in self.loads(node):
+                x, side = self.load_place(load)
+                text = CLEAR + width(label(load))
+                top = self.edge(self.y, node, 1)
+                taken.append(
+                    Box(x - (text if side < 0 else 0.15), x + (text if side > 0 else 0.15), top, top + LOAD + 0.1)
+                )
+        found: dict[str, tuple[float, Side]] = {}
+        for node in self.nodes:
+            size = 2.0 * CLEAR + width(math_text(node))
+            low, high = self.y[node] - COORDINATE - 0.1, self.y[node] + 0.3
+            best: tuple[float, float, Side, Box] | None = None
+            for side, edge in ((1, self.span(node)[1]), (-1, self.span(node)[0])):
+                starts = [edge + side * 2.0 * CLEAR]
+                starts += [(box.right if side > 0 else box.left) + side * CLEAR for box in taken]
+                for x in starts:
+                    if side * (x - edge) < CLEAR:
+                        continue
+                    box = Box(min(x - CLEAR, x + side * size), max(x + CLEAR, x + side * size), low, high)
+                    leader = Box(min(edge, x), max(edge, x), self.y[node] - 0.05, self.y[node] + 0.05)
+                    crossings = sum(leader.meets(other) for other in taken)
+                    cost = abs(x - edge) + (0.0 if side > 0 else 2.0) + CROSSING * crossings
+                    if (best is None or cost < best[0]) and not any(box.meets(other) for other in taken):
+                        best = cost, x, side, box
+            assert best is not None
+            found[node] = best[1], best[2]
+            taken.append(best[3])
+        return found
+
+    def _link_box(self, link: Link) -> Box:
+        half = half_breadth(link.part)
+        beside = half + CLEAR + width(label(link.part))
+        left, right = (half, beside) if link.side > 0 else (beside, half)
+        return Box(link.x - left, link.x + right, self.edge(self.y, link.bottom, 1), self.edge(self.y, link.top, -1))
+
+
+def _soft(link: Element) -> bool:
+    """Return whether two bodies meet in the link and give way."""
+    return isinstance(link, (HertzSpring, HuntCrossley))
+
+
+def _told(link: Element) -> bool:
+    """Return whether the link says by itself which of its ends is the upper one."""
+    return isinstance(link, (Bumper, HertzSpring, HuntCrossley, Rope))
+
+
+def _span(x: Sequence[float]) -> tuple[float, float]:
+    return min(x), max(x)
