@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 import lcpimpact as li
 import lcpimpact.integrators.rk4_paper as module
 from lcpimpact.integrators.rk4_paper import right_side
-from lcpimpact.study.reference import KNOWN
+from lcpimpact.problems.reference import KNOWN
 
 CONSTANTS = np.array([100.0, 9.81, 1962.0, 125.0, 3924.0, 250.0])
 

@@ -84,8 +84,8 @@ class Problem:
                     raise InputError(f"{kind}[{node!r}] = {value!r} of problem {self.name!r} must be a finite number")
                 if nodes.index(node) in self.dynamics.motions:
                     raise InputError(
-                        f"{kind}[{node!r}] of problem {self.name!r}: the motion of that node is given, and begins as it says; "
-                        "leave the value out"
+                        f"{kind}[{node!r}] of problem {self.name!r}: the motion of that node is given, and begins as it "
+                        "says; leave the value out"
                     )
         for contact, u in zip(self.dynamics.contacts, self.dynamics.gap(self.initial_coordinates), strict=True):
             if contact.relative_degree > 0 and contact.r0 is None and u < 0.0 and contact.upper:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,6 +11,8 @@ from numpy.typing import ArrayLike
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem
+from lcpimpact.problems.facts import Fact
+from lcpimpact.problems.reading import event
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.load import Load
@@ -18,21 +21,82 @@ from lcpimpact.scheme.scheme import Scheme
 
 
 def bouncing_ball(m: float = 1.0, g: float = 9.81, H: float = 1.0, e: float = 0.8) -> Problem:
-    """A ball dropped from rest at height H: relative degree 2, with impacts U⁺ = -e U⁻.
+    r"""A ball dropped from rest at height H: relative degree 2, with impacts U⁺ = -e U⁻.
 
-    The coordinate x is positive downwards from the start, so the height is H - x. The n-th impact has the approach speed
-    eⁿ⁻¹ sqrt(2 g H), and the impacts accumulate at t = sqrt(2 H/g) (1 + e)/(1 - e).
+    The coordinate x is positive downwards from the start, so the height is H - x. Its closed form is that of the parabola:
+
+    - the n-th impact has the approach speed ``eⁿ⁻¹ sqrt(2 g H)``,
+    - the impacts accumulate at ``t_∞ = sqrt(2 H/g) (1 + e)/(1 - e)``: infinitely many in finite time, then rest.
+
+    This is Zeno's problem. A method that goes from event to event needs a rule to get past t_∞; a step that solves for
+    the contact at its end passes it without noticing. The trap is a test on the sup norm of v, which converges for no
+    method: between the true impact and the computed one the velocities have opposite signs.
+
+    Parameters
+    ----------
+    m : float
+        Mass in kg.
+    g : float
+        Gravity in m/s².
+    H : float
+        Height of fall in m.
+    e : float
+        Coefficient of restitution.
+
+    Raises
+    ------
+    InputError
+        If m, g or H is not above zero, or e lies outside [0, 1].
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in bouncing_ball().facts]
+    [0.451524, 4.429447, 2.834846, 1.751912, 4.063713]
+
+    References
+    ----------
+    Brogliato, *Nonsmooth Mechanics* (2016), section 1.1.
     """
     if not (g > 0.0 and H > 0.0):
         raise InputError(f"bouncing-ball: g = {g:g} and H = {H:g} must be positive, or the ball does not fall")
     scheme = Scheme(Mass("x", m), Load("x", m * g, symbols=("mg",)), Bumper("x", GROUND, gap=H, e=e))
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        x, v = closed_form(t, g, H, e)
+        return x[:, None], v[:, None]
+
+    fall, v = math.sqrt(2.0 * H / g), math.sqrt(2.0 * g * H)
+    facts: tuple[Fact, ...] = (
+        Fact("t_1", "first impact", fall, "s", lambda run: event(run, "impact").t),
+        Fact("v_1", "its approach speed", v, "m/s", lambda run: event(run, "impact").left.v[0]),
+    )
+    if e > 0.0:
+        facts += (
+            Fact("v_3", "approach speed of the third", e**2 * v, "m/s", lambda run: event(run, "impact", 3).left.v[0]),
+            Fact("t_3", "third impact", fall * (1 + 2 * e + 2 * e**2), "s", lambda run: event(run, "impact", 3).t),
+        )
+    t_end = 10.0 * fall
+    if 0.0 < e < 1.0:
+        t_inf = fall * (1.0 + e) / (1.0 - e)
+        facts += (Fact("t_∞", "accumulation of the impacts", t_inf, "s", _rest),)
+        t_end = 1.25 * t_inf
     return Problem(
         "bouncing-ball",
         scheme,
-        t_end=3.0,
+        t_end=t_end,
         parameters={"m": m, "g": g, "H": H, "e": e},
         source="Brogliato, Nonsmooth Mechanics (2016), section 1.1",
+        facts=facts,
+        motion=motion,
     )
+
+
+def _rest(run: Any) -> float:
+    """Return the time of the last event, if a twentieth of the run has gone without one and the ball is slow by then."""
+    last = run.events[-1].t if run.events else run.t[-1]
+    if run.t[-1] - last < 0.05 * run.t[-1] or not abs(run.v[-1, 0]) < 0.05 * abs(run.events[0].left.v[0]):
+        raise InputError("the ball is not at rest when the run ends: run longer")
+    return float(last)
 
 
 def closed_form(t: ArrayLike, g: float, H: float, e: float) -> tuple[Array, Array]:

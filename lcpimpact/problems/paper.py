@@ -6,7 +6,13 @@ ground structure. The defaults are Table 1, and a fall from rest through h_o = 5
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+
 from lcpimpact.problems.base import Problem, falling_speed
+from lcpimpact.problems.facts import Fact
+from lcpimpact.problems.reading import at, event, peak
+from lcpimpact.problems.reference import KNOWN, Known
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.kelvin_voigt import KelvinVoigt
@@ -15,6 +21,7 @@ from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.elements.spring import Spring
 from lcpimpact.scheme.scheme import Scheme
 
+TABLE_1 = {"m": 100.0, "k": 1962.0, "k_o": 3924.0, "c": 125.0, "c_o": 250.0, "g": 9.81, "h_o": 5.0}
 SOURCE = "Grzesikiewicz and Zbiciak, Modelling of impact problems using rheological schemes"
 
 
@@ -29,6 +36,36 @@ def system_1(
     """System No. 1 (Fig. 1): mass | bumper | Kelvin-Voigt | ground.
 
     ``m x'' = m g - R``, ``c_o z' + k_o z = R``, ``0 <= z - x ⟂ R >= 0``: Eqs (2), of relative degree 1.
+
+    The body drives a plate without mass. R is a function and no impulse, yet it jumps to ``R(0+) = c_o v_o`` at first
+    touch. Contact ends while the block is still pressed together, the plate creeps back, and the body, which gravity
+    returns, meets it again on its way: four switches in 3 s with Table 1. The trap is the first-order form x' = A x + B R
+    with R weighted by 1/2: R then rings for ever, and its peak comes out 43 % too high.
+
+    Parameters
+    ----------
+    m : float
+        Mass in kg.
+    k_o, c_o : float
+        Stiffness in N/m and damping in N s/m of the ground structure.
+    g, h_o : float
+        Gravity in m/s² and height of fall in m, which give v_o.
+    v_o : float, optional
+        Speed at first touch in m/s, instead of h_o.
+
+    Raises
+    ------
+    InputError
+        If a constant is not above zero, or g and h_o give no speed.
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in system_1().facts[:3]]
+    [2476.136103, 0.522438, 1.5001]
+
+    References
+    ----------
+    Grzesikiewicz and Zbiciak, *Modelling of impact problems using rheological schemes*, Fig. 1.
     """
     speed = falling_speed("system-1", g, h_o, v_o)
     scheme = Scheme(
@@ -38,7 +75,15 @@ def system_1(
         KelvinVoigt("z", GROUND, k_o, c_o, symbols=("k_o", "c_o")),
     )
     parameters = {"m": m, "k_o": k_o, "c_o": c_o, "g": g, "h_o": h_o, "v_o": speed}
-    return Problem("system-1", scheme, v0={"x": speed}, t_end=3.0, parameters=parameters, source=f"{SOURCE}, Fig. 1")
+    return Problem(
+        "system-1",
+        scheme,
+        v0={"x": speed},
+        t_end=3.0,
+        parameters=parameters,
+        source=f"{SOURCE}, Fig. 1",
+        facts=_facts("system-1", parameters, c_o * speed),
+    )
 
 
 def system_2(
@@ -53,6 +98,37 @@ def system_2(
     """System No. 2 (Fig. 4): mass | spring | bumper | Kelvin-Voigt | ground.
 
     As System No. 1 with ``k (y - x) = -R`` and ``0 <= z - y ⟂ R >= 0``: Eqs (5), of relative degree 0.
+
+    A spring between body and bumper takes the jump out of the force: R starts from zero and is continuous, since
+    ``u = z - x + R/k`` and so ``R = k [x - z]^+``. The node y has no equation of motion, only a balance of forces; in
+    flight it follows x. The trap is to treat y as a state: with θ = 1/2 it alternates about its place for ever.
+
+    Parameters
+    ----------
+    m : float
+        Mass in kg.
+    k : float
+        Stiffness in N/m of the body's own structure.
+    k_o, c_o : float
+        Stiffness in N/m and damping in N s/m of the ground structure.
+    g, h_o : float
+        Gravity in m/s² and height of fall in m, which give v_o.
+    v_o : float, optional
+        Speed at first touch in m/s, instead of h_o.
+
+    Raises
+    ------
+    InputError
+        If a constant is not above zero, or g and h_o give no speed.
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in system_2().facts]
+    [0.0, 1.00172, 2.743316, 4486.0845]
+
+    References
+    ----------
+    Grzesikiewicz and Zbiciak, *Modelling of impact problems using rheological schemes*, Fig. 4.
     """
     speed = falling_speed("system-2", g, h_o, v_o)
     scheme = Scheme(
@@ -63,7 +139,15 @@ def system_2(
         KelvinVoigt("z", GROUND, k_o, c_o, symbols=("k_o", "c_o")),
     )
     parameters = {"m": m, "k": k, "k_o": k_o, "c_o": c_o, "g": g, "h_o": h_o, "v_o": speed}
-    return Problem("system-2", scheme, v0={"x": speed}, t_end=3.0, parameters=parameters, source=f"{SOURCE}, Fig. 4")
+    return Problem(
+        "system-2",
+        scheme,
+        v0={"x": speed},
+        t_end=3.0,
+        parameters=parameters,
+        source=f"{SOURCE}, Fig. 4",
+        facts=_facts("system-2", parameters, 0.0),
+    )
 
 
 def system_3(
@@ -78,8 +162,38 @@ def system_3(
 ) -> Problem:
     """System No. 3 (Fig. 5): mass | Kelvin-Voigt | bumper | Kelvin-Voigt | ground.
 
-    As System No. 2 with ``c (y' - x') + k (y - x) = -R``: Eqs (7), of relative degree 1. With Table 1, k/c = k_o/c_o
-    and x = 3 y in contact; c = 60 has no such symmetry.
+    As System No. 2 with ``c (y' - x') + k (y - x) = -R``: Eqs (7), of relative degree 1.
+
+    Two dashpots in series share the first blow, ``R(0+) = v_o/(1/c + 1/c_o)``, and of the three systems this has the
+    smallest force. The trap lies in the data: with Table 1, k/c = k_o/c_o, the two blocks act as one and x = 3 y in
+    contact, which hides mistakes in their coupling; c = 60 has no such symmetry, and its facts are here too.
+
+    Parameters
+    ----------
+    m : float
+        Mass in kg.
+    k, c : float
+        Stiffness in N/m and damping in N s/m of the body's own structure.
+    k_o, c_o : float
+        The same of the ground structure.
+    g, h_o : float
+        Gravity in m/s² and height of fall in m, which give v_o.
+    v_o : float, optional
+        Speed at first touch in m/s, instead of h_o.
+
+    Raises
+    ------
+    InputError
+        If a constant is not above zero, or g and h_o give no speed.
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in system_3().facts[:3]]
+    [825.378701, 1.004304, 2.219374]
+
+    References
+    ----------
+    Grzesikiewicz and Zbiciak, *Modelling of impact problems using rheological schemes*, Fig. 5.
     """
     speed = falling_speed("system-3", g, h_o, v_o)
     scheme = Scheme(
@@ -90,4 +204,43 @@ def system_3(
         KelvinVoigt("z", GROUND, k_o, c_o, symbols=("k_o", "c_o")),
     )
     parameters = {"m": m, "k": k, "k_o": k_o, "c": c, "c_o": c_o, "g": g, "h_o": h_o, "v_o": speed}
-    return Problem("system-3", scheme, v0={"x": speed}, t_end=3.0, parameters=parameters, source=f"{SOURCE}, Fig. 5")
+    return Problem(
+        "system-3",
+        scheme,
+        v0={"x": speed},
+        t_end=3.0,
+        parameters=parameters,
+        source=f"{SOURCE}, Fig. 5",
+        facts=_facts("system-3", parameters, speed / (1.0 / c + 1.0 / c_o)),
+    )
+
+
+def _facts(name: str, parameters: Mapping[str, float], first_force: float) -> tuple[Fact, ...]:
+    """Return the force at first touch, and the digits that are known with the data of Table 1 or a variant of it."""
+    facts: tuple[Fact, ...] = ()
+    if parameters["v_o"] > 0.0:
+        scale = math.sqrt(parameters["m"] * parameters["k_o"]) * parameters["v_o"]
+        facts = (Fact("R(0+)", "force at first touch", first_force, "N", lambda run: at(run, "R", 0.0), scale=scale),)
+    for known in KNOWN:
+        data = TABLE_1 | known.parameters
+        data["v_o"] = math.sqrt(2.0 * data["g"] * data["h_o"])
+        if known.problem == name and all(value == data[symbol] for symbol, value in parameters.items()):
+            facts += _digits(known)
+    return facts
+
+
+def _digits(known: Known) -> tuple[Fact, ...]:
+    def switch(number: int, kind: str, t: float) -> Fact:
+        what = "R falls to zero" if kind == "open" else "the gap closes"
+        return Fact(f"t_{number + 1}", what, t, "s", lambda run: event(run, kind, number // 2 + 1).t, accuracy=1e-12)
+
+    def value_at_3(series: str, value: float) -> Fact:
+        unit = "N" if series == "R" else "m"
+        return Fact(f"{series}(3)", "at 3 s", value, unit, lambda run: at(run, series, 3.0))
+
+    facts = [switch(i, kind, t) for i, (kind, t) in enumerate(zip(known.kinds, known.switches, strict=False))]
+    facts += [value_at_3(series, value) for series, value in known.at_3.items()]
+    if known.peak is not None:
+        # Four decimals are known.
+        facts.append(Fact("R_max", "greatest force", known.peak, "N", lambda run: peak(run, "R"), accuracy=2e-8))
+    return tuple(facts)

@@ -1,0 +1,368 @@
+r"""Elastic and elastic-plastic bars: impact as a wave.
+
+A bar is a continuum, the scheme its finite elements; so the closed forms here are those of the wave equation, and even an
+exact run of the scheme is off by its Δx. Waves of the length of an element travel at the wrong speed, and a force that is
+a rectangle in truth comes out with a ripple. ``c = sqrt(E/ρ)`` is the wave speed, ``ρ c A`` the impedance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError
+from lcpimpact.problems.base import Problem, above_zero, whole
+from lcpimpact.problems.facts import Fact
+from lcpimpact.problems.reading import at, event
+from lcpimpact.scheme.elements.bar import Bar
+from lcpimpact.scheme.elements.base import GROUND
+from lcpimpact.scheme.elements.bumper import Bumper
+from lcpimpact.scheme.elements.dashpot import Dashpot
+from lcpimpact.scheme.elements.mass import Mass
+from lcpimpact.scheme.scheme import Scheme
+
+
+def bar_impact(
+    E: float = 900.0,
+    A: float = 1.0,
+    rho: float = 1.0,
+    L: float = 10.0,
+    gap: float = 5.0,
+    v_0: float = 10.0,
+    elements: float = 100,
+    mu: float = 0.125,
+) -> Problem:
+    r"""An elastic bar flies into a wall, lengthwise: contact lasts as long as a wave runs to the far end and back.
+
+    The front end stops at ``t_c = gap/v_0``. A wave of compression runs up the bar at c and stops it, returns from the free
+    end as a wave of relief that turns every point round, and the bar leaves whole and without vibration:
+
+    - contact for ``2 L/c``, at the constant force ``R = ρ c A v_0``, which is a rectangle in time,
+    - momentum ``∫ R dt = 2 m v_0``: the bar rebounds with v_0, though no coefficient of restitution is in the scheme.
+
+    The front node carries no mass (its share went to its neighbour), so the force is a function and not a train of impulses.
+    With mass in that node each step of a time-stepping method is a small impact, R chatters and energy leaks; with a
+    coefficient e > 0 on it, worse. What remains is the ripple of the elements; it goes down with Δx, but its greatest value
+    does not (Gibbs). The trap is to judge by that value: the error is to be measured in L1.
+
+    Parameters
+    ----------
+    E : float
+        Young's modulus in Pa.
+    A : float
+        Cross-section in m².
+    rho : float
+        Density in kg/m³.
+    L : float
+        Length in m.
+    gap : float
+        Distance to the wall in m.
+    v_0 : float
+        Speed in m/s.
+    elements : int
+        Number of finite elements, at least 4.
+    mu : float
+        Share of an element's mass that couples its ends, up to 1/4. ``1/12 + (c dt/Δx)²/6`` suits a step dt of moreau-jean;
+        the default is for dt = Δx/(2 c).
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range.
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in bar_impact().facts]
+    [0.5, 1.166667, 200.0, -10.0, 0.0]
+
+    References
+    ----------
+    Doyen, Ern and Piperno, Time-integration schemes for the finite element dynamic Signorini problem (2011).
+    """
+    name = "bar-impact"
+    above_zero(name, gap=gap, v_0=v_0)
+    bar, wall = _falling_bar(name, E, A, rho, L, gap, elements, mu)
+    scheme = Scheme(bar, wall)
+    c = math.sqrt(E / rho)
+    t_c, τ, m = gap / v_0, 2.0 * L / c, rho * A * L
+    R, P = rho * c * A * v_0, 2.0 * m * v_0
+
+    def force(t: Array) -> Array:
+        return np.where((t >= t_c) & (t < t_c + τ), R, 0.0)
+
+    coarse = 4.0 / bar.elements
+    facts = (
+        Fact("t_c", "contact begins", t_c, "s", lambda run: event(run, "close").t),
+        Fact("t_o", "contact ends", t_c + τ, "s", lambda run: event(run, "open", -1).t, coarse),
+        Fact("∫R dt", "impulse", P, "N s", _impulse, coarse),
+        Fact("v", "mean velocity afterwards", -v_0, "m/s", lambda run: _momentum(run) / m, coarse),
+        Fact("ε_R", "error of R, in L1 over ∫R dt", 0.0, "", lambda run: _force_error(run, force) / P, coarse, 1.0),
+    )
+    return Problem(
+        name,
+        scheme,
+        v0=dict.fromkeys(bar.joints, v_0),
+        t_end=t_c + 1.5 * τ,
+        parameters={
+            "E": E, "A": A, "rho": rho, "L": L, "gap": gap, "v_0": v_0, "elements": bar.elements, "mu": mu,
+        },
+        source="Doyen, Ern and Piperno, Time-integration schemes for the finite element dynamic Signorini problem (2011)",
+        facts=facts,
+    )  # fmt: skip
+
+
+def bouncing_bar(
+    E: float = 900.0,
+    A: float = 1.0,
+    rho: float = 1.0,
+    L: float = 10.0,
+    gap: float = 5.0,
+    g: float = 10.0,
+    elements: float = 100,
+    mu: float = 0.125,
+) -> Problem:
+    r"""The same bar dropped under gravity: an elastic body that bounces, and a run that shows whether energy is kept.
+
+    It meets the ground at ``t_1 = sqrt(2 gap/g)`` with ``v_1 = g t_1``, stays for ``τ = 2 L/c``, and all the while its waves
+    feel gravity:
+
+    - ``R = ρ c A (v_1 + g (t - t_1))`` in the first contact, with the defaults from 300 to 500 N,
+    - ``∫ R dt = m (2 v_1 + g τ)``: the centre of mass leaves with v_1, and the bar vibrates in its flight of ``2 v_1/g``.
+
+    If the flight is a whole number of τ, the period of that vibration, the second contact is the first one backwards in
+    time: R falls, here from 500 to 300 N on 11/3 <= t <= 13/3; the bar is then at rest inside, rises to where it began, and
+    all repeats itself with the period ``2 t_1 + 2 τ + 2 v_1/g``, here 16/3. Hence it is the test of methods for elastic
+    contact: a method that loses or makes energy in the first contact spoils the second. The trap is to look at the first
+    contact only, or at a bounce of the centre of mass, which hardly shows it.
+
+    Parameters
+    ----------
+    E : float
+        Young's modulus in Pa.
+    A : float
+        Cross-section in m².
+    rho : float
+        Density in kg/m³.
+    L : float
+        Length in m.
+    gap : float
+        Height of fall in m.
+    g : float
+        Gravity in m/s².
+    elements : int
+        Number of finite elements, at least 4.
+    mu : float
+        Share of an element's mass that couples its ends, up to 1/4. ``1/12 + (c dt/Δx)²/6`` suits a step dt of moreau-jean;
+        the default is for dt = Δx/(2 c).
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range.
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in bouncing_bar().facts]
+    [1.0, 1.666667, 3.666667, 533.333333, 0.0]
+
+    References
+    ----------
+    Doyen, Ern and Piperno, Time-integration schemes for the finite element dynamic Signorini problem (2011).
+    """
+    name = "bouncing-bar"
+    above_zero(name, gap=gap, g=g)
+    bar, wall = _falling_bar(name, E, A, rho, L, gap, elements, mu)
+    scheme = Scheme(bar, *bar.weight(g), wall)
+    c = math.sqrt(E / rho)
+    t_1, τ, m = math.sqrt(2.0 * gap / g), 2.0 * L / c, rho * A * L
+    v_1 = g * t_1
+    flight = 2.0 * v_1 / g
+    t_2 = t_1 + τ + flight
+    repeats = abs(flight / τ - round(flight / τ)) < 1e-9
+    P = m * (2.0 * v_1 + g * τ)
+    last = t_2 + τ + 0.25 * t_1 if repeats else t_1 + τ + 0.5 * min(flight, τ)
+
+    def force(t: Array) -> Array:
+        first, second = (t >= t_1) & (t < t_1 + τ), (t >= t_2) & (t < t_2 + τ)
+        rising, falling = v_1 + g * (t - t_1), v_1 + g * (t_2 + τ - t)
+        return rho * c * A * np.where(first, rising, np.where(second & repeats, falling, 0.0))
+
+    total = P * (2.0 if repeats else 1.0)
+    coarse = 4.0 / bar.elements
+    facts: tuple[Fact, ...] = (
+        Fact("t_1", "first contact begins", t_1, "s", lambda run: event(run, "close").t),
+        Fact(
+            "t_1 + τ",
+            "first contact ends",
+            t_1 + τ,
+            "s",
+            lambda run: _switch(run, "open", t_1, t_1 + 1.5 * τ)[-1],
+            coarse,
+        ),
+        Fact("∫R dt", "impulse", total, "N s", _impulse, coarse),
+        Fact("ε_R", "error of R, in L1 over ∫R dt", 0.0, "", lambda run: _force_error(run, force) / total, coarse, 1.0),
+    )
+    if repeats:
+        second = Fact(
+            "t_2", "second contact begins", t_2, "s", lambda run: _switch(run, "close", t_2 - 0.5 * τ, last)[0], coarse
+        )
+        facts = (*facts[:2], second, *facts[2:])
+    return Problem(
+        name,
+        scheme,
+        t_end=last,
+        parameters={
+            "E": E, "A": A, "rho": rho, "L": L, "gap": gap, "g": g, "elements": bar.elements, "mu": mu,
+        },
+        source="Doyen, Ern and Piperno, Time-integration schemes for the finite element dynamic Signorini problem (2011)",
+        facts=facts,
+    )  # fmt: skip
+
+
+def plastic_bar_impact(
+    m: float = 10.0,
+    E: float = 900.0,
+    A: float = 1.0,
+    rho: float = 1.0,
+    L: float = 10.0,
+    sigma_y: float = 150.0,
+    v_0: float = 10.0,
+    elements: float = 40,
+) -> Problem:
+    r"""A rigid body strikes a long elastic-plastic bar: the last of the paper's announcements.
+
+    As long as it stays elastic the bar answers as a dashpot of its impedance, ``R = ρ c A v``. Perfect plasticity caps that
+    at ``A σ_y``, which a body faster than ``v_y = σ_y/(ρ c)`` exceeds. Then an elastic wave of the stress σ_y runs ahead,
+    the rest of the shortening gathers in the section that was struck, and
+
+    - the force is ``R = A σ_y`` and the body slows down evenly, to v_y at ``t_y = m (v_0 - v_y)/(A σ_y)``,
+    - later ``v = v_y exp(-ρ c A (t - t_y)/m)``: elastic again,
+    - the section that was struck has taken ``D = ½ m (v_0 - v_y)²`` of plastic work.
+
+    So the ledger of the energy is closed, ``½ m v_0² = D + waves + body``, and D is what the body would lose in a plastic
+    impact on a wall that moves off at v_y. A dashpot ρ c A at the far end swallows the waves, as if the bar went on for
+    ever; a fixed end would double the stress of the wave and yield too. The trap is an expected plastic *wave*: without
+    hardening it does not move, and in the elements all the plastic strain sits in the first one, however small it is.
+
+    Parameters
+    ----------
+    m : float
+        Mass of the body in kg.
+    E : float
+        Young's modulus in Pa.
+    A : float
+        Cross-section in m².
+    rho : float
+        Density in kg/m³.
+    L : float
+        Length in m of the part that is divided into elements.
+    sigma_y : float
+        Yield stress in Pa.
+    v_0 : float
+        Speed of the body in m/s, above v_y.
+    elements : int
+        Number of finite elements, at least 4.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range, or the bar stays elastic.
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in plastic_bar_impact().facts]
+    [150.0, 5.0, 0.676676, 125.0]
+
+    References
+    ----------
+    Kolsky, *Stress Waves in Solids* (1963), chapter VII, on plastic waves.
+    """
+    name = "plastic-bar-impact"
+    above_zero(name, m=m, E=E, A=A, rho=rho, L=L, sigma_y=sigma_y, v_0=v_0)
+    elements = whole(name, "elements", elements, least=4)
+    c = math.sqrt(E / rho)
+    v_y, impedance = sigma_y / (rho * c), rho * c * A
+    bar = Bar("y", "w", E, A, rho, L, elements, massless=("y",), sigma_y=sigma_y, name="bar")
+    scheme = Scheme(Mass("x", m), Bumper("x", "y"), bar, Dashpot("w", GROUND, impedance, symbols=("ρcA",)))
+    if not v_0 > v_y:
+        raise InputError(
+            f"{name}: v_0 = {v_0:g} must be above v_y = sigma_y/(rho c) = {v_y:g}, or the bar stays elastic"
+        )
+    t_y = m * (v_0 - v_y) / (A * sigma_y)
+    t_end = t_y + 2.0 * m / impedance
+    coarse = 4.0 / elements
+
+    def mean_force(run: Any) -> float:
+        return (v_0 - at(run, "v_x", 0.75 * t_y)) * m / (0.75 * t_y)
+
+    v_end = v_y * math.exp(-2.0)
+    facts = (
+        Fact("R", "mean force while it yields", A * sigma_y, "N", mean_force, coarse),
+        Fact("v(t_y)", "speed at the end of yielding", v_y, "m/s", lambda run: at(run, "v_x", t_y), coarse),
+        Fact("v(t_end)", "speed at the end", v_end, "m/s", lambda run: at(run, "v_x", t_end), coarse, v_y),
+        Fact(
+            "D",
+            "plastic work",
+            0.5 * m * (v_0 - v_y) ** 2,
+            "J",
+            lambda run: _plastic_work(run, A * sigma_y),
+            2.0 * coarse,
+        ),
+    )
+    return Problem(
+        name,
+        scheme,
+        v0={"x": v_0},
+        t_end=t_end,
+        parameters={
+            "m": m, "E": E, "A": A, "rho": rho, "L": L, "sigma_y": sigma_y, "v_0": v_0, "elements": elements,
+        },
+        source="Kolsky, Stress Waves in Solids (1963), chapter VII, on plastic waves",
+        facts=facts,
+    )  # fmt: skip
+
+
+def _falling_bar(
+    name: str, E: float, A: float, rho: float, L: float, gap: float, elements: float, mu: float
+) -> tuple[Bar, Bumper]:
+    """Return a bar from x to y whose massless lower end y is a gap above the ground, and the bumper between."""
+    elements = whole(name, "elements", elements, least=4)
+    return Bar("x", "y", E, A, rho, L, elements, mass=mu, massless=("y",), name="bar"), Bumper("y", GROUND, gap=gap)
+
+
+def _over_time(run: Any, value: Callable[[Array, Array], Array]) -> float:
+    """Return the integral of a function of t and R: the sum over the steps that R is the mean of, or by trapezia."""
+    if len(run.t_reaction) < len(run.t):
+        return float((value(run.t_reaction, run["R"]) * np.diff(run.t)).sum())
+    f = value(run.t, run["R"])
+    return float((0.5 * (f[1:] + f[:-1]) * np.diff(run.t)).sum())
+
+
+def _impulse(run: Any) -> float:
+    return _over_time(run, lambda t, r: r)
+
+
+def _force_error(run: Any, force: Callable[[Array], Array]) -> float:
+    return _over_time(run, lambda t, r: np.abs(r - force(t)))
+
+
+def _momentum(run: Any) -> float:
+    return float((run.problem.dynamics.M @ run.v[-1]).sum())
+
+
+def _switch(run: Any, kind: str, earliest: float, latest: float) -> list[float]:
+    """Return the times of the events of a kind between two times, where ripples may open and close a contact again."""
+    found = [each.t for each in run.events if each.kind == kind and earliest < each.t < latest]
+    if not found:
+        raise InputError(f"the run has no event {kind!r} between {earliest:g} and {latest:g} s: run longer")
+    return found
+
+
+def _plastic_work(run: Any, f_y: float) -> float:
+    """Return f_y times the path of all sliders."""
+    dynamics = run.problem.dynamics
+    return float(f_y * np.abs(np.diff(run.q @ dynamics.H[dynamics.slides].T, axis=0)).sum())

@@ -1,0 +1,107 @@
+r"""Four diodes, a resistor and an oscillating circuit: complementarity outside mechanics."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.problems.base import Problem, above_zero
+from lcpimpact.problems.facts import Fact
+from lcpimpact.problems.free_vibration import angle, free_vibration
+from lcpimpact.problems.reading import at, crossing
+from lcpimpact.scheme.system import LinearComplementaritySystem
+
+
+def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, V: float = 10.0) -> Problem:
+    r"""A full-wave rectifier: whichever way the current flows, the resistor sees it in one direction.
+
+    The capacitor (voltage v_L, V at the start) and the inductor (current i_L, 0 at the start) form an oscillator; the bridge
+    of four ideal diodes hangs between its ends 1 and 2, the resistor between the bridge's outlets + and -.
+
+    - ``C v_L' = -i_L - (i_DR2 - i_DF2)`` and ``L i_L' = v_L``,
+    - each diode: ``0 <= -v ⟂ i >= 0``, its voltage backwards against its current.
+
+    Diodes F go from 1 or 2 to +, diodes R from - to 1 or 2. With ``λ = (-v_DR1, -v_DF1, i_DF2, i_DR2)``, the resistor's
+    voltage is ``λ_1 + λ_2``, and Kirchhoff's laws give ``w = C x + D λ`` for the partners
+    ``(i_DR1, i_DF1, -v_DF2, -v_DR2)``, with D positive semidefinite, though not symmetric.
+
+    There is no threshold, so two diodes always conduct: the resistor has the voltage ``|v_L|`` and the circuit feels it as
+    if the bridge were not there, a damped oscillation with ``ω = 1/sqrt(L C)`` and ``ζ = sqrt(L/C)/(2 R)``:
+
+    - ``v_L = V S'(t)`` and ``i_L = V S(t)/L``, where S is the free vibration with S(0) = 0, S'(0) = 1,
+    - the diodes change over first at ``ω t = acos ζ/sqrt(1 - ζ²)``.
+
+    What to learn: the same step, LCP and solvers run circuits, with the relative degree 0 everywhere. The trap is a smooth
+    diode law (exponential, or a stiff resistor), which makes this stiff without making it truer.
+
+    Parameters
+    ----------
+    L, C, R : float
+        Inductance in H, capacitance in F, resistance in Ω.
+    V : float
+        Voltage at the start in V.
+
+    Raises
+    ------
+    InputError
+        If a parameter is not above zero.
+
+    Examples
+    --------
+    >>> [round(fact.value, 9) for fact in diode_bridge().facts]
+    [0.000152268, 0.79032282, -0.00264785, 0.79032282]
+
+    References
+    ----------
+    Acary and Brogliato, *Numerical Methods for Nonsmooth Dynamical Systems* (2008), the four-diode bridge rectifier.
+    """
+    name = "diode-bridge"
+    above_zero(name, L=L, C=C, R=R, V=V)
+    system = LinearComplementaritySystem(
+        A=[[0.0, -1.0 / C], [1.0 / L, 0.0]],
+        B=[[0.0, 0.0, 1.0 / C, -1.0 / C], [0.0, 0.0, 0.0, 0.0]],
+        C=[[0.0, 0.0], [0.0, 0.0], [1.0, 0.0], [-1.0, 0.0]],
+        D=[
+            [1.0 / R, 1.0 / R, 0.0, -1.0],
+            [1.0 / R, 1.0 / R, -1.0, 0.0],
+            [0.0, 1.0, 0.0, 0.0],
+            [1.0, 0.0, 0.0, 0.0],
+        ],
+        states=("v_L", "i_L"),
+        multipliers=("-v_DR1", "-v_DF1", "i_DF2", "i_DR2"),
+    )
+    ω, ζ = 1.0 / math.sqrt(L * C), math.sqrt(L / C) / (2.0 * R)
+    t_1 = angle(ζ) / ω
+    # Until the slowest part has decayed to exp(-2.5), and no more than eight periods.
+    slowest = ζ if ζ < 1.0 else 1.0 / (ζ + math.sqrt((ζ - 1.0) * (ζ + 1.0)))
+    t_end = min(50.0, 2.5 / slowest) / ω
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        S, _, dS = free_vibration(t, ω, ζ)
+        v, i = V * dS, V / L * S
+        return np.column_stack([v, i]), np.column_stack([-V * ω * (2.0 * ζ * dS + ω * S), v / L])
+
+    v, i = map(float, motion(np.array([t_end]))[0][0])
+
+    def resistor(state: Any) -> Array:
+        return np.asarray(state.reaction[:, 0] + state.reaction[:, 1])
+
+    facts = (
+        Fact("t_1", "diodes change over", t_1, "s", lambda run: crossing(run, "v_L", direction=-1.0)),
+        Fact("v_L", "voltage at t_end", v, "V", lambda run: at(run, "v_L", t_end), scale=V),
+        Fact("i_L", "current at t_end", i, "A", lambda run: at(run, "i_L", t_end), scale=V * math.sqrt(C / L)),
+        Fact("v_R", "voltage of the resistor at t_end", abs(v), "V", lambda run: at(run, resistor, t_end), scale=V),
+    )
+    return Problem(
+        name,
+        system,
+        q0={"v_L": V},
+        t_end=t_end,
+        parameters={"L": L, "C": C, "R": R, "V": V},
+        source="Acary and Brogliato (2008), the four-diode bridge rectifier",
+        facts=facts,
+        motion=motion,
+    )

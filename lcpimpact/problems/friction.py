@@ -1,0 +1,189 @@
+r"""Dry friction: a force that is bounded, and what it leaves behind."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError
+from lcpimpact.problems.base import Problem, above_zero
+from lcpimpact.problems.facts import Fact
+from lcpimpact.problems.reading import event, peak
+from lcpimpact.scheme.elements.base import GROUND
+from lcpimpact.scheme.elements.jenkins import Jenkins
+from lcpimpact.scheme.elements.mass import Mass
+from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion
+from lcpimpact.scheme.elements.slider import Slider
+from lcpimpact.scheme.elements.spring import Spring
+from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.signals import Harmonic
+
+
+def coulomb_oscillator(m: float = 1.0, k: float = 100.0, F: float = 5.0, x_0: float = 0.53) -> Problem:
+    r"""A mass on a spring and a rough table: it loses the same length in every half swing, and stops off centre.
+
+    ``m x'' + k x = -F sign x'``, let go at x_0. While it slides one way the friction is a constant force, which only shifts
+    the centre of the vibration by F/k. So with ``ω = sqrt(k/m)``
+
+    - it turns at ``x_n = (-1)ⁿ (x_0 - 2 n F/k)`` every half period ``π/ω``, the same as without friction,
+    - and stops for good at the first n with ``|x_n| <= F/k``, where the spring can no longer overcome the friction.
+
+    Amplitudes fall along a straight line (viscous damping makes an exponential of it), motion ends in finite time, and
+    any place in |x| <= F/k is a possible end: the rest is a set. The trap is ``sign x'`` in a smooth integrator: it chatters
+    about x' = 0 for ever, or with sign 0 = 0 lets the stopped mass creep back to the centre.
+
+    Parameters
+    ----------
+    m, k : float
+        Mass in kg and stiffness in N/m.
+    F : float
+        Friction in N.
+    x_0 : float
+        Place in m from which it is let go.
+
+    Raises
+    ------
+    InputError
+        If a parameter is not above zero.
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in coulomb_oscillator().facts]
+    [-0.43, 1.570796, -0.03]
+
+    References
+    ----------
+    Den Hartog, *Mechanical Vibrations* (1956), on Coulomb damping.
+    """
+    name = "coulomb-oscillator"
+    above_zero(name, F=F, x_0=x_0)
+    scheme = Scheme(Mass("x", m), Spring("x", GROUND, k), Slider("x", GROUND, F, symbols=("F",)))
+    ω, loss = math.sqrt(k / m), F / k
+    halves = max(0, math.ceil(0.5 * (x_0 / loss - 1.0) - 1e-12))
+    rest = (-1) ** halves * (x_0 - 2 * halves * loss)
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        times = np.asarray(t, dtype=np.float64)
+        n = np.minimum(np.floor(times * ω / math.pi), halves)
+        s = ω * times - n * math.pi
+        sign = 1.0 - 2.0 * np.mod(n, 2.0)
+        swing = np.where(n < halves, x_0 - (2.0 * n + 1.0) * loss, 0.0)
+        x = np.where(n < halves, sign * (loss + swing * np.cos(s)), rest)
+        return x[:, None], (-sign * swing * ω * np.sin(s))[:, None]
+
+    place = Fact("x_∞", "where it stays", rest, "m", lambda run: float(run.q[-1, 0]), scale=loss)
+    facts: tuple[Fact, ...] = (place,)
+    if halves:
+        facts = (
+            Fact("x_1", "first turning point", -(x_0 - 2.0 * loss), "m", lambda run: peak(run, "x", -1.0), scale=loss),
+            Fact("t_∞", "when it stops", halves * math.pi / ω, "s", lambda run: event(run, "stick", -1).t),
+            place,
+        )
+    return Problem(
+        name,
+        scheme,
+        q0={"x": x_0},
+        t_end=(halves + 1.5) * math.pi / ω,
+        parameters={"m": m, "k": k, "F": F, "x_0": x_0},
+        source="Den Hartog, Mechanical Vibrations (1956), on Coulomb damping",
+        facts=facts,
+        motion=motion,
+    )
+
+
+def jenkins_cycle(
+    k: float = 100.0, f_y: float = 5.0, X: float = 0.12, omega: float = 2.0 * math.pi, k_h: float = 0.0
+) -> Problem:
+    r"""An elastic-plastic element pulled to and fro: the hysteresis loop of St-Venant, Prandtl and Jenkins.
+
+    A spring k in series with a slider f_y, and a hardening spring k_h beside the slider if there is one; the end moves by
+    ``x = X sin ω t``. The force is ``f = k (x - p)``, where p is the plastic elongation, which follows x only while the
+    slider slips. It first yields at ``sin ω t_y = f_y/(k X)``; from the first turn on the loop repeats itself:
+
+    - p goes between ``±p_max``, ``p_max = (k X - f_y)/(k + k_h)``, and f between ``±(f_y + k_h p_max)``,
+    - the work of a cycle is the area of the loop, ``W = 4 f_y p_max``, so ``4 f_y (X - f_y/k)`` without hardening.
+
+    The loss knows no rate: at any ω it is the same, unlike that of a dashpot, and below X = f_y/k there is none. No mass is
+    in the scheme; at each instant it is in equilibrium. The trap is a load cycle read from its start: the first quarter, the
+    virgin curve, is no part of the loop.
+
+    Parameters
+    ----------
+    k, k_h : float
+        Elastic and hardening stiffness in N/m; k_h = 0 for none.
+    f_y : float
+        Yield force in N.
+    X, omega : float
+        Amplitude in m and circular frequency in rad/s of the end.
+
+    Raises
+    ------
+    InputError
+        If k, f_y, X or omega is not above zero, or k_h is negative.
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in jenkins_cycle().facts]
+    [0.068401, 0.07, 5.0, 1.4]
+
+    References
+    ----------
+    Jenkins, Analysis of the stress-strain relationships in reactor grade graphite (1962).
+    """
+    name = "jenkins-cycle"
+    above_zero(name, X=X, omega=omega)
+    if k_h < 0.0:
+        raise InputError(f"{name}: k_h = {k_h:g} must not be negative; 0 leaves the hardening out")
+    scheme = Scheme(
+        PrescribedMotion("x", Harmonic(X, omega, -0.5 * math.pi)),
+        Jenkins("x", GROUND, k, f_y, k_h if k_h > 0.0 else None),
+    )
+    p_max = max(0.0, (k * X - f_y) / (k + k_h))
+    T = 2.0 * math.pi / omega
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        times = np.asarray(t, dtype=np.float64)
+        x, rate = X * np.sin(omega * times), X * omega * np.cos(omega * times)
+        turns = np.floor(omega * times / math.pi + 0.5)
+        rising = np.mod(turns, 2.0) == 0.0
+        held = np.where(turns == 0.0, 0.0, np.where(rising, -p_max, p_max))
+        yielding = (k * x + np.where(rising, -f_y, f_y)) / (k + k_h)
+        slips = np.where(rising, yielding > held, yielding < held)
+        p = np.where(slips, yielding, held)
+        return np.column_stack([x, p]), np.column_stack([rate, np.where(slips, k / (k + k_h) * rate, 0.0)])
+
+    facts: tuple[Fact, ...] = (
+        Fact("p_max", "plastic elongation", p_max, "m", lambda run: peak(run, "F.1"), scale=X),
+        Fact(
+            "f_max",
+            "greatest force",
+            k * (X - p_max),
+            "N",
+            lambda run: peak(run, lambda s: k * (s.q[:, 0] - s.q[:, 1])),
+        ),
+        Fact("W", "work of a cycle", 4.0 * f_y * p_max, "J", lambda run: _work(run, k, T), scale=f_y * X),
+    )
+    if p_max > 0.0:
+        t_y = math.asin(f_y / (k * X)) / omega
+        facts = (Fact("t_y", "first yield", t_y, "s", lambda run: event(run, "slip", 1).t), *facts)
+    return Problem(
+        name,
+        scheme,
+        t_end=2.25 * T,
+        parameters={"k": k, "f_y": f_y, "X": X, "omega": omega, "k_h": k_h},
+        source="Jenkins, Analysis of the stress-strain relationships in reactor grade graphite (1962)",
+        facts=facts,
+        motion=motion,
+    )
+
+
+def _work(run: Any, k: float, T: float) -> float:
+    """Return ∮ f dx over the second cycle; f is a line in x between events and turns, so the trapezoidal rule is exact."""
+    corners = np.concatenate([run.t, [each.t for each in run.events], T * (1.0 + 0.25 * np.arange(5))])
+    t = np.unique(corners[(corners >= T) & (corners <= 2.0 * T)])
+    x, p = run.sample(t).q.T
+    f = k * (x - p)
+    return float(0.5 * ((f[1:] + f[:-1]) * np.diff(x)).sum())

@@ -1,0 +1,259 @@
+r"""One mass, a spring and a stop: the oscillators of nonsmooth dynamics."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError
+from lcpimpact.problems.base import Problem, above_zero, restitution, whole
+from lcpimpact.problems.facts import Fact
+from lcpimpact.problems.free_vibration import free_vibration
+from lcpimpact.problems.reading import event, peak
+from lcpimpact.scheme.elements.base import GROUND
+from lcpimpact.scheme.elements.bumper import Bumper
+from lcpimpact.scheme.elements.kelvin_voigt import KelvinVoigt
+from lcpimpact.scheme.elements.load import Load
+from lcpimpact.scheme.elements.mass import Mass
+from lcpimpact.scheme.elements.spring import Spring
+from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.signals import Harmonic
+
+
+def oscillator_stop(m: float = 1.0, k: float = 100.0, e: float = 0.8, v_0: float = 1.0) -> Problem:
+    r"""An oscillator whose stop stands at its place of equilibrium: impacts on the beat.
+
+    ``m x'' + k x = 0`` for x <= 0, and ``v⁺ = -e v⁻`` at x = 0. The mass leaves the stop at t = 0 with the speed v_0. It
+    returns after half a period whatever its speed, so with ``ω = sqrt(k/m)``
+
+    - the n-th impact is at ``t_n = n π/ω``, and leaves the speed ``v_n = eⁿ v_0``.
+
+    Compare it with the bouncing ball: there the flights shrink with the speed and the impacts accumulate; here the speeds
+    shrink alike, but the impacts go on for ever at equal intervals. The trap is a step that divides π/ω: impacts then fall
+    on the grid, and the order of a method looks better than it is.
+
+    Parameters
+    ----------
+    m, k : float
+        Mass in kg and stiffness in N/m.
+    e : float
+        Coefficient of restitution.
+    v_0 : float
+        Speed at the start in m/s.
+
+    Raises
+    ------
+    InputError
+        If m, k or v_0 is not above zero, or e lies outside [0, 1].
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in oscillator_stop().facts]
+    [0.314159, 0.942478, 0.512, 0.1]
+
+    References
+    ----------
+    Brogliato, *Nonsmooth Mechanics* (2016), chapter 7.
+    """
+    name = "oscillator-stop"
+    above_zero(name, v_0=v_0)
+    restitution(name, e)
+    scheme = Scheme(Mass("x", m), Spring("x", GROUND, k), Bumper("x", GROUND, e=e))
+    ω = math.sqrt(k / m)
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        times = np.asarray(t, dtype=np.float64)
+        n = np.floor(times * ω / math.pi)
+        s, speed = ω * times - n * math.pi, v_0 * e**n
+        return -(speed / ω * np.sin(s))[:, None], -(speed * np.cos(s))[:, None]
+
+    facts = (
+        Fact("t_1", "first impact", math.pi / ω, "s", lambda run: event(run, "impact", 1).t),
+        Fact("t_3", "third impact", 3.0 * math.pi / ω, "s", lambda run: event(run, "impact", 3).t),
+        Fact("v_3", "speed after it", e**3 * v_0, "m/s", lambda run: -event(run, "impact", 3).right.v[0], scale=v_0),
+        Fact("x_min", "farthest place", v_0 / ω, "m", lambda run: -peak(run, "x", -1.0)),
+    )
+    return Problem(
+        name,
+        scheme,
+        v0={"x": -v_0},
+        t_end=10.5 * math.pi / ω,
+        parameters={"m": m, "k": k, "e": e, "v_0": v_0},
+        source="Brogliato, Nonsmooth Mechanics (2016), chapter 7",
+        facts=facts if e > 0.0 else facts[:1] + facts[3:],
+        motion=motion,
+    )
+
+
+def bilinear_oscillator(m: float = 1.0, k: float = 100.0, k_1: float = 800.0, v_0: float = 1.0) -> Problem:
+    r"""A spring on both sides and another on one side only: a non-linear oscillator whose period knows no amplitude.
+
+    ``m x'' + k x = -R`` with ``R = k_1 x`` where x > 0 and R = 0 elsewhere: the second spring stands behind a massless
+    plate (relative degree 0), so force and acceleration are continuous. The mass passes x = 0 at t = 0 with v_0. Each half
+    of the motion is a half sine of its own frequency, ``ω_1 = sqrt(k/m)`` and ``ω_2 = sqrt((k + k_1)/m)``:
+
+    - the period is ``T = π/ω_1 + π/ω_2``, of which contact takes ``π/ω_2``,
+    - the mass goes from ``-v_0/ω_1`` to ``v_0/ω_2``, and the force reaches ``k_1 v_0/ω_2``.
+
+    It is the simplest model of a cracked beam or a one-sided support. The trap is the mean stiffness: k + k_1/2 gives a
+    wrong period. As k_1 grows it turns into `oscillator_stop` with e = 1.
+
+    Parameters
+    ----------
+    m : float
+        Mass in kg.
+    k, k_1 : float
+        Stiffness in N/m of the spring that always acts, and of the one-sided one.
+    v_0 : float
+        Speed at x = 0 in m/s.
+
+    Raises
+    ------
+    InputError
+        If a parameter is not above zero.
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in bilinear_oscillator().facts]
+    [0.418879, 0.10472, 0.033333, -0.1, 26.666667]
+
+    References
+    ----------
+    Shaw and Holmes, A periodically forced piecewise linear oscillator (1983).
+    """
+    name = "bilinear-oscillator"
+    above_zero(name, v_0=v_0)
+    scheme = Scheme(Mass("x", m), Spring("x", GROUND, k), Bumper("x", "z"), Spring("z", GROUND, k_1, symbols=("k_1",)))
+    ω_1, ω_2 = math.sqrt(k / m), math.sqrt((k + k_1) / m)
+    half = math.pi / ω_2
+    T = math.pi / ω_1 + half
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        s = np.mod(np.asarray(t, dtype=np.float64), T)
+        pressed = s < half
+        x = np.where(pressed, v_0 / ω_2 * np.sin(ω_2 * s), -v_0 / ω_1 * np.sin(ω_1 * (s - half)))
+        v = np.where(pressed, v_0 * np.cos(ω_2 * s), -v_0 * np.cos(ω_1 * (s - half)))
+        return np.column_stack([x, np.where(pressed, x, 0.0)]), np.column_stack([v, np.where(pressed, v, 0.0)])
+
+    facts = (
+        Fact("T", "period", T, "s", lambda run: event(run, "open", 2).t - event(run, "open", 1).t),
+        Fact("π/ω_2", "time in contact", half, "s", lambda run: event(run, "open").t),
+        Fact("x_max", "farthest place against both springs", v_0 / ω_2, "m", lambda run: peak(run, "x")),
+        Fact("x_min", "farthest place against one", -v_0 / ω_1, "m", lambda run: peak(run, "x", -1.0)),
+        Fact("R_max", "greatest force", k_1 * v_0 / ω_2, "N", lambda run: peak(run, "R")),
+    )
+    return Problem(
+        name,
+        scheme,
+        v0={"x": v_0},
+        t_end=3.25 * T,
+        parameters={"m": m, "k": k, "k_1": k_1, "v_0": v_0},
+        source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
+        facts=facts,
+        motion=motion,
+    )
+
+
+def impact_oscillator(
+    zeta: float = 0.05, omega: float = 2.6, f: float = 1.0, s: float = 0.0, e: float = 0.8, n: float = 1
+) -> Problem:
+    r"""A forced oscillator that strikes a stop once in n periods of the force.
+
+    ``x'' + 2 ζ x' + x = f cos(ω t + φ)`` for x <= s, and ``v⁺ = -e v⁻`` at x = s. The run starts right after an impact of
+    the periodic orbit, whose phase φ and impact speed v⁻ follow from four linear equations and one circle. With the forced
+    motion ``x_p``, ``x_p(0) = p``, ``x_p'(0) = d`` and the free one over ``T = 2 π n/ω``,
+
+    - ``C s_h + S d_h = s_h`` and ``-S s_h + S' d_h = v⁻ - d``, where ``s_h = s - p`` and ``d_h = -e v⁻ - d``,
+    - ``p² + (d/ω)² = f²/((1 - ω²)² + (2 ζ ω)²)``: a quadratic equation in v⁻.
+
+    Orbits are born in pairs, and the faster of the two is taken, which is the one that may be stable. What there is to
+    learn: at ω = 2.6 the oscillator without a stop would follow the force with amplitude 0.17; with the stop it is one of
+    many motions, periodic or chaotic. Raised from small f, the first touch is at ``f* = |s| sqrt((1 - ω²)² + (2 ζ ω)²)``,
+    and there the map from impact to impact has an infinite slope (a square root). That is the trap: no analysis of
+    stability, and no continuation in a parameter, passes a grazing.
+
+    Parameters
+    ----------
+    zeta : float
+        Damping ratio ζ.
+    omega : float
+        Circular frequency of the force, in units of the oscillator's own.
+    f : float
+        Amplitude of the force over the stiffness.
+    s : float
+        Place of the stop.
+    e : float
+        Coefficient of restitution.
+    n : int
+        Periods of the force from impact to impact.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range, or no such orbit exists.
+
+    Examples
+    --------
+    >>> [round(fact.value, 12) for fact in impact_oscillator().facts]
+    [0.500672492549, 2.416609733531]
+
+    References
+    ----------
+    Shaw and Holmes, A periodically forced piecewise linear oscillator (1983).
+    """
+    name = "impact-oscillator"
+    above_zero(name, zeta=zeta, omega=omega, f=f)
+    restitution(name, e)
+    n = whole(name, "n", n)
+    ζ, ω = zeta, omega
+    T = 2.0 * math.pi * n / ω
+    G = f / math.hypot(1.0 - ω**2, 2.0 * ζ * ω)
+    S, C, dS = (float(each) for each in free_vibration(T, 1.0, ζ))
+
+    # s_h = α v and d = β v, from the two linear equations; then (s - α v)² + (β v/ω)² = G².
+    α, β = np.linalg.solve([[C - 1.0, -S], [-S, 1.0 - dS]], [e * S, 1.0 + e * dS])
+    roots = np.roots([α**2 + (β / ω) ** 2, -2.0 * α * s, s**2 - G**2])
+    v = float(max(roots.real)) if not roots.imag.any() else -1.0
+    p, d = s - α * v, β * v
+    φ_p = math.atan2(-d / ω, p)
+
+    def orbit(τ: Array) -> tuple[Array, Array]:
+        S, C, dS = free_vibration(τ, 1.0, ζ)
+        s_h, d_h = α * v, -e * v - d
+        x = G * np.cos(ω * τ + φ_p) + C * s_h + S * d_h
+        return x, -G * ω * np.sin(ω * τ + φ_p) - S * s_h + dS * d_h
+
+    if v <= 0.0 or orbit(np.linspace(0.0, T, 64 * n + 1)[1:-1])[0].max() > s:
+        raise InputError(
+            f"{name}: no orbit strikes the stop s = {s:g} just once in n = {n} periods of the force; "
+            "change f, omega or n, or bring the stop nearer"
+        )
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        x, rate = orbit(np.mod(np.asarray(t, dtype=np.float64), T))
+        return x[:, None], rate[:, None]
+
+    phase = φ_p + math.atan2(2.0 * ζ * ω, 1.0 - ω**2)
+    scheme = Scheme(
+        Mass("x", 1.0),
+        KelvinVoigt("x", GROUND, 1.0, 2.0 * ζ, symbols=("1", "2ζ")),
+        Load("x", Harmonic(f, ω, phase), symbols=("f cos ωt",)),
+        Bumper("x", GROUND, gap=s, e=e),
+    )
+    facts = (
+        Fact("v⁻", "speed of every impact", v, "m/s", lambda run: event(run, "impact", 3).left.v[0]),
+        Fact("T", "from impact to impact", T, "s", lambda run: event(run, "impact", 3).t - event(run, "impact", 2).t),
+    )
+    return Problem(
+        name,
+        scheme,
+        q0={"x": s},
+        v0={"x": -e * v},
+        t_end=5.5 * T,
+        parameters={"zeta": ζ, "omega": ω, "f": f, "s": s, "e": e, "n": n},
+        source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
+        facts=facts,
+        motion=motion,
+    )

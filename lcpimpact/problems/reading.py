@@ -1,0 +1,139 @@
+"""How a number is read off a run: its events, peaks and crossings; to rounding where the run is exact.
+
+What is read is a series by its name, or a function of a `State` of samples (q and v of shape (nt, n), reaction (nt, nc)).
+The runs of step methods are read at the order of a good step: parabolas through peaks, lines through crossings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq, minimize_scalar
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError
+
+Series = str | Callable[[Any], Array]
+
+
+def read(run: Any, series: Series, t: ArrayLike, side: str = "right") -> Array:
+    """Return a series at the times t (nt,); the mean forces of steps lie on lines between the instants they live at."""
+    state = run.sample(t, side)
+    if run.dense is None and 1 < len(run.t_reaction) < len(run.t):
+        state = replace(state, reaction=_on_lines(np.asarray(t, dtype=np.float64), run.t_reaction, run.reaction))
+    if callable(series):
+        return series(state)
+    columns = np.hstack([state.q, state.v, state.reaction])
+    return np.asarray(columns[:, run.names.index(series)])
+
+
+def at(run: Any, series: Series, t: float, side: str = "right") -> float:
+    """Return a series at one time.
+
+    Raises
+    ------
+    InputError
+        If the run does not last until then.
+    """
+    end = float(run.t[-1])
+    # The end of a run is its number of steps times dt, which is what was asked for but for rounding.
+    return float(read(run, series, [end if end < t < end * (1.0 + 1e-12) else t], side)[0])
+
+
+def event(run: Any, kind: str, number: int = 1, contact: str | None = None) -> Any:
+    """Return the event of a kind with a number, counted from 1; from -1 it is counted from the end.
+
+    Raises
+    ------
+    InputError
+        If the run has fewer.
+    """
+    found = [each for each in run.events if each.kind == kind and contact in (None, each.contact)]
+    if not 1 <= abs(number) <= len(found):
+        of = f" of {contact}" if contact else ""
+        raise InputError(f"the run has {len(found)} events {kind!r}{of}, and number {number} is asked for: run longer")
+    return found[number - 1 if number > 0 else number]
+
+
+def peak(run: Any, series: Series, sign: float = 1.0) -> float:
+    """Return the greatest value of a series, or the least with ``sign=-1``, between the grid points too."""
+    if run.dense is not None:
+        return sign * _exact_peak(lambda t, side: sign * read(run, series, t, side), _knots(run))
+    forces = run.names[2 * run.q.shape[1] :]
+    times = np.append(0.0, run.t_reaction) if series in forces and run.t_reaction[0] > 0.0 else run.t
+    return sign * _top(times, sign * read(run, series, times))
+
+
+def crossing(run: Any, series: Series, level: float = 0.0, direction: float = 1.0, number: int = 1) -> float:
+    """Return the time of the n-th crossing of a level after the start, upwards, or downwards with ``direction=-1``.
+
+    Raises
+    ------
+    InputError
+        If the run has fewer crossings.
+    """
+
+    def above(t: ArrayLike) -> Array:
+        return direction * (read(run, series, t) - level)
+
+    knots = run.t if run.dense is None else _knots(run)
+    values = above(knots)
+    found = np.flatnonzero((values[:-1] < 0.0) & (values[1:] >= 0.0))
+    if len(found) < number:
+        raise InputError(
+            f"the run crosses {level:g} {len(found)} times, and crossing {number} is asked for: run longer"
+        )
+    j = int(found[number - 1])
+    a, b = float(knots[j]), float(knots[j + 1])
+    if run.dense is not None:
+        # A crossing at a knot may lie on its other side by rounding, where the sample is taken for itself.
+        if above([a])[0] >= 0.0 or above([b])[0] < 0.0:
+            return a if above([a])[0] >= 0.0 else b
+        return float(brentq(lambda t: above([t])[0], a, b, xtol=1e-15 * b, rtol=4.0 * np.finfo(float).eps))
+    return a + (b - a) * float(values[j] / (values[j] - values[j + 1]))
+
+
+def _knots(run: Any) -> Array:
+    """Return the times between which an exact run is smooth and turns little."""
+    knots = np.unique(np.concatenate([run.t, run.dense.cuts, [each.t for each in run.events]]))
+    return np.asarray(knots[knots <= run.t[-1]])
+
+
+def _exact_peak(value: Callable[[ArrayLike, str], Array], knots: Array) -> float:
+    left, right = value(knots, "left"), value(knots, "right")
+    highest = np.maximum(left, right)
+    j = int(np.argmax(highest))
+    best = float(highest[j])
+    # Two knots may be one but for rounding; then the next one bounds the search.
+    apart = np.abs(knots - knots[j]) > 1e-9 * (knots[-1] - knots[0])
+    for near in (knots[apart & (knots < knots[j])][-1:], knots[apart & (knots > knots[j])][:1]):
+        for end in near:
+            a, b = sorted((float(knots[j]), float(end)))
+            found = minimize_scalar(
+                lambda t: -value([t], "right")[0],
+                bounds=(a, b),
+                method="bounded",
+                options={"xatol": 1e-9 * (b - a)},
+            )
+            best = max(best, -float(found.fun))
+    return best
+
+
+def _top(t: Array, values: Array) -> float:
+    """Return the greatest value, on the parabola through it and its neighbours where it lies between them."""
+    j = int(np.argmax(values))
+    if not 0 < j < len(t) - 1:
+        return float(values[j])
+    a, b, c = np.polynomial.polynomial.polyfit(t[j - 1 : j + 2] - t[j], values[j - 1 : j + 2] - values[j], 2)
+    return float(values[j] + a - b**2 / (4.0 * c)) if c < 0.0 else float(values[j])
+
+
+def _on_lines(t: Array, nodes: Array, values: Array) -> Array:
+    """Return values (nt, nc) at t on the lines between nodes, and on the first and last of them outside."""
+    j = np.clip(np.searchsorted(nodes, t, side="right") - 1, 0, len(nodes) - 2)
+    share = ((t - nodes[j]) / (nodes[j + 1] - nodes[j]))[:, None]
+    return np.asarray((1.0 - share) * values[j] + share * values[j + 1])

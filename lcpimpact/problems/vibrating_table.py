@@ -1,0 +1,122 @@
+r"""A ball on a vibrating table: the simplest way from a regular motion to chaos."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError
+from lcpimpact.problems.base import Problem, above_zero, restitution, whole
+from lcpimpact.problems.facts import Fact
+from lcpimpact.problems.reading import event
+from lcpimpact.scheme.elements.bumper import Bumper
+from lcpimpact.scheme.elements.load import Load
+from lcpimpact.scheme.elements.mass import Mass
+from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion
+from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.signals import Harmonic
+
+
+def vibrating_table(
+    m: float = 1.0, g: float = 9.81, e: float = 0.5, A: float = 0.003, omega: float = 20.0 * math.pi, n: float = 1
+) -> Problem:
+    r"""A ball that the table throws once in n of its periods.
+
+    The table moves by ``y(t)`` with amplitude A and frequency ω, whatever strikes it; the ball flies freely between impacts
+    ``U⁺ = -e U⁻``. A flight of length ``T = 2 π n/ω`` that ends where it began takes off and lands with ``g T/2``, so in
+    the periodic motion
+
+    - the table rises at each impact with ``w = (g T/2)(1 - e)/(1 + e)``, what it needs to make up for the loss,
+    - the ball lands on it with the relative speed ``g T/(1 + e)``, and the impulse ``m g T`` carries its mean weight.
+
+    That exists if the table is fast enough, ``A ω >= w``, or ``A ω²/g >= n π (1 - e)/(1 + e)``. Two phases of the table have
+    the speed w; the run starts right after an impact in the later one, where the table slows down: a ball that comes late is
+    thrown less, and is early next time. The motion is stable up to
+    ``(A ω²/g)² = (n π (1 - e)/(1 + e))² + (2 (1 + e²)/(1 + e)²)²``; there the period doubles, and soon all is chaos. The
+    trap is that past this point no run can be checked by its end: compare events, or statistics.
+
+    Parameters
+    ----------
+    m : float
+        Mass of the ball in kg.
+    g : float
+        Gravity in m/s².
+    e : float
+        Coefficient of restitution.
+    A, omega : float
+        Amplitude in m and circular frequency in rad/s of the table.
+    n : int
+        Periods of the table from impact to impact.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range, or the table is too slow for the orbit or strikes the ball in its flight.
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in vibrating_table().facts]
+    [0.1, 0.1635, 0.654, 0.981]
+
+    References
+    ----------
+    Holmes, The dynamics of repeated impacts with a sinusoidally vibrating table (1982).
+    """
+    name = "vibrating-table"
+    above_zero(name, g=g, A=A, omega=omega)
+    restitution(name, e)
+    n = whole(name, "n", n)
+    ω = omega
+    T = 2.0 * math.pi * n / ω
+    take_off = 0.5 * g * T
+    w = take_off * (1.0 - e) / (1.0 + e)
+    if A * ω < w:
+        raise InputError(
+            f"{name}: the table is too slow to throw the ball once in n = {n} periods: A omega²/g = {A * ω**2 / g:g} "
+            f"must be at least {n * math.pi * (1.0 - e) / (1.0 + e):g}"
+        )
+    # Downwards y' = -A ω sin(ω t + φ), and y'(0) = -w in the half of the swing where the table slows down.
+    table = Harmonic(A, ω, math.pi - math.asin(w / (A * ω)))
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        times = np.asarray(t, dtype=np.float64)
+        s = np.mod(times, T)
+        x = table(0.0) - take_off * s + 0.5 * g * s**2
+        phase = ω * times + table.phase
+        q = np.column_stack([x, A * np.cos(phase)])
+        return q, np.column_stack([g * s - take_off, -A * ω * np.sin(phase)])
+
+    flight, _ = motion(np.linspace(0.0, T, 64 * n + 1)[1:-1])
+    if (flight[:, 0] > flight[:, 1]).any():
+        raise InputError(
+            f"{name}: with A = {A:g} and e = {e:g} the table strikes the ball in its flight; change A or e"
+        )
+    scheme = Scheme(
+        Mass("x", m),
+        Load("x", m * g, symbols=("mg",)),
+        Bumper("x", "y", e=e),
+        PrescribedMotion("y", table),
+    )
+    facts = (
+        Fact("T", "from impact to impact", T, "s", lambda run: event(run, "impact", 3).t - event(run, "impact", 2).t),
+        Fact(
+            "w", "speed of the table", w, "m/s", lambda run: -float(event(run, "impact", 3).left.v[1]), scale=take_off
+        ),
+        Fact(
+            "U", "speed of impact", take_off + w, "m/s", lambda run: float(-np.diff(event(run, "impact", 3).left.v)[0])
+        ),
+        Fact("P", "impulse", m * g * T, "N s", lambda run: event(run, "impact", 3).impulse),
+    )
+    return Problem(
+        name,
+        scheme,
+        q0={"x": table(0.0)},
+        v0={"x": -take_off},
+        t_end=5.5 * T,
+        parameters={"m": m, "g": g, "e": e, "A": A, "omega": ω, "n": n},
+        source="Holmes, The dynamics of repeated impacts with a sinusoidally vibrating table (1982)",
+        facts=facts,
+        motion=motion,
+    )

@@ -1,0 +1,373 @@
+r"""A mass strikes a linear viscoelastic block, without gravity: what springs, dashpots and their order do to a rebound.
+
+In each problem x is the mass, positive towards the block, and touches it at t = 0 with the speed v_0. Restitution is no
+constant of these schemes: e = -v(end)/v_0 comes out of them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq, minimize_scalar
+from scipy.special import rgamma
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError
+from lcpimpact.problems.base import Problem, above_zero
+from lcpimpact.problems.facts import Fact
+from lcpimpact.problems.free_vibration import angle, free_vibration
+from lcpimpact.problems.reading import at, crossing, event, peak
+from lcpimpact.scheme.elements.base import GROUND
+from lcpimpact.scheme.elements.bumper import Bumper
+from lcpimpact.scheme.elements.kelvin_voigt import KelvinVoigt
+from lcpimpact.scheme.elements.mass import Mass
+from lcpimpact.scheme.elements.maxwell import Maxwell
+from lcpimpact.scheme.elements.spring_pot import SpringPot
+from lcpimpact.scheme.scheme import Scheme
+
+
+def kelvin_voigt_impact(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v_0: float = 10.0) -> Problem:
+    r"""A mass on a Kelvin-Voigt block that pushes but does not pull: System No. 1 without its weight.
+
+    In contact ``m x'' = -R`` with ``R = c x' + k x``. Three things are to be learnt from it. The force does not start from
+    zero but jumps to ``R(0+) = c v_0``. Contact ends where R falls to zero, which is *before* the block has regained its
+    length: x > 0 still, and the plate creeps home behind the mass as ``exp(-k t/c)``. And the restitution depends on
+    ``ζ = c/(2 sqrt(k m))`` alone, with ``ω = sqrt(k/m)``:
+
+    - duration ``t_c = 2 acos ζ/(ω sqrt(1 - ζ²))``, restitution ``e = exp(-2 ζ acos ζ/sqrt(1 - ζ²))``,
+    - peak force ``R_max = m ω v_0 exp(-ζ ω t_m)`` at ``ω t_m = (3 acos ζ - π)/sqrt(1 - ζ²)`` if ζ < 1/2, else ``R(0+)``,
+    - deepest place ``x_max = v_0/ω exp(-ζ acos ζ/sqrt(1 - ζ²))``.
+
+    For ζ > 1 read acosh and sqrt(ζ² - 1): even an overdamped block throws the mass back. The trap is
+    `kelvin_voigt_tension`, where the block is left only at x = 0.
+
+    Parameters
+    ----------
+    m : float
+        Mass in kg.
+    k, c : float
+        Stiffness in N/m and damping in N s/m of the block; m, k and c default to the paper's Table 1.
+    v_0 : float
+        Speed at first touch in m/s.
+
+    Raises
+    ------
+    InputError
+        If a parameter is not above zero.
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in kelvin_voigt_impact().facts]
+    [2500.0, 0.446353, 0.572387, 5143.325792, 1.207759]
+
+    References
+    ----------
+    Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007).
+    """
+    name = "kelvin-voigt-impact"
+    above_zero(name, v_0=v_0)
+    scheme = Scheme(Mass("x", m), Bumper("x", "z"), KelvinVoigt("z", GROUND, k, c))
+    ω, ζ = math.sqrt(k / m), c / (2.0 * math.sqrt(k * m))
+    φ = angle(ζ)
+    t_c, e = 2.0 * φ / ω, math.exp(-2.0 * ζ * φ)
+    R_max = c * v_0
+    if ζ < 0.5:
+        ω_t_m = (3.0 * math.acos(ζ) - math.pi) / math.sqrt((1.0 - ζ) * (1.0 + ζ))
+        R_max = m * ω * v_0 * math.exp(-ζ * ω_t_m)
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        times = np.asarray(t, dtype=np.float64)
+        S, _, dS = free_vibration(np.minimum(times, t_c), ω, ζ)
+        after = times >= t_c
+        free = np.maximum(times - t_c, 0.0)
+        x, v = v_0 * S - e * v_0 * free, np.where(after, -e * v_0, v_0 * dS)
+        creep = np.exp(-k / c * free)
+        z = v_0 * S * creep
+        return np.column_stack([x, z]), np.column_stack([v, np.where(after, -k / c * z, v)])
+
+    facts = (
+        Fact("R(0+)", "force at first touch", c * v_0, "N", lambda run: at(run, "R", 0.0)),
+        Fact("t_c", "duration of the contact", t_c, "s", lambda run: event(run, "open").t),
+        Fact("e", "restitution", e, "", lambda run: -event(run, "open").right.v[0] / v_0),
+        Fact("R_max", "greatest force", R_max, "N", lambda run: peak(run, "R")),
+        Fact("x_max", "deepest place", v_0 / ω * math.exp(-ζ * φ), "m", lambda run: peak(run, "x")),
+    )
+    return Problem(
+        name,
+        scheme,
+        v0={"x": v_0},
+        t_end=2.0 * t_c,
+        parameters={"m": m, "k": k, "c": c, "v_0": v_0},
+        source="Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007)",
+        facts=facts,
+        motion=motion,
+    )
+
+
+def kelvin_voigt_tension(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v_0: float = 10.0) -> Problem:
+    r"""The same mass on the same block, but glued to it: what many particle codes compute instead.
+
+    ``m x'' + c x' + k x = 0``, and contact is taken to end where x returns to zero. Then
+
+    - ``t_c = π/(ω sqrt(1 - ζ²))`` and ``e = exp(-π ζ/sqrt(1 - ζ²))``,
+    - the force that is left at the end is ``-c e v_0``: the block *pulls* at the mass that it is about to release.
+
+    The formula is quoted in textbooks as "the restitution of a linear dashpot", and that is the trap: it belongs to a scheme
+    without a bumper. With one, the contact ends earlier and the rebound is faster: see `kelvin_voigt_impact`. For ζ >= 1
+    the glued mass does not come back at all, and e = 0.
+
+    Parameters
+    ----------
+    m : float
+        Mass in kg.
+    k, c : float
+        Stiffness in N/m and damping in N s/m of the block; m, k and c default to the paper's Table 1.
+    v_0 : float
+        Speed at first touch in m/s.
+
+    Raises
+    ------
+    InputError
+        If a parameter is not above zero.
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in kelvin_voigt_tension().facts]
+    [0.51181, 0.527418, -1318.544048]
+
+    References
+    ----------
+    Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007).
+    """
+    name = "kelvin-voigt-tension"
+    above_zero(name, v_0=v_0)
+    scheme = Scheme(Mass("x", m), KelvinVoigt("x", GROUND, k, c))
+    ω, ζ = math.sqrt(k / m), c / (2.0 * math.sqrt(k * m))
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        S, _, dS = free_vibration(t, ω, ζ)
+        return v_0 * S[:, None], v_0 * dS[:, None]
+
+    if ζ < 1.0:
+        root = math.sqrt((1.0 - ζ) * (1.0 + ζ))
+        t_c, e = math.pi / (ω * root), math.exp(-math.pi * ζ / root)
+        facts: tuple[Fact, ...] = (
+            Fact("t_c", "time of return", t_c, "s", lambda run: crossing(run, "x", direction=-1.0)),
+            Fact("e", "speed of return over v_0", e, "", lambda run: _rate_of_return(run) / v_0, scale=1.0),
+            Fact(
+                "R(t_c)", "force at the return", -c * e * v_0, "N", lambda run: -c * _rate_of_return(run), scale=c * v_0
+            ),
+        )
+    else:
+        t_c = 2.0 * angle(ζ) / ω
+        facts = (
+            Fact("x_max", "deepest place", v_0 / ω * math.exp(-ζ * angle(ζ)), "m", lambda run: peak(run, "x")),
+            Fact("e", "speed of return over v_0", 0.0, "", lambda run: float((run["x"] < 0.0).any()), scale=1.0),
+        )
+    return Problem(
+        name,
+        scheme,
+        v0={"x": v_0},
+        t_end=2.0 * t_c,
+        parameters={"m": m, "k": k, "c": c, "v_0": v_0},
+        source="Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007)",
+        facts=facts,
+        motion=motion,
+    )
+
+
+def _rate_of_return(run: Any) -> float:
+    return -at(run, "v_x", crossing(run, "x", direction=-1.0))
+
+
+def _openings(run: Any) -> float:
+    return float(sum(each.kind == "open" for each in run.events))
+
+
+def maxwell_impact(m: float = 100.0, k: float = 3924.0, c: float = 1000.0, v_0: float = 10.0) -> Problem:
+    r"""A mass on a Maxwell block: a spring and a dashpot in series, which keeps a dent.
+
+    In contact ``m x'' = -R`` with ``R'/k + R/c = x'``, so R itself vibrates: with ``a = k/(2 c)`` and
+    ``ω_d = sqrt(k/m - a²)``
+
+    - ``R = k v_0/ω_d exp(-a t) sin(ω_d t)``, which starts from zero (a spring gives way first: relative degree 0),
+    - duration ``t_c = π/ω_d``, restitution ``e = exp(-a π/ω_d)``,
+    - permanent dent ``s = m v_0 (1 + e)/c``, since the dashpot has taken up the whole momentum, c s = ∫ R dt.
+
+    Here *more* damping constant means *less* loss: c → ∞ is the bare spring. With ``c <= sqrt(k m)/2`` the force decays
+    without a zero: the mass sinks in, never leaves, and e = 0. The trap is to look for the end of contact at x = 0.
+
+    Parameters
+    ----------
+    m : float
+        Mass in kg.
+    k, c : float
+        Stiffness in N/m and damping in N s/m of the block.
+    v_0 : float
+        Speed at first touch in m/s.
+
+    Raises
+    ------
+    InputError
+        If a parameter is not above zero.
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in maxwell_impact().facts]
+    [0.528088, 0.354833, 4144.821693, 1.354833]
+
+    References
+    ----------
+    Goldsmith, *Impact* (1960), on impact of viscoelastic bodies.
+    """
+    name = "maxwell-impact"
+    above_zero(name, v_0=v_0)
+    scheme = Scheme(Mass("x", m), Bumper("x", "z"), Maxwell("z", GROUND, k, c))
+    ω, ζ = math.sqrt(k / m), math.sqrt(k * m) / (2.0 * c)
+    rebounds = ζ < 1.0
+    root = math.sqrt((1.0 - ζ) * (1.0 + ζ)) if rebounds else 0.0
+    t_c = math.pi / (ω * root) if rebounds else math.inf
+    e = math.exp(-math.pi * ζ / root) if rebounds else 0.0
+    R_max = k * v_0 / ω * math.exp(-ζ * angle(ζ))
+
+    def motion(t: Array) -> tuple[Array, Array]:
+        times = np.asarray(t, dtype=np.float64)
+        S, C, _ = free_vibration(np.minimum(times, t_c), ω, ζ)
+        after = times >= t_c
+        s, v = v_0 * m / c * (1.0 - C), np.where(after, -e * v_0, v_0 * C)
+        z = s + np.where(after, 0.0, v_0 * S)
+        x = z + (v * (times - t_c) if rebounds else 0.0) * after
+        rates = np.column_stack([v, np.where(after, 0.0, v), np.where(after, 0.0, k / c * v_0 * S)])
+        return np.column_stack([x, z, s]), rates
+
+    peak_force = Fact("R_max", "greatest force", R_max, "N", lambda run: peak(run, "R"))
+    if rebounds:
+        facts: tuple[Fact, ...] = (
+            Fact("t_c", "duration of the contact", t_c, "s", lambda run: event(run, "open").t),
+            Fact("e", "restitution", e, "", lambda run: -event(run, "open").right.v[0] / v_0, scale=1.0),
+            peak_force,
+            Fact("s", "permanent dent", m * v_0 * (1.0 + e) / c, "m", lambda run: event(run, "open").right.q[2]),
+        )
+        t_end = 2.0 * t_c
+    else:
+        # The slow one of the two rates has decayed to exp(-10).
+        slow = ω / (ζ + math.sqrt((ζ - 1.0) * (ζ + 1.0)))
+        t_end = 10.0 / slow
+        left = float(motion(np.array([t_end]))[1][0, 0])
+        facts = (
+            peak_force,
+            Fact("openings", "ends of the contact", 0.0, "", _openings, scale=1.0),
+            Fact("v", "speed that is left at t_end", left, "m/s", lambda run: at(run, "v_x", t_end), scale=v_0),
+        )
+    return Problem(
+        name,
+        scheme,
+        v0={"x": v_0},
+        t_end=t_end,
+        parameters={"m": m, "k": k, "c": c, "v_0": v_0},
+        source="Goldsmith, Impact (1960), on impact of viscoelastic bodies",
+        facts=facts,
+        motion=motion,
+    )
+
+
+def hereditary_impact(
+    m: float = 1.0,
+    c_alpha: float = 100.0,
+    alpha: float = 0.5,
+    v_0: float = 1.0,
+    t_min: float | None = None,
+    rtol: float = 1e-3,
+) -> Problem:
+    r"""A mass on a spring-pot: a structure that remembers, as the paper announces it (an integral operator).
+
+    In contact ``m x'' = -R`` with the hereditary force ``R(t) = ∫ G(t - s) x'(s) ds``, ``G(t) = c_α t^(-α)/Γ(1 - α)``: the
+    fractional derivative ``R = c_α D^α x``, between a spring (α = 0) and a dashpot (α = 1). With Mittag-Leffler's
+    ``E_{β,γ}(z) = Σ z^j/Γ(β j + γ)``, ``β = 2 - α`` and ``τ = t (c_α/m)^(1/β)``,
+
+    - ``x' = v_0 E_{β,1}(-τ^β)`` and ``R = m v_0 (c_α/m)^(1/β) τ^(β-1) E_{β,β}(-τ^β)``.
+
+    Contact ends at the first root of R. So the restitution depends on the order α alone, neither on the mass nor on the
+    stiffness nor on the speed: e = 0.8208, 0.3002, 0.0279 for α = 0.1, 1/2, 0.9. The memory is a `SpringPot`, a sum of
+    exponentials that is right to rtol from t_min on. The trap: the plate does not come to rest after the mass has left, but
+    creeps home by a power law for ever, so a second impact would remember the first.
+
+    Parameters
+    ----------
+    m : float
+        Mass in kg.
+    c_alpha : float
+        Stiffness of the spring-pot in N s^α/m.
+    alpha : float
+        Order of the derivative, from 0.05 to 0.95.
+    v_0 : float
+        Speed at first touch in m/s.
+    t_min : float, optional
+        Shortest time in s that the sum of exponentials is to resolve; by default 1e-2 of ``(m/c_α)^(1/β)``.
+    rtol : float
+        Relative accuracy of that sum.
+
+    Raises
+    ------
+    InputError
+        If a parameter is not above zero, or alpha lies outside [0.05, 0.95].
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in hereditary_impact().facts]
+    [0.137082, 0.300195, 15.64345]
+
+    References
+    ----------
+    Mainardi, *Fractional Calculus and Waves in Linear Viscoelasticity* (2010), chapter 3 and appendix E.
+    """
+    name = "hereditary-impact"
+    above_zero(name, m=m, c_alpha=c_alpha, v_0=v_0)
+    if not 0.05 <= alpha <= 0.95:
+        raise InputError(
+            f"{name}: alpha = {alpha:g} must lie between 0.05 and 0.95, where its series is summed to rounding"
+        )
+    β = 2.0 - alpha
+    T = (m / c_alpha) ** (1.0 / β)
+    t_min = 1e-2 * T if t_min is None else t_min
+
+    def force(τ: float) -> float:
+        return float(τ ** (β - 1.0) * mittag_leffler(-(τ**β), β, β))
+
+    # The root lies between 2.9 and 5.5 for these alpha, and no other before it.
+    τ_c = float(brentq(force, 2.0, 6.0, xtol=1e-15))
+    top = minimize_scalar(lambda τ: -force(τ), bounds=(0.0, τ_c), method="bounded", options={"xatol": 1e-10})
+    t_c, e = τ_c * T, -mittag_leffler(-(τ_c**β), β, 1.0)
+    scheme = Scheme(Mass("x", m), Bumper("x", "z"), SpringPot("z", GROUND, c_alpha, alpha, t_min, 2.0 * t_c, rtol))
+    # The part of the memory that is over by t_min acts as a dashpot; what that neglects is of the order 2 - α.
+    accuracy = rtol + (t_min / T) ** β
+    facts = (
+        Fact("t_c", "duration of the contact", t_c, "s", lambda run: event(run, "open").t, accuracy),
+        Fact("e", "restitution", e, "", lambda run: -float(event(run, "open").right.v[0]) / v_0, accuracy, scale=1.0),
+        Fact("R_max", "greatest force", -float(top.fun) * m * v_0 / T, "N", lambda run: peak(run, "R"), accuracy),
+    )
+    return Problem(
+        name,
+        scheme,
+        v0={"x": v_0},
+        t_end=1.5 * t_c,
+        parameters={"m": m, "c_alpha": c_alpha, "alpha": alpha, "v_0": v_0, "t_min": t_min, "rtol": rtol},
+        source="Mainardi, Fractional Calculus and Waves in Linear Viscoelasticity (2010)",
+        facts=facts,
+    )
+
+
+def mittag_leffler(z: float, β: float, γ: float) -> float:
+    """Return E_{β,γ}(z) = Σ z^j/Γ(β j + γ) by its series, to rounding times E_{β,γ}(|z|): for |z|^(1/β) up to ten or so.
+
+    Examples
+    --------
+    >>> round(mittag_leffler(-2.0, 1.0, 1.0), 12) == round(math.exp(-2.0), 12)
+    True
+    """
+    j = np.arange(200)
+    with np.errstate(over="ignore", invalid="ignore"):
+        terms = np.float64(z) ** j * rgamma(β * j + γ)
+    return math.fsum(terms[np.isfinite(terms)])
