@@ -246,21 +246,21 @@ INELASTIC_OR_NOT = st.one_of(st.just(0.0), some(0.05, 1.0))
 
 RANDOM = {
     "bouncing-ball": {"m": some(0.1, 10.0), "g": some(1.0, 20.0), "H": some(0.1, 10.0), "e": some(0.1, 0.9)},
-    "kelvin-voigt-impact": {"m": some(1.0, 100.0), "k": some(50.0, 5e3), "c": some(1.0, 2e3), "v_0": some(0.1, 10.0)},
-    "kelvin-voigt-tension": {"m": some(1.0, 100.0), "k": some(50.0, 5e3), "c": some(1.0, 2e3), "v_0": some(0.1, 10.0)},
-    "maxwell-impact": {"m": some(1.0, 100.0), "k": some(50.0, 5e3), "c": some(30.0, 2e3), "v_0": some(0.1, 10.0)},
+    "kelvin-voigt-impact": {"m": some(1.0, 100.0), "k": some(50.0, 5e3), "c": some(1.0, 2e3), "v0": some(0.1, 10.0)},
+    "kelvin-voigt-tension": {"m": some(1.0, 100.0), "k": some(50.0, 5e3), "c": some(1.0, 2e3), "v0": some(0.1, 10.0)},
+    "maxwell-impact": {"m": some(1.0, 100.0), "k": some(50.0, 5e3), "c": some(30.0, 2e3), "v0": some(0.1, 10.0)},
     "impact-oscillator": {"zeta": some(0.01, 0.3), "omega": some(2.3, 2.9), "f": some(0.5, 2.0), "e": some(0.3, 0.9)},
-    "oscillator-stop": {"m": some(0.1, 10.0), "k": some(1.0, 1e3), "e": some(0.2, 1.0), "v_0": some(0.1, 10.0)},
-    "bilinear-oscillator": {"m": some(0.1, 10.0), "k": some(1.0, 1e3), "k_1": some(1.0, 1e4), "v_0": some(0.1, 10.0)},
-    "three-balls": {"e": INELASTIC_OR_NOT, "v_0": some(0.1, 10.0), "d": some(0.1, 1.0), "delta": GAP},
-    "two-ball-drop": {"m_1": some(0.2, 5.0), "m_2": some(0.2, 5.0), "e": some(0.3, 1.0), "delta": some(1e-3, 0.05)},
-    "two-balls-spring": {"m": some(0.5, 2.0), "k": some(1e3, 1e5), "e": some(0.3, 1.0), "x_1": some(0.5, 2.0)},
-    "newtons-cradle": {"N": st.integers(2, 7), "e": some(0.6, 1.0), "delta": GAP, "v_0": some(0.1, 10.0)},
-    "coulomb-oscillator": {"m": some(0.1, 10.0), "k": some(10.0, 1e3), "F": some(1.0, 10.0), "x_0": some(0.05, 2.0)},
+    "oscillator-stop": {"m": some(0.1, 10.0), "k": some(1.0, 1e3), "e": some(0.2, 1.0), "v0": some(0.1, 10.0)},
+    "bilinear-oscillator": {"m": some(0.1, 10.0), "k": some(1.0, 1e3), "k_1": some(1.0, 1e4), "v0": some(0.1, 10.0)},
+    "three-balls": {"e": INELASTIC_OR_NOT, "v0": some(0.1, 10.0), "d": some(0.1, 1.0), "delta": GAP},
+    "two-ball-drop": {"m1": some(0.2, 5.0), "m2": some(0.2, 5.0), "e": some(0.3, 1.0), "delta": some(1e-3, 0.05)},
+    "two-balls-spring": {"m": some(0.5, 2.0), "k": some(1e3, 1e5), "e": some(0.3, 1.0), "x1": some(0.5, 2.0)},
+    "newtons-cradle": {"N": st.integers(2, 7), "e": some(0.6, 1.0), "delta": GAP, "v0": some(0.1, 10.0)},
+    "coulomb-oscillator": {"m": some(0.1, 10.0), "k": some(10.0, 100.0), "F": some(1.0, 10.0), "x0": some(0.05, 2.0)},
     "jenkins-cycle": {"k": some(50.0, 200.0), "f_y": some(1.0, 8.0), "X": some(0.1, 1.0), "k_h": some(0.0, 100.0)},
     "vibrating-table": {"m": some(0.1, 10.0), "e": some(0.4, 0.9), "omega": some(20.0, 100.0), "swing": some(1.05, 1.3)},
     "rocking-block": {"p": some(0.5, 5.0), "alpha": some(0.05, 0.4), "tilt": some(0.05, 0.95), "e": some(0.5, 1.0)},
-    "diode-bridge": {"L": some(1e-3, 1e-1), "C": some(1e-7, 1e-5), "R": some(30.0, 1e4), "V": some(1.0, 100.0)},
+    "diode-bridge": {"L": some(1e-3, 1e-1), "C": some(1e-7, 1e-5), "R": some(30.0, 1e4), "v0": some(1.0, 100.0)},
     "system-1": {"m": some(50.0, 200.0), "k_o": some(1e3, 1e4), "c_o": some(50.0, 500.0), "h_o": some(1.0, 10.0)},
     "system-2": {"m": some(50.0, 200.0), "k": some(1e3, 1e4), "c_o": some(50.0, 500.0), "h_o": some(1.0, 10.0)},
     "system-3": {"m": some(50.0, 200.0), "c": some(50.0, 500.0), "c_o": some(50.0, 500.0), "h_o": some(1.0, 10.0)},
@@ -274,10 +274,10 @@ def physical(name, drawn):
         e, omega = drawn["e"], drawn["omega"]
         drawn["A"] = drawn.pop("swing") * math.pi * (1 - e) / (1 + e) * 9.81 / omega**2
     if name == "rocking-block":
-        drawn["theta_0"] = drawn.pop("tilt") * drawn["alpha"]
+        drawn["theta"] = drawn.pop("tilt") * drawn["alpha"]
     if name == "coulomb-oscillator":
         # Where a turning point is the edge of the rest positions, rounding decides whether it swings on by nothing.
-        half_swings = 0.5 * (drawn["k"] * drawn["x_0"] / drawn["F"] - 1.0)
+        half_swings = 0.5 * (drawn["k"] * drawn["x0"] / drawn["F"] - 1.0)
         assume(abs(half_swings - round(half_swings)) > 1e-9)
     return drawn
 
@@ -302,8 +302,8 @@ REGIMES = [
     *(("kelvin-voigt-tension", {"m": 1.0, "k": 1.0, "c": 2.0 * ζ}) for ζ in (0.01, 0.9, 1.0, 2.0)),
     *(("maxwell-impact", {"m": 1.0, "k": 1.0, "c": 0.5 / ζ}) for ζ in (0.01, 0.7, 1.0, 1.3)),
     *(("diode-bridge", {"R": 50.0 / ζ}) for ζ in (0.001, 0.9, 1.0, 3.0)),
-    ("coulomb-oscillator", {"x_0": 0.04}),
-    ("coulomb-oscillator", {"x_0": 2.0}),
+    ("coulomb-oscillator", {"x0": 0.04}),
+    ("coulomb-oscillator", {"x0": 2.0}),
     ("jenkins-cycle", {"X": 0.04}),
     ("jenkins-cycle", {"k_h": 50.0}),
     ("two-ball-drop", {"delta": 0.0, "e": 0.7}),
@@ -312,7 +312,7 @@ REGIMES = [
     ("vibrating-table", {"n": 2, "A": 0.006}),
     ("impact-oscillator", {"n": 2, "omega": 4.4}),
     ("impact-oscillator", {"s": 0.1}),
-    ("rocking-block", {"theta_0": 0.199}),
+    ("rocking-block", {"theta": 0.199}),
     ("rocking-block", {"e": 0.0}),
     ("bouncing-ball", {"e": 0.0}),
     ("bouncing-ball", {"e": 1.0}),
@@ -333,9 +333,9 @@ def test_facts_hold_in_every_regime(name, parameters):
 
 @pytest.mark.parametrize("name", ["hertz-impact", "hunt-crossley-impact"])
 @settings(max_examples=10)
-@given(n=some(1.0, 3.0), v_0=some(0.1, 10.0), K=some(1.0, 1e6), b=some(0.05, 2.0))
-def test_power_laws_for_other_parameters(name, n, v_0, K, b):
-    parameters = {"m": 1.0, "n": n, "v_0": v_0, "K": K} | ({"b": b / v_0} if name == "hunt-crossley-impact" else {})
+@given(n=some(1.0, 3.0), v0=some(0.1, 10.0), K=some(1.0, 1e6), b=some(0.05, 2.0))
+def test_power_laws_for_other_parameters(name, n, v0, K, b):
+    parameters = {"m": 1.0, "n": n, "v0": v0, "K": K} | ({"b": b / v0} if name == "hunt-crossley-impact" else {})
     check_outside(name, **parameters)
 
 
@@ -355,7 +355,7 @@ def test_hereditary_impact_converges_with_its_sum_of_exponentials(alpha):
 BAD = [
     ("bouncing-ball", {"H": -1.0}, "H = -1"),
     ("bouncing-ball", {"e": 1.5}, "e = 1.5 must lie between 0 and 1"),
-    ("kelvin-voigt-impact", {"v_0": 0.0}, "v_0 = 0 must be above zero"),
+    ("kelvin-voigt-impact", {"v0": 0.0}, "v0 = 0 must be above zero"),
     ("kelvin-voigt-impact", {"m": -1.0}, "m = -1.0 must be a positive"),
     ("kelvin-voigt-tension", {"c": 0.0}, "c = 0.0 must be a positive"),
     ("maxwell-impact", {"k": -3.0}, "k = -3.0 must be a positive"),
@@ -371,15 +371,15 @@ BAD = [
     ("newtons-cradle", {"N": 1.5}, "N = 1.5 must be a whole number, at least 2"),
     ("newtons-cradle", {"N": 1.0}, "N = 1 must be a whole number, at least 2"),
     ("two-ball-drop", {"e": 0.0}, "lands again before the upper meets it"),
-    ("two-ball-drop", {"m_1": 0.0}, "m_1 = 0.0 must be a positive"),
-    ("two-balls-spring", {"R": 2.0}, "x_1 = 1 must be above R = 2"),
+    ("two-ball-drop", {"m1": 0.0}, "m_1 = 0.0 must be a positive"),
+    ("two-balls-spring", {"R": 2.0}, "x1 = 1 must be above R = 2"),
     ("coulomb-oscillator", {"F": -1.0}, "F = -1 must be above zero"),
-    ("coulomb-oscillator", {"x_0": 0.0}, "x_0 = 0 must be above zero"),
+    ("coulomb-oscillator", {"x0": 0.0}, "x0 = 0 must be above zero"),
     ("jenkins-cycle", {"k_h": -1.0}, "k_h = -1 must not be negative"),
     ("jenkins-cycle", {"f_y": 0.0}, "f_y = 0.0 must be a positive"),
     ("vibrating-table", {"A": 0.001}, "the table is too slow"),
     ("vibrating-table", {"e": 0.0, "A": 0.0078075}, "strikes the ball in its flight"),
-    ("rocking-block", {"theta_0": 0.3}, "must be below alpha"),
+    ("rocking-block", {"theta": 0.3}, "must be below alpha"),
     ("diode-bridge", {"R": 0.0}, "R = 0 must be above zero"),
     ("hertz-impact", {"n": 0.5}, "n = 0.5 must be"),
     ("hunt-crossley-impact", {"b": -1.0}, "b = -1.0 must be a positive"),
@@ -387,7 +387,7 @@ BAD = [
     ("bar-impact", {"elements": 10.5}, "elements = 10.5 must be a whole number, at least 4"),
     ("bar-impact", {"mu": 0.3}, "μ from 0 to 1/4"),
     ("bouncing-bar", {"gap": -1.0}, "gap = -1 must be above zero"),
-    ("plastic-bar-impact", {"v_0": 1.0}, "or the bar stays elastic"),
+    ("plastic-bar-impact", {"v0": 1.0}, "or the bar stays elastic"),
     ("plastic-bar-impact", {"rho": -1.0}, "rho = -1 must be above zero"),
 ]
 
@@ -476,7 +476,7 @@ def test_restitution_of_the_spring_pot_as_printed():
     for alpha, e in ((0.1, 0.8208), (0.5, 0.3002), (0.9, 0.0279)):
         assert_allclose(facts("hereditary-impact", alpha=alpha)["e"], e, rtol=0, atol=5e-5)
         assert (
-            facts("hereditary-impact", alpha=alpha, m=7.0, v_0=3.0)["e"] == facts("hereditary-impact", alpha=alpha)["e"]
+            facts("hereditary-impact", alpha=alpha, m=7.0, v0=3.0)["e"] == facts("hereditary-impact", alpha=alpha)["e"]
         )
 
 
@@ -488,7 +488,7 @@ def test_usual_damping_of_hunt_and_crossley_as_printed():
 def test_published_numbers():
     """What tables and papers print, as BENCHMARKS.md has it."""
     assert_allclose(facts("impact-oscillator")["v⁻"], 0.5006724925491698, rtol=1e-14)
-    hertz = facts("hertz-impact", m=2.0, K=3.0, v_0=4.0)
+    hertz = facts("hertz-impact", m=2.0, K=3.0, v0=4.0)
     assert_allclose(hertz["δ_max"], (5 * 2.0 * 16.0 / 12.0) ** 0.4, rtol=1e-14)
     assert_allclose(hertz["T"], 2.94327518 * hertz["δ_max"] / 4.0, rtol=1e-8)
     assert_allclose(facts("two-balls-spring")["t_1"], 0.403855021876921781, rtol=1e-15)
@@ -498,8 +498,8 @@ def test_published_numbers():
     drop = facts("two-ball-drop", delta=1e-12)
     v = math.sqrt(2 * 9.81)
     assert_allclose([drop["v_1"], drop["v_2"]], [0.0, -2.0 * v], rtol=0, atol=1e-10)
-    assert_allclose([facts("three-balls")[f"v_{i}/v_0"] for i in (1, 2, 3)], [-1 / 3, 2 / 3, 2 / 3], rtol=1e-15)
-    assert_allclose([facts("three-balls", delta=1e-9)[f"v_{i}/v_0"] for i in (1, 2, 3)], [0, 0, 1], atol=0)
+    assert_allclose([facts("three-balls")[f"v_{i}/v0"] for i in (1, 2, 3)], [-1 / 3, 2 / 3, 2 / 3], rtol=1e-15)
+    assert_allclose([facts("three-balls", delta=1e-9)[f"v_{i}/v0"] for i in (1, 2, 3)], [0, 0, 1], atol=0)
     assert_allclose(facts("jenkins-cycle")["W"], 4 * 5.0 * (0.12 - 0.05), rtol=1e-14)
     assert_allclose(facts("bouncing-bar")["t_2"], 11 / 3, rtol=1e-15)
 
@@ -608,12 +608,12 @@ def moreau(masses, H, v, e):
     raise AssertionError("no solution")
 
 
-def row_of_balls(N, v_0, e, d, delta, until):
+def row_of_balls(N, v0, e, d, delta, until):
     """Impacts of equal balls in a row, one after the other: (time, contacts that touch, velocities after)."""
-    gap, v = np.array([d] + [delta] * (N - 2)), np.array([v_0] + [0.0] * (N - 1))
+    gap, v = np.array([d] + [delta] * (N - 2)), np.array([v0] + [0.0] * (N - 1))
     H, t, impacts = np.diff(np.eye(N), axis=0), 0.0, []
     for _ in range(200):
-        closing = H @ v < -1e-12 * v_0
+        closing = H @ v < -1e-12 * v0
         if not closing.any():
             break
         wait = np.min(gap[closing] / -(H @ v)[closing])
@@ -635,48 +635,48 @@ def bouncing_ball(m, g, H, e):
     return found | {"t_∞": t}
 
 
-def kelvin_voigt_impact(m, k, c, v_0):
+def kelvin_voigt_impact(m, k, c, v0):
     def R(y):
         return c * y[1] + k * y[0]
 
     ω = math.sqrt(k / m)
     end, deepest, top = falling(
-        lambda y: [y[1], -R(y) / m], [0.0, v_0], 100.0 / ω * (1.0 + c * ω / k),
-        R, lambda y: y[1], lambda y: k * y[1] - c * R(y) / m, scale=[v_0 / ω, v_0],
+        lambda y: [y[1], -R(y) / m], [0.0, v0], 100.0 / ω * (1.0 + c * ω / k),
+        R, lambda y: y[1], lambda y: k * y[1] - c * R(y) / m, scale=[v0 / ω, v0],
     )  # fmt: skip
     return {
-        "R(0+)": c * v_0, "t_c": end[0], "e": -end[1][1] / v_0, "x_max": deepest[1][0],
-        "R_max": max(c * v_0, R(top[1]) if top else 0.0),
+        "R(0+)": c * v0, "t_c": end[0], "e": -end[1][1] / v0, "x_max": deepest[1][0],
+        "R_max": max(c * v0, R(top[1]) if top else 0.0),
     }  # fmt: skip
 
 
-def kelvin_voigt_tension(m, k, c, v_0):
+def kelvin_voigt_tension(m, k, c, v0):
     ω = math.sqrt(k / m)
     end, deepest = falling(
-        lambda y: [y[1], -(c * y[1] + k * y[0]) / m], [0.0, v_0], 20.0 / ω if c >= 2 * m * ω else 1e3 / ω,
-        lambda y: y[0], lambda y: y[1], scale=[v_0 / ω, v_0],
+        lambda y: [y[1], -(c * y[1] + k * y[0]) / m], [0.0, v0], 20.0 / ω if c >= 2 * m * ω else 1e3 / ω,
+        lambda y: y[0], lambda y: y[1], scale=[v0 / ω, v0],
     )  # fmt: skip
     found = {"x_max": deepest[1][0], "e": 0.0}
-    return found | ({"t_c": end[0], "e": -end[1][1] / v_0, "R(t_c)": c * end[1][1]} if end else {})
+    return found | ({"t_c": end[0], "e": -end[1][1] / v0, "R(t_c)": c * end[1][1]} if end else {})
 
 
-def maxwell_impact(m, k, c, v_0):
+def maxwell_impact(m, k, c, v0):
     def rates(y):
         v, R, _ = y
         return [-R / m, k * (v - R / c), R / c]
 
     ω, ζ = math.sqrt(k / m), math.sqrt(k * m) / (2 * c)
     t_end = 10.0 / ω * (ζ + math.sqrt(ζ**2 - 1)) if ζ >= 1.0 else 1e3 / ω
-    scale = [v_0, k * v_0 / ω, v_0 / ω]
-    end, top = falling(rates, [v_0, 0.0, 0.0], t_end, lambda y: y[1], lambda y: y[0] - y[1] / c, scale=scale)
+    scale = [v0, k * v0 / ω, v0 / ω]
+    end, top = falling(rates, [v0, 0.0, 0.0], t_end, lambda y: y[1], lambda y: y[0] - y[1] / c, scale=scale)
     found = {"R_max": top[1][1], "openings": float(end is not None)}
     if end:
-        return found | {"t_c": end[0], "e": -end[1][0] / v_0, "s": end[1][2]}
-    last = solve_ivp(lambda t, y: rates(y), (0, t_end), [v_0, 0.0, 0.0], "DOP853", rtol=1e-13, atol=1e-15 * v_0)
+        return found | {"t_c": end[0], "e": -end[1][0] / v0, "s": end[1][2]}
+    last = solve_ivp(lambda t, y: rates(y), (0, t_end), [v0, 0.0, 0.0], "DOP853", rtol=1e-13, atol=1e-15 * v0)
     return found | {"v": last.y[0, -1]}
 
 
-def hereditary_impact(m, c_alpha, alpha, v_0, t_min, rtol):
+def hereditary_impact(m, c_alpha, alpha, v0, t_min, rtol):
     """E_β(-τ^β) as residues and an integral (Mainardi), and the force as its derivative: no power series."""
     β = 2 - alpha
 
@@ -698,10 +698,10 @@ def hereditary_impact(m, c_alpha, alpha, v_0, t_min, rtol):
     T = (m / c_alpha) ** (1 / β)
     τ_c = brentq(force, 2.0, 6.0, xtol=1e-14)
     top = minimize_scalar(lambda τ: -force(τ), bounds=(0.5, τ_c), method="bounded", options={"xatol": 1e-9})
-    return {"t_c": τ_c * T, "e": -velocity(τ_c), "R_max": -top.fun * m * v_0 / T}
+    return {"t_c": τ_c * T, "e": -velocity(τ_c), "R_max": -top.fun * m * v0 / T}
 
 
-def power_law_impact(m, K, n, v_0, b=0.0):
+def power_law_impact(m, K, n, v0, b=0.0):
     def F(y):
         return K * max(y[0], 0.0) ** n * (1 + b * y[1])
 
@@ -709,24 +709,24 @@ def power_law_impact(m, K, n, v_0, b=0.0):
         # F'/(K δⁿ⁻¹)
         return n * y[1] * (1 + b * y[1]) - max(y[0], 0.0) * b * F(y) / m
 
-    size = (m * v_0**2 / K) ** (1 / (n + 1))
+    size = (m * v0**2 / K) ** (1 / (n + 1))
     end, deepest, top = falling(
         lambda y: [y[1], -F(y) / m],
-        [0.0, v_0],
-        40.0 * size / v_0,
+        [0.0, v0],
+        40.0 * size / v0,
         lambda y: y[0],
         lambda y: y[1],
         slope,
-        scale=[size, v_0],
+        scale=[size, v0],
     )
-    return {"δ_max": deepest[1][0], "T": end[0], "F_max": F(top[1]), "e": -end[1][1] / v_0}
+    return {"δ_max": deepest[1][0], "T": end[0], "F_max": F(top[1]), "e": -end[1][1] / v0}
 
 
-def oscillator_stop(m, k, e, v_0):
-    ω, found, t, v = math.sqrt(k / m), {}, 0.0, v_0
+def oscillator_stop(m, k, e, v0):
+    ω, found, t, v = math.sqrt(k / m), {}, 0.0, v0
     for n in (1, 2, 3):
         rates = lambda y: [y[1], -k / m * y[0]]  # noqa: E731
-        home, far = falling(rates, [0.0, -v], 10.0 / ω, lambda y: -y[0], lambda y: -y[1], scale=[v_0 / ω, v_0])
+        home, far = falling(rates, [0.0, -v], 10.0 / ω, lambda y: -y[0], lambda y: -y[1], scale=[v0 / ω, v0])
         t, v = t + home[0], e * home[1][1]
         found[f"t_{n}"], found[f"v_{n}"] = t, v
         found.setdefault("x_min", -far[1][0])
@@ -735,13 +735,13 @@ def oscillator_stop(m, k, e, v_0):
     return found
 
 
-def bilinear_oscillator(m, k, k_1, v_0):
+def bilinear_oscillator(m, k, k_1, v0):
     def rates(y):
         return [y[1], -(k + (k_1 if y[0] > 0.0 else 0.0)) / m * y[0]]
 
     ω = math.sqrt(k / m)
-    scale = [v_0 / math.sqrt((k + k_1) / m), v_0]
-    pressed, deep = falling(rates, [0.0, v_0], 10 / ω, lambda y: y[0], lambda y: y[1], scale=scale)
+    scale = [v0 / math.sqrt((k + k_1) / m), v0]
+    pressed, deep = falling(rates, [0.0, v0], 10 / ω, lambda y: y[0], lambda y: y[1], scale=scale)
     free, far = falling(rates, [-0.0, pressed[1][1]], 10 / ω, lambda y: -y[0], lambda y: -y[1], scale=scale)
     return {
         "T": pressed[0] + free[0], "π/ω_2": pressed[0], "x_max": deep[1][0], "x_min": far[1][0], "R_max": k_1 * deep[1][0]
@@ -764,20 +764,20 @@ def impact_oscillator(zeta, omega, f, s, e, n):
     return {"v⁻": y[1], "T": t}
 
 
-def three_balls(m, v_0, e, d, delta):
-    impacts = row_of_balls(3, v_0, e, d, delta, until=math.inf)
+def three_balls(m, v0, e, d, delta):
+    impacts = row_of_balls(3, v0, e, d, delta, until=math.inf)
     t, _, v = impacts[0] if delta == 0.0 else next(each for each in impacts if 1 in each[1])
-    return {"t_1": impacts[0][0], "t_2": t} | {f"v_{i + 1}/v_0": v[i] / v_0 for i in range(3)}
+    return {"t_1": impacts[0][0], "t_2": t} | {f"v_{i + 1}/v0": v[i] / v0 for i in range(3)}
 
 
-def newtons_cradle(N, m, v_0, e, d, delta):
-    impacts = row_of_balls(N, v_0, e, d, delta, until=math.inf)
+def newtons_cradle(N, m, v0, e, d, delta):
+    impacts = row_of_balls(N, v0, e, d, delta, until=math.inf)
     t_N, _, v = next(each for each in impacts if N - 2 in each[1])
-    return {"Σv/v_0": sum(impacts[-1][2]) / v_0, "t_N": t_N, "v_N/v_0": v[-1] / v_0, "v_1/v_0": impacts[0][2][0] / v_0}
+    return {"Σv/v0": sum(impacts[-1][2]) / v0, "t_N": t_N, "v_N/v0": v[-1] / v0, "v_1/v0": impacts[0][2][0] / v0}
 
 
-def two_ball_drop(m_1, m_2, g, H, e, delta):
-    masses, ground, pair = np.array([m_1, m_2]), np.array([-1.0, 0.0]), np.array([1.0, -1.0])
+def two_ball_drop(m1, m2, g, H, e, delta):
+    masses, ground, pair = np.array([m1, m2]), np.array([-1.0, 0.0]), np.array([1.0, -1.0])
     t = brentq(lambda t: 0.5 * g * t**2 - H, 0.0, 10.0 + H, xtol=1e-15)
     v = np.full(2, g * t)
     found = {"t_1": t, "v": v[0]}
@@ -790,8 +790,8 @@ def two_ball_drop(m_1, m_2, g, H, e, delta):
     return found | {"t_2": t + wait, "v_1": after[0], "v_2": after[1]}
 
 
-def two_balls_spring(m, k, e, g, x_1, R):
-    H, t, y = x_1 - R, 0.0, np.zeros(4)
+def two_balls_spring(m, k, e, g, x1, R):
+    H, t, y = x1 - R, 0.0, np.zeros(4)
 
     def rates(y):
         pull = k / m * (y[1] - y[0])
@@ -813,13 +813,13 @@ def two_balls_spring(m, k, e, g, x_1, R):
     return found | dict(zip(("q_1(1)", "q_2(1)", "v_1(1)", "v_2(1)"), last, strict=True))
 
 
-def coulomb_oscillator(m, k, F, x_0):
-    t, x, turns = 0.0, x_0, []
+def coulomb_oscillator(m, k, F, x0):
+    t, x, turns = 0.0, x0, []
     while k * abs(x) > F:
         side = math.copysign(1.0, x)
         # y = (|x|, its rate), which falls until it turns.
         rates = lambda y: [y[1], -(k * y[0] - F) / m]  # noqa: E731
-        (wait, y), *_ = falling(rates, [abs(x), 0.0], 10 * math.sqrt(m / k), lambda y: -y[1], scale=x_0)
+        (wait, y), *_ = falling(rates, [abs(x), 0.0], 10 * math.sqrt(m / k), lambda y: -y[1], scale=x0)
         t, x = t + wait, side * y[0]
         turns.append(x)
     return {"t_∞": t, "x_∞": x} | ({"x_1": turns[0]} if turns else {})
@@ -862,11 +862,11 @@ def vibrating_table(m, g, e, A, omega, n):
     return {"T": t, "w": w, "U": landing + w, "P": m * (landing - take_off)}
 
 
-def rocking_block(p, alpha, theta_0, e):
-    found, t, y = {}, 0.0, [theta_0, 0.0]
+def rocking_block(p, alpha, theta, e):
+    found, t, y = {}, 0.0, [theta, 0.0]
     for n in (1, 2, 3):
         rates = lambda y: [y[1], p**2 * (y[0] - alpha)]  # noqa: E731
-        (wait, end), *_ = falling(rates, y, 60.0 / p, lambda y: y[0], scale=[theta_0, p * theta_0])
+        (wait, end), *_ = falling(rates, y, 60.0 / p, lambda y: y[0], scale=[theta, p * theta])
         t += wait
         found |= {f"t_{n}": t, f"ω_{n}": -end[1]}
         if e == 0.0:
@@ -875,15 +875,15 @@ def rocking_block(p, alpha, theta_0, e):
     return found | {"T/4": found["t_1"]}
 
 
-def diode_bridge(L, C, R, V):
-    """Without diodes, in units of the oscillator: V, V sqrt(C/L), sqrt(L C)."""
+def diode_bridge(L, C, R, v0):
+    """Without diodes, in units of the oscillator: v0, v0 sqrt(C/L), sqrt(L C)."""
     ω, ζ = 1 / math.sqrt(L * C), math.sqrt(L / C) / (2 * R)
     rates = lambda y: [-y[1] - 2 * ζ * y[0], y[0]]  # noqa: E731
     slowest = ζ if ζ < 1 else ζ - math.sqrt(ζ**2 - 1)
     end = min(50.0, 2.5 / slowest)
     change = falling(rates, [1.0, 0.0], 50.0 * (1 + ζ), lambda y: y[0])[0]
     v, i = solve_ivp(lambda t, y: rates(y), (0, end), [1.0, 0.0], "DOP853", rtol=1e-13, atol=1e-16).y[:, -1]
-    return {"t_1": change[0] / ω, "v_L": v * V, "i_L": i * V * math.sqrt(C / L), "v_R": abs(v) * V}
+    return {"t_1": change[0] / ω, "v_L": v * v0, "i_L": i * v0 * math.sqrt(C / L), "v_R": abs(v) * v0}
 
 
 class Characteristics:
@@ -892,10 +892,10 @@ class Characteristics:
     With dt = Δx/c nothing is approximated. It has what the facts read of a run.
     """
 
-    def __init__(self, E, A, rho, L, gap, v_0, g, t_end, cells=60):
+    def __init__(self, E, A, rho, L, gap, v0, g, t_end, cells=60):
         c = math.sqrt(E / rho)
         dt = L / cells / c
-        f, b = np.full(cells, v_0), np.full(cells, v_0)
+        f, b = np.full(cells, v0), np.full(cells, v0)
         self.t = dt * np.arange(round(t_end / dt) + 1)
         self.t_reaction, self.R, self.mean = self.t[:-1] + 0.5 * dt, [], []
         for _ in self.t_reaction:
@@ -918,7 +918,7 @@ class Characteristics:
 def falling_bar(name, **parameters):
     problem = load_problem(name, **parameters)
     p = {symbol: value for symbol, value in parameters.items() if symbol not in ("elements", "mu")}
-    bar = Characteristics(**({"v_0": 0.0, "g": 0.0} | p), t_end=problem.t_end)
+    bar = Characteristics(**({"v0": 0.0, "g": 0.0} | p), t_end=problem.t_end)
     measured = {fact.symbol: fact.measure(bar) for fact in problem.facts if fact.symbol in ("∫R dt", "ε_R")}
     return bar, measured
 
@@ -933,15 +933,15 @@ def bouncing_bar(**parameters):
     return found | dict(zip(("t_1", "t_1 + τ", "t_2"), bar.switches, strict=False))
 
 
-def plastic_bar_impact(m, E, A, rho, L, sigma_y, v_0, elements):
+def plastic_bar_impact(m, E, A, rho, L, sigma_y, v0, elements):
     """The struck section of an infinite bar: behind its wave it moves with min(v, v_y), and yields by the rest."""
     z = rho * math.sqrt(E / rho) * A
     v_y = A * sigma_y / z
     rates = lambda y: [-min(A * sigma_y, z * y[0]) / m, A * sigma_y * max(y[0] - v_y, 0.0)]  # noqa: E731
-    t_y, y = falling(rates, [v_0, 0.0], 1e3 * m / z, lambda y: y[0] - v_y)[0]
-    quarter = solve_ivp(lambda t, y: rates(y), (0, 0.75 * t_y), [v_0, 0.0], rtol=1e-12, atol=1e-12).y[0, -1]
+    t_y, y = falling(rates, [v0, 0.0], 1e3 * m / z, lambda y: y[0] - v_y)[0]
+    quarter = solve_ivp(lambda t, y: rates(y), (0, 0.75 * t_y), [v0, 0.0], rtol=1e-12, atol=1e-12).y[0, -1]
     later = solve_ivp(lambda t, y: rates(y), (0, 2 * m / z), [v_y, 0.0], "DOP853", rtol=1e-13, atol=1e-14).y[0, -1]
-    return {"R": m * (v_0 - quarter) / (0.75 * t_y), "v(t_y)": y[0], "v(t_end)": later, "D": y[1]}
+    return {"R": m * (v0 - quarter) / (0.75 * t_y), "v(t_y)": y[0], "v(t_end)": later, "D": y[1]}
 
 
 def first_force(m, c_o, v_o, c=None, **_):

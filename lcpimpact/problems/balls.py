@@ -26,19 +26,19 @@ from lcpimpact.scheme.scheme import Scheme
 MOREAU = "Moreau, Unilateral contact and dry friction in finite freedom dynamics (1988)"
 
 
-def three_balls(m: float = 1.0, v_0: float = 1.0, e: float = 1.0, d: float = 0.5, delta: float = 0.0) -> Problem:
+def three_balls(m: float = 1.0, v0: float = 1.0, e: float = 1.0, d: float = 0.5, delta: float = 0.0) -> Problem:
     r"""One ball strikes two equal ones that touch: the problem that impact laws disagree about.
 
-    Ball 1 runs through d at v_0. Where balls 2 and 3 touch (δ = 0), Newton's law in Moreau's form asks for all impulses at
+    Ball 1 runs through d at v0. Where balls 2 and 3 touch (δ = 0), Newton's law in Moreau's form asks for all impulses at
     once, ``0 <= P ⟂ U⁺ + e U⁻ >= 0``: the pair moves off as one body,
 
-    - ``v = v_0 ((1 - 2e)/3, (1 + e)/3, (1 + e)/3)``, for e = 1 ``(-1/3, 2/3, 2/3) v_0``.
+    - ``v = v0 ((1 - 2e)/3, (1 + e)/3, (1 + e)/3)``, for e = 1 ``(-1/3, 2/3, 2/3) v0``.
 
     The least gap δ > 0 makes it two impacts in a row, and after them
 
-    - ``v = v_0 ((1 - e)/2, (1 - e²)/4, (1 + e)²/4)``, for e = 1 ``(0, 0, 1) v_0``: Newton's cradle.
+    - ``v = v0 ((1 - e)/2, (1 - e²)/4, (1 + e)²/4)``, for e = 1 ``(0, 0, 1) v0``: Newton's cradle.
 
-    (with e = 0 the first two stay together, and all three go on with v_0/3). Both keep momentum, and for e = 1 both keep
+    (with e = 0 the first two stay together, and all three go on with v0/3). Both keep momentum, and for e = 1 both keep
     energy. So the outcome depends on δ without a limit as δ → 0, and real balls (elastic, so neither) lie between. The trap:
     a solver that perturbs the gaps, or rounding that opens them by 1e-16, may silently turn one answer into the other.
 
@@ -46,7 +46,7 @@ def three_balls(m: float = 1.0, v_0: float = 1.0, e: float = 1.0, d: float = 0.5
     ----------
     m : float
         Mass of each ball in kg.
-    v_0 : float
+    v0 : float
         Speed of the first ball in m/s.
     e : float
         Coefficient of restitution.
@@ -58,7 +58,7 @@ def three_balls(m: float = 1.0, v_0: float = 1.0, e: float = 1.0, d: float = 0.5
     Raises
     ------
     InputError
-        If m, v_0 or d is not above zero, delta is negative, or e lies outside [0, 1].
+        If m, v0 or d is not above zero, delta is negative, or e lies outside [0, 1].
 
     Examples
     --------
@@ -72,44 +72,44 @@ def three_balls(m: float = 1.0, v_0: float = 1.0, e: float = 1.0, d: float = 0.5
     Moreau, Unilateral contact and dry friction in finite freedom dynamics (1988); Acary and Brogliato (2008), section 1.6.
     """
     name = "three-balls"
-    _check_row(name, v_0, e, d, delta)
-    hit = d / v_0
-    second = hit + 2.0 * delta / ((1.0 + e) * v_0)
+    _check_row(name, v0, e, d, delta)
+    hit = d / v0
+    second = hit + 2.0 * delta / ((1.0 + e) * v0)
     touch = Fact("t_1", "first impact", hit, "s", lambda run: event(run, "impact").t)
     if delta == 0.0:
         v = ((1.0 - 2.0 * e) / 3.0, (1.0 + e) / 3.0, (1.0 + e) / 3.0)
-        facts: tuple[Fact, ...] = (touch, *_velocities(v, v_0, 1))
+        facts: tuple[Fact, ...] = (touch, *_velocities(v, v0, 1))
     else:
         v = ((1.0 - e) / 2.0, (1.0 - e**2) / 4.0, (1.0 + e) ** 2 / 4.0) if e > 0.0 else (1.0 / 3.0,) * 3
         next_touch = Fact("t_2", "second impact", second, "s", lambda run: event(run, "impact", 1, "R2").t)
-        facts = (touch, next_touch, *_velocities(v, v_0, "R2"))
+        facts = (touch, next_touch, *_velocities(v, v0, "R2"))
     return Problem(
         name,
         _row(3, m, e, d, delta),
-        v0={"x1": v_0},
+        v0={"x1": v0},
         t_end=2.0 * second,
-        parameters={"m": m, "v_0": v_0, "e": e, "d": d, "delta": delta},
+        parameters={"m": m, "v0": v0, "e": e, "d": d, "delta": delta},
         source=MOREAU,
         facts=facts,
     )
 
 
 def newtons_cradle(
-    N: float = 5, m: float = 1.0, v_0: float = 1.0, e: float = 1.0, d: float = 0.1, delta: float = 0.01
+    N: float = 5, m: float = 1.0, v0: float = 1.0, e: float = 1.0, d: float = 0.1, delta: float = 0.01
 ) -> Problem:
     r"""A row of N equal balls, struck at one end: the toy on the desk, as a chain of impacts.
 
     With a gap δ > 0 between neighbours each impact is alone and passes the share ``(1 + e)/2`` of the speed on, so
 
-    - the last ball leaves with ``v_N = v_0 ((1 + e)/2)^(N-1)`` at ``t_N = d/v_0 + Σ_j δ/(v_0 ((1 + e)/2)^j)``, 0 < j < N-1.
+    - the last ball leaves with ``v_N = v0 ((1 + e)/2)^(N-1)`` at ``t_N = d/v0 + Σ_j δ/(v0 ((1 + e)/2)^j)``, 0 < j < N-1.
 
-    For e = 1 that is the toy: one in, one out (and for e = 0 they stay together, ``v_N = v_0/N``). With δ = 0 all balls
+    For e = 1 that is the toy: one in, one out (and for e = 0 they stay together, ``v_N = v0/N``). With δ = 0 all balls
     touch, Moreau's law moves N - 1 of them as one body,
 
-    - ``v_1 = v_0 ((1 + e)/N - e)`` and ``v_i = v_0 (1 + e)/N`` for the others,
+    - ``v_1 = v0 ((1 + e)/N - e)`` and ``v_i = v0 (1 + e)/N`` for the others,
 
     and the toy does not work. The trap is to take either as confirmed by the conservation laws: momentum is kept in both,
-    ``Σ v_i = v_0``, and for e = 1 energy too. What settles it is the stiffness of the contacts. A chain of linear springs
+    ``Σ v_i = v0``, and for e = 1 energy too. What settles it is the stiffness of the contacts. A chain of linear springs
     without tension gives something between the two, and Hertz contacts come close to the toy without reaching it.
 
     Parameters
@@ -118,7 +118,7 @@ def newtons_cradle(
         Number of balls, at least 2.
     m : float
         Mass of each ball in kg.
-    v_0 : float
+    v0 : float
         Speed of the first ball in m/s.
     e : float
         Coefficient of restitution.
@@ -130,7 +130,7 @@ def newtons_cradle(
     Raises
     ------
     InputError
-        If N is no whole number above 1, m, v_0 or d is not above zero, delta is negative, or e lies outside [0, 1].
+        If N is no whole number above 1, m, v0 or d is not above zero, delta is negative, or e lies outside [0, 1].
 
     Examples
     --------
@@ -145,13 +145,13 @@ def newtons_cradle(
     """
     name = "newtons-cradle"
     N = whole(name, "N", N, least=2)
-    _check_row(name, v_0, e, d, delta)
+    _check_row(name, v0, e, d, delta)
     last = N - 1
     share = (1.0 + e) / 2.0
     # What does not rebound stays together, and shares its momentum.
     passed_on = [share**j if e > 0.0 else 1.0 / (j + 1.0) for j in range(N)]
-    t_N = d / v_0 + sum(delta / (v_0 * passed_on[j]) for j in range(1, last))
-    momentum = Fact("Σv/v_0", "momentum", 1.0, "", lambda run: float(run.v[-1].sum()) / v_0)
+    t_N = d / v0 + sum(delta / (v0 * passed_on[j]) for j in range(1, last))
+    momentum = Fact("Σv/v0", "momentum", 1.0, "", lambda run: float(run.v[-1].sum()) / v0)
     arrival = Fact("t_N", "last ball struck", t_N, "s", lambda run: event(run, "impact", 1, f"R{last}").t)
     if delta > 0.0:
         v_N, v_1 = passed_on[last], (1.0 - e) / 2.0
@@ -160,25 +160,25 @@ def newtons_cradle(
     facts = (
         momentum,
         arrival,
-        Fact("v_N/v_0", "speed of the last ball", v_N, "", lambda run: float(run.v[-1, last]) / v_0),
+        Fact("v_N/v0", "speed of the last ball", v_N, "", lambda run: float(run.v[-1, last]) / v0),
         Fact(
-            "v_1/v_0", "speed of the first after its impact", v_1, "",
-            lambda run: float(event(run, "impact", 1, "R1").right.v[0]) / v_0, scale=1.0,
+            "v_1/v0", "speed of the first after its impact", v_1, "",
+            lambda run: float(event(run, "impact", 1, "R1").right.v[0]) / v0, scale=1.0,
         ),
     )  # fmt: skip
     return Problem(
         name,
         _row(N, m, e, d, delta),
-        v0={"x1": v_0},
+        v0={"x1": v0},
         t_end=2.0 * t_N,
-        parameters={"N": N, "m": m, "v_0": v_0, "e": e, "d": d, "delta": delta},
+        parameters={"N": N, "m": m, "v0": v0, "e": e, "d": d, "delta": delta},
         source="Herrmann and Schmälzle, Simple explanation of a well-known collision experiment (1981)",
         facts=facts,
     )
 
 
-def _check_row(name: str, v_0: float, e: float, d: float, delta: float) -> None:
-    above_zero(name, v_0=v_0, d=d)
+def _check_row(name: str, v0: float, e: float, d: float, delta: float) -> None:
+    above_zero(name, v0=v0, d=d)
     restitution(name, e)
     if delta < 0.0:
         raise InputError(f"{name}: delta = {delta:g} must not be negative; 0 lets the balls touch")
@@ -195,17 +195,17 @@ def _row(N: int, m: float, e: float, d: float, delta: float) -> Scheme:
     return Scheme(*balls, *bumpers)
 
 
-def _velocities(v: tuple[float, ...], v_0: float, after: int | str) -> list[Fact]:
+def _velocities(v: tuple[float, ...], v0: float, after: int | str) -> list[Fact]:
     """Return the facts of the velocities after an impact, the n-th or the first of a contact."""
     number, contact = (after, None) if isinstance(after, int) else (1, after)
 
     def fact(i: int) -> Fact:
         return Fact(
-            f"v_{i + 1}/v_0",
+            f"v_{i + 1}/v0",
             f"velocity of ball {i + 1} after it",
             v[i],
             "",
-            lambda run: float(event(run, "impact", number, contact).right.v[i]) / v_0,
+            lambda run: float(event(run, "impact", number, contact).right.v[i]) / v0,
             scale=1.0,
         )
 
@@ -213,7 +213,7 @@ def _velocities(v: tuple[float, ...], v_0: float, after: int | str) -> list[Fact
 
 
 def two_ball_drop(
-    m_1: float = 3.0, m_2: float = 1.0, g: float = 9.81, H: float = 1.0, e: float = 1.0, delta: float = 0.01
+    m1: float = 3.0, m2: float = 1.0, g: float = 9.81, H: float = 1.0, e: float = 1.0, delta: float = 0.01
 ) -> Problem:
     r"""Two balls dropped one above the other: the light one flies off higher than it came from.
 
@@ -221,15 +221,15 @@ def two_ball_drop(
     ball 2, which still falls δ above it; both fall alike meanwhile, so that takes ``τ = δ/((1 + e) v)``. The two velocities
     just before are ``g τ - e v`` and ``g τ + v``, and momentum with Newton's law gives
 
-    - ``v_1 = g τ + v (m_2 (1 + e)² - e (m_1 + m_2))/(m_1 + m_2)`` and ``v_2 = g τ + v (m_2 - m_1 (2 e + e²))/(m_1 + m_2)``.
+    - ``v_1 = g τ + v (m2 (1 + e)² - e (m1 + m2))/(m1 + m2)`` and ``v_2 = g τ + v (m2 - m1 (2 e + e²))/(m1 + m2)``.
 
-    With m_1 = 3 m_2 and e = 1 the lower ball stops dead and the upper leaves with 2v: it rises to four times the height. The
+    With m1 = 3 m2 and e = 1 the lower ball stops dead and the upper leaves with 2v: it rises to four times the height. The
     trap is δ = 0: then both impacts are simultaneous, the law knows only the relative velocities U⁻ = (-v, 0), and both
     balls leave with e v, no higher than they came from.
 
     Parameters
     ----------
-    m_1, m_2 : float
+    m1, m2 : float
         Masses of the lower and the upper ball in kg.
     g : float
         Gravity in m/s².
@@ -243,7 +243,7 @@ def two_ball_drop(
     Raises
     ------
     InputError
-        If m_1, m_2, g or H is not above zero, delta is negative or so large that the lower ball lands twice before the
+        If m1, m2, g or H is not above zero, delta is negative or so large that the lower ball lands twice before the
         balls meet, or e lies outside [0, 1].
 
     Examples
@@ -261,11 +261,11 @@ def two_ball_drop(
     if delta < 0.0:
         raise InputError(f"{name}: delta = {delta:g} must not be negative; 0 lets the balls touch")
     scheme = Scheme(
-        Mass("x2", m_2, symbols=("m_2",)),
-        Load("x2", m_2 * g, symbols=("m_2 g",)),
+        Mass("x2", m2, symbols=("m_2",)),
+        Load("x2", m2 * g, symbols=("m_2 g",)),
         Bumper("x2", "x1", gap=delta, e=e, name="R2", symbols=("R_2",)),
-        Mass("x1", m_1, symbols=("m_1",)),
-        Load("x1", m_1 * g, symbols=("m_1 g",)),
+        Mass("x1", m1, symbols=("m_1",)),
+        Load("x1", m1 * g, symbols=("m_1 g",)),
         Bumper("x1", GROUND, gap=H, e=e, name="R1", symbols=("R_1",)),
     )
     t_1, v = math.sqrt(2.0 * H / g), math.sqrt(2.0 * g * H)
@@ -276,8 +276,8 @@ def two_ball_drop(
             "take a smaller delta or a larger e"
         )
     if delta > 0.0:
-        v_1 = g * τ + v * (m_2 * (1.0 + e) ** 2 / (m_1 + m_2) - e)
-        v_2 = g * τ + v * (m_2 - m_1 * (2.0 * e + e**2)) / (m_1 + m_2)
+        v_1 = g * τ + v * (m2 * (1.0 + e) ** 2 / (m1 + m2) - e)
+        v_2 = g * τ + v * (m2 - m1 * (2.0 * e + e**2)) / (m1 + m2)
     else:
         v_1 = v_2 = -e * v
     meeting = (1, "R2") if delta > 0.0 else (1, "R1")
@@ -306,23 +306,23 @@ def two_ball_drop(
         name,
         scheme,
         t_end=2.0 * t_1,
-        parameters={"m_1": m_1, "m_2": m_2, "g": g, "H": H, "e": e, "delta": delta},
+        parameters={"m1": m1, "m2": m2, "g": g, "H": H, "e": e, "delta": delta},
         source="Mellen, Superball rebound projectiles (1968)",
         facts=facts,
     )
 
 
 def two_balls_spring(
-    m: float = 1.0, k: float = 1e4, e: float = 0.8, g: float = 9.81, x_1: float = 1.0, R: float = 0.2
+    m: float = 1.0, k: float = 1e4, e: float = 0.8, g: float = 9.81, x1: float = 1.0, R: float = 0.2
 ) -> Problem:
     r"""Two balls joined by a spring fall on the ground: an impact inside a vibrating system.
 
-    The lower ball starts with its centre x_1 above the ground and has the radius R, the upper stands a spring's natural
+    The lower ball starts with its centre x1 above the ground and has the radius R, the upper stands a spring's natural
     length above it, which itself does not matter: the nodes count the way down. Both fall alike until
-    ``t_1 = sqrt(2 (x_1 - R)/g)``. The impact reverses the lower ball only, and from then on the centre of mass flies on a
+    ``t_1 = sqrt(2 (x1 - R)/g)``. The impact reverses the lower ball only, and from then on the centre of mass flies on a
     parabola while the balls vibrate with ``ω = sqrt(2 k/m)``:
 
-    - ``q_1 = x_1 - R + b - a`` and ``q_2 = x_1 - R + b + a`` with ``b = (1 - e) v s/2 + g s²/2`` and
+    - ``q_1 = x1 - R + b - a`` and ``q_2 = x1 - R + b + a`` with ``b = (1 - e) v s/2 + g s²/2`` and
       ``a = (1 + e) v/(2 ω) sin ω s``, where v = g t_1 and s = t - t_1,
 
     up to the next impact, the first root of b = a. The spring brings the ball back to the ground within 20 ms, though it
@@ -337,7 +337,7 @@ def two_balls_spring(
         Coefficient of restitution.
     g : float
         Gravity in m/s².
-    x_1, R : float
+    x1, R : float
         Height of the lower ball's centre and its radius in m.
 
     Raises
@@ -358,9 +358,9 @@ def two_balls_spring(
     name = "two-balls-spring"
     above_zero(name, g=g, R=R)
     restitution(name, e)
-    H = x_1 - R
+    H = x1 - R
     if not H > 0.0:
-        raise InputError(f"{name}: x_1 = {x_1:g} must be above R = {R:g}, or the lower ball starts in the ground")
+        raise InputError(f"{name}: x1 = {x1:g} must be above R = {R:g}, or the lower ball starts in the ground")
     scheme = Scheme(
         Mass("x2", m), Load("x2", m * g, symbols=("mg",)), Spring("x2", "x1", k),
         Mass("x1", m), Load("x1", m * g, symbols=("mg",)), Bumper("x1", GROUND, gap=H, e=e),
@@ -370,7 +370,7 @@ def two_balls_spring(
     v = g * t_1
     s_2 = _return(lambda s: 0.5 * ((1.0 - e) * v * s + g * s**2 - (1.0 + e) * v / ω * np.sin(ω * s)), ω)
     v_2 = 0.5 * (1.0 - e) * v + g * s_2 - 0.5 * (1.0 + e) * v * math.cos(ω * s_2)
-    parameters = {"m": m, "k": k, "e": e, "g": g, "x_1": x_1, "R": R}
+    parameters = {"m": m, "k": k, "e": e, "g": g, "x1": x1, "R": R}
     facts: tuple[Fact, ...] = (
         Fact("t_1", "first impact", t_1, "s", lambda run: event(run, "impact", 1).t),
         Fact("t_2", "second impact", t_1 + s_2, "s", lambda run: event(run, "impact", 2).t),

@@ -32,17 +32,17 @@ def bar_impact(
     rho: float = 1.0,
     L: float = 10.0,
     gap: float = 5.0,
-    v_0: float = 10.0,
+    v0: float = 10.0,
     elements: float = 100,
     mu: float = 0.125,
 ) -> Problem:
     r"""An elastic bar flies into a wall, lengthwise: contact lasts as long as a wave runs to the far end and back.
 
-    The front end stops at ``t_c = gap/v_0``. A wave of compression runs up the bar at c and stops it, returns from the free
+    The front end stops at ``t_c = gap/v0``. A wave of compression runs up the bar at c and stops it, returns from the free
     end as a wave of relief that turns every point round, and the bar leaves whole and without vibration:
 
-    - contact for ``2 L/c``, at the constant force ``R = ρ c A v_0``, which is a rectangle in time,
-    - momentum ``∫ R dt = 2 m v_0``: the bar rebounds with v_0, though no coefficient of restitution is in the scheme.
+    - contact for ``2 L/c``, at the constant force ``R = ρ c A v0``, which is a rectangle in time,
+    - momentum ``∫ R dt = 2 m v0``: the bar rebounds with v0, though no coefficient of restitution is in the scheme.
 
     The front node carries no mass (its share went to its neighbour), so the force is a function and not a train of impulses.
     With mass in that node each step of a time-stepping method is a small impact, R chatters and energy leaks; with a
@@ -61,7 +61,7 @@ def bar_impact(
         Length in m.
     gap : float
         Distance to the wall in m.
-    v_0 : float
+    v0 : float
         Speed in m/s.
     elements : int
         Number of finite elements, at least 4.
@@ -84,12 +84,12 @@ def bar_impact(
     Doyen, Ern and Piperno, Time-integration schemes for the finite element dynamic Signorini problem (2011).
     """
     name = "bar-impact"
-    above_zero(name, gap=gap, v_0=v_0)
+    above_zero(name, gap=gap, v0=v0)
     bar, wall = _falling_bar(name, E, A, rho, L, gap, elements, mu)
     scheme = Scheme(bar, wall)
     c = math.sqrt(E / rho)
-    t_c, τ, m = gap / v_0, 2.0 * L / c, rho * A * L
-    R, P = rho * c * A * v_0, 2.0 * m * v_0
+    t_c, τ, m = gap / v0, 2.0 * L / c, rho * A * L
+    R, P = rho * c * A * v0, 2.0 * m * v0
 
     def force(t: Array) -> Array:
         return np.where((t >= t_c) & (t < t_c + τ), R, 0.0)
@@ -99,16 +99,16 @@ def bar_impact(
         Fact("t_c", "contact begins", t_c, "s", lambda run: event(run, "close").t),
         Fact("t_o", "contact ends", t_c + τ, "s", lambda run: event(run, "open", -1).t, coarse),
         Fact("∫R dt", "impulse", P, "N s", _impulse, coarse),
-        Fact("v", "mean velocity afterwards", -v_0, "m/s", lambda run: _momentum(run) / m, coarse),
+        Fact("v", "mean velocity afterwards", -v0, "m/s", lambda run: _momentum(run) / m, coarse),
         Fact("ε_R", "error of R, in L1 over ∫R dt", 0.0, "", lambda run: _force_error(run, force) / P, coarse, 1.0),
     )
     return Problem(
         name,
         scheme,
-        v0=dict.fromkeys(bar.joints, v_0),
+        v0=dict.fromkeys(bar.joints, v0),
         t_end=t_c + 1.5 * τ,
         parameters={
-            "E": E, "A": A, "rho": rho, "L": L, "gap": gap, "v_0": v_0, "elements": bar.elements, "mu": mu,
+            "E": E, "A": A, "rho": rho, "L": L, "gap": gap, "v0": v0, "elements": bar.elements, "mu": mu,
         },
         source="Doyen, Ern and Piperno, Time-integration schemes for the finite element dynamic Signorini problem (2011)",
         facts=facts,
@@ -230,7 +230,7 @@ def plastic_bar_impact(
     rho: float = 1.0,
     L: float = 10.0,
     sigma_y: float = 150.0,
-    v_0: float = 10.0,
+    v0: float = 10.0,
     elements: float = 40,
 ) -> Problem:
     r"""A rigid body strikes a long elastic-plastic bar: the last of the paper's announcements.
@@ -239,11 +239,11 @@ def plastic_bar_impact(
     at ``A σ_y``, which a body faster than ``v_y = σ_y/(ρ c)`` exceeds. Then an elastic wave of the stress σ_y runs ahead,
     the rest of the shortening gathers in the section that was struck, and
 
-    - the force is ``R = A σ_y`` and the body slows down evenly, to v_y at ``t_y = m (v_0 - v_y)/(A σ_y)``,
+    - the force is ``R = A σ_y`` and the body slows down evenly, to v_y at ``t_y = m (v0 - v_y)/(A σ_y)``,
     - later ``v = v_y exp(-ρ c A (t - t_y)/m)``: elastic again,
-    - the section that was struck has taken ``D = ½ m (v_0 - v_y)²`` of plastic work.
+    - the section that was struck has taken ``D = ½ m (v0 - v_y)²`` of plastic work.
 
-    So the ledger of the energy is closed, ``½ m v_0² = D + waves + body``, and D is what the body would lose in a plastic
+    So the ledger of the energy is closed, ``½ m v0² = D + waves + body``, and D is what the body would lose in a plastic
     impact on a wall that moves off at v_y. A dashpot ρ c A at the far end swallows the waves, as if the bar went on for
     ever; a fixed end would double the stress of the wave and yield too. The trap is an expected plastic *wave*: without
     hardening it does not move, and in the elements all the plastic strain sits in the first one, however small it is. (The
@@ -264,7 +264,7 @@ def plastic_bar_impact(
         Length in m of the part that is divided into elements.
     sigma_y : float
         Yield stress in Pa.
-    v_0 : float
+    v0 : float
         Speed of the body in m/s, above v_y.
     elements : int
         Number of finite elements, at least 4.
@@ -284,17 +284,17 @@ def plastic_bar_impact(
     Kolsky, *Stress Waves in Solids* (1963), chapter VII, on plastic waves.
     """
     name = "plastic-bar-impact"
-    above_zero(name, m=m, E=E, A=A, rho=rho, L=L, sigma_y=sigma_y, v_0=v_0)
+    above_zero(name, m=m, E=E, A=A, rho=rho, L=L, sigma_y=sigma_y, v0=v0)
     elements = whole(name, "elements", elements, least=4)
     c = math.sqrt(E / rho)
     v_y, impedance = sigma_y / (rho * c), rho * c * A
     bar = Bar("y", "w", E, A, rho, L, elements, mass="consistent", sigma_y=sigma_y, name="bar")
     scheme = Scheme(Mass("x", m), Bumper("x", "y", e=0.0), bar, Dashpot("w", GROUND, impedance, symbols=("ρcA",)))
-    if not v_0 > v_y:
+    if not v0 > v_y:
         raise InputError(
-            f"{name}: v_0 = {v_0:g} must be above v_y = sigma_y/(rho c) = {v_y:g}, or the bar stays elastic"
+            f"{name}: v0 = {v0:g} must be above v_y = sigma_y/(rho c) = {v_y:g}, or the bar stays elastic"
         )
-    t_y = m * (v_0 - v_y) / (A * sigma_y)
+    t_y = m * (v0 - v_y) / (A * sigma_y)
     t_end = t_y + 2.0 * m / impedance
     coarse = 4.0 / elements
 
@@ -306,7 +306,7 @@ def plastic_bar_impact(
         Fact(
             "D",
             "plastic work",
-            0.5 * m * (v_0 - v_y) ** 2,
+            0.5 * m * (v0 - v_y) ** 2,
             "J",
             lambda run: _plastic_work(run, A * sigma_y),
             2.0 * coarse,
@@ -315,10 +315,10 @@ def plastic_bar_impact(
     return Problem(
         name,
         scheme,
-        v0={"x": v_0},
+        v0={"x": v0},
         t_end=t_end,
         parameters={
-            "m": m, "E": E, "A": A, "rho": rho, "L": L, "sigma_y": sigma_y, "v_0": v_0, "elements": elements,
+            "m": m, "E": E, "A": A, "rho": rho, "L": L, "sigma_y": sigma_y, "v0": v0, "elements": elements,
         },
         source="Kolsky, Stress Waves in Solids (1963), chapter VII, on plastic waves",
         facts=facts,

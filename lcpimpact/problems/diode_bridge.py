@@ -15,10 +15,10 @@ from lcpimpact.problems.reading import at, crossing
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 
-def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, V: float = 10.0) -> Problem:
+def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, v0: float = 10.0) -> Problem:
     r"""A full-wave rectifier: whichever way the current flows, the resistor sees it in one direction.
 
-    The capacitor (voltage v_L, V at the start) and the inductor (current i_L, 0 at the start) form an oscillator; the bridge
+    The capacitor (voltage v_L, v0 at the start) and the inductor (current i_L, 0 at the start) form an oscillator; the bridge
     of four ideal diodes hangs between its ends 1 and 2, the resistor between the bridge's outlets + and -.
 
     - ``C v_L' = -i_L - (i_DR2 - i_DF2)`` and ``L i_L' = v_L``,
@@ -31,7 +31,7 @@ def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, V: float = 10
     There is no threshold, so two diodes always conduct: the resistor has the voltage ``|v_L|`` and the circuit feels it as
     if the bridge were not there, a damped oscillation with ``ω = 1/sqrt(L C)`` and ``ζ = sqrt(L/C)/(2 R)``:
 
-    - ``v_L = V S'(t)`` and ``i_L = V S(t)/L``, where S is the free vibration with S(0) = 0, S'(0) = 1,
+    - ``v_L = v0 S'(t)`` and ``i_L = v0 S(t)/L``, where S is the free vibration with S(0) = 0, S'(0) = 1,
     - the diodes change over first at ``ω t = acos ζ/sqrt(1 - ζ²)``.
 
     What to learn: the same step, LCP and solvers run circuits, with the relative degree 0 everywhere. The trap is a smooth
@@ -41,7 +41,7 @@ def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, V: float = 10
     ----------
     L, C, R : float
         Inductance in H, capacitance in F, resistance in Ω.
-    V : float
+    v0 : float
         Voltage at the start in V.
 
     Raises
@@ -59,7 +59,7 @@ def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, V: float = 10
     Acary and Brogliato, *Numerical Methods for Nonsmooth Dynamical Systems* (2008), the four-diode bridge rectifier.
     """
     name = "diode-bridge"
-    above_zero(name, L=L, C=C, R=R, V=V)
+    above_zero(name, L=L, C=C, R=R, v0=v0)
     system = LinearComplementaritySystem(
         A=[[0.0, -1.0 / C], [1.0 / L, 0.0]],
         B=[[0.0, 0.0, 1.0 / C, -1.0 / C], [0.0, 0.0, 0.0, 0.0]],
@@ -81,8 +81,8 @@ def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, V: float = 10
 
     def motion(t: Array) -> tuple[Array, Array]:
         S, _, dS = free_vibration(t, ω, ζ)
-        v, i = V * dS, V / L * S
-        return np.column_stack([v, i]), np.column_stack([-V * ω * (2.0 * ζ * dS + ω * S), v / L])
+        v, i = v0 * dS, v0 / L * S
+        return np.column_stack([v, i]), np.column_stack([-v0 * ω * (2.0 * ζ * dS + ω * S), v / L])
 
     v, i = map(float, motion(np.array([t_end]))[0][0])
 
@@ -91,16 +91,16 @@ def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, V: float = 10
 
     facts = (
         Fact("t_1", "diodes change over", t_1, "s", lambda run: crossing(run, "v_L", direction=-1.0)),
-        Fact("v_L", "voltage at t_end", v, "V", lambda run: at(run, "v_L", t_end), scale=V),
-        Fact("i_L", "current at t_end", i, "A", lambda run: at(run, "i_L", t_end), scale=V * math.sqrt(C / L)),
-        Fact("v_R", "voltage of the resistor at t_end", abs(v), "V", lambda run: at(run, resistor, t_end), scale=V),
+        Fact("v_L", "voltage at t_end", v, "V", lambda run: at(run, "v_L", t_end), scale=v0),
+        Fact("i_L", "current at t_end", i, "A", lambda run: at(run, "i_L", t_end), scale=v0 * math.sqrt(C / L)),
+        Fact("v_R", "voltage of the resistor at t_end", abs(v), "V", lambda run: at(run, resistor, t_end), scale=v0),
     )
     return Problem(
         name,
         system,
-        q0={"v_L": V},
+        q0={"v_L": v0},
         t_end=t_end,
-        parameters={"L": L, "C": C, "R": R, "V": V},
+        parameters={"L": L, "C": C, "R": R, "v0": v0},
         source="Acary and Brogliato (2008), the four-diode bridge rectifier",
         facts=facts,
         motion=motion,

@@ -22,13 +22,13 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import Harmonic
 
 
-def coulomb_oscillator(m: float = 1.0, k: float = 100.0, F: float = 5.0, x_0: float = 0.53) -> Problem:
+def coulomb_oscillator(m: float = 1.0, k: float = 100.0, F: float = 5.0, x0: float = 0.53) -> Problem:
     r"""A mass on a spring and a rough table: it loses the same length in every half swing, and stops off centre.
 
-    ``m x'' + k x = -F sign x'``, let go at x_0. While it slides one way the friction is a constant force, which only shifts
+    ``m x'' + k x = -F sign x'``, let go at x0. While it slides one way the friction is a constant force, which only shifts
     the centre of the vibration by F/k. So with ``ω = sqrt(k/m)``
 
-    - it turns at ``x_n = (-1)ⁿ (x_0 - 2 n F/k)`` every half period ``π/ω``, the same as without friction,
+    - it turns at ``x_n = (-1)ⁿ (x0 - 2 n F/k)`` every half period ``π/ω``, the same as without friction,
     - and stops for good at the first n with ``|x_n| <= F/k``, where the spring can no longer overcome the friction.
 
     Amplitudes fall along a straight line (viscous damping makes an exponential of it), motion ends in finite time, and
@@ -41,7 +41,7 @@ def coulomb_oscillator(m: float = 1.0, k: float = 100.0, F: float = 5.0, x_0: fl
         Mass in kg and stiffness in N/m.
     F : float
         Friction in N.
-    x_0 : float
+    x0 : float
         Place in m from which it is let go.
 
     Raises
@@ -59,35 +59,35 @@ def coulomb_oscillator(m: float = 1.0, k: float = 100.0, F: float = 5.0, x_0: fl
     Den Hartog, *Mechanical Vibrations* (1956), on Coulomb damping.
     """
     name = "coulomb-oscillator"
-    above_zero(name, F=F, x_0=x_0)
+    above_zero(name, F=F, x0=x0)
     scheme = Scheme(Mass("x", m), Spring("x", GROUND, k), Slider("x", GROUND, F, symbols=("F",)))
     ω, loss = math.sqrt(k / m), F / k
-    halves = max(0, math.ceil(0.5 * (x_0 / loss - 1.0) - 1e-12))
-    rest = (-1) ** halves * (x_0 - 2 * halves * loss)
+    halves = max(0, math.ceil(0.5 * (x0 / loss - 1.0) - 1e-12))
+    rest = (-1) ** halves * (x0 - 2 * halves * loss)
 
     def motion(t: Array) -> tuple[Array, Array]:
         times = np.asarray(t, dtype=np.float64)
         n = np.minimum(np.floor(times * ω / math.pi), halves)
         s = ω * times - n * math.pi
         sign = 1.0 - 2.0 * np.mod(n, 2.0)
-        swing = np.where(n < halves, x_0 - (2.0 * n + 1.0) * loss, 0.0)
+        swing = np.where(n < halves, x0 - (2.0 * n + 1.0) * loss, 0.0)
         x = np.where(n < halves, sign * (loss + swing * np.cos(s)), rest)
         return x[:, None], (-sign * swing * ω * np.sin(s))[:, None]
 
-    place = Fact("x_∞", "where it stays", rest, "m", lambda run: float(run.q[-1, 0]), scale=loss)
+    place = Fact("x_∞", "where it stays", rest, "m", lambda run: float(run.q[-1, 0]), scale=x0)
     facts: tuple[Fact, ...] = (place,)
     if halves:
         facts = (
-            Fact("x_1", "first turning point", -(x_0 - 2.0 * loss), "m", lambda run: peak(run, "x", -1.0), scale=loss),
+            Fact("x_1", "first turning point", -(x0 - 2.0 * loss), "m", lambda run: peak(run, "x", -1.0), scale=loss),
             Fact("t_∞", "when it stops", halves * math.pi / ω, "s", lambda run: event(run, "stick", -1).t),
             place,
         )
     return Problem(
         name,
         scheme,
-        q0={"x": x_0},
+        q0={"x": x0},
         t_end=(halves + 1.5) * math.pi / ω,
-        parameters={"m": m, "k": k, "F": F, "x_0": x_0},
+        parameters={"m": m, "k": k, "F": F, "x0": x0},
         source="Den Hartog, Mechanical Vibrations (1956), on Coulomb damping",
         facts=facts,
         motion=motion,

@@ -21,16 +21,16 @@ from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.scheme import Scheme
 
 
-def hertz_impact(m: float = 0.0327, K: float = 1.54e10, n: float = 1.5, v_0: float = 1.0) -> Problem:
+def hertz_impact(m: float = 0.0327, K: float = 1.54e10, n: float = 1.5, v0: float = 1.0) -> Problem:
     r"""A ball strikes a wall by Hertz's law, Eq. (1): the contact time depends on the speed.
 
     ``m δ'' = -K δⁿ`` while δ > 0, with n = 3/2 for smooth bodies. The energy gives the rest:
 
-    - greatest overlap ``δ_max = ((n + 1) m v_0²/(2 K))^(1/(n + 1))``, for n = 3/2 ``(5 m v_0²/(4 K))^(2/5)``,
-    - contact time ``T = 2/(n + 1) B(1/(n + 1), 1/2) δ_max/v_0``, for n = 3/2 ``2.94327518 δ_max/v_0``,
-    - greatest force ``F_max = K δ_maxⁿ``, and the ball returns with v_0.
+    - greatest overlap ``δ_max = ((n + 1) m v0²/(2 K))^(1/(n + 1))``, for n = 3/2 ``(5 m v0²/(4 K))^(2/5)``,
+    - contact time ``T = 2/(n + 1) B(1/(n + 1), 1/2) δ_max/v0``, for n = 3/2 ``2.94327518 δ_max/v0``,
+    - greatest force ``F_max = K δ_maxⁿ``, and the ball returns with v0.
 
-    So T goes as v_0^(-1/5): faster impacts are shorter, and F_max as v_0^(6/5). The defaults are a steel ball of radius
+    So T goes as v0^(-1/5): faster impacts are shorter, and F_max as v0^(6/5). The defaults are a steel ball of radius
     10 mm on a steel wall at 1 m/s: 0.023 mm, 0.069 ms, 1.75 kN. The law is smooth but for its second derivative at δ = 0,
     and that is the trap: a Runge-Kutta step across it drops to a lower order, whatever its name.
 
@@ -42,13 +42,13 @@ def hertz_impact(m: float = 0.0327, K: float = 1.54e10, n: float = 1.5, v_0: flo
         N/mⁿ; for a sphere on a wall 4/3 E* sqrt(R).
     n : float
         Exponent, at least 1; n = 1 is the linear spring with T = π sqrt(m/K).
-    v_0 : float
+    v0 : float
         Speed at first touch in m/s.
 
     Raises
     ------
     InputError
-        If m, K or v_0 is not above zero, or n < 1.
+        If m, K or v0 is not above zero, or n < 1.
 
     Examples
     --------
@@ -60,40 +60,40 @@ def hertz_impact(m: float = 0.0327, K: float = 1.54e10, n: float = 1.5, v_0: flo
     Johnson, *Contact Mechanics* (1985), section 11.4.
     """
     name = "hertz-impact"
-    above_zero(name, v_0=v_0)
+    above_zero(name, v0=v0)
     scheme = Scheme(Mass("x", m), HertzSpring("x", GROUND, K, n))
-    δ_max = ((n + 1.0) * m * v_0**2 / (2.0 * K)) ** (1.0 / (n + 1.0))
-    T = 2.0 / (n + 1.0) * float(beta(1.0 / (n + 1.0), 0.5)) * δ_max / v_0
+    δ_max = ((n + 1.0) * m * v0**2 / (2.0 * K)) ** (1.0 / (n + 1.0))
+    T = 2.0 / (n + 1.0) * float(beta(1.0 / (n + 1.0), 0.5)) * δ_max / v0
     facts = (
         Fact("δ_max", "greatest overlap", δ_max, "m", lambda run: peak(run, "x")),
         Fact("T", "contact time", T, "s", lambda run: crossing(run, "x", direction=-1.0)),
         Fact("F_max", "greatest force", K * δ_max**n, "N", _greatest_push),
-        Fact("e", "restitution", 1.0, "", lambda run: _rebound(run) / v_0),
+        Fact("e", "restitution", 1.0, "", lambda run: _rebound(run) / v0),
     )
     return Problem(
         name,
         scheme,
-        v0={"x": v_0},
+        v0={"x": v0},
         t_end=1.5 * T,
-        parameters={"m": m, "K": K, "n": n, "v_0": v_0},
+        parameters={"m": m, "K": K, "n": n, "v0": v0},
         source="Johnson, Contact Mechanics (1985), section 11.4",
         facts=facts,
     )
 
 
 def hunt_crossley_impact(
-    m: float = 0.0327, K: float = 1.54e10, b: float = 0.3, n: float = 1.5, v_0: float = 1.0
+    m: float = 0.0327, K: float = 1.54e10, b: float = 0.3, n: float = 1.5, v0: float = 1.0
 ) -> Problem:
     r"""The same ball with Hunt and Crossley's loss: a restitution that falls with the speed, in closed form.
 
-    ``m δ'' = -K δⁿ (1 + b δ')`` while δ > 0. With ``a = b v_0`` the velocity as a function of the overlap integrates to
+    ``m δ'' = -K δⁿ (1 + b δ')`` while δ > 0. With ``a = b v0`` the velocity as a function of the overlap integrates to
     ``b δ' - ln(1 + b δ') = a - ln(1 + a) - K b² δⁿ⁺¹/((n + 1) m)``, so
 
     - ``δ_maxⁿ⁺¹ = (n + 1) m (a - ln(1 + a))/(K b²)``,
     - ``e = (1 + W_0(-(1 + a) exp(-(1 + a))))/a``, with Lambert's W_0,
     - ``F_max = K δⁿ (1 + w)`` where w = b δ' solves ``n w + (n + 1)(w - ln(1 + w)) = (n + 1)(a - ln(1 + a))``.
 
-    e depends on a alone, and is about ``1 - 2a/3`` for small a: hence the usual ``b = 3 (1 - e)/(2 v_0)``, which is not the
+    e depends on a alone, and is about ``1 - 2a/3`` for small a: hence the usual ``b = 3 (1 - e)/(2 v0)``, which is not the
     truth for low e (asked for 1/2 it gives 0.66). Unlike the dashpot of Kelvin and Voigt, the force starts from zero and
     never pulls. The trap is to take the e of one speed as a constant of the material.
 
@@ -107,13 +107,13 @@ def hunt_crossley_impact(
         Loss in s/m.
     n : float
         Exponent, at least 1.
-    v_0 : float
+    v0 : float
         Speed at first touch in m/s.
 
     Raises
     ------
     InputError
-        If m, K, b or v_0 is not above zero, or n < 1.
+        If m, K, b or v0 is not above zero, or n < 1.
 
     Examples
     --------
@@ -125,11 +125,11 @@ def hunt_crossley_impact(
     Hunt and Crossley, Coefficient of restitution interpreted as damping in vibroimpact (1975).
     """
     name = "hunt-crossley-impact"
-    above_zero(name, v_0=v_0)
+    above_zero(name, v0=v0)
     scheme = Scheme(Mass("x", m), HuntCrossley("x", GROUND, K, b, n))
-    a = b * v_0
+    a = b * v0
     if a < 1e-4:
-        raise InputError(f"{name}: b v_0 = {a:g} is so small that e = 1 to rounding; take hertz-impact")
+        raise InputError(f"{name}: b v0 = {a:g} is so small that e = 1 to rounding; take hertz-impact")
     lost = a - math.log1p(a)
     δ_max = ((n + 1.0) * m * lost / (K * b**2)) ** (1.0 / (n + 1.0))
     e = (1.0 + float(lambertw(-(1.0 + a) * math.exp(-(1.0 + a))).real)) / a
@@ -137,15 +137,15 @@ def hunt_crossley_impact(
     F_max = n * m * w / b**2 * (1.0 + w) / (n * m * w / (K * b**2)) ** (1.0 / (n + 1.0))
     facts = (
         Fact("δ_max", "greatest overlap", δ_max, "m", lambda run: peak(run, "x")),
-        Fact("e", "restitution", e, "", lambda run: _rebound(run) / v_0),
+        Fact("e", "restitution", e, "", lambda run: _rebound(run) / v0),
         Fact("F_max", "greatest force", F_max, "N", _greatest_push),
     )
     return Problem(
         name,
         scheme,
-        v0={"x": v_0},
-        t_end=6.0 * δ_max / v_0 / math.sqrt(e),
-        parameters={"m": m, "K": K, "b": b, "n": n, "v_0": v_0},
+        v0={"x": v0},
+        t_end=6.0 * δ_max / v0 / math.sqrt(e),
+        parameters={"m": m, "K": K, "b": b, "n": n, "v0": v0},
         source="Hunt and Crossley, Coefficient of restitution interpreted as damping in vibroimpact (1975)",
         facts=facts,
     )

@@ -22,13 +22,13 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import Harmonic
 
 
-def oscillator_stop(m: float = 1.0, k: float = 100.0, e: float = 0.8, v_0: float = 1.0) -> Problem:
+def oscillator_stop(m: float = 1.0, k: float = 100.0, e: float = 0.8, v0: float = 1.0) -> Problem:
     r"""An oscillator whose stop stands at its place of equilibrium: impacts on the beat.
 
-    ``m x'' + k x = 0`` for x <= 0, and ``v⁺ = -e v⁻`` at x = 0. The mass leaves the stop at t = 0 with the speed v_0. It
+    ``m x'' + k x = 0`` for x <= 0, and ``v⁺ = -e v⁻`` at x = 0. The mass leaves the stop at t = 0 with the speed v0. It
     returns after half a period whatever its speed, so with ``ω = sqrt(k/m)``
 
-    - the n-th impact is at ``t_n = n π/ω``, and leaves the speed ``v_n = eⁿ v_0``.
+    - the n-th impact is at ``t_n = n π/ω``, and leaves the speed ``v_n = eⁿ v0``.
 
     Compare it with the bouncing ball: there the flights shrink with the speed and the impacts accumulate; here the speeds
     shrink alike, but the impacts go on for ever at equal intervals. The trap is a step that divides π/ω: impacts then fall
@@ -40,13 +40,13 @@ def oscillator_stop(m: float = 1.0, k: float = 100.0, e: float = 0.8, v_0: float
         Mass in kg and stiffness in N/m.
     e : float
         Coefficient of restitution.
-    v_0 : float
+    v0 : float
         Speed at the start in m/s.
 
     Raises
     ------
     InputError
-        If m, k or v_0 is not above zero, or e lies outside [0, 1].
+        If m, k or v0 is not above zero, or e lies outside [0, 1].
 
     Examples
     --------
@@ -58,7 +58,7 @@ def oscillator_stop(m: float = 1.0, k: float = 100.0, e: float = 0.8, v_0: float
     Brogliato, *Nonsmooth Mechanics* (2016), chapter 7.
     """
     name = "oscillator-stop"
-    above_zero(name, v_0=v_0)
+    above_zero(name, v0=v0)
     restitution(name, e)
     scheme = Scheme(Mass("x", m), Spring("x", GROUND, k), Bumper("x", GROUND, e=e))
     ω = math.sqrt(k / m)
@@ -66,36 +66,36 @@ def oscillator_stop(m: float = 1.0, k: float = 100.0, e: float = 0.8, v_0: float
     def motion(t: Array) -> tuple[Array, Array]:
         times = np.asarray(t, dtype=np.float64)
         n = np.floor(times * ω / math.pi)
-        s, speed = ω * times - n * math.pi, v_0 * e**n
+        s, speed = ω * times - n * math.pi, v0 * e**n
         return -(speed / ω * np.sin(s))[:, None], -(speed * np.cos(s))[:, None]
 
     facts = (
         Fact("t_1", "first impact", math.pi / ω, "s", lambda run: event(run, "impact", 1).t),
         Fact("t_3", "third impact", 3.0 * math.pi / ω, "s", lambda run: event(run, "impact", 3).t),
-        Fact("v_3", "speed after it", e**3 * v_0, "m/s", lambda run: -event(run, "impact", 3).right.v[0], scale=v_0),
-        Fact("x_min", "farthest place", v_0 / ω, "m", lambda run: -peak(run, "x", -1.0)),
+        Fact("v_3", "speed after it", e**3 * v0, "m/s", lambda run: -event(run, "impact", 3).right.v[0], scale=v0),
+        Fact("x_min", "farthest place", v0 / ω, "m", lambda run: -peak(run, "x", -1.0)),
     )
     return Problem(
         name,
         scheme,
-        v0={"x": -v_0},
+        v0={"x": -v0},
         t_end=10.5 * math.pi / ω,
-        parameters={"m": m, "k": k, "e": e, "v_0": v_0},
+        parameters={"m": m, "k": k, "e": e, "v0": v0},
         source="Brogliato, Nonsmooth Mechanics (2016), chapter 7",
         facts=facts if e > 0.0 else facts[:1] + facts[3:],
         motion=motion,
     )
 
 
-def bilinear_oscillator(m: float = 1.0, k: float = 100.0, k_1: float = 800.0, v_0: float = 1.0) -> Problem:
+def bilinear_oscillator(m: float = 1.0, k: float = 100.0, k_1: float = 800.0, v0: float = 1.0) -> Problem:
     r"""A spring on both sides and another on one side only: a non-linear oscillator whose period knows no amplitude.
 
     ``m x'' + k x = -R`` with ``R = k_1 x`` where x > 0 and R = 0 elsewhere: the second spring stands behind a massless
-    plate (relative degree 0), so force and acceleration are continuous. The mass passes x = 0 at t = 0 with v_0. Each half
+    plate (relative degree 0), so force and acceleration are continuous. The mass passes x = 0 at t = 0 with v0. Each half
     of the motion is a half sine of its own frequency, ``ω_1 = sqrt(k/m)`` and ``ω_2 = sqrt((k + k_1)/m)``:
 
     - the period is ``T = π/ω_1 + π/ω_2``, of which contact takes ``π/ω_2``,
-    - the mass goes from ``-v_0/ω_1`` to ``v_0/ω_2``, and the force reaches ``k_1 v_0/ω_2``.
+    - the mass goes from ``-v0/ω_1`` to ``v0/ω_2``, and the force reaches ``k_1 v0/ω_2``.
 
     It is the simplest model of a cracked beam or a one-sided support. The trap is the mean stiffness: k + k_1/2 gives a
     wrong period. As k_1 grows it turns into `oscillator_stop` with e = 1.
@@ -106,7 +106,7 @@ def bilinear_oscillator(m: float = 1.0, k: float = 100.0, k_1: float = 800.0, v_
         Mass in kg.
     k, k_1 : float
         Stiffness in N/m of the spring that always acts, and of the one-sided one.
-    v_0 : float
+    v0 : float
         Speed at x = 0 in m/s.
 
     Raises
@@ -124,7 +124,7 @@ def bilinear_oscillator(m: float = 1.0, k: float = 100.0, k_1: float = 800.0, v_
     Shaw and Holmes, A periodically forced piecewise linear oscillator (1983).
     """
     name = "bilinear-oscillator"
-    above_zero(name, v_0=v_0)
+    above_zero(name, v0=v0)
     scheme = Scheme(Mass("x", m), Spring("x", GROUND, k), Bumper("x", "z"), Spring("z", GROUND, k_1, symbols=("k_1",)))
     ω_1, ω_2 = math.sqrt(k / m), math.sqrt((k + k_1) / m)
     half = math.pi / ω_2
@@ -133,23 +133,23 @@ def bilinear_oscillator(m: float = 1.0, k: float = 100.0, k_1: float = 800.0, v_
     def motion(t: Array) -> tuple[Array, Array]:
         s = np.mod(np.asarray(t, dtype=np.float64), T)
         pressed = s < half
-        x = np.where(pressed, v_0 / ω_2 * np.sin(ω_2 * s), -v_0 / ω_1 * np.sin(ω_1 * (s - half)))
-        v = np.where(pressed, v_0 * np.cos(ω_2 * s), -v_0 * np.cos(ω_1 * (s - half)))
+        x = np.where(pressed, v0 / ω_2 * np.sin(ω_2 * s), -v0 / ω_1 * np.sin(ω_1 * (s - half)))
+        v = np.where(pressed, v0 * np.cos(ω_2 * s), -v0 * np.cos(ω_1 * (s - half)))
         return np.column_stack([x, np.where(pressed, x, 0.0)]), np.column_stack([v, np.where(pressed, v, 0.0)])
 
     facts = (
         Fact("T", "period", T, "s", lambda run: event(run, "open", 2).t - event(run, "open", 1).t),
         Fact("π/ω_2", "time in contact", half, "s", lambda run: event(run, "open").t),
-        Fact("x_max", "farthest place against both springs", v_0 / ω_2, "m", lambda run: peak(run, "x")),
-        Fact("x_min", "farthest place against one", -v_0 / ω_1, "m", lambda run: peak(run, "x", -1.0)),
-        Fact("R_max", "greatest force", k_1 * v_0 / ω_2, "N", lambda run: peak(run, "R")),
+        Fact("x_max", "farthest place against both springs", v0 / ω_2, "m", lambda run: peak(run, "x")),
+        Fact("x_min", "farthest place against one", -v0 / ω_1, "m", lambda run: peak(run, "x", -1.0)),
+        Fact("R_max", "greatest force", k_1 * v0 / ω_2, "N", lambda run: peak(run, "R")),
     )
     return Problem(
         name,
         scheme,
-        v0={"x": v_0},
+        v0={"x": v0},
         t_end=3.25 * T,
-        parameters={"m": m, "k": k, "k_1": k_1, "v_0": v_0},
+        parameters={"m": m, "k": k, "k_1": k_1, "v0": v0},
         source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
         facts=facts,
         motion=motion,

@@ -19,7 +19,7 @@ from lcpimpact.scheme.elements.negative_spring import NegativeSpring
 from lcpimpact.scheme.scheme import Scheme
 
 
-def rocking_block(p: float = 2.0, alpha: float = 0.2, theta_0: float = 0.1, e: float | None = None) -> Problem:
+def rocking_block(p: float = 2.0, alpha: float = 0.2, theta: float = 0.1, e: float | None = None) -> Problem:
     r"""Housner's slender block, tilted and let go: it rocks from one edge to the other until it stands.
 
     A rigid block with the angle α between its diagonal and its side rocks about its lower edges. For small angles
@@ -44,7 +44,7 @@ def rocking_block(p: float = 2.0, alpha: float = 0.2, theta_0: float = 0.1, e: f
         Frequency parameter in rad/s.
     alpha : float
         Slenderness angle in rad.
-    theta_0 : float
+    theta : float
         Angle at the start in rad, below alpha.
     e : float, optional
         Ratio of the angular velocities after and before an impact.
@@ -52,7 +52,7 @@ def rocking_block(p: float = 2.0, alpha: float = 0.2, theta_0: float = 0.1, e: f
     Raises
     ------
     InputError
-        If p, alpha or theta_0 is not above zero, theta_0 is not below alpha, or e lies outside [0, 1].
+        If p, alpha or theta is not above zero, theta is not below alpha, or e lies outside [0, 1].
 
     Examples
     --------
@@ -64,9 +64,9 @@ def rocking_block(p: float = 2.0, alpha: float = 0.2, theta_0: float = 0.1, e: f
     Housner, The behavior of inverted pendulum structures during earthquakes (1963).
     """
     name = "rocking-block"
-    above_zero(name, p=p, alpha=alpha, theta_0=theta_0)
-    if not theta_0 < alpha:
-        raise InputError(f"{name}: theta_0 = {theta_0:g} must be below alpha = {alpha:g}, or the block falls over")
+    above_zero(name, p=p, alpha=alpha, theta=theta)
+    if not theta < alpha:
+        raise InputError(f"{name}: theta = {theta:g} must be below alpha = {alpha:g}, or the block falls over")
     e = 1.0 - 1.5 * math.sin(alpha) ** 2 if e is None else e
     restitution(name, e)
     scheme = Scheme(
@@ -75,7 +75,7 @@ def rocking_block(p: float = 2.0, alpha: float = 0.2, theta_0: float = 0.1, e: f
         Load("θ", -(p**2) * alpha, symbols=("p²α",)),
         Bumper(GROUND, "θ", e=e),
     )
-    φ = theta_0 / alpha
+    φ = theta / alpha
     s_0 = math.sqrt(φ * (2.0 - φ))
 
     def impact(n: int) -> float:
@@ -84,8 +84,8 @@ def rocking_block(p: float = 2.0, alpha: float = 0.2, theta_0: float = 0.1, e: f
 
     def motion(t: Array) -> tuple[Array, Array]:
         times = np.asarray(t, dtype=np.float64)
-        θ = alpha - (alpha - theta_0) * np.cosh(p * times)
-        rate = -(alpha - theta_0) * p * np.sinh(p * times)
+        θ = alpha - (alpha - theta) * np.cosh(p * times)
+        rate = -(alpha - theta) * p * np.sinh(p * times)
         t_n, s = math.atanh(s_0) / p, e * s_0
         while t_n <= times.max():
             after = times >= t_n
@@ -119,9 +119,9 @@ def rocking_block(p: float = 2.0, alpha: float = 0.2, theta_0: float = 0.1, e: f
     return Problem(
         name,
         scheme,
-        q0={"θ": theta_0},
+        q0={"θ": theta},
         t_end=1.1 * impact(6),
-        parameters={"p": p, "alpha": alpha, "theta_0": theta_0, "e": e},
+        parameters={"p": p, "alpha": alpha, "theta": theta, "e": e},
         source="Housner, The behavior of inverted pendulum structures during earthquakes (1963)",
         facts=facts,
         motion=motion,

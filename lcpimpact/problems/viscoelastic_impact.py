@@ -1,7 +1,7 @@
 r"""A mass strikes a linear viscoelastic block, without gravity: what springs, dashpots and their order do to a rebound.
 
-In each problem x is the mass, positive towards the block, and touches it at t = 0 with the speed v_0. Restitution is no
-constant of these schemes: e = -v(end)/v_0 comes out of them.
+In each problem x is the mass, positive towards the block, and touches it at t = 0 with the speed v0. Restitution is no
+constant of these schemes: e = -v(end)/v0 comes out of them.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ from lcpimpact.scheme.elements.spring_pot import SpringPot
 from lcpimpact.scheme.scheme import Scheme
 
 
-def kelvin_voigt_impact(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v_0: float = 10.0) -> Problem:
+def kelvin_voigt_impact(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v0: float = 10.0) -> Problem:
     r"""A mass on a Kelvin-Voigt block that pushes but does not pull: System No. 1 without its weight.
 
     In contact ``m x'' = -R`` with ``R = c x' + k x``. Three things are to be learnt from it. The force does not start from
-    zero but jumps to ``R(0+) = c v_0``. Contact ends where R falls to zero, which is *before* the block has regained its
+    zero but jumps to ``R(0+) = c v0``. Contact ends where R falls to zero, which is *before* the block has regained its
     length: x > 0 still, and the plate creeps home behind the mass as ``exp(-k t/c)``. And the restitution depends on
     ``ζ = c/(2 sqrt(k m))`` alone, with ``ω = sqrt(k/m)``:
 
     - duration ``t_c = 2 acos ζ/(ω sqrt(1 - ζ²))``, restitution ``e = exp(-2 ζ acos ζ/sqrt(1 - ζ²))``,
-    - peak force ``R_max = m ω v_0 exp(-ζ ω t_m)`` at ``ω t_m = (3 acos ζ - π)/sqrt(1 - ζ²)`` if ζ < 1/2, else ``R(0+)``,
-    - deepest place ``x_max = v_0/ω exp(-ζ acos ζ/sqrt(1 - ζ²))``.
+    - peak force ``R_max = m ω v0 exp(-ζ ω t_m)`` at ``ω t_m = (3 acos ζ - π)/sqrt(1 - ζ²)`` if ζ < 1/2, else ``R(0+)``,
+    - deepest place ``x_max = v0/ω exp(-ζ acos ζ/sqrt(1 - ζ²))``.
 
     For ζ > 1 read acosh and sqrt(ζ² - 1): even an overdamped block throws the mass back. The trap is
     `kelvin_voigt_tension`, where the block is left only at x = 0.
@@ -49,7 +49,7 @@ def kelvin_voigt_impact(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v
         Mass in kg.
     k, c : float
         Stiffness in N/m and damping in N s/m of the block; m, k and c default to the paper's Table 1.
-    v_0 : float
+    v0 : float
         Speed at first touch in m/s.
 
     Raises
@@ -67,52 +67,52 @@ def kelvin_voigt_impact(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v
     Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007).
     """
     name = "kelvin-voigt-impact"
-    above_zero(name, v_0=v_0)
+    above_zero(name, v0=v0)
     scheme = Scheme(Mass("x", m), Bumper("x", "z"), KelvinVoigt("z", GROUND, k, c))
     ω, ζ = math.sqrt(k / m), c / (2.0 * math.sqrt(k * m))
     φ = angle(ζ)
     t_c, e = 2.0 * φ / ω, math.exp(-2.0 * ζ * φ)
-    R_max = c * v_0
+    R_max = c * v0
     if ζ < 0.5:
         ω_t_m = (3.0 * math.acos(ζ) - math.pi) / math.sqrt((1.0 - ζ) * (1.0 + ζ))
-        R_max = m * ω * v_0 * math.exp(-ζ * ω_t_m)
+        R_max = m * ω * v0 * math.exp(-ζ * ω_t_m)
 
     def motion(t: Array) -> tuple[Array, Array]:
         times = np.asarray(t, dtype=np.float64)
         S, _, dS = free_vibration(np.minimum(times, t_c), ω, ζ)
         after = times >= t_c
         free = np.maximum(times - t_c, 0.0)
-        x, v = v_0 * S - e * v_0 * free, np.where(after, -e * v_0, v_0 * dS)
+        x, v = v0 * S - e * v0 * free, np.where(after, -e * v0, v0 * dS)
         creep = np.exp(-k / c * free)
-        z = v_0 * S * creep
+        z = v0 * S * creep
         return np.column_stack([x, z]), np.column_stack([v, np.where(after, -k / c * z, v)])
 
     facts = (
-        Fact("R(0+)", "force at first touch", c * v_0, "N", lambda run: at(run, "R", 0.0)),
+        Fact("R(0+)", "force at first touch", c * v0, "N", lambda run: at(run, "R", 0.0)),
         Fact("t_c", "duration of the contact", t_c, "s", lambda run: event(run, "open").t),
-        Fact("e", "restitution", e, "", lambda run: -event(run, "open").right.v[0] / v_0),
+        Fact("e", "restitution", e, "", lambda run: -event(run, "open").right.v[0] / v0),
         Fact("R_max", "greatest force", R_max, "N", lambda run: peak(run, "R")),
-        Fact("x_max", "deepest place", v_0 / ω * math.exp(-ζ * φ), "m", lambda run: peak(run, "x")),
+        Fact("x_max", "deepest place", v0 / ω * math.exp(-ζ * φ), "m", lambda run: peak(run, "x")),
     )
     return Problem(
         name,
         scheme,
-        v0={"x": v_0},
+        v0={"x": v0},
         t_end=2.0 * t_c,
-        parameters={"m": m, "k": k, "c": c, "v_0": v_0},
+        parameters={"m": m, "k": k, "c": c, "v0": v0},
         source="Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007)",
         facts=facts,
         motion=motion,
     )
 
 
-def kelvin_voigt_tension(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v_0: float = 10.0) -> Problem:
+def kelvin_voigt_tension(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v0: float = 10.0) -> Problem:
     r"""The same mass on the same block, but glued to it: what many particle codes compute instead.
 
     ``m x'' + c x' + k x = 0``, and contact is taken to end where x returns to zero. Then
 
     - ``t_c = π/(ω sqrt(1 - ζ²))`` and ``e = exp(-π ζ/sqrt(1 - ζ²))``,
-    - the force that is left at the end is ``-c e v_0``: the block *pulls* at the mass that it is about to release.
+    - the force that is left at the end is ``-c e v0``: the block *pulls* at the mass that it is about to release.
 
     The formula is quoted in textbooks as "the restitution of a linear dashpot", and that is the trap: it belongs to a scheme
     without a bumper. With one, the contact ends earlier and the rebound is faster: see `kelvin_voigt_impact`. For ζ >= 1
@@ -124,7 +124,7 @@ def kelvin_voigt_tension(m: float = 100.0, k: float = 3924.0, c: float = 250.0, 
         Mass in kg.
     k, c : float
         Stiffness in N/m and damping in N s/m of the block; m, k and c default to the paper's Table 1.
-    v_0 : float
+    v0 : float
         Speed at first touch in m/s.
 
     Raises
@@ -142,36 +142,36 @@ def kelvin_voigt_tension(m: float = 100.0, k: float = 3924.0, c: float = 250.0, 
     Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007).
     """
     name = "kelvin-voigt-tension"
-    above_zero(name, v_0=v_0)
+    above_zero(name, v0=v0)
     scheme = Scheme(Mass("x", m), KelvinVoigt("x", GROUND, k, c))
     ω, ζ = math.sqrt(k / m), c / (2.0 * math.sqrt(k * m))
 
     def motion(t: Array) -> tuple[Array, Array]:
         S, _, dS = free_vibration(t, ω, ζ)
-        return v_0 * S[:, None], v_0 * dS[:, None]
+        return v0 * S[:, None], v0 * dS[:, None]
 
     if ζ < 1.0:
         root = math.sqrt((1.0 - ζ) * (1.0 + ζ))
         t_c, e = math.pi / (ω * root), math.exp(-math.pi * ζ / root)
         facts: tuple[Fact, ...] = (
             Fact("t_c", "time of return", t_c, "s", lambda run: crossing(run, "x", direction=-1.0)),
-            Fact("e", "speed of return over v_0", e, "", lambda run: _rate_of_return(run) / v_0, scale=1.0),
+            Fact("e", "speed of return over v0", e, "", lambda run: _rate_of_return(run) / v0, scale=1.0),
             Fact(
-                "R(t_c)", "force at the return", -c * e * v_0, "N", lambda run: -c * _rate_of_return(run), scale=c * v_0
+                "R(t_c)", "force at the return", -c * e * v0, "N", lambda run: -c * _rate_of_return(run), scale=c * v0
             ),
         )
     else:
         t_c = 2.0 * angle(ζ) / ω
         facts = (
-            Fact("x_max", "deepest place", v_0 / ω * math.exp(-ζ * angle(ζ)), "m", lambda run: peak(run, "x")),
-            Fact("e", "speed of return over v_0", 0.0, "", lambda run: float((run["x"] < 0.0).any()), scale=1.0),
+            Fact("x_max", "deepest place", v0 / ω * math.exp(-ζ * angle(ζ)), "m", lambda run: peak(run, "x")),
+            Fact("e", "speed of return over v0", 0.0, "", lambda run: float((run["x"] < 0.0).any()), scale=1.0),
         )
     return Problem(
         name,
         scheme,
-        v0={"x": v_0},
+        v0={"x": v0},
         t_end=2.0 * t_c,
-        parameters={"m": m, "k": k, "c": c, "v_0": v_0},
+        parameters={"m": m, "k": k, "c": c, "v0": v0},
         source="Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007)",
         facts=facts,
         motion=motion,
@@ -186,15 +186,15 @@ def _openings(run: Any) -> float:
     return float(sum(each.kind == "open" for each in run.events))
 
 
-def maxwell_impact(m: float = 100.0, k: float = 3924.0, c: float = 1000.0, v_0: float = 10.0) -> Problem:
+def maxwell_impact(m: float = 100.0, k: float = 3924.0, c: float = 1000.0, v0: float = 10.0) -> Problem:
     r"""A mass on a Maxwell block: a spring and a dashpot in series, which keeps a dent.
 
     In contact ``m x'' = -R`` with ``R'/k + R/c = x'``, so R itself vibrates: with ``a = k/(2 c)`` and
     ``ω_d = sqrt(k/m - a²)``
 
-    - ``R = k v_0/ω_d exp(-a t) sin(ω_d t)``, which starts from zero (a spring gives way first: relative degree 0),
+    - ``R = k v0/ω_d exp(-a t) sin(ω_d t)``, which starts from zero (a spring gives way first: relative degree 0),
     - duration ``t_c = π/ω_d``, restitution ``e = exp(-a π/ω_d)``,
-    - permanent dent ``s = m v_0 (1 + e)/c``, since the dashpot has taken up the whole momentum, c s = ∫ R dt.
+    - permanent dent ``s = m v0 (1 + e)/c``, since the dashpot has taken up the whole momentum, c s = ∫ R dt.
 
     Here *more* damping constant means *less* loss: c → ∞ is the bare spring. With ``c <= sqrt(k m)/2`` the force decays
     without a zero: the mass sinks in, never leaves, and e = 0. The trap is to look for the end of contact at x = 0.
@@ -205,7 +205,7 @@ def maxwell_impact(m: float = 100.0, k: float = 3924.0, c: float = 1000.0, v_0: 
         Mass in kg.
     k, c : float
         Stiffness in N/m and damping in N s/m of the block.
-    v_0 : float
+    v0 : float
         Speed at first touch in m/s.
 
     Raises
@@ -223,32 +223,32 @@ def maxwell_impact(m: float = 100.0, k: float = 3924.0, c: float = 1000.0, v_0: 
     Goldsmith, *Impact* (1960), on impact of viscoelastic bodies.
     """
     name = "maxwell-impact"
-    above_zero(name, v_0=v_0)
+    above_zero(name, v0=v0)
     scheme = Scheme(Mass("x", m), Bumper("x", "z"), Maxwell("z", GROUND, k, c))
     ω, ζ = math.sqrt(k / m), math.sqrt(k * m) / (2.0 * c)
     rebounds = ζ < 1.0
     root = math.sqrt((1.0 - ζ) * (1.0 + ζ)) if rebounds else 0.0
     t_c = math.pi / (ω * root) if rebounds else math.inf
     e = math.exp(-math.pi * ζ / root) if rebounds else 0.0
-    R_max = k * v_0 / ω * math.exp(-ζ * angle(ζ))
+    R_max = k * v0 / ω * math.exp(-ζ * angle(ζ))
 
     def motion(t: Array) -> tuple[Array, Array]:
         times = np.asarray(t, dtype=np.float64)
         S, C, _ = free_vibration(np.minimum(times, t_c), ω, ζ)
         after = times >= t_c
-        s, v = v_0 * m / c * (1.0 - C), np.where(after, -e * v_0, v_0 * C)
-        z = s + np.where(after, 0.0, v_0 * S)
+        s, v = v0 * m / c * (1.0 - C), np.where(after, -e * v0, v0 * C)
+        z = s + np.where(after, 0.0, v0 * S)
         x = z + (v * (times - t_c) if rebounds else 0.0) * after
-        rates = np.column_stack([v, np.where(after, 0.0, v), np.where(after, 0.0, k / c * v_0 * S)])
+        rates = np.column_stack([v, np.where(after, 0.0, v), np.where(after, 0.0, k / c * v0 * S)])
         return np.column_stack([x, z, s]), rates
 
     peak_force = Fact("R_max", "greatest force", R_max, "N", lambda run: peak(run, "R"))
     if rebounds:
         facts: tuple[Fact, ...] = (
             Fact("t_c", "duration of the contact", t_c, "s", lambda run: event(run, "open").t),
-            Fact("e", "restitution", e, "", lambda run: -event(run, "open").right.v[0] / v_0, scale=1.0),
+            Fact("e", "restitution", e, "", lambda run: -event(run, "open").right.v[0] / v0, scale=1.0),
             peak_force,
-            Fact("s", "permanent dent", m * v_0 * (1.0 + e) / c, "m", lambda run: event(run, "open").right.q[2]),
+            Fact("s", "permanent dent", m * v0 * (1.0 + e) / c, "m", lambda run: event(run, "open").right.q[2]),
         )
         t_end = 2.0 * t_c
     else:
@@ -259,14 +259,14 @@ def maxwell_impact(m: float = 100.0, k: float = 3924.0, c: float = 1000.0, v_0: 
         facts = (
             peak_force,
             Fact("openings", "ends of the contact", 0.0, "", _openings, scale=1.0),
-            Fact("v", "speed that is left at t_end", left, "m/s", lambda run: at(run, "v_x", t_end), scale=v_0),
+            Fact("v", "speed that is left at t_end", left, "m/s", lambda run: at(run, "v_x", t_end), scale=v0),
         )
     return Problem(
         name,
         scheme,
-        v0={"x": v_0},
+        v0={"x": v0},
         t_end=t_end,
-        parameters={"m": m, "k": k, "c": c, "v_0": v_0},
+        parameters={"m": m, "k": k, "c": c, "v0": v0},
         source="Goldsmith, Impact (1960), on impact of viscoelastic bodies",
         facts=facts,
         motion=motion,
@@ -277,7 +277,7 @@ def hereditary_impact(
     m: float = 1.0,
     c_alpha: float = 100.0,
     alpha: float = 0.5,
-    v_0: float = 1.0,
+    v0: float = 1.0,
     t_min: float | None = None,
     rtol: float = 1e-3,
 ) -> Problem:
@@ -287,7 +287,7 @@ def hereditary_impact(
     fractional derivative ``R = c_α D^α x``, between a spring (α = 0) and a dashpot (α = 1). With Mittag-Leffler's
     ``E_{β,γ}(z) = Σ z^j/Γ(β j + γ)``, ``β = 2 - α`` and ``τ = t (c_α/m)^(1/β)``,
 
-    - ``x' = v_0 E_{β,1}(-τ^β)`` and ``R = m v_0 (c_α/m)^(1/β) τ^(β-1) E_{β,β}(-τ^β)``.
+    - ``x' = v0 E_{β,1}(-τ^β)`` and ``R = m v0 (c_α/m)^(1/β) τ^(β-1) E_{β,β}(-τ^β)``.
 
     Contact ends at the first root of R. So the restitution depends on the order α alone, neither on the mass nor on the
     stiffness nor on the speed: e = 0.8208, 0.3002, 0.0279 for α = 0.1, 1/2, 0.9. The memory is a `SpringPot`, a sum of
@@ -302,7 +302,7 @@ def hereditary_impact(
         Stiffness of the spring-pot in N s^α/m.
     alpha : float
         Order of the derivative, from 0.05 to 0.95.
-    v_0 : float
+    v0 : float
         Speed at first touch in m/s.
     t_min : float, optional
         Shortest time in s that the sum of exponentials is to resolve; by default 1e-2 of ``(m/c_α)^(1/β)``.
@@ -324,7 +324,7 @@ def hereditary_impact(
     Mainardi, *Fractional Calculus and Waves in Linear Viscoelasticity* (2010), chapter 3 and appendix E.
     """
     name = "hereditary-impact"
-    above_zero(name, m=m, c_alpha=c_alpha, v_0=v_0)
+    above_zero(name, m=m, c_alpha=c_alpha, v0=v0)
     if not 0.05 <= alpha <= 0.95:
         raise InputError(
             f"{name}: alpha = {alpha:g} must lie between 0.05 and 0.95, where its series is summed to rounding"
@@ -345,15 +345,15 @@ def hereditary_impact(
     accuracy = rtol + (t_min / T) ** β
     facts = (
         Fact("t_c", "duration of the contact", t_c, "s", lambda run: event(run, "open").t, accuracy),
-        Fact("e", "restitution", e, "", lambda run: -float(event(run, "open").right.v[0]) / v_0, accuracy, scale=1.0),
-        Fact("R_max", "greatest force", -float(top.fun) * m * v_0 / T, "N", lambda run: peak(run, "R"), accuracy),
+        Fact("e", "restitution", e, "", lambda run: -float(event(run, "open").right.v[0]) / v0, accuracy, scale=1.0),
+        Fact("R_max", "greatest force", -float(top.fun) * m * v0 / T, "N", lambda run: peak(run, "R"), accuracy),
     )
     return Problem(
         name,
         scheme,
-        v0={"x": v_0},
+        v0={"x": v0},
         t_end=1.5 * t_c,
-        parameters={"m": m, "c_alpha": c_alpha, "alpha": alpha, "v_0": v_0, "t_min": t_min, "rtol": rtol},
+        parameters={"m": m, "c_alpha": c_alpha, "alpha": alpha, "v0": v0, "t_min": t_min, "rtol": rtol},
         source="Mainardi, Fractional Calculus and Waves in Linear Viscoelasticity (2010)",
         facts=facts,
     )
