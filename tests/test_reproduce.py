@@ -10,10 +10,10 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
+from lcpimpact.problems.reference import KNOWN
 from lcpimpact.reproduce.checks import Check, all_checks
 from lcpimpact.reproduce.run import FIGURES
 from lcpimpact.study.cross_validation import Case, Row, all_cases, cross_validate, run_case, switch_errors
-from lcpimpact.problems.reference import KNOWN
 
 
 @pytest.fixture(scope="module")

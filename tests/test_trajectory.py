@@ -438,14 +438,16 @@ EVERYTHING = Problem("everything", Scheme(
 
 def bits():
     out = {}
-    for name, t_end in (("system-1", 3.0), ("system-2", 3.0), ("system-3", 3.0), ("bouncing-ball", 1.5), ("everything", 2.0)):
+    ends = {"system-1": 3.0, "system-2": 3.0, "system-3": 3.0, "bouncing-ball": 1.5, "everything": 2.0}
+    for name, t_end in ends.items():
+        problem = EVERYTHING if name == "everything" else load_problem(name)
         runs = {"moreau-jean": {}, "moreau-jean 1": {"theta": 1.0}, "lemke": {"lcp_solver": "lemke"},
                 "pgs": {"lcp_solver": "pgs"}, "rk4-paper": {}, "rk4-paper clip": {"contact": "clip"}}
         for run, options in runs.items():
             method = run.split()[0] if run.startswith("rk4") else "moreau-jean"
             if method == "rk4-paper" and name in ("bouncing-ball", "everything"):
                 continue
-            traj = simulate(EVERYTHING if name == "everything" else load_problem(name), method, dt=1e-2, t_end=t_end, **options)
+            traj = simulate(problem, method, dt=1e-2, t_end=t_end, **options)
             arrays = [traj.t, traj.q, traj.v, traj.t_reaction, traj.reaction, np.array([e.t for e in traj.events])]
             c = traj.certificate
             arrays.append(np.array([c.residual, c.complementarity, c.penetration, c.energy_balance, c.energy_scale]))

@@ -291,9 +291,7 @@ def plastic_bar_impact(
     bar = Bar("y", "w", E, A, rho, L, elements, mass="consistent", sigma_y=sigma_y, name="bar")
     scheme = Scheme(Mass("x", m), Bumper("x", "y", e=0.0), bar, Dashpot("w", GROUND, impedance, symbols=("ρcA",)))
     if not v0 > v_y:
-        raise InputError(
-            f"{name}: v0 = {v0:g} must be above v_y = sigma_y/(rho c) = {v_y:g}, or the bar stays elastic"
-        )
+        raise InputError(f"{name}: v0 = {v0:g} must be above v_y = sigma_y/(rho c) = {v_y:g}, or the bar stays elastic")
     t_y = m * (v0 - v_y) / (A * sigma_y)
     t_end = t_y + 2.0 * m / impedance
     coarse = 4.0 / elements

@@ -18,8 +18,8 @@ from lcpimpact.scheme.system import LinearComplementaritySystem
 def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, v0: float = 10.0) -> Problem:
     r"""A full-wave rectifier: whichever way the current flows, the resistor sees it in one direction.
 
-    The capacitor (voltage v_L, v0 at the start) and the inductor (current i_L, 0 at the start) form an oscillator; the bridge
-    of four ideal diodes hangs between its ends 1 and 2, the resistor between the bridge's outlets + and -.
+    The capacitor (voltage v_L, v0 at the start) and the inductor (current i_L, 0 at the start) form an oscillator; the
+    bridge of four ideal diodes hangs between its ends 1 and 2, the resistor between the bridge's outlets + and -.
 
     - ``C v_L' = -i_L - (i_DR2 - i_DF2)`` and ``L i_L' = v_L``,
     - each diode: ``0 <= -v ⟂ i >= 0``, its voltage backwards against its current.

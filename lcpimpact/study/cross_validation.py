@@ -16,8 +16,8 @@ from scipy.optimize import minimize_scalar
 
 from lcpimpact.errors import LcpImpactError
 from lcpimpact.problems import load_problem
-from lcpimpact.simulation import simulate
 from lcpimpact.problems.reference import KNOWN, Known
+from lcpimpact.simulation import simulate
 from lcpimpact.trajectory import Trajectory
 
 T_END = 3.0
