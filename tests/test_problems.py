@@ -429,10 +429,32 @@ def test_reading_a_sine(method, atol):
 
 
 def test_a_crossing_on_a_grid_point_is_found():
-    # x returns to zero at half of t_end, up to rounding of either sign.
-    for c in np.linspace(1.0, 3.0, 41):
-        problem = load_problem("kelvin-voigt-tension", m=52.8, k=1221.0, c=c)
+    # x returns to zero at half of t_end, up to rounding of either sign; with the first it has one sign among all the
+    # samples of the grid and the other where it is sampled alone.
+    for m, k, c in ((52.8440677674346, 1221.0, 1.6), *((50.0, 1000.0, c) for c in np.linspace(1.0, 3.0, 9))):
+        problem = load_problem("kelvin-voigt-tension", m=m, k=k, c=c, v0=0.21875)
         assert problem.facts[0].error(run(problem)) < 1e-12
+
+
+def test_the_end_of_a_run_is_read_where_rounding_puts_it():
+    problem = load_problem("diode-bridge", L=0.015625, C=8.448030695870505e-06, R=30.0, v0=1.0)
+    found = run(problem)
+    assert found.t[-1] < problem.t_end < found.t[-1] * (1 + 1e-12)
+    assert reading.at(found, "v_L", problem.t_end) == found["v_L"][-1]
+    with pytest.raises(InputError, match="sample times must lie within the run"):
+        reading.at(found, "v_L", problem.t_end * 1.001)
+
+
+def test_a_peak_may_be_a_left_limit():
+    found = run(load_problem("bouncing-ball"), steps=37)
+    assert_allclose(reading.peak(found, "v_x"), math.sqrt(2 * 9.81), rtol=1e-12)
+
+
+def test_a_peak_of_steps_lies_on_the_parabola():
+    t = np.array([0.0, 0.3, 0.5, 1.1])
+    assert_allclose(reading._top(t, 2.0 - 3.0 * (t - 0.4) ** 2), 2.0, rtol=1e-14)
+    assert reading._top(t, t) == 1.1
+    assert reading._top(t, 1.0 - t) == 1.0
 
 
 def test_a_force_is_read_on_the_lines_between_the_steps():
