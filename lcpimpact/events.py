@@ -7,11 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.integrators.base import Event, Record, State
+from lcpimpact.integrators.base import SLIPS, Event, Record, State
 from lcpimpact.scheme.dynamics import Contact, Dynamics
-
-SLIPS = 1e-6
-"""A slider whose force is this near its threshold, relative to it, slips."""
 
 
 def events_of_steps(dynamics: Dynamics, record: Record) -> tuple[tuple[Event, ...], Flags]:

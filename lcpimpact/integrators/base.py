@@ -14,6 +14,9 @@ from lcpimpact.errors import Status
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.dynamics import Feature
 
+SLIPS = 1e-6
+"""A slider whose force is this near its threshold, relative to it, slips: a solver that iterates ends near it."""
+
 
 @dataclass(frozen=True)
 class Grid:

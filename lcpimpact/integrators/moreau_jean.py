@@ -36,8 +36,8 @@ from numba import types
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
-from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
-from lcpimpact.integrators.newton import examine, solve_law, solve_with_springs
+from lcpimpact.integrators.base import SLIPS, Declared, Grid, Integrator, Record
+from lcpimpact.integrators.law import SPRINGS, Springs, examine, no_springs, solve_law
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual
 from lcpimpact.lcp.lapack import lu_solve
@@ -48,14 +48,11 @@ from lcpimpact.lcp.solver import Kernel, State
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.decomposition import decompose
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
 MASSIVE, DRIVEN = 1, 2
-
-AT_BOUND = 1e-6
-"""A slider whose force is this near its threshold, relative to it, slips."""
 
 
 @compiled(types.void(vector, vector, vector, vector, vector, matrix, matrix, matrix))
@@ -70,8 +67,7 @@ def balance_static(q: Array, r: Array, r_min: Array, r_max: Array, f: Array, S: 
             moved = 0.0
             for j in range(n):
                 moved += H[i, j] * S[j, s]
-            # A solver that iterates ends near a bound, and not on it.
-            near = AT_BOUND * (r_max[i] - r_min[i]) if r_max[i] < np.inf else 0.0
+            near = SLIPS * r_max[i] if r_max[i] < np.inf else 0.0
             held = held or (moved != 0.0 and r_min[i] + near < r[i] < r_max[i] - near)
         if not held:
             free[nf] = s
@@ -109,7 +105,7 @@ def submatrix(W: Array, rows: Indices) -> Array:
 @compiled(
     types.Tuple((i8, i8, i8, i8, f8))(
         i8, i8, f8, f8, matrix, matrix, matrix, matrix, matrix, matrix, matrix, vector, vector, vector, vector, vector,
-        indices, indices, matrix, matrix, matrix, matrix, matrix, matrix, matrix, matrix, f8, i8, KERNEL,
+        indices, indices, matrix, matrix, matrix, matrix, matrix, matrix, matrix, matrix, f8, i8, KERNEL, SPRINGS,
     )
 )  # fmt: skip
 def steps(
@@ -142,6 +138,7 @@ def steps(
     tol: float,
     max_iter: int,
     solve: Kernel,
+    solve_with_springs: Springs,
 ) -> tuple[int, int, int, int, float]:
     """Take the steps first ... last: fill q[k + 1], v[k + 1] and r[k] from q[k] and v[k].
 
@@ -248,6 +245,7 @@ class Step:
     constant: tuple[Array, Array] | None
     contacts: Dense
     solver: State
+    around: Springs
     tol: float
     max_iter: int
 
@@ -350,7 +348,7 @@ class MoreauJean(Integrator):
             return np.ascontiguousarray(mean @ inverse.T), f[1:].copy()
 
         constant = loads(np.array([0.0, h])) if d.constant_loads and not d.motions else None
-        return Step(grid, operators, loads, constant, contacts, solver.init(contacts), tol, max_iter)
+        return Step(grid, operators, loads, constant, contacts, solver.init(contacts), _around(d), tol, max_iter)
 
     def advance(self, carry: Step, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block; one whose LCP the first method did not solve is tried by those it falls back on."""
@@ -371,13 +369,13 @@ class MoreauJean(Integrator):
         """Take steps in compiled code, or in the interpreter where the solver lives there."""
         Pf, f = carry.constant or carry.loads(carry.grid.times(first, last))
         run: Callable[..., tuple[int, int, int, int, float]] = steps
+        around = carry.around
         if not solver.compiled:
             inner = interpreted(solve_law)
-            around = interpreted(solve_with_springs, solve_law=inner)
-            run = interpreted(steps, solve_law=inner, solve_with_springs=around)
+            run, around = interpreted(steps, solve_law=inner), interpreted(around, solve_law=inner)
         code, reached, iterations, newton, residual = run(
             first, last, carry.grid.h, self.theta, Pf, f, *carry.operators,
-            record.q, record.v, record.reaction, carry.tol, carry.max_iter, solver.kernel,
+            record.q, record.v, record.reaction, carry.tol, carry.max_iter, solver.kernel, around,
         )  # fmt: skip
         stats: dict[str, Any] = record.stats
         stats["lcp_solves"] = stats.get("lcp_solves", 0) + reached - first
@@ -386,3 +384,12 @@ class MoreauJean(Integrator):
             stats["newton_iterations"] = stats.get("newton_iterations", 0) + newton
         stats["residual"] = max(stats.get("residual", 0.0), residual)
         return Status(code), reached
+
+
+def _around(dynamics: Dynamics) -> Springs:
+    """Return what solves the step's law with non-linear springs: only a scheme that has them compiles it."""
+    if not dynamics.springs:
+        return no_springs
+    from lcpimpact.integrators.newton import solve_with_springs
+
+    return solve_with_springs

@@ -12,17 +12,15 @@ s = F + J (y⁺ - y) and y⁺ = N w⁺ give s = s_0 + S r, and what is left is t
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
-from lcpimpact.lcp.judge import clear_residual, holds, measure
+from lcpimpact.integrators.law import SPRINGS_SIGNATURE, solve_law
 from lcpimpact.lcp.lapack import lu_solve
-from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solver import Kernel
 
-SOLVED, INACCURATE, NON_FINITE = int(Status.SOLVED), int(Status.INACCURATE), int(Status.NON_FINITE)
+SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 NEWTON, SINGULAR = int(Status.NEWTON), int(Status.SINGULAR)
 
 MAX_NEWTON = 50
@@ -30,46 +28,7 @@ NEWTON_TOL = 1e-12
 """How near s must come to F(y), relative to the largest spring force."""
 
 
-@compiled(types.Tuple((i8, f8))(i8, matrix, vector, vector, vector, vector, vector, f8))
-def examine(
-    status: int, W: Array, b: Array, lower: Array, upper: Array, z: Array, gap: Array, tol: float
-) -> tuple[int, float]:
-    """Judge an answer that is not clear, outside the solver: status and residual."""
-    residual, _, rounding = measure(W, b, lower, upper, z, gap)
-    if status == SOLVED and not holds(residual, rounding, tol):
-        return INACCURATE if residual < np.inf else NON_FINITE, residual
-    return status, residual
-
-
-@compiled(
-    types.Tuple((i8, i8, f8))(matrix, vector, vector, vector, vector, vector, types.boolean, f8, i8, KERNEL)
-)  # fmt: skip
-def solve_law(
-    W: Array,
-    b: Array,
-    lower: Array,
-    upper: Array,
-    z: Array,
-    gap: Array,
-    plain: bool,
-    tol: float,
-    max_iter: int,
-    solve: Kernel,
-) -> tuple[int, int, float]:
-    """Solve the LCP of a step, and judge the answer outside the solver: status, iterations, residual."""
-    status, count = solve(W, b, lower, upper, z, tol, max_iter)
-    residual = clear_residual(W, b, z, tol) if plain else np.inf
-    if residual == np.inf:
-        status, residual = examine(status, W, b, lower, upper, z, gap, tol)
-    return status, count, residual
-
-
-@compiled(
-    types.Tuple((i8, i8, i8, f8))(
-        matrix, vector, vector, vector, vector, vector, types.boolean, f8, i8, KERNEL,
-        matrix, matrix, matrix, vector, vector, matrix, f8, vector, vector,
-    )
-)  # fmt: skip
+@compiled(SPRINGS_SIGNATURE)
 def solve_with_springs(
     W: Array,
     b: Array,

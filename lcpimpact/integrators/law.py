@@ -1,0 +1,71 @@
+"""The law of a step: solve its LCP, judge the answer outside the solver, and the shape of what stands around it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeAlias
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.errors import Status
+from lcpimpact.lcp.judge import clear_residual, holds, measure
+from lcpimpact.lcp.problem import KERNEL
+from lcpimpact.lcp.solver import Kernel
+
+SOLVED, INACCURATE, NON_FINITE = int(Status.SOLVED), int(Status.INACCURATE), int(Status.NON_FINITE)
+
+Springs: TypeAlias = Callable[..., tuple[int, int, int, float]]
+
+SPRINGS_SIGNATURE: Any = types.Tuple((i8, i8, i8, f8))(
+    matrix, vector, vector, vector, vector, vector, types.boolean, f8, i8, KERNEL,
+    matrix, matrix, matrix, vector, vector, matrix, f8, vector, vector,
+)  # fmt: skip
+"""Of `lcpimpact.integrators.newton.solve_with_springs`, which is compiled only for a scheme that has such springs."""
+
+SPRINGS: Any = types.FunctionType(SPRINGS_SIGNATURE)
+
+
+@compiled(types.Tuple((i8, f8))(i8, matrix, vector, vector, vector, vector, vector, f8))
+def examine(
+    status: int, W: Array, b: Array, lower: Array, upper: Array, z: Array, gap: Array, tol: float
+) -> tuple[int, float]:
+    """Judge an answer that is not clear, outside the solver: status and residual."""
+    residual, _, rounding = measure(W, b, lower, upper, z, gap)
+    if status == SOLVED and not holds(residual, rounding, tol):
+        return INACCURATE if residual < np.inf else NON_FINITE, residual
+    return status, residual
+
+
+@compiled(
+    types.Tuple((i8, i8, f8))(matrix, vector, vector, vector, vector, vector, types.boolean, f8, i8, KERNEL)
+)  # fmt: skip
+def solve_law(
+    W: Array,
+    b: Array,
+    lower: Array,
+    upper: Array,
+    z: Array,
+    gap: Array,
+    plain: bool,
+    tol: float,
+    max_iter: int,
+    solve: Kernel,
+) -> tuple[int, int, float]:
+    """Solve the LCP of a step, and judge the answer outside the solver: status, iterations, residual."""
+    status, count = solve(W, b, lower, upper, z, tol, max_iter)
+    residual = clear_residual(W, b, z, tol) if plain else np.inf
+    if residual == np.inf:
+        status, residual = examine(status, W, b, lower, upper, z, gap, tol)
+    return status, count, residual
+
+
+@compiled(SPRINGS_SIGNATURE)
+def no_springs(
+    W: Array, b: Array, lower: Array, upper: Array, z: Array, gap: Array, plain: bool, tol: float, max_iter: int,
+    solve: Kernel, HGs: Array, NG: Array, NGs: Array, y_free: Array, δ: Array, law: Array, θh: float, y: Array, s: Array,
+) -> tuple[int, int, int, float]:  # fmt: skip
+    """Stand where a scheme has no non-linear springs: it is never called."""
+    return SOLVED, 0, 0, 0.0
