@@ -176,7 +176,7 @@ def certify(
     events : sequence of Event
         Impacts, whose loss of energy counts as work of the contact.
     θ : float or None
-        Where in its step a reaction lives, for methods whose reactions belong to steps.
+        Where in a step its forces balance, for methods that balance them at one instant.
     """
     residual = float(record.stats.get("residual", 0.0))
     d = dynamics
@@ -188,9 +188,10 @@ def certify(
             d.relative_degree, d.driven, d.directions, d.power_laws,
         )  # fmt: skip
     else:
-        r, U = record.reaction, d.gap_rate(record.v)
-        u = d.gap(record.q) + r @ d.D.T
-        balance = _balance_by_gauss(d, dense, events) if dense else _balance_by_trapezoid(d, record)
+        r = record.reaction
+        q, v = (record.q, record.v) if len(r) == len(record.q) else (record.q[1:], 0.5 * (record.v[1:] + record.v[:-1]))
+        u, U = d.gap(q) + r @ d.D.T, d.gap_rate(v)
+        balance = _balance_by_gauss(d, dense, events) if dense else _balance_by_trapezoid(d, record, events)
         products = np.abs(r * u)[:, (d.relative_degree < 2) & ~d.slides]
         friction = np.abs(d.r_max[d.slides] * np.abs(U[:, d.slides]) + (r * U)[:, d.slides])
         complementarity = max(products.max(initial=0.0), friction.max(initial=0.0))
@@ -207,13 +208,26 @@ def _contact_power(dynamics: Dynamics, t: Array, q: Array, v: Array, r: Array) -
     return np.asarray(friction + dynamics.driving_power(t, q, v, r))
 
 
-def _balance_by_trapezoid(dynamics: Dynamics, record: Record) -> float:
-    """Return the largest |E(t) - E(0) - work| with the power of the record integrated from point to point."""
+def _balance_by_trapezoid(dynamics: Dynamics, record: Record, events: Sequence[Event]) -> float:
+    """Return the largest |E(t) - E(0) - work| with the power of the record integrated from point to point.
+
+    What a step that holds an impact changes is the work of its contact: in it, force and velocity make no power.
+    """
+    h, U = np.diff(record.t), dynamics.gap_rate(record.v)
     power = dynamics.load_power(record.t, record.v) - dynamics.dissipated_power(record.q, record.v)
-    power += (record.reaction * dynamics.gap_rate(record.v)).sum(axis=1)
-    work = np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(record.t))
+    r = record.reaction
+    if len(r) == len(record.t):
+        power += (r * U).sum(axis=1) + dynamics.driving_power(record.t, record.q, record.v, r)
+    work = 0.5 * (power[1:] + power[:-1]) * h
+    if len(r) < len(record.t):
+        work += h * (r * 0.5 * (U[1:] + U[:-1])).sum(axis=1)
     stored = dynamics.energy(record.q, record.v)
-    return float(np.abs(stored[1:] - stored[0] - work).max(initial=0.0))
+    change = np.diff(stored)
+    for event in events:
+        if event.impulse > 0.0 and len(h):
+            step = min(int(np.searchsorted(record.t, event.t, side="right")), len(h)) - 1
+            work[max(step - 1, 0) : step + 2] = change[max(step - 1, 0) : step + 2]
+    return float(np.abs(np.cumsum(change - work)).max(initial=0.0))
 
 
 def _balance_by_gauss(dynamics: Dynamics, dense: Dense, events: Sequence[Event]) -> float:

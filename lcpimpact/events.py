@@ -11,12 +11,13 @@ from lcpimpact.integrators.base import SLIPS, Event, Record, State
 from lcpimpact.scheme.dynamics import Contact, Dynamics
 
 
-def events_of_steps(dynamics: Dynamics, record: Record) -> tuple[tuple[Event, ...], Flags]:
+def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -> tuple[tuple[Event, ...], Flags]:
     """Return the changes of the contact mode in a run, in the order of time, and which reactions are impulses.
 
     A closing is where the gap, an opening where the reaction, extrapolated from its last two positive values, reaches
     zero, within the step that it must lie in; limits are the neighbouring values on the grid. Where both sides of a contact
-    have mass, the step that closes it holds an impact: its mean force is an impulse over h and belongs to the event.
+    have mass, the step that closes it, or the first ``impact_steps`` of them, holds an impact: its mean force is an impulse
+    over h and belongs to the event.
     """
     impulsive = np.zeros(record.reaction.shape, dtype=bool)
     if len(record.t) < 2:
@@ -53,8 +54,8 @@ def events_of_steps(dynamics: Dynamics, record: Record) -> tuple[tuple[Event, ..
                 kind = "impact" if contact.relative_degree == 2 else "close"
             impulse = 0.0
             if kind == "impact":
-                impulse = float(r[j] * (record.t[last] - record.t[node]))
-                impulsive[j, i] = True
+                impulse = float(r[j : j + impact_steps].sum() * (record.t[last] - record.t[node]))
+                impulsive[j : j + impact_steps, i] = True
             left = State(
                 record.q[node], record.v[node], record.reaction[j - 1] if j > 0 else np.zeros(len(record.reaction[j]))
             )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from difflib import get_close_matches
+from functools import cached_property
 from importlib import import_module
 from typing import Any, Generic, TypeVar
 
@@ -40,13 +41,27 @@ class Registry(Mapping[str, T], Generic[T]):
         Name to ``"package.module:attribute"``.
     families : mapping of str to str
         Prefix of a name to the function that makes the entry from the whole name, for what is not listed one by one.
+    group : str
+        Group of entry points by which other packages add entries; a name that is taken here stays what it is.
     """
 
-    def __init__(self, kind: str, entries: Mapping[str, str], families: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, kind: str, entries: Mapping[str, str], families: Mapping[str, str] | None = None, group: str = ""
+    ) -> None:
         self.kind = kind
-        self._entries = dict(entries)
+        self._own = dict(entries)
         self._families = dict(families or {})
+        self._group = group
         self._loaded: dict[str, T] = {}
+
+    @cached_property
+    def _entries(self) -> dict[str, str]:
+        """Names to locations, with those that other packages add."""
+        if not self._group:
+            return self._own
+        from importlib.metadata import entry_points
+
+        return {each.name: each.value for each in entry_points(group=self._group)} | self._own
 
     def __getitem__(self, name: str) -> T:
         entry: T

@@ -111,9 +111,8 @@ def simulate(
     if record.events is not None:
         events, impulsive = tuple(record.events), np.zeros(record.reaction.shape, dtype=bool)
     else:
-        events, impulsive = events_of_steps(problem.dynamics, record)
-    θ = t_reaction[0] / grid.h if per_step else None
-    certificate = certify(problem.dynamics, record, dense, events, θ)
+        events, impulsive = events_of_steps(problem.dynamics, record, integrator.impact_steps)
+    certificate = certify(problem.dynamics, record, dense, events, integrator.balance_point())
     record.reaction[impulsive] = 0.0
     message = status.sentence
     if status is not Status.SOLVED:

@@ -295,16 +295,18 @@ def test_methods_declare_what_they_are(name):
     assert declared.energy
     assert declared.source
     assert set(declared.relative_degrees) <= {0, 1, 2}
-    assert declared.relative_degrees
     assert declared.order_smooth >= 1
     assert (declared.order_impact > 0) == (2 in declared.relative_degrees)
+    assert (declared.order_force_jump > 0) == bool({0, 1} & set(declared.relative_degrees))
+    assert declared.level
     assert isinstance(method.solves_lcp, bool)
     object_ = method()  # every option has a default
     assert object_ == method()
     for option in dataclasses.fields(method):
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(object_, option.name, 1)
-        assert re.search(rf"\b{option.name} : ", method.__doc__), f"the option {option.name} is documented"
+        documented = any(re.search(rf"\b{option.name} : ", each.__doc__ or "") for each in method.__mro__)
+        assert documented, f"the option {option.name} is documented"
 
 
 @pytest.mark.parametrize("name", list(PROBLEMS))
@@ -369,7 +371,7 @@ def test_every_file_of_a_method_problem_or_element_is_registered():
     for folder, registry, others in (
         ("scheme/elements", ELEMENTS, {"base"}),
         ("lcp/solvers", SOLVERS, set()),
-        ("integrators", METHODS, {"base", "flow", "modes", "law", "newton"}),
+        ("integrators", METHODS, {"base", "flow", "modes", "law", "newton", "linear_step"}),
         ("problems", PROBLEMS, {"base", "facts", "free_vibration", "reading", "reference"}),
     ):
         files = {file.stem for file in (PACKAGE / folder).glob("*.py")} - {"__init__"} - others

@@ -13,7 +13,9 @@ METHODS: Registry[type[Integrator]] = Registry(
     "method",
     {
         "moreau-jean": "lcpimpact.integrators.moreau_jean:MoreauJean",
+        "moreau-midpoint": "lcpimpact.integrators.moreau_midpoint:MoreauMidpoint",
         "exact": "lcpimpact.integrators.exact:Exact",
         "rk4-paper": "lcpimpact.integrators.rk4_paper:RK4Paper",
     },
+    group="lcpimpact.methods",
 )

@@ -111,13 +111,17 @@ class Declared:
     ----------
     summary : str                   one line
     order_smooth : float            order in smooth motion, in the coordinates (inf: to rounding)
-    order_force_jump : float        order in q and v across switches where only r jumps (relative degree 0 and 1)
+    order_force_jump : float        order in q across switches where only r jumps (relative degree 0 and 1); 0 if refused
     order_impact : float            order in the L1 norm of v across impacts (relative degree 2); 0 if refused
     order_friction : float          order in the coordinates where sliders of relative degree 2 turn or stop; 0 if refused
+    order_penetration : float       order in h of the greatest overlap after impacts (inf: none beyond rounding)
+    level : str                     where contacts are imposed: "position", "velocity", "acceleration" or several of them
     relative_degrees : tuple        the relative degrees that it handles
     handles : tuple of Feature      what else it handles
     reaction_lives : str            where its force is to be read
     energy : str                    what is true of its energy
+    dissipates : bool               whether impacts never leave a system with more energy than it began with
+    adaptive : str                  how it chooses its steps, "" where they are those of dt
     source : str                    where it is from
     """
 
@@ -126,11 +130,15 @@ class Declared:
     order_force_jump: float
     order_impact: float
     order_friction: float
+    order_penetration: float
+    level: str
     relative_degrees: tuple[int, ...]
     handles: tuple[Feature, ...]
     reaction_lives: str
     energy: str
+    dissipates: bool
     source: str
+    adaptive: str = ""
 
 
 class Integrator(ABC):
@@ -144,6 +152,8 @@ class Integrator(ABC):
     name: ClassVar[str]
     declared: ClassVar[Declared]
     solves_lcp: ClassVar[bool] = True
+    impact_steps: ClassVar[int] = 1
+    """Steps over which the impulse of one impact spreads."""
 
     @abstractmethod
     def reaction_times(self, grid: Grid) -> Array:
@@ -156,6 +166,10 @@ class Integrator(ABC):
     @abstractmethod
     def advance(self, carry: Any, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps from t_first to t_last; return the status and the last step that was reached."""
+
+    def balance_point(self) -> float | None:
+        """Return θ where the forces of a step balance at t + θ h, so that its energy can be balanced to rounding."""
+        return None
 
     def dense(self, carry: Any) -> Dense | None:
         """Return the solution as a function of time, where the method has one."""

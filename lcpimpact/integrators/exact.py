@@ -73,10 +73,13 @@ class Exact(Integrator):
         order_force_jump=float("inf"),
         order_impact=float("inf"),
         order_friction=float("inf"),
+        order_penetration=float("inf"),
+        level="position and velocity",
         relative_degrees=(0, 1, 2),
-        handles=(Feature.SLIDERS, Feature.MOTIONS, Feature.SYSTEMS),
+        handles=(Feature.SLIDERS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION),
         reaction_lives="at t, right limit",
         energy="exact",
+        dissipates=True,
         source="modes by the linear dynamic complementarity problem: van der Schaft and Schumacher (1998)",
     )
 

@@ -11,9 +11,12 @@ from numba import types
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix, vector
 from lcpimpact.errors import Status
+from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual, holds, measure
+from lcpimpact.lcp.operators import Delassus
 from lcpimpact.lcp.problem import KERNEL
-from lcpimpact.lcp.solver import Kernel
+from lcpimpact.lcp.solver import Kernel, State
+from lcpimpact.scheme.dynamics import Dynamics
 
 SOLVED, INACCURATE, NON_FINITE = int(Status.SOLVED), int(Status.INACCURATE), int(Status.NON_FINITE)
 
@@ -69,3 +72,30 @@ def no_springs(
 ) -> tuple[int, int, int, float]:  # fmt: skip
     """Stand where a scheme has no non-linear springs: it is never called."""
     return SOLVED, 0, 0, 0.0
+
+
+def around(dynamics: Dynamics) -> Springs:
+    """Return what solves the step's law with non-linear springs: only a scheme that has them compiles it."""
+    if not dynamics.springs:
+        return no_springs
+    from lcpimpact.integrators.newton import solve_with_springs
+
+    return solve_with_springs
+
+
+def with_fallbacks(
+    run: Callable[[State, int, int], tuple[Status, int]], solver: State, contacts: Delassus, first: int, last: int
+) -> tuple[Status, int]:
+    """Take steps by ``run(solver, first, last)``; one whose LCP is not solved is tried by those the solver falls back on."""
+    status, reached = run(solver, first, last)
+    while status is not Status.SOLVED:
+        for name in solver.fallbacks:
+            again, after = run(SOLVERS[name].init(contacts), reached, reached + 1)
+            if again is Status.SOLVED:
+                break
+        else:
+            return status, reached
+        if after == last:
+            return Status.SOLVED, last
+        status, reached = run(solver, after, last)
+    return status, reached

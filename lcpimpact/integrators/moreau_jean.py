@@ -37,7 +37,7 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import SLIPS, Declared, Grid, Integrator, Record
-from lcpimpact.integrators.law import SPRINGS, Springs, examine, no_springs, solve_law
+from lcpimpact.integrators.law import SPRINGS, Springs, around, examine, solve_law, with_fallbacks
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual
 from lcpimpact.lcp.lapack import lu_solve
@@ -48,7 +48,7 @@ from lcpimpact.lcp.solver import Kernel, State
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.decomposition import decompose
-from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.scheme.dynamics import Feature
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
@@ -286,10 +286,13 @@ class MoreauJean(Integrator):
         order_force_jump=2,
         order_impact=1,
         order_friction=1,
+        order_penetration=1,
+        level="velocity; position where r does not impact",
         relative_degrees=(0, 1, 2),
         handles=tuple(Feature),
         reaction_lives="at t + θ h, one for each step",
         energy="θ = 1/2 keeps it in smooth motion; approaching bodies never gain for 1/2 <= θ <= 1/(1 + e)",
+        dissipates=True,
         source="Moreau (1988); Jean (1999); Acary and Brogliato (2008), chapter 10",
     )
 
@@ -303,6 +306,10 @@ class MoreauJean(Integrator):
         t = grid.times(0, grid.steps - 1)
         t += self.theta * grid.h
         return t
+
+    def balance_point(self) -> float:
+        """Return θ."""
+        return self.theta
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Step:
         """Write the initial state and the motions that are given, and factor A once."""
@@ -348,34 +355,27 @@ class MoreauJean(Integrator):
             return np.ascontiguousarray(mean @ inverse.T), f[1:].copy()
 
         constant = loads(np.array([0.0, h])) if d.constant_loads and not d.motions else None
-        return Step(grid, operators, loads, constant, contacts, solver.init(contacts), _around(d), tol, max_iter)
+        return Step(grid, operators, loads, constant, contacts, solver.init(contacts), around(d), tol, max_iter)
 
     def advance(self, carry: Step, record: Record, first: int, last: int) -> tuple[Status, int]:
-        """Take the steps of the block; one whose LCP the first method did not solve is tried by those it falls back on."""
-        status, reached = self._run(carry, carry.solver, record, first, last)
-        while status is not Status.SOLVED:
-            for name in carry.solver.fallbacks:
-                again, after = self._run(carry, SOLVERS[name].init(carry.contacts), record, reached, reached + 1)
-                if again is Status.SOLVED:
-                    break
-            else:
-                return status, reached
-            if after == last:
-                return Status.SOLVED, last
-            status, reached = self._run(carry, carry.solver, record, after, last)
-        return status, reached
+        """Take the steps of the block."""
+
+        def run(solver: State, first: int, last: int) -> tuple[Status, int]:
+            return self._run(carry, solver, record, first, last)
+
+        return with_fallbacks(run, carry.solver, carry.contacts, first, last)
 
     def _run(self, carry: Step, solver: State, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take steps in compiled code, or in the interpreter where the solver lives there."""
         Pf, f = carry.constant or carry.loads(carry.grid.times(first, last))
         run: Callable[..., tuple[int, int, int, int, float]] = steps
-        around = carry.around
+        springs = carry.around
         if not solver.compiled:
             inner = interpreted(solve_law)
-            run, around = interpreted(steps, solve_law=inner), interpreted(around, solve_law=inner)
+            run, springs = interpreted(steps, solve_law=inner), interpreted(springs, solve_law=inner)
         code, reached, iterations, newton, residual = run(
             first, last, carry.grid.h, self.theta, Pf, f, *carry.operators,
-            record.q, record.v, record.reaction, carry.tol, carry.max_iter, solver.kernel, around,
+            record.q, record.v, record.reaction, carry.tol, carry.max_iter, solver.kernel, springs,
         )  # fmt: skip
         stats: dict[str, Any] = record.stats
         stats["lcp_solves"] = stats.get("lcp_solves", 0) + reached - first
@@ -384,12 +384,3 @@ class MoreauJean(Integrator):
             stats["newton_iterations"] = stats.get("newton_iterations", 0) + newton
         stats["residual"] = max(stats.get("residual", 0.0), residual)
         return Status(code), reached
-
-
-def _around(dynamics: Dynamics) -> Springs:
-    """Return what solves the step's law with non-linear springs: only a scheme that has them compiles it."""
-    if not dynamics.springs:
-        return no_springs
-    from lcpimpact.integrators.newton import solve_with_springs
-
-    return solve_with_springs

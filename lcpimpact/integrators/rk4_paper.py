@@ -23,6 +23,7 @@ from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
 from lcpimpact.problems import load_problem
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import nearest
+from lcpimpact.scheme.dynamics import Feature
 
 RULES = ("project", "clip", "sign", "equal")
 PROJECT, SIGN, EQUAL = RULES.index("project"), RULES.index("sign"), RULES.index("equal")
@@ -142,10 +143,13 @@ class RK4Paper(Integrator):
         order_force_jump=1,
         order_impact=0,
         order_friction=0,
+        order_penetration=1,
+        level="position",
         relative_degrees=(0, 1),
-        handles=(),
+        handles=(Feature.MASSLESS,),
         reaction_lives="at t",
         energy="no rule",
+        dissipates=False,
         source="Grzesikiewicz and Zbiciak, Eqs (3), (6), (8)",
     )
 

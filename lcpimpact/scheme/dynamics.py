@@ -28,6 +28,8 @@ class Feature(StrEnum):
     POWER_LAWS = "non-linear springs"
     MOTIONS = "prescribed motion"
     SYSTEMS = "systems given directly"
+    MASSLESS = "nodes without mass"
+    RESTITUTION = "restitution"
 
 
 @dataclass(frozen=True)
@@ -123,6 +125,10 @@ class Dynamics:
             found[Feature.MOTIONS] = f"node {self.nodes[next(iter(self.motions))]!r}"
         if not self.stores_energy:
             found[Feature.SYSTEMS] = "A, B, C, D"
+        elif not (self.massive | self.driven).all():
+            found[Feature.MASSLESS] = f"node {self.nodes[int(np.argmin(self.massive | self.driven))]!r}"
+        if bouncing := [contact.name for contact in self.contacts if contact.e > 0.0]:
+            found[Feature.RESTITUTION] = f"contact {bouncing[0]!r}"
         return found
 
     @property
