@@ -297,7 +297,8 @@ def test_methods_declare_what_they_are(name):
     assert set(declared.relative_degrees) <= {0, 1, 2}
     assert declared.order_smooth >= 1
     assert (declared.order_impact > 0) == (2 in declared.relative_degrees)
-    assert (declared.order_force_jump > 0) == bool({0, 1} & set(declared.relative_degrees))
+    assert (declared.order_force_jump > 0) == (1 in declared.relative_degrees)
+    assert (declared.order_force_kink > 0) == (0 in declared.relative_degrees)
     assert declared.level
     assert isinstance(method.solves_lcp, bool)
     object_ = method()  # every option has a default
@@ -371,7 +372,7 @@ def test_every_file_of_a_method_problem_or_element_is_registered():
     for folder, registry, others in (
         ("scheme/elements", ELEMENTS, {"base"}),
         ("lcp/solvers", SOLVERS, set()),
-        ("integrators", METHODS, {"base", "flow", "modes", "law", "newton", "linear_step"}),
+        ("integrators", METHODS, {"base", "flow", "modes", "transition", "law", "newton", "linear_step"}),
         ("problems", PROBLEMS, {"base", "facts", "free_vibration", "reading", "reference"}),
     ):
         files = {file.stem for file in (PACKAGE / folder).glob("*.py")} - {"__init__"} - others

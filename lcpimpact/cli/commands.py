@@ -133,20 +133,24 @@ def _problems() -> Table:
 
 
 def _methods() -> Table:
-    orders = "order smooth / r jumps / impacts / friction"
-    table = _table("method", "what it is", orders, "degrees", "handles", "options", "its force lives")
+    table = _table("method", "what it is; what it declares; where it is from")
     for name, kind in METHODS.items():
         d = kind.declared
-        orders = " / ".join("exact" if each == float("inf") else f"{each:g}" if each else "-" for each in _orders(d))
+        orders = ", ".join(f"{where} {order}" for where, order in d.orders.items())
+        degrees = ", ".join(map(str, d.relative_degrees)) or "none"
+        handles = ", ".join(feature.value for feature in d.handles) or "nothing more"
         options = ", ".join(f"{each.name}={each.default}" for each in fields(kind) if each.default is not NO_DEFAULT)  # type: ignore[arg-type]
-        degrees = ", ".join(map(str, d.relative_degrees))
-        handles = ", ".join(feature.value for feature in d.handles) or "-"
-        table.add_row(name, d.summary, orders, degrees, handles, options, d.reaction_lives)
+        lines = (
+            f"orders: {orders}",
+            f"relative degrees {degrees}; {handles}",
+            f"contacts at level: {d.level}; overlap after impacts: {d.penetration}; force {d.reaction_lives}",
+            f"energy: {d.energy}" + ("; impacts never add any" if d.dissipates else ""),
+            *[f"steps: {d.adaptive}"] * bool(d.adaptive),
+            f"options: {options or 'none'}",
+            d.source,
+        )
+        table.add_row(name, _lines(d.summary, *lines))
     return table
-
-
-def _orders(declared: Any) -> tuple[float, ...]:
-    return declared.order_smooth, declared.order_force_jump, declared.order_impact, declared.order_friction
 
 
 def _solvers() -> Table:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -111,7 +112,7 @@ class Declared:
     ----------
     summary : str                   one line
     order_smooth : float            order in smooth motion, in the coordinates (inf: to rounding)
-    order_force_jump : float        order in q across switches where only r jumps (relative degree 0 and 1); 0 if refused
+    order_force_jump : float        order in q across switches at which r jumps (relative degree 1); 0 if refused
     order_impact : float            order in the L1 norm of v across impacts (relative degree 2); 0 if refused
     order_friction : float          order in the coordinates where sliders of relative degree 2 turn or stop; 0 if refused
     order_penetration : float       order in h of the greatest overlap after impacts (inf: none beyond rounding)
@@ -121,6 +122,7 @@ class Declared:
     reaction_lives : str            where its force is to be read
     energy : str                    what is true of its energy
     dissipates : bool               whether impacts never leave a system with more energy than it began with
+    order_force_kink : float        order in q across switches at which r only bends (relative degree 0); 0 if refused
     adaptive : str                  how it chooses its steps, "" where they are those of dt
     source : str                    where it is from
     """
@@ -138,7 +140,31 @@ class Declared:
     energy: str
     dissipates: bool
     source: str
+    order_force_kink: float = 0.0
     adaptive: str = ""
+
+    @property
+    def orders(self) -> dict[str, str]:
+        """The orders in words: "exact" to rounding, "-" for what is refused."""
+        orders = {
+            "smooth": self.order_smooth,
+            "r bends": self.order_force_kink,
+            "r jumps": self.order_force_jump,
+            "impacts": self.order_impact,
+            "friction": self.order_friction,
+        }
+        return {
+            name: "exact" if math.isinf(order) else f"{order:g}" if order else "-" for name, order in orders.items()
+        }
+
+    @property
+    def penetration(self) -> str:
+        """The greatest overlap after impacts, in words."""
+        if 2 not in self.relative_degrees:
+            return "-"
+        if math.isinf(self.order_penetration):
+            return "none"
+        return "O(h)" if self.order_penetration == 1 else f"O(h^{self.order_penetration:g})"
 
 
 class Integrator(ABC):

@@ -14,8 +14,9 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
-from lcpimpact.integrators.base import Declared, Dense, Event, Grid, Integrator, Record, State
-from lcpimpact.integrators.modes import Mode, System, choose_mode, impact, refuse_mixed_degrees
+from lcpimpact.integrators.base import Declared, Dense, Grid, Integrator, Record
+from lcpimpact.integrators.modes import Mode, System, refuse_mixed_degrees
+from lcpimpact.integrators.transition import coordinates, enter
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.dynamics import Feature
@@ -71,6 +72,7 @@ class Exact(Integrator):
         summary="matrix exponential in each contact mode, events to rounding; the reference",
         order_smooth=float("inf"),
         order_force_jump=float("inf"),
+        order_force_kink=float("inf"),
         order_impact=float("inf"),
         order_friction=float("inf"),
         order_penetration=float("inf"),
@@ -150,22 +152,14 @@ def _cuts(system: System, segment: Segment, end: float) -> Array:
 
 def _enter(run: Run, record: Record, t: float, X: Array) -> None:
     """Begin a segment at t: impacts, the mode, the events that this makes, and the next switch."""
-    system, events = run.system, record.events
-    assert events is not None
-    old = run.segments[-1] if run.segments else None
+    system = run.system
+    assert record.events is not None
+    before = run.segments[-1].mode if run.segments else None
     run.scale = np.maximum(run.scale, np.abs(X))
-    after, P = impact(system, X, run.scale, run.solver)
-    mode, after = choose_mode(system, after, run.scale, run.solver)
+    mode, after, events = enter(system, t, before, X, run.scale, run.solver)
+    record.events += events
     flow, _ = system.mode(mode)
     new = Segment(t, after, mode)
-    right = _state(system, new, after)
-    left = _state(system, old, X) if old else _state(system, new, X)
-    before = old.mode if old else mode
-    for i, contact in enumerate(system.dynamics.contacts):
-        if P[i] > 0.0:
-            events.append(Event(t, contact.name, "impact", left, right, float(P[i])))
-        if kind := _change(before, mode, i, contact.r0 is not None):
-            events.append(Event(t, contact.name, kind, left, right))
     run.segments.append(new)
 
     watched = system.watched(mode)
@@ -178,33 +172,6 @@ def _enter(run: Run, record: Record, t: float, X: Array) -> None:
     run.scale = np.maximum(run.scale, np.abs(seen).max(axis=0))
 
 
-def _change(before: Mode, after: Mode, i: int, slider: bool) -> str | None:
-    """Return what happens to row i between two modes, if anything."""
-    if slider:
-        slips = dict(after.slips)
-        if i in slips:
-            return "slip" if slips[i] != dict(before.slips).get(i) else None
-        return "stick" if i not in before.closed else None
-    if (i in before.closed) == (i in after.closed):
-        return None
-    return "close" if i in after.closed else "open"
-
-
-def _state(system: System, segment: Segment, X: Array) -> State:
-    """Return what X means in the coordinates of the scheme, in the mode of a segment."""
-    q, v, r = _coordinates(system, segment, X[None, :])
-    return State(q[0], v[0], r[0])
-
-
-def _coordinates(system: System, segment: Segment, X: Array) -> tuple[Array, Array, Array]:
-    """Return q, v and r for the states X (nt, N)."""
-    flow, F = system.mode(segment.mode)
-    Q, Qr = system.read
-    read = Q + Qr @ F
-    r = np.clip(X @ F.T, system.dynamics.r_min, system.dynamics.r_max)
-    return X @ read.T, X @ (read @ flow.A).T, r
-
-
 def _read(system: System, segments: tuple[Segment, ...], t: Array, side: str) -> tuple[Array, Array, Array]:
     """Return q, v and r at the times t, which must be sorted; ``side`` tells which limit is meant at an event."""
     starts = np.array([segment.t0 for segment in segments])
@@ -214,7 +181,7 @@ def _read(system: System, segments: tuple[Segment, ...], t: Array, side: str) ->
     for k in np.unique(owner):
         segment, mine = segments[k], owner == k
         flow, _ = system.mode(segment.mode)
-        q[mine], v[mine], r[mine] = _coordinates(system, segment, flow.at(segment.X, t[mine] - segment.t0))
+        q[mine], v[mine], r[mine] = coordinates(system, segment.mode, flow.at(segment.X, t[mine] - segment.t0))
     return q, v, r
 
 

@@ -284,6 +284,7 @@ class MoreauJean(Integrator):
         summary="θ-step with an LCP; massless nodes stay unknowns",
         order_smooth=2,
         order_force_jump=2,
+        order_force_kink=2,
         order_impact=1,
         order_friction=1,
         order_penetration=1,

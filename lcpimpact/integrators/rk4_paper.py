@@ -141,6 +141,7 @@ class RK4Paper(Integrator):
         summary="Eqs (3), (6), (8) as printed, by the classical Runge-Kutta method; systems 1-3 only",
         order_smooth=4,
         order_force_jump=1,
+        order_force_kink=2,
         order_impact=0,
         order_friction=0,
         order_penetration=1,

@@ -1,0 +1,63 @@
+"""Runs by Siconos, for `test_siconos.py`; it belongs to Debian's Python: ``/usr/bin/python3 siconos_runs.py``.
+
+Standard input holds JSON: the matrices of a system with their step, standard output the steps that Siconos took.
+"""
+
+import json
+import sys
+
+import numpy as np
+import siconos.kernel as sk
+
+
+def lagrangian(M, C, K, f, H, u0, e, q0, v0, theta, h, steps):
+    """M q'' + C q' + K q = f + Hᵀ r, 0 <= r ⟂ u = H q + u0 >= 0, with Newton's law, by MoreauJeanOSI."""
+    M, C, K, f, H, u0 = (np.array(a, dtype=float) for a in (M, C, K, f, H, u0))
+    system = sk.LagrangianLinearTIDS(np.array(q0), np.array(v0), M, K, C)
+    system.setFExtPtr(f)
+    world = sk.NonSmoothDynamicalSystem(0.0, (steps + 0.5) * h)
+    world.insertDynamicalSystem(system)
+    owned = []
+    for row, opening, restitution in zip(H, u0, e, strict=True):
+        relation = sk.LagrangianLinearTIR(row[None, :].copy(), np.array([opening]))
+        contact = sk.Interaction(sk.NewtonImpactNSL(restitution), relation)
+        world.link(contact, system)
+        owned.append((relation, contact))
+    simulation = sk.TimeStepping(world, sk.TimeDiscretisation(0.0, h), sk.MoreauJeanOSI(theta), sk.LCP())
+    q, v = [q0], [v0]
+    for _ in range(steps):
+        simulation.computeOneStep()
+        q.append(system.q().tolist())
+        v.append(system.velocity().tolist())
+        simulation.nextStep()
+    return {"q": q, "v": v}
+
+
+def first_order(A, b, B, C, D, x0, theta, gamma, h, steps):
+    """x' = A x + b + B λ, 0 <= λ ⟂ C x + D λ >= 0, by EulerMoreauOSI; γ weights λ, and u where it is not 1."""
+    A, b, B, C, D = (np.array(a, dtype=float) for a in (A, b, B, C, D))
+    system = sk.FirstOrderLinearTIDS(np.array(x0), A, b)
+    relation = sk.FirstOrderLinearTIR(C, B)
+    if D.any():
+        relation.setDPtr(D)
+    contact = sk.Interaction(sk.ComplementarityConditionNSL(len(C)), relation)
+    world = sk.NonSmoothDynamicalSystem(0.0, (steps + 0.5) * h)
+    world.insertDynamicalSystem(system)
+    world.link(contact, system)
+    method = sk.EulerMoreauOSI(theta) if gamma == 1.0 else sk.EulerMoreauOSI(theta, gamma)
+    if gamma != 1.0:
+        method.setUseGammaForRelation(True)
+    simulation = sk.TimeStepping(world, sk.TimeDiscretisation(0.0, h), method, sk.LCP())
+    x, λ = [x0], []
+    for _ in range(steps):
+        simulation.computeOneStep()
+        x.append(system.x().tolist())
+        λ.append(contact.lambda_(0).tolist())
+        simulation.nextStep()
+    return {"x": x, "lambda": λ}
+
+
+if __name__ == "__main__":
+    jobs = json.load(sys.stdin)
+    runs = {"lagrangian": lagrangian, "first_order": first_order}
+    json.dump([runs[job.pop("kind")](**job) for job in jobs], sys.stdout)

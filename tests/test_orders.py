@@ -1,0 +1,134 @@
+"""The declared order of every registered method is measured: in smooth motion, across switches, and across impacts."""
+
+import math
+
+import numpy as np
+import pytest
+
+import lcpimpact as li
+from lcpimpact.errors import InputError
+from lcpimpact.integrators import METHODS
+from lcpimpact.simulation import simulate
+from lcpimpact.study.orders import COUNTS, l1_v, observed_order, sup_q
+
+SMOOTH_TOLERANCE, JUMP_TOLERANCE = 0.2, 0.35
+
+FEW = (29, 43, 61, 89, 127, 181)
+"""For methods of a high order, whose errors would be rounding with more steps."""
+
+TO_ROUNDING = 1e-9
+"""What "to rounding" may leave, relative to the largest value, of methods whose own tolerance is as tight."""
+
+
+def chain():
+    """Two masses, three springs, two dashpots and a shaker: smooth for ever."""
+    scheme = li.Scheme(
+        li.Mass("a", 1.0), li.Mass("b", 2.0), li.Spring("a", "ground", 40.0), li.Spring("a", "b", 60.0),
+        li.Dashpot("a", "b", 0.3), li.Dashpot("b", "ground", 0.2), li.Load("b", li.Harmonic(5.0, 3.0)),
+    )  # fmt: skip
+    return li.Problem("chain", scheme, q0={"a": 0.2}, v0={"b": 1.0}, t_end=3.0)
+
+
+def lumped_bar(n=6):
+    """A bar of lumped masses that falls on the ground: the first mass stops there at each arrival of a wave."""
+    elements = []
+    for i in range(n):
+        elements += [li.Mass(f"b{i}", 1.0 / n), li.Load(f"b{i}", 10.0 / n)]
+        if i:
+            elements.append(li.Spring(f"b{i - 1}", f"b{i}", 90.0 * n))
+    scheme = li.Scheme(*elements, li.Bumper(f"b{n - 1}", "ground", gap=0.5, e=0.0))
+    return li.Problem("lumped bar", scheme, t_end=1.1)
+
+
+def before(name, t_end, **parameters):
+    problem = li.load_problem(name, **parameters)
+    return li.Problem(problem.name, problem.scheme, problem.q0, problem.v0, t_end, problem.parameters)
+
+
+SMOOTH = {
+    "chain": chain(),
+    "system-1 in contact": before("system-1", 0.5),
+    "system-3 in contact": before("system-3", 1.0),
+}
+FORCE_JUMPS = {
+    "system-1": before("system-1", 3.0),
+    "system-3": before("system-3", 3.0),
+    "system-3, c=60": before("system-3", 3.0, c=60.0),
+}
+FORCE_KINKS = {"system-2": before("system-2", 3.0), "bouncing-bar": before("bouncing-bar", 2.0, elements=6.0)}
+IMPACTS = {
+    "bouncing-ball": before("bouncing-ball", 2.5),
+    "impact-oscillator": before("impact-oscillator", 10.0),
+    "two-balls-spring": before("two-balls-spring", 0.5),
+    "lumped bar": lumped_bar(),
+}
+
+
+def counts(order):
+    return COUNTS if order <= 2 else FEW
+
+
+def measure(name, problem, order, norm, tolerance):
+    """Compare a declared order with the one that is observed; skip what the method refuses."""
+    try:
+        simulate(problem, name, dt=problem.t_end / 1000, t_end=problem.t_end / 1000, progress=False)
+    except li.UnsupportedError as refusal:
+        pytest.skip(str(refusal))
+    assert order > 0, "what is refused is declared as 0, and what is not is declared"
+    if math.isinf(order):
+        run = simulate(problem, name, dt=problem.t_end / 307, t_end=problem.t_end)
+        truth = simulate(problem, "exact", dt=problem.t_end / 307, t_end=problem.t_end)
+        assert sup_q(run, truth) < TO_ROUNDING * max(1.0, np.abs(truth.q).max())
+        return
+    found = observed_order(problem, name, counts(order), norm=norm)
+    said = f"{name} on {problem.name}: declared {order}, seen {found.slope:.2f}, scatter {found.scatter:.2f}, {found.errors}"
+    assert abs(found.slope - order) < tolerance, said
+
+
+@pytest.mark.parametrize("problem", SMOOTH)
+@pytest.mark.parametrize("name", METHODS)
+def test_order_in_smooth_motion(name, problem):
+    measure(name, SMOOTH[problem], METHODS[name].declared.order_smooth, "q", SMOOTH_TOLERANCE)
+
+
+@pytest.mark.parametrize("problem", FORCE_JUMPS)
+@pytest.mark.parametrize("name", METHODS)
+def test_order_where_forces_jump(name, problem):
+    measure(name, FORCE_JUMPS[problem], METHODS[name].declared.order_force_jump, "q", JUMP_TOLERANCE)
+
+
+@pytest.mark.parametrize("problem", FORCE_KINKS)
+@pytest.mark.parametrize("name", METHODS)
+def test_order_where_forces_bend(name, problem):
+    measure(name, FORCE_KINKS[problem], METHODS[name].declared.order_force_kink, "q", JUMP_TOLERANCE)
+
+
+@pytest.mark.parametrize("problem", IMPACTS)
+@pytest.mark.parametrize("name", METHODS)
+def test_order_across_impacts(name, problem):
+    measure(name, IMPACTS[problem], METHODS[name].declared.order_impact, "v", JUMP_TOLERANCE)
+
+
+# ---- the measuring itself -------------------------------------------------------------------------------------------
+
+
+def test_norms_are_zero_for_the_truth_and_known_for_a_shift():
+    problem = IMPACTS["bouncing-ball"]
+    truth = simulate(problem, "exact", dt=2.5 / 307, t_end=2.5)
+    assert sup_q(truth, truth) == 0.0
+    assert l1_v(truth, truth) == 0.0
+    # A ball dropped 1 mm higher: the first impact comes later by δt, and v differs by (1 + e) v_1 in between.
+    higher = simulate(before("bouncing-ball", 0.9, H=1.001), "exact", dt=0.9 / 307, t_end=0.9)
+    t_1, t_2 = (math.sqrt(2.0 * H / 9.81) for H in (1.0, 1.001))
+    v = 9.81 * t_1
+    expected = 1.8 * v * (t_2 - t_1) + 1.8 * 9.81 * (t_2 - t_1) * (0.9 - t_2)
+    assert l1_v(higher, truth) == pytest.approx(expected, rel=1e-6)
+
+
+def test_rounding_tells_no_order():
+    with pytest.raises(InputError, match="rounding"):
+        observed_order(SMOOTH["chain"], "exact", (101, 211))
+    with pytest.raises(InputError, match="norm"):
+        observed_order(SMOOTH["chain"], "moreau-jean", (101, 211), norm="sup v")
+    with pytest.raises(InputError, match="counts"):
+        observed_order(SMOOTH["chain"], "moreau-jean", (101,))

@@ -1,0 +1,142 @@
+"""The same problems by the same steps in Siconos: MoreauJeanOSI and EulerMoreauOSI agree with moreau-jean to 1e-9.
+
+Skipped where Siconos is not installed (Debian: ``apt-get install python3-siconos``, which belongs to /usr/bin/python3).
+"""
+
+import functools
+import json
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import lcpimpact as li
+
+DEBIAN_PYTHON = Path("/usr/bin/python3")
+RUNS = Path(__file__).parent / "siconos_runs.py"
+
+
+@functools.cache
+def missing() -> bool:
+    if not DEBIAN_PYTHON.exists():
+        return True
+    found = subprocess.run([DEBIAN_PYTHON, "-c", "import siconos.kernel"], capture_output=True)
+    return found.returncode != 0
+
+
+@pytest.fixture
+def siconos():
+    if missing():
+        pytest.skip("Siconos is not installed: apt-get install python3-siconos")
+
+    def run(**job):
+        job = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in job.items()}
+        done = subprocess.run(
+            [DEBIAN_PYTHON, RUNS], input=json.dumps([job]), capture_output=True, text=True, check=True, timeout=300
+        )
+        # Siconos may greet on standard output; the answer is its last line.
+        (answer,) = json.loads(done.stdout.splitlines()[-1])
+        return {key: np.array(value) for key, value in answer.items()}
+
+    return run
+
+
+def lagrangian(siconos, problem, theta, h, steps):
+    d = problem.dynamics
+    return siconos(
+        kind="lagrangian", M=d.M, C=d.C, K=d.K, f=d.force(0.0), H=d.H, u0=d.u0, e=d.restitution,
+        q0=problem.initial_coordinates, v0=problem.initial_velocities, theta=theta, h=h, steps=steps,
+    )  # fmt: skip
+
+
+def column_of_beads(n=6, e=0.4):
+    """Beads one above the other, with air between them, fall on the ground; the masses differ, so nothing is a tie."""
+    elements = []
+    for i in range(n):
+        m = 1.0 + 0.13 * i
+        below = f"b{i + 1}" if i + 1 < n else "ground"
+        elements += [li.Mass(f"b{i}", m), li.Load(f"b{i}", 9.81 * m), li.Bumper(f"b{i}", below, 0.1, e, name=f"R{i}")]
+    return li.Problem("column of beads", li.Scheme(*elements))
+
+
+@pytest.mark.parametrize("theta", [0.5, 0.7, 1.0])
+@pytest.mark.parametrize("e", [0.0, 0.5, 0.9])
+def test_bouncing_ball(siconos, e, theta):
+    problem = li.load_problem("bouncing-ball", e=e)
+    h, steps = 1e-3, 3000
+    peer = lagrangian(siconos, problem, theta, h, steps)
+    run = li.simulate(problem, "moreau-jean", dt=h, t_end=steps * h, theta=theta)
+    assert len(run.events) >= (1 if e == 0.0 else 4)
+    assert_allclose(run.q, peer["q"], rtol=0.0, atol=1e-9)
+    assert_allclose(run.v, peer["v"], rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("theta", [0.5, 0.8])
+def test_column_of_beads(siconos, theta):
+    problem = column_of_beads()
+    h, steps = 1.013e-3, 1500
+    peer = lagrangian(siconos, problem, theta, h, steps)
+    run = li.simulate(problem, "moreau-jean", dt=h, t_end=steps * h, theta=theta)
+    assert len(run.events) > 30
+    assert_allclose(run.q, peer["q"], rtol=0.0, atol=1e-9)
+    assert_allclose(run.v, peer["v"], rtol=0.0, atol=1e-9)
+
+
+def test_damped_chain_against_a_stop(siconos):
+    scheme = li.Scheme(
+        li.Mass("a", 1.0), li.Mass("b", 2.0), li.Spring("a", "b", 300.0), li.Dashpot("a", "b", 0.7),
+        li.Spring("b", "ground", 90.0), li.Load("a", 3.0), li.Bumper("a", "ground", 0.02, 0.6),
+    )  # fmt: skip
+    problem = li.Problem("chain", scheme, v0={"a": 1.0})
+    h, steps = 1e-3, 2000
+    peer = lagrangian(siconos, problem, 0.5, h, steps)
+    run = li.simulate(problem, "moreau-jean", dt=h, t_end=steps * h)
+    assert len(run.events) > 5
+    assert_allclose(run.q, peer["q"], rtol=0.0, atol=1e-9)
+    assert_allclose(run.v, peer["v"], rtol=0.0, atol=1e-9)
+
+
+def paper_system(number):
+    """A, b, B, C, D and x(0) of a system of the paper, y eliminated: states (x, v, z), and y - x in System 3."""
+    m, k, k_o, c, c_o, g = 100.0, 1962.0, 3924.0, 125.0, 250.0, 9.81
+    v_o = np.sqrt(2.0 * g * 5.0)
+    A = np.zeros((4, 4))
+    A[0, 1], A[2, 2], A[3, 3] = 1.0, -k_o / c_o, -k / c
+    b, B = np.array([0.0, g, 0.0, 0.0]), np.array([[0.0], [-1.0 / m], [1.0 / c_o], [-1.0 / c]])
+    C, D = np.array([[-1.0, 0.0, 1.0, -1.0]]), np.array([[1.0 / k if number == 2 else 0.0]])
+    n = 4 if number == 3 else 3
+    return A[:n, :n], b[:n], B[:n], C[:, :n], D, np.array([0.0, v_o, 0.0, 0.0])[:n]
+
+
+@pytest.mark.parametrize("theta", [0.5, 1.0])
+@pytest.mark.parametrize("number", [1, 3])
+@pytest.mark.parametrize("form", ["scheme", "first-order form"])
+def test_systems_1_and_3(siconos, number, theta, form):
+    A, b, B, C, D, x0 = paper_system(number)
+    h, steps = 1e-3, 3000
+    peer = siconos(kind="first_order", A=A, b=b, B=B, C=C, D=D, x0=x0, theta=theta, gamma=1.0, h=h, steps=steps)
+    if form == "scheme":
+        problem, x, v, z = li.load_problem(f"system-{number}"), "x", "v_x", "z"
+    else:
+        states = ("x", "v", "z", "y_x")[: len(x0)]
+        system = li.LinearComplementaritySystem(A, B, C, D, a=b, states=states, multipliers=("R",))
+        problem = li.Problem("first-order form", system, q0=dict(zip(states, x0, strict=True)))
+        x, v, z = "x", "v", "z"
+    run = li.simulate(problem, "moreau-jean", dt=h, t_end=steps * h, theta=theta)
+    for name, column in ((x, 0), (v, 1), (z, 2)):
+        assert_allclose(run[name], peer["x"][:, column], rtol=0.0, atol=1e-9)
+    assert_allclose(run["R"], peer["lambda"][:, 0], rtol=0.0, atol=1e-6)
+    assert run["R"].max() > 4000.0
+
+
+def test_system_2_in_the_first_order_form(siconos):
+    A, b, B, C, D, x0 = paper_system(2)
+    h, steps = 1e-3, 3000
+    peer = siconos(kind="first_order", A=A, b=b, B=B, C=C, D=D, x0=x0, theta=0.5, gamma=0.5, h=h, steps=steps)
+    system = li.LinearComplementaritySystem(A, B, C, D, a=b, states=("x", "v", "z"), multipliers=("R",))
+    problem = li.Problem("first-order form", system, q0=dict(zip(("x", "v", "z"), x0, strict=True)))
+    run = li.simulate(problem, "moreau-jean", dt=h, t_end=steps * h)
+    assert_allclose(run.q, peer["x"], rtol=0.0, atol=1e-9)
+    assert_allclose(run["R"].max(), 4486.0845, rtol=1e-4)
