@@ -75,7 +75,15 @@ class Registry(Mapping[str, T], Generic[T]):
                 return entry
         if name not in self._entries:
             raise UnknownNameError(nearest(name, list(self._entries), self.kind))
-        self._loaded[name] = load(self._entries[name])
+        try:
+            self._loaded[name] = load(self._entries[name])
+        except (ImportError, AttributeError) as error:
+            if name in self._own:
+                raise
+            raise InputError(
+                f"{self.kind} {name!r} is registered by another package as {self._entries[name]!r}, which cannot be "
+                f"loaded ({error}): mend or uninstall that package"
+            ) from None
         return self._loaded[name]
 
     def __contains__(self, name: object) -> bool:

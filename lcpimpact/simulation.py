@@ -25,6 +25,9 @@ from lcpimpact.trajectory import Trajectory
 BLOCK_SECONDS = 0.1
 """Blocks grow until one takes about this long: often enough for progress and Ctrl-C, rarely enough to cost nothing."""
 
+SHOWN = 4
+"""Of more methods than these that could be taken instead, a refusal names the first."""
+
 
 def simulate(
     problem: Problem,
@@ -201,9 +204,11 @@ def _check_handled(integrator: Integrator, problem: Problem) -> None:
     missing = _missing(integrator.declared, dynamics)
     if missing:
         able = [name for name, kind in METHODS.items() if not _missing(kind.declared, dynamics)]
+        names = " or ".join(map(repr, able[:SHOWN]))
+        others = f" or one of {len(able) - SHOWN} more of 'lcpimpact list methods'" if len(able) > SHOWN else ""
         raise UnsupportedError(
             f"{integrator.name} does not handle {missing} of {problem.name!r}: "
-            + (f"take method={' or '.join(map(repr, able))}" if able else "no method that is registered does")
+            + (f"take method={names}{others}" if able else "no method that is registered does")
         )
 
 

@@ -1,0 +1,214 @@
+r"""What a step of every method costs, how far it is off, and the order that it shows.
+
+    python benchmarks/methods.py [--steps 20000] [--repeats 5] [--orders] [--out methods.csv]
+
+Every registered method takes the same steps of the same problems; who refuses a problem is shown with a dash. Methods take
+turns within each repeat, and medians are shown. Siconos takes part where it is installed for /usr/bin/python3, timed inside
+its own process. ``--orders`` adds the observed orders over prime step counts, with their scatter, which takes some minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import subprocess
+import time
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+import lcpimpact as li
+from lcpimpact.files import whole_file
+from lcpimpact.integrators import METHODS
+from lcpimpact.study.orders import COUNTS, l1_v, observed_order, sup_q
+
+DEBIAN_PYTHON = Path("/usr/bin/python3")
+PEER = Path(__file__).parent / "siconos_methods.py"
+SLOWEST = 1.0
+"""A method that needs longer than this many seconds takes fewer steps."""
+
+FEW = (29, 43, 61, 89, 127, 181)
+"""Step counts for methods of order above 2, whose errors would be rounding with more."""
+
+
+def chain() -> li.Problem:
+    """Ten masses on springs, shaken: smooth for ever."""
+    elements: list[object] = [li.Spring("m0", "ground", 400.0), li.Load("m9", li.Harmonic(5.0, 3.0))]
+    for i in range(10):
+        elements.append(li.Mass(f"m{i}", 1.0))
+        if i:
+            elements += [li.Spring(f"m{i - 1}", f"m{i}", 400.0), li.Dashpot(f"m{i - 1}", f"m{i}", 0.5)]
+    return li.Problem("ten masses", li.Scheme(*elements), t_end=3.0)
+
+
+def column() -> li.Problem:
+    """Six beads fall on each other and on the ground."""
+    elements: list[object] = []
+    for i in range(6):
+        below = f"b{i + 1}" if i < 5 else "ground"
+        m = 1.0 + 0.13 * i
+        elements += [li.Mass(f"b{i}", m), li.Load(f"b{i}", 9.81 * m), li.Bumper(f"b{i}", below, 0.1, 0.4, name=f"R{i}")]
+    return li.Problem("six beads", li.Scheme(*elements), t_end=0.4)
+
+
+PROBLEMS = {
+    "ten masses": (chain(), 3.0),
+    "bouncing-ball": (li.load_problem("bouncing-ball"), 2.5),
+    "six beads": (column(), 0.4),
+    "system-1": (li.load_problem("system-1"), 3.0),
+    "system-2": (li.load_problem("system-2"), 3.0),
+    "hertz-impact": (li.load_problem("hertz-impact"), li.load_problem("hertz-impact").t_end),
+}
+ORDERS = {
+    "ten masses": "q",
+    "system-1": "q",
+    "system-2": "q",
+    "system-3": "q",
+    "bouncing-ball": "v",
+    "impact-oscillator": "v",
+    "two-balls-spring": "v",
+}
+
+
+def seconds(problem: li.Problem, method: str, t_end: float, steps: int) -> float:
+    """Return the seconds of a run, with its record and certificate."""
+    began = time.perf_counter()
+    li.simulate(problem, method, dt=t_end / steps, t_end=t_end, progress=False)
+    return time.perf_counter() - began
+
+
+def costs(steps: int, repeats: int) -> list[dict[str, object]]:
+    """Return a row for each method and problem: µs a step, errors with 1,000 steps."""
+    rows = []
+    for what, (problem, t_end) in PROBLEMS.items():
+        truth = None
+        if "exact" in runnable(problem):
+            truth = li.simulate(problem, "exact", dt=t_end / 1009, t_end=t_end)
+        able = {}
+        for method in runnable(problem):
+            seconds(problem, method, t_end, 100)
+            trial = seconds(problem, method, t_end, 1000)
+            able[method] = max(100, min(steps, int(1000 * SLOWEST / trial)))
+        samples: dict[str, list[float]] = {method: [] for method in able}
+        for _ in range(repeats):
+            for method, count in able.items():
+                samples[method].append(1e6 * seconds(problem, method, t_end, count) / count)
+        for method, count in able.items():
+            run = li.simulate(problem, method, dt=t_end / 1009, t_end=t_end, progress=False)
+            row: dict[str, object] = {
+                "problem": what,
+                "method": method,
+                "steps": count,
+                "µs a step": median(samples[method]),
+            }
+            row["LCPs a step"] = run.stats.get("lcp_solves", 0) / 1009
+            row["sup q"] = sup_q(run, truth) if truth else float("nan")
+            row["L1 v"] = l1_v(run, truth) if truth else float("nan")
+            row["overlap"] = run.certificate.penetration
+            rows.append(row)
+    return rows
+
+
+def runnable(problem: li.Problem) -> list[str]:
+    """Return the methods that do not refuse a problem."""
+    able = []
+    for method in METHODS:
+        try:
+            li.simulate(problem, method, dt=1e-6, t_end=1e-6, progress=False)
+        except li.UnsupportedError:
+            continue
+        able.append(method)
+    return able
+
+
+def orders() -> list[dict[str, object]]:
+    """Return a row for each method and problem: the observed order and its scatter."""
+    rows = []
+    for what, norm in ORDERS.items():
+        problem, t_end = PROBLEMS.get(what, (None, None))
+        problem = problem or li.load_problem(what)
+        t_end = t_end or {"two-balls-spring": 0.5, "impact-oscillator": 10.0}.get(what, 3.0)
+        for method in runnable(problem):
+            d = METHODS[method].declared
+            declared = {"ten masses": d.order_smooth, "system-2": d.order_force_kink}.get(
+                what, d.order_impact if norm == "v" else d.order_force_jump
+            )
+            if np.isinf(declared):
+                continue
+            found = observed_order(problem, method, COUNTS if declared <= 2 else FEW, t_end, norm)
+            rows.append(
+                {
+                    "problem": what,
+                    "method": method,
+                    "declared": declared,
+                    "order": found.slope,
+                    "scatter": found.scatter,
+                }
+            )
+    return rows
+
+
+def siconos(steps: int) -> list[dict[str, object]]:
+    """Return the rows of Siconos, or one that says why there is none."""
+    if not DEBIAN_PYTHON.exists():
+        return []
+    data = {"steps": min(steps, 20_000), "t_end": 2.5}
+    done = subprocess.run([DEBIAN_PYTHON, PEER, json.dumps(data)], capture_output=True, text=True, timeout=300)
+    if done.returncode != 0:
+        return []
+    return [dict(row) for row in json.loads(done.stdout.splitlines()[-1])]
+
+
+def show(title: str, rows: list[dict[str, object]], key: str) -> None:
+    """Print a table with one line a method and one column a problem."""
+    table = Table(title=title)
+    table.add_column("method")
+    problems = list(dict.fromkeys(str(row["problem"]) for row in rows))
+    for problem in problems:
+        table.add_column(problem, justify="right")
+    for method in dict.fromkeys(str(row["method"]) for row in rows):
+        cells = []
+        for problem in problems:
+            found = [row for row in rows if row["problem"] == problem and row["method"] == method]
+            if not found or found[0].get(key) is None:
+                cells.append("-")
+            elif key == "order":
+                cells.append(f"{found[0]['order']:.2f} ± {found[0]['scatter']:.2f}")
+            else:
+                cells.append(f"{found[0][key]:.3g}")
+        table.add_row(method, *cells)
+    Console(width=160).print(table)
+
+
+def main() -> None:
+    """Measure, show and write."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else "")
+    parser.add_argument("--steps", type=int, default=20_000)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--orders", action="store_true")
+    parser.add_argument("--out", type=Path)
+    chosen = parser.parse_args()
+    rows = costs(chosen.steps, chosen.repeats) + siconos(chosen.steps)
+    show("µs a step, with record and certificate", rows, "µs a step")
+    show("LCPs a step", rows, "LCPs a step")
+    show("sup |q - exact| with 1009 steps, m", rows, "sup q")
+    show("∫ |v - exact| dt with 1009 steps, m", rows, "L1 v")
+    show("greatest overlap with 1009 steps, m", rows, "overlap")
+    if chosen.orders:
+        found = orders()
+        show("observed order ± scatter of log10 error", found, "order")
+        rows += found
+    if chosen.out:
+        names = list(dict.fromkeys(name for row in rows for name in row))
+        with whole_file(chosen.out) as part, part.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, names)
+            writer.writeheader()
+            writer.writerows(rows)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,157 @@
+"""Write docs/integrators.md: how to choose an integrator, from the properties that the registered methods declare.
+
+Run it as ``python docs/choose.py`` after a method or what it declares has changed. A test compares the page with what this
+would write.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import sys
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+
+from lcpimpact.integrators import METHODS
+from lcpimpact.integrators.base import Declared
+from lcpimpact.scheme.dynamics import Feature
+
+PAGE = Path(__file__).parent / "integrators.md"
+
+FEATURES = (
+    Feature.MASSLESS,
+    Feature.RESTITUTION,
+    Feature.SLIDERS,
+    Feature.POWER_LAWS,
+    Feature.MOTIONS,
+    Feature.SYSTEMS,
+)
+
+WISHES: tuple[tuple[str, Callable[[Declared], bool]], ...] = (
+    (
+        "It should run whatever a scheme can hold",
+        lambda d: set(d.relative_degrees) == {0, 1, 2} and set(d.handles) >= set(Feature),
+    ),
+    ("A reference that is exact but for rounding", lambda d: math.isinf(d.order_smooth) and not d.adaptive),
+    ("Order 2 or more although forces jump (Systems 1 and 3)", lambda d: d.order_force_jump >= 2),
+    ("More than order 1 across impacts", lambda d: d.order_impact > 1),
+    ("Plates never overlap after an impact", lambda d: 2 in d.relative_degrees and math.isinf(d.order_penetration)),
+    ("Impacts never add energy, for as long as it runs", lambda d: d.dissipates),
+    ("It chooses its own steps", lambda d: bool(d.adaptive)),
+    ("Dry friction on bodies with mass", lambda d: d.order_friction > 0),
+    (
+        "Compliant contact by non-linear springs (see [penalty.md](penalty.md))",
+        lambda d: Feature.POWER_LAWS in d.handles,
+    ),
+    ("Given motions, as a shaken table", lambda d: Feature.MOTIONS in d.handles),
+    ("Complementarity systems by their matrices", lambda d: Feature.SYSTEMS in d.handles),
+)
+
+
+def main() -> None:
+    """Write the page."""
+    PAGE.write_text(page(), encoding="utf-8")
+
+
+def page() -> str:
+    """Return the text of the page."""
+    methods = {name: kind.declared for name, kind in METHODS.items() if kind.__module__.startswith("lcpimpact.")}
+    lines = [
+        "# How to choose an integrator",
+        "",
+        "All that stands here is what the methods declare of themselves, written down by `docs/choose.py`; tests measure",
+        "it over the whole registry. `lcpimpact list methods` shows the same. `simulate` refuses what a method does not",
+        "declare, before the first step, and names those that can. Measured orders with their scatter, and what a step",
+        "costs, are in [benchmarks](../benchmarks/README.md). To add a method: [new-method.md](new-method.md).",
+        "",
+        "## What is wanted, and who offers it",
+        "",
+        "| wanted | methods |",
+        "|---|---|",
+    ]
+    for wish, offers in WISHES:
+        able = [name for name, declared in methods.items() if offers(declared)]
+        lines.append(f"| {wish} | {', '.join(f'[{name}](#{name})' for name in able) or 'none'} |")
+    lines += [
+        "",
+        "Without a wish of that kind: `moreau-jean` for studies, `exact` for truth, `event-driven` for a smooth method of",
+        "high order between few events, `radau-fesd` for many digits at large steps, and a penalised problem to see what",
+        "smoothing costs.",
+        "",
+        "## What each handles",
+        "",
+        "Relative degree 0: a spring gives way at the contact, 1: a dashpot, 2: both sides have mass, and velocities jump.",
+        "",
+        "| method | degree 0 | 1 | 2 | " + " | ".join(feature.value for feature in FEATURES) + " |",
+        "|---|" + "---|" * (3 + len(FEATURES)),
+    ]
+    for name, d in methods.items():
+        degrees = ["yes" if degree in d.relative_degrees else "" for degree in (0, 1, 2)]
+        features = ["yes" if feature in d.handles else "" for feature in FEATURES]
+        lines.append(f"| [{name}](#{name}) | " + " | ".join(degrees + features) + " |")
+    lines += [
+        "",
+        "## Orders",
+        "",
+        "In the coordinates with mass (sup norm), across impacts in the velocities (L1 norm; their sup norm converges",
+        "for no method). *r bends*: relative degree 0; *r jumps*: degree 1; *friction*: where a body on a slider turns",
+        "or stops.",
+        "",
+        "| method | "
+        + " | ".join(next(iter(methods.values())).orders)
+        + " | overlap after impacts | adds no energy | steps |",
+        "|---|" + "---|" * 8,
+    ]
+    for name, d in methods.items():
+        cells = [*d.orders.values(), d.penetration, "yes" if d.dissipates else "", d.adaptive or "dt"]
+        lines.append(f"| [{name}](#{name}) | " + " | ".join(cells) + " |")
+    lines.append("")
+    for name, d in methods.items():
+        lines += section(name, d)
+    return "\n".join(lines)
+
+
+def section(name: str, d: Declared) -> list[str]:
+    """Return the text of one method: what its module says, its options, and what it declares."""
+    kind = METHODS[name]
+    module = inspect.getdoc(sys.modules[kind.__module__]) or ""
+    options = ", ".join(f"`{each.name}={each.default}`" for each in fields(kind))  # type: ignore[arg-type]
+    return [
+        f"## {name}",
+        "",
+        markdown(module),
+        "",
+        f"- Contacts at level: {d.level}.",
+        f"- Force: {d.reaction_lives}.",
+        f"- Energy: {d.energy}.",
+        f"- Options: {options or 'none'}.",
+        f"- Source: {d.source}.",
+        "",
+    ]
+
+
+def markdown(text: str) -> str:
+    """Return reStructuredText of a docstring as Markdown: formulas as TeX, literals with one backquote."""
+    lines, formula = [], False
+    for line in text.splitlines():
+        if line.startswith(".. math::"):
+            formula = True
+            lines.append("$$" + line.removeprefix(".. math::").strip())
+        elif formula and line and not line.startswith(" "):
+            raise ValueError(f"a formula must be indented and end with an empty line: {line!r}")
+        elif formula and not line:
+            if lines[-1] == "$$":
+                continue
+            formula = False
+            lines[-1] += "$$"
+            lines.append("")
+        else:
+            lines.append(line.strip() if formula else line.replace("``", "`"))
+    if formula:
+        lines[-1] += "$$"
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    main()
