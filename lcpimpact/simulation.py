@@ -109,6 +109,7 @@ def simulate(
         record.t, record.q, record.v = (a[: reached + 1] for a in (record.t, record.q, record.v))
         nr = reached if per_step else reached + 1
         record.t_reaction, record.reaction = record.t_reaction[:nr], record.reaction[:nr]
+    integrator.finish(carry, record)
 
     dense = integrator.dense(carry)
     if record.events is not None:
@@ -132,7 +133,7 @@ def simulate(
         status,
         message,
         certificate,
-        {"steps": reached, **record.stats, "seconds": time.perf_counter() - started},
+        {"steps": len(record.t) - 1, **record.stats, "seconds": time.perf_counter() - started},
         dense,
     )
     if throw and not trajectory.success:

@@ -372,8 +372,8 @@ def test_every_file_of_a_method_problem_or_element_is_registered():
     for folder, registry, others in (
         ("scheme/elements", ELEMENTS, {"base"}),
         ("lcp/solvers", SOLVERS, set()),
-        ("integrators", METHODS, {"base", "flow", "modes", "transition", "law", "newton", "linear_step"}),
-        ("problems", PROBLEMS, {"base", "facts", "free_vibration", "reading", "reference"}),
+        ("integrators", METHODS, {"base", "flow", "modes", "transition", "law", "newton", "spring_law", "linear_step", "halving"}),
+        ("problems", PROBLEMS, {"base", "facts", "free_vibration", "penalty", "reading", "reference"}),
     ):
         files = {file.stem for file in (PACKAGE / folder).glob("*.py")} - {"__init__"} - others
         registered = {location.split(":")[0].rsplit(".", 1)[1] for location in registry._entries.values()}

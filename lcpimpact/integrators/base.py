@@ -193,6 +193,9 @@ class Integrator(ABC):
     def advance(self, carry: Any, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps from t_first to t_last; return the status and the last step that was reached."""
 
+    def finish(self, carry: Any, record: Record) -> None:  # noqa: B027
+        """Put steps of the method's own choice in place of the grid, where it has chosen any."""
+
     def balance_point(self) -> float | None:
         """Return θ where the forces of a step balance at t + θ h, so that its energy can be balanced to rounding."""
         return None

@@ -27,7 +27,7 @@ at t_θ by Newton's method around the LCP; see `lcpimpact.integrators.newton`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -37,6 +37,7 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import SLIPS, Declared, Grid, Integrator, Record
+from lcpimpact.integrators.halving import Halving, check_rtol, overlap
 from lcpimpact.integrators.law import SPRINGS, Springs, around, examine, solve_law, with_fallbacks
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual
@@ -48,7 +49,7 @@ from lcpimpact.lcp.solver import Kernel, State
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.decomposition import decompose
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
@@ -198,7 +199,7 @@ def steps(
                         NG[a, i] += N[a, j] * G[j, active[i]]
             status, count, tried, residual = solve_with_springs(
                 submatrix(W, active[:na]), b[:na], lower[:na], upper[:na], z[:na], gap[:na], plain, tol, max_iter, solve,
-                HGs, NG, NGs, y_free, δ, springs, θ * h, y, s,
+                HGs, NG, NGs, y_free, δ, springs, θ * h, h, y, s,
             )  # fmt: skip
             for a in range(ns):
                 for i in range(n):
@@ -239,7 +240,7 @@ def steps(
 class Step:
     """The operators of one step size: everything that a block of steps needs and no step changes."""
 
-    grid: Grid
+    h: float
     operators: tuple[Array, ...]
     loads: Callable[[Array], tuple[Array, Array]]
     constant: tuple[Array, Array] | None
@@ -248,6 +249,17 @@ class Step:
     around: Springs
     tol: float
     max_iter: int
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What travels from block to block: the steps by how often dt is halved, and who halves them."""
+
+    dynamics: Dynamics
+    grid: Grid
+    lcp_solver: str
+    steps: dict[int, Step]
+    halving: Halving | None
 
 
 @dataclass(frozen=True)
@@ -262,11 +274,14 @@ class MoreauJean(Integrator):
         Largest LCP residual, in units where max |W| = max |q| = 1; by default what the LCP solver declares.
     max_iter : int, optional
         Limit of LCP iterations in a step; by default what the LCP solver declares.
+    rtol : float, optional
+        Halve steps until two halves agree with the whole to rtol max |q|; see `lcpimpact.integrators.halving`. Then dt is
+        the longest step, and the trajectory holds the steps that were taken.
 
     Raises
     ------
     InputError
-        If θ lies outside (0, 1], or tol or max_iter is not positive.
+        If θ lies outside (0, 1], tol or max_iter is not positive, or rtol lies outside [1e-12, 1).
 
     Notes
     -----
@@ -278,6 +293,7 @@ class MoreauJean(Integrator):
     theta: float = 0.5
     tol: float | None = None
     max_iter: int | None = None
+    rtol: float | None = None
 
     name: ClassVar[str] = "moreau-jean"
     declared: ClassVar[Declared] = Declared(
@@ -295,12 +311,14 @@ class MoreauJean(Integrator):
         energy="θ = 1/2 keeps it in smooth motion; approaching bodies never gain for 1/2 <= θ <= 1/(1 + e)",
         dissipates=True,
         source="Moreau (1988); Jean (1999); Acary and Brogliato (2008), chapter 10",
+        adaptive="dt, or halved where rtol is given",
     )
 
     def __post_init__(self) -> None:
         if not is_real(self.theta) or not 0.0 < self.theta <= 1.0:
             raise InputError(f"theta = {self.theta!r} must lie in (0, 1]: 0.5 for second order, 1.0 for damping")
         limits(SOLVERS["auto"], self.tol, self.max_iter)
+        check_rtol(self.rtol)
 
     def reaction_times(self, grid: Grid) -> Array:
         """Return t_k + θ h, one for each step."""
@@ -312,13 +330,25 @@ class MoreauJean(Integrator):
         """Return θ."""
         return self.theta
 
-    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Step:
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
         """Write the initial state and the motions that are given, and factor A once."""
-        dynamics, h, θ = problem.dynamics, grid.h, self.theta
+        d = problem.dynamics
         record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
-        d, driven, free = dynamics, dynamics.driven, ~dynamics.driven
-        if driven.any():
-            record.q[:, driven], record.v[:, driven] = dynamics.motion(record.t)
+        if d.driven.any():
+            record.q[:, d.driven], record.v[:, d.driven] = d.motion(record.t)
+        run = Run(d, grid, lcp_solver, {0: self._step(d, grid.h, lcp_solver)}, None)
+        if self.rtol is None:
+            return run
+
+        def take(level: int, t: float, y: Array) -> tuple[Status, Array, Array]:
+            return self._take(run, record, level, t, y)
+
+        y = np.concatenate([record.q[0], record.v[0]])
+        return replace(run, halving=Halving(take, grid.h, self.rtol, d.massive, overlap(d), y))
+
+    def _step(self, d: Dynamics, h: float, lcp_solver: str) -> Step:
+        """Return the operators of steps of length h."""
+        θ, driven, free = self.theta, d.driven, ~d.driven
         A = d.M / (θ * h) + d.C + θ * h * d.K
         columns = np.column_stack([-d.K, d.M / (θ * h), d.B, d.directions.T])
         A[driven], columns[driven] = np.eye(len(A))[driven], 0.0
@@ -356,26 +386,52 @@ class MoreauJean(Integrator):
             return np.ascontiguousarray(mean @ inverse.T), f[1:].copy()
 
         constant = loads(np.array([0.0, h])) if d.constant_loads and not d.motions else None
-        return Step(grid, operators, loads, constant, contacts, solver.init(contacts), around(d), tol, max_iter)
+        return Step(h, operators, loads, constant, contacts, solver.init(contacts), around(d), tol, max_iter)
 
-    def advance(self, carry: Step, record: Record, first: int, last: int) -> tuple[Status, int]:
+    def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block."""
+        if carry.halving:
+            return carry.halving.advance(carry.grid, first, last)
+        return self._block(carry.steps[0], record, carry.grid.times(first, last), first)
 
-        def run(solver: State, first: int, last: int) -> tuple[Status, int]:
-            return self._run(carry, solver, record, first, last)
+    def finish(self, carry: Run, record: Record) -> None:
+        """Put the steps that were halved in place of the grid."""
+        if carry.halving:
+            carry.halving.write(record, self.theta)
 
-        return with_fallbacks(run, carry.solver, carry.contacts, first, last)
+    def _take(self, carry: Run, record: Record, level: int, t: float, y: Array) -> tuple[Status, Array, Array]:
+        """Take one step of length h/2^level from y = (q, v) at t."""
+        d, h = carry.dynamics, carry.grid.h / 2**level
+        if level not in carry.steps:
+            carry.steps[level] = self._step(d, h, carry.lcp_solver)
+        n, times = len(d.nodes), np.array([t, t + h])
+        one = Record(
+            times, np.empty((2, n)), np.empty((2, n)), times[:1], np.empty((1, len(d.contacts))), stats=record.stats
+        )
+        one.q[0], one.v[0] = y[:n], y[n:]
+        if d.driven.any():
+            one.q[:, d.driven], one.v[:, d.driven] = d.motion(times)
+        status, _ = self._block(carry.steps[level], one, times, 0)
+        return status, np.concatenate([one.q[1], one.v[1]]), one.reaction[0]
 
-    def _run(self, carry: Step, solver: State, record: Record, first: int, last: int) -> tuple[Status, int]:
+    def _block(self, step: Step, record: Record, times: Array, first: int) -> tuple[Status, int]:
+        """Take the steps between the times, the first of which has the index ``first`` in the record."""
+
+        def run(solver: State, begin: int, end: int) -> tuple[Status, int]:
+            return self._run(step, solver, record, times[begin - first : end - first + 1], begin)
+
+        return with_fallbacks(run, step.solver, step.contacts, first, first + len(times) - 1)
+
+    def _run(self, carry: Step, solver: State, record: Record, times: Array, first: int) -> tuple[Status, int]:
         """Take steps in compiled code, or in the interpreter where the solver lives there."""
-        Pf, f = carry.constant or carry.loads(carry.grid.times(first, last))
+        Pf, f = carry.constant or carry.loads(times)
         run: Callable[..., tuple[int, int, int, int, float]] = steps
         springs = carry.around
         if not solver.compiled:
             inner = interpreted(solve_law)
             run, springs = interpreted(steps, solve_law=inner), interpreted(springs, solve_law=inner)
         code, reached, iterations, newton, residual = run(
-            first, last, carry.grid.h, self.theta, Pf, f, *carry.operators,
+            first, first + len(times) - 1, carry.h, self.theta, Pf, f, *carry.operators,
             record.q, record.v, record.reaction, carry.tol, carry.max_iter, solver.kernel, springs,
         )  # fmt: skip
         stats: dict[str, Any] = record.stats
