@@ -11,6 +11,7 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
 from lcpimpact.integrators.base import Dense, Event, Record
+from lcpimpact.integrators.spring_law import push
 from lcpimpact.scheme.dynamics import Dynamics
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
@@ -48,7 +49,7 @@ class Certificate:
 @compiled(f8(matrix, matrix, i8, vector))
 def power_law(N: Array, springs: Array, a: int, q: Array) -> float:
     """Return the energy K δⁿ⁺¹/(n + 1) of one non-linear spring."""
-    gap, K, n, _ = springs[a]
+    gap, K, n, _, _ = springs[a]
     δ = -gap
     for j in range(len(q)):
         δ -= N[a, j] * q[j]
@@ -146,12 +147,11 @@ def certify_steps(
                 w = (q[k + 1, j] - q[k, j]) / h
                 δ -= N[a, j] * (q[k, j] + θ * h * w)
                 rate -= N[a, j] * w
-            _, stiffness, exponent, loss = springs[a]
-            elastic = stiffness * max(δ, 0.0) ** exponent
-            power -= loss * elastic * rate * rate
+            force, _, _ = push(springs[a], δ, -rate, h)
+            power -= (force - springs[a, 1] * max(δ, 0.0) ** springs[a, 2]) * rate
             for j in range(n):
                 if driven[j]:
-                    power -= N[a, j] * elastic * (1.0 + loss * rate) * (q[k + 1, j] - q[k, j]) / h
+                    power -= N[a, j] * force * (q[k + 1, j] - q[k, j]) / h
             after += power_law(N, springs, a, q[k + 1])
         balance += after - stored - h * power
         worst = max(worst, abs(balance))

@@ -24,7 +24,7 @@ Springs: TypeAlias = Callable[..., tuple[int, int, int, float]]
 
 SPRINGS_SIGNATURE: Any = types.Tuple((i8, i8, i8, f8))(
     matrix, vector, vector, vector, vector, vector, types.boolean, f8, i8, KERNEL,
-    matrix, matrix, matrix, vector, vector, matrix, f8, vector, vector,
+    matrix, matrix, matrix, vector, vector, matrix, f8, f8, vector, vector,
 )  # fmt: skip
 """Of `lcpimpact.integrators.newton.solve_with_springs`, which is compiled only for a scheme that has such springs."""
 
@@ -68,7 +68,8 @@ def solve_law(
 @compiled(SPRINGS_SIGNATURE)
 def no_springs(
     W: Array, b: Array, lower: Array, upper: Array, z: Array, gap: Array, plain: bool, tol: float, max_iter: int,
-    solve: Kernel, HGs: Array, NG: Array, NGs: Array, y_free: Array, δ: Array, law: Array, θh: float, y: Array, s: Array,
+    solve: Kernel, HGs: Array, NG: Array, NGs: Array, y_free: Array, δ: Array, law: Array, θh: float, h: float,
+    y: Array, s: Array,
 ) -> tuple[int, int, int, float]:  # fmt: skip
     """Stand where a scheme has no non-linear springs: it is never called."""
     return SOLVED, 0, 0, 0.0

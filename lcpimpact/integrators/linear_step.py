@@ -27,14 +27,14 @@ from numba import types
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, i8, interpreted, matrix, vector
 from lcpimpact.errors import Status
-from lcpimpact.integrators.base import Grid, Integrator, Record
-from lcpimpact.integrators.law import SPRINGS, Springs, around, solve_law, with_fallbacks
+from lcpimpact.integrators.base import Record
+from lcpimpact.integrators.law import SPRINGS, Springs, around, solve_law
+from lcpimpact.integrators.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.problem import KERNEL
-from lcpimpact.lcp.solve import limits
+from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import Kernel, State
-from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.dynamics import Dynamics
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
@@ -93,7 +93,8 @@ class Law:
     touching : (nc, size) array         a row takes part where this is <= 0; all rows do where it is None
     springs_at : pair of (n, size)      the q and v at which the springs' forces s of this law stand
     strictly : bool                     a row takes part where ``touching`` is < 0, and not where it is 0
-    weight : float or None              what a force times it is an impulse of this law, in s; None for the step h
+    weight : float or None              what a force times it is an impulse of this law, in s; None for the step h, 0 for a
+                                        law in which sliders take no part
     """
 
     L: Array
@@ -139,13 +140,14 @@ def sum_columns(columns: Array, z: Array, result: Array) -> None:
 
 @compiled(
     types.Tuple((i8, i8, i8, i8, f8))(
-        i8, i8, matrix, i8, i8, i8, cube, cube, types.boolean[::1], types.boolean[::1], matrix, matrix, cube, cube, matrix,
-        vector, matrix, vector, matrix, matrix, matrix, matrix, f8, i8, KERNEL, SPRINGS,
+        i8, i8, f8, matrix, i8, i8, i8, cube, cube, types.boolean[::1], types.boolean[::1], matrix, matrix, cube, cube,
+        matrix, vector, matrix, vector, matrix, matrix, matrix, matrix, f8, i8, KERNEL, SPRINGS,
     )
 )  # fmt: skip
 def steps(
     first: int,
     last: int,
+    h: float,
     loads: Array,
     n: int,
     nc: int,
@@ -202,7 +204,7 @@ def steps(
             na = 0
             for i in range(nc):
                 touches = everywhere[j] or touch[i] < 0.0 or (touch[i] == 0.0 and not strictly[j])
-                if touches or upper[j, i] < np.inf:
+                if upper[j, i] > 0.0 and (touches or upper[j, i] < np.inf):
                     active[na], q_law[na], z[na] = i, b[i], guess[j, i]
                     low[na], high[na] = lower[j, i], upper[j, i]
                     na += 1
@@ -226,7 +228,7 @@ def steps(
                         NGs[a, c] = rates[j, at_s + c, a]
                 status, count, tried, residual = solve_with_springs(
                     W, q_law[:na], low[:na], high[:na], z[:na], gap[:na], plain, tol, max_iter, solve,
-                    HGs, NG, NGs, y_free, δ, law_of_springs, θh[j], rate, s,
+                    HGs, NG, NGs, y_free, δ, law_of_springs, θh[j], h, rate, s,
                 )  # fmt: skip
                 x[at_s : at_s + ns] = s
             elif na > 0:
@@ -251,10 +253,10 @@ def steps(
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
-    """What travels from block to block: the tabulated step, and the state that it stands at."""
+class Tabulated:
+    """A step of one length: what a block of steps needs, and the state and the guesses that travel with it."""
 
-    grid: Grid
+    h: float
     sizes: tuple[int, int, int]
     tables: tuple[Array, ...]
     loads: Callable[[Array], Array]
@@ -269,24 +271,8 @@ class Run:
 
 
 @dataclass(frozen=True)
-class LinearStep(Integrator):
-    """A method whose step is linear; to write one, declare it and write `equations`.
-
-    Parameters
-    ----------
-    tol : float, optional
-        Largest LCP residual, in units where max |W| = max |q| = 1; by default what the LCP solver declares.
-    max_iter : int, optional
-        Limit of LCP iterations in a step; by default what the LCP solver declares.
-
-    Raises
-    ------
-    InputError
-        If tol or max_iter is not positive.
-    """
-
-    tol: float | None = None
-    max_iter: int | None = None
+class LinearStep(TimeStepping[Tabulated]):
+    """A method whose step is linear; to write one, declare it and write `equations`."""
 
     laws: ClassVar[int] = 1
     """How many LCPs a step solves."""
@@ -300,31 +286,31 @@ class LinearStep(Integrator):
     reaction_at: ClassVar[float] = 0.5
     """The instant in its step at which a mean force is best read."""
 
-    def __post_init__(self) -> None:
-        limits(SOLVERS["auto"], self.tol, self.max_iter)
-
     @abstractmethod
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write one step of length h of the dynamics d, in the symbols y."""
 
-    def begin(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
+    def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
         """Return what is remembered at t = 0, by its name (n,)."""
         return {}
 
-    def reaction_times(self, grid: Grid) -> Array:
-        """Return one instant for each step."""
-        t = grid.times(0, grid.steps - 1)
-        t += self.reaction_at * grid.h
-        return t
+    def begin(self, d: Dynamics, q: Array, v: Array, h: float) -> Array:
+        """Return q, v and what is remembered."""
+        memory = self.remember(d, q, v, h)
+        return np.concatenate([q, v, *(memory[name] for name in self.remembers)])
 
-    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
-        """Write the initial state, and tabulate the step."""
-        d, h = problem.dynamics, grid.h
-        record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
-        remembered = self.begin(d, record.q[0].copy(), record.v[0].copy(), h)
-        y = np.concatenate([record.q[0], record.v[0], *(remembered[name] for name in self.remembers)])
+    def put(self, step: Tabulated, record: Record, y: Array) -> None:
+        """Write the state."""
+        step.y[:] = y
+
+    def get(self, step: Tabulated, record: Record) -> Array:
+        """Return the state."""
+        return step.y.copy()
+
+    def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
+        """Tabulate the step."""
         symbols = self._symbols(d)
-        tables = _tabulate(symbols, self.equations(symbols, d, h), self.remembers, d, h)
+        tables = _tables(symbols, self.equations(symbols, d, h), self.remembers, d, h)
 
         solver = SOLVERS[lcp_solver]
         contacts = Dense(np.eye(1))
@@ -340,9 +326,9 @@ class LinearStep(Integrator):
 
         constant = loads(np.zeros(1)) if d.constant_loads else None
         sizes = (len(d.nodes), len(d.contacts), len(d.springs))
-        guess = np.zeros((self.laws, len(d.contacts)))
+        y, guess = np.zeros(len(symbols.q) * (2 + len(self.remembers))), np.zeros((self.laws, len(d.contacts)))
         init = solver.init(contacts)
-        return Run(grid, sizes, tables, loads, constant, y, guess, contacts, init, around(d), tol, max_iter)
+        return Tabulated(h, sizes, tables, loads, constant, y, guess, contacts, init, around(d), tol, max_iter)
 
     def _symbols(self, d: Dynamics) -> Symbols:
         """Return one column for each number that a step starts from or solves for."""
@@ -363,40 +349,34 @@ class LinearStep(Integrator):
             tuple(rest[i] for i in s),
         )
 
-    def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
-        """Take the steps of the block."""
-
-        def run(solver: State, first: int, last: int) -> tuple[Status, int]:
-            return self._run(carry, solver, record, first, last)
-
-        return with_fallbacks(run, carry.solver, carry.contacts, first, last)
-
-    def _run(self, carry: Run, solver: State, record: Record, first: int, last: int) -> tuple[Status, int]:
+    def run(self, step: Tabulated, solver: State, record: Record, times: Array, first: int) -> tuple[Status, int]:
         """Take steps in compiled code, or in the interpreter where the solver lives there."""
-        loads = carry.loads(carry.grid.times(first, last - 1)) if carry.constant is None else carry.constant
-        run: Callable[..., tuple[int, int, int, int, float]] = steps
-        springs = carry.springs
+        loads = step.loads(times[:-1]) if step.constant is None else step.constant
+        kernel: Callable[..., tuple[int, int, int, int, float]] = steps
+        springs = step.springs
         if not solver.compiled:
             inner = interpreted(solve_law)
-            run, springs = interpreted(steps, solve_law=inner), interpreted(springs, solve_law=inner)
-        code, reached, iterations, newton, residual = run(
-            first, last, loads, *carry.sizes, *carry.tables, carry.y, carry.guess,
-            record.q, record.v, record.reaction, carry.tol, carry.max_iter, solver.kernel, springs,
+            kernel, springs = interpreted(steps, solve_law=inner), interpreted(springs, solve_law=inner)
+        code, reached, iterations, newton, residual = kernel(
+            first, first + len(times) - 1, step.h, loads, *step.sizes, *step.tables, step.y, step.guess,
+            record.q, record.v, record.reaction, step.tol, step.max_iter, solver.kernel, springs,
         )  # fmt: skip
         stats: dict[str, Any] = record.stats
         stats["lcp_solves"] = stats.get("lcp_solves", 0) + self.laws * (reached - first)
         stats["lcp_iterations"] = stats.get("lcp_iterations", 0) + iterations
-        if carry.sizes[2]:
+        if step.sizes[2]:
             stats["newton_iterations"] = stats.get("newton_iterations", 0) + newton
         stats["residual"] = max(stats.get("residual", 0.0), residual)
         return Status(code), reached
 
 
-def _tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], d: Dynamics, h: float) -> tuple[Array, ...]:
+def _tables(y: Symbols, step: Step, remembers: tuple[str, ...], d: Dynamics, h: float) -> tuple[Array, ...]:
     """Return what the kernel reads: the columns of each law, their bounds, those of the springs, and of the result."""
     nothing = np.zeros_like(y.P[0])
     touching = [nothing if law.touching is None else law.touching for law in step.laws]
     weights = [h if law.weight is None else law.weight for law in step.laws]
+    threshold = np.where(d.slides, d.r_max, 0.0)
+    unbounded = np.where(d.slides, 0.0, d.r_max)
     N, power_laws = d.directions, d.power_laws
     rates = [N @ law.springs_at[1] for law in step.laws]
     approaches = [-(N @ law.springs_at[0] + power_laws[:, :1] * y.one) for law in step.laws]
@@ -411,14 +391,35 @@ def _tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], d: Dynamics, h
         columns(touching),
         np.array([law.touching is None for law in step.laws]),
         np.array([law.strictly for law in step.laws]),
-        np.array([w * d.r_min for w in weights]),
-        np.array([w * d.r_max for w in weights]),
+        np.array([-w * threshold for w in weights]),
+        np.array([w * threshold + unbounded for w in weights]),
         columns(rates),
         columns(approaches),
         power_laws.copy(),
         np.array(θh),
         result.T.copy(),
     )
+
+
+def smooth_force(d: Dynamics, q: Array, v: Array) -> Array:
+    """Return f - K q - C v + s at t = 0, without reactions (n,)."""
+    return np.asarray(d.force(0.0) - d.K @ q - d.C @ v + d.spring_force(q, v))
+
+
+def first_acceleration(d: Dynamics, q: Array, v: Array, h: float) -> Array:
+    """Return q'' at t = 0, with the forces of contacts that are closed and do not approach, and of sliders (n,).
+
+    They keep the velocity after half a step, v + h/2 q'', within their laws. What approaches is left to the first impact.
+    """
+    F = smooth_force(d, q, v)
+    u, U = d.gap(q), d.gap_rate(v)
+    rows = np.flatnonzero(d.slides | ((u <= 0.0) & (U >= 0.0)))
+    if len(rows):
+        H, push = d.H[rows], d.B[:, rows]
+        b = U[rows] + 0.5 * h * H @ np.linalg.solve(d.M, F)
+        W = 0.5 * h * H @ np.linalg.solve(d.M, push)
+        F = F + push @ solve_lcp(W, b, lower=d.r_min[rows], upper=d.r_max[rows]).z
+    return np.asarray(np.linalg.solve(d.M, F))
 
 
 def _shared_step(place: Array, rate: Array, P: Array, s: Array) -> float:

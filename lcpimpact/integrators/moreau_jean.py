@@ -27,7 +27,7 @@ at t_θ by Newton's method around the LCP; see `lcpimpact.integrators.newton`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
@@ -36,9 +36,9 @@ from numba import types
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
-from lcpimpact.integrators.base import SLIPS, Declared, Grid, Integrator, Record
-from lcpimpact.integrators.halving import Halving, check_rtol, overlap
-from lcpimpact.integrators.law import SPRINGS, Springs, around, examine, solve_law, with_fallbacks
+from lcpimpact.integrators.base import SLIPS, Declared, Record
+from lcpimpact.integrators.law import SPRINGS, Springs, around, examine, solve_law
+from lcpimpact.integrators.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual
 from lcpimpact.lcp.lapack import lu_solve
@@ -47,7 +47,6 @@ from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits
 from lcpimpact.lcp.solver import Kernel, State
 from lcpimpact.numbers import is_real
-from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.decomposition import decompose
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 
@@ -251,37 +250,21 @@ class Step:
     max_iter: int
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
-    """What travels from block to block: the steps by how often dt is halved, and who halves them."""
-
-    dynamics: Dynamics
-    grid: Grid
-    lcp_solver: str
-    steps: dict[int, Step]
-    halving: Halving | None
-
-
 @dataclass(frozen=True)
-class MoreauJean(Integrator):
+class MoreauJean(TimeStepping[Step]):
     """The θ-step with an LCP.
 
     Parameters
     ----------
     theta : float
         θ in (0, 1]; 1/2 is of second order and keeps the energy of smooth motion, 1 damps and is of first order.
-    tol : float, optional
-        Largest LCP residual, in units where max |W| = max |q| = 1; by default what the LCP solver declares.
-    max_iter : int, optional
-        Limit of LCP iterations in a step; by default what the LCP solver declares.
-    rtol : float, optional
-        Halve steps until two halves agree with the whole to rtol max |q|; see `lcpimpact.integrators.halving`. Then dt is
-        the longest step, and the trajectory holds the steps that were taken.
+    tol, max_iter, rtol : optional
+        As of `lcpimpact.integrators.time_stepping.TimeStepping`.
 
     Raises
     ------
     InputError
-        If θ lies outside (0, 1], tol or max_iter is not positive, or rtol lies outside [1e-12, 1).
+        If θ lies outside (0, 1].
 
     Notes
     -----
@@ -291,9 +274,6 @@ class MoreauJean(Integrator):
     """
 
     theta: float = 0.5
-    tol: float | None = None
-    max_iter: int | None = None
-    rtol: float | None = None
 
     name: ClassVar[str] = "moreau-jean"
     declared: ClassVar[Declared] = Declared(
@@ -315,39 +295,33 @@ class MoreauJean(Integrator):
     )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not is_real(self.theta) or not 0.0 < self.theta <= 1.0:
             raise InputError(f"theta = {self.theta!r} must lie in (0, 1]: 0.5 for second order, 1.0 for damping")
-        limits(SOLVERS["auto"], self.tol, self.max_iter)
-        check_rtol(self.rtol)
 
-    def reaction_times(self, grid: Grid) -> Array:
-        """Return t_k + θ h, one for each step."""
-        t = grid.times(0, grid.steps - 1)
-        t += self.theta * grid.h
-        return t
+    @property
+    def reaction_at(self) -> float:
+        """θ."""
+        return self.theta
 
     def balance_point(self) -> float:
         """Return θ."""
         return self.theta
 
-    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
-        """Write the initial state and the motions that are given, and factor A once."""
-        d = problem.dynamics
-        record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
-        if d.driven.any():
-            record.q[:, d.driven], record.v[:, d.driven] = d.motion(record.t)
-        run = Run(d, grid, lcp_solver, {0: self._step(d, grid.h, lcp_solver)}, None)
-        if self.rtol is None:
-            return run
+    def begin(self, d: Dynamics, q: Array, v: Array, h: float) -> Array:
+        """Return q and v."""
+        return np.concatenate([q, v])
 
-        def take(level: int, t: float, y: Array) -> tuple[Status, Array, Array]:
-            return self._take(run, record, level, t, y)
+    def put(self, step: Step, record: Record, y: Array) -> None:
+        """Write q and v."""
+        record.q[0], record.v[0] = np.split(y, 2)
 
-        y = np.concatenate([record.q[0], record.v[0]])
-        return replace(run, halving=Halving(take, grid.h, self.rtol, d.massive, overlap(d), y))
+    def get(self, step: Step, record: Record) -> Array:
+        """Return q and v."""
+        return np.concatenate([record.q[1], record.v[1]])
 
-    def _step(self, d: Dynamics, h: float, lcp_solver: str) -> Step:
-        """Return the operators of steps of length h."""
+    def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> Step:
+        """Factor A, and return the operators of steps of length h."""
         θ, driven, free = self.theta, d.driven, ~d.driven
         A = d.M / (θ * h) + d.C + θ * h * d.K
         columns = np.column_stack([-d.K, d.M / (θ * h), d.B, d.directions.T])
@@ -388,56 +362,22 @@ class MoreauJean(Integrator):
         constant = loads(np.array([0.0, h])) if d.constant_loads and not d.motions else None
         return Step(h, operators, loads, constant, contacts, solver.init(contacts), around(d), tol, max_iter)
 
-    def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
-        """Take the steps of the block."""
-        if carry.halving:
-            return carry.halving.advance(carry.grid, first, last)
-        return self._block(carry.steps[0], record, carry.grid.times(first, last), first)
-
-    def finish(self, carry: Run, record: Record) -> None:
-        """Put the steps that were halved in place of the grid."""
-        if carry.halving:
-            carry.halving.write(record, self.theta)
-
-    def _take(self, carry: Run, record: Record, level: int, t: float, y: Array) -> tuple[Status, Array, Array]:
-        """Take one step of length h/2^level from y = (q, v) at t."""
-        d, h = carry.dynamics, carry.grid.h / 2**level
-        if level not in carry.steps:
-            carry.steps[level] = self._step(d, h, carry.lcp_solver)
-        n, times = len(d.nodes), np.array([t, t + h])
-        one = Record(
-            times, np.empty((2, n)), np.empty((2, n)), times[:1], np.empty((1, len(d.contacts))), stats=record.stats
-        )
-        one.q[0], one.v[0] = y[:n], y[n:]
-        if d.driven.any():
-            one.q[:, d.driven], one.v[:, d.driven] = d.motion(times)
-        status, _ = self._block(carry.steps[level], one, times, 0)
-        return status, np.concatenate([one.q[1], one.v[1]]), one.reaction[0]
-
-    def _block(self, step: Step, record: Record, times: Array, first: int) -> tuple[Status, int]:
-        """Take the steps between the times, the first of which has the index ``first`` in the record."""
-
-        def run(solver: State, begin: int, end: int) -> tuple[Status, int]:
-            return self._run(step, solver, record, times[begin - first : end - first + 1], begin)
-
-        return with_fallbacks(run, step.solver, step.contacts, first, first + len(times) - 1)
-
-    def _run(self, carry: Step, solver: State, record: Record, times: Array, first: int) -> tuple[Status, int]:
+    def run(self, step: Step, solver: State, record: Record, times: Array, first: int) -> tuple[Status, int]:
         """Take steps in compiled code, or in the interpreter where the solver lives there."""
-        Pf, f = carry.constant or carry.loads(times)
-        run: Callable[..., tuple[int, int, int, int, float]] = steps
-        springs = carry.around
+        Pf, f = step.constant or step.loads(times)
+        kernel: Callable[..., tuple[int, int, int, int, float]] = steps
+        springs = step.around
         if not solver.compiled:
             inner = interpreted(solve_law)
-            run, springs = interpreted(steps, solve_law=inner), interpreted(springs, solve_law=inner)
-        code, reached, iterations, newton, residual = run(
-            first, first + len(times) - 1, carry.h, self.theta, Pf, f, *carry.operators,
-            record.q, record.v, record.reaction, carry.tol, carry.max_iter, solver.kernel, springs,
+            kernel, springs = interpreted(steps, solve_law=inner), interpreted(springs, solve_law=inner)
+        code, reached, iterations, newton, residual = kernel(
+            first, first + len(times) - 1, step.h, self.theta, Pf, f, *step.operators,
+            record.q, record.v, record.reaction, step.tol, step.max_iter, solver.kernel, springs,
         )  # fmt: skip
         stats: dict[str, Any] = record.stats
         stats["lcp_solves"] = stats.get("lcp_solves", 0) + reached - first
         stats["lcp_iterations"] = stats.get("lcp_iterations", 0) + iterations
-        if len(carry.operators[-1]):
+        if len(step.operators[-1]):
             stats["newton_iterations"] = stats.get("newton_iterations", 0) + newton
         stats["residual"] = max(stats.get("residual", 0.0), residual)
         return Status(code), reached

@@ -48,6 +48,7 @@ class MoreauMidpoint(LinearStep):
         energy="near its value for ever in smooth motion, where h is below 2/ω",
         dissipates=True,
         source="Moreau (1988); Studer (2009), section 4.2",
+        adaptive="dt, or halved where rtol is given",
     )
 
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:

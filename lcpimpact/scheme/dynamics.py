@@ -160,8 +160,8 @@ class Dynamics:
 
     @cached_property
     def power_laws(self) -> Array:
-        """Gap, K, n and b of each non-linear spring (ns, 4)."""
-        return np.array([(each.gap, each.K, each.n, each.b) for each in self.springs]).reshape(-1, 4)
+        """Gap, K, n, b and c of each non-linear spring (ns, 5)."""
+        return np.array([(each.gap, each.K, each.n, each.b, each.c) for each in self.springs]).reshape(-1, 5)
 
     def motion(self, t: ArrayLike) -> tuple[Array, Array]:
         """Return y(t) and y'(t) of the driven nodes, in the order of their indices, with the shape of t and then (np,)."""
@@ -220,7 +220,7 @@ class Dynamics:
         linear = 0.5 * _quadratic_form(self.K, q)
         if not self.springs:
             return linear
-        _, K, n, _ = self.power_laws.T
+        _, K, n, _, _ = self.power_laws.T
         δ = np.maximum(self.approach(q), 0.0)
         return np.asarray(linear + (K * δ ** (n + 1.0) / (n + 1.0)).sum(axis=-1))
 
@@ -228,25 +228,33 @@ class Dynamics:
         """Return δ of the non-linear springs in m (..., ns), for q of shape (..., n)."""
         return np.asarray(-(np.asarray(q) @ self.directions.T + self.power_laws[:, 0]))
 
+    def approach_rate(self, v: ArrayLike) -> Array:
+        """Return δ' of the non-linear springs in m/s (..., ns), for v of shape (..., n)."""
+        return np.asarray(-np.asarray(v) @ self.directions.T)
+
+    def push(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return the force in N by which each non-linear spring pushes its ends apart (..., ns)."""
+        _, K, n, b, c = self.power_laws.T
+        δ, rate = self.approach(q), self.approach_rate(v)
+        force = K * np.maximum(δ, 0.0) ** n * (1.0 + b * rate) + np.where(δ > 0.0, c * rate, 0.0)
+        return np.where(c > 0.0, np.maximum(force, 0.0), force)
+
     def spring_force(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return s(q, v) in N, the forces of the non-linear springs on the nodes (..., n)."""
-        _, K, n, b = self.power_laws.T
-        δ = np.maximum(self.approach(q), 0.0)
-        rate = -np.asarray(v) @ self.directions.T
-        return np.asarray((K * δ**n * (1.0 + b * rate)) @ self.directions)
+        return np.asarray(self.push(q, v) @ self.directions)
 
     def energy(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the stored energy, kinetic and elastic, in J."""
         return np.asarray(self.kinetic_energy(v) + self.elastic_energy(q))
 
     def dissipated_power(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return vᵀ C v + Σ b K δⁿ δ'² >= 0, the power that dashpots and non-linear springs dissipate, in W."""
+        """Return vᵀ C v + Σ (s - K δⁿ) δ' >= 0, the power that dashpots and non-linear springs dissipate, in W."""
         linear = _quadratic_form(self.C, v)
         if not self.springs:
             return linear
-        _, K, n, b = self.power_laws.T
-        rate = np.asarray(v) @ self.directions.T
-        return np.asarray(linear + (b * K * np.maximum(self.approach(q), 0.0) ** n * rate**2).sum(axis=-1))
+        _, K, n, _, _ = self.power_laws.T
+        elastic = K * np.maximum(self.approach(q), 0.0) ** n
+        return np.asarray(linear + ((self.push(q, v) - elastic) * self.approach_rate(v)).sum(axis=-1))
 
     def driving_power(self, t: ArrayLike, q: ArrayLike, v: ArrayLike, r: ArrayLike) -> Array:
         """Return the power in W of the forces that drive the nodes whose motion is given, which carry no mass."""

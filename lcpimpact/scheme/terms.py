@@ -39,9 +39,10 @@ class Row:
 
 @dataclass(frozen=True)
 class PowerLaw:
-    r"""A non-linear spring: the force K δⁿ (1 + b δ') for δ > 0, which pushes the two nodes apart.
+    r"""A non-linear spring: the force K δⁿ (1 + b δ') + c δ' for δ > 0, which pushes the two nodes apart.
 
-    δ = q_upper - q_lower - gap is the approach of the nodes; the force is zero where δ <= 0.
+    δ = q_upper - q_lower - gap is the approach of the nodes; the force is zero where δ <= 0. With c > 0 it jumps where
+    δ = 0, and never pulls: it is zero too where the sum is negative.
 
     Attributes
     ----------
@@ -50,7 +51,8 @@ class PowerLaw:
     gap : float             opening in m at zero coordinates
     K : float               N/mⁿ
     n : float               exponent, at least 1
-    b : float               s/m; 0 for a spring without loss
+    b : float               s/m; 0 for a spring without this loss
+    c : float               N s/m; 0 for a spring without this loss
     """
 
     element: str
@@ -60,6 +62,7 @@ class PowerLaw:
     K: float
     n: float
     b: float = 0.0
+    c: float = 0.0
 
 
 class Terms:

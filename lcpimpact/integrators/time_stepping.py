@@ -1,0 +1,168 @@
+"""What methods share that solve LCPs in steps: options, blocks of steps, solvers to fall back on, steps halved."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError, Status
+from lcpimpact.integrators.base import Grid, Integrator, Record
+from lcpimpact.integrators.halving import Halving, overlap
+from lcpimpact.integrators.law import with_fallbacks
+from lcpimpact.lcp import SOLVERS
+from lcpimpact.lcp.operators import Dense
+from lcpimpact.lcp.solve import limits
+from lcpimpact.lcp.solver import State
+from lcpimpact.numbers import is_real
+from lcpimpact.problems.base import Problem
+from lcpimpact.scheme.dynamics import Dynamics
+
+
+class Prepared(Protocol):
+    """A step of one length, with the solver of its LCP."""
+
+    @property
+    def contacts(self) -> Dense:
+        """The matrix of the LCP."""
+
+    @property
+    def solver(self) -> State:
+        """The solver that was made ready for it."""
+
+
+S = TypeVar("S", bound=Prepared)
+
+
+@dataclass(frozen=True, eq=False)
+class Run(Generic[S]):
+    """What travels from block to block: the steps by how often dt is halved, and who halves them."""
+
+    dynamics: Dynamics
+    grid: Grid
+    lcp_solver: str
+    steps: dict[int, S]
+    halving: Halving | None
+
+
+@dataclass(frozen=True)
+class TimeStepping(Integrator, Generic[S]):
+    """A method that solves LCPs in each step.
+
+    Parameters
+    ----------
+    tol : float, optional
+        Largest LCP residual, in units where max |W| = max |q| = 1; by default what the LCP solver declares.
+    max_iter : int, optional
+        Limit of LCP iterations in a step; by default what the LCP solver declares.
+    rtol : float, optional
+        Halve steps until two halves agree with the whole to rtol max |q|; see `lcpimpact.integrators.halving`. Then dt is
+        the longest step, and the trajectory holds the steps that were taken.
+
+    Raises
+    ------
+    InputError
+        If tol or max_iter is not positive, or rtol lies outside [1e-12, 1) or is given to a method that cannot halve.
+    """
+
+    tol: float | None = None
+    max_iter: int | None = None
+    rtol: float | None = None
+
+    halves: ClassVar[bool] = True
+    """Whether a step may follow one of another length: not where what is remembered belongs to h."""
+
+    def __post_init__(self) -> None:
+        limits(SOLVERS["auto"], self.tol, self.max_iter)
+        if self.rtol is not None and (not is_real(self.rtol) or not 1e-12 <= self.rtol < 1.0):
+            raise InputError(f"rtol = {self.rtol!r} must lie between 1e-12 and 1, or be None for steps of dt")
+        if self.rtol is not None and not self.halves:
+            raise InputError(
+                f"rtol = {self.rtol!r}: the steps of {self.name} must all have one length; leave rtol out, or take "
+                "method='moreau-jean', which can halve them"
+            )
+
+    @property
+    @abstractmethod
+    def reaction_at(self) -> float:
+        """The instant in its step at which a mean force is best read, in units of the step."""
+
+    @abstractmethod
+    def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> S:
+        """Return a step of length h, with all that does not change from step to step."""
+
+    @abstractmethod
+    def begin(self, d: Dynamics, q: Array, v: Array, h: float) -> Array:
+        """Return the state at t = 0: q, v and what else is remembered (N,)."""
+
+    @abstractmethod
+    def put(self, step: S, record: Record, y: Array) -> None:
+        """Write the state y to the first place of a record, and wherever else steps look for it."""
+
+    @abstractmethod
+    def get(self, step: S, record: Record) -> Array:
+        """Return the state after the first step of a record."""
+
+    @abstractmethod
+    def run(self, step: S, solver: State, record: Record, times: Array, first: int) -> tuple[Status, int]:
+        """Take the steps between the times, the first of which has the index ``first`` in the record."""
+
+    def reaction_times(self, grid: Grid) -> Array:
+        """Return one instant for each step."""
+        t = grid.times(0, grid.steps - 1)
+        t += self.reaction_at * grid.h
+        return t
+
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run[S]:
+        """Write the initial state and the motions that are given, and prepare the step."""
+        d = problem.dynamics
+        record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
+        if d.driven.any():
+            record.q[:, d.driven], record.v[:, d.driven] = d.motion(record.t)
+        y = self.begin(d, record.q[0].copy(), record.v[0].copy(), grid.h)
+        run = Run(d, grid, lcp_solver, {0: self.prepare(d, grid.h, lcp_solver)}, None)
+        self.put(run.steps[0], record, y)
+        if self.rtol is None:
+            return run
+
+        def take(level: int, t: float, y: Array) -> tuple[Status, Array, Array]:
+            return self._take(run, record.stats, level, t, y)
+
+        return replace(run, halving=Halving(take, grid.h, self.rtol, d.massive, overlap(d), y))
+
+    def advance(self, carry: Run[S], record: Record, first: int, last: int) -> tuple[Status, int]:
+        """Take the steps of the block."""
+        if carry.halving:
+            return carry.halving.advance(carry.grid, first, last)
+        return self._block(carry.steps[0], record, carry.grid.times(first, last), first)
+
+    def finish(self, carry: Run[S], record: Record) -> None:
+        """Put the steps that were halved in place of the grid."""
+        if carry.halving:
+            carry.halving.write(record, self.reaction_at)
+
+    def _take(
+        self, carry: Run[S], stats: dict[str, Any], level: int, t: float, y: Array
+    ) -> tuple[Status, Array, Array]:
+        """Take one step of length h/2^level from y at t."""
+        d, h = carry.dynamics, carry.grid.h / 2**level
+        if level not in carry.steps:
+            carry.steps[level] = self.prepare(d, h, carry.lcp_solver)
+        n, times = len(d.nodes), np.array([t, t + h])
+        one = Record(times, np.empty((2, n)), np.empty((2, n)), times[:1], np.empty((1, len(d.contacts))), stats=stats)
+        self.put(carry.steps[level], one, y)
+        if d.driven.any():
+            one.q[:, d.driven], one.v[:, d.driven] = d.motion(times)
+        status, _ = self._block(carry.steps[level], one, times, 0)
+        return status, self.get(carry.steps[level], one), one.reaction[0]
+
+    def _block(self, step: S, record: Record, times: Array, first: int) -> tuple[Status, int]:
+        """Take the steps between the times; one whose LCP is not solved is tried by the solvers to fall back on."""
+
+        def run(solver: State, begin: int, end: int) -> tuple[Status, int]:
+            return self.run(step, solver, record, times[begin - first : end - first + 1], begin)
+
+        return with_fallbacks(run, step.solver, step.contacts, first, first + len(times) - 1)
