@@ -61,15 +61,32 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class System:
-    """The first-order form with its Markov parameters, and the flow of each mode."""
+    """The first-order form with its Markov parameters, and the flow of each mode.
+
+    Attributes
+    ----------
+    dynamics : Dynamics
+    given : FirstOrderForm, optional
+        The form, where it is not that of ``dynamics`` alone: linear about one instant, or with inputs beside r.
+    inputs : pair of (N, nw) and (nc, nw) arrays, optional
+        E and D_w with X' = A X + B r + E w, u = C X + D r + D_w w.
+    """
 
     dynamics: Dynamics
+    given: FirstOrderForm | None = None
+    inputs: tuple[Array, Array] | None = None
     flows: dict[object, tuple[Flow, Array]] = field(default_factory=dict)
 
     @cached_property
     def form(self) -> FirstOrderForm:
         """The first-order form."""
-        return first_order_form(self.dynamics)
+        return self.given or first_order_form(self.dynamics)
+
+    @cached_property
+    def input_matrices(self) -> tuple[Array, Array]:
+        """E (N, nw), with rows for the states p, and D_w (nc, nw)."""
+        E, Dw = self.inputs or (np.zeros((len(self.form.A), 0)), np.zeros((len(self.degree), 0)))
+        return np.pad(E, ((0, len(self.remembered)), (0, 0))), Dw
 
     @cached_property
     def degree(self) -> Indices:
@@ -134,10 +151,29 @@ class System:
             self.flows[mode.key] = Flow(A + B @ F), F
         return self.flows[mode.key]
 
+    def share(self, mode: Mode) -> Array:
+        """Return F_w (nc, nw), by which the reactions of a mode, r = F X + F_w w, answer to the inputs."""
+        A, _, C = self.matrices
+        E, Dw = self.input_matrices
+        rows, found = list(mode.closed), np.zeros_like(Dw)
+        if Dw.size:
+            O_w = np.array([Dw, C @ E, C @ A @ E])[self.degree, np.arange(len(self.degree))]
+            found[rows] = -_solve(self.G[np.ix_(rows, rows)], O_w[rows])
+        return found
+
     def watched(self, mode: Mode) -> list[tuple[int, Array, int]]:
-        """Return what ends a mode where it turns negative: the row of H, the row c of c·X, and the order of its zero."""
+        """Return what ends a mode where it turns negative.
+
+        For each the row of H, the row c of c·(X, w), and the order of its zero; without inputs it is c·X.
+        """
         flow, F = self.mode(mode)
+        E, Dw = self.input_matrices
+        Fw, B = self.share(mode), self.matrices[1]
         u = self.derivatives[0] + self.form.D @ F
+        # A slider that slips has degree 1 or 2, or no input acts on it: then u' holds no rate of an input.
+        U = np.column_stack([u @ flow.A, u @ (E + B @ Fw)])
+        u = np.column_stack([u, Dw + self.form.D @ Fw])
+        F = np.column_stack([F, Fw])
         found = []
         slips = dict(mode.slips)
         for i, contact in enumerate(self.dynamics.contacts):
@@ -146,7 +182,7 @@ class System:
             if contact.r0 is None:
                 found.append((i, F[i] if i in mode.closed else u[i], mode.order[i]))
             elif i in slips:
-                found.append((i, slips[i] * (u[i] @ flow.A), mode.order[i]))
+                found.append((i, slips[i] * U[i], mode.order[i]))
             else:
                 for sign in (1, -1):
                     row = -sign * F[i]
@@ -246,19 +282,25 @@ def _bounds(system: System, rows: list[int], side: list[int], level: int) -> tup
     return np.where(slides & (at > 0), -np.inf, 0.0), np.where(slides & (at > 0), 0.0, np.inf)
 
 
-def impact(system: System, X: Array, scale: Array, solver: str) -> tuple[Array, Array]:
-    """Return X after the impacts at this instant, and the impulses (nc,): 0 <= P ⟂ U⁺ + e U⁻ >= 0."""
+def impact(
+    system: System, X: Array, scale: Array, solver: str, restitution: Array | None = None
+) -> tuple[Array, Array]:
+    """Return X after the impacts at this instant, and the impulses (nc,): 0 <= P ⟂ U⁺ + e U⁻ >= 0.
+
+    The coefficients e are those of the rows, or ``restitution`` (nc,).
+    """
+    e = system.dynamics.restitution if restitution is None else restitution
     P = np.zeros(len(system.degree))
     u, U = gaps(system, X, scale)
     meeting = np.flatnonzero((system.degree == 2) & (u <= 0.0) & ~system.dynamics.slides)
     if not (U[meeting] < 0.0).any():
         return X, P
-    q = (U + system.dynamics.restitution * np.minimum(U, 0.0))[meeting]
+    q = (U + e * np.minimum(U, 0.0))[meeting]
     P[meeting] = solve_lcp(system.G[np.ix_(meeting, meeting)], q, solver).z
     return X + system.matrices[1] @ P, P
 
 
-def refuse_mixed_degrees(system: System) -> None:
+def refuse_mixed_degrees(system: System, method: str = "exact") -> None:
     """Refuse contacts that can be closed together while a combination of their gaps has a higher degree than each."""
     H = system.dynamics.H
     for degree in (0, 1, 2):
@@ -268,6 +310,6 @@ def refuse_mixed_degrees(system: System) -> None:
             if np.abs(combination @ H[rows]).max() > 1e-9:
                 names = [repr(system.dynamics.contacts[i].name) for i in rows[np.abs(combination) > 1e-9]]
                 raise UnsupportedError(
-                    f"the contacts {', '.join(names)} have no common relative degree when all are closed, and 'exact' "
+                    f"the contacts {', '.join(names)} have no common relative degree when all are closed, and {method!r} "
                     "does not handle that: take method='moreau-jean'"
                 )

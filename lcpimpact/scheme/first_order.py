@@ -6,12 +6,16 @@ The massless coordinates are eliminated: those with a dashpot by their first-ord
 their balance of forces, and those whose motion is given by that motion. Constant and harmonic signals become states of
 their own (1, and a cosine with its sine), so the system is homogeneous and its solution in each contact mode is a matrix
 exponential.
+
+Forces that are no such signals, those of non-linear springs and loads that are other functions of time, are inputs beside
+the reactions: X' = A X + B r + E w; see `forced_form`.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -114,10 +118,94 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
     Amr = _solve(M, Em.T @ (input_ - K @ Qr - C @ rate_r))
 
     A = np.vstack([v_m, Vd, Am, np.column_stack([zero((nl, nm + nd + nm)), generator])])
-    B = np.vstack([zero((nm, len(H))), Vdr, Amr, zero((nl, len(H)))])
+    B = np.vstack([zero((nm, input_.shape[1])), Vdr, Amr, zero((nl, input_.shape[1]))])
     output = H @ Q
     output[:, 2 * nm + nd] += dynamics.u0
     return FirstOrderForm(A, B, output, H @ Qr + dynamics.D, Q, Qr, parts, signals)
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """The forces w beside the reactions: X' = A X + B r + E w, u = C X + D r + D_w w, q = Q X + Qr r + Q_w w.
+
+    w holds the forces of the non-linear springs, s = K δⁿ (1 + b δ') + c δ' with δ = approach·X and δ' = rate·X, and after
+    them the loads that are functions of time.
+
+    Attributes
+    ----------
+    E : (N, nw), D : (nc, nw), Q : (n, nw) arrays
+        How the forces enter.
+    approach, rate : (ns, N) arrays
+        Rows that read δ and δ' off the state; the rate is zero where there is no loss.
+    law : (ns, 5) array
+        Gap, K, n, b and c of each spring; the gap stands in ``approach`` already.
+    loads : tuple of callable
+        Functions of time.
+    """
+
+    E: Array
+    D: Array
+    Q: Array
+    approach: Array
+    rate: Array
+    law: Array
+    loads: tuple[Callable[[float], float], ...]
+
+    @property
+    def count(self) -> int:
+        """How many forces there are."""
+        return int(self.E.shape[1])
+
+
+def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs]:
+    """Eliminate the massless coordinates of a system whose springs need not be linear, nor its loads harmonic.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+        The system; motions that are given must be constant or `Harmonic`.
+    method : str
+        Who asks, for messages.
+
+    Raises
+    ------
+    UnsupportedError
+        If a non-linear spring stands at a node that only springs hold, where its force would be the solution of an
+        equation; if one with loss stands at a node without mass, whose velocity its force is part of; or if a motion that
+        is given is another function of time.
+    """
+    d, n, nc = dynamics, len(dynamics.nodes), len(dynamics.contacts)
+    parts = decompose(d.M, d.C, d.driven)
+    for spring, direction in zip(d.springs, d.directions, strict=True):
+        for basis, where, hinders in (
+            (parts.static, "held by springs only", True),
+            (parts.damped, "without mass, and it has a loss", spring.b + spring.c > 0.0),
+        ):
+            moved = (direction @ basis != 0.0) & hinders
+            if moved.any():
+                node = d.nodes[int(np.flatnonzero(basis[:, int(np.argmax(moved))])[0])]
+                raise UnsupportedError(
+                    f"{spring.element} stands at the node {node!r}, which is {where}; {method!r} does not handle that: "
+                    "give the node a mass, or take method='moreau-jean'"
+                )
+    signals = tuple((i, f) for i, f in d.loads if not callable(f) or isinstance(f, Harmonic))
+    others = [(i, f) for i, f in d.loads if callable(f) and not isinstance(f, Harmonic)]
+    unit = np.eye(n)[:, [i for i, _ in others]]
+    added = np.column_stack([d.directions.T, unit])
+    widened = replace(
+        d, loads=signals, B=np.column_stack([d.B, added]), D=np.column_stack([d.D, np.zeros((nc, added.shape[1]))])
+    )
+    form = first_order_form(widened)
+    reactions, forces = slice(0, nc), slice(nc, None)
+    approach = -d.directions @ form.Q
+    approach[:, form.constant] -= d.power_laws[:, 0]
+    rate = np.where((d.power_laws[:, 3:] > 0.0).any(axis=1)[:, None], approach @ form.A, 0.0)
+    inputs = Inputs(
+        form.B[:, forces], form.D[:, forces], form.Qr[:, forces], approach, rate, d.power_laws,
+        tuple(f for _, f in others),
+    )  # fmt: skip
+    form = replace(form, B=form.B[:, reactions], D=form.D[:, reactions], Qr=form.Qr[:, reactions])
+    return form, inputs
 
 
 def _solve(matrix: Array, right: Array) -> Array:
