@@ -192,24 +192,31 @@ def steps(
         plain = plain and upper[0, i] == np.inf
     iterations, newton, worst = 0, 0, 0.0
     for k in range(first, last):
-        x[:N] = y
+        for i in range(N):
+            x[i] = y[i]
         x[N] = 1.0
         p = k - first if len(loads) > 1 else 0
-        x[N + 1 : known] = loads[p]
-        x[known:] = 0.0
+        for i in range(load):
+            x[N + 1 + i] = loads[p, i]
+        for i in range(known, size):
+            x[i] = 0.0
         for j in range(m):
-            sum_columns(L[j], x, b)
             sum_columns(touching[j], x, touch)
             at_P, at_s = known + j * nc, known + m * nc + j * ns
             na = 0
             for i in range(nc):
                 touches = everywhere[j] or touch[i] < 0.0 or (touch[i] == 0.0 and not strictly[j])
                 if upper[j, i] > 0.0 and (touches or upper[j, i] < np.inf):
-                    active[na], q_law[na], z[na] = i, b[i], guess[j, i]
+                    active[na], z[na] = i, guess[j, i]
                     low[na], high[na] = lower[j, i], upper[j, i]
                     na += 1
+                guess[j, i] = 0.0
+            if na + ns == 0:
+                continue
+            sum_columns(L[j], x, b)
             W = np.empty((na, na))
             for a in range(na):
+                q_law[a] = b[active[a]]
                 for c in range(na):
                     W[a, c] = L[j, at_P + active[c], active[a]]
             status, count, tried, residual = SOLVED, 0, 0, 0.0
@@ -240,15 +247,18 @@ def steps(
             if status != SOLVED:
                 return status, k, iterations, newton, worst
             worst = max(worst, residual)
-            guess[j] = 0.0
             for a in range(na):
                 x[at_P + active[a]] = guess[j, active[a]] = z[a]
         sum_columns(result, x, new)
         for i in range(n):
             if not abs(new[i]) < np.inf:
                 return NON_FINITE, k, iterations, newton, worst
-        y[:] = new[:N]
-        q[k + 1], v[k + 1], r[k] = new[:n], new[n : 2 * n], new[N:]
+        for i in range(N):
+            y[i] = new[i]
+        for i in range(n):
+            q[k + 1, i], v[k + 1, i] = new[i], new[n + i]
+        for i in range(nc):
+            r[k, i] = new[N + i]
     return SOLVED, last, iterations, newton, worst
 
 
