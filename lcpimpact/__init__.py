@@ -17,6 +17,7 @@ __version__ = "0.1.0"
 
 _LOCATIONS = {
     "load_problem": "lcpimpact.problems:load_problem",
+    "penalized": "lcpimpact.problems.penalty:penalized",
     "simulate": "lcpimpact.simulation:simulate",
     "read_scheme_file": "lcpimpact.schemefile:read_scheme_file",
     "write_scheme_file": "lcpimpact.schemefile:write_scheme_file",
@@ -37,6 +38,7 @@ _LOCATIONS = {
     "Spring": "lcpimpact.scheme.elements.spring:Spring",
     "Dashpot": "lcpimpact.scheme.elements.dashpot:Dashpot",
     "KelvinVoigt": "lcpimpact.scheme.elements.kelvin_voigt:KelvinVoigt",
+    "KelvinVoigtStop": "lcpimpact.scheme.elements.kelvin_voigt_stop:KelvinVoigtStop",
     "Bumper": "lcpimpact.scheme.elements.bumper:Bumper",
     "Load": "lcpimpact.scheme.elements.load:Load",
     "Slider": "lcpimpact.scheme.elements.slider:Slider",
@@ -76,6 +78,7 @@ __all__ = [
     "InputError",
     "Jenkins",
     "KelvinVoigt",
+    "KelvinVoigtStop",
     "LCPSolution",
     "LcpImpactError",
     "LinearComplementaritySystem",
@@ -100,6 +103,7 @@ __all__ = [
     "__version__",
     "all_solutions",
     "load_problem",
+    "penalized",
     "plot_cones",
     "prepare_lcp",
     "read_scheme_file",
@@ -117,6 +121,7 @@ if TYPE_CHECKING:
     from lcpimpact.plotting.cones import plot_cones
     from lcpimpact.problems import load_problem
     from lcpimpact.problems.base import Problem
+    from lcpimpact.problems.penalty import penalized
     from lcpimpact.scheme.elements.bar import Bar
     from lcpimpact.scheme.elements.bumper import Bumper
     from lcpimpact.scheme.elements.dashpot import Dashpot
@@ -125,6 +130,7 @@ if TYPE_CHECKING:
     from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley
     from lcpimpact.scheme.elements.jenkins import Jenkins
     from lcpimpact.scheme.elements.kelvin_voigt import KelvinVoigt
+    from lcpimpact.scheme.elements.kelvin_voigt_stop import KelvinVoigtStop
     from lcpimpact.scheme.elements.load import Load
     from lcpimpact.scheme.elements.mass import Mass
     from lcpimpact.scheme.elements.maxwell import Maxwell

@@ -45,7 +45,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
             if before[j]:
                 t = _zero(record.t_reaction[j - 2 : j], r[j - 2 : j], record.t_reaction[j - 1], record.t_reaction[j])
                 kind = "open"
-                if contact.relative_degree == 2 and not before[j - 1]:
+                if contact.relative_degree == 2 and not before[max(j - impact_steps, 0) : j].all():
                     continue
             else:
                 # Where D r counts in u, the gaps of the grid say nothing.

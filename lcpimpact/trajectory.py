@@ -222,4 +222,5 @@ class Trajectory:
 
 
 def _interpolate(times: Array, t: Array, values: Array) -> Array:
-    return np.column_stack([np.interp(times, t, column) for column in values.T])
+    columns = [np.interp(times, t, column) for column in values.T]
+    return np.array(columns).reshape(len(columns), len(times)).T

@@ -372,7 +372,7 @@ def test_every_file_of_a_method_problem_or_element_is_registered():
     for folder, registry, others in (
         ("scheme/elements", ELEMENTS, {"base"}),
         ("lcp/solvers", SOLVERS, set()),
-        ("integrators", METHODS, {"base", "flow", "modes", "transition", "law", "newton", "spring_law", "linear_step", "halving", "time_stepping"}),
+        ("integrators", METHODS, {"base", "flow", "modes", "transition", "law", "newton", "spring_law", "linear_step", "halving", "time_stepping", "runge_kutta", "tableau"}),
         ("problems", PROBLEMS, {"base", "facts", "free_vibration", "penalty", "reading", "reference"}),
     ):
         files = {file.stem for file in (PACKAGE / folder).glob("*.py")} - {"__init__"} - others

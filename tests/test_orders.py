@@ -13,8 +13,19 @@ from lcpimpact.study.orders import COUNTS, l1_v, observed_order, sup_q
 
 SMOOTH_TOLERANCE, JUMP_TOLERANCE = 0.2, 0.35
 
-FEW = (29, 43, 61, 89, 127, 181)
-"""For methods of a high order, whose errors would be rounding with more steps."""
+RARER = (
+    (127, 181, 257, 367, 521, 743),
+    (29, 43, 61, 89, 127, 181),
+    (17, 23, 31, 41, 53, 71),
+    (5, 7, 11, 13, 17, 23),
+)
+"""For methods of a high order the first of these whose errors are not rounding."""
+
+MANY = (*COUNTS, 4903, 7789, 12373, 19661, 31223, 49597)
+"""Where errors scatter, because a switch falls now early and now late into its step."""
+
+TIGHT = {"event-driven": {"rtol": 1e-12, "atol": 1e-12}}
+"""Options of methods whose order is that of a tolerance."""
 
 TO_ROUNDING = 1e-9
 """What "to rounding" may leave, relative to the largest value, of methods whose own tolerance is as tight."""
@@ -29,13 +40,13 @@ def chain():
     return li.Problem("chain", scheme, q0={"a": 0.2}, v0={"b": 1.0}, t_end=3.0)
 
 
-def lumped_bar(n=6):
+def lumped_bar(n=4):
     """A bar of lumped masses that falls on the ground: the first mass stops there at each arrival of a wave."""
     elements = []
     for i in range(n):
         elements += [li.Mass(f"b{i}", 1.0 / n), li.Load(f"b{i}", 10.0 / n)]
         if i:
-            elements.append(li.Spring(f"b{i - 1}", f"b{i}", 90.0 * n))
+            elements.append(li.Spring(f"b{i - 1}", f"b{i}", 9.0 * n))
     scheme = li.Scheme(*elements, li.Bumper(f"b{n - 1}", "ground", gap=0.5, e=0.0))
     return li.Problem("lumped bar", scheme, t_end=1.1)
 
@@ -64,11 +75,7 @@ IMPACTS = {
 }
 
 
-def counts(order):
-    return COUNTS if order <= 2 else FEW
-
-
-def measure(name, problem, order, norm, tolerance):
+def measure(name, problem, order, norm, tolerance, low=COUNTS):
     """Compare a declared order with the one that is observed; skip what the method refuses."""
     try:
         simulate(problem, name, dt=problem.t_end / 1000, t_end=problem.t_end / 1000, progress=False)
@@ -76,11 +83,20 @@ def measure(name, problem, order, norm, tolerance):
         pytest.skip(str(refusal))
     assert order > 0, "what is refused is declared as 0, and what is not is declared"
     if math.isinf(order):
-        run = simulate(problem, name, dt=problem.t_end / 307, t_end=problem.t_end)
+        run = simulate(problem, name, dt=problem.t_end / 307, t_end=problem.t_end, **TIGHT.get(name, {}))
         truth = simulate(problem, "exact", dt=problem.t_end / 307, t_end=problem.t_end)
         assert sup_q(run, truth) < TO_ROUNDING * max(1.0, np.abs(truth.q).max())
         return
-    found = observed_order(problem, name, counts(order), norm=norm)
+    for counts in (low,) if order <= 2 else RARER:
+        try:
+            found = observed_order(problem, name, counts, norm=norm)
+            break
+        except InputError as error:
+            if "rounding" not in str(error):
+                raise
+    else:
+        assert order > 2
+        return  # exact with a handful of steps: a parabola, for one
     said = f"{name} on {problem.name}: declared {order}, seen {found.slope:.2f}, scatter {found.scatter:.2f}, {found.errors}"
     assert abs(found.slope - order) < tolerance, said
 
@@ -94,13 +110,13 @@ def test_order_in_smooth_motion(name, problem):
 @pytest.mark.parametrize("problem", FORCE_JUMPS)
 @pytest.mark.parametrize("name", METHODS)
 def test_order_where_forces_jump(name, problem):
-    measure(name, FORCE_JUMPS[problem], METHODS[name].declared.order_force_jump, "q", JUMP_TOLERANCE)
+    measure(name, FORCE_JUMPS[problem], METHODS[name].declared.order_force_jump, "q", JUMP_TOLERANCE, MANY)
 
 
 @pytest.mark.parametrize("problem", FORCE_KINKS)
 @pytest.mark.parametrize("name", METHODS)
 def test_order_where_forces_bend(name, problem):
-    measure(name, FORCE_KINKS[problem], METHODS[name].declared.order_force_kink, "q", JUMP_TOLERANCE)
+    measure(name, FORCE_KINKS[problem], METHODS[name].declared.order_force_kink, "q", JUMP_TOLERANCE, MANY)
 
 
 @pytest.mark.parametrize("problem", IMPACTS)

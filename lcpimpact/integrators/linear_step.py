@@ -41,6 +41,10 @@ SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
 cube = types.float64[:, :, ::1]
 
+NUDGE = 1e-6
+"""A gap is read c h² a further on, where the smooth forces lead from rest in a thousandth of a step: so they close what
+rounding has opened."""
+
 
 @dataclass(frozen=True, eq=False)
 class Symbols:
@@ -81,6 +85,14 @@ class Symbols:
         """Return f(t + c h) - K q - C v + s on the nodes (n, size), with the springs' forces of the law of that number."""
         d = self.dynamics
         return np.asarray(self.loads[c] - d.K @ q - d.C @ v + d.directions.T @ self.s[law])
+
+
+def pushed(L: Array, P: Array) -> Array:
+    """Return w/W_ii - z for each row of a law with the unknown P: below zero where it pushes, above where it is open.
+
+    Of z and w one is zero, but a solver that iterates leaves both near it.
+    """
+    return np.asarray(L / np.diag(L @ P.T)[:, None] - P)
 
 
 @dataclass(frozen=True, eq=False)

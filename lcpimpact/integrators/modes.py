@@ -151,14 +151,18 @@ class System:
             self.flows[mode.key] = Flow(A + B @ F), F
         return self.flows[mode.key]
 
-    def share(self, mode: Mode) -> Array:
-        """Return F_w (nc, nw), by which the reactions of a mode, r = F X + F_w w, answer to the inputs."""
+    @cached_property
+    def O_w(self) -> Array:
+        """The rows D_w, C_i E or C_i A E of each contact (nc, nw)."""
         A, _, C = self.matrices
         E, Dw = self.input_matrices
-        rows, found = list(mode.closed), np.zeros_like(Dw)
-        if Dw.size:
-            O_w = np.array([Dw, C @ E, C @ A @ E])[self.degree, np.arange(len(self.degree))]
-            found[rows] = -_solve(self.G[np.ix_(rows, rows)], O_w[rows])
+        return np.asarray(np.array([Dw, C @ E, C @ A @ E])[self.degree, np.arange(len(self.degree))])
+
+    def share(self, mode: Mode) -> Array:
+        """Return F_w (nc, nw), by which the reactions of a mode, r = F X + F_w w, answer to the inputs."""
+        rows, found = list(mode.closed), np.zeros_like(self.O_w)
+        if found.size:
+            found[rows] = -_solve(self.G[np.ix_(rows, rows)], self.O_w[rows])
         return found
 
     def watched(self, mode: Mode) -> list[tuple[int, Array, int]]:

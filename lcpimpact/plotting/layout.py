@@ -19,6 +19,7 @@ from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.hertz_spring import HertzSpring
 from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley
+from lcpimpact.scheme.elements.kelvin_voigt_stop import KelvinVoigtStop
 from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion
 from lcpimpact.scheme.elements.rope import Rope
@@ -677,12 +678,12 @@ class Layout:
 
 def _soft(link: Element) -> bool:
     """Return whether two bodies meet in the link and give way."""
-    return isinstance(link, (HertzSpring, HuntCrossley))
+    return isinstance(link, (HertzSpring, HuntCrossley, KelvinVoigtStop))
 
 
 def _told(link: Element) -> bool:
     """Return whether the link says by itself which of its ends is the upper one."""
-    return isinstance(link, (Bumper, HertzSpring, HuntCrossley, Rope))
+    return isinstance(link, (Bumper, HertzSpring, HuntCrossley, KelvinVoigtStop, Rope))
 
 
 def _span(x: Sequence[float]) -> tuple[float, float]:

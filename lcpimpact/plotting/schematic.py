@@ -34,6 +34,7 @@ from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.hertz_spring import HertzSpring
 from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley
+from lcpimpact.scheme.elements.kelvin_voigt_stop import KelvinVoigtStop
 from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.elements.rope import Rope
 from lcpimpact.scheme.scheme import Scheme
@@ -332,7 +333,7 @@ def _along(s: Array, link: Link, length: float, split: float | None) -> Array:
     body = link.body
     if split is None:
         body = length - first - last
-    elif isinstance(link.part, (HertzSpring, HuntCrossley)):
+    elif isinstance(link.part, (HertzSpring, HuntCrossley, KelvinVoigtStop)):
         body = min(body, length - first - last)
     place = first + s * body
     if split is not None and s.max() > split:

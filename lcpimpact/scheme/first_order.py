@@ -59,6 +59,16 @@ class FirstOrderForm:
         """The position in X of the state that is 1."""
         return len(self.A) - len(self.signals)
 
+    def signals_at(self, t: Array) -> Array:
+        """Return the states of the signals at the times t, with the shape of t followed by (nl,)."""
+        found = np.empty((*np.shape(t), len(self.signals)))
+        found[..., 0] = 1.0
+        for j in range(1, len(self.signals), 2):
+            ω, (cos, sin) = self.A[self.constant + j + 1, self.constant + j], self.signals[j : j + 2]
+            found[..., j] = cos * np.cos(ω * t) - sin * np.sin(ω * t)
+            found[..., j + 1] = cos * np.sin(ω * t) + sin * np.cos(ω * t)
+        return found
+
     def state(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return X at t = 0 for the coordinates q and velocities v of the scheme (n,); static ones are not states.
 
@@ -199,7 +209,7 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     reactions, forces = slice(0, nc), slice(nc, None)
     approach = -d.directions @ form.Q
     approach[:, form.constant] -= d.power_laws[:, 0]
-    rate = np.where((d.power_laws[:, 3:] > 0.0).any(axis=1)[:, None], approach @ form.A, 0.0)
+    rate = np.where(d.power_laws[:, 3:].sum(axis=1, keepdims=True) > 0.0, approach @ form.A, 0.0)
     inputs = Inputs(
         form.B[:, forces], form.D[:, forces], form.Qr[:, forces], approach, rate, d.power_laws,
         tuple(f for _, f in others),

@@ -18,6 +18,7 @@ ELEMENTS: Registry[type[Element]] = Registry(
         "Jenkins": "lcpimpact.scheme.elements.jenkins:Jenkins",
         "HertzSpring": "lcpimpact.scheme.elements.hertz_spring:HertzSpring",
         "HuntCrossley": "lcpimpact.scheme.elements.hunt_crossley:HuntCrossley",
+        "KelvinVoigtStop": "lcpimpact.scheme.elements.kelvin_voigt_stop:KelvinVoigtStop",
         "Slider": "lcpimpact.scheme.elements.slider:Slider",
         "Bumper": "lcpimpact.scheme.elements.bumper:Bumper",
         "Rope": "lcpimpact.scheme.elements.rope:Rope",

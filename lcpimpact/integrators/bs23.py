@@ -1,0 +1,49 @@
+"""Bogacki and Shampine's pair of the orders 3 and 2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.runge_kutta import HANDLES, EmbeddedRungeKutta
+from lcpimpact.integrators.tableau import Tableau
+
+
+@dataclass(frozen=True)
+class BogackiShampine(EmbeddedRungeKutta):
+    """The pair of the orders 3 and 2.
+
+    Parameters
+    ----------
+    rtol, atol, tol, max_iter : optional
+        As of `EmbeddedRungeKutta`.
+    """
+
+    tableau: ClassVar[Tableau] = Tableau(
+        a=((), (1 / 2,), (0.0, 3 / 4), (2 / 9, 1 / 3, 4 / 9)),
+        b=(2 / 9, 1 / 3, 4 / 9, 0.0),
+        c=(0.0, 1 / 2, 3 / 4, 1.0),
+        order=3,
+        b_embedded=(7 / 24, 1 / 4, 1 / 3, 1 / 8),
+        order_embedded=2,
+    )
+
+    name: ClassVar[str] = "bs23"
+    declared: ClassVar[Declared] = Declared(
+        summary="Bogacki and Shampine's pair 3(2), an LCP at each stage",
+        order_smooth=3,
+        order_force_jump=2,
+        order_force_kink=2,
+        order_impact=1,
+        order_friction=0,
+        order_penetration=float("inf"),
+        level="acceleration in a step, position and velocity at its end",
+        relative_degrees=(0, 1, 2),
+        handles=HANDLES,
+        reaction_lives="at t, right limit",
+        energy="no rule; grows without bound beyond the limit of stability",
+        dissipates=False,
+        source="Bogacki and Shampine (1989)",
+        adaptive="with rtol, steps within each dt by the embedded method",
+    )

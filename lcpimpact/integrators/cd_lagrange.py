@@ -1,0 +1,82 @@
+r"""CD-Lagrange: central differences, with an impulse for each contact that a place on the grid finds closed.
+
+Velocities V live halfway between the grid points,
+
+.. math:: q^+ = q + h V, \qquad M (V^+ - V) = h F\bigl(t^+, q^+, \tfrac12 (V + V^+)\bigr) + H^T P,
+
+with Newton's law on the rows with u(q⁺) <= 0:
+
+.. math:: 0 \le P \perp U(V^+) + e U(V) \ge 0 .
+
+The velocity that is recorded on the grid is the mean of both, where a contact pushed not below the one after it:
+
+.. math:: v^+ = \tfrac12 (V + V^+) + M^{-1} H^T p, \qquad 0 \le p \perp U^+ - U(V^+) \ge 0 \quad (P > 0).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lcpimpact.arrays import Array
+from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.linear_step import NUDGE, Law, LinearStep, Step, Symbols, first_acceleration, solve
+from lcpimpact.scheme.dynamics import Dynamics, Feature
+
+
+@dataclass(frozen=True)
+class CDLagrange(LinearStep):
+    """Central differences with Lagrange multipliers, explicit in the springs.
+
+    Parameters
+    ----------
+    tol, max_iter : optional
+        As of `TimeStepping`; rtol is refused, as what it remembers belongs to the step.
+
+    Notes
+    -----
+    The record holds v⁺; the method itself goes on from V⁺.
+    """
+
+    laws: ClassVar[int] = 2
+    remembers: ClassVar[tuple[str, ...]] = ("V",)
+    halves: ClassVar[bool] = False
+    reaction_at: ClassVar[float] = 1.0
+
+    name: ClassVar[str] = "cd-lagrange"
+    declared: ClassVar[Declared] = Declared(
+        summary="explicit central differences with impulses at the grid points",
+        order_smooth=2,
+        order_force_jump=0,
+        order_force_kink=0,
+        order_impact=1,
+        order_friction=1,
+        order_penetration=1,
+        level="velocity",
+        relative_degrees=(2,),
+        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
+        reaction_lives="at t + h, one for each step",
+        energy="near its value for ever, where h is below 2/ω; what is recorded at an impact is off by half a kick",
+        dissipates=False,
+        source="Fekak, Brun, Gravouil and Depale (2017); Di Stasio et al. (2019)",
+    )
+
+    def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
+        """Return the velocity after half a step."""
+        return {"V": v + 0.5 * h * first_acceleration(d, q, v, h)}
+
+    def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
+        """Write the step."""
+        V, (P, p) = y.memory["V"], y.P
+        q = y.q + h * V
+        # F holds C (V + V⁺)/2, of which C V⁺/2 stands on the left.
+        kick = d.M @ V + h * y.force(1.0, q, 0.5 * V) + y.push(P)
+        V_next = solve(d.M + 0.5 * h * d.C, kick)
+        v = 0.5 * (V + V_next) + solve(d.M, y.push(p))
+        impact = Law(
+            L=y.gap_rate(V_next) + d.restitution[:, None] * y.gap_rate(V),
+            touching=y.gap(q + NUDGE * h**2 * solve(d.M, y.force(1.0, q, V))),
+            springs_at=(q, 0.5 * (V + V_next)),
+        )
+        reading = Law(L=y.gap_rate(v - V_next), touching=-P, strictly=True, springs_at=(q, V), weight=0.0)
+        return Step(q=q, v=v, impulse=P, laws=(impact, reading), memory={"V": V_next})

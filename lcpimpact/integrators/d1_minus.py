@@ -1,0 +1,76 @@
+r"""The half-explicit D1⁻ method: forces on both sides of the step, and the impact at its end.
+
+The velocity is a straight line within the step and jumps at its end. Its slope is the mean of the accelerations after the
+beginning and before the end,
+
+.. math:: M a_+ = F(t, q, v) + H^T λ_+, \qquad v_1 = v + h a_+, \qquad q^+ = q + \tfrac h2 (v + v_1),
+
+.. math:: M a_- = F(t^+, q^+, v_1) + H^T λ_-, \qquad v_- = v + \tfrac h2 (a_+ + a_-), \qquad M (v^+ - v_-) = H^T P,
+
+with the forces of the rows that are closed when the step begins, u(q) <= 0, and the impulses of those that its end finds
+closed, u(q⁺) <= 0:
+
+.. math:: 0 \le λ_+ \perp U(v_1) + e U \ge 0, \qquad 0 \le λ_- \perp U_- + e U \ge 0, \qquad
+          0 \le P \perp U^+ + e U_- \ge 0 .
+
+On a row that stays closed U is zero, and e does not enter the first two; it does where a motion begins with an impact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.linear_step import NUDGE, Law, LinearStep, Step, Symbols, solve
+from lcpimpact.scheme.dynamics import Dynamics, Feature
+
+
+@dataclass(frozen=True)
+class D1Minus(LinearStep):
+    """Half-explicit D1⁻ on velocity level: explicit in springs and dashpots.
+
+    Parameters
+    ----------
+    tol, max_iter, rtol : optional
+        As of `TimeStepping`.
+    """
+
+    laws: ClassVar[int] = 3
+    instants: ClassVar[tuple[float, ...]] = (0.0, 1.0)
+
+    name: ClassVar[str] = "d1-minus"
+    declared: ClassVar[Declared] = Declared(
+        summary="time-discontinuous: forces on both sides of a step, the impact at its end",
+        order_smooth=2,
+        order_force_jump=0,
+        order_force_kink=0,
+        order_impact=1,
+        order_friction=1,
+        order_penetration=1,
+        level="velocity",
+        relative_degrees=(2,),
+        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
+        reaction_lives="at t + h/2, one for each step",
+        energy="without dashpots near its value for ever in smooth motion, where h is below 2/ω; impacts never gain",
+        dissipates=True,
+        source="Schindler and Acary (2014); Schindler, Rezaei, Kursawe and Acary (2015)",
+        adaptive="dt, or halved where rtol is given",
+    )
+
+    def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
+        """Write the step; the unknowns of its first two laws are h λ."""
+        e, U = d.restitution[:, None], y.gap_rate(y.v)
+        kick = solve(d.M, h * y.force(0.0, y.q, y.v))
+        change = kick + solve(d.M, y.push(y.P[0]))
+        v_1 = y.v + change
+        q = y.q + 0.5 * h * (y.v + v_1)
+        kick_again = solve(d.M, h * y.force(1.0, q, v_1, law=1))
+        change_again = kick_again + solve(d.M, y.push(y.P[1]))
+        v_minus = y.v + 0.5 * (change + change_again)
+        v = v_minus + solve(d.M, y.push(y.P[2]))
+        at_start, at_end = y.gap(y.q + NUDGE * h * kick), y.gap(q + NUDGE * h * kick_again)
+        after = Law(L=y.gap_rate(v_1) + e * U, touching=at_start, springs_at=(y.q, y.v))
+        before = Law(L=y.gap_rate(v_minus) + e * U, touching=at_start, springs_at=(q, v_1))
+        impact = Law(L=y.gap_rate(v) + e * y.gap_rate(v_minus), touching=at_end, springs_at=(q, v_1), weight=0.0)
+        return Step(q=q, v=v, impulse=0.5 * (y.P[0] + y.P[1]) + y.P[2], laws=(after, before, impact))

@@ -1,0 +1,57 @@
+"""Dormand and Prince's pair of the orders 5 and 4."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.runge_kutta import HANDLES, EmbeddedRungeKutta
+from lcpimpact.integrators.tableau import Tableau
+
+
+@dataclass(frozen=True)
+class DormandPrince(EmbeddedRungeKutta):
+    """The pair of the orders 5 and 4.
+
+    Parameters
+    ----------
+    rtol, atol, tol, max_iter : optional
+        As of `EmbeddedRungeKutta`.
+    """
+
+    tableau: ClassVar[Tableau] = Tableau(
+        a=(
+            (),
+            (1 / 5,),
+            (3 / 40, 9 / 40),
+            (44 / 45, -56 / 15, 32 / 9),
+            (19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729),
+            (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656),
+            (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
+        ),
+        b=(35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84, 0.0),
+        c=(0.0, 1 / 5, 3 / 10, 4 / 5, 8 / 9, 1.0, 1.0),
+        order=5,
+        b_embedded=(5179 / 57600, 0.0, 7571 / 16695, 393 / 640, -92097 / 339200, 187 / 2100, 1 / 40),
+        order_embedded=4,
+    )
+
+    name: ClassVar[str] = "dopri5"
+    declared: ClassVar[Declared] = Declared(
+        summary="Dormand and Prince's pair 5(4), an LCP at each stage",
+        order_smooth=5,
+        order_force_jump=2,
+        order_force_kink=2,
+        order_impact=1,
+        order_friction=0,
+        order_penetration=float("inf"),
+        level="acceleration in a step, position and velocity at its end",
+        relative_degrees=(0, 1, 2),
+        handles=HANDLES,
+        reaction_lives="at t, right limit",
+        energy="no rule; grows without bound beyond the limit of stability",
+        dissipates=False,
+        source="Dormand and Prince (1980)",
+        adaptive="with rtol, steps within each dt by the embedded method",
+    )

@@ -1,0 +1,651 @@
+r"""SciPy's adaptive solvers between events: the mode by LCPs, the event on the dense output, and a fresh start after it.
+
+In a contact mode r = F X + F_w w, and the motion is a smooth initial value problem,
+
+.. math:: X' = (A + B F) X + (E + B F_w) w(t, X),
+
+with w the forces of the non-linear springs and the loads that are arbitrary functions of time (see
+`lcpimpact.scheme.first_order`). Any solver of `scipy.integrate` may follow it. The modes, their ends and the impacts are
+those of `lcpimpact.integrators.modes`; where w is present they are chosen for the system made linear about the event.
+
+*Events.* The dense output of a step is a polynomial. It is sampled at Chebyshev points and written in Bernstein's basis,
+whose coefficients bound it; a step is passed over only if they are all positive. So two sign changes within a step are seen,
+however close, down to the rounding of the samples. The root is then found on the dense output itself.
+
+*Accumulating impacts.* When three flights of a contact in a row are each shorter than the one before, and the last is
+shorter than ``zeno`` times the length of the run, its next impact has e = 0 and the contact stays closed. A flight of T
+then leaves out a rest of e T/(1 - e), which is the error of the end of the accumulation.
+
+*Closed contacts* are held by their accelerations. What rounding adds to their gaps is taken out at each event.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, ClassVar
+
+import numpy as np
+from scipy import integrate
+from scipy.optimize import brentq
+
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
+from lcpimpact.integrators.base import Declared, Dense, Grid, Integrator, Record, State
+from lcpimpact.integrators.flow import DEGREE, first_sign_change
+from lcpimpact.integrators.modes import ZERO, Mode, System, choose_mode, gaps, impact, refuse_mixed_degrees
+from lcpimpact.integrators.transition import happened
+from lcpimpact.lcp import SOLVERS
+from lcpimpact.numbers import is_count, is_real
+from lcpimpact.problems.base import Problem
+from lcpimpact.registry import nearest
+from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.first_order import Inputs, forced_form
+
+SCIPY_SOLVERS = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
+
+ORDER = 12
+"""Degree of the polynomial through the samples of a step: no dense output of SciPy has a higher one."""
+
+CUTS = 4
+"""Into so many parts is a step cut where its work is integrated."""
+
+APART, PUSHES, SLACK = 0, 1, 2
+
+STALL = 100
+"""So many events at one instant are no motion: the run ends as if it had reached max_events."""
+
+SHRINKING = 3
+"""So many flights must shrink before impacts are taken to accumulate."""
+
+
+def elevation(low: int, high: int) -> Array:
+    """Return the matrix from Bernstein coefficients of degree ``low`` to those of the same polynomial as of ``high``."""
+    return np.array(
+        [
+            [
+                math.comb(low, j) * math.comb(high - low, i - j) / math.comb(high, i) if i >= j else 0.0
+                for j in range(low + 1)
+            ]
+            for i in range(high + 1)
+        ]
+    )
+
+
+def _fit() -> tuple[Array, Array]:
+    """Return Chebyshev points on [0, 1], and the matrix from values there to Bernstein coefficients of degree ORDER."""
+    s = 0.5 - 0.5 * np.cos(np.pi * np.arange(ORDER + 1) / ORDER)
+    basis = np.array([[math.comb(ORDER, j) * x**j * (1.0 - x) ** (ORDER - j) for j in range(ORDER + 1)] for x in s])
+    return s, np.linalg.inv(basis)
+
+
+POINTS, FIT = _fit()
+DIVIDED = [
+    np.array([math.comb(ORDER, j + m) / math.comb(ORDER - m, j) for j in range(ORDER + 1 - m)]) for m in range(ORDER)
+]
+"""By these the coefficients of a polynomial sᵐ p(s), without the first m, become those of p."""
+
+RAISED = [elevation(ORDER - m, DEGREE) for m in range(ORDER)]
+NOISE = 8.0 * np.finfo(float).eps * float(np.abs(FIT).sum(axis=1).max())
+"""Rounding of the coefficients, relative to the terms of a sample."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """The inputs w(t, X): the springs, each in a phase of its law, and the loads.
+
+    Attributes
+    ----------
+    inputs : Inputs
+    phase : (ns,) array or None
+        What each spring does in this segment: it is APART, it PUSHES, or it is SLACK, since with c > 0 it would pull. One
+        that pushes goes on by K |δ|ⁿ sign δ through its zero, so that the solver sees no kink before the segment ends there.
+        With None the springs follow their law wherever they are.
+    """
+
+    inputs: Inputs
+    phase: Indices | None
+
+    def __call__(self, t: Any, X: Array) -> Array:
+        """Return w (..., nw) at X (..., N)."""
+        free, pushes = self.free(X), self._pushes(X)
+        loads = self.inputs.loads
+        if not loads:
+            return free * pushes
+        if np.ndim(t) == 0:
+            return np.append(free * pushes, [load(float(t)) for load in loads])
+        return np.column_stack([free * pushes, [[load(float(at)) for load in loads] for at in t]])
+
+    def free(self, X: Array) -> Array:
+        """Return K |δ|ⁿ sign δ (1 + b δ') + c δ' (..., ns), whether a spring pushes or not."""
+        known = X[..., : self.inputs.approach.shape[1]]
+        δ, rate = known @ self.inputs.approach.T, known @ self.inputs.rate.T
+        _, K, n, b, c = self.inputs.law.T
+        return np.asarray(K * np.sign(δ) * np.abs(δ) ** n * (1.0 + b * rate) + c * rate)
+
+    def jacobian(self, X: Array) -> Array:
+        """Return ∂w/∂X (nw, N)."""
+        known = self.inputs.approach.shape[1]
+        δ, rate = self.inputs.approach @ X[:known], self.inputs.rate @ X[:known]
+        _, K, n, b, c = self.inputs.law.T
+        slope, pushes = np.zeros((self.inputs.count, len(X))), self._pushes(X)
+        by_δ = pushes * K * n * np.abs(δ) ** (n - 1.0) * (1.0 + b * rate)
+        by_rate = pushes * (K * np.sign(δ) * np.abs(δ) ** n * b + c)
+        slope[: len(δ), :known] = by_δ[:, None] * self.inputs.approach + by_rate[:, None] * self.inputs.rate
+        return slope
+
+    def load_rates(self, t: float, step: float, ahead: bool) -> Array:
+        """Return the derivatives of the loads: central differences, or one-sided ones of the same order."""
+        if ahead:
+            return np.array(
+                [(4.0 * f(t + step) - f(t + 2.0 * step) - 3.0 * f(t)) / (2.0 * step) for f in self.inputs.loads]
+            )
+        return np.array([(f(t + step) - f(t - step)) / (2.0 * step) for f in self.inputs.loads])
+
+    def _pushes(self, X: Array) -> Flags:
+        """Return which springs push at X (..., ns)."""
+        if self.phase is not None:
+            return np.asarray(self.phase == PUSHES)
+        known = X[..., : self.inputs.approach.shape[1]]
+        return np.asarray(
+            (known @ self.inputs.approach.T > 0.0) & ((self.inputs.law[:, 4] == 0.0) | (self.free(X) > 0.0))
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One mode from t0 on: X' = A X + E w(t0 + τ, X), with the rows c of c·(X, w, s) whose fall below zero ends it.
+
+    s are the forces that the springs would have if they pushed. The last rows are theirs: ``phases`` tells which spring goes
+    over to which phase. ``place`` and ``reaction`` hold the matrices by
+    which q and r are read off X and w.
+    """
+
+    t0: float
+    mode: Mode
+    A: Array
+    E: Array
+    forces: Forces
+    rows: Array
+    order: Indices
+    phases: tuple[tuple[int, int], ...]
+    place: tuple[Array, Array]
+    reaction: tuple[Array, Array]
+
+    def rate(self, τ: Any, X: Array) -> Array:
+        """Return X' (..., N)."""
+        smooth = X @ self.A.T
+        return smooth + self.forces(self.t0 + τ, X) @ self.E.T if self.E.shape[1] else smooth
+
+    def jacobian(self, τ: float, X: Array) -> Array:
+        """Return ∂X'/∂X (N, N)."""
+        return self.A + self.E @ self.forces.jacobian(X)
+
+    def watched(self, τ: Array, X: Array) -> Array:
+        """Return the terms (X, w, s) of which the rows make sums (nt, N + nw + ns)."""
+        return np.column_stack([X, self.forces(self.t0 + τ, X), self.forces.free(X)]) if self.E.shape[1] else X
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One step of the solver, or what an event left of it up to ``end``: X at t0 + τ."""
+
+    segment: Segment
+    end: float
+    solution: Any
+
+
+@dataclass
+class Flights:
+    """The impacts of each contact: the instant of the last one, the flight before it, and how many flights shrank."""
+
+    last: Array
+    flight: Array
+    shrank: Indices
+
+    @classmethod
+    def none(cls, contacts: int) -> Flights:
+        """Return that no contact has met anything."""
+        return cls(np.full(contacts, -np.inf), np.full(contacts, np.inf), np.zeros(contacts, dtype=np.int64))
+
+    def land(self, t: float, rows: Indices) -> None:
+        """Note an impact of these rows at t."""
+        flight = t - self.last[rows]
+        self.shrank[rows] = np.where(flight < self.flight[rows], self.shrank[rows] + 1, 0)
+        self.flight[rows], self.last[rows] = flight, t
+
+
+@dataclass
+class Run:
+    """What travels from block to block."""
+
+    system: System
+    inputs: Inputs
+    grid: Grid
+    lcp_solver: str
+    scale: Array
+    forces: Array
+    flights: Flights
+    segment: Segment | None = None
+    steps: Any = None
+    pieces: list[Piece] = field(default_factory=list)
+    starts: list[float] = field(default_factory=list)
+    events: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class EventDriven(Integrator):
+    """SciPy's solvers between events.
+
+    Parameters
+    ----------
+    solver : str or OdeSolver class
+        A method of `scipy.integrate.solve_ivp`: RK23, RK45, DOP853, Radau, BDF, LSODA; or a class like those.
+    rtol, atol : float
+        Tolerances of the solver, relative, and absolute in the units of each state: lower atol for motions of micrometres.
+    max_step : float
+        Longest step in s, for loads that a long step might pass over.
+    max_events : int
+        Limit of events.
+    zeno : float
+        Impacts that accumulate are over when a flight is shorter than this part of the run; 0 follows them to rounding.
+    kinks : bool
+        Whether the solver starts anew where a non-linear spring closes or opens.
+
+    Raises
+    ------
+    InputError
+        If an option cannot be used.
+
+    Notes
+    -----
+    dt is the spacing of the output, and changes nothing else. The reaction is the force at each instant of the grid (its
+    right limit at an event); impulses stand in the events. Where the dense output of a solver is of lower order than its
+    steps, what is read between the steps, and so the instants of events, has the lower one.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, simulate
+    >>> ball = simulate(load_problem("bouncing-ball", e=0.5), "event-driven", dt=0.01, t_end=2.0)
+    >>> f"{ball['x'][-1]:.6f} m, {ball['R'][-1]:.6f} N"
+    '1.000000 m, 9.810000 N'
+    """
+
+    solver: str | type = "DOP853"
+    rtol: float = 1e-9
+    atol: float = 1e-12
+    max_step: float = math.inf
+    max_events: int = 100_000
+    zeno: float = 1e-9
+    kinks: bool = True
+
+    name: ClassVar[str] = "event-driven"
+    declared: ClassVar[Declared] = Declared(
+        summary="SciPy's solvers between events, the mode by LCPs, and a fresh start after each event",
+        order_smooth=math.inf,
+        order_force_jump=math.inf,
+        order_force_kink=math.inf,
+        order_impact=math.inf,
+        order_friction=math.inf,
+        order_penetration=math.inf,
+        level="position and velocity at events, acceleration between them",
+        relative_degrees=(0, 1, 2),
+        handles=tuple(Feature),
+        reaction_lives="at t, right limit",
+        energy="to the tolerance",
+        dissipates=True,
+        source="Pfeiffer and Glocker (1996)",
+        adaptive="by the error control of the SciPy solver; dt is the spacing of the output",
+    )
+
+    def __post_init__(self) -> None:
+        if isinstance(self.solver, str) and self.solver not in SCIPY_SOLVERS:
+            raise InputError(nearest(self.solver, list(SCIPY_SOLVERS), "solver of SciPy"))
+        if not isinstance(self.solver, str) and not (
+            isinstance(self.solver, type) and issubclass(self.solver, integrate.OdeSolver)
+        ):
+            raise InputError(
+                f"solver = {self.solver!r} must be one of {', '.join(SCIPY_SOLVERS)} or an OdeSolver class"
+            )
+        if not is_real(self.rtol) or not 1e-13 <= self.rtol < 1.0:
+            raise InputError(f"rtol = {self.rtol!r} must lie between 1e-13 and 1: 1e-9 for nine digits")
+        if not is_real(self.atol) or not self.atol > 0.0:
+            raise InputError(f"atol = {self.atol!r} must be above zero, in the units of the states")
+        if isinstance(self.max_step, bool) or not isinstance(self.max_step, int | float) or not self.max_step > 0.0:
+            raise InputError(f"max_step = {self.max_step!r} must be a time above zero in s, or inf")
+        if not is_count(self.max_events) or self.max_events < 1:
+            raise InputError(f"max_events = {self.max_events!r} must be a whole number above zero")
+        if not is_real(self.zeno) or not 0.0 <= self.zeno < 1.0:
+            raise InputError(f"zeno = {self.zeno!r} must be a part of the run, 0 <= zeno < 1")
+        if not isinstance(self.kinks, bool):
+            raise InputError(f"kinks = {self.kinks!r} must be True or False")
+
+    def reaction_times(self, grid: Grid) -> Array:
+        """Return the grid."""
+        return grid.times(0, grid.steps)
+
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
+        """Choose the first mode and write the initial values; impacts at t = 0 come before them."""
+        SOLVERS[lcp_solver]
+        d = problem.dynamics
+        form, inputs = forced_form(d, self.name)
+        system = System(d, form, (inputs.E, inputs.D))
+        refuse_mixed_degrees(system, self.name)
+        if len(system.remembered) and inputs.D[:, len(inputs.law) :].any():
+            slider = d.contacts[system.remembered[0]].name
+            raise UnsupportedError(
+                f"the slider {slider!r} of {problem.name!r} moves a spring under a load that is a function of time, which "
+                f"{self.name!r} does not handle: give the load as Harmonic(...), or take method='moreau-jean'"
+            )
+        X = system.state(problem.initial_coordinates, problem.initial_velocities)
+        record.events = []
+        run = Run(system, inputs, grid, lcp_solver, np.abs(X), np.zeros(inputs.count), Flights.none(len(d.contacts)))
+        try:
+            self._enter(run, record, 0.0, X, None)
+        except np.linalg.LinAlgError:
+            raise UnsupportedError(
+                f"some contacts or sliders of {problem.name!r} hold together at the start in a way that leaves their shares "
+                f"undetermined, which {self.name!r} does not handle: take method='moreau-jean'"
+            ) from None
+        assert run.segment is not None
+        first = _state(run, run.segment, 0.0, run.steps.y)
+        record.q[0], record.v[0], record.reaction[0] = first.q, first.v, first.reaction
+        return run
+
+    def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
+        """Step past t_last, and sample the block on the grid."""
+        t_last = min(carry.grid.t_end * last / carry.grid.steps, carry.grid.t_end)
+        while not carry.pieces or carry.pieces[-1].end < t_last:
+            with np.errstate(all="ignore"), warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                status = self._step(carry, record)
+            if status is not Status.SOLVED:
+                reached_t = carry.pieces[-1].end if carry.pieces else 0.0
+                reached = first + int(np.searchsorted(carry.grid.times(first, last), reached_t)) - 1
+                _sample(carry, record, first + 1, reached)
+                return status, max(reached, first)
+        _sample(carry, record, first + 1, last)
+        return Status.SOLVED, last
+
+    def dense(self, carry: Run) -> Dense:
+        """Return the solution at any times of the run."""
+        starts, ends = np.array(carry.starts), np.array([piece.end for piece in carry.pieces])
+        parts = starts[:, None] + (ends - starts)[:, None] * np.arange(CUTS) / CUTS
+        return Dense(lambda t, side: _read(carry, t, side), np.append(parts.ravel(), ends[-1:]))
+
+    def _step(self, run: Run, record: Record) -> Status:
+        """Take one step of the solver, up to the first event in it."""
+        steps, segment, t_end = run.steps, run.segment, run.grid.t_end
+        assert segment is not None
+        steps.step()
+        record.stats["solver_steps"] = record.stats.get("solver_steps", 0) + 1
+        if steps.status == "failed":
+            return Status.STEP_SIZE
+        if not np.isfinite(steps.y).all():
+            return Status.NON_FINITE
+        solution = steps.dense_output()
+        found = _first_root(segment, run.scale, steps.t_old, steps.t, solution)
+        τ, row = found or (steps.t, -1)
+        t = t_end if steps.status == "finished" and not found else min(segment.t0 + τ, t_end)
+        run.scale = np.maximum(run.scale, np.abs(solution(τ)))
+        if run.inputs.count:
+            run.forces = np.maximum(run.forces, np.abs(segment.forces(segment.t0 + τ, solution(τ))))
+        run.starts.append(segment.t0 + steps.t_old)
+        run.pieces.append(Piece(segment, t, solution))
+        if steps.status == "finished" or found:
+            record.stats["evaluations"] = record.stats.get("evaluations", 0) + steps.nfev
+        if not found or t >= t_end:
+            return Status.SOLVED
+        run.events.append(t)
+        if len(run.events) > self.max_events or (len(run.events) > STALL and run.events[-STALL] == t):
+            return Status.MAX_EVENTS
+        turn = row - (len(segment.rows) - len(segment.phases))
+        try:
+            self._enter(run, record, t, solution(τ), segment.phases[turn] if turn >= 0 else None)
+        except FailureError as failure:
+            status: Status = failure.result.status
+            return status
+        except np.linalg.LinAlgError:
+            return Status.SINGULAR
+        return Status.SOLVED
+
+    def _phase(self, run: Run, X: Array, turned: tuple[int, int] | None) -> Indices | None:
+        """Return what each spring does from X on; ``turned`` is one that has just gone over to another phase."""
+        if not self.kinks:
+            return None
+        inputs, old = run.inputs, run.segment
+        δ, rate = (
+            rows @ X[: len(run.system.form.A)] for rows in (inputs.approach, inputs.approach @ run.system.form.A)
+        )
+        if old is None or old.forces.phase is None:
+            touches = (δ > 0.0) | ((δ == 0.0) & (rate > 0.0))
+        else:
+            touches = old.forces.phase != APART
+        pulls = (inputs.law[:, 4] > 0.0) & (Forces(inputs, None).free(X) <= 0.0)
+        phase = np.where(touches, np.where(pulls, SLACK, PUSHES), APART)
+        if turned is not None:
+            phase[turned[0]] = turned[1]
+        return phase
+
+    def _enter(self, run: Run, record: Record, t: float, X: Array, turned: tuple[int, int] | None) -> None:
+        """Begin a segment at t: impacts, the mode, the events that this makes, and a solver for what follows."""
+        system, d, old = run.system, run.system.dynamics, run.segment
+        assert record.events is not None
+        run.scale = np.maximum(run.scale, np.abs(X))
+        held = _settled(system, old.mode, X, run.scale) if old else X
+
+        u, U = gaps(system, held, run.scale)
+        run.flights.land(t, np.flatnonzero((system.degree == 2) & ~d.slides & (u <= 0.0) & (U < 0.0)))
+        over = (run.flights.shrank >= SHRINKING) & (run.flights.flight < self.zeno * run.grid.t_end)
+        after, P = impact(system, held, run.scale, run.lcp_solver, np.where(over, 0.0, d.restitution))
+        forces = Forces(run.inputs, self._phase(run, after, turned))
+        mode, after = choose_mode(*_about(run, t, after, forces), run.lcp_solver)
+        N = len(system.form.A)
+        after = np.delete(after, slice(N, N + run.inputs.count))
+
+        new = _segment(run, t, mode, forces)
+        left = _state(run, old, t - old.t0, X) if old else _state(run, new, 0.0, X)
+        record.events += happened(system, t, old.mode if old else mode, mode, P, left, _state(run, new, 0.0, after))
+        run.segment = new
+        kind: Any = getattr(integrate, self.solver) if isinstance(self.solver, str) else self.solver
+        options: dict[str, Any] = {"rtol": self.rtol, "atol": self.atol, "max_step": self.max_step}
+        if "jac" in inspect.signature(kind).parameters:
+            options["jac"] = new.jacobian
+        run.steps = kind(new.rate, 0.0, after, run.grid.t_end - t, **options)
+
+
+def _segment(run: Run, t: float, mode: Mode, forces: Forces) -> Segment:
+    """Return the segment of a mode that begins at t."""
+    system, inputs = run.system, run.inputs
+    flow, F = system.mode(mode)
+    Fw = system.share(mode)
+    E = system.input_matrices[0] + system.matrices[1] @ Fw
+    # What is zero for ever in a linear system need not stay so under an input.
+    watched = system.watched(replace(mode, order=tuple(max(m, 0) for m in mode.order)) if inputs.count else mode)
+    ns = len(inputs.law)
+    springs: tuple[tuple[int, int], ...] = ()
+    rows, order = [np.pad(row, (0, ns)) for _, row, _ in watched], [zeros for *_, zeros in watched]
+    if forces.phase is not None:
+        springs, ends = _spring_ends(inputs, forces.phase, len(flow.A))
+        rows += ends
+        order += [0] * len(ends)
+    Q, Qr = system.read
+    return Segment(
+        t,
+        mode,
+        flow.A,
+        E,
+        forces,
+        np.array(rows).reshape(len(rows), len(flow.A) + inputs.count + ns),
+        np.array(order, dtype=np.int64),
+        springs,
+        (Q + Qr @ F, inputs.Q + Qr @ Fw),
+        (F, Fw),
+    )
+
+
+def _spring_ends(inputs: Inputs, phase: Indices, states: int) -> tuple[tuple[tuple[int, int], ...], list[Array]]:
+    """Return how the phases of the springs end: spring and next phase, and the row of (X, w, s) that falls below zero."""
+    ns, known = len(phase), inputs.approach.shape[1]
+    turns: list[tuple[int, int]] = []
+    rows: list[Array] = []
+    for j in range(ns):
+        place, force = np.zeros(states + inputs.count + ns), np.zeros(states + inputs.count + ns)
+        place[:known], force[states + inputs.count + j] = inputs.approach[j], 1.0
+        lossy = inputs.law[j, 4] > 0.0
+        if phase[j] == APART:
+            turns.append((j, PUSHES))
+            rows.append(-place)
+        elif phase[j] == PUSHES:
+            turns.append((j, SLACK if lossy else APART))
+            rows.append(force if lossy else place)
+        else:
+            turns += [(j, PUSHES), (j, APART)]
+            rows += [-force, place]
+    return tuple(turns), rows
+
+
+def _about(run: Run, t: float, X: Array, forces: Forces) -> tuple[System, Array, Array]:
+    """Return the system made linear about t and X, with X and its scale in it.
+
+    With w = a + S X + a' τ the numbers a are states, the last before the places of sliders, so that each has its scale.
+    """
+    system, inputs = run.system, run.inputs
+    if not inputs.count:
+        return system, X, run.scale
+    form, N, nw = system.form, len(system.form.A), inputs.count
+    w, slope = forces(t, X), forces.jacobian(X)[:, :N]
+    run.forces = np.maximum(run.forces, np.abs(w))
+    A = np.block([[form.A + inputs.E @ slope, inputs.E], [np.zeros((nw, N + nw))]])
+    A[N + len(inputs.law) :, form.constant] = forces.load_rates(t, _short(run), ahead=True)
+    linear = replace(
+        form,
+        A=A,
+        B=np.vstack([form.B, np.zeros((nw, form.B.shape[1]))]),
+        C=np.column_stack([form.C + inputs.D @ slope, inputs.D]),
+        Q=np.column_stack([form.Q + inputs.Q @ slope, inputs.Q]),
+        signals=np.append(form.signals, np.zeros(nw)),
+    )
+    grown = np.concatenate([X[:N], w - slope @ X[:N], X[N:]])
+    return System(system.dynamics, linear), grown, np.concatenate([run.scale[:N], run.forces, run.scale[N:]])
+
+
+def _short(run: Run) -> float:
+    """Return the step in s of the difference quotients of loads."""
+    return 1e-6 * run.grid.t_end
+
+
+def _settled(system: System, mode: Mode, X: Array, scale: Array) -> Array:
+    """Return X with the gaps of closed contacts, and the rates that the mode holds at zero, put back to zero."""
+    C, CA = system.derivatives[:2]
+    slides, degree = system.dynamics.slides, system.degree
+    places = [i for i in mode.closed if not slides[i] and degree[i] > 0]
+    rates = [i for i in mode.closed if degree[i] == 2]
+    held = np.vstack([C[places], CA[rates]])
+    if not len(held):
+        return X
+    # What is given, the constant and the signals, stays what it is; the rest moves in proportion to its size.
+    moves = np.where(np.arange(len(X)) < system.form.constant, scale, 0.0)
+    correction = np.linalg.lstsq(held * moves, held @ X, rcond=ZERO)[0]
+    return np.asarray(X - moves * correction)
+
+
+def _first_root(segment: Segment, scale: Array, start: float, end: float, solution: Any) -> tuple[float, int] | None:
+    """Return the first instant in a step at which a watched row falls below zero, and which row."""
+    if not len(segment.rows):
+        return None
+    τ = start + (end - start) * POINTS
+    terms = segment.watched(τ, solution(τ).T)
+    b = FIT @ (terms @ segment.rows.T)
+    size = np.abs(terms).max(axis=0)
+    size[: len(scale)] = np.maximum(size[: len(scale)], scale)
+    noise = NOISE * (np.abs(segment.rows) @ size)
+    found: list[tuple[float, int]] = []
+    for k, row in enumerate(segment.rows):
+        # A zero of order m at the start of the segment is a factor sᵐ.
+        m = int(segment.order[k]) if start == 0.0 else 0
+        coefficients = b[m:, k] * DIVIDED[m]
+        floor = float(noise[k] * DIVIDED[m][0])
+        if coefficients.min() >= -floor:
+            continue
+        s = first_sign_change(RAISED[m] @ coefficients, -floor)
+        if s is not None:
+            near = _falls(partial(_bernstein, coefficients), s, 0.0) or s
+            found.append((_refined(segment, row, start + near * (end - start), start, solution), k))
+    return min(found) if found else None
+
+
+def _bernstein(coefficients: Array, s: float) -> float:
+    """Return the value at s of the polynomial on [0, 1] with these coefficients in Bernstein's basis."""
+    b = coefficients
+    while len(b) > 1:
+        b = (1.0 - s) * b[:-1] + s * b[1:]
+    return float(b[0])
+
+
+def _falls(value: Callable[[float], float], below: float, earliest: float) -> float | None:
+    """Return where a function falls through zero, at or before ``below``; None if it is not above zero before."""
+    if not value(below) < 0.0:
+        return below
+    back = 1e-15 * (below - earliest)
+    while not value(max(below - back, earliest)) > 0.0:
+        if below - back <= earliest:
+            return None
+        back *= 8.0
+    return float(brentq(value, max(below - back, earliest), below, xtol=1e-300, rtol=4.0 * np.finfo(float).eps))
+
+
+def _refined(segment: Segment, row: Array, τ: float, start: float, solution: Any) -> float:
+    """Return the root near τ on the dense output itself, or τ where the values there are rounding."""
+
+    def value(τ: float) -> float:
+        at = np.array([τ])
+        return float((segment.watched(at, solution(at).T) @ row)[0])
+
+    width = 1e-15 * (τ - start)
+    while width < 1e-4 * (τ - start):
+        if value(τ - width) > 0.0 > value(τ + width):
+            return float(brentq(value, τ - width, τ + width, xtol=1e-300, rtol=4.0 * np.finfo(float).eps))
+        width *= 8.0
+    return τ
+
+
+def _coordinates(run: Run, segment: Segment, τ: Array, X: Array) -> tuple[Array, Array, Array]:
+    """Return q, v and r for the states X (nt, N) at t0 + τ."""
+    d, (place, place_w), (F, Fw) = run.system.dynamics, segment.place, segment.reaction
+    w = segment.forces(segment.t0 + τ, X)
+    q, v = X @ place.T + w @ place_w.T, segment.rate(τ, X) @ place.T
+    loads = place_w[:, len(run.inputs.law) :]
+    if loads.any():
+        rates = [segment.forces.load_rates(segment.t0 + at, _short(run), ahead=False) for at in τ]
+        v += np.array(rates).reshape(len(τ), -1) @ loads.T
+    return q, v, np.clip(X @ F.T + w @ Fw.T, d.r_min, d.r_max)
+
+
+def _state(run: Run, segment: Segment, τ: float, X: Array) -> State:
+    """Return what one state means in the coordinates of the scheme."""
+    q, v, r = _coordinates(run, segment, np.array([τ]), X[None, :])
+    return State(q[0], v[0], r[0])
+
+
+def _read(run: Run, t: Array, side: str) -> tuple[Array, Array, Array]:
+    """Return q, v and r at the times t, which must be sorted; ``side`` tells which limit is meant at an event."""
+    owner = np.maximum(np.searchsorted(run.starts, t, side="right" if side == "right" else "left") - 1, 0)
+    n, nc = len(run.system.dynamics.nodes), len(run.system.degree)
+    q, v, r = np.empty((len(t), n)), np.empty((len(t), n)), np.empty((len(t), nc))
+    cuts = np.flatnonzero(np.diff(owner, prepend=-1, append=len(run.pieces)))
+    for mine in map(slice, cuts[:-1], cuts[1:]):
+        piece = run.pieces[owner[mine.start]]
+        τ = t[mine] - piece.segment.t0
+        q[mine], v[mine], r[mine] = _coordinates(run, piece.segment, τ, piece.solution(τ).T)
+    return q, v, r
+
+
+def _sample(run: Run, record: Record, first: int, last: int) -> None:
+    """Write the grid points first ... last to the record."""
+    here = slice(first, last + 1)
+    record.q[here], record.v[here], record.reaction[here] = _read(run, record.t[here], "right")

@@ -1,0 +1,119 @@
+r"""The nonsmooth generalized-α method: smooth forces at order 2, impulses beside them, contact at both levels.
+
+The smooth part is that of Chung and Hulbert, with a that follows the acceleration d of the smooth forces alone,
+
+.. math:: (1 - α_m) a^+ + α_m a = (1 - α_f) d^+ + α_f d, \qquad
+          \tilde v = v + h \bigl((1 - γ) a + γ a^+\bigr), \qquad
+          \tilde q = q + h v + h^2 \bigl((\tfrac12 - β) a + β a^+\bigr),
+
+and all four numbers follow from ρ∞, the factor by which a step multiplies the highest frequencies:
+
+.. math:: α_m = \frac{2 ρ_\infty - 1}{ρ_\infty + 1}, \qquad α_f = \frac{ρ_\infty}{ρ_\infty + 1}, \qquad
+          γ = \tfrac12 + α_f - α_m, \qquad β = \tfrac14 \bigl(γ + \tfrac12\bigr)^2 .
+
+Contacts first correct the place, so that none overlaps, and then the velocity on the rows that this pushed:
+
+.. math:: q^+ = \tilde q + D, \quad (M + c γ h C) D = H^T ν, \quad 0 \le ν \perp u(q^+) \ge 0, \qquad
+          v^+ = \tilde v + w, \quad M w = H^T P, \quad 0 \le P \perp U^+ + e U \ge 0,
+
+with c = (1 - α_f)/(1 - α_m). The smooth forces are met where the step ends, M d⁺ = F(t⁺, q⁺, v⁺); the place is found with
+an acceleration that does not know w yet, and those of non-linear springs there not D either.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError
+from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.linear_step import Law, LinearStep, Step, Symbols, pushed, smooth_force, solve
+from lcpimpact.numbers import is_real
+from lcpimpact.scheme.dynamics import Dynamics, Feature
+
+
+@dataclass(frozen=True)
+class GeneralizedAlpha(LinearStep):
+    """Nonsmooth generalized-α.
+
+    Parameters
+    ----------
+    rho_inf : float
+        ρ∞ in [0, 1]: 1 keeps the energy of smooth motion, 0 removes the highest frequencies in one step.
+    tol, max_iter, rtol : optional
+        As of `TimeStepping`.
+
+    Raises
+    ------
+    InputError
+        If ρ∞ lies outside [0, 1].
+
+    Notes
+    -----
+    A body that would end a step below the ground is put on the ground, and rebounds with e times the speed that it had when
+    the step began. Forces that push it from the ground did work on the way that its speed does not know of. So where e is
+    near 1 an impact may add up to h times their power.
+    """
+
+    rho_inf: float = 0.8
+
+    laws: ClassVar[int] = 2
+    remembers: ClassVar[tuple[str, ...]] = ("a", "d")
+
+    name: ClassVar[str] = "generalized-alpha"
+    declared: ClassVar[Declared] = Declared(
+        summary="tunable damping of high frequencies; contact in place and velocity, no overlap",
+        order_smooth=2,
+        order_force_jump=0,
+        order_force_kink=0,
+        order_impact=1,
+        order_friction=0,
+        order_penetration=float("inf"),
+        level="position and velocity",
+        relative_degrees=(2,),
+        handles=(Feature.POWER_LAWS, Feature.RESTITUTION),
+        reaction_lives="at t + h/2, one for each step",
+        energy="ρ∞ = 1 keeps it in smooth motion, less damps; impacts with e near 1 may add what forces do in a step",
+        dissipates=False,
+        source="Chung and Hulbert (1993); with impulses Brüls, Acary and Cardona (2014)",
+        adaptive="dt, or halved where rtol is given",
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not is_real(self.rho_inf) or not 0.0 <= self.rho_inf <= 1.0:
+            raise InputError(f"rho_inf = {self.rho_inf!r} must lie in [0, 1]: 1 without damping, 0 for the most")
+
+    def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
+        """Return the smooth acceleration at the start, twice."""
+        a = solve(d.M, smooth_force(d, q, v))
+        return {"a": a, "d": a}
+
+    def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
+        """Write the step."""
+        ρ = self.rho_inf
+        α_m, α_f = (2.0 * ρ - 1.0) / (ρ + 1.0), ρ / (ρ + 1.0)
+        γ = 0.5 + α_f - α_m
+        β = 0.25 * (γ + 0.5) ** 2
+        # a⁺ = c d⁺ + a_0, of which d⁺ is still unknown.
+        c, a_0 = (1.0 - α_f) / (1.0 - α_m), (α_f * y.memory["d"] - α_m * y.memory["a"]) / (1.0 - α_m)
+        v_0 = y.v + h * ((1.0 - γ) * y.memory["a"] + γ * a_0)
+        q_0 = y.q + h * y.v + h**2 * ((0.5 - β) * y.memory["a"] + β * a_0)
+        A = d.M + c * γ * h * d.C
+        S = A + c * β * h**2 * d.K
+        free = solve(S, y.force(1.0, q_0, v_0))
+        D, w = solve(A, y.push(y.P[0])), solve(d.M, y.push(y.P[1]))
+        a = solve(S, y.force(1.0, q_0 + D, v_0))
+        q = q_0 + D + c * β * h**2 * a
+        # What w and the springs change at this place; K q would be rounded to nothing of use where h is far above 2/ω.
+        a = a + solve(A, y.force(1.0, q, v_0 + w, law=1) - y.force(1.0, q, v_0))
+        v = v_0 + w + c * γ * h * a
+        place = Law(L=y.gap(q), touching=None, springs_at=(q_0 + c * β * h**2 * free, v_0 + c * γ * h * free))
+        velocity = Law(
+            L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
+            touching=pushed(place.L, y.P[0]),
+            strictly=True,
+            springs_at=(q, v),
+        )
+        return Step(q=q, v=v, impulse=y.P[1], laws=(place, velocity), memory={"a": c * a + a_0, "d": a})

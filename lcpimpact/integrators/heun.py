@@ -1,0 +1,44 @@
+r"""Heun's method, the explicit trapezoidal rule.
+
+.. math:: k_1 = F(t, X), \qquad k_2 = F(t + h, X + h k_1), \qquad X^+ = X + \tfrac h2 (k_1 + k_2) .
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.runge_kutta import HANDLES, ExplicitRungeKutta
+from lcpimpact.integrators.tableau import Tableau
+
+
+@dataclass(frozen=True)
+class Heun(ExplicitRungeKutta):
+    """Heun's method, of order 2.
+
+    Parameters
+    ----------
+    tol, max_iter : optional
+        As of `ExplicitRungeKutta`.
+    """
+
+    tableau: ClassVar[Tableau] = Tableau(a=((), (1.0,)), b=(0.5, 0.5), c=(0.0, 1.0), order=2)
+
+    name: ClassVar[str] = "heun"
+    declared: ClassVar[Declared] = Declared(
+        summary="explicit trapezoidal rule, an LCP at each stage",
+        order_smooth=2,
+        order_force_jump=2,
+        order_force_kink=2,
+        order_impact=1,
+        order_friction=0,
+        order_penetration=float("inf"),
+        level="acceleration in a step, position and velocity at its end",
+        relative_degrees=(0, 1, 2),
+        handles=HANDLES,
+        reaction_lives="at t, right limit",
+        energy="no rule; grows without bound beyond the limit of stability",
+        dissipates=False,
+        source="Heun (1900); Hairer, Nørsett and Wanner (1993), section II.1",
+    )

@@ -1,0 +1,120 @@
+r"""Newmark's method with impulses, and its damped kin of Hilber, Hughes and Taylor.
+
+.. math:: v^+ = v + h \bigl((1 - γ) a + γ a^+\bigr) + w, \qquad
+          q^+ = q + h v + h^2 \bigl((\tfrac12 - β) a + β a^+\bigr) + \tfrac h2 w, \qquad M w = H^T P,
+
+where the acceleration a is that of the smooth forces alone,
+
+.. math:: M a^+ = (1 + α) F(t^+, q^+, v^+) - α F(t, q, v),
+
+with Newton's law on the rows that the smooth motion closes by mid-step, u(q + h v/2 + h² a/8) <= 0:
+
+.. math:: 0 \le P \perp U^+ + e U \ge 0 .
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError, UnsupportedError
+from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.linear_step import Law, LinearStep, Step, Symbols, smooth_force, solve
+from lcpimpact.numbers import is_real
+from lcpimpact.scheme.dynamics import Dynamics, Feature
+
+
+@dataclass(frozen=True)
+class NewmarkNS(LinearStep):
+    """Nonsmooth Newmark and HHT.
+
+    Parameters
+    ----------
+    alpha : float
+        α from -1/3 to 0: how much of the highest frequencies HHT damps, 0 for Newmark.
+    beta : float, optional
+        β >= 0; by default that of order 2 for the α, (1 - α)²/4.
+    gamma : float, optional
+        γ >= 1/2; by default that of order 2 for the α, 1/2 - α.
+    tol, max_iter, rtol : optional
+        As of `TimeStepping`.
+
+    Raises
+    ------
+    InputError
+        If α, β or γ lies outside these limits.
+
+    Notes
+    -----
+    At α = 0 the defaults are β = 1/4 and γ = 1/2, the average acceleration; with them a step is that of moreau-jean at
+    θ = 1/2. γ > 1/2 damps and is of order 1. With 2 β = γ and α = 0 impacts of approaching bodies never gain energy.
+    """
+
+    alpha: float = 0.0
+    beta: float | None = None
+    gamma: float | None = None
+
+    remembers: ClassVar[tuple[str, ...]] = ("a", "F")
+
+    name: ClassVar[str] = "newmark-ns"
+    declared: ClassVar[Declared] = Declared(
+        summary="average acceleration with impulses; α < 0 damps high frequencies",
+        order_smooth=2,
+        order_force_jump=0,
+        order_force_kink=0,
+        order_impact=1,
+        order_friction=1,
+        order_penetration=1,
+        level="velocity",
+        relative_degrees=(2,),
+        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
+        reaction_lives="at t + h/2, one for each step",
+        energy="α = 0 keeps it in smooth motion, α < 0 damps; impacts of approaching bodies never gain",
+        dissipates=True,
+        source="Hilber, Hughes and Taylor (1977); with impulses Acary (2016)",
+        adaptive="dt, or halved where rtol is given",
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not is_real(self.alpha) or not -1.0 / 3.0 <= self.alpha <= 0.0:
+            raise InputError(f"alpha = {self.alpha!r} must lie in [-1/3, 0]: 0 for Newmark, below it for damping")
+        β, γ = self.weights()
+        if not is_real(γ) or not γ >= 0.5:
+            raise InputError(f"gamma = {self.gamma!r} must be at least 1/2: below it energy grows without limit")
+        if not is_real(β) or not β >= 0.0:
+            raise InputError(f"beta = {self.beta!r} must not be negative: 0.25 for the average acceleration")
+
+    def weights(self) -> tuple[float, float]:
+        """Return β and γ."""
+        β = (1.0 - self.alpha) ** 2 / 4.0 if self.beta is None else self.beta
+        γ = 0.5 - self.alpha if self.gamma is None else self.gamma
+        return β, γ
+
+    def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
+        """Return the smooth acceleration and force at the start."""
+        F = smooth_force(d, q, v)
+        return {"a": solve(d.M, F), "F": F}
+
+    def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
+        """Write the step."""
+        (β, γ), α, a = self.weights(), self.alpha, y.memory["a"]
+        if d.springs and d.contacts and abs(2.0 * β - γ) > 1e-12:
+            raise UnsupportedError(
+                f"newmark-ns does not handle non-linear springs beside contacts with 2 beta = {2.0 * β:g} and "
+                f"gamma = {γ:g}: take alpha=0.0 with 2 beta = gamma, or method='generalized-alpha'"
+            )
+        w = solve(d.M, y.push(y.P[0]))
+        q_0 = y.q + h * y.v + (0.5 - β) * h**2 * a + 0.5 * h * w
+        v_0 = y.v + (1.0 - γ) * h * a + w
+        # What F holds of a⁺ stands on the left.
+        S = d.M + (1.0 + α) * (γ * h * d.C + β * h**2 * d.K)
+        a = solve(S, (1.0 + α) * y.force(1.0, q_0, v_0) - α * y.memory["F"])
+        q, v = q_0 + β * h**2 * a, v_0 + γ * h * a
+        impact = Law(
+            L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
+            touching=y.gap(y.q + 0.5 * h * y.v + 0.125 * h**2 * y.memory["a"]),
+            springs_at=(q, v),
+        )
+        return Step(q=q, v=v, impulse=y.P[0], laws=(impact,), memory={"a": a, "F": y.force(1.0, q, v)})

@@ -1,0 +1,80 @@
+r"""Nonsmooth RATTLE: two half kicks about a drift; the first keeps the places apart, the second obeys the impact law.
+
+.. math:: M (v_½ - v) = \tfrac h2 F(t, q, v_½) + H^T P_1, \qquad q^+ = q + h v_½, \qquad 0 \le P_1 \perp u(q^+) \ge 0,
+
+.. math:: M (v^+ - v_½) = \tfrac h2 F(t^+, q^+, v_½) + H^T (P - P_1),
+
+with Newton's law for the impulse P of the whole step on the rows that the first half pushed:
+
+.. math:: 0 \le P \perp U^+ + e U \ge 0 .
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.linear_step import Law, LinearStep, Step, Symbols, pushed, solve
+from lcpimpact.scheme.dynamics import Dynamics, Feature
+
+
+@dataclass(frozen=True)
+class RattleNS(LinearStep):
+    """Nonsmooth RATTLE, explicit in the springs; no overlap.
+
+    Parameters
+    ----------
+    tol, max_iter : optional
+        As of `TimeStepping`; rtol is refused, as no overlap tells that a step met an impact late.
+
+    Notes
+    -----
+    A slider's law stands on rates in both halves: on U(v½), where it may take half of its impulse, and on U⁺.
+    """
+
+    halves: ClassVar[bool] = False
+    laws: ClassVar[int] = 2
+    instants: ClassVar[tuple[float, ...]] = (0.0, 1.0)
+
+    name: ClassVar[str] = "rattle-ns"
+    declared: ClassVar[Declared] = Declared(
+        summary="kick, drift, kick; contact in place and velocity, no overlap",
+        order_smooth=2,
+        order_force_jump=0,
+        order_force_kink=0,
+        order_impact=1,
+        order_friction=1,
+        order_penetration=float("inf"),
+        level="position and velocity",
+        relative_degrees=(2,),
+        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
+        reaction_lives="at t + h/2, one for each step",
+        energy="near its value for ever in smooth motion; impacts with e near 1 may add what forces do in a step",
+        dissipates=False,
+        source="Breuling, Capobianco, Eugster and Leine (2024)",
+    )
+
+    def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
+        """Write the step."""
+        P_1, P = y.P
+        # F holds C v½, which stands on the left.
+        kick = d.M @ y.v + 0.5 * h * y.force(0.0, y.q, 0.0 * y.v) + y.push(P_1)
+        v_half = solve(d.M + 0.5 * h * d.C, kick)
+        q = y.q + h * v_half
+        v = v_half + solve(d.M, 0.5 * h * y.force(1.0, q, v_half, law=1) + y.push(P - P_1))
+        place = Law(
+            L=np.where(d.slides[:, None], h * y.gap_rate(v_half), y.gap(q)),
+            touching=None,
+            springs_at=(y.q, v_half),
+            weight=0.5 * h,
+        )
+        velocity = Law(
+            L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
+            touching=pushed(place.L, P_1),
+            strictly=True,
+            springs_at=(q, v_half),
+        )
+        return Step(q=q, v=v, impulse=P, laws=(place, velocity))

@@ -1,0 +1,52 @@
+r"""The classical Runge-Kutta method, by which the paper solved its equations.
+
+.. math:: k_1 = F(t, X), \quad k_2 = F(t + \tfrac h2, X + \tfrac h2 k_1), \quad k_3 = F(t + \tfrac h2, X + \tfrac h2 k_2),
+          \quad k_4 = F(t + h, X + h k_3), \quad X^+ = X + \tfrac h6 (k_1 + 2 k_2 + 2 k_3 + k_4) .
+
+Where `rk4_paper` knows the case splits of three systems by heart, this one finds them by LCPs, for any scheme.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.runge_kutta import HANDLES, ExplicitRungeKutta
+from lcpimpact.integrators.tableau import Tableau
+
+
+@dataclass(frozen=True)
+class RK4(ExplicitRungeKutta):
+    """The classical method of order 4.
+
+    Parameters
+    ----------
+    tol, max_iter : optional
+        As of `ExplicitRungeKutta`.
+    """
+
+    tableau: ClassVar[Tableau] = Tableau(
+        a=((), (1 / 2,), (0.0, 1 / 2), (0.0, 0.0, 1.0)),
+        b=(1 / 6, 1 / 3, 1 / 3, 1 / 6),
+        c=(0.0, 1 / 2, 1 / 2, 1.0),
+        order=4,
+    )
+
+    name: ClassVar[str] = "rk4"
+    declared: ClassVar[Declared] = Declared(
+        summary="the classical method, an LCP at each stage",
+        order_smooth=4,
+        order_force_jump=2,
+        order_force_kink=2,
+        order_impact=1,
+        order_friction=0,
+        order_penetration=float("inf"),
+        level="acceleration in a step, position and velocity at its end",
+        relative_degrees=(0, 1, 2),
+        handles=HANDLES,
+        reaction_lives="at t, right limit",
+        energy="no rule; grows without bound beyond the limit of stability",
+        dissipates=False,
+        source="Kutta (1901)",
+    )

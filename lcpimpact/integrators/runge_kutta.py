@@ -1,0 +1,729 @@
+r"""Explicit Runge-Kutta methods on the reduced equations, whose right side solves an LCP at each stage.
+
+The massless coordinates are eliminated (`lcpimpact.scheme.first_order`), so
+
+.. math:: X' = A X + B r + E s(X), \qquad u = C X + D r,
+
+and the right side is a function of X: the reactions obey the law of contact one, two or no derivatives further,
+
+.. math:: 0 \le r \perp u^{(ρ)} = O X + G r + O_s s \ge 0 ,
+
+which is the "differential succession" of the paper's Fig. 3. For the relative degree 0 all rows take part; for 1 those with
+u <= 0; for 2 those with u <= 0 and U = 0.
+
+A step that overshoots the law is put right at its end by impulses, which are one LCP with the same G,
+
+.. math:: 0 \le P \perp G P + \begin{cases} U + e U & (ρ = 2) \\ u & (ρ = 1) \end{cases} \ge 0, \qquad X^+ = X + B P :
+
+for degree 2 Newton's law of impact, for degree 1 the force that was missed between the closing of the gap and the end of the
+step. The impulse of an impact acts at the end of the step and counts from the instant, τ ago, at which the gap closed: U is
+the speed at that instant, and X⁺ moves on by τ A B P. A rebound that would end within the step counts as none, so that what
+lies on the ground stays there.
+
+Loads are read at the instants of the stages, and may be any functions of time. "u <= 0" is meant up to rounding, 1e-12 of
+the largest terms of u so far.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, TypeAlias
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array, Flags
+from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, vector
+from lcpimpact.errors import InputError, Status
+from lcpimpact.integrators.base import Event, Grid, Integrator, Record, State
+from lcpimpact.integrators.law import solve_law, with_fallbacks
+from lcpimpact.integrators.modes import System, refuse_mixed_degrees
+from lcpimpact.integrators.tableau import Tableau
+from lcpimpact.lcp import SOLVERS
+from lcpimpact.lcp.operators import Dense
+from lcpimpact.lcp.problem import KERNEL
+from lcpimpact.lcp.solve import limits
+from lcpimpact.lcp.solver import Kernel
+from lcpimpact.lcp.solver import State as Solver
+from lcpimpact.numbers import is_real
+from lcpimpact.problems.base import Problem
+from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.first_order import FirstOrderForm, Inputs, forced_form
+
+SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
+
+LARGEST = 1e100
+"""A state beyond this is no motion but a step that is too long; its energy is still a number."""
+
+ROUNDING = 1e-12
+"""What counts as zero, relative to the terms of the sum that gave it, each taken at its largest value so far."""
+
+HANDLES = (Feature.POWER_LAWS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION)
+"""What these methods handle: all but sliders, whose force jumps as the velocity turns."""
+
+cube = types.float64[:, :, ::1]
+
+Matrices: TypeAlias = tuple[Any, ...]
+"""A, C, U, O, O_s, G, B, E, the springs' approach, its rate and their law, the degrees, and e; see `_matrices`."""
+
+MATRICES: Any = types.Tuple((matrix,) * 11 + (indices, vector))
+
+
+@compiled(f8(matrix, i8, vector))
+def term(M: Array, i: int, x: Array) -> float:
+    """Return row i of M x."""
+    sum_ = 0.0
+    for j in range(len(x)):
+        sum_ += M[i, j] * x[j]
+    return sum_
+
+
+@compiled(f8(matrix, i8, vector))
+def rounding(M: Array, i: int, scale: Array) -> float:
+    """Return what counts as zero in row i of M x."""
+    sum_ = 0.0
+    for j in range(len(scale)):
+        sum_ += abs(M[i, j]) * scale[j]
+    return ROUNDING * sum_
+
+
+@compiled(types.void(vector, matrix, matrix, matrix, vector))
+def spring_forces(x: Array, approach: Array, rate: Array, law: Array, s: Array) -> None:
+    """Write s = K δⁿ (1 + b δ') + c δ' of the non-linear springs; with c > 0 they never pull."""
+    for a in range(len(s)):
+        _, K, n, b, c = law[a]
+        δ, closing = term(approach, a, x), term(rate, a, x)
+        s[a] = K * δ**n * (1.0 + b * closing) + c * closing if δ > 0.0 else 0.0
+        if c > 0.0:
+            s[a] = max(s[a], 0.0)
+
+
+@compiled(types.void(vector, MATRICES, vector, types.boolean[::1]))
+def touching(x: Array, system: Matrices, scale: Array, touches: Flags) -> None:
+    """Write which rows take part in the law: all of degree 0, those with u <= 0 of degree 1, also with U = 0 of degree 2."""
+    _, C, U, _, _, _, _, _, _, _, _, degree, _ = system
+    for i in range(len(degree)):
+        touches[i] = degree[i] == 0 or term(C, i, x) <= rounding(C, i, scale)
+        if degree[i] == 2 and touches[i]:
+            touches[i] = abs(term(U, i, x)) <= rounding(U, i, scale)
+
+
+@compiled(types.Tuple((i8, i8, f8))(vector, MATRICES, types.boolean[::1], vector, vector, f8, i8, KERNEL))
+def right_side(
+    x: Array, system: Matrices, touches: Flags, r: Array, dy: Array, tol: float, max_iter: int, solve: Kernel
+) -> tuple[int, int, float]:
+    """Write r and y' at x, which is the state y and after it what is given; return status, iterations and residual."""
+    A, _, _, O, O_s, G, B, E, approach, rate, law, _, _ = system  # noqa: E741
+    nc, ns, ny = len(r), len(law), len(dy)
+    s = np.empty(ns)
+    spring_forces(x, approach, rate, law, s)
+    active, na = np.empty(nc, np.int64), 0
+    q, z, gap, lower = np.empty(nc), np.zeros(nc), np.empty(nc), np.zeros(nc)
+    for i in range(nc):
+        if touches[i]:
+            q[na], z[na] = term(O, i, x) + term(O_s, i, s), max(r[i], 0.0)
+            active[na] = i
+            na += 1
+    r[:] = 0.0
+    status, count, residual = SOLVED, 0, 0.0
+    if na > 0:
+        W = np.empty((na, na))
+        for a in range(na):
+            for c in range(na):
+                W[a, c] = G[active[a], active[c]]
+        upper = np.full(na, np.inf)
+        status, count, residual = solve_law(W, q[:na], lower[:na], upper, z[:na], gap[:na], True, tol, max_iter, solve)
+        for a in range(na):
+            r[active[a]] = z[a]
+    for j in range(ny):
+        dy[j] = term(A, j, x) + term(B, j, r) + term(E, j, s)
+    return status, count, residual
+
+
+@compiled(types.Tuple((i8, i8, f8))(vector, MATRICES, vector, f8, f8, vector, vector, vector, vector, f8, i8, KERNEL))
+def put_right(
+    x: Array,
+    system: Matrices,
+    scale: Array,
+    h: float,
+    shortest: float,
+    P: Array,
+    since: Array,
+    r: Array,
+    dy: Array,
+    tol: float,
+    max_iter: int,
+    solve: Kernel,
+) -> tuple[int, int, float]:
+    """Put the state right at the end of a step by impulses P, and write r and y' after them.
+
+    ``since`` is left as the time that has passed since each gap closed, and zero where none did. A rebound whose flight
+    would last no longer than ``shortest`` counts as none.
+    """
+    A, C, U, O, O_s, G, B, _, approach, rate, law, degree, restitution = system  # noqa: E741
+    nc, ny = len(r), len(dy)
+    active, na = np.empty(nc, np.int64), 0
+    gap, speed = np.zeros(nc), np.zeros(nc)
+    P[:] = since[:] = 0.0
+    violated = False
+    touches = np.empty(nc, np.bool_)
+    touching(x, system, scale, touches)
+    for i in range(nc):
+        gap[i] = term(C, i, x)
+        if degree[i] == 0 or gap[i] > rounding(C, i, scale):
+            continue
+        active[na] = i
+        na += 1
+        if degree[i] == 2:
+            speed[i] = term(U, i, x)
+            violated = violated or speed[i] < -rounding(U, i, scale)
+        else:
+            touches[i] = gap[i] >= -rounding(C, i, scale)
+            violated = violated or not touches[i]
+    status, total, worst = right_side(x, system, touches, r, dy, tol, max_iter, solve)
+    if not violated or status != SOLVED:
+        return status, total, worst
+
+    before, e, s = x.copy(), restitution.copy(), np.empty(len(law))
+    W, q, z, w, lower, upper = (
+        np.empty((na, na)),
+        np.empty(nc),
+        np.empty(nc),
+        np.empty(nc),
+        np.zeros(nc),
+        np.full(na, np.inf),
+    )
+    free, ago, jump, drift = np.zeros(nc), np.zeros(nc), np.zeros(len(x)), np.zeros(len(x))
+    spring_forces(x, approach, rate, law, s)
+    for i in range(nc):
+        free[i] = term(O, i, x) + term(O_s, i, s) + term(G, i, r)
+    for _attempt in range(nc + 1):
+        earliest = 0.0
+        for a in range(na):
+            i = active[a]
+            ago[i] = since[i] = 0.0
+            q[a] = gap[i] if degree[i] < 2 else speed[i]
+            if degree[i] == 1 and free[i] < 0.0:
+                since[i] = min(max(gap[i] / free[i], 0.0), h)
+            if degree[i] == 2 and speed[i] < -rounding(U, i, scale):
+                # The speed at which the gap closed, and how long ago: u = τ (U + U_c)/2, and U² = U_c² + 2 u'' u.
+                closing = speed[i]
+                if e[i] > 0.0:
+                    closing = -np.sqrt(max(speed[i] ** 2 - 2.0 * free[i] * gap[i], 0.0))
+                ago[i] = since[i] = min(max(2.0 * gap[i] / (speed[i] + closing), 0.0), h)
+                q[a] = (1.0 + e[i]) * closing
+                earliest = max(earliest, ago[i])
+        for a in range(na):
+            i = active[a]
+            z[a] = 0.0
+            if degree[i] == 2 and ago[i] == 0.0:
+                ago[i] = earliest
+            for c in range(na):
+                W[a, c] = G[i, active[c]]
+        status, count, residual = solve_law(W, q[:na], lower[:na], upper, z[:na], w[:na], True, tol, max_iter, solve)
+        total += count
+        worst = max(worst, residual)
+        if status != SOLVED:
+            return status, total, worst
+        for a in range(na):
+            P[active[a]] = z[a]
+        for j in range(ny):
+            jump[j] = term(B, j, P)
+            drift[j] = term(B, j, ago * P)
+        for j in range(ny):
+            x[j] = before[j] + jump[j] + term(A, j, drift)
+        touching(x, system, scale, touches)
+        status, count, residual = right_side(x, system, touches, r, dy, tol, max_iter, solve)
+        total += count
+        worst = max(worst, residual)
+        if status != SOLVED:
+            return status, total, worst
+        again = False
+        spring_forces(x, approach, rate, law, s)
+        for a in range(na):
+            i = active[a]
+            if degree[i] < 2 or P[i] == 0.0 or e[i] == 0.0:
+                continue
+            acceleration = term(O, i, x) + term(O_s, i, s) + term(G, i, r)
+            if 2.0 * (term(U, i, x) - acceleration * since[i]) <= -acceleration * shortest:
+                e[i] = 0.0
+                again = True
+        if not again:
+            break
+    return SOLVED, total, worst
+
+
+@compiled(
+    types.Tuple((i8, i8, i8, f8))(
+        i8, i8, f8, f8, cube, matrix, vector, vector, MATRICES, matrix, matrix, matrix, matrix, matrix, vector, matrix,
+        f8, i8, KERNEL,
+    )
+)  # fmt: skip
+def steps(
+    first: int,
+    last: int,
+    h: float,
+    shortest: float,
+    given: Array,
+    a: Array,
+    b: Array,
+    b_error: Array,
+    system: Matrices,
+    y: Array,
+    dy: Array,
+    r: Array,
+    P: Array,
+    since: Array,
+    scale: Array,
+    ahead: Array,
+    tol: float,
+    max_iter: int,
+    solve: Kernel,
+) -> tuple[int, int, int, float]:
+    """Take the steps first ... last: fill y, y', r and P at [k + 1] from y[k] and dy[k].
+
+    ``given`` (steps or 1, s + 1, ng) holds what is given at the stages and at the end of a step; ``ahead`` (2, ny) is left
+    as the last state before it was put right, and the estimate of its error. Returns the status, the step reached, the sum
+    of the LCP iterations, and the largest residual.
+    """
+    A, _, _, _, _, _, B, _, _, _, _, _, _ = system
+    s, ny = len(b), y.shape[1]
+    K, x, force = np.empty((s, ny)), np.empty(len(scale)), np.empty(r.shape[1])
+    touches, together = np.empty(r.shape[1], np.bool_), np.empty(r.shape[1], np.bool_)
+    total, worst = 0, 0.0
+    for k in range(first, last):
+        p = k - first if len(given) > 1 else 0
+        K[0] = dy[k]
+        force[:] = r[k]
+        x[:ny] = y[k]
+        x[ny:] = given[p, 0]
+        touching(x, system, scale, together)
+        for i in range(1, s):
+            for j in range(ny):
+                sum_ = 0.0
+                for l in range(i):  # noqa: E741
+                    sum_ += a[i, l] * K[l, j]
+                x[j] = y[k, j] + h * sum_
+            x[ny:] = given[p, i]
+            touching(x, system, scale, touches)
+            for c in range(len(touches)):
+                # What was apart as the step began stays so until its end, where `put_right` makes up for it.
+                touches[c] = touches[c] and together[c]
+            status, count, residual = right_side(x, system, touches, force, K[i], tol, max_iter, solve)
+            total += count
+            worst = max(worst, residual)
+            if status != SOLVED:
+                return status, k, total, worst
+        for j in range(ny):
+            sum_, estimate = 0.0, 0.0
+            for l in range(s):  # noqa: E741
+                sum_ += b[l] * K[l, j]
+                estimate += b_error[l] * K[l, j]
+            x[j] = y[k, j] + h * sum_
+            ahead[0, j], ahead[1, j] = x[j], h * estimate
+            if not abs(x[j]) < LARGEST:
+                return NON_FINITE, k, total, worst
+        x[ny:] = given[p, s]
+        for j in range(len(scale)):
+            scale[j] = max(scale[j], abs(x[j]))
+        for j in range(ny):
+            # What lies still has no velocity to compare with, but forces that cancel.
+            sum_ = 0.0
+            for l in range(len(x)):  # noqa: E741
+                sum_ += abs(A[j, l] * x[l])
+            for c in range(len(force)):
+                sum_ += abs(B[j, c] * force[c])
+            scale[j] = max(scale[j], h * sum_)
+        r[k + 1] = force
+        status, count, residual = put_right(
+            x, system, scale, h, shortest, P[k + 1], since[k + 1], r[k + 1], dy[k + 1], tol, max_iter, solve
+        )
+        total += count
+        worst = max(worst, residual)
+        if status != SOLVED:
+            return status, k, total, worst
+        y[k + 1] = x[:ny]
+    return SOLVED, last, total, worst
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What travels from block to block: the matrices, and the states, rates, forces and impulses on the grid."""
+
+    grid: Grid
+    form: FirstOrderForm
+    inputs: Inputs
+    system: System
+    matrices: Matrices
+    y: Array
+    dy: Array
+    r: Array
+    P: Array
+    since: Array
+    scale: Array
+    contacts: Dense
+    solver: Solver
+    tol: float
+    max_iter: int
+    step: Array
+
+    @property
+    def motion(self) -> tuple[Array, ...]:
+        """What a step fills: y, y', r, P, and how long ago each gap closed."""
+        return self.y, self.dy, self.r, self.P, self.since
+
+    def given(self, t: Array) -> Array:
+        """Return the signals and loads at the times t, with the shape of t followed by (ng,)."""
+        signals = self.form.signals_at(t)
+        loads = [[load(float(s)) for load in self.inputs.loads] for s in np.ravel(t)]
+        return np.concatenate([signals, np.array(loads).reshape(*np.shape(t), len(self.inputs.loads))], axis=-1)
+
+
+def _matrices(system: System, inputs: Inputs) -> Matrices:
+    """Return the matrices by which the kernel reads x = (y, signals, loads), y without the signals."""
+    form, d = system.form, system.dynamics
+    ny, ns = form.constant, len(inputs.law)
+    loads = len(inputs.loads)
+    C, CA = system.derivatives[:2]
+    return (
+        np.column_stack([form.A, inputs.E[:, ns:]])[:ny].copy(),
+        np.column_stack([C, inputs.D[:, ns:]]),
+        np.column_stack([CA, np.zeros((len(CA), loads))]),
+        np.column_stack([system.O, system.O_w[:, ns:]]),
+        system.O_w[:, :ns].copy(),
+        np.array(system.G, order="C"),
+        form.B[:ny].copy(),
+        inputs.E[:ny, :ns].copy(),
+        np.column_stack([inputs.approach, np.zeros((ns, loads))]),
+        np.column_stack([inputs.rate, np.zeros((ns, loads))]),
+        inputs.law.copy(),
+        d.relative_degree,
+        d.restitution,
+    )
+
+
+@dataclass(frozen=True)
+class ExplicitRungeKutta(Integrator):
+    """An explicit Runge-Kutta method; to write one, declare it and give its tableau.
+
+    Parameters
+    ----------
+    tol : float, optional
+        Largest LCP residual, in units where max |W| = max |q| = 1; by default what the LCP solver declares.
+    max_iter : int, optional
+        Limit of LCP iterations in a stage; by default what the LCP solver declares.
+
+    Raises
+    ------
+    InputError
+        If tol or max_iter is not positive.
+
+    Notes
+    -----
+    The reaction is the force at each instant of the grid, its right limit at an event. Impulses act at grid points, and the
+    instants of the events are read between them. A step longer than the method is stable for makes the motion grow without
+    bound: the rate of a stiff plate, k_o/c_o, counts as well as ω.
+    """
+
+    tol: float | None = None
+    max_iter: int | None = None
+
+    tableau: ClassVar[Tableau]
+
+    def __post_init__(self) -> None:
+        limits(SOLVERS["auto"], self.tol, self.max_iter)
+
+    def reaction_times(self, grid: Grid) -> Array:
+        """Return the grid."""
+        return grid.times(0, grid.steps)
+
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
+        """Eliminate the massless coordinates, and write the initial values; impacts at t = 0 come before them."""
+        d, solver = problem.dynamics, SOLVERS[lcp_solver]
+        form, inputs = forced_form(d, self.name)
+        system = System(d, form, (inputs.E, inputs.D))
+        refuse_mixed_degrees(system, self.name)
+        matrices = _matrices(system, inputs)
+        contacts = Dense(matrices[5] if len(d.contacts) else np.eye(1))
+        if len(d.contacts):
+            solver.check(contacts, False)
+        ny, nc = form.constant, len(d.contacts)
+        y, dy, r, P, since = (np.zeros((grid.steps + 1, size)) for size in (ny, ny, nc, nc, nc))
+        tol, max_iter = limits(solver, self.tol, self.max_iter)
+        X = form.state(problem.initial_coordinates, problem.initial_velocities)
+        x = np.concatenate([X, [load(0.0) for load in inputs.loads]])
+        run = Run(
+            grid, form, inputs, system, matrices, y, dy, r, P, since, np.abs(x), contacts, solver.init(contacts),
+            tol, max_iter, np.array([grid.h]),
+        )  # fmt: skip
+
+        def begin(state: Solver, first: int, last: int) -> tuple[Status, int]:
+            """Put right what begins in contact."""
+            right, _ = _functions(state)
+            at = x.copy()
+            code, _, _ = right(
+                at, matrices, run.scale, 0.0, grid.h, P[0], since[0], r[0], dy[0], tol, max_iter, state.kernel
+            )
+            y[0] = at[:ny]
+            return Status(code), 1
+
+        status, _ = with_fallbacks(begin, run.solver, contacts, 0, 1)
+        if status is not Status.SOLVED:
+            raise InputError(f"the contacts of {problem.name!r} have no reactions at the start: {status.sentence}")
+        start = np.array([y[0] - matrices[6] @ P[0], y[0]])
+        record.events = _happened(run, np.zeros(2), start, *(each[[0, 0]] for each in (dy, r, P, since)))
+        _write(run, record, 0, 0)
+        return run
+
+    def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
+        """Take the steps of the block."""
+        tableau = self.tableau.fixed
+        c = np.append(tableau.c, 1.0)
+        constant = len(carry.form.signals) == 1 and not carry.inputs.loads
+        starts = np.zeros(1) if constant else carry.grid.times(first, last - 1)
+        given = np.ascontiguousarray(carry.given(starts[:, None] + c * carry.grid.h))
+
+        def run(solver: Solver, begin: int, end: int) -> tuple[Status, int]:
+            part = given if constant else given[begin - first : end - first]
+            h, ahead = carry.grid.h, np.zeros((2, carry.y.shape[1]))
+            return _take(carry, solver, record, begin, end, h, h, part, tableau, carry.motion, ahead)
+
+        status, reached = with_fallbacks(run, carry.solver, carry.contacts, first, last)
+        t, closed = carry.grid.times(first, reached), carry.r[first : reached + 1] > 0.0
+        impacts = (carry.P[first + 1 : reached + 1] > 0.0) & (carry.system.degree == 2)
+        assert record.events is not None
+        for k in first + np.flatnonzero((impacts | (closed[1:] != closed[:-1])).any(axis=1)):
+            here = t[k - first : k - first + 2]
+            record.events += _happened(carry, here, *(each[k : k + 2] for each in carry.motion))
+        _write(carry, record, first + 1, reached)
+        return status, reached
+
+
+@dataclass(frozen=True)
+class EmbeddedRungeKutta(ExplicitRungeKutta):
+    """An explicit Runge-Kutta method that can choose its steps within each dt by an embedded one.
+
+    Parameters
+    ----------
+    rtol, atol : float, optional
+        Tolerances of a step, relative, and absolute in the units of each state; with rtol = None the step is dt. atol is
+        1e-3 rtol if it is not given.
+    tol, max_iter : optional
+        As of `ExplicitRungeKutta`.
+
+    Raises
+    ------
+    InputError
+        If an option is not positive, or atol is given without rtol.
+
+    Notes
+    -----
+    With rtol a step whose error is too large is rejected, and so is one that ends in an overlap beyond the tolerance: it is
+    taken again up to where the gap closes. Rebounds count as none when their flight is shorter than rtol dt. Events are then
+    found within dt; what happens twice within one dt is kept as it happened.
+    """
+
+    rtol: float | None = None
+    atol: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, value in (("rtol", self.rtol), ("atol", self.atol)):
+            if value is not None and (not is_real(value) or not value > 0.0):
+                raise InputError(f"{name} = {value!r} must be above zero, or None")
+        if self.atol is not None and self.rtol is None:
+            raise InputError(f"atol = {self.atol:g} is given without rtol: give both, or none for steps of dt")
+
+    def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
+        """Take the steps of the block, or as many within each as the tolerances ask for."""
+        if self.rtol is None:
+            return super().advance(carry, record, first, last)
+        for k in range(first, last):
+            status = self._cross(carry, record, k, self.rtol, 1e-3 * self.rtol if self.atol is None else self.atol)
+            if status is not Status.SOLVED:
+                _write(carry, record, first + 1, k)
+                return status, k
+        _write(carry, record, first + 1, last)
+        return Status.SOLVED, last
+
+    def _cross(self, carry: Run, record: Record, k: int, rtol: float, atol: float) -> Status:
+        """Step from t_k to t_k+1, with as many steps as it takes."""
+        tableau, grid = self.tableau, carry.grid
+        c, ny = np.append(tableau.c, 1.0), carry.y.shape[1]
+        exponent = 1.0 / (tableau.order_embedded + 1.0)
+        t, end = grid.t_end * k / grid.steps, grid.t_end * (k + 1) / grid.steps
+        motion = tuple(np.repeat(each[k : k + 1], 2, axis=0) for each in carry.motion)
+        y, _, r, P, _ = motion
+        C, U = carry.matrices[1:3]
+        ahead, scale, inertia = np.zeros((2, ny)), carry.scale.copy(), carry.system.degree == 2
+        assert record.events is not None
+        while t < end:
+            h = min(carry.step[0], end - t)
+            if h < 4.0 * np.spacing(end):
+                if end - t < 4.0 * np.spacing(end):
+                    break
+                return Status.STEP_SIZE
+            given = carry.given(t + c * h)[None]
+
+            def run(solver: Solver, first: int, last: int, h: float = h, given: Array = given) -> tuple[Status, int]:
+                return _take(carry, solver, record, first, last, h, rtol * grid.h, given, tableau, motion, ahead)
+
+            scale[:] = carry.scale
+            status, _ = with_fallbacks(run, carry.solver, carry.contacts, 0, 1)
+            if status is not Status.SOLVED:
+                carry.scale[:] = scale
+                if status is not Status.NON_FINITE:
+                    return status
+                shrink = 0.1
+            else:
+                before, error = ahead
+                size = np.abs(error / (atol + rtol * np.maximum(np.abs(y[0]), np.abs(before)))).max(initial=1e-10)
+                shrink = float(np.clip(0.9 * size**-exponent, 0.2, 5.0))
+                if size <= 1.0:
+                    shrink = max(shrink, 1.0)
+                    # An overlap beyond the tolerance: back to where the line through both gaps is zero.
+                    u, overlap = C @ np.append(y[0], given[0, 0]), C @ np.append(before, given[0, -1])
+                    bound = atol + rtol * (np.abs(C) @ carry.scale)
+                    deep = (P[1] > 0.0) & (overlap < -bound)
+                    begun = deep & (u > bound)
+                    if begun.any():
+                        shrink = float((u[begun] / (u[begun] - overlap[begun])).min())
+                    elif (deep & (U @ np.append(y[0], given[0, 0]) > 0.0)).any():
+                        shrink = 0.5
+            if shrink < 1.0:
+                carry.scale[:] = scale
+                carry.step[0] = shrink * h
+                record.stats["rejected_steps"] = record.stats.get("rejected_steps", 0) + 1
+                continue
+            carry.step[0] = max(shrink * h, carry.step[0] if h < carry.step[0] else 0.0)
+            record.stats["inner_steps"] = record.stats.get("inner_steps", 0) + 1
+            if (P[1, inertia] > 0.0).any() or ((r[0] > 0.0) != (r[1] > 0.0)).any():
+                record.events += _happened(carry, np.array([t, t + h]), *motion)
+            for each in motion:
+                each[0] = each[1]
+            t = end if h == end - t else t + h
+        for each, of in zip(carry.motion, motion, strict=True):
+            each[k + 1] = of[0]
+        return Status.SOLVED
+
+
+def _functions(solver: Solver) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return `put_right` and `steps`, compiled or, where the solver lives in the interpreter, as Python."""
+    if solver.compiled:
+        return put_right, steps
+    inner = interpreted(solve_law)
+    right = interpreted(right_side, solve_law=inner)
+    put = interpreted(put_right, solve_law=inner, right_side=right)
+    return put, interpreted(steps, right_side=right, put_right=put)
+
+
+def _take(
+    run: Run,
+    solver: Solver,
+    record: Record,
+    first: int,
+    last: int,
+    h: float,
+    shortest: float,
+    given: Array,
+    tableau: Tableau,
+    motion: tuple[Array, ...],
+    ahead: Array,
+) -> tuple[Status, int]:
+    """Take steps of one length, and count what they cost."""
+    _, step = _functions(solver)
+    code, reached, iterations, residual = step(
+        first, last, h, shortest, given, tableau.matrix, np.array(tableau.b), tableau.error, run.matrices, *motion,
+        run.scale, ahead, run.tol, run.max_iter, solver.kernel,
+    )  # fmt: skip
+    stats: dict[str, Any] = record.stats
+    stats["lcp_solves"] = stats.get("lcp_solves", 0) + tableau.stages * (reached - first)
+    stats["lcp_iterations"] = stats.get("lcp_iterations", 0) + iterations
+    stats["residual"] = max(stats.get("residual", 0.0), residual)
+    return Status(code), reached
+
+
+def _coordinates(run: Run, t: Array, y: Array, dy: Array, r: Array) -> tuple[Array, Array]:
+    """Return q and v (nt, n) from the states, their rates and the forces.
+
+    A static node follows the others by its balance of forces; its velocity needs r', which keeps the closed gaps closed.
+    """
+    form, inputs, system, ns = run.form, run.inputs, run.system, len(run.inputs.law)
+    given, generator = run.given(t), form.A[form.constant :, form.constant :]
+    nl = len(generator)
+    signals, loads = given[:, :nl], given[:, nl:]
+    X, rate = np.column_stack([y, signals]), np.column_stack([dy, signals @ generator.T])
+    Q_w, D_w = inputs.Q[:, ns:], inputs.D[:, ns:]
+    q = X @ form.Q.T + r @ form.Qr.T + loads @ Q_w.T
+    v = rate @ form.Q.T
+    if form.Qr.any() or Q_w.any():
+        δ = 1e-6 * run.grid.t_end
+        dloads = (run.given(t + δ) - run.given(t - δ))[:, nl:] / (2.0 * δ)
+        v += dloads @ Q_w.T
+        u, du = X @ form.C.T + loads @ D_w.T, rate @ form.C.T + dloads @ D_w.T
+        tiny = ROUNDING * np.abs(run.matrices[1]) @ run.scale
+        closed = ((r > 0.0) | ((u <= tiny) & (du < 0.0))) & (system.degree == 0)
+        for pattern in np.unique(closed, axis=0):
+            rows, here = np.flatnonzero(pattern), (closed == pattern).all(axis=1)
+            D = form.D[np.ix_(rows, rows)]
+            v[here] -= np.linalg.solve(D, du[np.ix_(here, rows)].T).T @ form.Qr[:, rows].T
+    return q, v
+
+
+def _write(run: Run, record: Record, first: int, last: int) -> None:
+    """Write the grid points first ... last to the record."""
+    if last >= first:
+        here = slice(first, last + 1)
+        record.reaction[here] = run.r[here]
+        record.q[here], record.v[here] = _coordinates(run, record.t[here], run.y[here], run.dy[here], run.r[here])
+
+
+def _happened(run: Run, t: Array, y: Array, dy: Array, r: Array, P: Array, since: Array) -> list[Event]:
+    """Return the events of a step from the first to the second of two states, with the impulses P of the second.
+
+    A contact of degree 0 closes where the line through its gaps is zero, and any contact opens where that of u^(ρ) is, which
+    is -G r while r pushes. The limits of an impact are the state after it, moved back to its instant, and that without P.
+    """
+    d, degree = run.system.dynamics, run.system.degree
+    _, C, _, O, O_s, G, B, _, approach, rate, law, *_ = run.matrices  # noqa: E741
+    q, v = _coordinates(run, t, y, dy, r)
+    given = run.given(t)
+    after = np.append(y[1], given[1])
+    gap = np.array([C @ np.append(y[0], given[0]), C @ after])
+    s = np.empty(len(law))
+    spring_forces(after, approach, rate, law, s)
+    parting = np.array([-r[0] * np.diag(G), O @ after + O_s @ s + G @ r[1]])
+    left, right = State(q[0], v[0], r[0]), State(q[1], v[1], r[1])
+    closed = r > 0.0
+    if t[0] == 0.0:
+        # Plates that touch at the start are closed even where their force starts from zero.
+        closed[0] |= (gap[0] <= 0.0) & closed[1]
+    found = []
+    for i, contact in enumerate(d.contacts):
+        meets = _zero(t, gap[:, i]) if degree[i] == 0 else float(t[1] - since[1, i])
+        if degree[i] == 2 and P[1, i] > 0.0:
+            back = y[1] - since[1, i] * dy[1]
+            before, behind = (
+                _at_event(run, meets, x, dy[1], force) for x, force in ((back - B @ P[1], r[0]), (back, r[1]))
+            )
+            found.append(Event(meets, contact.name, "impact", before, behind, float(P[1, i])))
+        if closed[1, i] and not closed[0, i]:
+            found.append(Event(meets, contact.name, "close", left, right))
+        if closed[0, i] and not closed[1, i]:
+            found.append(Event(_zero(t, parting[:, i]), contact.name, "open", left, right))
+    return sorted(found, key=lambda event: event.t)
+
+
+def _at_event(run: Run, t: float, y: Array, dy: Array, r: Array) -> State:
+    """Return one limit of an impact; the velocities of nodes with mass are those of y, and the others those of dy."""
+    q, v = _coordinates(run, np.array([t]), y[None], dy[None], r[None])
+    massive = run.form.parts.massive
+    return State(q[0], v[0] + massive @ (y[len(y) - massive.shape[1] :] - massive.T @ v[0]), r)
+
+
+def _zero(t: Array, values: Array) -> float:
+    """Return where the line through two values of different sign is zero, or the later instant."""
+    if not min(values) < 0.0 < max(values):
+        return float(t[1])
+    return float(t[0] + (t[1] - t[0]) * values[0] / (values[0] - values[1]))

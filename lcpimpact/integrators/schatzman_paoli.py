@@ -1,0 +1,85 @@
+r"""The scheme of Schatzman and Paoli: central differences of places, with the restitution in the law of the places.
+
+.. math:: M \frac{q^+ - 2 q + q_-}{h^2} = F\Bigl(t, q, \frac{q^+ - q_-}{2 h}\Bigr) + H^T r, \qquad
+          0 \le r \perp u\Bigl(\frac{q^+ + e q_-}{1 + e}\Bigr) \ge 0 .
+
+The place before, reflected with the factor e, is what the next may not pass: so a body that came with V leaves with -e V.
+Row i is multiplied by 1 + e_i. The velocity that is recorded is V⁺ = (q⁺ - q)/h and half of what the smooth forces do from
+there, free of what would enter a contact that pushes:
+
+.. math:: M (v^+ - V^+) = \tfrac h2 F(t^+, q^+, V^+) + H^T p, \qquad 0 \le p \perp U^+ \ge 0 \quad (r > 0).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.linear_step import Law, LinearStep, Step, Symbols, first_acceleration, pushed, solve
+from lcpimpact.scheme.dynamics import Dynamics, Feature
+
+
+@dataclass(frozen=True)
+class SchatzmanPaoli(LinearStep):
+    """The two-step scheme on places, explicit in the springs.
+
+    Parameters
+    ----------
+    tol, max_iter : optional
+        As of `TimeStepping`; rtol is refused, as what it remembers belongs to the step.
+
+    Notes
+    -----
+    The record holds v⁺; the method itself knows places only. A slider's law stands on V⁺.
+    """
+
+    laws: ClassVar[int] = 2
+    instants: ClassVar[tuple[float, ...]] = (0.0, 1.0)
+    remembers: ClassVar[tuple[str, ...]] = ("q_before",)
+    halves: ClassVar[bool] = False
+    reaction_at: ClassVar[float] = 0.0
+    impact_steps: ClassVar[int] = 2
+
+    name: ClassVar[str] = "schatzman-paoli"
+    declared: ClassVar[Declared] = Declared(
+        summary="two-step scheme on places, restitution through the place before",
+        order_smooth=2,
+        order_force_jump=0,
+        order_force_kink=0,
+        order_impact=1,
+        order_friction=1,
+        order_penetration=1,
+        level="position",
+        relative_degrees=(2,),
+        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
+        reaction_lives="at t, one for each step",
+        energy="near its value for ever in smooth motion, where h is below 2/ω; no rule at impacts",
+        dissipates=False,
+        source="Paoli and Schatzman (2002)",
+    )
+
+    def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
+        """Return the place before the start."""
+        return {"q_before": q - h * v + 0.5 * h**2 * first_acceleration(d, q, v, h)}
+
+    def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
+        """Write the step; the unknown of its first law is h r."""
+        q_before, (P, p) = y.memory["q_before"], y.P
+        slides = d.slides[:, None]
+        # F holds C (q⁺ - q₋)/2h, of which C q⁺/2h stands on the left.
+        drive = d.M @ (2.0 * y.q - q_before) + h**2 * y.force(0.0, y.q, -q_before / (2.0 * h)) + h * y.push(P)
+        q = solve(d.M + 0.5 * h * d.C, drive)
+        V = (q - y.q) / h
+        half_kick = 0.5 * h * y.force(1.0, q, V, law=1) + y.push(0.5 * np.where(slides, P, 0.0) + p)
+        v = V + solve(d.M, half_kick)
+        place = Law(
+            L=np.where(slides, h * y.gap_rate(V), y.gap(q) + d.restitution[:, None] * y.gap(q_before)),
+            touching=None,
+            springs_at=(y.q, (q - q_before) / (2.0 * h)),
+        )
+        reading = Law(L=y.gap_rate(v), touching=pushed(place.L, P), strictly=True, springs_at=(q, V), weight=0.0)
+        return Step(q=q, v=v, impulse=P, laws=(place, reading), memory={"q_before": y.q})

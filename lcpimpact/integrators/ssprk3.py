@@ -1,0 +1,52 @@
+r"""The method of Shu and Osher: three stages, each a mean of Euler steps.
+
+.. math:: X_1 = X + h F(X), \qquad X_2 = \tfrac34 X + \tfrac14 (X_1 + h F(X_1)), \qquad
+          X^+ = \tfrac13 X + \tfrac23 (X_2 + h F(X_2)) .
+
+What no Euler step of length h increases, this step does not increase either.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.runge_kutta import HANDLES, ExplicitRungeKutta
+from lcpimpact.integrators.tableau import Tableau
+
+
+@dataclass(frozen=True)
+class SSPRK3(ExplicitRungeKutta):
+    """The strong-stability-preserving method of order 3.
+
+    Parameters
+    ----------
+    tol, max_iter : optional
+        As of `ExplicitRungeKutta`.
+    """
+
+    tableau: ClassVar[Tableau] = Tableau(
+        a=((), (1.0,), (1 / 4, 1 / 4)),
+        b=(1 / 6, 1 / 6, 2 / 3),
+        c=(0.0, 1.0, 1 / 2),
+        order=3,
+    )
+
+    name: ClassVar[str] = "ssprk3"
+    declared: ClassVar[Declared] = Declared(
+        summary="means of Euler steps, an LCP at each stage",
+        order_smooth=3,
+        order_force_jump=2,
+        order_force_kink=2,
+        order_impact=1,
+        order_friction=0,
+        order_penetration=float("inf"),
+        level="acceleration in a step, position and velocity at its end",
+        relative_degrees=(0, 1, 2),
+        handles=HANDLES,
+        reaction_lives="at t, right limit",
+        energy="no rule; grows without bound beyond the limit of stability",
+        dissipates=False,
+        source="Shu and Osher (1988)",
+    )

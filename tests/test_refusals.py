@@ -1,0 +1,66 @@
+"""Every method meets every problem: it runs, or refuses before the first step and names a method that does run."""
+
+import re
+
+import numpy as np
+import pytest
+
+import lcpimpact as li
+from lcpimpact.integrators import METHODS
+from lcpimpact.problems import PROBLEMS
+
+SMALLER = {"bar-impact": {"elements": 4.0}, "bouncing-bar": {"elements": 4.0}, "plastic-bar-impact": {"elements": 4.0}}
+STEPS = 3
+
+
+def load(name):
+    return li.load_problem(name, **SMALLER.get(name, {}))
+
+
+def attempt(problem, method):
+    dt = problem.t_end / 20_000
+    return li.simulate(problem, method, dt=dt, t_end=STEPS * dt, progress=False)
+
+
+def runs(problem, method):
+    try:
+        return attempt(problem, method).success
+    except li.UnsupportedError:
+        return False
+
+
+@pytest.mark.parametrize("problem", PROBLEMS)
+@pytest.mark.parametrize("method", METHODS)
+def test_a_method_runs_or_names_one_that_does(method, problem):
+    problem = load(problem)
+    try:
+        run = attempt(problem, method)
+    except li.UnsupportedError as refusal:
+        said = str(refusal)
+        assert method in said, "who refuses"
+        named = [name for name in re.findall(r"'([\w-]+)'", said) if name in METHODS and name != method]
+        assert named, f"no other method is named: {said}"
+        assert any(runs(problem, name) for name in named), said
+        return
+    assert run.success
+    assert np.isfinite(run.q).all()
+    assert np.isfinite(run.v).all()
+    assert np.isfinite(run.reaction).all()
+    assert run.t[-1] == pytest.approx(STEPS * problem.t_end / 20_000)
+    d = METHODS[method].declared
+    assert {contact.relative_degree for contact in problem.dynamics.contacts} <= set(d.relative_degrees)
+    assert set(problem.dynamics.features) <= set(d.handles)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_what_is_declared_as_handled_is_run(method):
+    """Each feature and degree that a method declares occurs in a problem that it runs."""
+    d = METHODS[method].declared
+    features, degrees = set(), set()
+    for name in PROBLEMS:
+        problem = load(name)
+        if set(problem.dynamics.features) <= set(d.handles) and runs(problem, method):
+            features |= set(problem.dynamics.features)
+            degrees |= {contact.relative_degree for contact in problem.dynamics.contacts}
+    assert features == set(d.handles)
+    assert degrees == set(d.relative_degrees)
