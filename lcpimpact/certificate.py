@@ -220,7 +220,8 @@ def _balance_by_trapezoid(dynamics: Dynamics, record: Record, events: Sequence[E
         power += (r * U).sum(axis=1) + dynamics.driving_power(record.t, record.q, record.v, r)
     work = 0.5 * (power[1:] + power[:-1]) * h
     if len(r) < len(record.t):
-        work += h * (r * 0.5 * (U[1:] + U[:-1])).sum(axis=1)
+        t, q, v = (0.5 * (each[1:] + each[:-1]) for each in (record.t, record.q, record.v))
+        work += h * ((r * dynamics.gap_rate(v)).sum(axis=1) + dynamics.driving_power(t, q, v, r))
     stored = dynamics.energy(record.q, record.v)
     change = np.diff(stored)
     for event in events:

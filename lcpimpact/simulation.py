@@ -205,6 +205,7 @@ def _check_handled(integrator: Integrator, problem: Problem) -> None:
     missing = _missing(integrator.declared, dynamics)
     if missing:
         able = [name for name, kind in METHODS.items() if not _missing(kind.declared, dynamics)]
+        able.sort(key=lambda name: -len(METHODS[name].declared.handles))  # those that do most stand first
         names = " or ".join(map(repr, able[:SHOWN]))
         others = f" or one of {len(able) - SHOWN} more of 'lcpimpact list methods'" if len(able) > SHOWN else ""
         raise UnsupportedError(

@@ -349,6 +349,20 @@ def test_elements_declare_what_they_are(name):
     assert element.strokes or element.parts is not Element.parts, "can be drawn"
 
 
+HELPERS = {
+    "base",
+    "flow",
+    "modes",
+    "transition",
+    "law",
+    "newton",
+    "spring_law",
+    "radau_iia",
+    "tableau",
+    "runge_kutta",
+} | {"linear_step", "halving", "time_stepping"}
+"""Files of the integrators that hold no method of their own."""
+
 REGISTRIES = [SOLVERS, METHODS, PROBLEMS, ELEMENTS]
 
 
@@ -372,7 +386,7 @@ def test_every_file_of_a_method_problem_or_element_is_registered():
     for folder, registry, others in (
         ("scheme/elements", ELEMENTS, {"base"}),
         ("lcp/solvers", SOLVERS, set()),
-        ("integrators", METHODS, {"base", "flow", "modes", "transition", "law", "newton", "spring_law", "linear_step", "halving", "time_stepping", "runge_kutta", "tableau"}),
+        ("integrators", METHODS, HELPERS),
         ("problems", PROBLEMS, {"base", "facts", "free_vibration", "penalty", "reading", "reference"}),
     ):
         files = {file.stem for file in (PACKAGE / folder).glob("*.py")} - {"__init__"} - others

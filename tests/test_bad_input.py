@@ -222,7 +222,7 @@ def test_what_is_no_problem(wrong):
 
 @pytest.mark.parametrize(
     ("wrong", "right"),
-    [("moreau_jean", "moreau-jean"), ("moreau", "moreau-jean"), ("exakt", "exact"), ("rk4", "rk4-paper")],
+    [("moreau_jean", "moreau-jean"), ("moreau", "moreau-jean"), ("exakt", "exact"), ("rk4-papr", "rk4-paper")],
 )
 def test_an_unknown_method_offers_the_nearest(wrong, right):
     with pytest.raises(InputError, match=rf"unknown method '{wrong}': did you mean '{right}'"):

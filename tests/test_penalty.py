@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from decimal import Decimal, localcontext
 from functools import cache
 
 import numpy as np
@@ -298,9 +299,19 @@ def test_the_loss_number_is_that_of_e(e):
 
 
 def test_the_loss_number_near_no_loss_has_no_cancellation():
+    """In sixty digits the equation changes its sign within a part in 1e11 of the a that is returned."""
+    for tiny in (1e-2, 1e-3, 1e-4):
+        e = Decimal(1.0 - tiny)
+        with localcontext() as context:
+            context.prec = 60
+            a = Decimal(loss_number(1.0 - tiny))
+            low, high = (
+                x - (1 + x).ln() + e * x + (1 - e * x).ln()
+                for x in (a * (1 - Decimal("1e-11")), a * (1 + Decimal("1e-11")))
+            )
+        assert low * high < 0
     for tiny in (1e-5, 1e-8, 1e-12):
-        e = 1.0 - tiny
-        assert loss_number(e) == pytest.approx(1.5 * (1.0 - e), rel=20.0 * tiny)
+        assert loss_number(1.0 - tiny) == pytest.approx(1.5 * (1.0 - (1.0 - tiny)), rel=20.0 * tiny)
     assert loss_number(1.0) == 0.0
 
 

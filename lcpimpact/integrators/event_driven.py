@@ -62,6 +62,9 @@ STALL = 100
 SHRINKING = 3
 """So many flights must shrink before impacts are taken to accumulate."""
 
+SHRINKS = 1.0 - 1e-6
+"""What shrinks less than this does so by rounding."""
+
 
 def elevation(low: int, high: int) -> Array:
     """Return the matrix from Bernstein coefficients of degree ``low`` to those of the same polynomial as of ``high``."""
@@ -215,7 +218,7 @@ class Flights:
     def land(self, t: float, rows: Indices) -> None:
         """Note an impact of these rows at t."""
         flight = t - self.last[rows]
-        self.shrank[rows] = np.where(flight < self.flight[rows], self.shrank[rows] + 1, 0)
+        self.shrank[rows] = np.where(flight < SHRINKS * self.flight[rows], self.shrank[rows] + 1, 0)
         self.flight[rows], self.last[rows] = flight, t
 
 
@@ -575,7 +578,9 @@ def _first_root(segment: Segment, scale: Array, start: float, end: float, soluti
         s = first_sign_change(RAISED[m] @ coefficients, -floor)
         if s is not None:
             near = _falls(partial(_bernstein, coefficients), s, 0.0) or s
-            found.append((_refined(segment, row, start + near * (end - start), start, solution), k))
+            found.append(
+                (_refined(segment, row, start + near * (end - start), end if m == 0 else None, start, solution), k)
+            )
     return min(found) if found else None
 
 
@@ -599,17 +604,26 @@ def _falls(value: Callable[[float], float], below: float, earliest: float) -> fl
     return float(brentq(value, max(below - back, earliest), below, xtol=1e-300, rtol=4.0 * np.finfo(float).eps))
 
 
-def _refined(segment: Segment, row: Array, τ: float, start: float, solution: Any) -> float:
-    """Return the root near τ on the dense output itself, or τ where the values there are rounding."""
+def _refined(segment: Segment, row: Array, τ: float, end: float | None, start: float, solution: Any) -> float:
+    """Return the root near τ on the dense output itself, or τ where the values there are rounding.
+
+    Without an ``end`` the row begins at zero, and only a root close to τ is another one.
+    """
 
     def value(τ: float) -> float:
         at = np.array([τ])
         return float((segment.watched(at, solution(at).T) @ row)[0])
 
-    width = 1e-15 * (τ - start)
-    while width < 1e-4 * (τ - start):
-        if value(τ - width) > 0.0 > value(τ + width):
-            return float(brentq(value, τ - width, τ + width, xtol=1e-300, rtol=4.0 * np.finfo(float).eps))
+    width, widest = 1e-15 * (τ - start), 1e-4 * (τ - start) if end is None else end - start
+    while 0.0 < width < widest:
+        before, after = max(τ - width, start), τ + width if end is None else min(τ + width, end)
+        if value(before) > 0.0 > value(after):
+            root = float(brentq(value, before, after, xtol=1e-300, rtol=4.0 * np.finfo(float).eps))
+            # Where a load jumps, the event is the first instant after the jump.
+            step = float(np.spacing(segment.t0 + root))
+            while value(root) > 0.0 and root + step < after:
+                root, step = root + step, 2.0 * step
+            return root
         width *= 8.0
     return τ
 

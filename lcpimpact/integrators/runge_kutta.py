@@ -53,6 +53,9 @@ from lcpimpact.scheme.first_order import FirstOrderForm, Inputs, forced_form
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
+HELD = 1e3
+"""A contact that pushes may be so many times further from closed than rounding."""
+
 LARGEST = 1e100
 """A state beyond this is no motion but a step that is too long; its energy is still a number."""
 
@@ -99,14 +102,20 @@ def spring_forces(x: Array, approach: Array, rate: Array, law: Array, s: Array) 
             s[a] = max(s[a], 0.0)
 
 
-@compiled(types.void(vector, MATRICES, vector, types.boolean[::1]))
-def touching(x: Array, system: Matrices, scale: Array, touches: Flags) -> None:
+@compiled(f8(f8))
+def held(r: float) -> float:
+    """Return by how much a contact may be further from closed than rounding: one that pushes drifts in many steps."""
+    return HELD if r > 0.0 else 1.0
+
+
+@compiled(types.void(vector, MATRICES, vector, vector, types.boolean[::1]))
+def touching(x: Array, system: Matrices, scale: Array, r: Array, touches: Flags) -> None:
     """Write which rows take part in the law: all of degree 0, those with u <= 0 of degree 1, also with U = 0 of degree 2."""
     _, C, U, _, _, _, _, _, _, _, _, degree, _ = system
     for i in range(len(degree)):
-        touches[i] = degree[i] == 0 or term(C, i, x) <= rounding(C, i, scale)
+        touches[i] = degree[i] == 0 or term(C, i, x) <= held(r[i]) * rounding(C, i, scale)
         if degree[i] == 2 and touches[i]:
-            touches[i] = abs(term(U, i, x)) <= rounding(U, i, scale)
+            touches[i] = abs(term(U, i, x)) <= held(r[i]) * rounding(U, i, scale)
 
 
 @compiled(types.Tuple((i8, i8, f8))(vector, MATRICES, types.boolean[::1], vector, vector, f8, i8, KERNEL))
@@ -164,20 +173,21 @@ def put_right(
     A, C, U, O, O_s, G, B, _, approach, rate, law, degree, restitution = system  # noqa: E741
     nc, ny = len(r), len(dy)
     active, na = np.empty(nc, np.int64), 0
-    gap, speed = np.zeros(nc), np.zeros(nc)
+    gap, speed, meets = np.zeros(nc), np.zeros(nc), np.zeros(nc, np.bool_)
     P[:] = since[:] = 0.0
     violated = False
     touches = np.empty(nc, np.bool_)
-    touching(x, system, scale, touches)
+    touching(x, system, scale, r, touches)
     for i in range(nc):
         gap[i] = term(C, i, x)
-        if degree[i] == 0 or gap[i] > rounding(C, i, scale):
+        if degree[i] == 0 or gap[i] > held(r[i]) * rounding(C, i, scale):
             continue
         active[na] = i
         na += 1
         if degree[i] == 2:
             speed[i] = term(U, i, x)
-            violated = violated or speed[i] < -rounding(U, i, scale)
+            meets[i] = speed[i] < -held(r[i]) * rounding(U, i, scale)
+            violated = violated or meets[i]
         else:
             touches[i] = gap[i] >= -rounding(C, i, scale)
             violated = violated or not touches[i]
@@ -206,7 +216,7 @@ def put_right(
             q[a] = gap[i] if degree[i] < 2 else speed[i]
             if degree[i] == 1 and free[i] < 0.0:
                 since[i] = min(max(gap[i] / free[i], 0.0), h)
-            if degree[i] == 2 and speed[i] < -rounding(U, i, scale):
+            if meets[i]:
                 # The speed at which the gap closed, and how long ago: u = τ (U + U_c)/2, and U² = U_c² + 2 u'' u.
                 closing = speed[i]
                 if e[i] > 0.0:
@@ -233,7 +243,7 @@ def put_right(
             drift[j] = term(B, j, ago * P)
         for j in range(ny):
             x[j] = before[j] + jump[j] + term(A, j, drift)
-        touching(x, system, scale, touches)
+        touching(x, system, scale, r, touches)
         status, count, residual = right_side(x, system, touches, r, dy, tol, max_iter, solve)
         total += count
         worst = max(worst, residual)
@@ -289,7 +299,7 @@ def steps(
     """
     A, _, _, _, _, _, B, _, _, _, _, _, _ = system
     s, ny = len(b), y.shape[1]
-    K, x, force = np.empty((s, ny)), np.empty(len(scale)), np.empty(r.shape[1])
+    K, x, force, moves = np.empty((s, ny)), np.empty(len(scale)), np.empty(r.shape[1]), np.empty(ny)
     touches, together = np.empty(r.shape[1], np.bool_), np.empty(r.shape[1], np.bool_)
     total, worst = 0, 0.0
     for k in range(first, last):
@@ -298,7 +308,20 @@ def steps(
         force[:] = r[k]
         x[:ny] = y[k]
         x[ny:] = given[p, 0]
-        touching(x, system, scale, together)
+        # What lies still has no velocity to compare with, but forces that cancel, and what a step makes of them.
+        for j in range(ny):
+            sum_ = 0.0
+            for l in range(len(x)):  # noqa: E741
+                sum_ += abs(A[j, l] * x[l])
+            for c in range(len(force)):
+                sum_ += abs(B[j, c] * force[c])
+            moves[j] = h * sum_
+        for j in range(ny):
+            sum_ = 0.0
+            for l in range(ny):  # noqa: E741
+                sum_ += abs(A[j, l]) * moves[l]
+            scale[j] = max(scale[j], moves[j], h * sum_)
+        touching(x, system, scale, force, together)
         for i in range(1, s):
             for j in range(ny):
                 sum_ = 0.0
@@ -306,7 +329,7 @@ def steps(
                     sum_ += a[i, l] * K[l, j]
                 x[j] = y[k, j] + h * sum_
             x[ny:] = given[p, i]
-            touching(x, system, scale, touches)
+            touching(x, system, scale, force, touches)
             for c in range(len(touches)):
                 # What was apart as the step began stays so until its end, where `put_right` makes up for it.
                 touches[c] = touches[c] and together[c]
@@ -327,14 +350,6 @@ def steps(
         x[ny:] = given[p, s]
         for j in range(len(scale)):
             scale[j] = max(scale[j], abs(x[j]))
-        for j in range(ny):
-            # What lies still has no velocity to compare with, but forces that cancel.
-            sum_ = 0.0
-            for l in range(len(x)):  # noqa: E741
-                sum_ += abs(A[j, l] * x[l])
-            for c in range(len(force)):
-                sum_ += abs(B[j, c] * force[c])
-            scale[j] = max(scale[j], h * sum_)
         r[k + 1] = force
         status, count, residual = put_right(
             x, system, scale, h, shortest, P[k + 1], since[k + 1], r[k + 1], dy[k + 1], tol, max_iter, solve
@@ -520,8 +535,8 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
     Notes
     -----
     With rtol a step whose error is too large is rejected, and so is one that ends in an overlap beyond the tolerance: it is
-    taken again up to where the gap closes. Rebounds count as none when their flight is shorter than rtol dt. Events are then
-    found within dt; what happens twice within one dt is kept as it happened.
+    taken again up to where the gap closes. Rebounds count as none when they are lower than the tolerance, or their flight is
+    shorter than rtol dt.
     """
 
     rtol: float | None = None
@@ -555,7 +570,7 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         t, end = grid.t_end * k / grid.steps, grid.t_end * (k + 1) / grid.steps
         motion = tuple(np.repeat(each[k : k + 1], 2, axis=0) for each in carry.motion)
         y, _, r, P, _ = motion
-        C, U = carry.matrices[1:3]
+        C = carry.matrices[1]
         ahead, scale, inertia = np.zeros((2, ny)), carry.scale.copy(), carry.system.degree == 2
         assert record.events is not None
         while t < end:
@@ -589,7 +604,7 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
                     begun = deep & (u > bound)
                     if begun.any():
                         shrink = float((u[begun] / (u[begun] - overlap[begun])).min())
-                    elif (deep & (U @ np.append(y[0], given[0, 0]) > 0.0)).any():
+                    elif deep.any():
                         shrink = 0.5
             if shrink < 1.0:
                 carry.scale[:] = scale

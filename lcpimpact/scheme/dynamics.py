@@ -237,7 +237,7 @@ class Dynamics:
         _, K, n, b, c = self.power_laws.T
         δ, rate = self.approach(q), self.approach_rate(v)
         force = K * np.maximum(δ, 0.0) ** n * (1.0 + b * rate) + np.where(δ > 0.0, c * rate, 0.0)
-        return np.where(c > 0.0, np.maximum(force, 0.0), force)
+        return np.asarray(np.where(c > 0.0, np.maximum(force, 0.0), force))
 
     def spring_force(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return s(q, v) in N, the forces of the non-linear springs on the nodes (..., n)."""
