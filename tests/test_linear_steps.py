@@ -571,3 +571,34 @@ def test_hht_beside_contacts_refuses_non_linear_springs():
 def test_massless_nodes_are_refused(name):
     with pytest.raises(li.UnsupportedError, match="moreau-jean"):
         run(li.load_problem("system-1"), name, 1e-2, 0.1)
+
+
+def test_a_spring_with_loss_feels_the_impulse_of_its_own_step():
+    """The balance of each step of the midpoint rule, with a Hunt-Crossley spring that joins the mass that bounces."""
+    scheme = li.Scheme(
+        li.Mass("a", 1.0), li.Mass("b", 2.0), li.HuntCrossley("a", "b", 4e3, 0.8), li.Load("a", 5.0),
+        li.Bumper("b", "ground", gap=0.05, e=0.5), li.Spring("b", "ground", 30.0),
+    )  # fmt: skip
+    problem = li.Problem("pressed", scheme, q0={"a": -0.1}, v0={"a": 2.0})
+    d, h = problem.dynamics, 1e-3
+    found = run(problem, "moreau-midpoint", h, 1.0)
+    w = 0.5 * (found.v[1:] + found.v[:-1])
+    q_M = found.q[:-1] + 0.5 * h * found.v[:-1]
+    change = np.diff(found.v, axis=0) @ d.M - h * (d.force(0.0) - q_M @ d.K + d.spring_force(q_M, w))
+    impulses = sum(event.impulse for event in found.events) + h * found["R"].sum()
+    assert len(found.events) >= 3
+    assert ((d.approach(q_M) > 0.0).ravel() & (np.abs(change[:, 1]) > 1e-6)).any(), (
+        "an impact while the spring is pressed"
+    )
+    assert_allclose(change[:, 0], 0.0, atol=1e-10)
+    assert_allclose(-change[:, 1].sum(), impulses, rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_residual_of_an_iterative_solver_is_reported(name):
+    scheme = li.Scheme(
+        *(li.Mass(f"m{i}", 1.0 + i) for i in range(3)), *(li.Load(f"m{i}", 10.0) for i in range(3)),
+        *(li.Bumper(f"m{i}", f"m{i + 1}" if i < 2 else "ground", e=0.0, name=f"R{i}") for i in range(3)),
+    )  # fmt: skip
+    found = run(li.Problem("pile", scheme), name, 1e-2, 0.1, lcp_solver="pgs")
+    assert 0.0 < found.certificate.residual < 1e-6

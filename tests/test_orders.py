@@ -125,6 +125,27 @@ def test_order_across_impacts(name, problem):
     measure(name, IMPACTS[problem], METHODS[name].declared.order_impact, "v", JUMP_TOLERANCE)
 
 
+@pytest.mark.parametrize("name", METHODS)
+def test_order_where_a_slider_turns_and_stops(name):
+    problem = before("coulomb-oscillator", 2.0)
+    measure(name, problem, METHODS[name].declared.order_friction, "q", JUMP_TOLERANCE, MANY[:9])
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_overlap_is_as_declared(name):
+    """None beyond rounding, or no more than an impact can go in one step."""
+    problem = IMPACTS["bouncing-ball"]
+    for steps in (307, 773, 1951):
+        h = problem.t_end / steps
+        try:
+            run = simulate(problem, name, dt=h, t_end=problem.t_end)
+        except li.UnsupportedError as refusal:
+            pytest.skip(str(refusal))
+        fastest = math.sqrt(2.0 * 9.81 * 1.0)
+        order = METHODS[name].declared.order_penetration
+        assert run.certificate.penetration <= (1e-12 if math.isinf(order) else (h * fastest) ** order)
+
+
 # ---- the measuring itself -------------------------------------------------------------------------------------------
 
 
