@@ -363,6 +363,13 @@ def test_a_load_that_turns_lifts_what_lies():
         assert_allclose(found.events[0].t, math.pi, rtol=0, atol=1e-8)
 
 
+def test_what_touches_without_a_force_is_borne_once_it_has_one():
+    scheme = Scheme(Mass("x", 1.0), Bumper("x", "ground", e=0.5), Load("x", lambda t: max(t - 1.0, 0.0)))
+    found = run(li.Problem("weightless", scheme), t_end=2.0, max_step=0.1)
+    assert_allclose(found["x"], 0.0, atol=1e-9)
+    assert_allclose(found["R"], np.maximum(found.t - 1.0, 0.0), rtol=0, atol=1e-3)
+
+
 def test_a_jump_of_a_load_is_found():
     scheme = Scheme(Mass("x", 1.0), Bumper("x", "ground", e=0.5), Load("x", lambda t: 10.0 if t < 1.0 else -10.0))
     found = run(li.Problem("switched", scheme), t_end=2.0, max_step=0.1)

@@ -145,7 +145,8 @@ class Declared:
 
     @property
     def orders(self) -> dict[str, str]:
-        """The orders in words: "exact" to rounding, "-" for what is refused."""
+        """The orders in words: "exact" or "to rtol" for what is no matter of steps, "-" for what is refused."""
+        limit = "to rtol" if self.adaptive else "exact"
         orders = {
             "smooth": self.order_smooth,
             "r bends": self.order_force_kink,
@@ -153,9 +154,7 @@ class Declared:
             "impacts": self.order_impact,
             "friction": self.order_friction,
         }
-        return {
-            name: "exact" if math.isinf(order) else f"{order:g}" if order else "-" for name, order in orders.items()
-        }
+        return {name: limit if math.isinf(order) else f"{order:g}" if order else "-" for name, order in orders.items()}
 
     @property
     def penetration(self) -> str:

@@ -56,6 +56,9 @@ CUTS = 4
 
 APART, PUSHES, SLACK = 0, 1, 2
 
+FOR_EVER = -1
+"""Order of the zero of a row that is zero until an input makes it something else."""
+
 STALL = 100
 """So many events at one instant are no motion: the run ends as if it had reached max_events."""
 
@@ -248,8 +251,10 @@ class EventDriven(Integrator):
     ----------
     solver : str or OdeSolver class
         A method of `scipy.integrate.solve_ivp`: RK23, RK45, DOP853, Radau, BDF, LSODA; or a class like those.
-    rtol, atol : float
-        Tolerances of the solver, relative, and absolute in the units of each state: lower atol for motions of micrometres.
+    rtol : float
+        Relative tolerance of the solver.
+    atol : float
+        Absolute tolerance in the units of each state: lower it for motions of micrometres.
     max_step : float
         Longest step in s, for loads that a long step might pass over.
     max_events : int
@@ -391,7 +396,7 @@ class EventDriven(Integrator):
         if not np.isfinite(steps.y).all():
             return Status.NON_FINITE
         solution = steps.dense_output()
-        found = _first_root(segment, run.scale, steps.t_old, steps.t, solution)
+        found = _first_root(segment, run.scale, steps.t_old, steps.t, solution, self.atol)
         τ, row = found or (steps.t, -1)
         t = t_end if steps.status == "finished" and not found else min(segment.t0 + τ, t_end)
         run.scale = np.maximum(run.scale, np.abs(solution(τ)))
@@ -469,6 +474,7 @@ def _segment(run: Run, t: float, mode: Mode, forces: Forces) -> Segment:
     E = system.input_matrices[0] + system.matrices[1] @ Fw
     # What is zero for ever in a linear system need not stay so under an input.
     watched = system.watched(replace(mode, order=tuple(max(m, 0) for m in mode.order)) if inputs.count else mode)
+    watched = [(i, row, m if mode.order[i] >= 0 else FOR_EVER) for i, row, m in watched]
     ns = len(inputs.law)
     springs: tuple[tuple[int, int], ...] = ()
     rows, order = [np.pad(row, (0, ns)) for _, row, _ in watched], [zeros for *_, zeros in watched]
@@ -546,8 +552,9 @@ def _settled(system: System, mode: Mode, X: Array, scale: Array) -> Array:
     """Return X with the gaps of closed contacts, and the rates that the mode holds at zero, put back to zero."""
     C, CA = system.derivatives[:2]
     slides, degree = system.dynamics.slides, system.degree
-    places = [i for i in mode.closed if not slides[i] and degree[i] > 0]
-    rates = [i for i in mode.closed if degree[i] == 2]
+    still = [i for i, m in enumerate(mode.order) if m < 0 and i not in mode.closed and not slides[i]]
+    places = [i for i in (*mode.closed, *still) if not slides[i] and degree[i] > 0]
+    rates = [i for i in (*mode.closed, *still) if degree[i] == 2]
     held = np.vstack([C[places], CA[rates]])
     if not len(held):
         return X
@@ -557,7 +564,9 @@ def _settled(system: System, mode: Mode, X: Array, scale: Array) -> Array:
     return np.asarray(X - moves * correction)
 
 
-def _first_root(segment: Segment, scale: Array, start: float, end: float, solution: Any) -> tuple[float, int] | None:
+def _first_root(
+    segment: Segment, scale: Array, start: float, end: float, solution: Any, atol: float
+) -> tuple[float, int] | None:
     """Return the first instant in a step at which a watched row falls below zero, and which row."""
     if not len(segment.rows):
         return None
@@ -570,13 +579,19 @@ def _first_root(segment: Segment, scale: Array, start: float, end: float, soluti
     found: list[tuple[float, int]] = []
     for k, row in enumerate(segment.rows):
         # A zero of order m at the start of the segment is a factor sᵐ.
-        m = int(segment.order[k]) if start == 0.0 else 0
+        m = max(int(segment.order[k]), 0) if start == 0.0 else 0
         coefficients = b[m:, k] * DIVIDED[m]
         floor = float(noise[k] * DIVIDED[m][0])
+        if segment.order[k] == FOR_EVER:
+            floor += atol * float(np.abs(row).sum())
         if coefficients.min() >= -floor:
             continue
         s = first_sign_change(RAISED[m] @ coefficients, -floor)
         if s is not None:
+            if segment.order[k] == FOR_EVER:
+                # It falls below zero from zero itself: what counts is where it is below it by more than the tolerance.
+                found.append((start + s * (end - start), k))
+                continue
             near = _falls(partial(_bernstein, coefficients), s, 0.0) or s
             found.append(
                 (_refined(segment, row, start + near * (end - start), end if m == 0 else None, start, solution), k)

@@ -521,9 +521,10 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
 
     Parameters
     ----------
-    rtol, atol : float, optional
-        Tolerances of a step, relative, and absolute in the units of each state; with rtol = None the step is dt. atol is
-        1e-3 rtol if it is not given.
+    rtol : float, optional
+        Relative tolerance of a step; with None the step is dt.
+    atol : float, optional
+        Absolute tolerance of a step, in the units of each state; 1e-3 rtol if it is not given.
     tol, max_iter : optional
         As of `ExplicitRungeKutta`.
 
