@@ -30,7 +30,10 @@ class Status(IntEnum):
     MAX_EVENTS = 8, "More events than max_events: impacts may accumulate; raise max_events or take moreau-jean."
     INTERRUPTED = 9, "Interrupted: the trajectory holds the steps that were finished."
     NEWTON = 10, "The forces of the non-linear springs did not converge: take a smaller dt, and check K, n and b."
-    STEP_SIZE = 11, "The step size fell below what its error allows: loosen rtol and atol, or, if stiff, take another method."
+    STEP_SIZE = (
+        11,
+        "The steps fell below what their error allows: loosen rtol and atol, or, if stiff, take another method.",
+    )
     SWITCH = (
         12,
         "An element that ends at a switch of the contact mode could not be solved: take a smaller dt, raise max_newton, or "

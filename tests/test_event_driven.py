@@ -187,6 +187,19 @@ def test_a_coarser_rule_ends_the_accumulation_earlier():
     assert len(found.events) < len(run(li.load_problem("bouncing-ball", e=0.5)).events)
 
 
+def test_a_column_of_beads_comes_to_rest_on_itself():
+    """Their impacts accumulate together, in flights that do not shrink in turn and end below the rounding of the gaps."""
+    elements = []
+    for i in range(6):
+        m, below = 1.0 + 0.13 * i, f"b{i + 1}" if i < 5 else "ground"
+        elements += [Mass(f"b{i}", m), Load(f"b{i}", 9.81 * m), Bumper(f"b{i}", below, gap=0.1, e=0.4, name=f"R{i}")]
+    problem = li.Problem("column", Scheme(*elements))
+    found, truth = run(problem, t_end=0.3), exact(problem, t_end=0.3)
+    assert_allclose(found.q, truth.q, rtol=0, atol=1e-8)
+    assert len([event for event in found.events if event.kind == "close"]) == 3
+    assert_allclose(found.reaction[-1], truth.reaction[-1], rtol=0, atol=1e-6)
+
+
 def test_an_elastic_ball_never_rests():
     found = run(li.load_problem("bouncing-ball", e=1.0), t_end=20.0, zeno=0.1)
     fall = math.sqrt(2.0 / 9.81)

@@ -12,9 +12,10 @@ those of `lcpimpact.integrators.modes`; where w is present they are chosen for t
 whose coefficients bound it; a step is passed over only if they are all positive. So two sign changes within a step are seen,
 however close, down to the rounding of the samples. The root is then found on the dense output itself.
 
-*Accumulating impacts.* When three flights of a contact in a row are each shorter than the one before, and the last is
-shorter than ``zeno`` times the length of the run, its next impact has e = 0 and the contact stays closed. A flight of T
-then leaves out a rest of e T/(1 - e), which is the error of the end of the accumulation.
+*Accumulating impacts.* When three flights in a row of a contact with e < 1 are each shorter than ``zeno`` times the length
+of the run, or so low that they are lost in the rounding of the gap, its next impact has e = 0 and the contact stays closed.
+A flight of T then leaves out a rest of e T/(1 - e), which is the error of the end of the accumulation. (That each is shorter
+than the one before is not asked: among many bodies they shrink by fits and starts.)
 
 *Closed contacts* are held by their accelerations. What rounding adds to their gaps is taken out at each event.
 """
@@ -62,11 +63,10 @@ FOR_EVER = -1
 STALL = 100
 """So many events at one instant are no motion: the run ends as if it had reached max_events."""
 
-SHRINKING = 3
-"""So many flights must shrink before impacts are taken to accumulate."""
+ROUNDING, TINY = 4.0 * float(np.finfo(float).eps), float(np.finfo(float).tiny)
 
-SHRINKS = 1.0 - 1e-6
-"""What shrinks less than this does so by rounding."""
+FLIGHTS = 3
+"""So many flights must be short before impacts are taken to accumulate."""
 
 
 def elevation(low: int, high: int) -> Array:
@@ -207,22 +207,21 @@ class Piece:
 
 @dataclass
 class Flights:
-    """The impacts of each contact: the instant of the last one, the flight before it, and how many flights shrank."""
+    """The impacts of each contact: the instant of the last one, and how many flights before it were short."""
 
     last: Array
-    flight: Array
-    shrank: Indices
+    short: Indices
 
     @classmethod
     def none(cls, contacts: int) -> Flights:
         """Return that no contact has met anything."""
-        return cls(np.full(contacts, -np.inf), np.full(contacts, np.inf), np.zeros(contacts, dtype=np.int64))
+        return cls(np.full(contacts, -np.inf), np.zeros(contacts, dtype=np.int64))
 
-    def land(self, t: float, rows: Indices) -> None:
-        """Note an impact of these rows at t."""
+    def land(self, t: float, rows: Indices, short: float, low: Array) -> None:
+        """Note an impact of these rows at t; a flight is short below one length, or below one of its own for each row."""
         flight = t - self.last[rows]
-        self.shrank[rows] = np.where(flight < SHRINKS * self.flight[rows], self.shrank[rows] + 1, 0)
-        self.flight[rows], self.last[rows] = flight, t
+        self.short[rows] = np.where((flight < short) | (flight < low), self.short[rows] + 1, 0)
+        self.last[rows] = t
 
 
 @dataclass
@@ -260,7 +259,7 @@ class EventDriven(Integrator):
     max_events : int
         Limit of events.
     zeno : float
-        Impacts that accumulate are over when a flight is shorter than this part of the run; 0 follows them to rounding.
+        Impacts that accumulate are over when flights are shorter than this part of the run; 0 follows them to rounding.
     kinks : bool
         Whether the solver starts anew where a non-linear spring closes or opens.
 
@@ -447,8 +446,10 @@ class EventDriven(Integrator):
         held = _settled(system, old.mode, X, run.scale) if old else X
 
         u, U = gaps(system, held, run.scale)
-        run.flights.land(t, np.flatnonzero((system.degree == 2) & ~d.slides & (u <= 0.0) & (U < 0.0)))
-        over = (run.flights.shrank >= SHRINKING) & (run.flights.flight < self.zeno * run.grid.t_end)
+        landing = np.flatnonzero((system.degree == 2) & ~d.slides & (u <= 0.0) & (U < 0.0))
+        lost = ROUNDING * (np.abs(system.matrices[2]) @ run.scale)[landing] / np.maximum(-U[landing], TINY)
+        run.flights.land(t, landing, self.zeno * run.grid.t_end, lost)
+        over = (run.flights.short >= FLIGHTS) & (d.restitution < 1.0)
         after, P = impact(system, held, run.scale, run.lcp_solver, np.where(over, 0.0, d.restitution))
         forces = Forces(run.inputs, self._phase(run, after, turned))
         mode, after = choose_mode(*_about(run, t, after, forces), run.lcp_solver)

@@ -30,6 +30,7 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
+from scipy.linalg import matrix_balance
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
@@ -53,6 +54,9 @@ ROUNDING = 32.0 * EPS
 
 ACCEPTED = 1e-9
 """Largest defect of the equations of an accepted element, judged outside the solve, relative to their terms."""
+
+SLIGHT = 1e-6
+"""What is smaller than this, against the largest, is not judged against itself."""
 
 STALL = 100
 """So many switches at one instant resolve nothing."""
@@ -159,6 +163,11 @@ class Elements:
     kept: dict[float, Table] = field(default_factory=dict)
 
     @cached_property
+    def units(self) -> Array:
+        """The sizes of the states against one another for which A is balanced (N,)."""
+        return np.asarray(matrix_balance(self.A, permute=False, separate=True)[1][0])
+
+    @cached_property
     def derivatives(self) -> Array:
         """The rows of g, g', ..., g^(2K): (2 K + 1, nw, N)."""
         found = [self.rows]
@@ -242,6 +251,8 @@ class Elements:
         error = np.abs(stages - X[:, None] - length * (self.radau.a @ rates)).max(axis=(0, 1))
         size = np.maximum(np.abs(X).max(axis=0), np.abs(stages).max(axis=(0, 1)))
         terms = size + length * (np.abs(self.A) @ size)
+        # What has hardly begun to move is made of rounding of what moves, in the units in which A is balanced.
+        terms = np.maximum(terms, SLIGHT * self.units * (terms / self.units).max())
         below = np.maximum(-stages[:, -1] @ self.rows.T, 0.0).max(axis=0, initial=0.0)
         closed = np.abs(stages @ self.contacts.T).max(axis=(0, 1), initial=0.0)
         errors = np.concatenate([error, below, closed])
