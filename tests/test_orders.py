@@ -9,17 +9,9 @@ import lcpimpact as li
 from lcpimpact.errors import InputError
 from lcpimpact.integrators import METHODS
 from lcpimpact.simulation import simulate
-from lcpimpact.study.orders import COUNTS, l1_v, observed_order, sup_q
+from lcpimpact.study.orders import COUNTS, l1_v, observed_order, order_as_declared, sup_q
 
 SMOOTH_TOLERANCE, JUMP_TOLERANCE = 0.2, 0.35
-
-RARER = (
-    (127, 181, 257, 367, 521, 743),
-    (29, 43, 61, 89, 127, 181),
-    (17, 23, 31, 41, 53, 71),
-    (5, 7, 11, 13, 17, 23),
-)
-"""For methods of a high order the first of these whose errors are not rounding."""
 
 MANY = (*COUNTS, 4903, 7789, 12373, 19661, 31223, 49597)
 """Where errors scatter, because a switch falls now early and now late into its step."""
@@ -87,15 +79,8 @@ def measure(name, problem, order, norm, tolerance, low=COUNTS):
         truth = simulate(problem, "exact", dt=problem.t_end / 307, t_end=problem.t_end)
         assert sup_q(run, truth) < TO_ROUNDING * max(1.0, np.abs(truth.q).max())
         return
-    for counts in (low,) if order <= 2 else RARER:
-        try:
-            found = observed_order(problem, name, counts, norm=norm)
-            break
-        except InputError as error:
-            if "rounding" not in str(error):
-                raise
-    else:
-        assert order > 2
+    found = order_as_declared(problem, name, order, norm, low)
+    if found is None:
         return  # exact with a handful of steps: a parabola, for one
     said = f"{name} on {problem.name}: declared {order}, seen {found.slope:.2f}, scatter {found.scatter:.2f}, {found.errors}"
     assert abs(found.slope - order) < tolerance, said

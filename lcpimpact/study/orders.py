@@ -33,6 +33,14 @@ GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
 COUNTS = (307, 487, 773, 1229, 1951, 3089)
 """Primes, a factor of about 1.6 apart."""
 
+RARER = (
+    (127, 181, 257, 367, 521, 743),
+    (29, 43, 61, 89, 127, 181),
+    (17, 23, 31, 41, 53, 71),
+    (5, 7, 11, 13, 17, 23),
+)
+"""For methods of a high order, whose errors would soon be rounding."""
+
 ROUNDING = 1e-12
 """Errors this small, relative to the largest value of the reference, are rounding and tell no order."""
 
@@ -81,6 +89,10 @@ class Order:
     scatter: float
     steps: tuple[int, ...]
     errors: tuple[float, ...]
+
+
+class RoundingError(InputError):
+    """The errors of a method are rounding, and tell no order."""
 
 
 def observed_order(
@@ -136,9 +148,42 @@ def observed_order(
         errors.append(NORMS[norm](run, truth))
     scale = float(np.abs(truth.q if norm == "q" else truth.v * end).max())
     if min(errors) <= ROUNDING * scale:
-        raise InputError(
+        raise RoundingError(
             f"the errors of {run.method} on {problem.name!r} are rounding: take larger steps to see an order"
         )
     x, y = np.log10(end / np.array(counts)), np.log10(errors)
     slope, offset = np.polyfit(x, y, 1)
     return Order(float(slope), float(np.std(y - slope * x - offset)), tuple(counts), tuple(errors))
+
+
+def order_as_declared(
+    problem: Problem, method: str, declared: float, norm: str = "q", counts: Sequence[int] = COUNTS
+) -> Order | None:
+    """Observe the order of a method with step counts that suit it.
+
+    Parameters
+    ----------
+    problem : Problem
+        Run to its ``t_end``.
+    method : str
+        Name.
+    declared : float
+        The order to expect: above 2 the first of `RARER` is taken whose errors are not rounding, else ``counts``.
+    norm : {"q", "v"}
+        As of `observed_order`.
+    counts : sequence of int
+        Step counts for orders up to 2.
+
+    Returns
+    -------
+    Order or None
+        None where a method of high order is exact but for rounding with any of them, as on a parabola.
+    """
+    if declared <= 2.0:
+        return observed_order(problem, method, counts, norm=norm)
+    for few in RARER:
+        try:
+            return observed_order(problem, method, few, norm=norm)
+        except RoundingError:
+            continue
+    return None
