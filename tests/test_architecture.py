@@ -303,6 +303,8 @@ def test_methods_declare_what_they_are(name):
     assert isinstance(method.solves_lcp, bool)
     object_ = method()  # every option has a default
     assert object_ == method()
+    taken = {"problem", "method", "dt", "t_end", "solver", "lcp_solver", "throw", "progress", "out", "plot"}
+    assert not taken & {option.name for option in dataclasses.fields(method)}, "what a run is told already"
     for option in dataclasses.fields(method):
         with pytest.raises(dataclasses.FrozenInstanceError):
             setattr(object_, option.name, 1)

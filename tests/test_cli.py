@@ -50,6 +50,16 @@ def test_simulate_says_what_came_out_and_writes_it(capsys, tmp_path):
     assert plot.read_bytes().startswith(b"\x89PNG")
 
 
+def test_options_of_a_method_are_set_by_name(capsys):
+    told = ["--set", "ode_solver=RK45", "--set", "kinks=false", "--set", "rtol=1e-6"]
+    code, said, _ = call(
+        capsys, "simulate", "bouncing-ball", "--method", "event-driven", *told, "--dt", "0.1", "--t-end", "1"
+    )
+    assert code == 0
+    assert "ode_solver=RK45, rtol=1e-06" in said
+    assert "kinks=False" in said
+
+
 @pytest.mark.parametrize("method", ["exact", "rk4-paper"])
 def test_simulate_by_other_methods(capsys, method):
     code, said, _ = call(capsys, "simulate", "system-3", "--method", method, "--dt", "1e-2", "--t-end", "1")

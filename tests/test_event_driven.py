@@ -129,7 +129,7 @@ def test_every_solver_of_scipy_follows_its_tolerance(solver):
     problem, truth = li.load_problem("system-3"), exact(li.load_problem("system-3"))
     errors = []
     for rtol in (1e-4, 1e-7):
-        found = run(problem, solver=solver, rtol=rtol, atol=rtol * 1e-2)
+        found = run(problem, ode_solver=solver, rtol=rtol, atol=rtol * 1e-2)
         assert history(found) == history(truth)
         errors.append(np.abs(found.q - truth.q).max())
     assert errors[1] < 1e-4
@@ -439,9 +439,9 @@ def test_what_is_refused_by_name(elements, says):
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        ({"solver": "RK54"}, "did you mean 'RK45'"),
-        ({"solver": 5}, "OdeSolver class"),
-        ({"solver": dict}, "OdeSolver class"),
+        ({"ode_solver": "RK54"}, "did you mean 'RK45'"),
+        ({"ode_solver": 5}, "OdeSolver class"),
+        ({"ode_solver": dict}, "OdeSolver class"),
         ({"rtol": 1e-15}, "rtol = 1e-15 must lie between"),
         ({"atol": 0.0}, "atol = 0.0 must be above zero"),
         ({"max_step": -1.0}, "max_step = -1.0"),

@@ -188,7 +188,7 @@ def _stem(name: str) -> str:
 
 
 def _assignment(text: str) -> tuple[str, Any]:
-    """Return the name and value of NAME=VALUE: a whole number, another number, or a word."""
+    """Return the name and value of NAME=VALUE: a whole number, another number, true or false, or a word."""
     name, equals, value = text.partition("=")
     if not equals or not name or not value:
         raise InputError(f"--set {text!r} must read NAME=VALUE, as in --set c_o=300")
@@ -197,7 +197,8 @@ def _assignment(text: str) -> tuple[str, Any]:
             return name.strip(), kind(value)
         except ValueError:
             continue
-    return name.strip(), value.strip()
+    truth = {"true": True, "false": False}
+    return name.strip(), truth.get(value.strip().lower(), value.strip())
 
 
 def _facts(trajectory: Trajectory) -> list[str]:

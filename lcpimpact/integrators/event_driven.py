@@ -248,7 +248,7 @@ class EventDriven(Integrator):
 
     Parameters
     ----------
-    solver : str or OdeSolver class
+    ode_solver : str or OdeSolver class
         A method of `scipy.integrate.solve_ivp`: RK23, RK45, DOP853, Radau, BDF, LSODA; or a class like those.
     rtol : float
         Relative tolerance of the solver.
@@ -282,7 +282,7 @@ class EventDriven(Integrator):
     '1.000000 m, 9.810000 N'
     """
 
-    solver: str | type = "DOP853"
+    ode_solver: str | type = "DOP853"
     rtol: float = 1e-9
     atol: float = 1e-12
     max_step: float = math.inf
@@ -310,13 +310,13 @@ class EventDriven(Integrator):
     )
 
     def __post_init__(self) -> None:
-        if isinstance(self.solver, str) and self.solver not in SCIPY_SOLVERS:
-            raise InputError(nearest(self.solver, list(SCIPY_SOLVERS), "solver of SciPy"))
-        if not isinstance(self.solver, str) and not (
-            isinstance(self.solver, type) and issubclass(self.solver, integrate.OdeSolver)
+        if isinstance(self.ode_solver, str) and self.ode_solver not in SCIPY_SOLVERS:
+            raise InputError(nearest(self.ode_solver, list(SCIPY_SOLVERS), "solver of SciPy"))
+        if not isinstance(self.ode_solver, str) and not (
+            isinstance(self.ode_solver, type) and issubclass(self.ode_solver, integrate.OdeSolver)
         ):
             raise InputError(
-                f"solver = {self.solver!r} must be one of {', '.join(SCIPY_SOLVERS)} or an OdeSolver class"
+                f"ode_solver = {self.ode_solver!r} must be one of {', '.join(SCIPY_SOLVERS)} or an OdeSolver class"
             )
         if not is_real(self.rtol) or not 1e-13 <= self.rtol < 1.0:
             raise InputError(f"rtol = {self.rtol!r} must lie between 1e-13 and 1: 1e-9 for nine digits")
@@ -460,7 +460,7 @@ class EventDriven(Integrator):
         left = _state(run, old, t - old.t0, X) if old else _state(run, new, 0.0, X)
         record.events += happened(system, t, old.mode if old else mode, mode, P, left, _state(run, new, 0.0, after))
         run.segment = new
-        kind: Any = getattr(integrate, self.solver) if isinstance(self.solver, str) else self.solver
+        kind: Any = getattr(integrate, self.ode_solver) if isinstance(self.ode_solver, str) else self.ode_solver
         options: dict[str, Any] = {"rtol": self.rtol, "atol": self.atol, "max_step": self.max_step}
         if "jac" in inspect.signature(kind).parameters:
             options["jac"] = new.jacobian
