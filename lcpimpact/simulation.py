@@ -49,7 +49,8 @@ def simulate(
     method : str or Integrator
         A name of ``lcpimpact list methods``, or an object that is an integrator.
     dt : float
-        Step in s; t_end must be a whole number of steps. With ``exact`` it is the spacing of the output only.
+        Step in s; t_end must be a whole number of steps. With ``exact`` and ``event-driven`` it is the spacing of the output
+        only, and with the option ``rtol`` of other methods the longest step.
     t_end : float
         End in s.
     lcp_solver : str

@@ -46,6 +46,19 @@ def test_the_example_runs(tmp_path, monkeypatch, capsys):
     assert (tmp_path / "my-buffer.png").read_bytes().startswith(b"\x89PNG")
 
 
+EXAMPLES = [
+    pytest.param(code, id=f"{page}-{i}")
+    for page in ("README.md", "docs/penalty.md")
+    for i, code in enumerate(re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL))
+]
+
+
+@pytest.mark.parametrize("code", EXAMPLES)
+def test_every_example_runs(code, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, "example", "exec"), {})
+
+
 @pytest.mark.parametrize(
     "page", [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))], ids=lambda page: page.name
 )
