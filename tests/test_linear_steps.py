@@ -602,3 +602,18 @@ def test_the_residual_of_an_iterative_solver_is_reported(name):
     )  # fmt: skip
     found = run(li.Problem("pile", scheme), name, 1e-2, 0.1, lcp_solver="pgs")
     assert 0.0 < found.certificate.residual < 1e-6
+
+
+def test_the_interpreter_gives_the_bits_of_the_compiled_code(python):
+    code = f"""
+import json, lcpimpact as li
+bits = []
+for problem, t_end in (("two-balls-spring", 0.5), ("hunt-crossley-impact", 4e-5)):
+    for name in {NAMES!r}:
+        run = li.simulate(li.load_problem(problem), name, dt=t_end / 60, t_end=t_end)
+        bits += [run.q.tobytes().hex(), run.v.tobytes().hex(), run.reaction.tobytes().hex()]
+print(json.dumps(bits))
+"""
+    compiled = python(code)
+    assert len(set(compiled)) > 2 * len(NAMES)
+    assert python(code, NUMBA_DISABLE_JIT="1") == compiled
