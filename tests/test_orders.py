@@ -131,6 +131,18 @@ def test_overlap_is_as_declared(name):
         assert run.certificate.penetration <= (1e-12 if math.isinf(order) else (h * fastest) ** order)
 
 
+@pytest.mark.parametrize("name", METHODS)
+def test_the_balance_of_energy_is_kept_between_impacts(name):
+    """A flight under constant load is balanced to rounding by every method, and what an impact takes is no imbalance."""
+    problem = IMPACTS["bouncing-ball"]
+    try:
+        run = simulate(problem, name, dt=problem.t_end / 2500, t_end=problem.t_end)
+    except li.UnsupportedError as refusal:
+        pytest.skip(str(refusal))
+    assert len([event for event in run.events if event.kind == "impact"]) == 4
+    assert run.certificate.energy_balance < 1e-11 * run.certificate.energy_scale
+
+
 # ---- the measuring itself -------------------------------------------------------------------------------------------
 
 
