@@ -104,7 +104,7 @@ class Dense:
     cuts: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Declared:
     """The properties that a method declares; tests measure them over the whole registry.
 
@@ -112,6 +112,7 @@ class Declared:
     ----------
     summary : str                   one line
     order_smooth : float            order in smooth motion, in the coordinates (inf: to rounding)
+    order_force_kink : float        order in q across switches at which r only bends (relative degree 0); 0 if refused
     order_force_jump : float        order in q across switches at which r jumps (relative degree 1); 0 if refused
     order_impact : float            order in the L1 norm of v across impacts (relative degree 2); 0 if refused
     order_friction : float          order in the coordinates where sliders of relative degree 2 turn or stop; 0 if refused
@@ -122,16 +123,16 @@ class Declared:
     reaction_lives : str            where its force is to be read
     energy : str                    what is true of its energy
     dissipates : bool               whether impacts never leave a system with more energy than it began with
-    order_force_kink : float        order in q across switches at which r only bends (relative degree 0); 0 if refused
     adaptive : str                  how it chooses its steps, "" where they are those of dt
     source : str                    where it is from
     """
 
     summary: str
     order_smooth: float
-    order_force_jump: float
-    order_impact: float
-    order_friction: float
+    order_force_kink: float = 0.0
+    order_force_jump: float = 0.0
+    order_impact: float = 0.0
+    order_friction: float = 0.0
     order_penetration: float
     level: str
     relative_degrees: tuple[int, ...]
@@ -139,9 +140,8 @@ class Declared:
     reaction_lives: str
     energy: str
     dissipates: bool
-    source: str
-    order_force_kink: float = 0.0
     adaptive: str = ""
+    source: str
 
     @property
     def orders(self) -> dict[str, str]:

@@ -36,7 +36,6 @@ class BogackiShampine(EmbeddedRungeKutta):
         order_force_jump=2,
         order_force_kink=2,
         order_impact=1,
-        order_friction=0,
         order_penetration=float("inf"),
         level="acceleration in a step, position and velocity at its end",
         relative_degrees=(0, 1, 2),

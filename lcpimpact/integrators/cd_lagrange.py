@@ -47,8 +47,6 @@ class CDLagrange(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="explicit central differences with impulses at the grid points",
         order_smooth=2,
-        order_force_jump=0,
-        order_force_kink=0,
         order_impact=1,
         order_friction=1,
         order_penetration=1,

@@ -43,8 +43,6 @@ class D1Minus(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="time-discontinuous: forces on both sides of a step, the impact at its end",
         order_smooth=2,
-        order_force_jump=0,
-        order_force_kink=0,
         order_impact=1,
         order_friction=1,
         order_penetration=1,

@@ -65,10 +65,7 @@ class GeneralizedAlpha(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="tunable damping of high frequencies; contact in place and velocity, no overlap",
         order_smooth=2,
-        order_force_jump=0,
-        order_force_kink=0,
         order_impact=1,
-        order_friction=0,
         order_penetration=float("inf"),
         level="position and velocity",
         relative_degrees=(2,),

@@ -37,7 +37,6 @@ class MoreauMidpoint(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="half a step, impulses on the rows closed there, the other half",
         order_smooth=2,
-        order_force_jump=0,
         order_impact=1,
         order_friction=1,
         order_penetration=1,

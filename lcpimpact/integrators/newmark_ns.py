@@ -61,8 +61,6 @@ class NewmarkNS(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="average acceleration with impulses; α < 0 damps high frequencies",
         order_smooth=2,
-        order_force_jump=0,
-        order_force_kink=0,
         order_impact=1,
         order_friction=1,
         order_penetration=1,

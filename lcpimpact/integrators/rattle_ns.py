@@ -43,8 +43,6 @@ class RattleNS(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="kick, drift, kick; contact in place and velocity, no overlap",
         order_smooth=2,
-        order_force_jump=0,
-        order_force_kink=0,
         order_impact=1,
         order_friction=1,
         order_penetration=float("inf"),

@@ -142,8 +142,6 @@ class RK4Paper(Integrator):
         order_smooth=4,
         order_force_jump=1,
         order_force_kink=2,
-        order_impact=0,
-        order_friction=0,
         order_penetration=1,
         level="position",
         relative_degrees=(0, 1),

@@ -48,8 +48,6 @@ class SchatzmanPaoli(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="two-step scheme on places, restitution through the place before",
         order_smooth=2,
-        order_force_jump=0,
-        order_force_kink=0,
         order_impact=1,
         order_friction=1,
         order_penetration=1,

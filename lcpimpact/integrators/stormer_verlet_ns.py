@@ -39,8 +39,6 @@ class StormerVerletNS(LinearStep):
     declared: ClassVar[Declared] = Declared(
         summary="kick, drift, kick, with half of each impulse in either kick",
         order_smooth=2,
-        order_force_jump=0,
-        order_force_kink=0,
         order_impact=1,
         order_friction=1,
         order_penetration=1,
