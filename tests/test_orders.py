@@ -95,7 +95,7 @@ def test_order_in_smooth_motion(name, problem):
 @pytest.mark.parametrize("problem", FORCE_JUMPS)
 @pytest.mark.parametrize("name", METHODS)
 def test_order_where_forces_jump(name, problem):
-    measure(name, FORCE_JUMPS[problem], METHODS[name].declared.order_force_jump, "q", JUMP_TOLERANCE, MANY)
+    measure(name, FORCE_JUMPS[problem], METHODS[name].declared.order_force_jump, "q", JUMP_TOLERANCE, MANY[:10])
 
 
 @pytest.mark.parametrize("problem", FORCE_KINKS)

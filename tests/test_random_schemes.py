@@ -72,7 +72,7 @@ def runnable(seeds, make=random_problem):
         yield problem, exact
 
 
-@pytest.mark.parametrize("first", [0, 50, 100, 150])
+@pytest.mark.parametrize("first", [0, 50, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (100, 150))])
 def test_exact_obeys_the_laws_and_the_step_converges_to_it(first):
     compared = degrees = 0
     for problem, exact in runnable(range(first, first + 50)):
@@ -91,7 +91,7 @@ def test_exact_obeys_the_laws_and_the_step_converges_to_it(first):
     assert degrees >= 2
 
 
-@pytest.mark.parametrize("first", [0, 40])
+@pytest.mark.parametrize("first", [0, pytest.param(40, marks=pytest.mark.slow)])
 def test_exact_and_the_step_agree_with_friction_and_shakers(first):
     compared = switches = 0
     for problem, exact in runnable(range(first, first + 40), frictional):
