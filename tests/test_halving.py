@@ -60,6 +60,7 @@ def test_forces_that_jump():
     truth = run(problem, "exact", dt=3e-2, t_end=3.0)
     coarse, tight = (run(problem, dt=3e-2, t_end=3.0, rtol=rtol) for rtol in (1e-4, 1e-7))
     assert sup_q(tight, truth) < 5e-5 < sup_q(coarse, truth)
+    assert_allclose(tight.t_reaction, 0.5 * (tight.t[1:] + tight.t[:-1]), rtol=0.0, atol=1e-14)
     assert tight.certificate.energy_balance < 1e-9 * tight.certificate.energy_scale, "each accepted step is a θ-step"
     assert_allclose([event.t for event in tight.events], [event.t for event in truth.events], rtol=0.0, atol=2e-4)
 
