@@ -75,6 +75,13 @@ def no_springs(
     return SOLVED, 0, 0, 0.0
 
 
+def tally(stats: dict[str, float], solves: int, iterations: int, residual: float) -> None:
+    """Add the LCPs of a block of steps and their iterations to the counts of a run, and keep the largest residual."""
+    stats["lcp_solves"] = stats.get("lcp_solves", 0) + solves
+    stats["lcp_iterations"] = stats.get("lcp_iterations", 0) + iterations
+    stats["residual"] = max(stats.get("residual", 0.0), residual)
+
+
 def around(dynamics: Dynamics) -> Springs:
     """Return what solves the step's law with non-linear springs: only a scheme that has them compiles it."""
     if not dynamics.springs:

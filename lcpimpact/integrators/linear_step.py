@@ -19,7 +19,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numba import types
@@ -28,7 +28,7 @@ from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, i8, interpreted, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.integrators.base import Record
-from lcpimpact.integrators.law import SPRINGS, Springs, around, solve_law
+from lcpimpact.integrators.law import SPRINGS, Springs, around, solve_law, tally
 from lcpimpact.integrators.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
@@ -383,12 +383,9 @@ class LinearStep(TimeStepping[Tabulated]):
             first, first + len(times) - 1, step.h, loads, *step.sizes, *step.tables, step.y, step.guess,
             record.q, record.v, record.reaction, step.tol, step.max_iter, solver.kernel, springs,
         )  # fmt: skip
-        stats: dict[str, Any] = record.stats
-        stats["lcp_solves"] = stats.get("lcp_solves", 0) + self.laws * (reached - first)
-        stats["lcp_iterations"] = stats.get("lcp_iterations", 0) + iterations
+        tally(record.stats, self.laws * (reached - first), iterations, residual)
         if step.sizes[2]:
-            stats["newton_iterations"] = stats.get("newton_iterations", 0) + newton
-        stats["residual"] = max(stats.get("residual", 0.0), residual)
+            record.stats["newton_iterations"] = record.stats.get("newton_iterations", 0) + newton
         return Status(code), reached
 
 

@@ -28,7 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numba import types
@@ -37,7 +37,7 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import SLIPS, Declared, Record
-from lcpimpact.integrators.law import SPRINGS, Springs, around, examine, solve_law
+from lcpimpact.integrators.law import SPRINGS, Springs, around, examine, solve_law, tally
 from lcpimpact.integrators.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual
@@ -374,10 +374,7 @@ class MoreauJean(TimeStepping[Step]):
             first, first + len(times) - 1, step.h, self.theta, Pf, f, *step.operators,
             record.q, record.v, record.reaction, step.tol, step.max_iter, solver.kernel, springs,
         )  # fmt: skip
-        stats: dict[str, Any] = record.stats
-        stats["lcp_solves"] = stats.get("lcp_solves", 0) + reached - first
-        stats["lcp_iterations"] = stats.get("lcp_iterations", 0) + iterations
+        tally(record.stats, reached - first, iterations, residual)
         if len(step.operators[-1]):
-            stats["newton_iterations"] = stats.get("newton_iterations", 0) + newton
-        stats["residual"] = max(stats.get("residual", 0.0), residual)
+            record.stats["newton_iterations"] = record.stats.get("newton_iterations", 0) + newton
         return Status(code), reached

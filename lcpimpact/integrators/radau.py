@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numba import types
@@ -27,7 +27,7 @@ from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, i8, interpreted, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
-from lcpimpact.integrators.law import solve_law, with_fallbacks
+from lcpimpact.integrators.law import solve_law, tally, with_fallbacks
 from lcpimpact.integrators.linear_step import sum_columns
 from lcpimpact.integrators.modes import ZERO
 from lcpimpact.integrators.moreau_jean import submatrix
@@ -336,10 +336,7 @@ class Radau(Integrator):
             first, last, carry.grid.h, *carry.tables, carry.scale, carry.y, carry.guess,
             record.q, record.v, record.reaction, carry.tol, carry.max_iter, solver.kernel,
         )  # fmt: skip
-        stats: dict[str, Any] = record.stats
-        stats["lcp_solves"] = stats.get("lcp_solves", 0) + solves
-        stats["lcp_iterations"] = stats.get("lcp_iterations", 0) + iterations
-        stats["residual"] = max(stats.get("residual", 0.0), residual)
+        tally(record.stats, solves, iterations, residual)
         return Status(code), reached
 
 

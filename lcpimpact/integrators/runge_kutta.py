@@ -37,7 +37,7 @@ from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Event, Grid, Integrator, Record, State
-from lcpimpact.integrators.law import solve_law, with_fallbacks
+from lcpimpact.integrators.law import solve_law, tally, with_fallbacks
 from lcpimpact.integrators.modes import System, refuse_mixed_degrees
 from lcpimpact.integrators.tableau import Tableau
 from lcpimpact.lcp import SOLVERS
@@ -653,10 +653,7 @@ def _take(
         first, last, h, shortest, given, tableau.matrix, np.array(tableau.b), tableau.error, run.matrices, *motion,
         run.scale, ahead, run.tol, run.max_iter, solver.kernel,
     )  # fmt: skip
-    stats: dict[str, Any] = record.stats
-    stats["lcp_solves"] = stats.get("lcp_solves", 0) + tableau.stages * (reached - first)
-    stats["lcp_iterations"] = stats.get("lcp_iterations", 0) + iterations
-    stats["residual"] = max(stats.get("residual", 0.0), residual)
+    tally(record.stats, tableau.stages * (reached - first), iterations, residual)
     return Status(code), reached
 
 
