@@ -19,6 +19,11 @@ _LOCATIONS = {
     "load_problem": "lcpimpact.problems:load_problem",
     "penalized": "lcpimpact.problems.penalty:penalized",
     "simulate": "lcpimpact.simulation:simulate",
+    "convergence": "lcpimpact.study.convergence:convergence",
+    "work_precision": "lcpimpact.study.convergence:work_precision",
+    "observed_orders": "lcpimpact.study.orders:observed_orders",
+    "plot_convergence": "lcpimpact.plotting.convergence:plot_convergence",
+    "plot_work_precision": "lcpimpact.plotting.convergence:plot_work_precision",
     "read_scheme_file": "lcpimpact.schemefile:read_scheme_file",
     "write_scheme_file": "lcpimpact.schemefile:write_scheme_file",
     "SchemeFile": "lcpimpact.schemefile:SchemeFile",
@@ -102,13 +107,18 @@ __all__ = [
     "Zener",
     "__version__",
     "all_solutions",
+    "convergence",
     "load_problem",
+    "observed_orders",
     "penalized",
     "plot_cones",
+    "plot_convergence",
+    "plot_work_precision",
     "prepare_lcp",
     "read_scheme_file",
     "simulate",
     "solve_lcp",
+    "work_precision",
     "write_scheme_file",
 ]
 
@@ -119,6 +129,7 @@ if TYPE_CHECKING:
     from lcpimpact.lcp.solve import prepare_lcp, solve_lcp
     from lcpimpact.lcp.solvers.enumeration import all_solutions
     from lcpimpact.plotting.cones import plot_cones
+    from lcpimpact.plotting.convergence import plot_convergence, plot_work_precision
     from lcpimpact.problems import load_problem
     from lcpimpact.problems.base import Problem
     from lcpimpact.problems.penalty import penalized
@@ -145,6 +156,8 @@ if TYPE_CHECKING:
     from lcpimpact.scheme.system import LinearComplementaritySystem
     from lcpimpact.schemefile import Run, SchemeFile, read_scheme_file, write_scheme_file
     from lcpimpact.simulation import simulate
+    from lcpimpact.study.convergence import convergence, work_precision
+    from lcpimpact.study.orders import observed_orders
     from lcpimpact.trajectory import Trajectory
 
 

@@ -46,6 +46,25 @@ class Certificate:
     energy_scale: float
 
 
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """The pieces of a motion between cuts (nk,), and integrals over them by Gauss's rule."""
+
+    cuts: Array
+
+    @property
+    def times(self) -> Array:
+        """The nodes of the rule, in the order of time (nt,)."""
+        half = 0.5 * np.diff(self.cuts)
+        return np.asarray(((self.cuts[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES).ravel())
+
+    def integral(self, values: Array) -> Array:
+        """Return the integral of values (nt, ...) at the nodes from the first cut to each (nk, ...)."""
+        inner = np.asarray(values).reshape(len(self.cuts) - 1, len(GAUSS_NODES), *values.shape[1:])
+        pieces = np.einsum("kg...,g,k->k...", inner, GAUSS_WEIGHTS, 0.5 * np.diff(self.cuts))
+        return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(pieces, axis=0)])
+
+
 @compiled(f8(matrix, matrix, i8, vector))
 def power_law(N: Array, springs: Array, a: int, q: Array) -> float:
     """Return the energy K δⁿ⁺¹/(n + 1) of one non-linear spring."""
@@ -234,11 +253,11 @@ def _balance_by_trapezoid(dynamics: Dynamics, record: Record, events: Sequence[E
 def _balance_by_gauss(dynamics: Dynamics, dense: Dense, events: Sequence[Event]) -> float:
     """Return the largest |E(t) - E(0) - work| over the cuts of the solution, with the power integrated between them."""
     cuts = np.unique(np.concatenate([dense.cuts, [event.t for event in events]]))
-    half = 0.5 * np.diff(cuts)
-    times = ((cuts[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES).ravel()
+    pieces = Pieces(cuts)
+    times = pieces.times
     q, v, r = dense.read(times, "right")
     power = dynamics.load_power(times, v) - dynamics.dissipated_power(q, v) + _contact_power(dynamics, times, q, v, r)
-    work = np.concatenate([[0.0], np.cumsum((power.reshape(-1, len(GAUSS_NODES)) * GAUSS_WEIGHTS).sum(axis=1) * half)])
+    work = pieces.integral(power)
     for t, event in {event.t: event for event in events if event.impulse > 0.0}.items():
         work[cuts >= t] += dynamics.kinetic_energy(event.right.v) - dynamics.kinetic_energy(event.left.v)
     q, v, _ = dense.read(cuts, "right")

@@ -136,6 +136,7 @@ def simulate(
         certificate,
         {"steps": len(record.t) - 1, **record.stats, "seconds": time.perf_counter() - started},
         dense,
+        integrator,
     )
     if throw and not trajectory.success:
         if status is Status.INTERRUPTED:

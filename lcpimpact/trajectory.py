@@ -16,7 +16,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.certificate import Certificate
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.files import check_output, whole_file
-from lcpimpact.integrators.base import Dense, Event, State
+from lcpimpact.integrators.base import Dense, Event, Integrator, State
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import load, nearest
 
@@ -45,6 +45,8 @@ class Trajectory:
     message : str                   the status in words, with the remedy
     certificate : Certificate       residual, complementarity, penetration and energy balance
     stats : dict                    steps, counted costs, seconds
+    dense : Dense or None           the solution as a function of time, where the method has one
+    integrator : Integrator or None the method as an object, with what it declares
     """
 
     problem: Problem
@@ -60,6 +62,7 @@ class Trajectory:
     certificate: Certificate
     stats: Mapping[str, float]
     dense: Dense | None = None
+    integrator: Integrator | None = None
 
     @property
     def success(self) -> bool:

@@ -50,8 +50,9 @@ MAY_IMPORT = {
     "study": RUN,
     "plotting": STUDY,
     "sweep": STUDY,
-    "reproduce": STUDY | {"plotting", "sweep"},
-    "cli": STUDY | {"schemefile", "plotting", "sweep", "reproduce"},
+    "report": STUDY | {"plotting"},
+    "reproduce": STUDY | {"plotting", "report", "sweep"},
+    "cli": STUDY | {"schemefile", "plotting", "report", "sweep", "reproduce"},
     "__main__": {"cli"},
 }
 """Layer (module or folder right under the package) to the layers that it may import, besides itself."""
@@ -62,6 +63,7 @@ ONLY = {
     "click": {"cli"},
     "rich": {"cli"},
     "dask": {"sweep"},
+    "pandas": {"study", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
     "numba": {"compiled", "lcp", "integrators", "certificate"},
 }

@@ -11,7 +11,7 @@ import lcpimpact as li
 from lcpimpact.integrators.flow import BERNSTEIN, DEGREE, Flow, first_sign_change
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.problems.reference import KNOWN
-from lcpimpact.study.cross_validation import peak_reaction
+from lcpimpact.reproduce.cross_validation import peak_reaction
 
 
 def exact(problem, dt=1e-2, t_end=3.0, **options):

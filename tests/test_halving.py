@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
-from lcpimpact.study.orders import l1_v, sup_q
+from lcpimpact.study.norms import l1_v, sup_q
 
 HALVING = [name for name, kind in METHODS.items() if "halved" in kind.declared.adaptive]
 

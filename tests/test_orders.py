@@ -9,9 +9,8 @@ import lcpimpact as li
 from lcpimpact.errors import InputError
 from lcpimpact.integrators import METHODS
 from lcpimpact.simulation import simulate
-from lcpimpact.study.orders import COUNTS, l1_v, observed_order, order_as_declared, sup_q
-
-SMOOTH_TOLERANCE, JUMP_TOLERANCE = 0.2, 0.35
+from lcpimpact.study.norms import l1_v, sup_q
+from lcpimpact.study.orders import COUNTS, EVENT_BAND, SMOOTH_BAND, observed_order, order_as_declared
 
 MANY = (*COUNTS, 4903, 7789, 12373, 19661, 31223, 49597)
 """Where errors scatter, because a switch falls now early and now late into its step."""
@@ -89,31 +88,31 @@ def measure(name, problem, order, norm, tolerance, low=COUNTS):
 @pytest.mark.parametrize("problem", SMOOTH)
 @pytest.mark.parametrize("name", METHODS)
 def test_order_in_smooth_motion(name, problem):
-    measure(name, SMOOTH[problem], METHODS[name].declared.order_smooth, "q", SMOOTH_TOLERANCE)
+    measure(name, SMOOTH[problem], METHODS[name].declared.order_smooth, "sup_q", SMOOTH_BAND)
 
 
 @pytest.mark.parametrize("problem", FORCE_JUMPS)
 @pytest.mark.parametrize("name", METHODS)
 def test_order_where_forces_jump(name, problem):
-    measure(name, FORCE_JUMPS[problem], METHODS[name].declared.order_force_jump, "q", JUMP_TOLERANCE, MANY[:10])
+    measure(name, FORCE_JUMPS[problem], METHODS[name].declared.order_force_jump, "sup_q", EVENT_BAND, MANY[:10])
 
 
 @pytest.mark.parametrize("problem", FORCE_KINKS)
 @pytest.mark.parametrize("name", METHODS)
 def test_order_where_forces_bend(name, problem):
-    measure(name, FORCE_KINKS[problem], METHODS[name].declared.order_force_kink, "q", JUMP_TOLERANCE, MANY[:9])
+    measure(name, FORCE_KINKS[problem], METHODS[name].declared.order_force_kink, "sup_q", EVENT_BAND, MANY[:9])
 
 
 @pytest.mark.parametrize("problem", IMPACTS)
 @pytest.mark.parametrize("name", METHODS)
 def test_order_across_impacts(name, problem):
-    measure(name, IMPACTS[problem], METHODS[name].declared.order_impact, "v", JUMP_TOLERANCE)
+    measure(name, IMPACTS[problem], METHODS[name].declared.order_impact, "l1_v", EVENT_BAND)
 
 
 @pytest.mark.parametrize("name", METHODS)
 def test_order_where_a_slider_turns_and_stops(name):
     problem = before("coulomb-oscillator", 2.0)
-    measure(name, problem, METHODS[name].declared.order_friction, "q", JUMP_TOLERANCE, MANY[:9])
+    measure(name, problem, METHODS[name].declared.order_friction, "sup_q", EVENT_BAND, MANY[:9])
 
 
 @pytest.mark.parametrize("name", METHODS)

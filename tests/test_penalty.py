@@ -33,6 +33,7 @@ from lcpimpact import (
     Scheme,
     Slider,
     Spring,
+    convergence,
     load_problem,
     penalized,
     simulate,
@@ -42,7 +43,6 @@ from lcpimpact.problems.penalty import damping_ratio, loss_number
 from lcpimpact.scheme.dynamics import Feature
 from lcpimpact.scheme.elements.base import Compound, Element
 from lcpimpact.scheme.terms import Row as Contact
-from lcpimpact.study.comparison import Row, compare
 
 SMOOTH = [name for name, kind in METHODS.items() if Feature.POWER_LAWS in kind.declared.handles]
 """The methods that run compliant laws."""
@@ -596,50 +596,60 @@ def test_a_ball_at_rest_sinks_in_by_its_weight():
 # ---- smooth against nonsmooth ---------------------------------------------------------------------------------------
 
 
-def test_a_comparison_is_a_row_for_each_variant_method_and_step():
+def test_a_table_has_a_row_for_each_variant_method_and_step():
     rigid = load_problem("bouncing-ball", e=0.8)
-    rows = compare(
+    table = convergence(
         rigid,
         ["moreau-jean", "moreau-midpoint"],
         [1e-3, 1e-4],
-        [("kelvin-voigt", 1e6), ("hertz", 1e8, {"e": 1.0})],
+        penalties=[("kelvin-voigt", 1e6), ("hertz", 1e8, {"e": 1.0})],
+        norms=["sup_q", "l1_v", "penetration"],
         t_end=1.0,
     )
-    assert [(row.law, row.k, row.method) for row in rows[::2]] == [
+    assert list(table[["law", "k", "method"]].itertuples(index=False, name=None))[::2] == [
         (law, k, method)
         for law, k in (("rigid", math.inf), ("kelvin-voigt", 1e6), ("hertz", 1e8))
         for method in ("moreau-jean", "moreau-midpoint")
     ]
-    assert [row.dt for row in rows[:2]] == [1e-3, 1e-4]
-    assert not any(row.failure for row in rows)
-    assert all(row.closings == 1 for row in rows), "one impact before t = 1"
-    coarse, fine, *_ = rows
+    assert list(table["steps"]) == [1009, 10007] * 6
+    assert not any(table["failure"])
+    assert (table["closings"] == 1).all(), "one impact before t = 1"
+    coarse, fine, *_ = rows = list(table.itertuples())
     assert coarse.sup_q > 3.0 * fine.sup_q
     assert coarse.l1_v > 3.0 * fine.l1_v
     soft = rows[5]
     # The deepest place of a stop without weight, v0/ω exp(-ζ acos ζ/sqrt(1 - ζ²)) = v0/ω sqrt(e).
     assert soft.penetration == pytest.approx(math.sqrt(2.0 * 9.81 / 1e6 * 0.8), rel=4e-3)
-    t = np.linspace(0.0, 1.0, 10_001)
+    t = np.linspace(0.0, 1.0, soft.steps + 1)
     stop = penalized(rigid, "kelvin-voigt", k=1e6).scheme.elements[-1]
     x = bounces(1e6, stop.c, 1.0, 9.81, 1.0, 0.0, 0.0, t)[0]
     assert soft.sup_q == pytest.approx(np.abs(x - rigid.motion(t)[0][:, 0]).max(), rel=1e-3)
-    assert (rows[0].lcp_solves, rows[0].newton_iterations) == (1000, 0)
+    assert (rows[0].lcp_solves, rows[0].newton_iterations, rows[0].evaluations) == (1009, 0, 1009)
     assert soft.lcp_solves == 0
-    assert soft.newton_iterations >= 10_000
-    assert all(row.seconds > 0.0 for row in rows)
+    assert soft.newton_iterations >= 10_007
+    assert (table["seconds"] > 0.0).all()
+    # The declared orders are those of the rigid motion, and of the model nothing is declared.
+    assert list(table["declared"].dropna()) == [1.0] * 4
 
 
 def test_what_fails_is_a_row_with_its_reason():
     rigid = load_problem("bouncing-ball", e=0.5)
-    rows = compare(rigid, ["exact", "rk4-paper"], [0.03], [("hertz", 1e6), ("kelvin-voigt", 1e6)], t_end=1.0)
+    table = convergence(
+        rigid,
+        ["exact", "rk4-paper"],
+        [0.03],
+        penalties=[("hertz", 1e6), ("kelvin-voigt", 1e6)],
+        norms=["sup_q"],
+        t_end=1.0,
+    )
+    rows = list(table.itertuples())
     assert [bool(row.failure) for row in rows] == [False, True, True, True, True, True]
     assert rows[0].sup_q < 1e-12
-    assert rows[0].dt == pytest.approx(1.0 / 34.0)
+    assert rows[0].dt == 1.0 / 37.0
     assert "rk4-paper does not handle relative degree 2" in rows[1].failure
     assert "Hertz's law loses nothing" in rows[2].failure
     assert "exact does not handle non-linear springs" in rows[4].failure
     assert math.isnan(rows[4].sup_q)
-    assert isinstance(rows[4], Row)
 
 
 @settings(max_examples=15)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from lcpimpact.study.cross_validation import Case, run_case
+from lcpimpact.reproduce.cross_validation import Case, run_case
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

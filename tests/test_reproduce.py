@@ -13,7 +13,7 @@ import pytest
 from lcpimpact.problems.reference import KNOWN
 from lcpimpact.reproduce.checks import Check, all_checks
 from lcpimpact.reproduce.run import FIGURES
-from lcpimpact.study.cross_validation import Case, Row, all_cases, cross_validate, run_case, switch_errors
+from lcpimpact.reproduce.cross_validation import Case, Row, all_cases, cross_validate, run_case, switch_errors
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable
 from dataclasses import MISSING as NO_DEFAULT
 from dataclasses import fields
 from enum import StrEnum
@@ -15,10 +14,10 @@ import typer
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
-from tqdm import tqdm
 
 from lcpimpact import __version__
 from lcpimpact.cli.lcp import solve
+from lcpimpact.cli.options import bar
 from lcpimpact.cli.runs import animate, draw, export, simulate
 from lcpimpact.integrators import METHODS
 from lcpimpact.lcp import SOLVERS
@@ -64,11 +63,6 @@ def reproduce(
     exit code is 0 only if every tolerance that the report states holds.
     """
     from lcpimpact.reproduce.run import reproduce as run
-
-    def bar(items: Iterable[Any], total: int, what: str) -> Iterable[Any]:
-        layout = "{desc:<17}{bar:30} {n_fmt}/{total_fmt} {elapsed}"
-        shown: Iterable[Any] = tqdm(items, total=total, desc=what, bar_format=layout)
-        return shown
 
     result = run(out, workers=workers, watch=bar)
     console = Console(highlight=False)

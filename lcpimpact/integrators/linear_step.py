@@ -383,9 +383,7 @@ class LinearStep(TimeStepping[Tabulated]):
             first, first + len(times) - 1, step.h, loads, *step.sizes, *step.tables, step.y, step.guess,
             record.q, record.v, record.reaction, step.tol, step.max_iter, solver.kernel, springs,
         )  # fmt: skip
-        tally(record.stats, self.laws * (reached - first), iterations, residual)
-        if step.sizes[2]:
-            record.stats["newton_iterations"] = record.stats.get("newton_iterations", 0) + newton
+        tally(record.stats, self.laws * (reached - first), iterations, residual, newton)
         return Status(code), reached
 
 

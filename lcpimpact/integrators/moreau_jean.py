@@ -374,7 +374,5 @@ class MoreauJean(TimeStepping[Step]):
             first, first + len(times) - 1, step.h, self.theta, Pf, f, *step.operators,
             record.q, record.v, record.reaction, step.tol, step.max_iter, solver.kernel, springs,
         )  # fmt: skip
-        tally(record.stats, reached - first, iterations, residual)
-        if len(step.operators[-1]):
-            record.stats["newton_iterations"] = record.stats.get("newton_iterations", 0) + newton
+        tally(record.stats, reached - first, iterations, residual, newton)
         return Status(code), reached

@@ -331,6 +331,7 @@ class Run:
         self.t, self.X, self.zeros = end, states[-1], np.zeros_like(self.zeros)
         self.scale = np.maximum(self.scale, np.abs(states).max(axis=0))
         record.stats["elements"] += len(starts)
+        record.stats["evaluations"] += len(starts)
         record.stats["residual"] = max(record.stats["residual"], residual)
 
     def write(self, record: Record, first: int, states: Array) -> None:
@@ -413,7 +414,7 @@ class RadauFESD(Integrator):
         X = system.state(problem.initial_coordinates, problem.initial_velocities)
         run = Run(system, radau_iia(self.stages), grid, lcp_solver, self.rtol is not None, np.abs(X))
         record.events = []
-        record.stats.update(elements=0, halvings=0, switches=0, newton_iterations=0, residual=0.0)
+        record.stats.update(elements=0, halvings=0, switches=0, newton_iterations=0, evaluations=0, residual=0.0)
         try:
             run.enter(0.0, X, record)
         except np.linalg.LinAlgError:
@@ -522,6 +523,7 @@ class RadauFESD(Integrator):
         starts_at = float(elements.rows[row] @ run.X) if run.zeros[row] > 0 else 0.0
         root, count = elements.root(run.X, row, starts_at, guess * length, length, run.scale, self.max_newton)
         record.stats["newton_iterations"] += count
+        record.stats["evaluations"] += count
         if root is None:
             return Status.SWITCH, 0.0, False
         table, ends = elements.table(root), none.copy()

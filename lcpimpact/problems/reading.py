@@ -6,6 +6,7 @@ The runs of step methods are read at the order of a good step: parabolas through
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -59,12 +60,15 @@ def event(run: Any, kind: str, number: int = 1, contact: str | None = None) -> A
     return found[number - 1 if number > 0 else number]
 
 
-def peak(run: Any, series: Series, sign: float = 1.0) -> float:
-    """Return the greatest value of a series, or the least with ``sign=-1``, between the grid points too."""
+def peak(run: Any, series: Series, sign: float = 1.0, until: float = math.inf) -> float:
+    """Return the greatest value of a series, or the least with ``sign=-1``, between the grid points too, up to a time."""
     if run.dense is not None:
-        return sign * _exact_peak(lambda t, side: sign * read(run, series, t, side), _knots(run))
+        knots = _knots(run)
+        knots = np.append(knots[knots < until], min(until, knots[-1]))
+        return sign * _exact_peak(lambda t, side: sign * read(run, series, t, side), np.unique(knots))
     forces = run.names[2 * run.q.shape[1] :]
     times = np.append(0.0, run.t_reaction) if series in forces and run.t_reaction[0] > 0.0 else run.t
+    times = times[times <= until]
     return sign * _top(times, sign * read(run, series, times))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lcpimpact.problems.reference import KNOWN
-from lcpimpact.study.cross_validation import DIRECT_SOLVERS, QP_SOLVERS, STEPS, CrossValidation, Row
+from lcpimpact.reproduce.cross_validation import DIRECT_SOLVERS, QP_SOLVERS, STEPS, CrossValidation, Row
 
 QP_TOLERANCE = 1e-7
 """Relative agreement of a QP backend's trajectory with the direct solvers: OSQP is asked for 1e-11 and scaled."""

@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
-import base64
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+import pandas as pd
 
-from lcpimpact import __version__
 from lcpimpact.errors import InputError
-from lcpimpact.files import whole_file
 from lcpimpact.plotting.figures import figure_2, figure_3, force_figure, motion_figure
 from lcpimpact.plotting.schematic import draw_scheme
 from lcpimpact.plotting.style import save
 from lcpimpact.problems import load_problem
+from lcpimpact.report.report import Picture, Section, write_report
 from lcpimpact.reproduce import tables
 from lcpimpact.reproduce.checks import Check, all_checks
+from lcpimpact.reproduce.cross_validation import T_END, CrossValidation, cross_validate
 from lcpimpact.simulation import simulate
-from lcpimpact.study.cross_validation import T_END, CrossValidation, cross_validate
 
 FIGURE_STEP = 1e-2
 """Step in s of the runs that the figures show: coarse enough to see where the methods differ."""
+
+
+LEAD = (
+    "Systems 1, 2 and 3 of W. Grzesikiewicz and A. Zbiciak, by a small LCP in each step (moreau-jean), by the paper's own "
+    "explicit RK4, and by an exact piecewise solution."
+)
 
 
 @dataclass(frozen=True)
@@ -178,8 +182,9 @@ def reproduce(
     tables.write_csv(out / "tolerances.csv", tables.CHECKS_HEADER, tables.checks_rows(checks))
     report = out / "report.html"
     seconds = time.perf_counter() - started
-    with whole_file(report) as part:
-        part.write_text(_render(out, found, checks, seconds), encoding="utf-8")
+    lead = LEAD + f" It took {seconds:.0f} s."
+    title = "Modelling of impact problems using rheological schemes, reproduced"
+    write_report(report, title, lead, _sections(out, found, checks))
     return Reproduction(report, found, checks, seconds)
 
 
@@ -194,89 +199,96 @@ def _figure_path(out: Path, number: int, suffix: str) -> Path:
     return out / "figures" / f"figure-{number}{suffix}"
 
 
-def _render(out: Path, found: CrossValidation, checks: tuple[Check, ...], seconds: float) -> str:
-    environment = Environment(
-        loader=PackageLoader("lcpimpact.reproduce", ""), autoescape=False, undefined=StrictUndefined, trim_blocks=True
-    )
-    environment.filters["cells"] = tables.text
-    figures = [{**vars(text), "data": _inline(_figure_path(out, text.number, ".svg"))} for text in FIGURES]
+def _sections(out: Path, found: CrossValidation, checks: tuple[Check, ...]) -> list[Section]:
+    """Return the parts of the report."""
+    failed = sum(not check.holds for check in checks)
+    verdict = f"All {len(checks)} stated tolerances hold."
+    if failed:
+        verdict = (
+            f"{failed} of the {len(checks)} stated tolerances do not hold; they are listed first in the last table."
+        )
     degrees = [
-        f"{name}: {contact.sentence}"
+        f"<li>{name}: {contact.sentence}</li>"
         for name, problem in (("System No. 1", "system-1"), ("System No. 2", "system-2"), ("System No. 3", "system-3"))
         for contact in load_problem(problem).dynamics.contacts
     ]
-    return environment.get_template("report.html.j2").render(
-        version=__version__,
-        seconds=seconds,
-        figures=figures,
-        degrees=degrees,
-        checks=checks,
-        failed=sum(not check.holds for check in checks),
-        all_hold=all(check.holds for check in checks),
-        tables=_report_tables(found, checks),
-    )
+    return [
+        Section("", verdict, verdict=not failed),
+        Section("The systems", f"<ul>{''.join(degrees)}</ul>", _pictures(out, "schemes"), beside=True),
+        Section("The law of the bumper", figures=_pictures(out, "graphs"), beside=True),
+        Section("Forces and motion", figures=_pictures(out, "results")),
+        *_report_tables(found, checks),
+    ]
 
 
-def _inline(path: Path) -> str:
-    return "data:image/svg+xml;base64," + base64.b64encode(path.read_bytes()).decode("ascii")
+def _pictures(out: Path, group: str) -> list[Picture]:
+    return [
+        Picture(
+            _figure_path(out, text.number, ".svg"),
+            f"<b>Fig. {text.number}.</b> {text.caption}",
+            text.title,
+            f"figure-{text.number}",
+        )
+        for text in FIGURES
+        if text.group == group
+    ]
 
 
-def _report_tables(found: CrossValidation, checks: tuple[Check, ...]) -> list[dict[str, Any]]:
+def _report_tables(found: CrossValidation, checks: tuple[Check, ...]) -> list[Section]:
     rows = tables.cross_validation_rows(found)
     shown = [row for row in rows if row[3] in ("lemke", "-") and row[1] != "exact"]
     return [
-        {
-            "title": "Cross-validation",
-            "caption": "Errors of the θ-step (with Lemke's method) and of the paper's RK4 against the exact solution; "
+        _table(
+            "Cross-validation",
+            "Errors of the θ-step (with Lemke's method) and of the paper's RK4 against the exact solution; "
             "t<sub>1</sub> ... t<sub>4</sub> are errors of the switching times, and mean|R| is the L1 error of R over the "
             "length of the run, read where the force lives (mid-step for θ = 1/2). The θ = 1/2 step is more accurate than "
             "RK4 at each step size wherever R jumps, because RK4 smears the jump over the step in which it falls.",
-            "header": tables.CROSS_VALIDATION_HEADER[:-4],
-            "rows": [row[:-4] for row in shown],
-            "words": (0, 1, 3),
-            "folded": False,
-            "file": "cross-validation.csv",
-        },
-        {
-            "title": "Peak forces",
-            "caption": "The largest force is System 1's and the smallest System 3's, as the paper states. The exact peaks "
+            tables.CROSS_VALIDATION_HEADER[:-4],
+            [row[:-4] for row in shown],
+            "cross-validation.csv",
+        ),
+        _table(
+            "Peak forces",
+            "The largest force is System 1's and the smallest System 3's, as the paper states. The exact peaks "
             "are found between the grid points; those of the step are means over a step.",
-            "header": tables.PEAKS_HEADER,
-            "rows": tables.peaks_rows(found),
-            "words": (0,),
-            "folded": False,
-            "file": "cross-validation.csv",
-        },
-        {
-            "title": "Observed orders",
-            "caption": "Least-squares slopes over twelve prime step counts from 307 to 49597, which no switch aligns with. "
+            tables.PEAKS_HEADER,
+            tables.peaks_rows(found),
+            "cross-validation.csv",
+        ),
+        _table(
+            "Observed orders",
+            "Least-squares slopes over twelve prime step counts from 307 to 49597, which no switch aligns with. "
             "θ = 1/2 keeps order 2 in x and x' across the switches, since only R jumps, while RK4 falls to order 1 "
             "(2 in System 2, whose force is continuous).",
-            "header": tables.ORDERS_HEADER,
-            "rows": tables.orders_rows(found),
-            "words": (0, 1),
-            "folded": False,
-            "file": "orders.csv",
-        },
-        {
-            "title": "Every run",
-            "caption": "All LCP solvers on all systems and steps, with the LCP residual, the penetration and the energy "
+            tables.ORDERS_HEADER,
+            tables.orders_rows(found),
+            "orders.csv",
+        ),
+        _table(
+            "Every run",
+            "All LCP solvers on all systems and steps, with the LCP residual, the penetration and the energy "
             "balance that each run certifies. The solvers give the same trajectory, so a difference between rows of one "
             "step is the solver's own accuracy.",
-            "header": tables.CROSS_VALIDATION_HEADER,
-            "rows": rows,
-            "words": (0, 1, 3),
-            "folded": True,
-            "file": "cross-validation.csv",
-        },
-        {
-            "title": "Stated tolerances",
-            "caption": "The reproduction counts as a success only if every line holds. The values were computed in this "
+            tables.CROSS_VALIDATION_HEADER,
+            rows,
+            "cross-validation.csv",
+            folded=True,
+        ),
+        _table(
+            "Stated tolerances",
+            "The reproduction counts as a success only if every line holds. The values were computed in this "
             "run; the limits are part of the program.",
-            "header": tables.CHECKS_HEADER,
-            "rows": tables.checks_rows(checks),
-            "words": (0, 3),
-            "folded": False,
-            "file": "tolerances.csv",
-        },
+            tables.CHECKS_HEADER,
+            tables.checks_rows(checks),
+            "tolerances.csv",
+        ),
     ]
+
+
+def _table(
+    title: str, caption: str, header: Sequence[str], rows: Sequence[Sequence[Any]], file: str, *, folded: bool = False
+) -> Section:
+    text = f"{caption} The numbers are also in {file}."
+    table = pd.DataFrame(rows, columns=list(header))
+    return Section(title, text, table=table, form=".1e", formats=tables.FORMATS, folded=folded)

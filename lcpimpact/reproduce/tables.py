@@ -10,7 +10,7 @@ from typing import Any
 
 from lcpimpact.files import whole_file
 from lcpimpact.reproduce.checks import Check
-from lcpimpact.study.cross_validation import STEPS, CrossValidation, Row
+from lcpimpact.reproduce.cross_validation import STEPS, CrossValidation, Row
 
 CROSS_VALIDATION_HEADER = (
     "system", "method", "theta", "lcp_solver", "h [s]", "sup|x| [m]", "sup|x'| [m/s]", "mean|R| [N]",
@@ -80,14 +80,3 @@ FORMATS = {
     "scatter (log10)": ".3f",
     "seconds": ".3f",
 }
-
-
-def text(header: Sequence[str], row: Sequence[Any]) -> list[str]:
-    """Return the cells of a row for people: two digits of an error, and "missing" for what was not found."""
-    return [_cell(value, FORMATS.get(name, ".1e")) for name, value in zip(header, row, strict=True)]
-
-
-def _cell(value: Any, form: str) -> str:
-    if not isinstance(value, float):
-        return str(value)
-    return "missing" if math.isnan(value) else format(value, form)

@@ -13,7 +13,7 @@ from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.penalty import penalized
 from lcpimpact.simulation import simulate
-from lcpimpact.study.orders import l1_v, sup_q
+from lcpimpact.study.norms import l1_v, sup_q
 from lcpimpact.trajectory import Trajectory
 
 Penalty = tuple[str, float] | tuple[str, float, Mapping[str, float]]

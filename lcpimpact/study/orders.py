@@ -1,34 +1,30 @@
-r"""The observed order of a method: errors in the norms that converge, and the slope through many step counts.
+r"""The observed order of a method: the slope of log error against log dt, with its scatter, beside the declared order.
 
 Across impacts the sup norm of v converges for no method, since the computed impact is a little early or late. What does
-converge is
+converge is the sup norm of q and the L1 norm of v; so it is in these that methods declare their orders.
 
-.. math:: \sup_t |q - q^*|, \qquad \int_0^T |v - v^*| \, dt,
-
-over the nodes with mass, the latter taken between grid points and events and not sampled on the grid of the method. Nodes
-without mass follow the others by a balance of forces; in the step in which a contact opens, a method that holds it to the
-end of the step leaves a node on a spring O(h) off for that one instant, which says nothing of the motion.
-
-A slope through two step counts may be luck: an event that falls on a grid point fakes an order. So the counts should be
-primes, six or more, and the scatter about the line belongs to the slope.
+A slope through two step counts may be luck: an event that falls on a grid point fakes an order. So there should be six steps
+or more, which `lcpimpact.study.convergence` keeps clear of events, and the scatter about the line belongs to the slope.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from lcpimpact.arrays import Flags
 from lcpimpact.errors import InputError
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
-from lcpimpact.simulation import simulate
+from lcpimpact.simulation import make_integrator
+from lcpimpact.study.convergence import SMOOTH, convergence
+from lcpimpact.study.norms import NORMS
+from lcpimpact.study.reference import Reference
 from lcpimpact.trajectory import Trajectory
-
-GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 COUNTS = (307, 487, 773, 1229, 1951, 3089)
 """Primes, a factor of about 1.6 apart."""
@@ -41,36 +37,14 @@ RARER = (
 )
 """For methods of a high order, whose errors would soon be rounding."""
 
-ROUNDING = 1e-12
-"""Errors this small, relative to the largest value of the reference, are rounding and tell no order."""
+TO_ROUNDING = 1e-9
+"""What may be left, relative to the scale, of a method that declares to be exact."""
 
+TO_RTOL = 1e3
+"""So many rtol may be left, relative to the scale, of a method that declares to follow rtol."""
 
-def inertial(run: Trajectory) -> Flags:
-    """Return which coordinates are judged (n,): those with mass, or all where none has, as in a system given directly."""
-    massive = run.problem.dynamics.massive
-    return massive if massive.any() else ~massive
-
-
-def sup_q(run: Trajectory, truth: Trajectory) -> float:
-    """Return the largest |q - q*| in m on the grid of the run, over the nodes that `inertial` names."""
-    return float(np.abs(run.q - truth.sample(run.t).q)[:, inertial(run)].max())
-
-
-def l1_v(run: Trajectory, truth: Trajectory) -> float:
-    """Return ∫ Σ |v - v*| dt in m over the same nodes, v between grid points on the line through its values there.
-
-    It is integrated between the points of the grid and the events, so that no jump is passed over.
-    """
-    located = truth.events + (run.events if run.dense is not None else ())
-    events = [event.t for event in located if run.t[0] < event.t < run.t[-1]]
-    cuts = np.unique(np.concatenate([run.t, events]))
-    half = 0.5 * np.diff(cuts)
-    times = ((cuts[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES).ravel()
-    errors = np.abs(run.sample(times).v - truth.sample(times).v)[:, inertial(run)].sum(axis=1)
-    return float(((errors.reshape(-1, len(GAUSS_NODES)) * GAUSS_WEIGHTS).sum(axis=1) * half).sum())
-
-
-NORMS = {"q": sup_q, "v": l1_v}
+SMOOTH_BAND, EVENT_BAND = 0.2, 0.35
+"""How far an observed order may be from the declared one, without events and with them."""
 
 
 @dataclass(frozen=True)
@@ -79,16 +53,130 @@ class Order:
 
     Attributes
     ----------
-    slope : float           of log error against log h, by least squares
-    scatter : float         standard deviation of log10 of the errors about the line
-    steps : tuple           the step counts
-    errors : tuple          the error at each of them
+    slope : float               of log error against log h, by least squares
+    scatter : float             standard deviation of log10 of the errors about the line
+    standard_error : float      of the slope, from the scatter and the spread of the steps; nan of two points
+    dts : tuple                 the steps in s
+    errors : tuple              the error at each of them
     """
 
     slope: float
     scatter: float
-    steps: tuple[int, ...]
+    standard_error: float
+    dts: tuple[float, ...]
     errors: tuple[float, ...]
+
+
+def fit(dts: Sequence[float], errors: Sequence[float]) -> Order:
+    r"""Fit :math:`\log_{10} e = p \log_{10} h + c` by least squares.
+
+    Parameters
+    ----------
+    dts, errors : sequences of float
+        At least two steps, and the error above zero at each.
+
+    Examples
+    --------
+    >>> order = fit([0.1, 0.05, 0.025], [3e-2, 7.5e-3, 1.875e-3])
+    >>> round(order.slope, 12), round(order.scatter, 12)
+    (2.0, 0.0)
+    """
+    if len(dts) < 2 or len(dts) != len(errors):
+        raise InputError(f"dts = {dts!r}: an order takes at least two steps with an error each, better six")
+    x, y = np.log10(dts), np.log10(errors)
+    slope, offset = np.polyfit(x, y, 1)
+    rest = y - slope * x - offset
+    spread = ((x - x.mean()) ** 2).sum()
+    variance = (rest**2).sum() / (len(x) - 2) if len(x) > 2 else math.nan
+    return Order(
+        float(slope),
+        float(np.std(rest)),
+        float(math.sqrt(variance / spread)),
+        tuple(map(float, dts)),
+        tuple(map(float, errors)),
+    )
+
+
+def observed_orders(table: pd.DataFrame, norm: str | None = None) -> pd.DataFrame:
+    """Fit the order of each method of a table of `lcpimpact.convergence`, and say whether it is as declared.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of `lcpimpact.convergence`; with its ``attrs``, or else no error counts as rounding.
+    norm : str, optional
+        One norm of the table; by default all.
+
+    Returns
+    -------
+    DataFrame
+        One row a method, law, stiffness and norm:
+
+        - ``method``, ``law``, ``k``, ``norm``
+        - ``order``: slope of log error against log dt; NaN where fewer than two errors tell one
+        - ``scatter``: standard deviation of log10 of the errors about the line
+        - ``standard_error``: of the slope
+        - ``points``: number of errors that were fitted
+        - ``rounding``: number of errors left out, because they are rounding or the reference's own
+        - ``failed``: number of runs without a result
+        - ``declared``: what the method declares for this problem, in the norm in which it declares it; else NaN. The
+          events of the reference decide: the least of the orders declared for smooth motion, for kinks and jumps of the
+          force, for friction and for impacts, of those that happen
+        - ``verdict``: "as declared" if the order is within 0.2 of the declared one in smooth motion and within 0.35 with
+          events, or if a method that is exact, or follows rtol, has errors that are small enough; else "off". "" where
+          nothing is declared; "rounding" where there is no order to be seen; "failed" where no run has a result
+
+    Examples
+    --------
+    >>> from lcpimpact import convergence, load_problem, observed_orders
+    >>> table = convergence(load_problem("system-1"), ["moreau-jean"], [3.0 / n for n in (300, 600, 1200)])
+    >>> orders = observed_orders(table, "sup_q")
+    >>> orders["verdict"].item(), bool(abs(orders["order"].item() - 2.0) < 0.35)
+    ('as declared', True)
+    """
+    present = [name for name in NORMS if name in table.columns]
+    if norm is not None and norm not in present:
+        raise InputError(f"norm = {norm!r} is not in the table; it has {', '.join(present) or 'none'}")
+    rows = []
+    for (method, law, k), runs in table.groupby(["method", "law", "k"], sort=False, dropna=False):
+        for name in present if norm is None else [norm]:
+            rows.append({"method": method, "law": law, "k": k, "norm": name} | _observed(runs, name, table.attrs))
+    return pd.DataFrame(rows, columns=[*("method", "law", "k", "norm"), *_NAMES])
+
+
+_NAMES = ("order", "scatter", "standard_error", "points", "rounding", "failed", "declared", "verdict")
+
+
+def _observed(runs: pd.DataFrame, norm: str, attrs: dict[Any, Any]) -> dict[str, Any]:
+    """Return what the runs of one method show in one norm."""
+    scale, rounding = float(attrs.get(f"scale_{norm}", 0.0)), float(attrs.get("rounding", 0.0))
+    solved = runs[(runs["failure"] == "") & runs[norm].notna()]
+    telling = solved[solved[norm] > rounding * scale]
+    declared = float(runs["declared"].iloc[0]) if attrs.get("declared_norm") == norm else math.nan
+    row: dict[str, Any] = dict.fromkeys(("order", "scatter", "standard_error"), math.nan)
+    row |= {
+        "points": len(telling),
+        "rounding": len(solved) - len(telling),
+        "failed": int((runs["failure"] != "").sum()),
+        "declared": declared,
+    }
+    if len(telling) >= 2 and telling["dt"].nunique() >= 2:
+        found = fit(list(telling["dt"]), list(telling[norm]))
+        row |= {"order": found.slope, "scatter": found.scatter, "standard_error": found.standard_error}
+    band = SMOOTH_BAND if attrs.get("limited_by") == SMOOTH.name else EVENT_BAND
+    if len(solved) == 0:
+        verdict = "failed"
+    elif math.isnan(declared):
+        verdict = ""
+    elif math.isinf(declared):
+        rtol = float(runs["rtol"].max())
+        allowed = scale * max(TO_ROUNDING, rounding, 0.0 if math.isnan(rtol) else TO_RTOL * rtol)
+        verdict = "as declared" if solved[norm].max() <= allowed else "off"
+    elif math.isnan(row["order"]):
+        verdict = "rounding"
+    else:
+        verdict = "as declared" if abs(row["order"] - declared) <= band else "off"
+    return row | {"verdict": verdict}
 
 
 class RoundingError(InputError):
@@ -100,8 +188,8 @@ def observed_order(
     method: str | Integrator,
     counts: Sequence[int] = COUNTS,
     t_end: float | None = None,
-    norm: str = "q",
-    truth: Trajectory | None = None,
+    norm: str = "sup_q",
+    truth: Trajectory | Reference | None = None,
     **options: Any,
 ) -> Order:
     """Run a method with several step counts, and fit the order of its errors.
@@ -109,24 +197,24 @@ def observed_order(
     Parameters
     ----------
     problem : Problem
-        What is run; the method ``exact`` must handle it unless ``truth`` is given.
+        What is run.
     method : str or Integrator
         Name or object.
     counts : sequence of int
-        Step counts, primes for preference.
+        Step counts, primes for preference; each is raised to a prime that keeps clear of events.
     t_end : float, optional
         End in s; by default that of the problem.
-    norm : {"q", "v"}
-        The sup norm of the coordinates, or the L1 norm of the velocities.
-    truth : Trajectory, optional
-        The reference, which must be one that can be sampled anywhere; by default the solution by ``exact``.
+    norm : str
+        A name of `lcpimpact.study.norms.NORMS`.
+    truth : Trajectory or Reference, optional
+        The reference, as of `lcpimpact.convergence`.
     **options
         Options of the method.
 
     Raises
     ------
     InputError
-        For another norm, fewer than two counts, or errors that are rounding.
+        For another norm, fewer than two counts, a run that fails, or errors that are rounding.
 
     Examples
     --------
@@ -135,29 +223,25 @@ def observed_order(
     >>> 1.8 < order.slope < 2.2
     True
     """
-    if norm not in NORMS:
-        raise InputError(f"norm = {norm!r} must be one of {', '.join(NORMS)}")
     if len(counts) < 2:
         raise InputError(f"counts = {counts!r} must hold at least two step counts, better six that are primes")
     end = problem.t_end if t_end is None else t_end
-    if truth is None:
-        truth = simulate(problem, "exact", dt=end / max(counts), t_end=end, progress=False)
-    errors = []
-    for steps in counts:
-        run = simulate(problem, method, dt=end / steps, t_end=end, progress=False, **options)
-        errors.append(NORMS[norm](run, truth))
-    scale = float(np.abs(truth.q if norm == "q" else truth.v * end).max())
-    if min(errors) <= ROUNDING * scale:
+    integrator = make_integrator(method, options)
+    table = convergence(
+        problem, [integrator], [end / steps for steps in counts], t_end=end, norms=[norm], reference=truth
+    )
+    for failure in table["failure"]:
+        if failure:
+            raise InputError(f"{integrator.name} on {problem.name!r}: {failure}")
+    if table[norm].min() <= table.attrs["rounding"] * table.attrs[f"scale_{norm}"]:
         raise RoundingError(
-            f"the errors of {run.method} on {problem.name!r} are rounding: take larger steps to see an order"
+            f"the errors of {integrator.name} on {problem.name!r} are rounding: take larger steps to see an order"
         )
-    x, y = np.log10(end / np.array(counts)), np.log10(errors)
-    slope, offset = np.polyfit(x, y, 1)
-    return Order(float(slope), float(np.std(y - slope * x - offset)), tuple(counts), tuple(errors))
+    return fit(list(table["dt"]), list(table[norm]))
 
 
 def order_as_declared(
-    problem: Problem, method: str, declared: float, norm: str = "q", counts: Sequence[int] = COUNTS
+    problem: Problem, method: str, declared: float, norm: str = "sup_q", counts: Sequence[int] = COUNTS
 ) -> Order | None:
     """Observe the order of a method with step counts that suit it.
 
@@ -169,7 +253,7 @@ def order_as_declared(
         Name.
     declared : float
         The order to expect: above 2 the first of `RARER` is taken whose errors are not rounding, else ``counts``.
-    norm : {"q", "v"}
+    norm : str
         As of `observed_order`.
     counts : sequence of int
         Step counts for orders up to 2.

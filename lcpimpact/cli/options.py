@@ -1,0 +1,125 @@
+"""What commands share: the options about a problem and its run, what they tell together, progress, and what is said."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from tqdm import tqdm
+
+from lcpimpact.errors import InputError
+from lcpimpact.integrators import METHODS
+from lcpimpact.problems import PROBLEMS
+from lcpimpact.registry import nearest
+
+if TYPE_CHECKING:
+    from lcpimpact.schemefile import SchemeFile
+
+Named = Annotated[
+    str, typer.Argument(help="A name of [bold]lcpimpact list problems[/bold], or a file ending in .toml.")
+]
+Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the problem or an option of the method; repeat."),
+]
+Method = Annotated[
+    str | None,
+    typer.Option(
+        help="A name of [bold]lcpimpact list methods[/bold]; by default the file's, or moreau-jean.", show_default=False
+    ),
+]
+Step = Annotated[
+    float | None,
+    typer.Option(
+        help="Step in s; by default the file's, or 1e-3, or a thousandth of the end if that is less.",
+        show_default=False,
+    ),
+]
+End = Annotated[
+    float | None,
+    typer.Option(help="End in s; by default the file's, or what the problem suggests.", show_default=False),
+]
+Solver = Annotated[
+    str | None,
+    typer.Option(
+        help="A name of [bold]lcpimpact list solvers[/bold]; by default the file's, or auto.", show_default=False
+    ),
+]
+Table = Annotated[
+    Path | None, typer.Option("--out", help="File for the table: .csv, or .tex for LaTeX.", show_default=False)
+]
+Plot = Annotated[
+    Path | None, typer.Option("--plot", help="File for the picture: .png, .svg or .pdf.", show_default=False)
+]
+Report = Annotated[
+    Path | None,
+    typer.Option("--report", help="File for a report that opens offline: .html.", show_default=False),
+]
+
+
+def chosen(
+    name: str,
+    set_: list[str] | None,
+    method: str | None = None,
+    dt: float | None = None,
+    t_end: float | None = None,
+    solver: str | None = None,
+) -> SchemeFile:
+    """Return the problem and the run that a file or a name and the options of a command tell together."""
+    from lcpimpact.schemefile import read_scheme_file, registered
+
+    stated = read_scheme_file(name) if _is_file(name) else registered(name, {})
+    run = stated.run.changed(method=method)
+    parameters = [] if stated.registered is None else list(inspect.signature(PROBLEMS[stated.registered]).parameters)
+    options = [each.name for each in fields(METHODS[run.method])]  # type: ignore[arg-type]
+    given: dict[str, Any] = {}
+    for text in set_ or []:
+        key, value = _assignment(text)
+        if key not in parameters and key not in options:
+            whose = f"parameter of {stated.registered} or " if stated.registered else ""
+            why = "" if stated.registered else "; the constants of a scheme file are changed in the file itself"
+            raise InputError(nearest(key, [*parameters, *options], f"{whose}option of {run.method}") + why)
+        given[key] = value
+    changed = stated.with_parameters(**{key: value for key, value in given.items() if key in parameters})
+    of_method = {key: value for key, value in given.items() if key not in parameters}
+    return replace(changed, run=run.changed(dt=dt, t_end=t_end, solver=solver, **of_method))
+
+
+def _is_file(name: str) -> bool:
+    return Path(name).suffix.lower() == ".toml"
+
+
+def stem(name: str) -> str:
+    """Return the name of a problem, of the registry or of a file, without folder and ending."""
+    return Path(name).stem if _is_file(name) else name
+
+
+def _assignment(text: str) -> tuple[str, Any]:
+    """Return the name and value of NAME=VALUE: a whole number, another number, true or false, or a word."""
+    name, equals, value = text.partition("=")
+    if not equals or not name or not value:
+        raise InputError(f"--set {text!r} must read NAME=VALUE, as in --set c_o=300")
+    for kind in (int, float):
+        try:
+            return name.strip(), kind(value)
+        except ValueError:
+            continue
+    truth = {"true": True, "false": False}
+    return name.strip(), truth.get(value.strip().lower(), value.strip())
+
+
+def bar(items: Iterable[Any], total: int, what: str) -> Iterable[Any]:
+    """Show how many of the things are done."""
+    layout = "{desc:<17}{bar:30} {n_fmt}/{total_fmt} {elapsed}"
+    shown: Iterable[Any] = tqdm(items, total=total, desc=what, bar_format=layout)
+    return shown
+
+
+def say(*lines: str) -> None:
+    """Print lines as they are."""
+    Console(highlight=False, soft_wrap=True, markup=False, emoji=False).print("\n".join(lines))

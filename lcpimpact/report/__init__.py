@@ -1,0 +1,1 @@
+"""Reports: one page of HTML that holds all it shows."""

@@ -1,0 +1,130 @@
+"""One page of HTML with text, pictures and tables, which opens offline, since all that it shows is in it."""
+
+from __future__ import annotations
+
+import base64
+import math
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from lcpimpact import __version__
+from lcpimpact.files import check_output, whole_file
+from lcpimpact.plotting.style import save
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+ENDINGS = (".html",)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of a report, with what stands below it.
+
+    Attributes
+    ----------
+    figure : matplotlib Figure, or Path of an SVG file
+    caption : str               HTML
+    title : str                 for readers who do not see it
+    anchor : str                name that a link may end in
+    """
+
+    figure: Figure | Path
+    caption: str = ""
+    title: str = ""
+    anchor: str = ""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a report.
+
+    Attributes
+    ----------
+    title : str
+    text : str                      HTML, below the title
+    figures : sequence              figures or `Picture` objects; with ``beside`` they share a row
+    table : DataFrame, optional     its columns are the header; the index is left out
+    form : str                      format specification of its numbers
+    formats : mapping               column to the format specification of its own
+    verdict : bool, optional        whether what the text states holds, which colours it
+    folded : bool                   whether the table opens only on demand
+    """
+
+    title: str
+    text: str = ""
+    figures: Sequence[Figure | Picture] = ()
+    table: pd.DataFrame | None = None
+    form: str = ".3g"
+    formats: Mapping[str, str] = field(default_factory=dict)
+    verdict: bool | None = None
+    folded: bool = False
+    beside: bool = False
+
+
+def write_report(path: str | Path, title: str, lead: str, sections: Sequence[Section]) -> Path:
+    """Write a report to a file that ends in .html; it appears whole or not at all.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    title : str
+        Of the page.
+    lead : str
+        HTML: what was done with what.
+    sections : sequence of Section
+        In their order.
+
+    Raises
+    ------
+    InputError
+        For another ending, or a folder that cannot be written.
+    """
+    path = Path(path)
+    check_output(path, ENDINGS)
+    environment = Environment(
+        loader=PackageLoader("lcpimpact.report", ""), autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
+    shown = [
+        {
+            **vars(section),
+            "figures": [_picture(each) for each in section.figures],
+            "table": None if section.table is None else _table(section),
+        }
+        for section in sections
+    ]
+    page = environment.get_template("page.html.j2").render(title=title, lead=lead, sections=shown, version=__version__)
+    with whole_file(path) as part:
+        part.write_text(page, encoding="utf-8")
+    return path
+
+
+def _picture(given: Figure | Picture) -> dict[str, Any]:
+    picture = given if isinstance(given, Picture) else Picture(given)
+    with tempfile.TemporaryDirectory() as folder:
+        here = picture.figure
+        svg = (here if isinstance(here, Path) else save(here, Path(folder) / "figure.svg")).read_bytes()
+    return {**vars(picture), "data": "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii")}
+
+
+def _table(section: Section) -> dict[str, Any]:
+    table = section.table
+    assert table is not None
+    words = [not any(isinstance(value, (int, float)) for value in table[name]) for name in table.columns]
+    forms = [section.formats.get(str(name), section.form) for name in table.columns]
+    rows = [list(map(cell, row, forms)) for row in table.itertuples(index=False, name=None)]
+    return {"header": [str(name) for name in table.columns], "words": words, "rows": rows}
+
+
+def cell(value: Any, form: str = ".3g") -> str:
+    """Return a value as a table for people shows it: a number that is missing as a dash."""
+    if isinstance(value, float):
+        return "-" if math.isnan(value) else format(value, form)
+    return str(value)

@@ -1,0 +1,552 @@
+r"""Errors of methods over steps and tolerances, with what each run cost, in one table.
+
+The observed order of a method may be luck: where an event of the motion falls on a grid point, or always at the same place in
+its step, the errors are smaller than they are elsewhere. So each step that is asked for becomes t_end/n with n the smallest
+prime, not below t_end/dt, for which no event of the reference lies within 1e-6 of a step of a grid point.
+
+No method is its own reference: `lcpimpact.study.reference` is told whose errors are sought, and each row says what they were
+measured against.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from lcpimpact.errors import InputError, LcpImpactError
+from lcpimpact.integrators.base import Declared, Integrator
+from lcpimpact.numbers import is_count, is_real
+from lcpimpact.problems.base import Problem
+from lcpimpact.problems.penalty import penalized
+from lcpimpact.registry import nearest
+from lcpimpact.simulation import make_integrator, simulate
+from lcpimpact.study.norms import NORMS, errors
+from lcpimpact.study.reference import Reference
+from lcpimpact.study.reference import reference as find_reference
+from lcpimpact.study.watch import Watch, unwatched
+from lcpimpact.trajectory import Trajectory
+
+Penalty = tuple[str, float] | tuple[str, float, Mapping[str, float]]
+"""A law, its stiffness k, and what else `penalized` is to be given."""
+
+Methods = Sequence[str | Integrator] | Mapping[str, str | Integrator]
+"""Names or objects, or either of them by the label that it shall have."""
+
+RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
+"""Tolerances of methods that choose their steps."""
+
+CLEAR = 1e-6
+"""No event of the reference lies this near a grid point, in steps."""
+
+PRIMES_TRIED = 50
+"""Where events stand so dense that none of so many primes is clear of them, the first is taken."""
+
+WITHIN = 8
+"""Samples between two points of a run that is known everywhere."""
+
+FLOORS = {"exact": 1e-12, "event-driven": 1e-9, "radau-fesd": 1e-9}
+"""Errors this small, relative to the scale of the norm, may be those of the reference, by its method."""
+
+FLOOR = 1e-5
+"""The same of any other reference."""
+
+SCALES: dict[str, Callable[[Trajectory], float]] = {
+    "sup_q": lambda truth: float(np.abs(truth.q).max()),
+    "l1_v": lambda truth: float(np.abs(truth.v).max() * truth.t[-1]),
+    "l2_v": lambda truth: float(np.abs(truth.v).max() * math.sqrt(truth.t[-1])),
+    "hausdorff_v": lambda truth: 1.0,
+    "event_times": lambda truth: float(truth.t[-1]),
+    "impulses": lambda truth: max((abs(event.impulse) for event in truth.events), default=0.0),
+    "energy": lambda truth: truth.certificate.energy_scale,
+    "penetration": lambda truth: float(np.abs(truth.q).max()),
+    "complementarity": lambda truth: truth.certificate.energy_scale,
+}
+"""What an error in a norm is to be compared with."""
+
+TAKEN = ("inner_steps", "solver_steps", "elements")
+"""How methods that choose their steps call the number that they took."""
+
+COUNTS = (
+    *("steps", "closings", "events"),
+    *("lcp_solves", "lcp_iterations", "newton_iterations", "evaluations"),
+)
+"""The columns that count."""
+
+COSTS = ("steps", "lcp_solves", "lcp_iterations", "newton_iterations", "evaluations", "seconds")
+"""The columns that say what a run cost."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """What limits the order of a method on a problem, and where its declared order stands.
+
+    Attributes
+    ----------
+    name : str          "smooth", "force kink", "force jump", "friction", "impact", or "compliant law"
+    order : str         field of `Declared`; "" where nothing is declared
+    norm : str          the norm in which it is declared
+    """
+
+    name: str
+    order: str
+    norm: str = "sup_q"
+
+
+SMOOTH = Limit("smooth", "order_smooth")
+KINK = Limit("force kink", "order_force_kink")
+JUMP = Limit("force jump", "order_force_jump")
+FRICTION = Limit("friction", "order_friction")
+IMPACT = Limit("impact", "order_impact", "l1_v")
+COMPLIANT = Limit("compliant law", "")
+
+
+def limits_of(truth: Trajectory) -> tuple[Limit, ...]:
+    """Return what limits the orders on a motion, by its events; those that happen, the worst last.
+
+    A contact that opens or closes counts by its relative degree: 0 a kink of the force, 1 a jump, 2 an impact. A slider of
+    degree 2 that sticks or slips is friction; where it has a spring or a dashpot in series, a kink or a jump. A law that
+    acts on one side only, as of a Hertz spring, leaves its kink or jump in no event, and nothing is declared about it.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, simulate
+    >>> [limit.name for limit in limits_of(simulate(load_problem("system-1"), "exact", dt=0.1, t_end=3.0))]
+    ['smooth', 'force jump']
+    """
+    d = truth.problem.dynamics
+    contacts = {contact.name: contact for contact in d.contacts}
+    happened = {SMOOTH}
+    if d.springs:
+        happened.add(COMPLIANT)
+    for event in truth.events:
+        contact = contacts[event.contact]
+        last = FRICTION if contact.r0 is not None else IMPACT
+        happened.add((KINK, JUMP, last)[contact.relative_degree])
+    return tuple(limit for limit in (SMOOTH, KINK, JUMP, FRICTION, IMPACT, COMPLIANT) if limit in happened)
+
+
+def declared_order(declared: Declared, limits: Sequence[Limit]) -> float:
+    """Return the order that a method declares where these limits hold, the least of them; nan where it declares none."""
+    if COMPLIANT in limits:
+        return math.nan
+    return float(min(getattr(declared, limit.order) for limit in limits))
+
+
+def labelled(methods: Methods) -> dict[str, Integrator]:
+    """Return the methods by label: that of the mapping, or the name with those options that are not the usual ones.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, an empty list, and two methods of one label.
+
+    Examples
+    --------
+    >>> from lcpimpact.integrators.moreau_jean import MoreauJean
+    >>> list(labelled(["moreau-jean", MoreauJean(theta=1.0)]))
+    ['moreau-jean', 'moreau-jean(theta=1.0)']
+    """
+    if isinstance(methods, str):
+        raise InputError(f"methods = {methods!r} must be a list of methods: write [{methods!r}]")
+    if isinstance(methods, Mapping):
+        found = {str(label): make_integrator(method, {}) for label, method in methods.items()}
+    else:
+        found = {}
+        for method in methods:
+            integrator = make_integrator(method, {})
+            label = _label(integrator)
+            if label in found:
+                raise InputError(f"methods: {label!r} stands there twice; leave one out, or label them by a mapping")
+            found[label] = integrator
+    if not found:
+        raise InputError("methods is empty: name at least one of 'lcpimpact list methods'")
+    return found
+
+
+def _label(integrator: Integrator) -> str:
+    chosen = [
+        f"{each.name}={getattr(integrator, each.name)}"
+        for each in fields(integrator)  # type: ignore[arg-type]
+        if getattr(integrator, each.name) != each.default
+    ]
+    return f"{integrator.name}({', '.join(chosen)})" if chosen else integrator.name
+
+
+def steps_clear_of(events: Iterable[float], t_end: float, dt: float) -> int:
+    """Return the smallest prime n >= t_end/dt for which no event lies within 1e-6 of a step of a grid point.
+
+    Parameters
+    ----------
+    events : iterable of float
+        Instants in s; those at 0 and at t_end are on every grid, and do not count.
+    t_end, dt : float
+        End and the step that is wanted, in s.
+
+    Examples
+    --------
+    >>> steps_clear_of([], 1.0, 0.1), steps_clear_of([3.0 / 11.0], 1.0, 0.1)
+    (11, 13)
+    """
+    times = np.array([t for t in events if 0.0 < t < t_end])
+    first = n = _prime_from(math.ceil(t_end / dt * (1.0 - 1e-12)))
+    for _ in range(PRIMES_TRIED):
+        place = times * (n / t_end)
+        if (np.abs(place - np.rint(place)) > CLEAR).all():
+            return n
+        n = _prime_from(n + 1)
+    return first
+
+
+def _prime_from(n: int) -> int:
+    """Return the smallest prime that is not below n."""
+    n = max(n, 2)
+    while any(n % d == 0 for d in range(2, math.isqrt(n) + 1)):
+        n += 1
+    return n
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One row to be: a method, the problem that it runs (or why there is none), the step, and the tolerance."""
+
+    method: str
+    integrator: Integrator
+    law: str
+    k: float
+    variant: Problem | str
+    t_end: float
+    steps: int
+    truth: Reference | str
+
+
+def convergence(
+    problem: Problem,
+    methods: Methods,
+    dts: Sequence[float],
+    *,
+    t_end: float | None = None,
+    norms: Sequence[str] | None = None,
+    penalties: Sequence[Penalty] = (),
+    reference: Trajectory | Reference | None = None,
+    repeats: int = 1,
+    lcp_solver: str = "auto",
+    watch: Watch = unwatched,
+) -> pd.DataFrame:
+    r"""Run a problem, and its compliant variants, by several methods with several steps, and measure every error.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any problem that some reference can be found for.
+    methods : sequence or mapping
+        Names or `Integrator` objects, or either by label; each runs every variant.
+    dts : sequence of float
+        Steps in s, each shortened to t_end/n as the module says; two that become one are one.
+    t_end : float, optional
+        End in s; by default that of the problem.
+    norms : sequence of str, optional
+        Names of `lcpimpact.study.norms.NORMS`; by default all.
+    penalties : sequence of tuples
+        ``(law, k)`` or ``(law, k, {"v0": ...})`` for each compliant variant, as of `penalized`. Their errors are those
+        against the rigid motion: of the method and of the model together.
+    reference : Trajectory or Reference, optional
+        The truth; by default `lcpimpact.study.reference.reference`, which is never by the method under study.
+    repeats : int
+        Runs of each row, in turn; the time is their minimum. What compiles is compiled before.
+    lcp_solver : str
+        For the methods that solve LCPs.
+    watch : callable
+        See `lcpimpact.study.watch`.
+
+    Returns
+    -------
+    DataFrame
+        One row a variant, method and step, in this order:
+
+        - ``method``: label; ``law``, ``k``: "rigid" and inf, or the law and its stiffness in N/m or N/mⁿ
+        - ``rtol``: tolerance of a method that has one, else NaN; ``dt``: step in s, t_end/n
+        - ``steps``: steps taken, which are n unless the method chooses its own
+        - one column a norm, in its unit
+        - ``closings``: how often a contact closed, as the events tell, or for a compliant variant its overlaps
+        - ``events``: number of events of the run
+        - ``lcp_solves``, ``lcp_iterations`` (pivots or sweeps), ``newton_iterations``
+        - ``evaluations``: right sides that were set up: stages of explicit methods, LCPs, and Newton iterations
+        - ``seconds``: time of the run
+        - ``declared``: the order that the method declares for this problem
+        - ``reference``: what the errors were measured against
+        - ``failure``: why there is no result, "" where there is one; then the numbers are NaN
+
+        ``attrs``: problem, t_end, limited_by (what limits the order, see `limits_of`), declared_norm (the norm in which
+        methods declare such an order), for each norm ``scale_NORM``, what an error in it is to be compared with, and
+        rounding: errors up to that, times the scale, may be the reference's own.
+
+    Raises
+    ------
+    InputError
+        For wrong input. What a method refuses, or a run that fails, is a row.
+
+    Examples
+    --------
+    >>> from lcpimpact import convergence, load_problem
+    >>> table = convergence(load_problem("system-1"), ["moreau-jean"], [1e-2, 1e-3], norms=["sup_q"])
+    >>> [f"{row.steps} {row.sup_q:.0e}" for row in table.itertuples()]
+    ['307 2e-03', '3001 1e-05']
+    """
+    return _run_all(problem, methods, dts, (), t_end, norms, penalties, reference, repeats, lcp_solver, watch)
+
+
+def work_precision(
+    problem: Problem,
+    methods: Methods,
+    dts: Sequence[float],
+    *,
+    rtols: Sequence[float] = RTOLS,
+    t_end: float | None = None,
+    norms: Sequence[str] | None = None,
+    penalties: Sequence[Penalty] = (),
+    reference: Trajectory | Reference | None = None,
+    repeats: int = 5,
+    lcp_solver: str = "auto",
+    watch: Watch = unwatched,
+) -> pd.DataFrame:
+    """Measure errors against costs: as `convergence`, with tolerances where a method chooses its steps.
+
+    A method that has a tolerance (``event-driven``, or an object that was given ``rtol``) runs with each of ``rtols``
+    instead of each of ``dts``; the largest of ``dts`` is then its longest step, or the spacing of its output. ``exact`` is
+    one row. Methods take turns within each repeat, so that a slow minute of the machine falls on all of them.
+
+    Parameters
+    ----------
+    problem, methods, dts, t_end, norms, penalties, reference, repeats, lcp_solver, watch
+        As of `convergence`.
+    rtols : sequence of float
+        The tolerances; atol, where a method has it, keeps its ratio to rtol.
+
+    Returns
+    -------
+    DataFrame
+        As of `convergence`.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, work_precision
+    >>> table = work_precision(
+    ...     load_problem("bouncing-ball"), ["moreau-jean", "event-driven"], [1e-2, 1e-3], rtols=[1e-4, 1e-8], t_end=1.0
+    ... )
+    >>> list(table["method"]), list(table["rtol"].dropna())
+    (['moreau-jean', 'moreau-jean', 'event-driven', 'event-driven'], [0.0001, 1e-08])
+    """
+    return _run_all(problem, methods, dts, rtols, t_end, norms, penalties, reference, repeats, lcp_solver, watch)
+
+
+def _run_all(
+    problem: Problem,
+    methods: Methods,
+    dts: Sequence[float],
+    rtols: Sequence[float],
+    t_end: float | None,
+    norms: Sequence[str] | None,
+    penalties: Sequence[Penalty],
+    reference: Trajectory | Reference | None,
+    repeats: int,
+    lcp_solver: str,
+    watch: Watch,
+) -> pd.DataFrame:
+    """Check what was given, make the tasks, and run them in turn."""
+    if not isinstance(problem, Problem):
+        raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
+    end = problem.t_end if t_end is None else t_end
+    for name, values in (("t_end", [end]), ("dts", dts), ("rtols", rtols)):
+        for value in values:
+            if not is_real(value) or not value > 0.0:
+                raise InputError(f"{name}: {value!r} must be a positive finite number")
+    if not len(dts):
+        raise InputError("dts is empty: give at least one step in s, for an order better six of them")
+    if end / min(dts) > 1e9:
+        raise InputError(f"dts: {min(dts):g} s cuts t_end = {end:g} s into more than 1e9 steps: take larger ones")
+    if not is_count(repeats) or repeats < 1:
+        raise InputError(f"repeats = {repeats!r} must be a whole number above zero")
+    taking_part = labelled(methods)
+    names = list(NORMS) if norms is None else list(norms)
+    for name in names:
+        if name not in NORMS:
+            raise InputError(nearest(str(name), list(NORMS), "norm"))
+    truths = _truths(problem, end, taking_part, reference)
+    tasks = list(_tasks(problem, taking_part, dts, rtols, end, penalties, truths))
+
+    found: list[dict[str, Any]] = [{} for _ in tasks]
+    turns = ((number, turn) for turn in range(repeats) for number in range(len(tasks)))
+    for number, turn in watch(turns, len(tasks) * repeats, "runs"):
+        task, row = tasks[number], found[number]
+        if turn == 0:
+            row.update(_first(task, names, lcp_solver))
+        elif not row["failure"]:
+            run = _simulate(task, lcp_solver)
+            row["seconds"] = min(row["seconds"], float(run.stats["seconds"]))
+    table = pd.DataFrame(found, columns=_columns(names)).astype(dict.fromkeys(COUNTS, "Int64"))
+    known = next((truth for truth in truths.values() if isinstance(truth, Reference)), None)
+    table.attrs = {"problem": problem.name, "t_end": float(end)}
+    if known is not None:
+        truth = known.trajectory
+        limit = limits_of(truth)[-1]
+        table.attrs |= {"limited_by": limit.name, "declared_norm": limit.norm}
+        table.attrs |= {"rounding": FLOORS.get(_name(truth), FLOOR)}
+        table.attrs |= {f"scale_{name}": SCALES[name](truth) for name in names}
+    return table
+
+
+def _columns(norms: Sequence[str]) -> list[str]:
+    costs = [name for name in COSTS if name != "steps"]
+    return [
+        *("method", "law", "k", "rtol", "dt", "steps", *norms, "closings", "events", *costs),
+        *("declared", "reference", "failure"),
+    ]
+
+
+def _truths(
+    problem: Problem, t_end: float, methods: Mapping[str, Integrator], given: Trajectory | Reference | None
+) -> dict[str, Reference | str]:
+    """Return by the name of each method what it is measured against, or why there is nothing."""
+    if isinstance(given, Trajectory):
+        given = Reference(given, given.method)
+    if given is not None and given.trajectory.t[-1] < t_end * (1.0 - 1e-9):
+        raise InputError(
+            f"reference ends at {given.trajectory.t[-1]:g} s, before t_end = {t_end:g} s: take a longer one"
+        )
+    found: dict[str, Reference | str] = {}
+    shared: Reference | str | None = given
+    for integrator in methods.values():
+        if given is not None:
+            found[integrator.name] = given
+            continue
+        if isinstance(shared, Reference) and _name(shared.trajectory) != integrator.name:
+            found[integrator.name] = shared
+            continue
+        try:
+            truth: Reference | str = find_reference(problem, t_end, unlike=(integrator.name,))
+        except LcpImpactError as error:
+            truth = str(error)
+        else:
+            shared = truth if shared is None else shared
+        found[integrator.name] = truth
+    return found
+
+
+def _name(truth: Trajectory) -> str:
+    return truth.method.partition("(")[0]
+
+
+def _tasks(
+    problem: Problem,
+    methods: Mapping[str, Integrator],
+    dts: Sequence[float],
+    rtols: Sequence[float],
+    t_end: float,
+    penalties: Sequence[Penalty],
+    truths: Mapping[str, Reference | str],
+) -> Iterable[Task]:
+    variants: list[tuple[str, float, Problem | str]] = [("rigid", math.inf, problem)]
+    for law, k, *more in penalties:
+        try:
+            variants.append((law, k, penalized(problem, law, k=k, **dict(*more))))
+        except LcpImpactError as error:
+            variants.append((law, k, str(error)))
+    grids: dict[str, list[int]] = {}
+    for name, truth in truths.items():
+        events = [event.t for event in truth.trajectory.events] if isinstance(truth, Reference) else []
+        grids[name] = list(dict.fromkeys(steps_clear_of(events, t_end, dt) for dt in dts))
+    for law, k, variant in variants:
+        for label, integrator in methods.items():
+            truth, grid = truths[integrator.name], grids[integrator.name]
+            chooses = getattr(integrator, "rtol", None) is not None
+            by_tolerance = [_with_tolerance(integrator, rtol) for rtol in rtols] if chooses else []
+            if by_tolerance or (rtols and _exact(integrator)):
+                grid = [min(grid)]
+            for each in by_tolerance or [integrator]:
+                for steps in grid:
+                    yield Task(label, each, law, k, variant, t_end, steps, truth)
+
+
+def _exact(integrator: Integrator) -> bool:
+    return math.isinf(integrator.declared.order_smooth) and not integrator.declared.adaptive
+
+
+def _with_tolerance(integrator: Integrator, rtol: float) -> Integrator:
+    """Return the method with another rtol, and an atol that keeps its ratio to it; unchanged bounds are its own."""
+    now: Any = integrator
+    atol = getattr(now, "atol", None)
+    return replace(now, rtol=rtol) if atol is None else replace(now, rtol=rtol, atol=atol * rtol / now.rtol)
+
+
+def _simulate(task: Task, lcp_solver: str) -> Trajectory:
+    assert isinstance(task.variant, Problem)
+    solver = lcp_solver if task.integrator.solves_lcp else "auto"
+    return simulate(
+        task.variant, task.integrator, dt=task.t_end / task.steps, t_end=task.t_end, lcp_solver=solver, progress=False
+    )
+
+
+def _first(task: Task, norms: Sequence[str], lcp_solver: str) -> dict[str, Any]:
+    """Run a task for the first time, and return its row."""
+    rtol = getattr(task.integrator, "rtol", None)
+    limits = limits_of(task.truth.trajectory) if isinstance(task.truth, Reference) else ()
+    row: dict[str, Any] = {
+        "method": task.method,
+        "law": task.law,
+        "k": task.k,
+        "rtol": math.nan if rtol is None else rtol,
+        "dt": task.t_end / task.steps,
+        "steps": task.steps,
+        "declared": declared_order(task.integrator.declared, limits) if limits and task.law == "rigid" else math.nan,
+        "reference": task.truth.name if isinstance(task.truth, Reference) else "",
+        "failure": "",
+    }
+    for reason in (task.variant, task.truth):
+        if isinstance(reason, str):
+            return row | {"failure": reason}
+    assert isinstance(task.truth, Reference)
+    try:
+        _compile(task, lcp_solver)
+        run = _simulate(task, lcp_solver)
+        with np.errstate(over="ignore", invalid="ignore"):
+            found = errors(run, task.truth.trajectory, norms)
+    except LcpImpactError as error:
+        return row | {"failure": str(error)}
+    if any(math.isinf(value) for value in found.values()):
+        return row | {"failure": f"{task.method} grew beyond all bounds with dt = {row['dt']:.3g} s: take a smaller dt"}
+    solved = bool(run.problem.dynamics.contacts)
+    stats = run.stats
+    return row | found | {
+        "steps": int(next((stats[name] for name in TAKEN if name in stats), stats["steps"])),
+        "closings": closings(run, task.truth.trajectory),
+        "events": len(run.events),
+        "lcp_solves": int(stats.get("lcp_solves", 0)) if solved else 0,
+        "lcp_iterations": int(stats.get("lcp_iterations", 0)) if solved else 0,
+        "newton_iterations": int(stats.get("newton_iterations", 0)),
+        "evaluations": int(stats.get("evaluations", 0)),
+        "seconds": float(stats["seconds"]),
+    }
+
+
+def _compile(task: Task, lcp_solver: str) -> None:
+    """Take one step, so that whatever compiles on first use has been compiled when the clock starts."""
+    _simulate(replace(task, t_end=task.t_end / task.steps, steps=1), lcp_solver)
+
+
+def closings(run: Trajectory, truth: Trajectory) -> int:
+    """Return how often a contact of the rigid problem closed: by the events, or for compliant contacts by their overlaps."""
+    if run.problem is truth.problem or run.problem.dynamics.contacts:
+        return sum(event.kind in ("close", "impact") for event in run.events)
+    rigid, q = truth.problem.dynamics, run.q
+    if run.dense is not None:
+        # A contact may be shorter than the spacing of the output, but not than that of the segments it is made of.
+        cuts = np.unique(np.concatenate([run.t, run.dense.cuts]))
+        within = cuts[:-1, None] + np.diff(cuts)[:, None] * np.linspace(0.0, 1.0, WITHIN, endpoint=False)
+        q = run.sample(np.append(within.ravel(), cuts[-1])).q
+    u = rigid.gap(q)[:, ~rigid.slides]
+    return int(((u[:-1] >= 0.0) & (u[1:] < 0.0)).sum())

@@ -1,0 +1,1 @@
+"""From a wanted rebound to the constants of a block, and back."""

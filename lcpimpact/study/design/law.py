@@ -1,0 +1,104 @@
+r"""What a law of contact is to a design: the first contact as a function of two numbers, the loss λ and the weight γ.
+
+A mass m strikes with v0, and its weight m g goes on acting. Measured in v0 and in the length
+
+.. math:: L = \Bigl(\frac{(n+1)\, m v_0^2}{2 k}\Bigr)^{1/(n+1)}, \qquad n = 1: \quad L = v_0 \sqrt{m/k},
+
+how far a lossless spring k δⁿ would give way without weight, the contact depends on the loss number λ of its law and on
+``γ = g L/v0²`` alone. Times scale with L/v0, forces with m v0²/L, and the constants of the law likewise; so what is wanted of
+an impact is an equation in λ and L.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from lcpimpact.problems.base import Problem
+from lcpimpact.problems.reading import Series, at, crossing, peak
+from lcpimpact.scheme.elements.load import Load
+from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Rebound:
+    """What an impact shows from first touch to the end of the first contact.
+
+    Attributes
+    ----------
+    e : float               restitution: speed at which the contact is left over v0; 0 where it never ends
+    contact_time : float    s; inf where it never ends
+    peak_force : float      greatest force on the mass in N
+    deflection : float      greatest way of the mass past first touch in m; inf where it sinks in for ever
+    """
+
+    e: float
+    contact_time: float
+    peak_force: float
+    deflection: float
+
+
+class Law(ABC):
+    """A law of contact with a stiffness and at most one constant of loss."""
+
+    name: ClassVar[str]
+    loss: ClassVar[str] = "c"
+    """How the constant of loss is called, "" where there is none."""
+    losses: ClassVar[tuple[float, float]]
+    """Loss numbers λ among which a design is looked for."""
+    method: ClassVar[str] = "exact"
+    """The method that runs it."""
+    n: ClassVar[float | None] = 1.0
+    """Exponent of the spring, None where it is free."""
+
+    @abstractmethod
+    def rebound(self, λ: float, γ: float, n: float) -> Rebound:
+        """Return the first contact in the units v0 = m = L = 1."""
+
+    @abstractmethod
+    def constant(self, λ: float) -> float:
+        """Return the constant of loss, c in m v0/L or b in 1/v0, of a loss number."""
+
+    @abstractmethod
+    def number(self, constant: float) -> float:
+        """Return the loss number of a constant of loss in those units."""
+
+    @abstractmethod
+    def light(self, m: float, v0: float, k: float, loss: float, n: float) -> Problem:
+        """Return the impact without weight, a registered problem."""
+
+    @abstractmethod
+    def measured(self, run: Trajectory) -> Rebound:
+        """Return what a run shows of the first contact."""
+
+    def problem(self, m: float, v0: float, g: float, k: float, loss: float, n: float) -> Problem:
+        """Return the impact, with the weight m g on the mass if there is gravity."""
+        light = self.light(m, v0, k, loss, n)
+        if g == 0.0:
+            return light
+        heavy = Scheme(*light.scheme.elements, Load("x", m * g, symbols=("mg",)))  # type: ignore[union-attr]
+        parameters = {**light.parameters, "g": g}
+        return replace(
+            light, name=f"{light.name} with gravity", scheme=heavy, parameters=parameters, facts=(), motion=None
+        )
+
+
+def bumped(run: Trajectory) -> Rebound:
+    """Return the first contact of a run with a bumper R, up to its first opening."""
+    v0, opens = float(run.v[0, 0]), [each for each in run.events if each.kind == "open"]
+    if not opens:
+        return Rebound(0.0, math.inf, peak(run, "R"), peak(run, "x"))
+    end, t_c = opens[0], opens[0].t
+    return Rebound(-float(end.right.v[0]) / v0, t_c, peak(run, "R", until=t_c), peak(run, "x", until=t_c))
+
+
+def grounded(run: Trajectory, force: Series) -> Rebound:
+    """Return the first contact of a run without a bumper, up to the return of x to zero."""
+    v0 = float(run.v[0, 0])
+    if not ((run["x"][:-1] > 0.0) & (run["x"][1:] <= 0.0)).any():
+        return Rebound(0.0, math.inf, peak(run, force), peak(run, "x"))
+    t_c = crossing(run, "x", direction=-1.0)
+    return Rebound(-at(run, "v_x", t_c) / v0, t_c, peak(run, force, until=t_c), peak(run, "x", until=t_c))

@@ -1,0 +1,194 @@
+r"""Blocks of one spring and one dashpot: the motion in contact is a damped oscillation about the place of rest.
+
+With S, C of `lcpimpact.problems.free_vibration` at ω = 1, τ = ω t and ξ = x/L,
+
+.. math:: ξ'' + 2ζ ξ' + ξ = γ, \qquad y(τ) = γ (1 - C) + S
+
+is the way ξ of a Kelvin-Voigt block and the force of a Maxwell block alike. What differs is which of its combinations ends
+the contact. Each combination is a constant plus p S' + q S, whose turning points are known; swings decay, so it reaches zero
+before its second turning point or never, and between turning points a bracket is safe.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import ClassVar
+
+import numpy as np
+from scipy.optimize import brentq
+
+from lcpimpact.problems.base import Problem
+from lcpimpact.problems.free_vibration import free_vibration
+from lcpimpact.problems.viscoelastic_impact import kelvin_voigt_impact, kelvin_voigt_tension, maxwell_impact
+from lcpimpact.study.design.law import Law, Rebound, bumped, grounded
+from lcpimpact.trajectory import Trajectory
+
+
+def turning_points(p: float, q: float, ζ: float) -> tuple[float, ...]:
+    """Return the first times τ > 0, two or fewer, at which p S' + q S = 0 (ω = 1).
+
+    Examples
+    --------
+    >>> [round(τ / math.pi, 12) for τ in turning_points(1.0, 0.0, 0.0)]
+    [0.5, 1.5]
+    """
+    σ = math.sqrt(abs((1.0 - ζ) * (1.0 + ζ)))
+    if ζ < 1.0:
+        θ = math.atan2(p, (p * ζ - q) / σ) % math.pi or math.pi
+        return (θ / σ, (θ + math.pi) / σ)
+    s = p * ζ - q
+    if σ == 0.0:
+        return (p / s,) if p * s > 0.0 else ()
+    return (math.atanh(p * σ / s) / σ,) if p * s > 0.0 and abs(p * σ) < abs(s) else ()
+
+
+def _end(f: Callable[[float], float], turns: tuple[float, ...]) -> float:
+    """Return the first zero of f after it began positive or rising, inf if there is none."""
+    last = 0.0
+    for τ in turns:
+        if f(τ) <= 0.0:
+            return float(brentq(f, last, τ, xtol=1e-300, rtol=1e-15))
+        last = τ
+    return math.inf
+
+
+class Oscillation:
+    """The motion of one λ = ζ and γ, in the units m = v0 = L = 1."""
+
+    def __init__(self, ζ: float, γ: float) -> None:
+        self.ζ, self.γ = ζ, γ
+
+    def parts(self, τ: float) -> tuple[float, float, float]:
+        """Return S, C and S' at τ."""
+        S, C, dS = free_vibration(τ, 1.0, self.ζ)
+        return float(S), float(C), float(dS)
+
+    def y(self, τ: float) -> float:
+        """Return y = γ (1 - C) + S."""
+        S, C, _ = self.parts(τ)
+        return self.γ * (1.0 - C) + S
+
+    def rate(self, τ: float) -> float:
+        """Return y' = S' + γ S."""
+        S, _, dS = self.parts(τ)
+        return dS + self.γ * S
+
+    def force(self, τ: float) -> float:
+        """Return 2ζ y' + y = γ - y'', the force of a spring and a dashpot side by side."""
+        S, _, dS = self.parts(τ)
+        return self.γ - (self.γ - 2.0 * self.ζ) * dS + S
+
+    def turns(self) -> tuple[float, ...]:
+        """Return where y' = 0."""
+        return turning_points(1.0, self.γ, self.ζ)
+
+    def force_turns(self) -> tuple[float, ...]:
+        """Return where (γ - y'')' = 0."""
+        excess = self.γ - 2.0 * self.ζ
+        return turning_points(1.0 + 2.0 * self.ζ * excess, excess, self.ζ)
+
+    def return_time(self) -> float:
+        """Return when y is zero again, inf if it never is."""
+        return _end(self.y, self.turns())
+
+
+def _side_by_side(motion: Oscillation, τ_c: float) -> Rebound:
+    """Return the contact of a spring and a dashpot side by side that ends at τ_c."""
+    γ = motion.γ
+    forces = [motion.force(0.0), *(motion.force(τ) for τ in motion.force_turns() if τ < τ_c)]
+    ways = [motion.y(τ) for τ in motion.turns() if τ < τ_c]
+    if math.isinf(τ_c):
+        # What never leaves comes to rest under its weight.
+        return Rebound(0.0, τ_c, max(*forces, γ), max(*ways, γ, 0.0))
+    return Rebound(-motion.rate(τ_c), τ_c, max(forces), max(ways))
+
+
+class KelvinVoigtLaw(Law):
+    """A spring and a dashpot side by side that push and do not pull: contact ends where the force does."""
+
+    name: ClassVar[str] = "kelvin-voigt"
+    losses: ClassVar[tuple[float, float]] = (1e-6, 100.0)
+
+    def rebound(self, λ: float, γ: float, n: float) -> Rebound:
+        """Return the contact up to the first zero of γ - y''."""
+        if γ == 0.0:
+            known = {fact.symbol: fact.value for fact in kelvin_voigt_impact(1.0, 1.0, 2.0 * λ, 1.0).facts}
+            return Rebound(known["e"], known["t_c"], known["R_max"], known["x_max"])
+        motion = Oscillation(λ, γ)
+        return _side_by_side(motion, _end(motion.force, motion.force_turns()))
+
+    def constant(self, λ: float) -> float:
+        """Return c = 2 ζ."""
+        return 2.0 * λ
+
+    def number(self, constant: float) -> float:
+        """Return ζ = c/2."""
+        return 0.5 * constant
+
+    def light(self, m: float, v0: float, k: float, loss: float, n: float) -> Problem:
+        """Return kelvin-voigt-impact."""
+        return kelvin_voigt_impact(m, k, loss, v0)
+
+    def measured(self, run: Trajectory) -> Rebound:
+        """Return the contact up to the opening of the bumper."""
+        return bumped(run)
+
+
+class TensionLaw(KelvinVoigtLaw):
+    """The same block glued to the mass: contact ends where the block has its length again."""
+
+    name: ClassVar[str] = "kelvin-voigt-tension"
+
+    def rebound(self, λ: float, γ: float, n: float) -> Rebound:
+        """Return the contact up to the return of y."""
+        motion = Oscillation(λ, γ)
+        return _side_by_side(motion, motion.return_time())
+
+    def light(self, m: float, v0: float, k: float, loss: float, n: float) -> Problem:
+        """Return kelvin-voigt-tension."""
+        return kelvin_voigt_tension(m, k, loss, v0)
+
+    def measured(self, run: Trajectory) -> Rebound:
+        """Return the contact up to x = 0; the block's force is read off the motion."""
+        k, c = run.problem.parameters["k"], run.problem.parameters["c"]
+        return grounded(run, lambda state: np.asarray(k * state.q[:, 0] + c * state.v[:, 0]))
+
+
+class MaxwellLaw(Law):
+    """A spring and a dashpot in a row: y is the force, and contact ends at its return."""
+
+    name: ClassVar[str] = "maxwell"
+    losses: ClassVar[tuple[float, float]] = (1e-6, 100.0)
+
+    def rebound(self, λ: float, γ: float, n: float) -> Rebound:
+        """Return the contact up to the return of y; the way is y + 2ζ (1 + γ τ - x')."""
+        ζ, motion = λ, Oscillation(λ, γ)
+
+        def rate(τ: float) -> float:
+            S, C, _ = motion.parts(τ)
+            return γ * (S + 2.0 * ζ * (1.0 - C)) + C
+
+        τ_c, turns = motion.return_time(), motion.turns()
+        peak_force = max([motion.y(τ) for τ in turns[:1]], default=γ)
+        if math.isinf(τ_c):
+            # The dashpot gives way as long as there is a force: to the end of the momentum, or under a weight for ever.
+            return Rebound(0.0, τ_c, max(peak_force, γ), math.inf if γ > 0.0 else 2.0 * ζ)
+        τ = float(brentq(rate, 0.0, τ_c, xtol=1e-300, rtol=1e-15))
+        return Rebound(-motion.rate(τ_c), τ_c, peak_force, motion.y(τ) + 2.0 * ζ * (1.0 + γ * τ))
+
+    def constant(self, λ: float) -> float:
+        """Return c = 1/(2 ζ)."""
+        return 0.5 / λ
+
+    def number(self, constant: float) -> float:
+        """Return ζ = 1/(2 c)."""
+        return 0.5 / constant
+
+    def light(self, m: float, v0: float, k: float, loss: float, n: float) -> Problem:
+        """Return maxwell-impact."""
+        return maxwell_impact(m, k, loss, v0)
+
+    def measured(self, run: Trajectory) -> Rebound:
+        """Return the contact up to the opening of the bumper."""
+        return bumped(run)

@@ -1,0 +1,123 @@
+r"""The Hausdorff distance between graphs of functions that jump, filled in at the jumps.
+
+.. math:: d(A, B) = \max\Bigl(\sup_{a \in A} \inf_{b \in B} |a - b|_\infty,\;
+                               \sup_{b \in B} \inf_{a \in A} |a - b|_\infty\Bigr)
+
+A graph is a polyline, upright where the function jumps. The distance of a point from a segment is a convex function of the
+point, so over a piece of the other graph it is at most what it is at the ends of the piece. Pieces for which that is no more
+than what has been reached are passed over, and others halved: the supremum is found, not sampled.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import compiled, f8, i8, matrix
+
+CLOSE = 1e-13
+"""Where bounds are this near each other, relative to the size of the graphs, the supremum is found."""
+
+
+def polyline(start: Array, length: Array, c: Array, tolerance: float) -> Array:
+    """Return the points (np, 2) of a polyline that is nowhere farther than ``tolerance`` from a graph.
+
+    Parameters
+    ----------
+    start, length : (nk,) arrays    pieces, in order
+    c : (nk, p + 1) array           Chebyshev coefficients on each
+    tolerance : float
+    """
+    k = np.arange(c.shape[1])
+    # |T_k''| <= k² (k² - 1)/3, and a chord over 2/m of [-1, 1] is at most (2/m)²/8 of |f''| away.
+    bend = np.abs(c) @ (k**2 * (k**2 - 1.0) / 3.0)
+    parts = np.maximum(1, np.ceil(np.sqrt(0.5 * bend / tolerance))).astype(np.int64)
+    points = parts + 1
+    piece = np.repeat(np.arange(len(parts)), points)
+    place = np.arange(len(piece)) - np.repeat(np.cumsum(points) - points, points)
+    s = 2.0 * place / parts[piece] - 1.0
+    values = np.zeros(len(piece))
+    after = np.zeros(len(piece))
+    for j in range(c.shape[1] - 1, 0, -1):  # Clenshaw's recursion
+        values, after = c[piece, j] + 2.0 * s * values - after, values
+    values = c[piece, 0] + s * values - after
+    return np.column_stack([start[piece] + 0.5 * length[piece] * (1.0 + s), values])
+
+
+@compiled(f8(f8, f8, matrix, i8))
+def to_segment(x: float, y: float, B: Array, j: int) -> float:
+    """Return the distance of a point from the segment j of a polyline, in the norm of the maximum.
+
+    ``max(|a - b s|, |c - d s|)`` is least at an end, where a side is zero, or where both are equal.
+    """
+    a, c = x - B[j, 0], y - B[j, 1]
+    b, d = B[j + 1, 0] - B[j, 0], B[j + 1, 1] - B[j, 1]
+    least: float = min(max(abs(a), abs(c)), max(abs(a - b), abs(c - d)))
+    for numerator, denominator in ((a, b), (c, d), (a - c, b - d), (a + c, b + d)):
+        if denominator != 0.0:
+            s = min(max(numerator / denominator, 0.0), 1.0)
+            least = min(least, max(abs(a - b * s), abs(c - d * s)))
+    return least
+
+
+@compiled(i8(f8, f8, matrix, i8))
+def nearest_segment(x: float, y: float, B: Array, guess: int) -> int:
+    """Return the segment of a polyline that is nearest to a point, walking both ways from ``guess``."""
+    last = len(B) - 2
+    best, least = guess, to_segment(x, y, B, guess)
+    for way in (1, -1):
+        j = guess + way
+        while 0 <= j <= last:
+            away = B[j, 0] - x if way > 0 else x - B[j + 1, 0]
+            if away > least:
+                break
+            distance = to_segment(x, y, B, j)
+            if distance < least:
+                best, least = j, distance
+            j += way
+    return best
+
+
+@compiled(f8(matrix, matrix, f8))
+def farthest(A: Array, B: Array, reached: float) -> float:
+    """Return the largest distance from B of a point of A, or ``reached`` if that is larger.
+
+    Both are polylines of at least two points that do not go back in time.
+    """
+    stack = np.empty((64, 4))
+    j = 0
+    for i in range(len(A) - 1):
+        while j < len(B) - 2 and B[j + 1, 0] < A[i, 0]:
+            j += 1
+        stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = A[i, 0], A[i, 1], A[i + 1, 0], A[i + 1, 1]
+        depth = 1
+        while depth > 0:
+            depth -= 1
+            x0, y0, x1, y1 = stack[depth]
+            if max(to_segment(x0, y0, B, j), to_segment(x1, y1, B, j)) <= reached:
+                continue
+            first, second = nearest_segment(x0, y0, B, j), nearest_segment(x1, y1, B, j)
+            d0, d1 = to_segment(x0, y0, B, first), to_segment(x1, y1, B, second)
+            reached = max(reached, d0, d1)
+            above = min(max(d0, to_segment(x1, y1, B, first)), max(to_segment(x0, y0, B, second), d1))
+            if above <= reached * (1.0 + CLOSE) + CLOSE or depth + 2 > len(stack):
+                continue
+            x, y = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
+            stack[depth, 0], stack[depth, 1], stack[depth, 2], stack[depth, 3] = x, y, x1, y1
+            stack[depth + 1, 0], stack[depth + 1, 1], stack[depth + 1, 2], stack[depth + 1, 3] = x0, y0, x, y
+            depth += 2
+    return reached
+
+
+def hausdorff(A: Array, B: Array) -> float:
+    """Return the Hausdorff distance of two polylines (na, 2) and (nb, 2), which do not go back in their first column.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> step, late = ([[0, 0], [t, 0], [t, 1], [1, 1]] for t in (0.5, 0.6))
+    >>> round(hausdorff(np.array(step, dtype=float), np.array(late, dtype=float)), 12)
+    0.1
+    """
+    A, B = np.ascontiguousarray(A, dtype=np.float64), np.ascontiguousarray(B, dtype=np.float64)
+    return float(farthest(B, A, farthest(A, B, 0.0)))

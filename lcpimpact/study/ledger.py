@@ -1,0 +1,384 @@
+r"""The energy ledger: where the energy of a run is, where it came from, and which element took it.
+
+.. math::
+
+    T + V - f_0·(q - q(0)) = T_0 + V_0 + \int (f - f_0)·v\,dt + W_{motions} - \sum_e \int P_e\,dt - \sum \text{impacts}
+
+with T the kinetic energy, V that of the springs, f_0 the constant loads and P_e >= 0 the power that one dashpot, slider or
+non-linear spring with a loss turns into heat. What the two sides differ by is the balance of the ledger.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from lcpimpact.arrays import Array
+from lcpimpact.certificate import Pieces
+from lcpimpact.errors import UnsupportedError
+from lcpimpact.integrators.base import Dense
+from lcpimpact.integrators.spring_law import push
+from lcpimpact.problems.base import Problem
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.elements.base import GROUND, Element
+from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.terms import Terms
+from lcpimpact.trajectory import Trajectory
+
+STORED = ("kinetic", "elastic", "gravity")
+GIVEN = ("loads", "motions")
+
+
+@dataclass(frozen=True, eq=False)
+class Ledger:
+    """The energies of a run over time.
+
+    Attributes
+    ----------
+    table : DataFrame
+        One row an instant; an impact has two, before and after. Columns, all in J but the first: ``t`` (s); what is stored,
+        ``kinetic``, ``elastic`` (linear and non-linear springs) and ``gravity`` (potential -f·(q - q(0)) of the constant
+        loads); what came in since t = 0, ``loads`` (work of the loads that depend on time) and ``motions`` (work of the
+        forces that drive nodes whose motion is given); what has been dissipated since t = 0, one column an element, see
+        ``dissipated``; and ``balance``, what is stored and dissipated less what came in and was there at t = 0.
+    dissipated : tuple of str
+        The columns of what is lost: "dashpot a-b" for each dashpot between a and b, also within other elements, "HertzSpring
+        ..." or another type for each non-linear spring with a loss, "slider F", and "impact R" for each contact of relative
+        degree 2. "contact R" is a contact without impacts: zero in the exact motion, and else what a step loses in which
+        the contact switches. Where a name would stand twice, a number follows.
+    promise : str
+        What the method promises about energy.
+    closes : bool
+        Whether it promises a balance that is zero but for rounding, or for the tolerance that it is given.
+    """
+
+    table: pd.DataFrame
+    dissipated: tuple[str, ...]
+    promise: str
+    closes: bool
+
+    @property
+    def balance(self) -> float:
+        """The largest |balance| in J."""
+        return float(self.table["balance"].abs().max())
+
+    @property
+    def scale(self) -> float:
+        """What the balance is to be compared with in J: the largest sum of energies that the run had to do with."""
+        stored = self.table[list(STORED[:2])].abs().sum(axis=1) + self.table["gravity"].abs()
+        return float((stored + self.table[[*GIVEN, *self.dissipated]].abs().sum(axis=1)).max())
+
+    @property
+    def totals(self) -> pd.DataFrame:
+        """What each column came to at the end: ``item``, ``start`` and ``end`` in J, ``change`` in J."""
+        first, last = self.table.iloc[0], self.table.iloc[-1]
+        items = [*STORED, *GIVEN, *self.dissipated, "balance"]
+        start, end = (np.array([float(row[item]) for item in items]) for row in (first, last))
+        return pd.DataFrame({"item": items, "start": start, "end": end, "change": end - start})
+
+
+def energy_ledger(run: Trajectory) -> Ledger:
+    r"""Account for the energy of a run, element by element.
+
+    Between impacts the power of each element is integrated: by Gauss's rule where the method knows its motion at all times
+    (``exact``, ``radau-fesd``, ``event-driven``); for a θ-method as h w·(forces at θ) with w = (q⁺ - q)/h, which for θ = 1/2
+    and linear springs is an identity of the step; for others by the trapezoidal rule, whose error then is part of the
+    balance. In an impact a contact takes
+
+    .. math:: -Λ \tfrac12 (U^- + U^+),
+
+    Λ its impulse and U the rate at which it opens, before and after; summed over the contacts this is the loss of kinetic
+    energy, less what given motions put in.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Any run of a scheme; one that ended early is accounted for as far as it came.
+
+    Returns
+    -------
+    Ledger
+        The table over time, and its balance.
+
+    Raises
+    ------
+    UnsupportedError
+        For a system that is given directly, whose matrices say nothing of an energy.
+
+    Examples
+    --------
+    A ball keeps e² of its energy in an impact:
+
+    >>> from lcpimpact import load_problem, simulate
+    >>> ledger = energy_ledger(simulate(load_problem("bouncing-ball", e=0.5), "exact", dt=0.1, t_end=1.0))
+    >>> end = ledger.table.iloc[-1]
+    >>> bool(abs(end["impact R"] - (1 - 0.5**2) * ledger.table["kinetic"].max()) < 1e-12)
+    True
+    >>> ledger.balance < 1e-12
+    True
+
+    References
+    ----------
+    Acary and Brogliato, *Numerical Methods for Nonsmooth Dynamical Systems* (2008), section 10.1.
+    """
+    d = run.problem.dynamics
+    if not d.stores_energy:
+        raise UnsupportedError(
+            f"{run.problem.name!r} is a system given by its matrices, which do not say what its energy is: "
+            "an energy ledger needs a Scheme"
+        )
+    takers = tuple(takers_of(run.problem))
+    θ = run.integrator.balance_point() if run.integrator is not None else None
+    if run.dense is not None:
+        t, q, v, flows = _by_gauss(run, run.dense, takers)
+    elif θ is not None:
+        t, q, v, flows = _by_steps(run, θ, takers)
+    else:
+        t, q, v, flows = _by_trapezoid(run, takers)
+    f0 = _constant(d)
+    stored = [d.kinetic_energy(v), d.elastic_energy(q), -(q - q[0]) @ f0]
+    came, lost = flows[:, : len(GIVEN)], flows[:, len(GIVEN) :]
+    balance = np.sum(stored, axis=0)
+    balance = balance - balance[0] - came.sum(axis=1) + lost.sum(axis=1)
+    names = [taker.name for taker in takers]
+    columns = dict(zip((*STORED, *GIVEN, *names), [*stored, *flows.T], strict=True))
+    table = pd.DataFrame({"t": t, **columns, "balance": balance})
+    promise, closes = _promise(run, θ)
+    table.attrs = {
+        "problem": run.problem.name, "method": run.method, "t_end": float(run.t[-1]), "promise": promise,
+        "balance": float(np.abs(balance).max()),
+    }  # fmt: skip
+    return Ledger(table, tuple(names), promise, closes)
+
+
+@dataclass(frozen=True, eq=False)
+class Taker:
+    """One that dissipates: its name, and its power P(q, v, r) >= 0 in W for arrays (nt, ...).
+
+    Attributes
+    ----------
+    name : str
+    power : callable
+        Takes q, v and r. For a non-linear spring r is not used.
+    contact, spring : int or None
+        Which row of H, or which non-linear spring it is; None for a dashpot.
+    """
+
+    name: str
+    power: Callable[[Array, Array, Array], Array]
+    contact: int | None = None
+    spring: int | None = None
+
+
+def takers_of(problem: Problem) -> Iterator[Taker]:
+    """Yield what dissipates in a scheme: dashpots, non-linear springs with a loss, sliders and contacts."""
+    d, taken = problem.dynamics, Counter[str]()
+
+    def unique(name: str) -> str:
+        taken[name] += 1
+        return name if taken[name] == 1 else f"{name} {taken[name]}"
+
+    index = {node: i for i, node in enumerate(d.nodes)}
+    elements = problem.scheme.elements if isinstance(problem.scheme, Scheme) else ()
+    for piece in (piece for element in elements for piece in _pieces(element)):
+        own = [node for node in piece.nodes if node != GROUND]
+        terms = Terms(own)
+        piece.contribute(terms)
+        if terms.C.any():
+            rows = [index[node] for node in own]
+            yield Taker(unique(f"dashpot {'-'.join(piece.nodes)}"), _viscous(terms.C, rows))
+    for a, spring in enumerate(d.springs):
+        if spring.b > 0.0 or spring.c > 0.0:
+            kind = spring.element.split()[0]
+            yield Taker(unique(f"{kind} {spring.upper}-{spring.lower}"), _hysteretic(d, a), spring=a)
+    for i, contact in enumerate(d.contacts):
+        kind = "slider" if contact.r0 is not None else "impact" if contact.relative_degree == 2 else "contact"
+        yield Taker(unique(f"{kind} {contact.name}"), _frictional(d, i), contact=i)
+
+
+def _pieces(element: Element) -> Iterator[Element]:
+    """Yield the elementary pieces of an element, however deep they lie."""
+    parts = element.parts()
+    if len(parts) == 1 and parts[0] is element:
+        yield element
+    else:
+        for part in parts:
+            yield from _pieces(part)
+
+
+def _viscous(C: Array, rows: Sequence[int]) -> Callable[[Array, Array, Array], Array]:
+    def power(q: Array, v: Array, r: Array) -> Array:
+        return np.asarray(((v[:, rows] @ C) * v[:, rows]).sum(axis=1))
+
+    return power
+
+
+def _hysteretic(d: Dynamics, a: int) -> Callable[[Array, Array, Array], Array]:
+    K, n = d.power_laws[a, 1:3]
+
+    def power(q: Array, v: Array, r: Array) -> Array:
+        elastic = K * np.maximum(d.approach(q)[:, a], 0.0) ** n
+        return np.asarray((d.push(q, v)[:, a] - elastic) * d.approach_rate(v)[:, a])
+
+    return power
+
+
+def _frictional(d: Dynamics, i: int) -> Callable[[Array, Array, Array], Array]:
+    def power(q: Array, v: Array, r: Array) -> Array:
+        return np.asarray(-r[:, i] * d.gap_rate(v)[:, i])
+
+    return power
+
+
+def _constant(d: Dynamics) -> Array:
+    """Return the loads that do not depend on time (n,)."""
+    f0 = np.zeros(len(d.nodes))
+    for i, load in d.loads:
+        if not callable(load):
+            f0[i] += load
+    return f0
+
+
+def _flows(d: Dynamics, takers: Sequence[Taker], t: Array, q: Array, v: Array, r: Array) -> Array:
+    """Return the powers in W of time-dependent loads, of given motions, and of all that dissipates (nt, 2 + takers)."""
+    loads = ((d.force(t) - _constant(d)) * v).sum(axis=1)
+    return np.column_stack([loads, d.driving_power(t, q, v, r), *(taker.power(q, v, r) for taker in takers)])
+
+
+def _jumps(run: Trajectory, takers: Sequence[Taker], steps: int = 0) -> Iterator[tuple[float, int, Array]]:
+    """Yield time, first grid point and flows (2 + takers,) in J of each impact.
+
+    With ``steps`` the velocities are those of the grid before and after the steps over which the impulse spreads.
+    """
+    d = run.problem.dynamics
+    column = {taker.contact: k for k, taker in enumerate(takers) if taker.contact is not None}
+    row = {contact.name: i for i, contact in enumerate(d.contacts)}
+    for event in run.events:
+        if not event.impulse > 0.0:
+            continue
+        i, node = row[event.contact], -1
+        before, after = event.left.v, event.right.v
+        if steps:
+            node = _first(run, event.t, event.left.q, event.left.v)
+            before, after = run.v[node], run.v[min(node + steps, len(run.t) - 1)]
+        mean = 0.5 * (before + after)
+        flows = np.zeros(len(GIVEN) + len(takers))
+        flows[1] = -event.impulse * (d.H[i] * mean)[d.driven].sum()
+        flows[len(GIVEN) + column[i]] = -event.impulse * d.gap_rate(mean)[i]
+        yield event.t, node, flows
+
+
+def _first(run: Trajectory, t: float, q: Array, v: Array) -> int:
+    """Return the grid point at which the step begins that holds an event: the one that has its left limits."""
+    near = int(np.searchsorted(run.t, t, side="right")) - 1
+    candidates = [k for k in (near, near - 1, near + 1) if 0 <= k < len(run.t)]
+    return next(
+        (k for k in candidates if np.array_equal(run.q[k], q) and np.array_equal(run.v[k], v)),
+        min(near, max(len(run.t) - 2, 0)),
+    )
+
+
+def _by_gauss(run: Trajectory, dense: Dense, takers: Sequence[Taker]) -> tuple[Array, Array, Array, Array]:
+    """Return t, q, v and what has flown since the start, with two rows for an impact."""
+    d = run.problem.dynamics
+    inside = dense.cuts[(dense.cuts >= run.t[0]) & (dense.cuts <= run.t[-1])]
+    cuts = np.unique(np.concatenate([run.t, inside, [event.t for event in run.events if event.t <= run.t[-1]]]))
+    pieces = Pieces(cuts)
+    at = pieces.times
+    flows = pieces.integral(_flows(d, takers, at, *dense.read(at, "right")))
+    jumps = [jump for jump in _jumps(run, takers) if jump[0] <= run.t[-1]]
+    double = np.isin(cuts, [t for t, _, _ in jumps])
+    rows = np.repeat(np.arange(len(cuts)), 1 + double)
+    after = np.append(np.diff(rows) != 0, True)  # the last row of each time holds what its impacts did
+    q, v, _ = (each[rows] for each in dense.read(cuts, "right"))
+    flows = flows[rows]
+    t = cuts[rows]
+    for time, _, jump in jumps:
+        flows[(t > time) | ((t == time) & after)] += jump
+    seen: set[float] = set()
+    for event in run.events:
+        if event.impulse > 0.0 and event.t not in seen and event.t <= run.t[-1]:
+            seen.add(event.t)
+            left = np.searchsorted(t, event.t)
+            q[left], v[left] = event.left.q, event.left.v
+    return t, q, v, flows
+
+
+def _by_steps(run: Trajectory, θ: float, takers: Sequence[Taker]) -> tuple[Array, Array, Array, Array]:
+    """Return t, q, v and what has flown since the start, step by step with the forces at t + θ h."""
+    d, h = run.problem.dynamics, np.diff(run.t)
+    r = run.reaction.copy()
+    row = {contact.name: i for i, contact in enumerate(d.contacts)}
+    for event in run.events:
+        if event.impulse > 0.0:
+            k = _first(run, event.t, event.left.q, event.left.v)
+            r[k, row[event.contact]] += event.impulse / h[k]
+    w = np.diff(run.q, axis=0) / h[:, None]
+    q = (1.0 - θ) * run.q[:-1] + θ * run.q[1:]
+    f = d.force(run.t) - _constant(d)
+    f_θ = (1.0 - θ) * f[:-1] + θ * f[1:]
+    s = _pushes(d, q, w, h)
+    powers = np.empty((len(h), len(GIVEN) + len(takers)))
+    powers[:, 0] = (f_θ * w).sum(axis=1)
+    driving = q @ d.K.T + w @ d.C.T - r @ d.H - f_θ - _constant(d) - s @ d.directions
+    powers[:, 1] = (driving * w)[:, d.driven].sum(axis=1)
+    for k, taker in enumerate(takers, len(GIVEN)):
+        if taker.spring is None:
+            powers[:, k] = taker.power(q, w, r)
+        else:
+            _, K, n, _, _ = d.power_laws[taker.spring]
+            elastic = K * np.maximum(d.approach(q)[:, taker.spring], 0.0) ** n
+            powers[:, k] = (s[:, taker.spring] - elastic) * d.approach_rate(w)[:, taker.spring]
+    flows = np.concatenate([np.zeros((1, powers.shape[1])), np.cumsum(h[:, None] * powers, axis=0)])
+    return run.t, run.q, run.v, flows
+
+
+def _pushes(d: Dynamics, q: Array, w: Array, h: Array) -> Array:
+    """Return the forces of the non-linear springs in each step (steps, ns)."""
+    δ, rate = d.approach(q), d.approach_rate(w)
+    forces = [
+        [push(law, δ[k, a], -rate[k, a], step)[0] for a, law in enumerate(d.power_laws)] for k, step in enumerate(h)
+    ]
+    return np.array(forces).reshape(len(h), len(d.springs))
+
+
+def _by_trapezoid(run: Trajectory, takers: Sequence[Taker]) -> tuple[Array, Array, Array, Array]:
+    """Return t, q, v and what has flown since the start, with the powers at the grid points.
+
+    Forces that belong to a step meet the mean of the two states at its ends.
+    """
+    d, h = run.problem.dynamics, np.diff(run.t)[:, None]
+    nothing = np.zeros((len(run.t), len(d.contacts)))
+    if len(run.reaction) == len(run.t):
+        powers = _flows(d, takers, run.t, run.q, run.v, run.reaction)
+        steps = 0.5 * h * (powers[1:] + powers[:-1])
+    else:
+        powers = _flows(d, takers, run.t, run.q, run.v, nothing)
+        steps = 0.5 * h * (powers[1:] + powers[:-1])
+        t, q, v = (0.5 * (each[1:] + each[:-1]) for each in (run.t, run.q, run.v))
+        of_forces = _flows(d, takers, t, q, v, run.reaction)
+        driven_by_forces = of_forces[:, 1] - _flows(d, takers, t, q, v, nothing[1:])[:, 1]
+        steps[:, 1] += h[:, 0] * driven_by_forces
+        contacts = [k for k, taker in enumerate(takers, len(GIVEN)) if taker.contact is not None]
+        steps[:, contacts] = h * of_forces[:, contacts]
+    spread = run.integrator.impact_steps if run.integrator is not None else 1
+    for _, node, jump in _jumps(run, takers, steps=spread):
+        steps[min(node + spread, len(h)) - 1] += jump
+    return run.t, run.q, run.v, np.concatenate([np.zeros((1, powers.shape[1])), np.cumsum(steps, axis=0)])
+
+
+def _promise(run: Trajectory, θ: float | None) -> tuple[str, bool]:
+    """Say what the method promises, and whether it is a balance that closes."""
+    declared = run.integrator.declared if run.integrator is not None else None
+    text = declared.energy if declared is not None else "nothing is declared"
+    if θ is not None:
+        text = f"θ = {θ:g}: {text}"
+    d = run.problem.dynamics
+    # A force that only springs carry is balanced at the end of a step, not within it.
+    within = not d.springs and not (d.relative_degree == 0).any()
+    exact = run.dense is not None and declared is not None and np.isinf(declared.order_smooth)
+    return text, bool(exact or (θ == 0.5 and within))

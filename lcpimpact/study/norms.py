@@ -1,0 +1,386 @@
+r"""How far a run is from the truth, in the norms in which methods with impacts converge, and in those that tell why.
+
+A trajectory is a function of time: what `Trajectory.sample` returns. Where a method has its solution at all times (exact,
+radau-fesd, event-driven) that is meant; otherwise q and v are lines between the points of the grid. Between all the instants
+at which either of two runs turns a corner or jumps, their difference is smooth, and is held as a Chebyshev series to
+rounding. Integrals and suprema are those of the series: no sample is passed over, and no point of a grid is favoured.
+
+Across impacts the sup of v - v* converges for no method: an impact that comes late by δ leaves the whole jump as an error
+for the time δ. Its integral is of the order δ, and so is the distance of the graphs; docs/norms.md shows it.
+
+Nodes without mass are left out of the norms of q and v: they follow the others by a balance of forces, and in the step in
+which a contact opens a method that holds it to the end of the step leaves a node on a spring O(h) off for that one instant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import chebyshev
+
+from lcpimpact.arrays import Array, Flags
+from lcpimpact.errors import InputError
+from lcpimpact.integrators.base import Event
+from lcpimpact.registry import nearest
+from lcpimpact.study.graphs import hausdorff, polyline
+from lcpimpact.trajectory import Trajectory
+
+DEGREE = 12
+"""Of the Chebyshev series: with cuts between which a solution turns little, the remainder is rounding."""
+
+HALVINGS = 27
+"""So often an interval with a zero is halved: what is left errs as the square of its length, which is rounding."""
+
+ROUNDING = 1e-13
+"""A series whose last terms are this small, relative to the largest value, has ended."""
+
+FINEST = 1e-9
+"""Chords are no nearer to a curve than this, relative to the size of its graph."""
+
+NODES = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
+FIT = np.linalg.inv(chebyshev.chebvander(NODES, DEGREE))
+INTEGRAL = np.array([0.0 if k % 2 else 2.0 / (1.0 - k * k) for k in range(DEGREE + 1)])
+SIGNS = (-1.0) ** np.arange(DEGREE + 1)
+LEFT, RIGHT = (FIT @ chebyshev.chebvander(0.5 * (NODES + shift), DEGREE) for shift in (-1.0, 1.0))
+GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(DEGREE + 1)
+AT_GAUSS = chebyshev.chebvander(GAUSS_NODES, DEGREE)
+
+Reading = Callable[[Trajectory, Array], Array]
+"""Takes a run and times (nt,), and returns values (nt, m)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """Smooth functions between cuts.
+
+    Attributes
+    ----------
+    start, length : (nk,) arrays        where each piece begins and how long it is, in s
+    c : (nk, DEGREE + 1, m) array       Chebyshev coefficients of m functions on each
+    scale : float                       the largest value of what was subtracted, to which rounding is relative
+    """
+
+    start: Array
+    length: Array
+    c: Array
+    scale: float
+
+    def l1(self) -> Array:
+        """Return ∫ |f| dt for each function (m,)."""
+        total = np.zeros(self.c.shape[2])
+        c, length, column = self._flat()
+        for level in range(HALVINGS + 1):
+            signed = np.abs(c[:, 0]) >= np.abs(c[:, 1:]).sum(axis=1)
+            done = signed if level < HALVINGS else np.ones_like(signed)
+            np.add.at(total, column[done], np.abs(c[done] @ INTEGRAL) * 0.5 * length[done])
+            c, length, column = c[~done], 0.5 * length[~done], column[~done]
+            c, length, column = np.concatenate([c @ LEFT.T, c @ RIGHT.T]), np.tile(length, 2), np.tile(column, 2)
+        return total
+
+    def l2(self) -> Array:
+        """Return (∫ f² dt)^(1/2) for each function (m,)."""
+        values = np.einsum("gk,ikm->igm", AT_GAUSS, self.c)
+        return np.asarray(np.sqrt(np.einsum("g,igm,i->m", GAUSS_WEIGHTS, values**2, 0.5 * self.length)))
+
+    def sup(self) -> float:
+        """Return the largest |f| of all functions: pieces whose bound is below what is reached are passed over."""
+        c, _, _ = self._flat()
+        return _highest(np.concatenate([c, -c]))
+
+    def highest(self) -> Array:
+        """Return the largest value of each function (m,)."""
+        return np.array([_highest(self.c[:, :, i]) for i in range(self.c.shape[2])])
+
+    def _flat(self) -> tuple[Array, Array, Any]:
+        """Return each function on each piece as a row: coefficients, length, and which function it is."""
+        pieces, terms, m = self.c.shape
+        c = self.c.transpose(0, 2, 1).reshape(pieces * m, terms)
+        return c, np.repeat(self.length, m), np.tile(np.arange(m), pieces)
+
+
+def _highest(c: Array) -> float:
+    """Return the largest value of series (nk, DEGREE + 1); those whose bound is below what is reached are passed over."""
+    reached = -np.inf
+    for _ in range(HALVINGS + 1):
+        ends = np.concatenate([c.sum(axis=1), c @ SIGNS])
+        reached = max(reached, float(ends.max(initial=-np.inf)))
+        above = c[:, 0] + np.abs(c[:, 1:]).sum(axis=1) > reached + 1e-15 * abs(reached)
+        c = np.concatenate([c[above] @ LEFT.T, c[above] @ RIGHT.T])
+    return reached
+
+
+def corners(*runs: Trajectory) -> Array:
+    """Return the instants, in order, between which all of some runs are smooth, to the end of the one that ends first."""
+    first, last = max(run.t[0] for run in runs), min(run.t[-1] for run in runs)
+    known = [run.t if run.dense is None else run.dense.cuts for run in runs]
+    known += [np.array([event.t for event in run.events]) for run in runs if run.dense is not None]
+    times = np.concatenate([*known, [first, last]])
+    return np.unique(times[(times >= first) & (times <= last)])
+
+
+def difference(run: Trajectory, truth: Trajectory, read: Reading) -> Series:
+    """Return what is read of a run less the same of the truth, piece by piece."""
+    return series(corners(run, truth), lambda t: read(run, t), lambda t: read(truth, t))
+
+
+def series(cuts: Array, *read: Callable[[Array], Array]) -> Series:
+    """Return the first of one or two functions of time, less the second, as a series between cuts.
+
+    A piece on which the series does not end is halved until it does.
+    """
+    start, length = cuts[:-1], np.diff(cuts)
+    done: list[tuple[Array, Array, Array]] = []
+    scale = 0.0
+    for level in range(HALVINGS + 1):
+        # Pieces as short as the spacing of floats hold no more than their ends.
+        there = length > 64.0 * np.finfo(float).eps * np.abs(cuts).max()
+        start, length = start[there], length[there]
+        times = (start[:, None] + 0.5 * length[:, None] * (1.0 + NODES[::-1])).ravel()
+        values = [each(times) for each in read]
+        scale = max([scale, *(float(np.abs(each).max(initial=0.0)) for each in values)])
+        f = values[0] - values[1] if len(values) > 1 else values[0]
+        f = f.reshape(len(start), DEGREE + 1, -1)[:, ::-1]
+        c = np.einsum("kj,ijm->ikm", FIT, f)
+        ends = np.abs(c[:, -2:]).sum(axis=1).max(axis=1, initial=0.0) <= ROUNDING * scale
+        if level == HALVINGS:
+            ends[:] = True
+        done.append((start[ends], length[ends], c[ends]))
+        start, length = start[~ends], 0.5 * length[~ends]
+        start, length = np.stack([start, start + length], axis=1).ravel(), np.repeat(length, 2)
+        if len(start) == 0:
+            break
+    starts, lengths, coefficients = (np.concatenate(each) for each in zip(*done, strict=True))
+    order = np.argsort(starts, kind="stable")
+    return Series(starts[order], lengths[order], coefficients[order], scale)
+
+
+def inertial(run: Trajectory) -> Flags:
+    """Return which coordinates are judged (n,): those with mass, or all where none has, as in a system given directly."""
+    massive = run.problem.dynamics.massive
+    return massive if massive.any() else ~massive
+
+
+def _v(run: Trajectory, t: Array) -> Array:
+    return np.asarray(run.sample(t).v[:, inertial(run)])
+
+
+def _q(run: Trajectory, t: Array) -> Array:
+    return np.asarray(run.sample(t).q[:, inertial(run)])
+
+
+def _energy(run: Trajectory, t: Array) -> Array:
+    found = run.sample(t)
+    return np.asarray(run.problem.dynamics.energy(found.q, found.v)[:, None])
+
+
+def sup_q(run: Trajectory, truth: Trajectory) -> float:
+    r"""Return :math:`\sup_t \max_i |q_i - q_i^*|` in m, over the nodes with mass.
+
+    At all times where the method has its solution at all times, else on its grid: in between it says nothing of q, and a
+    line there would hide what a method of an order above 2 can do.
+
+    Converges with the order of the method where only r changes, and with order 1 across impacts.
+    """
+    if run.dense is not None:
+        return difference(run, truth, _q).sup()
+    t = run.t[run.t <= truth.t[-1]]
+    return float(np.abs(run.q[: len(t)] - truth.sample(t).q)[:, inertial(run)].max(initial=0.0))
+
+
+def l1_v(run: Trajectory, truth: Trajectory) -> float:
+    r"""Return :math:`\int_0^T \sum_i |v_i - v_i^*| \, dt` in m, over the nodes with mass.
+
+    Converges with order 1 across impacts. In smooth motion the line between the points of a grid limits it to order 2.
+    """
+    return float(difference(run, truth, _v).l1().sum())
+
+
+def l2_v(run: Trajectory, truth: Trajectory) -> float:
+    r"""Return :math:`\bigl(\int_0^T \sum_i (v_i - v_i^*)^2 \, dt\bigr)^{1/2}` in m/s^(1/2), over the nodes with mass.
+
+    Converges with order 1/2 across impacts: a jump J that comes late by δ leaves J δ^(1/2).
+    """
+    return float(np.linalg.norm(difference(run, truth, _v).l2()))
+
+
+def sup_v(run: Trajectory, truth: Trajectory) -> float:
+    r"""Return :math:`\sup_t \max_i |v_i - v_i^*|` in m/s, over the nodes with mass; to show what it does, not to judge by.
+
+    Does not converge across impacts: it tends to the largest jump that the run does not have at its very instant.
+    """
+    return difference(run, truth, _v).sup()
+
+
+def hausdorff_v(run: Trajectory, truth: Trajectory) -> float:
+    r"""Return the Hausdorff distance between the filled-in graphs of v and v*, the greatest of the nodes with mass.
+
+    A graph is filled in where v jumps by the segment from v⁻ to v⁺. The distance of two points is
+    :math:`\max(|Δt|/T, |Δv|/V)`, with the length T of the run and the largest speed V of the truth: a pure number.
+
+    Converges with order 1 across impacts: an impact that comes late by δ is δ/T away, whatever the jump. It sees each impact
+    and each grazing, where an integral sees a sum.
+    """
+    end = min(run.t[-1], truth.t[-1])
+    pieces = [_graph(each, end) for each in (run, truth)]
+    V = float(np.abs(pieces[1].c).sum(axis=1).max(initial=0.0)) or 1.0
+    return max(_distance(pieces[0], pieces[1], i, end, V) for i in range(pieces[0].c.shape[2]))
+
+
+def _graph(run: Trajectory, end: float) -> Series:
+    cuts = corners(run)
+    return series(np.append(cuts[cuts < end], end), lambda t: _v(run, t))
+
+
+def _distance(run: Series, truth: Series, i: int, T: float, V: float) -> float:
+    """Return the distance of the graphs of the i-th speed, to a thousandth of itself: so near are chords to the curves."""
+    tolerance = 1e-2
+    while True:
+        graphs = [polyline(each.start / T, each.length / T, each.c[:, :, i] / V, tolerance) for each in (run, truth)]
+        found = hausdorff(*graphs)
+        if tolerance <= max(0.5e-3 * found, FINEST):
+            return found
+        tolerance = max(0.25e-3 * found, FINEST)
+
+
+def event_times(run: Trajectory, truth: Trajectory) -> float:
+    r"""Return :math:`\max_k |t_k - t_k^*|` in s over the events, the k-th of a contact and kind with the k-th.
+
+    NaN where the runs do not have the same events: past an accumulation of impacts, or where one run grazes.
+
+    Converges with the order to which a method knows where it is: 2 where only r changes, 1 across impacts.
+    """
+    return max((abs(a.t - b.t) for a, b in _pairs(run, truth)), default=_none(run, truth))
+
+
+def impulses(run: Trajectory, truth: Trajectory) -> float:
+    r"""Return :math:`\max_k |P_k - P_k^*|` in N s over the impacts, the k-th of a contact with the k-th.
+
+    NaN where the runs do not have the same events. Converges with order 1, as does the speed before an impact.
+    """
+    return max((abs(a.impulse - b.impulse) for a, b in _pairs(run, truth)), default=_none(run, truth))
+
+
+def _pairs(run: Trajectory, truth: Trajectory) -> list[tuple[Event, Event]]:
+    """Return the events of two runs side by side, none where they do not have the same ones."""
+    kinds = [_by_kind(each) for each in (run, truth)]
+    if {key: len(each) for key, each in kinds[0].items()} != {key: len(each) for key, each in kinds[1].items()}:
+        return []
+    return [pair for key, each in kinds[0].items() for pair in zip(each, kinds[1][key], strict=True)]
+
+
+def _by_kind(run: Trajectory) -> dict[tuple[str, str], list[Event]]:
+    found: dict[tuple[str, str], list[Event]] = {}
+    for event in run.events:
+        found.setdefault((event.contact, event.kind), []).append(event)
+    return found
+
+
+def _none(run: Trajectory, truth: Trajectory) -> float:
+    return np.nan if run.events or truth.events else 0.0
+
+
+def energy(run: Trajectory, truth: Trajectory) -> float:
+    r"""Return :math:`\frac 1T \int_0^T |E - E^*| \, dt` in J, of the stored energy E, kinetic and elastic.
+
+    Its sup does not converge, nor does that of v, since E jumps at an impact. Converges with order 1 across impacts. NaN for
+    a system given directly, which has no energy.
+    """
+    if not (run.problem.dynamics.stores_energy and truth.problem.dynamics.stores_energy):
+        return np.nan
+    found = difference(run, truth, _energy)
+    return float(found.l1()[0] / found.length.sum())
+
+
+def penetration(run: Trajectory, truth: Trajectory) -> float:
+    r"""Return :math:`\sup_t \max_i (-u_i)^+` in m, the greatest overlap of the bumpers of the truth.
+
+    At all times or on the grid, as for q. A method that corrects velocities alone leaves O(h) after an impact.
+    """
+    rigid = truth.problem.dynamics
+    if rigid.D.any() or not (~rigid.slides).any():
+        return run.certificate.penetration
+    if run.dense is None:
+        overlap = -rigid.gap(run.q)
+    else:
+        overlap = series(corners(run), lambda t: -rigid.gap(run.sample(t).q)).highest()
+    return float(max(0.0, overlap[..., ~rigid.slides].max()))
+
+
+def complementarity(run: Trajectory, truth: Trajectory) -> float:
+    """Return the largest product of the laws in J, as `Certificate.complementarity` defines it: of the run alone.
+
+    Rounding for a method that solves an LCP in each step; for one with a case split what the splits leave.
+    """
+    return run.certificate.complementarity
+
+
+@dataclass(frozen=True)
+class Norm:
+    """A measure of what separates a run from the truth.
+
+    Attributes
+    ----------
+    symbol : str            in TeX
+    unit : str              "" for a pure number
+    what : str              in words
+    order : str             which of the declared orders of a method it shows: "q", "v" or "" for none
+    measure : callable      takes a run and the truth, and returns a number
+    """
+
+    symbol: str
+    unit: str
+    what: str
+    order: str
+    measure: Callable[[Trajectory, Trajectory], float]
+
+
+NORMS = {
+    "sup_q": Norm(r"\sup |q - q^*|", "m", "greatest error of the coordinates", "q", sup_q),
+    "l1_v": Norm(r"\int |v - v^*| \, dt", "m", "integral of the error of the velocities", "v", l1_v),
+    "l2_v": Norm(r"\|v - v^*\|_{L^2}", "m/s^(1/2)", "root of the integral of its square", "", l2_v),
+    "hausdorff_v": Norm(r"d_H(v, v^*)", "", "distance of the filled-in graphs of the velocities", "v", hausdorff_v),
+    "event_times": Norm(r"\max |t_k - t_k^*|", "s", "greatest error of the instants of events", "", event_times),
+    "impulses": Norm(r"\max |P_k - P_k^*|", "N s", "greatest error of the impulses", "", impulses),
+    "energy": Norm(r"\overline{|E - E^*|}", "J", "mean error of the stored energy", "", energy),
+    "penetration": Norm(r"\max (-u)^+", "m", "greatest overlap", "", penetration),
+    "complementarity": Norm(r"\max |r\,u|", "J", "largest product of the laws", "", complementarity),
+}
+
+
+def errors(run: Trajectory, truth: Trajectory, norms: Sequence[str] | None = None) -> dict[str, float]:
+    """Return how far a run is from the truth, in all norms or those that are named.
+
+    Parameters
+    ----------
+    run : Trajectory
+        The run that is judged; if it ended early, it is judged as far as it came.
+    truth : Trajectory
+        The reference, with the same coordinates: one that has its solution at all times, for preference.
+    norms : sequence of str, optional
+        Names of `NORMS`.
+
+    Raises
+    ------
+    InputError
+        For an unknown norm, or runs with other coordinates.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, simulate
+    >>> ball = load_problem("bouncing-ball")
+    >>> truth = simulate(ball, "exact", dt=1.0, t_end=2.0)
+    >>> found = errors(simulate(ball, dt=1e-3, t_end=2.0), truth, ["sup_q", "hausdorff_v"])
+    >>> {name: float(f"{value:.1g}") for name, value in found.items()}
+    {'sup_q': 0.008, 'hausdorff_v': 0.004}
+    """
+    for name in NORMS if norms is None else norms:
+        if name not in NORMS:
+            raise InputError(nearest(str(name), list(NORMS), "norm"))
+    if run.problem.dynamics.nodes != truth.problem.dynamics.nodes:
+        raise InputError(
+            f"{run.problem.name!r} and {truth.problem.name!r} do not have the same coordinates: compare runs of one problem"
+        )
+    return {name: NORMS[name].measure(run, truth) for name in (NORMS if norms is None else norms)}

@@ -1,0 +1,79 @@
+"""What a run is judged against: the exact solution, or else the best independent one, and which of them it is."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import Any
+
+from lcpimpact.errors import LcpImpactError, UnsupportedError
+from lcpimpact.problems.base import Problem
+from lcpimpact.simulation import simulate
+from lcpimpact.trajectory import Trajectory
+
+POINTS = 1009
+"""Points of the grid of a reference, which is known between them too."""
+
+CANDIDATES: tuple[tuple[str, int, dict[str, Any]], ...] = (
+    ("exact", POINTS, {}),
+    ("event-driven", POINTS, {"rtol": 1e-12, "atol": 1e-14}),
+    ("radau-fesd", POINTS, {"stages": 4}),
+    ("moreau-jean", 1_000_003, {}),
+)
+"""Method, number of steps and options, from the truest to the least."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What runs are judged against.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+    name : str                  method, and how fine where it is not exact
+    """
+
+    trajectory: Trajectory
+    name: str
+
+
+def reference(problem: Problem, t_end: float | None = None, unlike: Collection[str] = ()) -> Reference:
+    """Return the solution that runs are to be judged against.
+
+    It is `exact` where that handles the problem, else `event-driven` at the relative tolerance 1e-12, else `radau-fesd` with
+    four stages, else a million steps of `moreau-jean`.
+
+    Parameters
+    ----------
+    problem : Problem
+        What is run.
+    t_end : float, optional
+        End in s; by default that of the problem.
+    unlike : collection of str
+        Methods that must not be taken, since they are what is judged.
+
+    Raises
+    ------
+    UnsupportedError
+        If no other method than those reaches the end; it says why each does not.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem
+    >>> reference(load_problem("bouncing-ball"), 1.0).name, reference(load_problem("hertz-impact")).name
+    ('exact', 'event-driven (rtol=1e-12, atol=1e-14)')
+    """
+    end = problem.t_end if t_end is None else t_end
+    reasons = []
+    for method, steps, options in CANDIDATES:
+        if method in unlike:
+            continue
+        try:
+            found = simulate(problem, method, dt=end / steps, t_end=end, progress=False, **options)
+        except LcpImpactError as error:
+            reasons.append(str(error))
+            continue
+        told = [f"{name}={value:g}" for name, value in options.items()]
+        told += [f"{steps} steps"] * (found.dense is None)
+        return Reference(found, f"{method} ({', '.join(told)})" if told else method)
+    raise UnsupportedError(f"nothing to judge {problem.name!r} against: {'; '.join(reasons)}")
