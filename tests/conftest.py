@@ -16,9 +16,6 @@ settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40
 settings.register_profile("thorough", deadline=None, max_examples=1000, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
-collect_ignore = ["siconos_runs.py"]
-"""It belongs to another Python, where Siconos is."""
-
 
 @pytest.fixture(scope="session", autouse=True)
 def warm() -> None:

@@ -364,7 +364,7 @@ HELPERS = {
     "radau_iia",
     "tableau",
     "runge_kutta",
-} | {"linear_step", "halving", "time_stepping"}
+} | {"linear_step", "halving", "time_stepping", "motion", "tangent"}
 """Files of the integrators that hold no method of their own."""
 
 REGISTRIES = [SOLVERS, METHODS, PROBLEMS, ELEMENTS]

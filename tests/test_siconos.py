@@ -3,44 +3,19 @@
 Skipped where Siconos is not installed (Debian: ``apt-get install python3-siconos``, which belongs to /usr/bin/python3).
 """
 
-import functools
-import json
-import subprocess
-from pathlib import Path
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 import lcpimpact as li
-
-DEBIAN_PYTHON = Path("/usr/bin/python3")
-RUNS = Path(__file__).parent / "siconos_runs.py"
-
-
-@functools.cache
-def missing() -> bool:
-    if not DEBIAN_PYTHON.exists():
-        return True
-    found = subprocess.run([DEBIAN_PYTHON, "-c", "import siconos.kernel"], capture_output=True)
-    return found.returncode != 0
+from lcpimpact.study.siconos import INSTALL, python_with_siconos, run_siconos
 
 
 @pytest.fixture
 def siconos():
-    if missing():
-        pytest.skip("Siconos is not installed: apt-get install python3-siconos")
-
-    def run(**job):
-        job = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in job.items()}
-        done = subprocess.run(
-            [DEBIAN_PYTHON, RUNS], input=json.dumps([job]), capture_output=True, text=True, check=True, timeout=300
-        )
-        # Siconos may greet on standard output; the answer is its last line.
-        (answer,) = json.loads(done.stdout.splitlines()[-1])
-        return {key: np.array(value) for key, value in answer.items()}
-
-    return run
+    if python_with_siconos() is None:
+        pytest.skip(f"Siconos is {INSTALL}")
+    return run_siconos
 
 
 def lagrangian(siconos, problem, theta, h, steps):

@@ -18,15 +18,15 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import expm, matrix_balance
+from scipy.linalg import matrix_balance
 
 from lcpimpact.arrays import Array, Indices
 
 DEGREE = 22
 """e / 23! = 1e-22: the remainder of a window is below rounding."""
 
-CHUNK = 256
-"""Windows that are examined at once."""
+FEW, CHUNK = 16, 256
+"""Windows that are examined at once: few at first, then more."""
 
 ROUNDING = 32.0 * np.finfo(float).eps
 
@@ -59,7 +59,16 @@ class Flow:
     @cached_property
     def over_a_window(self) -> Array:
         """exp(A δ)."""
-        return np.asarray(expm(self.A * self.window))
+        return np.asarray(self.taylor[::-1].sum(axis=0))
+
+    def over(self, t: float) -> Array:
+        """Return exp(A t) for one time t >= 0 (N, N)."""
+        windows = math.floor(t / self.window)
+        s = t / self.window - windows
+        within = np.zeros_like(self.A)
+        for power in self.taylor[::-1]:
+            within = within * s + power
+        return np.asarray(within @ np.linalg.matrix_power(self.over_a_window, windows))
 
     def windows(self, X: Array, count: int) -> Array:
         """Return exp(A δ j) X for j = 0 ... count - 1: (count, N), by doubling, so that errors do not accumulate."""
@@ -101,9 +110,9 @@ class Flow:
         """
         total = max(1, math.ceil(horizon / self.window))
         coefficients = np.einsum("kn,inm->kim", rows, self.taylor)
-        done = 0
+        done, chunk = 0, FEW
         while done < total:
-            count = min(CHUNK, total - done)
+            count, chunk = min(chunk, total - done), min(4 * chunk, CHUNK)
             states = self.windows(X, count)
             found: list[tuple[float, int]] = []
             for k in range(len(rows)):
@@ -142,6 +151,9 @@ def _halving() -> tuple[Array, Array]:
     return left, left[::-1, ::-1].copy()
 
 
+POWERS = np.arange(DEGREE + 1)
+BINOMIAL = np.array([float(math.comb(DEGREE, i)) for i in range(DEGREE + 1)])
+BINOMIAL_BELOW = np.array([float(math.comb(DEGREE - 1, i)) for i in range(DEGREE)])
 BERNSTEIN = _bernstein()
 LEFT, RIGHT = _halving()
 
@@ -149,12 +161,16 @@ LEFT, RIGHT = _halving()
 def first_sign_change(b: Array, floor: float, start: float = 0.0, width: float = 1.0) -> float | None:
     """Return where the polynomial with Bernstein coefficients b first falls below ``floor`` < 0, or None if it does not.
 
-    Halves that lie above the floor by the convex hull are passed over; the leftmost other one is entered.
+    Halves that lie above the floor by the convex hull are passed over; the leftmost other one is entered, until its
+    coefficients change their sign once: then it has one root (variation diminishing).
     """
     if b.min() >= floor:
         return None
     if b[0] < floor:
         return start
+    above = b >= floor
+    if not above[-1] and np.count_nonzero(above[1:] != above[:-1]) == 1:
+        return start + width * only_root(b - floor)
     if width < 1e-16:
         return start + 0.5 * width
     half = 0.5 * width
@@ -162,13 +178,34 @@ def first_sign_change(b: Array, floor: float, start: float = 0.0, width: float =
     return left if left is not None else first_sign_change(RIGHT @ b, floor, start + half, half)
 
 
+def only_root(b: Array) -> float:
+    """Return the root in [0, 1] of a polynomial whose Bernstein coefficients change their sign once, from above zero."""
+    low, high, s, moved = 0.0, 1.0, float(b[0] / (b[0] - b[-1])), 1.0
+    slopes = DEGREE * np.diff(b)
+    for _ in range(64):
+        left, right = s**POWERS, (1.0 - s) ** POWERS
+        value = float((BINOMIAL * left * right[::-1]) @ b)
+        low, high = (s, high) if value >= 0.0 else (low, s)
+        slope = float((BINOMIAL_BELOW * left[:-1] * right[-2::-1]) @ slopes)
+        better = s - value / slope if slope < 0.0 else -1.0
+        if not low < better < high:
+            better = 0.5 * (low + high)
+        # At the last digits the steps of Newton's method become no smaller.
+        last, moved, s = moved, abs(better - s), better
+        if moved <= 4e-16 or last <= moved < 1e-9:
+            break
+    return s
+
+
 def polish(a: Array, s: float) -> float:
     """Return the root of Σ a_i s^i near s by Newton's method; s itself where the root is not simple."""
-    polynomial = np.polynomial.Polynomial(a)
-    slope = polynomial.deriv()
+    coefficients = a.tolist()
     for _ in range(3):
-        derivative = float(slope(s))
-        step = float(polynomial(s)) / derivative if derivative < 0.0 else 0.0
+        value = slope = 0.0
+        for each in reversed(coefficients):
+            slope = slope * s + value
+            value = value * s + each
+        step = value / slope if slope < 0.0 else 0.0
         if not abs(step) < 1e-6:
             break
         s -= step

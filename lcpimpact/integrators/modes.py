@@ -27,7 +27,7 @@ from scipy.linalg import null_space
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.integrators.flow import Flow
-from lcpimpact.lcp.solve import solve_lcp
+from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp, solve_lcp
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
 
@@ -76,6 +76,7 @@ class System:
     given: FirstOrderForm | None = None
     inputs: tuple[Array, Array] | None = None
     flows: dict[object, tuple[Flow, Array]] = field(default_factory=dict)
+    lcps: dict[object, PreparedLCP] = field(default_factory=dict)
 
     @cached_property
     def form(self) -> FirstOrderForm:
@@ -150,6 +151,12 @@ class System:
             F[rows] = -_solve(self.G[np.ix_(rows, rows)], self.O[rows] + self.G[rows] @ F)
             self.flows[mode.key] = Flow(A + B @ F), F
         return self.flows[mode.key]
+
+    def impact_lcp(self, rows: tuple[int, ...], solver: str) -> PreparedLCP:
+        """Return the LCP of the impulses of some rows, made ready."""
+        if (rows, solver) not in self.lcps:
+            self.lcps[rows, solver] = prepare_lcp(self.G[np.ix_(rows, rows)], solver)
+        return self.lcps[rows, solver]
 
     @cached_property
     def O_w(self) -> Array:
@@ -300,7 +307,7 @@ def impact(
     if not (U[meeting] < 0.0).any():
         return X, P
     q = (U + e * np.minimum(U, 0.0))[meeting]
-    P[meeting] = solve_lcp(system.G[np.ix_(meeting, meeting)], q, solver).z
+    P[meeting] = system.impact_lcp(tuple(meeting.tolist()), solver).solve(q).z
     return X + system.matrices[1] @ P, P
 
 

@@ -17,6 +17,7 @@ from lcpimpact.integrators.base import Event
 from lcpimpact.integrators.modes import Mode, System, refuse_mixed_degrees
 from lcpimpact.integrators.transition import coordinates, enter
 from lcpimpact.problems.base import Problem
+from lcpimpact.scheme.dynamics import Dynamics
 
 MOST_CUTS = 4_000
 """So many instants show a segment well enough for its scale and its balance of energy."""
@@ -77,24 +78,40 @@ class Motion:
 
 
 def begin(
-    system: System, X: Array, end: float, start: float = 0.0, solver: str = "auto", max_events: int = 100_000
+    system: System,
+    X: Array,
+    end: float,
+    start: float = 0.0,
+    solver: str = "auto",
+    max_events: int = 100_000,
+    scale: Array | None = None,
 ) -> Motion:
-    """Return the motion from the state X (N,) at ``start``, where impacts come first and the mode is chosen."""
+    """Return the motion from the state X (N,) at ``start``, where impacts come first and the mode is chosen.
+
+    Where X was itself found by a motion, its ``scale`` says what in X is rounding.
+    """
     none = np.zeros(len(X))
-    motion = Motion(system, end, solver, max_events, (np.inf, none), np.abs(X))
+    motion = Motion(system, end, solver, max_events, (np.inf, none), np.abs(X) if scale is None else scale)
     _enter(motion, start, X, none)
     return motion
 
 
-def begin_problem(problem: Problem, method: str, end: float, solver: str = "auto", max_events: int = 100_000) -> Motion:
-    """Return the motion from the initial state of a problem.
+def begin_problem(
+    problem: Problem,
+    method: str,
+    end: float,
+    solver: str = "auto",
+    max_events: int = 100_000,
+    dynamics: Dynamics | None = None,
+) -> Motion:
+    """Return the motion from the initial state of a problem, by its own dynamics unless others are given.
 
     Raises
     ------
     UnsupportedError
         If contacts have no common relative degree, or begin in a way that leaves their forces open.
     """
-    system = System(problem.dynamics)
+    system = System(dynamics or problem.dynamics)
     refuse_mixed_degrees(system)
     try:
         X = system.state(problem.initial_coordinates, problem.initial_velocities)
@@ -145,7 +162,10 @@ def _enter(motion: Motion, t: float, X: Array, ended: Array) -> None:
     crossing = flow.first_crossing(after, motion.scale, rows, order, motion.end - t) if watched else None
     motion.next_event = (t + crossing[0], rows[crossing[1]]) if crossing else (np.inf, np.zeros(len(X)))
     last = min(motion.next_event[0], motion.end)
-    seen = flow.at(after, np.append(segment_cuts(system, new, last), last) - t)
+    # The end of the segment counts when the next one begins.
+    windows = max(1, math.ceil((last - t) / flow.window))
+    few = windows <= MOST_CUTS
+    seen = flow.windows(after, windows) if few else flow.at(after, segment_cuts(system, new, last) - t)
     motion.scale = np.maximum(motion.scale, np.abs(seen).max(axis=0))
 
 

@@ -11,7 +11,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero, restitution, whole
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import free_vibration
-from lcpimpact.problems.reading import event, peak
+from lcpimpact.problems.reading import event, first_root, peak
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.kelvin_voigt import KelvinVoigt
@@ -256,4 +256,97 @@ def impact_oscillator(
         source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
         facts=facts,
         motion=motion,
+    )
+
+
+def shaw_holmes(
+    zeta: float = 0.05,
+    omega: float = 2.6,
+    f: float = 1.0,
+    s: float = 0.0,
+    e: float = 0.8,
+    x0: float = -0.3,
+    v0: float = 0.0,
+) -> Problem:
+    r"""The forced oscillator with a stop, from any state: periodic, chaotic, or clear of the stop.
+
+    ``x'' + 2 ζ x' + x = f cos ω t`` for x <= s, and ``v⁺ = -e v⁻`` at x = s. It is `impact_oscillator` without the promise
+    that it starts on an orbit, or that there is one; for diagrams, basins and shooting. Up to the first impact the motion is
+    that of the oscillator without its stop, ``x = x_p + C (x0 - p) + S (v0 - d)``, with the forced motion
+
+    - ``x_p = G cos(ω t - ψ)``, ``G = f/sqrt((1 - ω²)² + (2 ζ ω)²)``, ``tan ψ = 2 ζ ω/(1 - ω²)``, ``p = x_p(0)``, ``d = x_p'(0)``.
+
+    For s > 0 the forced motion stays clear of the stop while ``f < f* = s sqrt((1 - ω²)² + (2 ζ ω)²)``. There it grazes: the
+    derivative of the map of one period is infinite on the side of the impacts, and an orbit that attracted may give way at
+    once to chaos. The trap is a large step near it: whether a slow touch is met or stepped over decides what comes after.
+
+    Parameters
+    ----------
+    zeta : float
+        Damping ratio ζ.
+    omega : float
+        Circular frequency of the force, in units of the oscillator's own.
+    f : float
+        Amplitude of the force over the stiffness.
+    s : float
+        Place of the stop.
+    e : float
+        Coefficient of restitution.
+    x0, v0 : float
+        Place and velocity at the start; x0 <= s.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range, or it starts beyond the stop.
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in shaw_holmes().facts]
+    [0.761629, 0.658309]
+
+    References
+    ----------
+    Shaw and Holmes, A periodically forced piecewise linear oscillator (1983).
+    """
+    name = "shaw-holmes"
+    above_zero(name, zeta=zeta, omega=omega, f=f)
+    restitution(name, e)
+    if x0 > s:
+        raise InputError(f"{name}: x0 = {x0:g} must not lie beyond the stop s = {s:g}")
+    ζ, ω = zeta, omega
+    G, ψ = f / math.hypot(1.0 - ω**2, 2.0 * ζ * ω), math.atan2(2.0 * ζ * ω, 1.0 - ω**2)
+    p, d = G * math.cos(ψ), G * ω * math.sin(ψ)
+
+    def free(t: Array | float) -> tuple[Array, Array]:
+        S, C, dS = free_vibration(t, 1.0, ζ)
+        x = G * np.cos(ω * np.asarray(t) - ψ) + C * (x0 - p) + S * (v0 - d)
+        return x, -G * ω * np.sin(ω * np.asarray(t) - ψ) - S * (x0 - p) + dS * (v0 - d)
+
+    t_end = 8.0 * math.pi / ω
+    scheme = Scheme(
+        Mass("x", 1.0),
+        KelvinVoigt("x", GROUND, 1.0, 2.0 * ζ, symbols=("1", "2ζ")),
+        Load("x", Harmonic(f, ω), symbols=("f cos ωt",)),
+        Bumper("x", GROUND, gap=s, e=e),
+    )
+    t_1 = first_root(lambda t: s - free(t)[0], t_end, 2.0 * math.pi / max(ω, 1.0))
+    facts: tuple[Fact, ...]
+    if t_1 is None:
+        end = float(free(t_end)[0])
+        facts = (Fact("x(T)", "place at the end, clear of the stop", end, "m", lambda run: float(run.q[-1, 0]), scale=G),)
+    else:
+        facts = (
+            Fact("t_1", "first impact", t_1, "s", lambda run: event(run, "impact", 1).t),
+            Fact("v_1", "its speed", float(free(t_1)[1]), "m/s", lambda run: event(run, "impact", 1).left.v[0], scale=G),
+        )
+    return Problem(
+        name,
+        scheme,
+        q0={"x": x0},
+        v0={"x": v0},
+        t_end=t_end,
+        parameters={"zeta": ζ, "omega": ω, "f": f, "s": s, "e": e, "x0": x0, "v0": v0},
+        source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
+        facts=facts,
     )

@@ -10,7 +10,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero, restitution, whole
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import event
+from lcpimpact.problems.reading import event, first_root
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.elements.mass import Mass
@@ -119,4 +119,96 @@ def vibrating_table(
         source="Holmes, The dynamics of repeated impacts with a sinusoidally vibrating table (1982)",
         facts=facts,
         motion=motion,
+    )
+
+
+def thrown_ball(
+    m: float = 1.0,
+    g: float = 9.81,
+    e: float = 0.5,
+    A: float = 0.003,
+    omega: float = 20.0 * math.pi,
+    h: float = 0.01,
+    v0: float = 0.0,
+) -> Problem:
+    r"""A ball let fall on a vibrating table, from any height: rest, periodic motion, doubled periods and chaos.
+
+    The table moves by ``y = A cos ω t`` (downwards), whatever strikes it; the ball starts at the height h above the middle of
+    the swing. It is `vibrating_table` without the promise of a periodic motion; for diagrams and basins. With
+    ``Γ = A ω²/g``,
+
+    - up to Γ = 1 a ball at rest on the table stays there; above, the table throws it off in every period,
+    - it lands first where ``A cos ω t = -h + v0 t + g t²/2``, with the relative speed ``U = v0 + g t + A ω sin ω t``,
+    - a motion that lands once in n periods is born at ``Γ = n π (1 - e)/(1 + e)``, and doubles its period at
+      ``Γ² = (n π (1 - e)/(1 + e))² + (2 (1 + e²)/(1 + e)²)²``.
+
+    Several motions may attract at the same Γ: which one is met depends on h. The trap is a ball that comes to rest within a
+    period: infinitely many impacts accumulate before each throw, and a method must get through them to find it.
+
+    Parameters
+    ----------
+    m : float
+        Mass of the ball in kg.
+    g : float
+        Gravity in m/s².
+    e : float
+        Coefficient of restitution.
+    A, omega : float
+        Amplitude in m and circular frequency in rad/s of the table.
+    h : float
+        Height of the start above the middle of the table's swing in m.
+    v0 : float
+        Speed at the start in m/s, downwards.
+
+    Raises
+    ------
+    InputError
+        If a parameter is out of its range, or the ball starts below the table.
+
+    Examples
+    --------
+    >>> [round(fact.value, 6) for fact in thrown_ball().facts]
+    [0.040219, 0.50211]
+
+    References
+    ----------
+    Holmes, The dynamics of repeated impacts with a sinusoidally vibrating table (1982).
+    """
+    name = "thrown-ball"
+    above_zero(name, g=g, A=A, omega=omega)
+    restitution(name, e)
+    if -h > A:
+        raise InputError(f"{name}: h = {h:g} is below the table, which starts at {-A:g}: raise h")
+    ω = omega
+
+    def gap(t: Array) -> Array:
+        return np.asarray(A * np.cos(ω * t) + h - v0 * t - 0.5 * g * t**2)
+
+    # By then the ball has fallen below the lowest place of the table.
+    latest = (-v0 + math.sqrt(v0**2 + 2.0 * g * (h + A))) / g
+    t_1 = first_root(gap, latest * (1.0 + 1e-9), 2.0 * math.pi / ω)
+    scheme = Scheme(
+        Mass("x", m),
+        Load("x", m * g, symbols=("mg",)),
+        Bumper("x", "y", e=e),
+        PrescribedMotion("y", Harmonic(A, ω)),
+    )
+    facts: tuple[Fact, ...] = ()
+    if t_1 is not None:
+        U = v0 + g * t_1 + A * ω * math.sin(ω * t_1)
+        facts = (
+            Fact("t_1", "first landing", t_1, "s", lambda run: event(run, "impact", 1).t),
+            Fact(
+                "U_1", "its speed", U, "m/s", lambda run: float(-np.diff(event(run, "impact", 1).left.v)[0]), scale=A * ω
+            ),
+        )
+    return Problem(
+        name,
+        scheme,
+        q0={"x": -h},
+        v0={"x": v0},
+        t_end=max(1.5 * (t_1 or 0.0), 5.5 * 2.0 * math.pi / ω),
+        parameters={"m": m, "g": g, "e": e, "A": A, "omega": ω, "h": h, "v0": v0},
+        source="Holmes, The dynamics of repeated impacts with a sinusoidally vibrating table (1982)",
+        facts=facts,
     )

@@ -1,154 +1,272 @@
-"""Smooth against nonsmooth: the rigid problem and its compliant variants, by any methods and steps, in one table."""
+"""Methods side by side on one problem: what separates them, their events, their forces and their energies."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
+import pandas as pd
 
-from lcpimpact.errors import LcpImpactError
-from lcpimpact.integrators.base import Integrator
+from lcpimpact.errors import InputError, LcpImpactError, UnsupportedError
+from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
-from lcpimpact.problems.penalty import penalized
 from lcpimpact.simulation import simulate
-from lcpimpact.study.norms import l1_v, sup_q
+from lcpimpact.study.convergence import Methods, labelled
+from lcpimpact.study.ledger import Ledger, energy_ledger
+from lcpimpact.study.norms import NORMS, errors
+from lcpimpact.study.reference import Reference
+from lcpimpact.study.reference import reference as find_reference
+from lcpimpact.study.watch import Watch, unwatched
 from lcpimpact.trajectory import Trajectory
 
-Penalty = tuple[str, float] | tuple[str, float, Mapping[str, float]]
-"""A law, its stiffness k, and what else `penalized` is to be given."""
-
-WITHIN = 8
-"""Samples between two points of a run that is known everywhere."""
+REFERENCE = "reference"
+"""The label of the reference in tables."""
 
 
-@dataclass(frozen=True)
-class Row:
-    """What one run showed against the exact solution of the rigid problem.
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Runs of one problem by several methods.
 
     Attributes
     ----------
-    method : str                name of the method
-    law : str                   "rigid", or the law that stood for the bumpers
-    k : float                   its stiffness in N/m or N/mⁿ; inf where rigid
-    dt : float                  step in s, or spacing of the output for a method that chooses its steps
-    sup_q : float               sup |q - q*| in m on the grid
-    l1_v : float                ∫ Σ |v - v*| dt in m
-    closings : int              how often a contact closed: events of the run, or touches that its grid or samples show
-    penetration : float         greatest overlap of a bumper in m, likewise
-    lcp_solves : int            LCPs that were solved
-    newton_iterations : int     of the steps with compliant laws
-    evaluations : int           right sides, of methods that count them
-    seconds : float             time that the run took, with its first compilation if it was the first
-    failure : str               why there is no result, "" where there is one; then the errors are NaN
+    problem : Problem
+    t_end : float               s
+    runs : dict                 label to Trajectory, of the methods that reached the end, in the order they were given
+    failures : dict             label to the sentence that says why there is no run
+    reference : Reference or None
+        What all are compared with; None where they are compared with each other.
     """
 
-    method: str
-    law: str
-    k: float
-    dt: float
-    sup_q: float = math.nan
-    l1_v: float = math.nan
-    closings: int = 0
-    penetration: float = math.nan
-    lcp_solves: int = 0
-    newton_iterations: int = 0
-    evaluations: int = 0
-    seconds: float = math.nan
-    failure: str = ""
+    problem: Problem
+    t_end: float
+    runs: Mapping[str, Trajectory]
+    failures: Mapping[str, str] = field(default_factory=dict)
+    reference: Reference | None = None
+
+    def differences(self) -> pd.DataFrame:
+        """Return how far each run is from the reference, or each from each where there is none.
+
+        Returns
+        -------
+        DataFrame
+            ``method``, ``against`` (the reference by its name, or another label), ``dt`` (s) and ``steps`` of the run, one
+            column a norm of `lcpimpact.study.norms.NORMS` in its unit, ``events`` (their number), ``seconds`` of the run,
+            and ``failure``: why there is none, "" where there is one.
+        """
+        pairs: list[tuple[str, Trajectory, str, Trajectory]]
+        if self.reference is not None:
+            pairs = [(name, run, self.reference.name, self.reference.trajectory) for name, run in self.runs.items()]
+        else:
+            pairs = [(a, x, b, y) for (a, x), (b, y) in combinations(self.runs.items(), 2)]
+        rows = [
+            {
+                "method": name,
+                "against": against,
+                "dt": run.t[-1] / (len(run.t) - 1),
+                "steps": len(run.t) - 1,
+                **_finite(run, truth),
+                "events": len(run.events),
+                "seconds": float(run.stats["seconds"]),
+                "failure": "",
+            }
+            for name, run, against, truth in pairs
+        ]
+        rows += [{"method": name, "against": "", "failure": why} for name, why in self.failures.items()]
+        columns = ["method", "against", "dt", "steps", *NORMS, "events", "seconds", "failure"]
+        table = pd.DataFrame(rows, columns=columns).astype({"steps": "Int64", "events": "Int64"})
+        table.attrs = self._attrs()
+        return table
+
+    def events(self) -> pd.DataFrame:
+        """Return the events side by side: the k-th of a contact and kind in one row, in the order of time.
+
+        Returns
+        -------
+        DataFrame
+            ``contact``, ``kind``, ``k`` (from 1), then a column of times in s for the reference, if there is one, and for
+            each method, NaN where it has no such event, and ``spread``, the latest less the earliest.
+        """
+        runs = self._all()
+        found: dict[tuple[str, str, int], dict[str, float]] = {}
+        for label, run in runs.items():
+            count: dict[tuple[str, str], int] = {}
+            for event in run.events:
+                what = (event.contact, event.kind)
+                count[what] = count.get(what, 0) + 1
+                found.setdefault((*what, count[what]), {})[label] = event.t
+        rows = [
+            {"contact": contact, "kind": kind, "k": k, **dict.fromkeys(runs, math.nan), **times}
+            for (contact, kind, k), times in found.items()
+        ]
+        table = pd.DataFrame(rows, columns=["contact", "kind", "k", *runs])
+        times = table[list(runs)]
+        table["spread"] = times.max(axis=1) - times.min(axis=1)
+        order = times.min(axis=1).to_numpy().argsort(kind="stable")
+        table = table.iloc[order].reset_index(drop=True)
+        table.attrs = self._attrs()
+        return table
+
+    def forces(self) -> pd.DataFrame:
+        """Return the reactions of all methods, each at the instants at which it lives.
+
+        A method whose force belongs to a step has it at one instant of each step, and nothing is interpolated: the force of
+        the reference is read at those instants, where it is known at all times, as the right limit.
+
+        Returns
+        -------
+        DataFrame
+            ``method``, ``contact``, ``t`` (s), ``r`` (N), ``reference`` (N) and ``difference`` (N), the last two NaN where
+            there is no reference that is known at all times.
+        """
+        truth = None if self.reference is None else self.reference.trajectory
+        parts = []
+        for label, run in self.runs.items():
+            t = run.t_reaction
+            known = np.full(run.reaction.shape, np.nan)
+            if truth is not None and truth.dense is not None and len(t):
+                known = truth.sample(np.minimum(t, truth.t[-1])).reaction
+            for i, contact in enumerate(self.problem.dynamics.contacts):
+                r = run.reaction[:, i]
+                columns = {"t": t, "r": r, "reference": known[:, i], "difference": r - known[:, i]}
+                parts.append(pd.DataFrame({"method": label, "contact": contact.name, **columns}))
+        names = ["method", "contact", "t", "r", "reference", "difference"]
+        table = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=names)
+        table.attrs = self._attrs()
+        return table
+
+    def ledgers(self) -> dict[str, Ledger]:
+        """Return the energy ledger of each run, and of the reference under "reference"; none for a system given directly."""
+        try:
+            return {label: energy_ledger(run) for label, run in self._all().items()}
+        except UnsupportedError:
+            return {}
+
+    def energies(self) -> pd.DataFrame:
+        """Return what each ledger came to at the end: ``item``, then a column in J for the reference and each method."""
+        ledgers = self.ledgers()
+        columns = {label: ledger.totals.set_index("item")["end"] for label, ledger in ledgers.items()}
+        table = pd.DataFrame(columns).rename_axis("item").reset_index() if columns else pd.DataFrame(columns=["item"])
+        table.attrs = self._attrs()
+        return table
+
+    def _all(self) -> dict[str, Trajectory]:
+        """Return the runs with the reference before them."""
+        first = {} if self.reference is None else {REFERENCE: self.reference.trajectory}
+        return {**first, **self.runs}
+
+    def _attrs(self) -> dict[str, str | float]:
+        name = "each other" if self.reference is None else self.reference.name
+        return {"problem": self.problem.name, "t_end": float(self.t_end), "reference": name}
 
 
 def compare(
     problem: Problem,
-    methods: Sequence[str | Integrator],
-    dts: Sequence[float],
-    penalties: Sequence[Penalty] = (),
+    methods: Methods,
+    *,
+    dt: float | Mapping[str, float],
     t_end: float | None = None,
-) -> list[Row]:
-    """Run a problem with rigid bumpers and with compliant ones, and compare all runs with the exact rigid motion.
-
-    What separates a compliant run from the rigid motion is the error of the method and that of the model together: with
-    smaller steps the first goes, and what is left is of the order k^(-1/2).
+    reference: Reference | Trajectory | str | None = "auto",
+    lcp_solver: str = "auto",
+    watch: Watch = unwatched,
+) -> Comparison:
+    """Run one problem by several methods, to see what separates them.
 
     Parameters
     ----------
     problem : Problem
-        A scheme with bumpers that the method ``exact`` handles.
-    methods : sequence of str or Integrator
-        Names or objects; each runs every variant.
-    dts : sequence of float
-        Steps in s, each shortened so that a whole number of them makes t_end.
-    penalties : sequence of tuples
-        ``(law, k)`` or ``(law, k, {"v0": ...})`` for each compliant variant, as of `penalized`.
+        Any problem.
+    methods : sequence or mapping
+        Names of ``lcpimpact list methods`` or `Integrator` objects; a mapping gives them labels of your own.
+    dt : float or mapping
+        Step in s of all methods, or of each by its label; shortened so that a whole number of them makes t_end.
     t_end : float, optional
         End in s; by default that of the problem.
+    reference : Reference, Trajectory, "auto" or None
+        What the runs are compared with. "auto" is `lcpimpact.study.reference.reference`, by a method that is none of them,
+        if there is one; None compares them with each other.
+    lcp_solver : str
+        A name of ``lcpimpact list solvers``, for the methods that solve LCPs.
+    watch : callable
+        See `lcpimpact.study.watch`.
 
     Returns
     -------
-    list of Row
-        By variant, the rigid one first, then by method and step. A run that fails, or a method that refuses, is a row with
-        the reason.
+    Comparison
+        The runs, and why any method has none; its methods make the tables.
 
     Raises
     ------
-    LcpImpactError
-        If ``exact`` cannot run the rigid problem, so that there is nothing to compare with.
+    InputError
+        For an unknown method, two of one label, or a step that is none.
 
     Examples
     --------
-    >>> from lcpimpact import load_problem
-    >>> rows = compare(load_problem("bouncing-ball"), ["moreau-jean"], [1e-3], [("kelvin-voigt", 1e6)], t_end=1.0)
-    >>> [(row.law, row.closings, f"{row.penetration:.0e}") for row in rows]
-    [('rigid', 1, '3e-03'), ('kelvin-voigt', 1, '4e-03')]
+    >>> from lcpimpact import compare, load_problem
+    >>> found = compare(load_problem("system-1"), ["moreau-jean", "rk4-paper"], dt=1e-3)
+    >>> found.reference.name
+    'exact'
+    >>> found.events()[["kind", "spread"]].round(4).values.tolist()
+    [['open', 0.0005], ['close', 0.0008], ['open', 0.0]]
     """
+    chosen = labelled(methods)
     end = problem.t_end if t_end is None else t_end
-    truth = simulate(problem, "exact", dt=end / 100, t_end=end, progress=False)
-    variants: list[tuple[str, float, Problem | str]] = [("rigid", math.inf, problem)]
-    for law, k, *more in penalties:
+    if not is_real(end) or not end > 0.0:
+        raise InputError(f"t_end = {end!r} must be a positive finite number in s")
+    if REFERENCE in chosen:
+        raise InputError(f"methods: the label {REFERENCE!r} is that of the reference; give another")
+    steps = {label: _steps(label, dt, end) for label in chosen}
+    if isinstance(dt, Mapping) and (unknown := [label for label in dt if label not in chosen]):
+        raise InputError(f"dt: there is no method {unknown[0]!r} among {', '.join(chosen)}")
+    truth = _reference(problem, end, {each.name for each in chosen.values()}, reference)
+    runs, failures = {}, {}
+    for label, integrator in watch(chosen.items(), len(chosen), "methods"):
+        solver = lcp_solver if integrator.solves_lcp else "auto"
         try:
-            variants.append((law, k, penalized(problem, law, k=k, **dict(*more))))
+            runs[label] = simulate(
+                problem, integrator, dt=end / steps[label], t_end=end, lcp_solver=solver, progress=False
+            )
+        except InputError:
+            raise
         except LcpImpactError as error:
-            variants.append((law, k, str(error)))
-    rows = []
-    for law, k, variant in variants:
-        for method in methods:
-            for dt in dts:
-                steps = max(1, math.ceil(end / dt * (1.0 - 1e-12)))
-                row = Row(method if isinstance(method, str) else method.name, law, k, end / steps)
-                if isinstance(variant, str):
-                    rows.append(replace(row, failure=variant))
-                    continue
-                try:
-                    run = simulate(variant, method, dt=end / steps, t_end=end, progress=False)
-                except LcpImpactError as error:
-                    rows.append(replace(row, failure=str(error)))
-                else:
-                    rows.append(_filled(row, run, truth))
-    return rows
+            failures[label] = str(error)
+    return Comparison(problem, float(end), runs, failures, truth)
 
 
-def _filled(row: Row, run: Trajectory, truth: Trajectory) -> Row:
-    """Return the row of a run with what the run showed."""
-    rigid, q = truth.problem.dynamics, run.q
-    if run.dense is not None:
-        # A contact may be shorter than the spacing of the output, but not than that of the segments it is made of.
-        cuts = np.unique(np.concatenate([run.t, run.dense.cuts]))
-        within = cuts[:-1, None] + np.diff(cuts)[:, None] * np.linspace(0.0, 1.0, WITHIN, endpoint=False)
-        q = run.sample(np.append(within.ravel(), cuts[-1])).q
-    u = rigid.gap(q)[:, ~rigid.slides]
-    if run.problem is truth.problem:
-        closings = sum(event.kind in ("close", "impact") for event in run.events)
-    else:
-        closings = int(((u[:-1] >= 0.0) & (u[1:] < 0.0)).sum())
-    return replace(
-        row,
-        sup_q=sup_q(run, truth),
-        l1_v=l1_v(run, truth),
-        closings=closings,
-        penetration=float(max(0.0, -np.min(u, initial=0.0))),
-        lcp_solves=int(run.stats.get("lcp_solves", 0)) if run.problem.dynamics.contacts else 0,
-        newton_iterations=int(run.stats.get("newton_iterations", 0)),
-        evaluations=int(run.stats.get("evaluations", 0)),
-        seconds=float(run.stats["seconds"]),
-    )
+def _steps(label: str, dt: float | Mapping[str, float], t_end: float) -> int:
+    if isinstance(dt, Mapping) and label not in dt:
+        raise InputError(f"dt: there is no step for {label!r}; give one number, or one for each label")
+    value = dt[label] if isinstance(dt, Mapping) else dt
+    if not is_real(value) or not value > 0.0:
+        raise InputError(f"dt = {value!r} of {label!r} must be a positive finite number in s")
+    return max(1, math.ceil(t_end / value * (1.0 - 1e-12)))
+
+
+def _reference(
+    problem: Problem, t_end: float, compared: set[str], given: Reference | Trajectory | str | None
+) -> Reference | None:
+    if isinstance(given, Trajectory):
+        given = Reference(given, given.method)
+    if given is None:
+        return None
+    if isinstance(given, Reference):
+        if given.trajectory.t[-1] < t_end * (1.0 - 1e-9):
+            raise InputError(
+                f"reference ends at {given.trajectory.t[-1]:g} s, before t_end = {t_end:g} s: take a longer one"
+            )
+        return given
+    if given != "auto":
+        raise InputError(f"reference = {given!r} must be a Reference, a Trajectory, 'auto', or None for none")
+    try:
+        return find_reference(problem, t_end, unlike=compared)
+    except UnsupportedError:
+        return None
+
+
+def _finite(run: Trajectory, truth: Trajectory) -> dict[str, float]:
+    """Return the errors of a run in all norms; NaN where they are beyond all bounds."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        found = errors(run, truth)
+    return {name: value if math.isfinite(value) else math.nan for name, value in found.items()}

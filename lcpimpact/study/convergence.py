@@ -130,6 +130,17 @@ def limits_of(truth: Trajectory) -> tuple[Limit, ...]:
     return tuple(limit for limit in (SMOOTH, KINK, JUMP, FRICTION, IMPACT, COMPLIANT) if limit in happened)
 
 
+def floor_of(reference: str) -> float:
+    """Return up to which error, relative to the scale of a norm, runs may agree with a reference of that name by chance.
+
+    Examples
+    --------
+    >>> floor_of("exact"), floor_of("event-driven (rtol=1e-12, atol=1e-14)")
+    (1e-12, 1e-09)
+    """
+    return FLOORS.get(reference.replace("(", " ").split(" ")[0], FLOOR)
+
+
 def declared_order(declared: Declared, limits: Sequence[Limit]) -> float:
     """Return the order that a method declares where these limits hold, the least of them; nan where it declares none."""
     if COMPLIANT in limits:
@@ -282,8 +293,7 @@ def convergence(
         - ``failure``: why there is no result, "" where there is one; then the numbers are NaN
 
         ``attrs``: problem, t_end, limited_by (what limits the order, see `limits_of`), declared_norm (the norm in which
-        methods declare such an order), for each norm ``scale_NORM``, what an error in it is to be compared with, and
-        rounding: errors up to that, times the scale, may be the reference's own.
+        methods declare such an order), and for each norm ``scale_NORM``, what an error in it is to be compared with.
 
     Raises
     ------
@@ -395,7 +405,6 @@ def _run_all(
         truth = known.trajectory
         limit = limits_of(truth)[-1]
         table.attrs |= {"limited_by": limit.name, "declared_norm": limit.norm}
-        table.attrs |= {"rounding": FLOORS.get(_name(truth), FLOOR)}
         table.attrs |= {f"scale_{name}": SCALES[name](truth) for name in names}
     return table
 

@@ -60,13 +60,26 @@ def to_segment(x: float, y: float, B: Array, j: int) -> float:
     return least
 
 
-@compiled(i8(f8, f8, matrix, i8))
-def nearest_segment(x: float, y: float, B: Array, guess: int) -> int:
-    """Return the segment of a polyline that is nearest to a point, walking both ways from ``guess``."""
-    last = len(B) - 2
-    best, least = guess, to_segment(x, y, B, guess)
+@compiled(i8(f8, matrix))
+def segment_at(x: float, B: Array) -> int:
+    """Return a segment of a polyline that begins no later than at x, the last of them."""
+    low, high = 0, len(B) - 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        if B[middle, 0] <= x:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+@compiled(i8(f8, f8, matrix))
+def nearest_segment(x: float, y: float, B: Array) -> int:
+    """Return the segment of a polyline that is nearest to a point, walking both ways from its time."""
+    here, last = segment_at(x, B), len(B) - 2
+    best, least = here, to_segment(x, y, B, here)
     for way in (1, -1):
-        j = guess + way
+        j = here + way
         while 0 <= j <= last:
             away = B[j, 0] - x if way > 0 else x - B[j + 1, 0]
             if away > least:
@@ -85,18 +98,16 @@ def farthest(A: Array, B: Array, reached: float) -> float:
     Both are polylines of at least two points that do not go back in time.
     """
     stack = np.empty((64, 4))
-    j = 0
     for i in range(len(A) - 1):
-        while j < len(B) - 2 and B[j + 1, 0] < A[i, 0]:
-            j += 1
         stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = A[i, 0], A[i, 1], A[i + 1, 0], A[i + 1, 1]
         depth = 1
         while depth > 0:
             depth -= 1
             x0, y0, x1, y1 = stack[depth]
+            j = segment_at(0.5 * (x0 + x1), B)
             if max(to_segment(x0, y0, B, j), to_segment(x1, y1, B, j)) <= reached:
                 continue
-            first, second = nearest_segment(x0, y0, B, j), nearest_segment(x1, y1, B, j)
+            first, second = nearest_segment(x0, y0, B), nearest_segment(x1, y1, B)
             d0, d1 = to_segment(x0, y0, B, first), to_segment(x1, y1, B, second)
             reached = max(reached, d0, d1)
             above = min(max(d0, to_segment(x1, y1, B, first)), max(to_segment(x0, y0, B, second), d1))

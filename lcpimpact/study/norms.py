@@ -37,6 +37,8 @@ HALVINGS = 27
 ROUNDING = 1e-13
 """A series whose last terms are this small, relative to the largest value, has ended."""
 
+LAST_PLACES = 16.0
+
 FINEST = 1e-9
 """Chords are no nearer to a curve than this, relative to the size of its graph."""
 
@@ -136,15 +138,18 @@ def series(cuts: Array, *read: Callable[[Array], Array]) -> Series:
     scale = 0.0
     for level in range(HALVINGS + 1):
         # Pieces as short as the spacing of floats hold no more than their ends.
-        there = length > 64.0 * np.finfo(float).eps * np.abs(cuts).max()
+        there = length > LAST_PLACES * np.finfo(float).eps * np.abs(cuts).max()
         start, length = start[there], length[there]
         times = (start[:, None] + 0.5 * length[:, None] * (1.0 + NODES[::-1])).ravel()
         values = [each(times) for each in read]
         scale = max([scale, *(float(np.abs(each).max(initial=0.0)) for each in values)])
         f = values[0] - values[1] if len(values) > 1 else values[0]
-        f = f.reshape(len(start), DEGREE + 1, -1)[:, ::-1]
+        f = f.reshape(len(start), DEGREE + 1, f.shape[1])[:, ::-1]
         c = np.einsum("kj,ijm->ikm", FIT, f)
-        ends = np.abs(c[:, -2:]).sum(axis=1).max(axis=1, initial=0.0) <= ROUNDING * scale
+        # An instant is known to a few units in its last place, and a function that is steep no better than that.
+        steep = np.ptp(f, axis=1).max(axis=1, initial=0.0) / np.maximum(length, 1e-300)
+        noise = ROUNDING * scale + LAST_PLACES * np.finfo(float).eps * np.abs(cuts).max() * steep
+        ends = np.abs(c[:, -2:]).sum(axis=1).max(axis=1, initial=0.0) <= noise
         if level == HALVINGS:
             ends[:] = True
         done.append((start[ends], length[ends], c[ends]))
@@ -223,23 +228,35 @@ def hausdorff_v(run: Trajectory, truth: Trajectory) -> float:
     Converges with order 1 across impacts: an impact that comes late by δ is δ/T away, whatever the jump. It sees each impact
     and each grazing, where an integral sees a sum.
     """
-    end = min(run.t[-1], truth.t[-1])
-    pieces = [_graph(each, end) for each in (run, truth)]
-    V = float(np.abs(pieces[1].c).sum(axis=1).max(initial=0.0)) or 1.0
-    return max(_distance(pieces[0], pieces[1], i, end, V) for i in range(pieces[0].c.shape[2]))
+    T = min(run.t[-1], truth.t[-1])
+    V = float(np.abs(_v(truth, corners(truth))).max(initial=0.0)) or 1.0
+    graphs = [_graphs(each, T, V) for each in (run, truth)]
+    return max(_distance(*pair) for pair in zip(*graphs, strict=True))
 
 
-def _graph(run: Trajectory, end: float) -> Series:
+Graph = Callable[[float], Array]
+"""Takes a tolerance, and returns a polyline (np, 2) that is no farther than that from the graph."""
+
+
+def _graphs(run: Trajectory, T: float, V: float) -> list[Graph]:
+    """Return the filled-in graph of each speed, scaled by T and V."""
     cuts = corners(run)
-    return series(np.append(cuts[cuts < end], end), lambda t: _v(run, t))
+    cuts = np.append(cuts[cuts < T], T)
+    if run.dense is None:
+        values = _v(run, cuts) / V
+        return [lambda tolerance, y=y: np.column_stack([cuts / T, y]) for y in values.T]  # type: ignore[misc]
+    found = series(cuts, lambda t: _v(run, t))
+    return [
+        lambda tolerance, c=c: polyline(found.start / T, found.length / T, c / V, tolerance)  # type: ignore[misc]
+        for c in found.c.transpose(2, 0, 1)
+    ]
 
 
-def _distance(run: Series, truth: Series, i: int, T: float, V: float) -> float:
-    """Return the distance of the graphs of the i-th speed, to a thousandth of itself: so near are chords to the curves."""
+def _distance(a: Graph, b: Graph) -> float:
+    """Return the distance of two graphs, to a thousandth of itself: so near are chords to the curves."""
     tolerance = 1e-2
     while True:
-        graphs = [polyline(each.start / T, each.length / T, each.c[:, :, i] / V, tolerance) for each in (run, truth)]
-        found = hausdorff(*graphs)
+        found = hausdorff(a(tolerance), b(tolerance))
         if tolerance <= max(0.5e-3 * found, FINEST):
             return found
         tolerance = max(0.25e-3 * found, FINEST)

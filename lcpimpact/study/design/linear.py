@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache
 from typing import ClassVar
 
 import numpy as np
@@ -104,6 +105,12 @@ def _side_by_side(motion: Oscillation, τ_c: float) -> Rebound:
     return Rebound(-motion.rate(τ_c), τ_c, max(forces), max(ways))
 
 
+@lru_cache(maxsize=4096)
+def _without_weight(ζ: float) -> Rebound:
+    known = {fact.symbol: fact.value for fact in kelvin_voigt_impact(1.0, 1.0, 2.0 * ζ, 1.0).facts}
+    return Rebound(known["e"], known["t_c"], known["R_max"], known["x_max"])
+
+
 class KelvinVoigtLaw(Law):
     """A spring and a dashpot side by side that push and do not pull: contact ends where the force does."""
 
@@ -113,8 +120,7 @@ class KelvinVoigtLaw(Law):
     def rebound(self, λ: float, γ: float, n: float) -> Rebound:
         """Return the contact up to the first zero of γ - y''."""
         if γ == 0.0:
-            known = {fact.symbol: fact.value for fact in kelvin_voigt_impact(1.0, 1.0, 2.0 * λ, 1.0).facts}
-            return Rebound(known["e"], known["t_c"], known["R_max"], known["x_max"])
+            return _without_weight(λ)
         motion = Oscillation(λ, γ)
         return _side_by_side(motion, _end(motion.force, motion.force_turns()))
 
@@ -174,7 +180,7 @@ class MaxwellLaw(Law):
         if math.isinf(τ_c):
             # The dashpot gives way as long as there is a force: to the end of the momentum, or under a weight for ever.
             return Rebound(0.0, τ_c, max(peak_force, γ), math.inf if γ > 0.0 else 2.0 * ζ)
-        τ = float(brentq(rate, 0.0, τ_c, xtol=1e-300, rtol=1e-15))
+        τ = float(brentq(rate, 0.0, τ_c, xtol=1e-300, rtol=1e-15)) if rate(τ_c) < 0.0 else τ_c
         return Rebound(-motion.rate(τ_c), τ_c, peak_force, motion.y(τ) + 2.0 * ζ * (1.0 + γ * τ))
 
     def constant(self, λ: float) -> float:

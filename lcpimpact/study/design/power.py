@@ -12,11 +12,13 @@ with ψ(y_-) = ψ(y_+): an entire ψ, and ends where δⁿ is a power of the dis
 from __future__ import annotations
 
 import math
-from functools import cache
-from typing import Any, ClassVar
+from collections.abc import Callable
+from functools import cache, lru_cache
+from typing import ClassVar
 
 import numpy as np
-from scipy.integrate import quad, solve_ivp
+from numpy.typing import ArrayLike
+from scipy.integrate import ode, quad
 from scipy.optimize import brentq
 from scipy.special import roots_jacobi
 
@@ -29,11 +31,17 @@ from lcpimpact.trajectory import Trajectory
 NODES = 60
 """Of Gauss and Jacobi's rule, on either side of the deepest place."""
 
+SERIES = [1.0 / math.factorial(i) for i in range(2, 12)]
+"""Of (exp y - 1 - y)/y²."""
+
 RTOL, ATOL = 1e-12, 1e-14
 """Of the integration where there is weight; all lengths and times are near 1."""
 
-LONG = 1e3
-"""Times of L/v0 after which a mass that has not turned is taken to creep to its place of rest."""
+LONG = 1e6
+"""Time in L/v0 by which all is settled."""
+
+State = tuple[float, float, float]
+"""t, δ and δ'."""
 
 
 class HertzLaw(Law):
@@ -85,7 +93,7 @@ class HuntCrossleyLaw(HertzLaw):
 
     name: ClassVar[str] = "hunt-crossley"
     loss: ClassVar[str] = "b"
-    losses: ClassVar[tuple[float, float]] = (1e-3, 1e3)
+    losses: ClassVar[tuple[float, float]] = (1e-3, 100.0)
 
     def rebound(self, λ: float, γ: float, n: float) -> Rebound:
         """Return the contact: in closed form without weight, else by an integration."""
@@ -104,19 +112,30 @@ class HuntCrossleyLaw(HertzLaw):
         return hunt_crossley_impact(m, k, loss, n, v0)
 
 
+@lru_cache(maxsize=4096)
 def _without_weight(a: float, n: float) -> Rebound:
+    """Return the contact without weight from the closed forms and the integral."""
     facts = {fact.symbol: fact.value for fact in hunt_crossley_impact(1.0, 0.5 * (n + 1.0), a, n, 1.0).facts}
     e, y_plus = facts["e"], math.log1p(a)
-    ψ_end = math.expm1(y_plus) - y_plus
-    # 1 - e a cancels where e a is near 1, and this does not: ψ(y_-) = ψ(y_+).
+    ψ_end = float(_ψ(y_plus))
+    # ψ(y_-) = ψ(y_+), which sharpens what cancellation has left of e where a is small, or e a near 1.
     y_minus = -e * a - ψ_end
+    for _ in range(3):
+        y_minus -= (float(_ψ(y_minus)) - ψ_end) / math.expm1(y_minus)
     T = 0.0
     for end in (y_plus, y_minus):
         s, weights = _jacobi(n)
         y = end * (1.0 - s)
-        δ = (2.0 / a**2 * (ψ_end - (np.expm1(y) - y))) ** (1.0 / (n + 1.0))
+        δ = (2.0 / a**2 * (ψ_end - _ψ(y))) ** (1.0 / (n + 1.0))
         T += abs(end) * float(weights @ (s ** (n / (n + 1.0)) / δ**n))
-    return Rebound(e, 2.0 / ((n + 1.0) * a) * T, facts["F_max"], facts["δ_max"])
+    return Rebound(-math.expm1(y_minus) / a, 2.0 / ((n + 1.0) * a) * T, facts["F_max"], facts["δ_max"])
+
+
+def _ψ(y: ArrayLike) -> Array:
+    """Return exp y - 1 - y without the cancellation at small y."""
+    y = np.asarray(y, dtype=np.float64)
+    series = np.polynomial.polynomial.polyval(y, SERIES)
+    return np.where(np.abs(y) < 0.1, y**2 * series, np.expm1(y) - y)
 
 
 @cache
@@ -128,7 +147,7 @@ def _jacobi(n: float) -> tuple[Array, Array]:
 
 
 def _integrated(a: float, γ: float, n: float) -> Rebound:
-    """Return the contact with weight by SciPy's DOP853, up to where δ = 0 or, on the way down again, to where it stays."""
+    """Return the contact with weight by DOP853, up to where δ = 0 or, on the way down again, to where it stays."""
     K = 0.5 * (n + 1.0)
 
     def force(δ: float, v: float) -> float:
@@ -138,27 +157,59 @@ def _integrated(a: float, γ: float, n: float) -> Rebound:
         δ, v = state
         return [v, γ - force(δ, v)]
 
-    def leaves(t: float, state: Array) -> float:
-        return float(state[0])
+    def force_rate(δ: float, v: float) -> float:
+        return n * v * (1.0 + a * v) + a * δ * (γ - force(δ, v))
 
-    def turns(t: float, state: Array) -> float:
-        return float(state[1])
+    def energy(δ: float, v: float) -> float:
+        # It falls, and at δ = 0 it is v²/2: a mass that has less than none of it never leaves.
+        return 0.5 * (v * v + max(δ, 0.0) ** (n + 1.0)) - γ * δ
 
-    def falls_back(t: float, state: Array) -> float:
-        return float(state[1])
-
-    def force_peaks(t: float, state: Array) -> float:
-        δ, v = state
-        return float(n * v * (1.0 + a * v) + a * δ * (γ - force(δ, v)))
-
-    events: list[Any] = [leaves, turns, falls_back, force_peaks]
-    for each, direction in zip(events, (-1.0, -1.0, 1.0, -1.0), strict=True):
-        each.direction, each.terminal = direction, each in (leaves, falls_back)
-    found = solve_ivp(rate, (0.0, LONG), [0.0, 1.0], "DOP853", events=events, rtol=RTOL, atol=ATOL)
-    left, deepest, _, peaks = found.y_events
     rest = (γ / K) ** (1.0 / n)
-    forces = [force(*state) for state in peaks]
-    if not len(left):
-        ways = [float(state[0]) for state in deepest]
-        return Rebound(0.0, math.inf, max([*forces, γ]), max([*ways, rest]))
-    return Rebound(-float(left[0][1]), float(found.t_events[0][0]), max(forces), float(deepest[0][0]))
+
+    def creeps(δ: float, v: float) -> bool:
+        # With v below μ (rest - δ) once, it is so ever after, and the mass does not pass its place of rest.
+        if not 0.0 < δ < rest or v <= 0.0 or force_rate(δ, v) > 0.0:
+            return False
+        μ = v / (rest - δ)
+        return n * K * rest ** (n - 1.0) + μ * μ <= a * K * δ**n * μ
+
+    steps: list[State] = []
+
+    def visit(t: float, state: Array) -> int:
+        δ, v = map(float, state)
+        steps.append((t, δ, v))
+        settled = (v <= 0.0 and energy(δ, v) < 0.0) or creeps(δ, v)
+        return -1 if settled or (t > 0.0 and δ <= 0.0) else 0
+
+    def follow(start: State, t: float, visited: Callable[[float, Array], int] | None = None) -> State:
+        solver = ode(rate).set_integrator("dop853", rtol=RTOL, atol=ATOL, nsteps=100_000)
+        if visited:
+            solver.set_solout(visited)
+        δ, v = solver.set_initial_value(start[1:], start[0]).integrate(t)
+        return t, float(δ), float(v)
+
+    def zero(g: Callable[[float, float], float], xtol: float) -> State | None:
+        """Return the first state in which g has fallen to zero."""
+        signs = [g(δ, v) for _, δ, v in steps]
+        falls = [i for i in range(2, len(steps)) if signs[i - 1] > 0.0 >= signs[i]]
+        if not falls:
+            return None
+        before, after = steps[falls[0] - 1], steps[falls[0]]
+
+        def value(t: float) -> float:
+            return g(*(before if t == before[0] else follow(before, t))[1:])
+
+        if value(after[0]) > 0.0:
+            return after
+        return follow(before, float(brentq(value, before[0], after[0], xtol=xtol, rtol=1e-15)))
+
+    follow((0.0, 0.0, 1.0), LONG, visit)
+    # What is stationary in time need not be sharp in it.
+    deepest, strongest = zero(lambda _, v: v, 1e-9), zero(force_rate, 1e-9)
+    left = zero(lambda δ, _: δ, 1e-15)
+    peak = force(*(strongest or steps[-1])[1:])
+    way = deepest[1] if deepest else rest
+    if left is None:
+        # What never leaves comes to rest under its weight.
+        return Rebound(0.0, math.inf, max(peak, γ), max(way, rest))
+    return Rebound(-left[2], left[0], peak, way)

@@ -1,17 +1,19 @@
-"""Runs by Siconos, for `test_siconos.py`; it belongs to Debian's Python: ``/usr/bin/python3 siconos_runs.py``.
+"""Runs by Siconos, for the Python that it belongs to; it needs nothing of lcpimpact.
 
-Standard input holds JSON: the matrices of a system with their step, standard output the steps that Siconos took.
+Standard input holds a list of jobs as JSON, each with the matrices of a system and its step; the last line of standard
+output holds the steps that Siconos took.
 """
 
 import json
 import sys
 
 import numpy as np
-import siconos.kernel as sk
 
 
-def lagrangian(M, C, K, f, H, u0, e, q0, v0, theta, h, steps):
+def lagrangian(M, C, K, f, H, u0, e, q0, v0, theta, h, steps):  # type: ignore[no-untyped-def]
     """M q'' + C q' + K q = f + Hᵀ r, 0 <= r ⟂ u = H q + u0 >= 0, with Newton's law, by MoreauJeanOSI."""
+    import siconos.kernel as sk
+
     M, C, K, f, H, u0 = (np.array(a, dtype=float) for a in (M, C, K, f, H, u0))
     system = sk.LagrangianLinearTIDS(np.array(q0), np.array(v0), M, K, C)
     system.setFExtPtr(f)
@@ -33,8 +35,10 @@ def lagrangian(M, C, K, f, H, u0, e, q0, v0, theta, h, steps):
     return {"q": q, "v": v}
 
 
-def first_order(A, b, B, C, D, x0, theta, gamma, h, steps):
-    """x' = A x + b + B λ, 0 <= λ ⟂ C x + D λ >= 0, by EulerMoreauOSI; γ weights λ, and u where it is not 1."""
+def first_order(A, b, B, C, D, x0, theta, gamma, h, steps):  # type: ignore[no-untyped-def]
+    """0 <= λ ⟂ C x + D λ >= 0 with x' = A x + b + B λ, by EulerMoreauOSI; γ weights λ, and u where it is not 1."""
+    import siconos.kernel as sk
+
     A, b, B, C, D = (np.array(a, dtype=float) for a in (A, b, B, C, D))
     system = sk.FirstOrderLinearTIDS(np.array(x0), A, b)
     relation = sk.FirstOrderLinearTIR(C, B)

@@ -1,0 +1,71 @@
+"""Draw docs/images/norms.svg: why the sup of v does not converge across impacts, and what does.
+
+python docs/norms.py
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from lcpimpact import load_problem, simulate
+from lcpimpact.plotting.style import EXACT, INK, PALETTE, save, style
+from lcpimpact.study.norms import errors, sup_v
+from lcpimpact.study.reference import reference
+
+PICTURE = Path(__file__).parent / "images" / "norms.svg"
+T_END = 1.7
+COUNTS = (53, 83, 131, 211, 331, 523, 829, 1307, 2069, 3271, 5167, 8167)
+SHOWN = {
+    "sup_q": r"$\sup\,|q-q^*|$ [m]",
+    "l1_v": r"$\int\,|v-v^*|\,dt$ [m]",
+    "l2_v": r"$\|v-v^*\|_{L^2}$ [m/s$^{1/2}$]",
+}
+
+
+@style()
+def draw() -> Figure:
+    """Return the picture: v about an impact by three step counts, and the norms over the step."""
+    ball = load_problem("bouncing-ball")
+    truth = reference(ball, T_END).trajectory
+    figure = Figure(figsize=(7.2, 3.1), layout="constrained")
+    near, far = figure.subplots(1, 2)
+
+    impact = truth.events[0]
+    t = np.linspace(impact.t - 0.06, impact.t + 0.06, 241)
+    v = truth.sample(t).v[:, 0]
+    v[np.argmin(np.abs(t - impact.t))] = np.nan
+    near.plot(t - impact.t, v, color=EXACT, linewidth=4.0, label="exact")
+    for n, colour, marker in ((53, PALETTE[1], "o"), (211, PALETTE[0], "s")):
+        run = simulate(ball, dt=T_END / n, t_end=T_END)
+        near.plot(run.t - impact.t, run.v[:, 0], color=colour, marker=marker, markersize=3.5, label=f"$h$ = 1.7/{n} s")
+    near.set_xlim(-0.06, 0.06)
+    near.set_xlabel("$t - t_1$ [s]")
+    near.set_ylabel("$v$ [m/s]")
+    near.legend(loc="lower left")
+
+    h = T_END / np.array(COUNTS)
+    found = []
+    for n in COUNTS:
+        run = simulate(ball, dt=T_END / n, t_end=T_END)
+        found.append([sup_v(run, truth), *errors(run, truth, [*SHOWN, "hausdorff_v"]).values()])
+    labels = [r"$\sup\,|v-v^*|$ [m/s]", *SHOWN.values(), r"$d_H(v, v^*)$"]
+    order = [0, 3, 2, 1, 4]
+    for place, (i, marker) in enumerate(zip(order, "oDs^v", strict=True)):
+        far.loglog(
+            h, np.array(found)[:, i], marker=marker, markersize=3.5, linewidth=0.9, color=PALETTE[(1, 3, 2, 0, 4)[place]],
+            label=labels[i],
+        )  # fmt: skip
+    for slope, text, start, at in ((1.0, "$h$", h[5], 7e-4), (0.5, "$h^{1/2}$", h[-2], 0.5)):
+        guide = np.array([start, 3.0 * start])
+        far.loglog(guide, at * (guide / start) ** slope, color=INK, linewidth=0.8)
+        far.text(1.1 * guide[1], at * 3.0**slope, text, va="center", fontsize=9)
+    far.set_xlabel("$h$ [s]")
+    far.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return figure
+
+
+if __name__ == "__main__":
+    save(draw(), PICTURE)

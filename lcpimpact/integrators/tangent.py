@@ -1,0 +1,118 @@
+r"""How an exact motion answers to a small change of the state that it begins from.
+
+Within a mode a change moves by the mode's own flow. Across an event it does not, because the event comes a little earlier
+or later: with the row c that falls through zero, the state X⁻ before, the state X⁺ = R(X⁻) after, and the velocities
+f⁻ = A⁻ X⁻ and f⁺ = A⁺ X⁺ of the two modes, the change is multiplied by the *saltation matrix*
+
+.. math:: S = R_X + \frac{(f^+ - R_X f^-)\, c}{c \cdot f^-} .
+
+R is the identity where forces only switch; where impulses act, the rows a that push give
+
+.. math:: R_X = I - B_a G_{aa}^{-1} (1 + e_a)\, (C A)_a , \qquad G = C A B .
+
+The derivative over a time is the product of the flows and of these matrices in their order. It does not exist where the row
+only touches zero (c·f⁻ = 0, a grazing), nor where two rows fall through zero at once.
+
+References: Aizerman and Gantmacher (1958); Leine and Nijmeijer, *Dynamics and Bifurcations of Non-Smooth Mechanical Systems*
+(2004), chapter 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import UnsupportedError
+from lcpimpact.integrators.modes import Mode, System, gaps
+from lcpimpact.integrators.motion import Motion, Segment
+
+GRAZING = 1e-10
+"""A row that falls through zero at less than this, relative to its terms at their largest, only touches it."""
+
+TOGETHER = 1e-10
+"""Another row this near zero, relative to its terms at their largest, ends the mode together with the one that does."""
+
+
+def place_derivative(system: System, mode: Mode) -> Array:
+    """Return the derivative (N, N) of what the end of a mode does to the places of sliders of degree 0.
+
+    A slider that has slipped sticks, or turns, where it then is: its place p moves by u = (C + D F) X.
+    """
+    _, F = system.mode(mode)
+    change = np.eye(len(F.T))
+    if len(system.remembered):
+        u = system.derivatives[0] + system.form.D @ F
+        change[len(system.form.A) :] += u[system.remembered]
+    return change
+
+
+def impact_derivative(system: System, X: Array, P: Array, scale: Array) -> Array:
+    """Return the derivative (N, N) at X of the state after the impacts whose impulses are P (nc,)."""
+    rows = np.flatnonzero(P > 0.0)
+    if len(rows) == 0:
+        return np.eye(len(X))
+    _, U = gaps(system, X, scale)
+    bounced = 1.0 + np.where(U[rows] < 0.0, system.dynamics.restitution[rows], 0.0)
+    CA = system.derivatives[1, rows]
+    return np.asarray(
+        np.eye(len(X))
+        - system.matrices[1][:, rows] @ np.linalg.solve(system.G[np.ix_(rows, rows)], bounced[:, None] * CA)
+    )
+
+
+def saltation(motion: Motion, before: Segment, after: Segment) -> Array:
+    """Return the derivative (N, N) across the event between two segments.
+
+    Raises
+    ------
+    UnsupportedError
+        If the event is a grazing, or two happen at once.
+    """
+    system = motion.system
+    names = [contact.name for contact in system.dynamics.contacts]
+    c, X = after.ended, after.before
+    (flow, _), (next_flow, _) = system.mode(before.mode), system.mode(after.mode)
+    f, rate = flow.A @ X, c @ flow.A
+    what = ", ".join(dict.fromkeys(event.contact for event in after.events)) or "a contact"
+    if not -rate @ X > GRAZING * (np.abs(rate) @ motion.scale):
+        raise UnsupportedError(
+            f"{what} only touches at t = {after.t0:g} s (a grazing, or the end of impacts that accumulate), where the "
+            "motion has no derivative: change a parameter a little; grazing(...) finds the value at which an orbit touches"
+        )
+    for i, row, _ in system.watched(before.mode):
+        if not np.array_equal(row, c) and abs(row @ X) <= TOGETHER * (np.abs(row) @ motion.scale):
+            raise UnsupportedError(
+                f"{names[i]} and {what} switch together at t = {after.t0:g} s, where the motion has no derivative: "
+                "change a parameter a little"
+            )
+    P = np.zeros(len(names))
+    for event in after.events:
+        P[names.index(event.contact)] += event.impulse
+    R = place_derivative(system, before.mode) @ impact_derivative(system, X, P, motion.scale)
+    return np.asarray(R + np.outer(next_flow.A @ after.X - R @ f, c) / (c @ f))
+
+
+def factors(motion: Motion, until: float) -> Iterator[Array]:
+    """Yield, in the order of time, the factors of the derivative of X(until) by the state at the start."""
+    segments = [each for each in motion.segments if each.t0 <= until]
+    ends = [*(each.t0 for each in segments[1:]), until]
+    for k, (segment, end) in enumerate(zip(segments, ends, strict=True)):
+        if k:
+            yield saltation(motion, segments[k - 1], segment)
+        yield motion.system.mode(segment.mode)[0].over(end - segment.t0)
+
+
+def tangent(motion: Motion, until: float) -> Array:
+    """Return the derivative (N, N) of X(until) by the state right after the start.
+
+    Raises
+    ------
+    UnsupportedError
+        If the motion grazes, or two events happen at once.
+    """
+    change = np.eye(len(motion.scale))
+    for factor in factors(motion, until):
+        change = factor @ change
+    return change

@@ -1,0 +1,324 @@
+"""Pictures of errors: over the step, with the slopes of the orders that are seen, and over what they cost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError
+from lcpimpact.plotting.style import FAINT, PALETTE, SOFT, save, style
+from lcpimpact.registry import nearest
+from lcpimpact.study.convergence import COSTS
+from lcpimpact.study.norms import NORMS
+from lcpimpact.study.orders import observed_orders
+
+MARKERS = "os^DvP<>X*"
+DASHES = ("-", "--", ":", "-.")
+
+COST_LABELS = {
+    "steps": "steps",
+    "lcp_solves": "LCPs solved",
+    "lcp_iterations": "pivots or sweeps",
+    "newton_iterations": "Newton iterations",
+    "evaluations": "right sides",
+    "seconds": "time [s]",
+}
+
+WIDTH = 0.16
+"""Of a slope triangle, in widths of the axes; a steep one is narrower."""
+
+TALLEST = 0.22
+"""Of a slope triangle, in heights of the axes."""
+
+CLEAR = 0.15
+"""An order is drawn as a triangle if it is known to this, and as near to a half or a whole number."""
+
+BEYOND = 30.0
+"""So many times the scale of a norm, errors are not drawn: a run that grows without bound would flatten the others."""
+
+LONG = 28
+"""Labels of more letters stand below the picture."""
+
+AIR = 0.03
+"""Around a slope triangle, in widths and heights of the axes."""
+
+
+@style()
+def plot_convergence(table: pd.DataFrame, norm: str = "sup_q", path: str | Path | None = None) -> Figure:
+    """Draw the errors of each method over the step, with a triangle for each order that is seen.
+
+    A cross at the upper edge is a run without a result. The legend has the observed order of each method and its scatter, the
+    standard deviation of log10 of the errors about the line.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of `lcpimpact.convergence`.
+    norm : str
+        Which of its norms.
+    path : str or Path, optional
+        A file ending in .png, .svg or .pdf to write.
+
+    Raises
+    ------
+    InputError
+        If the table has no such norm, or for a file that cannot be written.
+
+    Examples
+    --------
+    >>> from lcpimpact import convergence, load_problem
+    >>> table = convergence(load_problem("system-1"), ["moreau-jean"], [0.03, 0.01, 0.003], norms=["sup_q"])
+    >>> plot_convergence(table).axes[0].get_xlabel()
+    'step $h$ [s]'
+    """
+    _check_norm(table, norm)
+    orders = observed_orders(table, norm).set_index(["method", "law", "k"])
+    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
+    ax = figure.add_subplot()
+    lines, slopes, telling = [], [], []
+    tells = bool(orders["points"].any())
+    for (key, runs), look in zip(_groups(table), _looks(table), strict=True):
+        row = orders.loc[key]
+        # Errors that are rounding are drawn only where there are no others.
+        good = runs[(runs["failure"] == "") & (runs[norm] > 0.0) & bool(row["points"] or not tells)]
+        ax.plot(good["dt"], good[norm], label=f"{_named(key)}:  {_order(row, runs)}", **look)
+        telling += list(good[norm])
+        if len(good):
+            known = row["standard_error"] < CLEAR and abs(row["order"] - _half(row["order"])) < CLEAR
+            lines.append(np.log10(np.column_stack([good["dt"], good[norm]]).astype(float)))
+            slopes.append(_half(row["order"]) if known else 0.0)
+        if len(good):
+            _mark_failures(ax, runs["dt"], runs["failure"], look)
+    ax.set(xscale="log", yscale="log", xlabel="step $h$ [s]", ylabel=_label(norm))
+    _titled(ax, table, norm)
+    _limit(ax, table, norm, telling)
+    _draw_legend(figure, ax, "observed order ± scatter")
+    _draw_triangles(ax, lines, slopes)
+    if path is not None:
+        save(figure, path)
+    return figure
+
+
+@style()
+def plot_work_precision(
+    table: pd.DataFrame, norm: str = "sup_q", cost: str = "seconds", path: str | Path | None = None
+) -> Figure:
+    """Draw the errors of each method over what its runs cost: who lies lower and further left is better.
+
+    The legend says how many runs of a method have no result, and which methods have no cost of that kind.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of `lcpimpact.work_precision` or `lcpimpact.convergence`.
+    norm : str
+        Which of its norms.
+    cost : {"seconds", "steps", "evaluations", "lcp_solves", "lcp_iterations", "newton_iterations"}
+        Which of its costs.
+    path : str or Path, optional
+        A file ending in .png, .svg or .pdf to write.
+
+    Raises
+    ------
+    InputError
+        If the table has no such norm or cost, or for a file that cannot be written.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, work_precision
+    >>> table = work_precision(load_problem("system-1"), ["moreau-jean"], [0.03, 0.01], norms=["sup_q"], repeats=1)
+    >>> plot_work_precision(table, cost="evaluations").axes[0].get_xlabel()
+    'right sides'
+    """
+    _check_norm(table, norm)
+    if cost not in COSTS:
+        raise InputError(nearest(str(cost), list(COSTS), "cost"))
+    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
+    ax = figure.add_subplot()
+    for (key, runs), look in zip(_groups(table), _looks(table), strict=True):
+        solved = runs[runs["failure"] == ""]
+        good = solved[(solved[norm] > 0.0) & (solved[cost] > 0)].sort_values(cost)
+        failed = len(runs) - len(solved)
+        said = f": {failed} of {len(runs)} runs without a result" if failed else ""
+        if failed == len(runs):
+            said = ": no result"
+        elif len(good) == 0 and len(solved):
+            said = f": no {COST_LABELS[cost]}" if not (solved[cost] > 0).any() else ": no error"
+        ax.plot(good[cost].astype(float), good[norm], label=_named(key) + said, **look)
+    ax.set(xscale="log", yscale="log", xlabel=COST_LABELS[cost], ylabel=_label(norm))
+    _titled(ax, table, norm)
+    _limit(ax, table, norm, [])
+    _draw_legend(figure, ax, None)
+    if path is not None:
+        save(figure, path)
+    return figure
+
+
+def _check_norm(table: pd.DataFrame, norm: str) -> None:
+    known = [name for name in NORMS if name in table.columns]
+    if norm not in known:
+        raise InputError(nearest(str(norm), known, "norm of this table"))
+
+
+def _groups(table: pd.DataFrame) -> Iterator[tuple[Any, pd.DataFrame]]:
+    yield from table.groupby(["method", "law", "k"], sort=False)
+
+
+def _looks(table: pd.DataFrame) -> Iterator[dict[str, Any]]:
+    """Yield a colour and a marker for each method, and a kind of line for each variant of the problem."""
+    methods = list(dict.fromkeys(table["method"]))
+    variants = list(dict.fromkeys(zip(table["law"], table["k"], strict=True)))
+    for (method, law, k), _ in _groups(table):
+        i = methods.index(method)
+        yield {
+            "color": PALETTE[i % len(PALETTE)],
+            "marker": MARKERS[i % len(MARKERS)],
+            "linestyle": DASHES[(variants.index((law, k)) + i // len(PALETTE)) % len(DASHES)],
+            "markersize": 4.5,
+            "markerfacecolor": "white",
+        }
+
+
+def _named(key: tuple[str, str, float]) -> str:
+    method, law, k = key
+    return method if law == "rigid" else f"{method}, {law} {_power(k)}"
+
+
+def _power(k: float) -> str:
+    mantissa, exponent = f"{k:.3g}" if 0.1 <= k < 1e4 else f"{k:e}", 0
+    if "e" in mantissa:
+        digits, _, power = mantissa.partition("e")
+        factor, exponent = f"{float(digits):g}", int(power)
+        mantissa = f"$10^{{{exponent}}}$" if factor == "1" else rf"${factor}\cdot 10^{{{exponent}}}$"
+    return f"$k$ = {mantissa}"
+
+
+def _half(order: float) -> float:
+    return round(2.0 * order) / 2.0 if np.isfinite(order) else 0.0
+
+
+def _order(row: pd.Series, runs: pd.DataFrame) -> str:
+    if row["verdict"] == "failed":
+        return "no result"
+    if runs["rtol"].notna().any():
+        return "steps of its own"
+    if np.isfinite(row["order"]):
+        return f"{row['order']:.2f} ± {row['scatter']:.2f}"
+    return "rounding" if row["rounding"] else "one step"
+
+
+def _limit(ax: Axes, table: pd.DataFrame, norm: str, telling: Sequence[float]) -> None:
+    """Leave out errors that are rounding, where others are not, and those of runs that grew without bound."""
+    ax.autoscale_view()
+    low, high = ax.get_ylim()
+    scale = float(table.attrs.get(f"scale_{norm}", 0.0))
+    if telling:
+        low = max(low, min(telling) / 4.0)
+    if scale > 0.0:
+        high = max(min(high, BEYOND * scale), 10.0 * low)
+    ax.set_ylim(low, high)
+
+
+def _draw_legend(figure: Figure, ax: Axes, title: str | None) -> None:
+    labels = [str(line.get_label()) for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
+    if max(map(len, labels)) <= LONG:
+        figure.legend(loc="outside right center", title=title, alignment="left")
+        return
+    figure.legend(loc="outside lower center", title=title, ncols=2)
+    figure.set_figheight(figure.get_figheight() + 0.2 * (len(labels) // 2 + 1))
+
+
+def _label(norm: str) -> str:
+    found = NORMS[norm]
+    unit = found.unit.replace("^(1/2)", "$^{1/2}$")
+    return f"${found.symbol}$" + (f"  [{unit}]" if unit else "")
+
+
+def _titled(ax: Axes, table: pd.DataFrame, norm: str) -> None:
+    problem = table.attrs.get("problem", "")
+    references = " or ".join(dict.fromkeys(name for name in table["reference"] if name))
+    ax.set_title(f"{problem}: {NORMS[norm].what}" if problem else NORMS[norm].what)
+    if references:
+        ax.annotate(
+            f"against {references}", (0.0, 0.0), (0.0, -35.0), xycoords="axes fraction", textcoords="offset points",
+            fontsize=8.0, color=SOFT, va="top",
+        )  # fmt: skip
+
+
+def _mark_failures(ax: Axes, dts: Sequence[float], failures: Sequence[str], look: dict[str, Any]) -> None:
+    failed = [dt for dt, failure in zip(dts, failures, strict=True) if failure]
+    mark = Line2D(
+        failed, [0.98] * len(failed), transform=ax.get_xaxis_transform(), color=look["color"], marker="x",
+        linestyle="none", markersize=6.0, clip_on=False,
+    )  # fmt: skip
+    if failed:
+        ax.add_line(mark)
+        ax.update_datalim([(dt, 1.0) for dt in failed], updatey=False)
+
+
+def _draw_triangles(ax: Axes, lines: Sequence[Array], slopes: Sequence[float]) -> None:
+    """Draw a triangle for each order that is seen, where it is clear of all lines and of each other."""
+    if not lines:
+        return
+    low, high = (np.log10(each) for each in zip(ax.get_xlim(), ax.get_ylim(), strict=True))
+    size = high - low
+    curves = [(line - low) / size for line in lines]
+    taken = [_dense(curve) for curve in curves]
+    for order in sorted(set(slopes) - {0.0}):
+        own = [curve for curve, slope in zip(curves, slopes, strict=True) if slope == order]
+        steepness = order * size[0] / size[1]
+        if order <= 0.0:
+            continue
+        width = min(WIDTH, TALLEST / steepness)
+        corners = _place(own, taken, width, steepness * width)
+        if corners is None:
+            continue
+        taken.append(_dense(np.vstack([corners, corners[:1]])))
+        _draw_triangle(ax, low + corners * size, order)
+
+
+def _dense(curve: Array) -> Array:
+    """Return points so near each other on a polyline that none of its crossings is overlooked."""
+    pieces = [np.linspace(a, b, 60) for a, b in zip(curve[:-1], curve[1:], strict=True)]
+    return np.vstack(pieces) if pieces else curve
+
+
+def _place(own: Sequence[Array], taken: Sequence[Array], width: float, height: float) -> Array | None:
+    """Return the corners of the triangle, in units of the axes, that lies nearest to a line of its order and touches none."""
+    obstacles = np.vstack(taken)
+    best, nearest_so_far = None, np.inf
+    for x in np.linspace(0.05, 0.93 - width, 45):
+        for y in np.linspace(0.08, 0.95 - height, 45):
+            inside = (
+                (obstacles[:, 0] > x - AIR)
+                & (obstacles[:, 0] < x + width + 2.0 * AIR)
+                & (obstacles[:, 1] > y - 2.0 * AIR)
+                & (obstacles[:, 1] < y + height + AIR)
+            )
+            if inside.any():
+                continue
+            middle = np.array([x + 0.5 * width, y + 0.5 * height])
+            distance = min(float(np.hypot(*(_dense(curve) - middle).T).min()) for curve in own)
+            if distance < nearest_so_far:
+                best, nearest_so_far = np.array([[x, y], [x + width, y], [x + width, y + height]]), distance
+    return best
+
+
+def _draw_triangle(ax: Axes, corners: Array, order: float) -> None:
+    """Draw a triangle whose corners are given as log10 of dt and of the error, with its order beside it."""
+    ax.add_patch(Polygon(10.0**corners, closed=True, facecolor=FAINT, edgecolor=SOFT, linewidth=0.8, zorder=1.2))
+    where = 10.0 ** (0.5 * (corners[1] + corners[2]))
+    ax.annotate(
+        f"{order:g}", tuple(where), (3.0, 0.0), textcoords="offset points", va="center", fontsize=9.0, color=SOFT
+    )
+    where = 10.0 ** (0.5 * (corners[0] + corners[1]))
+    ax.annotate("1", tuple(where), (0.0, -2.5), textcoords="offset points", ha="center", va="top", fontsize=9.0, color=SOFT)

@@ -1,0 +1,394 @@
+r"""From what is wanted of an impact to the constants of the block, and back.
+
+Of the restitution e, the contact time, the peak force, the greatest deflection and the constants themselves, two (one for a
+law without loss) determine the rest. Each is
+
+.. math:: Q = G(λ, γ)\, L^p\, m^i v_0^j, \qquad γ = g L/v_0^2,
+
+with the functions G of the law and a fixed power of its length L (`lcpimpact.study.design.law`). One of the two gives L for
+every loss number λ, the other is then an equation in λ alone, of which `lcpimpact.study.design.search` finds all solutions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import brentq
+
+from lcpimpact.errors import InputError
+from lcpimpact.numbers import is_real
+from lcpimpact.problems.base import Problem
+from lcpimpact.registry import nearest
+from lcpimpact.simulation import simulate
+from lcpimpact.study.design.law import Law, Rebound
+from lcpimpact.study.design.linear import KelvinVoigtLaw, MaxwellLaw, TensionLaw
+from lcpimpact.study.design.power import HertzLaw, HuntCrossleyLaw
+from lcpimpact.study.design.search import solve
+from lcpimpact.trajectory import Trajectory
+
+LAWS: dict[str, Law] = {
+    law.name: law for law in (KelvinVoigtLaw(), TensionLaw(), MaxwellLaw(), HertzLaw(), HuntCrossleyLaw())
+}
+
+OUTPUTS = {"e": "", "contact_time": "s", "peak_force": "N", "deflection": "m"}
+"""What an impact shows, with units."""
+
+UNITS = OUTPUTS | {"k": "N/mⁿ", "c": "N s/m", "b": "s/m"}
+
+POWERS = {"e": 0.0, "contact_time": 1.0, "peak_force": -1.0, "deflection": 1.0, "c": -1.0, "b": 0.0}
+"""The power of L in each; that in k is -(n + 1)."""
+
+GIVES_LENGTH = ("k", "c", "deflection", "peak_force", "contact_time", "e")
+"""Which of two quantities gives L: the constants do so in closed form, and the others rise or fall with L."""
+
+POINTS = {True: 25, False: 97}
+"""Loss numbers at which an equation is looked at first: fewer where each costs an integration."""
+
+HEAVIEST = 100.0
+"""Greatest γ = g L/v0² that is looked at: the weight alone would press the block together by L γ."""
+
+FAR, CLOSE = 50.0, 1e-9
+"""Logarithms of what is out of reach, and of what is a root."""
+
+
+@dataclass(frozen=True)
+class Design:
+    """An impact with the constants of its block and what it shows.
+
+    Attributes
+    ----------
+    law : str               a name of `LAWS`
+    m, v0, g : float        mass in kg, speed at first touch in m/s, gravity in m/s²
+    k : float               stiffness in N/m, or N/mⁿ
+    c : float or None       damping in N s/m, of the laws that have it
+    b : float or None       loss in s/m of Hunt and Crossley's law
+    n : float or None       exponent of a power law
+    e : float               restitution; 0 where the mass is not thrown back
+    contact_time : float    s; inf where the contact never ends
+    peak_force : float      N
+    deflection : float      m; inf where the mass sinks in for ever
+    wanted : mapping        what was asked for
+    found : str             how it was found
+    others : tuple          other designs that show the same, from less damping to more
+    """
+
+    law: str
+    m: float
+    v0: float
+    g: float
+    k: float
+    c: float | None
+    b: float | None
+    n: float | None
+    e: float
+    contact_time: float
+    peak_force: float
+    deflection: float
+    wanted: Mapping[str, float] = field(default_factory=dict)
+    found: str = ""
+    others: tuple[Design, ...] = ()
+
+    def problem(self) -> Problem:
+        """Return the impact as a problem: a registered one, with the load m g added if there is gravity."""
+        kind = LAWS[self.law]
+        problem = kind.problem(self.m, self.v0, self.g, self.k, self.c or self.b or 0.0, self.n or 1.0)
+        return problem if math.isinf(self.contact_time) else replace(problem, t_end=1.2 * self.contact_time)
+
+    def simulate(self) -> Trajectory:
+        """Run it by ``exact``, or by ``event-driven`` with a tight tolerance if the law is not linear."""
+        problem, method = self.problem(), LAWS[self.law].method
+        options = {} if method == "exact" else {"rtol": 1e-12, "atol": 1e-13 * min(self.deflection, self.v0)}
+        return simulate(problem, method, dt=problem.t_end / 400, t_end=problem.t_end, progress=False, **options)
+
+    def measured(self) -> Rebound:
+        """Return what the simulated impact shows: e, contact_time, peak_force, deflection."""
+        return LAWS[self.law].measured(self.simulate())
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A row a design (this one first, then the others): law, m, v0, g, constants (SI), outputs (SI), found."""
+        columns = [name for name in self.__dataclass_fields__ if name not in ("wanted", "others")]
+        rows = [{name: getattr(each, name) for name in columns} for each in (self, *self.others)]
+        table = pd.DataFrame(rows, columns=columns)
+        table = table.astype({name: float for name in columns if name not in ("law", "found")})
+        table.attrs = {"wanted": ", ".join(f"{name} = {value:g}" for name, value in self.wanted.items())}
+        return table
+
+
+def design(
+    law: str,
+    *,
+    m: float,
+    v0: float,
+    g: float = 0.0,
+    e: float | None = None,
+    contact_time: float | None = None,
+    peak_force: float | None = None,
+    deflection: float | None = None,
+    k: float | None = None,
+    c: float | None = None,
+    b: float | None = None,
+    n: float | None = None,
+) -> Design:
+    r"""Return the block that gives a wanted impact, or what a block gives: any two quantities determine all others.
+
+    A mass m strikes a block with the speed v0; with g > 0 its weight m g acts all along. Give two of e, contact_time,
+    peak_force, deflection, k and c (or b), for ``hertz`` one. All four outputs mean the first contact, from first touch to
+    the instant at which the force ends (``kelvin-voigt``, ``maxwell``) or x returns to zero (the others).
+
+    - ``kelvin-voigt``: spring and dashpot side by side that push and do not pull;
+    - ``kelvin-voigt-tension``: the same, glued to the mass;
+    - ``maxwell``: spring and dashpot in a row;
+    - ``hertz``: k δⁿ; ``hunt-crossley``: k δⁿ (1 + b δ').
+
+    Without gravity e depends on a loss number alone, ζ or b v0, and there are closed forms. With it the end of the contact
+    is a root of the closed motion of a linear law, and Hunt and Crossley's law is integrated. Gravity may hold the mass: then
+    e = 0 and contact_time is inf. (On ``kelvin-voigt`` e does not fall to zero before that: the mass leaves a block that is
+    still pressed together with at least c g/k, or not at all.)
+
+    Parameters
+    ----------
+    law : str
+        As above.
+    m, v0 : float
+        Mass in kg and speed at first touch in m/s.
+    g : float
+        Gravity in m/s² along v0.
+    e : float, optional
+        Wanted restitution, 0 < e < 1.
+    contact_time, peak_force, deflection : float, optional
+        Wanted duration in s, greatest force in N, greatest way past first touch in m.
+    k : float, optional
+        Stiffness in N/m, or N/mⁿ.
+    c, b : float, optional
+        Damping in N s/m; loss in s/m of ``hunt-crossley``.
+    n : float, optional
+        Exponent of ``hertz`` and ``hunt-crossley``, at least 1; 3/2 if it is left out.
+
+    Returns
+    -------
+    Design
+        With the least damping, if several show what is wanted; the others are its ``others``.
+
+    Raises
+    ------
+    InputError
+        If a value cannot be used, too few or too many are given, or no block does what is wanted; the message then says
+        what can be reached. Looked for are blocks with 1e-6 <= ζ <= 100 (for ``maxwell`` ζ = sqrt(k m)/(2 c)) and
+        1e-3 <= b v0 <= 100.
+
+    Examples
+    --------
+    >>> wanted = design("kelvin-voigt", m=1.0, v0=2.0, e=0.5, contact_time=0.01)
+    >>> round(wanted.k, 3), round(wanted.c, 6), round(wanted.peak_force, 4)
+    (74353.347, 139.21357, 458.7297)
+    >>> design("kelvin-voigt", m=1.0, v0=2.0, k=wanted.k, c=wanted.c).e
+    0.5
+
+    References
+    ----------
+    Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007); Hunt and Crossley (1975).
+    """
+    if law not in LAWS:
+        raise InputError(nearest(str(law), list(LAWS), "law"))
+    kind = LAWS[law]
+    given = {"e": e, "contact_time": contact_time, "peak_force": peak_force, "deflection": deflection}
+    wanted = _checked(kind, m, v0, g, given | {"k": k, "c": c, "b": b}, n)
+    case = _Case(kind, float(m), float(v0), float(g), kind.n or (1.5 if n is None else float(n)))
+    first, *others = [case.design(λ, L, wanted) for λ, L in case.solutions(wanted)]
+    return replace(first, others=tuple(others))
+
+
+def _checked(
+    kind: Law, m: float, v0: float, g: float, given: Mapping[str, float | None], n: float | None
+) -> dict[str, float]:
+    """Return the quantities that were given, refusing values that cannot be, and too few or too many."""
+    for name, value in (("m", m), ("v0", v0)):
+        if not is_real(value) or not value > 0.0:
+            raise InputError(f"design: {name} = {value!r} must be a positive finite number")
+    if not is_real(g) or not g >= 0.0:
+        raise InputError(f"design: g = {g!r} must be a finite number in m/s², zero or above")
+    if n is not None and kind.n is not None:
+        raise InputError(f"design: the law {kind.name!r} has no n; leave it out")
+    if n is not None and (not is_real(n) or not n >= 1.0):
+        raise InputError(f"design: n = {n!r} must be a finite number, at least 1")
+    constants = ["k", *[kind.loss] * bool(kind.loss)]
+    wanted = {name: value for name, value in given.items() if value is not None}
+    for name, value in wanted.items():
+        if name not in OUTPUTS and name not in constants:
+            raise InputError(f"design: the law {kind.name!r} has no {name}; its constants are {' and '.join(constants)}")
+        if not is_real(value) or not value > 0.0:
+            raise InputError(f"design: {name} = {value!r} must be a positive finite number")
+    known = [*OUTPUTS, *constants]
+    if "e" in wanted and not kind.loss:
+        raise InputError("design: the law 'hertz' loses nothing, so e = 1 whatever its k; leave e out")
+    if wanted.get("e", 0.5) >= 1.0:
+        raise InputError(
+            f"design: e = {wanted['e']:g} must be below 1, since every block of {kind.name!r} has a loss; take 'hertz' "
+            "with n=1 for none"
+        )
+    if len(wanted) != len(constants):
+        few, told = len(wanted) < len(constants), ", ".join(wanted) or "nothing"
+        many = f"the law {kind.name!r} has {'two constants' if kind.loss else 'one constant'}"
+        more = ", ".join(name for name in known if name not in wanted and (kind.loss or name != "e"))
+        advice = f"give {len(constants) - len(wanted)} more of {more}" if few else "leave out all but as many of them"
+        raise InputError(f"design: {many}, and {told} {'is' if len(wanted) < 2 else 'are'} given: {advice}")
+    if g == 0.0 and set(wanted) == {"e", "b"}:
+        raise InputError("design: without gravity e and b both tell b v0 and nothing else: give something beside one of them")
+    return {name: float(value) for name, value in wanted.items()}
+
+
+@dataclass(frozen=True)
+class _Case:
+    """One law, mass and speed: quantities as functions of λ and L, and the equations that they make."""
+
+    law: Law
+    m: float
+    v0: float
+    g: float
+    n: float
+
+    @property
+    def Γ(self) -> float:
+        """γ/L in 1/m."""
+        return self.g / self.v0**2
+
+    def unit(self, name: str) -> float:
+        """Return mⁱ v0ʲ of a quantity."""
+        m, v0 = self.m, self.v0
+        units = {"contact_time": 1.0 / v0, "peak_force": m * v0**2, "k": m * v0**2, "c": m * v0, "b": 1.0 / v0}
+        return units.get(name, 1.0)
+
+    def power(self, name: str) -> float:
+        """Return the power of L in a quantity."""
+        return -(self.n + 1.0) if name == "k" else POWERS[name]
+
+    def scaled(self, name: str, λ: float, γ: float) -> float:
+        """Return G(λ, γ)."""
+        if name == "k":
+            return 0.5 * (self.n + 1.0)
+        if name == self.law.loss:
+            return self.law.constant(λ)
+        value: float = getattr(self.law.rebound(λ, γ, self.n), name)
+        return value
+
+    def quantity(self, name: str, λ: float, L: float) -> float:
+        """Return the quantity in SI units."""
+        return self.scaled(name, λ, self.Γ * L) * self.unit(name) * L ** self.power(name)
+
+    def length(self, name: str, goal: float, λ: float, start: float = math.nan) -> float:
+        """Return the L at which a quantity has its goal, nan if there is none; ``start`` is near it, if it is known."""
+        p, light = self.power(name), self.scaled(name, λ, 0.0)
+        if p != 0.0:
+            L = (goal / (light * self.unit(name))) ** (1.0 / p)
+            if self.g == 0.0 or name not in OUTPUTS:
+                return L if L > 0.0 else math.nan
+            start = L if math.isnan(start) else start
+        top, sign = math.log(HEAVIEST / self.Γ), p or -1.0
+
+        def excess(x: float) -> float:
+            # It rises with L, and jumps where gravity begins to hold the mass.
+            value = self.quantity(name, λ, math.exp(x)) / goal
+            return sign * (min(max(math.log(value), -FAR), FAR) if value > 0.0 else -FAR)
+
+        x = min(math.log(start), top) if start > 0.0 else top - 10.0
+        at, step = excess(x), 0.02
+        while True:
+            y = min(x - math.copysign(step, at), top)
+            then = excess(y)
+            if at * then <= 0.0:
+                break
+            if y == top or y < top - FAR:
+                return math.nan
+            x, at, step = y, then, 2.0 * step
+        root = float(brentq(excess, min(x, y), max(x, y), xtol=1e-13))
+        return math.exp(root) if abs(excess(root)) < CLOSE else math.nan
+
+    def solutions(self, wanted: Mapping[str, float]) -> list[tuple[float, float]]:
+        """Return every (λ, L) that gives what is wanted."""
+        names = sorted(wanted, key=lambda name: GIVES_LENGTH.index(name) if name in GIVES_LENGTH else -1)
+        first, second = names[0], names[-1]
+        if first == "b" or not self.law.loss:
+            λ = self.law.number(wanted["b"] * self.v0) if self.law.loss else 0.0
+            L = self.length(second, wanted[second], λ)
+            if math.isnan(L):
+                self.refuse(wanted, second, self.reach(second, λ))
+            return [(λ, L)]
+        if first == "k" and second == self.law.loss:
+            L = self.length("k", wanted["k"], 1.0)
+            return [(self.law.number(wanted[second] / self.unit(second) * L ** -self.power(second)), L)]
+        ratio = 1.0
+
+        def equation(u: float) -> float:
+            # The length is near what it would be without weight, times what weight made of it at the last λ.
+            nonlocal ratio
+            λ = math.exp(u)
+            light = self.length_without_weight(first, wanted[first], λ)
+            L = self.length(first, wanted[first], λ, ratio * light)
+            if math.isnan(L):
+                return math.nan
+            ratio = L / light if 0.0 < light < math.inf else 1.0
+            value = self.quantity(second, λ, L)
+            return value if 0.0 < value < math.inf else math.nan
+
+        low, high = map(math.log, self.law.losses)
+        slow = self.law.method != "exact" and self.g > 0.0
+        found = solve(equation, np.linspace(low, high, POINTS[slow]), wanted[second])
+        if not found.solutions:
+            self.refuse(wanted, second, (found.low, found.high))
+        return [(math.exp(u), self.length(first, wanted[first], math.exp(u))) for u in found.solutions]
+
+    def length_without_weight(self, name: str, goal: float, λ: float) -> float:
+        """Return the L at which a quantity would have its goal if g were zero."""
+        return replace(self, g=0.0).length(name, goal, λ)
+
+    def reach(self, name: str, λ: float) -> tuple[float, float]:
+        """Return between what values a quantity lies at one λ."""
+        ends = [self.quantity(name, λ, math.exp(x) * HEAVIEST / self.Γ) for x in (-FAR, 0.0)]
+        return min(ends), max(ends)
+
+    def refuse(self, wanted: Mapping[str, float], name: str, reach: tuple[float, float]) -> None:
+        """Say that nothing gives what is wanted, and what can be had instead."""
+        others = ", ".join(f"{each} = {_with_unit(each, value)}" for each, value in wanted.items() if each != name)
+        case = f"m = {self.m:g} kg, v0 = {self.v0:g} m/s, g = {self.g:g} m/s²"
+        if math.isnan(reach[0]):
+            what = "lets the mass sink in to a finite depth" if name == "deflection" else "throws the mass back"
+            raise InputError(f"no {self.law.name} block with {others} {what} at {case}: ask for something else")
+        low, high = (_with_unit(name, value) for value in reach)
+        raise InputError(
+            f"no {self.law.name} block has {name} = {_with_unit(name, wanted[name])}"
+            + (f" and {others}" if others else "")
+            + f" with {case}: {name} lies between {low} and {high}"
+            + (" then" if others else "")
+        )
+
+    def design(self, λ: float, L: float, wanted: Mapping[str, float]) -> Design:
+        """Return the design of a λ and an L."""
+        shown = {name: self.quantity(name, λ, L) for name in OUTPUTS}
+        shown["k"] = wanted.get("k", self.quantity("k", λ, L))
+        if self.law.loss:
+            shown[self.law.loss] = wanted.get(self.law.loss, self.quantity(self.law.loss, λ, L))
+        n = self.n if self.law.n is None else None
+        return Design(
+            self.law.name, self.m, self.v0, self.g, n=n, wanted=wanted, found=self.way(wanted),
+            **{"c": None, "b": None, **shown},
+        )  # fmt: skip
+
+    def way(self, wanted: Mapping[str, float]) -> str:
+        """Say how it was found."""
+        if self.g == 0.0:
+            direct = "b" in wanted or not self.law.loss or set(wanted) == {"k", self.law.loss}
+            return "closed form" if direct else "closed form, and the root of one equation"
+        if self.law.method == "exact":
+            return "closed form of the motion; the end of the contact by root-finding"
+        motion = "energy integral" if not self.law.loss else "integration by DOP853 to 1e-12"
+        return f"{motion}, and root-finding"
+
+
+def _with_unit(name: str, value: float) -> str:
+    return f"{value:.9g} {UNITS[name]}".strip()
+

@@ -1,0 +1,116 @@
+"""Siconos as an independent route: its time steps on the matrices of a problem, where it is installed.
+
+Siconos belongs to the Python of the system (Debian and Ubuntu: ``apt-get install python3-siconos``), which runs what
+stands in ``siconos_runs.py``. Another Python that has it is named by the environment variable LCPIMPACT_SICONOS_PYTHON.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import UnsupportedError
+from lcpimpact.problems.base import Problem
+from lcpimpact.scheme.first_order import first_order_form
+
+PYTHON = "LCPIMPACT_SICONOS_PYTHON"
+"""The environment variable that names the Python that has Siconos."""
+
+INSTALL = "not installed: apt-get install python3-siconos"
+
+SCRIPT = Path(__file__).with_name("siconos_runs.py")
+
+LONGEST = 600.0
+"""Seconds after which a run is given up."""
+
+
+@cache
+def python_with_siconos() -> str | None:
+    """Return the Python that has Siconos: the one that LCPIMPACT_SICONOS_PYTHON names, or that of the system, or None."""
+    named = os.environ.get(PYTHON)
+    for python in [named] if named else ["/usr/bin/python3", shutil.which("python3")]:
+        if python and Path(python).exists():
+            found = subprocess.run([python, "-c", "import siconos.kernel"], capture_output=True, check=False)
+            if found.returncode == 0:
+                return python
+    return None
+
+
+def run_siconos(**job: Any) -> dict[str, Array]:
+    """Run one job of ``siconos_runs.py``: ``kind`` is "lagrangian" or "first_order", the others are its arguments.
+
+    Returns
+    -------
+    dict
+        "q" and "v" (steps + 1, n), or "x" (steps + 1, N) and "lambda" (steps, nc).
+
+    Raises
+    ------
+    UnsupportedError
+        If Siconos is not installed, or gives up.
+    """
+    python = python_with_siconos()
+    if python is None:
+        raise UnsupportedError(INSTALL)
+    job = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in job.items()}
+    try:
+        done = subprocess.run(
+            # As text: a script's own folder would come first on its path, and there siconos is this module.
+            [python, "-c", SCRIPT.read_text(encoding="utf-8")],
+            input=json.dumps([job]), capture_output=True, text=True, timeout=LONGEST, check=True,
+        )  # fmt: skip
+        # Siconos may greet on standard output; the answer is its last line.
+        (answer,) = json.loads(done.stdout.splitlines()[-1])
+    except (subprocess.SubprocessError, ValueError, IndexError) as error:
+        raise UnsupportedError(f"Siconos gave no answer: {type(error).__name__}; take another route") from None
+    return {key: np.array(value) for key, value in answer.items()}
+
+
+def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> Array:
+    """Return q at the grid points of a run by Siconos (steps + 1, n); massless nodes are those of its own state.
+
+    A scheme whose nodes all have mass runs by MoreauJeanOSI, as `moreau-jean` does; others, and systems given directly, by
+    EulerMoreauOSI in the first-order form, with γ = 1 where r jumps (relative degree 1) and γ = 1/2 where it bends (0).
+
+    Raises
+    ------
+    UnsupportedError
+        If Siconos is not installed, or the problem has sliders, non-linear springs, given motions, loads that are functions
+        of time other than `Harmonic`, or contacts of several relative degrees.
+    """
+    d = problem.dynamics
+    degrees = set(d.relative_degree.tolist())
+    for present, what in (
+        (bool(d.slides.any()), "sliders"),
+        (bool(d.springs), "non-linear springs"),
+        (bool(d.motions), "a motion that is given"),
+        (len(degrees) > 1, "contacts of several relative degrees"),
+        (2 in degrees and not d.massive.all(), "impacts beside nodes without mass"),
+        (2 in degrees and not d.constant_loads, "impacts under a load that depends on time"),
+        (not degrees, "no contact"),
+    ):
+        if present:
+            raise UnsupportedError(f"{problem.name!r} has {what}, which the route by Siconos does not handle")
+    h = t_end / steps
+    if 2 in degrees:
+        found = run_siconos(
+            kind="lagrangian", M=d.M, C=d.C, K=d.K, f=d.force(0.0), H=d.H, u0=d.u0, e=d.restitution,
+            q0=problem.initial_coordinates, v0=problem.initial_velocities, theta=theta, h=h, steps=steps,
+        )  # fmt: skip
+        return found["q"]
+    form = first_order_form(d)
+    x0 = form.state(problem.initial_coordinates, problem.initial_velocities)
+    gamma = 1.0 if 1 in degrees else 0.5
+    found = run_siconos(
+        kind="first_order", A=form.A, b=np.zeros(len(form.A)), B=form.B, C=form.C, D=form.D, x0=x0,
+        theta=theta, gamma=gamma, h=h, steps=steps,
+    )  # fmt: skip
+    return np.asarray(found["x"] @ form.Q.T)
