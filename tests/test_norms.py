@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -134,6 +135,29 @@ def test_penetration_is_that_of_the_bumpers_of_the_truth_and_found_between_point
     grid = constructed([0.0, 1.0, 2.0], [0.0, 1.125, 0.5])
     assert norms.penetration(grid, rest(3.0)) == pytest.approx(0.125, rel=1e-12)
     assert norms.complementarity(grid, rest(3.0)) == CERTIFICATE.complementarity
+
+
+def test_curves_a_hair_apart_are_told_apart():
+    """v = t² and t² + ε, of pieces with other cuts: chords a hundredth away would show more."""
+    ε = 1e-5
+    truth = known(smooth(lambda t: 0.0 * t), smooth(lambda t: t**2), [0.0, 1.0])
+    run = known(smooth(lambda t: 0.0 * t), smooth(lambda t: t**2 + ε), [0.0, 0.37, 1.0])
+    assert norms.hausdorff_v(run, truth) == pytest.approx(ε, rel=2e-3)
+
+
+def test_nodes_without_mass_and_sliders_are_not_judged():
+    """z carries no mass; a slider has two sides, and no overlap."""
+    problem = load_problem("system-1")
+    truth = simulate(problem, "exact", dt=0.1, t_end=0.5)
+    q, v = truth.q + np.array([0.01, 5.0]), truth.v + np.array([0.0, 5.0])
+    run = replace(truth, q=q, v=v, dense=None)
+    assert norms.sup_q(run, truth) == pytest.approx(0.01, rel=1e-9)
+    assert norms.l1_v(run, truth) < norms.l1_v(replace(run, v=v + 0.1), truth) < 0.2
+    sliding = load_problem("coulomb-oscillator")
+    scheme = Scheme(*sliding.scheme.elements, Bumper("x", "ground", gap=9.0, e=0.0))
+    run = simulate(Problem("both", scheme, q0=sliding.q0), dt=1e-2, t_end=1.0)
+    assert run.q.min() < -0.01
+    assert norms.penetration(run, run) == 0.0
 
 
 def test_a_run_that_ended_early_is_judged_as_far_as_it_came():
