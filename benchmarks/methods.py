@@ -1,10 +1,10 @@
-r"""What a step of every method costs, how far it is off, and the order that it shows.
+r"""What a step of every method costs, and how far it is off.
 
-    python benchmarks/methods.py [--steps 20000] [--repeats 5] [--orders] [--out methods.csv]
+    python benchmarks/methods.py [--steps 20000] [--repeats 5] [--out methods.csv]
 
 Every registered method takes the same steps of the same problems; who refuses a problem is shown with a dash. Methods take
 turns within each repeat, and medians are shown. Siconos takes part where it is installed for /usr/bin/python3, timed inside
-its own process. ``--orders`` adds the observed orders over prime step counts, with their scatter, which takes some minutes.
+its own process. The orders of the methods are in the public table, ``benchmarks/table.py``.
 """
 
 from __future__ import annotations
@@ -14,18 +14,16 @@ import csv
 import json
 import subprocess
 import time
-from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
-import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 import lcpimpact as li
 from lcpimpact.files import whole_file
 from lcpimpact.integrators import METHODS
-from lcpimpact.study.orders import COUNTS, l1_v, order_as_declared, sup_q
+from lcpimpact.study.norms import l1_v, sup_q
 
 DEBIAN_PYTHON = Path("/usr/bin/python3")
 PEER = Path(__file__).parent / "siconos_methods.py"
@@ -60,25 +58,6 @@ PROBLEMS = {
     "system-1": (li.load_problem("system-1"), 3.0),
     "system-2": (li.load_problem("system-2"), 3.0),
     "hertz-impact": (li.load_problem("hertz-impact"), li.load_problem("hertz-impact").t_end),
-}
-MANY = (*COUNTS, 4903, 7789, 12373)
-"""Step counts of methods up to order 2: switches fall now early and now late into their steps."""
-
-ORDERS = {
-    "ten masses": "q",
-    "system-1": "q",
-    "system-2": "q",
-    "system-3": "q",
-    "bouncing-ball": "v",
-    "impact-oscillator": "v",
-    "two-balls-spring": "v",
-}
-"""The problems whose orders are observed, and the norms."""
-
-T_END = {"two-balls-spring": 0.5, "impact-oscillator": 10.0, "bouncing-ball": 2.5}
-ENDS = {
-    what: replace(PROBLEMS[what][0] if what in PROBLEMS else li.load_problem(what), t_end=T_END.get(what, 3.0))
-    for what in ORDERS
 }
 
 
@@ -134,23 +113,6 @@ def runnable(problem: li.Problem) -> list[str]:
     return able
 
 
-def orders() -> list[dict[str, object]]:
-    """Return a row for each method and problem: the observed order and its scatter."""
-    rows = []
-    for what, norm in ORDERS.items():
-        problem = ENDS[what]
-        for method in runnable(problem):
-            d = METHODS[method].declared
-            declared = {"ten masses": d.order_smooth, "system-2": d.order_force_kink}.get(
-                what, d.order_impact if norm == "v" else d.order_force_jump
-            )
-            found = None if np.isinf(declared) else order_as_declared(problem, method, declared, norm, MANY)
-            if found:
-                row = {"problem": what, "method": method, "declared": declared}
-                rows.append(row | {"order": found.slope, "scatter": found.scatter})
-    return rows
-
-
 def siconos(steps: int) -> list[dict[str, object]]:
     """Return the rows of Siconos, or one that says why there is none."""
     if not DEBIAN_PYTHON.exists():
@@ -175,8 +137,6 @@ def show(title: str, rows: list[dict[str, object]], key: str) -> None:
             found = [row for row in rows if row["problem"] == problem and row["method"] == method]
             if not found or found[0].get(key) is None:
                 cells.append("-")
-            elif key == "order":
-                cells.append(f"{found[0]['order']:.2f} ± {found[0]['scatter']:.2f}")
             else:
                 cells.append(f"{found[0][key]:.3g}")
         table.add_row(method, *cells)
@@ -188,7 +148,6 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else "")
     parser.add_argument("--steps", type=int, default=20_000)
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--orders", action="store_true")
     parser.add_argument("--out", type=Path)
     chosen = parser.parse_args()
     rows = costs(chosen.steps, chosen.repeats) + siconos(chosen.steps)
@@ -197,10 +156,6 @@ def main() -> None:
     show("sup |q - exact| with 1009 steps, m", rows, "sup q")
     show("∫ |v - exact| dt with 1009 steps, m", rows, "L1 v")
     show("greatest overlap with 1009 steps, m", rows, "overlap")
-    if chosen.orders:
-        found = orders()
-        show("observed order ± scatter of log10 error", found, "order")
-        rows += found
     if chosen.out:
         names = list(dict.fromkeys(name for row in rows for name in row))
         with whole_file(chosen.out) as part, part.open("w", newline="", encoding="utf-8") as file:

@@ -61,6 +61,10 @@ _LOCATIONS = {
     "Motion": "lcpimpact.scheme.signals:Motion",
     "LinearComplementaritySystem": "lcpimpact.scheme.system:LinearComplementaritySystem",
     "Harmonic": "lcpimpact.scheme.signals:Harmonic",
+    "plot_poincare": "lcpimpact.plotting.dynamics:plot_poincare",
+    "plot_bifurcation": "lcpimpact.plotting.dynamics:plot_bifurcation",
+    "plot_basins": "lcpimpact.plotting.dynamics:plot_basins",
+    "plot_orbit": "lcpimpact.plotting.dynamics:plot_orbit",
     "poincare": "lcpimpact.study.maps:poincare",
     "bifurcation": "lcpimpact.study.maps:bifurcation",
     "basins": "lcpimpact.study.maps:basins",
@@ -72,6 +76,23 @@ _LOCATIONS = {
     "grazing": "lcpimpact.study.orbits:grazing",
     "lyapunov": "lcpimpact.study.orbits:lyapunov",
     "PeriodicOrbit": "lcpimpact.study.orbits:PeriodicOrbit",
+    "compare": "lcpimpact.study.comparison:compare",
+    "Comparison": "lcpimpact.study.comparison:Comparison",
+    "energy_ledger": "lcpimpact.study.ledger:energy_ledger",
+    "Ledger": "lcpimpact.study.ledger:Ledger",
+    "cross_validate": "lcpimpact.study.cross_validation:cross_validate",
+    "CrossValidation": "lcpimpact.study.cross_validation:CrossValidation",
+    "plot_comparison": "lcpimpact.plotting.comparison:plot_comparison",
+    "plot_ledger": "lcpimpact.plotting.comparison:plot_ledger",
+    "plot_cross_validation": "lcpimpact.plotting.comparison:plot_cross_validation",
+    "design": "lcpimpact.study.design.sizing:design",
+    "Design": "lcpimpact.study.design.sizing:Design",
+    "fit": "lcpimpact.study.fit:fit",
+    "Fit": "lcpimpact.study.fit:Fit",
+    "Target": "lcpimpact.study.fit:Target",
+    "with_values": "lcpimpact.study.parameters:with_values",
+    "plot_design": "lcpimpact.plotting.design:plot_design",
+    "plot_fit": "lcpimpact.plotting.design:plot_fit",
     "Status": "lcpimpact.errors:Status",
     "LcpImpactError": "lcpimpact.errors:LcpImpactError",
     "InputError": "lcpimpact.errors:InputError",
@@ -83,11 +104,15 @@ __all__ = [
     "Banded",
     "Bar",
     "Bumper",
+    "Comparison",
+    "CrossValidation",
     "Crossing",
     "Dashpot",
     "Dense",
+    "Design",
     "Factored",
     "FailureError",
+    "Fit",
     "GeneralizedMaxwell",
     "Harmonic",
     "HertzSpring",
@@ -99,6 +124,7 @@ __all__ = [
     "KelvinVoigtStop",
     "LCPSolution",
     "LcpImpactError",
+    "Ledger",
     "LinearComplementaritySystem",
     "Load",
     "Mass",
@@ -117,6 +143,7 @@ __all__ = [
     "SpringPot",
     "Status",
     "Stroboscope",
+    "Target",
     "Trajectory",
     "UnsupportedError",
     "Zener",
@@ -124,22 +151,37 @@ __all__ = [
     "all_solutions",
     "basins",
     "bifurcation",
+    "compare",
     "continue_orbit",
     "convergence",
+    "cross_validate",
+    "design",
+    "energy_ledger",
+    "fit",
     "grazing",
     "load_problem",
     "lyapunov",
     "observed_orders",
     "penalized",
     "periodic_orbit",
+    "plot_basins",
+    "plot_bifurcation",
+    "plot_comparison",
     "plot_cones",
     "plot_convergence",
+    "plot_cross_validation",
+    "plot_design",
+    "plot_fit",
+    "plot_ledger",
+    "plot_orbit",
+    "plot_poincare",
     "plot_work_precision",
     "poincare",
     "prepare_lcp",
     "read_scheme_file",
     "simulate",
     "solve_lcp",
+    "with_values",
     "work_precision",
     "write_scheme_file",
 ]
@@ -150,8 +192,11 @@ if TYPE_CHECKING:
     from lcpimpact.lcp.problem import LCPSolution
     from lcpimpact.lcp.solve import prepare_lcp, solve_lcp
     from lcpimpact.lcp.solvers.enumeration import all_solutions
+    from lcpimpact.plotting.comparison import plot_comparison, plot_cross_validation, plot_ledger
     from lcpimpact.plotting.cones import plot_cones
     from lcpimpact.plotting.convergence import plot_convergence, plot_work_precision
+    from lcpimpact.plotting.design import plot_design, plot_fit
+    from lcpimpact.plotting.dynamics import plot_basins, plot_bifurcation, plot_orbit, plot_poincare
     from lcpimpact.problems import load_problem
     from lcpimpact.problems.base import Problem
     from lcpimpact.problems.penalty import penalized
@@ -178,10 +223,16 @@ if TYPE_CHECKING:
     from lcpimpact.scheme.system import LinearComplementaritySystem
     from lcpimpact.schemefile import Run, SchemeFile, read_scheme_file, write_scheme_file
     from lcpimpact.simulation import simulate
+    from lcpimpact.study.comparison import Comparison, compare
     from lcpimpact.study.convergence import convergence, work_precision
+    from lcpimpact.study.cross_validation import CrossValidation, cross_validate
+    from lcpimpact.study.design.sizing import Design, design
+    from lcpimpact.study.fit import Fit, Target, fit
+    from lcpimpact.study.ledger import Ledger, energy_ledger
     from lcpimpact.study.maps import Crossing, Impacts, Stroboscope, basins, bifurcation, poincare
     from lcpimpact.study.orbits import PeriodicOrbit, continue_orbit, grazing, lyapunov, periodic_orbit
     from lcpimpact.study.orders import observed_orders
+    from lcpimpact.study.parameters import with_values
     from lcpimpact.trajectory import Trajectory
 
 

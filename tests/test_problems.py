@@ -312,6 +312,10 @@ REGIMES = [
     ("vibrating-table", {"n": 2, "A": 0.006}),
     ("impact-oscillator", {"n": 2, "omega": 4.4}),
     ("impact-oscillator", {"s": 0.1}),
+    ("shaw-holmes", {"s": 0.2, "v0": 1.0}),
+    ("shaw-holmes", {"x0": -0.1, "v0": -1.0, "zeta": 1.0}),
+    ("thrown-ball", {"v0": -1.0}),
+    ("thrown-ball", {"h": 0.3, "e": 0.0}),
     ("rocking-block", {"theta": 0.199}),
     ("rocking-block", {"e": 0.0}),
     ("bouncing-ball", {"e": 0.0}),
@@ -364,6 +368,9 @@ BAD = [
     ("impact-oscillator", {"n": 1.5}, "n = 1.5 must be a whole number"),
     ("impact-oscillator", {"s": 5.0}, "no orbit strikes the stop s = 5"),
     ("impact-oscillator", {"e": -0.1}, "e = -0.1 must lie between 0 and 1"),
+    ("shaw-holmes", {"x0": 0.5}, "x0 = 0.5 must not lie beyond the stop s = 0"),
+    ("shaw-holmes", {"zeta": 0.0}, "zeta = 0 must be above zero"),
+    ("thrown-ball", {"h": -0.5}, "h = -0.5 is below the table"),
     ("oscillator-stop", {"e": 2.0}, "e = 2 must lie between 0 and 1"),
     ("bilinear-oscillator", {"k_1": 0.0}, "k_1 = 0.0 must be a positive"),
     ("three-balls", {"delta": -1e-3}, "delta = -0.001 must not be negative"),
@@ -786,6 +793,25 @@ def impact_oscillator(zeta, omega, f, s, e, n):
     return {"v⁻": y[1], "T": t}
 
 
+def shaw_holmes(zeta, omega, f, s, e, x0, v0):
+    def rates(y):
+        return [y[1], -2 * zeta * y[1] - y[0] + f * math.cos(omega * y[2]), 1.0]
+
+    ((t, y),) = falling(rates, [x0, v0, 0.0], 8 * math.pi / omega, lambda y: s - y[0], scale=[f, f, 1])
+    return {"t_1": t, "v_1": y[1]}
+
+
+def thrown_ball(m, g, e, A, omega, h, v0):
+    ((t, y),) = falling(
+        lambda y: [y[1], g, 1.0],
+        [-h, v0, 0.0],
+        10 * math.sqrt(2 * (h + A) / g),
+        lambda y: A * math.cos(omega * y[2]) - y[0],
+        scale=[A, A * omega, 1],
+    )
+    return {"t_1": t, "U_1": y[1] + A * omega * math.sin(omega * t)}
+
+
 def three_balls(m, v0, e, d, delta):
     impacts = row_of_balls(3, v0, e, d, delta, until=math.inf)
     t, _, v = impacts[0] if delta == 0.0 else next(each for each in impacts if 1 in each[1])
@@ -984,6 +1010,7 @@ OUTSIDE = {
     "oscillator-stop": oscillator_stop,
     "bilinear-oscillator": bilinear_oscillator,
     "impact-oscillator": impact_oscillator,
+    "shaw-holmes": shaw_holmes,
     "three-balls": three_balls,
     "two-ball-drop": two_ball_drop,
     "two-balls-spring": two_balls_spring,
@@ -991,6 +1018,7 @@ OUTSIDE = {
     "coulomb-oscillator": coulomb_oscillator,
     "jenkins-cycle": jenkins_cycle,
     "vibrating-table": vibrating_table,
+    "thrown-ball": thrown_ball,
     "rocking-block": rocking_block,
     "diode-bridge": diode_bridge,
     "bar-impact": bar_impact,

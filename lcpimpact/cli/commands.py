@@ -16,6 +16,10 @@ from rich.table import Table
 from rich.text import Text
 
 from lcpimpact import __version__
+from lcpimpact.cli.comparison import compare, cross_validate
+from lcpimpact.cli.convergence import converge, work_precision
+from lcpimpact.cli.design import design, fit
+from lcpimpact.cli.dynamics import basins, bifurcation, orbit, poincare
 from lcpimpact.cli.lcp import solve
 from lcpimpact.cli.options import bar
 from lcpimpact.cli.runs import animate, draw, export, simulate
@@ -75,7 +79,23 @@ def reproduce(
     raise typer.Exit(1 if failed else 0)
 
 
-for command in (simulate, draw, animate, export, solve):
+for command in (
+    simulate,
+    draw,
+    animate,
+    design,
+    fit,
+    export,
+    solve,
+    converge,
+    work_precision,
+    poincare,
+    bifurcation,
+    basins,
+    orbit,
+    compare,
+    cross_validate,
+):
     app.command()(command)
 
 

@@ -13,11 +13,15 @@ from rich.console import Console
 from tqdm import tqdm
 
 from lcpimpact.errors import InputError
+from lcpimpact.files import check_output, whole_file
 from lcpimpact.integrators import METHODS
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.registry import nearest
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from lcpimpact.integrators.base import Integrator
     from lcpimpact.schemefile import SchemeFile
 
 Named = Annotated[
@@ -111,6 +115,53 @@ def _assignment(text: str) -> tuple[str, Any]:
             continue
     truth = {"true": True, "false": False}
     return name.strip(), truth.get(value.strip().lower(), value.strip())
+
+
+TABLES = (".csv", ".tex")
+
+
+def check_outputs(tables: Iterable[Path | None], plot: Path | None, report: Path | None) -> None:
+    """Refuse, before any work is done, files of a study that cannot be written."""
+    from lcpimpact.plotting.style import METADATA as DRAWN_AS
+    from lcpimpact.report.report import ENDINGS
+
+    for path, endings in (*((table, TABLES) for table in tables), (plot, DRAWN_AS), (report, ENDINGS)):
+        if path is not None:
+            check_output(path, endings)
+
+
+def write_table(table: DataFrame, path: Path) -> str:
+    """Write a table as CSV, or as a LaTeX table with the rules of booktabs, and return the line that says so."""
+    with whole_file(path) as part:
+        if path.suffix == ".csv":
+            table.to_csv(part, index=False)
+        else:
+            text = table.to_latex(index=False, escape=True, float_format="%.3g", na_rep="-")
+            part.write_text(text, encoding="utf-8")
+    return f"wrote {path}"
+
+
+def taking_part(text: str) -> dict[str, Integrator]:
+    """Return the methods of ``NAME[:OPTION=VALUE...]``, one after another with commas, by that text."""
+    from lcpimpact.simulation import make_integrator
+
+    found: dict[str, Integrator] = {}
+    for label in filter(None, (each.strip() for each in text.split(","))):
+        name, *options = label.split(":")
+        found[label] = make_integrator(name, dict(_assignment(option) for option in options))
+    if not found:
+        raise InputError("--methods names no method: write --methods moreau-jean,rk4")
+    return found
+
+
+def numbers(text: str, option: str) -> list[float]:
+    """Return the numbers of a list with commas."""
+    try:
+        return [float(each) for each in text.split(",") if each.strip()]
+    except ValueError:
+        raise InputError(
+            f"{option} {text!r} must be numbers with commas between them, as in {option} 0.1,0.05"
+        ) from None
 
 
 def bar(items: Iterable[Any], total: int, what: str) -> Iterable[Any]:

@@ -1,7 +1,7 @@
 """The exact solution of a linear scheme: a matrix exponential for each contact mode, joined at events found to rounding.
 
-`lcpimpact.integrators.motion` follows it from event to event, `lcpimpact.integrators.modes` chooses the mode at the start and
-after each, and `lcpimpact.integrators.flow` finds where it ends, and misses none.
+`lcpimpact.integrators.motion` follows it from event to event, `lcpimpact.integrators.modes` chooses the mode at the start
+and after each, and `lcpimpact.integrators.flow` finds where it ends, and misses none.
 """
 
 from __future__ import annotations

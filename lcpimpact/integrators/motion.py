@@ -143,7 +143,7 @@ def state_before(motion: Motion, t: float) -> Array:
     """Return the left limit of X at an instant of the last segment (N,)."""
     segment = motion.segments[-1]
     flow, _ = motion.system.mode(segment.mode)
-    return flow.at(segment.X, np.array([t - segment.t0]))[0]
+    return np.asarray(flow.at(segment.X, np.array([t - segment.t0]))[0])
 
 
 def _enter(motion: Motion, t: float, X: Array, ended: Array) -> None:

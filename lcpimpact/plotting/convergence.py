@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
@@ -56,8 +59,8 @@ AIR = 0.03
 def plot_convergence(table: pd.DataFrame, norm: str = "sup_q", path: str | Path | None = None) -> Figure:
     """Draw the errors of each method over the step, with a triangle for each order that is seen.
 
-    A cross at the upper edge is a run without a result. The legend has the observed order of each method and its scatter, the
-    standard deviation of log10 of the errors about the line.
+    A cross at the upper edge is a run without a result. The legend has the observed order of each method and its scatter,
+    the standard deviation of log10 of the errors about the line.
 
     Parameters
     ----------
@@ -216,9 +219,19 @@ def _order(row: pd.Series, runs: pd.DataFrame) -> str:
     return "rounding" if row["rounding"] else "one step"
 
 
+def _tick(ax: Axes) -> None:
+    """Label 1, 2 and 5 along an axis of less than two decades, which powers of ten alone leave bare."""
+    low, high = ax.get_xlim()
+    if high < 100.0 * low:
+        ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        ax.xaxis.set_major_formatter(LogFormatterSciNotation(minor_thresholds=(math.inf, math.inf)))
+    ax.xaxis.set_minor_formatter(NullFormatter())
+
+
 def _limit(ax: Axes, table: pd.DataFrame, norm: str, telling: Sequence[float]) -> None:
     """Leave out errors that are rounding, where others are not, and those of runs that grew without bound."""
     ax.autoscale_view()
+    _tick(ax)
     low, high = ax.get_ylim()
     scale = float(table.attrs.get(f"scale_{norm}", 0.0))
     if telling:
@@ -288,12 +301,12 @@ def _draw_triangles(ax: Axes, lines: Sequence[Array], slopes: Sequence[float]) -
 
 def _dense(curve: Array) -> Array:
     """Return points so near each other on a polyline that none of its crossings is overlooked."""
-    pieces = [np.linspace(a, b, 60) for a, b in zip(curve[:-1], curve[1:], strict=True)]
+    pieces = [np.linspace(a, b, 60) for a, b in pairwise(curve)]
     return np.vstack(pieces) if pieces else curve
 
 
 def _place(own: Sequence[Array], taken: Sequence[Array], width: float, height: float) -> Array | None:
-    """Return the corners of the triangle, in units of the axes, that lies nearest to a line of its order and touches none."""
+    """Return the corners of the triangle, in units of the axes, that is nearest to a line of its order and touches none."""
     obstacles = np.vstack(taken)
     best, nearest_so_far = None, np.inf
     for x in np.linspace(0.05, 0.93 - width, 45):
@@ -321,4 +334,6 @@ def _draw_triangle(ax: Axes, corners: Array, order: float) -> None:
         f"{order:g}", tuple(where), (3.0, 0.0), textcoords="offset points", va="center", fontsize=9.0, color=SOFT
     )
     where = 10.0 ** (0.5 * (corners[0] + corners[1]))
-    ax.annotate("1", tuple(where), (0.0, -2.5), textcoords="offset points", ha="center", va="top", fontsize=9.0, color=SOFT)
+    ax.annotate(
+        "1", tuple(where), (0.0, -2.5), textcoords="offset points", ha="center", va="top", fontsize=9.0, color=SOFT
+    )

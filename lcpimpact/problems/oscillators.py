@@ -274,7 +274,8 @@ def shaw_holmes(
     that it starts on an orbit, or that there is one; for diagrams, basins and shooting. Up to the first impact the motion is
     that of the oscillator without its stop, ``x = x_p + C (x0 - p) + S (v0 - d)``, with the forced motion
 
-    - ``x_p = G cos(ω t - ψ)``, ``G = f/sqrt((1 - ω²)² + (2 ζ ω)²)``, ``tan ψ = 2 ζ ω/(1 - ω²)``, ``p = x_p(0)``, ``d = x_p'(0)``.
+    - ``x_p = G cos(ω t - ψ)``, with ``G = f/sqrt((1 - ω²)² + (2 ζ ω)²)`` and ``tan ψ = 2 ζ ω/(1 - ω²)``,
+      ``p = x_p(0)``, ``d = x_p'(0)``.
 
     For s > 0 the forced motion stays clear of the stop while ``f < f* = s sqrt((1 - ω²)² + (2 ζ ω)²)``. There it grazes: the
     derivative of the map of one period is infinite on the side of the impacts, and an orbit that attracted may give way at
@@ -303,7 +304,7 @@ def shaw_holmes(
     Examples
     --------
     >>> [round(fact.value, 6) for fact in shaw_holmes().facts]
-    [0.761629, 0.658309]
+    [0.826689, 0.443012]
 
     References
     ----------
@@ -331,14 +332,18 @@ def shaw_holmes(
         Bumper("x", GROUND, gap=s, e=e),
     )
     t_1 = first_root(lambda t: s - free(t)[0], t_end, 2.0 * math.pi / max(ω, 1.0))
-    facts: tuple[Fact, ...]
+    facts: tuple[Fact, ...] = ()
     if t_1 is None:
         end = float(free(t_end)[0])
-        facts = (Fact("x(T)", "place at the end, clear of the stop", end, "m", lambda run: float(run.q[-1, 0]), scale=G),)
-    else:
         facts = (
-            Fact("t_1", "first impact", t_1, "s", lambda run: event(run, "impact", 1).t),
-            Fact("v_1", "its speed", float(free(t_1)[1]), "m/s", lambda run: event(run, "impact", 1).left.v[0], scale=G),
+            Fact("x(T)", "place at the end, clear of the stop", end, "m", lambda run: float(run.q[-1, 0]), scale=G),
+        )
+    elif t_1 > 0.0 or v0 > 0.0:
+        facts = (
+            Fact("t_1", "first impact", t_1, "s", lambda run: event(run, "impact", 1).t, scale=1.0),
+            Fact(
+                "v_1", "its speed", float(free(t_1)[1]), "m/s", lambda run: event(run, "impact", 1).left.v[0], scale=G
+            ),
         )
     return Problem(
         name,

@@ -144,9 +144,9 @@ def _on_lines(t: Array, nodes: Array, values: Array) -> Array:
 
 
 def first_root(u: Callable[[Array], Array], until: float, period: float) -> float | None:
-    """Return the first t > 0 at which a gap in closed form falls through zero, or None if it does not before ``until``.
+    """Return the first t at which a gap in closed form falls through zero, or None if it does not before ``until``.
 
-    The gap is looked at 400 times in the period of its fastest part.
+    The gap is looked at 400 times in the period of its fastest part. From zero it may fall at once, at t = 0.
     """
     t = np.linspace(0.0, until, max(2, math.ceil(400.0 * until / period)) + 1)[1:]
     below = np.flatnonzero(u(t) < 0.0)
@@ -154,4 +154,6 @@ def first_root(u: Callable[[Array], Array], until: float, period: float) -> floa
         return None
     j = int(below[0])
     start = t[j - 1] if j else 1e-9 * t[0]
+    if u(np.array(start)) <= 0.0:
+        return 0.0
     return float(brentq(lambda s: float(u(np.array(s))), start, t[j], xtol=1e-16, rtol=4.0 * np.finfo(float).eps))

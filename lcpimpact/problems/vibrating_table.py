@@ -131,10 +131,10 @@ def thrown_ball(
     h: float = 0.01,
     v0: float = 0.0,
 ) -> Problem:
-    r"""A ball let fall on a vibrating table, from any height: rest, periodic motion, doubled periods and chaos.
+    r"""A ball let fall on a vibrating table, from any height: rest, regular motion, doubled periods, chaos.
 
-    The table moves by ``y = A cos ω t`` (downwards), whatever strikes it; the ball starts at the height h above the middle of
-    the swing. It is `vibrating_table` without the promise of a periodic motion; for diagrams and basins. With
+    The table moves by ``y = A cos ω t`` (downwards), whatever strikes it; the ball starts at the height h above the middle
+    of the swing. It is `vibrating_table` without the promise of a periodic motion; for diagrams and basins. With
     ``Γ = A ω²/g``,
 
     - up to Γ = 1 a ball at rest on the table stays there; above, the table throws it off in every period,
@@ -168,7 +168,7 @@ def thrown_ball(
     Examples
     --------
     >>> [round(fact.value, 6) for fact in thrown_ball().facts]
-    [0.040219, 0.50211]
+    [0.039453, 0.503004]
 
     References
     ----------
@@ -194,12 +194,17 @@ def thrown_ball(
         PrescribedMotion("y", Harmonic(A, ω)),
     )
     facts: tuple[Fact, ...] = ()
-    if t_1 is not None:
+    if t_1 is not None and (t_1 > 0.0 or v0 > 0.0):
         U = v0 + g * t_1 + A * ω * math.sin(ω * t_1)
         facts = (
-            Fact("t_1", "first landing", t_1, "s", lambda run: event(run, "impact", 1).t),
+            Fact("t_1", "first landing", t_1, "s", lambda run: event(run, "impact", 1).t, scale=1.0 / ω),
             Fact(
-                "U_1", "its speed", U, "m/s", lambda run: float(-np.diff(event(run, "impact", 1).left.v)[0]), scale=A * ω
+                "U_1",
+                "its speed",
+                U,
+                "m/s",
+                lambda run: float(-np.diff(event(run, "impact", 1).left.v)[0]),
+                scale=A * ω,
             ),
         )
     return Problem(

@@ -46,9 +46,9 @@ class Ledger:
         forces that drive nodes whose motion is given); what has been dissipated since t = 0, one column an element, see
         ``dissipated``; and ``balance``, what is stored and dissipated less what came in and was there at t = 0.
     dissipated : tuple of str
-        The columns of what is lost: "dashpot a-b" for each dashpot between a and b, also within other elements, "HertzSpring
-        ..." or another type for each non-linear spring with a loss, "slider F", and "impact R" for each contact of relative
-        degree 2. "contact R" is a contact without impacts: zero in the exact motion, and else what a step loses in which
+        The columns of what is lost: "dashpot a to b" for each dashpot, also within other elements, "HuntCrossley a to b" or
+        another type for each non-linear spring with a loss, "slider F", and "impact R" for each contact of relative degree
+        2. "contact R" is a contact without impacts: zero in the exact motion, and else what a step loses in which
         the contact switches. Where a name would stand twice, a number follows.
     promise : str
         What the method promises about energy.
@@ -190,11 +190,11 @@ def takers_of(problem: Problem) -> Iterator[Taker]:
         piece.contribute(terms)
         if terms.C.any():
             rows = [index[node] for node in own]
-            yield Taker(unique(f"dashpot {'-'.join(piece.nodes)}"), _viscous(terms.C, rows))
+            yield Taker(unique(f"dashpot {' to '.join(piece.nodes)}"), _viscous(terms.C, rows))
     for a, spring in enumerate(d.springs):
         if spring.b > 0.0 or spring.c > 0.0:
             kind = spring.element.split()[0]
-            yield Taker(unique(f"{kind} {spring.upper}-{spring.lower}"), _hysteretic(d, a), spring=a)
+            yield Taker(unique(f"{kind} {spring.upper} to {spring.lower}"), _hysteretic(d, a), spring=a)
     for i, contact in enumerate(d.contacts):
         kind = "slider" if contact.r0 is not None else "impact" if contact.relative_degree == 2 else "contact"
         yield Taker(unique(f"{kind} {contact.name}"), _frictional(d, i), contact=i)
@@ -249,10 +249,11 @@ def _flows(d: Dynamics, takers: Sequence[Taker], t: Array, q: Array, v: Array, r
     return np.column_stack([loads, d.driving_power(t, q, v, r), *(taker.power(q, v, r) for taker in takers)])
 
 
-def _jumps(run: Trajectory, takers: Sequence[Taker], steps: int = 0) -> Iterator[tuple[float, int, Array]]:
-    """Yield time, first grid point and flows (2 + takers,) in J of each impact.
+def _jumps(run: Trajectory, takers: Sequence[Taker], spread: int = 0) -> Iterator[tuple[float, int, Array]]:
+    """Yield time, first step and flows (steps, 2 + takers) in J of each impact.
 
-    With ``steps`` the velocities are those of the grid before and after the steps over which the impulse spreads.
+    With ``spread`` the velocities are those of the grid before and after each of the steps over which the impulse spreads,
+    and each step has the share of the impulse that it has in the change of U.
     """
     d = run.problem.dynamics
     column = {taker.contact: k for k, taker in enumerate(takers) if taker.contact is not None}
@@ -261,14 +262,16 @@ def _jumps(run: Trajectory, takers: Sequence[Taker], steps: int = 0) -> Iterator
         if not event.impulse > 0.0:
             continue
         i, node = row[event.contact], -1
-        before, after = event.left.v, event.right.v
-        if steps:
+        v = np.array([event.left.v, event.right.v])
+        if spread:
             node = _first(run, event.t, event.left.q, event.left.v)
-            before, after = run.v[node], run.v[min(node + steps, len(run.t) - 1)]
-        mean = 0.5 * (before + after)
-        flows = np.zeros(len(GIVEN) + len(takers))
-        flows[1] = -event.impulse * (d.H[i] * mean)[d.driven].sum()
-        flows[len(GIVEN) + column[i]] = -event.impulse * d.gap_rate(mean)[i]
+            v = run.v[node : node + spread + 1]
+        U = d.gap_rate(v)[:, i]
+        mean = 0.5 * (v[1:] + v[:-1])
+        share = np.diff(U) / (U[-1] - U[0]) if len(U) > 2 and U[-1] != U[0] else np.full(len(mean), 1.0 / len(mean))
+        flows = np.zeros((len(mean), len(GIVEN) + len(takers)))
+        flows[:, 1] = -event.impulse * share * (d.H[i] * mean)[:, d.driven].sum(axis=1)
+        flows[:, len(GIVEN) + column[i]] = -event.impulse * share * d.gap_rate(mean)[:, i]
         yield event.t, node, flows
 
 
@@ -298,7 +301,7 @@ def _by_gauss(run: Trajectory, dense: Dense, takers: Sequence[Taker]) -> tuple[A
     flows = flows[rows]
     t = cuts[rows]
     for time, _, jump in jumps:
-        flows[(t > time) | ((t == time) & after)] += jump
+        flows[(t > time) | ((t == time) & after)] += jump[0]
     seen: set[float] = set()
     for event in run.events:
         if event.impulse > 0.0 and event.t not in seen and event.t <= run.t[-1]:
@@ -366,8 +369,8 @@ def _by_trapezoid(run: Trajectory, takers: Sequence[Taker]) -> tuple[Array, Arra
         contacts = [k for k, taker in enumerate(takers, len(GIVEN)) if taker.contact is not None]
         steps[:, contacts] = h * of_forces[:, contacts]
     spread = run.integrator.impact_steps if run.integrator is not None else 1
-    for _, node, jump in _jumps(run, takers, steps=spread):
-        steps[min(node + spread, len(h)) - 1] += jump
+    for _, node, jump in _jumps(run, takers, spread):
+        steps[node : node + len(jump)] += jump
     return run.t, run.q, run.v, np.concatenate([np.zeros((1, powers.shape[1])), np.cumsum(steps, axis=0)])
 
 

@@ -15,13 +15,14 @@ import pandas as pd
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status
 from lcpimpact.integrators.base import Event, Integrator
+from lcpimpact.integrators.exact import Exact
 from lcpimpact.integrators.modes import ZERO, System
 from lcpimpact.integrators.motion import Motion, begin_problem, follow, read
 from lcpimpact.numbers import is_count, is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import nearest
-from lcpimpact.simulation import simulate
-from lcpimpact.study.orbits import force_period
+from lcpimpact.simulation import make_integrator, simulate
+from lcpimpact.study.orbits import force_period, refuse_power_laws
 from lcpimpact.study.watch import Watch, unwatched
 
 BLOCK = 8
@@ -129,16 +130,23 @@ def section_of(text: str | Section) -> Section:
     if isinstance(text, (Stroboscope, Impacts, Crossing)):
         return text
     word, _, more = str(text).partition(":")
+    if word == "force" and (phase := _number(more or "0")) is not None:
+        return Stroboscope(phase)
+    if word == "impact":
+        return Impacts(more or None)
+    found = re.fullmatch(r"(.+?)\s*([=<>])\s*(\S+)", str(text))
+    if found and (level := _number(found[3])) is not None:
+        return Crossing(found[1], level, {"=": 0, ">": 1, "<": -1}[found[2]])
+    raise InputError(
+        f"section {text!r} must read force, force:PHASE, impact, impact:CONTACT, x=LEVEL, x>LEVEL or x<LEVEL"
+    )
+
+
+def _number(text: str) -> float | None:
     try:
-        if word == "force":
-            return Stroboscope(float(more or 0.0))
-        if word == "impact":
-            return Impacts(more or None)
-        if found := re.fullmatch(r"(.+?)\s*([=<>])\s*(\S+)", str(text)):
-            return Crossing(found[1], float(found[3]), {"=": 0, ">": 1, "<": -1}[found[2]])
+        return float(text)
     except ValueError:
-        pass
-    raise InputError(f"section {text!r} must read force, force:PHASE, impact, impact:CONTACT, x=LEVEL, x>LEVEL or x<LEVEL")
+        return None
 
 
 class Points(NamedTuple):
@@ -152,6 +160,10 @@ class Points(NamedTuple):
     v: Array
     speed: Array
     last: Array
+
+    def after(self, count: int) -> Points:
+        """Return the points after the first ones."""
+        return Points(self.t[count:], self.q[count:], self.v[count:], self.speed[count:], self.last)
 
 
 def poincare(
@@ -202,8 +214,8 @@ def poincare(
     --------
     >>> from lcpimpact import load_problem, poincare
     >>> table = poincare(load_problem("shaw-holmes"), "impact", transient=60, crossings=2)
-    >>> table["speed"].round(9).tolist()
-    [0.500672493, 0.500672493]
+    >>> table["speed"].round(7).tolist()
+    [0.5006725, 0.5006725]
     """
     where = section_of(section)
     points, force = _points(problem, where, transient, crossings, t_end, method, dt, method_options)
@@ -234,11 +246,12 @@ def _points(
     end = t_end if t_end is not None else _latest(problem, where, force, need)
     if not (is_real(end) and end > 0.0):
         raise InputError(f"t_end = {t_end!r} must be a positive number in s")
-    if method == "exact":
-        found = _by_exact(problem, where, force, need, end)
+    integrator = make_integrator(method, options)
+    if isinstance(integrator, Exact):
+        found = _by_exact(problem, where, force, need, end, integrator.max_events)
     else:
-        found = _by_steps(problem, where, force, need, end, method, dt, options)
-    return Points(*(each[transient:] for each in found[:4]), found.last), force
+        found = _by_steps(problem, where, force, need, end, integrator, dt)
+    return found.after(transient), force
 
 
 def _whole_period(times: Array, force: float | None) -> float:
@@ -262,7 +275,9 @@ def _checked(problem: Problem, where: Section) -> float | None:
     if isinstance(where, Stroboscope):
         force = where.period or force_period(d)
         if force is None:
-            raise InputError(f"{problem.name} has no force with a period: give Stroboscope(period=...) or another section")
+            raise InputError(
+                f"{problem.name} has no force with a period: give Stroboscope(period=...) or another section"
+            )
         return force
     if isinstance(where, Impacts):
         if where.contact is not None and where.contact not in names:
@@ -289,12 +304,13 @@ def _latest(problem: Problem, where: Section, force: float | None, need: int) ->
 def _instants(where: Stroboscope, force: float, need: int, end: float) -> Array:
     """Return the times of a stroboscope; the start of the motion is none of them."""
     t = (np.arange(need) + (where.phase or 1.0)) * force
-    return t[t <= end * (1.0 + 1e-12)]
+    return np.asarray(t[t <= end * (1.0 + 1e-12)])
 
 
-def _by_exact(problem: Problem, where: Section, force: float | None, need: int, end: float) -> Points:
+def _by_exact(problem: Problem, where: Section, force: float | None, need: int, end: float, max_events: int) -> Points:
     """Follow the exact motion until it has met the section often enough, or to the end."""
-    motion = begin_problem(problem, "exact", end)
+    refuse_power_laws(problem)
+    motion = begin_problem(problem, "exact", end, max_events=max_events)
     block = BLOCK * (force or problem.t_end)
     reached = 0.0
     if isinstance(where, Stroboscope):
@@ -317,7 +333,9 @@ def _by_exact(problem: Problem, where: Section, force: float | None, need: int, 
 def _go_on(motion: Motion, problem: Problem, until: float) -> None:
     status = follow(motion, until)
     if status is not Status.SOLVED:
-        raise FailureError(f"{problem.name}: the exact run ended at t = {motion.next_event[0]:g} s: {status.sentence}", None)
+        raise FailureError(
+            f"{problem.name}: the exact run ended at t = {motion.next_event[0]:g} s: {status.sentence}", None
+        )
 
 
 def _impacts(events: Iterable[Event], contact: str | None) -> list[Event]:
@@ -393,16 +411,15 @@ def _by_steps(
     force: float | None,
     need: int,
     end: float,
-    method: str | Integrator,
+    method: Integrator,
     dt: float | None,
-    options: dict[str, Any],
 ) -> Points:
     """Run a method that steps, and read its grid."""
     h = (force or problem.t_end / 100.0) / STEPS if dt is None else dt
     if not (is_real(h) and h > 0.0):
         raise InputError(f"dt = {dt!r} must be a positive number in s")
     steps = max(1, math.ceil(end / h * (1.0 - 1e-12)))
-    run = simulate(problem, method, dt=end / steps, t_end=end, progress=False, **options)
+    run = simulate(problem, method, dt=end / steps, t_end=end, progress=False)
     side = "right"
     if isinstance(where, Stroboscope):
         times = np.minimum(_instants(where, float(force or 0.0), need, end), run.t[-1])
@@ -432,14 +449,20 @@ def _by_steps(
 
 def _frame(problem: Problem, points: Points, force: float | None) -> pd.DataFrame:
     nodes = problem.dynamics.nodes
-    columns: dict[str, Array] = {
+    columns: dict[str, Any] = {
         "point": np.arange(len(points.t)),
         "t": points.t,
-        "phase": np.full(len(points.t), np.nan) if force is None else np.mod(points.t / force, 1.0),
+        "phase": np.full(len(points.t), np.nan) if force is None else _phase(points.t / force),
     }
     columns |= {node: points.q[:, i] for i, node in enumerate(nodes)}
     columns |= {f"v_{node}": points.v[:, i] for i, node in enumerate(nodes)}
     return pd.DataFrame(columns | {"speed": points.speed})
+
+
+def _phase(turns: Array) -> Array:
+    """Return the share of the period, 0 where rounding makes it just less than 1."""
+    share = np.mod(turns, 1.0)
+    return np.asarray(np.where(share > 1.0 - 1e-9, 0.0, share))
 
 
 def period_of(points: Array, tol: float = 1e-6, most: int = MOST) -> int:
@@ -450,7 +473,7 @@ def period_of(points: Array, tol: float = 1e-6, most: int = MOST) -> int:
     points : (k, d) array
         Points of a section, the transient left out.
     tol : float
-        Largest miss, relative to the largest |value| of each column.
+        Largest miss, relative to the largest |value| of each column, or a millionth of the largest of all.
     most : int
         Longest period that is looked for; half of the points must show it.
 
@@ -460,11 +483,17 @@ def period_of(points: Array, tol: float = 1e-6, most: int = MOST) -> int:
     2
     """
     points = np.atleast_2d(np.asarray(points, dtype=np.float64))
-    unit = tol * np.maximum(np.abs(points).max(axis=0, initial=0.0), 1e-300)
+    unit = tol * _sizes(points)
     for p in range(1, min(most, len(points) // 2) + 1):
         if (np.abs(points[p:] - points[:-p]) <= unit).all():
             return p
     return 0
+
+
+def _sizes(points: Array) -> Array:
+    """Return the largest |value| of each column, of which what is far below the others is rounding (d,)."""
+    sizes = np.abs(points).max(axis=0, initial=0.0)
+    return np.asarray(np.maximum(sizes, max(1e-6 * sizes.max(initial=0.0), 1e-300)))
 
 
 def each_of(function: Callable[[Any], Any], items: Sequence[Any], workers: int | None) -> Iterator[Any]:
@@ -524,9 +553,9 @@ def bifurcation(
     Examples
     --------
     >>> from lcpimpact import bifurcation, load_problem
-    >>> table = bifurcation(lambda f: load_problem("shaw-holmes", f=f), [1.0, 1.2], transient=100, kept=20)
+    >>> table = bifurcation(lambda omega: load_problem("shaw-holmes", omega=omega), [2.6, 2.7], kept=20)
     >>> table.groupby("value")["period"].first().tolist()
-    [1, 1]
+    [1, 2]
     """
     where = section_of(section)
     chosen = [float(value) for value in values]
@@ -638,7 +667,7 @@ def basins(
     >>> from lcpimpact import basins, load_problem
     >>> found = basins(lambda x0, v0: load_problem("shaw-holmes", x0=x0, v0=v0), [-0.5, -0.1], [0.0, 0.5])
     >>> found.table["attractor"].tolist(), found.attractors["period"].tolist()
-    ([1, 1, 1, 1], [1])
+    ([1, 1, 1, 2], [1, 3, 3, 3])
     """
     _whole(longest=(longest, 1))
     starts = [(float(a), float(b)) for a in first for b in list(second)]
@@ -676,24 +705,37 @@ def basins(
 
 
 def _settled(problem: Problem, longest: int, tol: float) -> tuple[Array, int]:
-    """Return the points of the attractor that a run ends on, in order, and the periods that this took; none if it does not."""
+    """Return the points of the attractor on which a run ends, in order, and the periods that it took."""
     force = force_period(problem.dynamics)
     if force is None:
         raise InputError(f"{problem.name} has no force with a period, so it cannot be seen once in each")
+    refuse_power_laws(problem)
     motion = begin_problem(problem, "exact", longest * force)
     reached = 0
     while reached < longest:
         reached = min(reached + BLOCK, longest)
         _go_on(motion, problem, reached * force)
-        seen = np.minimum(np.arange(max(1, reached - 2 * MOST + 1), reached + 1) * force, motion.end)
-        points = _read_at(motion, seen, "right", force)
-        z = np.hstack([points.q, points.v, points.speed[:, None]])
-        # Twice the period must be seen, and a slow approach must not pass for its end.
-        p = period_of(np.nan_to_num(z[:, :-1])[-2 * BLOCK :], tol, BLOCK // 2) or period_of(z[:, :-1], tol)
-        if p and reached >= 2 * BLOCK:
-            cycle = z[-p:]
+        times = np.minimum(np.arange(max(0, reached - 2 * MOST), reached + 1) * force, motion.end)
+        q, v, _ = read(motion.system, tuple(motion.segments), times, "right")
+        z = np.hstack([q, v])
+        miss = [_miss(z, p) for p in range(1, MOST + 1)]
+        if min(miss) <= tol:
+            # Where a slow approach turns by half a circle a period, every other point settles first.
+            p = 1 + next(i for i, each in enumerate(miss) if each <= 100.0 * tol)
+            speed = _speeds(problem.dynamics, motion.events, times[-p:])
+            if not any(event.t > times[-1 - p] for event in _impacts(motion.events, None)):
+                speed[:] = np.nan  # the last impact belongs to the approach
+            cycle = np.column_stack([z[-p:], speed])
             return np.roll(cycle, -int(np.argmin(cycle[:, 0])), axis=0), reached
-    return np.zeros((0, z.shape[1])), reached
+    return np.zeros((0, 1 + 2 * len(problem.dynamics.nodes))), reached
+
+
+def _miss(z: Array, p: int) -> float:
+    """Return how far the last points miss those p before, relative to the largest value of each column."""
+    seen = max(p, 4)
+    if len(z) < seen + p:
+        return math.inf
+    return float((np.abs(z[-seen:] - z[-seen - p : -p]) / _sizes(z)).max())
 
 
 def _named(cycles: list[Array]) -> tuple[list[int], list[Array]]:

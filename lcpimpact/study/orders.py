@@ -149,7 +149,7 @@ _NAMES = ("order", "scatter", "standard_error", "points", "rounding", "failed", 
 
 def _observed(runs: pd.DataFrame, norm: str, attrs: dict[Any, Any]) -> dict[str, Any]:
     """Return what the runs of one method show in one norm."""
-    scale, rounding = float(attrs.get(f"scale_{norm}", 0.0)), floor_of(runs["reference"].iloc[0])
+    scale, rounding = float(attrs.get(f"scale_{norm}", 0.0)), floor_of(runs["reference"].iloc[0], norm)
     solved = runs[(runs["failure"] == "") & runs[norm].notna()]
     telling = solved[solved[norm] > rounding * scale]
     declared = float(runs["declared"].iloc[0]) if attrs.get("declared_norm") == norm else math.nan
@@ -233,7 +233,7 @@ def observed_order(
     for failure in table["failure"]:
         if failure:
             raise InputError(f"{integrator.name} on {problem.name!r}: {failure}")
-    if table[norm].min() <= floor_of(table["reference"].iloc[0]) * table.attrs[f"scale_{norm}"]:
+    if table[norm].min() <= floor_of(table["reference"].iloc[0], norm) * table.attrs[f"scale_{norm}"]:
         raise RoundingError(
             f"the errors of {integrator.name} on {problem.name!r} are rounding: take larger steps to see an order"
         )

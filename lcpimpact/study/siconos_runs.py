@@ -12,7 +12,7 @@ import numpy as np
 
 def lagrangian(M, C, K, f, H, u0, e, q0, v0, theta, h, steps):  # type: ignore[no-untyped-def]
     """M q'' + C q' + K q = f + Hᵀ r, 0 <= r ⟂ u = H q + u0 >= 0, with Newton's law, by MoreauJeanOSI."""
-    import siconos.kernel as sk
+    import siconos.kernel as sk  # type: ignore[import-not-found]
 
     M, C, K, f, H, u0 = (np.array(a, dtype=float) for a in (M, C, K, f, H, u0))
     system = sk.LagrangianLinearTIDS(np.array(q0), np.array(v0), M, K, C)
@@ -64,4 +64,4 @@ def first_order(A, b, B, C, D, x0, theta, gamma, h, steps):  # type: ignore[no-u
 if __name__ == "__main__":
     jobs = json.load(sys.stdin)
     runs = {"lagrangian": lagrangian, "first_order": first_order}
-    json.dump([runs[job.pop("kind")](**job) for job in jobs], sys.stdout)
+    json.dump([runs[job.pop("kind")](**job) for job in jobs], sys.stdout)  # type: ignore[operator]

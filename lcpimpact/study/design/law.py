@@ -5,8 +5,8 @@ A mass m strikes with v0, and its weight m g goes on acting. Measured in v0 and 
 .. math:: L = \Bigl(\frac{(n+1)\, m v_0^2}{2 k}\Bigr)^{1/(n+1)}, \qquad n = 1: \quad L = v_0 \sqrt{m/k},
 
 how far a lossless spring k δⁿ would give way without weight, the contact depends on the loss number λ of its law and on
-``γ = g L/v0²`` alone. Times scale with L/v0, forces with m v0²/L, and the constants of the law likewise; so what is wanted of
-an impact is an equation in λ and L.
+``γ = g L/v0²`` alone. Times scale with L/v0, forces with m v0²/L, and the constants of the law likewise;
+so what is wanted of an impact is an equation in λ and L.
 """
 
 from __future__ import annotations
@@ -73,6 +73,10 @@ class Law(ABC):
     @abstractmethod
     def measured(self, run: Trajectory) -> Rebound:
         """Return what a run shows of the first contact."""
+
+    def force(self, run: Trajectory) -> Series:
+        """Return the force on the mass in a run of it: of the bumper, for blocks that have one."""
+        return "R"
 
     def problem(self, m: float, v0: float, g: float, k: float, loss: float, n: float) -> Problem:
         """Return the impact, with the weight m g on the mass if there is gravity."""

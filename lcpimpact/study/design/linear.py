@@ -21,6 +21,7 @@ from scipy.optimize import brentq
 
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.free_vibration import free_vibration
+from lcpimpact.problems.reading import Series
 from lcpimpact.problems.viscoelastic_impact import kelvin_voigt_impact, kelvin_voigt_tension, maxwell_impact
 from lcpimpact.study.design.law import Law, Rebound, bumped, grounded
 from lcpimpact.trajectory import Trajectory
@@ -157,8 +158,12 @@ class TensionLaw(KelvinVoigtLaw):
 
     def measured(self, run: Trajectory) -> Rebound:
         """Return the contact up to x = 0; the block's force is read off the motion."""
+        return grounded(run, self.force(run))
+
+    def force(self, run: Trajectory) -> Series:
+        """Return k x + c x'."""
         k, c = run.problem.parameters["k"], run.problem.parameters["c"]
-        return grounded(run, lambda state: np.asarray(k * state.q[:, 0] + c * state.v[:, 0]))
+        return lambda state: np.asarray(k * state.q[:, 0] + c * state.v[:, 0])
 
 
 class MaxwellLaw(Law):

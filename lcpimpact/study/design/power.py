@@ -25,6 +25,7 @@ from scipy.special import roots_jacobi
 from lcpimpact.arrays import Array
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.hertz import hertz_impact, hunt_crossley_impact
+from lcpimpact.problems.reading import Series
 from lcpimpact.study.design.law import Law, Rebound, grounded
 from lcpimpact.trajectory import Trajectory
 
@@ -84,8 +85,12 @@ class HertzLaw(Law):
 
     def measured(self, run: Trajectory) -> Rebound:
         """Return the contact up to x = 0."""
+        return grounded(run, self.force(run))
+
+    def force(self, run: Trajectory) -> Series:
+        """Return the force of the spring."""
         dynamics = run.problem.dynamics
-        return grounded(run, lambda state: np.asarray(-dynamics.spring_force(state.q, state.v)[:, 0]))
+        return lambda state: np.asarray(-dynamics.spring_force(state.q, state.v)[:, 0])
 
 
 class HuntCrossleyLaw(HertzLaw):
@@ -135,7 +140,7 @@ def _ψ(y: ArrayLike) -> Array:
     """Return exp y - 1 - y without the cancellation at small y."""
     y = np.asarray(y, dtype=np.float64)
     series = np.polynomial.polynomial.polyval(y, SERIES)
-    return np.where(np.abs(y) < 0.1, y**2 * series, np.expm1(y) - y)
+    return np.asarray(np.where(np.abs(y) < 0.1, y**2 * series, np.expm1(y) - y))
 
 
 @cache
@@ -151,7 +156,7 @@ def _integrated(a: float, γ: float, n: float) -> Rebound:
     K = 0.5 * (n + 1.0)
 
     def force(δ: float, v: float) -> float:
-        return K * max(δ, 0.0) ** n * (1.0 + a * v)
+        return K * math.pow(max(δ, 0.0), n) * (1.0 + a * v)
 
     def rate(t: float, state: Array) -> list[float]:
         δ, v = state
@@ -162,16 +167,16 @@ def _integrated(a: float, γ: float, n: float) -> Rebound:
 
     def energy(δ: float, v: float) -> float:
         # It falls, and at δ = 0 it is v²/2: a mass that has less than none of it never leaves.
-        return 0.5 * (v * v + max(δ, 0.0) ** (n + 1.0)) - γ * δ
+        return 0.5 * (v * v + math.pow(max(δ, 0.0), n + 1.0)) - γ * δ
 
-    rest = (γ / K) ** (1.0 / n)
+    rest = math.pow(γ / K, 1.0 / n)
 
     def creeps(δ: float, v: float) -> bool:
         # With v below μ (rest - δ) once, it is so ever after, and the mass does not pass its place of rest.
         if not 0.0 < δ < rest or v <= 0.0 or force_rate(δ, v) > 0.0:
             return False
         μ = v / (rest - δ)
-        return n * K * rest ** (n - 1.0) + μ * μ <= a * K * δ**n * μ
+        return n * K * math.pow(rest, n - 1.0) + μ * μ <= a * K * math.pow(δ, n) * μ
 
     steps: list[State] = []
 

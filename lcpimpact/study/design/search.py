@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
-import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from lcpimpact.arrays import Array
@@ -36,12 +36,13 @@ def solve(f: Callable[[float], float], grid: Array, goal: float) -> Found:
 
     Examples
     --------
+    >>> import numpy as np
     >>> found = solve(lambda λ: (λ - 2.0) ** 2, np.linspace(0.0, 5.0, 11), goal=1.0)
     >>> [round(λ, 12) for λ in found.solutions], round(found.low, 12), found.high
     ([1.0, 3.0], 0.0, 9.0)
     """
     points = [(float(λ), f(float(λ))) for λ in grid]
-    points += [_border(f, a, b) for a, b in zip(points, points[1:], strict=False) if math.isnan(a[1] + b[1])]
+    points += [_border(f, a, b) for a, b in pairwise(points) if math.isnan(a[1] + b[1])]
     points.sort()
     points += [
         _extremum(f, *three)
@@ -53,7 +54,7 @@ def solve(f: Callable[[float], float], grid: Array, goal: float) -> Found:
     if not values:
         return Found((), math.nan, math.nan)
     roots = [λ for λ, value in points if abs(value - goal) <= TOUCHES * abs(goal)]
-    for (a, f_a), (b, f_b) in zip(points, points[1:], strict=False):
+    for (a, f_a), (b, f_b) in pairwise(points):
         if (f_a - goal) * (f_b - goal) < 0.0:
             root = float(brentq(lambda λ: f(λ) - goal, a, b, xtol=1e-300, rtol=1e-14))
             if all(abs(root - other) > 1e-9 * abs(root) for other in roots):

@@ -14,6 +14,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -22,6 +24,7 @@ from scipy.optimize import brentq
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
+from lcpimpact.problems.reading import Series
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import simulate
 from lcpimpact.study.design.law import Law, Rebound
@@ -53,6 +56,12 @@ HEAVIEST = 100.0
 
 FAR, CLOSE = 50.0, 1e-9
 """Logarithms of what is out of reach, and of what is a root."""
+
+FAINTEST = 1e-9
+"""Rebounds with less than this of v0 are none to a search: no run could show them."""
+
+BEYOND = 1e-6
+"""A reach that goes so far past what is wanted is told by its near end alone."""
 
 
 @dataclass(frozen=True)
@@ -101,8 +110,14 @@ class Design:
     def simulate(self) -> Trajectory:
         """Run it by ``exact``, or by ``event-driven`` with a tight tolerance if the law is not linear."""
         problem, method = self.problem(), LAWS[self.law].method
-        options = {} if method == "exact" else {"rtol": 1e-12, "atol": 1e-13 * min(self.deflection, self.v0)}
+        options: dict[str, Any] = (
+            {} if method == "exact" else {"rtol": 1e-12, "atol": 1e-13 * min(self.deflection, self.v0)}
+        )
         return simulate(problem, method, dt=problem.t_end / 400, t_end=problem.t_end, progress=False, **options)
+
+    def force(self, run: Trajectory) -> Series:
+        """Return the force on the mass as a series of a run, for `lcpimpact.problems.reading`."""
+        return LAWS[self.law].force(run)
 
     def measured(self) -> Rebound:
         """Return what the simulated impact shows: e, contact_time, peak_force, deflection."""
@@ -146,9 +161,9 @@ def design(
     - ``hertz``: k δⁿ; ``hunt-crossley``: k δⁿ (1 + b δ').
 
     Without gravity e depends on a loss number alone, ζ or b v0, and there are closed forms. With it the end of the contact
-    is a root of the closed motion of a linear law, and Hunt and Crossley's law is integrated. Gravity may hold the mass: then
-    e = 0 and contact_time is inf. (On ``kelvin-voigt`` e does not fall to zero before that: the mass leaves a block that is
-    still pressed together with at least c g/k, or not at all.)
+    is a root of the closed motion of a linear law, and Hunt and Crossley's law is integrated. Gravity may hold the mass:
+    then e = 0 and contact_time is inf. (On ``kelvin-voigt`` e does not fall to zero before that: the mass leaves a block
+    that is still pressed together with at least c g/k, or not at all.)
 
     Parameters
     ----------
@@ -179,14 +194,14 @@ def design(
     InputError
         If a value cannot be used, too few or too many are given, or no block does what is wanted; the message then says
         what can be reached. Looked for are blocks with 1e-6 <= ζ <= 100 (for ``maxwell`` ζ = sqrt(k m)/(2 c)) and
-        1e-3 <= b v0 <= 100.
+        1e-3 <= b v0 <= 100, which throw the mass back with more than 1e-9 v0 if e or contact_time is wanted.
 
     Examples
     --------
     >>> wanted = design("kelvin-voigt", m=1.0, v0=2.0, e=0.5, contact_time=0.01)
     >>> round(wanted.k, 3), round(wanted.c, 6), round(wanted.peak_force, 4)
-    (74353.347, 139.21357, 458.7297)
-    >>> design("kelvin-voigt", m=1.0, v0=2.0, k=wanted.k, c=wanted.c).e
+    (73727.954, 138.629436, 440.0764)
+    >>> round(design("kelvin-voigt", m=1.0, v0=2.0, k=wanted.k, c=wanted.c).e, 12)
     0.5
 
     References
@@ -220,7 +235,9 @@ def _checked(
     wanted = {name: value for name, value in given.items() if value is not None}
     for name, value in wanted.items():
         if name not in OUTPUTS and name not in constants:
-            raise InputError(f"design: the law {kind.name!r} has no {name}; its constants are {' and '.join(constants)}")
+            raise InputError(
+                f"design: the law {kind.name!r} has no {name}; its constants are {' and '.join(constants)}"
+            )
         if not is_real(value) or not value > 0.0:
             raise InputError(f"design: {name} = {value!r} must be a positive finite number")
     known = [*OUTPUTS, *constants]
@@ -238,7 +255,7 @@ def _checked(
         advice = f"give {len(constants) - len(wanted)} more of {more}" if few else "leave out all but as many of them"
         raise InputError(f"design: {many}, and {told} {'is' if len(wanted) < 2 else 'are'} given: {advice}")
     if g == 0.0 and set(wanted) == {"e", "b"}:
-        raise InputError("design: without gravity e and b both tell b v0 and nothing else: give something beside one of them")
+        raise InputError("design: without gravity e and b both tell b v0 and nothing else: replace one of them")
     return {name: float(value) for name, value in wanted.items()}
 
 
@@ -273,12 +290,18 @@ class _Case:
             return 0.5 * (self.n + 1.0)
         if name == self.law.loss:
             return self.law.constant(λ)
-        value: float = getattr(self.law.rebound(λ, γ, self.n), name)
+        value: float = getattr(_rebound(self.law, λ, γ, self.n), name)
         return value
 
     def quantity(self, name: str, λ: float, L: float) -> float:
         """Return the quantity in SI units."""
-        return self.scaled(name, λ, self.Γ * L) * self.unit(name) * L ** self.power(name)
+        return self.scaled(name, λ, self.Γ * L) * self.unit(name) * math.pow(L, self.power(name))
+
+    def sought(self, name: str, λ: float, L: float) -> float:
+        """Return the quantity as a search sees it: a mass that leaves with next to nothing stays."""
+        if name in ("e", "contact_time") and self.scaled("e", λ, self.Γ * L) < FAINTEST:
+            return 0.0 if name == "e" else math.inf
+        return self.quantity(name, λ, L)
 
     def length(self, name: str, goal: float, λ: float, start: float = math.nan) -> float:
         """Return the L at which a quantity has its goal, nan if there is none; ``start`` is near it, if it is known."""
@@ -286,13 +309,14 @@ class _Case:
         if p != 0.0:
             L = (goal / (light * self.unit(name))) ** (1.0 / p)
             if self.g == 0.0 or name not in OUTPUTS:
-                return L if L > 0.0 else math.nan
+                reached = L > 0.0 and math.isfinite(self.sought(name, λ, L))
+                return L if reached else math.nan
             start = L if math.isnan(start) else start
         top, sign = math.log(HEAVIEST / self.Γ), p or -1.0
 
         def excess(x: float) -> float:
             # It rises with L, and jumps where gravity begins to hold the mass.
-            value = self.quantity(name, λ, math.exp(x)) / goal
+            value = self.sought(name, λ, math.exp(x)) / goal
             return sign * (min(max(math.log(value), -FAR), FAR) if value > 0.0 else -FAR)
 
         x = min(math.log(start), top) if start > 0.0 else top - 10.0
@@ -332,7 +356,7 @@ class _Case:
             if math.isnan(L):
                 return math.nan
             ratio = L / light if 0.0 < light < math.inf else 1.0
-            value = self.quantity(second, λ, L)
+            value = self.sought(second, λ, L)
             return value if 0.0 < value < math.inf else math.nan
 
         low, high = map(math.log, self.law.losses)
@@ -351,32 +375,41 @@ class _Case:
         ends = [self.quantity(name, λ, math.exp(x) * HEAVIEST / self.Γ) for x in (-FAR, 0.0)]
         return min(ends), max(ends)
 
+    def told(self, name: str, value: float) -> str:
+        """Return a value with its unit."""
+        unit = "N/m" if name == "k" and self.n == 1.0 else UNITS[name]
+        return f"{value:.9g} {unit}".strip()
+
     def refuse(self, wanted: Mapping[str, float], name: str, reach: tuple[float, float]) -> None:
         """Say that nothing gives what is wanted, and what can be had instead."""
-        others = ", ".join(f"{each} = {_with_unit(each, value)}" for each, value in wanted.items() if each != name)
+        others = ", ".join(f"{each} = {self.told(each, value)}" for each, value in wanted.items() if each != name)
         case = f"m = {self.m:g} kg, v0 = {self.v0:g} m/s, g = {self.g:g} m/s²"
         if math.isnan(reach[0]):
             what = "lets the mass sink in to a finite depth" if name == "deflection" else "throws the mass back"
             raise InputError(f"no {self.law.name} block with {others} {what} at {case}: ask for something else")
-        low, high = (_with_unit(name, value) for value in reach)
+        low, high = (self.told(name, value) for value in reach)
+        lies = f"lies between {low} and {high}"
+        if reach[0] < BEYOND * wanted[name]:
+            lies = f"is at most {high}"
+        elif wanted[name] < BEYOND * reach[1]:
+            lies = f"is at least {low}"
         raise InputError(
-            f"no {self.law.name} block has {name} = {_with_unit(name, wanted[name])}"
+            f"no {self.law.name} block has {name} = {self.told(name, wanted[name])}"
             + (f" and {others}" if others else "")
-            + f" with {case}: {name} lies between {low} and {high}"
-            + (" then" if others else "")
+            + f" at {case}: {name} {lies}{' then' if others else ''}"
         )
 
     def design(self, λ: float, L: float, wanted: Mapping[str, float]) -> Design:
         """Return the design of a λ and an L."""
-        shown = {name: self.quantity(name, λ, L) for name in OUTPUTS}
+        shown: dict[str, Any] = {name: self.quantity(name, λ, L) for name in OUTPUTS}
         shown["k"] = wanted.get("k", self.quantity("k", λ, L))
         if self.law.loss:
             shown[self.law.loss] = wanted.get(self.law.loss, self.quantity(self.law.loss, λ, L))
         n = self.n if self.law.n is None else None
+        c, b = (shown.pop(name, None) for name in ("c", "b"))
         return Design(
-            self.law.name, self.m, self.v0, self.g, n=n, wanted=wanted, found=self.way(wanted),
-            **{"c": None, "b": None, **shown},
-        )  # fmt: skip
+            self.law.name, self.m, self.v0, self.g, c=c, b=b, n=n, wanted=wanted, found=self.way(wanted), **shown
+        )
 
     def way(self, wanted: Mapping[str, float]) -> str:
         """Say how it was found."""
@@ -389,6 +422,6 @@ class _Case:
         return f"{motion}, and root-finding"
 
 
-def _with_unit(name: str, value: float) -> str:
-    return f"{value:.9g} {UNITS[name]}".strip()
-
+@lru_cache(maxsize=4096)
+def _rebound(law: Law, λ: float, γ: float, n: float) -> Rebound:
+    return law.rebound(λ, γ, n)

@@ -1,0 +1,31 @@
+"""Draw docs/images/convergence.svg and work-precision.svg: run it as ``python docs/convergence.py``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lcpimpact import convergence, load_problem, plot_convergence, plot_work_precision, work_precision
+
+IMAGES = Path(__file__).parent / "images"
+
+
+def main() -> None:
+    """Draw both pictures."""
+    methods = ["moreau-jean", "heun", "rk4", "radau-fesd", "rk4-paper"]
+    table = convergence(load_problem("system-1"), methods, [3.0 / (40 * 1.6**i) for i in range(8)], norms=["sup_q"])
+    plot_convergence(table, "sup_q", IMAGES / "convergence.svg")
+
+    costs = work_precision(
+        load_problem("impact-oscillator"),
+        ["moreau-jean", "generalized-alpha", "dopri5", "radau-fesd", "event-driven"],
+        [10.0 / (50 * 3**i) for i in range(6)],
+        penalties=[("kelvin-voigt", 1e6)],
+        norms=["l1_v"],
+        t_end=10.0,
+        repeats=1,
+    )
+    plot_work_precision(costs, "l1_v", "evaluations", IMAGES / "work-precision.svg")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,78 @@
+"""Draw the pictures of docs/dynamics.md: ``python docs/dynamics.py``, or with the names of some of them.
+
+It takes about five minutes on one core.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from lcpimpact import basins, bifurcation, continue_orbit, grazing, load_problem, periodic_orbit
+from lcpimpact.plotting.dynamics import plot_basins, plot_bifurcation, plot_orbit
+from lcpimpact.problems.base import Problem
+
+IMAGES = Path(__file__).parent / "images"
+
+
+def driven(omega: float) -> Problem:
+    """Return the oscillator with its stop at the place of equilibrium."""
+    return load_problem("shaw-holmes", omega=omega)
+
+
+def pushed(f: float) -> Problem:
+    """Return the oscillator below resonance, with a stop that it reaches when it is pushed hard enough."""
+    return load_problem("shaw-holmes", omega=0.8, s=1.0, x0=0.0, f=f)
+
+
+def started(x0: float, v0: float) -> Problem:
+    """Return the oscillator from any state."""
+    return load_problem("shaw-holmes", x0=x0, v0=v0)
+
+
+def draw_bifurcation(path: Path) -> None:
+    """Draw doubled periods and chaos, with the orbit that lost its stability."""
+    table = bifurcation(driven, np.linspace(2.5, 3.4, 200), "impact")
+    branch = continue_orbit(driven, np.linspace(2.5, 3.4, 91), transient=60)
+    plot_bifurcation(table, path=path, branches=[branch], parameter="ω")
+
+
+def draw_grazing(path: Path) -> None:
+    """Draw what a grazing does, with the orbits on both sides."""
+    table = bifurcation(pushed, np.linspace(0.3, 0.6, 150), transient=150)
+    touch = grazing(pushed, (0.1, 1.0))
+    below = continue_orbit(pushed, np.linspace(0.3, 0.42, 61), transient=150)
+    above = continue_orbit(pushed, np.linspace(0.6, 0.3, 121), transient=150)
+    plot_bifurcation(
+        table,
+        path=path,
+        branches=[below, above],
+        parameter="f",
+        marks=[(touch.value, f"grazing, f = {touch.value:.6f}")],
+    )
+
+
+def draw_basins(path: Path) -> None:
+    """Draw the basins of the orbit that strikes in every period, and of one of three periods beside it."""
+    result = basins(started, np.linspace(-1.5, 0.0, 46), np.linspace(-1.5, 1.5, 31), names=("x0", "v0"), longest=200)
+    plot_basins(result, path)
+
+
+def draw_orbit(path: Path) -> None:
+    """Draw an orbit of doubled period."""
+    plot_orbit(periodic_orbit(driven(2.7), periods=2, transient=60), path=path)
+
+
+PICTURES = {
+    "bifurcation": draw_bifurcation,
+    "grazing": draw_grazing,
+    "basins": draw_basins,
+    "orbit": draw_orbit,
+}
+
+
+if __name__ == "__main__":
+    for name in sys.argv[1:] or PICTURES:
+        PICTURES[name](IMAGES / f"{name}.svg")

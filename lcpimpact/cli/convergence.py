@@ -1,0 +1,330 @@
+"""The commands about errors: converge, over the step, and work-precision, over what runs cost."""
+
+from __future__ import annotations
+
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from lcpimpact.cli.options import (
+    End,
+    Named,
+    Plot,
+    Report,
+    Set,
+    Solver,
+    Table,
+    bar,
+    check_outputs,
+    chosen,
+    numbers,
+    say,
+    taking_part,
+    write_table,
+)
+from lcpimpact.errors import InputError, UnsupportedError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from lcpimpact.integrators.base import Integrator
+    from lcpimpact.problems.base import Problem
+
+USUAL = ("moreau-jean", "generalized-alpha", "rattle-ns", "heun", "rk4", "radau-fesd")
+"""The methods that take part where none are named, if they handle the problem."""
+
+STEPS, FIRST, FINER = 6, 100, 1.6
+"""So many step counts where none are named, the first, and the factor between them."""
+
+Methods = Annotated[
+    str | None,
+    typer.Option(
+        metavar="A,B:OPTION=VALUE,...",
+        help="Names of [bold]lcpimpact list methods[/bold], with options or without; by default a few that handle it.",
+        show_default=False,
+    ),
+]
+Steps = Annotated[
+    str | None,
+    typer.Option(
+        metavar="H1,H2,...",
+        help="Steps in s; by default six, from a hundredth of the end down. Each becomes the end over a prime.",
+        show_default=False,
+    ),
+]
+Penalties = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--penalty",
+        metavar="LAW:K[:NAME=VALUE...]",
+        help="A compliant variant too, as kelvin-voigt:1e6 or hertz:1e8:e=1; repeat.",
+    ),
+]
+NormName = Annotated[
+    str | None,
+    typer.Option(help="The norm that is shown and drawn; by default that of the declared orders.", show_default=False),
+]
+
+
+def converge(
+    problem: Named,
+    set_: Set = None,
+    methods: Methods = None,
+    dts: Steps = None,
+    counts: Annotated[
+        str | None, typer.Option(metavar="N1,N2,...", help="Step counts instead of steps.", show_default=False)
+    ] = None,
+    norm: NormName = None,
+    penalty: Penalties = None,
+    t_end: End = None,
+    solver: Solver = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Exit with 1 if an observed order is not as declared.")
+    ] = False,
+    out: Table = None,
+    orders: Annotated[
+        Path | None, typer.Option(help="File for the table of observed orders: .csv or .tex.", show_default=False)
+    ] = None,
+    plot: Plot = None,
+    report: Report = None,
+) -> None:
+    """Run one problem by several methods with several steps, and observe the order of each in every norm.
+
+    The errors are against the exact solution, or an independent one, which is said; steps are kept clear of events.
+
+    Example: lcpimpact converge system-1 --methods moreau-jean,moreau-jean:theta=1,rk4 --plot orders.pdf --out orders.csv
+    """
+    check_outputs((out, orders), plot, report)
+    told = chosen(problem, set_, t_end=t_end, solver=solver)
+    end = told.problem.t_end if told.run.t_end is None else told.run.t_end
+    if dts is not None and counts is not None:
+        raise InputError("--dts and --counts tell the same thing: give one of them")
+    steps = _steps(dts, counts, end)
+    from lcpimpact.plotting.convergence import plot_convergence
+    from lcpimpact.study.convergence import convergence
+    from lcpimpact.study.orders import observed_orders
+
+    table = convergence(
+        told.problem,
+        _methods(methods, told.problem, end),
+        steps,
+        t_end=end,
+        penalties=[_penalty(each) for each in penalty or []],
+        lcp_solver=told.run.solver,
+        watch=bar,
+    )
+    shown = _shown(table, norm)
+    found = observed_orders(table)
+    here = found[found["norm"] == shown]
+    as_declared = not (found["verdict"] == "off").any()
+    lines = _said(table, shown) + [_line(each) for each in here.to_dict("records")] + _failures(table)
+    lines += [write_table(each, path) for each, path in ((table, out), (found, orders)) if path is not None]
+    if plot is not None:
+        plot_convergence(table, shown, plot)
+        lines.append(f"drew {plot}")
+    if report is not None:
+        lines.append(_report_orders(report, table, found, shown))
+    say(*lines)
+    raise typer.Exit(1 if check and not as_declared else 0)
+
+
+def work_precision(
+    problem: Named,
+    set_: Set = None,
+    methods: Methods = None,
+    dts: Steps = None,
+    rtols: Annotated[
+        str | None,
+        typer.Option(
+            metavar="R1,R2,...",
+            help="Tolerances of methods that choose their steps; by default 1e-3 to 1e-10.",
+            show_default=False,
+        ),
+    ] = None,
+    repeats: Annotated[int, typer.Option(min=1, help="Runs of each; the time is the least.")] = 5,
+    norm: NormName = None,
+    cost: Annotated[
+        str, typer.Option(help="What is drawn: seconds, steps, evaluations, lcp_solves, lcp_iterations, ...")
+    ] = "seconds",
+    penalty: Penalties = None,
+    t_end: End = None,
+    solver: Solver = None,
+    out: Table = None,
+    plot: Plot = None,
+    report: Report = None,
+) -> None:
+    """Measure errors against costs, counted and timed, of smooth and nonsmooth methods on one diagram.
+
+    Methods that choose their steps run with several tolerances instead of several steps.
+
+    Example: lcpimpact work-precision bouncing-ball --set e=0.8 --t-end 2 --penalty kelvin-voigt:1e6 --plot cost.pdf
+    """
+    check_outputs((out,), plot, report)
+    told = chosen(problem, set_, t_end=t_end, solver=solver)
+    end = told.problem.t_end if told.run.t_end is None else told.run.t_end
+    steps = _steps(dts, None, end)
+    from lcpimpact.plotting.convergence import COST_LABELS, plot_work_precision
+    from lcpimpact.registry import nearest
+    from lcpimpact.study.convergence import RTOLS
+    from lcpimpact.study.convergence import work_precision as measure
+
+    if cost not in COST_LABELS:
+        raise InputError(nearest(cost, list(COST_LABELS), "cost"))
+    table = measure(
+        told.problem,
+        _methods(methods, told.problem, end, ("event-driven", "exact")),
+        steps,
+        rtols=RTOLS if rtols is None else numbers(rtols, "--rtols"),
+        t_end=end,
+        repeats=repeats,
+        penalties=[_penalty(each) for each in penalty or []],
+        lcp_solver=told.run.solver,
+        watch=bar,
+    )
+    shown = _shown(table, norm)
+    columns = ["method", "law", "k", "rtol", "dt", "steps", shown, cost]
+    rows = table.loc[table["failure"] == "", list(dict.fromkeys(columns))]
+    lines = [*_said(table, shown), *rows.to_string(index=False, float_format="%.3g", na_rep="").split("\n")]
+    lines += _failures(table)
+    if out is not None:
+        lines.append(write_table(table, out))
+    if plot is not None:
+        plot_work_precision(table, shown, cost, plot)
+        lines.append(f"drew {plot}")
+    if report is not None:
+        lines.append(_report_costs(report, table, shown, cost))
+    say(*lines)
+
+
+def _steps(dts: str | None, counts: str | None, end: float) -> list[float]:
+    if dts is not None:
+        return numbers(dts, "--dts")
+    if counts is not None:
+        found = numbers(counts, "--counts")
+        if any(count < 1 for count in found):
+            raise InputError(f"--counts {counts!r} must be numbers of steps, from 1 on")
+        return [end / count for count in found]
+    return [end / (FIRST * FINER**i) for i in range(STEPS)]
+
+
+def _methods(
+    text: str | None, problem: Problem, end: float, others: tuple[str, ...] = ()
+) -> dict[str, Integrator] | list[str]:
+    """Return the methods that are named, or those of the usual ones that handle the problem."""
+    from lcpimpact.simulation import simulate
+
+    if text is not None:
+        return taking_part(text)
+    able = []
+    for name in (*USUAL, *others):
+        try:
+            simulate(problem, name, dt=end / FIRST, t_end=end / FIRST, throw=False, progress=False)
+        except UnsupportedError:
+            continue
+        able.append(name)
+    if not able:
+        raise InputError(f"none of the usual methods handles {problem.name!r}: name some by --methods")
+    return able
+
+
+def _penalty(text: str) -> tuple[str, float, dict[str, float]]:
+    """Return law, k and the rest of LAW:K[:NAME=VALUE...]."""
+    law, *rest = text.split(":")
+    try:
+        k = float(rest[0])
+        more = {name: float(value) for name, _, value in (each.partition("=") for each in rest[1:])}
+    except (IndexError, ValueError):
+        raise InputError(
+            f"--penalty {text!r} must read LAW:K[:NAME=VALUE...], as in --penalty kelvin-voigt:1e6"
+        ) from None
+    return law, k, more
+
+
+def _shown(table: pd.DataFrame, norm: str | None) -> str:
+    from lcpimpact.registry import nearest
+    from lcpimpact.study.norms import NORMS
+
+    if norm is not None and norm not in NORMS:
+        raise InputError(nearest(norm, list(NORMS), "norm"))
+    return str(table.attrs.get("declared_norm", "sup_q")) if norm is None else norm
+
+
+def _said(table: pd.DataFrame, norm: str) -> list[str]:
+    from lcpimpact.study.norms import NORMS
+
+    references = " or ".join(dict.fromkeys(name for name in table["reference"] if name)) or "nothing"
+    limited = table.attrs.get("limited_by", "nothing")
+    return [
+        f"{table.attrs['problem']} to t = {table.attrs['t_end']:g} s, against {references}; orders limited by: {limited}",
+        f"{norm}: {NORMS[norm].what}" + (f", {NORMS[norm].unit}" if NORMS[norm].unit else ""),
+    ]
+
+
+def _line(row: dict[str, Any]) -> str:
+    name = row["method"] if row["law"] == "rigid" else f"{row['method']}, {row['law']} k={row['k']:g}"
+    if row["points"] < 2:
+        return f"  {name:<28} {row['verdict'] or 'no order to be seen'}"
+    declared = "" if row["declared"] != row["declared"] else f"  declared {row['declared']:g}"
+    return f"  {name:<28} order {row['order']:.2f} ± {row['scatter']:.2f}{declared}  {row['verdict']}"
+
+
+def _failures(table: pd.DataFrame) -> list[str]:
+    """Return a line for each reason why runs have no result."""
+    failed = table[table["failure"] != ""]
+    return [f"  {len(runs)} without a result: {reason}" for reason, runs in failed.groupby("failure", sort=False)]
+
+
+def _lead(table: pd.DataFrame, norm: str) -> str:
+    return " ".join(f"{escape(line)}." for line in _said(table, norm))
+
+
+def _report_orders(path: Path, table: pd.DataFrame, found: pd.DataFrame, norm: str) -> str:
+    from lcpimpact.plotting.convergence import plot_convergence
+    from lcpimpact.report.report import Section, write_report
+
+    here = found[found["norm"] == norm]
+    others = [name for name in dict.fromkeys(found["norm"]) if name != norm]
+    judged = (found["verdict"] != "").any()
+    sections = [
+        Section("Errors over the step", figures=[plot_convergence(table, norm)]),
+        Section(
+            "Observed orders",
+            text="<p>Slopes by least squares of log10 of the error over log10 of the step; the scatter is the standard "
+            "deviation of log10 of the errors about the line.</p>",
+            table=here,
+            form=".3f",
+            verdict=bool(not (found["verdict"] == "off").any()) if judged else None,
+        ),
+        *(
+            Section(f"In the norm {name}", figures=[plot_convergence(table, name)])
+            for name in others
+            if found.loc[found["norm"] == name, "points"].max() >= 2
+        ),
+        Section("Orders in every norm", table=found, form=".3f", folded=True),
+        Section("Every run", text=_reasons(table), table=table, folded=True),
+    ]
+    write_report(path, f"Convergence on {table.attrs['problem']}", _lead(table, norm), sections)
+    return f"wrote {path}"
+
+
+def _report_costs(path: Path, table: pd.DataFrame, norm: str, cost: str) -> str:
+    from lcpimpact.plotting.convergence import plot_work_precision
+    from lcpimpact.report.report import Section, write_report
+
+    costs = dict.fromkeys((cost, "seconds", "evaluations", "lcp_solves"))
+    sections = [
+        *(
+            Section(f"Error over {name.replace('_', ' ')}", figures=[plot_work_precision(table, norm, name)])
+            for name in costs
+        ),
+        Section("Every run", text=_reasons(table), table=table, folded=True),
+    ]
+    write_report(path, f"Work and precision on {table.attrs['problem']}", _lead(table, norm), sections)
+    return f"wrote {path}"
+
+
+def _reasons(table: pd.DataFrame) -> str:
+    lines = "".join(f"<li>{escape(line.strip())}</li>" for line in _failures(table))
+    return f"<ul>{lines}</ul>" if lines else ""

@@ -1,0 +1,295 @@
+"""The commands that go from what is wanted or measured to the constants: design and fit."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from lcpimpact.cli.options import (
+    End,
+    Method,
+    Named,
+    Plot,
+    Report,
+    Set,
+    Solver,
+    Step,
+    bar,
+    check_outputs,
+    chosen,
+    say,
+    write_table,
+)
+from lcpimpact.errors import InputError
+from lcpimpact.files import check_output
+
+if TYPE_CHECKING:
+    from lcpimpact.problems.base import Problem
+    from lcpimpact.schemefile import Run
+    from lcpimpact.study.design.sizing import Design
+    from lcpimpact.study.fit import Fit
+
+SCHEME = ".toml"
+
+NAMES = {
+    "e": "restitution", "contact_time": "contact time", "peak_force": "greatest force", "deflection": "greatest deflection",
+    "k": "stiffness", "c": "damping", "b": "loss", "n": "exponent",
+}  # fmt: skip
+
+Out = Annotated[
+    Path | None,
+    typer.Option("--out", help="File for the table, .csv or .tex, or for the scheme, .toml.", show_default=False),
+]
+
+
+def design(
+    law: Annotated[str, typer.Argument(help="kelvin-voigt, kelvin-voigt-tension, maxwell, hertz or hunt-crossley.")],
+    m: Annotated[float, typer.Option("--m", help="Mass in kg.", show_default=False)],
+    v0: Annotated[float, typer.Option("--v0", help="Speed at first touch in m/s.", show_default=False)],
+    g: Annotated[float, typer.Option("--g", help="Gravity in m/s².")] = 0.0,
+    e: Annotated[float | None, typer.Option("--e", help="Wanted restitution.", show_default=False)] = None,
+    contact_time: Annotated[float | None, typer.Option(help="Wanted duration in s.", show_default=False)] = None,
+    peak_force: Annotated[float | None, typer.Option(help="Wanted greatest force in N.", show_default=False)] = None,
+    deflection: Annotated[
+        float | None, typer.Option(help="Wanted greatest deflection in m.", show_default=False)
+    ] = None,
+    k: Annotated[float | None, typer.Option("--k", help="Stiffness in N/m, or N/mⁿ.", show_default=False)] = None,
+    c: Annotated[float | None, typer.Option("--c", help="Damping in N s/m.", show_default=False)] = None,
+    b: Annotated[float | None, typer.Option("--b", help="Loss of hunt-crossley in s/m.", show_default=False)] = None,
+    n: Annotated[
+        float | None, typer.Option("--n", help="Exponent of a power law; 3/2 by default.", show_default=False)
+    ] = None,
+    out: Out = None,
+    plot: Plot = None,
+    report: Report = None,
+) -> None:
+    """Size a block for a wanted impact, or say what a block does: any two quantities give all others.
+
+    A file ending in .toml holds the impact as a scheme, to simulate and to change.
+
+    Example: lcpimpact design kelvin-voigt --m 1 --v0 2 --e 0.5 --contact-time 0.01 --plot impact.pdf
+    """
+    _check(out, plot, report)
+    from lcpimpact.plotting.design import plot_design
+    from lcpimpact.schemefile import Run
+    from lcpimpact.study.design.sizing import LAWS
+    from lcpimpact.study.design.sizing import design as size
+
+    wanted = {
+        "e": e, "contact_time": contact_time, "peak_force": peak_force, "deflection": deflection, "k": k, "c": c, "b": b
+    }  # fmt: skip
+    found = size(law, m=m, v0=v0, g=g, n=n, **wanted)
+    lines = _said(found)
+    if out is not None and out.suffix == SCHEME:
+        problem = found.problem()
+        lines.append(_write_scheme(problem, out, Run(LAWS[law].method, dt=problem.t_end / 1000, t_end=problem.t_end)))
+    elif out is not None:
+        lines.append(write_table(found.table, out))
+    if plot is not None:
+        plot_design(found, plot)
+        lines.append(f"drew {plot}")
+    if report is not None:
+        lines.append(_report_design(found, report))
+    say(*lines)
+
+
+def fit(
+    problem: Named,
+    free: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME[=START],...",
+            help="What to fit: parameters, constants as [bold]KelvinVoigt.k[/bold] or [bold]2.k[/bold], "
+            "initial values as [bold]v0.x[/bold].",
+            show_default=False,
+        ),
+    ],
+    to: Annotated[
+        Path, typer.Option("--to", help="CSV file with a column t and one named as a series.", show_default=False)
+    ],
+    column: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B,...", help="Columns to fit to, as R or x; by default all that a run has.", show_default=False
+        ),
+    ] = None,
+    set_: Set = None,
+    bounds: Annotated[
+        list[str] | None,
+        typer.Option("--bound", metavar="NAME=LOW:HIGH", help="Least and greatest value of a parameter; repeat."),
+    ] = None,
+    sigma: Annotated[
+        float | None, typer.Option(help="Standard deviation of the noise, if it is known.", show_default=False)
+    ] = None,
+    sampling: Annotated[
+        str, typer.Option(help="point: compare at the samples; mean: over the cell about each.")
+    ] = "point",
+    loss: Annotated[str, typer.Option(help="linear, or soft_l1, huber, cauchy, arctan against outliers.")] = "linear",
+    starts: Annotated[int, typer.Option(min=1, help="Searches, the first from the start values.")] = 1,
+    seed: Annotated[int, typer.Option(help="Of the random starts.")] = 0,
+    level: Annotated[float, typer.Option(help="Of the confidence intervals.")] = 0.95,
+    method: Method = None,
+    dt: Step = None,
+    t_end: End = None,
+    solver: Solver = None,
+    out: Out = None,
+    plot: Plot = None,
+    report: Report = None,
+) -> None:
+    """Fit parameters of a problem to a measured curve, with confidence intervals.
+
+    The problem is run by exact unless a method is named; .toml keeps the fitted scheme. The exit code is 1 if no search came
+    to its end.
+
+    Example: lcpimpact fit system-1 --free k_o,c_o --to force.csv --column R --plot fit.pdf
+    """
+    _check(out, plot, report)
+    told = chosen(problem, set_, method or "exact", dt, t_end, solver)
+    from lcpimpact.plotting.design import plot_fit
+    from lcpimpact.study.fit import fit as search
+    from lcpimpact.study.parameters import value_at
+    from lcpimpact.study.watch import unwatched
+
+    given = {name: value_at(told.problem, name) if start is None else start for name, start in _free(free)}
+    options = {**told.run.options, **({} if told.run.solver == "auto" else {"lcp_solver": told.run.solver})}
+    # What the file says of another run is not meant.
+    step, end = (dt, t_end) if method is None else (told.run.dt, told.run.t_end)
+    found = search(
+        told.problem, given, to, column=column.split(",") if column else None, sigma=sigma,
+        bounds=dict(map(_bound, bounds or [])), sampling=sampling, loss=loss, method=told.run.method, dt=step, t_end=end,
+        starts=starts, seed=seed, level=level, watch=bar if starts > 1 else unwatched, **options,
+    )  # fmt: skip
+    lines = [str(found)]
+    if out is not None:
+        lines.append(
+            _write_scheme(found.problem, out, told.run) if out.suffix == SCHEME else write_table(found.table, out)
+        )
+    if plot is not None:
+        plot_fit(found, plot)
+        lines.append(f"drew {plot}")
+    if report is not None:
+        lines.append(_report_fit(found, report, str(to)))
+    say(*lines)
+    raise typer.Exit(0 if found.success else 1)
+
+
+def _check(out: Path | None, plot: Path | None, report: Path | None) -> None:
+    if out is not None and out.suffix == SCHEME:
+        check_output(out, (SCHEME,))
+        check_outputs((), plot, report)
+    elif out is not None and out.suffix not in (".csv", ".tex"):
+        check_output(out, (".csv", ".tex", SCHEME))
+    else:
+        check_outputs((out,), plot, report)
+
+
+def _free(text: str) -> list[tuple[str, float | None]]:
+    """Return the names of NAME[=START],... and their starts."""
+    found: list[tuple[str, float | None]] = []
+    for part in text.split(","):
+        name, equals, value = (each.strip() for each in part.partition("="))
+        if not name or (equals and not value):
+            raise InputError(f"--free {text!r} must read NAME or NAME=START, with commas between, as in --free k=1e3,c")
+        found.append((name, _number(value, "--free") if equals else None))
+    return found
+
+
+def _bound(text: str) -> tuple[str, tuple[float, float]]:
+    name, equals, ends = text.partition("=")
+    low, colon, high = ends.partition(":")
+    if not equals or not colon or not name.strip():
+        raise InputError(f"--bound {text!r} must read NAME=LOW:HIGH, as in --bound k=1e3:1e5")
+    return name.strip(), (_number(low or "-inf", "--bound"), _number(high or "inf", "--bound"))
+
+
+def _number(text: str, option: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"{option}: {text!r} is no number") from None
+
+
+def _write_scheme(problem: Problem, path: Path, run: Run) -> str:
+    from lcpimpact.schemefile import write_scheme_file
+
+    return f"wrote {write_scheme_file(problem, path, run)}"
+
+
+def _rows(found: Design) -> list[tuple[str, str, str]]:
+    """Return symbol, value and words of what a design has and shows."""
+    from lcpimpact.study.design.sizing import UNITS
+
+    rows = []
+    for name, words in NAMES.items():
+        value = getattr(found, name)
+        if value is None:
+            continue
+        unit = UNITS.get(name, "")
+        if name == "k":
+            unit = "N/m" if found.n is None else f"N/m^{found.n:g}"
+        note = " (wanted)" if name in found.wanted else ""
+        never = {"contact_time": ", the mass stays", "deflection": ", the mass sinks in"}.get(name, "")
+        rows.append((name, f"{value:.8g} {unit}".strip(), words + note + (never if math.isinf(value) else "")))
+    return rows
+
+
+def _said(found: Design) -> list[str]:
+    gravity = f", g = {found.g:g} m/s²" if found.g else ""
+    lines = [f"{found.law}, m = {found.m:g} kg, v0 = {found.v0:g} m/s{gravity}"]
+    lines += [f"  {name:<13} {value:<20} {words}" for name, value, words in _rows(found)]
+    lines.append(f"  found by      {found.found}")
+    for other in found.others:
+        told = ", ".join(f"{name} = {value}" for name, value, _ in _rows(other) if name not in found.wanted)
+        lines.append(f"  another one   {told}")
+    return lines
+
+
+def _report_design(found: Design, path: Path) -> str:
+    from lcpimpact.plotting.design import plot_design
+    from lcpimpact.report.report import Section, write_report
+
+    wanted = ", ".join(f"{name} = {value:g}" for name, value in found.wanted.items())
+    seen = found.measured()
+    asked = [name for name in found.wanted if hasattr(seen, name)]
+    misses = [abs(getattr(seen, name) / found.wanted[name] - 1.0) for name in asked]
+    pairs = zip(asked, misses, strict=True)
+    check = "".join(f"<p>Simulated, {escape(name)} is off by {miss:.1e} of itself.</p>" for name, miss in pairs)
+    gravity = f" under g = {found.g:g} m/s²" if found.g else ""
+    struck = f"A mass of {found.m:g} kg strikes a {escape(found.law)} block with {found.v0:g} m/s{gravity}."
+    lead = f"{struck} Wanted: {escape(wanted)}."
+    table = found.table.dropna(axis="columns", how="all")
+    sections = [
+        Section("The impact", f"<p>Found by: {escape(found.found)}.</p>", figures=[plot_design(found)]),
+        Section(
+            "The design",
+            check + ("<p>Each row shows what is wanted; the first has the least damping.</p>" if found.others else ""),
+            table=table,
+            form=".8g",
+            verdict=max(misses) <= 1e-8 if misses else None,
+        ),
+    ]
+    return f"wrote {write_report(path, 'Design of an impact', lead, sections)}"
+
+
+def _report_fit(found: Fit, path: Path, source: str) -> str:
+    from lcpimpact.plotting.design import plot_fit
+    from lcpimpact.report.report import Section, write_report
+
+    notes = "".join(f"<p>{escape(note)}</p>" for note in found.notes)
+    lead = (
+        f"{escape(found.problem.name)} was fitted to {escape(source)}: {len(found.residuals)} numbers, {len(found.table)} "
+        f"parameters, {found.evaluations} runs by {escape(found.run.method)}."
+    )
+    correlation = found.correlation.rename_axis("parameter").reset_index()
+    sections = [
+        Section("Data and fit", f"<p>{escape(found.message)}</p>", figures=[plot_fit(found)], verdict=found.success),
+        Section(f"Parameters, with {found.level:.0%} intervals", notes, table=found.table, form=".6g"),
+        Section("Correlation of the parameters", table=correlation, form=".4f"),
+        Section("Searches", table=found.starts, form=".6g", folded=True),
+        Section("Residuals", table=found.residuals, form=".5g", folded=True),
+    ]
+    return f"wrote {write_report(path, 'Fit', lead, sections)}"

@@ -1,0 +1,328 @@
+"""Pictures of runs side by side, of an energy ledger, and of routes that are to agree."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from lcpimpact.arrays import Array
+from lcpimpact.plotting.style import EXACT, INK, PALETTE, SOFT, save, style
+from lcpimpact.plotting.timeline import curves, mark_events, math_text, shown_events, shown_nodes, shown_reactions
+from lcpimpact.study.comparison import Comparison
+from lcpimpact.study.cross_validation import CrossValidation
+from lcpimpact.study.ledger import GIVEN, STORED, Ledger
+from lcpimpact.trajectory import Trajectory
+
+MARKS = "os^Dv<>"
+"""One for each method."""
+
+MARKERS = 40
+"""About so many markers lie on a curve of forces."""
+
+DECADES = 9.0
+"""Differences further than this below the largest are not drawn."""
+
+LAYERS = 5
+"""Of more elements than these that dissipate, the others share one layer."""
+
+FEW = 3
+"""Of more coordinates than these, the first are drawn."""
+
+NOTHING = 1e-9
+"""What stays below this share of the largest energy has no layer."""
+
+
+@style()
+def plot_comparison(comparison: Comparison, path: str | Path | None = None) -> Figure:
+    """Draw all runs on one page: coordinates, forces or impulses, and the largest difference from the reference.
+
+    The reference is wide and pale and lies beneath. Forces are drawn where they live, as points: one for each step, or on
+    the grid. Of many coordinates and contacts the first three are shown.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        With at least one run.
+    path : str or Path, optional
+        A file ending in .png, .svg or .pdf to write.
+
+    Raises
+    ------
+    InputError
+        For another ending, or a folder that cannot be written.
+
+    Examples
+    --------
+    >>> from lcpimpact import compare, load_problem
+    >>> figure = plot_comparison(compare(load_problem("system-1"), ["moreau-jean", "rk4"], dt=1e-2))
+    >>> [ax.get_ylabel() for ax in figure.axes]
+    ['coordinates [m]', 'reaction [N]', 'largest difference [m]']
+    """
+    runs = dict(comparison.runs)
+    truth = comparison.reference.trajectory if comparison.reference is not None else None
+    first = truth if truth is not None else next(iter(runs.values()), None)
+    if first is None:
+        figure = Figure(figsize=(7.0, 1.5), layout="constrained")
+        figure.text(0.5, 0.5, "no method reached the end", ha="center", va="center", color=SOFT)
+        return _saved(figure, path)
+    nodes, contacts = shown_nodes(first)[:FEW], shown_reactions(first)[:FEW]
+    impulsive = any(event.impulse > 0.0 for event in shown_events(first))
+    forces = bool(contacts) and not (impulsive and not np.nan_to_num(first.reaction[:, contacts]).any())
+    heights = [2.8, *[1.9] * forces, *[1.3] * impulsive, 1.6]
+    figure = Figure(figsize=(7.0, 1.1 + sum(heights)), layout="constrained")
+    axes = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
+    units = first.problem.dynamics.stores_energy
+
+    if truth is not None:
+        t, q, t_r, r = curves(truth)
+        axes[0].plot(t, q[:, nodes], color=EXACT, linewidth=5.0, linestyle="-", solid_capstyle="butt")
+        if forces:
+            axes[1].plot(t_r, r[:, contacts], color=EXACT, linewidth=5.0, linestyle="-", solid_capstyle="butt")
+    for number, run in enumerate(runs.values()):
+        look = _look(number)
+        t, q, _, _ = curves(run)
+        axes[0].plot(t, q[:, nodes], linewidth=1.2, **look)
+        if forces:
+            every = max(1, len(run.t_reaction) // MARKERS)
+            shift = (number * every) // max(1, len(runs))
+            axes[1].plot(
+                run.t_reaction, run.reaction[:, contacts], linestyle="none", marker=MARKS[number % 7], markersize=3.6,
+                markerfacecolor="none", markevery=(shift, every), color=look["color"],
+            )  # fmt: skip
+    _name_curves(axes[0], first, nodes)
+    axes[0].set_ylabel("coordinates [m]" if units else "states")
+    if forces:
+        _name_forces(axes[1], first, contacts)
+        axes[1].set_ylabel("reaction [N]" if units else "multipliers")
+    if impulsive:
+        _draw_impulses(axes[-2], truth, runs, [first.problem.dynamics.contacts[i].name for i in contacts])
+    _draw_differences(axes[-1], first, runs, units)
+    axes[0].set_xlim(float(first.t[0]), float(first.t[-1]))
+    axes[-1].set_xlabel("$t$ [s]")
+    mark_events(axes, shown_events(first))
+    _legend(figure, comparison)
+    figure.suptitle(comparison.problem.name, x=0.01, ha="left", fontsize=11.0)
+    return _saved(figure, path)
+
+
+def _look(number: int) -> dict[str, str]:
+    lines = ("-", "--", ":", "-.")
+    return {"color": PALETTE[number % len(PALETTE)], "linestyle": lines[number % len(lines)]}
+
+
+def _legend(figure: Figure, comparison: Comparison) -> None:
+    handles = []
+    if comparison.reference is not None:
+        name = comparison.reference.name.partition(" (")[0]
+        handles.append(Line2D([], [], color=EXACT, linewidth=5.0, label=f"{name} (reference)"))
+    for number, (label, run) in enumerate(comparison.runs.items()):
+        told = label if run.dense is not None else f"{label}, $h={run.t[-1] / (len(run.t) - 1):.3g}$ s"
+        look: Any = {"marker": MARKS[number % 7], "markersize": 3.6, "markerfacecolor": "none", **_look(number)}
+        handles.append(Line2D([], [], label=told, **look))
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(3, len(handles)))
+
+
+def _name_curves(ax: Axes, run: Trajectory, nodes: Sequence[int]) -> None:
+    """Write the names of the coordinates behind the ends of their curves, together where the curves end together."""
+    _write_names(ax, [(math_text(run.problem.dynamics.nodes[i]), float(run.q[-1, i])) for i in nodes])
+
+
+def _name_forces(ax: Axes, run: Trajectory, contacts: Sequence[int]) -> None:
+    names = [(math_text(run.problem.dynamics.contacts[i].name), float(run.reaction[-1, i])) for i in contacts]
+    _write_names(ax, names)
+
+
+def _write_names(ax: Axes, names: Sequence[tuple[str, float]]) -> None:
+    low, high = ax.get_ylim()
+    ends: list[tuple[float, list[str]]] = []
+    for name, value in sorted(names, key=lambda each: each[1]):
+        place = (value - low) / (high - low)
+        if ends and place - ends[-1][0] < 0.08:
+            ends[-1][1].append(name)
+        else:
+            ends.append((place, [name]))
+    for place, together in ends:
+        ax.annotate(
+            ", ".join(together), (1.0, place), (4.0, 0.0), xycoords="axes fraction", textcoords="offset points",
+            va="center", color=INK, annotation_clip=False,
+        )  # fmt: skip
+
+
+def _draw_impulses(ax: Axes, truth: Trajectory | None, runs: Mapping[str, Trajectory], contacts: Sequence[str]) -> None:
+    """Draw the impulses as stems: the reference wide and pale, and the methods as their marks."""
+
+    def impacts(run: Trajectory) -> tuple[list[float], list[float]]:
+        found = [(e.t, e.impulse) for e in run.events if e.impulse > 0.0 and e.contact in contacts]
+        return [t for t, _ in found], [impulse for _, impulse in found]
+
+    if truth is not None:
+        t, impulse = impacts(truth)
+        ax.vlines(t, 0.0, impulse, colors=EXACT, linewidths=4.0, zorder=1.0)
+    for number, run in enumerate(runs.values()):
+        ax.plot(
+            *impacts(run), linestyle="none", marker=MARKS[number % 7], markersize=3.6, markerfacecolor="none",
+            color=_look(number)["color"],
+        )  # fmt: skip
+    ax.set_ylim(bottom=0.0)
+    ax.set_ylabel("impulse [N s]")
+
+
+def _draw_differences(ax: Axes, truth: Trajectory, runs: Mapping[str, Trajectory], units: bool) -> None:
+    """Draw the largest difference of the coordinates at the grid points of each run, on a logarithmic scale."""
+    massive = truth.problem.dynamics.massive
+    judged = massive if massive.any() else ~massive
+    largest = 0.0
+    for number, run in enumerate(runs.values()):
+        if run is truth:
+            continue
+        t = run.t[run.t <= truth.t[-1]]
+        difference = np.abs(run.q[: len(t)] - truth.sample(t).q)[:, judged].max(axis=1)
+        largest = max(largest, float(difference.max()))
+        ax.semilogy(t, np.where(difference > 0.0, difference, np.nan), linewidth=1.1, **_look(number))
+    if largest > 0.0:
+        ax.set_ylim(largest * 10.0**-DECADES, 4.0 * largest)
+    base = next((f"from {label}" for label, run in runs.items() if run is truth), "")
+    ax.set_ylabel(f"difference {base}" if base else "largest difference [m]" if units else "largest difference")
+
+
+@style()
+def plot_ledger(ledger: Ledger, path: str | Path | None = None) -> Figure:
+    """Draw where the energy is: what is stored and what has been dissipated, one on the other, and below the balance.
+
+    The potential of constant loads counts from the lowest value in the run, so that every layer is positive. The black line
+    is what there was at the start and what loads and motions brought in since: the top of the layers, but for the balance.
+
+    Parameters
+    ----------
+    ledger : Ledger
+        Of any run.
+    path : str or Path, optional
+        A file ending in .png, .svg or .pdf to write.
+
+    Raises
+    ------
+    InputError
+        For another ending, or a folder that cannot be written.
+
+    Examples
+    --------
+    >>> from lcpimpact import energy_ledger, load_problem, simulate
+    >>> run = simulate(load_problem("system-1"), "exact", dt=1e-2, t_end=3.0)
+    >>> figure = plot_ledger(energy_ledger(run))
+    >>> [ax.get_ylabel() for ax in figure.axes]
+    ['energy [J]', '|balance| [J]']
+    """
+    table = ledger.table
+    t = table["t"].to_numpy()
+    layers = _layers(table, ledger.dissipated)
+    figure = Figure(figsize=(7.0, 4.6), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[3.2, 1.0])
+    colors = {"kinetic": PALETTE[0], "elastic": PALETTE[5], "gravity": "#a9c4da"}
+    warm = iter((PALETTE[1], PALETTE[4], PALETTE[3], PALETTE[2], "#8c6d46", "#b9b2a5"))
+    shades = [colors[name] if name in colors else next(warm) for name in layers]
+    upper.stackplot(t, list(layers.values()), colors=shades, linewidth=0.0, alpha=0.85)
+    came = table[list(GIVEN)].sum(axis=1).to_numpy()
+    there = sum(values[0] for values in layers.values())
+    upper.plot(t, there + came, color=INK, linewidth=1.2, linestyle="-")
+    top = float(np.max(there + came))
+    upper.set(xlim=(t[0], t[-1] if t[-1] > t[0] else t[0] + 1.0), ylim=(0.0, 1.06 * top if top > 0.0 else 1.0))
+    upper.set_ylabel("energy [J]")
+    patches = [
+        Line2D([], [], color=shade, linewidth=7.0, alpha=0.85, label=_layer_name(name))
+        for name, shade in zip(layers, shades, strict=True)
+    ]
+    start = "at the start" if not came.any() else "at the start and brought in since"
+    patches = [*patches[::-1], Line2D([], [], color=INK, linewidth=1.2, label=start)]
+    figure.legend(handles=patches, loc="outside right center", fontsize=8.5)
+    balance = np.abs(table["balance"].to_numpy())
+    lower.semilogy(t, np.where(balance > 0.0, balance, np.nan), color=INK, linewidth=0.9, linestyle="-")
+    lowest = max(float(ledger.scale), 1e-300) * 1e-17
+    highest = max(10.0 * float(balance.max()), 1e3 * lowest)
+    lower.set(ylim=(lowest, highest), ylabel="|balance| [J]", xlabel="$t$ [s]")
+    figure.suptitle(
+        f"{table.attrs['problem']} by {str(table.attrs['method']).partition('(')[0]}", x=0.01, ha="left", fontsize=11.0
+    )
+    return _saved(figure, path)
+
+
+def _layers(table: pd.DataFrame, dissipated: Sequence[str]) -> dict[str, Array]:
+    """Return the energies to stack, from below: what is stored, then what was lost, the greatest losses first."""
+    stored = {name: table[name].to_numpy() for name in STORED}
+    # Any constant may be added to a potential; with this one no layer is negative.
+    stored = {name: values - min(0.0, float(values.min())) for name, values in stored.items()}
+    lost = {name: np.maximum(table[name].to_numpy(), 0.0) for name in dissipated}
+    ranked = sorted(lost, key=lambda name: -float(lost[name][-1]))
+    kept = ranked[:LAYERS]
+    rest = {"others": np.sum([lost[name] for name in ranked[LAYERS:]], axis=0)} if ranked[LAYERS:] else {}
+    layers = {**{name: lost[name] for name in kept}, **rest}
+    largest = max((float(values.max()) for values in [*stored.values(), *layers.values()]), default=0.0)
+    # Heat never leaves: it lies at the bottom, where its layers only grow.
+    return {name: values for name, values in {**layers, **stored}.items() if values.max() > NOTHING * largest}
+
+
+def _layer_name(name: str) -> str:
+    return {"elastic": "springs", "gravity": "constant loads"}.get(name, name)
+
+
+@style()
+def plot_cross_validation(verdict: CrossValidation, path: str | Path | None = None) -> Figure:
+    """Draw for each route how far it is from the one that it was judged by, and how far it may be.
+
+    Parameters
+    ----------
+    verdict : CrossValidation
+        Of any problem.
+    path : str or Path, optional
+        A file ending in .png, .svg or .pdf to write.
+
+    Raises
+    ------
+    InputError
+        For another ending, or a folder that cannot be written.
+
+    Examples
+    --------
+    >>> from lcpimpact import cross_validate, load_problem
+    >>> figure = plot_cross_validation(cross_validate(load_problem("system-1"), ["exact", "moreau-jean"]))
+    >>> [text.get_text() for text in figure.axes[0].get_yticklabels()]
+    ['moreau-jean', 'exact']
+    """
+    table = verdict.table[(verdict.table["failure"] == "") & verdict.table["difference"].notna()].iloc[::-1]
+    figure = Figure(figsize=(7.0, 1.5 + 0.3 * max(2, len(table))), layout="constrained")
+    ax = figure.add_subplot()
+    scale = float(verdict.table.attrs["scale"]) or 1.0
+    lowest = 1e-17 * scale
+    for place, row in enumerate(table.itertuples()):
+        color = PALETTE[2] if row.agrees else PALETTE[1]
+        difference = max(float(row.difference), lowest)
+        ax.plot([difference, row.allowed], [place, place], color=color, linewidth=1.2, alpha=0.5, linestyle="-")
+        ax.plot(difference, place, "o", color=color, markersize=6.0, zorder=3.0)
+        ax.plot(row.allowed, place, "|", color=INK, markersize=11.0, markeredgewidth=1.6, zorder=3.0)
+    ax.set_xscale("log")
+    ax.set_yticks(range(len(table)), list(table["route"]))
+    ax.set_ylim(-0.6, len(table) - 0.4)
+    ax.set_xlabel("largest difference of the coordinates" + (" [m]" if verdict.problem.dynamics.stores_energy else ""))
+    ax.grid(visible=False, axis="y")
+    handles = [
+        Line2D([], [], marker="o", color=PALETTE[2], linestyle="none", label="difference: agrees"),
+        Line2D([], [], marker="|", color=INK, linestyle="none", markersize=11.0, markeredgewidth=1.6, label="allowed"),
+    ]
+    if not table["agrees"].all():
+        handles.insert(1, Line2D([], [], marker="o", color=PALETTE[1], linestyle="none", label="difference: does not"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    verdict_in_words = "the routes agree" if verdict.agree else "the routes do not agree"
+    figure.suptitle(f"{verdict.problem.name}: {verdict_in_words}", x=0.01, ha="left", fontsize=11.0)
+    return _saved(figure, path)
+
+
+def _saved(figure: Figure, path: str | Path | None) -> Figure:
+    if path is not None:
+        save(figure, path)
+    return figure

@@ -1,0 +1,225 @@
+"""Pictures of a designed impact and of a fit."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from lcpimpact.plotting.style import EXACT, FAINT, INK, PALETTE, SOFT, save, style
+from lcpimpact.plotting.timeline import math_text
+from lcpimpact.problems.reading import read
+from lcpimpact.study.design.sizing import UNITS, Design
+from lcpimpact.study.fit import Fit
+
+FINE = 1200
+"""Points of a curve."""
+
+WANTED, SHOWN = PALETTE[1], SOFT
+"""What was asked for, and what came of it."""
+
+SYMBOLS = {
+    "e": "$e$", "contact_time": "$t_c$", "peak_force": "$F_\\mathrm{max}$", "deflection": "$x_\\mathrm{max}$",
+    "k": "$k$", "c": "$c$", "b": "$b$", "n": "$n$",
+}  # fmt: skip
+
+
+@style()
+def plot_design(design: Design, path: str | Path | None = None) -> Figure:
+    """Draw the force over time and over the way of the mass, with what was wanted marked.
+
+    The area within the loop is the energy that the block takes. Wanted values are drawn in colour, others grey.
+
+    Parameters
+    ----------
+    design : Design
+        Of `lcpimpact.design`; it is run by its method.
+    path : str or Path, optional
+        A file ending in .png, .svg or .pdf to write.
+
+    Raises
+    ------
+    InputError
+        For another ending, or a folder that cannot be written.
+
+    Examples
+    --------
+    >>> from lcpimpact import design
+    >>> figure = plot_design(design("kelvin-voigt", m=1.0, v0=2.0, e=0.5, contact_time=0.01))
+    >>> [ax.get_xlabel() for ax in figure.axes]
+    ['$t$ [s]', '$x$ [m]']
+    """
+    run = design.simulate()
+    end = min(design.contact_time, float(run.t[-1]))
+    t = np.linspace(0.0, end, FINE)
+    force, way = read(run, design.force(run), t, "left"), read(run, "x", t)
+    force[0] = read(run, design.force(run), [0.0])[0]
+    if math.isfinite(design.contact_time):
+        way[-1] = read(run, "x", [end])[0]
+    figure = Figure(figsize=(7.0, 3.3), layout="constrained")
+    over_time, over_way = figure.subplots(1, 2, sharey=True)
+    over_time.plot(np.append(0.0, t), np.append(0.0, force), color=PALETTE[0])
+    over_way.fill(np.append(0.0, way), np.append(0.0, force), color=FAINT)
+    over_way.plot(np.append(0.0, way), np.append(0.0, force), color=PALETTE[0])
+    over_time.set(xlabel="$t$ [s]", ylabel="force on the mass [N]")
+    over_way.set(xlabel="$x$ [m]")
+    low, high = min(0.0, float(force.min())), design.peak_force
+    over_time.set_ylim(low - 0.04 * (high - low), high + 0.16 * (high - low))
+    for ax in (over_time, over_way):
+        ax.margins(x=0.09)
+        ax.xaxis.set_major_locator(MaxNLocator(5))
+        ax.axhline(0.0, color=INK, linewidth=0.6)
+        if design.g > 0.0:
+            ax.axhline(design.m * design.g, color=SOFT, linewidth=0.7, linestyle=":")
+    if design.g > 0.0:
+        over_way.annotate(
+            "$m g$", (0.0, design.m * design.g), (3.0, 1.5), xycoords=over_way.get_yaxis_transform(),
+            textcoords="offset points", ha="left", color=SOFT, fontsize=8.5,
+        )  # fmt: skip
+    _mark(over_time, design, "peak_force", horizontal=True)
+    _mark(over_time, design, "contact_time")
+    _mark(over_way, design, "deflection")
+    figure.suptitle(_words(design), x=0.01, ha="left", fontsize=10.0)
+    if path is not None:
+        save(figure, path)
+    return figure
+
+
+def _mark(ax: Axes, design: Design, name: str, *, horizontal: bool = False) -> None:
+    """Draw a line at one of the outputs, with its value."""
+    value = getattr(design, name)
+    if not math.isfinite(value):
+        return
+    color = WANTED if name in design.wanted else SHOWN
+    line: dict[str, Any] = {"color": color, "linewidth": 0.9, "linestyle": "--", "zorder": 1.8}
+    text = f"{SYMBOLS[name]} = {value:.4g} {UNITS[name]}"
+    ground = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.85}
+    if horizontal:
+        ax.axhline(value, **line)
+        ax.annotate(
+            text, (0.92, value), (0.0, 3.0), xycoords=ax.get_yaxis_transform(), textcoords="offset points", ha="right",
+            va="bottom", color=color, fontsize=9.0,
+        )  # fmt: skip
+        return
+    ax.axvline(value, **line)
+    if name == "deflection":
+        ax.annotate(
+            text, (value, 0.99), (-3.0, 0.0), xycoords=ax.get_xaxis_transform(), textcoords="offset points", ha="right",
+            va="top", color=color, fontsize=9.0, bbox=ground,
+        )  # fmt: skip
+        return
+    ax.annotate(
+        text, (value, 0.5), (-3.0, 0.0), xycoords=ax.get_xaxis_transform(), textcoords="offset points", ha="right",
+        va="center", rotation=90.0, color=color, fontsize=9.0, bbox=ground,
+    )  # fmt: skip
+
+
+def _words(design: Design) -> str:
+    """Return the title: the law, its constants, the restitution, and what was wanted."""
+    constants = [f"{SYMBOLS[name]} = {getattr(design, name):.6g} {_unit(design, name)}" for name in ("k", "c", "b")
+                 if getattr(design, name) is not None]  # fmt: skip
+    outcome = f"$e$ = {design.e:.4g}" if math.isfinite(design.contact_time) else "the mass stays"
+    first = f"{design.law}: {', '.join(constants)}; {outcome}"
+    asked = [f"{SYMBOLS[name]} = {value:.6g} {_unit(design, name)}".strip() for name, value in design.wanted.items()]
+    case = f"$m$ = {design.m:.4g} kg, $v_0$ = {design.v0:.4g} m/s" + (
+        f", $g$ = {design.g:.4g} m/s²" if design.g else ""
+    )
+    return f"{first}\ngiven: {', '.join(asked)}; {case}"
+
+
+def _unit(design: Design, name: str) -> str:
+    if name != "k":
+        return UNITS[name]
+    return "N/m" if design.n is None else f"N/m$^{{{design.n:g}}}$"
+
+
+@style()
+def plot_fit(fit: Fit, path: str | Path | None = None) -> Figure:
+    """Draw the data and the fitted curve of each series, and the residuals below; of targets, their relative errors.
+
+    Parameters
+    ----------
+    fit : Fit
+        Of `lcpimpact.fit`.
+    path : str or Path, optional
+        A file ending in .png, .svg or .pdf to write.
+
+    Raises
+    ------
+    InputError
+        For another ending, or a folder that cannot be written.
+
+    Examples
+    --------
+    >>> from lcpimpact import Target, fit, load_problem
+    >>> from lcpimpact.problems.reading import peak
+    >>> found = fit(load_problem("kelvin-voigt-impact"), ["k"], outputs={"x_max": Target(lambda run: peak(run, "x"), 1.0)})
+    >>> len(plot_fit(found).axes)
+    1
+    """
+    left = fit.residuals
+    curves = [(name, rows) for name, rows in left[left["t"].notna()].groupby("series", sort=False)]
+    targets = left[left["t"].isna()]
+    heights = [2.4, 1.0] * len(curves) + [0.5 + 0.28 * len(targets)] * bool(len(targets))
+    figure = Figure(figsize=(7.0, 1.2 + sum(heights)), layout="constrained")
+    axes = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
+    end = float(fit.run.t[-1])
+    fine = np.unique(
+        np.concatenate([np.linspace(0.0, end, FINE), [each.t for each in fit.run.events if each.t <= end]])
+    )
+    for i, (name, rows) in enumerate(curves):
+        above, below = axes[2 * i], axes[2 * i + 1]
+        below.sharex(above)
+        above.plot(rows["t"], rows["measured"], ".", color=SOFT, markersize=3.5, label="measured")
+        above.plot(fine, read(fit.run, str(name), fine), color=PALETTE[0], label="fitted", zorder=2.5)
+        above.set_ylabel(f"{math_text(str(name))} {_series_unit(fit, str(name))}")
+        above.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        above.tick_params(labelbottom=False)
+        below.axhline(0.0, color=INK, linewidth=0.7)
+        below.vlines(rows["t"], 0.0, rows["residual"], colors=EXACT, linewidths=0.8)
+        below.plot(rows["t"], rows["residual"], ".", color=PALETTE[1], markersize=3.0)
+        below.set(xlabel="$t$ [s]", ylabel="residual", xlim=(0.0, end))
+    if len(targets):
+        ax = axes[-1]
+        relative = targets["residual"] / targets["measured"].abs().where(targets["measured"] != 0.0, 1.0)
+        places = np.arange(len(targets))[::-1]
+        ax.axvline(0.0, color=INK, linewidth=0.7)
+        ax.hlines(places, 0.0, relative, colors=EXACT)
+        ax.plot(relative, places, "o", color=PALETTE[1], markersize=4.5)
+        pairs = zip(targets["series"], targets["measured"], strict=True)
+        ax.set_yticks(places, [f"{math_text(name)} = {value:.4g}" for name, value in pairs])
+        ax.set_ylim(-0.7, len(targets) - 0.3)
+        widest = max(float(relative.abs().max()), 1e-12)
+        ax.set(xlabel="(fitted - wanted)/|wanted|", xlim=(-1.15 * widest, 1.15 * widest))
+    figure.align_ylabels(axes)
+    figure.suptitle(_fitted(fit), x=0.01, ha="left", fontsize=10.0)
+    if path is not None:
+        save(figure, path)
+    return figure
+
+
+def _fitted(fit: Fit) -> str:
+    """Return the title: the parameters with their intervals, two in a line."""
+    parts = []
+    for row in fit.table.itertuples():
+        name = math_text(row.parameter)
+        if math.isfinite(row.low) and math.isfinite(row.high):
+            parts.append(f"{name} = {row.value:.5g} ({row.low:.5g} … {row.high:.5g})")
+        else:
+            parts.append(f"{name} = {row.value:.5g} (no interval)")
+    lines = [", ".join(parts[i : i + 2]) for i in range(0, len(parts), 2)]
+    return f"{fit.problem.name}, fitted, with {fit.level:.0%} intervals\n" + "\n".join(lines)
+
+
+def _series_unit(fit: Fit, name: str) -> str:
+    dynamics = fit.problem.dynamics
+    if not dynamics.stores_energy:
+        return ""
+    if name in dynamics.nodes:
+        return "[m]"
+    return "[m/s]" if name.startswith("v_") and name[2:] in dynamics.nodes else "[N]"

@@ -1,0 +1,355 @@
+"""Pictures of non-smooth dynamics: sections, bifurcation diagrams, basins of attraction, orbits and their multipliers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError
+from lcpimpact.plotting.style import FAINT, INK, PALETTE, SOFT, save, style
+from lcpimpact.plotting.timeline import math_text
+from lcpimpact.registry import nearest
+from lcpimpact.study.maps import Basins
+from lcpimpact.study.orbits import Branch, PeriodicOrbit
+
+BASINS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442")
+"""Colours of Okabe and Ito for areas; what leads to no attractor that was found is grey."""
+
+UNSETTLED = "#8d95a1"
+
+FINE = 2000
+"""Points of an orbit."""
+
+FEW = 12
+"""Up to so many points of a section are drawn large."""
+
+
+@style()
+def plot_poincare(
+    table: pd.DataFrame, x: str | None = None, y: str | None = None, path: str | Path | None = None
+) -> Figure:
+    """Draw the points of a Poincaré section.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of `lcpimpact.poincare`.
+    x, y : str, optional
+        Columns; by default the first coordinate and its velocity, or where the section holds that coordinate fixed, as at a
+        stop, the phase of the force and the velocity.
+    path : str or Path, optional
+        A file ending in .png, .svg or .pdf to write.
+
+    Raises
+    ------
+    InputError
+        For an unknown column or ending, or a table without points.
+    """
+    if len(table) == 0:
+        raise InputError("the table has no points: run longer, or take another section")
+    node = next(name[2:] for name in table.columns if name.startswith("v_"))
+    fixed = np.ptp(table[node]) <= 1e-6 * max(np.ptp(table[f"v_{node}"]), 1e-300) or "mpact" in table.attrs.get(
+        "section", ""
+    )
+    across = x or ("phase" if fixed and table["phase"].notna().all() else node)
+    up = y or f"v_{node}"
+    _check(table, across, up)
+    figure = Figure(figsize=(5.2, 4.2), layout="constrained")
+    ax = figure.add_subplot()
+    few = len(np.unique(np.round(table[[across, up]].to_numpy(), 6), axis=0)) <= FEW
+    ax.plot(table[across], table[up], "o", color=PALETTE[0], ms=5.0 if few else 1.8, mew=0.0)
+    ax.margins(0.12 if few else 0.05)
+    if across == "phase":
+        ax.set_xlim(0.0, 1.0)
+    _wide_enough(ax)
+    ax.set_xlabel(_label(across))
+    ax.set_ylabel(_label(up))
+    ax.set_title(_title(table))
+    if path is not None:
+        save(figure, path)
+    return figure
+
+
+@style()
+def plot_bifurcation(
+    table: pd.DataFrame,
+    y: str | None = None,
+    path: str | Path | None = None,
+    *,
+    branches: Sequence[Branch] = (),
+    parameter: str = "value",
+    marks: Sequence[tuple[float, str]] = (),
+) -> Figure:
+    """Draw the points of a bifurcation diagram, with branches of periodic orbits over them.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Of `lcpimpact.bifurcation`.
+    y : str, optional
+        Column; by default the first coordinate, or at impacts their speed.
+    path : str or Path, optional
+        A file ending in .png, .svg or .pdf to write.
+    branches : sequence of Branch
+        Of `lcpimpact.continue_orbit`: a full line where the orbit is stable, a dashed one where it is not. They are known at
+        the phase 0 of the force, and by the fastest impact of a period.
+    parameter : str
+        How the axis is called.
+    marks : sequence of (float, str)
+        Values to be marked by a line, with a word, as a grazing.
+
+    Raises
+    ------
+    InputError
+        For an unknown column or ending, or a table without points.
+    """
+    if "point" not in table or table["point"].isna().all():
+        raise InputError("the table has no points: see its column failure")
+    node = next(name[2:] for name in table.columns if name.startswith("v_"))
+    up = y or ("speed" if "mpact" in table.attrs.get("section", "") else node)
+    _check(table, up)
+    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    ax = figure.add_subplot()
+    count = len(table)
+    size = float(np.clip(90.0 / math.sqrt(count), 0.8, 2.5))
+    ax.plot(table["value"], table[up], "o", color=INK, ms=size, mew=0.0, alpha=0.75, rasterized=count > 5_000)
+    for branch in branches:
+        _draw_branch(ax, branch, up)
+    for value, word in marks:
+        ax.axvline(value, color=SOFT, lw=0.9, ls=":")
+        ax.annotate(word, (value, 1.0), (0.0, 3.0), xycoords=("data", "axes fraction"), textcoords="offset points",
+                    ha="center", fontsize=9.0, color=INK, annotation_clip=False)  # fmt: skip
+    failed = table.loc[table["failure"].fillna("") != "", "value"]
+    if len(failed):
+        ax.plot(failed, np.full(len(failed), 0.01), "x", color=PALETTE[1], ms=4.0, transform=ax.get_xaxis_transform())
+    handles = [Line2D([], [], color=INK, marker="o", ls="none", ms=2.5, label="where motions end up")]
+    if branches:
+        handles += [
+            Line2D([], [], color=PALETTE[0], label="stable orbit"),
+            Line2D([], [], color=PALETTE[1], ls="--", label="orbit that is not stable"),
+        ]
+    if len(failed):
+        handles.append(Line2D([], [], color=PALETTE[1], marker="x", ls="none", ms=4.0, label="no result"))
+    if len(handles) > 1:
+        figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    ax.margins(x=0.01)
+    ax.set_xlabel(math_text(parameter))
+    ax.set_ylabel(_label(up))
+    if not marks:
+        ax.set_title(_title(table))
+    if path is not None:
+        save(figure, path)
+    return figure
+
+
+def _draw_branch(ax: Axes, branch: Branch, up: str) -> None:
+    table = branch.table[branch.table["failure"] == ""]
+    if up not in table:
+        raise InputError(nearest(up, [name for name in table.columns if name != "failure"], "column of the branch"))
+    stable = table["stable"].to_numpy(dtype=bool)
+    x, y = table["value"].to_numpy(dtype=float), table[up].to_numpy(dtype=float)
+    # Each piece reaches to the next point, so that the line does not break where the stability changes.
+    for held, color, line in ((stable, PALETTE[0], "-"), (~stable, PALETTE[1], "--")):
+        shown = held.copy()
+        shown[1:] |= held[:-1]
+        ax.plot(x, np.where(shown, y, np.nan), color=color, ls=line, lw=1.6, zorder=3)
+
+
+@style()
+def plot_basins(result: Basins, path: str | Path | None = None) -> Figure:
+    """Draw which start leads to which attractor.
+
+    Parameters
+    ----------
+    result : Basins
+        Of `lcpimpact.basins`.
+    path : str or Path, optional
+        A file ending in .png, .svg or .pdf to write.
+
+    Raises
+    ------
+    InputError
+        For another ending.
+    """
+    table = result.table
+    first, second = table.columns[:2]
+    grid = table.pivot(index=second, columns=first, values="attractor")
+    count = int(table["attractor"].max())
+    shown = min(count, len(BASINS))
+    colors = ListedColormap([UNSETTLED, *BASINS[:shown]])
+    figure = Figure(figsize=(6.0, 4.4), layout="constrained")
+    ax = figure.add_subplot()
+    ax.pcolormesh(
+        _edges(grid.columns.to_numpy()),
+        _edges(grid.index.to_numpy()),
+        np.minimum(grid.to_numpy(), shown),
+        cmap=colors,
+        norm=BoundaryNorm(np.arange(-0.5, shown + 1.0), shown + 1),
+        rasterized=True,
+    )
+    ax.grid(False)
+    _draw_attractors(ax, result, str(first), str(second))
+    handles = [Patch(color=BASINS[k - 1], label=_attractor(result, k, shown < count)) for k in range(1, shown + 1)]
+    lost = float((table["attractor"] == 0).mean())
+    if lost > 0.0:
+        word = "no period found"
+        handles.append(Patch(color=UNSETTLED, label=f"{word}, {_share(lost)}"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 3), frameon=False)
+    ax.set_xlabel(_start_label(str(first)))
+    ax.set_ylabel(_start_label(str(second)))
+    if path is not None:
+        save(figure, path)
+    return figure
+
+
+def _attractor(result: Basins, k: int, more: bool) -> str:
+    rows = result.attractors[result.attractors["attractor"] == k]
+    period, share = int(rows["period"].iloc[0]), float(rows["share"].iloc[0])
+    others = " and others" if more and k == len(BASINS) else ""
+    return f"period {period}{others}, {_share(share)}"
+
+
+def _share(share: float) -> str:
+    return f"{share:.0%}" if share >= 0.01 else "< 1%"
+
+
+def _draw_attractors(ax: Axes, result: Basins, first: str, second: str) -> None:
+    """Mark the points of the attractors, where the grid is that of a coordinate and its velocity."""
+    names = list(result.attractors.columns)
+    across, up = first.rstrip("0").rstrip("_"), second.rstrip("0").rstrip("_")
+    nodes = [name[2:] for name in names if name.startswith("v_")]
+    up = f"v_{across}" if up == "v" and across in nodes else up
+    if across not in names or up not in names:
+        return
+    limits = ax.axis()
+    ax.plot(result.attractors[across], result.attractors[up], "o", mfc="white", mec=INK, ms=4.5, mew=1.0)
+    ax.axis(limits)
+
+
+def _edges(x: Array) -> Array:
+    """Return the borders of cells around the points of a grid."""
+    if len(x) == 1:
+        return np.array([x[0] - 0.5, x[0] + 0.5])
+    middle = 0.5 * (x[1:] + x[:-1])
+    return np.concatenate([[2.0 * x[0] - middle[0]], middle, [2.0 * x[-1] - middle[-1]]])
+
+
+@style()
+def plot_orbit(orbit: PeriodicOrbit, node: str | None = None, path: str | Path | None = None) -> Figure:
+    """Draw a periodic orbit in the plane of a coordinate and its velocity, beside its multipliers and the unit circle.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+    node : str, optional
+        Coordinate; by default the first with a mass.
+    path : str or Path, optional
+        A file ending in .png, .svg or .pdf to write.
+
+    Raises
+    ------
+    InputError
+        For an unknown coordinate or ending.
+    """
+    d = orbit.problem.dynamics
+    if node is not None and node not in d.nodes:
+        raise InputError(nearest(node, list(d.nodes), "coordinate"))
+    massive = np.flatnonzero(d.massive)
+    i = d.nodes.index(node) if node is not None else int(massive[0]) if len(massive) else 0
+    figure = Figure(figsize=(7.6, 3.9), layout="constrained")
+    phase, circle = figure.subplots(1, 2)
+
+    joins = np.array(sorted({event.t for event in orbit.events}))
+    fine = np.union1d(np.linspace(orbit.start, orbit.start + orbit.T, FINE, endpoint=False), joins)
+    left, right = orbit.sample(joins, "left"), orbit.sample(joins, "right")
+    now = orbit.sample(fine)
+    # At an event stand the left limit, a break, and the right limit.
+    gap = np.full(len(joins), np.nan)
+    after = np.repeat(np.searchsorted(fine, joins), 2)
+    q = np.insert(now.q[:, i], after, np.column_stack([left.q[:, i], gap]).ravel())
+    v = np.insert(now.v[:, i], after, np.column_stack([left.v[:, i], gap]).ravel())
+    phase.plot(np.append(q, q[0]), np.append(v, v[0]), color=PALETTE[0])
+    jumps = np.abs(right.v[:, i] - left.v[:, i]) > 1e-9 * np.abs(v).max()
+    for before, behind, x, y in zip(
+        left.v[jumps, i], right.v[jumps, i], left.q[jumps, i], right.q[jumps, i], strict=True
+    ):
+        phase.plot([x, y], [before, behind], color=PALETTE[1], lw=1.2, ls=":")
+    phase.plot(left.q[:, i], left.v[:, i], "o", color=PALETTE[1], ms=4.0)
+    phase.set_xlabel(_label(d.nodes[i]))
+    phase.set_ylabel(_label(f"v_{d.nodes[i]}"))
+    phase.set_title(f"{orbit.problem.name}: T = {orbit.T:.6g} s, {_impacts(orbit)}")
+
+    turn = np.linspace(0.0, 2.0 * math.pi, 361)
+    circle.fill(np.cos(turn), np.sin(turn), color=FAINT, zorder=0)
+    circle.plot(np.cos(turn), np.sin(turn), color=SOFT, lw=0.9, ls="-")
+    μ = orbit.floquet
+    inside = np.abs(μ) < 1.0
+    for which, color in ((inside, PALETTE[0]), (~inside, PALETTE[1])):
+        circle.plot(μ.real[which], μ.imag[which], "o", color=color, ms=5.5, zorder=3)
+    reach = 1.15 * max(1.0, float(np.abs(μ).max(initial=1.0)))
+    circle.set_xlim(-reach, reach)
+    circle.set_ylim(-reach, reach)
+    for ax in (phase, circle):
+        ax.set_box_aspect(1.0)
+    circle.set_xlabel("Re μ")
+    circle.set_ylabel("Im μ")
+    verdict = "stable" if orbit.stable else "not stable"
+    circle.set_title(f"multipliers: {verdict}, |μ| ≤ {orbit.growth:.4g}")
+    if path is not None:
+        save(figure, path)
+    return figure
+
+
+def _impacts(orbit: PeriodicOrbit) -> str:
+    count = len(orbit.impacts)
+    return "1 impact" if count == 1 else f"{count} impacts" if count else "no impact"
+
+
+def _check(table: pd.DataFrame, *columns: str) -> None:
+    numbers = [name for name in table.columns if name not in ("failure", "point")]
+    for name in columns:
+        if name not in numbers:
+            raise InputError(nearest(name, numbers, "column"))
+
+
+def _wide_enough(ax: Axes) -> None:
+    """Show points that differ by rounding as one."""
+    for limits, put in ((ax.get_xlim(), ax.set_xlim), (ax.get_ylim(), ax.set_ylim)):
+        middle, half = 0.5 * (limits[0] + limits[1]), 0.5 * (limits[1] - limits[0])
+        least = 1e-3 * max(abs(middle), 1e-3)
+        if half < least:
+            put(middle - 100.0 * least, middle + 100.0 * least)
+
+
+def _label(name: str) -> str:
+    if name == "phase":
+        return "phase of the force"
+    if name == "speed":
+        return "speed of the impact [m/s]"
+    if name == "t":
+        return "t [s]"
+    if name.startswith("v_"):
+        return f"{math_text(name[2:])}' [m/s]"
+    return f"{math_text(name)} [m]" if name != "period" else "period"
+
+
+def _start_label(name: str) -> str:
+    return (
+        math_text(f"{name[:-1]}_0")
+        if len(name) > 1 and name.endswith("0") and not name.endswith("_0")
+        else math_text(name)
+    )
+
+
+def _title(table: pd.DataFrame) -> str:
+    return f"{table.attrs.get('problem', '')} by {table.attrs.get('method', '')}"

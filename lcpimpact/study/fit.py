@@ -1,0 +1,702 @@
+r"""The parameters of any scheme, fitted to a measured curve or to wanted outputs, with what the fit knows of them.
+
+Wanted are the parameters p that make the sum of squares of
+
+.. math:: r_i = \frac{y(t_i; p) - y_i}{σ}
+
+least, y a coordinate, velocity or reaction of the run. Where σ is not known, it is estimated from what the best fit leaves
+over, ``s² = Σ r²/(N - n)``, and with the Jacobian J of r
+
+.. math:: \operatorname{cov} p = s^2 (J^T J)^{-1}, \qquad p_j \pm t_{N-n} \sqrt{\operatorname{cov}_{jj}},
+
+t being Student's quantile. Parameters that start above zero are fitted by their logarithms, so they and their intervals stay
+above zero. Of several series each is weighed by the scatter that a first fit leaves in it.
+
+*What jumps.* Where a reaction jumps at an instant that moves with the parameters, the sum of squares jumps too each time
+that instant passes a sample, and its derivative knows nothing of it. So J is made of differences to both sides, and where
+they disagree the smaller counts. With ``sampling="mean"`` the run is averaged over the cell of each sample, which is
+continuous in the parameters: right for a sensor that is no faster than its samples, and a bias for one that is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from scipy.optimize import least_squares
+from scipy.stats import norm
+from scipy.stats import t as student
+
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.errors import FailureError, InputError
+from lcpimpact.files import reading
+from lcpimpact.numbers import is_count, is_real
+from lcpimpact.problems.base import Problem
+from lcpimpact.problems.reading import read
+from lcpimpact.registry import nearest
+from lcpimpact.simulation import simulate
+from lcpimpact.study.parameters import value_at, with_values
+from lcpimpact.study.watch import Watch, unwatched
+from lcpimpact.trajectory import Trajectory
+
+GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
+
+STEPS = {"exact": 200, "event-driven": 200}
+"""Steps of a run where nobody gave dt: spacing of the output for these methods, and `FINE` for all others."""
+
+FINE = 2000
+
+STEP = 1e-6
+"""Of the differences of the Jacobian: of a logarithm, or relative to a parameter."""
+
+JUMPED = 0.1
+"""Differences to both sides that disagree by more hold a jump."""
+
+TOLERANCE, MOST = 1e-10, 100
+"""Of the search, and steps of it."""
+
+SINGULAR = 1e-6
+"""A singular value of J, its columns scaled, below this times the largest: a combination of parameters has no influence."""
+
+SILENT = 1e-8
+"""A parameter whose change by its own size changes no residual by more says nothing."""
+
+FAILED = 1e6
+"""Residual of a run that fails."""
+
+SPREAD = math.log(3.0)
+"""Standard deviation of the logarithms of random starts."""
+
+LOSSES = ("linear", "soft_l1", "huber", "cauchy", "arctan")
+SAMPLINGS = ("point", "mean")
+
+
+@dataclass(frozen=True)
+class Target:
+    """A number that a run shall show.
+
+    Attributes
+    ----------
+    measure : callable      takes a Trajectory and returns the number; `lcpimpact.problems.reading` has the means
+    value : float           what it shall be
+    sigma : float, optional its uncertainty, in its own unit; by default its own size, so that all weigh alike
+    """
+
+    measure: Callable[[Trajectory], float]
+    value: float
+    sigma: float | None = None
+
+    @property
+    def scale(self) -> float:
+        """What an error is measured in."""
+        return self.sigma or abs(self.value) or 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """What a fit found.
+
+    Attributes
+    ----------
+    problem : Problem           with the fitted values
+    run : Trajectory            of that problem
+    table : DataFrame           a row a parameter: parameter, start, value, standard_error, low, high (SI)
+    correlation : DataFrame     of the parameters, between -1 and 1; nan where nothing is known
+    residuals : DataFrame       a row a number: series, t (s; nan for a target), measured, fitted, residual
+    starts : DataFrame          a row a start: the start values, cost (half the sum of squares), failure
+    level : float               of the intervals low ... high
+    freedom : int               N - n, numbers less parameters
+    success : bool              whether the search came to its end
+    message : str               how it ended, in words
+    notes : tuple of str        what the numbers cannot tell: parameters without influence, intervals that mean nothing
+    evaluations : int           runs
+    """
+
+    problem: Problem
+    run: Trajectory
+    table: pd.DataFrame
+    correlation: pd.DataFrame
+    residuals: pd.DataFrame
+    starts: pd.DataFrame
+    level: float
+    freedom: int
+    success: bool
+    message: str
+    notes: tuple[str, ...] = ()
+    evaluations: int = 0
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The fitted value of each parameter."""
+        return dict(zip(self.table["parameter"], self.table["value"], strict=True))
+
+    @property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """The interval of each parameter."""
+        ends = zip(self.table["low"], self.table["high"], strict=True)
+        return dict(zip(self.table["parameter"], ends, strict=True))
+
+    def __repr__(self) -> str:
+        rows = [
+            f"  {row.parameter:<16} {row.value:.8g} ± {row.standard_error:.2g}, {row.low:.6g} ... {row.high:.6g}"
+            for row in self.table.itertuples()
+        ]
+        counts = f"{len(self.residuals)} numbers, {len(rows)} parameters"
+        head = f"Fit of {self.problem.name}: {counts}, {self.level:.0%} intervals"
+        return "\n".join([head, *rows, f"  {self.message}", *(f"  {note}" for note in self.notes)])
+
+
+def fit(
+    problem: Problem | Callable[..., Problem],
+    free: Sequence[str] | Mapping[str, float],
+    data: str | Path | pd.DataFrame | None = None,
+    *,
+    column: str | Sequence[str] | None = None,
+    outputs: Mapping[str, Target] | None = None,
+    sigma: float | None = None,
+    bounds: Mapping[str, tuple[float, float]] | None = None,
+    sampling: str = "point",
+    loss: str = "linear",
+    method: str = "exact",
+    dt: float | None = None,
+    t_end: float | None = None,
+    starts: int = 1,
+    seed: int = 0,
+    level: float = 0.95,
+    watch: Watch = unwatched,
+    **options: Any,
+) -> Fit:
+    r"""Fit parameters of a problem to a measured curve, to wanted outputs, or to both, by least squares.
+
+    Parameters
+    ----------
+    problem : Problem or callable
+        A problem, or a function that takes the free parameters by name and returns one.
+    free : sequence of str, or mapping of str to float
+        Addresses of the parameters to fit (`lcpimpact.study.parameters`: ``k``, ``KelvinVoigt.c``, ``2.k``, ``v0.x``), which
+        start from what the problem has; or each with its start.
+    data : path or DataFrame, optional
+        A CSV file or table with a column t in s, rising, and columns named as the series of a run (``R``, ``x``, ``v_x``).
+        A file of `Trajectory.save` may be taken as it is: reactions are then read at t_R.
+    column : str or sequence of str, optional
+        Which columns; by default all that a run has.
+    outputs : mapping of str to Target, optional
+        Wanted outputs.
+    sigma : float, optional
+        Standard deviation of the noise of the data, in their unit. Without it, it is estimated from the residuals.
+    bounds : mapping of str to (float, float), optional
+        Least and greatest value of parameters.
+    sampling : {"point", "mean"}
+        Compare the run at the samples, or its mean over the cell about each, for forces that jump.
+    loss : {"linear", "soft_l1", "huber", "cauchy", "arctan"}
+        Other than linear: residuals beyond the median one count less; intervals are then approximate.
+    method, dt, t_end, options
+        How the problem is run; by default by ``exact`` to the end of the data. A coarse step of ``moreau-jean`` is quicker.
+    starts : int
+        Searches: the first from the start values, others from random ones, log-normal about them or uniform in the bounds.
+    seed : int
+        Of the random starts.
+    level : float
+        Of the confidence intervals.
+    watch : Watch
+        Sees the searches.
+
+    Returns
+    -------
+    Fit
+        Best of the searches.
+
+    Raises
+    ------
+    InputError
+        For parameters, data or settings that cannot be used, each named; if the run at the start values fails.
+    UnsupportedError
+        If the method does not handle the problem.
+
+    Notes
+    -----
+    A minimum may be one of several: take some ``starts``. Intervals are those of the linearised problem.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, simulate
+    >>> truth = simulate(load_problem("kelvin-voigt-impact", k=3000.0), "exact", dt=0.01, t_end=0.4)
+    >>> data = pd.DataFrame({"t": truth.t, "R": truth["R"]})
+    >>> found = fit(load_problem("kelvin-voigt-impact"), ["k", "c"], data)
+    >>> {name: round(value, 4) for name, value in found.values.items()}
+    {'k': 3000.0, 'c': 250.0}
+
+    References
+    ----------
+    Bates and Watts, *Nonlinear Regression Analysis and Its Applications* (1988), chapter 2.
+    """
+    _check_settings(sampling, loss, starts, level, sigma)
+    parameters = _Parameters.of(problem, free, bounds or {})
+    try:
+        first = parameters.problem(parameters.start)
+    except InputError as error:
+        raise InputError(f"fit: the start values make no problem: {error}") from None
+    measured = _Measured.of(first, data, column, outputs or {}, sampling, sigma)
+    if len(measured.values) < len(parameters.names):
+        raise InputError(
+            f"fit: {len(measured.values)} numbers cannot determine {len(parameters.names)} parameters: give more data, or "
+            "free fewer"
+        )
+    end = t_end or measured.last or first.t_end
+    if measured.last > end:
+        raise InputError(
+            f"fit: the data last until {measured.last:g} s, and t_end = {end:g} s: run longer, or cut the data"
+        )
+    dt = dt or end / STEPS.get(method, FINE)
+    counted = [0]
+
+    def model(θ: Array) -> Array:
+        counted[0] += 1
+        run = simulate(parameters.problem(θ), method, dt=dt, t_end=end, progress=False, **options)
+        return measured.shown_by(run)
+
+    def residuals(θ: Array) -> Array:
+        try:
+            return (model(θ) - measured.values) / measured.scales
+        except (InputError, FailureError):
+            return np.full(len(measured.values), FAILED)
+
+    try:
+        model(parameters.start)
+    except (InputError, FailureError) as error:
+        raise InputError(f"fit: the run at the start values fails: {error}") from None
+    results, rows = [], []
+    for θ in watch(parameters.starts(starts, seed), starts, "searches"):
+        found = _search(residuals, θ, parameters.limits, loss)
+        results.append(found)
+        failed = "the run fails" if np.abs(found.fun).max() >= FAILED else "" if found.success else str(found.message)
+        rows.append(
+            {**dict(zip(parameters.names, parameters.values(θ), strict=True)), "cost": found.cost, "failure": failed}
+        )
+    best = min(results, key=lambda each: float(each.cost))
+    begun = results.index(best)
+    if len(measured.curves) > 1 and sigma is None:
+        # Each series has a noise of its own, which the first search tells.
+        measured = measured.weighed(best.fun)
+        best = _search(residuals, best.x, parameters.limits, loss)
+    fitted = parameters.problem(best.x)
+    run = simulate(fitted, method, dt=dt, t_end=end, progress=False, **options)
+    errors = _Errors.of(best, parameters, measured.known, level, loss)
+    shown = measured.shown_by(run)
+    left = measured.labels.assign(measured=measured.values, fitted=shown, residual=shown - measured.values)
+    return Fit(
+        fitted,
+        run,
+        errors.table,
+        errors.correlation,
+        left,
+        pd.DataFrame(rows),
+        level,
+        len(shown) - len(best.x),
+        bool(best.success) and rows[begun]["failure"] == "",
+        f"{str(best.message).rstrip('.')}.".replace("`", ""),
+        errors.notes,
+        counted[0],
+    )
+
+
+def read_curve(data: str | Path | pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
+    """Return t and some columns of a measured curve, checked.
+
+    Parameters
+    ----------
+    data : path or DataFrame
+        A CSV file with a header, or a table.
+    columns : sequence of str
+        Besides t.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read, a column that is missing, cells that hold no finite number, and times that are
+        negative or do not rise; the message names the lines of the file (its header is line 1) or the rows of the table.
+    """
+    if isinstance(data, pd.DataFrame):
+        return _checked_curve(data, columns, "row", 0)
+    path = Path(data)
+    with reading(path, "cut the curve"):
+        try:
+            table = pd.read_csv(path, skipinitialspace=True, skip_blank_lines=False, encoding="utf-8-sig")
+        except (ValueError, UnicodeDecodeError) as error:
+            raise InputError(f"it is no CSV file with one header and commas between cells: {error}") from None
+        blank = table.isna().all(axis=1)
+        return _checked_curve(table[~(blank & blank[::-1].cummin()[::-1])], columns, "line", 2)
+
+
+def _checked_curve(table: pd.DataFrame, columns: Sequence[str], what: str, first: int) -> pd.DataFrame:
+    names = [str(name).strip() for name in table.columns]
+    table = table.set_axis(names, axis=1)
+    if len(set(names)) < len(names):
+        raise InputError("two of its columns have one name; name each column once")
+    for name in ("t", *columns):
+        if name not in names:
+            raise InputError(f"{nearest(name, names, 'column')}; a curve needs t and {', '.join(columns)}")
+    table = table[["t", *columns]]
+    numbers = table.apply(pd.to_numeric, errors="coerce").astype(float)
+    for name in numbers.columns:
+        bad: Indices = np.flatnonzero(~np.isfinite(numbers[name].to_numpy()))
+        if len(bad):
+            raise InputError(f"column {name}: no finite number in {_places(bad, what, first)}; fill or delete them")
+    t = numbers["t"].to_numpy()
+    if len(t) and t[0] < 0.0:
+        raise InputError(f"t = {t[0]:g} s in {what} {first} lies before the run, which begins at 0; shift the times")
+    stuck: Indices = 1 + np.flatnonzero(np.diff(t) <= 0.0)
+    if len(stuck):
+        raise InputError(f"t does not rise in {_places(stuck, what, first)}; sort the rows and delete doubles")
+    return numbers.reset_index(drop=True)
+
+
+def _places(rows: Indices, what: str, first: int) -> str:
+    shown = ", ".join(str(first + int(row)) for row in rows[:5])
+    more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
+    return f"{what}{'s' if len(rows) > 1 else ''} {shown}{more}"
+
+
+def _check_settings(sampling: str, loss: str, starts: int, level: float, sigma: float | None) -> None:
+    if sampling not in SAMPLINGS:
+        raise InputError(f"fit: {nearest(str(sampling), list(SAMPLINGS), 'sampling')}")
+    if loss not in LOSSES:
+        raise InputError(f"fit: {nearest(str(loss), list(LOSSES), 'loss')}")
+    if not is_count(starts):
+        raise InputError(f"fit: starts = {starts!r} must be a whole number above zero")
+    if not is_real(level) or not 0.0 < level < 1.0:
+        raise InputError(f"fit: level = {level!r} must lie between 0 and 1, as 0.95")
+    if sigma is not None and (not is_real(sigma) or not sigma > 0.0):
+        raise InputError(f"fit: sigma = {sigma!r} must be a positive finite number")
+
+
+def _search(residuals: Callable[[Array], Array], θ: Array, limits: tuple[Array, Array], loss: str) -> Any:
+    def jacobian(θ: Array) -> Array:
+        return _jacobian(residuals, θ, limits)
+
+    settings: dict[str, Any] = {
+        "jac": jacobian, "bounds": limits, "x_scale": np.maximum(np.abs(θ), 1.0),
+        "ftol": TOLERANCE, "xtol": TOLERANCE, "gtol": TOLERANCE, "max_nfev": MOST,
+    }  # fmt: skip
+    found = least_squares(residuals, θ, **settings)
+    if loss == "linear":
+        return found
+    usual = 1.4826 * float(np.median(np.abs(found.fun)))
+    return least_squares(residuals, found.x, loss=loss, f_scale=max(usual, 1e-12), **settings)
+
+
+def _jacobian(residuals: Callable[[Array], Array], θ: Array, limits: tuple[Array, Array]) -> Array:
+    """Return ∂r/∂θ by differences to both sides; where they disagree, one has crossed a jump, and the smaller is taken."""
+    here, columns = residuals(θ), []
+    for j, x in enumerate(θ):
+        h = STEP * max(abs(x), 1.0)
+        slopes = []
+        for step in (h, -h):
+            there = θ.copy()
+            there[j] = min(max(x + step, limits[0][j]), limits[1][j])
+            if there[j] != x:
+                slopes.append((residuals(there) - here) / (there[j] - x))
+        ahead, behind = slopes[0], slopes[-1]
+        smaller = np.where(np.abs(ahead) < np.abs(behind), ahead, behind)
+        jumped = np.abs(ahead - behind) > JUMPED * np.abs(smaller) + JUMPED
+        columns.append(np.where(jumped, smaller, 0.5 * (ahead + behind)))
+    return np.column_stack(columns)
+
+
+@dataclass(frozen=True, eq=False)
+class _Parameters:
+    """The free parameters: θ is the logarithm of those that start above zero, and of the others themselves."""
+
+    make: Callable[[dict[str, float]], Problem]
+    names: tuple[str, ...]
+    given: tuple[float, ...]
+    start: Array
+    logarithmic: tuple[bool, ...]
+    limits: tuple[Array, Array]
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem | Callable[..., Problem],
+        free: Sequence[str] | Mapping[str, float],
+        bounds: Mapping[str, tuple[float, float]],
+    ) -> _Parameters:
+        """Check what is free, and between what."""
+        if isinstance(free, str):
+            free = [free]
+        given = dict(free) if isinstance(free, Mapping) else {}
+        names = tuple(free)
+        if not names:
+            raise InputError("fit: nothing is free; name the parameters to fit, as ['k', 'c']")
+        if len(set(names)) < len(names):
+            raise InputError(f"fit: {', '.join(names)}: a parameter stands twice; name each once")
+        if isinstance(problem, Problem):
+            base = problem
+            start = {name: given.get(name, value_at(base, name)) for name in names}
+
+            def make(values: dict[str, float]) -> Problem:
+                return with_values(base, values)
+        elif callable(problem):
+            builder = problem
+            if not given:
+                raise InputError(
+                    "fit: a function that makes problems needs the start of each parameter: free={'k': 1e3}"
+                )
+            start = given
+
+            def make(values: dict[str, float]) -> Problem:
+                return builder(**values)
+        else:
+            raise InputError(f"fit: {problem!r} is neither a Problem nor a function that makes one")
+        for name in bounds:
+            if name not in names:
+                raise InputError(f"fit: bounds: {nearest(name, list(names), 'free parameter')}")
+        lows, highs, θ, logarithmic = [], [], [], []
+        for name in names:
+            low, high = bounds.get(name, (-math.inf, math.inf))
+            value = start[name]
+            if not is_real(value):
+                raise InputError(f"fit: the start {name} = {value!r} must be a finite number")
+            if not low < high or not low <= value <= high:
+                raise InputError(
+                    f"fit: {name} starts at {value:g}, which must lie within its bounds {low:g} ... {high:g}; change one"
+                )
+            log = value > 0.0 and (low >= 0.0 or name not in bounds)
+            logarithmic.append(log)
+            θ.append(math.log(value) if log else float(value))
+            lows.append(math.log(low) if log and low > 0.0 else -math.inf if log else low)
+            highs.append(math.log(high) if log else high)
+        return cls(
+            make,
+            names,
+            tuple(float(start[name]) for name in names),
+            np.array(θ),
+            tuple(logarithmic),
+            (np.array(lows), np.array(highs)),
+        )
+
+    def values(self, θ: Array) -> list[float]:
+        """Return the parameters."""
+        # Logarithms beyond these are no parameters of anything.
+        return [
+            math.exp(min(max(x, -600.0), 600.0)) if log else float(x)
+            for x, log in zip(θ.tolist(), self.logarithmic, strict=True)
+        ]
+
+    def problem(self, θ: Array) -> Problem:
+        """Return the problem with these parameters."""
+        return self.make(dict(zip(self.names, self.values(θ), strict=True)))
+
+    def starts(self, number: int, seed: int) -> Iterable[Array]:
+        """Return the start, and random ones besides."""
+        random = np.random.default_rng(seed)
+        low, high = self.limits
+        inner = np.isfinite(low) & np.isfinite(high)
+        found = [self.start]
+        for _ in range(number - 1):
+            wide = np.where(self.logarithmic, SPREAD, np.maximum(np.abs(self.start), 1.0))
+            θ = self.start + wide * random.standard_normal(len(self.start))
+            share = random.random(len(self.start))
+            θ[inner] = low[inner] + share[inner] * (high - low)[inner]
+            found.append(np.clip(θ, low, high))
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Measured:
+    """The numbers to be met: of curves, and of targets.
+
+    Attributes
+    ----------
+    values, scales : (N,) arrays        and what an error of each is measured in
+    labels : DataFrame                  series and t of each
+    curves : tuple                      series and times of each curve
+    targets : tuple                     in the order of the values, behind the curves
+    known : bool                        whether the scales are standard deviations
+    """
+
+    values: Array
+    scales: Array
+    labels: pd.DataFrame
+    curves: tuple[tuple[str, Array], ...]
+    targets: tuple[Target, ...]
+    sampling: str
+    known: bool
+    last: float = field(default=0.0)
+
+    @classmethod
+    def of(
+        cls,
+        problem: Problem,
+        data: str | Path | pd.DataFrame | None,
+        column: str | Sequence[str] | None,
+        outputs: Mapping[str, Target],
+        sampling: str,
+        sigma: float | None,
+    ) -> _Measured:
+        """Read and check the data."""
+        if data is None and not outputs:
+            raise InputError("fit: nothing to fit to; give data, a curve, or outputs")
+        curves = [] if data is None else _curves(problem, data, column)
+        values = [y for _, _, y in curves] + [np.array([target.value for target in outputs.values()])]
+        scales = [np.full(len(y), sigma or float(np.sqrt(np.mean(y**2))) or 1.0) for _, _, y in curves]
+        scales.append(np.array([target.scale for target in outputs.values()]))
+        series = [name for name, t, _ in curves for _ in t] + list(outputs)
+        times = [*(t for _, t, _ in curves), np.full(len(outputs), np.nan)]
+        known = (sigma is not None or not curves) and all(target.sigma for target in outputs.values())
+        return cls(
+            np.concatenate(values),
+            np.concatenate(scales),
+            pd.DataFrame({"series": series, "t": np.concatenate(times)}),
+            tuple((name, t) for name, t, _ in curves),
+            tuple(outputs.values()),
+            sampling,
+            known,
+            max([float(t[-1]) for _, t, _ in curves], default=0.0),
+        )
+
+    def weighed(self, residuals: Array) -> _Measured:
+        """Return the same with each series measured in the scatter that is left in it."""
+        scales, begin = self.scales.copy(), 0
+        for _, t in self.curves:
+            part = slice(begin, begin + len(t))
+            scales[part] *= max(float(np.sqrt(np.mean(residuals[part] ** 2))), 1e-12)
+            begin += len(t)
+        return replace(self, scales=scales)
+
+    def shown_by(self, run: Trajectory) -> Array:
+        """Return the same numbers as a run shows them."""
+        value = _means if self.sampling == "mean" else read
+        curves = [value(run, series, t) for series, t in self.curves]
+        return np.concatenate([*curves, [float(target.measure(run)) for target in self.targets]])
+
+
+def _curves(
+    problem: Problem, data: str | Path | pd.DataFrame, column: str | Sequence[str] | None
+) -> list[tuple[str, Array, Array]]:
+    """Return series, times and values of each curve in the data."""
+    d = problem.dynamics
+    forces = [contact.name for contact in d.contacts]
+    known = [*d.nodes, *(f"v_{node}" for node in d.nodes), *forces]
+    header = list(data.columns) if isinstance(data, pd.DataFrame) else _header(Path(data))
+    wanted = [column] if isinstance(column, str) else list(column or [name for name in known if name in header])
+    for name in wanted:
+        if name not in known:
+            raise InputError(f"fit: {nearest(name, known, f'series of problem {problem.name!r}')}")
+    if not wanted:
+        raise InputError(
+            f"fit: none of the columns {', '.join(map(str, header))} is a series of problem {problem.name!r}, which has "
+            f"{', '.join(known)}: rename one"
+        )
+    own = "t_R" in header
+    found = []
+    for name in wanted:
+        table = _own_times(data, name) if own and name in forces else read_curve(data, [name])
+        if not len(table):
+            raise InputError(f"fit: column {name} holds no numbers; measure some")
+        found.append((name, table["t"].to_numpy(), table[name].to_numpy()))
+    return found
+
+
+def _header(path: Path) -> list[str]:
+    with reading(path, "cut the curve"):
+        try:
+            names = pd.read_csv(path, nrows=0, skipinitialspace=True, encoding="utf-8-sig").columns
+        except (ValueError, UnicodeDecodeError) as error:
+            raise InputError(f"it is no CSV file with one header and commas between cells: {error}") from None
+    return [str(name).strip() for name in names]
+
+
+def _own_times(data: str | Path | pd.DataFrame, name: str) -> pd.DataFrame:
+    """Return a reaction of a saved run at the times where it lives, which may be fewer than those of the motion."""
+    table = data if isinstance(data, pd.DataFrame) else pd.read_csv(data, skipinitialspace=True, encoding="utf-8-sig")
+    table = table.set_axis([str(each).strip() for each in table.columns], axis=1)
+    if name not in table.columns:
+        raise InputError(nearest(name, list(table.columns), "column"))
+    pair = table[["t_R", name]].set_axis(["t", name], axis=1)
+    return _checked_curve(pair[~pair.isna().all(axis=1)], [name], "row", 0)
+
+
+def _means(run: Trajectory, series: str, t: Array) -> Array:
+    """Return the means of a series over the cells about the times, which meet halfway; cut at the events of the run."""
+    if len(t) == 1:
+        return read(run, series, t)
+    edges = np.concatenate([[t[0]], 0.5 * (t[1:] + t[:-1]), [t[-1]]])
+    cuts = np.unique(np.concatenate([edges, [each.t for each in run.events if edges[0] < each.t < edges[-1]]]))
+    half = 0.5 * np.diff(cuts)
+    times = (cuts[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES
+    integrals = (read(run, series, times.ravel()).reshape(times.shape) * GAUSS_WEIGHTS).sum(axis=1) * half
+    cell = np.searchsorted(edges, cuts[:-1], side="right") - 1
+    return np.bincount(cell, integrals, minlength=len(t)) / np.diff(edges)
+
+
+@dataclass(frozen=True, eq=False)
+class _Errors:
+    """What a search knows of the parameters it found."""
+
+    table: pd.DataFrame
+    correlation: pd.DataFrame
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, found: Any, parameters: _Parameters, known: bool, level: float, loss: str) -> _Errors:
+        """Return standard errors, intervals and correlations from the Jacobian at the solution."""
+        names, notes = parameters.names, []
+        J, N, n = np.asarray(found.jac), len(found.fun), len(names)
+        widths = np.linalg.norm(J * np.where(parameters.logarithmic, 1.0, np.maximum(np.abs(found.x), 1e-12)), axis=0)
+        silent = widths <= SILENT * math.sqrt(N)
+        norms = np.where(silent, 1.0, np.linalg.norm(J, axis=0))
+        _, s, Vt = np.linalg.svd(J / norms, full_matrices=False)
+        weak = s <= SINGULAR * s[0]
+        blind = silent | (np.abs(Vt[weak]) > 0.1).any(axis=0)
+        inverse = np.where(weak, 0.0, 1.0 / np.where(weak, 1.0, s))
+        freedom = N - n
+        s2 = 1.0 if known else 2.0 * float(found.cost) / freedom if freedom else math.inf
+        unscaled = (Vt.T * inverse**2) @ Vt / np.outer(norms, norms)
+        spread = np.sqrt(np.diag(unscaled))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            correlation = unscaled / np.outer(spread, spread)
+        correlation[blind, :] = correlation[:, blind] = np.nan
+        errors = np.where(blind, np.inf, math.sqrt(s2) * spread)
+        quantile = float(norm.ppf(0.5 + 0.5 * level) if known else student.ppf(0.5 + 0.5 * level, max(freedom, 1)))
+        low, high = found.x - quantile * errors, found.x + quantile * errors
+        values = parameters.values(found.x)
+        log = parameters.logarithmic
+        rows = [
+            {
+                "parameter": name,
+                "start": parameters.given[j],
+                "value": values[j],
+                "standard_error": values[j] * errors[j] if log[j] else errors[j],
+                "low": _exp(low[j]) if log[j] else low[j],
+                "high": _exp(high[j]) if log[j] else high[j],
+            }
+            for j, name in enumerate(names)
+        ]
+        for name in np.array(names)[silent]:
+            notes.append(f"The numbers say nothing of {name}: it has no influence on them.")
+        mixed = [name for name, hidden in zip(names, blind & ~silent, strict=True) if hidden]
+        if mixed:
+            notes.append(
+                f"{' and '.join(mixed)} cannot be told apart by these numbers: fix one of them, or measure something else."
+            )
+        at = np.flatnonzero(np.asarray(found.active_mask))
+        for j in at:
+            notes.append(f"{names[j]} ends at its bound, so its interval means nothing.")
+        if not freedom and not known:
+            notes.append(
+                "There are as many parameters as numbers, so nothing is left to tell the scatter: no intervals."
+            )
+        if loss != "linear":
+            notes.append(f"The intervals are approximate, since outliers count less (loss={loss!r}).")
+        labelled = pd.DataFrame(correlation, index=list(names), columns=list(names))
+        return cls(pd.DataFrame(rows), labelled, tuple(notes))
+
+
+def _exp(x: float) -> float:
+    return math.exp(x) if x < 700.0 else math.inf

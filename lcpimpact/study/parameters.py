@@ -1,0 +1,140 @@
+"""The numbers of a problem by address: to change them, to sweep them, to fit them.
+
+An address is
+
+- the name of a parameter of a registered problem, as ``k_o``, which changes everything that is built from it;
+- ``WHERE.FIELD``, a constant of an element: WHERE is its number in the scheme, counted from 0, as ``2.k``; the name of its
+  type, as ``KelvinVoigt.k``, or of its reaction, as ``R.gap``, if only one element has that;
+- ``FIELD`` alone, if no parameter and one element only has it;
+- ``q0.NODE`` or ``v0.NODE``, an initial value.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+from lcpimpact.errors import InputError
+from lcpimpact.numbers import is_real
+from lcpimpact.problems import PROBLEMS
+from lcpimpact.problems.base import Problem, build
+from lcpimpact.registry import nearest
+from lcpimpact.scheme.scheme import Scheme
+
+INITIAL = ("q0", "v0")
+
+Place = tuple[str, int, str]
+"""("parameter", -1, name), ("element", its number, field), or ("q0" or "v0", -1, node)."""
+
+
+def with_values(problem: Problem, values: Mapping[str, float]) -> Problem:
+    """Return the problem with other numbers at these addresses.
+
+    Parameters
+    ----------
+    problem : Problem
+        A registered problem, or any scheme.
+    values : mapping of str to float
+        Address to value, in SI units.
+
+    Raises
+    ------
+    InputError
+        For an address that names nothing or several things, or a value that the problem refuses.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem
+    >>> changed = with_values(load_problem("system-1"), {"c_o": 300.0, "v0.x": 5.0})
+    >>> changed.scheme.elements[3].c, changed.v0["x"]
+    (300.0, 5.0)
+    """
+    places = {address: place(problem, address) for address in values}
+    of_problem = {name: values[address] for address, (kind, _, name) in places.items() if kind == "parameter"}
+    if of_problem:
+        problem = build(problem.name, PROBLEMS[problem.name], {**problem.parameters, **of_problem})
+    others = {address: where for address, where in places.items() if where[0] != "parameter"}
+    if not others:
+        return problem
+    changes: dict[str, Any] = {"parameters": {**problem.parameters, **{each: values[each] for each in others}}}
+    for address, (kind, number, name) in others.items():
+        if kind == "element":
+            elements = list(changes.get("scheme", problem.scheme).elements)
+            elements[number] = replace(elements[number], **{name: values[address]})
+            changes["scheme"] = Scheme(*elements)
+        else:
+            changes[kind] = {**changes.get(kind, getattr(problem, kind)), name: values[address]}
+    return replace(problem, facts=(), motion=None, **changes)
+
+
+def value_at(problem: Problem, address: str) -> float:
+    """Return the number at an address.
+
+    Raises
+    ------
+    InputError
+        For an address that names nothing or several things.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem
+    >>> value_at(load_problem("system-1"), "KelvinVoigt.k")
+    3924.0
+    """
+    kind, number, name = place(problem, address)
+    if kind == "parameter":
+        return float(problem.parameters[name])
+    if kind == "element":
+        return float(getattr(problem.scheme.elements[number], name))  # type: ignore[union-attr]
+    return float(getattr(problem, kind).get(name, 0.0))
+
+
+def place(problem: Problem, address: str) -> Place:
+    """Return what an address of a problem names."""
+    where, dot, name = address.partition(".")
+    if dot and where in INITIAL:
+        nodes = list(problem.dynamics.nodes)
+        if name not in nodes:
+            raise InputError(f"{address}: {nearest(name, nodes, 'node')}")
+        return where, -1, name
+    parameters = list(inspect.signature(PROBLEMS[problem.name]).parameters) if is_registered(problem) else []
+    if address in parameters:
+        return "parameter", -1, address
+    known = _constants(problem)
+    if not dot:
+        found = [number for number, _, constant in known if constant == address]
+        name = address
+    else:
+        found = [number for number, names, constant in known if constant == name and where in names]
+    if len(found) == 1:
+        return "element", found[0], name
+    if found:
+        several = ", ".join(f"{number}.{name}" for number in found)
+        raise InputError(f"{address} of problem {problem.name!r} names several constants: say one of {several}")
+    addresses = [*parameters, *(f"{number}.{constant}" for number, _, constant in known)]
+    raise InputError(f"{nearest(address, addresses, f'number of problem {problem.name!r}')}; and q0.NODE, v0.NODE")
+
+
+def is_registered(problem: Problem) -> bool:
+    """Return whether a problem is what the registry builds from its name and parameters."""
+    if problem.name not in PROBLEMS:
+        return False
+    try:
+        again = build(problem.name, PROBLEMS[problem.name], problem.parameters)
+    except InputError:
+        return False
+    return (again.scheme, again.q0, again.v0) == (problem.scheme, problem.q0, problem.v0)
+
+
+def _constants(problem: Problem) -> list[tuple[int, set[str], str]]:
+    """Return the numbers of the elements: which element, what it may be called, and the field."""
+    if not isinstance(problem.scheme, Scheme):
+        return []
+    return [
+        (number, {str(number), type(element).__name__, getattr(element, "name", "")}, each.name)
+        for number, element in enumerate(problem.scheme.elements)
+        for each in fields(element)  # type: ignore[arg-type]
+        if is_real(getattr(element, each.name))
+    ]

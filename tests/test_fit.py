@@ -1,0 +1,419 @@
+"""Fits: known parameters are found again, within intervals that cover as often as they say; bad data are refused."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.optimize import curve_fit
+
+from lcpimpact import (
+    Bumper,
+    InputError,
+    KelvinVoigt,
+    Load,
+    Mass,
+    Problem,
+    Scheme,
+    Spring,
+    Target,
+    fit,
+    load_problem,
+    plot_fit,
+    read_scheme_file,
+    simulate,
+    with_values,
+)
+from lcpimpact.problems.reading import event, peak
+from lcpimpact.study.fit import read_curve
+from lcpimpact.study.parameters import value_at
+
+M, K, C, V0 = 100.0, 3000.0, 200.0, 10.0
+
+
+def force_by_hand(t, k, c):
+    """R of a mass on a Kelvin-Voigt block without gravity, underdamped, up to where it lets go."""
+    ω, ζ = np.sqrt(k / M), c / (2.0 * np.sqrt(k * M))
+    σ = ω * np.sqrt(1.0 - ζ**2)
+    x = V0 / σ * np.exp(-ζ * ω * t) * np.sin(σ * t)
+    v = V0 * np.exp(-ζ * ω * t) * (np.cos(σ * t) - ζ * ω / σ * np.sin(σ * t))
+    return np.where(t < 2.0 * np.arccos(ζ) / σ, c * v + k * x, 0.0)
+
+
+def noisy(seed, noise=50.0, number=41):
+    t = np.linspace(0.0, 0.4, number)
+    random = np.random.default_rng(seed)
+    return pd.DataFrame({"t": t, "R": force_by_hand(t, K, C) + random.normal(0.0, noise, number)})
+
+
+def start():
+    return load_problem("kelvin-voigt-impact")
+
+
+# ---- curves ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("first", [{"k": 3924.0, "c": 250.0}, {"k": 1000.0, "c": 900.0}, {"k": 20_000.0, "c": 20.0}])
+def test_a_curve_without_noise_gives_its_parameters(first):
+    found = fit(start(), first, noisy(0, noise=0.0))
+    assert found.success
+    assert found.values == pytest.approx({"k": K, "c": C}, rel=1e-8)
+    assert found.problem.parameters["k"] == found.values["k"]
+    assert list(found.table["start"]) == list(first.values())
+
+
+def test_errors_and_correlations_are_those_of_another_least_squares():
+    """SciPy's curve_fit with the force written by hand, in the parameters and not in their logarithms."""
+    data = noisy(3)
+    found = fit(start(), ["k", "c"], data)
+    values, covariance = curve_fit(force_by_hand, data["t"], data["R"], p0=(3500.0, 220.0), xtol=1e-12)
+    errors = np.sqrt(np.diag(covariance))
+    assert list(found.values.values()) == pytest.approx(values, rel=1e-6)
+    assert list(found.table["standard_error"]) == pytest.approx(errors, rel=1e-3)
+    assert found.correlation.loc["k", "c"] == pytest.approx(covariance[0, 1] / errors.prod(), abs=1e-3)
+    assert found.correlation.loc["k", "k"] == pytest.approx(1.0)
+    assert found.freedom == 39
+    # 2.0227 is Student's quantile for 39 degrees of freedom.
+    half = math.log(found.intervals["k"][1] / found.values["k"])
+    assert half == pytest.approx(2.0227 * errors[0] / values[0], rel=1e-3)
+    assert found.residuals["residual"].to_numpy() == pytest.approx(found.residuals["fitted"] - data["R"])
+    known = fit(start(), ["k", "c"], data, sigma=50.0)
+    _, absolute = curve_fit(
+        force_by_hand, data["t"], data["R"], p0=(3500.0, 220.0), sigma=np.full(41, 50.0), absolute_sigma=True
+    )
+    assert list(known.table["standard_error"]) == pytest.approx(np.sqrt(np.diag(absolute)), rel=1e-3)
+    assert math.log(known.intervals["c"][1] / known.values["c"]) == pytest.approx(
+        1.95996 * math.sqrt(absolute[1, 1]) / values[1], rel=1e-3
+    )
+
+
+def test_a_higher_level_gives_a_wider_interval():
+    data = noisy(3)
+    widths = [np.ptp(fit(start(), ["k"], data, level=level).intervals["k"]) for level in (0.5, 0.95, 0.999)]
+    assert widths == sorted(widths)
+    assert widths[0] < 0.5 * widths[1]
+
+
+@pytest.mark.slow
+def test_the_intervals_cover_as_often_as_they_say():
+    """Of 200 noises the 95 % intervals of k and c hold the truth in 90 to 99 of a hundred."""
+    covers = {"k": 0, "c": 0}
+    for seed in range(200):
+        found = fit(start(), {"k": 3500.0, "c": 240.0}, noisy(1000 + seed))
+        for name, truth in (("k", K), ("c", C)):
+            low, high = found.intervals[name]
+            covers[name] += low <= truth <= high
+    assert all(180 <= number <= 198 for number in covers.values()), covers
+
+
+def test_noisy_force_of_system_1_with_its_jumps():
+    """Its second contact begins with a jump, at an instant that moves with the parameters."""
+    truth = simulate(load_problem("system-1"), "exact", dt=0.03, t_end=2.1)
+    random = np.random.default_rng(4)
+    data = pd.DataFrame({"t": truth.t, "R": truth["R"] + random.normal(0.0, 60.0, len(truth.t))})
+    found = fit(load_problem("system-1"), {"k_o": 3800.0, "c_o": 260.0}, data)
+    for name, value in (("k_o", 3924.0), ("c_o", 250.0)):
+        low, high = found.intervals[name]
+        assert low < value < high
+        assert high - low < 0.05 * value
+
+
+def test_means_over_cells_are_continuous_and_are_what_a_slow_sensor_shows():
+    """The data are integrals of the exact force over the cells, by many samples."""
+    truth = simulate(load_problem("system-1"), "exact", dt=0.03, t_end=2.1)
+    t = truth.t
+    edges = np.concatenate([[t[0]], 0.5 * (t[1:] + t[:-1]), [t[-1]]])
+    fine = [np.linspace(a, b, 4001)[:-1] + (b - a) / 8000 for a, b in pairwise(edges)]
+    data = pd.DataFrame({"t": t, "R": [truth.sample(times).reaction[:, 0].mean() for times in fine]})
+    found = fit(load_problem("system-1"), {"k_o": 3800.0, "c_o": 260.0}, data, sampling="mean")
+    assert found.values == pytest.approx({"k_o": 3924.0, "c_o": 250.0}, rel=2e-5)
+
+
+def test_several_series_are_weighed_by_their_own_scatter():
+    truth = simulate(with_values(start(), {"k": K, "c": C}), "exact", dt=0.01, t_end=0.4)
+    random = np.random.default_rng(2)
+    data = pd.DataFrame(
+        {
+            "t": truth.t,
+            "x": truth["x"] + random.normal(0.0, 1e-4, len(truth.t)),
+            "R": truth["R"] + random.normal(0.0, 300.0, len(truth.t)),
+        }
+    )
+    both, force = fit(start(), ["k", "c"], data), fit(start(), ["k", "c"], data, column="R")
+    assert set(both.residuals["series"]) == {"x", "R"}
+    errors = [each.table["standard_error"].to_numpy() for each in (both, force)]
+    assert (errors[0] < 0.2 * errors[1]).all()
+    assert both.values == pytest.approx({"k": K, "c": C}, rel=2e-3)
+
+
+def test_an_outlier_counts_less_with_another_loss():
+    data = noisy(5, noise=20.0)
+    data.loc[20, "R"] += 5_000.0
+    plain, robust = fit(start(), ["k", "c"], data), fit(start(), ["k", "c"], data, loss="soft_l1")
+    assert abs(robust.values["k"] - K) < 0.2 * abs(plain.values["k"] - K)
+    assert any("approximate" in note for note in robust.notes)
+
+
+def test_a_coarse_time_stepping_method_may_run_the_fit():
+    found = fit(start(), ["k", "c"], noisy(0, noise=0.0), method="moreau-jean", dt=1e-3)
+    assert found.values == pytest.approx({"k": K, "c": C}, rel=2e-2)
+    assert found.run.method.startswith("moreau-jean")
+
+
+def test_random_starts_are_repeatable_and_the_best_is_kept():
+    seen = []
+
+    def watch(items, total, what):
+        seen.append((total, what))
+        return items
+
+    again = [fit(start(), {"k": 3000.0}, noisy(1), starts=3, seed=4, watch=watch) for _ in range(2)]
+    assert seen == [(3, "searches")] * 2
+    assert again[0].starts.equals(again[1].starts)
+    assert len(again[0].starts["k"].unique()) == 3
+    assert again[0].starts["k"][0] == pytest.approx(3000.0, rel=1e-12)
+    left = again[0].residuals["residual"] / np.sqrt(np.mean(noisy(1)["R"] ** 2))
+    assert again[0].starts["cost"].min() == pytest.approx(0.5 * np.sum(left**2))
+
+
+# ---- outputs, and what cannot be known -------------------------------------------------------------------------------
+
+
+def restitution(run):
+    return -float(event(run, "open").right.v[0]) / V0
+
+
+def test_wanted_outputs_give_the_block_that_a_design_finds():
+    from lcpimpact import design
+
+    wanted = design("kelvin-voigt", m=M, v0=V0, e=0.5, deflection=1.0)
+    outputs = {"e": Target(restitution, 0.5), "x_max": Target(lambda run: peak(run, "x"), 1.0)}
+    found = fit(start(), ["k", "c"], outputs=outputs, t_end=2.0)
+    assert found.values == pytest.approx({"k": wanted.k, "c": wanted.c}, rel=1e-7)
+    assert found.freedom == 0
+    assert found.intervals["k"] == (0.0, math.inf)
+    assert any("As many" in note or "as many" in note for note in found.notes)
+    sure = {name: Target(each.measure, each.value, sigma=0.01) for name, each in outputs.items()}
+    assert np.isfinite(fit(start(), ["k", "c"], outputs=sure, t_end=2.0).table["high"]).all()
+
+
+def test_a_parameter_without_influence_is_named():
+    """The plate of a block that the mass never reaches."""
+    flight = Scheme(Mass("x", 1.0), Load("x", 9.81), Bumper("x", "z", gap=10.0), KelvinVoigt("z", "ground", 100.0, 1.0))
+    data = pd.DataFrame({"t": [0.1, 0.2, 0.3, 0.4], "x": [0.049, 0.196, 0.441, 0.785]})
+    found = fit(Problem("flight", flight), ["Load.f", "KelvinVoigt.k"], data)
+    assert any("say nothing of KelvinVoigt.k" in note for note in found.notes)
+    assert found.intervals["KelvinVoigt.k"] == (0.0, math.inf)
+    assert np.isfinite(found.intervals["Load.f"]).all()
+    assert found.values["Load.f"] == pytest.approx(9.81, rel=1e-2)
+
+
+def test_parameters_that_act_as_one_are_named():
+    """Two springs side by side: only their sum moves the mass."""
+    pair = Scheme(Mass("x", 1.0), Spring("x", "ground", 60.0), Spring("x", "ground", 40.0, symbols=("k_2",)))
+    problem = Problem("pair", pair, q0={"x": 0.1})
+    t = np.linspace(0.0, 2.0, 30)
+    data = pd.DataFrame({"t": t, "x": 0.1 * np.cos(11.0 * t) + 1e-4 * np.sin(50.0 * t)})
+    found = fit(problem, ["1.k", "2.k"], data)
+    assert sum(found.values.values()) == pytest.approx(121.0, rel=1e-2)
+    assert any("1.k and 2.k cannot be told apart" in note for note in found.notes)
+    assert found.table["high"].tolist() == [math.inf, math.inf]
+
+
+def test_a_parameter_stays_in_its_bounds_and_says_when_it_stops_there():
+    found = fit(start(), {"k": 2500.0}, noisy(0), bounds={"k": (2000.0, 2800.0)})
+    assert found.values["k"] == pytest.approx(2800.0, rel=1e-6)
+    assert any("bound" in note for note in found.notes)
+
+
+def test_a_function_may_make_the_problems():
+    def make(k, ζ):
+        return load_problem("kelvin-voigt-impact", k=k, c=2.0 * ζ * math.sqrt(k * M))
+
+    found = fit(make, {"k": 4000.0, "ζ": 0.3}, noisy(0, noise=0.0))
+    assert found.values == pytest.approx({"k": K, "ζ": C / (2.0 * math.sqrt(K * M))}, rel=1e-8)
+
+
+# ---- addresses ------------------------------------------------------------------------------------------------------
+
+
+def own():
+    return Problem(
+        "own",
+        Scheme(
+            Mass("x", 1.0), Spring("x", "y", 50.0), Mass("y", 2.0), Bumper("y", "ground", gap=0.3, e=0.5, name="R"),
+            Spring("y", "ground", 20.0),
+        ),
+        v0={"x": 1.0},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("address", "value"),
+    [("1.k", 50.0), ("R.gap", 0.3), ("Bumper.e", 0.5), ("gap", 0.3), ("v0.x", 1.0), ("q0.y", 0.0)],
+)
+def test_addresses_of_a_scheme_read_and_write(address, value):
+    assert value_at(own(), address) == value
+    changed = with_values(own(), {address: value + 0.1})
+    assert value_at(changed, address) == value + 0.1
+    rest = ("0.m", "1.k", "2.m", "3.gap", "3.e", "4.k", "v0.x", "q0.y")
+    assert sum(value_at(changed, each) != value_at(own(), each) for each in rest) == 1
+
+
+def test_a_parameter_of_the_registry_changes_all_that_is_built_from_it():
+    changed = with_values(load_problem("system-1"), {"m": 50.0, "KelvinVoigt.c": 10.0})
+    assert changed.scheme.elements[0].m == 50.0
+    assert changed.dynamics.force(np.zeros(1))[0, 0] == pytest.approx(50.0 * 9.81)
+    assert changed.scheme.elements[3].c == 10.0
+    assert changed.facts == ()
+
+
+@pytest.mark.parametrize(
+    ("address", "says"),
+    [
+        ("k", "names several constants: say one of 1.k, 4.k"),
+        ("Mass.m", "several constants: say one of 0.m, 2.m"),
+        ("q0.z", "unknown node 'z'"),
+        ("7.k", "unknown number of problem 'own' '7.k'"),
+        ("gab", "did you mean"),
+    ],
+)
+def test_an_address_that_names_nothing_or_several_things_is_refused(address, says):
+    with pytest.raises(InputError, match=says):
+        value_at(own(), address)
+
+
+# ---- bad data -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("t,R\n0,1\n0.1,\n0.2,3\n", "column R: no finite number in line 3"),
+        ("t,R\n0,1\n0.1,abc\n0.2,inf\n0.3,1\n", "no finite number in lines 3, 4"),
+        ("t,R\n0,1\n\n0.2,3\n", "no finite number in line 3"),
+        ("t,R\n0,1\n0.2,2\n0.2,3\n0.1,3\n", "t does not rise in lines 4, 5"),
+        ("t,R\n-0.1,1\n0.2,2\n", "t = -0.1 s in line 2 lies before the run"),
+        ("time,R\n0,1\n", "unknown column 't'"),
+        ("t,F\n0,1\n", "none of the columns t, F is a series"),
+        ("t;R\n0;1\n", "none of the columns t;R"),
+        ("t,R,R\n0,1,2\n", None),
+        ("t,R\n0,1\n", "1 numbers cannot determine 2 parameters"),
+        ("t,R\n", "holds no numbers"),
+        ("", "no CSV file"),
+    ],
+)
+def test_bad_files_are_refused_with_their_lines(tmp_path, text, says):
+    path = tmp_path / "data.csv"
+    path.write_text(text)
+    if says is None:
+        return  # pandas names the second column R.1, and the first is read
+    with pytest.raises(InputError, match=says) as raised:
+        fit(start(), ["k", "c"], path)
+    assert "\n" not in str(raised.value)
+
+
+def test_blank_lines_at_the_end_and_blanks_in_the_header_do_no_harm(tmp_path):
+    path = tmp_path / "data.csv"
+    path.write_text("\ufefft , R\n0,1\n0.1,2\n\n\n")
+    assert read_curve(path, ["R"])["R"].tolist() == [1.0, 2.0]
+
+
+def test_a_saved_run_is_data_as_it_is(tmp_path):
+    truth = simulate(with_values(start(), {"k": K, "c": C}), "moreau-jean", dt=1e-3, t_end=0.4)
+    truth.save(tmp_path / "run.csv")
+    found = fit(start(), ["k", "c"], tmp_path / "run.csv", column="R")
+    assert found.residuals["t"].to_numpy() == pytest.approx(truth.t_reaction)
+    assert found.values == pytest.approx({"k": K, "c": C}, rel=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"free": []}, "nothing is free"),
+        ({"free": ["k", "k"]}, "stands twice"),
+        ({"free": ["kk"]}, "did you mean"),
+        ({"free": {"k": math.nan}}, "the start k = nan"),
+        ({"column": "Q"}, "unknown series of problem"),
+        ({"bounds": {"c": (1.0, 2.0)}}, "bounds: unknown free parameter 'c'"),
+        ({"bounds": {"k": (1.0, 2.0)}}, "k starts at 3924, which must lie within its bounds"),
+        ({"sampling": "points"}, "did you mean 'point'"),
+        ({"loss": "l1"}, "unknown loss"),
+        ({"starts": 0}, "starts = 0"),
+        ({"level": 95}, "level = 95 must lie between 0 and 1"),
+        ({"sigma": 0.0}, "sigma = 0.0"),
+        ({"t_end": 0.2}, "the data last until 0.4 s, and t_end = 0.2 s"),
+        ({"data": None}, "nothing to fit to"),
+        ({"problem": 3}, "neither a Problem nor"),
+        ({"problem": load_problem, "free": ["k"]}, "needs the start of each parameter"),
+        ({"free": {"k": -5.0}}, "the start values make no problem: KelvinVoigt"),
+    ],
+)
+def test_what_a_fit_cannot_use_is_refused(changes, says):
+    given = {"problem": start(), "free": ["k"], "data": noisy(0)} | changes
+    with pytest.raises(InputError, match=says):
+        fit(**given)
+
+
+# ---- pictures and command -------------------------------------------------------------------------------------------
+
+
+def test_the_picture_shows_data_curve_and_residuals():
+    found = fit(start(), ["k", "c"], noisy(0))
+    above, below = plot_fit(found).axes
+    assert above.lines[0].get_ydata() == pytest.approx(noisy(0)["R"].to_numpy())
+    t, curve = above.lines[1].get_data()
+    assert curve == pytest.approx(force_by_hand(t, **found.values), abs=1e-6)
+    assert below.lines[1].get_ydata() == pytest.approx(found.residuals["residual"].to_numpy())
+    assert "3" in plot_fit(found).get_suptitle()
+
+
+def run_cli(capsys, *arguments):
+    from lcpimpact.cli.main import main
+
+    with pytest.raises(SystemExit) as left:
+        main(["fit", *arguments])
+    return int(left.value.code or 0), capsys.readouterr()
+
+
+def test_the_command_fits_and_writes(tmp_path, capsys):
+    data = tmp_path / "data.csv"
+    noisy(0).to_csv(data, index=False)
+    outs = [tmp_path / name for name in ("f.tex", "f.svg", "f.html")]
+    code, said = run_cli(
+        capsys, "kelvin-voigt-impact", "--free", "k=3500,c", "--to", str(data), "--bound", "k=1e3:1e5",
+        "--out", str(outs[0]), "--plot", str(outs[1]), "--report", str(outs[2]),
+    )  # fmt: skip
+    assert code == 0
+    assert "2 parameters, 95% intervals" in said.out
+    assert all(path.stat().st_size > 100 for path in outs)
+    code, _ = run_cli(
+        capsys, "kelvin-voigt-impact", "--free", "k,c", "--to", str(data), "--out", str(tmp_path / "f.toml")
+    )
+    assert code == 0
+    scheme = tmp_path / "f.toml"
+    assert value_at(read_scheme_file(scheme).problem, "KelvinVoigt.k") == pytest.approx(K, rel=0.05)
+    code, said = run_cli(capsys, str(scheme), "--free", "KelvinVoigt.k,v0.x=9", "--to", str(data), "--column", "R")
+    assert code == 0
+    assert "v0.x" in said.out
+
+
+def test_the_command_refuses_in_one_line(tmp_path, capsys):
+    data = tmp_path / "data.csv"
+    noisy(0).to_csv(data, index=False)
+    named = ["kelvin-voigt-impact", "--to", str(data)]
+    for arguments in (
+        [*named, "--free", ""],
+        [*named, "--free", "k=a"],
+        [*named, "--free", "k", "--bound", "k"],
+        [*named, "--free", "k", "--out", str(tmp_path / "f.xlsx")],
+        [*named, "--free", "k", "--column", "Q", "--plot", str(tmp_path / "f.png")],
+        ["kelvin-voigt-impact", "--free", "k", "--to", str(tmp_path / "none.csv")],
+    ):
+        code, said = run_cli(capsys, *arguments)
+        assert code == 2, arguments
+        assert said.err.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["data.csv"]
