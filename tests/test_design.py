@@ -72,6 +72,12 @@ def test_what_a_block_does_is_what_integration_by_hand_says(law, g, k, loss):
     assert [getattr(found, name) for name in OUTPUTS] == pytest.approx(expected, rel=1e-7)
 
 
+def test_a_small_loss_is_no_loss_of_digits():
+    """1 - e a cancels where a = b v0 is small, and the contact time must not feel it."""
+    found = design("hunt-crossley", m=1.0, v0=2.0, k=1e5, b=5e-4)
+    assert found.contact_time == pytest.approx(by_hand("hunt-crossley", 1.0, 2.0, 0.0, 1e5, 5e-4)[1], rel=1e-9)
+
+
 @pytest.mark.parametrize("law", TWO)
 @pytest.mark.parametrize("ζ", [1e-4, 0.1, 0.3, 0.5, 0.7, 1.0, 2.5])
 def test_without_gravity_the_laws_agree_with_the_registered_closed_forms(law, ζ):

@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from test_random_schemes import frictional, random_problem
 
 import lcpimpact as li
+from lcpimpact.scheme.elements.base import Compound
 from lcpimpact.study.ledger import GIVEN, STORED, takers_of
 
 
@@ -80,6 +81,13 @@ def test_others_close_as_their_steps_shrink(method):
     assert not fine.closes
 
 
+def test_forces_of_steps_drive_too():
+    """Forces that belong to steps and a motion that is given, integrated by trapezoids."""
+    coarse, fine = (ledger_of("jenkins-cycle", "radau", points) for points in (1009, 8009))
+    assert fine.balance < 0.3 * coarse.balance
+    assert fine.balance < 1e-3 * fine.scale
+
+
 def test_the_tolerance_of_event_driven_is_that_of_its_ledger():
     ledger = ledger_of("hunt-crossley-impact", "event-driven")
     assert ledger.balance < 1e-7 * ledger.scale
@@ -148,7 +156,8 @@ def test_columns_against_an_integration_by_hand():
     """An oscillator between two dashpots under a varying and a constant load, integrated by SciPy with its powers."""
     m, k, c1, c2, F, a, ω = 2.0, 50.0, 0.7, 1.9, 3.0, 4.0, 5.0
     scheme = li.Scheme(
-        li.Mass("x", m), li.KelvinVoigt("x", "ground", k, c1), li.Dashpot("x", "ground", c2), li.Load("x", F),
+        li.Mass("x", m), li.KelvinVoigt("x", "ground", k, c1), li.Dashpot("x", "ground", c2), li.Load("x", 0.25 * F),
+        li.Load("x", 0.75 * F),
         li.Load("x", li.Harmonic(a, ω)),
     )  # fmt: skip
 
@@ -237,6 +246,23 @@ def test_all_elements_with_a_dashpot_within_are_seen():
         "HuntCrossley x to ground",
     ]
     assert names[0].startswith("dashpot")
+
+
+@dataclasses.dataclass(frozen=True)
+class Twin(Compound):
+    """Two Kelvin-Voigt blocks in series, an element of elements of elements."""
+
+    def parts(self):
+        return (li.KelvinVoigt("x", "m", 3.0, 0.5), li.KelvinVoigt("m", "ground", 5.0, 0.7))
+
+    @property
+    def nodes(self):
+        return ("x", "m", "ground")
+
+
+def test_elements_within_elements_within_elements_are_seen():
+    problem = li.Problem("twin", li.Scheme(li.Mass("x", 1.0), Twin()))
+    assert [each.name for each in takers_of(problem)] == ["dashpot x to m", "dashpot m to ground"]
 
 
 # ---- the table ------------------------------------------------------------------------------------------------------

@@ -253,6 +253,13 @@ def test_starts_are_told_by_where_they_lead(basins):
     assert len(set(basins.table["attractor"]) - {0}) >= 2
 
 
+def test_impacts_of_the_approach_are_none_of_the_attractor():
+    found = li.basins(lambda x0, v0: oscillator(0.8, s=1.0, f=0.3, x0=x0, v0=v0), [0.9], [1.0])
+    assert li.poincare(oscillator(0.8, s=1.0, f=0.3, x0=0.9, v0=1.0), "impact", crossings=1)["speed"].iloc[0] > 0.5
+    assert found.attractors["period"].tolist() == [1]
+    assert found.attractors["speed"].isna().all()
+
+
 def test_attractors_are_numbered_by_how_many_starts_they_draw(basins):
     shares = basins.attractors.drop_duplicates("attractor")["share"].tolist()
     assert shares == sorted(shares, reverse=True)

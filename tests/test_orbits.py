@@ -326,6 +326,14 @@ def test_a_branch_goes_on_where_the_orbit_is_not_stable():
         known = li.load_problem("impact-oscillator", omega=value).facts[0].value
         assert_allclose(speed, known, rtol=1e-10)
     assert branch.table["stable"].tolist() == [True, True, *[False] * 5]
+    assert branch.table["gap"].isna().all(), "between its impacts the mass turns far from the stop, and only there"
+
+
+def test_the_multiplier_of_a_free_phase_is_left_out():
+    orbit = replace(li.periodic_orbit(oscillator(), transient=20), monodromy=np.diag([1.0, -0.5]))
+    assert (orbit.growth, orbit.stable) == (1.0, False)
+    free = replace(orbit, forced=False)
+    assert (free.growth, free.stable) == (0.5, True)
 
 
 def test_exponents_of_an_orbit_are_those_of_its_multipliers():

@@ -627,6 +627,7 @@ def test_a_table_has_a_row_for_each_variant_method_and_step():
     assert (rows[0].lcp_solves, rows[0].newton_iterations, rows[0].evaluations) == (1009, 0, 1009)
     assert soft.lcp_solves == 0
     assert soft.newton_iterations >= 10_007
+    assert soft.evaluations == soft.steps + soft.newton_iterations
     assert (table["seconds"] > 0.0).all()
     # The declared orders are those of the rigid motion, and of the model nothing is declared.
     assert list(table["declared"].dropna()) == [1.0] * 4

@@ -48,7 +48,10 @@ def test_the_example_runs(tmp_path, monkeypatch, capsys):
 
 EXAMPLES = [
     pytest.param(code, id=f"{page}-{i}")
-    for page in ("README.md", "docs/penalty.md", "docs/comparing.md")
+    for page in (
+        *("README.md", "docs/penalty.md", "docs/norms.md"),
+        *(f"docs/{name}.md" for name in ("convergence", "comparing", "design", "dynamics")),
+    )
     for i, code in enumerate(re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL))
 ]
 
