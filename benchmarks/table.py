@@ -235,9 +235,9 @@ def page(text: str) -> str:
         "and keep clear of the events; ± is the standard deviation of log10 of the errors about the line. It is *off* if it",
         f"is further from what a method declares than {SMOOTH_BAND} in smooth motion, or {EVENT_BAND} with events. Methods",
         "declare their orders in sup q, and across impacts in the L1 norm of v. *exact*: the errors are rounding, or what",
-        "the reference leaves; *refused*: the method does not handle the problem, and says so before the first step. The",
-        "reference is `exact`, or an independent method for `exact` itself. [norms.md](norms.md) says what converges in",
-        "which norm.",
+        "the reference leaves; *refused*: the method does not handle the problem, and says so before the first step;",
+        "*unstable*: errors with the larger steps are beyond all bounds. The reference is `exact`, or an independent method",
+        "for `exact` itself. [norms.md](norms.md) says what converges in which norm.",
         "",
         "## Observed orders, in the norm in which they are declared",
         "",
@@ -279,6 +279,8 @@ def _order(row: pd.Series, without: str = "") -> str:
         return "exact" if row["rounding"] and row["scale"] > 0.0 and row["limited_by"] != without else "-"
     if row["declared"] == math.inf:
         return "exact" if row["verdict"] == "as declared" else "off"
+    if row["scatter"] > 1.0:
+        return "unstable"
     said = f"{row['order']:.2f} ± {row['scatter']:.2f}"
     return f"**{said} off**" if row["verdict"] == "off" else said
 
