@@ -263,3 +263,12 @@ def test_contacts_without_a_common_relative_degree_are_refused_by_name():
     )
     with pytest.raises(li.UnsupportedError, match=r"Ra.*moreau-jean"):
         exact(li.Problem("plate", scheme, v0={"a": 1.0, "b": 2.0}))
+
+
+def test_an_impact_at_the_start_is_no_gap_in_the_balance_of_energy():
+    """The record begins after it, and so must the work."""
+    ball = li.Scheme(li.Mass("x", m=2.0), li.Load("x", f=20.0), li.Bumper("x", "ground", gap=0.0, e=0.5))
+    run = li.simulate(li.Problem("ball", ball, v0={"x": 3.0}), "exact", dt=0.01, t_end=0.25)
+    assert [event.t for event in run.events] == [0.0]
+    assert run["v_x"][0] == -1.5
+    assert run.certificate.energy_balance < 1e-13
