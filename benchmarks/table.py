@@ -249,7 +249,8 @@ def page(text: str) -> str:
         cells = []
         for title in titles:
             row = _row(table, title, method)
-            cells.append(_order(row) + (f" ({row['declared']:g})" if 0.0 < row["declared"] < math.inf else ""))
+            told = row["verdict"] != "failed" and 0.0 < row["declared"] < math.inf
+            cells.append(_order(row) + (f" ({row['declared']:g})" if told else ""))
         lines.append(f"| {method} | " + " | ".join(cells) + " |")
     off = table[table["verdict"] == "off"]
     lines += ["", "In brackets: the declared order.", ""]
