@@ -475,7 +475,7 @@ def test_what_is_wrong_is_said_in_one_sentence(case, tmp_path):
     message = str(error.value)
     assert message.startswith(f"cannot read {str(path)!r}: ")
     assert "\n" not in message
-    assert len(message) < len(str(path)) + 500
+    assert len(message) < len(str(path)) + 600
 
 
 def test_the_line_of_an_element_is_told_only_where_it_is_known(tmp_path):

@@ -209,7 +209,7 @@ def compare(
     >>> found.reference.name
     'exact'
     >>> found.events()[["kind", "spread"]].round(4).values.tolist()
-    [['open', 0.0005], ['close', 0.0008], ['open', 0.0]]
+    [['open', 0.0], ['close', 0.0], ['open', 0.0003], ['close', 0.0008]]
     """
     chosen = labelled(methods)
     end = problem.t_end if t_end is None else t_end

@@ -322,7 +322,7 @@ def convergence(
     >>> from lcpimpact import convergence, load_problem
     >>> table = convergence(load_problem("system-1"), ["moreau-jean"], [1e-2, 1e-3], norms=["sup_q"])
     >>> [f"{row.steps} {row.sup_q:.0e}" for row in table.itertuples()]
-    ['307 2e-03', '3001 1e-05']
+    ['307 9e-04', '3001 2e-05']
     """
     return _run_all(problem, methods, dts, (), t_end, norms, penalties, reference, repeats, lcp_solver, watch)
 

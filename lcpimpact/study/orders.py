@@ -129,7 +129,7 @@ def observed_orders(table: pd.DataFrame, norm: str | None = None) -> pd.DataFram
     Examples
     --------
     >>> from lcpimpact import convergence, load_problem, observed_orders
-    >>> table = convergence(load_problem("system-1"), ["moreau-jean"], [3.0 / n for n in (300, 600, 1200)])
+    >>> table = convergence(load_problem("system-1"), ["moreau-jean"], [0.01 / 1.6**i for i in range(6)])
     >>> orders = observed_orders(table, "sup_q")
     >>> orders["verdict"].item(), bool(abs(orders["order"].item() - 2.0) < 0.35)
     ('as declared', True)
