@@ -12,8 +12,8 @@ import pytest
 
 from lcpimpact.problems.reference import KNOWN
 from lcpimpact.reproduce.checks import Check, all_checks
-from lcpimpact.reproduce.run import FIGURES
 from lcpimpact.reproduce.cross_validation import Case, Row, all_cases, cross_validate, run_case, switch_errors
+from lcpimpact.reproduce.run import FIGURES
 
 
 @pytest.fixture(scope="module")
