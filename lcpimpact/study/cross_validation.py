@@ -23,6 +23,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
+from scipy.linalg import eigh
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import InputError, LcpImpactError, UnsupportedError
@@ -360,7 +361,7 @@ def _judged(
     tolerance: float,
 ) -> CrossValidation:
     """Compare what was found, and say what it means."""
-    judge = Judge(problem, found, tolerance)
+    judge = Judge(problem, found, t_end, tolerance)
     pairs = list(judge.pairs())
     leader = judge.leader(pairs)
     rows = [
@@ -393,13 +394,16 @@ class Judge:
     ----------
     problem : Problem
     found : mapping of str to Found
+    t_end : float
+        In s.
     tolerance : float
         Relative to the size of the motion.
     """
 
-    def __init__(self, problem: Problem, found: Mapping[str, Found], tolerance: float) -> None:
+    def __init__(self, problem: Problem, found: Mapping[str, Found], t_end: float, tolerance: float) -> None:
         massive = problem.dynamics.massive
         self.judged: Flags = massive if massive.any() else ~massive
+        self.t_end, self.fastest = t_end, _highest_frequency(problem)
         self.found = found
         independent = [each for each in found.values() if each.route.kind != "solver"]
         sizes = [float(np.abs(each.q[-1][:, self.judged]).max()) for each in independent]
@@ -502,6 +506,8 @@ class Judge:
         truth = self.found[against].q[-1]
         errors = np.array([self.apart(q, truth) for q in found.q])
         clear = errors > 10.0 * (self.estimates[against] + self.floor)
+        # A step that is long beside the fastest vibration shows no order: half of a bar's waves are not in its run.
+        clear &= self.t_end / np.array(found.levels) * self.fastest < 1.0
         if self.declared(found.route) > 2.0:
             clear &= errors < ASYMPTOTIC * self.scale
         last = 2 if self.declared(found.route) > 2.0 else len(errors)
@@ -523,6 +529,16 @@ class Judge:
                     "agrees": difference <= allowed,
                 }  # fmt: skip
         return {"against": "", "agrees": True, "failure": "there is no run with the same steps to compare it with"}
+
+
+def _highest_frequency(problem: Problem) -> float:
+    """Return the highest circular frequency in 1/s at which the masses vibrate on their springs."""
+    d = problem.dynamics
+    m = np.flatnonzero(d.massive)
+    if len(m) == 0:
+        return 0.0
+    highest = eigh(d.K[np.ix_(m, m)], d.M[np.ix_(m, m)], eigvals_only=True)[-1]
+    return math.sqrt(max(0.0, float(highest)))
 
 
 def _reason(row: Mapping[str, Any]) -> str:
