@@ -24,6 +24,8 @@ class Page(HTMLParser):
         given = dict(attributes)
         self.sources += [given["src"]] if "src" in given else []
         self.links += [given["href"]] if "href" in given else []
+        # A paragraph ends where another block begins, whatever was meant.
+        assert not (tag in ("p", "div", "ul", "table") and "p" in self.open), f"{tag} within a paragraph"
         if tag == "tr":
             self.rows.append([])
         if tag not in ("meta", "img"):
@@ -55,7 +57,7 @@ def figure():
 def test_a_report_holds_all_it_shows(tmp_path):
     table = pd.DataFrame({"method": ["a<b", "c"], "error": [1.23456e-7, np.nan], "steps": [12345, 7]})
     sections = [
-        Section("", "Both agree.", verdict=True),
+        Section("", "<p>Both agree.</p><p>All do.</p>", verdict=True),
         Section("Motion", "<em>Seen</em> twice.", [figure(), Picture(figure(), "<b>Below</b>", "a line", "fig-2")]),
         Section("Numbers", table=table, formats={"error": ".1e"}),
     ]
