@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lcpimpact.cli.options import (
+    TABLES,
     End,
     Method,
     Named,
@@ -25,7 +26,6 @@ from lcpimpact.cli.options import (
     write_table,
 )
 from lcpimpact.errors import InputError
-from lcpimpact.files import check_output
 
 if TYPE_CHECKING:
     from lcpimpact.problems.base import Problem
@@ -73,7 +73,7 @@ def design(
 
     Example: lcpimpact design kelvin-voigt --m 1 --v0 2 --e 0.5 --contact-time 0.01 --plot impact.pdf
     """
-    _check(out, plot, report)
+    check_outputs((out,), plot, report, (*TABLES, SCHEME))
     from lcpimpact.plotting.design import plot_design
     from lcpimpact.schemefile import Run
     from lcpimpact.study.design.sizing import LAWS
@@ -147,7 +147,7 @@ def fit(
 
     Example: lcpimpact fit system-1 --free k_o,c_o --to force.csv --column R --plot fit.pdf
     """
-    _check(out, plot, report)
+    check_outputs((out,), plot, report, (*TABLES, SCHEME))
     told = chosen(problem, set_, method or "exact", dt, t_end, solver)
     from lcpimpact.plotting.design import plot_fit
     from lcpimpact.study.fit import fit as search
@@ -175,16 +175,6 @@ def fit(
         lines.append(_report_fit(found, report, str(to)))
     say(*lines)
     raise typer.Exit(0 if found.success else 1)
-
-
-def _check(out: Path | None, plot: Path | None, report: Path | None) -> None:
-    if out is not None and out.suffix == SCHEME:
-        check_output(out, (SCHEME,))
-        check_outputs((), plot, report)
-    elif out is not None and out.suffix not in (".csv", ".tex"):
-        check_output(out, (".csv", ".tex", SCHEME))
-    else:
-        check_outputs((out,), plot, report)
 
 
 def _free(text: str) -> list[tuple[str, float | None]]:

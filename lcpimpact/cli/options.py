@@ -120,12 +120,14 @@ def _assignment(text: str) -> tuple[str, Any]:
 TABLES = (".csv", ".tex")
 
 
-def check_outputs(tables: Iterable[Path | None], plot: Path | None, report: Path | None) -> None:
-    """Refuse, before any work is done, files of a study that cannot be written."""
+def check_outputs(
+    tables: Iterable[Path | None], plot: Path | None, report: Path | None, forms: tuple[str, ...] = TABLES
+) -> None:
+    """Refuse, before any work is done, files of a study that cannot be written; ``forms`` are the endings of its tables."""
     from lcpimpact.plotting.style import METADATA as DRAWN_AS
     from lcpimpact.report.report import ENDINGS
 
-    for path, endings in (*((table, TABLES) for table in tables), (plot, DRAWN_AS), (report, ENDINGS)):
+    for path, endings in (*((table, forms) for table in tables), (plot, DRAWN_AS), (report, ENDINGS)):
         if path is not None:
             check_output(path, endings)
 
