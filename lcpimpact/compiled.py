@@ -26,6 +26,8 @@ f8 = types.float64
 i8 = types.int64
 vector = types.float64[::1]
 matrix = types.float64[:, ::1]
+flags = types.boolean[::1]
+cube = types.float64[:, :, ::1]
 indices = types.int64[::1]
 
 

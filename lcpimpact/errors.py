@@ -39,6 +39,17 @@ class Status(IntEnum):
         "An element that ends at a switch of the contact mode could not be solved: take a smaller dt, raise max_newton, or "
         "take method='exact'.",
     )
+    VIOLATED = (
+        20,
+        "The run reached its end, but breaks its laws by more than its method allows: take a smaller dt or tighter "
+        "tolerances, or take another method.",
+    )
+
+    ACCUMULATION = (
+        14,
+        "Impacts of several bodies accumulate, faster than numbers can tell in which order: the run ends before the limit; "
+        "give the bodies a spring between them, or take moreau-jean.",
+    )
 
     sentence: str
 
@@ -78,3 +89,7 @@ class FailureError(LcpImpactError):
     def __init__(self, message: str, result: Any) -> None:
         super().__init__(message)
         self.result = result
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Keep the result when the error is pickled, as on its way from another process."""
+        return type(self), (str(self), self.result)

@@ -27,7 +27,8 @@ registered problem; and, under ``[run]``, how it is to be run::
     [run.options]
     theta = 1.0
 
-The keys of an element are its constants as Python has them, and a `Harmonic` is a table { amplitude, omega, phase }.
+The keys of an element are its constants as Python has them. A signal is a table { type, ... } of its constants; without a
+type it is a `Harmonic`.
 docs/scheme-files.md has every key.
 """
 
@@ -57,7 +58,7 @@ from lcpimpact.registry import nearest
 from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.scheme import Scheme
-from lcpimpact.scheme.signals import Harmonic, Signal
+from lcpimpact.scheme.signals import NAMED, SIGNALS, Signal
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ NUMBERS = tuple[float, ...]
 MATRIX = tuple[NUMBERS, ...]
 NAMES = tuple[str, ...]
 SYSTEM: dict[str, Any] = {
-    **dict.fromkeys("ABCD", MATRIX), "a": tuple[float | Harmonic, ...], "c": NUMBERS, "states": NAMES, "multipliers": NAMES
+    **dict.fromkeys("ABCD", MATRIX), "a": tuple[float | Signal, ...], "c": NUMBERS, "states": NAMES, "multipliers": NAMES
 }  # fmt: skip
 """What the arrays of a system hold."""
 
@@ -100,7 +101,7 @@ HOLDS = {tuple: "array", Sequence: "array", Mapping: "table", Literal: "word"}
 
 WORDS = {
     float: "a number", int: "a whole number", str: "a string", bool: "true or false", "array": "an array",
-    "signal": "a table { amplitude, omega, phase }", "table": "a table",
+    "signal": f"a table {{ type, ... }} of a {' or '.join(SIGNALS)}", "table": "a table",
 }  # fmt: skip
 
 DOTTED = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){50}""")
@@ -487,7 +488,7 @@ def _converted(value: Any, hint: Any, place: str) -> Any:
         inner = get_args(held["array"])[0]
         return tuple(_converted(each, inner, f"{place}[{i}]") for i, each in enumerate(value))
     if isinstance(value, dict) and "signal" in held:
-        return _built(Harmonic, value, place)
+        return _signal(value, place)
     if isinstance(value, dict) and "table" in held:
         return value
     # Whether a whole number is needed is for the element to say.
@@ -498,9 +499,17 @@ def _converted(value: Any, hint: Any, place: str) -> Any:
     raise InputError(f"{place} = {_short(value)} must be {' or '.join(what)}")
 
 
+def _signal(table: Mapping[str, Any], place: str) -> Any:
+    """Return the signal of a table; without a type it is a Harmonic."""
+    name = _converted(table.get("type", "Harmonic"), str, f"{place}.type")
+    if name not in SIGNALS:
+        raise InputError(f"{place}: {nearest(name, list(SIGNALS), 'signal')}")
+    return _built(SIGNALS[name], {key: value for key, value in table.items() if key != "type"}, place)
+
+
 def _holds(kind: Any) -> str:
     """Return which of the values of TOML a type takes that are more than numbers and strings."""
-    if kind in (Harmonic, Signal):
+    if kind is Signal:
         return "signal"
     return HOLDS.get(get_origin(kind), "")
 
@@ -592,7 +601,11 @@ def _element_entries(element: Element) -> dict[str, Any]:
     kind = type(element).__name__
     if ELEMENTS.get(kind) is not type(element):
         raise InputError(f"{element} is an element of your own, and a file can name only {', '.join(ELEMENTS)}")
-    return {"type": kind, **_entries(element)}
+    entries = {"type": kind, **_entries(element)}
+    if element.reaction and entries["name"] == element.reaction:
+        # Which the scheme gives it again, since all others have names.
+        del entries["name"]
+    return entries
 
 
 def _entries(described: Any) -> dict[str, Any]:
@@ -616,9 +629,10 @@ def _item(value: Any, place: str) -> Any:
     """Return a value as TOML holds it; a matrix takes a line a row."""
     if isinstance(value, (bool, str)):
         return value
-    if isinstance(value, Harmonic):
+    if (kind := type(value).__name__) in SIGNALS and type(value) is SIGNALS[kind]:
         inline = tomlkit.inline_table()
-        inline.update({key: _item(each, place) for key, each in _entries(value).items()})
+        entries = _entries(value) if kind == "Harmonic" else {"type": kind, **_entries(value)}
+        inline.update({key: _item(each, place) for key, each in entries.items()})
         return inline
     if isinstance(value, (tuple, list, np.ndarray)):
         array = tomlkit.array()
@@ -628,7 +642,6 @@ def _item(value: Any, place: str) -> Any:
         return int(value) if isinstance(value, Integral) else float(value)
     if callable(value):
         raise InputError(
-            f"{place} is a Python function, which a file cannot hold; give a number or Harmonic(...), or keep the scheme "
-            "in Python"
+            f"{place} is a Python function, which a file cannot hold; give a number, {NAMED}, or keep the scheme in Python"
         )
-    raise InputError(f"{place} = {value!r} cannot stand in a file; give a number, a string or Harmonic(...)")
+    raise InputError(f"{place} = {value!r} cannot stand in a file; give a number, a string or a signal")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from scipy.optimize import brentq
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero, restitution, whole
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import at, event
+from lcpimpact.problems.reading import at, final, instant, limit
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.load import Load
@@ -75,13 +76,13 @@ def three_balls(m: float = 1.0, v0: float = 1.0, e: float = 1.0, d: float = 0.5,
     _check_row(name, v0, e, d, delta)
     hit = d / v0
     second = hit + 2.0 * delta / ((1.0 + e) * v0)
-    touch = Fact("t_1", "first impact", hit, "s", lambda run: event(run, "impact").t)
+    touch = Fact("t_1", "first impact", hit, "s", partial(instant, kind="impact"))
     if delta == 0.0:
         v = ((1.0 - 2.0 * e) / 3.0, (1.0 + e) / 3.0, (1.0 + e) / 3.0)
         facts: tuple[Fact, ...] = (touch, *_velocities(v, v0, 1))
     else:
         v = ((1.0 - e) / 2.0, (1.0 - e**2) / 4.0, (1.0 + e) ** 2 / 4.0) if e > 0.0 else (1.0 / 3.0,) * 3
-        next_touch = Fact("t_2", "second impact", second, "s", lambda run: event(run, "impact", 1, "R2").t)
+        next_touch = Fact("t_2", "second impact", second, "s", partial(instant, kind="impact", contact="R2"))
         facts = (touch, next_touch, *_velocities(v, v0, "R2"))
     return Problem(
         name,
@@ -151,8 +152,8 @@ def newtons_cradle(
     # What does not rebound stays together, and shares its momentum.
     passed_on = [share**j if e > 0.0 else 1.0 / (j + 1.0) for j in range(N)]
     t_N = d / v0 + sum(delta / (v0 * passed_on[j]) for j in range(1, last))
-    momentum = Fact("Σv/v0", "momentum", 1.0, "", lambda run: float(run.v[-1].sum()) / v0)
-    arrival = Fact("t_N", "last ball struck", t_N, "s", lambda run: event(run, "impact", 1, f"R{last}").t)
+    momentum = Fact("Σv/v0", "momentum", 1.0, "", partial(_total_velocity, unit=v0))
+    arrival = Fact("t_N", "last ball struck", t_N, "s", partial(instant, kind="impact", contact=f"R{last}"))
     if delta > 0.0:
         v_N, v_1 = passed_on[last], (1.0 - e) / 2.0
     else:
@@ -160,10 +161,10 @@ def newtons_cradle(
     facts = (
         momentum,
         arrival,
-        Fact("v_N/v0", "speed of the last ball", v_N, "", lambda run: float(run.v[-1, last]) / v0),
+        Fact("v_N/v0", "speed of the last ball", v_N, "", partial(final, series=f"v_x{N}", unit=v0)),
         Fact(
             "v_1/v0", "speed of the first after its impact", v_1, "",
-            lambda run: float(event(run, "impact", 1, "R1").right.v[0]) / v0, scale=1.0,
+            partial(limit, kind="impact", contact="R1", of="v", i=0, side="right", unit=v0), scale=1.0,
         ),
     )  # fmt: skip
     return Problem(
@@ -175,6 +176,10 @@ def newtons_cradle(
         source="Herrmann and Schmälzle, Simple explanation of a well-known collision experiment (1981)",
         facts=facts,
     )
+
+
+def _total_velocity(run: Any, unit: float) -> float:
+    return float(run.v[-1].sum()) / unit
 
 
 def _check_row(name: str, v0: float, e: float, d: float, delta: float) -> None:
@@ -205,7 +210,7 @@ def _velocities(v: tuple[float, ...], v0: float, after: int | str) -> list[Fact]
             f"velocity of ball {i + 1} after it",
             v[i],
             "",
-            lambda run: float(event(run, "impact", number, contact).right.v[i]) / v0,
+            partial(limit, kind="impact", number=number, contact=contact, of="v", i=i, side="right", unit=v0),
             scale=1.0,
         )
 
@@ -280,17 +285,17 @@ def two_ball_drop(
         v_2 = g * τ + v * (m2 - m1 * (2.0 * e + e**2)) / (m1 + m2)
     else:
         v_1 = v_2 = -e * v
-    meeting = (1, "R2") if delta > 0.0 else (1, "R1")
+    meeting = "R2" if delta > 0.0 else "R1"
     facts = (
-        Fact("t_1", "impact on the ground", t_1, "s", lambda run: event(run, "impact", 1, "R1").t),
-        Fact("v", "its speed", v, "m/s", lambda run: float(event(run, "impact", 1, "R1").left.v[1])),
-        Fact("t_2", "impact of the balls", t_1 + τ, "s", lambda run: event(run, "impact", *meeting).t),
+        Fact("t_1", "impact on the ground", t_1, "s", partial(instant, kind="impact", contact="R1")),
+        Fact("v", "its speed", v, "m/s", partial(limit, kind="impact", contact="R1", of="v", i=1, side="left")),
+        Fact("t_2", "impact of the balls", t_1 + τ, "s", partial(instant, kind="impact", contact=meeting)),
         Fact(
             "v_1",
             "lower ball after it",
             v_1,
             "m/s",
-            lambda run: float(event(run, "impact", *meeting).right.v[1]),
+            partial(limit, kind="impact", contact=meeting, of="v", i=1, side="right"),
             scale=v,
         ),
         Fact(
@@ -298,7 +303,7 @@ def two_ball_drop(
             "upper ball after it",
             v_2,
             "m/s",
-            lambda run: float(event(run, "impact", *meeting).right.v[0]),
+            partial(limit, kind="impact", contact=meeting, of="v", i=0, side="right"),
             scale=v,
         ),
     )
@@ -372,17 +377,24 @@ def two_balls_spring(
     v_2 = 0.5 * (1.0 - e) * v + g * s_2 - 0.5 * (1.0 + e) * v * math.cos(ω * s_2)
     parameters = {"m": m, "k": k, "e": e, "g": g, "x1": x1, "R": R}
     facts: tuple[Fact, ...] = (
-        Fact("t_1", "first impact", t_1, "s", lambda run: event(run, "impact", 1).t),
-        Fact("t_2", "second impact", t_1 + s_2, "s", lambda run: event(run, "impact", 2).t),
-        Fact("v_2", "its approach speed", v_2, "m/s", lambda run: float(event(run, "impact", 2).left.v[1]), scale=v),
+        Fact("t_1", "first impact", t_1, "s", partial(instant, kind="impact")),
+        Fact("t_2", "second impact", t_1 + s_2, "s", partial(instant, kind="impact", number=2)),
+        Fact(
+            "v_2",
+            "its approach speed",
+            v_2,
+            "m/s",
+            partial(limit, kind="impact", number=2, of="v", i=1, side="left"),
+            scale=v,
+        ),
     )
     if list(parameters.values()) == [1.0, 1e4, 0.8, 9.81, 1.0, 0.2]:
         # Published as heights of the centres, which start at 1 and 2 m, and their rates.
         facts += (
-            Fact("q_1(1)", "fall of the lower ball", 1.0 - 0.24684188672883527, "m", lambda run: at(run, "x1", 1.0)),
-            Fact("q_2(1)", "fall of the upper ball", 2.0 - 1.2282103120085011, "m", lambda run: at(run, "x2", 1.0)),
-            Fact("v_1(1)", "its rate, lower ball", 2.3798395214664336, "m/s", lambda run: at(run, "v_x1", 1.0)),
-            Fact("v_2(1)", "its rate, upper ball", 3.1140923936237557, "m/s", lambda run: at(run, "v_x2", 1.0)),
+            Fact("q_1(1)", "fall of the lower ball", 1.0 - 0.24684188672883527, "m", partial(at, series="x1", t=1.0)),
+            Fact("q_2(1)", "fall of the upper ball", 2.0 - 1.2282103120085011, "m", partial(at, series="x2", t=1.0)),
+            Fact("v_1(1)", "its rate, lower ball", 2.3798395214664336, "m/s", partial(at, series="v_x1", t=1.0)),
+            Fact("v_2(1)", "its rate, upper ball", 3.1140923936237557, "m/s", partial(at, series="v_x2", t=1.0)),
         )
     return Problem(
         name,

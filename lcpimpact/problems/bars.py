@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero, whole
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import at, event
+from lcpimpact.problems.reading import at, instant
 from lcpimpact.scheme.elements.bar import Bar
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
@@ -91,16 +92,15 @@ def bar_impact(
     t_c, τ, m = gap / v0, 2.0 * L / c, rho * A * L
     R, P = rho * c * A * v0, 2.0 * m * v0
 
-    def force(t: Array) -> Array:
-        return np.where((t >= t_c) & (t < t_c + τ), R, 0.0)
+    force = partial(_bar_impact_force, R=R, t_c=t_c, τ=τ)
 
     coarse = 4.0 / bar.elements
     facts = (
-        Fact("t_c", "contact begins", t_c, "s", lambda run: event(run, "close").t),
-        Fact("t_o", "contact ends", t_c + τ, "s", lambda run: event(run, "open", -1).t, coarse),
+        Fact("t_c", "contact begins", t_c, "s", partial(instant, kind="close")),
+        Fact("t_o", "contact ends", t_c + τ, "s", partial(instant, kind="open", number=-1), coarse),
         Fact("∫R dt", "impulse", P, "N s", _impulse, coarse),
-        Fact("v", "mean velocity afterwards", -v0, "m/s", lambda run: _momentum(run) / m, coarse),
-        Fact("ε_R", "error of R, in L1 over ∫R dt", 0.0, "", lambda run: _force_error(run, force) / P, coarse, 1.0),
+        Fact("v", "mean velocity afterwards", -v0, "m/s", partial(_mean_velocity, m=m), coarse),
+        Fact("ε_R", "error of R, in L1 over ∫R dt", 0.0, "", partial(_force_error, force=force, unit=P), coarse, 1.0),
     )
     return Problem(
         name,
@@ -113,6 +113,10 @@ def bar_impact(
         source="Doyen, Ern and Piperno, Time-integration schemes for the finite element dynamic Signorini problem (2011)",
         facts=facts,
     )  # fmt: skip
+
+
+def _bar_impact_force(t: Array, *, R: float, t_c: float, τ: float) -> Array:
+    return np.where((t >= t_c) & (t < t_c + τ), R, 0.0)
 
 
 def bouncing_bar(
@@ -186,29 +190,33 @@ def bouncing_bar(
     P = m * (2.0 * v_1 + g * τ)
     last = t_2 + τ + 0.25 * t_1 if repeats else t_1 + τ + 0.5 * min(flight, τ)
 
-    def force(t: Array) -> Array:
-        first, second = (t >= t_1) & (t < t_1 + τ), (t >= t_2) & (t < t_2 + τ)
-        rising, falling = v_1 + g * (t - t_1), v_1 + g * (t_2 + τ - t)
-        return rho * c * A * np.where(first, rising, np.where(second & repeats, falling, 0.0))
+    force = partial(_bouncing_bar_force, A=A, c=c, g=g, repeats=repeats, rho=rho, t_1=t_1, t_2=t_2, v_1=v_1, τ=τ)
 
     total = P * (2.0 if repeats else 1.0)
     coarse = 4.0 / bar.elements
     facts: tuple[Fact, ...] = (
-        Fact("t_1", "first contact begins", t_1, "s", lambda run: event(run, "close").t),
+        Fact("t_1", "first contact begins", t_1, "s", partial(instant, kind="close")),
         Fact(
             "t_1 + τ",
             "first contact ends",
             t_1 + τ,
             "s",
-            lambda run: _switch(run, "open", t_1, t_1 + 1.5 * τ)[-1],
+            partial(_switch, kind="open", earliest=t_1, latest=t_1 + 1.5 * τ, which=-1),
             coarse,
         ),
         Fact("∫R dt", "impulse", total, "N s", _impulse, coarse),
-        Fact("ε_R", "error of R, in L1 over ∫R dt", 0.0, "", lambda run: _force_error(run, force) / total, coarse, 1.0),
+        Fact(
+            "ε_R", "error of R, in L1 over ∫R dt", 0.0, "", partial(_force_error, force=force, unit=total), coarse, 1.0
+        ),
     )
     if repeats:
         second = Fact(
-            "t_2", "second contact begins", t_2, "s", lambda run: _switch(run, "close", t_2 - 0.5 * τ, last)[0], coarse
+            "t_2",
+            "second contact begins",
+            t_2,
+            "s",
+            partial(_switch, kind="close", earliest=t_2 - 0.5 * τ, latest=last, which=0),
+            coarse,
         )
         facts = (*facts[:2], second, *facts[2:])
     return Problem(
@@ -221,6 +229,14 @@ def bouncing_bar(
         source="Doyen, Ern and Piperno, Time-integration schemes for the finite element dynamic Signorini problem (2011)",
         facts=facts,
     )  # fmt: skip
+
+
+def _bouncing_bar_force(
+    t: Array, *, A: float, c: float, g: float, repeats: bool, rho: float, t_1: float, t_2: float, v_1: float, τ: float
+) -> Array:
+    first, second = (t >= t_1) & (t < t_1 + τ), (t >= t_2) & (t < t_2 + τ)
+    rising, falling = v_1 + g * (t - t_1), v_1 + g * (t_2 + τ - t)
+    return rho * c * A * np.where(first, rising, np.where(second & repeats, falling, 0.0))
 
 
 def plastic_bar_impact(
@@ -298,15 +314,15 @@ def plastic_bar_impact(
 
     v_end = v_y * math.exp(-2.0)
     facts = (
-        Fact("R", "force while it yields", A * sigma_y, "N", lambda run: at(run, "R", 0.5 * t_y), coarse),
-        Fact("v(t_y)", "speed at the end of yielding", v_y, "m/s", lambda run: at(run, "v_x", t_y), coarse),
-        Fact("v(t_end)", "speed at the end", v_end, "m/s", lambda run: at(run, "v_x", t_end), coarse, v_y),
+        Fact("R", "force while it yields", A * sigma_y, "N", partial(at, series="R", t=0.5 * t_y), coarse),
+        Fact("v(t_y)", "speed at the end of yielding", v_y, "m/s", partial(at, series="v_x", t=t_y), coarse),
+        Fact("v(t_end)", "speed at the end", v_end, "m/s", partial(at, series="v_x", t=t_end), coarse, v_y),
         Fact(
             "D",
             "plastic work",
             0.5 * m * (v0 - v_y) ** 2,
             "J",
-            lambda run: _plastic_work(run, A * sigma_y),
+            partial(_plastic_work, f_y=A * sigma_y),
             2.0 * coarse,
         ),
     )
@@ -343,20 +359,20 @@ def _impulse(run: Any) -> float:
     return _over_time(run, lambda t, r: r)
 
 
-def _force_error(run: Any, force: Callable[[Array], Array]) -> float:
-    return _over_time(run, lambda t, r: np.abs(r - force(t)))
+def _force_error(run: Any, force: Callable[[Array], Array], unit: float) -> float:
+    return _over_time(run, lambda t, r: np.abs(r - force(t))) / unit
 
 
-def _momentum(run: Any) -> float:
-    return float((run.problem.dynamics.M @ run.v[-1]).sum())
+def _mean_velocity(run: Any, m: float) -> float:
+    return float((run.problem.dynamics.M @ run.v[-1]).sum()) / m
 
 
-def _switch(run: Any, kind: str, earliest: float, latest: float) -> list[float]:
-    """Return the times of the events of a kind between two times, where ripples may open and close a contact again."""
+def _switch(run: Any, kind: str, earliest: float, latest: float, which: int) -> float:
+    """Return the time of one of the events of a kind between two times; ripples may open and close a contact again."""
     found = [each.t for each in run.events if each.kind == kind and earliest < each.t < latest]
     if not found:
         raise InputError(f"the run has no event {kind!r} between {earliest:g} and {latest:g} s: run longer")
-    return found
+    return float(found[which])
 
 
 def _plastic_work(run: Any, f_y: float) -> float:

@@ -87,12 +87,26 @@ class Problem:
                         f"{kind}[{node!r}] of problem {self.name!r}: the motion of that node is given, and begins as it "
                         "says; leave the value out"
                     )
-        for contact, u in zip(self.dynamics.contacts, self.dynamics.gap(self.initial_coordinates), strict=True):
-            if contact.relative_degree > 0 and contact.r0 is None and u < 0.0 and contact.upper:
+        if self.dynamics.stores_energy:
+            self._refuse_penetration()
+
+    def _refuse_penetration(self) -> None:
+        gaps = self.dynamics.gap(self.initial_coordinates)
+        for path in self.dynamics.gap_paths:
+            u, rows = float(path @ gaps), np.flatnonzero(path)
+            if u >= (0.0 if len(rows) == 1 else -1e-12 * (path @ np.abs(gaps))):
+                continue
+            first = self.dynamics.contacts[rows[0]]
+            if len(rows) == 1:
                 raise InputError(
-                    f"bumper {contact.name!r} of problem {self.name!r} starts penetrated by {-u:g} m: "
-                    f"lower q0[{contact.upper!r}], raise q0[{contact.lower!r}], or widen its gap"
+                    f"bumper {first.name!r} of problem {self.name!r} starts penetrated by {-u:g} m: "
+                    f"lower q0[{first.upper!r}], raise q0[{first.lower!r}], or widen its gap"
                 )
+            names = ", ".join(repr(self.dynamics.contacts[i].name) for i in rows)
+            raise InputError(
+                f"bumpers {names} of problem {self.name!r} start penetrated by {-u:g} m together, wherever the springs put "
+                "the nodes between them: move the bodies apart in q0, or widen a gap"
+            )
 
     @cached_property
     def dynamics(self) -> Dynamics:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import event
+from lcpimpact.problems.reading import instant, limit
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.load import Load
@@ -61,19 +62,23 @@ def bouncing_ball(m: float = 1.0, g: float = 9.81, H: float = 1.0, e: float = 0.
         raise InputError(f"bouncing-ball: g = {g:g} and H = {H:g} must be positive, or the ball does not fall")
     scheme = Scheme(Mass("x", m), Load("x", m * g, symbols=("mg",)), Bumper("x", GROUND, gap=H, e=e))
 
-    def motion(t: Array) -> tuple[Array, Array]:
-        x, v = closed_form(t, g, H, e)
-        return x[:, None], v[:, None]
+    motion = partial(_bouncing_ball_motion, H=H, e=e, g=g)
 
     fall, v = math.sqrt(2.0 * H / g), math.sqrt(2.0 * g * H)
     facts: tuple[Fact, ...] = (
-        Fact("t_1", "first impact", fall, "s", lambda run: event(run, "impact").t),
-        Fact("v_1", "its approach speed", v, "m/s", lambda run: event(run, "impact").left.v[0]),
+        Fact("t_1", "first impact", fall, "s", partial(instant, kind="impact")),
+        Fact("v_1", "its approach speed", v, "m/s", partial(limit, kind="impact", of="v", i=0, side="left")),
     )
     if e > 0.0:
         facts += (
-            Fact("v_3", "approach speed of the third", e**2 * v, "m/s", lambda run: event(run, "impact", 3).left.v[0]),
-            Fact("t_3", "third impact", fall * (1 + 2 * e + 2 * e**2), "s", lambda run: event(run, "impact", 3).t),
+            Fact(
+                "v_3",
+                "approach speed of the third",
+                e**2 * v,
+                "m/s",
+                partial(limit, kind="impact", number=3, of="v", i=0, side="left"),
+            ),
+            Fact("t_3", "third impact", fall * (1 + 2 * e + 2 * e**2), "s", partial(instant, kind="impact", number=3)),
         )
     t_end = 10.0 * fall
     if 0.0 < e < 1.0:
@@ -89,6 +94,11 @@ def bouncing_ball(m: float = 1.0, g: float = 9.81, H: float = 1.0, e: float = 0.
         facts=facts,
         motion=motion,
     )
+
+
+def _bouncing_ball_motion(t: Array, *, H: float, e: float, g: float) -> tuple[Array, Array]:
+    x, v = closed_form(t, g, H, e)
+    return x[:, None], v[:, None]
 
 
 def _rest(run: Any) -> float:

@@ -3,6 +3,7 @@ r"""Four diodes, a resistor and an oscillating circuit: complementarity outside 
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -79,21 +80,22 @@ def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, v0: float = 1
     slowest = ζ if ζ < 1.0 else 1.0 / (ζ + math.sqrt((ζ - 1.0) * (ζ + 1.0)))
     t_end = min(50.0, 2.5 / slowest) / ω
 
-    def motion(t: Array) -> tuple[Array, Array]:
-        S, _, dS = free_vibration(t, ω, ζ)
-        v, i = v0 * dS, v0 / L * S
-        return np.column_stack([v, i]), np.column_stack([-v0 * ω * (2.0 * ζ * dS + ω * S), v / L])
+    motion = partial(_diode_bridge_motion, L=L, v0=v0, ζ=ζ, ω=ω)
 
     v, i = map(float, motion(np.array([t_end]))[0][0])
 
-    def resistor(state: Any) -> Array:
-        return np.asarray(state.reaction[:, 0] + state.reaction[:, 1])
-
     facts = (
-        Fact("t_1", "diodes change over", t_1, "s", lambda run: crossing(run, "v_L", direction=-1.0)),
-        Fact("v_L", "voltage at t_end", v, "V", lambda run: at(run, "v_L", t_end), scale=v0),
-        Fact("i_L", "current at t_end", i, "A", lambda run: at(run, "i_L", t_end), scale=v0 * math.sqrt(C / L)),
-        Fact("v_R", "voltage of the resistor at t_end", abs(v), "V", lambda run: at(run, resistor, t_end), scale=v0),
+        Fact("t_1", "diodes change over", t_1, "s", partial(crossing, series="v_L", direction=-1.0)),
+        Fact("v_L", "voltage at t_end", v, "V", partial(at, series="v_L", t=t_end), scale=v0),
+        Fact("i_L", "current at t_end", i, "A", partial(at, series="i_L", t=t_end), scale=v0 * math.sqrt(C / L)),
+        Fact(
+            "v_R",
+            "voltage of the resistor at t_end",
+            abs(v),
+            "V",
+            partial(at, series=_resistor_voltage, t=t_end),
+            scale=v0,
+        ),
     )
     return Problem(
         name,
@@ -105,3 +107,13 @@ def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, v0: float = 1
         facts=facts,
         motion=motion,
     )
+
+
+def _diode_bridge_motion(t: Array, *, L: float, v0: float, ζ: float, ω: float) -> tuple[Array, Array]:
+    S, _, dS = free_vibration(t, ω, ζ)
+    v, i = v0 * dS, v0 / L * S
+    return np.column_stack([v, i]), np.column_stack([-v0 * ω * (2.0 * ζ * dS + ω * S), v / L])
+
+
+def _resistor_voltage(state: Any) -> Array:
+    return np.asarray(state.reaction[:, 0] + state.reaction[:, 1])

@@ -3,6 +3,7 @@ r"""Dry friction: a force that is bounded, and what it leaves behind."""
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import event, peak
+from lcpimpact.problems.reading import final, instant, peak
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.jenkins import Jenkins
 from lcpimpact.scheme.elements.mass import Mass
@@ -65,21 +66,16 @@ def coulomb_oscillator(m: float = 1.0, k: float = 100.0, F: float = 5.0, x0: flo
     halves = max(0, math.ceil(0.5 * (x0 / loss - 1.0) - 1e-12))
     rest = (-1) ** halves * (x0 - 2 * halves * loss)
 
-    def motion(t: Array) -> tuple[Array, Array]:
-        times = np.asarray(t, dtype=np.float64)
-        n = np.minimum(np.floor(times * ω / math.pi), halves)
-        s = ω * times - n * math.pi
-        sign = 1.0 - 2.0 * np.mod(n, 2.0)
-        swing = np.where(n < halves, x0 - (2.0 * n + 1.0) * loss, 0.0)
-        x = np.where(n < halves, sign * (loss + swing * np.cos(s)), rest)
-        return x[:, None], (-sign * swing * ω * np.sin(s))[:, None]
+    motion = partial(_coulomb_oscillator_motion, halves=halves, loss=loss, rest=rest, x0=x0, ω=ω)
 
-    place = Fact("x_∞", "where it stays", rest, "m", lambda run: float(run.q[-1, 0]), scale=x0)
+    place = Fact("x_∞", "where it stays", rest, "m", partial(final, series="x"), scale=x0)
     facts: tuple[Fact, ...] = (place,)
     if halves:
         facts = (
-            Fact("x_1", "first turning point", -(x0 - 2.0 * loss), "m", lambda run: peak(run, "x", -1.0), scale=loss),
-            Fact("t_∞", "when it stops", halves * math.pi / ω, "s", lambda run: event(run, "stick", -1).t),
+            Fact(
+                "x_1", "first turning point", -(x0 - 2.0 * loss), "m", partial(peak, series="x", sign=-1.0), scale=loss
+            ),
+            Fact("t_∞", "when it stops", halves * math.pi / ω, "s", partial(instant, kind="stick", number=-1)),
             place,
         )
     return Problem(
@@ -92,6 +88,18 @@ def coulomb_oscillator(m: float = 1.0, k: float = 100.0, F: float = 5.0, x0: flo
         facts=facts,
         motion=motion,
     )
+
+
+def _coulomb_oscillator_motion(
+    t: Array, *, halves: int, loss: float, rest: float, x0: float, ω: float
+) -> tuple[Array, Array]:
+    times = np.asarray(t, dtype=np.float64)
+    n = np.minimum(np.floor(times * ω / math.pi), halves)
+    s = ω * times - n * math.pi
+    sign = 1.0 - 2.0 * np.mod(n, 2.0)
+    swing = np.where(n < halves, x0 - (2.0 * n + 1.0) * loss, 0.0)
+    x = np.where(n < halves, sign * (loss + swing * np.cos(s)), rest)
+    return x[:, None], (-sign * swing * ω * np.sin(s))[:, None]
 
 
 def jenkins_cycle(
@@ -144,31 +152,22 @@ def jenkins_cycle(
     p_max = max(0.0, (k * X - f_y) / (k + k_h))
     T = 2.0 * math.pi / omega
 
-    def motion(t: Array) -> tuple[Array, Array]:
-        times = np.asarray(t, dtype=np.float64)
-        x, rate = X * np.sin(omega * times), X * omega * np.cos(omega * times)
-        turns = np.floor(omega * times / math.pi + 0.5)
-        rising = np.mod(turns, 2.0) == 0.0
-        held = np.where(turns == 0.0, 0.0, np.where(rising, -p_max, p_max))
-        yielding = (k * x + np.where(rising, -f_y, f_y)) / (k + k_h)
-        slips = np.where(rising, yielding > held, yielding < held)
-        p = np.where(slips, yielding, held)
-        return np.column_stack([x, p]), np.column_stack([rate, np.where(slips, k / (k + k_h) * rate, 0.0)])
+    motion = partial(_jenkins_cycle_motion, X=X, f_y=f_y, k=k, k_h=k_h, omega=omega, p_max=p_max)
 
     facts: tuple[Fact, ...] = (
-        Fact("p_max", "plastic elongation", p_max, "m", lambda run: peak(run, "F.1"), scale=X),
+        Fact("p_max", "plastic elongation", p_max, "m", partial(peak, series="F.1"), scale=X),
         Fact(
             "f_max",
             "greatest force",
             k * (X - p_max),
             "N",
-            lambda run: peak(run, lambda s: k * (s.q[:, 0] - s.q[:, 1])),
+            partial(peak, series=partial(_spring_force, k=k)),
         ),
-        Fact("W", "work of a cycle", 4.0 * f_y * p_max, "J", lambda run: _work(run, k, T), scale=f_y * X),
+        Fact("W", "work of a cycle", 4.0 * f_y * p_max, "J", partial(_work, k=k, T=T), scale=f_y * X),
     )
     if p_max > 0.0:
         t_y = math.asin(f_y / (k * X)) / omega
-        facts = (Fact("t_y", "first yield", t_y, "s", lambda run: event(run, "slip", 1).t), *facts)
+        facts = (Fact("t_y", "first yield", t_y, "s", partial(instant, kind="slip")), *facts)
     return Problem(
         name,
         scheme,
@@ -178,6 +177,24 @@ def jenkins_cycle(
         facts=facts,
         motion=motion,
     )
+
+
+def _jenkins_cycle_motion(
+    t: Array, *, X: float, f_y: float, k: float, k_h: float, omega: float, p_max: float
+) -> tuple[Array, Array]:
+    times = np.asarray(t, dtype=np.float64)
+    x, rate = X * np.sin(omega * times), X * omega * np.cos(omega * times)
+    turns = np.floor(omega * times / math.pi + 0.5)
+    rising = np.mod(turns, 2.0) == 0.0
+    held = np.where(turns == 0.0, 0.0, np.where(rising, -p_max, p_max))
+    yielding = (k * x + np.where(rising, -f_y, f_y)) / (k + k_h)
+    slips = np.where(rising, yielding > held, yielding < held)
+    p = np.where(slips, yielding, held)
+    return np.column_stack([x, p]), np.column_stack([rate, np.where(slips, k / (k + k_h) * rate, 0.0)])
+
+
+def _spring_force(state: Any, k: float) -> Array:
+    return np.asarray(k * (state.q[:, 0] - state.q[:, 1]))
 
 
 def _work(run: Any, k: float, T: float) -> float:

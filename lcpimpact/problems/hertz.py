@@ -3,6 +3,7 @@ r"""Bodies that touch in a point: non-linear springs, and the contact that begin
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -65,10 +66,10 @@ def hertz_impact(m: float = 0.0327, K: float = 1.54e10, n: float = 1.5, v0: floa
     δ_max = ((n + 1.0) * m * v0**2 / (2.0 * K)) ** (1.0 / (n + 1.0))
     T = 2.0 / (n + 1.0) * float(beta(1.0 / (n + 1.0), 0.5)) * δ_max / v0
     facts = (
-        Fact("δ_max", "greatest overlap", δ_max, "m", lambda run: peak(run, "x")),
-        Fact("T", "contact time", T, "s", lambda run: crossing(run, "x", direction=-1.0)),
+        Fact("δ_max", "greatest overlap", δ_max, "m", partial(peak, series="x")),
+        Fact("T", "contact time", T, "s", partial(crossing, series="x", direction=-1.0)),
         Fact("F_max", "greatest force", K * δ_max**n, "N", _greatest_push),
-        Fact("e", "restitution", 1.0, "", lambda run: _rebound(run) / v0),
+        Fact("e", "restitution", 1.0, "", partial(_rebound, unit=v0)),
     )
     return Problem(
         name,
@@ -136,8 +137,8 @@ def hunt_crossley_impact(
     w = brentq(lambda w: n * w + (n + 1.0) * (w - math.log1p(w) - lost), 0.0, a, xtol=1e-16)
     F_max = n * m * w / b**2 * (1.0 + w) / (n * m * w / (K * b**2)) ** (1.0 / (n + 1.0))
     facts = (
-        Fact("δ_max", "greatest overlap", δ_max, "m", lambda run: peak(run, "x")),
-        Fact("e", "restitution", e, "", lambda run: _rebound(run) / v0),
+        Fact("δ_max", "greatest overlap", δ_max, "m", partial(peak, series="x")),
+        Fact("e", "restitution", e, "", partial(_rebound, unit=v0)),
         Fact("F_max", "greatest force", F_max, "N", _greatest_push),
     )
     return Problem(
@@ -151,8 +152,8 @@ def hunt_crossley_impact(
     )
 
 
-def _rebound(run: Any) -> float:
-    return -at(run, "v_x", crossing(run, "x", direction=-1.0))
+def _rebound(run: Any, unit: float) -> float:
+    return -at(run, "v_x", crossing(run, "x", direction=-1.0)) / unit
 
 
 def _greatest_push(run: Any) -> float:

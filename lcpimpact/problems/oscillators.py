@@ -3,6 +3,9 @@ r"""One mass, a spring and a stop: the oscillators of nonsmooth dynamics."""
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +14,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero, restitution, whole
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import free_vibration
-from lcpimpact.problems.reading import event, first_root, peak
+from lcpimpact.problems.reading import final, first_root, instant, interval, limit, peak
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.kelvin_voigt import KelvinVoigt
@@ -63,17 +66,20 @@ def oscillator_stop(m: float = 1.0, k: float = 100.0, e: float = 0.8, v0: float 
     scheme = Scheme(Mass("x", m), Spring("x", GROUND, k), Bumper("x", GROUND, e=e))
     ω = math.sqrt(k / m)
 
-    def motion(t: Array) -> tuple[Array, Array]:
-        times = np.asarray(t, dtype=np.float64)
-        n = np.floor(times * ω / math.pi)
-        s, speed = ω * times - n * math.pi, v0 * e**n
-        return -(speed / ω * np.sin(s))[:, None], -(speed * np.cos(s))[:, None]
+    motion = partial(_oscillator_stop_motion, e=e, v0=v0, ω=ω)
 
     facts = (
-        Fact("t_1", "first impact", math.pi / ω, "s", lambda run: event(run, "impact", 1).t),
-        Fact("t_3", "third impact", 3.0 * math.pi / ω, "s", lambda run: event(run, "impact", 3).t),
-        Fact("v_3", "speed after it", e**3 * v0, "m/s", lambda run: -event(run, "impact", 3).right.v[0], scale=v0),
-        Fact("x_min", "farthest place", v0 / ω, "m", lambda run: -peak(run, "x", -1.0)),
+        Fact("t_1", "first impact", math.pi / ω, "s", partial(instant, kind="impact")),
+        Fact("t_3", "third impact", 3.0 * math.pi / ω, "s", partial(instant, kind="impact", number=3)),
+        Fact(
+            "v_3",
+            "speed after it",
+            e**3 * v0,
+            "m/s",
+            partial(limit, kind="impact", number=3, of="v", i=0, side="right", unit=-1.0),
+            scale=v0,
+        ),
+        Fact("x_min", "farthest place", v0 / ω, "m", _farthest),
     )
     return Problem(
         name,
@@ -85,6 +91,17 @@ def oscillator_stop(m: float = 1.0, k: float = 100.0, e: float = 0.8, v0: float 
         facts=facts if e > 0.0 else facts[:1] + facts[3:],
         motion=motion,
     )
+
+
+def _farthest(run: Any) -> float:
+    return -peak(run, "x", -1.0)
+
+
+def _oscillator_stop_motion(t: Array, *, e: float, v0: float, ω: float) -> tuple[Array, Array]:
+    times = np.asarray(t, dtype=np.float64)
+    n = np.floor(times * ω / math.pi)
+    s, speed = ω * times - n * math.pi, v0 * e**n
+    return -(speed / ω * np.sin(s))[:, None], -(speed * np.cos(s))[:, None]
 
 
 def bilinear_oscillator(m: float = 1.0, k: float = 100.0, k_1: float = 800.0, v0: float = 1.0) -> Problem:
@@ -130,19 +147,14 @@ def bilinear_oscillator(m: float = 1.0, k: float = 100.0, k_1: float = 800.0, v0
     half = math.pi / ω_2
     T = math.pi / ω_1 + half
 
-    def motion(t: Array) -> tuple[Array, Array]:
-        s = np.mod(np.asarray(t, dtype=np.float64), T)
-        pressed = s < half
-        x = np.where(pressed, v0 / ω_2 * np.sin(ω_2 * s), -v0 / ω_1 * np.sin(ω_1 * (s - half)))
-        v = np.where(pressed, v0 * np.cos(ω_2 * s), -v0 * np.cos(ω_1 * (s - half)))
-        return np.column_stack([x, np.where(pressed, x, 0.0)]), np.column_stack([v, np.where(pressed, v, 0.0)])
+    motion = partial(_bilinear_oscillator_motion, T=T, half=half, v0=v0, ω_1=ω_1, ω_2=ω_2)
 
     facts = (
-        Fact("T", "period", T, "s", lambda run: event(run, "open", 2).t - event(run, "open", 1).t),
-        Fact("π/ω_2", "time in contact", half, "s", lambda run: event(run, "open").t),
-        Fact("x_max", "farthest place against both springs", v0 / ω_2, "m", lambda run: peak(run, "x")),
-        Fact("x_min", "farthest place against one", -v0 / ω_1, "m", lambda run: peak(run, "x", -1.0)),
-        Fact("R_max", "greatest force", k_1 * v0 / ω_2, "N", lambda run: peak(run, "R")),
+        Fact("T", "period", T, "s", partial(interval, kind="open", first=1, last=2)),
+        Fact("π/ω_2", "time in contact", half, "s", partial(instant, kind="open")),
+        Fact("x_max", "farthest place against both springs", v0 / ω_2, "m", partial(peak, series="x")),
+        Fact("x_min", "farthest place against one", -v0 / ω_1, "m", partial(peak, series="x", sign=-1.0)),
+        Fact("R_max", "greatest force", k_1 * v0 / ω_2, "N", partial(peak, series="R")),
     )
     return Problem(
         name,
@@ -154,6 +166,16 @@ def bilinear_oscillator(m: float = 1.0, k: float = 100.0, k_1: float = 800.0, v0
         facts=facts,
         motion=motion,
     )
+
+
+def _bilinear_oscillator_motion(
+    t: Array, *, T: float, half: float, v0: float, ω_1: float, ω_2: float
+) -> tuple[Array, Array]:
+    s = np.mod(np.asarray(t, dtype=np.float64), T)
+    pressed = s < half
+    x = np.where(pressed, v0 / ω_2 * np.sin(ω_2 * s), -v0 / ω_1 * np.sin(ω_1 * (s - half)))
+    v = np.where(pressed, v0 * np.cos(ω_2 * s), -v0 * np.cos(ω_1 * (s - half)))
+    return np.column_stack([x, np.where(pressed, x, 0.0)]), np.column_stack([v, np.where(pressed, v, 0.0)])
 
 
 def impact_oscillator(
@@ -219,11 +241,7 @@ def impact_oscillator(
     p, d = s - α * v, β * v
     φ_p = math.atan2(-d / ω, p)
 
-    def orbit(τ: Array) -> tuple[Array, Array]:
-        S, C, dS = free_vibration(τ, 1.0, ζ)
-        s_h, d_h = α * v, -e * v - d
-        x = G * np.cos(ω * τ + φ_p) + C * s_h + S * d_h
-        return x, -G * ω * np.sin(ω * τ + φ_p) - S * s_h + dS * d_h
+    orbit = partial(_impact_oscillator_orbit, G=G, d=d, e=e, v=v, α=α, ζ=ζ, φ_p=φ_p, ω=ω)
 
     if v <= 0.0 or orbit(np.linspace(0.0, T, 64 * n + 1)[1:-1])[0].max() > s:
         raise InputError(
@@ -231,9 +249,7 @@ def impact_oscillator(
             "change f, omega or n, or bring the stop nearer"
         )
 
-    def motion(t: Array) -> tuple[Array, Array]:
-        x, rate = orbit(np.mod(np.asarray(t, dtype=np.float64), T))
-        return x[:, None], rate[:, None]
+    motion = partial(_impact_oscillator_motion, T=T, orbit=orbit)
 
     phase = φ_p + math.atan2(2.0 * ζ * ω, 1.0 - ω**2)
     scheme = Scheme(
@@ -243,8 +259,10 @@ def impact_oscillator(
         Bumper("x", GROUND, gap=s, e=e),
     )
     facts = (
-        Fact("v⁻", "speed of every impact", v, "m/s", lambda run: event(run, "impact", 3).left.v[0]),
-        Fact("T", "from impact to impact", T, "s", lambda run: event(run, "impact", 3).t - event(run, "impact", 2).t),
+        Fact(
+            "v⁻", "speed of every impact", v, "m/s", partial(limit, kind="impact", number=3, of="v", i=0, side="left")
+        ),
+        Fact("T", "from impact to impact", T, "s", partial(interval, kind="impact", first=2, last=3)),
     )
     return Problem(
         name,
@@ -257,6 +275,22 @@ def impact_oscillator(
         facts=facts,
         motion=motion,
     )
+
+
+def _impact_oscillator_orbit(
+    τ: Array, *, G: float, d: float, e: float, v: float, α: float, ζ: float, φ_p: float, ω: float
+) -> tuple[Array, Array]:
+    S, C, dS = free_vibration(τ, 1.0, ζ)
+    s_h, d_h = α * v, -e * v - d
+    x = G * np.cos(ω * τ + φ_p) + C * s_h + S * d_h
+    return x, -G * ω * np.sin(ω * τ + φ_p) - S * s_h + dS * d_h
+
+
+def _impact_oscillator_motion(
+    t: Array, *, T: float, orbit: Callable[[Array], tuple[Array, Array]]
+) -> tuple[Array, Array]:
+    x, rate = orbit(np.mod(np.asarray(t, dtype=np.float64), T))
+    return x[:, None], rate[:, None]
 
 
 def shaw_holmes(
@@ -335,14 +369,17 @@ def shaw_holmes(
     facts: tuple[Fact, ...] = ()
     if t_1 is None:
         end = float(free(t_end)[0])
-        facts = (
-            Fact("x(T)", "place at the end, clear of the stop", end, "m", lambda run: float(run.q[-1, 0]), scale=G),
-        )
+        facts = (Fact("x(T)", "place at the end, clear of the stop", end, "m", partial(final, series="x"), scale=G),)
     elif t_1 > 0.0 or v0 > 0.0:
         facts = (
-            Fact("t_1", "first impact", t_1, "s", lambda run: event(run, "impact", 1).t, scale=1.0),
+            Fact("t_1", "first impact", t_1, "s", partial(instant, kind="impact"), scale=1.0),
             Fact(
-                "v_1", "its speed", float(free(t_1)[1]), "m/s", lambda run: event(run, "impact", 1).left.v[0], scale=G
+                "v_1",
+                "its speed",
+                float(free(t_1)[1]),
+                "m/s",
+                partial(limit, kind="impact", of="v", i=0, side="left"),
+                scale=G,
             ),
         )
     return Problem(

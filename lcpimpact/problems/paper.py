@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 
 from lcpimpact.problems.base import Problem, falling_speed
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import at, event, peak
+from lcpimpact.problems.reading import at, instant, peak
 from lcpimpact.problems.reference import KNOWN, Known
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
@@ -220,7 +221,7 @@ def _facts(name: str, parameters: Mapping[str, float], first_force: float) -> tu
     facts: tuple[Fact, ...] = ()
     if parameters["v_o"] > 0.0:
         scale = math.sqrt(parameters["m"] * parameters["k_o"]) * parameters["v_o"]
-        facts = (Fact("R(0+)", "force at first touch", first_force, "N", lambda run: at(run, "R", 0.0), scale=scale),)
+        facts = (Fact("R(0+)", "force at first touch", first_force, "N", partial(at, series="R", t=0.0), scale=scale),)
     for known in KNOWN:
         data = TABLE_1 | known.parameters
         data["v_o"] = math.sqrt(2.0 * data["g"] * data["h_o"])
@@ -232,15 +233,17 @@ def _facts(name: str, parameters: Mapping[str, float], first_force: float) -> tu
 def _digits(known: Known) -> tuple[Fact, ...]:
     def switch(number: int, kind: str, t: float) -> Fact:
         what = "R falls to zero" if kind == "open" else "the gap closes"
-        return Fact(f"t_{number + 1}", what, t, "s", lambda run: event(run, kind, number // 2 + 1).t, accuracy=1e-12)
+        return Fact(
+            f"t_{number + 1}", what, t, "s", partial(instant, kind=kind, number=number // 2 + 1), accuracy=1e-12
+        )
 
     def value_at_3(series: str, value: float) -> Fact:
         unit = "N" if series == "R" else "m"
-        return Fact(f"{series}(3)", "at 3 s", value, unit, lambda run: at(run, series, 3.0))
+        return Fact(f"{series}(3)", "at 3 s", value, unit, partial(at, series=series, t=3.0))
 
     facts = [switch(i, kind, t) for i, (kind, t) in enumerate(zip(known.kinds, known.switches, strict=False))]
     facts += [value_at_3(series, value) for series, value in known.at_3.items()]
     if known.peak is not None:
         # Four decimals are known.
-        facts.append(Fact("R_max", "greatest force", known.peak, "N", lambda run: peak(run, "R"), accuracy=2e-8))
+        facts.append(Fact("R_max", "greatest force", known.peak, "N", partial(peak, series="R"), accuracy=2e-8))
     return tuple(facts)

@@ -25,10 +25,13 @@ def read(run: Any, series: Series, t: ArrayLike, side: str = "right") -> Array:
     """Return a series at the times t (nt,); the mean forces of steps lie on lines between the instants they live at."""
     state = run.sample(t, side)
     if run.dense is None and 1 < len(run.t_reaction) < len(run.t):
-        state = replace(state, reaction=_on_lines(np.asarray(t, dtype=np.float64), run.t_reaction, run.reaction))
+        forces = _on_lines(np.asarray(t, dtype=np.float64), run.t_reaction, run.forces)
+        state = replace(state, reaction=forces[:, : run.reaction.shape[1]])
+    else:
+        forces = np.hstack([state.reaction, run.problem.dynamics.push(state.q, state.v)])
     if callable(series):
         return series(state)
-    columns = np.hstack([state.q, state.v, state.reaction])
+    columns = np.hstack([state.q, state.v, forces])
     return np.asarray(columns[:, run.names.index(series)])
 
 
@@ -41,7 +44,7 @@ def at(run: Any, series: Series, t: float, side: str = "right") -> float:
         If the run does not last until then.
     """
     end = float(run.t[-1])
-    # The end of a run is its number of steps times dt, which is what was asked for but for rounding.
+    # A run that is told its end as a number of steps times dt ends there but for rounding.
     return float(read(run, series, [end if end < t < end * (1.0 + 1e-12) else t], side)[0])
 
 
@@ -58,6 +61,36 @@ def event(run: Any, kind: str, number: int = 1, contact: str | None = None) -> A
         of = f" of {contact}" if contact else ""
         raise InputError(f"the run has {len(found)} events {kind!r}{of}, and number {number} is asked for: run longer")
     return found[number - 1 if number > 0 else number]
+
+
+def instant(run: Any, kind: str, number: int = 1, contact: str | None = None) -> float:
+    """Return when the event of `event` is."""
+    return float(event(run, kind, number, contact).t)
+
+
+def interval(run: Any, kind: str, first: int, last: int) -> float:
+    """Return the time between two events of a kind, by their numbers."""
+    return instant(run, kind, last) - instant(run, kind, first)
+
+
+def limit(
+    run: Any,
+    kind: str,
+    number: int = 1,
+    contact: str | None = None,
+    *,
+    of: str,
+    i: int,
+    side: str,
+    unit: float = 1.0,
+) -> float:
+    """Return q_i or v_i before ("left") or after ("right") the event of `event`, in a unit."""
+    return float(getattr(getattr(event(run, kind, number, contact), side), of)[i]) / unit
+
+
+def final(run: Any, series: str, unit: float = 1.0) -> float:
+    """Return the last value of a series, in a unit."""
+    return float(run[series][-1]) / unit
 
 
 def peak(run: Any, series: Series, sign: float = 1.0, until: float = math.inf) -> float:

@@ -3,6 +3,7 @@ r"""A block that rocks from edge to edge: impacts that come ever faster."""
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero, restitution
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import event
+from lcpimpact.problems.reading import instant, limit
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.load import Load
@@ -82,38 +83,28 @@ def rocking_block(p: float = 2.0, alpha: float = 0.2, theta: float = 0.1, e: flo
         """Return t_n for n >= 1."""
         return (math.atanh(s_0) + 2.0 * sum(math.atanh(e**j * s_0) for j in range(1, n))) / p
 
-    def motion(t: Array) -> tuple[Array, Array]:
-        times = np.asarray(t, dtype=np.float64)
-        θ = alpha - (alpha - theta) * np.cosh(p * times)
-        rate = -(alpha - theta) * p * np.sinh(p * times)
-        t_n, s = math.atanh(s_0) / p, e * s_0
-        while t_n <= times.max():
-            after = times >= t_n
-            # About the top of the arc, where θ' = 0.
-            top = np.sqrt((1.0 - s) * (1.0 + s)) * alpha
-            τ = p * (times[after] - t_n) - math.atanh(s)
-            θ[after], rate[after] = alpha - top * np.cosh(τ), -top * p * np.sinh(τ)
-            t_next = t_n + 2.0 * math.atanh(s) / p
-            if t_next == t_n:
-                θ[after], rate[after] = 0.0, 0.0
-                break
-            t_n, s = t_next, e * s
-        return θ[:, None], rate[:, None]
+    motion = partial(_rocking_block_motion, alpha=alpha, e=e, p=p, s_0=s_0, theta=theta)
 
     facts: tuple[Fact, ...] = (
-        Fact("T/4", "first impact", impact(1), "s", lambda run: event(run, "impact", 1).t),
-        Fact("ω_1", "its angular speed", p * alpha * s_0, "rad/s", lambda run: -float(event(run, "impact").left.v[0])),
+        Fact("T/4", "first impact", impact(1), "s", partial(instant, kind="impact")),
+        Fact(
+            "ω_1",
+            "its angular speed",
+            p * alpha * s_0,
+            "rad/s",
+            partial(limit, kind="impact", of="v", i=0, side="left", unit=-1.0),
+        ),
     )
     if e > 0.0:
         facts += (
-            Fact("t_2", "second impact", impact(2), "s", lambda run: event(run, "impact", 2).t),
-            Fact("t_3", "third impact", impact(3), "s", lambda run: event(run, "impact", 3).t),
+            Fact("t_2", "second impact", impact(2), "s", partial(instant, kind="impact", number=2)),
+            Fact("t_3", "third impact", impact(3), "s", partial(instant, kind="impact", number=3)),
             Fact(
                 "ω_3",
                 "its angular speed",
                 p * alpha * e**2 * s_0,
                 "rad/s",
-                lambda run: -float(event(run, "impact", 3).left.v[0]),
+                partial(limit, kind="impact", number=3, of="v", i=0, side="left", unit=-1.0),
             ),
         )
     return Problem(
@@ -126,3 +117,24 @@ def rocking_block(p: float = 2.0, alpha: float = 0.2, theta: float = 0.1, e: flo
         facts=facts,
         motion=motion,
     )
+
+
+def _rocking_block_motion(
+    t: Array, *, alpha: float, e: float, p: float, s_0: float, theta: float
+) -> tuple[Array, Array]:
+    times = np.asarray(t, dtype=np.float64)
+    θ = alpha - (alpha - theta) * np.cosh(p * times)
+    rate = -(alpha - theta) * p * np.sinh(p * times)
+    t_n, s = math.atanh(s_0) / p, e * s_0
+    while t_n <= times.max():
+        after = times >= t_n
+        # About the top of the arc, where θ' = 0.
+        top = np.sqrt((1.0 - s) * (1.0 + s)) * alpha
+        τ = p * (times[after] - t_n) - math.atanh(s)
+        θ[after], rate[after] = alpha - top * np.cosh(τ), -top * p * np.sinh(τ)
+        t_next = t_n + 2.0 * math.atanh(s) / p
+        if t_next == t_n:
+            θ[after], rate[after] = 0.0, 0.0
+            break
+        t_n, s = t_next, e * s
+    return θ[:, None], rate[:, None]

@@ -3,6 +3,8 @@ r"""A ball on a vibrating table: the simplest way from a regular motion to chaos
 from __future__ import annotations
 
 import math
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +12,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero, restitution, whole
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import event, first_root
+from lcpimpact.problems.reading import event, first_root, instant, interval, limit
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.elements.mass import Mass
@@ -80,13 +82,7 @@ def vibrating_table(
     # Downwards y' = -A ω sin(ω t + φ), and y'(0) = -w in the half of the swing where the table slows down.
     table = Harmonic(A, ω, math.pi - math.asin(w / (A * ω)))
 
-    def motion(t: Array) -> tuple[Array, Array]:
-        times = np.asarray(t, dtype=np.float64)
-        s = np.mod(times, T)
-        x = table(0.0) - take_off * s + 0.5 * g * s**2
-        phase = ω * times + table.phase
-        q = np.column_stack([x, A * np.cos(phase)])
-        return q, np.column_stack([g * s - take_off, -A * ω * np.sin(phase)])
+    motion = partial(_vibrating_table_motion, A=A, T=T, g=g, table=table, take_off=take_off, ω=ω)
 
     flight, _ = motion(np.linspace(0.0, T, 64 * n + 1)[1:-1])
     if (flight[:, 0] > flight[:, 1]).any():
@@ -100,14 +96,17 @@ def vibrating_table(
         PrescribedMotion("y", table),
     )
     facts = (
-        Fact("T", "from impact to impact", T, "s", lambda run: event(run, "impact", 3).t - event(run, "impact", 2).t),
+        Fact("T", "from impact to impact", T, "s", partial(interval, kind="impact", first=2, last=3)),
         Fact(
-            "w", "speed of the table", w, "m/s", lambda run: -float(event(run, "impact", 3).left.v[1]), scale=take_off
+            "w",
+            "speed of the table",
+            w,
+            "m/s",
+            partial(limit, kind="impact", number=3, of="v", i=1, side="left", unit=-1.0),
+            scale=take_off,
         ),
-        Fact(
-            "U", "speed of impact", take_off + w, "m/s", lambda run: float(-np.diff(event(run, "impact", 3).left.v)[0])
-        ),
-        Fact("P", "impulse", m * g * T, "N s", lambda run: event(run, "impact", 3).impulse),
+        Fact("U", "speed of impact", take_off + w, "m/s", partial(_approach, number=3)),
+        Fact("P", "impulse", m * g * T, "N s", partial(_impulse, number=3)),
     )
     return Problem(
         name,
@@ -120,6 +119,17 @@ def vibrating_table(
         facts=facts,
         motion=motion,
     )
+
+
+def _vibrating_table_motion(
+    t: Array, *, A: float, T: float, g: float, table: Harmonic, take_off: float, ω: float
+) -> tuple[Array, Array]:
+    times = np.asarray(t, dtype=np.float64)
+    s = np.mod(times, T)
+    x = table(0.0) - take_off * s + 0.5 * g * s**2
+    phase = ω * times + table.phase
+    q = np.column_stack([x, A * np.cos(phase)])
+    return q, np.column_stack([g * s - take_off, -A * ω * np.sin(phase)])
 
 
 def thrown_ball(
@@ -197,13 +207,13 @@ def thrown_ball(
     if t_1 is not None and (t_1 > 0.0 or v0 > 0.0):
         U = v0 + g * t_1 + A * ω * math.sin(ω * t_1)
         facts = (
-            Fact("t_1", "first landing", t_1, "s", lambda run: event(run, "impact", 1).t, scale=1.0 / ω),
+            Fact("t_1", "first landing", t_1, "s", partial(instant, kind="impact"), scale=1.0 / ω),
             Fact(
                 "U_1",
                 "its speed",
                 U,
                 "m/s",
-                lambda run: float(-np.diff(event(run, "impact", 1).left.v)[0]),
+                partial(_approach, number=1),
                 scale=A * ω,
             ),
         )
@@ -217,3 +227,11 @@ def thrown_ball(
         source="Holmes, The dynamics of repeated impacts with a sinusoidally vibrating table (1982)",
         facts=facts,
     )
+
+
+def _approach(run: Any, number: int) -> float:
+    return float(-np.diff(event(run, "impact", number).left.v)[0])
+
+
+def _impulse(run: Any, number: int) -> float:
+    return float(event(run, "impact", number).impulse)

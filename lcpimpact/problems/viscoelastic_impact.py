@@ -7,6 +7,7 @@ constant of these schemes: e = -v(end)/v0 comes out of them.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import angle, free_vibration
-from lcpimpact.problems.reading import at, crossing, event, peak
+from lcpimpact.problems.reading import at, crossing, instant, limit, peak
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.kelvin_voigt import KelvinVoigt
@@ -77,22 +78,14 @@ def kelvin_voigt_impact(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v
         ω_t_m = (3.0 * math.acos(ζ) - math.pi) / math.sqrt((1.0 - ζ) * (1.0 + ζ))
         R_max = m * ω * v0 * math.exp(-ζ * ω_t_m)
 
-    def motion(t: Array) -> tuple[Array, Array]:
-        times = np.asarray(t, dtype=np.float64)
-        S, _, dS = free_vibration(np.minimum(times, t_c), ω, ζ)
-        after = times >= t_c
-        free = np.maximum(times - t_c, 0.0)
-        x, v = v0 * S - e * v0 * free, np.where(after, -e * v0, v0 * dS)
-        creep = np.exp(-k / c * free)
-        z = v0 * S * creep
-        return np.column_stack([x, z]), np.column_stack([v, np.where(after, -k / c * z, v)])
+    motion = partial(_kelvin_voigt_impact_motion, c=c, e=e, k=k, t_c=t_c, v0=v0, ζ=ζ, ω=ω)
 
     facts = (
-        Fact("R(0+)", "force at first touch", c * v0, "N", lambda run: at(run, "R", 0.0)),
-        Fact("t_c", "duration of the contact", t_c, "s", lambda run: event(run, "open").t),
-        Fact("e", "restitution", e, "", lambda run: -event(run, "open").right.v[0] / v0),
-        Fact("R_max", "greatest force", R_max, "N", lambda run: peak(run, "R")),
-        Fact("x_max", "deepest place", v0 / ω * math.exp(-ζ * φ), "m", lambda run: peak(run, "x")),
+        Fact("R(0+)", "force at first touch", c * v0, "N", partial(at, series="R", t=0.0)),
+        Fact("t_c", "duration of the contact", t_c, "s", partial(instant, kind="open")),
+        Fact("e", "restitution", e, "", partial(limit, kind="open", of="v", i=0, side="right", unit=-v0)),
+        Fact("R_max", "greatest force", R_max, "N", partial(peak, series="R")),
+        Fact("x_max", "deepest place", v0 / ω * math.exp(-ζ * φ), "m", partial(peak, series="x")),
     )
     return Problem(
         name,
@@ -104,6 +97,19 @@ def kelvin_voigt_impact(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v
         facts=facts,
         motion=motion,
     )
+
+
+def _kelvin_voigt_impact_motion(
+    t: Array, *, c: float, e: float, k: float, t_c: float, v0: float, ζ: float, ω: float
+) -> tuple[Array, Array]:
+    times = np.asarray(t, dtype=np.float64)
+    S, _, dS = free_vibration(np.minimum(times, t_c), ω, ζ)
+    after = times >= t_c
+    free = np.maximum(times - t_c, 0.0)
+    x, v = v0 * S - e * v0 * free, np.where(after, -e * v0, v0 * dS)
+    creep = np.exp(-k / c * free)
+    z = v0 * S * creep
+    return np.column_stack([x, z]), np.column_stack([v, np.where(after, -k / c * z, v)])
 
 
 def kelvin_voigt_tension(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v0: float = 10.0) -> Problem:
@@ -146,25 +152,23 @@ def kelvin_voigt_tension(m: float = 100.0, k: float = 3924.0, c: float = 250.0, 
     scheme = Scheme(Mass("x", m), KelvinVoigt("x", GROUND, k, c))
     ω, ζ = math.sqrt(k / m), c / (2.0 * math.sqrt(k * m))
 
-    def motion(t: Array) -> tuple[Array, Array]:
-        S, _, dS = free_vibration(t, ω, ζ)
-        return v0 * S[:, None], v0 * dS[:, None]
+    motion = partial(_kelvin_voigt_tension_motion, v0=v0, ζ=ζ, ω=ω)
 
     if ζ < 1.0:
         root = math.sqrt((1.0 - ζ) * (1.0 + ζ))
         t_c, e = math.pi / (ω * root), math.exp(-math.pi * ζ / root)
         facts: tuple[Fact, ...] = (
-            Fact("t_c", "time of return", t_c, "s", lambda run: crossing(run, "x", direction=-1.0)),
-            Fact("e", "speed of return over v0", e, "", lambda run: _rate_of_return(run) / v0, scale=1.0),
+            Fact("t_c", "time of return", t_c, "s", partial(crossing, series="x", direction=-1.0)),
+            Fact("e", "speed of return over v0", e, "", partial(_rate_of_return, unit=v0), scale=1.0),
             Fact(
-                "R(t_c)", "force at the return", -c * e * v0, "N", lambda run: -c * _rate_of_return(run), scale=c * v0
+                "R(t_c)", "force at the return", -c * e * v0, "N", partial(_rate_of_return, unit=-1.0 / c), scale=c * v0
             ),
         )
     else:
         t_c = 2.0 * angle(ζ) / ω
         facts = (
-            Fact("x_max", "deepest place", v0 / ω * math.exp(-ζ * angle(ζ)), "m", lambda run: peak(run, "x")),
-            Fact("e", "speed of return over v0", 0.0, "", lambda run: float((run["x"] < 0.0).any()), scale=1.0),
+            Fact("x_max", "deepest place", v0 / ω * math.exp(-ζ * angle(ζ)), "m", partial(peak, series="x")),
+            Fact("e", "speed of return over v0", 0.0, "", _returns, scale=1.0),
         )
     return Problem(
         name,
@@ -178,8 +182,17 @@ def kelvin_voigt_tension(m: float = 100.0, k: float = 3924.0, c: float = 250.0, 
     )
 
 
-def _rate_of_return(run: Any) -> float:
-    return -at(run, "v_x", crossing(run, "x", direction=-1.0))
+def _kelvin_voigt_tension_motion(t: Array, *, v0: float, ζ: float, ω: float) -> tuple[Array, Array]:
+    S, _, dS = free_vibration(t, ω, ζ)
+    return v0 * S[:, None], v0 * dS[:, None]
+
+
+def _rate_of_return(run: Any, unit: float) -> float:
+    return -at(run, "v_x", crossing(run, "x", direction=-1.0)) / unit
+
+
+def _returns(run: Any) -> float:
+    return float((run["x"] < 0.0).any())
 
 
 def _openings(run: Any) -> float:
@@ -232,23 +245,23 @@ def maxwell_impact(m: float = 100.0, k: float = 3924.0, c: float = 1000.0, v0: f
     e = math.exp(-math.pi * ζ / root) if rebounds else 0.0
     R_max = k * v0 / ω * math.exp(-ζ * angle(ζ))
 
-    def motion(t: Array) -> tuple[Array, Array]:
-        times = np.asarray(t, dtype=np.float64)
-        S, C, _ = free_vibration(np.minimum(times, t_c), ω, ζ)
-        after = times >= t_c
-        s, v = v0 * m / c * (1.0 - C), np.where(after, -e * v0, v0 * C)
-        z = s + np.where(after, 0.0, v0 * S)
-        x = z + (v * (times - t_c) if rebounds else 0.0) * after
-        rates = np.column_stack([v, np.where(after, 0.0, v), np.where(after, 0.0, k / c * v0 * S)])
-        return np.column_stack([x, z, s]), rates
+    motion = partial(_maxwell_impact_motion, c=c, e=e, k=k, m=m, rebounds=rebounds, t_c=t_c, v0=v0, ζ=ζ, ω=ω)
 
-    peak_force = Fact("R_max", "greatest force", R_max, "N", lambda run: peak(run, "R"))
+    peak_force = Fact("R_max", "greatest force", R_max, "N", partial(peak, series="R"))
     if rebounds:
         facts: tuple[Fact, ...] = (
-            Fact("t_c", "duration of the contact", t_c, "s", lambda run: event(run, "open").t),
-            Fact("e", "restitution", e, "", lambda run: -event(run, "open").right.v[0] / v0, scale=1.0),
+            Fact("t_c", "duration of the contact", t_c, "s", partial(instant, kind="open")),
+            Fact(
+                "e", "restitution", e, "", partial(limit, kind="open", of="v", i=0, side="right", unit=-v0), scale=1.0
+            ),
             peak_force,
-            Fact("s", "permanent dent", m * v0 * (1.0 + e) / c, "m", lambda run: event(run, "open").right.q[2]),
+            Fact(
+                "s",
+                "permanent dent",
+                m * v0 * (1.0 + e) / c,
+                "m",
+                partial(limit, kind="open", of="q", i=2, side="right"),
+            ),
         )
         t_end = 2.0 * t_c
     else:
@@ -259,7 +272,7 @@ def maxwell_impact(m: float = 100.0, k: float = 3924.0, c: float = 1000.0, v0: f
         facts = (
             peak_force,
             Fact("openings", "ends of the contact", 0.0, "", _openings, scale=1.0),
-            Fact("v", "speed that is left at t_end", left, "m/s", lambda run: at(run, "v_x", t_end), scale=v0),
+            Fact("v", "speed that is left at t_end", left, "m/s", partial(at, series="v_x", t=t_end), scale=v0),
         )
     return Problem(
         name,
@@ -271,6 +284,19 @@ def maxwell_impact(m: float = 100.0, k: float = 3924.0, c: float = 1000.0, v0: f
         facts=facts,
         motion=motion,
     )
+
+
+def _maxwell_impact_motion(
+    t: Array, *, c: float, e: float, k: float, m: float, rebounds: bool, t_c: float, v0: float, ζ: float, ω: float
+) -> tuple[Array, Array]:
+    times = np.asarray(t, dtype=np.float64)
+    S, C, _ = free_vibration(np.minimum(times, t_c), ω, ζ)
+    after = times >= t_c
+    s, v = v0 * m / c * (1.0 - C), np.where(after, -e * v0, v0 * C)
+    z = s + np.where(after, 0.0, v0 * S)
+    x = z + (v * (times - t_c) if rebounds else 0.0) * after
+    rates = np.column_stack([v, np.where(after, 0.0, v), np.where(after, 0.0, k / c * v0 * S)])
+    return np.column_stack([x, z, s]), rates
 
 
 def hereditary_impact(
@@ -344,9 +370,17 @@ def hereditary_impact(
     # The part of the memory that is over by t_min acts as a dashpot; what that neglects is of the order 2 - α.
     accuracy = rtol + (t_min / T) ** β
     facts = (
-        Fact("t_c", "duration of the contact", t_c, "s", lambda run: event(run, "open").t, accuracy),
-        Fact("e", "restitution", e, "", lambda run: -float(event(run, "open").right.v[0]) / v0, accuracy, scale=1.0),
-        Fact("R_max", "greatest force", -float(top.fun) * m * v0 / T, "N", lambda run: peak(run, "R"), accuracy),
+        Fact("t_c", "duration of the contact", t_c, "s", partial(instant, kind="open"), accuracy),
+        Fact(
+            "e",
+            "restitution",
+            e,
+            "",
+            partial(limit, kind="open", of="v", i=0, side="right", unit=-v0),
+            accuracy,
+            scale=1.0,
+        ),
+        Fact("R_max", "greatest force", -float(top.fun) * m * v0 / T, "N", partial(peak, series="R"), accuracy),
     )
     return Problem(
         name,

@@ -11,7 +11,8 @@ from lcpimpact.errors import InputError
 from lcpimpact.scheme.decomposition import decompose, loose_groups, relative_degrees
 from lcpimpact.scheme.dynamics import Contact, Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Element
-from lcpimpact.scheme.terms import Row, Terms
+from lcpimpact.scheme.signals import PiecewisePolynomial
+from lcpimpact.scheme.terms import PowerLaw, Row, Terms
 
 LARGEST = 10_000
 """So many nodes are full matrices of 800 MB each."""
@@ -28,8 +29,8 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     Raises
     ------
     InputError
-        If a node is held by nothing or pushed over, bumpers or sliders act in parallel, two reactions or inner nodes have
-        one name, a node has two motions, or a coefficient of restitution is missing or meaningless.
+        If a node is held by nothing, pushed over or would jump, bumpers or sliders act in parallel, two reactions or inner
+        nodes have one name, a node has two motions, or a coefficient of restitution is missing or meaningless.
     """
     nodes = list(dict.fromkeys(node for element in elements for node in element.nodes if node != GROUND))
     if not nodes:
@@ -42,8 +43,9 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     terms = Terms(nodes)
     for element in elements:
         element.contribute(terms)
+    M, C, K = terms.M.value, terms.C.value, terms.K.value
     driven = np.isin(np.arange(len(nodes)), list(terms.motions))
-    _refuse_ambiguous_names(nodes, terms.rows)
+    _refuse_ambiguous_names(nodes, (*terms.rows, *terms.springs))
     _refuse_driven_masses(terms, nodes)
     _refuse_loose_nodes(terms, nodes, driven)
     rows = [terms.direction(row.upper, row.lower) for row in terms.rows]
@@ -51,17 +53,24 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     u0 = np.array([row.gap for row in terms.rows])
     _refuse_parallel_contacts([row for row in terms.rows if row.r0 is None])
     _refuse_loops_of_sliders(H, terms.rows)
-    parts = decompose(terms.M, terms.C, driven)
-    _refuse_falling_nodes(terms.K, parts.static, nodes)
+    parts = decompose(M, C, driven)
+    _refuse_falling_nodes(K, parts.static, nodes)
+    _refuse_jumps(terms, parts.static, nodes)
     degrees = relative_degrees(H, parts)
-    contacts = tuple(_contact(row, degree) for row, degree in zip(terms.rows, degrees, strict=True))
+    contacts = tuple(
+        Contact(row.name, row.upper, row.lower, row.gap, row.e or 0.0, degree, row.r0)
+        for row, degree in zip(terms.rows, degrees, strict=True)
+    )
     B, D = H.T.copy(), np.zeros((len(rows), len(rows)))
-    for array in (terms.M, terms.C, terms.K, H, u0, B, D):
+    residues = (terms.M.residue, terms.C.residue, terms.K.residue)
+    for array in (M, C, K, H, u0, B, D, *residues):
         array.flags.writeable = False
-    return Dynamics(
-        tuple(nodes), terms.M, terms.C, terms.K, tuple(terms.loads), H, u0, contacts, B, D,
-        tuple(terms.springs), dict(terms.motions),
+    dynamics = Dynamics(
+        tuple(nodes), M, C, K, tuple(terms.loads), H, u0, contacts, B, D,
+        tuple(terms.springs), dict(terms.motions), residues=residues,
     )  # fmt: skip
+    _check_restitution(dynamics, terms.rows)
+    return dynamics
 
 
 def _refuse_shared_inner_nodes(elements: Sequence[Element]) -> None:
@@ -78,7 +87,7 @@ def _refuse_shared_inner_nodes(elements: Sequence[Element]) -> None:
 
 def _refuse_driven_masses(terms: Terms, nodes: Sequence[str]) -> None:
     for i in terms.motions:
-        if terms.M[i].any():
+        if terms.M.value[i].any():
             raise InputError(
                 f"node {nodes[i]!r} has a mass, and a motion that is given, which the mass cannot change: "
                 "leave out the Mass or the PrescribedMotion"
@@ -86,7 +95,7 @@ def _refuse_driven_masses(terms: Terms, nodes: Sequence[str]) -> None:
 
 
 def _refuse_loose_nodes(terms: Terms, nodes: Sequence[str], driven: Flags) -> None:
-    for group in loose_groups((np.diag(terms.M) == 0.0) & ~driven, terms.C, terms.K):
+    for group in loose_groups((np.diag(terms.M.value) == 0.0) & ~driven, terms.C.value, terms.K.value):
         names = ", ".join(repr(nodes[i]) for i in group)
         raise InputError(
             f"nothing holds node {names}: join it to the ground or to a mass by a Spring or a Dashpot, "
@@ -107,17 +116,27 @@ def _refuse_falling_nodes(K: Array, static: Array, nodes: Sequence[str]) -> None
         )
 
 
-def _refuse_ambiguous_names(nodes: Sequence[str], rows: Sequence[Row]) -> None:
+def _refuse_jumps(terms: Terms, static: Array, nodes: Sequence[str]) -> None:
+    """Refuse loads that jump where springs alone hold a node: its place would jump, and the work of that is undetermined."""
+    for i, load in terms.loads:
+        if isinstance(load, PiecewisePolynomial) and not load.continuous and static[i].any():
+            raise InputError(
+                f"the load on {nodes[i]!r} jumps, and so would that node, which springs alone hold: give it a Mass or a "
+                "Dashpot, or let the load rise over a time by a Ramp or a Table"
+            )
+
+
+def _refuse_ambiguous_names(nodes: Sequence[str], rows: Sequence[Row | PowerLaw]) -> None:
     """Refuse two series of one name, since results are read by name: coordinates, v_NAME, reactions, t and t_R."""
     taken = {"t": "the time", "t_R": "the times of the reactions"}
     names = [
         *((node, f"node {node!r}") for node in nodes),
         *((f"v_{node}", f"the velocity of {node!r}") for node in nodes),
     ]
-    names += [(row.name, f"the reaction of {row.element}") for row in rows]
+    names += [(row.name, f"the {'reaction' if isinstance(row, Row) else 'force'} of {row.element}") for row in rows]
     for name, what in names:
         if name in taken:
-            raise InputError(f"{what} and {taken[name]} have one name, {name!r}: rename one, a reaction by name=")
+            raise InputError(f"{what} and {taken[name]} have one name, {name!r}: rename one, a force by name=")
         taken[name] = what
 
 
@@ -165,12 +184,20 @@ def _refuse_loops_of_sliders(H: Array, rows: Sequence[Row]) -> None:
     )
 
 
-def _contact(row: Row, degree: int) -> Contact:
-    if row.r0 is None and degree == 2 and row.e is None:
-        raise InputError(f"{row.element}: both sides have mass, so impacts need a restitution coefficient; give e=")
-    if degree < 2 and row.e is not None:
-        raise InputError(
-            f"{row.element}: e = {row.e!r} means nothing, since a spring or dashpot gives way under a massless plate "
-            f"(relative degree {degree}) and no impulse acts; leave e out"
-        )
-    return Contact(row.name, row.upper, row.lower, row.gap, row.e or 0.0, degree, row.r0)
+def _check_restitution(dynamics: Dynamics, rows: Sequence[Row]) -> None:
+    """Refuse a contact on an impulse path without e, and e of one that is on none."""
+    for i, (row, contact) in enumerate(zip(rows, dynamics.contacts, strict=True)):
+        paths = dynamics.impulse_paths[dynamics.impulse_paths[:, i] > 0.0]
+        if row.e is None and row.r0 is None and contact.relative_degree == 2:
+            raise InputError(f"{row.element}: both sides have mass, so impacts need a restitution coefficient; give e=")
+        if row.e is None and len(paths):
+            others = ", ".join(repr(rows[j].name) for j in map(int, np.flatnonzero(paths[0])) if j != i)
+            raise InputError(
+                f"{row.element}: once {row.name!r} and {others} are all closed, impulses pass through the nodes without "
+                "mass between them, so impacts need a restitution coefficient; give e="
+            )
+        if row.e is not None and contact.relative_degree < 2 and not len(paths):
+            raise InputError(
+                f"{row.element}: e = {row.e!r} means nothing, since a spring or dashpot gives way under a massless plate "
+                f"(relative degree {contact.relative_degree}) and no impulse acts; leave e out"
+            )

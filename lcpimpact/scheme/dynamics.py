@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.scheme.signals import Signal
+from lcpimpact.scheme.decomposition import decompose
+from lcpimpact.scheme.impulse_paths import extreme_rays, impulse_paths
+from lcpimpact.scheme.signals import PiecewisePolynomial, Signal
 from lcpimpact.scheme.terms import PowerLaw, Terms
 
 DEGREE_REASON = {
@@ -30,6 +32,7 @@ class Feature(StrEnum):
     SYSTEMS = "systems given directly"
     MASSLESS = "nodes without mass"
     RESTITUTION = "restitution"
+    IMPULSE_PATHS = "impulses through nodes without mass"
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,7 @@ class Contact:
     gap : float
         u in m at zero coordinates.
     e : float
-        Coefficient of restitution; 0 where the relative degree is below 2 and it means nothing.
+        Coefficient of restitution; 0 where no impulse can act and it means nothing.
     relative_degree : int
         How often u must be differentiated before r appears: 0, 1 or 2.
     r0 : float or None
@@ -97,6 +100,7 @@ class Dynamics:
     springs : tuple of PowerLaw         the non-linear springs, whose forces are s
     motions : dict of int to Signal     index of each node whose motion is given, and its motion
     stores_energy : bool                whether ½ vᵀ M v + ½ qᵀ K q is an energy
+    residues : tuple of arrays          what rounding has left out of M, C and K, (n, n) each; none where they were given
     """
 
     nodes: tuple[str, ...]
@@ -112,6 +116,7 @@ class Dynamics:
     springs: tuple[PowerLaw, ...] = ()
     motions: Mapping[int, Signal] = field(default_factory=dict)
     stores_energy: bool = True
+    residues: tuple[Array, Array, Array] | None = None
 
     @property
     def features(self) -> dict[Feature, str]:
@@ -129,7 +134,41 @@ class Dynamics:
             found[Feature.MASSLESS] = f"node {self.nodes[int(np.argmin(self.massive | self.driven))]!r}"
         if bouncing := [contact.name for contact in self.contacts if contact.e > 0.0]:
             found[Feature.RESTITUTION] = f"contact {bouncing[0]!r}"
+        if len(path := self.impulse_lines[:1]):
+            names = ", ".join(repr(self.contacts[i].name) for i in np.flatnonzero(path[0]))
+            found[Feature.IMPULSE_PATHS] = f"contacts {names}, once all are closed"
         return found
+
+    @cached_property
+    def impulse_paths(self) -> Array:
+        """The contacts through which an impulse can pass from mass to mass or ground, one path a row (np, nc)."""
+        paths = np.zeros((0, len(self.contacts)))
+        if self.massive.any():
+            parts, rows = decompose(self.M, self.C, self.driven), ~self.slides
+            massless = np.column_stack([parts.damped, parts.static])
+            found = impulse_paths(parts.massive.T @ self.B[:, rows], massless.T @ self.B[:, rows])
+            paths = np.zeros((len(found), len(self.contacts)))
+            paths[:, rows] = found
+        return paths
+
+    @cached_property
+    def gap_paths(self) -> Array:
+        """The contacts whose gaps add up to one that no static node changes, so that it must not be negative (nr, nc)."""
+        rows = ~self.slides
+        rays = extreme_rays(decompose(self.M, self.C, self.driven).static.T @ self.B[:, rows])
+        paths = np.zeros((len(rays), len(self.contacts)))
+        paths[:, rows] = rays
+        return paths
+
+    @property
+    def impulse_lines(self) -> Array:
+        """The impulse paths that lead over nodes without mass, so that no contact on them has relative degree 2 alone."""
+        return np.asarray(self.impulse_paths[np.count_nonzero(self.impulse_paths, axis=1) > 1])
+
+    @property
+    def forces(self) -> tuple[Contact | PowerLaw, ...]:
+        """All that has a force by a name: the contacts, whose reactions are unknowns, and the non-linear springs."""
+        return (*self.contacts, *self.springs)
 
     @property
     def driven(self) -> Flags:
@@ -166,10 +205,17 @@ class Dynamics:
     def motion(self, t: ArrayLike) -> tuple[Array, Array]:
         """Return y(t) and y'(t) of the driven nodes, in the order of their indices, with the shape of t and then (np,)."""
         times = np.asarray(t, dtype=np.float64)
-        signals = [self.motions[i] for i in sorted(self.motions)]
-        shape = (*times.shape, len(signals))
-        y = np.array([[signal(float(s)) for signal in signals] for s in times.ravel()]).reshape(shape)
-        rate = np.array([[signal.rate(float(s)) for signal in signals] for s in times.ravel()]).reshape(shape)
+        y, rate = np.zeros((2, *times.shape, len(self.motions)))
+        for k, i in enumerate(sorted(self.motions)):
+            signal = self.motions[i]
+            if isinstance(signal, PiecewisePolynomial):
+                found = signal.derivatives(times)
+                y[..., k] = found[..., 0]
+                if signal.degree:
+                    rate[..., k] = found[..., 1]
+            else:
+                y[..., k] = _values(signal, times)
+                rate[..., k] = _values(signal.rate, times)
         return y, rate
 
     @property
@@ -197,8 +243,10 @@ class Dynamics:
         times = np.asarray(t, dtype=np.float64)
         f = np.zeros((*times.shape, len(self.nodes)))
         for i, load in self.loads:
-            if callable(load):
-                f[..., i] += np.array([load(float(s)) for s in times.ravel()]).reshape(times.shape)
+            if isinstance(load, PiecewisePolynomial):
+                f[..., i] += load.derivatives(times)[..., 0]
+            elif callable(load):
+                f[..., i] += _values(load, times)
             else:
                 f[..., i] += load
         return f
@@ -234,10 +282,15 @@ class Dynamics:
 
     def push(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the force in N by which each non-linear spring pushes its ends apart (..., ns)."""
+        lossy = self.power_laws[:, 4] > 0.0
+        force = np.where(self.approach(q) > 0.0, self.free_push(q, v), 0.0)
+        return np.asarray(np.where(lossy, np.maximum(force, 0.0), force))
+
+    def free_push(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return K δ_+ⁿ (1 + b δ') + c δ' in N (..., ns), whether a non-linear spring is touched and pushes or not."""
         _, K, n, b, c = self.power_laws.T
-        δ, rate = self.approach(q), self.approach_rate(v)
-        force = K * np.maximum(δ, 0.0) ** n * (1.0 + b * rate) + np.where(δ > 0.0, c * rate, 0.0)
-        return np.asarray(np.where(c > 0.0, np.maximum(force, 0.0), force))
+        rate = self.approach_rate(v)
+        return np.asarray(K * np.maximum(self.approach(q), 0.0) ** n * (1.0 + b * rate) + c * rate)
 
     def spring_force(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return s(q, v) in N, the forces of the non-linear springs on the nodes (..., n)."""
@@ -267,6 +320,11 @@ class Dynamics:
     def load_power(self, t: ArrayLike, v: ArrayLike) -> Array:
         """Return f(t)·v, the power of the loads, in W."""
         return np.asarray((self.force(t) * np.asarray(v)).sum(axis=-1))
+
+
+def _values(function: Callable[[float], float], times: Array) -> Array:
+    """Return the values of a function of time, with the shape of the times."""
+    return np.array([function(float(s)) for s in times.ravel()]).reshape(times.shape)
 
 
 def _quadratic_form(matrix: Array, x: ArrayLike) -> Array:

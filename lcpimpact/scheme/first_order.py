@@ -4,8 +4,9 @@ r"""The first-order form of a system, whose state holds no algebraic coordinate.
 
 The massless coordinates are eliminated: those with a dashpot by their first-order equation, those with springs only by
 their balance of forces, and those whose motion is given by that motion. Constant and harmonic signals become states of
-their own (1, and a cosine with its sine), so the system is homogeneous and its solution in each contact mode is a matrix
-exponential.
+their own (1, and a cosine with its sine), and so do a piecewise polynomial and its derivatives, each the rate of the one
+before. So the system is homogeneous and its solution in each contact mode is a matrix exponential; at a breakpoint only the
+states of the signals change, to the right limits there.
 
 Forces that are no such signals, those of non-linear springs and loads that are other functions of time, are inputs beside
 the reactions: X' = A X + B r + E w; see `forced_form`.
@@ -13,20 +14,19 @@ the reactions: X' = A X + B r + E w; see `forced_form`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 
 from lcpimpact.arrays import Array
+from lcpimpact.double_double import DoubleDouble, solve, stacked
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.scheme.decomposition import Decomposition, decompose
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.signals import Harmonic
+from lcpimpact.scheme.signals import NAMED, Described, Harmonic, PiecewisePolynomial
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,12 @@ class FirstOrderForm:
     parts : Decomposition
         The coordinates with mass, damped, static and driven.
     signals : (N - 2 nm - nd,) array
-        The states of the signals at t = 0: 1, and a cosine and a sine for each harmonic.
+        The states of the signals at t = 0: 1; a cosine and a sine for each harmonic; the value and the derivatives, right
+        limits, of each piecewise polynomial.
+    sources : tuple
+        The signals that these states are of, after the first.
+    low : tuple of arrays, optional
+        What rounding has left out of A, B, C, D, Q and Qr; nothing where they were given as floats.
     """
 
     A: Array
@@ -53,6 +58,15 @@ class FirstOrderForm:
     Qr: Array
     parts: Decomposition
     signals: Array
+    sources: tuple[Described, ...] = ()
+    low: tuple[Array, ...] | None = None
+
+    @property
+    def double_doubles(self) -> tuple[DoubleDouble, ...]:
+        """A, B, C, D, Q and Qr as double-doubles."""
+        high = (self.A, self.B, self.C, self.D, self.Q, self.Qr)
+        low = self.low or tuple(np.zeros_like(each) for each in high)
+        return tuple(DoubleDouble(np.stack([a, b])) for a, b in zip(high, low, strict=True))
 
     @property
     def constant(self) -> int:
@@ -60,14 +74,33 @@ class FirstOrderForm:
         return len(self.A) - len(self.signals)
 
     def signals_at(self, t: Array) -> Array:
-        """Return the states of the signals at the times t, with the shape of t followed by (nl,)."""
-        found = np.empty((*np.shape(t), len(self.signals)))
-        found[..., 0] = 1.0
-        for j in range(1, len(self.signals), 2):
-            ω, (cos, sin) = self.A[self.constant + j + 1, self.constant + j], self.signals[j : j + 2]
-            found[..., j] = cos * np.cos(ω * t) - sin * np.sin(ω * t)
-            found[..., j + 1] = cos * np.sin(ω * t) + sin * np.cos(ω * t)
-        return found
+        """Return the states of the signals at the times t, right limits, with the shape of t followed by (nl,)."""
+        return _states_at(self.sources, np.asarray(t, dtype=np.float64))
+
+    @property
+    def signal_sizes(self) -> Array:
+        """How large the states of the signals are at the start: the amplitude 1 of a harmonic (nl,)."""
+        sizes = [2 * [1.0] if isinstance(each, Harmonic) else np.abs(each.derivatives(0.0)) for each in self.sources]
+        return np.concatenate([[1.0], *sizes])
+
+    def breakpoints(self, start: float, end: float) -> Array:
+        """Return the instants start < t <= end at which the states of the signals may jump, in their order."""
+        pieces = [each.breakpoints(start, end) for each in self.sources if isinstance(each, PiecewisePolynomial)]
+        return np.unique(np.concatenate([np.zeros(0), *pieces]))
+
+    def right_of(self, t: float, X: ArrayLike | DoubleDouble, scale: Array) -> DoubleDouble:
+        """Return the state X at t, or a longer one that begins so, with the right limits of the piecewise polynomials.
+
+        In ``scale``, to which rounding is relative, theirs replace what they were: a steep piece that is over blurs nothing.
+        """
+        parts, at = DoubleDouble.of(X).parts.copy(), self.constant + 1
+        for signal in self.sources:
+            states = 2 if isinstance(signal, Harmonic) else signal.degree + 1
+            if isinstance(signal, PiecewisePolynomial):
+                parts[0, at : at + states], parts[1, at : at + states] = signal.derivatives(t), 0.0
+                scale[at : at + states] = np.abs(parts[0, at : at + states])
+            at += states
+        return DoubleDouble(parts)
 
     def state(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return X at t = 0 for the coordinates q and velocities v of the scheme (n,); static ones are not states.
@@ -88,7 +121,7 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
     Parameters
     ----------
     dynamics : Dynamics
-        The system; its springs must be linear, and its loads and given motions constant or `Harmonic`.
+        The system; its springs must be linear, and its loads and given motions constant or described signals.
 
     Raises
     ------
@@ -98,40 +131,52 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
     parts = decompose(dynamics.M, dynamics.C, dynamics.driven)
     Em, Ed, Es, Ep = parts.massive, parts.damped, parts.static, parts.driven
     nm, nd = Em.shape[1], Ed.shape[1]
-    f, y, generator, signals = _signal_states(dynamics)
-    H, input_, K, C = dynamics.H, dynamics.B, dynamics.K, dynamics.C
+    f, y, generator, sources = _signal_states(dynamics)
+    signals = _states_at(sources, np.array(0.0))
+    H, input_ = dynamics.H, dynamics.B
+    given = (dynamics.M, dynamics.C, dynamics.K)
+    residues = dynamics.residues or tuple(np.zeros_like(each) for each in given)
+    mass, C, K = (DoubleDouble(np.stack(each)) for each in zip(given, residues, strict=True))
 
     # Every quantity is a row block against (q_m, q_d, v_m, signals) and a block against r.
     zero = np.zeros
     nl = len(signals)
-    M = Em.T @ dynamics.M @ Em
-    to_state = np.column_stack([Em, Ed, zero((len(H.T), nm)), Ep @ y])
+    M = Em.T @ mass @ Em
+    to_state = DoubleDouble.of(np.column_stack([Em, Ed, zero((len(H.T), nm)), Ep @ y]))
     load = np.column_stack([zero((len(f), nm + nd + nm)), f])
 
     # Static: K_ss q_s = f_s + B_s r - K_sm q_m - K_sd q_d - K_sp y.
     K_ss = Es.T @ K @ Es
-    Qs = _solve(K_ss, Es.T @ (load - K @ to_state))
-    Qsr = _solve(K_ss, Es.T @ input_)
+    Qs = solve(K_ss, Es.T @ (load - K @ to_state))
+    Qsr = solve(K_ss, Es.T @ input_)
     Q = to_state + Es @ Qs
     Qr = Es @ Qsr
 
     # Damped: C_dd q_d' = f_d + B_d r - K_d q - C_dm v_m - C_dp y'.
     v_m = np.column_stack([zero((nm, nm + nd)), np.eye(nm), zero((nm, nl))])
-    known = Em @ v_m + np.column_stack([zero((len(H.T), nm + nd + nm)), Ep @ y @ generator])
+    known = DoubleDouble.of(Em @ v_m + np.column_stack([zero((len(H.T), nm + nd + nm)), Ep @ y @ generator]))
     C_dd = Ed.T @ C @ Ed
-    Vd = _solve(C_dd, Ed.T @ (load - K @ Q - C @ known))
-    Vdr = _solve(C_dd, Ed.T @ (input_ - K @ Qr))
+    Vd = solve(C_dd, Ed.T @ (load - K @ Q - C @ known))
+    Vdr = solve(C_dd, Ed.T @ (input_ - K @ Qr))
 
     # Massive: M v_m' = f_m + B_m r - K_m q - C_m q'.
     rate, rate_r = known + Ed @ Vd, Ed @ Vdr
-    Am = _solve(M, Em.T @ (load - K @ Q - C @ rate))
-    Amr = _solve(M, Em.T @ (input_ - K @ Qr - C @ rate_r))
+    Am = solve(M, Em.T @ (load - K @ Q - C @ rate))
+    Amr = solve(M, Em.T @ (input_ - K @ Qr - C @ rate_r))
 
-    A = np.vstack([v_m, Vd, Am, np.column_stack([zero((nl, nm + nd + nm)), generator])])
-    B = np.vstack([zero((nm, input_.shape[1])), Vdr, Amr, zero((nl, input_.shape[1]))])
-    output = H @ Q
-    output[:, 2 * nm + nd] += dynamics.u0
-    return FirstOrderForm(A, B, output, H @ Qr + dynamics.D, Q, Qr, parts, signals)
+    opening = zero((len(H), Q.shape[1]))
+    opening[:, 2 * nm + nd] = dynamics.u0
+    found = (
+        stacked([[v_m], [Vd], [Am], [np.column_stack([zero((nl, nm + nd + nm)), generator])]]),
+        stacked([[zero((nm, input_.shape[1]))], [Vdr], [Amr], [zero((nl, input_.shape[1]))]]),
+        H @ Q + opening,
+        H @ Qr + dynamics.D,
+        Q,
+        Qr,
+    )
+    A, B, output, through, place, place_r = (each.hi for each in found)
+    low = tuple(each.lo for each in found)
+    return FirstOrderForm(A, B, output, through, place, place_r, parts, signals, sources, low)
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,12 +213,12 @@ class Inputs:
 
 
 def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs]:
-    """Eliminate the massless coordinates of a system whose springs need not be linear, nor its loads harmonic.
+    """Eliminate the massless coordinates of a system whose springs need not be linear, nor its loads described signals.
 
     Parameters
     ----------
     dynamics : Dynamics
-        The system; motions that are given must be constant or `Harmonic`.
+        The system; motions that are given must be described signals.
     method : str
         Who asks, for messages.
 
@@ -198,8 +243,8 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
                     f"{spring.element} stands at the node {node!r}, which is {where}; {method!r} does not handle that: "
                     "give the node a mass, or take method='moreau-jean'"
                 )
-    signals = tuple((i, f) for i, f in d.loads if not callable(f) or isinstance(f, Harmonic))
-    others = [(i, f) for i, f in d.loads if callable(f) and not isinstance(f, Harmonic)]
+    signals = tuple((i, f) for i, f in d.loads if not callable(f) or isinstance(f, Described))
+    others = [(i, f) for i, f in d.loads if callable(f) and not isinstance(f, Described)]
     unit = np.eye(n)[:, [i for i, _ in others]]
     added = np.column_stack([d.directions.T, unit])
     widened = replace(
@@ -214,38 +259,53 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
         form.B[:, forces], form.D[:, forces], form.Qr[:, forces], approach, rate, d.power_laws,
         tuple(f for _, f in others),
     )  # fmt: skip
-    form = replace(form, B=form.B[:, reactions], D=form.D[:, reactions], Qr=form.Qr[:, reactions])
+    assert form.low is not None
+    A, B, C, D, Q, Qr = form.low
+    low = (A, B[:, reactions], C, D[:, reactions], Q, Qr[:, reactions])
+    form = replace(form, B=form.B[:, reactions], D=form.D[:, reactions], Qr=form.Qr[:, reactions], low=low)
     return form, inputs
 
 
-def _solve(matrix: Array, right: Array) -> Array:
-    """Solve, allowing for a block without rows."""
-    return np.asarray(np.linalg.solve(matrix, right) if len(matrix) else np.zeros((0, right.shape[1])))
+def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Described, ...]]:
+    """Return F, Y, G and the signals with f(t) = F s, y(t) = Y s, s' = G s: s is 1, then the states of each signal.
 
-
-def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, Array]:
-    """Return F, Y, G and s(0) with f(t) = F s, y(t) = Y s, s' = G s: s is 1, then a pair for each harmonic."""
+    Signals that are equal share their states.
+    """
     n, driven = len(dynamics.nodes), sorted(dynamics.motions)
-    sources: list[tuple[int, Any]] = [
-        *dynamics.loads,
-        *((n + k, dynamics.motions[i]) for k, i in enumerate(driven)),
-    ]
-    columns = [np.zeros(n + len(driven))]
-    generators, start = [np.zeros((1, 1))], [1.0]
-    for i, signal in sources:
-        if isinstance(signal, Harmonic):
-            unit = np.zeros_like(columns[0])
-            unit[i] = signal.amplitude
-            columns += [unit, np.zeros_like(unit)]
-            generators.append(np.array([[0.0, -signal.omega], [signal.omega, 0.0]]))
-            start += [math.cos(signal.phase), math.sin(signal.phase)]
+    constant = np.zeros(n + len(driven))
+    places: dict[Described, list[int]] = {}
+    for i, signal in [*dynamics.loads, *((n + k, dynamics.motions[i]) for k, i in enumerate(driven))]:
+        if isinstance(signal, Described):
+            places.setdefault(signal, []).append(i)
         elif callable(signal):
             what, node = ("load on", i) if i < n else ("motion of", driven[i - n])
             raise UnsupportedError(
                 f"the {what} {dynamics.nodes[node]!r} is a function of time, which has no exact solution here: "
-                "give it as Harmonic(...), or take method='moreau-jean'"
+                f"give it as {NAMED}, or take method='moreau-jean'"
             )
         else:
-            columns[0][i] += signal
+            constant[i] += signal
+    columns, generators = [constant], [np.zeros((1, 1))]
+    for signal, at in places.items():
+        if isinstance(signal, Harmonic):
+            amplitude, generator = signal.amplitude, np.array([[0.0, -signal.omega], [signal.omega, 0.0]])
+        else:
+            amplitude, generator = 1.0, np.eye(signal.degree + 1, k=1)
+        value = np.zeros_like(constant)
+        np.add.at(value, at, amplitude)
+        columns += [value, *np.zeros((len(generator) - 1, len(constant)))]
+        generators.append(generator)
     found = np.column_stack(columns)
-    return found[:n], found[n:], block_diag(*generators), np.array(start)
+    return found[:n], found[n:], block_diag(*generators), tuple(places)
+
+
+def _states_at(sources: tuple[Described, ...], t: Array) -> Array:
+    """Return 1 and the states of the signals at the times t, right limits, with the shape of t followed by (nl,)."""
+    states = [np.ones((*t.shape, 1))]
+    for signal in sources:
+        if isinstance(signal, Harmonic):
+            angle = signal.omega * t + signal.phase
+            states.append(np.stack([np.cos(angle), np.sin(angle)], axis=-1))
+        else:
+            states.append(signal.derivatives(t))
+    return np.concatenate(states, axis=-1)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, replace
+from itertools import count
 from typing import Any
 
 from lcpimpact.errors import InputError
@@ -39,6 +41,10 @@ class Scheme:
     def add(self, *elements: Element) -> Scheme:
         """Add elements and return the scheme itself.
 
+        Reactions without a name get one, in the order of the elements: the first bumper R, the next R_2, R_3, ...; likewise
+        F of sliders and Jenkins elements and T of ropes. Names that are given, also those that follow in the same call, are
+        passed over, and stay as they are.
+
         Raises
         ------
         InputError
@@ -47,7 +53,7 @@ class Scheme:
         for element in elements:
             if not isinstance(element, Element):
                 raise InputError(f"{element!r} is not an element: add a Mass, Spring, Dashpot, Bumper, Load, ...")
-        self.elements += elements
+        self.elements += tuple(_named(self.elements, elements))
         return self
 
     def assemble(self) -> Dynamics:
@@ -62,6 +68,27 @@ class Scheme:
     def __repr__(self) -> str:
         lines = [f"    {type(e).__name__}({', '.join(_arguments(e))})," for e in self.elements]
         return "\n".join(["Scheme(", *lines, ")"])
+
+
+def _named(before: Sequence[Element], added: Sequence[Element]) -> Iterator[Element]:
+    """Yield the elements that are added; a reaction without a name gets the first that is free of R, R_2, R_3, ..."""
+    taken = {getattr(element, "name", None) for element in (*before, *added) if element.reaction}
+    for element in added:
+        if not element.reaction or getattr(element, "name", "") is not None:
+            yield element
+            continue
+        name = next(name for name in _names(element.reaction) if name not in taken)
+        taken.add(name)
+        # What a drawing calls the reaction follows, where nothing else was said.
+        follows = name != element.reaction and element.symbols == (element.reaction,)
+        yield replace(element, name=name, symbols=(name,) if follows else element.symbols)  # type: ignore[type-var]
+
+
+def _names(reaction: str) -> Iterator[str]:
+    """Yield R, R_2, R_3, ..."""
+    yield reaction
+    for i in count(2):
+        yield f"{reaction}_{i}"
 
 
 def _arguments(element: Element) -> list[str]:

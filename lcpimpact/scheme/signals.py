@@ -1,14 +1,53 @@
-"""Functions of time: of a force, or of the motion of a node."""
+r"""Functions of time: of a force, or of the motion of a node.
+
+`Harmonic`, `Polynomial`, `Ramp`, `Table` and `Square` are states of the first-order form, which the exact solution follows
+without error. The last four are polynomials of one degree between their breakpoints,
+
+.. math:: f(t) = \sum_{k=0}^{d} f^{(k)}(t_i^+) \frac{(t - t_i)^k}{k!}, \qquad t_i \le t < t_{i+1} .
+"""
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cached_property
+from typing import Any, Protocol
 
+import numpy as np
+from numpy.polynomial.polynomial import polyder, polyval
+from numpy.typing import ArrayLike
+
+from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
+
+HIGHEST_DEGREE = 20
+"""Of a polynomial; beyond it the powers of t lose all digits."""
+
+MOST_BREAKPOINTS = 1_000_000
+"""Of one periodic signal in a run."""
+
+
+def check_at_zero(name: str, function: Callable[[float], Any], unit: str) -> None:
+    """Refuse a function that gives no finite number at t = 0, where runs begin; ``name`` says whose it is.
+
+    Raises
+    ------
+    InputError
+        Naming the function and what came out.
+    """
+    try:
+        value = function(0.0)
+    except (TypeError, ValueError, ArithmeticError, LookupError) as error:
+        raise InputError(
+            f"{name}(0.0) fails by {type(error).__name__}: {error}; a function takes the time in s, and nothing else, and "
+            f"returns a number in {unit}"
+        ) from error
+    if np.ndim(value) > 0 or not is_real(value):
+        shown = f"an array of the shape {value.shape}" if isinstance(value, np.ndarray) and value.ndim else repr(value)
+        raise InputError(f"{name}(0.0) returns {shown}; return a finite number in {unit}")
 
 
 class Signal(Protocol):
@@ -23,7 +62,7 @@ class Signal(Protocol):
 
 @dataclass(frozen=True)
 class Harmonic:
-    """The signal a cos(ω t + φ), which even the exact solution follows without error.
+    """The signal a cos(ω t + φ).
 
     Parameters
     ----------
@@ -45,8 +84,7 @@ class Harmonic:
     phase: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (is_real(self.amplitude) and is_real(self.phase) and is_real(self.omega) and self.omega > 0.0):
-            raise InputError(f"{self}: amplitude, omega and phase must be finite numbers, omega above zero")
+        _check_wave(self, self.amplitude, self.omega, self.phase)
 
     def __call__(self, t: float) -> float:
         """Return the value at time t."""
@@ -55,6 +93,308 @@ class Harmonic:
     def rate(self, t: float) -> float:
         """Return the derivative at time t."""
         return -self.amplitude * self.omega * math.sin(self.omega * t + self.phase)
+
+
+class PiecewisePolynomial(ABC):
+    """A signal that is a polynomial of one degree between its breakpoints, and continuous from the right there."""
+
+    @property
+    @abstractmethod
+    def degree(self) -> int:
+        """The degree d of the pieces."""
+
+    @property
+    @abstractmethod
+    def continuous(self) -> bool:
+        """Whether the value never jumps."""
+
+    @abstractmethod
+    def breakpoints(self, start: float, end: float) -> Array:
+        """Return the instants start < t <= end at which the value or a derivative may jump, in their order."""
+
+    @abstractmethod
+    def derivatives(self, t: ArrayLike) -> Array:
+        """Return the right limits of f, f', ... f^(d) at the times t, with the shape of t followed by (d + 1,)."""
+
+    def __call__(self, t: float) -> float:
+        """Return the value at time t, its right limit where it jumps."""
+        return float(self.derivatives(t)[0])
+
+    def rate(self, t: float) -> float:
+        """Return the derivative at time t, its right limit where it jumps."""
+        return float(self.derivatives(t)[1]) if self.degree else 0.0
+
+
+@dataclass(frozen=True)
+class Polynomial(PiecewisePolynomial):
+    """The signal c_0 + c_1 t + c_2 t² + ...
+
+    Parameters
+    ----------
+    coefficients : sequence of float
+        c_k in N/s^k as a load and in m/s^k as a motion, from the constant on.
+
+    Raises
+    ------
+    InputError
+        If there is no coefficient, one is not a finite number, or the degree is above 20.
+
+    Examples
+    --------
+    A belt that runs at 0.3 m/s:
+
+    >>> belt = Polynomial([0.0, 0.3])
+    >>> belt(2.0), belt.rate(2.0)
+    (0.6, 0.3)
+    """
+
+    coefficients: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        c = _numbers(self, "coefficients")
+        if not 1 <= len(c) <= HIGHEST_DEGREE + 1:
+            raise InputError(
+                f"Polynomial: it has {len(c)} coefficients, and 1 to {HIGHEST_DEGREE + 1} are possible; a longer course of "
+                "time is a Table of points"
+            )
+        if not np.isfinite(self._derivatives).all():
+            raise InputError(f"{self}: a derivative is larger than any number; give smaller coefficients")
+
+    @cached_property
+    def _derivatives(self) -> Array:
+        """Row k: the coefficients of the k-th derivative, filled up by zeros (d + 1, d + 1)."""
+        rows = [np.array(self.coefficients, dtype=np.float64)]
+        with np.errstate(over="ignore"):
+            for _ in range(self.degree):
+                rows.append(np.append(polyder(rows[-1]), 0.0))
+        return np.array(rows)
+
+    @property
+    def degree(self) -> int:
+        """The number of the last coefficient."""
+        return len(self.coefficients) - 1
+
+    @property
+    def continuous(self) -> bool:
+        """Always."""
+        return True
+
+    def breakpoints(self, start: float, end: float) -> Array:
+        """Return none."""
+        return np.zeros(0)
+
+    def derivatives(self, t: ArrayLike) -> Array:
+        """Return f, f', ... f^(d), with the shape of t followed by (d + 1,)."""
+        return np.stack([polyval(np.asarray(t, dtype=np.float64), row) for row in self._derivatives], axis=-1)
+
+
+@dataclass(frozen=True)
+class Table(PiecewisePolynomial):
+    """The piecewise linear signal through points; before the first and after the last it is constant.
+
+    Parameters
+    ----------
+    times : sequence of float
+        In s, in their order. A time that stands twice is a jump, and the second of its values holds there.
+    values : sequence of float
+        In N as a load and in m as a motion, one for each time.
+
+    Raises
+    ------
+    InputError
+        If the times go back, stand more than twice, or are not as many as the values.
+
+    Examples
+    --------
+    >>> push = Table([0.0, 1.0, 3.0], [0.0, 50.0, 0.0])
+    >>> push(2.0), push.rate(2.0), push(4.0)
+    (25.0, -25.0, 0.0)
+    """
+
+    times: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        times, values = _numbers(self, "times"), _numbers(self, "values")
+        if len(times) != len(values) or not times:
+            raise InputError(f"Table: it has {len(times)} times and {len(values)} values; give one value for each time")
+        back = np.flatnonzero(np.diff(times) < 0.0)
+        if len(back):
+            raise InputError(
+                f"Table: the time {times[back[0] + 1]:g} s stands after {times[back[0]]:g} s; sort the points"
+            )
+        thrice = [a for a, b in zip(times[:-2], times[2:], strict=True) if a == b]
+        if thrice:
+            raise InputError(f"Table: the time {thrice[0]:g} s stands more than twice; two points make a jump")
+        if not np.isfinite(self._slopes).all():
+            raise InputError(
+                "Table: two points lie so close that their slope is larger than any number; move them apart"
+            )
+
+    @cached_property
+    def _instants(self) -> Array:
+        return np.array(self.times, dtype=np.float64)
+
+    @cached_property
+    def _slopes(self) -> Array:
+        """The slopes before, between and after the points (n + 1,); a jump has none."""
+        with np.errstate(over="ignore"):
+            steps, rises = np.diff(self._instants), np.diff(np.array(self.values, dtype=np.float64))
+            slopes = np.divide(rises, steps, out=np.zeros_like(rises), where=steps > 0.0)
+        return np.concatenate([[0.0], slopes, [0.0]])
+
+    @property
+    def degree(self) -> int:
+        """One."""
+        return 1
+
+    @property
+    def continuous(self) -> bool:
+        """Whether no time stands twice with two values."""
+        values = np.array(self.values)
+        return not ((np.diff(self._instants) == 0.0) & (np.diff(values) != 0.0)).any()
+
+    def breakpoints(self, start: float, end: float) -> Array:
+        """Return the times of the points in start < t <= end."""
+        instants = np.unique(self._instants)
+        return np.asarray(instants[(instants > start) & (instants <= end)])
+
+    def derivatives(self, t: ArrayLike) -> Array:
+        """Return f and f', right limits, with the shape of t followed by (2,)."""
+        t = np.asarray(t, dtype=np.float64)
+        piece = np.searchsorted(self._instants, t, side="right")
+        at = np.maximum(piece - 1, 0)
+        slope = self._slopes[piece]
+        value = np.array(self.values, dtype=np.float64)[at] + slope * (t - self._instants[at])
+        return np.stack([value, slope], axis=-1)
+
+
+@dataclass(frozen=True)
+class Ramp(PiecewisePolynomial):
+    """The signal that is ``start`` until t_start, ``end`` from t_end on, and linear between.
+
+    Parameters
+    ----------
+    start, end : float
+        In N as a load and in m as a motion.
+    t_start, t_end : float
+        In s; where they are equal, the signal is a step.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, or t_end lies before t_start.
+
+    Examples
+    --------
+    >>> wall = Ramp(start=0.0, end=0.2, t_start=1.0, t_end=1.5)
+    >>> wall(1.25), wall.rate(1.25), wall.rate(2.0)
+    (0.1, 0.4, 0.0)
+    """
+
+    start: float
+    end: float
+    t_start: float
+    t_end: float
+
+    def __post_init__(self) -> None:
+        if not all(is_real(each) for each in (self.start, self.end, self.t_start, self.t_end)):
+            raise InputError(f"{self}: start, end, t_start and t_end must be finite numbers")
+        if self.t_end < self.t_start:
+            raise InputError(f"{self}: it ends at {self.t_end:g} s, before it starts; exchange t_start and t_end")
+        if not np.isfinite(self._table.derivatives(self.t_start)).all():
+            raise InputError(f"{self}: its slope is larger than any number; give it more time")
+
+    @cached_property
+    def _table(self) -> Table:
+        return Table((self.t_start, self.t_end), (self.start, self.end))
+
+    @property
+    def degree(self) -> int:
+        """One."""
+        return 1
+
+    @property
+    def continuous(self) -> bool:
+        """Whether it is no step."""
+        return self._table.continuous
+
+    def breakpoints(self, start: float, end: float) -> Array:
+        """Return t_start and t_end, where they lie in start < t <= end."""
+        return self._table.breakpoints(start, end)
+
+    def derivatives(self, t: ArrayLike) -> Array:
+        """Return f and f', right limits, with the shape of t followed by (2,)."""
+        return self._table.derivatives(t)
+
+
+@dataclass(frozen=True)
+class Square(PiecewisePolynomial):
+    """The square wave a sign cos(ω t + φ), a load that jumps between a and -a.
+
+    Parameters
+    ----------
+    amplitude : float
+        a in N.
+    omega : float
+        ω in rad/s, positive.
+    phase : float
+        φ in rad.
+
+    Raises
+    ------
+    InputError
+        If a number is not finite, or ω is not above zero; and for a run in which it jumps more than a million times.
+
+    Examples
+    --------
+    >>> push = Square(amplitude=2.0, omega=3.0)
+    >>> push(0.0), push(1.0)
+    (2.0, -2.0)
+    """
+
+    amplitude: float
+    omega: float
+    phase: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check_wave(self, self.amplitude, self.omega, self.phase)
+
+    @property
+    def degree(self) -> int:
+        """Zero."""
+        return 0
+
+    @property
+    def continuous(self) -> bool:
+        """Whether there is nothing to jump."""
+        return self.amplitude == 0.0
+
+    def breakpoints(self, start: float, end: float) -> Array:
+        """Return the instants of the jumps in start < t <= end."""
+        first, last = (self.omega * t + self.phase for t in (start, end))
+        if not (last - first) / math.pi <= MOST_BREAKPOINTS:
+            raise InputError(
+                f"{self} jumps {(last - first) / math.pi:.1e} times until {end:g} s, and at most {MOST_BREAKPOINTS:,} are "
+                "followed: shorten the run, or take a lower omega"
+            )
+        # One more at either side, since first and last are rounded.
+        instants = self._instant(
+            np.arange(math.floor(first / math.pi) - 1, math.ceil(last / math.pi) + 2, dtype=np.float64)
+        )
+        return np.unique(instants[(instants > start) & (instants <= end)])
+
+    def derivatives(self, t: ArrayLike) -> Array:
+        """Return f, its right limit, with the shape of t followed by (1,)."""
+        t = np.asarray(t, dtype=np.float64)
+        k = np.floor((self.omega * t + self.phase) / math.pi + 0.5)
+        # The instants of the jumps are rounded, and it is they that the value jumps at.
+        k = k + (t >= self._instant(k + 1.0)) - (t < self._instant(k))
+        return np.asarray(self.amplitude * (1.0 - 2.0 * np.mod(k, 2.0)))[..., None]
+
+    def _instant(self, k: Array) -> Array:
+        """Return where ω t + φ = (k - 1/2) π."""
+        return np.asarray(((k - 0.5) * math.pi - self.phase) / self.omega)
 
 
 @dataclass(frozen=True)
@@ -82,3 +422,32 @@ class Motion:
     def rate(self, t: float) -> float:
         """Return the velocity at time t."""
         return float(self.velocity(t))
+
+
+Described = Harmonic | PiecewisePolynomial
+"""The signals that are states of the first-order form; other functions of time are inputs."""
+
+SIGNALS: dict[str, type[Described]] = {each.__name__: each for each in (Harmonic, Polynomial, Ramp, Table, Square)}
+"""Those that a scheme file can hold."""
+
+NAMED = "Harmonic(...), Polynomial(...), Ramp(...), Table(...) or Square(...)"
+"""The same, in messages."""
+
+
+def _check_wave(signal: Any, amplitude: float, omega: float, phase: float) -> None:
+    if not (is_real(amplitude) and is_real(phase) and is_real(omega) and omega > 0.0):
+        raise InputError(f"{signal}: amplitude, omega and phase must be finite numbers, omega above zero")
+
+
+def _numbers(signal: Any, field: str) -> tuple[float, ...]:
+    """Make a field a tuple of numbers, which can be hashed, and return it."""
+    kind, given = type(signal).__name__, getattr(signal, field)
+    if isinstance(given, str) or not hasattr(given, "__iter__"):
+        raise InputError(f"{kind}: {field} = {given!r} must be a sequence of finite numbers")
+    given = tuple(given)
+    for i, each in enumerate(given):
+        if not is_real(each):
+            raise InputError(f"{kind}: {field}[{i}] = {each!r} must be a finite number")
+    numbers = tuple(each if isinstance(each, int) else float(each) for each in given)
+    object.__setattr__(signal, field, numbers)
+    return numbers

@@ -20,6 +20,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.dynamics import Contact, Dynamics
+from lcpimpact.scheme.signals import check_at_zero
 
 Signal = float | Callable[[float], float]
 
@@ -35,7 +36,7 @@ class LinearComplementaritySystem:
     C : (m, n) array_like
     D : (m, m) array_like, optional
         Zero by default.
-    a : sequence of n numbers, `Harmonic` or functions of time, optional
+    a : sequence of n numbers, signals or functions of time, optional
         Zero by default.
     c : (m,) array_like, optional
         Zero by default.
@@ -86,6 +87,9 @@ class LinearComplementaritySystem:
         a = tuple([0.0] * n if self.a is None else self.a)
         if len(a) != n or not all(callable(each) or is_real(each) for each in a):
             raise InputError(f"a of the system must hold {n} finite numbers or functions of time, one for each state")
+        for i, each in enumerate(a):
+            if callable(each):
+                check_at_zero(f"a[{i}] of the system", each, "the unit of its state per second")
         object.__setattr__(self, "a", a)
         for field, letter, count in (("states", "x", n), ("multipliers", "λ", m)):
             names = getattr(self, field)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -39,7 +40,7 @@ class Row:
 
 @dataclass(frozen=True)
 class PowerLaw:
-    r"""A non-linear spring: the force K δⁿ (1 + b δ') + c δ' for δ > 0, which pushes the two nodes apart.
+    r"""A non-linear spring, or compliant contact: the force K δⁿ (1 + b δ') + c δ' for δ > 0, which pushes two nodes apart.
 
     δ = q_upper - q_lower - gap is the approach of the nodes; the force is zero where δ <= 0. With c > 0 it jumps where
     δ = 0, and never pulls: it is zero too where the sum is negative.
@@ -53,6 +54,7 @@ class PowerLaw:
     n : float               exponent, at least 1
     b : float               s/m; 0 for a spring without this loss
     c : float               N s/m; 0 for a spring without this loss
+    name : str              the name of the force
     """
 
     element: str
@@ -63,6 +65,31 @@ class PowerLaw:
     n: float
     b: float = 0.0
     c: float = 0.0
+    name: str = "F"
+
+
+@dataclass(eq=False)
+class Sum:
+    """A matrix as a sum of terms, with what rounding has left out of it.
+
+    Springs of 1e9 and 1 N/m at one node sum to a float that has lost half the digits of the weaker one, and the rows of a
+    stiffness that should cancel in a rigid motion no longer do.
+
+    Attributes
+    ----------
+    value, residue : (n, n) arrays      the sum, and what it lacks
+    """
+
+    value: Array
+    residue: Array
+
+    def add(self, term: float | Array, at: Any = ...) -> None:
+        """Add a term to the entries ``at``; the rounding error of a sum is itself a float (Knuth)."""
+        before = self.value[at].copy()
+        total = before + term
+        added = total - before
+        self.residue[at] += (before - (total - added)) + (term - added)
+        self.value[at] = total
 
 
 class Terms:
@@ -71,7 +98,7 @@ class Terms:
     Attributes
     ----------
     index : dict of str to int      position of each node in q
-    M, C, K : (n, n) arrays         what has been added so far
+    M, C, K : Sum                   what has been added so far
     loads : list                    index of the node and the load
     rows : list of Row              the rows of H, in this order
     springs : list of PowerLaw      the non-linear springs
@@ -81,7 +108,7 @@ class Terms:
     def __init__(self, nodes: Sequence[str]) -> None:
         n = len(nodes)
         self.index = {node: i for i, node in enumerate(nodes)}
-        self.M, self.C, self.K = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
+        self.M, self.C, self.K = (Sum(np.zeros((n, n)), np.zeros((n, n))) for _ in range(3))
         self.loads: list[tuple[int, float | Callable[[float], float]]] = []
         self.rows: list[Row] = []
         self.springs: list[PowerLaw] = []
@@ -96,7 +123,7 @@ class Terms:
             row[self.index[a]] -= 1.0
         return row
 
-    def link(self, matrix: Array, a: str, b: str, value: float) -> None:
+    def link(self, matrix: Sum, a: str, b: str, value: float) -> None:
         """Add ``value`` times the square of (q_b - q_a) to the quadratic form of ``matrix``."""
         d = self.direction(a, b)
-        matrix += value * np.outer(d, d)
+        matrix.add(value * np.outer(d, d))

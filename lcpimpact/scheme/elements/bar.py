@@ -310,4 +310,4 @@ class Bar(Element):
         joints = self.joints
         moving = [i for i, node in enumerate(joints) if node != GROUND]
         at = [terms.index[joints[i]] for i in moving]
-        terms.M[np.ix_(at, at)] += self.mass_matrix()[np.ix_(moving, moving)]
+        terms.M.add(self.mass_matrix()[np.ix_(moving, moving)], np.ix_(at, at))

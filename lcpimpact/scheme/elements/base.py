@@ -32,6 +32,8 @@ class Element(ABC):
 
     strokes: ClassVar[tuple[Polyline, ...]] = ()
     split: ClassVar[float | None] = None
+    reaction: ClassVar[str] = ""
+    """What the reaction of an element without a name is called; a `Scheme` numbers those after the first of one name."""
     symbols: tuple[str, ...]
 
     @property
@@ -94,6 +96,6 @@ def distinct(element: Element) -> None:
 
 
 def named(element: Any) -> None:
-    """Refuse an element whose ``name`` is no name."""
-    if not isinstance(element.name, str) or not element.name:
+    """Refuse an element whose ``name`` is given and is no name."""
+    if element.name is not None and (not isinstance(element.name, str) or not element.name):
         raise InputError(f"{element}: name = {element.name!r} must be a string that is not empty")

@@ -24,8 +24,8 @@ class Bumper(Element):
             o  lower plate, feels +R
 
     Between two masses the velocity jumps when the plates meet, by Newton's law U⁺ = -e U⁻ for U = u'; where a spring
-    or a dashpot gives way under a plate there is no impulse, and e means nothing. R does no work; an impact with e < 1
-    dissipates kinetic energy.
+    or a dashpot gives way under a plate there is no impulse, and e means nothing, unless another bumper can stop that plate:
+    then impulses pass through both. R does no work; an impact with e < 1 dissipates kinetic energy.
 
     Parameters
     ----------
@@ -34,9 +34,10 @@ class Bumper(Element):
     gap : float
         Opening in m when both coordinates are zero.
     e : float, optional
-        Coefficient of restitution in [0, 1]; needed where both sides have mass (or are ground), refused elsewhere.
-    name : str
-        The name of the reaction.
+        Coefficient of restitution in [0, 1]; needed where impulses can act, since both sides have mass (or are ground) or
+        other bumpers lead on over massless nodes to such a side; refused elsewhere.
+    name : str, optional
+        The name of the reaction; by default R, and R_2, R_3, ... for the next ones of a scheme without a name.
     symbols : tuple of str
         How drawings call the reaction.
 
@@ -59,9 +60,10 @@ class Bumper(Element):
     lower: str
     gap: float = 0.0
     e: float | None = None
-    name: str = "R"
+    name: str | None = None
     symbols: tuple[str, ...] = ("R",)
 
+    reaction: ClassVar[str] = "R"
     strokes: ClassVar[tuple[Polyline, ...]] = (
         ((0.0, 0.0), (0.44, 0.0)),
         ((0.44, -1.0), (0.44, 1.0)),
@@ -86,4 +88,4 @@ class Bumper(Element):
     def contribute(self, terms: Terms) -> None:
         """Add a row to H and to u0."""
         e = None if self.e is None else float(self.e)
-        terms.rows.append(Row(str(self), self.name, self.upper, self.lower, float(self.gap), e))
+        terms.rows.append(Row(str(self), self.name or self.reaction, self.upper, self.lower, float(self.gap), e))

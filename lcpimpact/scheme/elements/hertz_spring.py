@@ -3,11 +3,11 @@ r"""The contact spring of Hertz."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
+from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, named, positive
 from lcpimpact.scheme.terms import PowerLaw, Terms
 
 
@@ -36,6 +36,8 @@ class HertzSpring(Element):
         Exponent, at least 1: 3/2 for smooth bodies, 2 for a cone.
     gap : float
         Opening in m when both coordinates are zero.
+    name : str, optional
+        The name of the force in results; by default F, and F_2, F_3, ... for the next ones of a scheme without a name.
     symbols : tuple of str
         How drawings call the constant.
 
@@ -59,8 +61,10 @@ class HertzSpring(Element):
     K: float = MISSING
     n: float = 1.5
     gap: float = 0.0
+    name: str | None = None
     symbols: tuple[str, ...] = ("K",)
 
+    reaction: ClassVar[str] = "F"
     strokes: ClassVar[tuple[Polyline, ...]] = (
         ((0.0, 0.0), (0.3, 0.0)),
         ((0.3, -0.6), (0.4, -0.54), (0.46, -0.36), (0.5, 0.0), (0.46, 0.36), (0.4, 0.54), (0.3, 0.6), (0.3, -0.6)),
@@ -81,12 +85,14 @@ class HertzSpring(Element):
 
     def contribute(self, terms: Terms) -> None:
         """Add the non-linear spring."""
-        law = PowerLaw(str(self), self.upper, self.lower, float(self.gap), float(self.K), float(self.n))
+        K, n, gap = float(self.K), float(self.n), float(self.gap)
+        law = PowerLaw(str(self), self.upper, self.lower, gap, K, n, name=self.name or self.reaction)
         terms.springs.append(law)
 
 
-def power_law_shape(element: Element, n: float, gap: float) -> None:
-    """Refuse an exponent below 1, at which the stiffness would be infinite at δ = 0, and a gap that is no number."""
+def power_law_shape(element: Any, n: float, gap: float) -> None:
+    """Refuse an exponent below 1, whose stiffness at δ = 0 is infinite, a gap that is no number, and a name that is none."""
+    named(element)
     if not is_real(n) or n < 1.0:
         raise InputError(f"{element}: n = {n!r} must be a finite number, at least 1")
     if not is_real(gap):

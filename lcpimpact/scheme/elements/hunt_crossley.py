@@ -36,6 +36,8 @@ class HuntCrossley(Element):
         Exponent, at least 1: 3/2 for smooth bodies.
     gap : float
         Opening in m when both coordinates are zero.
+    name : str, optional
+        The name of the force in results; by default F, and F_2, F_3, ... for the next ones of a scheme without a name.
     symbols : tuple of str
         How drawings call the two constants.
 
@@ -60,8 +62,10 @@ class HuntCrossley(Element):
     b: float = MISSING
     n: float = 1.5
     gap: float = 0.0
+    name: str | None = None
     symbols: tuple[str, ...] = ("K", "b")
 
+    reaction: ClassVar[str] = "F"
     strokes: ClassVar[tuple[Polyline, ...]] = (
         *HertzSpring.strokes,
         ((0.3, 0.6), (0.3, 0.9), (0.5, 0.9)),
@@ -84,5 +88,6 @@ class HuntCrossley(Element):
 
     def contribute(self, terms: Terms) -> None:
         """Add the non-linear spring."""
-        law = PowerLaw(str(self), self.upper, self.lower, float(self.gap), float(self.K), float(self.n), float(self.b))
+        K, n, b, gap = float(self.K), float(self.n), float(self.b), float(self.gap)
+        law = PowerLaw(str(self), self.upper, self.lower, gap, K, n, b, name=self.name or self.reaction)
         terms.springs.append(law)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import ClassVar
 
 from lcpimpact.scheme.elements.base import MISSING, Compound, Element, distinct, named, positive
 from lcpimpact.scheme.elements.slider import Slider
@@ -35,8 +36,9 @@ class Jenkins(Compound):
         Yield force in N, positive.
     k_h : float, optional
         Stiffness of the hardening spring in N/m; the element's stiffness past yield is k k_h/(k + k_h).
-    name : str
-        The name of the slider's force in results, and of the inner node.
+    name : str, optional
+        The name of the slider's force in results, and of the inner node; by default F, and F_2, F_3, ... for the next ones
+        of a scheme without a name.
     symbols : tuple of str
         How drawings call the constants.
 
@@ -60,8 +62,10 @@ class Jenkins(Compound):
     k: float = MISSING
     f_y: float = MISSING
     k_h: float | None = None
-    name: str = "F"
+    name: str | None = None
     symbols: tuple[str, ...] = ("k", "f_y", "k_h")
+
+    reaction: ClassVar[str] = "F"
 
     def __post_init__(self) -> None:
         distinct(self)
@@ -74,7 +78,7 @@ class Jenkins(Compound):
     @property
     def nodes(self) -> tuple[str, ...]:
         """The two ends, and the node of the plastic strain between them."""
-        return (self.a, f"{self.name}.1", self.b)
+        return (self.a, f"{self.name or self.reaction}.1", self.b)
 
     def parts(self) -> tuple[Element, ...]:
         """Return the spring, the slider, and the hardening spring if there is one."""

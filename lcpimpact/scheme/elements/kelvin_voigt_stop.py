@@ -39,6 +39,8 @@ class KelvinVoigtStop(Element):
         Damping in N s/m, zero or positive.
     gap : float
         Opening in m when both coordinates are zero.
+    name : str, optional
+        The name of the force in results; by default F, and F_2, F_3, ... for the next ones of a scheme without a name.
     symbols : tuple of str
         How drawings call the two constants.
 
@@ -63,8 +65,10 @@ class KelvinVoigtStop(Element):
     k: float = MISSING
     c: float = MISSING
     gap: float = 0.0
+    name: str | None = None
     symbols: tuple[str, ...] = ("k", "c")
 
+    reaction: ClassVar[str] = "F"
     strokes: ClassVar[tuple[Polyline, ...]] = (
         ((0.0, 0.0), (0.16, 0.0)),
         ((0.16, -0.8), (0.16, 0.8)),
@@ -96,5 +100,6 @@ class KelvinVoigtStop(Element):
 
     def contribute(self, terms: Terms) -> None:
         """Add the one-sided spring with its dashpot."""
-        law = PowerLaw(str(self), self.upper, self.lower, float(self.gap), float(self.k), 1.0, c=float(self.c))
+        k, c, gap = float(self.k), float(self.c), float(self.gap)
+        law = PowerLaw(str(self), self.upper, self.lower, gap, k, 1.0, c=c, name=self.name or self.reaction)
         terms.springs.append(law)

@@ -9,7 +9,7 @@ from typing import ClassVar
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct
-from lcpimpact.scheme.signals import Harmonic
+from lcpimpact.scheme.signals import Signal, check_at_zero
 from lcpimpact.scheme.terms import Terms
 
 
@@ -27,15 +27,16 @@ class Load(Element):
     ----------
     node : str
         The node that it acts on.
-    f : float, Harmonic or callable
-        Force in N; a callable takes the time in s and returns the force.
+    f : float, signal or callable
+        Force in N: a number; a `Harmonic`, `Polynomial`, `Ramp`, `Table` or `Square`; or any function, which takes the time
+        in s and returns the force.
     symbols : tuple of str
         How drawings call the force.
 
     Raises
     ------
     InputError
-        If f is missing, not finite, or the node is the ground.
+        If f is missing, not finite, or the node is the ground; and when a scheme is assembled, if f(0) is no finite number.
 
     Examples
     --------
@@ -44,7 +45,7 @@ class Load(Element):
     """
 
     node: str
-    f: float | Harmonic | Callable[[float], float] = MISSING
+    f: float | Signal | Callable[[float], float] = MISSING
     symbols: tuple[str, ...] = ("f",)
 
     strokes: ClassVar[tuple[Polyline, ...]] = (
@@ -67,5 +68,7 @@ class Load(Element):
         return (self.node,)
 
     def contribute(self, terms: Terms) -> None:
-        """Add the force to f(t)."""
+        """Add the force to f(t); a function that gives no number is refused here."""
+        if callable(self.f):
+            check_at_zero(f"{self}: f", self.f, "N")
         terms.loads.append((terms.index[self.node], self.f))

@@ -60,4 +60,4 @@ class Mass(Element):
     def contribute(self, terms: Terms) -> None:
         """Add m to the diagonal of M."""
         i = terms.index[self.node]
-        terms.M[i, i] += self.m
+        terms.M.add(self.m, (i, i))

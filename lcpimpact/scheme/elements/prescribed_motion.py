@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from lcpimpact.errors import InputError
 from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct
-from lcpimpact.scheme.signals import Signal
+from lcpimpact.scheme.signals import PiecewisePolynomial, Signal, check_at_zero
 from lcpimpact.scheme.terms import Terms
 
 
@@ -27,15 +27,16 @@ class PrescribedMotion(Element):
     ----------
     node : str
         The node; it must carry no mass.
-    y : Harmonic or Motion
-        Its place in m over time, with the velocity.
+    y : Harmonic, Polynomial, Ramp, Table or Motion
+        Its place in m over time, with the velocity. The place must be continuous; the velocity may jump.
     symbols : tuple of str
         How drawings call the motion.
 
     Raises
     ------
     InputError
-        If y is missing or does not know its velocity, or the node is the ground.
+        If y is missing, does not know its velocity, or jumps, or the node is the ground; and when a scheme is assembled, if
+        y(0) or y'(0) is no finite number.
 
     Examples
     --------
@@ -59,7 +60,13 @@ class PrescribedMotion(Element):
             raise InputError(f"{self}: the ground does not move; name another node")
         if self.y is MISSING or not callable(self.y) or not callable(getattr(self.y, "rate", None)):
             raise InputError(
-                f"{self}: y = {self.y!r} must be a motion that knows its velocity: Harmonic(...) or Motion(place, velocity)"
+                f"{self}: y = {self.y!r} must be a motion that knows its velocity: Harmonic(...), Polynomial(...), "
+                "Ramp(...), Table(...) or Motion(place, velocity)"
+            )
+        if isinstance(self.y, PiecewisePolynomial) and not self.y.continuous:
+            kind = type(self.y).__name__
+            raise InputError(
+                f"{self}: y is a {kind} that jumps, and a node moves continuously: let it rise over a time"
             )
 
     @property
@@ -69,6 +76,8 @@ class PrescribedMotion(Element):
 
     def contribute(self, terms: Terms) -> None:
         """Give the node its motion."""
+        check_at_zero(f"{self}: y", self.y, "m")
+        check_at_zero(f"{self}: y.rate", self.y.rate, "m/s")
         i = terms.index[self.node]
         if i in terms.motions:
             raise InputError(f"node {self.node!r} has two motions that are given: leave one out")

@@ -31,9 +31,9 @@ class Rope(Element):
     slack : float
         How much further apart in m, at zero coordinates, b may come from a before the rope is taut.
     e : float, optional
-        Coefficient of restitution in [0, 1]; needed where both ends have mass (or are ground), refused elsewhere.
-    name : str
-        The name of the tension.
+        Coefficient of restitution in [0, 1]; needed and refused as for a `Bumper`.
+    name : str, optional
+        The name of the tension; by default T, and T_2, T_3, ... for the next ones of a scheme without a name.
     symbols : tuple of str
         How drawings call the tension.
 
@@ -56,9 +56,10 @@ class Rope(Element):
     b: str
     slack: float = MISSING
     e: float | None = None
-    name: str = "T"
+    name: str | None = None
     symbols: tuple[str, ...] = ("T",)
 
+    reaction: ClassVar[str] = "T"
     strokes: ClassVar[tuple[Polyline, ...]] = (
         (
             (0.0, 0.0), (0.15, 0.0), (0.22, 0.12), (0.32, 0.18), (0.42, 0.12), (0.5, 0.0),
@@ -84,4 +85,4 @@ class Rope(Element):
     def contribute(self, terms: Terms) -> None:
         """Add a row to H and to u0: that of a bumper with its plates exchanged."""
         e = None if self.e is None else float(self.e)
-        terms.rows.append(Row(str(self), self.name, self.b, self.a, float(self.slack), e))
+        terms.rows.append(Row(str(self), self.name or self.reaction, self.b, self.a, float(self.slack), e))

@@ -32,8 +32,8 @@ class Slider(Element):
         The nodes that it joins; one may be the ground.
     r0 : float
         Threshold in N, positive: Coulomb's μN, or the yield force of St-Venant's element.
-    name : str
-        The name of the force F in results.
+    name : str, optional
+        The name of the force F in results; by default F, and F_2, F_3, ... for the next ones of a scheme without a name.
     symbols : tuple of str
         How drawings call the threshold.
 
@@ -55,9 +55,10 @@ class Slider(Element):
     a: str
     b: str
     r0: float = MISSING
-    name: str = "F"
+    name: str | None = None
     symbols: tuple[str, ...] = ("r_0",)
 
+    reaction: ClassVar[str] = "F"
     strokes: ClassVar[tuple[Polyline, ...]] = (
         ((0.0, 0.0), (0.34, 0.0)),
         ((0.34, 0.16), (0.34, -0.34), (0.66, -0.34), (0.66, 0.16), (0.34, 0.16)),
@@ -78,4 +79,4 @@ class Slider(Element):
 
     def contribute(self, terms: Terms) -> None:
         """Add a row to H, with a box as its law."""
-        terms.rows.append(Row(str(self), self.name, self.a, self.b, 0.0, r0=float(self.r0)))
+        terms.rows.append(Row(str(self), self.name or self.reaction, self.a, self.b, 0.0, r0=float(self.r0)))

@@ -1,0 +1,285 @@
+r"""Double-double arithmetic: a number is the unevaluated sum of two floats, with some 32 digits.
+
+.. math:: x = x_{hi} + x_{lo}, \qquad |x_{lo}| \le \tfrac12 \mathrm{ulp}(x_{hi})
+
+Sums and products keep the rounding error of each operation, which is itself a float (Dekker 1971). A difference of two
+places of size L keeps what it is down to 1e-32 L, so a gap that is closing may be told from one that is closed.
+
+References: Dekker, *A floating-point technique for extending the available precision*, Numer. Math. 18 (1971); Hida, Li and
+Bailey, *Algorithms for quad-double precision floating point arithmetic* (2001).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import types
+from numpy.typing import ArrayLike
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import compiled, cube, f8, matrix
+
+EPS = 2.0**-100
+"""Relative rounding of a few sums and products."""
+
+SPLIT = 134217729.0
+"""2²⁷ + 1, by which a float is split into two halves whose products are exact."""
+
+pair = types.UniTuple(f8, 2)
+
+
+@compiled(pair(f8, f8))
+def two_sum(a: float, b: float) -> tuple[float, float]:
+    """Return a + b and the rounding error of the sum."""
+    s = a + b
+    t = s - a
+    return s, (a - (s - t)) + (b - t)
+
+
+@compiled(pair(f8, f8))
+def two_product(a: float, b: float) -> tuple[float, float]:
+    """Return a b and the rounding error of the product."""
+    p = a * b
+    c = SPLIT * a
+    a1 = c - (c - a)
+    a2 = a - a1
+    c = SPLIT * b
+    b1 = c - (c - b)
+    b2 = b - b1
+    return p, ((a1 * b1 - p) + a1 * b2 + a2 * b1) + a2 * b2
+
+
+@compiled(pair(f8, f8, f8, f8))
+def add(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
+    """Return the sum of two double-doubles."""
+    s, e = two_sum(a, b)
+    t, f = two_sum(a_lo, b_lo)
+    e += t
+    s, e = s + e, e - ((s + e) - s)
+    e += f
+    return s + e, e - ((s + e) - s)
+
+
+@compiled(pair(f8, f8, f8, f8))
+def multiply(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
+    """Return the product of two double-doubles."""
+    p, e = two_product(a, b)
+    e += a * b_lo + a_lo * b
+    return p + e, e - ((p + e) - p)
+
+
+@compiled(cube(cube, cube))
+def product(A: Array, B: Array) -> Array:
+    """Return the product of two matrices (2, n, m) and (2, m, p)."""
+    n, m, p = A.shape[1], A.shape[2], B.shape[2]
+    C = np.zeros((2, n, p))
+    for i in range(n):
+        for k in range(m):
+            a, a_lo = A[0, i, k], A[1, i, k]
+            if a != 0.0:
+                for j in range(p):
+                    x, x_lo = multiply(a, a_lo, B[0, k, j], B[1, k, j])
+                    C[0, i, j], C[1, i, j] = add(C[0, i, j], C[1, i, j], x, x_lo)
+    return C
+
+
+@compiled(matrix(matrix, matrix))
+def total(a: Array, b: Array) -> Array:
+    """Return the sum of two arrays (2, n)."""
+    c = np.empty_like(a)
+    for i in range(a.shape[1]):
+        c[0, i], c[1, i] = add(a[0, i], a[1, i], b[0, i], b[1, i])
+    return c
+
+
+@compiled(matrix(matrix, matrix))
+def times(a: Array, b: Array) -> Array:
+    """Return the products of the entries of two arrays (2, n)."""
+    c = np.empty_like(a)
+    for i in range(a.shape[1]):
+        c[0, i], c[1, i] = multiply(a[0, i], a[1, i], b[0, i], b[1, i])
+    return c
+
+
+@compiled(pair(f8, f8, f8, f8))
+def divide(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
+    """Return the quotient of two double-doubles."""
+    q, q_lo = a / b, 0.0
+    for _ in range(2):
+        p, p_lo = multiply(q, q_lo, b, b_lo)
+        rest, _ = add(a, a_lo, -p, -p_lo)
+        q, q_lo = add(q, q_lo, rest / b, 0.0)
+    return q, q_lo
+
+
+@compiled(matrix(matrix, matrix))
+def over(a: Array, b: Array) -> Array:
+    """Return the quotients of the entries of two arrays (2, n)."""
+    c = np.empty_like(a)
+    for i in range(a.shape[1]):
+        c[0, i], c[1, i] = divide(a[0, i], a[1, i], b[0, i], b[1, i])
+    return c
+
+
+@compiled(cube(cube, cube))
+def eliminate(A: Array, b: Array) -> Array:
+    """Return A⁻¹ b, for A (2, n, n) and b (2, n, p), by elimination with scaled pivots; NaN where A is singular."""
+    n, A, x = A.shape[1], A.copy(), b.copy()
+    sizes = np.empty(n)
+    for i in range(n):
+        sizes[i] = np.abs(A[0, i]).max()
+    for k in range(n):
+        best, pivot = 0.0, k
+        for i in range(k, n):
+            if sizes[i] > 0.0 and abs(A[0, i, k]) / sizes[i] > best:
+                best, pivot = abs(A[0, i, k]) / sizes[i], i
+        if best == 0.0:
+            return np.full_like(x, np.nan)
+        if pivot != k:
+            for part in range(2):
+                row = A[part, k].copy()
+                A[part, k] = A[part, pivot]
+                A[part, pivot] = row
+                right = x[part, k].copy()
+                x[part, k] = x[part, pivot]
+                x[part, pivot] = right
+            sizes[k], sizes[pivot] = sizes[pivot], sizes[k]
+        for i in range(n):
+            if i == k or A[0, i, k] == 0.0:
+                continue
+            f, f_lo = divide(A[0, i, k], A[1, i, k], A[0, k, k], A[1, k, k])
+            for j in range(k, n):
+                p, p_lo = multiply(f, f_lo, A[0, k, j], A[1, k, j])
+                A[0, i, j], A[1, i, j] = add(A[0, i, j], A[1, i, j], -p, -p_lo)
+            A[0, i, k], A[1, i, k] = 0.0, 0.0
+            for j in range(x.shape[2]):
+                p, p_lo = multiply(f, f_lo, x[0, k, j], x[1, k, j])
+                x[0, i, j], x[1, i, j] = add(x[0, i, j], x[1, i, j], -p, -p_lo)
+    for i in range(n):
+        for j in range(x.shape[2]):
+            x[0, i, j], x[1, i, j] = divide(x[0, i, j], x[1, i, j], A[0, i, i], A[1, i, i])
+    return x
+
+
+@dataclass(frozen=True, eq=False)
+class DoubleDouble:
+    """An array of double-doubles.
+
+    Attributes
+    ----------
+    parts : (2, ...) array      the leading and the trailing floats
+
+    Examples
+    --------
+    >>> third = DoubleDouble.of(1.0) / 3.0
+    >>> bool(abs((third + third + third - 1.0).hi) < 1e-31)
+    True
+    """
+
+    parts: Array
+
+    __array_ufunc__ = None  # an array on the left leaves the operation to the methods below
+
+    @classmethod
+    def of(cls, values: ArrayLike | DoubleDouble) -> DoubleDouble:
+        """Return floats as double-doubles."""
+        if isinstance(values, DoubleDouble):
+            return values
+        hi = np.asarray(values, dtype=np.float64)
+        parts = np.zeros((2, *hi.shape))
+        parts[0] = hi
+        return cls(parts)
+
+    @property
+    def hi(self) -> Array:
+        """The nearest floats."""
+        return np.asarray(self.parts[0])
+
+    @property
+    def lo(self) -> Array:
+        """What the nearest floats lack."""
+        return np.asarray(self.parts[1])
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The shape of the array of numbers."""
+        return self.parts.shape[1:]
+
+    @property
+    def T(self) -> DoubleDouble:
+        """The transpose of a matrix."""
+        return DoubleDouble(np.ascontiguousarray(self.parts.transpose(0, 2, 1)))
+
+    def __len__(self) -> int:
+        return int(self.parts.shape[1])
+
+    def __getitem__(self, index: Any) -> DoubleDouble:
+        return DoubleDouble(self.parts[(slice(None), *index) if isinstance(index, tuple) else (slice(None), index)])
+
+    def __neg__(self) -> DoubleDouble:
+        return DoubleDouble(-self.parts)
+
+    def __add__(self, other: ArrayLike | DoubleDouble) -> DoubleDouble:
+        return self._each(total, other)
+
+    def __sub__(self, other: ArrayLike | DoubleDouble) -> DoubleDouble:
+        return self + (-DoubleDouble.of(other))
+
+    def __rsub__(self, other: ArrayLike) -> DoubleDouble:
+        return -self + other
+
+    def __mul__(self, other: ArrayLike | DoubleDouble) -> DoubleDouble:
+        return self._each(times, other)
+
+    __radd__, __rmul__ = __add__, __mul__
+
+    def __truediv__(self, other: ArrayLike | DoubleDouble) -> DoubleDouble:
+        return self._each(over, other)
+
+    def __matmul__(self, other: ArrayLike | DoubleDouble) -> DoubleDouble:
+        a, b = self.parts, DoubleDouble.of(other).parts
+        vector = b.ndim == 2
+        found = product(
+            np.ascontiguousarray(a[:, None] if a.ndim == 2 else a), np.ascontiguousarray(b[..., None] if vector else b)
+        )
+        found = found[:, 0] if a.ndim == 2 else found
+        return DoubleDouble(found[..., 0] if vector else found)
+
+    def __rmatmul__(self, other: ArrayLike) -> DoubleDouble:
+        return DoubleDouble.of(other) @ self
+
+    def _each(self, operation: Any, other: ArrayLike | DoubleDouble) -> DoubleDouble:
+        a, b = self.parts, DoubleDouble.of(other).parts
+        if a.shape != b.shape:
+            a, b = np.broadcast_arrays(_aligned(a, b.ndim), _aligned(b, a.ndim))
+        flat = operation(np.ascontiguousarray(a).reshape(2, -1), np.ascontiguousarray(b).reshape(2, -1))
+        return DoubleDouble(flat.reshape(a.shape))
+
+
+def _aligned(parts: Array, ndim: int) -> Array:
+    """Return parts (2, ...) with as many dimensions as its partner has, if it has more."""
+    return parts.reshape(2, *(1,) * max(ndim - parts.ndim, 0), *parts.shape[1:])
+
+
+def stacked(blocks: list[list[ArrayLike | DoubleDouble]]) -> DoubleDouble:
+    """Return a matrix from its blocks, as `numpy.block` does."""
+    parts = [[DoubleDouble.of(block).parts for block in row] for row in blocks]
+    return DoubleDouble(np.stack([np.block([[block[i] for block in row] for row in parts]) for i in (0, 1)]))
+
+
+def solve(A: ArrayLike | DoubleDouble, b: ArrayLike | DoubleDouble) -> DoubleDouble:
+    """Return A⁻¹ b, for b of shape (n,) or (n, p).
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If A is singular.
+    """
+    right = DoubleDouble.of(b).parts
+    columns = right[..., None] if right.ndim == 2 else right
+    found = eliminate(np.ascontiguousarray(DoubleDouble.of(A).parts), np.ascontiguousarray(columns))
+    if not np.isfinite(found).all():
+        raise np.linalg.LinAlgError("singular matrix")
+    return DoubleDouble(found.reshape(right.shape))
