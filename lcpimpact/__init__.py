@@ -61,6 +61,10 @@ _LOCATIONS = {
     "Motion": "lcpimpact.scheme.signals:Motion",
     "LinearComplementaritySystem": "lcpimpact.scheme.system:LinearComplementaritySystem",
     "Harmonic": "lcpimpact.scheme.signals:Harmonic",
+    "Polynomial": "lcpimpact.scheme.signals:Polynomial",
+    "Ramp": "lcpimpact.scheme.signals:Ramp",
+    "Square": "lcpimpact.scheme.signals:Square",
+    "Table": "lcpimpact.scheme.signals:Table",
     "plot_poincare": "lcpimpact.plotting.dynamics:plot_poincare",
     "plot_bifurcation": "lcpimpact.plotting.dynamics:plot_bifurcation",
     "plot_basins": "lcpimpact.plotting.dynamics:plot_basins",
@@ -132,8 +136,10 @@ __all__ = [
     "Motion",
     "NegativeSpring",
     "PeriodicOrbit",
+    "Polynomial",
     "PrescribedMotion",
     "Problem",
+    "Ramp",
     "Rope",
     "Run",
     "Scheme",
@@ -141,8 +147,10 @@ __all__ = [
     "Slider",
     "Spring",
     "SpringPot",
+    "Square",
     "Status",
     "Stroboscope",
+    "Table",
     "Target",
     "Trajectory",
     "UnsupportedError",
@@ -220,6 +228,7 @@ if TYPE_CHECKING:
     from lcpimpact.scheme.elements.spring_pot import SpringPot
     from lcpimpact.scheme.elements.zener import Zener
     from lcpimpact.scheme.scheme import Scheme
+    from lcpimpact.scheme.signals import Harmonic, Motion, Polynomial, Ramp, Square, Table
     from lcpimpact.scheme.system import LinearComplementaritySystem
     from lcpimpact.schemefile import Run, SchemeFile, read_scheme_file, write_scheme_file
     from lcpimpact.simulation import simulate

@@ -1,20 +1,58 @@
-"""The certificate of a run: how far it is from the laws that it should obey, computed from its record alone."""
+"""The certificate of a run: how far it is from the laws that it should obey, computed from what the run holds alone."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
 
 import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
-from lcpimpact.integrators.base import Dense, Event, Record
+from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, vector
+from lcpimpact.events import step_of
+from lcpimpact.integrators.base import Dense, Event, Integrator, Limits, Record
 from lcpimpact.integrators.spring_law import push
+from lcpimpact.scheme.decomposition import decompose
 from lcpimpact.scheme.dynamics import Dynamics
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
+
+LEGENDRE = np.polynomial.legendre.legvander(GAUSS_NODES, 5) * GAUSS_WEIGHTS[:, None] * (np.arange(6) + 0.5)
+"""What makes of values at Gauss's nodes the coefficients of Legendre's polynomials."""
+
+RESIDUAL = 1e3
+"""An LCP that is solved to a residual leaves its laws so many times as inexact, each in its own unit."""
+
+MASSIVE, DRIVEN, DAMPED, LOOSE = 1, 2, 0, -1
+"""Kinds of nodes: with a mass, with a motion that is given, held by dashpots, held by springs only."""
+
+SLOPE, JUMP = 0.25, 0.6
+"""Parts of h times a change and of h times a bend that a method and the trapezoidal rule may differ by; the rule's own are
+1/12 and 1/2."""
+
+EVERY = 16
+"""Sums over the steps of a run are looked at after so many steps each: one that is wrong stays wrong."""
+
+EDGE = 1e-12
+"""A gap is closed beyond rounding where it is below zero by so much of its terms."""
+
+SENTENCES = {
+    "complementarity": "force and gap, or friction and sliding, are complementary but for {:.3g} J",
+    "penetration": "bodies penetrate by {:.3g} m",
+    "energy_balance": "the energy is out of balance by {:.3g} J",
+    "tension": "a reaction is outside its bounds by {:.3g} N",
+    "impact_law": "the impact law is violated by {:.3g} m/s",
+    "momentum": "the momentum is out of balance by {:.3g} N s",
+    "equilibrium": "a node without mass is out of balance by {:.3g} N",
+    "kinematics": "coordinates and velocities differ by {:.3g} m",
+    "sampling": "what is recorded differs from the continuous solution by {:.3g} of its scale",
+    "motion": "a node is off the motion that is given by {:.3g} m",
+}
+
+Found: TypeAlias = dict[str, tuple[float, float]]
+"""The violation of each law, and what is allowed there."""
 
 
 @dataclass(frozen=True)
@@ -26,17 +64,36 @@ class Certificate:
     residual : float
         Largest residual of the LCPs of the steps, in units where max |W| = max |q| = 1; zero where none is solved.
     complementarity : float
-        Largest product in J: r u on rows of relative degree 0 and 1; impulse times U⁺ + e U on rows of degree 2; what the
-        friction of a slider should dissipate more than it does, r0 |U| + r U over a step, or as a power in W for a method
-        whose reactions live at instants.
+        Largest product in J: r u while a contact pushes, impulse times U⁺ + e U⁻ in an impact, and what the friction of a
+        slider should dissipate in a step more than it does, r0 |U| + r U.
     penetration : float
         Largest -u in m.
     energy_balance : float
-        Largest |E(t) - E(0) - work of loads and contacts + dissipation| in J. With the θ-method it is what the method
-        itself adds or takes, zero to rounding for θ = 1/2 and linear springs. NaN for a system that is given directly,
-        which has no energy to balance.
+        Largest |E(t) - E(0) - work of loads and contacts + dissipation| in J, where an impact works P (U⁻ + U⁺)/2. With
+        the θ-method it is what the method itself adds or takes, zero to rounding for θ = 1/2 and linear springs. NaN for a
+        system that is given directly, which has no energy to balance.
     energy_scale : float
         Largest size of the stored energy in the run in J, to compare with.
+    tension : float
+        By how much a reaction leaves its bounds in N: -r, -P/h for an impulse in a step, or |r| - r0 of a slider.
+    impact_law : float
+        Largest violation in m/s of P >= 0, U⁺ + e U⁻ >= 0, P (U⁺ + e U⁻) = 0: |U⁺ + e U⁻| where an impulse acts.
+    momentum : float
+        Largest |M v - M v(0) - ∫ (f + s - K q - C v + B r) dt - Σ B P| of a node with mass in N s.
+    equilibrium : float
+        Largest |f + s - K q - C v + B r| in N of a node without mass; of the θ-method, the largest impulse that has gone
+        missing there, over the duration.
+    kinematics : float
+        Largest |q - q(0) - ∫ v dt| in m of a node that has a velocity of its own.
+    motion : float
+        Largest |q_i - y(t)| in m of a node whose motion is given.
+    sampling : float
+        Largest difference of what is recorded from the continuous solution, relative to the scale of each series.
+    length_scale, velocity_scale, force_scale, momentum_scale : float
+        Largest opening in m, its rate in m/s, the largest sum of forces at a node in N, and the largest momentum of a node
+        in N s, to compare with.
+    limits : mapping of str to float
+        What the method allows of each, where it declares a limit; see `lcpimpact.integrators.base.Limits`.
     """
 
     residual: float
@@ -44,6 +101,36 @@ class Certificate:
     penetration: float
     energy_balance: float
     energy_scale: float
+    tension: float = 0.0
+    impact_law: float = 0.0
+    momentum: float = 0.0
+    equilibrium: float = 0.0
+    kinematics: float = 0.0
+    motion: float = 0.0
+    sampling: float = 0.0
+    length_scale: float = 0.0
+    velocity_scale: float = 0.0
+    force_scale: float = 0.0
+    momentum_scale: float = 0.0
+    limits: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What is beyond its limit, the worst first, each as a sentence with the number and the limit."""
+        beyond = {
+            name: float(getattr(self, name) / limit if limit > 0.0 else np.inf)
+            for name, limit in self.limits.items()
+            if not getattr(self, name) <= limit
+        }
+        return tuple(
+            f"{SENTENCES[name].format(getattr(self, name))}, where {self.limits[name]:.2g} is allowed"
+            for name in sorted(beyond, key=lambda name: -beyond[name])
+        )
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing is beyond its limit."""
+        return not self.failures
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +145,21 @@ class Pieces:
         half = 0.5 * np.diff(self.cuts)
         return np.asarray(((self.cuts[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES).ravel())
 
+    def each(self, values: Array) -> Array:
+        """Return the integral of values (nt, ...) at the nodes over each piece (nk - 1, ...)."""
+        inner = np.asarray(values).reshape(len(self.cuts) - 1, len(GAUSS_NODES), *values.shape[1:])
+        return np.asarray(np.einsum("kg...,g,k->k...", inner, GAUSS_WEIGHTS, 0.5 * np.diff(self.cuts)))
+
     def integral(self, values: Array) -> Array:
         """Return the integral of values (nt, ...) at the nodes from the first cut to each (nk, ...)."""
-        inner = np.asarray(values).reshape(len(self.cuts) - 1, len(GAUSS_NODES), *values.shape[1:])
-        pieces = np.einsum("kg...,g,k->k...", inner, GAUSS_WEIGHTS, 0.5 * np.diff(self.cuts))
+        pieces = self.each(values)
         return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(pieces, axis=0)])
+
+    def unresolved(self, values: Array, degree: int) -> Array:
+        """Return h Σ |a_j|, j = ``degree`` ... 5, with Legendre's coefficients a_j on each piece (nk - 1, ...)."""
+        inner = np.asarray(values).reshape(len(self.cuts) - 1, len(GAUSS_NODES), *values.shape[1:])
+        a = np.abs(np.einsum("kg...,gj->kj...", inner, LEGENDRE[:, min(degree, 5) :])).sum(axis=1)
+        return np.asarray(a * np.diff(self.cuts).reshape(-1, *[1] * (values.ndim - 1)))
 
 
 @compiled(f8(matrix, matrix, i8, vector))
@@ -75,10 +172,50 @@ def power_law(N: Array, springs: Array, a: int, q: Array) -> float:
     return float(K * max(δ, 0.0) ** (n + 1.0) / (n + 1.0))
 
 
+@compiled(types.void(matrix, vector, f8, vector, vector, vector, indices, indices, vector, flags, matrix))
+def judge_paths(
+    lines: Array, force: Array, h: float, before: Array, after: Array,
+    H: Array, starts: Indices, columns: Indices, e: Array, meets: Flags, of_rows: Array,
+) -> None:  # fmt: skip
+    """Judge the impulse paths over massless nodes (rows of ``lines``) in a step with the mean forces ``force`` (nc,).
+
+    Where all contacts of a path push, they meet, and the law of impact is that of their sum: the product is the force that
+    passes through all of them times Σ (U⁺ + ρ e U), with ρ of `lcpimpact.integrators.moreau_jean`. It raises the first of
+    ``of_rows``.
+    """
+    nc = len(force)
+    through, ρ, U, U_after = np.empty(len(lines)), np.zeros(nc), np.zeros(nc), np.zeros(nc)
+    meets[:] = False
+    for i in range(nc):
+        for p in range(starts[i], starts[i + 1]):
+            U[i] += H[p] * before[columns[p]]
+            U_after[i] += H[p] * after[columns[p]]
+    for a in range(len(lines)):
+        least, opening, approach = np.inf, 0.0, 0.0
+        for i in range(nc):
+            if lines[a, i] > 0.0:
+                least, opening, approach = min(least, force[i]), opening + U[i], approach + min(U[i], 0.0)
+        through[a] = max(least, 0.0)
+        for i in range(nc):
+            if lines[a, i] > 0.0 and least > 0.0:
+                meets[i] = True
+                if opening < 0.0:
+                    ρ[i] = max(ρ[i], opening / approach)
+    for a in range(len(lines)):
+        off = 0.0
+        for i in range(nc):
+            if lines[a, i] > 0.0:
+                off += U_after[i] + e[i] * ρ[i] * min(U[i], 0.0)
+        for i in range(nc):
+            if lines[a, i] > 0.0:
+                of_rows[0, i] = max(of_rows[0, i], h * through[a] * abs(off))
+
+
 @compiled(
-    types.UniTuple(f8, 4)(
-        vector, matrix, matrix, matrix, matrix, f8, matrix, matrix, matrix, matrix, matrix, vector, vector, vector,
-        indices, types.boolean[::1], matrix, matrix,
+    types.UniTuple(f8, 3)(
+        vector, matrix, matrix, matrix, matrix, indices, indices, vector, f8, indices, indices, vector, vector, vector,
+        indices, indices, vector, matrix, matrix, vector, vector, vector, vector, indices, indices, matrix, matrix,
+        matrix, matrix, matrix,
     )
 )  # fmt: skip
 def certify_steps(
@@ -87,180 +224,839 @@ def certify_steps(
     v: Array,
     r: Array,
     f: Array,
+    step: Indices,
+    row: Indices,
+    P: Array,
     θ: float,
+    starts: Indices,
+    columns: Indices,
     M: Array,
     C: Array,
     K: Array,
+    H_starts: Indices,
+    H_columns: Indices,
     H: Array,
+    B: Array,
     D: Array,
     u0: Array,
     e: Array,
+    r_min: Array,
     r_max: Array,
     degree: Indices,
-    driven: Flags,
+    kind: Indices,
     N: Array,
     springs: Array,
-) -> tuple[float, float, float, float]:
-    """Return complementarity, penetration, energy balance and scale of a run whose reactions belong to its steps.
+    lines: Array,
+    of_rows: Array,
+    of_nodes: Array,
+) -> tuple[float, float, float]:
+    """Judge a run whose forces balance at t + θ h in each step; return the balance of energy, its scale and the longest h.
 
+    The rows in which D r counts are met at t + θ h, or at t + h in a step that is taken with θ = 1: the better counts.
+    Where all contacts of an impulse path over massless nodes (a row of ``lines``) push, the law of impact is that of their
+    sum: the product is the force that passes through all of them times Σ (U⁺ + ρ e U), with ρ of `moreau-jean`. A
+    contact of a path may overlap as others close, which counts as penetration alone.
     The work of a step is h w·(f_θ + Hᵀ r - C w) with w = (q⁺ - q)/h, which is what the θ-method balances; on a node whose
     motion is given the force that drives it balances the others, and leaves K q_θ - s.
+
+    M, C and K are the values of one sparse pattern, by rows, and H of another. The impulse P[a] acts in ``step[a]``, in the
+    order of steps, on ``row[a]`` beside the forces r. Nodes that only springs hold may be moved after the step; their v is
+    the mean of the step. Leaves in ``of_rows`` complementarity, penetration, tension, violation of the impact law, and the
+    largest |r|; in ``of_nodes`` the lack of momentum, that of impulse at nodes without mass, of way, and about the largest
+    |q| and |v|.
     """
-    n, nc, ns = q.shape[1], len(u0), len(springs)
-    complementarity, penetration, balance, worst, scale = 0.0, 0.0, 0.0, 0.0, 0.0
-    direct = np.zeros(nc, np.bool_)
+    n, nc, ns, ni = q.shape[1], len(u0), len(springs), len(step)
+    meets, on_line, any_direct = np.zeros(nc, np.bool_), np.zeros(nc, np.bool_), False
+    total, of_step, reach = np.zeros(nc), np.zeros((4, nc)), 0.0
+    for a in range(len(lines)):
+        for i in range(nc):
+            on_line[i] |= lines[a, i] > 0.0
+    balance, worst, longest, at = 0.0, 0.0, 0.0, 0
+    direct, drives, varying, last = np.zeros(nc, np.bool_), False, len(f) > 1, len(t) - 2
     for i in range(nc):
         for j in range(nc):
             direct[i] |= D[i, j] != 0.0
+        any_direct |= direct[i]
+    for i in range(n):
+        drives |= kind[i] == DRIVEN
+    product, penetration, tension, law, largest_r = of_rows
+    lack, missing, gone, largest_q, largest_v = of_nodes
+    gap, rate, w = np.empty(nc), np.empty(nc), np.empty(n)
+    # ∫ q_θ dt, ∫ r dt and the impulses of loads and non-linear springs since the start.
+    way, impulse, given = np.zeros(n), np.zeros(nc), np.zeros(n)
     stored = 0.0
     for i in range(n):
-        for j in range(n):
-            stored += 0.5 * (v[0, i] * M[i, j] * v[0, j] + q[0, i] * K[i, j] * q[0, j])
+        inertia, elastic = 0.0, 0.0
+        for p in range(starts[i], starts[i + 1]):
+            inertia += M[p] * v[0, columns[p]]
+            elastic += K[p] * q[0, columns[p]]
+        stored += 0.5 * (v[0, i] * inertia + q[0, i] * elastic)
+        largest_q[i], largest_v[i] = abs(q[0, i]), abs(v[0, i])
     for a in range(ns):
         stored += power_law(N, springs, a, q[0])
     scale = abs(stored)
-    for k in range(len(t) - 1):
+    for i in range(nc):
+        gap[i], rate[i] = u0[i], 0.0
+        for p in range(H_starts[i], H_starts[i + 1]):
+            gap[i] += H[p] * q[0, H_columns[p]]
+            rate[i] += H[p] * v[0, H_columns[p]]
+    for k in range(last + 1):
         h = t[k + 1] - t[k]
-        power = 0.0
+        per_h = 1.0 / h
+        if h > longest:
+            longest = h
+        power, after = 0.0, 0.0
+        for i in range(n):
+            w[i] = (q[k + 1, i] - q[k, i]) * per_h
+            rate_θ = v[k + 1, i]
+            if kind[i] == MASSIVE:
+                rate_θ = (1.0 - θ) * v[k, i] + θ * rate_θ
+            elif kind[i] == DRIVEN:
+                rate_θ = w[i]
+            if kind[i] != LOOSE and h * abs(w[i] - rate_θ) > gone[i]:
+                gone[i] = h * abs(w[i] - rate_θ)
+            way[i] += h * (q[k, i] + θ * h * rate_θ)
+            if varying:
+                given[i] += h * ((1.0 - θ) * f[k, i] + θ * f[k + 1, i])
+        while at < ni and step[at] == k:
+            impulse[row[at]] += P[at]
+            at += 1
         for i in range(nc):
-            u, U, U_before, W = u0[i], 0.0, 0.0, 0.0
-            for j in range(n):
-                u += H[i, j] * q[k + 1, j]
-                W += H[i, j] * (q[k + 1, j] - q[k, j]) / h
-                if driven[j]:
-                    power -= r[k, i] * H[i, j] * (q[k + 1, j] - q[k, j]) / h
-                if degree[i] == 2:
-                    U += H[i, j] * v[k + 1, j]
-                    U_before += H[i, j] * v[k, j]
-            power += r[k, i] * W
+            impulse[i] += h * r[k, i]
+            total[i], of_step[:, i] = r[k, i], 0.0
+        for a in range(ni):
+            b = at - 1 - a
+            if b < 0 or step[b] != k:
+                break
+            total[row[b]] += P[b] * per_h
+        if len(lines):
+            judge_paths(lines, total, h, v[k], v[k + 1], H, H_starts, H_columns, e, meets, of_rows)
+        for i in range(nc):
+            force, u, U, W = total[i], u0[i], 0.0, 0.0
+            for p in range(H_starts[i], H_starts[i + 1]):
+                j = H_columns[p]
+                u += H[p] * q[k + 1, j]
+                U += H[p] * v[k + 1, j]
+                W += H[p] * w[j]
+            bare, U_before = u, rate[i]
+            power += force * W
             if direct[i]:
-                u -= (1.0 - θ) * h * W
                 for j in range(nc):
                     u += D[i, j] * r[k, j]
+                u_θ = u - (1.0 - θ) * h * W
+                of_step[0, i], of_step[1, i] = abs(force * u_θ), abs(force * u)
+                of_step[2, i], of_step[3, i] = -u_θ, -u
+            if abs(r[k, i]) > largest_r[i]:
+                largest_r[i] = abs(r[k, i])
+            if force < r_min[i] or force > r_max[i]:
+                tension[i] = max(tension[i], r_min[i] - force, force - r_max[i])
             if r_max[i] < np.inf:
-                U = U if degree[i] == 2 else W
-                product = h * (r_max[i] * abs(U) + r[k, i] * U)
+                slip = U if degree[i] == 2 else W
+                found = h * (r_max[i] * abs(slip) + force * slip)
+            elif direct[i]:
+                found = 0.0
             else:
-                penetration = max(penetration, -u)
-                product = h * r[k, i] * (U + e[i] * U_before) if degree[i] == 2 else r[k, i] * u
-            complementarity = max(complementarity, abs(product))
-        after = 0.0
-        for i in range(n):
-            w = (q[k + 1, i] - q[k, i]) / h
-            inertia, elastic, damping, elastic_θ = 0.0, 0.0, 0.0, 0.0
-            for j in range(n):
-                inertia += M[i, j] * v[k + 1, j]
-                elastic += K[i, j] * q[k + 1, j]
-                damping += C[i, j] * (q[k + 1, j] - q[k, j])
-                if driven[i]:
-                    elastic_θ += K[i, j] * ((1.0 - θ) * q[k, j] + θ * q[k + 1, j])
-            if driven[i]:
-                power += w * elastic_θ
-            else:
-                load = f[0, i] if len(f) == 1 else (1.0 - θ) * f[k, i] + θ * f[k + 1, i]
-                power += w * (load - damping / h)
-            after += 0.5 * (v[k + 1, i] * inertia + q[k + 1, i] * elastic)
+                if -u > penetration[i]:
+                    penetration[i] = -u
+                if degree[i] == 2:
+                    left = U + e[i] * U_before
+                    found = h * force * left
+                    if meets[i]:
+                        found = 0.0
+                    elif force > 0.0:
+                        law[i] = max(law[i], abs(left))
+                    elif gap[i] + 0.5 * h * U_before < 0.0 and left < 0.0:
+                        edge = abs(u0[i])
+                        for p in range(H_starts[i], H_starts[i + 1]):
+                            edge += abs(H[p] * q[k, H_columns[p]])
+                        if gap[i] + 0.5 * h * U_before < -EDGE * edge:
+                            law[i] = max(law[i], -left)
+                else:
+                    found = force * u
+                if on_line[i]:
+                    found = 0.0 if meets[i] else max(found, 0.0)
+            if abs(found) > product[i]:
+                product[i] = abs(found)
+            gap[i], rate[i] = bare, U
+            if drives:
+                for j in range(n):
+                    if kind[j] == DRIVEN:
+                        power -= force * B[j, i] * w[j]
+        if any_direct:
+            # The rows in which D r counts are met at t + θ h, or at t + h in a step that is taken with θ = 1.
+            reach = max(reach, np.abs(of_step[3]).max())
+            rounding = EDGE * reach * largest_r.max()
+            late = of_step[0].max() > max(rounding, of_step[1].max()) or (
+                of_step[0].max() <= rounding and of_step[2].max() > max(EDGE * reach, of_step[3].max())
+            )
+            level = 1 if late else 0
+            if late:
+                for i in range(n):
+                    way[i] += h * (1.0 - θ) * h * w[i]
+                    if varying:
+                        given[i] += h * (1.0 - θ) * (f[k + 1, i] - f[k, i])
+            for i in range(nc):
+                product[i] = max(product[i], of_step[level, i])
+                penetration[i] = max(penetration[i], of_step[2 + level, i])
         for a in range(ns):
-            δ, rate = -springs[a, 0], 0.0
+            δ, parting = -springs[a, 0], 0.0
             for j in range(n):
-                w = (q[k + 1, j] - q[k, j]) / h
-                δ -= N[a, j] * (q[k, j] + θ * h * w)
-                rate -= N[a, j] * w
-            force, _, _ = push(springs[a], δ, -rate, h)
-            power -= (force - springs[a, 1] * max(δ, 0.0) ** springs[a, 2]) * rate
+                δ -= N[a, j] * (q[k, j] + θ * h * w[j])
+                parting += N[a, j] * w[j]
+            force, _, _ = push(springs[a], δ, parting, h)
+            power += (force - springs[a, 1] * max(δ, 0.0) ** springs[a, 2]) * parting
             for j in range(n):
-                if driven[j]:
-                    power -= N[a, j] * force * (q[k + 1, j] - q[k, j]) / h
+                given[j] += h * N[a, j] * force
+                if kind[j] == DRIVEN:
+                    power -= N[a, j] * force * w[j]
             after += power_law(N, springs, a, q[k + 1])
+        for i in range(n):
+            inertia, elastic, damping = 0.0, 0.0, 0.0
+            for p in range(starts[i], starts[i + 1]):
+                j = columns[p]
+                inertia += M[p] * v[k + 1, j]
+                elastic += K[p] * q[k + 1, j]
+                damping += C[p] * w[j]
+            if kind[i] == DRIVEN:
+                elastic_θ = θ * elastic
+                for p in range(starts[i], starts[i + 1]):
+                    elastic_θ += (1.0 - θ) * K[p] * q[k, columns[p]]
+                power += w[i] * elastic_θ
+            else:
+                load = (1.0 - θ) * f[k, i] + θ * f[k + 1, i] if varying else f[0, i]
+                power += w[i] * (load - damping)
+            after += 0.5 * (v[k + 1, i] * inertia + q[k + 1, i] * elastic)
         balance += after - stored - h * power
         worst = max(worst, abs(balance))
         stored = after
         scale = max(scale, abs(stored))
-    return complementarity, penetration, worst, scale
+        if k % EVERY == EVERY - 1 or k == last:
+            elapsed = t[k + 1] - t[0]
+            for i in range(n):
+                largest_q[i] = max(largest_q[i], abs(q[k + 1, i]))
+                largest_v[i] = max(largest_v[i], abs(v[k + 1, i]))
+                if kind[i] == DRIVEN:
+                    continue
+                lacking = -given[i] if varying else -given[i] - f[0, i] * elapsed
+                for p in range(starts[i], starts[i + 1]):
+                    j = columns[p]
+                    lacking += M[p] * (v[k + 1, j] - v[0, j]) + C[p] * (q[k + 1, j] - q[0, j]) + K[p] * way[j]
+                for j in range(nc):
+                    lacking -= B[i, j] * impulse[j]
+                reached = lack if kind[i] == MASSIVE else missing
+                if not abs(lacking) <= reached[i]:
+                    reached[i] = abs(lacking) if abs(lacking) < np.inf else np.inf
+    return worst, scale, longest
+
+
+@dataclass(frozen=True, eq=False)
+class Scales:
+    """The largest values of a run: |q| and |v| of each node (n,), |u|, |U| and |r| of each row (nc,), |f| (n,)."""
+
+    q: Array
+    v: Array
+    u: Array
+    U: Array
+    r: Array
+    f: Array
+
+    @classmethod
+    def of(cls, d: Dynamics, q: Array, v: Array, r: Array, f: Array) -> Scales:
+        """Return those of arrays over time."""
+        q, v, r, f = (np.abs(each).max(axis=0, initial=0.0) for each in (q, v, r, f))
+        return cls(q, v, np.abs(d.H) @ q + np.abs(d.u0) + np.abs(d.D) @ r, np.abs(d.H) @ v, r, f)
+
+    def at_least(self, d: Dynamics, h: float) -> Scales:
+        """Return scales that a body at rest has, too: what its forces would do in a time h."""
+        v = self.v.copy()
+        massive = d.massive
+        if massive.any():
+            v[massive] += h * np.abs(np.linalg.solve(d.M[np.ix_(massive, massive)], self.forces(d)[massive]))
+        q = self.q + h * v
+        return Scales(q, v, np.abs(d.H) @ q + np.abs(d.u0) + np.abs(d.D) @ self.r, np.abs(d.H) @ v, self.r, self.f)
+
+    def forces(self, d: Dynamics) -> Array:
+        """Return the sum of the largest forces at each node in N (n,)."""
+        linear = np.abs(d.K) @ self.q + np.abs(d.C) @ self.v + np.abs(d.B) @ self.r + self.f
+        return np.asarray(linear + np.abs(d.spring_force(self.q, self.v)))
+
+    def momenta(self, d: Dynamics) -> Array:
+        """Return the largest momentum of each node in N s (n,)."""
+        return np.asarray(np.abs(d.M) @ self.v)
 
 
 def certify(
-    dynamics: Dynamics, record: Record, dense: Dense | None, events: Sequence[Event], θ: float | None
+    dynamics: Dynamics,
+    start: tuple[Array, Array],
+    record: Record,
+    dense: Dense | None,
+    events: Sequence[Event],
+    integrator: Integrator | None,
 ) -> Certificate:
-    """Judge a run from its record.
+    """Judge a run from what it holds.
 
     Parameters
     ----------
     dynamics : Dynamics
-        The scheme.
+        The system whose laws are meant.
+    start : pair of (n,) arrays
+        q and v with which its motion begins.
     record : Record
-        What was recorded.
-    dense : callable or None
-        The solution as a function of time, where the method has one: then work is integrated by Gauss's rule.
+        What was recorded. Reactions hold no impulses.
+    dense : Dense or None
+        The solution as a function of time, where the method has one: then all is judged on it, by Gauss's rule.
     events : sequence of Event
-        Impacts, whose loss of energy counts as work of the contact.
-    θ : float or None
-        Where in a step its forces balance, for methods that balance them at one instant.
+        What happened, with the impulses.
+    integrator : Integrator or None
+        The method, which says what it allows, and θ where the forces of its steps balance at t + θ h; without one nothing
+        is beyond a limit.
     """
-    residual = float(record.stats.get("residual", 0.0))
     d = dynamics
-    if θ is not None:
-        f = d.force(np.zeros(1) if d.constant_loads else record.t)
-        M, C, K, H, D = (np.array(a, order="C") for a in (d.M, d.C, d.K, d.H, d.D))
-        complementarity, penetration, balance, scale = certify_steps(
-            record.t, record.q, record.v, record.reaction, f, θ, M, C, K, H, D, d.u0.copy(), d.restitution, d.r_max,
-            d.relative_degree, d.driven, d.directions, d.power_laws,
-        )  # fmt: skip
-    else:
-        r = record.reaction
-        q, v = (record.q, record.v) if len(r) == len(record.q) else (record.q[1:], 0.5 * (record.v[1:] + record.v[:-1]))
-        u, U = d.gap(q) + r @ d.D.T, d.gap_rate(v)
-        balance = _balance_by_gauss(d, dense, events) if dense else _balance_by_trapezoid(d, record, events)
-        products = np.abs(r * u)[:, (d.relative_degree < 2) & ~d.slides]
-        friction = np.abs(d.r_max[d.slides] * np.abs(U[:, d.slides]) + (r * U)[:, d.slides])
-        complementarity = max(products.max(initial=0.0), friction.max(initial=0.0))
-        penetration = max(0.0, (-u)[:, ~d.slides].max(initial=0.0))
-        scale = np.abs(d.energy(record.q, record.v)).max()
+    limits = Limits() if integrator is None else integrator.limits()
+    residual = float(record.stats.get("residual", 0.0))
+    limits = replace(limits, precision=limits.precision + RESIDUAL * residual)
+    θ = None if integrator is None else integrator.balance_point()
+    with np.errstate(all="ignore"):
+        if len(record.t) < 2:
+            found, scales, energies = _nothing(d, record)
+        elif θ is not None:
+            found, scales, energies = _judge_by_balance(d, record, events, θ, limits)
+        elif dense is not None:
+            found, scales, energies = _judge_dense(d, start, record, dense, events, limits)
+        else:
+            found, scales, energies = _judge_grid(d, start, record, events, integrator, limits)
+        found["motion"] = _motion(d, record, limits)
+        forces, momenta = scales.forces(d), scales.momenta(d)
     if not d.stores_energy:
-        balance = scale = np.nan
-    return Certificate(residual, float(complementarity), float(penetration), float(balance), float(scale))
+        energies = (np.nan, np.nan)
+    allowed = {name: limit for name, (_, limit) in found.items()} if integrator is not None else {}
+    if not limits.balances_energy or not d.stores_energy:
+        allowed.pop("energy_balance", None)
+    violations = {name: float(value) for name, (value, _) in found.items() if name != "energy_balance"}
+    return Certificate(
+        residual=residual,
+        energy_balance=float(energies[0]),
+        energy_scale=float(energies[1]),
+        length_scale=float(scales.u.max(initial=0.0)),
+        velocity_scale=float(scales.U.max(initial=0.0)),
+        force_scale=float(forces.max(initial=0.0)),
+        momentum_scale=float(momenta.max(initial=0.0)),
+        limits=allowed,
+        **violations,
+    )
 
 
-def _contact_power(dynamics: Dynamics, t: Array, q: Array, v: Array, r: Array) -> Array:
-    """Return the power in W that sliders and driven nodes take and give; unilateral contacts have none but in impacts."""
-    friction = (r * dynamics.gap_rate(v))[..., dynamics.slides].sum(axis=-1)
-    return np.asarray(friction + dynamics.driving_power(t, q, v, r))
+def _nothing(d: Dynamics, record: Record) -> tuple[Found, Scales, tuple[float, float]]:
+    """Judge a run that ended before its first step."""
+    q, v, r = record.q, record.v, np.zeros((1, len(d.contacts)))
+    energy = float(np.abs(d.energy(q, v)).max(initial=0.0))
+    laws = ("complementarity", "penetration", "energy_balance")
+    return dict.fromkeys(laws, (0.0, 0.0)), Scales.of(d, q, v, r, d.force(record.t)), (0.0, energy)
 
 
-def _balance_by_trapezoid(dynamics: Dynamics, record: Record, events: Sequence[Event]) -> float:
-    """Return the largest |E(t) - E(0) - work| with the power of the record integrated from point to point.
+def _worst(values: Array, allowed: Array) -> tuple[float, float]:
+    """Return the violation that is worst beside what is allowed of it, and that limit."""
+    values, allowed = np.broadcast_arrays(np.asarray(values, dtype=np.float64), allowed)
+    if values.size == 0:
+        return 0.0, 0.0
+    ratio = np.where(values > 0.0, values / allowed, 0.0)
+    at = int(np.argmax(np.where(np.isnan(values), np.inf, ratio)))
+    return float(values.ravel()[at]), float(allowed.ravel()[at])
 
-    What a step that holds an impact changes is the work of its contact: in it, force and velocity make no power.
-    """
-    h, U = np.diff(record.t), dynamics.gap_rate(record.v)
-    power = dynamics.load_power(record.t, record.v) - dynamics.dissipated_power(record.q, record.v)
-    r = record.reaction
-    if len(r) == len(record.t):
-        power += (r * U).sum(axis=1) + dynamics.driving_power(record.t, record.q, record.v, r)
-    work = 0.5 * (power[1:] + power[:-1]) * h
-    if len(r) < len(record.t):
-        t, q, v = (0.5 * (each[1:] + each[:-1]) for each in (record.t, record.q, record.v))
-        work += h * ((r * dynamics.gap_rate(v)).sum(axis=1) + dynamics.driving_power(t, q, v, r))
-    stored = dynamics.energy(record.q, record.v)
-    change = np.diff(stored)
+
+def _motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:
+    """Return how far driven nodes are from their motion."""
+    if not d.motions:
+        return 0.0, 0.0
+    y, _ = d.motion(record.t)
+    h, v = np.diff(record.t)[:, None], record.v[:, d.driven]
+    off = np.abs(record.q[:, d.driven] - y).max(axis=0)
+    return _worst(off, limits.precision * np.abs(y).max(axis=0) + _bends(h, v, limits.order).max(axis=0, initial=0.0))
+
+
+def _kinds(d: Dynamics) -> Indices:
+    """Return the kinds of the nodes: 1 with mass, 2 with a given motion, 0 with dashpots, -1 held by springs only (n,)."""
+    driven, massive = d.driven, d.massive
+    loose: Flags = np.zeros(len(massive), dtype=np.bool_)
+    if not (driven | massive).all():
+        loose = np.asarray(decompose(d.M, d.C, driven).static.any(axis=1))
+    return np.select([driven, massive, loose], [DRIVEN, MASSIVE, LOOSE], DAMPED).astype(np.int64)
+
+
+def _largest_impulses(d: Dynamics, events: Sequence[Event]) -> Array:
+    """Return the largest impulse of each row in N s (nc,)."""
+    P = np.zeros(len(d.contacts))
+    rows = _rows(d)
     for event in events:
-        if event.impulse > 0.0 and len(h):
-            step = min(int(np.searchsorted(record.t, event.t, side="right")), len(h)) - 1
-            work[max(step - 1, 0) : step + 2] = change[max(step - 1, 0) : step + 2]
-    return float(np.abs(np.cumsum(change - work)).max(initial=0.0))
+        if event.impulse:
+            P[rows[event.contact]] = max(P[rows[event.contact]], abs(event.impulse))
+    return P
 
 
-def _balance_by_gauss(dynamics: Dynamics, dense: Dense, events: Sequence[Event]) -> float:
-    """Return the largest |E(t) - E(0) - work| over the cuts of the solution, with the power integrated between them."""
-    cuts = np.unique(np.concatenate([dense.cuts, [event.t for event in events]]))
+def _rows(d: Dynamics) -> dict[str, int]:
+    """Return the row of each contact by its name."""
+    return {contact.name: i for i, contact in enumerate(d.contacts)}
+
+
+def _pattern(filled: Array) -> tuple[Indices, tuple[Indices, Indices]]:
+    """Return where the filled places of a matrix are, by rows: the first of each row, and the rows and columns."""
+    rows, columns = np.nonzero(filled)
+    starts = np.append(0, np.cumsum(np.count_nonzero(filled, axis=1)))
+    return starts.astype(np.int64), (rows.astype(np.int64), columns.astype(np.int64))
+
+
+def _judge_by_balance(
+    d: Dynamics, record: Record, events: Sequence[Event], θ: float, limits: Limits
+) -> tuple[Found, Scales, tuple[float, float]]:
+    """Judge steps whose forces balance at t + θ h: all but kinks in position is exact there."""
+    rows, n, nc = _rows(d), len(d.nodes), len(d.contacts)
+    impulses = sorted(
+        (step_of(event, record.t, record.q, record.v), rows[event.contact], event.impulse)
+        for event in events
+        if event.impulse != 0.0
+    )
+    step, row = (np.array([each[i] for each in impulses], dtype=np.int64) for i in (0, 1))
+    P = np.array([each[2] for each in impulses])
+    starts, at = _pattern((d.M != 0.0) | (d.C != 0.0) | (d.K != 0.0))
+    H_starts, H_at = _pattern(d.H != 0.0)
+    kind = _kinds(d)
+    of_rows, of_nodes = np.zeros((5, nc)), np.zeros((5, n))
+    f = d.force(np.zeros(1) if d.constant_loads else record.t)
+    B, D = np.array(d.B, order="C"), np.array(d.D, order="C")
+    balance, scale, h = certify_steps(
+        record.t, record.q, record.v, record.reaction, f, step, row, P, θ,
+        starts, at[1], d.M[at], d.C[at], d.K[at], H_starts, H_at[1], d.H[H_at],
+        B, D, d.u0.copy(), d.restitution, d.r_min, d.r_max, d.relative_degree, kind, d.directions, d.power_laws,
+        d.impulse_lines, of_rows, of_nodes,
+    )  # fmt: skip
+    product, penetration, tension, law, R = of_rows
+    lack, missing, gone, q, v = of_nodes
+    scales = Scales(
+        q, v, np.abs(d.H) @ q + np.abs(d.u0) + np.abs(d.D) @ R, np.abs(d.H) @ v, R, np.abs(f).max(axis=0)
+    ).at_least(d, h)
+    steps, duration = len(record.t) - 1, float(record.t[-1] - record.t[0]) or 1.0
+    forces, largest, bounds = scales.forces(d), _largest_impulses(d, events), np.where(d.slides, d.r_max, 0.0)
+    ε = limits.precision + 8.0 * steps * np.finfo(float).eps
+    momenta = scales.momenta(d) + h * forces
+    # A node whose motion is given has the mean velocity of its step in the law, and its own in the record.
+    turned = np.abs(np.diff(record.v[:, d.driven], axis=0)).max(axis=0, initial=0.0)
+    slow = limits.precision * scales.U.max(initial=0.0) + np.abs(d.H[:, d.driven]) @ turned
+    # Contacts of an impulse path over massless nodes meet at velocity level, and may overlap as others close.
+    met = (d.relative_degree == 2) | (d.impulse_lines > 0.0).any(axis=0)
+    strict = ~met & ~(kind < 0).any()
+    speed = scales.U.copy()
+    for path in d.impulse_lines > 0.0:
+        speed[path] = np.maximum(speed[path], scales.U[path].sum())
+        slow[path] = np.maximum(slow[path], slow[path].sum())
+    # Which steps of a system that can jump were taken with θ = 1 is read off u, and not certain where no row pushes.
+    late = (1.0 - θ) * h / duration if d.D.any() else 0.0
+    found = {
+        "complementarity": _worst(
+            product,
+            np.where(
+                met,
+                (h * (R + bounds) + largest) * slow,
+                limits.precision * (R * scales.u + h * bounds * scales.U),
+            ),
+        ),
+        "penetration": _worst(penetration, np.where(strict, 0.0, h * speed) + limits.precision * scales.u),
+        "energy_balance": (
+            balance, ε * (scale + float(v @ momenta)) if θ == 0.5 and (kind >= 0).all() and not d.springs else np.inf,
+        ),
+        "tension": _worst(tension, limits.precision * (R + largest / max(h, 1e-300))),
+        "impact_law": _worst(law, slow),
+        "momentum": _worst(lack, ε * momenta),
+        "equilibrium": _worst(
+            missing / duration,
+            late * forces + ε * (forces + (np.abs(d.B) @ largest + scales.momenta(d)) / duration),
+        ),
+        "kinematics": _worst(gone, limits.precision * (q + h * v)),
+    }  # fmt: skip
+    return found, scales, (balance, scale)
+
+
+@dataclass(frozen=True, eq=False)
+class Impact:
+    """The impacts of one instant: the limits of the velocities (n,), the place (n,), and the impulses (nc,)."""
+
+    t: float
+    q: Array
+    before: Array
+    after: Array
+    P: Array
+
+
+def _impacts(d: Dynamics, events: Sequence[Event]) -> Iterator[Impact]:
+    """Yield the impacts, those together that have their limits in common."""
+    rows, at = _rows(d), 0
+    struck = [event for event in events if event.impulse != 0.0]
+    while at < len(struck):
+        first = struck[at]
+        P = np.zeros(len(d.contacts))
+        while at < len(struck) and struck[at].t == first.t and np.array_equal(struck[at].left.v, first.left.v):
+            P[rows[struck[at].contact]] += struck[at].impulse
+            at += 1
+        yield Impact(first.t, first.left.q, first.left.v, first.right.v, P)
+
+
+def _impact_law(d: Dynamics, impact: Impact, touch: Array) -> tuple[Array, Array]:
+    """Return the violation of the law in m/s and the product in J of each row (nc,); rows with u <= ``touch`` touch.
+
+    The rates of nodes without mass after an impact are no states: they are what fits the law best.
+    """
+    before, after, P, e = d.gap_rate(impact.before), d.gap_rate(impact.after), impact.P, d.restitution
+    violation, struck = np.zeros(len(P)), P != 0.0
+    off = after + e * before
+    # A contact that opens already, and is held back by another, may part at any greater rate.
+    off = np.where((before > 0.0) & (np.abs(after) < np.abs(off)), after, off)
+    free = d.H[:, ~d.massive & ~d.driven]
+    if free[struck].any():
+        off[struck] -= free[struck] @ np.linalg.lstsq(free[struck], off[struck], rcond=None)[0]
+    violation[struck] = np.abs(off[struck])
+    pulls = P < 0.0
+    violation[pulls] = np.maximum(violation, np.abs(after - before))[pulls]
+    idle = ~struck & ~d.slides & (d.gap(impact.q) <= touch) & ~free.any(axis=1)
+    violation[idle] = np.maximum(0.0, -(after + e * np.minimum(before, 0.0)))[idle]
+    return violation, np.abs(P) * violation
+
+
+def _judge_impacts(d: Dynamics, impacts: Sequence[Impact], touch: Array) -> tuple[Array, Array]:
+    """Return the largest violation of the impact law and product of each row (nc,)."""
+    violation, product = np.zeros(len(d.contacts)), np.zeros(len(d.contacts))
+    for impact in impacts:
+        here, worked = _impact_law(d, impact, touch)
+        violation, product = np.maximum(violation, here), np.maximum(product, worked)
+    return violation, product
+
+
+def _work(d: Dynamics, impact: Impact) -> float:
+    """Return the work P (U⁻ + U⁺)/2 of impacts in J, and that of the forces that drive the nodes they strike."""
+    mean = 0.5 * (impact.before + impact.after)
+    return float(impact.P @ d.gap_rate(mean) - (d.B @ impact.P * mean)[d.driven].sum())
+
+
+def _friction(d: Dynamics, r: Array, U: Array) -> Array:
+    """Return the power r0 |U| + r U in W that sliders should take more than they do; zero for other rows (..., nc)."""
+    bounds = np.where(d.slides, d.r_max, 0.0)
+    return np.asarray(np.where(d.slides, bounds * np.abs(U) + r * U, 0.0))
+
+
+def _excess(d: Dynamics, r: Array) -> Array:
+    """Return by how much reactions leave their bounds in N (..., nc)."""
+    return np.maximum(np.maximum(d.r_min - r, r - d.r_max), 0.0)
+
+
+def _smooth(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) -> tuple[Array, Array]:
+    """Return the loads f, and the forces f + s - K q - C v + B r on the nodes (nt, n); without r those that are smooth."""
+    f = np.broadcast_to(d.force(0.0), q.shape) if d.constant_loads else d.force(t)
+    g = f - q @ d.K.T - v @ d.C.T
+    if d.springs:
+        g += d.spring_force(q, v)
+    if r is not None:
+        g += r @ d.B.T
+    return f, g
+
+
+def _powers(d: Dynamics, t: Array, q: Array, v: Array, r: Array) -> Array:
+    """Return the power in W of loads, sliders and forces that drive nodes, less what dashpots and springs dissipate."""
+    friction = (r * d.gap_rate(v))[:, d.slides].sum(axis=1)
+    return np.asarray(d.load_power(t, v) - d.dissipated_power(q, v) + friction + d.driving_power(t, q, v, r))
+
+
+def _judge_dense(
+    d: Dynamics, start: tuple[Array, Array], record: Record, dense: Dense, events: Sequence[Event], limits: Limits
+) -> tuple[Found, Scales, tuple[float, float]]:
+    """Judge a solution that is known at all times, piece by piece between its cuts and its events."""
+    ε, kind = limits.precision, _kinds(d)
+    end = record.t[-1]
+    cuts = np.unique(
+        np.concatenate([dense.cuts[dense.cuts <= end], [event.t for event in events if event.t <= end], [end]])
+    )
     pieces = Pieces(cuts)
-    times = pieces.times
+    times, h = pieces.times, np.diff(cuts)
     q, v, r = dense.read(times, "right")
-    power = dynamics.load_power(times, v) - dynamics.dissipated_power(q, v) + _contact_power(dynamics, times, q, v, r)
-    work = pieces.integral(power)
-    for t, event in {event.t: event for event in events if event.impulse > 0.0}.items():
-        work[cuts >= t] += dynamics.kinetic_energy(event.right.v) - dynamics.kinetic_energy(event.left.v)
-    q, v, _ = dense.read(cuts, "right")
-    stored = dynamics.energy(q, v)
-    # What an impact at the very start takes, it takes before the first of these energies.
-    return float(np.abs(stored - stored[0] - (work - work[0])).max())
+    q_right, v_right, r_right = dense.read(cuts, "right")
+    q_left, v_left = q_right.copy(), v_right.copy()
+    q_left[0], v_left[0] = start
+    rates = kind >= DAMPED
+    if not d.stores_energy:
+        q_left[0] = q_right[0]
+    seen: set[float] = set()
+    for event in events:
+        if event.t not in seen and event.t <= end:
+            seen.add(event.t)
+            k = int(np.searchsorted(cuts, event.t))
+            if k > 0:
+                q_left[k], v_left[k] = event.left.q, event.left.v
+    impacts = [impact for impact in _impacts(d, events) if impact.t <= end]
+    P = np.zeros((len(cuts), len(d.nodes)))
+    worked = np.zeros(len(cuts))
+    for impact in impacts:
+        k = int(np.searchsorted(cuts, impact.t))
+        P[k] += d.B @ impact.P
+        worked[k] += _work(d, impact)
+    f, g = _smooth(d, times, q, v, r)
+    all_q, all_v, all_r = (np.concatenate(each) for each in ((q, q_right), (v, v_right, v_left), (r, r_right)))
+    scales = Scales.of(d, all_q, all_v, all_r, f).at_least(d, float(h.max(initial=0.0)))
+    forces, momenta = scales.forces(d), scales.momenta(d)
+
+    jump = (v_right - v_left) @ d.M.T - P
+    between = (v_left[1:] - v_right[:-1]) @ d.M.T - pieces.each(g)
+    lack = _cumulated(jump, between)
+    moved = _cumulated(q_right - q_left, q_left[1:] - q_right[:-1] - pieces.each(v))
+    free, ways = ~d.driven, rates
+    rounding = 64.0 * np.finfo(float).eps * np.cumsum(np.append(0.0, h))
+    coarse_g, coarse_v = (limits.slack * _grown(pieces, each, limits.order) for each in (g, v))
+    allowed_p = np.repeat(ε * momenta + rounding[:, None] * forces + coarse_g, 2, axis=0)
+    allowed_q = np.repeat(ε * scales.q + rounding[:, None] * scales.v + coarse_v, 2, axis=0)
+
+    stored_right, stored_left = d.energy(q_right, v_right), d.energy(q_left, v_left)
+    power = _powers(d, times, q, v, r)
+    energy = _cumulated(stored_right - stored_left - worked, stored_left[1:] - stored_right[:-1] - pieces.each(power))
+    scale = float(np.abs(np.concatenate([stored_right, stored_left])).max())
+    # What jumps at the very start is judged by the momentum: nodes that springs hold go to their balance.
+    energy = np.append(0.0, energy[1:] - energy[1])
+    allowed_E = ε * scale + rounding * np.abs(power).max() + coarse_g @ scales.v + coarse_v @ forces
+
+    u, U = d.gap(q) + r @ d.D.T, d.gap_rate(v)
+    u_right = d.gap(q_right) + r_right @ d.D.T
+    one_sided = ~d.slides
+    overlap = np.maximum(0.0, -np.minimum(u.min(axis=0), u_right.min(axis=0)))
+    product = np.maximum(np.abs(r * u).max(axis=0), np.abs(r_right * u_right).max(axis=0))
+    friction = np.abs(pieces.each(_friction(d, r, U))).max(axis=0)
+    # What touches but for rounding may be one of the next instant.
+    touch = -ε * scales.u
+    violation, worked_off = _judge_impacts(d, impacts, touch)
+    largest = _largest_impulses(d, events)
+    accelerations = _accelerations(d, g)
+    slow = ε * scales.U + limits.rest * end * accelerations
+    opened = ε * scales.u + np.abs(d.H) @ coarse_v[-1]
+    products = np.maximum(np.where(one_sided, product, friction), worked_off)
+    bounds = np.where(d.slides, d.r_max, 0.0)
+    massless = np.isin(kind, (DAMPED, LOOSE))
+    missing = np.abs(g[:, massless]).max(axis=0)
+    found = {
+        "complementarity": _worst(
+            products, scales.r * opened + largest * slow + bounds * (np.abs(d.H) @ coarse_v[-1] + ε * end * scales.U)
+        ),
+        "penetration": _worst(overlap[one_sided], opened[one_sided]),
+        "energy_balance": _worst(np.abs(energy), np.repeat(allowed_E, 2)),
+        "tension": _worst(np.maximum(_excess(d, r).max(axis=0), _excess(d, r_right).max(axis=0)), ε * scales.r),
+        "impact_law": _worst(violation, slow),
+        "momentum": _worst(np.abs(lack[:, free]), allowed_p[:, free]),
+        "equilibrium": _worst(missing, ε * forces[massless]),
+        "kinematics": _worst(np.abs(moved[:, ways]), allowed_q[:, ways]),
+        "sampling": _sampling(record, dense, scales, ε),
+    }
+    return found, scales, (float(np.abs(energy).max()), scale)
+
+
+def _cumulated(jumps: Array, between: Array) -> Array:
+    """Return the running sum of what happens at cuts (nk, ...) and between them (nk - 1, ...), at each limit (2 nk, ...)."""
+    ordered = np.zeros((2 * len(jumps), *jumps.shape[1:]))
+    ordered[1::2], ordered[2::2] = jumps, between
+    return np.cumsum(ordered, axis=0)
+
+
+def _grown(pieces: Pieces, values: Array, order: float) -> Array:
+    """Return what a rule of an order leaves out of the integral of values up to each cut, by their highest parts (nk, n)."""
+    nothing = np.zeros((1, values.shape[1]))
+    if np.isinf(order):
+        return np.zeros((len(pieces.cuts), values.shape[1]))
+    return np.concatenate([nothing, np.cumsum(pieces.unresolved(values, int(order) - 1), axis=0)])
+
+
+def _accelerations(d: Dynamics, g: Array) -> Array:
+    """Return what the forces g on the nodes with mass may change U by, in m/s², of each row (nc,)."""
+    massive = d.massive
+    M = d.M[np.ix_(massive, massive)]
+    a = np.linalg.solve(M, g[:, massive].T) if massive.any() else np.zeros((0, len(g)))
+    return np.asarray(np.abs(d.H[:, massive]) @ np.abs(a).max(axis=1, initial=0.0))
+
+
+def _sampling(record: Record, dense: Dense, scales: Scales, ε: float) -> tuple[float, float]:
+    """Return by how much the record differs from the continuous solution, in units of each scale; either limit will do."""
+    ours = (record.q, record.v, record.reaction)
+    size = (scales.q, scales.v, scales.r)
+    off = np.array([_relative(a, b, s) for a, b, s in zip(ours, dense.read(record.t, "right"), size, strict=True)])
+    worst = off.max(axis=0)
+    if (worst > ε).any():
+        off = np.array([_relative(a, b, s) for a, b, s in zip(ours, dense.read(record.t, "left"), size, strict=True)])
+        worst = np.minimum(worst, off.max(axis=0))
+    return float(worst.max()), ε
+
+
+def _relative(a: Array, b: Array, size: Array) -> Array:
+    """Return the largest |a - b| of each instant, in units of the size of each column (nt,)."""
+    return np.asarray((np.abs(a - b) / np.where(size > 0.0, size, 1.0)).max(axis=1, initial=0.0))
+
+
+def _judge_grid(
+    d: Dynamics,
+    start: tuple[Array, Array],
+    record: Record,
+    events: Sequence[Event],
+    integrator: Integrator | None,
+    limits: Limits,
+) -> tuple[Found, Scales, tuple[float, float]]:
+    """Judge a run by the trapezoidal rule from point to point, whose error the bends of the run itself bound."""
+    ε, kind, rows = limits.precision, _kinds(d), _rows(d)
+    in_steps = len(record.reaction) < len(record.t)
+    spread = integrator.impact_steps if integrator is not None else 1
+    struck = [event for event in events if event.impulse != 0.0]
+    if in_steps:
+        first = np.array([step_of(event, record.t, record.q, record.v) for event in struck], dtype=np.int64)
+    else:
+        first = np.searchsorted(record.t, [event.t for event in struck]) - 1
+    # The steps over which one impact spreads are one.
+    within = np.zeros(len(record.t), dtype=np.bool_)
+    for k in range(1, spread):
+        within[np.minimum(first + k, len(record.t) - 1)] = True
+    within[-1] = False
+    kept = np.flatnonzero(~within)
+    step = np.searchsorted(kept, first, side="right") - 1
+    t, q, v = record.t[kept], record.q[kept], record.v[kept]
+    h = np.diff(t)[:, None]
+    P = np.zeros((len(h), len(d.contacts)))
+    P_start = np.zeros(len(d.contacts))
+    for k, event in zip(step, struck, strict=True):
+        (P_start if k < 0 else P[min(k, len(P) - 1)])[rows[event.contact]] += event.impulse
+    if in_steps:
+        weighted = np.diff(record.t)[:, None] * record.reaction
+        R = np.add.reduceat(weighted, kept[:-1]) / h if len(h) else np.zeros((0, len(d.contacts)))
+        r = R
+        f, g = _smooth(d, t, q, v, None)
+        given = (h * R + P) @ d.B.T
+        at = slice(1, None)
+    else:
+        R = r = record.reaction[kept]
+        f, g = _smooth(d, t, q, v, r)
+        given = P @ d.B.T
+        at = slice(None)
+    longest = float(h.max(initial=0.0))
+    scales = Scales.of(d, q, v, r, f).at_least(d, longest)
+    forces, momenta, largest = scales.forces(d), scales.momenta(d), _largest_impulses(d, events)
+
+    lack = np.cumsum(np.diff(v, axis=0) @ d.M.T - 0.5 * h * (g[1:] + g[:-1]) - given, axis=0)
+    moved = np.cumsum(np.diff(q, axis=0) - 0.5 * h * (v[1:] + v[:-1]), axis=0)
+    if d.stores_energy:
+        lack += (v[0] - start[1]) @ d.M.T - d.B @ P_start
+        moved += q[0] - start[0]
+    elapsed = 64.0 * np.finfo(float).eps * (t[1:] - t[0])[:, None]
+    kicks = np.maximum.accumulate(np.maximum(np.abs(g[1:]), np.abs(R[-len(h) :]) @ np.abs(d.B).T), axis=0)
+    left_out = limits.slack * _bends(h, g, limits.order) + limits.kick * h * kicks
+    allowed_p = ε * momenta + elapsed * forces + left_out
+    allowed_q = ε * scales.q + elapsed * scales.v + limits.slack * _bends(h, v, limits.order)
+    allowed_q += limits.drift * h * np.maximum.accumulate(np.abs(v[1:]), axis=0)
+    turns = limits.drift * np.abs(np.diff(q, axis=0) @ d.K.T).max(axis=0, initial=0.0)
+    massive, ways, massless = kind == MASSIVE, kind >= DAMPED, np.isin(kind, (DAMPED, LOOSE))
+
+    u, U = d.gap(q[at]) + r @ d.D.T, d.gap_rate(v[at])
+    one_sided = ~d.slides
+    reach = np.where((d.relative_degree == 2) | (2 not in limits.relative_degrees), limits.penetration, 0.0)
+    opened = ε * scales.u + reach * longest * scales.U
+    slow = 2.0 * spread * limits.slack * longest * _accelerations(d, g) + ε * scales.U
+    struck_steps = np.flatnonzero(P.any(axis=1))
+    impacts = (
+        [Impact(t[k], q[k], v[k], v[k + 1], P[k]) for k in struck_steps] if in_steps else list(_impacts(d, events))
+    )
+    # An impact that spreads over several steps obeys its law only where no other contact pushes in them.
+    alone = [
+        each for k, each in zip(struck_steps, impacts, strict=False) if not R[k].any() and np.count_nonzero(P[k]) == 1
+    ]
+    violation, worked_off = _judge_impacts(d, alone if spread > 1 else impacts, -opened)
+    pushed_apart = np.abs(r * np.maximum(u, 0.0)).max(axis=0, initial=0.0)
+    overlapping = np.abs(r * np.minimum(u, 0.0)).max(axis=0, initial=0.0)
+    # A contact may open in the step over which its force is a mean.
+    opening = longest * scales.U * ((d.relative_degree == 2) & in_steps)
+    mean = 0.5 * (v[1:] + v[:-1]) if in_steps else v
+    duration = h if in_steps else np.append(h, h[-1:], axis=0)
+    friction = np.abs(duration * _friction(d, r, d.gap_rate(mean))).max(axis=0, initial=0.0)
+    bounds = np.where(d.slides, d.r_max, 0.0)
+    found = {
+        "complementarity": _worst(
+            np.concatenate([pushed_apart[one_sided], overlapping[one_sided], friction, worked_off]),
+            np.concatenate(
+                [
+                    (scales.r * (ε * scales.u + opening))[one_sided],
+                    (scales.r * opened)[one_sided],
+                    bounds * longest * (ε * scales.U + 2.0 * np.abs(np.diff(U, axis=0)).max(axis=0, initial=0.0)),
+                    largest * slow,
+                ]
+            ),
+        ),
+        "penetration": _worst(np.maximum(0.0, -u.min(axis=0, initial=0.0))[one_sided], opened[one_sided]),
+        "tension": _worst(
+            _excess(d, r).max(axis=0, initial=0.0), ε * (scales.r + largest / float(h.max(initial=1e-300)))
+        ),
+        "impact_law": _worst(violation, slow),
+        "momentum": _worst(np.abs(lack[:, massive]), allowed_p[:, massive]),
+        "equilibrium": _massless(
+            d, g[at] + (r @ d.B.T if in_steps else 0.0), P, in_steps, massless, ε * forces + turns
+        ),
+        "kinematics": _worst(np.abs(moved[:, ways]), allowed_q[:, ways]),
+    }
+    energies = _balance_on_grid(d, t, q, v, r, f, list(_placed(impacts, t, in_steps)), in_steps)
+    found["energy_balance"] = (energies[0], np.inf)
+    return found, scales, energies
+
+
+def _bends(h: Array, values: Array, order: float) -> Array:
+    """Return what the trapezoidal rule may leave out up to each point but the first, after bends and jumps (nt - 1, n).
+
+    Where the values are smooth its errors cancel but for h/12 of the change of their slope; where they jump it misses up to
+    h/2 of the jump. A method of order 1 may miss h times what the values change at all.
+    """
+    change = np.abs(np.diff(values, axis=0))
+    bend = np.abs(np.diff(values, n=2, axis=0, prepend=values[:1]))
+    left_out = SLOPE * np.maximum.accumulate(h * change, axis=0) + JUMP * np.cumsum(h * bend, axis=0)
+    if order < 2.0:
+        left_out += h * np.maximum.accumulate(np.abs(values[1:] - values[0]), axis=0)
+    return np.asarray(left_out)
+
+
+def _placed(impacts: Sequence[Impact], t: Array, in_steps: bool) -> Iterator[tuple[int, Impact]]:
+    """Yield the impacts with the steps in which they are."""
+    for impact in impacts:
+        k = int(np.searchsorted(t, impact.t, side="right" if in_steps else "left")) - 1
+        if k >= 0:
+            yield min(k, len(t) - 2), impact
+
+
+def _massless(d: Dynamics, g: Array, P: Array, in_steps: bool, massless: Flags, allowed: Array) -> tuple[float, float]:
+    """Return the force that is missing at nodes without mass, and the impulses that do not balance there over a step."""
+    if not massless.any():
+        return 0.0, 0.0
+    # Where the force of a step was an impulse, it is not known beside it.
+    whole = ~P.any(axis=1) if in_steps else np.ones(len(g), dtype=np.bool_)
+    return _worst(np.abs(g[whole][:, massless]).max(axis=0, initial=0.0), allowed[massless])
+
+
+def _balance_on_grid(
+    d: Dynamics,
+    t: Array,
+    q: Array,
+    v: Array,
+    r: Array,
+    f: Array,
+    impacts: Sequence[tuple[int, Impact]],
+    in_steps: bool,
+) -> tuple[float, float]:
+    """Return the largest |E(t) - E(0) - work| with the power integrated by the trapezoidal rule, and the scale of E."""
+    h, none = np.diff(t), np.zeros((len(t), len(d.contacts)))
+    stored = d.energy(q, v)
+    # The work of loads is what they do on the way that was gone; a method that corrects places has none for that part.
+    way = h[:, None] * 0.5 * (v[1:] + v[:-1]) if in_steps else np.diff(q, axis=0)
+    work = (0.5 * (f[1:] + f[:-1]) * way).sum(axis=1)
+    power = d.driving_power(t, q, v, none if in_steps else r) - d.dissipated_power(q, v)
+    if not in_steps:
+        power = power + (r * d.gap_rate(v)).sum(axis=1)
+    work += 0.5 * h * (power[1:] + power[:-1])
+    if in_steps:
+        middle, q_m, v_m = (0.5 * (each[1:] + each[:-1]) for each in (t, q, v))
+        driving = d.driving_power(middle, q_m, v_m, r) - d.driving_power(middle, q_m, v_m, none[1:])
+        work += h * ((r * d.gap_rate(v_m)).sum(axis=1) + driving)
+    for k, impact in impacts:
+        work[k] += _work(d, impact)
+    balance = np.cumsum(np.diff(stored) - work)
+    return float(np.abs(balance).max(initial=0.0)), float(np.abs(stored).max())

@@ -1,14 +1,25 @@
-"""Where the contact mode changed, read off the steps of a method that does not locate events itself."""
+"""Where the contact mode changed, read off the steps of a method that does not locate it itself, and where springs push."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+from scipy.optimize import brentq
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.integrators.base import SLIPS, Event, Record, State
+from lcpimpact.integrators.base import SLIPS, Dense, Event, Record, State
 from lcpimpact.scheme.dynamics import Contact, Dynamics
+
+TOUCH = 8.0 * np.finfo(float).eps
+"""An approach up to this, relative to the terms of its sum, is rounding."""
+
+ROOT = 4.0 * float(np.finfo(float).eps)
+"""To this, relative to t, are instants found."""
+
+Reading = Callable[[float], tuple[Array, Array]]
+"""Takes a time, and returns q and v (1, n)."""
 
 
 def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -> tuple[tuple[Event, ...], Flags]:
@@ -17,12 +28,13 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     A closing is where the gap, an opening where the reaction, extrapolated from its last two positive values, reaches
     zero, within the step that it must lie in; limits are the neighbouring values on the grid. Where both sides of a contact
     have mass, the step that closes it, or the first ``impact_steps`` of them, holds an impact: its mean force is an impulse
-    over h and belongs to the event.
+    over h and belongs to the event. So does the step in which all contacts of an impulse path come to push.
     """
     impulsive = np.zeros(record.reaction.shape, dtype=bool)
     if len(record.t) < 2:
         return (), impulsive
     steps_of_force = len(record.t_reaction) < len(record.t)
+    struck = _struck(dynamics, record)
     found: list[tuple[float, int, Event]] = []
     for i, contact in enumerate(dynamics.contacts):
         r = record.reaction[:, i]
@@ -37,21 +49,24 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
             before[0] &= u <= 0.0 and (contact.relative_degree < 2 or U >= 0.0)
         elif u <= 0.0 and closed[1]:
             # Plates that touch at the start are closed even where their force starts from zero.
-            before[1] = closed[0] = True
-        for j in map(int, np.flatnonzero(closed != before)):
+            before[0] = before[1] = closed[0] = True
+        hit = {step for step, row in struck if row == i}
+        for j in sorted({*map(int, np.flatnonzero(closed != before)), *hit}):
             # j is the first sample of the new mode: a node, or the step that begins there; the switch is after ``node``.
             node = j if steps_of_force else j - 1
             last = min(node + 1, len(record.t) - 1)
-            if before[j]:
+            if before[j] and j not in hit:
                 t = _zero(record.t_reaction[j - 2 : j], r[j - 2 : j], record.t_reaction[j - 1], record.t_reaction[j])
                 kind = "open"
-                if contact.relative_degree == 2 and not before[max(j - impact_steps, 0) : j].all():
+                meets = contact.relative_degree == 2 or j - 1 in hit
+                if meets and not before[max(j - impact_steps, 0) : j].all():
                     continue
             else:
                 # Where D r counts in u, the gaps of the grid say nothing.
                 gaps = dynamics.gap(record.q[node - 1 : node + 1])[:, i] if not dynamics.D[i].any() else np.zeros(0)
                 t = _zero(record.t[node - 1 : node + 1], gaps, record.t[node], record.t[last])
-                kind = "impact" if contact.relative_degree == 2 else "close"
+                kind = "impact" if contact.relative_degree == 2 or j in hit else "close"
+                t = struck.get((j, i), t)
             impulse = 0.0
             if kind == "impact":
                 impulse = float(r[j : j + impact_steps].sum() * (record.t[last] - record.t[node]))
@@ -62,6 +77,104 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
             right = State(record.q[last], record.v[last], record.reaction[j])
             found.append((t, i, Event(t, contact.name, kind, left, right, impulse)))
     return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2])), impulsive
+
+
+def events_of_springs(dynamics: Dynamics, record: Record, dense: Dense | None) -> list[Event]:
+    """Return where each non-linear spring begins to push, "close", and where it ceases to, "open".
+
+    A spring pushes where δ > 0 and, with c > 0, its force is above zero. The instant is found on the solution, where the
+    method has it at all times, and otherwise on the cubic through q and v at both ends of the step, whose ends are then the
+    limits. As of any contact, one that is touched at the start is closed there.
+    """
+    t, found = record.t, list[Event]()
+    if not dynamics.springs or len(t) < 2:
+        return found
+    if dense is None:
+        samples, q, v = t, record.q, record.v
+    else:
+        # A solver starts anew where a spring changes, so between the cuts none does; at the cuts the sign is rounding.
+        cuts = np.unique(np.concatenate([t, dense.cuts[(dense.cuts > t[0]) & (dense.cuts < t[-1])]]))
+        samples = np.concatenate([cuts[:1], 0.5 * (cuts[1:] + cuts[:-1]), cuts[-1:]])
+        q, v, _ = dense.read(samples, "right")
+    touch = TOUCH * (np.abs(q).max(axis=0) @ np.abs(dynamics.directions).T + np.abs(dynamics.power_laws[:, 0]))
+    pushing = _pressed(dynamics, touch, q, v) > 0.0
+    pushing[0] |= (dynamics.approach(q[0]) >= -touch) & pushing[1]
+    for k, a in np.argwhere(pushing[1:] != pushing[:-1]):
+        at = float(samples[k + 1])
+        read = _on_solution(dense) if dense else _on_cubic(record, k)
+        if read is not None:
+
+            def pressed(t: float, a: int = a, read: Reading = read) -> float:
+                return float(_pressed(dynamics, touch, *read(t))[0, a])
+
+            if pressed(samples[k]) * pressed(at) < 0.0:
+                at = float(brentq(pressed, samples[k], at, xtol=1e-300, rtol=ROOT))
+        left, right = _limits(record, k) if dense is None else (_state(dense, at, side) for side in ("left", "right"))
+        kind = "close" if pushing[k + 1, a] else "open"
+        found.append(Event(at, dynamics.springs[a].name, kind, left, right))
+    return sorted(found, key=lambda event: event.t)
+
+
+def _pressed(dynamics: Dynamics, touch: Array, q: Array, v: Array) -> Array:
+    """Return what is above zero where a non-linear spring pushes (nt, ns): δ, or the less of δ and the force where c > 0."""
+    δ = dynamics.approach(q) - touch
+    return np.where(dynamics.power_laws[:, 4] > 0.0, np.minimum(δ, dynamics.free_push(q, v)), δ)
+
+
+def _on_solution(dense: Dense) -> Reading:
+    def read(t: float) -> tuple[Array, Array]:
+        q, v, _ = dense.read(np.array([t]), "right")
+        return q, v
+
+    return read
+
+
+def _on_cubic(record: Record, k: int) -> Reading | None:
+    """Return the cubic through q and v at both ends of a step, with its derivative; None where a run blows up."""
+    t, q, v = (each[k : k + 2] for each in (record.t, record.q, record.v))
+    if not (np.isfinite(q).all() and np.isfinite(v).all()):
+        return None
+    place = CubicHermiteSpline(t, q, v)
+    speed = place.derivative()
+    return lambda t: (place(np.array([t])), speed(np.array([t])))
+
+
+def _limits(record: Record, k: int) -> tuple[State, State]:
+    """Return the values at both ends of a step, with the reactions there, or those of the step before and of the step."""
+    shift = 1 if len(record.reaction) < len(record.t) else 0
+    before, after = max(k - shift, 0), k + 1 - shift
+    return (
+        State(record.q[k], record.v[k], record.reaction[before]),
+        State(record.q[k + 1], record.v[k + 1], record.reaction[after]),
+    )
+
+
+def _state(dense: Dense, t: float, side: str) -> State:
+    return State(*(each[0] for each in dense.read(np.array([t]), side)))
+
+
+def step_of(event: Event, t: Array, q: Array, v: Array) -> int:
+    """Return the grid point at which the step begins that holds an event: the one that has its left limits."""
+    near = int(np.searchsorted(t, event.t, side="right")) - 1
+    candidates = [k for k in (near, near - 1, near + 1) if 0 <= k < len(t)]
+    return next(
+        (k for k in candidates if np.array_equal(q[k], event.left.q) and np.array_equal(v[k], event.left.v)),
+        min(near, max(len(t) - 2, 0)),
+    )
+
+
+def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:
+    """Return when contacts on an impulse path over massless nodes meet, by step and contact."""
+    struck: dict[tuple[int, int], float] = {}
+    for line in dynamics.impulse_lines:
+        rows, opening = list(map(int, np.flatnonzero(line))), dynamics.gap(record.q) @ line
+        closed: Flags = np.min(record.reaction[:, rows], axis=1) > 0.0
+        before = np.append(opening[0] <= 0.0 and dynamics.gap_rate(record.v[0]) @ line >= 0.0, closed[:-1])
+        for j in map(int, np.flatnonzero(closed & ~before)):
+            known = slice(max(j - 1, 0), j + 1)
+            t = _zero(record.t[known], opening[known], record.t[j], record.t[j + 1])
+            struck.update({(j, i): t for i in rows})
+    return struck
 
 
 def _friction_events(contact: Contact, i: int, record: Record) -> Iterator[Event]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import time
 from dataclasses import fields
 from typing import Any
@@ -12,9 +13,10 @@ from tqdm.auto import tqdm
 
 from lcpimpact.certificate import certify
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
-from lcpimpact.events import events_of_steps
+from lcpimpact.events import events_of_springs, events_of_steps
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
+from lcpimpact.integrators.base import Declared, Grid, Integrator, Record, State
+from lcpimpact.integrators.state_jump import enter_constraint, jump_events
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
@@ -24,6 +26,14 @@ from lcpimpact.trajectory import Trajectory
 
 BLOCK_SECONDS = 0.1
 """Blocks grow until one takes about this long: often enough for progress and Ctrl-C, rarely enough to cost nothing."""
+
+ASSUMED_MEMORY = 16e9
+"""Bytes that a machine is taken to have where Python cannot tell, as on Windows."""
+
+WORK = 2.0
+"""A run takes about so many times the memory of its record: the rest is the sampling and the certificate."""
+
+FEWER_STEPS = "take a larger dt or a shorter t_end"
 
 SHOWN = 4
 """Of more methods than these that could be taken instead, a refusal names the first."""
@@ -52,7 +62,8 @@ def simulate(
         Step in s; t_end must be a whole number of steps. With ``exact`` and ``event-driven`` it is the spacing of the output
         only, and with the option ``rtol`` of other methods the longest step.
     t_end : float
-        End in s.
+        End in s. Events with 0 <= t <= t_end are kept; where a method locates one at t_end itself, the run ends with its
+        right limit.
     lcp_solver : str
         A name of ``lcpimpact list solvers``.
     throw : bool
@@ -96,15 +107,17 @@ def simulate(
     _check_handled(integrator, problem)
 
     started = time.perf_counter()
+    inside, jump = enter_constraint(problem)
     n, nc = len(problem.dynamics.nodes), len(problem.dynamics.contacts)
+    _check_memory(grid, n, nc)
     try:
         t, q, v = grid.times(0, grid.steps), np.empty((grid.steps + 1, n)), np.empty((grid.steps + 1, n))
         t_reaction = integrator.reaction_times(grid)
         record = Record(t, q, v, t_reaction, np.empty((len(t_reaction), nc)))
     except MemoryError:
-        raise InputError(f"{grid.steps:,} steps do not fit in memory: take a larger dt or a shorter t_end") from None
+        raise InputError(f"{grid.steps:,} steps do not fit in memory: {FEWER_STEPS}") from None
     per_step = len(t_reaction) == grid.steps
-    carry = integrator.start(problem, grid, lcp_solver, record)
+    carry = integrator.start(inside, grid, lcp_solver, record)
     status, reached = _run(integrator, carry, record, grid, progress)
     if reached < grid.steps:
         record.t, record.q, record.v = (a[: reached + 1] for a in (record.t, record.q, record.v))
@@ -117,11 +130,21 @@ def simulate(
         events, impulsive = tuple(record.events), np.zeros(record.reaction.shape, dtype=bool)
     else:
         events, impulsive = events_of_steps(problem.dynamics, record, integrator.impact_steps)
-    certificate = certify(problem.dynamics, record, dense, events, integrator.balance_point())
     record.reaction[impulsive] = 0.0
+    start = (inside.initial_coordinates, inside.initial_velocities)
+    certificate = certify(problem.dynamics, start, record, dense, events, integrator)
+    events = tuple(sorted((*events, *events_of_springs(problem.dynamics, record, dense)), key=lambda event: event.t))
+    if jump.any():
+        events = (*jump_events(problem, jump, State(record.q[0], record.v[0], record.reaction[0])), *events)
     message = status.sentence
     if status is not Status.SOLVED:
+        if given := _not_finite(problem.dynamics, float(record.t[-1]), grid):
+            status = Status.NON_FINITE
+            message = f"{status.sentence} {given}"
         message = f"{integrator.name} stopped after step {reached} (t = {record.t[-1]:g} s): {message}"
+    elif integrator.declared.gated and not certificate.holds:
+        status = Status.VIOLATED
+        message = f"{integrator.name}: {'; '.join(certificate.failures)}. {status.sentence}"
     trajectory = Trajectory(
         problem,
         _describe(integrator, lcp_solver),
@@ -166,6 +189,20 @@ def _run(integrator: Integrator, carry: Any, record: Record, grid: Grid, progres
     return Status.SOLVED, reached
 
 
+def _not_finite(d: Dynamics, reached: float, grid: Grid) -> str:
+    """Say which load or prescribed motion is not finite in the steps after a run that failed, or ""."""
+    for t in map(float, reached + grid.h * np.linspace(0.0, 2.0, 33)):
+        if t > grid.t_end:
+            break
+        given = [(f"The load on {d.nodes[i]!r}", load(t)) for i, load in d.loads if callable(load)]
+        given += [(f"The motion of {d.nodes[i]!r}", signal(t)) for i, signal in d.motions.items()]
+        given += [(f"The velocity given to {d.nodes[i]!r}", signal.rate(t)) for i, signal in d.motions.items()]
+        for what, value in given:
+            if not math.isfinite(value):
+                return f"{what} is {value:g} at t = {t:.6g} s."
+    return ""
+
+
 def make_integrator(method: str | Integrator, options: dict[str, Any]) -> Integrator:
     """Return the method of a name with its options, refusing those that it does not have, or the object that was given."""
     if isinstance(method, Integrator):
@@ -193,6 +230,25 @@ def _grid(dt: float, t_end: float) -> Grid:
         fitting = t_end / max(1, math.ceil(t_end / dt))
         raise InputError(f"t_end = {t_end:g} s is not a whole number of steps dt = {dt:g} s: take dt = {fitting:.12g}")
     return Grid(float(t_end), steps)
+
+
+def _check_memory(grid: Grid, n: int, nc: int) -> None:
+    """Refuse, before anything is allocated, a run that does not fit in memory."""
+    record = 8.0 * (grid.steps + 1) * (1 + 2 * n + 1 + nc)  # t, q, v, and t and r of the reactions
+    has = physical_memory()
+    if WORK * record > has:
+        raise InputError(
+            f"{grid.steps:,} steps do not fit in memory: they take about {WORK * record / 1e9:.3g} GB, and there are "
+            f"{has / 1e9:.3g} GB; {FEWER_STEPS}"
+        )
+
+
+def physical_memory() -> float:
+    """Return the memory of this machine in bytes."""
+    try:
+        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
+    except (AttributeError, ValueError, OSError):
+        return ASSUMED_MEMORY
 
 
 def _check_lcp_solver(integrator: Integrator, lcp_solver: str) -> None:

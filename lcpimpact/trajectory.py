@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -13,14 +14,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
-from lcpimpact.certificate import Certificate
+from lcpimpact.certificate import Certificate, certify
 from lcpimpact.errors import InputError, Status, UnsupportedError
-from lcpimpact.files import check_output, whole_file
-from lcpimpact.integrators.base import Dense, Event, Integrator, State
+from lcpimpact.files import check_output, whole_file, whole_files
+from lcpimpact.integrators.base import Dense, Event, Integrator, Record, State
+from lcpimpact.integrators.spring_law import pushes
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import load, nearest
+from lcpimpact.scheme.dynamics import Contact
 
 SAVED_AS = (".csv", ".npz", ".nc")
+
+EVENT_COLUMNS = ("t", "contact", "kind", "impulse")
+"""What a file has of an event beside its two limits."""
+
+SIDES = ("left", "right")
 
 SHOWN = 8
 """Of more coordinates or reactions than these, the summary shows the first."""
@@ -38,12 +46,13 @@ class Trajectory:
         The method and its options.
     t : (nt,) array                 grid in s
     q, v : (nt, n) arrays           coordinates in m and velocities in m/s (right limits)
-    t_reaction : (nr,) array        where the reactions live, in s
-    reaction : (nr, nc) array       reactions in N; impulses stand in the events
+    t_reaction : (nr,) array        where the forces live, in s
+    reaction : (nr, nc) array       reactions of the contacts in N; impulses stand in the events
+    push : (nr, ns) array           forces of the non-linear springs in N, which follow from q and v
     events : tuple of Event         changes of the contact mode, with both limits
-    status : Status                 SOLVED, or why the run ended early
+    status : Status                 SOLVED, VIOLATED where the certificate fails, or why the run ended early
     message : str                   the status in words, with the remedy
-    certificate : Certificate       residual, complementarity, penetration and energy balance
+    certificate : Certificate       how far the run is from the laws that it should obey, and what is allowed
     stats : dict                    steps, counted costs, seconds
     dense : Dense or None           the solution as a function of time, where the method has one
     integrator : Integrator or None the method as an object, with what it declares
@@ -66,25 +75,46 @@ class Trajectory:
 
     @property
     def success(self) -> bool:
-        """Whether the run reached its end."""
+        """Whether the run reached its end, and its certificate holds."""
         return self.status is Status.SOLVED
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What can be asked for by ``traj[name]``: coordinates, velocities (v_NAME) and reactions."""
+        """What ``traj[name]`` can be asked for: coordinates, velocities (v_NAME), and forces of contacts and of springs."""
         d = self.problem.dynamics
-        return (*d.nodes, *(f"v_{node}" for node in d.nodes), *(contact.name for contact in d.contacts))
+        return (*d.nodes, *(f"v_{node}" for node in d.nodes), *(each.name for each in d.forces))
+
+    @cached_property
+    def push(self) -> Array:
+        """The forces of the non-linear springs in N, at the instants of the reactions (nr, ns).
+
+        On the grid they are `Dynamics.push` of q and v. Of a step they are the mean force of
+        `lcpimpact.integrators.spring_law`, at the place on the line from q to q⁺ and with its rate: what the θ-step itself
+        balances, and of the order of the step for others.
+        """
+        d, t, h = self.problem.dynamics, self.t_reaction, np.diff(self.t)
+        if len(t) == len(self.t):
+            return d.push(self.q, self.v)
+        share = ((t - self.t[:-1]) / h)[:, None]
+        q = (1.0 - share) * self.q[:-1] + share * self.q[1:]
+        return pushes(d.power_laws, d.approach(q), -d.approach_rate(np.diff(self.q, axis=0) / h[:, None]), h)
+
+    @property
+    def forces(self) -> Array:
+        """The reactions, and after them the forces of the non-linear springs, in N (nr, nc + ns)."""
+        return np.hstack([self.reaction, self.push])
 
     def __getitem__(self, name: str) -> Array:
         if name not in self.names:
             raise InputError(nearest(str(name), list(self.names), "series"))
-        n = len(self.problem.dynamics.nodes)
+        n, nc = len(self.problem.dynamics.nodes), self.reaction.shape[1]
         column = self.names.index(name)
         if column < n:
             return self.q[:, column]
         if column < 2 * n:
             return self.v[:, column - n]
-        return self.reaction[:, column - 2 * n]
+        column -= 2 * n
+        return self.reaction[:, column] if column < nc else self.push[:, column - nc]
 
     def sample(self, t: ArrayLike, side: str = "right") -> State:
         """Return q, v and the reactions at any times of the run.
@@ -100,7 +130,8 @@ class Trajectory:
         -------
         State
             q and v of shape (len(t), n), reaction of shape (len(t), nc). With ``exact`` they are exact; otherwise q, v
-            are interpolated linearly between grid points, and forces that belong to a step are constant on it.
+            are interpolated linearly between grid points, and forces that belong to a step are constant on it. Those of
+            non-linear springs are ``problem.dynamics.push(state.q, state.v)``.
 
         Raises
         ------
@@ -125,6 +156,52 @@ class Trajectory:
         step = np.searchsorted(self.t, times, side="right" if side == "right" else "left") - 1
         return State(q, v, self.reaction[np.clip(step, 0, len(self.reaction) - 1)])
 
+    def certify(self, problem: Problem | None = None) -> Certificate:
+        """Judge the run from what it holds: by the laws of its own problem, or of another one.
+
+        Parameters
+        ----------
+        problem : Problem, optional
+            Whose laws, parameters and initial state are meant; its nodes and contacts must have the same names.
+
+        Returns
+        -------
+        Certificate
+            The greatest violation of each law, the limits that the method declares, and whether it ``holds``.
+
+        Raises
+        ------
+        InputError
+            If the problem has other nodes or contacts.
+
+        Examples
+        --------
+        >>> from lcpimpact import load_problem, simulate
+        >>> run = simulate(load_problem("bouncing-ball", e=0.9), dt=1e-3, t_end=1.0)
+        >>> run.certify().holds
+        True
+        >>> f"{run.certify(load_problem('bouncing-ball', e=0.5)).impact_law:.2f} m/s"
+        '1.77 m/s'
+        """
+        problem = self.problem if problem is None else problem
+        if not isinstance(problem, Problem):
+            raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
+        d, own = problem.dynamics, self.problem.dynamics
+        for what, theirs, ours in (
+            ("nodes", d.nodes, own.nodes),
+            ("contacts", tuple(each.name for each in d.contacts), tuple(each.name for each in own.contacts)),
+        ):
+            if theirs != ours:
+                raise InputError(
+                    f"{problem.name!r} has the {what} {', '.join(theirs) or '(none)'}, and the run has "
+                    f"{', '.join(ours) or '(none)'}: give a problem with the same"
+                )
+        record = Record(self.t, self.q, self.v, self.t_reaction, self.reaction, stats=dict(self.stats))
+        start = (problem.initial_coordinates, problem.initial_velocities)
+        rigid = {contact.name for contact in d.contacts}
+        events = tuple(event for event in self.events if event.contact in rigid and event.kind != "jump")
+        return certify(d, start, record, self.dense, events, self.integrator)
+
     def plot(self, path: str | Path | None = None) -> Any:
         """Draw coordinates and reactions over time, with the events marked; return the figure, or write it to ``path``."""
         return load("lcpimpact.plotting.trajectory:plot_trajectory")(self, path)
@@ -137,7 +214,9 @@ class Trajectory:
     def save(self, path: str | Path) -> Path:
         """Write the run to a file whose ending tells the format: .csv, .npz, or .nc (with the extra ``xarray``).
 
-        The file appears whole or not at all, and an older one of the name is replaced only by a whole one.
+        All hold the events too, each with contact, kind, time, impulse and both limits of q, v and r; a .csv has them in a
+        second file, run.events.csv beside run.csv. Files appear whole or not at all, and older ones of the name are replaced
+        only by whole ones, both or neither. See docs/run-files.md.
 
         Raises
         ------
@@ -145,14 +224,22 @@ class Trajectory:
             For another ending, or a folder that cannot be written.
         """
         path = Path(path)
-        writers = dict(zip(SAVED_AS, (self._write_csv, self._write_npz, self._write_netcdf), strict=True))
-        check_output(path, writers)
+        check_output(path, SAVED_AS)
+        if path.suffix == ".csv":
+            with whole_files(events_beside(path), path) as (events, part):
+                self._write_csv(part)
+                self._write_events(events)
+            return path
         with whole_file(path) as part:
-            writers[path.suffix](part)
+            (self._write_npz if path.suffix == ".npz" else self._write_netcdf)(part)
         return path
 
     def to_xarray(self) -> Any:
-        """Return the run as an xarray Dataset with the coordinates t and t_R (needs the extra ``xarray``)."""
+        """Return the run as an xarray Dataset (needs the extra ``xarray``).
+
+        Coordinates and velocities lie on t, reactions on t_R, and the events on a dimension of their own: event_t,
+        event_contact, event_kind, event_impulse, and event_q, event_v and event_reaction on event_side "left" and "right".
+        """
         try:
             import xarray
         except ImportError:
@@ -160,22 +247,56 @@ class Trajectory:
         n = len(self.problem.dynamics.nodes)
         series = {name: ("t", self[name]) for name in self.names[: 2 * n]}
         forces = {name: ("t_R", self[name]) for name in self.names[2 * n :]}
+        found = self._event_arrays()
+        events: dict[str, Any] = {f"event_{name}": ("event", found[f"event_{name}"]) for name in EVENT_COLUMNS}
+        axes: dict[str, Any] = {"t": self.t, "t_R": self.t_reaction, "event_side": list(SIDES)}
+        axes["event_node"] = list(self.names[:n])
+        places = {"q": "event_node", "v": "event_node"}
+        if forces:  # netCDF knows no axis of length 0 beside that of the events
+            axes["event_row"] = list(forces)
+            places["reaction"] = "event_row"
+        for name, place in places.items():
+            sides = [found[f"event_{name}_{side}"] for side in SIDES]
+            events[f"event_{name}"] = (("event", "event_side", place), np.stack(sides, axis=1))
+        for name in self.names:
+            if name == "event" or name in events or name in axes:
+                raise InputError(f"the series {name!r} has a name that a Dataset needs for the events: rename it")
         attributes = {"problem": self.problem.name, "method": self.method, "status": self.status.name}
-        return xarray.Dataset(series | forces, coords={"t": self.t, "t_R": self.t_reaction}, attrs=attributes)
+        return xarray.Dataset(series | forces | events, coords=axes, attrs=attributes)
+
+    def _event_arrays(self) -> dict[str, Any]:
+        """Return what the events hold, one row for each of them (ne, ...)."""
+        n, nc = len(self.problem.dynamics.nodes), len(self.problem.dynamics.contacts)
+        arrays = {f"event_{name}": np.array([getattr(each, name) for each in self.events]) for name in EVENT_COLUMNS}
+        for name in ("contact", "kind"):
+            arrays[f"event_{name}"] = arrays[f"event_{name}"].astype(str)
+        for side in SIDES:
+            for name, size in (("q", n), ("v", n), ("reaction", nc)):
+                values = [getattr(getattr(each, side), name) for each in self.events]
+                arrays[f"event_{name}_{side}"] = np.array(values, dtype=np.float64).reshape(len(values), size)
+        return arrays
 
     def _write_csv(self, path: Path) -> None:
         n = len(self.problem.dynamics.nodes)
         header = ["t", *self.names[: 2 * n], "t_R", *self.names[2 * n :]]
         motion = np.column_stack([self.t, self.q, self.v]).tolist()
-        forces = np.column_stack([self.t_reaction, self.reaction]).tolist()
-        empty = [""] * (1 + self.reaction.shape[1])
+        forces = np.column_stack([self.t_reaction, self.forces]).tolist()
+        empty = [""] * (1 + self.forces.shape[1])
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(header)
             writer.writerows(a + b for a, b in zip_longest(motion, forces, fillvalue=empty))
 
+    def _write_events(self, path: Path) -> None:
+        with path.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow([*EVENT_COLUMNS, *(f"{name}_{side}" for side in SIDES for name in self.names)])
+            for event in self.events:
+                limits = [getattr(event, side) for side in SIDES]
+                numbers = [np.concatenate([each.q, each.v, each.reaction]).tolist() for each in limits]
+                writer.writerow([*(getattr(event, name) for name in EVENT_COLUMNS), *numbers[0], *numbers[1]])
+
     def _write_npz(self, path: Path) -> None:
-        events = self.events
         with path.open("wb") as file:
             np.savez_compressed(
                 file,
@@ -184,16 +305,20 @@ class Trajectory:
                 v=self.v,
                 t_reaction=self.t_reaction,
                 reaction=self.reaction,
+                push=self.push,
                 names=np.array(self.names),
-                event_t=np.array([event.t for event in events]),
-                event_contact=np.array([event.contact for event in events], dtype=str),
-                event_kind=np.array([event.kind for event in events], dtype=str),
+                **self._event_arrays(),
                 problem=self.problem.name,
                 method=self.method,
                 status=self.status.name,
             )
 
     def _write_netcdf(self, path: Path) -> None:
+        for name in self.names:
+            if not name.isascii():
+                raise InputError(
+                    f"netCDF takes plain letters, and the series {name!r} has others: save as .npz or .csv"
+                )
         self.to_xarray().to_netcdf(path, engine="scipy")
 
     def __repr__(self) -> str:
@@ -206,10 +331,11 @@ class Trajectory:
         for i, node in enumerate(d.nodes[:SHOWN]):
             q = self.q[:, i]
             lines.append(f"  {node:<10}  {q.min():.6g} ... {q.max():.6g}{metre}, at the end {q[-1]:.6g}{metre}")
-        for i, contact in enumerate(d.contacts[:SHOWN]):
-            peak = np.abs(self.reaction[:, i]).max(initial=0.0)
-            lines.append(f"  {contact.name:<10}  at most {peak:.6g}{newton}; relative degree {contact.relative_degree}")
-        for what, count in (("coordinates", len(d.nodes)), ("reactions", len(d.contacts))):
+        for each, series in list(zip(d.forces, self.forces.T, strict=True))[:SHOWN]:
+            peak = np.abs(series).max(initial=0.0)
+            kind = f"relative degree {each.relative_degree}" if isinstance(each, Contact) else "compliant"
+            lines.append(f"  {each.name:<10}  at most {peak:.6g}{newton}; {kind}")
+        for what, count in (("coordinates", len(d.nodes)), ("forces", len(d.forces))):
             if count > SHOWN:
                 lines.append(f"  ...         and {count - SHOWN} more {what}")
         balance = f"energy {c.energy_balance:.1e} of {c.energy_scale:.3g} J" if d.stores_energy else "no energy"
@@ -222,6 +348,11 @@ class Trajectory:
             f"  {self.message}",
         ]
         return "\n".join(lines)
+
+
+def events_beside(path: Path) -> Path:
+    """Return the name of the file of events beside that of a run, run.events.csv beside run.csv."""
+    return path.with_suffix(f".events{path.suffix}")
 
 
 def _interpolate(times: Array, t: Array, values: Array) -> Array:

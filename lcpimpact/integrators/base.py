@@ -36,6 +36,8 @@ class Grid:
         t = np.arange(first, last + 1, dtype=np.float64)
         t *= self.t_end
         t /= self.steps
+        if last == self.steps:
+            t[-1] = self.t_end
         return t
 
 
@@ -56,9 +58,10 @@ class Event:
     ----------
     t : float               the instant in s
     contact : str           the name of the reaction
-    kind : str              "close", "open" or "impact"; "stick" or "slip" of a slider, which slips anew where it turns
-    left, right : State     the limits from before and from after
-    impulse : float         N s; zero unless an impact
+    kind : str              "close", "open" or "impact"; "stick" or "slip" of a slider, which slips anew where it turns;
+                            "jump" where a system that starts outside its constraint enters it
+    left, right : State     the limits from before and from after; at the start only q has one from before
+    impulse : float         N s; zero unless an impact or a jump
     """
 
     t: float
@@ -105,6 +108,34 @@ class Dense:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Limits:
+    """How far from its laws a run may be, in units of the scales of its motion; see `lcpimpact.certificate.Certificate`.
+
+    Attributes
+    ----------
+    precision : float           to what part of the largest terms those laws hold that are solved for
+    order : float               order in smooth motion: what its steps leave out of the momentum and the way (inf: nothing)
+    penetration : float         overlaps of so many times h |U| may follow an impact
+    rest : float                a rebound whose flight is shorter than this part of the run counts as none
+    balances_energy : bool      whether the balance of energy is promised
+    kick : float                velocities or forces are recorded without so many times h times the force
+    slack : float               how many times the error of the rule its steps may make, as the bends of the run show it
+    drift : float               nodes without mass may be moved by hand: so many times what a step changes
+    relative_degrees : tuple    the relative degrees that the method handles
+    """
+
+    precision: float = 1e-9
+    order: float = math.inf
+    penetration: float = 0.0
+    rest: float = 0.0
+    balances_energy: bool = False
+    kick: float = 0.0
+    slack: float = 3.0
+    drift: float = 0.0
+    relative_degrees: tuple[int, ...] = (0, 1, 2)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Declared:
     """The properties that a method declares; tests measure them over the whole registry.
 
@@ -114,7 +145,8 @@ class Declared:
     order_smooth : float            order in smooth motion, in the coordinates (inf: to rounding)
     order_force_kink : float        order in q across switches at which r only bends (relative degree 0); 0 if refused
     order_force_jump : float        order in q across switches at which r jumps (relative degree 1); 0 if refused
-    order_impact : float            order in the L1 norm of v across impacts (relative degree 2); 0 if refused
+    order_impact : float            order in the L1 norm of v across impacts (relative degree 2), the median over
+                                    problems, since where in its step an impact falls is luck; 0 if refused
     order_friction : float          order in the coordinates where sliders of relative degree 2 turn or stop; 0 if refused
     order_penetration : float       order in h of the greatest overlap after impacts (inf: none beyond rounding)
     level : str                     where contacts are imposed: "position", "velocity", "acceleration" or several of them
@@ -122,7 +154,13 @@ class Declared:
     handles : tuple of Feature      what else it handles
     reaction_lives : str            where its force is to be read
     energy : str                    what is true of its energy
+    balances_energy : bool          whether the balance of energy closes, to its precision or its order
+    precision : float               to what part of the largest terms the laws hold that it solves for
+    kick : float                    part of h times the force that the velocities or forces of its record may lack
+    slack : float                   how many times the error of its rule, as the bends of the run show it, its steps may make
+    drift : float                   nodes without mass may be moved by hand: so many times what a step changes
     dissipates : bool               whether impacts never leave a system with more energy than it began with
+    gated : bool                    whether a run whose certificate fails ends as VIOLATED
     adaptive : str                  how it chooses its steps, "" where they are those of dt
     source : str                    where it is from
     """
@@ -139,7 +177,13 @@ class Declared:
     handles: tuple[Feature, ...]
     reaction_lives: str
     energy: str
+    balances_energy: bool = False
+    precision: float = 1e-9
+    kick: float = 0.0
+    slack: float = 3.0
+    drift: float = 0.0
     dissipates: bool
+    gated: bool = False
     adaptive: str = ""
     source: str
 
@@ -179,6 +223,10 @@ class Integrator(ABC):
     solves_lcp: ClassVar[bool] = True
     impact_steps: ClassVar[int] = 1
     """Steps over which the impulse of one impact spreads."""
+    family: ClassVar[str] = ""
+    """The rule of the step, by name: methods of one family do not confirm each other. "" for a rule of its own."""
+    mode_choice: ClassVar[str] = ""
+    """What chooses the contact mode, where methods of several families share it; "" where the step itself does."""
 
     @abstractmethod
     def reaction_times(self, grid: Grid) -> Array:
@@ -198,6 +246,20 @@ class Integrator(ABC):
     def balance_point(self) -> float | None:
         """Return θ where the forces of a step balance at t + θ h, so that its energy can be balanced to rounding."""
         return None
+
+    def limits(self) -> Limits:
+        """Return how far from its laws a run may be, by what is declared."""
+        declared = self.declared
+        return Limits(
+            precision=declared.precision,
+            kick=declared.kick,
+            slack=declared.slack,
+            drift=declared.drift,
+            order=declared.order_smooth,
+            penetration=0.0 if math.isinf(declared.order_penetration) else 1.0,
+            balances_energy=declared.balances_energy,
+            relative_degrees=declared.relative_degrees,
+        )
 
     def dense(self, carry: Any) -> Dense | None:
         """Return the solution as a function of time, where the method has one."""

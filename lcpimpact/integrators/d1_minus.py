@@ -51,6 +51,8 @@ class D1Minus(LinearStep):
         handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
         reaction_lives="at t + h/2, one for each step",
         energy="without dashpots near its value for ever in smooth motion, where h is below 2/ω; impacts never gain",
+        slack=3.0,
+        kick=0.1,
         dissipates=True,
         source="Schindler and Acary (2014); Schindler, Rezaei, Kursawe and Acary (2015)",
         adaptive="dt, or halved where rtol is given",

@@ -18,6 +18,9 @@ A flight of T then leaves out a rest of e T/(1 - e), which is the error of the e
 than the one before is not asked: among many bodies they shrink by fits and starts.)
 
 *Closed contacts* are held by their accelerations. What rounding adds to their gaps is taken out at each event.
+
+*The last instant.* An event is known to about rtol. One that is found nearer than that after the end of the run, and nearer
+than 1e-9 of its length, is at its end, and is kept.
 """
 
 from __future__ import annotations
@@ -31,14 +34,25 @@ from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import integrate
 from scipy.optimize import brentq
 
 from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
-from lcpimpact.integrators.base import Declared, Dense, Grid, Integrator, Record, State
-from lcpimpact.integrators.flow import DEGREE, first_sign_change
-from lcpimpact.integrators.modes import ZERO, Mode, System, choose_mode, gaps, impact, refuse_mixed_degrees
+from lcpimpact.integrators.base import Declared, Dense, Grid, Integrator, Limits, Record, State
+from lcpimpact.integrators.flow import first_fall
+from lcpimpact.integrators.modes import (
+    Mode,
+    System,
+    choose_mode,
+    gaps,
+    impact,
+    refuse_mixed_degrees,
+    settled,
+    still,
+)
 from lcpimpact.integrators.transition import happened
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.numbers import is_count, is_real
@@ -46,6 +60,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Feature
 from lcpimpact.scheme.first_order import Inputs, forced_form
+from lcpimpact.scheme.signals import NAMED
 
 SCIPY_SOLVERS = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
 
@@ -63,23 +78,16 @@ FOR_EVER = -1
 STALL = 100
 """So many events at one instant are no motion: the run ends as if it had reached max_events."""
 
+SURE, UNSURE = 1e-12, 1e-9
+"""Between these lies how well an instant is taken to be known, in units of the run, whatever rtol is."""
+
+LOOK_BACK = 0.1
+"""Over this part of the last step a row must fall."""
+
 ROUNDING, TINY = 4.0 * float(np.finfo(float).eps), float(np.finfo(float).tiny)
 
 FLIGHTS = 3
 """So many flights must be short before impacts are taken to accumulate."""
-
-
-def elevation(low: int, high: int) -> Array:
-    """Return the matrix from Bernstein coefficients of degree ``low`` to those of the same polynomial as of ``high``."""
-    return np.array(
-        [
-            [
-                math.comb(low, j) * math.comb(high - low, i - j) / math.comb(high, i) if i >= j else 0.0
-                for j in range(low + 1)
-            ]
-            for i in range(high + 1)
-        ]
-    )
 
 
 def _fit() -> tuple[Array, Array]:
@@ -95,7 +103,6 @@ DIVIDED = [
 ]
 """By these the coefficients of a polynomial sᵐ p(s), without the first m, become those of p."""
 
-RAISED = [elevation(ORDER - m, DEGREE) for m in range(ORDER)]
 NOISE = 8.0 * np.finfo(float).eps * float(np.abs(FIT).sum(axis=1).max())
 """Rounding of the coefficients, relative to the terms of a sample."""
 
@@ -166,12 +173,16 @@ class Forces:
 class Segment:
     """One mode from t0 on: X' = A X + E w(t0 + τ, X), with the rows c of c·(X, w, s) whose fall below zero ends it.
 
+    It ends at ``end`` at the latest, which is that of the run or, where it ``breaks``, a breakpoint of the signals.
+
     s are the forces that the springs would have if they pushed. The last rows are theirs: ``phases`` tells which spring goes
     over to which phase. ``place`` and ``reaction`` hold the matrices by
     which q and r are read off X and w.
     """
 
     t0: float
+    end: float
+    breaks: bool
     mode: Mode
     A: Array
     E: Array
@@ -205,6 +216,17 @@ class Piece:
     solution: Any
 
 
+@dataclass(frozen=True, eq=False)
+class AtRest:
+    """The dense output of no time at all: X, whenever it is asked for."""
+
+    X: Array
+
+    def __call__(self, τ: ArrayLike) -> Array:
+        """Return X at τ: (N,), or (N, nt)."""
+        return np.asarray(np.multiply.outer(self.X, np.ones_like(τ, dtype=np.float64)))
+
+
 @dataclass
 class Flights:
     """The impacts of each contact: the instant of the last one, and how many flights before it were short."""
@@ -234,6 +256,7 @@ class Run:
     lcp_solver: str
     scale: Array
     forces: Array
+    breakpoints: Array
     flights: Flights
     segment: Segment | None = None
     steps: Any = None
@@ -291,6 +314,8 @@ class EventDriven(Integrator):
     kinks: bool = True
 
     name: ClassVar[str] = "event-driven"
+    family: ClassVar[str] = "SciPy between events"
+    mode_choice: ClassVar[str] = "modes.py"
     declared: ClassVar[Declared] = Declared(
         summary="SciPy's solvers between events, the mode by LCPs, and a fresh start after each event",
         order_smooth=math.inf,
@@ -301,9 +326,10 @@ class EventDriven(Integrator):
         order_penetration=math.inf,
         level="position and velocity at events, acceleration between them",
         relative_degrees=(0, 1, 2),
-        handles=tuple(Feature),
+        handles=tuple(each for each in Feature if each is not Feature.IMPULSE_PATHS),
         reaction_lives="at t, right limit",
         energy="to the tolerance",
+        balances_energy=True,
         dissipates=True,
         source="Pfeiffer and Glocker (1996)",
         adaptive="by the error control of the SciPy solver; dt is the spacing of the output",
@@ -346,11 +372,15 @@ class EventDriven(Integrator):
             slider = d.contacts[system.remembered[0]].name
             raise UnsupportedError(
                 f"the slider {slider!r} of {problem.name!r} moves a spring under a load that is a function of time, which "
-                f"{self.name!r} does not handle: give the load as Harmonic(...), or take method='moreau-jean'"
+                f"{self.name!r} does not handle: give the load as {NAMED}, or take method='moreau-jean'"
             )
         X = system.state(problem.initial_coordinates, problem.initial_velocities)
         record.events = []
-        run = Run(system, inputs, grid, lcp_solver, np.abs(X), np.zeros(inputs.count), Flights.none(len(d.contacts)))
+        breakpoints = form.breakpoints(0.0, grid.t_end)
+        run = Run(
+            system, inputs, grid, lcp_solver, np.abs(X), np.zeros(inputs.count), breakpoints,
+            Flights.none(len(d.contacts)),
+        )  # fmt: skip
         try:
             self._enter(run, record, 0.0, X, None)
         except np.linalg.LinAlgError:
@@ -378,11 +408,19 @@ class EventDriven(Integrator):
         _sample(carry, record, first + 1, last)
         return Status.SOLVED, last
 
+    def limits(self) -> Limits:
+        """Return those of the tolerance; rebounds shorter than ``zeno`` times the run count as none."""
+        # The dense output of a solver is of lower order than its steps.
+        precision = max(self.declared.precision, 2e3 * self.rtol)
+        return replace(super().limits(), precision=precision, order=5.0, rest=self.zeno)
+
     def dense(self, carry: Run) -> Dense:
         """Return the solution at any times of the run."""
         starts, ends = np.array(carry.starts), np.array([piece.end for piece in carry.pieces])
         parts = starts[:, None] + (ends - starts)[:, None] * np.arange(CUTS) / CUTS
-        return Dense(lambda t, side: _read(carry, t, side), np.append(parts.ravel(), ends[-1:]))
+        # Without its solver, which cannot be pickled, and is of no use any more.
+        done = replace(carry, steps=None)
+        return Dense(partial(_read, done), np.append(parts.ravel(), ends[-1:]))
 
     def _step(self, run: Run, record: Record) -> Status:
         """Take one step of the solver, up to the first event in it."""
@@ -396,8 +434,12 @@ class EventDriven(Integrator):
             return Status.NON_FINITE
         solution = steps.dense_output()
         found = _first_root(segment, run.scale, steps.t_old, steps.t, solution, self.atol)
+        if steps.status == "finished" and not found:
+            within = min(max(self.rtol, SURE), UNSURE) * t_end
+            found = _root_at_end(segment, run.scale, steps.t_old, steps.t, solution, within)
         τ, row = found or (steps.t, -1)
-        t = t_end if steps.status == "finished" and not found else min(segment.t0 + τ, t_end)
+        t = segment.end if steps.status == "finished" and not found else min(segment.t0 + τ, segment.end)
+        breakpoint = segment.breaks and t == segment.end
         run.scale = np.maximum(run.scale, np.abs(solution(τ)))
         if run.inputs.count:
             run.forces = np.maximum(run.forces, np.abs(segment.forces(segment.t0 + τ, solution(τ))))
@@ -405,14 +447,15 @@ class EventDriven(Integrator):
         run.pieces.append(Piece(segment, t, solution))
         if steps.status == "finished" or found:
             record.stats["evaluations"] = record.stats.get("evaluations", 0) + steps.nfev
-        if not found or t >= t_end:
+        if not breakpoint and not found:
             return Status.SOLVED
-        run.events.append(t)
+        if found:
+            run.events.append(t)
         if len(run.events) > self.max_events or (len(run.events) > STALL and run.events[-STALL] == t):
             return Status.MAX_EVENTS
-        turn = row - (len(segment.rows) - len(segment.phases))
+        turn = row - (len(segment.rows) - len(segment.phases)) if found else -1
         try:
-            self._enter(run, record, t, solution(τ), segment.phases[turn] if turn >= 0 else None)
+            self._enter(run, record, t, solution(τ), segment.phases[turn] if turn >= 0 else None, breakpoint)
         except FailureError as failure:
             status: Status = failure.result.status
             return status
@@ -438,33 +481,55 @@ class EventDriven(Integrator):
             phase[turned[0]] = turned[1]
         return phase
 
-    def _enter(self, run: Run, record: Record, t: float, X: Array, turned: tuple[int, int] | None) -> None:
-        """Begin a segment at t: impacts, the mode, the events that this makes, and a solver for what follows."""
+    def _enter(
+        self,
+        run: Run,
+        record: Record,
+        t: float,
+        X: Array,
+        turned: tuple[int, int] | None,
+        breakpoint: bool = False,
+    ) -> None:
+        """Begin a segment at t: impacts, the mode, the events that this makes, and a solver for what follows.
+
+        At a ``breakpoint`` the signals in X are left limits, and go over to the right ones.
+        """
         system, d, old = run.system, run.system.dynamics, run.segment
         assert record.events is not None
         run.scale = np.maximum(run.scale, np.abs(X))
-        held = _settled(system, old.mode, X, run.scale) if old else X
+        kept = still(system, old.mode if old else None)
+        state = settled(system, old.mode if old else None, DoubleDouble.of(X), run.scale)
+        approach = None
+        if breakpoint:
+            approach, state = state, system.form.right_of(t, state, run.scale)
+            kept = replace(kept, U=np.zeros_like(kept.U))
 
-        u, U = gaps(system, held, run.scale)
+        u, U = (each.hi for each in gaps(system, state, run.scale, kept))
         landing = np.flatnonzero((system.degree == 2) & ~d.slides & (u <= 0.0) & (U < 0.0))
         lost = ROUNDING * (np.abs(system.matrices[2]) @ run.scale)[landing] / np.maximum(-U[landing], TINY)
         run.flights.land(t, landing, self.zeno * run.grid.t_end, lost)
         over = (run.flights.short >= FLIGHTS) & (d.restitution < 1.0)
-        after, P = impact(system, held, run.scale, run.lcp_solver, np.where(over, 0.0, d.restitution))
-        forces = Forces(run.inputs, self._phase(run, after, turned))
-        mode, after = choose_mode(*_about(run, t, after, forces), run.lcp_solver)
+        restitution = np.where(over, 0.0, d.restitution)
+        pushed, P, kept = impact(system, state, run.scale, run.lcp_solver, restitution, kept, left=approach)
+        forces = Forces(run.inputs, self._phase(run, pushed.hi, turned))
+        mode, chosen = choose_mode(*_about(run, t, pushed.hi, forces), run.lcp_solver, kept)
         N = len(system.form.A)
-        after = np.delete(after, slice(N, N + run.inputs.count))
+        after = np.delete(chosen.hi, slice(N, N + run.inputs.count))
 
         new = _segment(run, t, mode, forces)
         left = _state(run, old, t - old.t0, X) if old else _state(run, new, 0.0, X)
         record.events += happened(system, t, old.mode if old else mode, mode, P, left, _state(run, new, 0.0, after))
         run.segment = new
+        if t >= run.grid.t_end:
+            # What follows an event at the very end is its right limit.
+            run.starts.append(t)
+            run.pieces.append(Piece(new, t, AtRest(after)))
+            return
         kind: Any = getattr(integrate, self.ode_solver) if isinstance(self.ode_solver, str) else self.ode_solver
         options: dict[str, Any] = {"rtol": self.rtol, "atol": self.atol, "max_step": self.max_step}
         if "jac" in inspect.signature(kind).parameters:
             options["jac"] = new.jacobian
-        run.steps = kind(new.rate, 0.0, after, run.grid.t_end - t, **options)
+        run.steps = kind(new.rate, 0.0, after, new.end - t, **options)
 
 
 def _segment(run: Run, t: float, mode: Mode, forces: Forces) -> Segment:
@@ -474,18 +539,24 @@ def _segment(run: Run, t: float, mode: Mode, forces: Forces) -> Segment:
     Fw = system.share(mode)
     E = system.input_matrices[0] + system.matrices[1] @ Fw
     # What is zero for ever in a linear system need not stay so under an input.
-    watched = system.watched(replace(mode, order=tuple(max(m, 0) for m in mode.order)) if inputs.count else mode)
-    watched = [(i, row, m if mode.order[i] >= 0 else FOR_EVER) for i, row, m in watched]
+    contacts, ends, zeros = system.watched(
+        replace(mode, order=tuple(max(m, 0) for m in mode.order)) if inputs.count else mode
+    )
+    zeros = np.where(np.array(mode.order, dtype=np.int64)[contacts] >= 0, zeros, FOR_EVER)
     ns = len(inputs.law)
     springs: tuple[tuple[int, int], ...] = ()
-    rows, order = [np.pad(row, (0, ns)) for _, row, _ in watched], [zeros for *_, zeros in watched]
+    rows, order = [np.pad(row, (0, ns)) for row in ends.hi], zeros.tolist()
     if forces.phase is not None:
-        springs, ends = _spring_ends(inputs, forces.phase, len(flow.A))
-        rows += ends
-        order += [0] * len(ends)
+        springs, falls = _spring_ends(inputs, forces.phase, len(flow.A))
+        rows += falls
+        order += [0] * len(falls)
     Q, Qr = system.read
+    later = int(np.searchsorted(run.breakpoints, t, side="right"))
+    breaks = later < len(run.breakpoints)
     return Segment(
         t,
+        float(run.breakpoints[later]) if breaks else run.grid.t_end,
+        breaks,
         mode,
         flow.A,
         E,
@@ -539,6 +610,7 @@ def _about(run: Run, t: float, X: Array, forces: Forces) -> tuple[System, Array,
         C=np.column_stack([form.C + inputs.D @ slope, inputs.D]),
         Q=np.column_stack([form.Q + inputs.Q @ slope, inputs.Q]),
         signals=np.append(form.signals, np.zeros(nw)),
+        low=None,
     )
     grown = np.concatenate([X[:N], w - slope @ X[:N], X[N:]])
     return System(system.dynamics, linear), grown, np.concatenate([run.scale[:N], run.forces, run.scale[N:]])
@@ -547,22 +619,6 @@ def _about(run: Run, t: float, X: Array, forces: Forces) -> tuple[System, Array,
 def _short(run: Run) -> float:
     """Return the step in s of the difference quotients of loads."""
     return 1e-6 * run.grid.t_end
-
-
-def _settled(system: System, mode: Mode, X: Array, scale: Array) -> Array:
-    """Return X with the gaps of closed contacts, and the rates that the mode holds at zero, put back to zero."""
-    C, CA = system.derivatives[:2]
-    slides, degree = system.dynamics.slides, system.degree
-    still = [i for i, m in enumerate(mode.order) if m < 0 and i not in mode.closed and not slides[i]]
-    places = [i for i in (*mode.closed, *still) if not slides[i] and degree[i] > 0]
-    rates = [i for i in (*mode.closed, *still) if degree[i] == 2]
-    held = np.vstack([C[places], CA[rates]])
-    if not len(held):
-        return X
-    # What is given, the constant and the signals, stays what it is; the rest moves in proportion to its size.
-    moves = np.where(np.arange(len(X)) < system.form.constant, scale, 0.0)
-    correction = np.linalg.lstsq(held * moves, held @ X, rcond=ZERO)[0]
-    return np.asarray(X - moves * correction)
 
 
 def _first_root(
@@ -574,9 +630,7 @@ def _first_root(
     τ = start + (end - start) * POINTS
     terms = segment.watched(τ, solution(τ).T)
     b = FIT @ (terms @ segment.rows.T)
-    size = np.abs(terms).max(axis=0)
-    size[: len(scale)] = np.maximum(size[: len(scale)], scale)
-    noise = NOISE * (np.abs(segment.rows) @ size)
+    noise = _noise(segment, scale, terms)
     found: list[tuple[float, int]] = []
     for k, row in enumerate(segment.rows):
         # A zero of order m at the start of the segment is a factor sᵐ.
@@ -587,8 +641,8 @@ def _first_root(
             floor += atol * float(np.abs(row).sum())
         if coefficients.min() >= -floor:
             continue
-        s = first_sign_change(RAISED[m] @ coefficients, -floor)
-        if s is not None:
+        s = first_fall(np.array([coefficients, np.zeros_like(coefficients)]), -floor)
+        if not math.isnan(s):
             if segment.order[k] == FOR_EVER:
                 # It falls below zero from zero itself: what counts is where it is below it by more than the tolerance.
                 found.append((start + s * (end - start), k))
@@ -598,6 +652,33 @@ def _first_root(
                 (_refined(segment, row, start + near * (end - start), end if m == 0 else None, start, solution), k)
             )
     return min(found) if found else None
+
+
+def _root_at_end(
+    segment: Segment, scale: Array, start: float, end: float, solution: Any, within: float
+) -> tuple[float, int] | None:
+    """Return when a row falls below zero at the end of a step, or less than ``within`` s after it, and which row."""
+    if not len(segment.rows):
+        return None
+    τ = np.array([end - LOOK_BACK * (end - start), end])
+    terms = segment.watched(τ, solution(τ).T)
+    before, last = terms @ segment.rows.T
+    fall = np.where((before > _noise(segment, scale, terms)) & (segment.order != FOR_EVER), before - last, 0.0)
+    falling = np.flatnonzero((fall > 0.0) & (last * (τ[1] - τ[0]) <= fall * within))
+    if not len(falling):
+        return None
+    k = int(falling[np.argmin(last[falling] / fall[falling])])
+    ahead = float(last[k] / fall[k] * (τ[1] - τ[0]))
+    return (
+        (_refined(segment, segment.rows[k], end + ahead, end + within, end, solution), k) if ahead > 0.0 else (end, k)
+    )
+
+
+def _noise(segment: Segment, scale: Array, terms: Array) -> Array:
+    """Return what in the watched rows is rounding, for samples (nt, ...) of their terms."""
+    size = np.abs(terms).max(axis=0)
+    size[: len(scale)] = np.maximum(size[: len(scale)], scale)
+    return np.asarray(NOISE * (np.abs(segment.rows) @ size))
 
 
 def _bernstein(coefficients: Array, s: float) -> float:

@@ -7,6 +7,7 @@ and after each, and `lcpimpact.integrators.flow` finds where it ends, and misses
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -39,13 +40,15 @@ class Exact(Integrator):
 
     Notes
     -----
-    Handles constant and `Harmonic` loads. The reaction is the force at each instant of the grid (its right limit at an
-    event); impulses stand in the events.
+    Handles constant loads and signals, whose breakpoints end a segment. The reaction is the force at each instant of the
+    grid (its right limit at an event); impulses stand in the events.
     """
 
     max_events: int = 100_000
 
     name: ClassVar[str] = "exact"
+    family: ClassVar[str] = "matrix exponential"
+    mode_choice: ClassVar[str] = "modes.py"
     declared: ClassVar[Declared] = Declared(
         summary="matrix exponential in each contact mode, events to rounding; the reference",
         order_smooth=float("inf"),
@@ -59,6 +62,7 @@ class Exact(Integrator):
         handles=(Feature.SLIDERS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION),
         reaction_lives="at t, right limit",
         energy="exact",
+        balances_energy=True,
         dissipates=True,
         source="modes by the linear dynamic complementarity problem: van der Schaft and Schumacher (1998)",
     )
@@ -82,9 +86,9 @@ class Exact(Integrator):
     def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Follow the events to t_last and sample the block on the grid."""
         grid, motion = carry.grid, carry.motion
-        status = follow(motion, grid.t_end * last / grid.steps)
+        status = follow(motion, float(grid.times(last, last)[0]))
         if status is not Status.SOLVED:
-            last = first + int(np.searchsorted(grid.times(first, last), motion.next_event[0])) - 1
+            last = first + int(np.searchsorted(grid.times(first, last), motion.next_event[0].hi)) - 1
         _sample(carry, record, first + 1, last)
         return status, last
 
@@ -95,7 +99,7 @@ class Exact(Integrator):
     def dense(self, carry: Run) -> Dense:
         """Return the solution at any times of the run."""
         system, segments = carry.motion.system, tuple(carry.motion.segments)
-        return Dense(lambda t, side: read(system, segments, t, side), cuts(carry.motion))
+        return Dense(partial(read, system, segments), cuts(carry.motion))
 
 
 def _sample(run: Run, record: Record, first: int, last: int) -> None:

@@ -9,6 +9,10 @@ with p so large that the remainder is below rounding. Written in Bernstein's bas
 of its coefficients: a window is passed over only if all of them are positive, which proves that there is no root in it;
 otherwise it is halved (de Casteljau) until the first sign change is found to rounding. So no event is missed, however
 short the excursion.
+
+States are double-doubles (see `lcpimpact.double_double`), since floats do not keep rigid motions: rounding ε in exp(A δ) is
+a small force, by which a body that flies for a time T is off by about ‖A‖ T³ ε. Floats decide in which windows nothing
+happens.
 """
 
 from __future__ import annotations
@@ -16,19 +20,341 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import matrix_balance
+from numba import types
+from numpy.typing import ArrayLike
+from scipy.linalg import matrix_balance, schur, solve_sylvester
 
 from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import compiled, cube, f8, i8, indices, matrix, vector
+from lcpimpact.double_double import EPS, DoubleDouble, add, multiply, pair, product, solve, two_product
 
-DEGREE = 22
-"""e / 23! = 1e-22: the remainder of a window is below rounding."""
+DEGREE = 30
+"""e / 31! = 3e-34: the remainder of a window is below the rounding of double-doubles."""
 
-FEW, CHUNK = 16, 256
-"""Windows that are examined at once: few at first, then more."""
+FEW, CHUNK = 64, 20_000
+"""Windows that are examined by one call of compiled code, at first and then; between calls Ctrl-C is heard."""
 
-ROUNDING = 32.0 * np.finfo(float).eps
+GAP = 8.0
+"""Rates this much above the next are split off when what moves by them has decayed."""
+
+REFINEMENTS = 4
+"""Steps of Newton's method by which a splitting in floats becomes one in double-doubles."""
+
+ROUNDING = 64.0 * float(np.finfo(float).eps)
+
+
+def bernstein(degree: int) -> Array:
+    """Return the matrix from monomial to Bernstein coefficients on [0, 1]: b_j = Σ_i C(j, i)/C(p, i) a_i; (2, p+1, p+1)."""
+    found = np.zeros((2, degree + 1, degree + 1))
+    for j in range(degree + 1):
+        for i in range(j + 1):
+            ratio = DoubleDouble.of(float(math.comb(j, i))) / float(math.comb(degree, i))
+            found[:, j, i] = ratio.hi, ratio.lo
+    return found
+
+
+BERNSTEIN = bernstein(DEGREE)
+
+
+@compiled(types.UniTuple(f8, 2)(vector, f8))
+def casteljau(b: Array, s: float) -> tuple[float, float]:
+    """Return value and slope at s of the polynomial on [0, 1] with Bernstein coefficients b."""
+    c = b.copy()
+    slope = 0.0
+    for left in range(len(c) - 1, 0, -1):
+        if left == 1:
+            slope = (len(c) - 1) * (c[1] - c[0])
+        for j in range(left):
+            c[j] = (1.0 - s) * c[j] + s * c[j + 1]
+    return c[0], slope
+
+
+@compiled(f8(vector))
+def only_root(b: Array) -> float:
+    """Return the root in [0, 1] of a polynomial whose Bernstein coefficients change their sign once, from above zero."""
+    low, high, s, moved = 0.0, 1.0, b[0] / (b[0] - b[-1]), 1.0
+    for _ in range(64):
+        value, slope = casteljau(b, s)
+        if value >= 0.0:
+            low = s
+        else:
+            high = s
+        better = s - value / slope if slope < 0.0 else -1.0
+        if not low < better < high:
+            better = 0.5 * (low + high)
+        # At the last digits the steps of Newton's method become no smaller.
+        last, moved = moved, abs(better - s)
+        s = better
+        if moved <= 4e-16 * s or (last <= moved and moved < 1e-9 * s):
+            break
+    return float(s)
+
+
+@compiled(f8(matrix, f8))
+def first_fall(b: Array, floor: float) -> float:
+    """Return where a polynomial first falls below ``floor`` <= 0, or NaN if it does not.
+
+    Intervals that lie above the floor by the convex hull are passed over; the leftmost other one is halved, until its
+    coefficients change their sign once: then it has one root (variation diminishing).
+
+    Parameters
+    ----------
+    b : (2, p + 1) array        its Bernstein coefficients on [0, 1], double-doubles
+    floor : float               what is negative by less counts as zero
+    """
+    n = b.shape[1]
+    stack = np.empty((128, 2, n))
+    starts, widths = np.empty(128), np.empty(128)
+    stack[0], starts[0], widths[0] = b, 0.0, 1.0
+    waiting = 1
+    while waiting:
+        waiting -= 1
+        c, start, width = stack[waiting].copy(), starts[waiting], widths[waiting]
+        if c[0].min() >= floor:
+            continue
+        if c[0, 0] < floor:
+            return float(start)
+        changes = 0
+        for j in range(1, n):
+            changes += (c[0, j] >= floor) != (c[0, j - 1] >= floor)
+        if changes == 1:
+            return float(start + width * only_root(c[0] - floor))
+        if width < 2.0**-110 or width < 2.0**-54 * start:
+            return float(start)
+        # The right half waits below the left one: [c_0 ... c_p] are its coefficients when the triangle is complete.
+        half = 0.5 * width
+        left = np.empty((2, n))
+        for j in range(n):
+            left[:, j] = c[:, 0]
+            for i in range(n - 1 - j):
+                hi, lo = add(c[0, i], c[1, i], c[0, i + 1], c[1, i + 1])
+                c[0, i], c[1, i] = 0.5 * hi, 0.5 * lo
+        stack[waiting], starts[waiting], widths[waiting] = c, start + half, half
+        stack[waiting + 1], starts[waiting + 1], widths[waiting + 1] = left, start, half
+        waiting += 2
+    return math.nan
+
+
+@compiled(types.UniTuple(f8, 2)(matrix, f8))
+def polish(a: Array, s: float) -> tuple[float, float]:
+    """Return the root of Σ a_i s^i near s, a double-double, by Newton's method; s itself where the root is not simple."""
+    x, x_lo = s, 0.0
+    for _ in range(4):
+        value, value_lo, slope = 0.0, 0.0, 0.0
+        for i in range(a.shape[1] - 1, -1, -1):
+            slope = slope * x + value
+            value, value_lo = multiply(value, value_lo, x, x_lo)
+            value, value_lo = add(value, value_lo, a[0, i], a[1, i])
+        step = value / slope if slope < 0.0 else 0.0
+        if not abs(step) < 1e-6 * s:
+            break
+        x, x_lo = add(x, x_lo, -step, 0.0)
+    return (x, x_lo) if x > 0.0 else (s, 0.0)
+
+
+def balance(A: Array) -> tuple[Array, Array]:
+    """Return D⁻¹ A D with rows and columns of like size, and the diagonal of D, of powers of two."""
+    if not A.any():
+        return A, np.ones(len(A))
+    with np.errstate(
+        invalid="ignore"
+    ):  # SciPy makes whole numbers of the scaling, for permutations that are not asked for
+        balanced, (scaling, _) = matrix_balance(A, permute=False, separate=True)
+    return balanced, scaling
+
+
+class Sparse(NamedTuple):
+    """A sparse matrix of double-doubles, row by row.
+
+    Attributes
+    ----------
+    entries : (2, nnz) array        its entries
+    starts : (n + 1,) array         where each row begins, and the end
+    columns : (nnz,) array          the column of each entry
+    """
+
+    entries: Array
+    starts: Indices
+    columns: Indices
+
+
+def sparse(A: DoubleDouble) -> Sparse:
+    """Return the entries of a matrix that are not zero."""
+    kept = A.hi != 0.0
+    starts = np.concatenate([[0], np.cumsum(kept.sum(axis=1))])
+    return Sparse(np.ascontiguousarray(A.parts[:, kept]), starts, np.ascontiguousarray(np.nonzero(kept)[1]))
+
+
+sparse_type = types.NamedTuple((matrix, indices, indices), Sparse)
+
+
+@compiled(pair(sparse_type, i8, matrix))
+def on_row(A: Sparse, m: int, X: Array) -> tuple[float, float]:
+    """Return row m of A X, a double-double."""
+    x, x_lo = 0.0, 0.0
+    for at in range(A.starts[m], A.starts[m + 1]):
+        j = A.columns[at]
+        y, y_lo = multiply(A.entries[0, at], A.entries[1, at], X[0, j], X[1, j])
+        x, x_lo = add(x, x_lo, y, y_lo)
+    return x, x_lo
+
+
+@compiled(matrix(sparse_type, f8, vector, i8))
+def expand(A: Sparse, δ: float, X: Array, degree: int) -> Array:
+    """Return (A δ)^i X/i! in floats (degree + 1, N)."""
+    Y = np.empty((degree + 1, len(X)))
+    Y[0] = X
+    for i in range(1, degree + 1):
+        for m in range(len(X)):
+            x = 0.0
+            for at in range(A.starts[m], A.starts[m + 1]):
+                x += A.entries[0, at] * Y[i - 1, A.columns[at]]
+            Y[i, m] = x * (δ / i)
+    return Y
+
+
+@compiled(cube(sparse_type, f8, matrix, i8))
+def expand_finely(A: Sparse, δ: float, X: Array, degree: int) -> Array:
+    """Return (A δ)^i X/i!, double-doubles (degree + 1, 2, N); δ is a power of two."""
+    Z = np.empty((degree + 1, 2, X.shape[1]))
+    Z[0] = X
+    for i in range(1, degree + 1):
+        inverse = 1.0 / i
+        p, p_lo = two_product(inverse, float(i))
+        rest = ((1.0 - p) - p_lo) / i
+        for m in range(X.shape[1]):
+            x, x_lo = on_row(A, m, Z[i - 1])
+            Z[i, 0, m], Z[i, 1, m] = multiply(δ * x, δ * x_lo, inverse, rest)
+    return Z
+
+
+@compiled(types.boolean(sparse_type, i8, matrix, i8, matrix))
+def stays_positive(rows: Sparse, row: int, Y: Array, drop: int, basis: Array) -> bool:
+    """Return whether floats prove that a row stays positive over a window, without its first ``drop`` powers."""
+    p = len(Y) - 1
+    a, noise = np.zeros(p + 1), 0.0
+    for i in range(p + 1):
+        for at in range(rows.starts[row], rows.starts[row + 1]):
+            y = rows.entries[0, at] * Y[i, rows.columns[at]]
+            noise += abs(y)
+            if i >= drop:
+                a[i - drop] += y
+    noise *= ROUNDING
+    if a[0] - np.abs(a[1:]).sum() > noise:
+        return True
+    for m in range(p + 1):
+        b = 0.0
+        for i in range(m + 1):
+            b += basis[m, i] * a[i]
+        if not b > noise:
+            return False
+    return True
+
+
+@compiled(types.UniTuple(f8, 2)(sparse_type, i8, cube, i8, cube, vector))
+def fall(rows: Sparse, row: int, Z: Array, drop: int, basis: Array, scale: Array) -> tuple[float, float]:
+    """Return where in a window a row falls below zero, a double-double, or NaN; its first ``drop`` powers are zero."""
+    p = len(Z) - 1
+    a, b, floor = np.zeros((2, p + 1)), np.zeros((2, p + 1)), 0.0
+    for i in range(drop, p + 1):
+        a[0, i - drop], a[1, i - drop] = on_row(rows, row, Z[i])
+    for m in range(p + 1):
+        for i in range(m + 1):
+            y, y_lo = multiply(basis[0, m, i], basis[1, m, i], a[0, i], a[1, i])
+            b[0, m], b[1, m] = add(b[0, m], b[1, m], y, y_lo)
+    for at in range(rows.starts[row], rows.starts[row + 1]):
+        floor -= EPS * abs(rows.entries[0, at]) * scale[rows.columns[at]]
+    s = first_fall(b, floor)
+    return polish(a, s) if s > 0.0 else (s, 0.0)
+
+
+@compiled(types.Tuple((i8, i8, f8, f8))(sparse_type, f8, matrix, cube, sparse_type, indices, cube, i8, vector))
+def scan(
+    A: Sparse, δ: float, X: Array, step: Array, rows: Sparse, order: Indices, basis: Array, count: int, scale: Array
+) -> tuple[int, int, float, float]:
+    """Return the first window in which a row turns negative, the row, and where in the window, a double-double.
+
+    X (2, N) moves on to the start of that window, or past the last of ``count``, where the window is -1; ``scale`` (N,)
+    grows to the largest |X| at the starts of windows. In the first window the powers below ``order`` of a row are zero.
+    """
+    p, n = basis.shape[1] - 1, X.shape[1]
+    Z = np.empty((0, 2, n))
+    for j in range(count):
+        for i in range(n):
+            scale[i] = max(scale[i], abs(X[0, i]))
+        Y = expand(A, δ, X[0], p)
+        known = False
+        first, where, rest = -1, math.inf, 0.0
+        for row in range(len(order)):
+            drop = order[row] if j == 0 else 0
+            if stays_positive(rows, row, Y, drop, basis[0]):
+                continue
+            if not known:
+                Z, known = expand_finely(A, δ, X, p), True
+            s, s_lo = fall(rows, row, Z, drop, basis, scale)
+            if s < where:
+                first, where, rest = row, s, s_lo
+        if first >= 0:
+            return j, first, where, rest
+        X[:] = product(step, X.reshape(2, n, 1))[:, :, 0]
+    return -1, -1, 0.0, 0.0
+
+
+@compiled(matrix(cube, f8, f8))
+def horner(Z: Array, s: float, s_lo: float) -> Array:
+    """Return Σ Z_i s^i (2, N) for a double-double s."""
+    X = Z[-1].copy()
+    for i in range(len(Z) - 2, -1, -1):
+        for m in range(X.shape[1]):
+            x, x_lo = multiply(X[0, m], X[1, m], s, s_lo)
+            X[0, m], X[1, m] = add(x, x_lo, Z[i, 0, m], Z[i, 1, m])
+    return np.asarray(X)
+
+
+@compiled(matrix(sparse_type, f8, matrix, types.float64[:, :, :, ::1], vector, i8))
+def sample(A: Sparse, δ: float, X: Array, powers: Array, times: Array, degree: int) -> Array:
+    """Return exp(A t) X in floats at the times t >= 0 (nt,): (nt, N); ``powers`` are exp(2ᵏ A δ)."""
+    found, n = np.empty((len(times), X.shape[1])), X.shape[1]
+    state, here = X.copy(), 0
+    Y = expand(A, δ, state[0], degree)
+    for k in range(len(times)):
+        window = int(max(times[k], 0.0) / δ)
+        if window != here:
+            if window < here:
+                state, here = X.copy(), 0
+            jump, bit = window - here, 0
+            while jump:
+                if jump & 1:
+                    state = product(powers[bit], state.reshape(2, n, 1))[:, :, 0].copy()
+                jump, bit = jump >> 1, bit + 1
+            here, Y = window, expand(A, δ, state[0], degree)
+        s = times[k] / δ - window
+        for m in range(n):
+            x = 0.0
+            for i in range(degree, -1, -1):
+                x = x * s + Y[i, m]
+            found[k, m] = x
+    return found
+
+
+class Crossing(NamedTuple):
+    """The first row that turns negative.
+
+    Attributes
+    ----------
+    row : int               which; -1 if none does
+    t : DoubleDouble        when, from the start; the horizon if none does
+    scale : (N,) array      the largest |X| up to there
+    state : DoubleDouble    X there; what it is at the last window where no row turns negative
+    """
+
+    row: int
+    t: DoubleDouble
+    scale: Array
+    state: DoubleDouble
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,176 +363,136 @@ class Flow:
 
     Attributes
     ----------
-    A : (N, N) array
+    generator : DoubleDouble        A (N, N)
     """
 
-    A: Array
+    generator: DoubleDouble
+
+    @property
+    def A(self) -> Array:
+        """A in floats (N, N)."""
+        return self.generator.hi
 
     @cached_property
     def window(self) -> float:
-        """δ, the length of a window in s."""
-        balanced = matrix_balance(self.A, permute=False)[0] if self.A.any() else self.A
-        return float(1.0 / max(np.abs(balanced).sum(axis=0).max(), 1e-3))
+        """δ, the length of a window in s, a power of two."""
+        balanced, _ = balance(self.A)
+        return float(2.0 ** math.floor(-math.log2(max(np.abs(balanced).sum(axis=0).max(), 1e-3))))
 
     @cached_property
-    def taylor(self) -> Array:
-        """(A δ)^i / i!, i = 0 ... p: (p + 1, N, N)."""
-        powers = [np.eye(len(self.A))]
+    def sparse(self) -> Sparse:
+        """The entries of A."""
+        return sparse(self.generator)
+
+    @cached_property
+    def step(self) -> Array:
+        """exp(A δ) (2, N, N)."""
+        return np.ascontiguousarray(self.squares[0].parts)
+
+    @cached_property
+    def squares(self) -> list[DoubleDouble]:
+        """exp(A δ), exp(2 A δ), exp(4 A δ) ...: as many as were asked for so far."""
+        power = found = DoubleDouble.of(np.eye(len(self.A)))
         for i in range(1, DEGREE + 1):
-            powers.append(powers[-1] @ self.A * (self.window / i))
-        return np.array(powers)
+            power = (self.generator @ power) * (DoubleDouble.of(self.window) / float(i))
+            found = found + power
+        return [found]
 
-    @cached_property
-    def over_a_window(self) -> Array:
-        """exp(A δ)."""
-        return np.asarray(self.taylor[::-1].sum(axis=0))
+    def doubled(self, k: int) -> DoubleDouble:
+        """Return exp(2ᵏ A δ)."""
+        while len(self.squares) <= k:
+            self.squares.append(self.squares[-1] @ self.squares[-1])
+        return self.squares[k]
+
+    def move(self, X: DoubleDouble, t: float, t_lo: float = 0.0) -> DoubleDouble:
+        """Return exp(A t) X for one state X (N,) and one time t >= 0, a double-double."""
+        δ, windows = self.window, math.floor(t / self.window)
+        for k in range(windows.bit_length()):
+            if windows >> k & 1:
+                X = self.doubled(k) @ X
+        within, rest = add(t, t_lo, -windows * δ, 0.0)
+        terms = expand_finely(self.sparse, δ, np.ascontiguousarray(X.parts), DEGREE)
+        return DoubleDouble(horner(terms, within / δ, rest / δ))
 
     def over(self, t: float) -> Array:
         """Return exp(A t) for one time t >= 0 (N, N)."""
-        windows = math.floor(t / self.window)
-        s = t / self.window - windows
-        within = np.zeros_like(self.A)
-        for power in self.taylor[::-1]:
-            within = within * s + power
-        return np.asarray(within @ np.linalg.matrix_power(self.over_a_window, windows))
+        return np.column_stack([self.move(DoubleDouble.of(unit), t).hi for unit in np.eye(len(self.A))])
 
-    def windows(self, X: Array, count: int) -> Array:
-        """Return exp(A δ j) X for j = 0 ... count - 1: (count, N), by doubling, so that errors do not accumulate."""
-        states, step = X[None, :], self.over_a_window
-        while len(states) < count:
-            states = np.concatenate([states, states @ step.T])
-            step = step @ step
-        return states[:count]
+    def at(self, X: ArrayLike | DoubleDouble, times: Array) -> Array:
+        """Return exp(A t) X at the times t >= 0 (nt,), in floats: (nt, N)."""
+        last = float(np.max(times, initial=0.0)) / self.window
+        self.doubled(max(int(last).bit_length() - 1, 0))
+        parts = np.ascontiguousarray(DoubleDouble.of(X).parts)
+        powers = np.array([power.parts for power in self.squares])
+        return sample(self.sparse, self.window, parts, powers, np.asarray(times, dtype=np.float64), DEGREE)
 
-    def at(self, X: Array, times: Array) -> Array:
-        """Return exp(A t) X at the times t >= 0 (nt,): (nt, N)."""
-        if len(times) == 0:
-            return np.zeros((0, len(X)))
-        window = np.floor(times / self.window).astype(np.int64)
-        s = times / self.window - window
-        # exp(A δ j) X by the bits of j, so that a few times far apart cost a few products.
-        starts, step = np.tile(X, (len(times), 1)), self.over_a_window
-        while window.any():
-            odd = window % 2 == 1
-            starts[odd] = starts[odd] @ step.T
-            step, window = step @ step, window // 2
-        states = np.zeros_like(starts)
-        for power in self.taylor[::-1]:
-            states = states * s[:, None] + starts @ power.T
-        return states
+    @cached_property
+    def slower(self) -> tuple[DoubleDouble, DoubleDouble, DoubleDouble, Flow] | None:
+        """Split off the fastest rates, |λ| at least `GAP` times the next: X = Z y + Z_f y_f, y = L X, y_f = L_f X.
+
+        Returns
+        -------
+        L_f, L, Z : DoubleDouble        (nf, N), (N - nf, N), (N, N - nf)
+        flow : Flow                     of y, with the slower rates only; None where there is no such gap
+        """
+        balanced, scaling = balance(self.A)
+        sizes = np.sort(np.abs(np.linalg.eigvals(balanced)))
+        gaps = np.flatnonzero(sizes[1:] > GAP * sizes[:-1])
+        if len(gaps) == 0:
+            return None
+        n = int(gaps[-1]) + 1
+        bound = float(sizes[n]) / math.sqrt(GAP)
+        _, Q, count = schur(balanced, sort=lambda re, im: math.hypot(re, im) < bound)
+        if count != n:
+            return None
+        Z = DoubleDouble.of(np.diag(scaling) @ Q)
+        for _ in range(REFINEMENTS):
+            B = solve(Z, self.generator @ Z)
+            up = solve_sylvester(B.hi[:n, :n], -B.hi[n:, n:], -B.hi[:n, n:])
+            down = solve_sylvester(B.hi[n:, n:], -B.hi[:n, :n], -B.hi[n:, :n])
+            Z = Z + Z @ np.block([[np.zeros((n, n)), up], [down, np.zeros_like(B.hi[n:, n:])]])
+        B, L = solve(Z, self.generator @ Z), solve(Z, np.eye(len(self.A)))
+        return L[n:], L[:n], Z[:, :n], Flow(B[:n, :n])
 
     def first_crossing(
-        self, X: Array, scale: Array, rows: Array, multiplicity: Indices, horizon: float
-    ) -> tuple[float, int] | None:
-        """Return the first instant before ``horizon`` at which a row turns negative, and which row.
+        self,
+        X: ArrayLike | DoubleDouble,
+        scale: Array,
+        rows: ArrayLike | DoubleDouble,
+        order: Indices,
+        horizon: float,
+        entries: Sparse | None = None,
+    ) -> Crossing:
+        """Return the first instant up to ``horizon`` at which a row turns negative.
 
         Parameters
         ----------
-        X : (N,) array              state at the start
-        scale : (N,) array          largest |X| of the run so far, to which rounding is relative
-        rows : (k, N) array         rows c; c·X is zero or positive right after the start
-        multiplicity : (k,) array   order of the zero of c·X at the start, which is factored out of the first window
-        horizon : float             length of time in s
+        X : (N,) array or DoubleDouble      state at the start
+        scale : (N,) array                  largest |X| of the run so far, to which rounding is relative
+        rows : (k, N) array or DoubleDouble rows c; c·X is zero or positive right after the start
+        order : (k,) array                  order of the zero of c·X at the start, which is factored out of the first window
+        horizon : float                     length of time in s
+        entries : Sparse, optional          those of the rows, where they are known
+
         """
-        total = max(1, math.ceil(horizon / self.window))
-        coefficients = np.einsum("kn,inm->kim", rows, self.taylor)
-        done, chunk = 0, FEW
+        δ, lines, step = self.window, DoubleDouble.of(rows), self.step
+        state, largest = np.array(DoubleDouble.of(X).parts, order="C"), np.array(scale, dtype=np.float64)
+        total, done, count = math.floor(horizon / δ) + 1, 0, FEW
+        zeros, entries = np.asarray(order, dtype=np.int64), entries or sparse(lines)
         while done < total:
-            count, chunk = min(chunk, total - done), min(4 * chunk, CHUNK)
-            states = self.windows(X, count)
-            found: list[tuple[float, int]] = []
-            for k in range(len(rows)):
-                a = states @ coefficients[k].T
-                noise = ROUNDING * (np.maximum(np.abs(states), scale) @ np.abs(coefficients[k]).sum(axis=0))
-                if done == 0:
-                    m = int(multiplicity[k])
-                    a[0] = np.concatenate([a[0, m:], np.zeros(m)])
-                hull = (a @ BERNSTEIN.T).min(axis=1)
-                for j in np.flatnonzero(hull < -noise):
-                    s = first_sign_change(a[j] @ BERNSTEIN.T, -float(noise[j]))
-                    if s is not None:
-                        s = polish(a[j], s)
-                        found.append(((done + int(j) + s) * self.window, k))
-                        break
-            if found:
-                crossing = min(found)
-                return crossing if crossing[0] < horizon else None
-            done += count
-            X = self.over_a_window @ states[-1]
-        return None
-
-
-def _bernstein() -> Array:
-    """Return the matrix from monomial to Bernstein coefficients on [0, 1]: b_j = Σ_i C(j, i)/C(p, i) a_i."""
-    p = DEGREE
-    return np.array(
-        [[math.comb(j, i) / math.comb(p, i) if i <= j else 0.0 for i in range(p + 1)] for j in range(p + 1)]
-    )
-
-
-def _halving() -> tuple[Array, Array]:
-    """Return the matrices that map Bernstein coefficients on [0, 1] to those on [0, 1/2] and on [1/2, 1]."""
-    p = DEGREE
-    left = np.array([[math.comb(j, i) / 2.0**j if i <= j else 0.0 for i in range(p + 1)] for j in range(p + 1)])
-    return left, left[::-1, ::-1].copy()
-
-
-POWERS = np.arange(DEGREE + 1)
-BINOMIAL = np.array([float(math.comb(DEGREE, i)) for i in range(DEGREE + 1)])
-BINOMIAL_BELOW = np.array([float(math.comb(DEGREE - 1, i)) for i in range(DEGREE)])
-BERNSTEIN = _bernstein()
-LEFT, RIGHT = _halving()
-
-
-def first_sign_change(b: Array, floor: float, start: float = 0.0, width: float = 1.0) -> float | None:
-    """Return where the polynomial with Bernstein coefficients b first falls below ``floor`` < 0, or None if it does not.
-
-    Halves that lie above the floor by the convex hull are passed over; the leftmost other one is entered, until its
-    coefficients change their sign once: then it has one root (variation diminishing).
-    """
-    if b.min() >= floor:
-        return None
-    if b[0] < floor:
-        return start
-    above = b >= floor
-    if not above[-1] and np.count_nonzero(above[1:] != above[:-1]) == 1:
-        return start + width * only_root(b - floor)
-    if width < 1e-16:
-        return start + 0.5 * width
-    half = 0.5 * width
-    left = first_sign_change(LEFT @ b, floor, start, half)
-    return left if left is not None else first_sign_change(RIGHT @ b, floor, start + half, half)
-
-
-def only_root(b: Array) -> float:
-    """Return the root in [0, 1] of a polynomial whose Bernstein coefficients change their sign once, from above zero."""
-    low, high, s, moved = 0.0, 1.0, float(b[0] / (b[0] - b[-1])), 1.0
-    slopes = DEGREE * np.diff(b)
-    for _ in range(64):
-        left, right = s**POWERS, (1.0 - s) ** POWERS
-        value = float((BINOMIAL * left * right[::-1]) @ b)
-        low, high = (s, high) if value >= 0.0 else (low, s)
-        slope = float((BINOMIAL_BELOW * left[:-1] * right[-2::-1]) @ slopes)
-        better = s - value / slope if slope < 0.0 else -1.0
-        if not low < better < high:
-            better = 0.5 * (low + high)
-        # At the last digits the steps of Newton's method become no smaller.
-        last, moved, s = moved, abs(better - s), better
-        if moved <= 4e-16 or last <= moved < 1e-9:
-            break
-    return s
-
-
-def polish(a: Array, s: float) -> float:
-    """Return the root of Σ a_i s^i near s by Newton's method; s itself where the root is not simple."""
-    coefficients = a.tolist()
-    for _ in range(3):
-        value = slope = 0.0
-        for each in reversed(coefficients):
-            slope = slope * s + value
-            value = value * s + each
-        step = value / slope if slope < 0.0 else 0.0
-        if not abs(step) < 1e-6:
-            break
-        s -= step
-    return min(max(s, 0.0), 1.0)
+            count = min(count, total - done)
+            j, row, s, s_lo = scan(self.sparse, δ, state, step, entries, zeros, BERNSTEIN, count, largest)
+            if j >= 0:
+                t = DoubleDouble(np.array(add(s * δ, s_lo * δ, (done + j) * δ, 0.0)))  # δ is a power of two
+                there = DoubleDouble(horner(expand_finely(self.sparse, δ, state, DEGREE), s, s_lo))
+                return Crossing(row if t.hi <= horizon else -1, t, largest, there)
+            done, count, zeros = done + count, CHUNK, np.zeros_like(zeros)
+            if done < total and self.slower is not None:
+                fast, slow, back, flow = self.slower
+                if (np.abs((fast @ DoubleDouble(state)).hi) <= 16.0 * EPS * (np.abs(fast.hi) @ largest)).all():
+                    rest = flow.first_crossing(
+                        slow @ DoubleDouble(state), np.abs(slow.hi) @ largest, lines @ back, zeros, horizon - done * δ
+                    )
+                    largest = np.maximum(largest, np.abs(state[0]))
+                    return Crossing(rest.row, rest.t + done * δ, largest, back @ rest.state)
+        return Crossing(-1, DoubleDouble.of(horizon), largest, DoubleDouble(state))

@@ -10,7 +10,7 @@ from numba import types
 
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix, vector
-from lcpimpact.errors import Status
+from lcpimpact.errors import Status, UnsupportedError
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual, holds, measure
 from lcpimpact.lcp.operators import Delassus
@@ -103,7 +103,12 @@ def with_fallbacks(
     status, reached = run(solver, first, last)
     while status is not Status.SOLVED:
         for name in solver.fallbacks:
-            again, after = run(SOLVERS[name].init(contacts), reached, reached + 1)
+            method = SOLVERS[name]
+            try:
+                method.check(contacts)
+            except UnsupportedError:
+                continue
+            again, after = run(method.init(contacts), reached, reached + 1)
             if again is Status.SOLVED:
                 break
         else:

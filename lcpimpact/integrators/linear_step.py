@@ -19,14 +19,14 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, i8, interpreted, matrix, vector
-from lcpimpact.errors import Status
+from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Record
 from lcpimpact.integrators.law import SPRINGS, Springs, around, solve_law, tally
 from lcpimpact.integrators.time_stepping import TimeStepping
@@ -46,6 +46,21 @@ NUDGE = 1e-6
 rounding has opened."""
 
 
+class Named(dict[Any, Array]):
+    """Symbols by what names them; what the method has not declared is refused by a sentence."""
+
+    def __init__(self, declared: str, symbols: dict[Any, Array]) -> None:
+        super().__init__(symbols)
+        self.declared = declared
+
+    def __missing__(self, name: Any) -> Array:
+        named = (*self, name)
+        raise InputError(
+            f"the equations of the step use {name!r}, which the method does not declare: "
+            f"declare {name!r} in {self.declared}, as {self.declared} = {named!r}"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Symbols:
     """What a step starts from and what it solves for, each as a matrix with one column for each number of them all.
@@ -63,9 +78,9 @@ class Symbols:
     dynamics: Dynamics
     q: Array
     v: Array
-    memory: dict[str, Array]
+    memory: Named
     one: Array
-    loads: dict[float, Array]
+    loads: Named
     P: tuple[Array, ...]
     s: tuple[Array, ...]
 
@@ -82,7 +97,13 @@ class Symbols:
         return np.asarray(self.dynamics.B @ impulse)
 
     def force(self, c: float, q: Array, v: Array, law: int = 0) -> Array:
-        """Return f(t + c h) - K q - C v + s on the nodes (n, size), with the springs' forces of the law of that number."""
+        """Return f(t + c h) - K q - C v + s on the nodes (n, size), with the springs' forces of the law of that number.
+
+        Raises
+        ------
+        InputError
+            If the method does not declare c in its ``instants``.
+        """
         d = self.dynamics
         return np.asarray(self.loads[c] - d.K @ q - d.C @ v + d.directions.T @ self.s[law])
 
@@ -364,9 +385,9 @@ class LinearStep(TimeStepping[Tabulated]):
             d,
             q,
             v,
-            dict(zip(self.remembers, memory, strict=True)),
+            Named("remembers", dict(zip(self.remembers, memory, strict=True))),
             one,
-            {c: rest[i] for c, i in zip(self.instants, loads, strict=True)},
+            Named("instants", {c: rest[i] for c, i in zip(self.instants, loads, strict=True)}),
             tuple(rest[i] for i in P),
             tuple(rest[i] for i in s),
         )

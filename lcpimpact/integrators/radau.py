@@ -29,7 +29,7 @@ from lcpimpact.errors import Status
 from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
 from lcpimpact.integrators.law import solve_law, tally, with_fallbacks
 from lcpimpact.integrators.linear_step import sum_columns
-from lcpimpact.integrators.modes import ZERO
+from lcpimpact.integrators.modes import ZERO, refuse_velocity_jumps
 from lcpimpact.integrators.moreau_jean import submatrix
 from lcpimpact.integrators.radau_iia import RadauIIA, radau_iia
 from lcpimpact.lcp import SOLVERS
@@ -215,6 +215,8 @@ class Run:
     """What travels from block to block: the tabulated step, and the state that it stands at."""
 
     grid: Grid
+    form: FirstOrderForm
+    breakpoints: Array
     tables: tuple[Array, ...]
     scale: Array
     y: Array
@@ -245,9 +247,10 @@ class Radau(Integrator):
 
     Notes
     -----
-    Handles constant and `Harmonic` loads. The declared orders are those of three stages. The reaction is that of the last
-    stage, at the end of the step. The step that begins with an impact holds its impulse, which stands in the event and not
-    among the reactions. A rebound that would end within a step counts as none.
+    Handles constant loads and signals; a breakpoint inside a step is felt from its end on, at order 1. The declared orders
+    are those of three stages. The reaction is that of the last stage, at the end of the step. The step that begins with an
+    impact holds its impulse, which stands in the event and not among the reactions. A rebound that would end within a step
+    counts as none.
     """
 
     stages: int = 3
@@ -255,6 +258,7 @@ class Radau(Integrator):
     max_iter: int | None = None
 
     name: ClassVar[str] = "radau"
+    family: ClassVar[str] = "Radau IIA"
     declared: ClassVar[Declared] = Declared(
         summary="Radau IIA with one LCP for all stages, switches not located",
         order_smooth=5,
@@ -268,6 +272,9 @@ class Radau(Integrator):
         handles=(Feature.SLIDERS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION),
         reaction_lives="at t + h, one for each step",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",
+        precision=1e-7,
+        slack=2.0,
+        kick=0.75,
         dissipates=True,
         source="Hairer and Wanner (1996), section IV.5; contacts as Acary and Brogliato (2008), chapter 10",
     )
@@ -283,6 +290,7 @@ class Radau(Integrator):
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
         """Write the initial state, and tabulate the step."""
         d, radau = problem.dynamics, radau_iia(self.stages)
+        refuse_velocity_jumps(d, grid.t_end, self.name)
         form = first_order_form(d)
         record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
         X = form.state(record.q[0], record.v[0])
@@ -290,9 +298,9 @@ class Radau(Integrator):
         L, result = _tabulate(radau, d, form, grid.h)
 
         A, B, C = form.A, form.B, form.C
-        # What is rounding is so beside what a step moves, too, as a body may begin at rest. Signals have the amplitude 1.
+        # What is rounding is so beside what a step moves, too, as a body may begin at rest.
         scale, moves = np.abs(X), np.eye(len(A)) + grid.h * np.abs(A)
-        scale[form.constant :] = 1.0
+        scale[form.constant :] = form.signal_sizes
         scale = moves @ moves @ scale
         solver, G = SOLVERS[lcp_solver], C @ A @ B
         bounces = (d.relative_degree == 2) & ~d.slides
@@ -308,6 +316,8 @@ class Radau(Integrator):
         tables = (L.T, result.T, C, C @ A, C @ A @ A, G, B, d.restitution, bounces, d.r_max)
         return Run(
             grid,
+            form,
+            form.breakpoints(0.0, grid.t_end),
             tuple(np.array(each, order="C") for each in tables),
             scale,
             y,
@@ -319,12 +329,20 @@ class Radau(Integrator):
         )
 
     def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
-        """Take the steps of the block."""
+        """Take the steps of the block; after those that hold breakpoints of the signals, these are read anew."""
 
         def run(solver: State, first: int, last: int) -> tuple[Status, int]:
             return self._run(carry, solver, record, first, last)
 
-        return with_fallbacks(run, carry.solver, carry.contacts, first, last)
+        t = record.t[first : last + 1]
+        inside = carry.breakpoints[(carry.breakpoints > t[0]) & (carry.breakpoints <= t[-1])]
+        for end in first + np.unique(np.searchsorted(t, inside)):
+            status, reached = with_fallbacks(run, carry.solver, carry.contacts, first, int(end))
+            if status is not Status.SOLVED:
+                return status, reached
+            first = reached
+            _read_signals(carry, record, first)
+        return with_fallbacks(run, carry.solver, carry.contacts, first, last) if first < last else (Status.SOLVED, last)
 
     def _run(self, carry: Run, solver: State, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take steps in compiled code, or in the interpreter where the solver lives there."""
@@ -338,6 +356,16 @@ class Radau(Integrator):
         )  # fmt: skip
         tally(record.stats, solves, iterations, residual)
         return Status(code), reached
+
+
+def _read_signals(run: Run, record: Record, k: int) -> None:
+    """Put the signals at t_k in the place of those that the last step has carried on."""
+    form, N = run.form, len(run.form.A)
+    X = run.y[:N]
+    moved = form.right_of(float(record.t[k]), X, run.scale).hi - X
+    record.q[k] += form.Q @ moved
+    record.v[k] += form.Q @ (form.A @ moved)
+    X += moved
 
 
 def _first_forces(d: Dynamics, form: FirstOrderForm, X: Array, u: Array, lcp_solver: str) -> Array:

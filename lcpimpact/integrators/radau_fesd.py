@@ -30,12 +30,13 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from scipy.linalg import matrix_balance
 
 from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.integrators.base import Declared, Dense, Grid, Integrator, Record
-from lcpimpact.integrators.modes import Mode, System, refuse_mixed_degrees
+from lcpimpact.integrators.flow import balance
+from lcpimpact.integrators.modes import Mode, System, refuse_mixed_degrees, settled
 from lcpimpact.integrators.radau_iia import RadauIIA, radau_iia
 from lcpimpact.integrators.transition import coordinates, enter
 from lcpimpact.lcp import SOLVERS
@@ -165,7 +166,7 @@ class Elements:
     @cached_property
     def units(self) -> Array:
         """The sizes of the states against one another for which A is balanced (N,)."""
-        return np.asarray(matrix_balance(self.A, permute=False, separate=True)[1][0])
+        return balance(self.A)[1]
 
     @cached_property
     def derivatives(self) -> Array:
@@ -252,7 +253,10 @@ class Elements:
         size = np.maximum(np.abs(X).max(axis=0), np.abs(stages).max(axis=(0, 1)))
         terms = size + length * (np.abs(self.A) @ size)
         # What has hardly begun to move is made of rounding of what moves, in the units in which A is balanced.
-        terms = np.maximum(terms, SLIGHT * self.units * (terms / self.units).max())
+        terms, scale = (
+            np.maximum(each, SLIGHT * self.units * (each / self.units).max())
+            for each in (terms, np.maximum(scale, size))
+        )
         below = np.maximum(-stages[:, -1] @ self.rows.T, 0.0).max(axis=0, initial=0.0)
         closed = np.abs(stages @ self.contacts.T).max(axis=(0, 1), initial=0.0)
         errors = np.concatenate([error, below, closed])
@@ -284,7 +288,8 @@ class Elements:
 class Run:
     """What travels from block to block: where the motion is, the mode in which it goes on, and the elements so far.
 
-    ``zeros`` are the orders of the zeros with which the watched rows begin, where a mode has just begun.
+    ``zeros`` are the orders of the zeros with which the watched rows begin, where a mode has just begun; of the
+    ``breakpoints`` of the signals so many are ``passed``.
     """
 
     system: System
@@ -293,6 +298,8 @@ class Run:
     solver: str
     estimated: bool
     scale: Array
+    breakpoints: Array
+    passed: int = 0
     t: float = 0.0
     stride: int = 1
     X: Array = field(init=False)
@@ -303,25 +310,39 @@ class Run:
     states: list[Array] = field(default_factory=list)
     owners: list[Elements] = field(default_factory=list)
 
-    def enter(self, t: float, X: Array, record: Record) -> None:
+    def enter(self, t: float, X: Array, record: Record, breakpoint: bool = False) -> None:
         """Pass into the next mode at t, with the impacts before it."""
         system = self.system
-        before = self.elements.mode if self.modes else None
-        mode, X, events = enter(system, t, before, X, self.scale, self.solver)
+        before, left = self.elements.mode if self.modes else None, None
+        if breakpoint:
+            self.passed += 1
+            left = settled(system, before, DoubleDouble.of(X), self.scale)
+            X = system.form.right_of(t, left, self.scale).hi
+        mode, after, events = enter(system, t, before, X, self.scale, self.solver, left=left)
+        X = after.hi
         assert record.events is not None
         record.events += events
-        watched = system.watched(mode)
+        _, ends, order = system.watched(mode)
         key = (mode.key, tuple(order < 0 for order in mode.order))
         if key not in self.modes:
             flow, F = system.mode(mode)
-            rows = np.array([row for _, row, _ in watched]).reshape(-1, len(X))
             contacts = [i for i in mode.closed if not system.dynamics.slides[i]]
             C, D = system.derivatives[0], system.form.D
             u, terms = (C + D @ F)[contacts], (np.abs(C) + np.abs(D) @ np.abs(F))[contacts]
-            self.modes[key] = Elements(mode, self.radau, flow.A, rows, u, terms, self.grid.h, self.estimated)
+            self.modes[key] = Elements(mode, self.radau, flow.A, ends.hi, u, terms, self.grid.h, self.estimated)
         self.X, self.elements = X, self.modes[key]
-        self.zeros = np.array([min(zeros, K) for _, _, zeros in watched], dtype=np.int64)
+        self.zeros = np.minimum(order, K)
         self.scale, self.stride = np.maximum(self.scale, np.abs(X)), 1
+
+    def pieces(self, t: float, begin: float, h: float) -> list[tuple[float, float, bool]]:
+        """Return what is left of a step from t on: begin, end, and whether that is a breakpoint; the first piece last."""
+        later = self.breakpoints[self.passed :]
+        offsets = later[later <= t + h * (1.0 + 4.0 * EPS) + 4.0 * EPS * t] - t
+        # A breakpoint on the grid is no piece of its own.
+        offsets = np.where(h - offsets <= 4.0 * EPS * (t + h), h, np.maximum(offsets, begin))
+        edges = [begin, *offsets.tolist(), h]
+        breaks = [True] * len(offsets) + [False]
+        return list(zip(edges[:-1], edges[1:], breaks, strict=True))[::-1]
 
     def take(self, starts: Array, states: Array, end: float, residual: float, record: Record) -> None:
         """Make elements that start at ``starts`` from all but the last of the ``states`` part of the run."""
@@ -338,6 +359,31 @@ class Run:
         """Write states of this mode to the grid from ``first`` on."""
         here = slice(first, first + len(states))
         record.q[here], record.v[here], record.reaction[here] = coordinates(self.system, self.elements.mode, states)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What elements give at any time: each begins at a state (N,), is of a kind (a mode), and ends wherever it is read."""
+
+    system: System
+    kinds: tuple[Elements, ...]
+    starts: Array
+    states: Array
+    kind: Indices
+    rounding: float
+
+    def __call__(self, t: Array, side: str) -> tuple[Array, Array, Array]:
+        """Return q, v and r at the sorted times t (nt,), on one side of the events."""
+        mine = np.maximum(np.searchsorted(self.starts, t, side="right" if side == "right" else "left") - 1, 0)
+        n, nc = len(self.system.dynamics.nodes), len(self.system.degree)
+        q, v, r = np.empty((len(t), n)), np.empty((len(t), n)), np.empty((len(t), nc))
+        for j, elements in enumerate(self.kinds):
+            here = np.flatnonzero(self.kind[mine] == j)
+            if len(here):
+                lengths = np.maximum(t[here] - self.starts[mine[here]], 0.0)
+                X = elements.at(self.states[mine[here]], lengths, self.rounding)
+                q[here], v[here], r[here] = coordinates(self.system, elements.mode, X)
+        return q, v, r
 
 
 @dataclass(frozen=True)
@@ -363,8 +409,8 @@ class RadauFESD(Integrator):
 
     Notes
     -----
-    Handles constant and `Harmonic` loads. The declared orders are those of three stages. The reaction is the force at each
-    instant of the grid (its right limit at a switch); impulses stand in the events.
+    Handles constant loads and signals, whose breakpoints end an element. The declared orders are those of three stages. The
+    reaction is the force at each instant of the grid (its right limit at a switch); impulses stand in the events.
     """
 
     stages: int = 3
@@ -373,6 +419,8 @@ class RadauFESD(Integrator):
     max_events: int = 100_000
 
     name: ClassVar[str] = "radau-fesd"
+    family: ClassVar[str] = "Radau IIA"
+    mode_choice: ClassVar[str] = "modes.py"
     declared: ClassVar[Declared] = Declared(
         summary="Radau IIA on finite elements that end where the contact mode does",
         order_smooth=5,
@@ -386,6 +434,9 @@ class RadauFESD(Integrator):
         handles=(Feature.SLIDERS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION),
         reaction_lives="at t, right limit",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",
+        balances_energy=True,
+        precision=1e-7,
+        slack=8.0,
         dissipates=True,
         source="Nurkanović, Sperl, Albrecht and Diehl (2024); Hairer and Wanner (1996), section IV.5",
         adaptive="with rtol, halves the elements of a step by their error estimate",
@@ -412,7 +463,8 @@ class RadauFESD(Integrator):
         system = System(problem.dynamics)
         refuse_mixed_degrees(system, self.name)
         X = system.state(problem.initial_coordinates, problem.initial_velocities)
-        run = Run(system, radau_iia(self.stages), grid, lcp_solver, self.rtol is not None, np.abs(X))
+        breakpoints = system.form.breakpoints(0.0, grid.t_end)
+        run = Run(system, radau_iia(self.stages), grid, lcp_solver, self.rtol is not None, np.abs(X), breakpoints)
         record.events = []
         record.stats.update(elements=0, halvings=0, switches=0, newton_iterations=0, evaluations=0, residual=0.0)
         try:
@@ -430,7 +482,9 @@ class RadauFESD(Integrator):
         assert record.events is not None
         k = first
         while k < last:
-            taken = self._whole_steps(carry, record, k, min(carry.stride, last - k))
+            ahead = carry.breakpoints[carry.passed : carry.passed + 1]
+            clear = min([last - k, *(np.searchsorted(record.t[k : last + 1], ahead) - 1)])
+            taken = self._whole_steps(carry, record, k, min(carry.stride, clear)) if clear else 0
             k += taken
             if taken == carry.stride:
                 carry.stride = min(2 * carry.stride, STRIDE)
@@ -477,24 +531,29 @@ class RadauFESD(Integrator):
     def _step(self, run: Run, record: Record, k: int) -> Status:
         """Take one step by as many elements as it needs."""
         h, t = run.grid.h, float(record.t[k])
-        waiting, stalled = [(0.0, h)], 0
+        waiting, stalled = run.pieces(t, 0.0, h), 0
         while waiting:
-            begin, end = waiting.pop()
-            status, length, switches = self._element(run, record, t + begin, end - begin)
-            if status is not Status.SOLVED:
-                return status
-            if switches:
+            begin, end, breaks = waiting.pop()
+            status, length, switches = Status.SOLVED, 0.0, False
+            if end > begin:
+                # What begins at a breakpoint begins at its very instant, as its events do.
+                last = run.breakpoints[run.passed - 1] if run.passed else -np.inf
+                start = last if abs(t + begin - last) <= 4.0 * EPS * (t + h) else run.t
+                status, length, switches = self._element(run, record, start, end - begin)
+            if switches and status is Status.SOLVED:
                 stalled = stalled + 1 if length <= 2.0 * EPS * t else 0
-                status = Status.SWITCH if stalled > STALL else self._switch(run, record, t + begin + length)
-                if status is not Status.SOLVED:
-                    return status
-                waiting = [(begin + length, h)] if begin + length < h else []
-            elif length == 0.0:
+                status = Status.SWITCH if stalled > STALL else self._switch(run, record, run.t)
+                waiting = run.pieces(t, begin + length, h)
+            elif length == end - begin:
+                status = self._breakpoint(run, record) if breaks else status
+            elif status is Status.SOLVED:
                 if end - begin <= 4.0 * EPS * (t + h):
                     return Status.SWITCH
                 middle = begin + 0.5 * (end - begin)
-                waiting += [(middle, end), (begin, middle)]
+                waiting += [(middle, end, breaks), (begin, middle, False)]
                 record.stats["halvings"] += 1
+            if status is not Status.SOLVED:
+                return status
         run.t = float(record.t[k + 1])
         run.write(record, k + 1, run.X[None, :])
         return Status.SOLVED
@@ -546,14 +605,23 @@ class RadauFESD(Integrator):
         """Pass into the next mode at t."""
         if record.stats["switches"] >= self.max_events:
             return Status.MAX_EVENTS
+        status = self._enter(run, record, t, False)
+        record.stats["switches"] += status is Status.SOLVED
+        return status
+
+    def _breakpoint(self, run: Run, record: Record) -> Status:
+        """Pass the next breakpoint of the signals."""
+        return self._enter(run, record, float(run.breakpoints[run.passed]), True)
+
+    def _enter(self, run: Run, record: Record, t: float, breakpoint: bool) -> Status:
+        """Pass into the next mode at t, and say what fails."""
         try:
-            run.enter(t, run.X, record)
+            run.enter(t, run.X, record, breakpoint)
         except FailureError as failure:
             status: Status = failure.result.status
             return status
         except np.linalg.LinAlgError:
             return Status.SINGULAR
-        record.stats["switches"] += 1
         return Status.SOLVED
 
     def dense(self, carry: Run) -> Dense:
@@ -564,19 +632,7 @@ class RadauFESD(Integrator):
         kind = np.repeat([kinds.index(each) for each in run.owners], [len(each) for each in run.starts])
         kind = np.append(kind, kinds.index(run.elements)).astype(np.int64)
 
-        def read(t: Array, side: str) -> tuple[Array, Array, Array]:
-            mine = np.maximum(np.searchsorted(starts, t, side="right" if side == "right" else "left") - 1, 0)
-            n, nc = len(run.system.dynamics.nodes), len(run.system.degree)
-            q, v, r = np.empty((len(t), n)), np.empty((len(t), n)), np.empty((len(t), nc))
-            for j, elements in enumerate(kinds):
-                here = np.flatnonzero(kind[mine] == j)
-                if len(here):
-                    lengths = np.maximum(t[here] - starts[mine[here]], 0.0)
-                    X = elements.at(states[mine[here]], lengths, 8.0 * EPS * run.grid.t_end)
-                    q[here], v[here], r[here] = coordinates(run.system, elements.mode, X)
-            return q, v, r
-
-        return Dense(read, starts)
+        return Dense(Solution(run.system, tuple(kinds), starts, states, kind, 8.0 * EPS * run.grid.t_end), starts)
 
 
 def _crossing(b: Array, reduced: Array, safe: Flags, zeros: Indices, noise: Array) -> tuple[int, float] | None:

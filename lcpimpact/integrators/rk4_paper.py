@@ -136,6 +136,7 @@ class RK4Paper(Integrator):
     contact: str = "project"
 
     name: ClassVar[str] = "rk4-paper"
+    family: ClassVar[str] = "explicit Runge-Kutta"
     solves_lcp: ClassVar[bool] = False
     declared: ClassVar[Declared] = Declared(
         summary="Eqs (3), (6), (8) as printed, by the classical Runge-Kutta method; systems 1-3 only",
@@ -148,6 +149,9 @@ class RK4Paper(Integrator):
         handles=(Feature.MASSLESS,),
         reaction_lives="at t",
         energy="no rule",
+        kick=1.0,
+        slack=6.0,
+        drift=1.0,
         dissipates=False,
         source="Grzesikiewicz and Zbiciak, Eqs (3), (6), (8)",
     )

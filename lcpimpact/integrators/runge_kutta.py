@@ -26,8 +26,9 @@ the largest terms of u so far.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
@@ -36,9 +37,9 @@ from numba import types
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
-from lcpimpact.integrators.base import Event, Grid, Integrator, Record, State
+from lcpimpact.integrators.base import Event, Grid, Integrator, Limits, Record, State
 from lcpimpact.integrators.law import solve_law, tally, with_fallbacks
-from lcpimpact.integrators.modes import System, refuse_mixed_degrees
+from lcpimpact.integrators.modes import System, refuse_mixed_degrees, refuse_velocity_jumps
 from lcpimpact.integrators.tableau import Tableau
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
@@ -48,7 +49,7 @@ from lcpimpact.lcp.solver import Kernel
 from lcpimpact.lcp.solver import State as Solver
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
-from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.first_order import FirstOrderForm, Inputs, forced_form
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
@@ -61,6 +62,15 @@ LARGEST = 1e100
 
 ROUNDING = 1e-12
 """What counts as zero, relative to the terms of the sum that gave it, each taken at its largest value so far."""
+
+SHARE = 0.1
+"""This part of rtol may one step err by, since the errors of steps add up."""
+
+LEAST = 1e-3
+"""A state that hardly moves may err as one that moves by this part of the largest of its kind."""
+
+INNER = np.linspace(0.0, 1.0, 17)[1:-1]
+"""Where in a step gaps are looked at, in units of its length."""
 
 HANDLES = (Feature.POWER_LAWS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION)
 """What these methods handle: all but sliders, whose force jumps as the velocity turns."""
@@ -218,9 +228,12 @@ def put_right(
                 since[i] = min(max(gap[i] / free[i], 0.0), h)
             if meets[i]:
                 # The speed at which the gap closed, and how long ago: u = τ (U + U_c)/2, and U² = U_c² + 2 u'' u.
-                closing = speed[i]
+                closing, square = speed[i], speed[i] ** 2 - 2.0 * free[i] * gap[i]
+                if square <= 0.0:
+                    # It falls back before it has left the overlap of an earlier impact.
+                    e[i] = 0.0
                 if e[i] > 0.0:
-                    closing = -np.sqrt(max(speed[i] ** 2 - 2.0 * free[i] * gap[i], 0.0))
+                    closing = -np.sqrt(square)
                 ago[i] = since[i] = min(max(2.0 * gap[i] / (speed[i] + closing), 0.0), h)
                 q[a] = (1.0 + e[i]) * closing
                 earliest = max(earliest, ago[i])
@@ -253,7 +266,7 @@ def put_right(
         spring_forces(x, approach, rate, law, s)
         for a in range(na):
             i = active[a]
-            if degree[i] < 2 or P[i] == 0.0 or e[i] == 0.0:
+            if degree[i] < 2 or e[i] == 0.0 or not (meets[i] or P[i] > 0.0):
                 continue
             acceleration = term(O, i, x) + term(O_s, i, s) + term(G, i, r)
             if 2.0 * (term(U, i, x) - acceleration * since[i]) <= -acceleration * shortest:
@@ -382,11 +395,43 @@ class Run:
     tol: float
     max_iter: int
     step: Array
+    largest: Array
+    energy: Array
+    metric: Array
 
     @property
     def motion(self) -> tuple[Array, ...]:
         """What a step fills: y, y', r, P, and how long ago each gap closed."""
         return self.y, self.dy, self.r, self.P, self.since
+
+    def allowed(self, y: Array, h: float, rtol: float, atol: float) -> Array:
+        """Return by how much each state may err in a step of length h that ends in y (ny,)."""
+        size = np.maximum(self.largest, np.abs(y))
+        places = len(y) - self.form.parts.massive.shape[1]
+        speed = size[places:].max(initial=0.0)
+        kinds = np.where(np.arange(len(y)) < places, max(size[:places].max(initial=0.0), h * speed), speed)
+        return np.asarray(atol + rtol * np.maximum(size, LEAST * kinds))
+
+    def error(self, x: Array, error: Array, allowed: Array, rtol: float) -> float:
+        """Return the estimated error of a step that ends in x = (y, signals, loads), relative to what it may be."""
+        _, K, n, _, _ = self.inputs.law.T
+        δ, ends = self._approach(x)
+        square = error @ self.metric @ error + (K * n * δ ** (n - 1.0) * (ends @ error) ** 2).sum()
+        limit = rtol**2 * max(self.energy[0], self.energy_of(x)) + LEAST**2 * np.abs(np.diag(self.metric)) @ allowed**2
+        single = np.abs(np.divide(error, allowed, out=np.zeros_like(error), where=allowed > 0.0)).max(initial=0.0)
+        return max(float(single), math.sqrt(max(square, 0.0) / limit) if limit > 0.0 else 0.0)
+
+    def energy_of(self, x: Array) -> float:
+        """Return twice the energy of springs and masses at x, as far as it belongs to the states."""
+        _, K, n, _, _ = self.inputs.law.T
+        δ, _ = self._approach(x)
+        y = x[: len(self.metric)]
+        return float(y @ self.metric @ y + (2.0 * K * δ ** (n + 1.0) / (n + 1.0)).sum())
+
+    def _approach(self, x: Array) -> tuple[Array, Array]:
+        """Return δ_+ of the non-linear springs (ns,), and its derivatives by the states (ns, ny)."""
+        rows = self.inputs.approach
+        return np.maximum(rows @ x[: rows.shape[1]], 0.0), rows[:, : len(self.metric)]
 
     def given(self, t: Array) -> Array:
         """Return the signals and loads at the times t, with the shape of t followed by (ng,)."""
@@ -444,10 +489,15 @@ class ExplicitRungeKutta(Integrator):
     tol: float | None = None
     max_iter: int | None = None
 
+    family: ClassVar[str] = "explicit Runge-Kutta"
     tableau: ClassVar[Tableau]
 
     def __post_init__(self) -> None:
         limits(SOLVERS["auto"], self.tol, self.max_iter)
+
+    def limits(self) -> Limits:
+        """Return those of contacts that are held by their accelerations, and drift within `HELD`."""
+        return replace(super().limits(), precision=1e2 * HELD * ROUNDING)
 
     def reaction_times(self, grid: Grid) -> Array:
         """Return the grid."""
@@ -459,6 +509,7 @@ class ExplicitRungeKutta(Integrator):
         form, inputs = forced_form(d, self.name)
         system = System(d, form, (inputs.E, inputs.D))
         refuse_mixed_degrees(system, self.name)
+        refuse_velocity_jumps(d, grid.t_end, self.name)
         matrices = _matrices(system, inputs)
         contacts = Dense(matrices[5] if len(d.contacts) else np.eye(1))
         if len(d.contacts):
@@ -470,7 +521,7 @@ class ExplicitRungeKutta(Integrator):
         x = np.concatenate([X, [load(0.0) for load in inputs.loads]])
         run = Run(
             grid, form, inputs, system, matrices, y, dy, r, P, since, np.abs(x), contacts, solver.init(contacts),
-            tol, max_iter, np.array([grid.h]),
+            tol, max_iter, np.array([grid.h]), np.abs(X[:ny]), np.zeros(1), _metric(d, form),
         )  # fmt: skip
 
         def begin(state: Solver, first: int, last: int) -> tuple[Status, int]:
@@ -517,14 +568,14 @@ class ExplicitRungeKutta(Integrator):
 
 @dataclass(frozen=True)
 class EmbeddedRungeKutta(ExplicitRungeKutta):
-    """An explicit Runge-Kutta method that can choose its steps within each dt by an embedded one.
+    r"""An explicit Runge-Kutta method that can choose its steps within each dt by an embedded one.
 
     Parameters
     ----------
     rtol : float, optional
-        Relative tolerance of a step; with None the step is dt.
+        Tolerance relative to the motion so far; with None the step is dt.
     atol : float, optional
-        Absolute tolerance of a step, in the units of each state; 1e-3 rtol if it is not given.
+        Absolute tolerance in the units of each state, 0 if it is not given: for motions that shall not be resolved.
     tol, max_iter : optional
         As of `ExplicitRungeKutta`.
 
@@ -535,9 +586,19 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
 
     Notes
     -----
-    With rtol a step whose error is too large is rejected, and so is one that ends in an overlap beyond the tolerance: it is
-    taken again up to where the gap closes. Rebounds count as none when they are lower than the tolerance, or their flight is
-    shorter than rtol dt.
+    With rtol the estimated error ε of a step must not exceed a tenth of it in either of two measures: each state against the
+    largest value that it has had, and all of them together by the energy of ε against the largest energy,
+
+    .. math:: |ε_i| \le \tfrac{1}{10} rtol \max |y_i|, \qquad ε^T G ε \le (\tfrac{1}{10} rtol)^2 \max y^T G y, \quad
+              \tfrac 12 y^T G y = \tfrac 12 v^T M v + \tfrac 12 q^T K q .
+
+    The energy tells what becomes of an error: one of δ in a place is one of ω δ in a speed a quarter of a period later. A
+    step that ends in an overlap beyond the tolerance is rejected, too, and taken again up to where the gap closes; so is one
+    in which a gap falls below zero and rises again. Rebounds count as none when they are lower than the tolerance, or their
+    flight is shorter than rtol dt.
+
+    The error of a run is then a small multiple of rtol, unless the motion itself multiplies errors, as impacts of several
+    bodies may.
     """
 
     rtol: float | None = None
@@ -556,7 +617,7 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         if self.rtol is None:
             return super().advance(carry, record, first, last)
         for k in range(first, last):
-            status = self._cross(carry, record, k, self.rtol, 1e-3 * self.rtol if self.atol is None else self.atol)
+            status = self._cross(carry, record, k, self.rtol, self.atol or 0.0)
             if status is not Status.SOLVED:
                 _write(carry, record, first + 1, k)
                 return status, k
@@ -570,8 +631,8 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         exponent = 1.0 / (tableau.order_embedded + 1.0)
         t, end = grid.t_end * k / grid.steps, grid.t_end * (k + 1) / grid.steps
         motion = tuple(np.repeat(each[k : k + 1], 2, axis=0) for each in carry.motion)
-        y, _, r, P, _ = motion
-        C = carry.matrices[1]
+        y, dy, r, P, _ = motion
+        C = carry.matrices[1][carry.system.degree > 0]
         ahead, scale, inertia = np.zeros((2, ny)), carry.scale.copy(), carry.system.degree == 2
         assert record.events is not None
         while t < end:
@@ -594,19 +655,23 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
                 shrink = 0.1
             else:
                 before, error = ahead
-                size = np.abs(error / (atol + rtol * np.maximum(np.abs(y[0]), np.abs(before)))).max(initial=1e-10)
+                allowed = carry.allowed(before, h, SHARE * rtol, SHARE * atol)
+                size = max(carry.error(np.append(before, given[0, -1]), error, allowed, SHARE * rtol), 1e-10)
                 shrink = float(np.clip(0.9 * size**-exponent, 0.2, 5.0))
                 if size <= 1.0:
                     shrink = max(shrink, 1.0)
                     # An overlap beyond the tolerance: back to where the line through both gaps is zero.
                     u, overlap = C @ np.append(y[0], given[0, 0]), C @ np.append(before, given[0, -1])
-                    bound = atol + rtol * (np.abs(C) @ carry.scale)
-                    deep = (P[1] > 0.0) & (overlap < -bound)
-                    begun = deep & (u > bound)
+                    bound = np.abs(C[:, :ny]) @ allowed + HELD * ROUNDING * (np.abs(C) @ carry.scale)
+                    begun = (overlap < -bound) & (u > bound)
                     if begun.any():
                         shrink = float((u[begun] / (u[begun] - overlap[begun])).min())
-                    elif deep.any():
+                    elif (overlap < -bound).any():
                         shrink = 0.5
+                    elif not P[1].any():
+                        lowest = _lowest(h, u, overlap, *(dy @ C[:, :ny].T))
+                        if ((u > bound) & (overlap > bound) & (lowest < -bound)).any():
+                            shrink = 0.5
             if shrink < 1.0:
                 carry.scale[:] = scale
                 carry.step[0] = shrink * h
@@ -616,12 +681,32 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
             record.stats["inner_steps"] = record.stats.get("inner_steps", 0) + 1
             if (P[1, inertia] > 0.0).any() or ((r[0] > 0.0) != (r[1] > 0.0)).any():
                 record.events += _happened(carry, np.array([t, t + h]), *motion)
+            np.maximum(carry.largest, np.abs(y[1]), out=carry.largest)
+            carry.energy[0] = max(carry.energy[0], carry.energy_of(np.append(y[1], given[0, -1])))
             for each in motion:
                 each[0] = each[1]
             t = end if h == end - t else t + h
         for each, of in zip(carry.motion, motion, strict=True):
             each[k + 1] = of[0]
         return Status.SOLVED
+
+
+def _metric(d: Dynamics, form: FirstOrderForm) -> Array:
+    """Return G with ½ yᵀ G y the energy of springs and masses (ny, ny); zero of a system that has none."""
+    ny, massive = form.constant, form.parts.massive
+    G = np.zeros((ny, ny))
+    if d.stores_energy:
+        Q, speeds = form.Q[:, :ny], slice(ny - massive.shape[1], ny)
+        G += Q.T @ d.K @ Q
+        G[speeds, speeds] += massive.T @ d.M @ massive
+    return G
+
+
+def _lowest(h: float, u_0: Array, u_1: Array, rate_0: Array, rate_1: Array) -> Array:
+    """Return the least values within a step of the cubics through gaps and their rates at both its ends."""
+    s = INNER[:, None]
+    ends = (1.0 + 2.0 * s) * (1.0 - s) ** 2 * u_0 + s**2 * (3.0 - 2.0 * s) * u_1
+    return np.asarray((ends + h * s * (1.0 - s) * ((1.0 - s) * rate_0 - s * rate_1)).min(axis=0))
 
 
 def _functions(solver: Solver) -> tuple[Callable[..., Any], Callable[..., Any]]:

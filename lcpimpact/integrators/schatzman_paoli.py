@@ -45,6 +45,7 @@ class SchatzmanPaoli(LinearStep):
     impact_steps: ClassVar[int] = 2
 
     name: ClassVar[str] = "schatzman-paoli"
+    family: ClassVar[str] = "Schatzman-Paoli"
     declared: ClassVar[Declared] = Declared(
         summary="two-step scheme on places, restitution through the place before",
         order_smooth=2,
@@ -56,6 +57,8 @@ class SchatzmanPaoli(LinearStep):
         handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
         reaction_lives="at t, one for each step",
         energy="near its value for ever in smooth motion, where h is below 2/ω; no rule at impacts",
+        kick=1.0,
+        slack=4.0,
         dissipates=False,
         source="Paoli and Schatzman (2002)",
     )

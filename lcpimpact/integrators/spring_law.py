@@ -12,10 +12,11 @@ With c > 0 the force is zero where F < 0.
 
 from __future__ import annotations
 
+import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, vector
+from lcpimpact.compiled import compiled, f8, matrix, vector
 
 
 @compiled(types.UniTuple(f8, 3)(vector, f8, f8, f8))
@@ -45,3 +46,13 @@ def push(law: Array, δ: float, y: float, h: float) -> tuple[float, float, float
         if F < 0.0:
             return 0.0, 0.0, 0.0
     return F, by_δ, by_y
+
+
+@compiled(matrix(matrix, matrix, matrix, vector))
+def pushes(laws: Array, δ: Array, y: Array, h: Array) -> Array:
+    """Return F(δ, y) of each spring in each step (nt, ns); laws (ns, 5), δ and y (nt, ns), h (nt,)."""
+    F = np.empty_like(δ)
+    for k in range(len(h)):
+        for a in range(len(laws)):
+            F[k, a], _, _ = push(laws[a], δ[k, a], y[k, a], h[k])
+    return F

@@ -6,7 +6,8 @@ f⁻ = A⁻ X⁻ and f⁺ = A⁺ X⁺ of the two modes, the change is multiplied
 
 .. math:: S = R_X + \frac{(f^+ - R_X f^-)\, c}{c \cdot f^-} .
 
-R is the identity where forces only switch; where impulses act, the rows a that push give
+At a breakpoint of the signals, whose instant nothing changes, S = R_X. R is the identity where forces only switch; where
+impulses act, the rows a that push give
 
 .. math:: R_X = I - B_a G_{aa}^{-1} (1 + e_a)\, (C A)_a , \qquad G = C A B .
 
@@ -53,7 +54,7 @@ def impact_derivative(system: System, X: Array, P: Array, scale: Array) -> Array
     rows = np.flatnonzero(P > 0.0)
     if len(rows) == 0:
         return np.eye(len(X))
-    _, U = gaps(system, X, scale)
+    U = gaps(system, X, scale)[1].hi
     bounced = 1.0 + np.where(U[rows] < 0.0, system.dynamics.restitution[rows], 0.0)
     CA = system.derivatives[1, rows]
     return np.asarray(
@@ -75,22 +76,26 @@ def saltation(motion: Motion, before: Segment, after: Segment) -> Array:
     c, X = after.ended, after.before
     (flow, _), (next_flow, _) = system.mode(before.mode), system.mode(after.mode)
     f, rate = flow.A @ X, c @ flow.A
+    breakpoint = not c.any()
     what = ", ".join(dict.fromkeys(event.contact for event in after.events)) or "a contact"
-    if not -rate @ X > GRAZING * (np.abs(rate) @ motion.scale):
+    if not breakpoint and not -rate @ X > GRAZING * (np.abs(rate) @ motion.scale):
         raise UnsupportedError(
             f"{what} only touches at t = {after.t0:g} s (a grazing, or the end of impacts that accumulate), where the "
             "motion has no derivative: change a parameter a little; grazing(...) finds the value at which an orbit touches"
         )
-    for i, row, _ in system.watched(before.mode):
+    contacts, rows, _ = system.watched(before.mode)
+    for i, row in zip(contacts, rows.hi, strict=True):
         if not np.array_equal(row, c) and abs(row @ X) <= TOGETHER * (np.abs(row) @ motion.scale):
             raise UnsupportedError(
-                f"{names[i]} and {what} switch together at t = {after.t0:g} s, where the motion has no derivative: "
-                "change a parameter a little"
+                f"{names[i]} and {'a signal' if breakpoint else what} switch together at t = {after.t0:g} s, where the "
+                "motion has no derivative: change a parameter a little"
             )
     P = np.zeros(len(names))
     for event in after.events:
         P[names.index(event.contact)] += event.impulse
     R = place_derivative(system, before.mode) @ impact_derivative(system, X, P, motion.scale)
+    if breakpoint:
+        return np.asarray(R)
     return np.asarray(R + np.outer(next_flow.A @ after.X - R @ f, c) / (c @ f))
 
 

@@ -72,6 +72,7 @@ class TimeStepping(Integrator, Generic[S]):
     max_iter: int | None = None
     rtol: float | None = None
 
+    family: ClassVar[str] = "Moreau time stepping"
     halves: ClassVar[bool] = True
     """Whether a step may follow one of another length: not where what is remembered belongs to h."""
 

@@ -2,40 +2,57 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
 
-from lcpimpact.arrays import Array
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lcpimpact.arrays import Array, Flags
+from lcpimpact.double_double import DoubleDouble
 from lcpimpact.integrators.base import Event, State
-from lcpimpact.integrators.modes import Mode, System, choose_mode, impact
+from lcpimpact.integrators.modes import ZERO, Mode, System, choose_mode, impact, settled, still
 
 
 def coordinates(system: System, mode: Mode, X: Array) -> tuple[Array, Array, Array]:
     """Return q, v and r for the states X (nt, N) of one mode."""
-    flow, F = system.mode(mode)
-    Q, Qr = system.read
-    read = Q + Qr @ F
-    r = np.clip(X @ F.T, system.dynamics.r_min, system.dynamics.r_max)
-    return X @ read.T, X @ (read @ flow.A).T, r
+    place, velocity, force = system.coordinates(mode)
+    return X @ place, X @ velocity, np.clip(X @ force, *system.bounds)
 
 
-def state_of(system: System, mode: Mode, X: Array) -> State:
+def state_of(system: System, mode: Mode, X: ArrayLike | DoubleDouble) -> State:
     """Return what one state X (N,) means in the coordinates of the scheme."""
-    q, v, r = coordinates(system, mode, X[None, :])
+    q, v, r = coordinates(system, mode, DoubleDouble.of(X).hi[None, :])
     return State(q[0], v[0], r[0])
 
 
 def enter(
-    system: System, t: float, before: Mode | None, X: Array, scale: Array, solver: str
-) -> tuple[Mode, Array, list[Event]]:
+    system: System,
+    t: float,
+    before: Mode | None,
+    X: ArrayLike | DoubleDouble,
+    scale: Array,
+    solver: str,
+    zero: float = ZERO,
+    together: Flags | None = None,
+    left: DoubleDouble | None = None,
+) -> tuple[Mode, DoubleDouble, list[Event]]:
     """Return the mode in which the motion goes on from X, the state after the impacts at t, and what happened.
 
-    Without a mode before, at the start of a run, the right limit stands for both.
+    Without a mode before, at the start of a run, the right limit stands for both. What the mode before holds closed stays so
+    unless an impulse, its own force or a jump of a prescribed velocity ends it. The rows ``together`` (nc,) touch, and meet
+    without restitution: where impacts have accumulated. ``left`` is the state before, where signals in X have jumped.
     """
-    after, P = impact(system, X, scale, solver)
-    mode, after = choose_mode(system, after, scale, solver)
-    right = state_of(system, mode, after)
-    left = state_of(system, before or mode, X)
-    return mode, after, happened(system, t, before or mode, mode, P, left, right)
+    held, restitution = still(system, before), system.restitution
+    if together is not None:
+        held, restitution = replace(held, u=held.u | together), np.where(together, 0.0, restitution)
+    if left is not None:
+        held, state = replace(held, U=np.zeros_like(held.U)), DoubleDouble.of(X)
+    else:
+        state = settled(system, before, DoubleDouble.of(X), scale)
+    after, P, held = impact(system, state, scale, solver, restitution, held, zero, left=left)
+    mode, after = choose_mode(system, after, scale, solver, held, zero)
+    was, now = state_of(system, before or mode, state if left is None else left), state_of(system, mode, after)
+    return mode, after, happened(system, t, before or mode, mode, P, was, now)
 
 
 def happened(system: System, t: float, before: Mode, after: Mode, P: Array, left: State, right: State) -> list[Event]:

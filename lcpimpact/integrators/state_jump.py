@@ -1,0 +1,133 @@
+r"""The jump by which a linear complementarity system that starts outside its constraint enters it.
+
+Where no λ solves 0 <= λ ⟂ C x⁻ + c + D λ >= 0, the multipliers are impulses at first, λ = p δ(t), and the state jumps,
+
+.. math:: x^+ = x^- + B p, \qquad Q \ni p \perp C x^+ + c \in Q^*, \qquad
+          Q = \{ p : 0 \le p \perp D p \ge 0 \} = \{ p \ge 0 : D p \ge 0, \; (D + D^T) p = 0 \},
+
+the latter for D positive semidefinite; Q* is the dual cone, of all C x + c from which the motion can go on without a jump.
+For D = 0 this is the LCP 0 <= p ⟂ C x⁺ + c >= 0. In a passive system x⁺ is the point of the constraint that is nearest to x⁻
+in the metric of the storage function, and it is what steps of backward Euler tend to. In a circuit the jump is the charge
+that flows at once where a voltage is put on a capacitor through diodes.
+
+With the multipliers μ >= 0 of D p >= 0 and ν of (D + Dᵀ) p = 0 it is one mixed LCP,
+
+.. math:: 0 \le p \perp C B p + C x^- + c - D^T μ - (D + D^T) ν \ge 0, \qquad 0 \le μ \perp D p \ge 0,
+          \qquad (D + D^T) p = 0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import null_space
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import UnsupportedError
+from lcpimpact.integrators.base import Event, State
+from lcpimpact.lcp.operators import Dense, Property
+from lcpimpact.lcp.solve import solve_lcp
+from lcpimpact.problems.base import Problem
+
+TINY = 1e-12
+"""An eigenvalue this small, relative to the largest entry, is zero."""
+
+
+def state_jump(B: Array, C: Array, D: Array, u: Array, solver: str = "auto") -> Array | None:
+    """Return the impulses p (m,) of the jump x⁺ = x⁻ + B p; zero where the state need not jump, None where none is known.
+
+    Parameters
+    ----------
+    B : (n, m), C : (m, n), D : (m, m) arrays
+        As in x' = A x + B λ, u = C x + D λ + c.
+    u : (m,) array
+        C x⁻ + c.
+    solver : str
+        Name of an LCP solver for any matrix.
+
+    Returns
+    -------
+    p : (m,) array or None
+        None where D is not positive semidefinite, where the law has no solution, or where it does not make x⁺ unique: it
+        does if C B is positive semidefinite on (D + Dᵀ) p = 0 and singular only where B p = 0 (as in passive systems), or
+        D = 0 and C B is a P-matrix.
+
+    Examples
+    --------
+    A capacitor at -1 V that a diode keeps from going below zero takes 1 C:
+
+    >>> state_jump(np.eye(1), np.eye(1), np.zeros((1, 1)), np.array([-1.0]))
+    array([1.])
+
+    References
+    ----------
+    Camlibel, Heemels and Schumacher, *On linear passive complementarity systems* (2002); Frasca, Camlibel, Goknar, Iannelli
+    and Vasca, *Linear passive networks with ideal switches* (2010).
+    """
+    if not len(u) or solve_lcp(D, u, throw=False).success:
+        return np.zeros(len(u))
+    m, symmetric, W = len(u), D + D.T, C @ B
+    if np.linalg.eigvalsh(symmetric).min() < -TINY * np.abs(D).max() or not _unique(B, W, symmetric):
+        return None
+    zero = np.zeros((2 * m, 2 * m))
+    M = np.block([[W, np.hstack([-D.T, -symmetric])], [np.vstack([D, symmetric]), zero]])
+    q, lower = np.concatenate([u, np.zeros(2 * m)]), np.repeat([0.0, 0.0, -np.inf], m)
+    used = np.abs(M).max(axis=1) > 0.0
+    used[:m] = True
+    found = solve_lcp(M[np.ix_(used, used)], q[used], solver, lower=lower[used], upper=np.inf, throw=False)
+    p = found.z[:m]
+    return p if found.success and solve_lcp(D, _rounded(u, W, p), throw=False).success else None
+
+
+def _rounded(u: Array, W: Array, p: Array) -> Array:
+    """Return u + W p, with what is rounding set to zero."""
+    terms = np.abs(u) + np.abs(W) @ np.abs(p)
+    after = u + W @ p
+    return np.where(np.abs(after) <= TINY * terms, 0.0, after)
+
+
+def _unique(B: Array, W: Array, symmetric: Array) -> bool:
+    """Return whether the law determines x⁺ wherever it has a solution."""
+    if not symmetric.any() and Dense(W).has(Property.P):
+        return True
+    V = null_space(symmetric, rcond=TINY) if symmetric.any() else np.eye(len(W))
+    monotone = V.T @ (W + W.T) @ V
+    values, vectors = np.linalg.eigh(monotone)
+    size = np.abs(monotone).max(initial=0.0)
+    kernel = V @ vectors[:, values <= TINY * size]
+    return bool((values >= -TINY * size).all() and (np.abs(B @ kernel) <= 1e-9 * np.abs(B).max(initial=0.0)).all())
+
+
+def enter_constraint(problem: Problem, solver: str = "auto") -> tuple[Problem, Array]:
+    """Return the problem as it goes on after the jump at t = 0, and the impulses p (nc,); a scheme never jumps.
+
+    Raises
+    ------
+    UnsupportedError
+        If a system starts outside its constraint, and its matrices do not determine how it enters.
+    """
+    d = problem.dynamics
+    if d.stores_energy:
+        return problem, np.zeros(len(d.contacts))
+    x = problem.initial_coordinates
+    p = state_jump(d.B, d.H, d.D, d.gap(x), solver)
+    if p is None:
+        names = ", ".join(repr(each.name) for each, u in zip(d.contacts, d.gap(x), strict=True) if u < 0.0)
+        raise UnsupportedError(
+            f"{problem.name!r} starts outside its constraint (u of {names} is negative, and no finite multiplier makes it "
+            "up), and A, B, C, D do not determine a jump into it: start it inside"
+        )
+    if not p.any():
+        return problem, p
+    return replace(problem, q0=dict(zip(d.nodes, map(float, x + d.B @ p), strict=True))), p
+
+
+def jump_events(problem: Problem, p: Array, after: State) -> tuple[Event, ...]:
+    """Return the events "jump" at t = 0 with the impulses p (nc,), by which a problem goes over to the state ``after``."""
+    before = replace(after, q=problem.initial_coordinates)
+    return tuple(
+        Event(0.0, contact.name, "jump", before, after, float(impulse))
+        for contact, impulse in zip(problem.dynamics.contacts, p, strict=True)
+        if impulse > 0.0
+    )
