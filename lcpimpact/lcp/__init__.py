@@ -16,6 +16,7 @@ SOLVERS: Registry[LCPSolver] = Registry(
         "closed-form": "lcpimpact.lcp.solvers.closed_form:SOLVER",
         "active-set": "lcpimpact.lcp.solvers.active_set:SOLVER",
         "block-pivoting": "lcpimpact.lcp.solvers.block_pivoting:SOLVER",
+        "block-triangular": "lcpimpact.lcp.solvers.block_triangular:SOLVER",
         "banded": "lcpimpact.lcp.solvers.banded:SOLVER",
         "lemke": "lcpimpact.lcp.solvers.lemke:SOLVER",
         "murty": "lcpimpact.lcp.solvers.murty:SOLVER",

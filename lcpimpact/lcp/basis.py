@@ -6,10 +6,10 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, indices, matrix, vector
+from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
 from lcpimpact.lcp.lapack import EPS, cholesky_solve, lu_solve
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
-from lcpimpact.lcp.storage import product
+from lcpimpact.lcp.storage import entry, product
 
 
 @compiled(types.void(vector, vector, vector, indices))
@@ -22,6 +22,17 @@ def sides(z: Array, lower: Array, upper: Array, side: Indices) -> None:
             side[i] = LOWER
         else:
             side[i] = UPPER if z[i] >= upper[i] else FREE
+
+
+@compiled(types.boolean(matrix, vector, vector, i8, f8))
+def is_rounding(W: Array, q: Array, z: Array, i: int, value: float) -> bool:
+    """Return whether a value is rounding beside the terms of (M z + q)_i."""
+    bands, n = W.shape
+    terms = abs(q[i])
+    for j in range(0 if bands == n else max(0, i - bands + 1), n if bands == n else min(n, i + bands)):
+        terms += abs(entry(W, i, j) * z[j])
+    rounding: bool = abs(value) <= 64.0 * EPS * terms
+    return rounding
 
 
 @compiled(types.boolean(matrix, indices, vector))

@@ -14,40 +14,111 @@ from numba import types
 
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, matrix, vector
-from lcpimpact.lcp.lapack import EPS, largest
-from lcpimpact.lcp.storage import absolute_product, product, transposed_product
+from lcpimpact.lcp.lapack import EPS
+from lcpimpact.lcp.storage import (
+    absolute_product,
+    absolute_transposed_product,
+    product,
+    spread,
+    transposed_product,
+    weight,
+)
 
 WRONG = 1e-6
-"""Largest rounding that excuses a residual above the tolerance."""
+"""Largest rounding of a row, relative to its size, with which the check shows anything."""
 
 
-@compiled(f8(f8, vector, vector, vector))
-def unit(s: float, q: Array, lower: Array, upper: Array) -> float:
-    """Return the unit of q: max |q|, or for q = 0 the largest force s |bound| of a finite bound."""
-    p, bound = 0.0, 0.0
-    for i in range(len(q)):
-        p = max(p, abs(q[i]))
-        if abs(lower[i]) < np.inf:
-            bound = max(bound, abs(lower[i]))
-        if abs(upper[i]) < np.inf:
-            bound = max(bound, abs(upper[i]))
-    if p == 0.0:
-        p = s * bound
-    return p if p > 0.0 else 1.0
+@compiled(types.void(matrix, vector, vector, vector, vector, vector, vector, f8))
+def sizes(W: Array, q: Array, lower: Array, upper: Array, z: Array, terms: Array, size: Array, rounding: float) -> None:
+    """Take out of ``size`` the terms of those z_j that nothing given explains.
 
-
-@compiled(f8(matrix, vector, vector))
-def magnitude(W: Array, q: Array, z: Array) -> float:
-    """Return max_i (|M| |z| + |q|)_i, which times ε bounds the rounding of M z + q."""
-    bands, n = W.shape
-    terms, found = np.zeros(n), 0.0
-    if bands != n:
-        absolute_product(W, z, terms)
+    Given are q and the z_j at a bound. They explain the z_j of a row that they are no rounding of, |q_j| > ε/WRONG terms_j,
+    and a z_j that is explained explains in its turn. What is left has the size of a cancellation: it may be anything.
+    """
+    n = len(q)
+    known, unknown, left = np.empty(n), np.zeros(n, np.bool_), 0
     for i in range(n):
-        for j in range(n if bands == n else 0):
-            terms[i] += abs(W[i, j] * z[j])
-        found = max(found, terms[i] + abs(q[i]))
-    return found
+        known[i] = z[i]
+        if lower[i] < z[i] < upper[i] and not rounding * terms[i] <= WRONG * size[i]:
+            known[i], unknown[i] = 0.0, True
+            left += 1
+    absolute_product(W, known, size)
+    for i in range(n):
+        size[i] += abs(q[i])
+    before, forward = left + 1, True
+    while left < before:
+        before = left
+        for k in range(n):
+            i = k if forward else n - 1 - k
+            if unknown[i] and rounding * terms[i] <= WRONG * size[i]:
+                unknown[i] = False
+                left -= 1
+                spread(W, i, z[i], size)
+        forward = not forward
+
+
+@compiled(types.UniTuple(f8, 2)(matrix, vector, vector, vector, vector, vector, f8))
+def row_defect(
+    W: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array, rounding: float
+) -> tuple[float, float]:
+    """Return how far z with its w is from a solution, each row in its own unit.
+
+    Parameters
+    ----------
+    rounding : float
+        The relative error of each term of w_i; 0 where w was computed without.
+
+    Returns
+    -------
+    scaled : float
+        The largest over the rows of the lesser of two: w_i relative to the size of row i, that is to its terms |q_i| and
+        |M_ij z_j|, times the share that q or a bound has in the terms of a free row; and z_i from its bound, by what
+        that changes in any row. What is rounding counts as zero. Infinite where a number is not finite.
+    rounding : float
+        The largest bound of the rounding of a w_i, relative to the size of its row.
+    """
+    n = len(q)
+    terms, held, size = np.empty(n), np.empty(n), np.empty(n)
+    bounded = False
+    for i in range(n):
+        held[i] = 0.0 if lower[i] < z[i] < upper[i] else z[i]
+        bounded = bounded or held[i] != 0.0
+    absolute_product(W, z, terms)
+    if bounded:
+        absolute_product(W, held, size)
+    share, lost = -1.0, False
+    for i in range(n):
+        size[i] = abs(q[i]) + (size[i] if bounded else 0.0)
+        terms[i] += abs(q[i])
+        if not (terms[i] < np.inf and abs(w[i]) < np.inf):
+            return np.inf, 0.0
+        if lower[i] < z[i] < upper[i]:
+            share = max(share, size[i] / terms[i] if terms[i] > 0.0 else 0.0)
+            lost = lost or not max(rounding, EPS) * terms[i] <= WRONG * size[i]
+    share = 1.0 if share < 0.0 else share
+    if lost:
+        sizes(W, q, lower, upper, z, terms, size, max(rounding, EPS))
+    else:
+        size[:] = terms
+    most = 0.0
+    for i in range(n):
+        if rounding * terms[i] > most * size[i]:
+            most = rounding * terms[i] / size[i]
+    for i in range(n):
+        size[i] *= share
+    scaled = 0.0
+    for i in range(n):
+        outside = max(lower[i] - z[i], z[i] - upper[i])
+        if outside > 0.0:
+            scaled = max(scaled, min(outside * weight(W, i, size), 1.0 / EPS))
+        if abs(w[i]) <= rounding * terms[i]:
+            continue
+        room = z[i] - lower[i] if w[i] > 0.0 else upper[i] - z[i]
+        defect = abs(w[i]) / max(size[i], EPS * abs(w[i]))
+        if room > 0.0 and defect > scaled:
+            change = room * weight(W, i, size)
+            scaled = max(scaled, min(defect, change) if change > 0.0 else defect)
+    return scaled, most
 
 
 @compiled(types.UniTuple(f8, 3)(matrix, vector, vector, vector, vector, vector))
@@ -57,69 +128,52 @@ def measure(W: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array) 
     Returns
     -------
     scaled : float
-        The natural residual in units where max |M| = max |q| = 1; infinite where a number is not finite.
+        The largest defect of a row in its own unit, as `row_defect` defines it; infinite where a number is not finite.
     natural : float
         ‖z - P(z - w)‖_inf / max(1, ‖q‖_inf), in the units of the data.
     rounding : float
-        A bound of the rounding of w itself, in the units of ``scaled``: no z near this one can be told from it.
+        A bound of the rounding of w itself, in the units of ``scaled``: where it is large the check shows nothing.
     """
     n = len(q)
-    s = largest(W)
-    s = s if s > 0.0 else 1.0
-    p = unit(s, q, lower, upper)
     product(W, z, w)
-    scaled, natural, largest_q, sum_z = 0.0, 0.0, 1.0, 0.0
+    natural, largest_q = 0.0, 1.0
     for i in range(n):
         w[i] += q[i]
-        # In units first, so that a sum cannot overflow there; NaN fails every comparison.
-        x, y = z[i] * (s / p), w[i] / p
-        # x - P(x - y), in the form in which a large x does not swallow y.
-        defect = abs(max(min(y, x - lower[i] * (s / p)), x - upper[i] * (s / p)))
-        if not defect < np.inf:
-            return np.inf, np.inf, 0.0
-        scaled = max(scaled, defect)
+        # z - P(z - w), in the form in which a large z does not swallow w.
         natural = max(natural, abs(max(min(w[i], z[i] - lower[i]), z[i] - upper[i])))
         largest_q = max(largest_q, abs(q[i]))
-        sum_z += abs(x)
-    terms = min(n, 2 * W.shape[0] - 1) + 2
-    rounding = terms * EPS * (1.0 + sum_z)
-    # The bound by the norms is cheap; where it would decide, the one by rows is taken.
-    if rounding > 1e-3 * WRONG or (scaled > 1e-12 and rounding > 1e-13):
-        rounding = terms * EPS * magnitude(W, q, z) / p
-    return scaled, natural / largest_q, rounding
+    scaled, rounding = row_defect(W, q, lower, upper, z, w, (min(n, 2 * W.shape[0] - 1) + 2) * EPS)
+    return scaled, natural / largest_q if scaled < np.inf else np.inf, rounding
 
 
 @compiled(f8(matrix, vector, vector, f8))
 def clear_residual(M: Array, q: Array, z: Array, tol: float) -> float:
-    """Return the scaled residual of a plain LCP if it and the rounding of w are within ``tol``, and infinity if not.
+    """Return the scaled residual of a plain LCP if each row is within ``tol`` of its own q_i, and infinity if not.
 
     It is the first look of a time loop at a few rows; what is not clear is for `measure` and `holds` to judge.
     """
     n = len(q)
-    s, p, residual, sum_z = 0.0, 0.0, 0.0, 0.0
+    residual = 0.0
     for i in range(n):
-        p = max(p, abs(q[i]))
-        sum_z += abs(z[i])
+        w, terms = q[i], abs(q[i])
         for j in range(n):
-            s = max(s, abs(M[i, j]))
-    for i in range(n):
-        w = q[i]
-        for j in range(n):
-            w += M[i, j] * z[j]
-        residual = max(residual, abs(min(w, s * z[i])))
-    if residual <= tol * p and (n + 2) * EPS * (p + s * sum_z) <= tol * p:
-        return residual / p if p > 0.0 else 0.0
-    return np.inf
+            term = M[i, j] * z[j]
+            w += term
+            terms += abs(term)
+        if z[i] == 0.0:
+            if not w >= -tol * abs(q[i]):
+                return np.inf
+        elif not (z[i] > 0.0 and abs(w) <= tol * abs(q[i]) and (n + 2) * EPS * terms <= tol * abs(q[i])):
+            return np.inf
+        else:
+            residual = max(residual, abs(w) / abs(q[i]))
+    return residual
 
 
 @compiled(types.boolean(f8, f8, f8))
 def holds(scaled: float, rounding: float, tol: float) -> bool:
-    """Return whether an answer may be called solved.
-
-    Its residual must be within ``tol``, or within the rounding of the check; and where rounding alone is larger than
-    both ``tol`` and `WRONG`, the check shows nothing.
-    """
-    return rounding <= max(tol, WRONG) and scaled <= max(tol, min(rounding, WRONG))
+    """Return whether an answer may be called solved: its rows are within ``tol``, and the check is no mere rounding."""
+    return rounding <= max(tol, WRONG) and scaled <= tol
 
 
 @compiled(types.boolean(matrix, vector, vector, vector, vector))
@@ -131,7 +185,7 @@ def proves_infeasible(W: Array, q: Array, lower: Array, upper: Array, v: Array) 
     is, any where neither is, 0 where both are; and the largest value of (Mᵀ v)·z over the box stands for the first term.
     """
     n = len(q)
-    u, c, sizes = np.empty(n), np.empty(n), np.empty(n)
+    u, c, terms_of = np.empty(n), np.empty(n), np.empty(n)
     size = 0.0
     for i in range(n):
         size = max(size, abs(v[i]))
@@ -147,12 +201,12 @@ def proves_infeasible(W: Array, q: Array, lower: Array, upper: Array, v: Array) 
         total += q[i] * u[i]
         terms += abs(q[i] * u[i])
     transposed_product(W, u, c)
-    absolute_product(W, u, sizes)
+    absolute_transposed_product(W, u, terms_of)
     for j in range(n):
         bound = upper[j] if c[j] > 0.0 else lower[j]
         if abs(bound) < np.inf:
             total += c[j] * bound
             terms += abs(c[j] * bound)
-        elif abs(c[j]) > 64.0 * n * EPS * sizes[j]:
+        elif abs(c[j]) > 64.0 * n * EPS * terms_of[j]:
             return False
     return total < -1e-9 * terms

@@ -7,6 +7,7 @@ with compilation switched off the same addresses are called through ctypes, and 
 from __future__ import annotations
 
 import ctypes
+import math
 from typing import Any
 
 import llvmlite.binding
@@ -16,11 +17,15 @@ from numba.extending import get_cython_function_address
 
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import COMPILING, compiled, f8, i8, matrix, vector
+from lcpimpact.lcp.scaling import equilibrate
 
 SMALL = 20
 """Order up to which loops are faster than a call of LAPACK."""
 
 EPS = 2.0**-52
+
+SINGULAR = 1e-14
+"""Largest pivot that is rounding, where the entries are near one."""
 
 
 def _routine(module: str, name: str, arguments: int, returns: Any = types.void) -> Any:
@@ -145,8 +150,8 @@ def cholesky_solve(A: Array, b: Array) -> bool:
 
 
 @compiled(types.boolean(matrix, vector))
-def lu_solve(A: Array, b: Array) -> bool:
-    """Overwrite b with A⁻¹ b, and A with its elimination; return False if A is singular to rounding."""
+def eliminate(A: Array, b: Array) -> bool:
+    """Overwrite b with A⁻¹ b, and A with its elimination; return False if A is singular, its entries being near one."""
     n = len(b)
     if n > SMALL:
         columns = A.T.copy()
@@ -155,17 +160,16 @@ def lu_solve(A: Array, b: Array) -> bool:
         _dgesv(
             order.ctypes, one.ctypes, columns.ctypes, order.ctypes, swaps.ctypes, b.ctypes, order.ctypes, info.ctypes
         )  # fmt: skip
-        scale, least = largest(A), np.inf
+        least = np.inf
         for k in range(n):
             least = min(least, abs(columns[k, k]))
-        return info[0] == 0 and least > 1e-14 * scale
-    scale = largest(A)
+        return info[0] == 0 and least > SINGULAR
     for k in range(n):
         p = k
         for i in range(k + 1, n):
             if abs(A[i, k]) > abs(A[p, k]):
                 p = i
-        if not abs(A[p, k]) > 1e-14 * scale:
+        if not abs(A[p, k]) > SINGULAR:
             return False
         if p != k:
             for j in range(k, n):
@@ -182,3 +186,46 @@ def lu_solve(A: Array, b: Array) -> bool:
             b[k] -= A[k, j] * b[j]
         b[k] /= A[k, k]
     return True
+
+
+@compiled(f8(f8))
+def unit_of(x: float) -> float:
+    """Return the power of two that brings x between 1/2 and 1, or 1 for zero: it multiplies without rounding."""
+    return math.ldexp(1.0, max(-math.frexp(x)[1], -1000)) if 0.0 < x < np.inf else 1.0
+
+
+@compiled(types.boolean(matrix, vector))
+def lu_solve(A: Array, b: Array) -> bool:
+    """Overwrite b with A⁻¹ b, and A with its elimination; return False if A is singular to rounding.
+
+    The rows and then the columns are first brought to a largest entry near one, so that no unit makes a row look singular.
+    Where one does so still, because rows and columns have units of many sizes, the means of their entries are brought there.
+    """
+    n = len(b)
+    row, unit, kept, right = np.empty(n), np.empty(n), A.copy(), b.copy()
+    for i in range(n):
+        found: float = 0.0
+        for j in range(n):
+            found = max(found, abs(A[i, j]))
+        factor = unit_of(found)
+        b[i] *= factor
+        for j in range(n):
+            A[i, j] *= factor
+    for j in range(n):
+        found = 0.0
+        for i in range(n):
+            found = max(found, abs(A[i, j]))
+        unit[j] = unit_of(found)
+        for i in range(n):
+            A[i, j] *= unit[j]
+    regular = eliminate(A, b)
+    if not regular:
+        equilibrate(kept, row, unit)
+        for i in range(n):
+            b[i] = right[i] * row[i]
+            for j in range(n):
+                A[i, j] = kept[i, j] * row[i] * unit[j]
+        regular = eliminate(A, b)
+    for j in range(n):
+        b[j] *= unit[j]
+    return regular

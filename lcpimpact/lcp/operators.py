@@ -318,19 +318,27 @@ class Factored(Delassus):
         """That of M."""
         return self.n, self.n
 
-    def largest(self) -> float:
-        """Return max |M|, which a semidefinite matrix has on its diagonal."""
+    def _roots(self) -> Array:
+        """Return sqrt(M_ii), with which |M_ij| <= sqrt(M_ii M_jj) for a semidefinite M."""
         d = np.empty(self.n)
         self.diagonal(d)
-        return float(d.max())
+        return np.sqrt(d)
 
     def absolute_product(self, v: Array, c: Array) -> None:
         """Set c to a bound of |M| |v|."""
-        c[:] = self.largest() * np.abs(v).sum()
+        roots = self._roots()
+        c[:] = roots * (roots @ np.abs(v))
 
-    def magnitude(self, q: Array, z: Array) -> float:
-        """Return a bound of max_i (|M| |z| + |q|)_i."""
-        return self.largest() * float(np.abs(z).sum()) + float(np.abs(q).max())
+    def spread(self, j: int, x: float, c: Array) -> None:
+        """Add a bound of |M_·j x| to c."""
+        roots = self._roots()
+        c += roots * (roots[j] * abs(x))
+
+    def weight(self, j: int, size: Array) -> float:
+        """Return a bound of max_i |M_ij| / size_i."""
+        roots = self._roots()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return float(np.nanmax(np.append(roots * roots[j] / size, 0.0)))
 
     def product(self, z: Array, w: Array) -> None:
         """Set w = H A⁻¹ Hᵀ z."""
@@ -485,6 +493,8 @@ def _symmetric(M: Delassus) -> bool:
 
 
 def _positive_diagonal(M: Delassus) -> bool:
+    if not isinstance(M, Factored):
+        return storage.has_positive_diagonal(M.W)
     d = np.empty(M.n)
     M.diagonal(d)
     return bool((d > 0.0).all())

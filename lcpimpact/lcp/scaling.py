@@ -1,4 +1,4 @@
-"""The units in which a method works: those that give M a unit diagonal."""
+"""The units in which a method works: those that give M a unit diagonal, or entries near one."""
 
 from __future__ import annotations
 
@@ -20,3 +20,32 @@ def units(M: Array, q: Array, unit: Array) -> None:
             for j in range(n):
                 size = max(size, max(abs(M[i, j]), abs(M[j, i])))
         unit[i] = 1.0 / np.sqrt(size) if size > 0.0 else 1.0
+
+
+SWEEPS = 4
+"""Passes over rows and columns, after which their entries hardly come nearer to one."""
+
+
+@compiled(types.void(matrix, vector, vector))
+def equilibrate(M: Array, row: Array, column: Array) -> None:
+    """Set ``row`` and ``column`` so that the entries of diag(row) M diag(column) are near one.
+
+    In each row and column the largest and the least entry are, as far as can be, inverse to each other.
+    """
+    n = len(M)
+    row[:] = 1.0
+    column[:] = 1.0
+    for sweep in range(2 * SWEEPS):
+        by_rows = sweep % 2 == 0
+        for i in range(n):
+            most, least = 0.0, np.inf
+            for j in range(n):
+                value = abs(M[i, j]) * row[i] * column[j] if by_rows else abs(M[j, i]) * row[j] * column[i]
+                if value > 0.0:
+                    most, least = max(most, value), min(least, value)
+            if 0.0 < most < np.inf:
+                factor = 1.0 / (np.sqrt(most) * np.sqrt(least))
+                if by_rows:
+                    row[i] *= factor
+                else:
+                    column[i] *= factor

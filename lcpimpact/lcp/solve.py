@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
-from lcpimpact.lcp import SOLVERS, judge
+from lcpimpact.lcp import SOLVERS, judge, rational
 from lcpimpact.lcp.farkas import infeasibility
 from lcpimpact.lcp.operators import Delassus, Dense, Factored, as_operator, finite_array, real_array
 from lcpimpact.lcp.problem import LCPSolution, bounds, is_plain
@@ -21,8 +21,11 @@ from lcpimpact.numbers import is_count, is_real
 STATUS = {int(each): each for each in Status}
 
 SOLVED = Status.SOLVED
-PROVEN = Status.SOLVED, Status.RAY
+PROVEN = Status.SOLVED, Status.RAY, Status.INFEASIBLE
 """Statuses after which no other method need be tried."""
+
+LARGEST_EXACT = 200
+"""Order up to which an answer in doubt is judged in rational arithmetic."""
 
 LARGEST_PROGRAM = 1_000
 """Order up to which a proof of infeasibility is looked for by a linear program."""
@@ -72,8 +75,8 @@ class PreparedLCP(NamedTuple):
             if solution.status in PROVEN:
                 break
             solution = self._fall_back(name, solution, right, guess, within, max_iter)
-        if state.fallbacks and solution.status not in (*PROVEN, Status.INFEASIBLE):
-            solution = self._prove(solution, right)
+        if state.fallbacks and solution.status not in PROVEN:
+            solution = self._decide(solution, right, within)
         if trace:
             solution = solution._replace(trace=self._trace(solution, right, guess, within, most))
         if throw and solution.status is not SOLVED:
@@ -88,16 +91,16 @@ class PreparedLCP(NamedTuple):
         z, w = np.zeros(len(q)) if guess is None else guess.copy(), np.empty(len(q))
         code, iterations = state.kernel(W, q, lower, upper, z, tol, max_iter)
         status, ray = STATUS[code], None
-        measure, proves_infeasible = judge.measure, judge.proves_infeasible
-        if type(W) is Factored:
-            measure, proves_infeasible = matrix_free(measure), matrix_free(proves_infeasible)
-        if status is Status.RAY:
-            ray, z = z, np.minimum(np.maximum(0.0, lower), upper)
-            if not proves_infeasible(W, q, lower, upper, ray):
-                status, ray = Status.UNDECIDED, None
+        measure = matrix_free(judge.measure) if type(W) is Factored else judge.measure
+        if status in (Status.RAY, Status.INFEASIBLE):
+            status, ray = self._disproved(q, z if status is Status.RAY else None)
+            z = np.minimum(np.maximum(0.0, lower), upper)
         scaled, natural, rounding = measure(W, q, lower, upper, z, w)
         if status is not SOLVED or not (scaled <= tol and rounding <= tol):
             status = verdict(status, scaled, rounding, tol)
+            if status is Status.INACCURATE and self._in_doubt(rounding, tol):
+                w, scaled, natural = self._without_rounding(q, z)
+                status = verdict(SOLVED, scaled, 0.0, tol)
             if status is not SOLVED:
                 # What a method had reached may lie anywhere; what is handed back lies between the bounds.
                 z = np.minimum(np.maximum(np.where(np.isfinite(z), z, 0.0), lower), upper)
@@ -115,18 +118,61 @@ class PreparedLCP(NamedTuple):
         except UnsupportedError:
             return before
         after = self._attempt(state, q, guess, tol, limits(method, None, max_iter)[1])
-        # That all bases were tried in vain is worth more than the failure of a method that tried some.
-        keeps = before.status is Status.INFEASIBLE and after.status not in PROVEN
-        better = before if keeps else after
+        # A method that fails does not overrule the nearer answer of one before.
+        fails = after.status not in PROVEN and not after.residual < before.residual
+        better = before if fails else after
         return better._replace(iterations=before.iterations + after.iterations, route=(*before.route, name))
 
+    def _disproved(self, q: Array, ray: Array | None) -> tuple[Status, Array | None]:
+        """Return RAY or INFEASIBLE if it is proved in rational arithmetic that there is no solution, else UNDECIDED."""
+        problem = self.operator, q, self.lower, self.upper
+        found = None if ray is None else rational.proof(*problem, ray)
+        if found is not None:
+            return Status.RAY, found
+        decision = rational.decide(*problem)
+        if decision is None or decision.z is not None:
+            return Status.UNDECIDED, None
+        if decision.ray is not None:
+            found = rational.nearest_floats(decision.ray)
+            if rational.proves_infeasible(*problem, found):
+                return Status.RAY, found
+        return Status.INFEASIBLE, None
+
+    def _in_doubt(self, rounding: float, tol: float) -> bool:
+        """Return whether it is rounding that hides whether an answer holds, and rational arithmetic can tell."""
+        small = self.operator.n <= LARGEST_EXACT and not isinstance(self.operator, Factored)
+        return small and not rounding <= max(tol, judge.WRONG)
+
+    def _without_rounding(self, q: Array, z: Array) -> tuple[Array, float, float]:
+        """Return w, computed in rational arithmetic, and the residuals with it, scaled and natural."""
+        M, lower, upper = self.operator.array(), self.lower, self.upper
+        w = rational.image(self.operator, q, z)
+        natural = np.abs(np.maximum(np.minimum(w, z - lower), z - upper)).max() / max(1.0, np.abs(q).max())
+        return w, judge.row_defect(M, q, lower, upper, z, w, 0.0)[0], float(natural)
+
+    def _decide(self, solution: LCPSolution, q: Array, tol: float) -> LCPSolution:
+        """Decide what every method has left undecided: few rows in rational arithmetic, more by a linear program."""
+        problem = self.operator, q, self.lower, self.upper
+        decision = rational.decide(*problem)
+        if decision is None:
+            return self._prove(solution, q)
+        route = (*solution.route, "rational arithmetic")
+        if decision.z is None:
+            status, ray = self._disproved(q, None)
+            return solution._replace(status=status, ray=ray, route=route)
+        z = np.minimum(np.maximum(rational.floats(decision.z), self.lower), self.upper)
+        w, scaled, natural = self._without_rounding(q, z)
+        return solution._replace(
+            z=z, w=w, status=verdict(SOLVED, scaled, 0.0, tol), residual=natural, route=route, ray=None
+        )
+
     def _prove(self, solution: LCPSolution, q: Array) -> LCPSolution:
-        """Look for a proof that there is no solution, after every method was left undecided."""
+        """Look for a proof that there is no solution by a linear program."""
         if self.operator.n > LARGEST_PROGRAM:
             return solution
-        M = self.operator.array()
-        ray = infeasibility(M, q, self.lower, self.upper)
-        if ray is None or not judge.proves_infeasible(M, q, self.lower, self.upper, ray):
+        found = infeasibility(self.operator.array(), q, self.lower, self.upper)
+        ray = None if found is None else rational.proof(self.operator, q, self.lower, self.upper, found)
+        if ray is None:
             return solution
         return solution._replace(status=Status.RAY, ray=ray, route=(*solution.route, "linear program"))
 

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, TypeAlias
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import COMPILING, F, interpreted
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.lcp.judge import measure
+from lcpimpact.lcp.judge import measure, row_defect, sizes
 from lcpimpact.lcp.operators import Delassus, Dense, Factored, Property
 
 Kernel: TypeAlias = Callable[[Any, Array, Array, Array, Array, float, int], tuple[int, int]]
@@ -118,9 +118,12 @@ def matrix_free(function: F) -> F:
         "product": Factored.product,
         "transposed_product": Factored.product,
         "absolute_product": Factored.absolute_product,
+        "absolute_transposed_product": Factored.absolute_product,
+        "spread": Factored.spread,
+        "weight": Factored.weight,
         "column": Factored.column,
         "diagonal": Factored.diagonal,
-        "largest": Factored.largest,
-        "magnitude": Factored.magnitude,
     }
-    return interpreted(function, **asked, measure=interpreted(measure, **asked))
+    for each in (sizes, row_defect, measure):
+        asked[each.__name__] = interpreted(each, **asked)
+    return interpreted(function, **asked)

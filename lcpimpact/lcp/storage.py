@@ -56,20 +56,60 @@ def transposed_product(W: Array, v: Array, c: Array) -> None:
 
 
 @compiled(types.void(matrix, vector, vector))
-def absolute_product(W: Array, v: Array, c: Array) -> None:
-    """Set c = |M|ᵀ |v|, which times ε bounds the rounding of Mᵀ v."""
+def absolute_product(W: Array, z: Array, c: Array) -> None:
+    """Set c = |M| |z|, which times ε bounds the rounding of M z."""
     bands, n = W.shape
-    c[:] = 0.0
     if bands == n:
+        columns, count = np.empty(n, np.int64), 0
+        for j in range(n):
+            if z[j] != 0.0:
+                columns[count] = j
+                count += 1
         for i in range(n):
-            for j in range(n):
-                c[j] += abs(W[i, j] * v[i])
+            total = 0.0
+            for k in range(count):
+                total += abs(W[i, columns[k]] * z[columns[k]])
+            c[i] = total
         return
+    c[:] = 0.0
     for k in range(bands):
         for j in range(n - k):
-            c[j + k] += abs(W[k, j] * v[j])
+            c[j + k] += abs(W[k, j] * z[j])
         for j in range(n - k if k > 0 else 0):
-            c[j] += abs(W[k, j] * v[j + k])
+            c[j] += abs(W[k, j] * z[j + k])
+
+
+@compiled(types.void(matrix, vector, vector))
+def absolute_transposed_product(W: Array, v: Array, c: Array) -> None:
+    """Set c = |M|ᵀ |v|."""
+    bands, n = W.shape
+    if bands != n:
+        absolute_product(W, v, c)
+        return
+    c[:] = 0.0
+    for i in range(n):
+        for j in range(n):
+            c[j] += abs(W[i, j] * v[i])
+
+
+@compiled(types.void(matrix, i8, f8, vector))
+def spread(W: Array, j: int, x: float, c: Array) -> None:
+    """Add |M_·j x| to c."""
+    bands, n = W.shape
+    for i in range(0 if bands == n else max(0, j - bands + 1), n if bands == n else min(n, j + bands)):
+        c[i] += abs(entry(W, i, j) * x)
+
+
+@compiled(f8(matrix, i8, vector))
+def weight(W: Array, j: int, size: Array) -> float:
+    """Return max_i |M_ij| / size_i: what a change of z_j by one changes in any row, relative to the size of the row."""
+    bands, n = W.shape
+    found: float = 0.0
+    for i in range(0 if bands == n else max(0, j - bands + 1), n if bands == n else min(n, j + bands)):
+        value = abs(entry(W, i, j))
+        if value > found * size[i]:
+            found = value / size[i]
+    return found
 
 
 @compiled(types.void(matrix, i8, vector))
@@ -90,6 +130,15 @@ def diagonal(W: Array, d: Array) -> None:
     """Set d = (M_ii)."""
     for i in range(len(d)):
         d[i] = entry(W, i, i)
+
+
+@compiled(types.boolean(matrix))
+def has_positive_diagonal(W: Array) -> bool:
+    """Return whether every M_ii > 0."""
+    positive = True
+    for i in range(W.shape[1]):
+        positive = positive and entry(W, i, i) > 0.0
+    return positive
 
 
 @compiled(f8(matrix, i8, vector))

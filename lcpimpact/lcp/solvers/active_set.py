@@ -107,7 +107,7 @@ def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: fl
         size = max(size, abs(q[i]) / root[i])
         z[i] = min(max(z[i], lower[i]), upper[i])
 
-    k, entering, leaving, stalled = 0, NONE, NONE, 0
+    k, entering, leaving, stalled, fine = 0, NONE, NONE, 0, 2 * n
     for i in range(n):
         if z[i] != 0.0 or lower[i] < z[i] < upper[i]:
             column(W, i, C[i])
@@ -174,6 +174,18 @@ def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: fl
                     if stalled > n:
                         break
                     worst = wrong / root[i]
+        # What is rounding beside the largest terms may be all that a row of small ones has.
+        for i in range(n):
+            if entering != NONE or fine == 0:
+                break
+            if not free[i] and (w[i] < 0.0 if z[i] < upper[i] else w[i] > 0.0 and z[i] > lower[i]):
+                own = abs(q[i])
+                for j in range(n):
+                    if z[j] != 0.0:
+                        own += abs(z[j] * C[j, i])
+                if abs(w[i]) > 64.0 * EPS * own:
+                    entering = i
+                    fine -= 1
         if entering == NONE:
             return SOLVED, step
         e = entering

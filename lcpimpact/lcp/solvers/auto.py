@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lcpimpact.errors import UnsupportedError
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Delassus, Property, narrow
 from lcpimpact.lcp.solver import LCPSolver, State
+from lcpimpact.lcp.solvers.block_triangular import is_irreducible
 
 LARGEST_TABLEAU = 3_000
 
@@ -26,7 +28,17 @@ def methods(M: Delassus) -> tuple[str, ...]:
     # Who declares M no more than semidefinite may have redundant contacts; else the first factorisation finds that out.
     if Property.PSD in M.tags and not M.has(Property.P):
         return "active-set", "lemke", "enumeration"
-    return "block-pivoting", "active-set", "lemke", "enumeration"
+    whole = "block-pivoting", "active-set", "lemke", "enumeration"
+    return whole if is_irreducible(M.W) else ("block-triangular", *whole)
+
+
+def suits(name: str, M: Delassus) -> bool:
+    """Return whether M has all that a method requires."""
+    try:
+        SOLVERS[name].check(M)
+    except UnsupportedError:
+        return False
+    return True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +50,8 @@ class Auto(LCPSolver):
         few = narrow(M.W) if M.storage == "dense" and M.n >= SMALLEST_BAND else None
         chosen = M if few is None else few
         first, *others = methods(chosen)
-        if first == "active-set" and not M.has(Property.SYMMETRIC):
+        # What was made ready for one matrix takes many q, so it is the first that must suit; the last takes any M.
+        while others and not suits(first, chosen):
             first, *others = others
         state = SOLVERS[first].init(chosen)
         return State(state.W, state.kernel, state.compiled, first, tuple(others))
@@ -46,7 +59,7 @@ class Auto(LCPSolver):
 
 SOLVER = Auto(
     name="auto",
-    summary="by structure: closed-form, banded, block-pivoting, active-set, lemke, enumeration, until an answer holds",
+    summary="by structure: closed-form, banded, block-triangular or block-pivoting, then others until an answer holds",
     requires=(),
     storages=("dense", "banded", "factored"),
     boxed=True,

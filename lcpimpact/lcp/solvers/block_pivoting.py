@@ -12,7 +12,7 @@ from numba import types
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, matrix, vector
 from lcpimpact.errors import Status
-from lcpimpact.lcp.basis import basic_solution, sides
+from lcpimpact.lcp.basis import basic_solution, is_rounding, sides
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
@@ -25,6 +25,9 @@ UNDECIDED, MAX_ITER = int(Status.UNDECIDED), int(Status.MAX_ITER)
 
 SWEEPS = 4
 """Gauss-Seidel sweeps of a start without a guess."""
+
+NOWHERE = 2
+"""No side of a row."""
 
 PATIENCE = 5
 """How often the number of infeasible rows may fail to fall before rows are exchanged one at a time."""
@@ -57,8 +60,8 @@ def block_pivoting(
 
     A free row has w = 0 and z from M_αα z_α = -(q_α + M_αβ z_β); a row at a bound has the z of the bound and any w. It is
     infeasible if z lies outside its bounds, or w has the wrong sign; then it changes sides. Thresholds are those of the
-    problem scaled to a unit diagonal, with the rounding of a product added. Without a positive diagonal there is none, and
-    nothing is tried.
+    problem scaled to a unit diagonal, with the rounding of a product added; and those of each row by itself, as long as that
+    brings fewer infeasible rows. Without a positive diagonal there is none, and nothing is tried.
     """
     n = len(q)
     for i in range(n):
@@ -80,6 +83,7 @@ def block_pivoting(
         root[i] = np.sqrt(entry(W, i, i))
         size = max(size, abs(q[i]) / root[i])
     fewest, patience = n + 1, PATIENCE
+    before, at, power = np.full(n, NOWHERE), 0, 1
     for step in range(1, max_iter + 1):
         if not basic_solution(W, definite, q, lower, upper, side, z):
             return SINGULAR, step
@@ -94,10 +98,13 @@ def block_pivoting(
             basis[i] = n + i if side[i] == FREE else i
             w[i] += q[i]
             if side[i] == FREE:
-                tiny = rounding / root[i]
-                feasible = lower[i] - tiny <= z[i] <= upper[i] + tiny
+                excess, tiny = max(lower[i] - z[i], z[i] - upper[i]) * root[i] * root[i], rounding * root[i]
             else:
-                feasible = lower[i] == upper[i] or (w[i] if side[i] == LOWER else -w[i]) >= -rounding * root[i]
+                excess, tiny = -w[i] if side[i] == LOWER else w[i], rounding * root[i]
+                if lower[i] == upper[i]:
+                    excess = 0.0
+            # What is rounding beside the largest terms may be all that a row of small ones has.
+            feasible = excess <= 0.0 or (excess <= tiny and (patience < 0 or is_rounding(W, q, z, i, excess)))
             if not feasible:
                 wrong[infeasible] = i
                 infeasible += 1
@@ -108,8 +115,19 @@ def block_pivoting(
             return SOLVED, step
         if infeasible < fewest:
             fewest, patience = infeasible, PATIENCE
+            before[:], at, power = NOWHERE, 0, 1
         else:
             patience -= 1
+        if patience < 0:
+            # One row at a time never comes back to a basis if M is a P-matrix (Murty); if it is not, it soon may (Brent).
+            same = True
+            for i in range(n):
+                same = same and before[i] == side[i]
+            if same:
+                return UNDECIDED, step
+            if at == power:
+                before[:], at, power = side, 0, 2 * power
+            at += 1
         for a in range(infeasible - 1 if patience < 0 else 0, infeasible):
             i = wrong[a]
             if side[i] == FREE:

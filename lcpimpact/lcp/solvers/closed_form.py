@@ -47,6 +47,24 @@ def both_free(a: float, b: float, c: float, d: float, f: float, g: float) -> tup
     return -(f + b * y) / a, y
 
 
+@compiled(f8(*[f8] * 12))
+def two_row_defect(
+    a: float, b: float, c: float, d: float, f: float, g: float,
+    v: float, t: float, l0: float, l1: float, u0: float, u1: float,
+) -> float:  # fmt: skip
+    """Return how far (v, t) is from a solution of the rows a v + b t + f and c v + d t + g, each in the unit of its terms.
+
+    A variable is as far from a bound as what the difference changes in either row.
+    """
+    first, second = abs(a * v) + abs(b * t) + abs(f), abs(c * v) + abs(d * t) + abs(g)
+    first, second = first if first > 0.0 else 1.0, second if second > 0.0 else 1.0
+    x, y = (a * v + b * t + f) / first, (c * v + d * t + g) / second
+    by_v, by_t = max(abs(a) / first, abs(c) / second), max(abs(b) / first, abs(d) / second)
+    by_v, by_t = by_v if by_v > 0.0 else np.inf, by_t if by_t > 0.0 else np.inf
+    room_v, room_t = v - l0 if x > 0.0 else u0 - v, t - l1 if y > 0.0 else u1 - t
+    return max(min(abs(x), room_v * by_v if room_v > 0.0 else 0.0), min(abs(y), room_t * by_t if room_t > 0.0 else 0.0))
+
+
 @compiled(i8(matrix, vector, vector))
 def two_rows(M: Array, q: Array, z: Array) -> int:
     """Solve a plain LCP of two rows if a basis fits without a doubt about signs; return how many were tried, or 0."""
@@ -74,8 +92,8 @@ def two_rows(M: Array, q: Array, z: Array) -> int:
 def closed_form(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Solve one or two rows by trying their bases: a row at its lower bound, at its upper one, or free.
 
-    In units where max |M| = max |q| = 1. Each basis gives a candidate, and the one with the smallest residual stands if it
-    is within tol, so that rounding at a corner decides nothing.
+    In units where max |M| = max |q| = 1, so that nothing overflows. Each basis gives a candidate, and the one with the
+    smallest residual stands if it is within tol, so that rounding at a corner decides nothing.
     """
     if len(q) == 1 and W[0, 0] > 0.0:
         z[0] = min(max(-q[0] / W[0, 0], lower[0]), upper[0])
@@ -112,9 +130,7 @@ def closed_form(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: f
                 continue
             tried += 1
             v, t = min(max(v, l0), u0), min(max(t, l1), u1)
-            residual = max(
-                abs(max(min(a * v + b * t + f, v - l0), v - u0)), abs(max(min(c * v + d * t + g, t - l1), t - u1))
-            )
+            residual = two_row_defect(a, b, c, d, f, g, v, t, l0, l1, u0, u1)
             if residual < smallest:
                 x, y, smallest = v, t, residual
     z[0], z[1] = min(max(x / u, lower[0]), upper[0]), min(max(y / u, lower[1]), upper[1])

@@ -12,14 +12,14 @@ from lcpimpact.lcp.judge import holds, measure, proves_infeasible
 from lcpimpact.lcp.polish import polish
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, is_plain
 from lcpimpact.lcp.reduction import from_lcp, to_lcp
-from lcpimpact.lcp.scaling import units
+from lcpimpact.lcp.scaling import equilibrate, units
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.trace import note
 
 SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED), int(Status.MAX_ITER)
 
 COVERINGS = 4
-"""Covering vectors to try, one after another, while the method ends on a ray that proves nothing."""
+"""Covering vectors to try in each of the two units, one after another, while the path proves nothing."""
 
 GOLDEN = 0.6180339887498949
 
@@ -98,15 +98,16 @@ def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
 
     The problem is first scaled to a unit diagonal and max |q| = 1. Columns of the tableau: those outside the basis, then
     the right side; at first z, z0, q. The answer is recomputed from M and q for the final basis, so that rounding does not
-    accumulate over the pivots. A ray whose direction proves that there is no solution ends the method; after any other it
-    starts anew with another d. Bounds are turned into more unknowns first.
+    accumulate over the pivots. A ray whose direction proves that there is no solution ends the method; after any other, or
+    an answer that does not hold, it starts anew with another d, and at last with units of w and z that are not tied by the
+    diagonal. Bounds are turned into more unknowns first.
     """
     N, p, row, sign, base = W, q, np.arange(len(q)), np.ones(len(q)), np.zeros(len(q))
     if not is_plain(lower, upper):
         N, p, row, sign, base = to_lcp(W, q, lower, upper)
     n = len(p)
     zero, infinite = np.zeros(n), np.full(n, np.inf)
-    y, unit = np.zeros(n), np.empty(n)
+    y, unit, of_z = np.zeros(n), np.empty(n), np.empty(n)
     T, inside, outside, side = (
         np.empty((n, n + 2)),
         np.empty(n, np.int64),
@@ -115,23 +116,28 @@ def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
     )
     d, shift, w = np.empty(n), np.empty(n), np.empty(n)
     covering, right = 2 * n, n + 1
-    units(N, p, unit)
-    size, widest = 0.0, 0.0
+    status, count = SOLVED, 0
     for i in range(n):
-        size = max(size, -p[i] * unit[i])
-        widest = max(widest, unit[i])
-    status, count = UNDECIDED, 0
-    if size == 0.0:
-        status = SOLVED
-    attempt = 0
-    while status == UNDECIDED and attempt < COVERINGS:
+        status = UNDECIDED if p[i] < 0.0 else status
+    size, widest, attempt = 0.0, 0.0, 0
+    while status == UNDECIDED and attempt < 2 * COVERINGS:
         attempt += 1
+        if attempt == 1:
+            units(N, p, unit)
+            of_z[:] = unit
+        elif attempt == COVERINGS + 1:
+            equilibrate(N, unit, of_z)
+        if attempt == 1 or attempt == COVERINGS + 1:
+            size, widest = 0.0, 0.0
+            for i in range(n):
+                size = max(size, -p[i] * unit[i])
+                widest = max(widest, unit[i])
         r = 0
         outside[n] = covering
         for i in range(n):
             inside[i], outside[i] = i, n + i
             for j in range(n):
-                T[i, j] = -N[i, j] * unit[i] * unit[j]
+                T[i, j] = -N[i, j] * unit[i] * of_z[j]
             # d = (1, ..., 1) in the units of q; later tries spread it between 1 and 2 in those of the scaled problem.
             d[i] = unit[i] / widest if attempt == 1 else 1.0 + GOLDEN * (i + 1) * attempt % 1.0
             T[i, n] = -d[i]
@@ -154,7 +160,7 @@ def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
                 if inside[i] == covering:
                     z0 = T[i, right] * size
                 elif inside[i] >= n:
-                    y[inside[i] - n] = max(T[i, right], 0.0) * size * unit[inside[i] - n]
+                    y[inside[i] - n] = max(T[i, right], 0.0) * size * of_z[inside[i] - n]
             for i in range(n):
                 shift[i] = d[i] * z0 / unit[i]
             note(y, inside, entering, leaving, shift)
@@ -166,7 +172,7 @@ def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
                         side[inside[i] - n] = FREE
                 polish(N, p, zero, infinite, side, y)
                 scaled, _, rounding = measure(N, p, zero, infinite, y, w)
-                status = SOLVED if attempt == COVERINGS or holds(scaled, rounding, tol) else UNDECIDED
+                status = SOLVED if attempt == 2 * COVERINGS or holds(scaled, rounding, tol) else UNDECIDED
                 break
             wanted = leaving + n if leaving < n else leaving - n
             for j in range(n + 1):
@@ -177,9 +183,9 @@ def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
                 y[:] = 0.0
                 for i in range(n):
                     if inside[i] >= n and inside[i] != covering:
-                        y[inside[i] - n] = max(-T[i, c], 0.0) * unit[inside[i] - n]
+                        y[inside[i] - n] = max(-T[i, c], 0.0) * of_z[inside[i] - n]
                 if wanted >= n:
-                    y[wanted - n] = unit[wanted - n]
+                    y[wanted - n] = of_z[wanted - n]
                 status = RAY if proves_infeasible(N, p, zero, infinite, y) else UNDECIDED
                 break
     for i in range(len(q)):

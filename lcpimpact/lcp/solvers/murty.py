@@ -10,7 +10,7 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
-from lcpimpact.lcp.basis import basic_solution, sides
+from lcpimpact.lcp.basis import basic_solution, is_rounding, sides
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE
@@ -26,7 +26,7 @@ def murty(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
     """Exchange w_i and z_i of the least i whose basic variable is negative, until there is none.
 
     The rows of a guess with z > 0 are free at first. Thresholds are those of the problem scaled to a unit diagonal, with the
-    rounding of a product added.
+    rounding of a product added; ``fine`` times that of the row by itself decides.
     """
     n = len(q)
     definite = is_symmetric(W)
@@ -38,6 +38,7 @@ def murty(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
         root[i] = np.sqrt(entry(W, i, i))
         size = max(size, abs(q[i]) / root[i])
     entering, leaving = NONE, NONE
+    fine = 2 * n
     for step in range(1, max_iter + 1):
         if not basic_solution(W, definite, q, lower, upper, side, z):
             return SINGULAR, step
@@ -51,12 +52,13 @@ def murty(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
         rounding = 1e-14 * size + 8.0 * EPS * terms
         entering = NONE
         for i in range(n):
-            if side[i] == FREE and z[i] < -rounding / root[i]:
-                side[i], entering, leaving = LOWER, i, n + i
-                break
-            if side[i] == LOWER and w[i] + q[i] < -rounding * root[i]:
-                side[i], entering, leaving = FREE, n + i, i
-                break
+            excess = -z[i] * root[i] * root[i] if side[i] == FREE else -(w[i] + q[i])
+            if excess <= 0.0 or (excess <= rounding * root[i] and (fine == 0 or is_rounding(W, q, z, i, excess))):
+                continue
+            fine -= 1 if excess <= rounding * root[i] else 0
+            entering, leaving = (i, n + i) if side[i] == FREE else (n + i, i)
+            side[i] = LOWER if side[i] == FREE else FREE
+            break
         if entering == NONE:
             for i in range(n):
                 z[i] = max(z[i], 0.0)

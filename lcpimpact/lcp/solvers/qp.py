@@ -31,6 +31,9 @@ SOLVED, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.UNDECIDED), int(Sta
 
 FORMS = ("dual", "primal")
 
+NOISE = 0.1
+"""Share of the tolerance up to which a force, in units of max |q| = 1, is noise."""
+
 
 @dataclass(frozen=True)
 class Backend:
@@ -117,13 +120,17 @@ class QPSolver(LCPSolver):
             b = q * unit
             p = float(np.abs(b).max()) or 1.0
             b /= p
+            z[:] = 0.0
             scale = p * unit
             if dual:
                 limits = plain if is_plain(lower, upper) else {"lb": lower / scale, "ub": upper / scale}
                 solution, status, iterations = self._solve(P, b, limits, max_iter)
             else:
                 solution, status, iterations = self._solve(P, zero, {"G": G, "h": b}, max_iter)
-            z[:] = 0.0 if solution is None else (solution.x if dual else solution.z) * scale
+            if solution is not None:
+                x = solution.x if dual else solution.z
+                # A backend leaves noise where there is nothing, and a row of which nothing is given has no other measure.
+                z[:] = np.where(np.abs(x) > NOISE * self.call.tol, x, 0.0) * scale
             np.maximum(z, lower, out=z)
             np.minimum(z, upper, out=z)
             return status, iterations

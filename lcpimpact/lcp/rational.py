@@ -1,0 +1,349 @@
+r"""The problem in rational arithmetic: every float is a fraction, so what is decided here no rounding can have decided.
+
+A proof that there is no solution is checked here, and found again where rounding has spoilt it. For a few unknowns the
+problem is decided outright: the complementary pairs branch, and a linear program in whole numbers bounds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+from math import gcd
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.lcp.operators import Banded, Delassus, Factored
+from lcpimpact.lcp.reduction import to_lcp
+
+Whole: TypeAlias = Any
+"""An array of Python's integers."""
+
+LARGEST = 30
+"""Order up to which a problem is decided."""
+
+PIVOTS = 2_000
+"""Exchanges that deciding one problem may take: some seconds for the largest."""
+
+LARGEST_SUPPORT = 60
+"""Rows of a ray up to which its equations are solved in fractions."""
+
+DENOMINATORS = (1, 12, 1000)
+"""Largest denominators with which the entries of a ray are tried, in units of the largest."""
+
+
+class Decision(NamedTuple):
+    """What is true of a problem.
+
+    Attributes
+    ----------
+    z : list of Fraction, optional      a solution
+    ray : list of Fraction, optional    a proof that there is none, as `proves_infeasible` takes it
+
+    With neither there is no solution, though no such proof: every complementary basis was found not to fit.
+    """
+
+    z: list[Fraction] | None = None
+    ray: list[Fraction] | None = None
+
+
+def whole(x: Array) -> tuple[Whole, int]:
+    """Return integers m and an exponent e with x = m 2^e."""
+    mantissa, exponent = np.frexp(x)
+    m, e = (mantissa * 2.0**53).astype(np.int64).astype(object), exponent.astype(np.int64) - 53
+    least = int(e[x != 0.0].min(initial=0)) if (x != 0.0).any() else 0
+    return m * np.left_shift(np.ones(x.shape, object), np.where(x != 0.0, e - least, 0).astype(object)), least
+
+
+def power_of_two(e: int) -> Fraction:
+    """Return 2^e."""
+    return Fraction(2**e) if e >= 0 else Fraction(1, 2**-e)
+
+
+def transposed_product(M: Delassus, v: Array) -> tuple[Whole, int]:
+    """Return Mᵀ v as integers and an exponent."""
+    u, e = whole(v)
+    if isinstance(M, Banded):
+        bands, f = whole(M.bands)
+        c = bands[0] * u
+        for k in range(1, len(bands)):
+            below = bands[k, : M.n - k]
+            c[k:] = c[k:] + below * u[: M.n - k]
+            c[: M.n - k] = c[: M.n - k] + below * u[k:]
+        return c, e + f
+    rows = np.flatnonzero(v)
+    N, f = whole(M.array()[rows])
+    return u[rows] @ N, e + f
+
+
+def annuls(M: Factored, v: Array) -> bool:
+    """Return whether Hᵀ v = 0, so that M v = H A⁻¹ Hᵀ v = 0 without a rounding of A⁻¹."""
+    rows = np.flatnonzero(v)
+    u, _ = whole(v[rows])
+    H = M.H.tocsr()[rows].toarray() if hasattr(M.H, "tocsr") else M.H[rows]
+    return not (u @ whole(H)[0]).any()
+
+
+def proves_infeasible(M: Delassus, q: Array, lower: Array, upper: Array, v: Array) -> bool:
+    r"""Return whether v is a certificate that no z between the bounds has w of the right signs, without any rounding.
+
+    For lower = 0, upper = inf: v >= 0, Mᵀ v <= 0 and q·v < 0 (Farkas). In general as `judge.proves_infeasible` states it.
+    """
+    if not np.isfinite(v).all():
+        return False
+    below, above = lower > -np.inf, upper < np.inf
+    if (below & (v < 0.0)).any() or (above & (v > 0.0)).any():
+        return False
+    u, e = whole(v)
+    p, f = whole(q)
+    total = int(u @ p) * power_of_two(e + f)
+    if isinstance(M, Factored):
+        return total < 0 and annuls(M, v)
+    c, e = transposed_product(M, v)
+    bound = np.where(c > 0, upper, lower)
+    pushed = np.flatnonzero(c)
+    if not np.isfinite(bound[pushed]).all():
+        return False
+    terms, f = whole(bound[pushed])
+    return total + int(c[pushed] @ terms if len(pushed) else 0) * power_of_two(e + f) < 0
+
+
+def proof(M: Delassus, q: Array, lower: Array, upper: Array, v: Array) -> Array | None:
+    """Return a ray near v that proves that there is no solution, or None.
+
+    Rounding spoils the equations (Mᵀ v)_j = 0 of a ray, so beside v itself its entries are tried as short fractions, and as
+    what solves these equations.
+    """
+    for each in _neighbours(M, v):
+        if proves_infeasible(M, q, lower, upper, each):
+            return each
+    return None
+
+
+def _neighbours(M: Delassus, v: Array) -> Iterator[Array]:
+    size = float(np.abs(v).max(initial=0.0))
+    if not 0.0 < size < np.inf:
+        return
+    yield v
+    rows = np.flatnonzero(v)
+    if len(rows) > 2 * LARGEST_SUPPORT:
+        for digits in (0, 3, 9):
+            yield np.round(v / size, digits)
+        return
+    if isinstance(M, Factored):
+        N: Array = M.H.tocsr()[rows].toarray() if hasattr(M.H, "tocsr") else M.H[rows]
+        tight = np.ones(N.shape[1], bool)
+    else:
+        N = M.array()[rows]
+        tight = np.abs(v[rows] @ N) <= 1e-7 * (np.abs(v[rows]) @ np.abs(N))
+    # In units in which each row of M is near one, as rows of different units have entries of different size.
+    largest = np.abs(N).max(axis=1)
+    unit = np.where(largest > 0.0, np.exp2(np.round(np.log2(np.where(largest > 0.0, largest, 1.0)))), 1.0)
+    x = v[rows] * unit
+    x = np.where(np.abs(x) > 1e-11 * np.abs(x).max(), x, 0.0)
+    kept, x, N, unit = rows[x != 0.0], x[x != 0.0], N[x != 0.0], unit[x != 0.0]
+    short = [[Fraction(a).limit_denominator(most) for a in x / np.abs(x).max()] for most in DENOMINATORS]
+    found = [[a / Fraction(b) for a, b in zip(values, unit, strict=True)] for values in short]
+    if 0 < len(kept) <= LARGEST_SUPPORT:
+        guess = [a / Fraction(b) for a, b in zip(short[-1], unit, strict=True)]
+        found.append(_nearest_null_vector(N[:, tight], guess))
+    for values in found:
+        ray = np.zeros(M.n)
+        ray[kept] = nearest_floats(values)
+        yield ray
+
+
+def _nearest_null_vector(N: Array, guess: list[Fraction]) -> list[Fraction]:
+    """Return u with Nᵀ u = 0, whose free entries are those of ``guess``: of dependent rows the largest stay free."""
+    order = sorted(range(len(guess)), key=lambda i: abs(guess[i]))
+    rows = [[Fraction(float(N[i, j])) for i in order] for j in range(N.shape[1])]
+    pivots: list[tuple[int, list[Fraction]]] = []
+    for row in rows:
+        for at, other in pivots:
+            if row[at]:
+                factor = row[at]
+                row = [a - factor * b for a, b in zip(row, other, strict=True)]
+        first = next((k for k, a in enumerate(row) if a), None)
+        if first is None:
+            continue
+        row = [a / row[first] for a in row]
+        pivots = [
+            (k, [a - other[first] * b for a, b in zip(other, row, strict=True)] if other[first] else other)
+            for k, other in pivots
+        ]
+        pivots.append((first, row))
+    bound = {at for at, _ in pivots}
+    u = [Fraction(0) if k in bound else guess[i] for k, i in enumerate(order)]
+    for at, row in pivots:
+        u[at] = -sum((row[k] * u[k] for k in range(len(u)) if k not in bound), Fraction(0))
+    found = [Fraction(0)] * len(guess)
+    for k, i in enumerate(order):
+        found[i] = u[k]
+    return found
+
+
+def nearest_floats(values: list[Fraction]) -> Array:
+    """Return a multiple of the values in floats: as whole numbers without a common factor where these are floats."""
+    denominator = 1
+    for a in values:
+        denominator = denominator * a.denominator // gcd(denominator, a.denominator)
+    numbers = [int(a * denominator) for a in values]
+    common = gcd(*numbers) or 1
+    numbers = [a // common for a in numbers]
+    largest = max(map(abs, numbers), default=0)
+    if largest < 2**53:
+        return np.array([float(a) for a in numbers])
+    # No longer whole, and no larger than one; the power of two rounds nothing.
+    return np.array([float(Fraction(a, 2 ** largest.bit_length())) for a in numbers])
+
+
+def floats(values: list[Fraction]) -> Array:
+    """Return the nearest floats."""
+    return np.array([float(a) for a in values])
+
+
+def image(M: Delassus, q: Array, z: Array) -> Array:
+    """Return w = M z + q, rounded once; M dense or by its bands."""
+    N, p = M.array(), [Fraction(float(a)) for a in q]
+    x = [Fraction(float(a)) for a in z]
+    rows = [sum((Fraction(float(a)) * b for a, b in zip(row, x, strict=True) if a and b), Fraction(0)) for row in N]
+    return np.array([float(a + b) for a, b in zip(rows, p, strict=True)])
+
+
+class _Dictionary(NamedTuple):
+    """x_B = (b + A x_N) / D in integers, of the pairs (y_k, s_k): y_k has the number k, s_k the number n + k.
+
+    Attributes
+    ----------
+    A : (n, n + 1) array of int     the last column is b
+    D : int                         above zero
+    basic, nonbasic : list of int
+    zero : set of int               variables that are to be zero
+    """
+
+    A: Whole
+    D: int
+    basic: list[int]
+    nonbasic: list[int]
+    zero: frozenset[int]
+
+    def exchange(self, r: int, c: int) -> _Dictionary:
+        """Exchange a basic and a nonbasic variable; the divisions leave no remainder (Edmonds)."""
+        A, pivot = self.A, self.A[r, c]
+        sign = 1 if pivot > 0 else -1
+        new = sign * (A * pivot - np.outer(A[:, c], A[r])) // self.D
+        new[:, c] = sign * A[:, c]
+        new[r] = -sign * A[r]
+        new[r, c] = sign * self.D
+        basic, nonbasic = list(self.basic), list(self.nonbasic)
+        basic[r], nonbasic[c] = nonbasic[c], basic[r]
+        return _Dictionary(new, abs(pivot), basic, nonbasic, self.zero)
+
+
+def decide(M: Delassus, q: Array, lower: Array, upper: Array) -> Decision | None:
+    """Return what is true of a problem of a few rows, or None if that takes too long or M is not given by its entries.
+
+    Branch and bound: the pairs of the reduced LCP are bound by y >= 0, s >= 0 alone at first. Where no point fulfils that,
+    a ray proves it. Where the point found has a pair with both positive, one and then the other is set to zero.
+    """
+    if M.n > LARGEST or isinstance(M, Factored):
+        return None
+    N, p, row, sign, base, unit = _reduced(M, q, lower, upper)
+    n = len(p)
+    start = _Dictionary(np.column_stack([N, p]), 1, list(range(n, 2 * n)), list(range(n)), frozenset())
+    left = PIVOTS
+    stack: list[tuple[_Dictionary, int | None]] = [(start, None)]
+    while stack:
+        (A, D, basic, nonbasic, zero), fixed = stack.pop()
+        at: _Dictionary | None = _Dictionary(A, D, basic, nonbasic, zero)
+        if fixed is not None:
+            at = _set_to_zero(at, fixed)  # type: ignore[arg-type]
+        if at is None:
+            continue
+        at, infeasible, left = _feasible(at, left)
+        if left < 0:
+            return None
+        if infeasible is not None:
+            if fixed is None:
+                return Decision(ray=_ray(at, infeasible, row, sign, unit, M.n))
+            continue
+        value = {x: at.A[i, n] for i, x in enumerate(at.basic)}
+        both = [k for k in range(n) if value.get(k, 0) > 0 and value.get(n + k, 0) > 0]
+        if not both:
+            z = base.copy()
+            for a in range(n):
+                z[row[a]] += int(sign[a]) * Fraction(int(value.get(a, 0)), int(at.D))
+            return Decision(z=z)
+        stack += [(at, both[0]), (at, n + both[0])]
+    return Decision()
+
+
+def _reduced(
+    M: Delassus, q: Array, lower: Array, upper: Array
+) -> tuple[Whole, Whole, Indices, Array, list[Fraction], list[Fraction]]:
+    """Return `to_lcp` in integers, with the powers of two that the rows were multiplied by."""
+    full = M.array()
+    _, _, row, sign, start = to_lcp(full, q, lower, upper)
+    n = len(row)
+    entries = [[Fraction(float(a)) for a in line] for line in full]
+    base = [Fraction(float(a)) for a in start]
+    N, p, unit = np.zeros((n, n), object), np.zeros(n, object), [Fraction(1)] * n
+    for a in range(n):
+        i, s = int(row[a]), int(sign[a])
+        line = [Fraction(0)] * (n + 1)
+        if s == 0:
+            line[a - 1], line[n] = Fraction(-1), Fraction(float(upper[i])) - Fraction(float(lower[i]))
+        else:
+            for b in range(n):
+                line[b] = s * int(sign[b]) * entries[i][int(row[b])]
+            if a + 1 < n and sign[a + 1] == 0.0:
+                line[a + 1] = Fraction(1)
+            line[n] = s * (
+                Fraction(float(q[i])) + sum((x * y for x, y in zip(entries[i], base, strict=True)), Fraction(0))
+            )
+        unit[a] = Fraction(max(each.denominator for each in line))
+        whole_line = [int(each * unit[a]) for each in line]
+        common = gcd(*whole_line) or 1
+        unit[a] /= common
+        N[a], p[a] = [each // common for each in whole_line[:n]], whole_line[n] // common
+    return N, p, row, sign, base, unit
+
+
+def _set_to_zero(at: _Dictionary, x: int) -> _Dictionary | None:
+    """Return the dictionary with x = 0 as one more condition, or None if x is another number whatever the others are."""
+    at = at._replace(zero=at.zero | {x})
+    if x in at.nonbasic:
+        return at
+    r, n = at.basic.index(x), len(at.basic)
+    for c, other in enumerate(at.nonbasic):
+        if other not in at.zero and at.A[r, c] != 0:
+            return at.exchange(r, c)
+    return at if at.A[r, n] == 0 else None
+
+
+def _feasible(at: _Dictionary, left: int) -> tuple[_Dictionary, int | None, int]:
+    """Exchange until none is negative, by the least index (Bland): the dictionary, a row that stays so, pivots left."""
+    n = len(at.basic)
+    while left >= 0:
+        wrong = [(x, r) for r, x in enumerate(at.basic) if at.A[r, n] < 0]
+        if not wrong:
+            return at, None, left
+        _, r = min(wrong)
+        ways = [(x, c) for c, x in enumerate(at.nonbasic) if x not in at.zero and at.A[r, c] > 0]
+        if not ways:
+            return at, r, left
+        at = at.exchange(r, min(ways)[1])
+        left -= 1
+    return at, None, left
+
+
+def _ray(at: _Dictionary, r: int, row: Indices, sign: Array, unit: list[Fraction], n: int) -> list[Fraction]:
+    """Return the v of the row x_r = (b + A x_N) / D with b < 0 and A <= 0: v·s is a sum that is negative whatever y is."""
+    size, v = len(at.basic), [Fraction(0)] * n
+    weights = [(x, -at.A[r, c]) for c, x in enumerate(at.nonbasic)] + [(at.basic[r], at.D)]
+    for x, weight in weights:
+        if x >= size:
+            a = x - size
+            v[int(row[a])] += int(sign[a]) * int(weight) * unit[a]
+    return v
