@@ -129,20 +129,22 @@ def cross_validate(
     """Take several independent routes to one motion, and judge whether they lead to the same.
 
     Each route is run with several steps or tolerances, tells its own error from them, and may differ by no more than those
-    errors. The exit code is 1 if the routes do not agree.
+    errors, in coordinates, velocities, forces, impulses and events. The exit code is 0 only if routes of different families
+    confirm each other in all of it; it is 1 if they do not agree, and if there is nothing to judge by.
 
     Example: lcpimpact cross-validate my.toml --routes exact,moreau-jean,moreau-jean:qp:osqp,siconos --report verdict.html
     """
     check_outputs((out,), plot, report)
     told = chosen(problem, set_, None, dt, t_end)
-    from lcpimpact.study import cross_validation
+    from lcpimpact.study.cross_validation import cross_validate as validate
+    from lcpimpact.study.routes import CLOSED_FORM
 
     end = told.problem.t_end if told.run.t_end is None else told.run.t_end
     named = [each.strip() for each in routes.split(",") if each.strip()] if routes is not None else None
     if named is not None:
-        named = [cross_validation.CLOSED_FORM if each == "closed-form" else each for each in named]
-    verdict = cross_validation.cross_validate(told.problem, named, dt=dt, t_end=end, tolerance=tolerance, watch=bar)
-    columns = ["route", "against", "difference", "allowed", "observed", "declared", "agrees"]
+        named = [CLOSED_FORM if each == "closed-form" else each for each in named]
+    verdict = validate(told.problem, named, dt=dt, t_end=end, tolerance=tolerance, watch=bar)
+    columns = ["route", "family", "against", "difference", "allowed", "observed", "declared", "events", "agrees"]
     taken = verdict.table[verdict.table["failure"] == ""]
     first, *reasons = str(verdict).split("\n")
     lines = [first, "", *_lines(taken[columns], ".2g"), *[""] * bool(reasons), *reasons]
@@ -207,10 +209,11 @@ def _report_verdict(verdict: CrossValidation, path: Path) -> str:
 
     said = "".join(f"<li>{escape(reason)}</li>" for reason in verdict.reasons)
     lead = (
-        f"<p>{escape(verdict.problem.name)} by {int((verdict.table['failure'] == '').sum())} independent routes. Each tells "
-        "its own error from several steps or tolerances; the differences may be no larger than those errors allow.</p>"
+        f"<p>{escape(verdict.problem.name)} by {int((verdict.table['failure'] == '').sum())} routes. Each tells its own "
+        "error from several steps or tolerances; the differences may be no larger than those errors allow, and routes "
+        "confirm each other only if their families differ and their refinement shows the order that they declare.</p>"
     )
-    words = "The routes agree." if verdict.agree else "The routes do not agree."
+    words = f"{verdict.outcome.value.capitalize()}."
     sections = [
         Section(
             "Verdict", f"<p>{words}</p><ul>{said}</ul>", figures=[plot_cross_validation(verdict)], verdict=verdict.agree

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lcpimpact.cli.options import End, Named, Plot, Report, Set, Table, bar, check_outputs, chosen, say, write_table
-from lcpimpact.errors import InputError
+from lcpimpact.errors import FailureError, InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -141,6 +141,8 @@ def bifurcation(
         watch=bar,
         **told.run.options,
     )
+    if (table["failure"] != "").all():
+        raise FailureError(f"no value of {name} has a result: {table['failure'].iloc[0]}", None)
     branches = []
     if orbit:
         branch = continue_orbit(

@@ -172,7 +172,9 @@ def _sides(solution: LCPSolution, q: Array, lower: Array, upper: Array) -> list[
 def _answer(solution: LCPSolution, side: list[str]) -> Iterator[str]:
     yield f"{'row':>5} {'z':>14} {'w':>14}  side"
     for i in _shown(len(solution.z)):
-        yield "  ..." if i is None else f"{i + 1:>5} {solution.z[i]:>14.6g} {solution.w[i]:>14.6g}  {side[i]}"
+        yield (
+            "  ..." if i is None else f"{i + 1:>5} {solution.z[i] + 0.0:>14.6g} {solution.w[i] + 0.0:>14.6g}  {side[i]}"
+        )
 
 
 def _shown(n: int) -> Iterator[int | None]:

@@ -22,7 +22,7 @@ def simulate(
     dt: Step = None,
     t_end: End = None,
     solver: Solver = None,
-    out: Annotated[Path | None, typer.Option(help="File for the run: .csv, .npz or .nc.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File for the run: .csv (events beside it), .npz or .nc.")] = None,
     plot: Annotated[Path | None, typer.Option(help="File for a picture of the run: .png, .svg or .pdf.")] = None,
 ) -> None:
     """Run one problem by one method, say what came out, and write it to a file if asked.
@@ -33,7 +33,7 @@ def simulate(
     Example: lcpimpact simulate system-1 --set c_o=300 --set theta=1 --dt 1e-3 --out run.csv --plot run.png
     """
     from lcpimpact.plotting.style import METADATA as DRAWN_AS
-    from lcpimpact.trajectory import SAVED_AS
+    from lcpimpact.trajectory import SAVED_AS, events_beside
 
     if out is not None:
         check_output(out, SAVED_AS)
@@ -43,6 +43,8 @@ def simulate(
     lines = [str(trajectory), *_facts(trajectory)]
     if out is not None:
         lines.append(f"  wrote       {trajectory.save(out)}")
+        if out.suffix == ".csv":
+            lines.append(f"  wrote       {events_beside(out)}")
     if plot is not None:
         trajectory.plot(plot)
         lines.append(f"  drew        {plot}")

@@ -32,7 +32,7 @@ from lcpimpact.plotting.layout import CEILING, Layout
 from lcpimpact.plotting.schematic import INCH, Line, Piece, Posture, extent, paint, picture
 from lcpimpact.plotting.style import INK, SOFT, style
 from lcpimpact.plotting.timeline import shown_events
-from lcpimpact.plotting.trajectory import Panel, draw_panel, panels, reaction_names, title_of
+from lcpimpact.plotting.trajectory import Panel, draw_panel, force_names, panels, title_of
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.trajectory import Trajectory
@@ -261,7 +261,7 @@ def stage(trajectory: Trajectory, times: Array) -> tuple[Layout, list[Posture]]:
     scale = TRAVEL / largest if largest > 0.0 else 1.0
     layout = Layout(problem.scheme.elements, partial(_travel, q, scale), scale)
 
-    pressed = _pressed(trajectory, times, state.reaction)
+    pressed = _pressed(trajectory, times, np.hstack([state.reaction, dynamics.push(state.q, state.v)]))
     rest = layout.y
     moved = {node: scale * each for node, each in q.items()}
     postures = []
@@ -278,12 +278,12 @@ def _travel(q: Mapping[str, Array], scale: float, top: str, bottom: str) -> tupl
     return float(apart.min()), float(apart.max())
 
 
-def _pressed(trajectory: Trajectory, times: Array, reaction: Array) -> dict[str, Array]:
+def _pressed(trajectory: Trajectory, times: Array, force: Array) -> dict[str, Array]:
     """Return how hard each contact is pressed at each time, from 0 to 1, an impulse as 1 for an instant."""
-    contacts = trajectory.problem.dynamics.contacts
-    r = np.nan_to_num(reaction)
-    largest = max(float(np.abs(r).max(initial=0.0)), float(np.abs(np.nan_to_num(trajectory.reaction)).max(initial=0.0)))
-    found = {contact.name: np.abs(r[:, i]) / (largest or 1.0) for i, contact in enumerate(contacts)}
+    names = [each.name for each in trajectory.problem.dynamics.forces]
+    r = np.nan_to_num(force)
+    largest = max(float(np.abs(r).max(initial=0.0)), float(np.abs(np.nan_to_num(trajectory.forces)).max(initial=0.0)))
+    found = {name: np.abs(column) / (largest or 1.0) for name, column in zip(names, r.T, strict=True)}
     # A frame stands for FLASH/SECONDS of the run at least.
     instant = FLASH / SECONDS * (times[-1] - times[0])
     for event in shown_events(trajectory):
@@ -297,7 +297,7 @@ def _to_show(trajectory: Trajectory) -> list[Panel]:
     impacts = [event for event in shown_events(trajectory) if event.impulse > 0.0]
     if not impacts:
         return panels(trajectory)
-    names = reaction_names(trajectory)
+    names = force_names(trajectory)
     needles = np.full((3 * len(impacts), len(names)), np.nan)
     for i, event in enumerate(impacts):
         needles[3 * i : 3 * i + 2, names.index(event.contact)] = 0.0, event.impulse

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from lcpimpact.arrays import Array
 from lcpimpact.plotting.style import EXACT, INK, PALETTE, SOFT, save, style
-from lcpimpact.plotting.timeline import curves, mark_events, math_text, shown_events, shown_nodes, shown_reactions
+from lcpimpact.plotting.timeline import curves, mark_events, math_text, shown_events, shown_forces, shown_nodes
 from lcpimpact.study.comparison import Comparison
 from lcpimpact.study.cross_validation import CrossValidation
 from lcpimpact.study.ledger import GIVEN, STORED, Ledger
@@ -72,9 +72,9 @@ def plot_comparison(comparison: Comparison, path: str | Path | None = None) -> F
         figure = Figure(figsize=(7.0, 1.5), layout="constrained")
         figure.text(0.5, 0.5, "no method reached the end", ha="center", va="center", color=SOFT)
         return _saved(figure, path)
-    nodes, contacts = shown_nodes(first)[:FEW], shown_reactions(first)[:FEW]
+    nodes, contacts = shown_nodes(first)[:FEW], shown_forces(first)[:FEW]
     impulsive = any(event.impulse > 0.0 for event in shown_events(first))
-    forces = bool(contacts) and not (impulsive and not np.nan_to_num(first.reaction[:, contacts]).any())
+    forces = bool(contacts) and not (impulsive and not np.nan_to_num(first.forces[:, contacts]).any())
     heights = [2.8, *[1.9] * forces, *[1.3] * impulsive, 1.6]
     figure = Figure(figsize=(7.0, 1.1 + sum(heights)), layout="constrained")
     axes = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
@@ -93,16 +93,18 @@ def plot_comparison(comparison: Comparison, path: str | Path | None = None) -> F
             every = max(1, len(run.t_reaction) // MARKERS)
             shift = (number * every) // max(1, len(runs))
             axes[1].plot(
-                run.t_reaction, run.reaction[:, contacts], linestyle="none", marker=MARKS[number % 7], markersize=3.6,
+                run.t_reaction, run.forces[:, contacts], linestyle="none", marker=MARKS[number % 7], markersize=3.6,
                 markerfacecolor="none", markevery=(shift, every), color=look["color"],
             )  # fmt: skip
     _name_curves(axes[0], first, nodes)
     axes[0].set_ylabel("coordinates [m]" if units else "states")
     if forces:
         _name_forces(axes[1], first, contacts)
-        axes[1].set_ylabel("reaction [N]" if units else "multipliers")
+        axes[1].set_ylabel(
+            "force [N]" if first.problem.dynamics.springs else "reaction [N]" if units else "multipliers"
+        )
     if impulsive:
-        _draw_impulses(axes[-2], truth, runs, [first.problem.dynamics.contacts[i].name for i in contacts])
+        _draw_impulses(axes[-2], truth, runs, [first.problem.dynamics.forces[i].name for i in contacts])
     _draw_differences(axes[-1], first, runs, units)
     axes[0].set_xlim(float(first.t[0]), float(first.t[-1]))
     axes[-1].set_xlabel("$t$ [s]")
@@ -135,7 +137,7 @@ def _name_curves(ax: Axes, run: Trajectory, nodes: Sequence[int]) -> None:
 
 
 def _name_forces(ax: Axes, run: Trajectory, contacts: Sequence[int]) -> None:
-    names = [(math_text(run.problem.dynamics.contacts[i].name), float(run.reaction[-1, i])) for i in contacts]
+    names = [(math_text(run.problem.dynamics.forces[i].name), float(run.forces[-1, i])) for i in contacts]
     _write_names(ax, names)
 
 
@@ -317,8 +319,7 @@ def plot_cross_validation(verdict: CrossValidation, path: str | Path | None = No
     if not table["agrees"].all():
         handles.insert(1, Line2D([], [], marker="o", color=PALETTE[1], linestyle="none", label="difference: does not"))
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
-    verdict_in_words = "the routes agree" if verdict.agree else "the routes do not agree"
-    figure.suptitle(f"{verdict.problem.name}: {verdict_in_words}", x=0.01, ha="left", fontsize=11.0)
+    figure.suptitle(f"{verdict.problem.name}: {verdict.outcome.value}", x=0.01, ha="left", fontsize=11.0)
     return _saved(figure, path)
 
 

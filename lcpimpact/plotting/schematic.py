@@ -324,7 +324,8 @@ def _link(layout: Layout, link: Link, posture: Posture) -> Iterator[Piece]:
         return
     # R acts on the upper plate upwards and on the lower plate downwards; a cage has both between its plates.
     plates = sorted({float(line[0, 1]) for line in placed if abs(line[0, 1] - line[-1, 1]) < 1e-9 and len(line) == 2})
-    yield from _reaction(link, (plates[0] + plates[-1]) / 2.0, posture.pressed.get(part.name, 1.0), side, cage)
+    pressed = posture.pressed.get(part.name or part.reaction, 1.0)
+    yield from _reaction(link, (plates[0] + plates[-1]) / 2.0, pressed, side, cage)
 
 
 def _along(s: Array, link: Link, length: float, split: float | None) -> Array:

@@ -50,17 +50,16 @@ def shown_nodes(trajectory: Trajectory) -> list[int]:
     return [i for i, node in enumerate(nodes) if node not in inner] or list(range(len(nodes)))
 
 
-def shown_reactions(trajectory: Trajectory) -> list[int]:
-    """Return which reactions a picture shows: not those within an element that is drawn as one symbol."""
+def shown_forces(trajectory: Trajectory) -> list[int]:
+    """Return which of the forces a picture shows: not those within an element that is drawn as one symbol."""
     inner = {node for e in _elements(trajectory) if e.drawn()[0] is e for node in e.nodes[1:-1]}
-    contacts = trajectory.problem.dynamics.contacts
-    return [i for i, contact in enumerate(contacts) if not {contact.upper, contact.lower} & inner]
+    return [i for i, each in enumerate(trajectory.problem.dynamics.forces) if not {each.upper, each.lower} & inner]
 
 
 def shown_events(trajectory: Trajectory) -> list[Event]:
-    """Return the events of the reactions that a picture shows."""
-    contacts = trajectory.problem.dynamics.contacts
-    names = {contacts[i].name for i in shown_reactions(trajectory)}
+    """Return the events of the forces that a picture shows."""
+    forces = trajectory.problem.dynamics.forces
+    names = {forces[i].name for i in shown_forces(trajectory)}
     return [event for event in trajectory.events if event.contact in names]
 
 
@@ -70,32 +69,34 @@ def _elements(trajectory: Trajectory) -> Sequence[Element]:
 
 
 def curves(trajectory: Trajectory) -> tuple[Array, Array, Array, Array]:
-    """Return t, q, t_reaction and reaction to draw as lines, with a row of nan wherever a line must break.
+    """Return t, q, t_reaction and the forces to draw as lines, with a row of nan wherever a line must break.
 
     Between its events an exact run is sampled finely, each piece with its own one-sided limits; any other run is drawn
     as it was recorded.
     """
     if trajectory.dense is None or len(trajectory.t) < 2:
-        return trajectory.t, trajectory.q, trajectory.t_reaction, trajectory.reaction
+        return trajectory.t, trajectory.q, trajectory.t_reaction, trajectory.forces
     start, end = trajectory.t[0], trajectory.t[-1]
     inner = np.unique([event.t for event in trajectory.events if start < event.t < end])
     fine = np.union1d(trajectory.t, np.linspace(start, end, FINE + 1))
     begins, ends = np.union1d(inner, fine[:-1]), np.append(inner, end)
     after, before = trajectory.sample(begins, "right"), trajectory.sample(ends, "left")
+    d = trajectory.problem.dynamics
+    forces = (np.hstack([each.reaction, d.push(each.q, each.v)]) for each in (before, after))
 
     # At an event stand, in this order, the left limit, the break, and the right limit.
     t = np.concatenate([ends, inner, begins])
     order = np.lexsort((np.repeat([0, 1, 2], [len(ends), len(inner), len(begins)]), t))
-    q, reaction = (
+    q, force = (
         np.vstack([left, np.full((len(inner), left.shape[1]), np.nan), right])[order]
-        for left, right in ((before.q, after.q), (before.reaction, after.reaction))
+        for left, right in ((before.q, after.q), forces)
     )
-    return t[order], q, t[order], reaction
+    return t[order], q, t[order], force
 
 
 def contact_intervals(trajectory: Trajectory, contact: str) -> list[tuple[float, float]]:
     """Return the times from each closing of a contact to its next opening."""
-    switches = [event for event in trajectory.events if event.contact == contact and event.kind != "impact"]
+    switches = [event for event in trajectory.events if event.contact == contact and event.kind in ("close", "open")]
     since = trajectory.t[0] if _starts_closed(trajectory, contact, switches) else None
     intervals = []
     for event in switches:

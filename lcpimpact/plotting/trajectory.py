@@ -20,9 +20,10 @@ from lcpimpact.plotting.timeline import (
     mark_events,
     math_text,
     shown_events,
+    shown_forces,
     shown_nodes,
-    shown_reactions,
 )
+from lcpimpact.scheme.dynamics import Contact
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.trajectory import Trajectory
 
@@ -47,7 +48,7 @@ class Panel:
 
 @style()
 def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> Figure:
-    """Draw coordinates over time, reactions below, and impulses below those if there are impacts; mark the events.
+    """Draw coordinates over time, forces below, and impulses below those if there are impacts; mark the events.
 
     Reactions that are impulses and nothing else have no panel of their own.
 
@@ -81,7 +82,7 @@ def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> F
     for ax, panel in zip(axes, contents, strict=False):
         draw_panel(ax, panel)
     if impacts:
-        _draw_impulses(axes[-1], events, reaction_names(trajectory))
+        _draw_impulses(axes[-1], events, force_names(trajectory))
 
     axes[0].set_xlim(*_span(trajectory.t))
     axes[-1].set_xlabel("$t$ [s]")
@@ -93,27 +94,27 @@ def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> F
 
 
 def panels(trajectory: Trajectory) -> list[Panel]:
-    """Return what is to be seen of a run: its coordinates, and its reactions unless there are none or only impulses."""
+    """Return what is to be seen of a run: its coordinates, and its forces unless there are none or only impulses."""
     dynamics = trajectory.problem.dynamics
-    t, q, t_reaction, reaction = curves(trajectory)
-    nodes, contacts = shown_nodes(trajectory), shown_reactions(trajectory)
+    t, q, t_force, force = curves(trajectory)
+    nodes, forces = shown_nodes(trajectory), shown_forces(trajectory)
     given = not isinstance(trajectory.problem.scheme, Scheme)
     found = [Panel("states" if given else "coordinates [m]", tuple(dynamics.nodes[i] for i in nodes), t, q[:, nodes])]
     impulsive = any(event.impulse > 0.0 for event in shown_events(trajectory))
-    if contacts and not (impulsive and not np.nan_to_num(reaction[:, contacts]).any()):
-        sliders = [dynamics.contacts[i].r0 is not None for i in contacts]
-        label = "multipliers" if given else "force" if all(sliders) else "reaction"
+    if forces and not (impulsive and not np.nan_to_num(force[:, forces]).any()):
+        unilateral = any(isinstance(each := dynamics.forces[i], Contact) and each.r0 is None for i in forces)
+        label = "multipliers" if given else "reaction" if unilateral else "force"
         if len(trajectory.t_reaction) < len(trajectory.t):
             label = f"mean {label} of a step"
         label = label if given else f"{label} [N]"
-        found.append(Panel(label, reaction_names(trajectory), t_reaction, reaction[:, contacts]))
+        found.append(Panel(label, force_names(trajectory), t_force, force[:, forces]))
     return found
 
 
-def reaction_names(trajectory: Trajectory) -> tuple[str, ...]:
-    """Return the names of the reactions that a picture shows."""
-    contacts = trajectory.problem.dynamics.contacts
-    return tuple(contacts[i].name for i in shown_reactions(trajectory))
+def force_names(trajectory: Trajectory) -> tuple[str, ...]:
+    """Return the names of the forces that a picture shows."""
+    forces = trajectory.problem.dynamics.forces
+    return tuple(forces[i].name for i in shown_forces(trajectory))
 
 
 def draw_panel(ax: Axes, panel: Panel, *, faint: bool = False) -> None:

@@ -39,6 +39,26 @@ def _row(row: Row) -> list[Any]:
     ]
 
 
+def compared_with_rk4(found: CrossValidation) -> str:
+    """Return in a sentence in how many rows the θ = 1/2 step errs less than RK4, and in which it does not."""
+    by_rk4 = {
+        (row.case.label, row.case.h): row for row in found.rows if row.case.method == "rk4-paper" and not row.failure
+    }
+    pairs = [
+        (row, by_rk4[row.case.label, row.case.h])
+        for row in found.rows
+        if row.case.lcp_solver == "lemke" and row.case.options == (("theta", 0.5),) and not row.failure
+        and (row.case.label, row.case.h) in by_rk4
+    ]  # fmt: skip
+    pairs.sort(key=lambda pair: (pair[0].case.label, -pair[0].case.h))
+    parts = []
+    for symbol, name in (("x", "sup_x"), ("x'", "sup_v"), ("R", "mean_R")):
+        more = [step.case for step, rk4 in pairs if not getattr(step, name) < getattr(rk4, name)]
+        but = ", ".join(f"{case.label} with h = {case.h:g} s" for case in more)
+        parts.append(f"in {symbol} in {len(pairs) - len(more)}" + (f" (not for {but})" if more else ""))
+    return f"Of {len(pairs)} rows, the θ = 1/2 step errs less than RK4 {parts[0]}, {parts[1]} and {parts[2]}."
+
+
 def peaks_rows(found: CrossValidation) -> list[list[Any]]:
     """Return a row for each system: the peak of R, exact and by the θ = 1/2 step with Lemke's method."""
     by_step = {

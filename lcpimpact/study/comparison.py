@@ -110,7 +110,7 @@ class Comparison:
         return table
 
     def forces(self) -> pd.DataFrame:
-        """Return the reactions of all methods, each at the instants at which it lives.
+        """Return the forces of all contacts, compliant ones too, by all methods, each at the instants at which it lives.
 
         A method whose force belongs to a step has it at one instant of each step, and nothing is interpolated: the force of
         the reference is read at those instants, where it is known at all times, as the right limit.
@@ -124,12 +124,12 @@ class Comparison:
         truth = None if self.reference is None else self.reference.trajectory
         parts = []
         for label, run in self.runs.items():
-            t = run.t_reaction
-            known = np.full(run.reaction.shape, np.nan)
+            t, d = run.t_reaction, self.problem.dynamics
+            known = np.full(run.forces.shape, np.nan)
             if truth is not None and truth.dense is not None and len(t):
-                known = truth.sample(np.minimum(t, truth.t[-1])).reaction
-            for i, contact in enumerate(self.problem.dynamics.contacts):
-                r = run.reaction[:, i]
+                state = truth.sample(np.minimum(t, truth.t[-1]))
+                known = np.hstack([state.reaction, d.push(state.q, state.v)])
+            for i, (contact, r) in enumerate(zip(d.forces, run.forces.T, strict=True)):
                 columns = {"t": t, "r": r, "reference": known[:, i], "difference": r - known[:, i]}
                 parts.append(pd.DataFrame({"method": label, "contact": contact.name, **columns}))
         names = ["method", "contact", "t", "r", "reference", "difference"]

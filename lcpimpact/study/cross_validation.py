@@ -1,59 +1,62 @@
 r"""Cross-validation: one motion by several independent routes, and a verdict whether they agree.
 
-A route brings its own estimate of its error. One that steps runs with the steps h_0 > h_1 > ..., each a third of the last;
-with the order p that the method declares for what happens in the motion, neighbours differ by about
-:math:`D_j = C (h_j^p - h_{j+1}^p)`, and so with the largest such C its finest run errs by
+A route brings its own estimate of its error, for each quantity that it tells. One that steps runs with the steps
+h_0 > h_1 > ..., each a third of the last; with the order p that the method declares for what happens in the motion,
+neighbours differ by about :math:`D_j = C (h_j^p - h_{j+1}^p)`, and so with the largest such C its finest run errs by
 
 .. math:: E = C h_m^p.
 
 One with a tolerance errs by less than what its last two tolerances differ by; the exact solution and a closed form by
-rounding. Two routes agree if at no instant their coordinates differ by more than a factor times the sum of their estimates.
-A route with a wrong mass converges too, and its E is small: that is how it is found out. A route that converges, but more
-slowly than it declares, is found out by its observed order. The route that all are judged by is the better of the two that
-agree most closely. What no comparison shows is a mistake below the errors that a route owns up to: ``allowed`` says how
-large that is, and smaller steps make it less.
+rounding. Two routes agree if none of their coordinates, velocities, forces, impulses and times of events differ by more than
+a factor times the sum of their estimates, and each has the events that the other has. The route that all are judged by is
+the better of the two that agree most closely.
+
+That is evidence only where a common mistake is unlikely and a mistake would be seen. Routes confirm each other if
+
+- they are of different families (`lcpimpact.study.routes`), and where there are contacts at least one pair of them does
+  not take the contact mode from one source;
+- the differences of their own runs fall with the order that each declares;
+- the errors that they own up to are small against the motion.
+
+Where no such pair agrees on each quantity, the verdict is that there is nothing to judge by. A route that breaks off has no
+motion, and then there is no agreement either. What is known of the problem in closed form is asked of each route.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.linalg import eigh
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.errors import InputError, LcpImpactError, UnsupportedError
-from lcpimpact.integrators.base import Declared, Integrator
-from lcpimpact.lcp import SOLVERS
+from lcpimpact.errors import FailureError, InputError, LcpImpactError
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
-from lcpimpact.simulation import make_integrator, simulate
-from lcpimpact.study.convergence import declared_order, labelled, limits_of
-from lcpimpact.study.siconos import siconos
+from lcpimpact.study.convergence import FRICTION, IMPACT, JUMP, declared_order, limits_of
+from lcpimpact.study.paired_events import Pairing, farthest, pair_events
+from lcpimpact.study.routes import (
+    RATIO,
+    Found,
+    Given,
+    Reading,
+    Route,
+    by_label,
+    default_routes,
+    make_route,
+    step_counts,
+    take,
+)
 from lcpimpact.study.watch import Watch, unwatched
-from lcpimpact.trajectory import Trajectory
-
-POINTS = 195
-"""Instants at which routes are compared, after the first: 3 x 5 x 13."""
-
-RATIO = 3
-"""Of one step to the next finer one."""
-
-LEVELS = 4
-"""Runs of a route that steps."""
-
-FEW = (39, 195, 585)
-"""Step counts of a route of an order above 2 that knows its motion between its steps."""
 
 ASYMPTOTIC = 1e-3
 """Errors below this, relative to the size of the motion, show an order above 2; before, steps are too long for it."""
-
-RTOLS = (1e-6, 1e-8, 1e-10)
-"""Of a route with a tolerance."""
 
 FACTOR = 5.0
 """So many times the sum of their estimates two routes may differ by."""
@@ -61,51 +64,32 @@ FACTOR = 5.0
 SLACK = 0.35
 """An observed order may be lower than the declared one by so much of it, and by twice as much where it is 1."""
 
+ROUGH = 0.2
+"""A route whose errors, times FACTOR, are larger than this relative to the size of the motion is too rough to judge by."""
+
 ROUNDING = 1e-9
 """Differences this small, relative to the size of the motion, are rounding, or a solver's tolerance."""
+
+ACCUMULATED = 1e-6
+"""Times of events are known to so much of the length of a run, and impulses to so much of the largest: where impacts
+accumulate, routes do not end them at the same one."""
 
 SOLVER_FACTOR = 100.0
 """So many tolerances of a solver, relative to the size of the motion, a run may be off."""
 
-SOLVERS_COMPARED = ("lemke", "pgs", "qp:osqp", "qp:osqp:primal")
-"""A direct and an iterative solver, and a QP in its dual and primal form."""
+COORDINATES, VELOCITIES, FORCES = "coordinates", "velocities", "forces"
+IMPULSES, TIMES = "impulses", "times of events"
 
-CLOSED_FORM, SICONOS = "closed form", "siconos"
-
-ClosedForm: TypeAlias = Callable[[Array], tuple[Array, Array]]
-Given: TypeAlias = str | Integrator | ClosedForm
+UNITS = {COORDINATES: "m", VELOCITIES: "m", FORCES: "N s", IMPULSES: "N s", TIMES: "s"}
+"""Of the difference of two routes: of velocities and forces it is the integral over time."""
 
 
-@dataclass(frozen=True, eq=False)
-class Route:
-    """A way to the motion.
+class Outcome(Enum):
+    """What a cross-validation came to, in words."""
 
-    Attributes
-    ----------
-    label : str
-    levels : tuple              what its runs differ in, step counts or tolerances; one where there is one run
-    run : callable              takes a level; returns q (nt, n) at equal distances, and the Trajectory or None
-    orders : Integrator or None the method whose declared order holds
-    kind : str                  "steps", "tolerance", "exact", or "solver": the same steps with another LCP solver
-    tol : float                 relative tolerance of a solver
-    """
-
-    label: str
-    levels: tuple[float, ...]
-    run: Callable[[float], tuple[Array, Trajectory | None]]
-    orders: Integrator | None
-    kind: str
-    tol: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """What the runs of a route gave: q (nt, n) of each level that ran, and the finest trajectory."""
-
-    route: Route
-    levels: tuple[float, ...]
-    q: tuple[Array, ...]
-    finest: Trajectory | None
+    AGREE = "the routes agree"
+    DISAGREE = "the routes do not agree"
+    NOTHING = "nothing to judge by"
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,28 +100,44 @@ class CrossValidation:
     ----------
     problem : Problem
     table : DataFrame
-        One row a route: ``route``; ``kind`` ("steps", "tolerance", "exact" or "solver"); ``against``, the route that it was
-        judged by; ``difference`` (m), the largest of the coordinates at 195 instants; ``allowed`` (m), what it may be;
-        ``estimate`` (m), the route's own error E; ``observed`` and ``declared`` order, NaN where none is judged; ``agrees``;
-        ``failure``, why a route could not be taken, else "". ``attrs``: problem, t_end, scale (m).
+        One row a route: ``route``; ``kind`` ("steps", "tolerance", "exact" or "solver"); ``family``, the rule of its step;
+        ``against``, the route that it was judged by; ``difference`` (m), the largest of the coordinates at 195 instants;
+        ``allowed`` (m), what it may be; ``estimate`` (m), the route's own error E; ``observed`` and ``declared`` order of
+        the coordinates, NaN where none is judged; ``events``, how many it has; ``agrees``, in everything that it tells;
+        ``doubt``, why it cannot confirm another, else ""; ``failure``, why there is no motion, else "". ``attrs``: problem,
+        t_end, scale (m).
     pairs : DataFrame
-        One row a pair of routes that were compared with each other: ``a``, ``b``, ``difference`` (m), ``allowed`` (m),
-        ``agrees``.
+        One row a pair of routes and quantity: ``a``, ``b``, ``quantity``, ``difference``, ``allowed``, ``scale`` (size of
+        the motion), ``agrees``, and ``confirms``: whether they are of different families and free of doubt. Coordinates in m
+        at 195 instants; velocities in m and forces in N s, integrated over time; impulses in N s; times of events in s.
     reasons : tuple of str
-        The verdict in sentences: what disagrees with what, by how much, and what could not be taken and why.
-    agree : bool
-        Whether at least two routes were taken, and all that were taken agree.
+        The verdict in sentences: what disagrees with what, by how much; what is missing for a verdict; what was refused or
+        broke off, and why.
+    outcome : Outcome
+        AGREE, DISAGREE, or NOTHING to judge by.
+    resolution : float
+        Relative to the size of the motion: a mistake below this may hide behind the errors that routes own up to. Of each
+        quantity it is the least that a confirming pair allows, and of these the largest. NaN without agreement.
     """
 
     problem: Problem
     table: pd.DataFrame
     pairs: pd.DataFrame
     reasons: tuple[str, ...]
-    agree: bool
+    outcome: Outcome
+    resolution: float
+
+    @property
+    def agree(self) -> bool:
+        """Whether independent routes were taken, and all that were taken agree."""
+        return self.outcome is Outcome.AGREE
 
     def __str__(self) -> str:
-        taken = int((self.table["failure"] == "").sum())
-        verdict = f"{taken} routes agree" if self.agree else "the routes do not agree"
+        taken = self.table[self.table["failure"] == ""]
+        verdict = self.outcome.value
+        if self.agree:
+            families = taken["family"].nunique()
+            verdict = f"{len(taken)} routes of {families} families agree, to {self.resolution:.1g} of the motion"
         return "\n".join([f"{self.problem.name}: {verdict}", *(f"  {reason}" for reason in self.reasons)])
 
 
@@ -159,11 +159,11 @@ def cross_validate(
     routes : sequence or mapping, optional
         Names of methods, "method:solver" for a method with another LCP solver (compared with the same steps by ``auto``),
         "closed form" (`Problem.motion`), "siconos", `Integrator` objects, or functions that take times (nt,) and return q
-        and v (nt, n); a mapping gives them labels. By default `default_routes`.
+        and v (nt, n); a mapping gives them labels. By default `lcpimpact.study.routes.default_routes`.
     dt : float, optional
         The finest step in s; by default t_end/5265. The coarser ones are 3, 9 and 27 times as long.
     t_end : float, optional
-        End in s; by default that of the problem.
+        End in s; by default that of the problem, for which its facts are known.
     tolerance : float, optional
         Relative to the size of the motion: a difference that is forgiven whatever the estimates say; 1e-9 by default.
     watch : callable
@@ -194,6 +194,12 @@ def cross_validate(
     >>> verdict = cross_validate(spring, {"exact": "exact", "moreau-jean": "moreau-jean", "mine": wrong})
     >>> verdict.agree, verdict.reasons[0][:36]
     (False, "'mine' disagrees with 'exact': they ")
+
+    Two variants of one method are no evidence:
+
+    >>> print(cross_validate(spring, ["moreau-jean", "moreau-midpoint"]))  # doctest: +ELLIPSIS
+    kelvin-voigt-tension: nothing to judge by
+      ... are of one family, Moreau time stepping...
     """
     end = problem.t_end if t_end is None else t_end
     for name, value in (("t_end", end), ("dt", end if dt is None else dt)):
@@ -203,160 +209,33 @@ def cross_validate(
         raise InputError(
             f"tolerance = {tolerance!r} must be a number between 0 and 1, relative to the size of the motion"
         )
-    coarsest = POINTS if dt is None else POINTS * max(1, math.ceil(end / dt / POINTS / RATIO ** (LEVELS - 1)))
-    counts = tuple(coarsest * RATIO**k for k in range(LEVELS))
-    given = _given(default_routes(problem) if routes is None else routes)
-    refused: dict[str, str] = {}
+    counts = step_counts(float(end), dt)
+    given = by_label(default_routes(problem) if routes is None else routes)
     found: dict[str, Found] = {}
+    missing: dict[str, Missing] = {}
     for label, what in watch(given.items(), len(given), "routes"):
-        route = _route(problem, label, what, counts, float(end))
+        route = make_route(problem, label, what, counts, float(end))
         try:
-            found[label] = _take(route)
+            found[label] = take(route)
         except LcpImpactError as error:
-            refused[label] = str(error)
-    return _judged(problem, given, found, refused, float(end), ROUNDING if tolerance is None else tolerance)
+            missing[label] = Missing(route, str(error), isinstance(error, FailureError))
+    return _judged(problem, given, found, missing, float(end), ROUNDING if tolerance is None else tolerance)
 
 
-def default_routes(problem: Problem) -> list[Given]:
-    """Return every route that there is: the closed form if the problem has one, methods, solvers of their LCPs, and Siconos.
+@dataclass(frozen=True, eq=False)
+class Missing:
+    """A route without a motion: why, and whether it set out and broke off, rather than refused."""
 
-    Examples
-    --------
-    >>> from lcpimpact import load_problem
-    >>> default_routes(load_problem("kelvin-voigt-tension"))
-    ['closed form', 'exact', 'event-driven', 'radau-fesd', 'moreau-jean', 'rk4-paper', 'siconos']
-    """
-    routes: list[Given] = [CLOSED_FORM] if problem.motion is not None else []
-    routes += ["exact", "event-driven", "radau-fesd", "moreau-jean"]
-    routes += [f"moreau-jean:{solver}" for solver in SOLVERS_COMPARED if problem.dynamics.contacts]
-    return [*routes, "rk4-paper", SICONOS]
-
-
-def _given(routes: Sequence[Given] | Mapping[str, Given]) -> dict[str, Given]:
-    if isinstance(routes, str):
-        raise InputError(f"routes = {routes!r} must be a list of routes: write [{routes!r}]")
-    if isinstance(routes, Mapping):
-        return {str(label): what for label, what in routes.items()}
-    found: dict[str, Given] = {}
-    for what in routes:
-        label = what if isinstance(what, str) else next(iter(labelled([what]))) if isinstance(what, Integrator) else ""
-        label = label or getattr(what, "__name__", repr(what))
-        if label in found:
-            raise InputError(f"routes: {label!r} stands there twice; leave one out, or label them by a mapping")
-        found[label] = what
-    return found
-
-
-def _route(problem: Problem, label: str, what: Given, counts: tuple[int, ...], t_end: float) -> Route:
-    """Return what was given as a route."""
-    times = np.linspace(0.0, t_end, POINTS + 1)
-    if what == CLOSED_FORM:
-        if problem.motion is None:
-            raise InputError(f"{problem.name!r} has no closed form: leave out the route {CLOSED_FORM!r}")
-        what = problem.motion
-    if what == SICONOS:
-        stepped = make_integrator("moreau-jean", {})
-        return Route(label, counts, lambda n: (_thin(siconos(problem, int(n), t_end)), None), stepped, "steps")
-    if isinstance(what, str):
-        name, colon, solver = what.partition(":")
-        integrator = make_integrator(name, {})
-        if colon:
-            return _by_solver(problem, label, integrator, solver, counts[1], t_end)
-        return _by_method(problem, label, integrator, counts, t_end)
-    if isinstance(what, Integrator):
-        return _by_method(problem, label, what, counts, t_end)
-    if not callable(what):
-        raise InputError(f"route {label!r}: {what!r} must be a name, an Integrator, or a function of times")
-    motion: ClosedForm = what
-
-    def closed(_: float) -> tuple[Array, Trajectory | None]:
-        q = np.asarray(motion(times)[0], dtype=np.float64)
-        if q.shape != (POINTS + 1, len(problem.dynamics.nodes)):
-            raise InputError(
-                f"route {label!r} returned q of shape {q.shape}: for times (nt,) it must be "
-                f"(nt, {len(problem.dynamics.nodes)})"
-            )
-        return q, None
-
-    return Route(label, (math.nan,), closed, None, "exact")
-
-
-def _by_solver(problem: Problem, label: str, integrator: Integrator, solver: str, count: int, t_end: float) -> Route:
-    tol = SOLVERS[solver].tol
-
-    def run(n: float) -> tuple[Array, Trajectory | None]:
-        trajectory = simulate(problem, integrator, dt=t_end / int(n), t_end=t_end, lcp_solver=solver, progress=False)
-        return _thin(trajectory.q), trajectory
-
-    return Route(label, (count,), run, integrator, "solver", tol)
-
-
-def _by_method(problem: Problem, label: str, integrator: Integrator, counts: tuple[int, ...], t_end: float) -> Route:
-    chosen: Any = integrator
-    declared = integrator.declared
-    times = np.linspace(0.0, t_end, POINTS + 1)
-    if hasattr(chosen, "rtol") and chosen.rtol is not None:
-
-        def by_tolerance(rtol: float) -> tuple[Array, Trajectory | None]:
-            options = {"rtol": rtol, **({"atol": chosen.atol * rtol / chosen.rtol} if hasattr(chosen, "atol") else {})}
-            trajectory = simulate(problem, replace(chosen, **options), dt=t_end / POINTS, t_end=t_end, progress=False)
-            return trajectory.sample(np.minimum(times, trajectory.t[-1])).q, trajectory
-
-        return Route(label, RTOLS, by_tolerance, integrator, "tolerance")
-
-    def by_steps(n: float) -> tuple[Array, Trajectory | None]:
-        trajectory = simulate(problem, chosen, dt=t_end / int(n), t_end=t_end, progress=False)
-        return (_thin(trajectory.q) if n >= POINTS else trajectory.q), trajectory
-
-    if math.isinf(declared.order_smooth):
-        return Route(label, (POINTS,), by_steps, integrator, "exact")
-    high = _lowest_order(declared) > 2.0
-    return Route(label, FEW if high else counts, by_steps, integrator, "steps")
-
-
-def _lowest_order(declared: Declared) -> float:
-    """Return the least of the orders that a method declares, but for those that it refuses."""
-    orders = (
-        declared.order_smooth, declared.order_force_kink, declared.order_force_jump, declared.order_impact,
-        declared.order_friction,
-    )  # fmt: skip
-    return min(order for order in orders if order > 0.0)
-
-
-def _thin(q: Array) -> Array:
-    """Return what stands at the instants at which routes are compared, of a grid with a multiple of them."""
-    return np.asarray(q[:: max(1, (len(q) - 1) // POINTS)])
-
-
-def _take(route: Route) -> Found:
-    """Run a route with all its levels; coarse ones may fail, and the finest may not."""
-    levels, q, finest = [], [], None
-    for level in route.levels:
-        last = level == route.levels[-1]
-        try:
-            with np.errstate(over="ignore", invalid="ignore"):
-                motion, finest = route.run(level)
-        except UnsupportedError:
-            raise
-        except LcpImpactError:
-            if last or len(route.levels) == 1:
-                raise
-            continue
-        if np.isfinite(motion).all():
-            levels.append(level)
-            q.append(motion)
-        elif last:
-            raise UnsupportedError(f"{route.label!r} grew beyond all bounds: take a smaller dt")
-    if len(levels) < min(2, len(route.levels)):
-        raise UnsupportedError(f"{route.label!r} ran with one step only, which tells no error: take a smaller dt")
-    return Found(route, tuple(levels), tuple(q), finest)
+    route: Route
+    why: str
+    broke_off: bool
 
 
 def _judged(
     problem: Problem,
     given: Mapping[str, Given],
     found: Mapping[str, Found],
-    refused: Mapping[str, str],
+    missing: Mapping[str, Missing],
     t_end: float,
     tolerance: float,
 ) -> CrossValidation:
@@ -367,24 +246,29 @@ def _judged(
     rows = [
         judge.row(label, leader)
         if label in found
-        else {"route": label, "kind": "", "against": "", "agrees": False, "failure": refused[label]}
+        else {
+            "route": label, "kind": missing[label].route.kind, "family": missing[label].route.family, "against": "",
+            "agrees": False, "doubt": "", "failure": missing[label].why,
+        }
         for label in given
-    ]
+    ]  # fmt: skip
     columns = [
-        *("route", "kind", "against", "difference", "allowed", "estimate", "observed", "declared"),
-        *("agrees", "failure"),
+        *("route", "kind", "family", "against", "difference", "allowed", "estimate", "observed", "declared", "events"),
+        *("agrees", "doubt", "failure"),
     ]
-    table = pd.DataFrame(rows, columns=columns)
-    table.attrs = {"problem": problem.name, "t_end": t_end, "scale": judge.scale}
-    taken = [row for row in rows if not row["failure"]]
-    reasons = [reason for row in taken if (reason := _reason(row))]
-    if len(taken) < 2:
-        reasons.append("fewer than two routes were taken, so nothing was compared")
-    agree = not reasons
-    reasons += [f"{row['route']!r} was not taken: {row['failure']}" for row in rows if row["failure"]]
-    listed = pd.DataFrame(pairs, columns=["a", "b", "difference", "allowed", "agrees"])
+    table = pd.DataFrame(rows, columns=columns).astype({"events": "Int64"})
+    table.attrs = {"problem": problem.name, "t_end": t_end, "scale": judge.scale[COORDINATES]}
+    broke_off = [f"{label!r} broke off: {each.why}" for label, each in missing.items() if each.broke_off]
+    refused = [f"{label!r} was not taken: {each.why}" for label, each in missing.items() if not each.broke_off]
+    wrong = [reason for label in found for reason in judge.reasons(label, leader)]
+    # A solver that gives up says nothing of the motion.
+    ended = any(each.broke_off and each.route.kind != "solver" for each in missing.values())
+    lacking: list[str] = [] if wrong or ended else list(judge.lacking(pairs))
+    outcome = Outcome.DISAGREE if wrong or ended else Outcome.NOTHING if lacking else Outcome.AGREE
+    listed = pd.DataFrame(pairs, columns=["a", "b", "quantity", "difference", "allowed", "scale", "agrees", "confirms"])
     listed.attrs = dict(table.attrs)
-    return CrossValidation(problem, table, listed, tuple(reasons), agree)
+    resolution = judge.resolution(pairs) if outcome is Outcome.AGREE else math.nan
+    return CrossValidation(problem, table, listed, (*wrong, *broke_off, *lacking, *refused), outcome, resolution)
 
 
 class Judge:
@@ -401,34 +285,109 @@ class Judge:
     """
 
     def __init__(self, problem: Problem, found: Mapping[str, Found], t_end: float, tolerance: float) -> None:
+        self.problem, self.t_end, self.found = problem, t_end, found
         massive = problem.dynamics.massive
         self.judged: Flags = massive if massive.any() else ~massive
-        self.t_end, self.fastest = t_end, _highest_frequency(problem)
-        self.found = found
-        independent = [each for each in found.values() if each.route.kind != "solver"]
-        sizes = [float(np.abs(each.q[-1][:, self.judged]).max()) for each in independent]
-        # The median: a route that is wrong beyond all bounds must not make the others small.
-        self.scale = float(np.median(sizes)) if sizes else 1.0
-        self.floor = tolerance * self.scale
-        runs = [each.finest for each in independent if each.finest is not None]
+        self.fastest = _highest_frequency(problem)
+        independent = {label: each for label, each in found.items() if each.route.kind != "solver"}
+        runs = [each.trajectory for each in independent.values() if each.trajectory is not None]
         runs.sort(key=lambda run: run.dense is None)
         self.limits = limits_of(runs[0]) if runs else ()
-        self.estimates = {label: self._estimate(each) for label, each in found.items()}
+        degrees = [contact.relative_degree for contact in problem.dynamics.contacts if contact.r0 is None]
+        self.quantities = [COORDINATES, VELOCITIES, *[FORCES, TIMES] * bool(problem.dynamics.contacts)]
+        self.quantities += [IMPULSES] * (2 in degrees)
+        # The median: a route that is wrong beyond all bounds must not make the others small.
+        sizes = [self._sizes(each.finest) for each in independent.values()]
+        self.scale = {
+            quantity: float(np.median([size[quantity] for size in sizes if quantity in size] or [0.0]))
+            for quantity in self.quantities
+        }
+        self.floor = {quantity: tolerance * self.scale[quantity] for quantity in self.quantities}
+        self.floor |= {
+            quantity: max(tolerance, ACCUMULATED) * self.scale[quantity]
+            for quantity in (TIMES, IMPULSES)
+            if quantity in self.scale
+        }
+        self.estimates = {label: self._estimates(each) for label, each in independent.items()}
+        self.doubts = {label: self._doubts(label) for label in independent}
 
-    def declared(self, route: Route) -> float:
-        """Return the order to be expected of a route for what happens in the motion."""
+    # ---- what a run says, and how two differ -----------------------------------------------------------------------
+
+    def _sizes(self, reading: Reading) -> dict[str, float]:
+        """Return the size of the motion in each quantity that a run tells."""
+        sizes = {COORDINATES: float(np.abs(reading.q[:, self.judged]).max()), TIMES: self.t_end}
+        if reading.v is not None:
+            sizes[VELOCITIES] = self._integral(reading.v[:, self.judged])
+        if reading.r is not None and reading.events is not None and reading.r.shape[1]:
+            impulses = [event.impulse for event in reading.events]
+            sizes[IMPULSES] = max(map(abs, impulses), default=0.0)
+            sizes[FORCES] = float(np.abs(reading.r).mean(axis=0).max() * self.t_end + sum(map(abs, impulses)))
+        return sizes
+
+    def _integral(self, values: Array) -> float:
+        """Return the integral over time of the sum of |values| (nf, m), met once in each of equal steps."""
+        return float(np.abs(values).sum(axis=1).mean() * self.t_end)
+
+    def apart(self, quantity: str, a: Reading, b: Reading) -> float:
+        """Return the difference of two runs in coordinates, velocities or forces, NaN where one does not tell it."""
+        if quantity == COORDINATES:
+            step = (len(b.q) - 1) / (len(a.q) - 1)
+            p, q = (a.q, b.q[:: round(step)]) if step >= 1.0 else (a.q[:: round(1.0 / step)], b.q)
+            return float(np.abs(p - q)[:, self.judged].max())
+        if quantity == VELOCITIES:
+            return math.nan if a.v is None or b.v is None else self._integral((a.v - b.v)[:, self.judged])
+        if a.r is None or b.r is None or not self.problem.dynamics.contacts:
+            return math.nan
+        return float(np.abs(a.r - b.r).mean(axis=0).max() * self.t_end)
+
+    def paired(self, a: Reading, b: Reading, window: float, least: float) -> Pairing | None:
+        """Return how the events of two runs differ, None where one does not tell them."""
+        if a.events is None or b.events is None:
+            return None
+        return pair_events(a.events, b.events, window, self.t_end, least)
+
+    # ---- what a route says of its own error -------------------------------------------------------------------------
+
+    def declared(self, route: Route, quantity: str = COORDINATES) -> float:
+        """Return the order to be expected of a route for what happens in the motion; NaN where none is declared.
+
+        Velocities and forces that are known at points only lie on lines between them, which are of order 2; a force that
+        jumps between two of them is wrong by the jump for a step.
+        """
         if route.orders is None:
             return math.nan
-        return declared_order(route.orders, self.limits)
+        order = declared_order(route.orders, self.limits)
+        if quantity == COORDINATES or (found := self.found[route.label].trajectory) is None or found.dense is not None:
+            return order
+        if quantity == FORCES:
+            jumps = any(limit in self.limits for limit in (JUMP, FRICTION, IMPACT))
+        else:
+            # Without any mass velocities follow the forces.
+            jumps = len(self.limits) > 1 and not self.problem.dynamics.massive.any()
+        return min(order, 1.0 if jumps else 2.0)
 
-    def _estimate(self, found: Found) -> float:
-        """Return E, the error that the runs of a route tell of the finest."""
-        if found.route.kind in ("exact", "solver"):
-            return 0.0
-        D = [self.apart(a, b) for a, b in zip(found.q, found.q[1:], strict=False)]
+    def _estimates(self, found: Found) -> dict[str, float]:
+        """Return E, the error that the runs of a route tell of the finest, for each quantity."""
+        E = {quantity: self._estimate(found, quantity) for quantity in (COORDINATES, VELOCITIES, FORCES)}
+        if found.finest.events is not None:
+            E |= self._event_estimates(found)
+        return {quantity: E[quantity] for quantity in self.quantities if not math.isnan(E.get(quantity, math.nan))}
+
+    def _differences(self, found: Found, quantity: str) -> Array:
+        """Return what each run differs by from the next finer one."""
+        pairs = zip(found.readings, found.readings[1:], strict=False)
+        return np.array([self.apart(quantity, coarse, fine) for coarse, fine in pairs])
+
+    def _estimate(self, found: Found, quantity: str) -> float:
+        """Return E for coordinates, velocities or forces, NaN where the route does not tell them."""
+        if found.route.kind == "exact":
+            return self.apart(quantity, found.finest, found.finest)
+        D = self._differences(found, quantity)
+        if len(D) == 0:
+            return math.inf
         if found.route.kind == "tolerance":
-            return D[-1]
-        p = self.declared(found.route)
+            return float(D[-1])
+        p = self.declared(found.route, quantity)
         p = 1.0 if math.isnan(p) else p
         h = 1.0 / np.array(found.levels)
         if p > 2.0 and len(D) > 1:
@@ -438,25 +397,134 @@ class Judge:
         C = max(d / (a**p - b**p) for d, a, b in zip(D, h, h[1:], strict=False))
         return float(C * h[-1] ** p)
 
-    def apart(self, a: Array, b: Array) -> float:
-        """Return the largest difference of two motions at the instants that both have."""
-        step = (len(b) - 1) / (len(a) - 1)
-        a, b = (a, b[:: round(step)]) if step >= 1.0 else (a[:: round(1.0 / step)], b)
-        return float(np.abs(a - b)[:, self.judged].max())
+    def _event_estimates(self, found: Found) -> dict[str, float]:
+        """Return E for the times of events and for impulses, of the last two runs.
 
-    def allowed(self, a: str, b: str) -> float:
+        A run that does not locate events knows them to the step, and across impacts with the order 1.
+        """
+        if found.route.kind == "exact":
+            return {TIMES: 0.0, IMPULSES: 0.0}
+        if len(found.readings) < 2:
+            return {TIMES: math.inf, IMPULSES: math.inf}
+        events = [reading.events or () for reading in found.readings]
+        pairs = list(pairwise(events))
+        if found.trajectory is None or found.trajectory.dense is not None:
+            E = farthest(*pairs[-1], self.t_end)
+            return {TIMES: E, IMPULSES: pair_events(*pairs[-1], 2.0 * FACTOR * E, self.t_end, 0.0).impulse}
+        # In what the coarsest runs have, events may be missing.
+        pairs, h = pairs[-2:], self.t_end / np.array(found.levels)
+        E = max(float(h[-1]), _first_order([farthest(*pair, self.t_end) for pair in pairs], h))
+        window = FACTOR * (1.0 + RATIO) * E
+        return {TIMES: E, IMPULSES: _first_order([pair_events(*p, window, self.t_end, 0.0).impulse for p in pairs], h)}
+
+    def observed(self, found: Found, quantity: str = COORDINATES) -> float:
+        """Return the slope of log D over log h in a route's own refinement, NaN where it tells none.
+
+        Left out are differences that are rounding, and steps that are long beside the fastest vibration: half of a bar's
+        waves are not in such a run.
+        """
+        if found.route.kind != "steps" or len(found.levels) < 3:
+            return math.nan
+        D = self._differences(found, quantity)
+        h = self.t_end / np.array(found.levels)[:-1]
+        clear = (10.0 * self.floor[quantity] < D) & (h * self.fastest < 1.0)
+        high = self.declared(found.route, quantity) > 2.0
+        if high:
+            clear &= ASYMPTOTIC * self.scale[quantity] > D
+        if clear.sum() < 2:
+            return math.nan
+        last = 2 if high else len(D)
+        return float(np.polyfit(np.log(h[clear][-last:]), np.log(D[clear][-last:]), 1)[0])
+
+    def _expected(self, found: Found) -> float:
+        return self.declared(found.route) if found.route.kind == "steps" else math.nan
+
+    def slow(self, found: Found, quantity: str) -> bool:
+        """Whether a route converges more slowly than it declares; if it declares nothing, whether it converges at all."""
+        declared = self.declared(found.route, quantity)
+        declared = 1.0 if math.isnan(declared) else declared
+        return self.observed(found, quantity) < declared - SLACK * max(declared, 2.0)
+
+    def _doubts(self, label: str) -> dict[str, str]:
+        """Return for each quantity why a route cannot confirm it, "" where it can."""
+        found, E = self.found[label], self.estimates[label]
+        doubts = {}
+        for quantity in E:
+            allowed = FACTOR * E[quantity]
+            doubts[quantity] = ""
+            if allowed > ROUGH * self.scale[quantity] and allowed > self.floor[quantity]:
+                size = f"{allowed / self.scale[quantity]:.0%}" if self.scale[quantity] > 0.0 else "all"
+                doubts[quantity] = f"too rough: its {quantity} may be off by {size} of their size; take a smaller dt"
+        if found.route.kind == "steps":
+            # Across impacts an order is declared of the integral of |v - v*|, which bounds the error of q.
+            asked = (VELOCITIES,) if IMPACT in self.limits and VELOCITIES in E else (COORDINATES, VELOCITIES)
+            for quantity in asked:
+                if quantity in E and (doubt := self._doubtful_order(found, quantity)):
+                    return dict.fromkeys(doubts, doubt)
+        return doubts
+
+    def _said(self, label: str) -> list[str]:
+        """Return the doubts about a route, each once."""
+        return list(dict.fromkeys(doubt for doubt in self.doubts[label].values() if doubt))
+
+    def undecided(self, label: str) -> bool:
+        """Whether the runs of a route tell no order of its coordinates."""
+        found = self.found[label]
+        return (
+            found.route.kind == "steps"
+            and not self.slow(found, COORDINATES)
+            and bool(self._doubtful_order(found, COORDINATES))
+        )
+
+    def _doubtful_order(self, found: Found, quantity: str) -> str:
+        """Return why the refinement of a route does not bear out its estimate, "" where it does."""
+        D, observed = self._differences(found, quantity), self.observed(found, quantity)
+        if self.slow(found, quantity):
+            declared = self.declared(found.route, quantity)
+            asked = f"and declares {declared:.2g}" if not math.isnan(declared) else "and declares none"
+            return f"its {quantity} converge with the order {observed:.2g}, {asked} for such a motion"
+        settled = len(D) > 0 and D[-1] <= 10.0 * self.floor[quantity]
+        falling = self.declared(found.route, quantity) > 2.0 and len(D) > 1 and D[-1] < 0.5 * D[-2]
+        if math.isnan(observed) and not settled and not falling:
+            return f"its runs tell no order of its {quantity}: take a smaller dt"
+        return ""
+
+    # ---- pairs ----------------------------------------------------------------------------------------------------------
+
+    def allowed(self, a: str, b: str, quantity: str) -> float:
         """Return what two routes may differ by."""
-        return FACTOR * (self.estimates[a] + self.estimates[b]) + self.floor
+        return FACTOR * (self.estimates[a][quantity] + self.estimates[b][quantity]) + self.floor[quantity]
+
+    def compared(self, a: str, b: str) -> Iterator[dict[str, Any]]:
+        """Yield how two routes compare in each quantity that both tell."""
+        one, other = self.found[a].finest, self.found[b].finest
+        both = [each for each in self.quantities if each in self.estimates[a] and each in self.estimates[b]]
+        pairing = None
+        if TIMES in both:
+            least = self.allowed(a, b, IMPULSES) if IMPULSES in both else 0.0
+            pairing = self.paired(one, other, self.allowed(a, b, TIMES), least)
+        for quantity in both:
+            allowed = self.allowed(a, b, quantity)
+            missing: tuple[str, ...] = ()
+            if quantity == TIMES and pairing is not None:
+                difference, missing = pairing.time, pairing.missing
+            elif quantity == IMPULSES and pairing is not None:
+                difference = pairing.impulse
+            else:
+                difference = self.apart(quantity, one, other)
+            families = self.found[a].route.family, self.found[b].route.family
+            yield {
+                "a": a, "b": b, "quantity": quantity, "difference": difference, "allowed": allowed,
+                "scale": self.scale[quantity], "agrees": difference <= allowed and not missing, "missing": missing,
+                "confirms": families[0] != families[1] and not self.doubts[a][quantity] and not self.doubts[b][quantity],
+            }  # fmt: skip
 
     def pairs(self) -> Iterator[dict[str, Any]]:
-        """Yield each pair of routes, but for solvers, which are compared with the same steps only."""
-        labels = [label for label, each in self.found.items() if each.route.kind != "solver"]
+        """Yield how each pair of routes compares, but for solvers, which are compared with the same steps only."""
+        labels = list(self.estimates)
         for i, a in enumerate(labels):
             for b in labels[i + 1 :]:
-                difference, allowed = self.apart(self.found[a].q[-1], self.found[b].q[-1]), self.allowed(a, b)
-                yield {
-                    "a": a, "b": b, "difference": difference, "allowed": allowed, "agrees": difference <= allowed,
-                }  # fmt: skip
+                yield from self.compared(a, b)
 
     def leader(self, pairs: Sequence[Mapping[str, Any]]) -> str | None:
         """Return the better of the two routes that agree most closely, so that each bears the other out.
@@ -466,69 +534,171 @@ class Judge:
         """
 
         def trust(label: str) -> tuple[float, bool]:
-            return self.estimates[label], self.found[label].finest is None
+            return self.estimates[label][COORDINATES], self.found[label].trajectory is None
 
-        agreeing = [pair for pair in pairs if pair["agrees"]]
+        apart = {(pair["a"], pair["b"]) for pair in pairs if not pair["agrees"]}
+        agreeing = [p for p in pairs if p["quantity"] == COORDINATES and (p["a"], p["b"]) not in apart]
         if agreeing:
             closest = min(agreeing, key=lambda pair: pair["allowed"])
             return min((str(closest["a"]), str(closest["b"])), key=trust)
-        independent = [label for label, each in self.found.items() if each.route.kind != "solver"]
-        return min(independent, key=trust, default=None)
+        return min(self.estimates, key=trust, default=None)
+
+    # ---- the verdict ------------------------------------------------------------------------------------------------
+
+    def against(self, label: str, leader: str | None) -> str | None:
+        """Return the route that one is judged by: the leader, or for the leader the best of the rest."""
+        if label != leader:
+            return leader
+        others = [each for each in self.estimates if each != label]
+        return min(others, key=lambda each: self.estimates[each][COORDINATES], default=None)
 
     def row(self, label: str, leader: str | None) -> dict[str, Any]:
         """Return how a route compares with the leader, and the leader with the best of the rest."""
         found = self.found[label]
-        row: dict[str, Any] = {"route": label, "kind": found.route.kind, "failure": "", "declared": math.nan}
+        events = found.trajectory.events if found.trajectory is not None else None
+        row: dict[str, Any] = {
+            "route": label, "kind": found.route.kind, "family": found.route.family, "failure": "",
+            "events": None if events is None else len(events), "declared": math.nan,
+        }  # fmt: skip
         if found.route.kind == "solver":
-            return row | self._same_steps(found)
-        others = [each for each, other in self.found.items() if each != label and other.route.kind != "solver"]
-        if label == leader:
-            others.sort(key=lambda each: self.estimates[each])
-            against = others[0] if others else None
-        else:
-            against = leader
+            return row | self._same_steps(found) | {"doubt": "another solver of the same steps"}
+        row |= {"estimate": self.estimates[label][COORDINATES], "doubt": "; ".join(self._said(label))}
+        row |= {"observed": self.observed(found), "declared": self._expected(found)}
+        row["agrees"] = not self.reasons(label, leader)
+        against = self.against(label, leader)
         if against is None:
-            return row | {"against": "", "estimate": self.estimates[label], "agrees": True}
-        difference, allowed = self.apart(found.q[-1], self.found[against].q[-1]), self.allowed(label, against)
-        observed = self._observed(found, against)
-        declared = self.declared(found.route) if found.route.kind == "steps" else math.nan
-        slow = observed < declared - SLACK * max(declared, 2.0)
+            return row | {"against": ""}
+        coordinates = next(self.compared(label, against))
         return row | {
-            "against": against, "difference": difference, "allowed": allowed, "estimate": self.estimates[label],
-            "observed": observed, "declared": declared,
-            "agrees": label == leader or (difference <= allowed and not slow),
+            "against": against, "difference": coordinates["difference"], "allowed": coordinates["allowed"],
         }  # fmt: skip
 
-    def _observed(self, found: Found, against: str) -> float:
-        """Return the slope of log error against log h, nan where the errors may be those of the other route, or rounding."""
-        if found.route.kind != "steps" or len(found.levels) < 3:
-            return math.nan
-        truth = self.found[against].q[-1]
-        errors = np.array([self.apart(q, truth) for q in found.q])
-        clear = errors > 10.0 * (self.estimates[against] + self.floor)
-        # A step that is long beside the fastest vibration shows no order: half of a bar's waves are not in its run.
-        clear &= self.t_end / np.array(found.levels) * self.fastest < 1.0
-        if self.declared(found.route) > 2.0:
-            clear &= errors < ASYMPTOTIC * self.scale
-        last = 2 if self.declared(found.route) > 2.0 else len(errors)
-        if clear.sum() < min(last, 3):
-            return math.nan
-        h = -np.log(np.array(found.levels))
-        return float(np.polyfit(h[clear][-last:], np.log(errors[clear][-last:]), 1)[0])
+    def reasons(self, label: str, leader: str | None) -> list[str]:
+        """Return why a route is held to be wrong, in sentences."""
+        found = self.found[label]
+        if found.route.kind == "solver":
+            return _solver_reason(label, self._same_steps(found))
+        reasons = self.facts(label)
+        if label == leader or leader is None:
+            return reasons
+        apart = [each for each in self.compared(label, leader) if not each["agrees"]]
+        # Where steps are too long to show an order, what they own up to is no bound of anything.
+        if apart and not any(self.undecided(each) for each in (label, leader)):
+            reasons.insert(0, f"{label!r} disagrees with {leader!r}: {_in_words(apart)}")
+        elif self.slow(found, COORDINATES) and self.declared(found.route) > 1.0:
+            reasons.insert(0, f"{label!r} disagrees with {leader!r}: {self._doubtful_order(found, COORDINATES)}")
+        return reasons
+
+    def facts(self, label: str) -> list[str]:
+        """Return in a sentence what a route shows otherwise than it is known in closed form, if there is any."""
+        wrong = list(self._wrong_facts(label))
+        more = f", and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+        return [f"{label!r} is wrong by a closed form: {wrong[0]}{more}"] if wrong else []
+
+    def _wrong_facts(self, label: str) -> Iterator[str]:
+        found = self.found[label]
+        if found.finest.facts is None or len(found.finest.facts) == 0:
+            return
+        values = np.array([reading.facts for reading in found.readings if reading.facts is not None])
+        for k, fact in enumerate(self.problem.facts):
+            shown = values[:, k]
+            size = max(abs(fact.value), fact.scale)
+            allowed = fact.accuracy * size
+            if found.route.kind != "exact":
+                apart = np.abs(np.diff(shown))
+                if len(apart) == 0 or np.isnan(apart).any():
+                    continue
+                steps = found.route.kind == "steps"
+                E = _first_order(apart, 1.0 / np.array(found.levels)) if steps else float(apart[-1])
+                allowed += FACTOR * E + (self._relative_error(label) + ACCUMULATED) * size
+            if not abs(shown[-1] - fact.value) <= allowed:
+                told = "cannot be read" if math.isnan(shown[-1]) else f"is {shown[-1]:.9g} {fact.unit}".rstrip()
+                yield f"{fact.symbol} ({fact.what}) {told}, and must be {fact.value:.9g} {fact.unit}".rstrip()
+
+    def _relative_error(self, label: str) -> float:
+        """Return the largest error that a route owns up to in motion and times, relative to their size."""
+        E = self.estimates[label]
+        told = [each for each in (COORDINATES, VELOCITIES, TIMES) if each in E and self.scale[each] > 0.0]
+        return max((FACTOR * E[each] / self.scale[each] for each in told), default=0.0)
+
+    def lacking(self, pairs: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+        """Yield what is missing for a verdict."""
+        if len(self.estimates) < 2:
+            only = [label for label, each in self.found.items() if each.route.kind == "solver"]
+            yield "fewer than two routes were taken, so nothing was compared" + (
+                f"; {', '.join(map(repr, only))} only solve the same steps once more" if only else ""
+            )
+            yield from (f"{label!r}: {doubt}" for label in self.estimates for doubt in self._said(label))
+            return
+        families = {self.found[label].route.family for label in self.estimates}
+        if len(families) == 1:
+            routes = ", ".join(map(repr, self.estimates))
+            yield f"{routes} are of one family, {families.pop()}, and would share its mistakes: add a route of another"
+            yield from (f"{label!r}: {doubt}" for label in self.estimates for doubt in self._said(label))
+            return
+        confirming = [pair for pair in pairs if pair["confirms"]]
+        without = [each for each in self.quantities if each not in {pair["quantity"] for pair in confirming}]
+        for quantity in without:
+            yield self._unconfirmed(quantity)
+        if without or not self.problem.dynamics.contacts:
+            return
+        for quantity in (COORDINATES, VELOCITIES):
+            if not any(self._choose_apart(p["a"], p["b"]) for p in confirming if p["quantity"] == quantity):
+                alike = dict.fromkeys(label for pair in confirming for label in (pair["a"], pair["b"]))
+                yield (
+                    f"{', '.join(map(repr, alike))} take the contact mode from one source, lcpimpact.integrators.modes, "
+                    "and would share its mistakes: add a route that steps, as 'moreau-jean', with a dt that shows its order"
+                )
+                yield from (f"{label!r}: {doubt}" for label in self.estimates for doubt in self._said(label))
+                return
+
+    def resolution(self, pairs: Sequence[Mapping[str, Any]]) -> float:
+        """Return the largest of what confirming pairs allow, each quantity by its best pair, relative to the motion."""
+        best = dict.fromkeys(self.quantities, math.inf)
+        for pair in pairs:
+            asked = pair["quantity"] in (COORDINATES, VELOCITIES) and self.problem.dynamics.contacts
+            if pair["confirms"] and (not asked or self._choose_apart(pair["a"], pair["b"])):
+                size = pair["allowed"] / pair["scale"] if pair["scale"] > 0.0 else 0.0
+                best[pair["quantity"]] = min(best[pair["quantity"]], size)
+        return max(best.values())
+
+    def _choose_apart(self, a: str, b: str) -> bool:
+        one, other = self.found[a].route.mode_choice, self.found[b].route.mode_choice
+        return one != other or not one
+
+    def _unconfirmed(self, quantity: str) -> str:
+        """Return why no two routes confirm each other in a quantity."""
+        tell = [label for label in self.estimates if quantity in self.estimates[label]]
+        doubted = [f"{label!r} ({self.doubts[label][quantity]})" for label in tell if self.doubts[label][quantity]]
+        sound = [label for label in tell if not self.doubts[label][quantity]]
+        told = (
+            f"told by {' and '.join(map(repr, sound))} alone" if sound else "told by no route that could be judged by"
+        )
+        families = {self.found[label].route.family for label in sound}
+        if len(sound) > 1 and len(families) == 1:
+            told = f"told by one family alone, {families.pop()}"
+        return f"{quantity} are {told}" + (f"; not by {', '.join(doubted)}" if doubted else "")
 
     def _same_steps(self, found: Found) -> dict[str, Any]:
         """Compare a solver with the same steps by another."""
         route = found.route
         for label, other in self.found.items():
-            same = other.route.kind == "steps" and other.route.orders == route.orders and other.finest is not None
+            same = other.route.kind == "steps" and other.route.orders == route.orders and other.trajectory is not None
             if same and route.levels[0] in other.levels:
-                difference = self.apart(found.q[0], other.q[other.levels.index(route.levels[0])])
-                allowed = max(SOLVER_FACTOR * route.tol * self.scale, self.floor)
+                reading = other.readings[other.levels.index(route.levels[0])]
+                difference = self.apart(COORDINATES, found.finest, reading)
+                allowed = max(SOLVER_FACTOR * route.tol * self.scale[COORDINATES], self.floor[COORDINATES])
                 return {
                     "against": label, "difference": difference, "allowed": allowed, "estimate": math.nan,
                     "agrees": difference <= allowed,
                 }  # fmt: skip
         return {"against": "", "agrees": True, "failure": "there is no run with the same steps to compare it with"}
+
+
+def _first_order(D: Sequence[float] | Array, h: Array) -> float:
+    """Return E = C h_m, with the largest C of the differences D of the last runs, of steps h."""
+    h = h[-len(D) - 1 :]
+    return float(max(d / (a - b) for d, a, b in zip(D, h, h[1:], strict=False)) * h[-1])
 
 
 def _highest_frequency(problem: Problem) -> float:
@@ -541,13 +711,27 @@ def _highest_frequency(problem: Problem) -> float:
     return math.sqrt(max(0.0, float(highest)))
 
 
-def _reason(row: Mapping[str, Any]) -> str:
-    """Return why a route is held to be wrong, "" where it is not."""
-    if row["agrees"]:
-        return ""
-    what = f"{row['route']!r} disagrees with {row['against']!r}"
-    if row["difference"] > row["allowed"]:
-        return f"{what}: they differ by {row['difference']:.2g} m, and {row['allowed']:.2g} m is what " + (
-            "the solver's tolerance allows" if row["kind"] == "solver" else "the errors of both allow"
+def _in_words(apart: Sequence[Mapping[str, Any]]) -> str:
+    """Return what two routes differ in, the first of it with numbers."""
+    first = apart[0]
+    quantity, unit = first["quantity"], UNITS[first["quantity"]]
+    if first["missing"]:
+        said = f"one has {first['missing'][0]}" + (
+            f", and {len(first['missing']) - 1} more differences of their events" if len(first["missing"]) > 1 else ""
         )
-    return f"{what}: it converges with the order {row['observed']:.2g}, and declares {row['declared']:.2g} for such a motion"
+    else:
+        said = (
+            f"they differ by {first['difference']:.2g} {unit} in {quantity}, and {first['allowed']:.2g} {unit} is what the "
+            "errors of both allow"
+        )
+    rest = [each["quantity"] for each in apart[1:]]
+    return said + (f"; so do {', '.join(rest)}" if rest else "")
+
+
+def _solver_reason(label: str, row: Mapping[str, Any]) -> list[str]:
+    if row["agrees"]:
+        return []
+    return [
+        f"{label!r} disagrees with {row['against']!r}: they differ by {row['difference']:.2g} m, and {row['allowed']:.2g} m "
+        "is what the solver's tolerance allows"
+    ]

@@ -581,7 +581,7 @@ def _curves(
 ) -> list[tuple[str, Array, Array]]:
     """Return series, times and values of each curve in the data."""
     d = problem.dynamics
-    forces = [contact.name for contact in d.contacts]
+    forces = [each.name for each in d.forces]
     known = [*d.nodes, *(f"v_{node}" for node in d.nodes), *forces]
     header = list(data.columns) if isinstance(data, pd.DataFrame) else _header(Path(data))
     wanted = [column] if isinstance(column, str) else list(column or [name for name in known if name in header])

@@ -20,8 +20,9 @@ import pandas as pd
 from lcpimpact.arrays import Array
 from lcpimpact.certificate import Pieces
 from lcpimpact.errors import UnsupportedError
+from lcpimpact.events import step_of
 from lcpimpact.integrators.base import Dense
-from lcpimpact.integrators.spring_law import push
+from lcpimpact.integrators.spring_law import pushes
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Element
@@ -188,9 +189,9 @@ def takers_of(problem: Problem) -> Iterator[Taker]:
         own = [node for node in piece.nodes if node != GROUND]
         terms = Terms(own)
         piece.contribute(terms)
-        if terms.C.any():
+        if terms.C.value.any():
             rows = [index[node] for node in own]
-            yield Taker(unique(f"dashpot {' to '.join(piece.nodes)}"), _viscous(terms.C, rows))
+            yield Taker(unique(f"dashpot {' to '.join(piece.nodes)}"), _viscous(terms.C.value, rows))
     for a, spring in enumerate(d.springs):
         if spring.b > 0.0 or spring.c > 0.0:
             kind = spring.element.split()[0]
@@ -264,7 +265,7 @@ def _jumps(run: Trajectory, takers: Sequence[Taker], spread: int = 0) -> Iterato
         i, node = row[event.contact], -1
         v = np.array([event.left.v, event.right.v])
         if spread:
-            node = _first(run, event.t, event.left.q, event.left.v)
+            node = step_of(event, run.t, run.q, run.v)
             v = run.v[node : node + spread + 1]
         U = d.gap_rate(v)[:, i]
         mean = 0.5 * (v[1:] + v[:-1])
@@ -273,16 +274,6 @@ def _jumps(run: Trajectory, takers: Sequence[Taker], spread: int = 0) -> Iterato
         flows[:, 1] = -event.impulse * share * (d.H[i] * mean)[:, d.driven].sum(axis=1)
         flows[:, len(GIVEN) + column[i]] = -event.impulse * share * d.gap_rate(mean)[:, i]
         yield event.t, node, flows
-
-
-def _first(run: Trajectory, t: float, q: Array, v: Array) -> int:
-    """Return the grid point at which the step begins that holds an event: the one that has its left limits."""
-    near = int(np.searchsorted(run.t, t, side="right")) - 1
-    candidates = [k for k in (near, near - 1, near + 1) if 0 <= k < len(run.t)]
-    return next(
-        (k for k in candidates if np.array_equal(run.q[k], q) and np.array_equal(run.v[k], v)),
-        min(near, max(len(run.t) - 2, 0)),
-    )
 
 
 def _by_gauss(run: Trajectory, dense: Dense, takers: Sequence[Taker]) -> tuple[Array, Array, Array, Array]:
@@ -318,13 +309,13 @@ def _by_steps(run: Trajectory, θ: float, takers: Sequence[Taker]) -> tuple[Arra
     row = {contact.name: i for i, contact in enumerate(d.contacts)}
     for event in run.events:
         if event.impulse > 0.0:
-            k = _first(run, event.t, event.left.q, event.left.v)
+            k = step_of(event, run.t, run.q, run.v)
             r[k, row[event.contact]] += event.impulse / h[k]
     w = np.diff(run.q, axis=0) / h[:, None]
     q = (1.0 - θ) * run.q[:-1] + θ * run.q[1:]
     f = d.force(run.t) - _constant(d)
     f_θ = (1.0 - θ) * f[:-1] + θ * f[1:]
-    s = _pushes(d, q, w, h)
+    s = pushes(d.power_laws, d.approach(q), -d.approach_rate(w), h)
     powers = np.empty((len(h), len(GIVEN) + len(takers)))
     powers[:, 0] = (f_θ * w).sum(axis=1)
     driving = q @ d.K.T + w @ d.C.T - r @ d.H - f_θ - _constant(d) - s @ d.directions
@@ -338,15 +329,6 @@ def _by_steps(run: Trajectory, θ: float, takers: Sequence[Taker]) -> tuple[Arra
             powers[:, k] = (s[:, taker.spring] - elastic) * d.approach_rate(w)[:, taker.spring]
     flows = np.concatenate([np.zeros((1, powers.shape[1])), np.cumsum(h[:, None] * powers, axis=0)])
     return run.t, run.q, run.v, flows
-
-
-def _pushes(d: Dynamics, q: Array, w: Array, h: Array) -> Array:
-    """Return the forces of the non-linear springs in each step (steps, ns)."""
-    δ, rate = d.approach(q), d.approach_rate(w)
-    forces = [
-        [push(law, δ[k, a], -rate[k, a], step)[0] for a, law in enumerate(d.power_laws)] for k, step in enumerate(h)
-    ]
-    return np.array(forces).reshape(len(h), len(d.springs))
 
 
 def _by_trapezoid(run: Trajectory, takers: Sequence[Taker]) -> tuple[Array, Array, Array, Array]:

@@ -334,7 +334,7 @@ def _go_on(motion: Motion, problem: Problem, until: float) -> None:
     status = follow(motion, until)
     if status is not Status.SOLVED:
         raise FailureError(
-            f"{problem.name}: the exact run ended at t = {motion.next_event[0]:g} s: {status.sentence}", None
+            f"{problem.name}: the exact run ended at t = {motion.next_event[0].hi:g} s: {status.sentence}", None
         )
 
 
@@ -374,9 +374,9 @@ def _crossings(motion: Motion, where: Crossing, until: float) -> Array:
             found.append(t)
         while sign and t < last:
             crossing = flow.first_crossing(X, motion.scale, (sign * c)[None], np.array([zeros]), last - t)
-            if crossing is None:
+            if crossing.row < 0:
                 break
-            t, X = t + crossing[0], flow.at(X, np.array([crossing[0]]))[0]
+            t, X = t + float(crossing.t.hi), flow.at(X, crossing.t.hi[None])[0]
             sign, zeros = -sign, 1
             if sign * where.direction >= 0.0:
                 found.append(t)
@@ -582,6 +582,7 @@ def bifurcation(
 
     tables = list(watch(each_of(one, chosen, None if continue_from else workers), len(chosen), "bifurcation"))
     columns = max((list(table.columns) for table in tables), key=len)
+    columns = [*(name for name in columns if name not in ("period", "failure")), "period", "failure"]
     table = pd.concat([each.reindex(columns=columns) for each in tables], ignore_index=True)
     table.attrs = _told(_name(family, chosen[0]), where, method, transient) | {"kept": kept}
     return table

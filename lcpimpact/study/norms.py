@@ -296,7 +296,8 @@ def _distance(a: Graph, b: Graph) -> float:
 def event_times(run: Trajectory, truth: Trajectory) -> float:
     r"""Return :math:`\max_k |t_k - t_k^*|` in s over the events, the k-th of a contact and kind with the k-th.
 
-    NaN where the runs do not have the same events: past an accumulation of impacts, or where one run grazes.
+    NaN where the runs do not have the same events: past an accumulation of impacts, or where one run grazes. Where a
+    compliant law replaces a bumper of the truth, each of its closings counts as an impact.
 
     Converges with the order to which a method knows where it is: 2 where only r changes, 1 across impacts.
     """
@@ -306,23 +307,34 @@ def event_times(run: Trajectory, truth: Trajectory) -> float:
 def impulses(run: Trajectory, truth: Trajectory) -> float:
     r"""Return :math:`\max_k |P_k - P_k^*|` in N s over the impacts, the k-th of a contact with the k-th.
 
-    NaN where the runs do not have the same events. Converges with order 1, as does the speed before an impact.
+    NaN where the runs do not have the same events, or a compliant law takes time for an impact. Converges with order 1, as
+    does the speed before an impact.
     """
+    if run.problem.dynamics.springs != truth.problem.dynamics.springs:
+        return np.nan
     return max((abs(a.impulse - b.impulse) for a, b in _pairs(run, truth)), default=_none(run, truth))
 
 
 def _pairs(run: Trajectory, truth: Trajectory) -> list[tuple[Event, Event]]:
     """Return the events of two runs side by side, none where they do not have the same ones."""
-    kinds = [_by_kind(each) for each in (run, truth)]
+    inertia = {each.name for each in truth.problem.dynamics.contacts if each.relative_degree == 2}
+    inertia &= {each.name for each in run.problem.dynamics.springs}
+    kinds = [_by_kind(each, inertia) for each in (run, truth)]
     if {key: len(each) for key, each in kinds[0].items()} != {key: len(each) for key, each in kinds[1].items()}:
         return []
     return [pair for key, each in kinds[0].items() for pair in zip(each, kinds[1][key], strict=True)]
 
 
-def _by_kind(run: Trajectory) -> dict[tuple[str, str], list[Event]]:
+def _by_kind(run: Trajectory, yielding: set[str]) -> dict[tuple[str, str], list[Event]]:
+    """Return the events by contact and kind; of contacts that yield in one run the closings are impacts."""
     found: dict[tuple[str, str], list[Event]] = {}
     for event in run.events:
-        found.setdefault((event.contact, event.kind), []).append(event)
+        kind = event.kind
+        if event.contact in yielding:
+            if kind == "open":
+                continue
+            kind = "impact"
+        found.setdefault((event.contact, kind), []).append(event)
     return found
 
 

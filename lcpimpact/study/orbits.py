@@ -28,7 +28,7 @@ from lcpimpact.numbers import is_count, is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics, Feature
-from lcpimpact.scheme.signals import Harmonic
+from lcpimpact.scheme.signals import Harmonic, Square
 from lcpimpact.study.watch import Watch, unwatched
 
 CLOSED = 1e-10
@@ -46,6 +46,9 @@ NEUTRAL = 1e-7
 
 OUT_OF_REACH = 1e3
 """A stop is taken away by so many times the largest gap of the scheme, and a metre."""
+
+VANISHING = 1e-6
+"""Like events that follow each other within so much of the length of a run are impacts that accumulate, and no period."""
 
 RETURNS = 400
 """Instants at which a motion without force is looked at for its return."""
@@ -151,11 +154,11 @@ def force_period(dynamics: Dynamics) -> float | None:
     signals = [*(load for _, load in dynamics.loads), *dynamics.motions.values()]
     ω = []
     for signal in signals:
-        if isinstance(signal, Harmonic):
+        if isinstance(signal, Harmonic | Square):
             ω.append(signal.omega)
         elif callable(signal):
             raise UnsupportedError(
-                "a load or a motion is a function of time that tells no period: give it as Harmonic(...)"
+                "a load or a motion is a function of time that tells no period: give it as Harmonic(...) or Square(...)"
             )
     if not ω:
         return None
@@ -272,7 +275,7 @@ def _followed(motion: Motion, problem: Problem, until: float) -> None:
     status = follow(motion, until)
     if status is not Status.SOLVED:
         raise FailureError(
-            f"{problem.name}: the exact run ended at t = {motion.next_event[0]:g} s: {status.sentence}", None
+            f"{problem.name}: the exact run ended at t = {motion.next_event[0].hi:g} s: {status.sentence}", None
         )
 
 
@@ -291,6 +294,12 @@ def _guessed_period(problem: Problem) -> float:
         raise InputError(
             f"{problem.name}: the run to t_end = {problem.t_end:g} s shows no period; give a guess T = ..."
         )
+    if VANISHING * problem.t_end > T:
+        contact, _ = max(last, key=lambda key: last[key])
+        raise InputError(
+            f"{problem.name}: the impacts of {contact} accumulate, so the run shows no period; give a guess T = ..., "
+            "or take e = 1 or a motion that feeds the system"
+        )
     return T
 
 
@@ -302,7 +311,7 @@ def _closest_return(motion: Motion, start: float, X: Array, T: float) -> float:
     def apart(t: float) -> tuple[float, float]:
         segment = motion.segments[int(np.searchsorted(joins, t, side="right")) - 1]
         flow, _ = motion.system.mode(segment.mode)
-        here = flow.at(segment.X, np.array([t - segment.t0]))[0]
+        here = flow.at(segment.state, segment.since(np.array([t])))[0]
         away = (here - X) / unit
         return float(away @ away), float(away @ (flow.A @ here / unit))
 
@@ -324,7 +333,7 @@ def _away_from_events(motion: Motion, first: float, last: float) -> tuple[float,
     t = float(0.5 * (edges[k] + edges[k + 1]))
     segment = motion.segments[int(np.searchsorted(joins, t, side="right")) - 1]
     flow, _ = motion.system.mode(segment.mode)
-    return t, flow.at(segment.X, np.array([t - segment.t0]))[0]
+    return t, flow.at(segment.state, segment.since(np.array([t])))[0]
 
 
 class Period(NamedTuple):
@@ -376,9 +385,17 @@ def _shoot(
         matrix = matrix * unit / unit[:, None]
         if not forced:
             # One more unknown, T, and one more equation: the step is taken across the motion.
-            along = (system.mode(here.motion.segments[0].mode)[0].A @ here.X)[free] / unit
-            matrix = np.block([[matrix, (here.velocity[free] / unit * T)[:, None]], [along[None, :], np.zeros((1, 1))]])
+            with np.errstate(over="ignore"):
+                along = (system.mode(here.motion.segments[0].mode)[0].A @ here.X)[free] / unit
+                across = here.velocity[free] / unit * T
+            matrix = np.block([[matrix, across[:, None]], [along[None, :], np.zeros((1, 1))]])
             right = np.append(right, 0.0)
+        if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
+            raise FailureError(
+                f"{problem.name}: no periodic orbit found from this state: the derivative of the motion over T = {T:g} s is "
+                "not finite; begin nearer to an orbit",
+                None,
+            )
         step = np.linalg.lstsq(matrix, right, rcond=SINGULAR)[0]
         better, share = None, 1.0
         for _ in range(HALVINGS):
@@ -391,7 +408,12 @@ def _shoot(
             except (LcpImpactError, np.linalg.LinAlgError) as error:
                 there, refused = None, error
                 if share <= 2.0 ** (1 - HALVINGS):
-                    raise refused from None
+                    if isinstance(refused, LcpImpactError):
+                        raise refused from None
+                    raise FailureError(
+                        f"{problem.name}: no periodic orbit found from this state ({refused}): begin nearer to one",
+                        None,
+                    ) from None
             if there is not None and size(there) < size(here):
                 better = there, length
                 break
@@ -541,7 +563,7 @@ def _state_at(orbit: PeriodicOrbit, t: float) -> Array:
     segments = orbit.motion.segments
     segment = segments[int(np.searchsorted([each.t0 for each in segments], within, side="right")) - 1]
     flow, _ = orbit.motion.system.mode(segment.mode)
-    return np.asarray(flow.at(segment.X, np.array([within - segment.t0]))[0])
+    return np.asarray(flow.at(segment.state, segment.since(np.array([within])))[0])
 
 
 def _branch_table(values: list[float], orbits: list[PeriodicOrbit], ended: str) -> pd.DataFrame:
@@ -623,9 +645,9 @@ def _least(motion: Motion, until: float, i: int, u0: float) -> tuple[float, floa
         sign, zeros = (1.0 if c @ flow.A @ X >= 0.0 else -1.0), 0
         while True:
             crossing = flow.first_crossing(X, motion.scale, (sign * c @ flow.A)[None], np.array([zeros]), last - t)
-            if crossing is None:
+            if crossing.row < 0:
                 break
-            t, X = t + crossing[0], flow.at(X, np.array([crossing[0]]))[0]
+            t, X = t + float(crossing.t.hi), flow.at(X, crossing.t.hi[None])[0]
             if sign < 0.0:
                 best = min(best, (float(c @ X), t))
             sign, zeros = -sign, 1

@@ -18,6 +18,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import UnsupportedError
+from lcpimpact.integrators.state_jump import enter_constraint
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.first_order import first_order_form
 
@@ -84,8 +85,9 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
     ------
     UnsupportedError
         If Siconos is not installed, or the problem has sliders, non-linear springs, given motions, loads that are functions
-        of time other than `Harmonic`, or contacts of several relative degrees.
+        of time other than `Harmonic` and `Polynomial`, or contacts of several relative degrees.
     """
+    problem, _ = enter_constraint(problem)
     d = problem.dynamics
     degrees = set(d.relative_degree.tolist())
     for present, what in (
@@ -93,6 +95,7 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
         (bool(d.springs), "non-linear springs"),
         (bool(d.motions), "a motion that is given"),
         (len(degrees) > 1, "contacts of several relative degrees"),
+        (len(d.impulse_lines) > 0, "impulses that pass through nodes without mass"),
         (2 in degrees and not d.massive.all(), "impacts beside nodes without mass"),
         (2 in degrees and not d.constant_loads, "impacts under a load that depends on time"),
         (not degrees, "no contact"),
@@ -107,6 +110,10 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
         )  # fmt: skip
         return found["q"]
     form = first_order_form(d)
+    if len(form.breakpoints(0.0, t_end)):
+        raise UnsupportedError(
+            f"{problem.name!r} has a load with breakpoints, which the route by Siconos does not handle"
+        )
     x0 = form.state(problem.initial_coordinates, problem.initial_velocities)
     gamma = 1.0 if 1 in degrees else 0.5
     found = run_siconos(

@@ -1,0 +1,124 @@
+"""The events of two runs side by side, as far as the times of both are known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from lcpimpact.integrators.base import Event
+
+AT_END = 1e-7
+"""An event this near to the end, relative to it, may lie beyond it in a run of another error."""
+
+CLOSED_AFTER = {"close": True, "stick": True, "open": False, "slip": False}
+"""Whether a contact is closed, or a slider sticks, after an event. After an impact it may be either."""
+
+
+@dataclass(frozen=True)
+class Pairing:
+    """How the events of two runs differ.
+
+    Attributes
+    ----------
+    time : float            the largest difference of the times of two events that correspond, in s
+    impulse : float         the largest difference of impulses, in N s; of an impact that one run lacks, its impulse
+    missing : tuple of str  what one run has and the other has not, in words
+    """
+
+    time: float
+    impulse: float
+    missing: tuple[str, ...]
+
+
+def pair_events(a: Sequence[Event], b: Sequence[Event], window: float, end: float, least: float) -> Pairing:
+    """Compare the events of two runs, contact by contact.
+
+    Events of one contact that follow each other within ``window`` are a group, whose order neither run can vouch for. A
+    group of one event from each run must agree in kind; a larger one in the sum of its impulses, and in whether the
+    contact is closed after it; a group in which one run has no event is missing there, unless it consists of impacts that
+    are too slight to be resolved.
+
+    Parameters
+    ----------
+    a, b : sequence of Event
+        In the order of time.
+    window : float
+        How far the times of one event may lie apart, in s.
+    end : float
+        End of the runs in s; what happens within ``window`` of it may fall beyond it in one of them.
+    least : float
+        Impulses below this are not resolved, in N s.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, simulate
+    >>> ball = load_problem("bouncing-ball")
+    >>> events = simulate(ball, "exact", dt=0.1, t_end=1.0).events
+    >>> pair_events(events, events[:-1], 1e-9, 1.0, 0.0).missing
+    ('an impact of R at t = 0.451524 s',)
+    """
+    time, impulse, missing = 0.0, 0.0, []
+    for mine, others in _groups(a, b, window):
+        # What happens so near the end may fall beyond it in the other run.
+        sure = [[event for event in events if event.t <= end - window] for events in (mine, others)]
+        at_end = len(sure[0]) + len(sure[1]) < len(mine) + len(others)
+        apart = min(abs(_impulse(p) - _impulse(q)) for p in (mine, sure[0]) for q in (others, sure[1]))
+        impulse = max(impulse, apart)
+        if not mine or not others:
+            lone = sure[0] or sure[1]
+            if any(event.kind != "impact" for event in lone) or (lone and apart > least):
+                missing.append(_in_words(lone))
+            continue
+        if at_end:
+            continue
+        if len(mine) == len(others) == 1:
+            time = max(time, abs(mine[0].t - others[0].t))
+        kinds = {mine[0].kind, others[0].kind} if len(mine) == len(others) == 1 else set()
+        after = {CLOSED_AFTER.get(mine[-1].kind), CLOSED_AFTER.get(others[-1].kind)}
+        if after == {True, False} or (len(kinds) == 2 and "impact" not in kinds):
+            missing.append(f"{_in_words(mine)}, which is {_in_words(others)} in the other")
+    return Pairing(time, impulse, tuple(missing))
+
+
+def farthest(a: Sequence[Event], b: Sequence[Event], end: float) -> float:
+    """Return the largest distance in s from an event of either run to the nearest of its contact in the other.
+
+    Infinite where a contact has events in one run only. What happens at the very ``end`` may fall beyond it in the other.
+    """
+    found = 0.0
+    for some, others in ((a, b), (b, a)):
+        for event in some:
+            if event.t >= end * (1.0 - AT_END):
+                continue
+            there = (abs(event.t - other.t) for other in others if other.contact == event.contact)
+            found = max(found, min(there, default=math.inf))
+    return found
+
+
+def _groups(a: Sequence[Event], b: Sequence[Event], window: float) -> Iterator[tuple[list[Event], list[Event]]]:
+    """Yield the events of each run that lie together."""
+    both = sorted([(e.contact, e.t, 0, e) for e in a] + [(e.contact, e.t, 1, e) for e in b], key=lambda each: each[:3])
+    group: tuple[list[Event], list[Event]] = ([], [])
+    last = ("", -math.inf)
+    for contact, t, run, event in both:
+        if contact != last[0] or t - last[1] > window:
+            if group[0] or group[1]:
+                yield group
+            group = ([], [])
+        group[run].append(event)
+        last = contact, t
+    if group[0] or group[1]:
+        yield group
+
+
+def _impulse(events: Sequence[Event]) -> float:
+    return float(sum(event.impulse for event in events))
+
+
+def _in_words(events: Sequence[Event]) -> str:
+    first = events[0]
+    article = "an" if first.kind[0] in "aeiou" else "a"
+    what = {"close": "closing", "open": "opening"}.get(first.kind, first.kind)
+    more = f" and {len(events) - 1} more by t = {events[-1].t:.6g} s" if len(events) > 1 else ""
+    return f"{article} {what} of {first.contact} at t = {first.t:.6g} s{more}"

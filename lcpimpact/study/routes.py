@@ -1,0 +1,333 @@
+"""Routes to one motion for cross-validation: methods, solvers, closed forms and Siconos, with what each run tells.
+
+Routes are of one *family* if they advance the state by the same rule: θ-steps with different LCP solvers or different θ, and
+Siconos's θ-step too. They would make the same mistake, so they do not confirm each other. `exact`, `event-driven` and
+`radau-fesd` are of three families, but all take the contact mode from `lcpimpact.integrators.modes`; what happens at an
+impact or a switch they know from one source.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import FailureError, InputError, LcpImpactError, UnsupportedError
+from lcpimpact.integrators.base import Declared, Event, Integrator
+from lcpimpact.lcp import SOLVERS
+from lcpimpact.problems.base import Problem
+from lcpimpact.problems.reading import read
+from lcpimpact.simulation import make_integrator, simulate
+from lcpimpact.study.convergence import labelled
+from lcpimpact.study.siconos import siconos
+from lcpimpact.trajectory import Trajectory
+
+POINTS = 195
+"""Instants at which coordinates are compared, after the first: 3 x 5 x 13."""
+
+RATIO = 3
+"""Of one step to the next finer one."""
+
+LEVELS = 4
+"""Runs of a route that steps."""
+
+FEW = (39, 195, 585)
+"""Step counts of a route of an order above 2 that knows its motion between its steps."""
+
+RTOLS = (1e-6, 1e-8, 1e-10)
+"""Of a route with a tolerance."""
+
+SHIFT = 0.5 * (math.sqrt(5.0) - 1.0)
+"""Where in each of the finest steps velocities and forces are compared: an irrational place, at which no jump falls by
+symmetry."""
+
+SOLVERS_COMPARED = ("lemke", "pgs", "qp:osqp", "qp:osqp:primal")
+"""A direct and an iterative solver, and a QP in its dual and primal form."""
+
+CLOSED_FORM, SICONOS = "closed form", "siconos"
+
+ClosedForm: TypeAlias = Callable[[Array], tuple[Array, Array]]
+Given: TypeAlias = str | Integrator | ClosedForm
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What one run tells of the motion; None where it does not.
+
+    Attributes
+    ----------
+    q : (nt, n) array               coordinates at equal distances, POINTS of them or a divisor of it, in m
+    v : (nf, n) array or None       velocities, once in each of the finest steps, in m/s
+    r : (nf, nc) array or None      reactions at the same instants, without impulses, in N
+    events : tuple or None          its events
+    facts : (k,) array              what it shows for each fact of the problem, NaN where that cannot be read
+    """
+
+    q: Array
+    v: Array | None = None
+    r: Array | None = None
+    events: tuple[Event, ...] | None = None
+    facts: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """A way to the motion.
+
+    Attributes
+    ----------
+    label : str
+    levels : tuple              what its runs differ in, step counts or tolerances; one where there is one run
+    run : callable              takes a level; returns what the run tells, and the Trajectory or None
+    orders : Integrator or None the method whose declared order holds
+    kind : str                  "steps", "tolerance", "exact", or "solver": the same steps with another LCP solver
+    family : str                the rule by which it advances
+    mode_choice : str           what it shares with other families in choosing the contact mode, "" for nothing
+    tol : float                 relative tolerance of a solver
+    """
+
+    label: str
+    levels: tuple[float, ...]
+    run: Callable[[float], tuple[Reading, Trajectory | None]]
+    orders: Integrator | None
+    kind: str
+    family: str
+    mode_choice: str = ""
+    tol: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What the runs of a route gave: a reading of each level that ran, and the finest trajectory."""
+
+    route: Route
+    levels: tuple[float, ...]
+    readings: tuple[Reading, ...]
+    trajectory: Trajectory | None
+
+    @property
+    def finest(self) -> Reading:
+        """The reading that is judged."""
+        return self.readings[-1]
+
+
+def default_routes(problem: Problem) -> list[Given]:
+    """Return every route that there is: the closed form if the problem has one, methods, solvers of their LCPs, and Siconos.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem
+    >>> default_routes(load_problem("kelvin-voigt-tension"))
+    ['closed form', 'exact', 'event-driven', 'radau-fesd', 'moreau-jean', 'rk4-paper', 'siconos']
+    """
+    routes: list[Given] = [CLOSED_FORM] if problem.motion is not None else []
+    routes += ["exact", "event-driven", "radau-fesd", "moreau-jean"]
+    routes += [f"moreau-jean:{solver}" for solver in SOLVERS_COMPARED if problem.dynamics.contacts]
+    return [*routes, "rk4-paper", SICONOS]
+
+
+def by_label(routes: Sequence[Given] | Mapping[str, Given]) -> dict[str, Given]:
+    """Return what was given as routes under the labels that they have in the verdict.
+
+    Raises
+    ------
+    InputError
+        For a single name, or two routes of one label.
+    """
+    if isinstance(routes, str):
+        raise InputError(f"routes = {routes!r} must be a list of routes: write [{routes!r}]")
+    if isinstance(routes, Mapping):
+        return {str(label): what for label, what in routes.items()}
+    found: dict[str, Given] = {}
+    for what in routes:
+        label = what if isinstance(what, str) else next(iter(labelled([what]))) if isinstance(what, Integrator) else ""
+        label = label or getattr(what, "__name__", repr(what))
+        if label in found:
+            raise InputError(f"routes: {label!r} stands there twice; leave one out, or label them by a mapping")
+        found[label] = what
+    return found
+
+
+def step_counts(t_end: float, dt: float | None) -> tuple[int, ...]:
+    """Return the step counts of a route that steps, the last with steps of at most dt."""
+    coarsest = POINTS if dt is None else POINTS * max(1, math.ceil(t_end / dt / POINTS / RATIO ** (LEVELS - 1)))
+    return tuple(coarsest * RATIO**k for k in range(LEVELS))
+
+
+def make_route(problem: Problem, label: str, what: Given, counts: tuple[int, ...], t_end: float) -> Route:
+    """Return what was given as a route.
+
+    Raises
+    ------
+    InputError
+        For what is no route.
+    """
+    if what == CLOSED_FORM:
+        if problem.motion is None:
+            raise InputError(f"{problem.name!r} has no closed form: leave out the route {CLOSED_FORM!r}")
+        what = problem.motion
+    if what == SICONOS:
+        stepped = make_integrator("moreau-jean", {})
+        return Route(
+            label, counts, lambda n: (Reading(_thin(siconos(problem, int(n), t_end))), None), stepped, "steps",
+            stepped.family,
+        )  # fmt: skip
+    if isinstance(what, str):
+        name, colon, solver = what.partition(":")
+        integrator = make_integrator(name, {})
+        if colon:
+            return _by_solver(problem, label, integrator, solver, counts, t_end)
+        return _by_method(problem, label, integrator, counts, t_end)
+    if isinstance(what, Integrator):
+        return _by_method(problem, label, what, counts, t_end)
+    if not callable(what):
+        raise InputError(f"route {label!r}: {what!r} must be a name, an Integrator, or a function of times")
+    return _by_closed_form(problem, label, what, counts, t_end)
+
+
+def take(route: Route) -> Found:
+    """Run a route with all its levels; coarse ones may fail, and the finest may not.
+
+    Raises
+    ------
+    UnsupportedError
+        If the route does not handle the problem.
+    FailureError
+        If it breaks off.
+    """
+    levels, readings, finest = [], [], None
+    for level in route.levels:
+        last = level == route.levels[-1]
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):
+                reading, finest = route.run(level)
+        except (UnsupportedError, InputError):
+            raise
+        except LcpImpactError:
+            if last or len(route.levels) == 1:
+                raise
+            continue
+        if all(np.isfinite(told).all() for told in (reading.q, reading.v, reading.r) if told is not None):
+            levels.append(level)
+            readings.append(reading)
+        elif last:
+            raise FailureError(f"{route.label!r} grew beyond all bounds: take a smaller dt", finest)
+    return Found(route, tuple(levels), tuple(readings), finest)
+
+
+def _by_closed_form(problem: Problem, label: str, motion: ClosedForm, counts: tuple[int, ...], t_end: float) -> Route:
+    n = len(problem.dynamics.nodes)
+
+    def told(values: Any, nt: int, symbol: str) -> Array:
+        found = np.asarray(values, dtype=np.float64)
+        if found.shape != (nt, n):
+            raise InputError(
+                f"route {label!r} returned {symbol} of shape {found.shape}: for times (nt,) it must be (nt, {n})"
+            )
+        return found
+
+    def closed(_: float) -> tuple[Reading, Trajectory | None]:
+        q = told(motion(np.linspace(0.0, t_end, POINTS + 1))[0], POINTS + 1, "q")
+        v = motion(_instants(counts, t_end))[1]
+        return Reading(q, None if v is None else told(v, counts[-1], "v")), None
+
+    return Route(label, (math.nan,), closed, None, "exact", "closed form")
+
+
+def _by_solver(
+    problem: Problem, label: str, integrator: Integrator, solver: str, counts: tuple[int, ...], t_end: float
+) -> Route:
+    tol = SOLVERS[solver].tol
+
+    def run(n: float) -> tuple[Reading, Trajectory | None]:
+        trajectory = simulate(problem, integrator, dt=t_end / int(n), t_end=t_end, lcp_solver=solver, progress=False)
+        return Reading(_thin(trajectory.q)), trajectory
+
+    return Route(label, (counts[1],), run, integrator, "solver", _family(integrator), tol=tol)
+
+
+def _by_method(problem: Problem, label: str, integrator: Integrator, counts: tuple[int, ...], t_end: float) -> Route:
+    chosen: Any = integrator
+    declared = integrator.declared
+    instants = _instants(counts, t_end)
+    family, mode_choice = _family(integrator), integrator.mode_choice
+    # Where dt is the spacing of the output only, facts that are integrals over the grid want it fine.
+    located = counts[-2]
+
+    def run(method: Integrator, steps: int) -> tuple[Reading, Trajectory | None]:
+        try:
+            trajectory = simulate(problem, method, dt=t_end / steps, t_end=t_end, progress=False)
+        except FailureError as error:
+            found = error.result
+            # A coarse run that came to its end tells how the error falls, whatever is to be said against it.
+            if steps == counts[-1] or math.isinf(declared.order_smooth) or found is None or found.t[-1] < t_end:
+                raise
+            trajectory = found
+        times = np.linspace(0.0, t_end, POINTS + 1)
+        on_grid = steps % POINTS == 0 or POINTS % steps == 0
+        adaptive = len(trajectory.t) != steps + 1 or not on_grid
+        q = trajectory.sample(np.minimum(times, trajectory.t[-1])).q if adaptive else _thin(trajectory.q)
+        return _reading(problem, trajectory, q, np.minimum(instants, trajectory.t[-1])), trajectory
+
+    if hasattr(chosen, "rtol") and chosen.rtol is not None:
+
+        def by_tolerance(rtol: float) -> tuple[Reading, Trajectory | None]:
+            options = {"rtol": rtol, **({"atol": chosen.atol * rtol / chosen.rtol} if hasattr(chosen, "atol") else {})}
+            return run(replace(chosen, **options), located if math.isinf(declared.order_smooth) else POINTS)
+
+        return Route(label, RTOLS, by_tolerance, integrator, "tolerance", family, mode_choice)
+
+    def by_steps(n: float) -> tuple[Reading, Trajectory | None]:
+        return run(integrator, int(n))
+
+    if math.isinf(declared.order_smooth):
+        return Route(label, (located,), by_steps, integrator, "exact", family, mode_choice)
+    high = _lowest_order(declared) > 2.0
+    return Route(label, FEW if high else counts, by_steps, integrator, "steps", family, mode_choice)
+
+
+def _family(integrator: Integrator) -> str:
+    return integrator.family or integrator.name
+
+
+def _instants(counts: tuple[int, ...], t_end: float) -> Array:
+    """Return the instants at which velocities and forces are compared."""
+    return np.asarray((np.arange(counts[-1]) + SHIFT) * (t_end / counts[-1]))
+
+
+def _reading(problem: Problem, run: Trajectory, q: Array, instants: Array) -> Reading:
+    """Return what a run tells."""
+    n = len(problem.dynamics.nodes)
+    vr = read(run, lambda state: np.hstack([state.v, state.reaction]), instants)
+    facts = _facts(problem, run) if abs(run.t[-1] - problem.t_end) <= 1e-12 * problem.t_end else np.empty(0)
+    return Reading(q, vr[:, :n], vr[:, n:], run.events, facts)
+
+
+def _facts(problem: Problem, run: Trajectory) -> Array:
+    """Return what a run shows for each fact, NaN where that cannot be read, as of an event that it does not have."""
+
+    def shown(measure: Callable[[Any], float]) -> float:
+        try:
+            return float(measure(run))
+        except (LcpImpactError, ArithmeticError, LookupError, ValueError):
+            return math.nan
+
+    return np.array([shown(fact.measure) for fact in problem.facts])
+
+
+def _lowest_order(declared: Declared) -> float:
+    """Return the least of the orders that a method declares, but for those that it refuses."""
+    orders = (
+        declared.order_smooth, declared.order_force_kink, declared.order_force_jump, declared.order_impact,
+        declared.order_friction,
+    )  # fmt: skip
+    return min(order for order in orders if order > 0.0)
+
+
+def _thin(q: Array) -> Array:
+    """Return what stands at the instants at which routes are compared, of a grid with a multiple of them."""
+    return np.asarray(q[:: max(1, (len(q) - 1) // POINTS)])
