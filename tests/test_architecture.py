@@ -26,7 +26,7 @@ from lcpimpact.scheme.elements.base import Element
 PACKAGE = Path(lcpimpact.__file__).parent
 FILES = sorted(PACKAGE.rglob("*.py"))
 
-BASE = {"errors", "registry", "arrays", "numbers", "files", "compiled"}
+BASE = {"errors", "registry", "arrays", "numbers", "files", "compiled", "double_double"}
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "integrators"}
 RUN = METHOD | {"events", "certificate", "trajectory", "simulation"}
@@ -38,12 +38,13 @@ MAY_IMPORT = {
     "numbers": set(),
     "files": {"errors"},
     "compiled": {"errors", "arrays"},
+    "double_double": {"arrays", "compiled"},
     "lcp": BASE,
     "scheme": BASE,
     "problems": BASE | {"scheme"},
     "integrators": MECHANICS | {"lcp"},
     "events": METHOD,
-    "certificate": METHOD,
+    "certificate": METHOD | {"events"},
     "trajectory": METHOD | {"events", "certificate"},
     "simulation": METHOD | {"events", "certificate", "trajectory"},
     "schemefile": RUN,
@@ -65,7 +66,7 @@ ONLY = {
     "dask": {"sweep"},
     "pandas": {"study", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
-    "numba": {"compiled", "lcp", "integrators", "certificate"},
+    "numba": {"compiled", "double_double", "lcp", "integrators", "certificate"},
 }
 """Third-party packages to the layers that may import them."""
 
@@ -364,7 +365,7 @@ HELPERS = {
     "radau_iia",
     "tableau",
     "runge_kutta",
-} | {"linear_step", "halving", "time_stepping", "motion", "tangent"}
+} | {"linear_step", "halving", "time_stepping", "motion", "tangent", "impact_law", "state_jump"}
 """Files of the integrators that hold no method of their own."""
 
 REGISTRIES = [SOLVERS, METHODS, PROBLEMS, ELEMENTS]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -18,6 +19,8 @@ from lcpimpact import (
     LcpImpactError,
     Load,
     Mass,
+    Motion,
+    PrescribedMotion,
     Problem,
     Scheme,
     Spring,
@@ -25,8 +28,10 @@ from lcpimpact import (
     UnsupportedError,
     load_problem,
     simulate,
+    simulation,
 )
 from lcpimpact.errors import UnknownNameError
+from lcpimpact.integrators import METHODS as METHODS_BY_NAME
 from lcpimpact.integrators.moreau_jean import MoreauJean
 
 METHODS = ["moreau-jean", "exact", "rk4-paper"]
@@ -169,6 +174,66 @@ def test_a_problem_without_a_scheme(scheme):
         Problem("mine", scheme)
 
 
+NO_LOADS = {
+    "of two arguments": (
+        lambda t, v: 1.0,
+        r"fails by TypeError: .*missing 1 required.* 'v'; a function takes the time in s",
+    ),
+    "of none": (lambda: 1.0, "fails by TypeError"),
+    "that divides by zero": (lambda t: 1.0 / t, "fails by ZeroDivisionError"),
+    "text": (lambda t: "a", "returns 'a'; return a finite number in N"),
+    "None": (lambda t: None, "returns None"),
+    "NaN": (lambda t: math.nan, "returns nan"),
+    "infinite": (lambda t: math.inf, "returns inf"),
+    "complex": (lambda t: 1j, "returns 1j"),
+    "array": (lambda t: np.ones(2), r"returns an array of the shape \(2,\)"),
+    "array of one": (lambda t: np.ones(1), r"returns an array of the shape \(1,\)"),
+}
+
+
+@pytest.mark.parametrize("case", NO_LOADS)
+def test_a_function_that_gives_no_number_is_refused_with_its_element_before_the_run(case):
+    f, says = NO_LOADS[case]
+    with pytest.raises(InputError, match=rf"^Load at 'x': f\(0\.0\) {says}"):
+        Scheme(Mass("x", m=1.0), Load("x", f=f)).assemble()
+    says = says.replace("in N", "in m")
+    driven = [(Motion(f, float), "y"), (Motion(float, f), r"y\.rate")]
+    for y, name in driven:
+        with pytest.raises(InputError, match=rf"^PrescribedMotion at 'b': {name}\(0\.0\) (fails|returns)"):
+            Scheme(Mass("x", m=1.0), Spring("x", "b", k=1.0), PrescribedMotion("b", y)).assemble()
+    with pytest.raises(InputError, match=r"^a\[1\] of the system\(0\.0\) (fails|returns)"):
+        lcpimpact.LinearComplementaritySystem(np.zeros((2, 2)), np.ones((2, 1)), np.ones((1, 2)), a=[0.0, f])
+
+
+@pytest.mark.parametrize(
+    "f", [np.float32, int, lambda t: np.array(2.0)], ids=["float32", "int", "array of no dimension"]
+)
+def test_every_kind_of_real_number_is_a_force(f):
+    assert simulate(Problem("mine", Scheme(Mass("x", m=1.0), Load("x", f=f))), dt=1e-2, t_end=1e-1).success
+
+
+RIGID = [Bumper("x", "ground", gap=9.0, e=0.5)]
+SOFT = [Bumper("x", "z", gap=0.1), KelvinVoigt("z", "ground", k=9.0, c=1.0)]
+
+
+@pytest.mark.parametrize("late", [math.nan, math.inf])
+@pytest.mark.parametrize("plate", [RIGID, SOFT], ids=["rigid", "soft"])
+@pytest.mark.parametrize("method", METHODS_BY_NAME)
+def test_a_load_that_becomes_infinite_ends_the_run_there_and_is_named(method, plate, late):
+    scheme = Scheme(Mass("x", m=1.0), Load("x", f=lambda t: late if t > 0.352 else 1.0), *plate)
+    problem = Problem("mine", scheme, v0={"x": 1.0})
+    try:
+        traj = simulate(problem, method, dt=1e-2, t_end=0.7, throw=False)
+    except UnsupportedError:
+        return
+    assert traj.status is Status.NON_FINITE
+    assert re.search(
+        r"stopped after step 3\d .*not finite.*The load on 'x' is (nan|inf) at t = 0\.3[56]\d* s\.$", traj.message
+    )
+    assert 0.33 < traj.t[-1] < 0.3521
+    assert np.isfinite(traj.q).all()
+
+
 # ---- the grid -------------------------------------------------------------------------------------------------------
 
 
@@ -202,6 +267,34 @@ def test_a_multiple_in_floating_point_is_one(dt, t_end, steps):
 def test_a_step_that_is_too_small_for_any_computer(dt):
     with pytest.raises(InputError, match=r"dt = .*more than 1e9 steps: take a larger dt"):
         run(dt=dt, t_end=1.0)
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "exact", "event-driven", "rk4"])
+def test_more_steps_than_fit_in_memory_are_refused_before_any_memory_is_taken(method, monkeypatch):
+    monkeypatch.setattr(simulation, "physical_memory", lambda: 8e9)
+    tracemalloc.start()
+    with pytest.raises(
+        InputError, match=r"^1,000,000,000 steps do not fit in memory: .*112 GB, .*8 GB; take a larger dt"
+    ):
+        run(method=method, dt=1e-9, t_end=1.0)
+    assert tracemalloc.get_traced_memory()[1] < 1e8
+    tracemalloc.stop()
+
+
+def test_a_run_is_refused_where_its_arrays_take_more_than_half_of_the_memory(monkeypatch):
+    traj = run(method="exact", dt=1e-3)
+    arrays = sum(each.nbytes for each in (traj.t, traj.q, traj.v, traj.t_reaction, traj.reaction))
+    monkeypatch.setattr(simulation, "physical_memory", lambda: 2.0 * arrays)
+    assert run(method="exact", dt=1e-3).success
+    monkeypatch.setattr(simulation, "physical_memory", lambda: 2.0 * arrays - 1.0)
+    with pytest.raises(InputError, match="100 steps do not fit in memory"):
+        run(method="exact", dt=1e-3)
+
+
+def test_where_python_does_not_know_the_memory_a_limit_is_assumed(monkeypatch):
+    assert 1e8 < simulation.physical_memory() < 1e15
+    monkeypatch.delattr(simulation.os, "sysconf")
+    assert simulation.physical_memory() == simulation.ASSUMED_MEMORY
 
 
 # ---- methods, solvers and options -----------------------------------------------------------------------------------
@@ -258,10 +351,24 @@ def test_options_beside_an_integrator_object():
         run(method=MoreauJean(), theta=1.0)
 
 
-@pytest.mark.parametrize("theta", [2.0, 1.0000001, 0.0, -0.5, math.nan, math.inf, "0.5", None, True], ids=repr)
-def test_theta_outside_0_to_1(theta):
-    with pytest.raises(InputError, match=r"theta = .*must lie in \(0, 1\].*0\.5.*1\.0"):
+@pytest.mark.parametrize(
+    "theta", [2.0, 1.0000001, 0.4999999, 0.3, 0.0, -0.5, math.nan, math.inf, "0.5", None, True], ids=repr
+)
+def test_theta_outside_one_half_to_1(theta):
+    with pytest.raises(InputError, match=r"theta = .*must lie in \[0\.5, 1\].*0\.5.*1\.0.*below 0\.5 vibrations grow"):
         run(theta=theta)
+
+
+@pytest.mark.parametrize("theta", [0.5, 0.6, 1.0])
+def test_vibrations_change_by_the_stated_factor_and_never_grow(theta):
+    """Which the refusal of θ < 1/2 rests on: |λ|² = (1 + (1 - θ)² ω² h²)/(1 + θ² ω² h²)."""
+    spring = Problem("spring", Scheme(Mass("x", m=1.0), Spring("x", "ground", k=4.0)), q0={"x": 1.0})
+    found = simulate(spring, dt=0.1, t_end=1.0, theta=theta)
+    ωh = 2.0 * 0.1
+    factor = (1.0 + (1.0 - theta) ** 2 * ωh**2) / (1.0 + theta**2 * ωh**2)
+    energy = 0.5 * found["v_x"] ** 2 + 2.0 * found["x"] ** 2
+    np.testing.assert_allclose(energy, 2.0 * factor ** np.arange(11), rtol=1e-13)
+    assert factor <= 1.0
 
 
 @pytest.mark.parametrize("value", [0, -1, 0.5, 2.5, math.nan, math.inf, "10", True], ids=repr)
@@ -467,7 +574,7 @@ def test_a_folder_that_does_not_exist(tmp_path, ending):
 
 
 def test_a_folder_that_cannot_be_written():
-    with pytest.raises(InputError, match=r"cannot write '/proc/run\.csv'.*folder that can be written"):
+    with pytest.raises(InputError, match=r"cannot write .*'/proc/run\.csv'.*folder that can be written"):
         run().save("/proc/run.csv")
 
 

@@ -242,11 +242,13 @@ def test_the_command_cross_validate_has_the_verdict_as_its_exit_code(tmp_path, c
         )
         == 0
     )
-    assert "system-1: 2 routes agree" in capsys.readouterr().out
+    assert "system-1: 2 routes of 2 families agree" in capsys.readouterr().out
     assert "The routes agree." in report.read_text(encoding="utf-8")
     assert "toprule" in (tmp_path / "v.tex").read_text(encoding="utf-8")
     assert run("cross-validate", "system-1", "--routes", "exact") == 1
-    assert "do not agree" in capsys.readouterr().out
+    assert "system-1: nothing to judge by" in capsys.readouterr().out
+    assert run("cross-validate", "system-1", "--routes", "exact,event-driven", "--report", report) == 1
+    assert "Nothing to judge by." in report.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

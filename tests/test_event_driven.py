@@ -27,7 +27,7 @@ from lcpimpact import (
     Slider,
     Spring,
 )
-from lcpimpact.integrators.event_driven import SCIPY_SOLVERS, elevation
+from lcpimpact.integrators.event_driven import SCIPY_SOLVERS
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.problems.reference import KNOWN
 
@@ -255,17 +255,6 @@ def test_two_sign_changes_within_a_step_are_seen():
         assert (
             run(li.Problem("throw", scheme, v0={"x": -math.sqrt(2.0 * 9.81 * (1.0 - beyond))}), t_end=5.0).events == ()
         )
-
-
-def test_elevation_keeps_the_polynomial():
-    b = np.array([1.0, -2.0, 0.5, 3.0])
-    high = elevation(3, 22) @ b
-    s = np.linspace(0.0, 1.0, 7)
-    values = [
-        sum(c * math.comb(len(a) - 1, j) * s**j * (1 - s) ** (len(a) - 1 - j) for j, c in enumerate(a))
-        for a in (b, high)
-    ]
-    assert_allclose(values[0], values[1], rtol=1e-12)
 
 
 # --- non-linear springs, loads, sliders, motions ----------------------------------------------------------------------

@@ -268,7 +268,7 @@ def test_bad_constants_are_refused_by_name(make, says):
             (Mass("x", 1.0), Slider("x", "ground", 1.0), Slider("x", "ground", 2.0, name="G")),
             r"closes a loop with others",
         ),
-        ((Mass("x", 1.0), Jenkins("x", "ground", 1.0, 1.0), Jenkins("x", "ground", 2.0, 1.0)), r"another name="),
+        ((Mass("x", 1.0), *(Jenkins("x", "ground", k, 1.0, name="F") for k in (1.0, 2.0))), r"another name="),
         ((Mass("x", 1.0), Slider("x", "y", 1.0)), r"nothing holds node 'y'"),
     ],
 )

@@ -8,6 +8,8 @@ from numpy.testing import assert_allclose
 
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
+from lcpimpact.integrators.base import Grid
+from lcpimpact.integrators.halving import Halving
 from lcpimpact.study.norms import l1_v, sup_q
 
 HALVING = [name for name, kind in METHODS.items() if "halved" in kind.declared.adaptive]
@@ -100,3 +102,28 @@ def test_without_a_tolerance_the_steps_are_those_of_dt(name):
     found = run(li.load_problem("bouncing-ball"), name, dt=1e-2, t_end=1.0)
     assert_allclose(np.diff(found.t), 1e-2, rtol=1e-12)
     assert "rejected" not in found.stats
+
+
+def test_a_step_that_is_too_long_for_an_explicit_method_is_halved_and_ends_no_run():
+    problem = li.load_problem("two-balls-spring")
+    truth = run(problem, "exact", dt=5e-2, t_end=0.5)
+    for rtol in (1e-3, 1e-5):
+        # ω dt = 7, and the method is stable below 2; with springs met at the end of a step its LCP has no solution then.
+        found = run(problem, "stormer-verlet-ns", dt=5e-2, t_end=0.5, rtol=rtol)
+        assert found.stats["rejected"] > 0
+        assert sup_q(found, truth) < 20.0 * rtol * np.abs(truth.q).max()
+    failed = run(problem, "stormer-verlet-ns", dt=5e-2, t_end=0.5, throw=False)
+    assert failed.status is li.Status.INFEASIBLE, "without rtol the step is dt"
+
+
+def test_a_law_that_no_step_can_meet_ends_a_run_with_its_own_status():
+    calls = []
+
+    def never(level, t, y):
+        calls.append(level)
+        return li.Status.RAY, y, np.zeros(0)
+
+    halving = Halving(never, 1.0, 1e-3, np.array([True]), lambda q: 0.0, np.zeros(2))
+    assert halving.advance(Grid(1.0, 1), 0, 1) == (li.Status.RAY, 0)
+    assert max(calls) <= 42
+    assert len(halving.t) == 1

@@ -617,3 +617,26 @@ print(json.dumps(bits))
     compiled = python(code)
     assert len(set(compiled)) > 2 * len(NAMES)
     assert python(code, NUMBA_DISABLE_JIT="1") == compiled
+
+
+# ---- what a method of one's own does not declare --------------------------------------------------------------------
+
+
+class Undeclared(METHODS["moreau-midpoint"]):
+    """The midpoint method, which reads the loads at t + h/2, with another declaration."""
+
+    instants = (0.0,)
+
+
+class Forgetful(METHODS["moreau-midpoint"]):
+    """A method that reads what nothing remembers."""
+
+    def equations(self, y, d, h):
+        return y.memory["a"]
+
+
+def test_loads_at_an_instant_that_the_method_does_not_declare_are_refused_with_the_remedy():
+    with pytest.raises(li.InputError, match=r"use 0\.5, .*declare 0\.5 in instants, as instants = \(0\.0, 0\.5\)"):
+        li.simulate(wall(), Undeclared(), dt=h, t_end=h)
+    with pytest.raises(li.InputError, match=r"use 'a', .*declare 'a' in remembers, as remembers = \('a',\)"):
+        li.simulate(wall(), Forgetful(), dt=h, t_end=h)

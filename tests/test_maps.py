@@ -374,6 +374,8 @@ def test_the_commands_say_draw_and_write(capsys, tmp_path):
         (("basins", "shaw-holmes", "--over", "x0=-1:0:2", "--over", "x0=-1:0:2"), "given twice"),
         (("basins", "shaw-holmes", "--over", "x0=-1:0:2000", "--over", "v0=-1:0:2000"), "take fewer"),
         (("orbit", "hertz-impact"), "non-linear springs"),
+        (("orbit", "bouncing-ball"), "the impacts of R accumulate, so the run shows no period"),
+        (("orbit", "bouncing-ball", "--over", "e=0.5:0.8:3"), "the impacts of R accumulate"),
         (("orbit", "shaw-holmes", "--over", "zeta=0.1:0.1:0"), "must read NAME=LOW:HIGH:COUNT"),
     ],
 )
@@ -383,6 +385,35 @@ def test_wrong_input_is_one_line_and_nothing_is_written(capsys, tmp_path, argume
     assert message in said
     assert said.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_diagram_without_a_single_result_is_one_line_and_writes_nothing(capsys, tmp_path):
+    code, _, said = call(
+        capsys,
+        "bifurcation",
+        "system-1",
+        "--over",
+        "k_o=1:2:3",
+        "--out",
+        tmp_path / "a.csv",
+        "--plot",
+        tmp_path / "a.svg",
+    )
+    assert code == 1
+    assert "no value of k_o has a result: system-1 has no force with a period" in said
+    assert "Traceback" not in said
+    assert list(tmp_path.iterdir()) == []
+    table = li.bifurcation(lambda k: li.load_problem("system-1", k_o=k), [1.0, 2.0])
+    assert table["period"].isna().all()
+    assert table["failure"].str.startswith("system-1 has no force").all()
+
+
+def test_no_orbit_is_found_in_impacts_that_accumulate():
+    with pytest.raises(li.InputError, match="impacts of R accumulate"):
+        li.periodic_orbit(li.load_problem("bouncing-ball"))
+    with np.errstate(all="raise"), pytest.raises(li.FailureError, match="no periodic orbit found"):
+        li.periodic_orbit(li.load_problem("bouncing-ball"), T=0.9)
+    assert li.periodic_orbit(li.load_problem("bouncing-ball", e=1.0)).residual < 1e-12
 
 
 def test_names_of_outputs_are_looked_at_before_the_work(capsys, tmp_path):

@@ -1,6 +1,8 @@
 """The declared order of every registered method is measured: in smooth motion, across switches, and across impacts."""
 
+import importlib.util
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import pytest
 import lcpimpact as li
 from lcpimpact.errors import InputError
 from lcpimpact.integrators import METHODS
+from lcpimpact.integrators.time_stepping import TimeStepping
 from lcpimpact.simulation import simulate
 from lcpimpact.study.norms import l1_v, sup_q
 from lcpimpact.study.orders import COUNTS, EVENT_BAND, SMOOTH_BAND, observed_order, order_as_declared
@@ -109,6 +112,38 @@ def test_order_across_impacts(name, problem):
     measure(name, IMPACTS[problem], METHODS[name].declared.order_impact, "l1_v", EVENT_BAND)
 
 
+CHAINS = {"one body": 14, "two bodies": 1, "three bodies": 10}
+"""Seeds of benchmarks/orders.py; in the last two impacts accumulate."""
+
+STEPS = tuple(int(n) for n in np.geomspace(211, 6_000, 10))
+
+TIME_STEPS = [name for name, kind in METHODS.items() if issubclass(kind, TimeStepping)]
+
+
+@pytest.fixture(scope="module")
+def chains():
+    path = Path(__file__).parents[1] / "benchmarks" / "orders.py"
+    spec = importlib.util.spec_from_file_location("orders_benchmark", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return {name: module.chain(seed) for name, seed in CHAINS.items()}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TIME_STEPS)
+def test_order_across_many_impacts_of_random_chains(name, chains):
+    """The median is as declared; the slope of one chain is not, since its errors scatter by where in a step impacts fall."""
+    found = []
+    for problem in chains.values():
+        truth = simulate(problem, "exact", dt=problem.t_end / 200, t_end=problem.t_end)
+        other = simulate(problem, "event-driven", dt=problem.t_end / 200, t_end=problem.t_end, **TIGHT["event-driven"])
+        assert np.abs(truth.q - other.q).max() < 1e-8 * np.abs(truth.q).max(), "the truth is that of both"
+        found.append(observed_order(problem, name, STEPS, norm="l1_v", truth=truth))
+    assert abs(np.median([each.slope for each in found]) - METHODS[name].declared.order_impact) < 0.2
+    assert all(abs(each.slope - 1.0) < EVENT_BAND for each in found)
+    assert all(each.scatter < 0.3 for each in found)
+
+
 @pytest.mark.parametrize("name", METHODS)
 def test_order_where_a_slider_turns_and_stops(name):
     problem = before("coulomb-oscillator", 2.0)
@@ -139,7 +174,10 @@ def test_the_balance_of_energy_is_kept_between_impacts(name):
     except li.UnsupportedError as refusal:
         pytest.skip(str(refusal))
     assert len([event for event in run.events if event.kind == "impact"]) == 4
-    assert run.certificate.energy_balance < 1e-11 * run.certificate.energy_scale
+    # A velocity that is recorded without half a kick makes an impact work more or less by as much.
+    h, g, fastest = problem.t_end / 2500, 9.81, math.sqrt(2.0 * 9.81)
+    lacking = 4 * METHODS[name].declared.kick * h * g * fastest
+    assert run.certificate.energy_balance < 1e-11 * run.certificate.energy_scale + lacking
 
 
 # ---- the measuring itself -------------------------------------------------------------------------------------------

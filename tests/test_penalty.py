@@ -393,15 +393,15 @@ def test_where_a_plate_has_no_mass_there_is_no_loss_unless_it_is_given(name):
 def test_constants_that_are_given_come_before_those_of_e():
     ball = load_problem("bouncing-ball", e=0.5)
     assert penalized(ball, "kelvin-voigt", k=1e4, c=3.0).scheme.elements[-1] == KelvinVoigtStop(
-        "x", "ground", 1e4, 3.0, 1.0
+        "x", "ground", 1e4, 3.0, 1.0, "R"
     )
     assert penalized(ball, "kelvin-voigt", k=1e4, e=1.0).scheme.elements[-1].c == 0.0
-    assert penalized(ball, "hertz", k=1e4, e=1.0).scheme.elements[-1] == HertzSpring("x", "ground", 1e4, 1.5, 1.0)
+    assert penalized(ball, "hertz", k=1e4, e=1.0).scheme.elements[-1] == HertzSpring("x", "ground", 1e4, 1.5, 1.0, "R")
     assert penalized(ball, "hertz", k=1e4, e=1.0, n=2.0).scheme.elements[-1].n == 2.0
     law = penalized(ball, "hunt-crossley", k=1e4, b=0.2, n=1.25).scheme.elements[-1]
-    assert law == HuntCrossley("x", "ground", 1e4, 0.2, 1.25, 1.0)
+    assert law == HuntCrossley("x", "ground", 1e4, 0.2, 1.25, 1.0, "R")
     assert penalized(ball, "hunt-crossley", k=1e4, b=0.0).scheme.elements[-1] == HertzSpring(
-        "x", "ground", 1e4, 1.5, 1.0
+        "x", "ground", 1e4, 1.5, 1.0, "R"
     )
     assert penalized(ball, "hunt-crossley", k=1e4, e=0.5, v0=2.0).scheme.elements[-1].b == pytest.approx(
         loss_number(0.5) / 2.0

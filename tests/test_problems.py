@@ -443,9 +443,17 @@ def test_a_crossing_on_a_grid_point_is_found():
         assert problem.facts[0].error(run(problem)) < 1e-12
 
 
+def test_the_end_of_a_run_is_the_end_that_was_asked_for():
+    # Where the number of steps times t_end, over the number of steps, is another number.
+    for t_end, steps in ((0.0012672046043805758, 200), (0.1, 3), (0.7, 11)):
+        found = li.simulate(load_problem("diode-bridge"), dt=t_end / steps, t_end=t_end)
+        assert found.t[-1] == t_end
+    assert 0.1 * 3 / 3 != 0.1
+
+
 def test_the_end_of_a_run_is_read_where_rounding_puts_it():
     problem = load_problem("diode-bridge", L=0.015625, C=8.448030695870505e-06, R=30.0, v0=1.0)
-    found = run(problem)
+    found = run(problem, stretch=1.0 - 1e-15)
     assert found.t[-1] < problem.t_end < found.t[-1] * (1 + 1e-12)
     assert reading.at(found, "v_L", problem.t_end) == found["v_L"][-1]
     with pytest.raises(InputError, match="sample times must lie within the run"):

@@ -9,11 +9,26 @@ import lcpimpact as li
 from lcpimpact.integrators import METHODS
 from lcpimpact.problems import PROBLEMS
 
+STOPPED_PLATE = li.Problem(
+    "stopped plate",
+    li.Scheme(
+        li.Mass("x", m=1.0),
+        li.Bumper("x", "z", name="R", e=0.5),
+        li.KelvinVoigt("z", "ground", k=10.0, c=1.0),
+        li.Bumper("z", "ground", gap=0.1, name="S", e=0.5),
+    ),
+    v0={"x": 1.0},
+)
+"""A scheme with a feature that no registered problem has."""
+
+EVERY = (*PROBLEMS, STOPPED_PLATE.name)
 SMALLER = {"bar-impact": {"elements": 4.0}, "bouncing-bar": {"elements": 4.0}, "plastic-bar-impact": {"elements": 4.0}}
 STEPS = 3
 
 
 def load(name):
+    if name == STOPPED_PLATE.name:
+        return STOPPED_PLATE
     return li.load_problem(name, **SMALLER.get(name, {}))
 
 
@@ -29,7 +44,7 @@ def runs(problem, method):
         return False
 
 
-@pytest.mark.parametrize("problem", PROBLEMS)
+@pytest.mark.parametrize("problem", EVERY)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_method_runs_or_names_one_that_does(method, problem):
     problem = load(problem)
@@ -54,10 +69,10 @@ def test_a_method_runs_or_names_one_that_does(method, problem):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_what_is_declared_as_handled_is_run(method):
-    """Each feature and degree that a method declares occurs in a problem that it runs."""
+    """Each feature and degree that a method declares occurs in a problem here that it runs."""
     d = METHODS[method].declared
     features, degrees = set(), set()
-    for name in PROBLEMS:
+    for name in EVERY:
         problem = load(name)
         if set(problem.dynamics.features) <= set(d.handles) and runs(problem, method):
             features |= set(problem.dynamics.features)

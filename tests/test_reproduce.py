@@ -12,8 +12,17 @@ import pytest
 
 from lcpimpact.problems.reference import KNOWN
 from lcpimpact.reproduce.checks import Check, all_checks
-from lcpimpact.reproduce.cross_validation import Case, Row, all_cases, cross_validate, run_case, switch_errors
+from lcpimpact.reproduce.cross_validation import (
+    Case,
+    CrossValidation,
+    Row,
+    all_cases,
+    cross_validate,
+    run_case,
+    switch_errors,
+)
 from lcpimpact.reproduce.run import FIGURES
+from lcpimpact.reproduce.tables import compared_with_rk4
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +98,28 @@ def test_switches_are_paired_and_missing_ones_shown():
     assert np.isnan(errors).tolist() == [False, False, True, True]
     assert switch_errors(exact, exact) == ((0.0, 0.0, 0.0, 0.0), 0)
     assert switch_errors(exact, damped)[1] == 2
+
+
+def test_the_sentence_on_rk4_says_what_the_rows_show():
+    """Rows with known errors: R errs more than by RK4 in one of three."""
+
+    def pair(label, h, R, R_by_rk4):
+        step = Case(label, "moreau-jean", (("theta", 0.5),), "lemke", h)
+        return [Row(step, 1e-6, 1e-6, R), Row(Case(label, "rk4-paper", (), "auto", h), 1e-4, 1e-4, R_by_rk4)]
+
+    rows = [
+        *pair("System 1", 1e-2, 1.0, 2.0),
+        *pair("System 3", 1e-2, 1.0, 3.0),
+        *pair("System 3", 1e-3, 6.2e-2, 3.5e-2),
+    ]
+    said = compared_with_rk4(CrossValidation(tuple(rows), ()))
+    assert said == (
+        "Of 3 rows, the θ = 1/2 step errs less than RK4 in x in 3, in x' in 3 and in R in 2 (not for System 3 with "
+        "h = 0.001 s)."
+    )
+    assert "in R in 2" in compared_with_rk4(CrossValidation(tuple(rows[::-1]), ()))
+    # What is not in the table is not counted.
+    assert compared_with_rk4(CrossValidation(tuple(rows[:3]), ())).startswith("Of 1 rows")
 
 
 class Page(HTMLParser):

@@ -79,3 +79,11 @@ def test_refuses_what_the_paper_does_not_print():
     other = li.Problem("system-1", li.load_problem("system-3").scheme, v0={"x": 1.0})
     with pytest.raises(li.UnsupportedError, match="system-1"):
         li.simulate(other, "rk4-paper", dt=1e-2, t_end=1.0)
+
+
+def test_a_contact_that_is_closed_from_the_start_does_not_close_there_again():
+    """The force of System 2 starts from zero between plates that touch."""
+    problem = li.load_problem("system-2")
+    exact, found = (li.simulate(problem, method, dt=1e-3, t_end=3.0) for method in ("exact", "rk4-paper"))
+    assert [event.kind for event in found.events] == [event.kind for event in exact.events] == ["open", "close"]
+    assert_allclose([event.t for event in found.events], [event.t for event in exact.events], atol=2e-3)

@@ -30,7 +30,9 @@ from lcpimpact import (
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.runge_kutta import ExplicitRungeKutta
 from lcpimpact.integrators.tableau import Tableau, trees
+from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.bouncing_ball import closed_form
+from lcpimpact.study.norms import inertial
 from lcpimpact.study.orders import observed_order
 
 FAMILY = ("heun", "ssprk3", "bs23", "rk4", "dopri5")
@@ -360,6 +362,78 @@ def test_errors_follow_the_tolerance(name):
             assert found.stats["inner_steps"] >= found.stats["steps"]
         assert errors[1] < 2e-5
         assert errors[1] < 0.2 * errors[0] or errors[0] < 1e-6
+
+
+MULTIPLE = 20.0
+"""So many rtol may be left of the largest coordinate."""
+
+STIFF = ("bar-impact", "bouncing-bar", "hereditary-impact")
+"""Bars of many masses, whose stability takes a thousand steps and more: they are run with one tolerance and one dt."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("problem", PROBLEMS)
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_the_error_of_a_run_is_a_small_multiple_of_rtol_over_the_registry(name, problem):
+    case = li.load_problem(problem)
+    for points in (40,) if problem in STIFF else (40, 7):
+        h = case.t_end / points
+        try:
+            found = {
+                rtol: run(case, name, dt=h, t_end=case.t_end, rtol=rtol)
+                for rtol in ((1e-3,) if problem in STIFF else (1e-3, 1e-6))
+            }
+        except li.UnsupportedError as refusal:
+            pytest.skip(str(refusal))
+        try:
+            truth = run(case, "exact", dt=h, t_end=case.t_end)
+        except li.UnsupportedError:
+            truth = run(case, "event-driven", dt=h, t_end=case.t_end, rtol=1e-12, atol=1e-15)
+        massive = inertial(truth)
+        scale = np.abs(truth.q).max()
+        for rtol, each in found.items():
+            error = np.abs(each.q - truth.q)[:, massive].max()
+            assert error < MULTIPLE * rtol * scale, (points, rtol, error / scale)
+
+
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_a_tolerance_bounds_the_error_where_a_vibration_is_small_against_the_fall(name):
+    problem = li.load_problem("two-balls-spring")
+    truth = run(problem, "exact", dt=0.05, t_end=0.5)
+    for rtol in (1e-3, 1e-5):
+        found = run(problem, name, dt=0.05, t_end=0.5, rtol=rtol)
+        assert np.abs(found.q - truth.q).max() < 2.0 * rtol * np.abs(truth.q).max()
+        assert np.abs(found.v - truth.v).max() < 20.0 * rtol * np.abs(truth.v).max()
+
+
+@pytest.mark.parametrize("points", [40, 41, 7])
+@pytest.mark.parametrize("rtol", [1e-3, 1e-5])
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_what_falls_back_before_it_has_left_an_overlap_does_not_fall_through(name, rtol, points):
+    problem = li.load_problem("bouncing-ball")
+    found = run(problem, name, dt=problem.t_end / points, t_end=problem.t_end, rtol=rtol)
+    assert found.certificate.penetration < 0.2 * rtol
+    assert_allclose(found["R"][-1], 9.81, rtol=1e-12)
+
+
+def test_micrometres_and_kilometres_are_resolved_alike():
+    runs = []
+    for size in (1e-6, 1.0, 1e6):
+        scheme = Scheme(Mass("x", 1.0), Spring("x", "ground", 4.0), Bumper("x", "ground", gap=0.5 * size, e=0.5))
+        problem = li.Problem("scaled", scheme, q0={"x": -size})
+        runs.append(run(problem, "dopri5", dt=0.5, t_end=5.0, rtol=1e-4))
+    for each, size in zip(runs, (1e-6, 1.0, 1e6), strict=True):
+        assert each.stats["inner_steps"] == runs[1].stats["inner_steps"]
+        assert_allclose(each.q / size, runs[1].q, rtol=0.0, atol=1e-9)
+
+
+def test_a_dip_of_a_gap_within_one_step_is_not_stepped_over():
+    # The body would pass the stop by 1 mm for 0.09 s, while a step takes 0.3 s and more.
+    scheme = Scheme(Mass("x", 1.0), Spring("x", "ground", 1.0), Bumper("x", "ground", gap=0.999, e=0.5))
+    problem = li.Problem("graze", scheme, q0={"x": -1.0})
+    truth = run(problem, "exact", dt=0.7, t_end=7.0)
+    found = run(problem, "dopri5", dt=0.7, t_end=7.0, rtol=1e-4)
+    assert [event.kind for event in found.events][:1] == [event.kind for event in truth.events][:1] == ["impact"]
 
 
 @pytest.mark.parametrize("name", ADAPTIVE)

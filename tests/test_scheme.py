@@ -15,10 +15,13 @@ from lcpimpact import (
     Dashpot,
     Harmonic,
     InputError,
+    Jenkins,
     KelvinVoigt,
     Load,
     Mass,
+    Rope,
     Scheme,
+    Slider,
     Spring,
     UnsupportedError,
     load_problem,
@@ -503,9 +506,43 @@ def test_a_body_between_two_stops_runs():
     assert traj["x"][-1] == pytest.approx(-0.5, abs=1e-12)
 
 
+def two_bumpers(**names):
+    return [Bumper(node, "ground", e=0.0, name=names.get(node)) for node in "xy"]
+
+
+def reactions(scheme):
+    return [contact.name for contact in scheme.assemble().contacts]
+
+
 def test_two_reactions_of_one_name_are_refused():
-    with pytest.raises(InputError, match=r"one name, 'R'.*name="):
-        Scheme(*BODY, Mass("y", m=1.0), Bumper("x", "ground", e=0.0), Bumper("y", "ground", e=0.0)).assemble()
+    with pytest.raises(InputError, match=r"one name, 'A'.*name="):
+        Scheme(*BODY, Mass("y", m=1.0), *two_bumpers(x="A", y="A")).assemble()
+    named = Scheme(*BODY, Mass("y", m=1.0), *two_bumpers()).add(Mass("z", m=1.0))
+    with pytest.raises(InputError, match=r"one name, 'R_2'.*name="):
+        named.add(Bumper("z", "ground", e=0.0, name="R_2")).assemble()
+
+
+def test_reactions_without_a_name_are_numbered_in_the_order_of_the_elements():
+    bodies = [Mass(node, m=1.0) for node in "xyz"]
+    springs = [Slider("x", "y", r0=1.0), Jenkins("y", "z", k=1.0, f_y=2.0), Rope("x", "ground", slack=1.0, e=0.0)]
+    scheme = Scheme(*bodies, *two_bumpers(), *springs)
+    assert reactions(scheme) == ["R", "R_2", "F", "F_2", "T"]
+    assert scheme.assemble().nodes == (*"xyz", "F_2.1")
+    scheme.add(Bumper("z", "ground", e=0.0), Rope("y", "ground", slack=1.0, e=0.0))
+    assert reactions(scheme) == ["R", "R_2", "F", "F_2", "T", "R_3", "T_2"], "what has a name keeps it"
+
+
+def test_names_that_are_given_are_kept_and_passed_over():
+    bodies = [Mass("x", m=1.0), Mass("y", m=1.0), Mass("z", m=1.0)]
+    third = Bumper("z", "ground", e=0.0)
+    assert reactions(Scheme(*bodies, *two_bumpers(y="R"), third)) == ["R_2", "R", "R_3"]
+    assert reactions(Scheme(*bodies, *two_bumpers(x="R_2"), third)) == ["R_2", "R", "R_3"]
+
+
+def test_a_numbered_bumper_is_drawn_by_its_name_unless_told_otherwise():
+    told = Bumper("z", "ground", e=0.0, symbols=("N",))
+    scheme = Scheme(*(Mass(node, m=1.0) for node in "xyz"), *two_bumpers(), told)
+    assert [each.symbols for each in scheme.elements[3:]] == [("R",), ("R_2",), ("N",)]
 
 
 @pytest.mark.parametrize(
@@ -525,7 +562,7 @@ def test_names_that_a_run_could_not_tell_apart_are_refused(elements, clash):
         Scheme(*elements).assemble()
 
 
-@pytest.mark.parametrize("name", ["", 3, None], ids=repr)
+@pytest.mark.parametrize("name", ["", 3, True], ids=repr)
 def test_a_reaction_without_a_name_is_refused(name):
     with pytest.raises(InputError, match="name"):
         Bumper("x", "z", name=name)

@@ -18,6 +18,7 @@ from lcpimpact import InputError, Problem, Run, Scheme, UnsupportedError, read_s
 from lcpimpact.cli.main import main
 from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.scheme.elements import ELEMENTS
+from lcpimpact.scheme.signals import SIGNALS
 from lcpimpact.schemefile import DEEPEST, KEYS, LARGEST, LONGEST
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -122,7 +123,14 @@ def test_every_element_comes_back_with_each_of_its_constants(name, folder):
 names = st.text(min_size=1, max_size=12).filter(lambda text: text not in ("ground", "t", "t_R"))
 positives = st.floats(1e-6, 1e6)
 reals = st.floats(-1e6, 1e6)
-signals = st.builds(li.Harmonic, reals, positives, reals)
+points = st.lists(st.tuples(positives, reals), min_size=1, max_size=4)
+signals = st.one_of(
+    st.builds(li.Harmonic, reals, positives, reals),
+    st.builds(li.Square, reals, positives, reals),
+    st.builds(li.Polynomial, st.lists(reals, min_size=1, max_size=4)),
+    st.builds(lambda a, b, t, T: li.Ramp(a, b, t, t + T), reals, reals, reals, positives),
+    st.builds(lambda each: li.Table(np.cumsum([step for step, _ in each]), [value for _, value in each]), points),
+)
 
 
 @st.composite
@@ -203,6 +211,22 @@ def test_the_file_is_written_to_be_read(tmp_path):
         '[[elements]]\ntype = "Load"\nnode = "x"\nf = {amplitude = 1.0, omega = 3.0}\n\n'
         "[initial.x]\nv = 1.0\n\n[run]\ndt = 0.001\n"
     )
+
+
+def test_reactions_that_a_scheme_named_have_the_same_names_when_read(tmp_path):
+    """The first needs no name in the file, wherever it stands; the others do."""
+    bodies = [li.Mass(node, 1.0) for node in "xyz"]
+    for names in ((None, None, None), (None, "R", None), ("R_2", None, "A")):
+        bumpers = [li.Bumper(node, "ground", e=0.0, name=name) for node, name in zip("xyz", names, strict=True)]
+        scheme = Scheme(*bodies, *bumpers)
+        path = write_scheme_file(Problem("three", scheme), tmp_path / "three.toml")
+        assert read_scheme_file(path).problem.scheme == scheme
+        assert '"R"' not in path.read_text()
+    (tmp_path / "two.toml").write_text(
+        "".join(f'[[elements]]\ntype = "Mass"\nnode = "{node}"\nm = 1.0\n'
+                f'[[elements]]\ntype = "Bumper"\nupper = "{node}"\nlower = "ground"\ne = 0.0\n' for node in "xy")
+    )  # fmt: skip
+    assert [each.name for each in read_scheme_file(tmp_path / "two.toml").problem.dynamics.contacts] == ["R", "R_2"]
 
 
 # ---- what cannot be written -----------------------------------------------------------------------------------------
@@ -408,7 +432,14 @@ WRONG = {
     "symbols": (SPRING + 'symbols = ["k", "l"]', r"of a Spring must be a tuple of 1 strings"),
     "symbols that are none": (SPRING + "symbols = [1]", r"Spring.symbols\[0\] = 1 must be a string"),
     "no load": (LOAD, r"Load at 'x': f is missing"),
-    "word as a load": (LOAD + 'f = "g"', r"Load.f = 'g' must be a number or a table \{ amplitude, omega, phase \}$"),
+    "word as a load": (LOAD + 'f = "g"', r"Load.f = 'g' must be a number or a table \{ type, ... \} of a .*Square$"),
+    "unknown signal": (LOAD + 'f = { type = "Rmp", start = 0 }', r"Load.f: unknown signal 'Rmp': did you mean 'Ramp'"),
+    "missing key of a signal": (LOAD + 'f = { type = "Square", amplitude = 1 }', r"Load.f: omega is missing: add it"),
+    "number for a table": (LOAD + 'f = { type = "Table", times = 3, values = [1] }', r"Load.f.times = 3 must be an array"),
+    "word in a table": (LOAD + 'f = { type = "Table", times = ["a"], values = [1] }',
+                        r"Load.f.times\[0\] = 'a' must be a number"),
+    "points out of order": (LOAD + 'f = { type = "Table", times = [1, 0], values = [1, 2] }',
+                            r"Load.f: Table: the time 0 s stands after 1 s"),
     "unknown key of a load": (LOAD + "f = { amplitude = 1, omga = 2 }", r"key of Load.f 'omga': did you mean 'omega'"),
     "missing key of a load": (LOAD + "f = { amplitude = 1 }", r"Load.f: omega is missing: add it"),
     "word in a load": (LOAD + 'f = { amplitude = 1, omega = "a" }', r"Load.f.omega = 'a' must be a number"),
@@ -839,6 +870,12 @@ def test_both_pages_show_files():
 @pytest.mark.parametrize(("page", "text"), SHOWN)
 def test_what_the_pages_show_can_be_run(page, text, tmp_path):
     assert read(tmp_path, text).simulate(dt=1e-2, t_end=0.1).success
+
+
+def test_the_page_shows_every_signal(folder):
+    lines = re.findall(r"^    (f = \{.*)$", (DOCS / "scheme-files.md").read_text("utf-8"), re.MULTILINE)
+    shown = {type(read(folder, LOAD + line).problem.scheme.elements[1].f).__name__ for line in lines}
+    assert shown == set(SIGNALS)
 
 
 def test_the_page_names_every_key():

@@ -261,7 +261,7 @@ def test_saving_again_replaces_the_file_and_leaves_nothing_else(theta, exact, tm
     first = (tmp_path / "run.csv").read_bytes()
     exact.save(tmp_path / "run.csv")
     assert (tmp_path / "run.csv").read_bytes() != first
-    assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.csv", "run.events.csv"]
 
 
 @pytest.mark.parametrize("ending", [".csv", ".npz"])
@@ -368,7 +368,7 @@ def test_without_xarray_the_remedy_is_named(theta, tmp_path):
 @pytest.mark.skipif(not HAS_XARRAY, reason="needs xarray")
 def test_with_xarray(theta, tmp_path):
     data = theta.to_xarray()
-    assert list(data.coords) == ["t", "t_R"]
+    assert list(data.coords) == ["t", "t_R", "event_side", "event_node", "event_row"]
     for name in theta.names:
         assert data[name].dims == (("t_R",) if name == "R" else ("t",))
         np.testing.assert_array_equal(data[name].values, theta[name])

@@ -1,0 +1,352 @@
+"""What a run claims is judged from outside: broken runs are found out for every method, and true ones raise no alarm."""
+
+import dataclasses
+import math
+import pickle
+
+import numpy as np
+import pytest
+
+import lcpimpact as li
+from lcpimpact import FailureError, InputError, Status
+from lcpimpact.integrators import METHODS
+from lcpimpact.integrators.moreau_jean import MoreauJean
+
+PAPER = "rk4-paper"
+IMPACTING = [name for name in METHODS if name != PAPER]
+T_END = 3.0
+
+
+def stopped_oscillator(e=0.5, m=1.3, k=40.0, c=0.7, f=5.0, gap=0.05):
+    """A body on a spring and a dashpot that a load drives against a stop, again and again."""
+    scheme = li.Scheme(
+        li.Mass("x", m), li.Spring("x", "ground", k), li.Dashpot("x", "ground", c), li.Load("x", li.Harmonic(f, 5.0)),
+        li.Bumper("x", "ground", gap=gap, e=e, name="R"),
+    )  # fmt: skip
+    return li.Problem("stopped oscillator", scheme, v0={"x": -0.4}, t_end=T_END)
+
+
+def pressed_body():
+    """A body on a spring that a load holds on a stop."""
+    scheme = li.Scheme(
+        li.Mass("x", 1.3), li.Spring("x", "ground", 40.0), li.Load("x", 9.0),
+        li.Bumper("x", "ground", gap=0.0, e=0.0, name="R"),
+    )  # fmt: skip
+    return li.Problem("pressed body", scheme, t_end=T_END)
+
+
+def simulate(problem, method, steps=2000):
+    return li.simulate(problem, method, dt=T_END / steps, t_end=T_END, progress=False)
+
+
+@pytest.fixture(scope="module")
+def runs():
+    """A run of the oscillator for each method, and of the paper's first system for the paper's own."""
+    found = {name: simulate(stopped_oscillator(), name) for name in IMPACTING}
+    return found | {PAPER: simulate(li.load_problem("system-1"), PAPER)}
+
+
+@pytest.fixture(scope="module")
+def pressed(runs):
+    """A run of the pressed body for each method, and of the paper's first system for the paper's own."""
+    return {name: simulate(pressed_body(), name, 200) for name in IMPACTING} | {PAPER: runs[PAPER]}
+
+
+def beyond(certificate):
+    """Return the names of what is beyond its limit."""
+    return {name for name, limit in certificate.limits.items() if not getattr(certificate, name) <= limit}
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_run_passes_the_laws_of_its_own_problem(runs, name):
+    certificate = runs[name].certify()
+    assert certificate.holds
+    assert certificate == runs[name].certificate
+    assert runs[name].success
+
+
+@pytest.mark.parametrize("name", IMPACTING)
+def test_a_run_with_another_restitution_breaks_the_impact_law(runs, name):
+    wrong = runs[name].certify(stopped_oscillator(e=0.9))
+    assert "impact_law" in beyond(wrong)
+    # The first impact alone is off by (0.9 - 0.5) |U⁻|.
+    impact = next(event for event in runs[name].events if event.kind == "impact")
+    assert wrong.impact_law >= 0.3 * abs(impact.left.v[0])
+    assert "the impact law is violated by" in " ".join(wrong.failures)
+
+
+@pytest.mark.parametrize("e", [0.0, 0.45, 0.55, 1.0])
+def test_the_impact_law_of_an_exact_run_is_off_by_the_wrong_coefficient_times_the_speed(runs, e):
+    fastest = max(-event.left.v[0] * -1.0 for event in runs["exact"].events if event.kind == "impact")
+    found = runs["exact"].certify(stopped_oscillator(e=e)).impact_law
+    assert found == pytest.approx(abs(e - 0.5) * fastest, rel=1e-9)
+
+
+WRONG = {
+    "m": {"m": 1.3 * 1.01},
+    "k": {"k": 40.0 * 1.01},
+    "c": {"c": 0.35},
+    "f": {"f": 20.0 * 1.01},
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+@pytest.mark.parametrize("name", IMPACTING)
+def test_a_run_of_another_model_is_found_out(runs, name, what):
+    assert "momentum" in beyond(runs[name].certify(stopped_oscillator(**WRONG[what])))
+
+
+@pytest.mark.parametrize("name", IMPACTING)
+def test_a_run_that_goes_through_a_nearer_stop_is_found_out(runs, name):
+    """Where overlaps of h |U| are declared, the stop must be nearer than that."""
+    assert "penetration" in beyond(runs[name].certify(stopped_oscillator(gap=0.045)))
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_scaled_reactions_are_found_out(pressed, name):
+    run = pressed[name]
+    broken = dataclasses.replace(run, reaction=1.01 * run.reaction)
+    assert beyond(broken.certify()) & {"momentum", "sampling", "equilibrium"}
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_reaction_that_pulls_is_found_out(pressed, name):
+    run = pressed[name]
+    reaction = run.reaction.copy()
+    reaction[len(reaction) // 3] = -0.1
+    assert beyond(dataclasses.replace(run, reaction=reaction).certify()) & {"tension", "sampling"}
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_reaction_of_an_open_contact_is_found_out(runs, name):
+    run = runs[name]
+    gap = run.problem.dynamics.gap(run.q).min(axis=1)
+    reaction = run.reaction.copy()
+    reaction[min(int(np.argmax(gap)), len(reaction) - 1)] = 5.0
+    assert beyond(dataclasses.replace(run, reaction=reaction).certify()) & {"complementarity", "momentum", "sampling"}
+
+
+@pytest.mark.parametrize("name", IMPACTING)
+def test_an_impact_that_is_missing_is_found_out(runs, name):
+    run = runs[name]
+    strongest = max(run.events, key=lambda event: event.impulse)
+    broken = dataclasses.replace(run, events=tuple(event for event in run.events if event is not strongest))
+    assert "momentum" in beyond(broken.certify())
+
+
+@pytest.mark.parametrize("name", IMPACTING)
+def test_an_impulse_of_another_size_is_found_out(runs, name):
+    run = runs[name]
+    strongest = max(run.events, key=lambda event: event.impulse)
+    events = tuple(
+        dataclasses.replace(event, impulse=1.1 * event.impulse) if event is strongest else event for event in run.events
+    )
+    assert "momentum" in beyond(dataclasses.replace(run, events=events).certify())
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_jump_of_a_coordinate_is_found_out(runs, name):
+    run = runs[name]
+    q = run.q.copy()
+    q[len(q) // 2 :] += 0.5 * np.ptp(q, axis=0)
+    assert beyond(dataclasses.replace(run, q=q).certify()) & {"kinematics", "sampling"}
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_velocities_that_are_not_the_rates_of_the_coordinates_are_found_out(runs, name):
+    run = runs[name]
+    assert beyond(dataclasses.replace(run, v=1.05 * run.v).certify()) & {"kinematics", "momentum", "sampling"}
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_certificate_needs_nothing_that_a_pickled_copy_has_not(runs, name):
+    run = dataclasses.replace(runs[name], dense=None, problem=None)
+    copy = dataclasses.replace(pickle.loads(pickle.dumps(run)), problem=runs[name].problem, dense=runs[name].dense)
+    assert copy.certify() == runs[name].certificate
+
+
+# ---- the status of a run --------------------------------------------------------------------------------------------
+
+
+@dataclasses.dataclass(frozen=True)
+class Careless(MoreauJean):
+    """The θ-step with every coefficient of restitution 0.9, whatever the problem says."""
+
+    name = "careless"
+    declared = dataclasses.replace(MoreauJean.declared, gated=True)
+
+    def prepare(self, d, h, lcp_solver):
+        contacts = tuple(dataclasses.replace(contact, e=0.9) for contact in d.contacts)
+        return super().prepare(dataclasses.replace(d, contacts=contacts), h, lcp_solver)
+
+
+def test_a_run_whose_certificate_fails_has_a_status_of_its_own_and_names_number_and_limit():
+    with pytest.raises(
+        FailureError, match=r"the impact law is violated by [\d.]+ m/s, where [\d.e-]+ is allowed"
+    ) as raised:
+        simulate(stopped_oscillator(), Careless())
+    run = raised.value.result
+    assert run.status is Status.VIOLATED
+    assert not run.success
+    assert Status.VIOLATED.sentence in run.message
+    assert len(run.t) == 2001, "what the run did is there to be looked at"
+    unthrown = li.simulate(stopped_oscillator(), Careless(), dt=T_END / 2000, t_end=T_END, throw=False, progress=False)
+    assert unthrown.status is Status.VIOLATED
+    assert simulate(stopped_oscillator(e=0.9), Careless()).success
+
+
+def test_a_problem_with_other_nodes_or_contacts_is_refused(runs):
+    other = li.Problem("other", li.Scheme(li.Mass("y", 1.0)))
+    with pytest.raises(InputError, match="'other' has the nodes y, and the run has x"):
+        runs["exact"].certify(other)
+    bare = li.Problem("bare", li.Scheme(li.Mass("x", 1.0)))
+    with pytest.raises(InputError, match=r"'bare' has the contacts \(none\), and the run has R"):
+        runs["exact"].certify(bare)
+    with pytest.raises(InputError, match="is not a Problem"):
+        runs["exact"].certify(3.0)
+
+
+# ---- sliders, given motions, nodes without mass ---------------------------------------------------------------------
+
+
+def plate(k=200.0, c=5.0, r0=2.0, amplitude=0.1):
+    """A body on a shaken base, with a slider and a massless plate on a spring and a dashpot that it meets."""
+    scheme = li.Scheme(
+        li.Mass("x", 1.0), li.Load("x", 4.0), li.Spring("x", "base", 30.0), li.Slider("x", "ground", r0, name="F"),
+        li.PrescribedMotion("base", li.Harmonic(amplitude, 4.0, -0.5 * math.pi)),
+        li.KelvinVoigt("p", "ground", k, c), li.Bumper("x", "p", gap=0.05, name="R"),
+    )  # fmt: skip
+    return li.Problem("plate", scheme, v0={"x": 0.5}, t_end=T_END)
+
+
+@pytest.fixture(scope="module")
+def plates():
+    return {name: simulate(plate(), name) for name in ("moreau-jean", "exact", "radau-fesd", "event-driven", "radau")}
+
+
+LAWS = {
+    "r0": ({"r0": 3.0}, {"complementarity"}),
+    "lower r0": ({"r0": 1.98}, {"tension"}),
+    "amplitude": ({"amplitude": 0.101}, {"motion"}),
+    "k": ({"k": 202.0}, {"equilibrium"}),
+    "c": ({"c": 5.05}, {"equilibrium"}),
+}
+
+
+@pytest.mark.parametrize("what", LAWS)
+@pytest.mark.parametrize("name", ["moreau-jean", "exact", "radau-fesd", "event-driven", "radau"])
+def test_sliders_motions_and_massless_nodes_are_judged(plates, name, what):
+    changed, laws = LAWS[what]
+    assert plates[name].certify().holds
+    assert laws <= beyond(plates[name].certify(plate(**changed)))
+
+
+def test_static_nodes_are_balanced():
+    """Two springs in a row: the node between has neither mass nor dashpot."""
+
+    def chain(k):
+        scheme = li.Scheme(li.Mass("x", 1.0), li.Spring("x", "s", 50.0), li.Spring("s", "ground", k))
+        return li.Problem("chain", scheme, v0={"x": 1.0})
+
+    for name in ("moreau-jean", "exact", "rk4", "radau"):
+        run = li.simulate(chain(100.0), name, dt=1e-3, t_end=2.0)
+        assert run.certify().holds
+        assert "equilibrium" in beyond(run.certify(chain(101.0))), name
+
+
+# ---- no false alarm -------------------------------------------------------------------------------------------------
+
+
+RIGHT = 1e-3
+"""A run that is off by no more than this, relative to the largest |q|, is right at the steps of these tests."""
+
+
+def accepted(problem, method, dt, t_end):
+    """Return the failures of a run, or None where it is refused or does not reach its end for another reason."""
+    try:
+        run = li.simulate(problem, method, dt=dt, t_end=t_end, throw=False, progress=False)
+    except (li.UnsupportedError, li.InputError):
+        return None
+    return run.certificate.failures if run.status in (Status.SOLVED, Status.VIOLATED) else None
+
+
+QUICK = (
+    "system-1",
+    "system-2",
+    "bouncing-ball",
+    "impact-oscillator",
+    "two-ball-drop",
+    "vibrating-table",
+    "hertz-impact",
+)
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_no_method_alarms_on_a_registered_problem(name):
+    problem = li.load_problem(name)
+    judged = {method: accepted(problem, method, problem.t_end / 400, problem.t_end) for method in METHODS}
+    assert {method: failures for method, failures in judged.items() if failures} == {}
+    assert sum(failures is not None for failures in judged.values()) >= 3
+
+
+def random_scheme(seed):
+    """A chain of one to four bodies: springs, dashpots, loads, sliders, massless plates, bumpers with gaps and e."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(1, 5))
+    names, elements, v0 = [f"b{i}" for i in range(count)], [], {}
+    for i, (name, before) in enumerate(zip(names, ["ground", *names], strict=False)):
+        elements.append(li.Mass(name, 10.0 ** rng.uniform(-1.0, 1.0)))
+        v0[name] = float(rng.normal())
+        if rng.random() < 0.6 or i == 0:
+            elements.append(li.Spring(before, name, 10.0 ** rng.uniform(0.5, 2.5)))
+        if rng.random() < 0.4:
+            elements.append(li.Dashpot(before, name, 10.0 ** rng.uniform(-1.0, 0.7)))
+        if rng.random() < 0.4:
+            elements.append(li.Load(name, float(rng.normal(scale=5.0))))
+        if rng.random() < 0.3:
+            elements.append(li.Load(name, li.Harmonic(rng.uniform(0.5, 5.0), rng.uniform(0.5, 6.0))))
+        if rng.random() < 0.2:
+            elements.append(li.Slider(name, "ground", rng.uniform(0.2, 3.0), name=f"F{i}"))
+        if rng.random() < 0.5:
+            elements.append(
+                li.Bumper(
+                    before, name, gap=rng.choice([0.0, rng.uniform(0.0, 0.3)]), e=rng.uniform(0.0, 1.0), name=f"R{i}"
+                )
+            )
+    if rng.random() < 0.5:
+        k, c = 10.0 ** rng.uniform(1.0, 3.0), 10.0 ** rng.uniform(-0.5, 1.0)
+        elements.append(li.KelvinVoigt("p", "ground", k, c) if rng.random() < 0.6 else li.Spring("p", "ground", k))
+        elements.append(li.Bumper(names[-1], "p", gap=rng.uniform(0.0, 0.3), name="S"))
+    elif rng.random() < 0.7:
+        elements.append(li.Bumper(names[-1], "ground", gap=rng.uniform(0.0, 0.5), e=rng.uniform(0.0, 1.0), name="S"))
+    return li.Problem(f"random {seed}", li.Scheme(*elements), v0=v0)
+
+
+def alarms(seeds):
+    """Return the failures of runs that are right, compared with another method, and how many runs were judged."""
+    found, judged = {}, 0
+    for seed in seeds:
+        problem = random_scheme(seed)
+        runs = {}
+        for method in METHODS:
+            try:
+                runs[method] = li.simulate(problem, method, dt=2e-3, t_end=2.0, throw=False, progress=False)
+            except (li.UnsupportedError, li.InputError):
+                continue
+        ended = {name: run for name, run in runs.items() if run.status in (Status.SOLVED, Status.VIOLATED)}
+        for name, run in ended.items():
+            truth = ended.get("exact" if name != "exact" else "event-driven")
+            if truth is None:
+                continue
+            judged += 1
+            off = np.abs(run.q - truth.q).max() / np.abs(truth.q).max()
+            if run.certificate.failures and off < RIGHT:
+                found[seed, name] = run.certificate.failures
+    return found, judged
+
+
+@pytest.mark.parametrize("first", [0])
+def test_no_method_alarms_on_random_schemes(first):
+    found, judged = alarms(range(first, first + 10))
+    assert found == {}
+    assert judged >= 60

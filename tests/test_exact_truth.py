@@ -1,0 +1,151 @@
+"""Motions whose truth is known in closed form, on which `exact` must not lose a digit."""
+
+import math
+
+import numpy as np
+import pytest
+from event_reference import Reference
+from numpy.testing import assert_allclose
+from test_event_reference import column
+
+import lcpimpact as li
+
+
+def run_exact(problem, dt, t_end, **options):
+    return li.simulate(problem, "exact", dt=dt, t_end=t_end, throw=False, **{"max_events": 3000} | options)
+
+
+@pytest.mark.parametrize("t_end", [100.0, pytest.param(1000.0, marks=pytest.mark.slow)])
+def test_bodies_that_a_force_holds_together_do_not_part_because_another_bounces(t_end):
+    scheme = li.Scheme(
+        li.Mass("a", 1.3), li.Load("a", 30.0),
+        li.Mass("b", 2.1), li.Spring("b", "ground", 170.3),
+        li.Bumper("a", "b", gap=0.0, e=0.5, name="R"),
+        li.Mass("c", 1.0), li.Spring("c", "ground", 0.3),
+        li.Bumper("c", "ground", gap=0.5, e=1.0, name="G"),
+    )  # fmt: skip
+    problem = li.Problem("three", scheme, q0={"a": 0.1, "b": 0.1}, v0={"a": 0.9, "b": 0.9, "c": 1.0})
+    run = run_exact(problem, 0.5, t_end)
+    assert run.success
+    # Alone, c swings against its stop with a fixed period.
+    ω = math.sqrt(0.3)
+    first, period = math.asin(0.5 * ω) / ω, (math.pi + 2.0 * math.asin(0.5 * ω)) / ω
+    assert {(each.kind, each.contact) for each in run.events} == {("impact", "G")}
+    assert_allclose(
+        [each.t for each in run.events], first + period * np.arange(len(run.events)), rtol=0, atol=1e-12 * t_end
+    )
+    assert len(run.events) == 1 + int((t_end - first) / period)
+    # a and b are one oscillator.
+    Ω = math.sqrt(170.3 / 3.4)
+    rest = 30.0 / 170.3
+    x = rest + (0.1 - rest) * np.cos(Ω * run.t) + 0.9 / Ω * np.sin(Ω * run.t)
+    acceleration = -(Ω**2) * (x - rest)
+    assert_allclose(run["a"], x, rtol=0, atol=1e-12 * max(t_end, 100.0) / 10.0)
+    assert_allclose(run["b"], run["a"], rtol=0, atol=1e-14)
+    assert_allclose(run["R"], 30.0 - 1.3 * acceleration, rtol=0, atol=1e-9)
+
+
+def plate_beside_an_impact():
+    scheme = li.Scheme(
+        li.KelvinVoigt("p", "ground", k=310.3, c=14.5), li.Load("p", f=4.9),
+        li.Mass("b", m=2.1), li.Load("b", f=3.0), li.KelvinVoigt("b", "p", k=170.3, c=3.1),
+        li.Bumper("p", "ground", gap=0, name="F"), li.Bumper("ground", "b", gap=0.01, e=1, name="S"),
+    )  # fmt: skip
+    return li.Problem("plate", scheme, v0={"b": 0.37})
+
+
+def test_a_plate_that_is_pressed_down_stays_down_beside_an_impact():
+    problem = plate_beside_an_impact()
+    run = run_exact(problem, 0.05, 2.0)
+    assert run.success
+    assert [(each.kind, each.contact) for each in run.events] == [("impact", "S")]
+    assert_allclose(run.events[0].t, 0.5329687861794, rtol=0, atol=1e-12)
+    truth = Reference(problem, 2.0)
+    assert_allclose(run.events[0].t, float(truth.events[0].t), rtol=1e-13)
+    assert (run["F"] > 0.0).all()
+    assert_allclose(run["p"], 0.0, atol=1e-15)
+
+
+def test_radau_fesd_keeps_the_plate_down_too():
+    run = li.simulate(plate_beside_an_impact(), "radau-fesd", dt=0.01, t_end=1.0, throw=False)
+    assert run.success
+    assert [each.contact for each in run.events] == ["S"]
+    assert_allclose(run.events[0].t, 0.5329687861794, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("m", "k", "T"),
+    [(1.0, 50.0, 1e4), (1.0, 5e5, 100.0), (3.0, 50.0, 1e4), (3.0, 5e5, 100.0), (3.0, 50.0, 1e5), (0.7, 1234.5, 1e5)],
+)
+def test_bodies_joined_by_a_spring_fly_to_a_wall_in_time(m, k, T):
+    scheme = li.Scheme(
+        li.Mass("a", m), li.Mass("b", 1.0), li.Spring("a", "b", k), li.Bumper("b", "ground", gap=T, e=0.5)
+    )
+    problem = li.Problem("flight", scheme, v0={"a": 1.0, "b": 1.0})
+    run = run_exact(problem, T / 100.0, 1.01 * T)
+    assert run.success
+    flown = run.t <= T
+    assert_allclose(run.q[flown], np.column_stack([run.t, run.t])[flown], rtol=0, atol=1e-12 * T)
+    assert_allclose(run.events[0].t, T, rtol=1e-12)
+    assert_allclose(run.events[0].impulse, 1.5, rtol=1e-12)
+    truth = Reference(problem, 1.01 * T)
+    # The reference follows an accumulation to flights of 1e-30 s; floats tell no instants apart below their last digit.
+    limits = [float(limit) for limit, _ in truth.accumulations]
+    told, known = (
+        [float(each.t) for each in events if all(abs(float(each.t) - limit) > 1e-11 * T for limit in limits)]
+        for events in (run.events, truth.events)
+    )
+    assert_allclose(told, known, rtol=1e-12)
+
+
+def test_bodies_that_turn_slowly_about_each_other_do_not_drift_from_a_wall_behind():
+    """Three bodies on two springs, one at an end set swinging: their centre of mass flies on for 1e5 s."""
+    scheme = li.Scheme(
+        li.Mass("a", 1.0), li.Mass("b", 2.0), li.Mass("c", 1.5),
+        li.Spring("a", "b", 40.0), li.KelvinVoigt("b", "c", 30.0, 0.5),
+    )  # fmt: skip
+    run = run_exact(li.Problem("train", scheme, v0={"a": 4.5}), 1e3, 1e5)
+    assert run.success
+    assert_allclose(run.q @ [1.0, 2.0, 1.5] / 4.5, run.t, rtol=0, atol=1e-12 * 1e5)
+
+
+def test_three_bodies_that_collapse_end_together():
+    problem = column((1.0, 1.0, 1.0), (1.0, 1.0), (1.0, 0.0, -0.5), 0.05)
+    run = run_exact(problem, 0.1, 4.0)
+    assert run.success
+    assert_allclose(run.v[-1], 1 / 6, rtol=0, atol=1e-12)
+    assert_allclose(run.q[-1] - [1.0, 0.0, -1.0], run.q[-1][1], rtol=0, atol=1e-12)
+    limit = float(Reference(problem, 4.0).accumulations[0][0])
+    assert max(each.t for each in run.events) == pytest.approx(limit, abs=1e-12)
+
+
+def test_three_bodies_meet_eleven_times_at_e_of_8_per_cent():
+    run = run_exact(column((1.0, 1.0, 1.0), (1.0, 1.0), (1.0, 0.0, -0.5), 0.08), 0.5, 20.0)
+    assert run.success
+    assert len(run.events) == 11
+    # At e = 2/25 it is 10.90824943252093; what 0.08 is in binary moves it by 4e-13.
+    assert_allclose(run.events[-1].t, 10.908249432521288, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize("e", [0.05, 0.15, 0.17])
+def test_four_bodies_that_collapse_come_to_rest(e):
+    run = run_exact(column((1.0, 1.0, 1.0, 1.0), (1.0, 1.0, 1.0), (1.0, 0.0, 0.0, -1.0), e), 0.1, 6.0)
+    assert run.success
+    assert_allclose(run.v[-1], 0.0, atol=1e-12)
+    # By symmetry they meet where the middle of the four was.
+    assert_allclose(run.q[-1], [1.5, 0.5, -0.5, -1.5], rtol=0, atol=1e-12)
+
+
+def test_a_stiff_plate_with_a_rate_of_1e9_has_one_event():
+    scheme = li.Scheme(
+        li.Mass("x", 1.0),
+        li.Load("x", 9.81),
+        li.Bumper("x", "z", gap=0.01),
+        li.KelvinVoigt("z", "ground", k=1e12, c=1e3),
+    )
+    problem = li.Problem("stiff", scheme)
+    run = run_exact(problem, 0.01, 0.2, max_events=1000)
+    truth = Reference(problem, 0.2)
+    assert run.success
+    assert [each.kind for each in run.events] == [each.kind for each in truth.events]
+    assert_allclose([each.t for each in run.events], [float(each.t) for each in truth.events], rtol=1e-12)

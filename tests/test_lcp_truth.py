@@ -1,0 +1,418 @@
+"""No answer called solved is wrong, and no problem that has a solution is called infeasible."""
+
+from __future__ import annotations
+
+import itertools
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lcpimpact import Status, UnsupportedError, solve_lcp
+from lcpimpact.lcp import SOLVERS
+from lcpimpact.lcp.judge import clear_residual, holds, measure
+from lcpimpact.lcp.operators import Banded, Dense, Factored
+from lcpimpact.lcp.problem import LCPSolution, bounds, unbounded_above
+from lcpimpact.lcp.rational import decide, nearest_floats, proof, proves_infeasible
+from lcpimpact.lcp.solve import prepare_lcp
+from lcpimpact.lcp.solvers.block_triangular import components, is_irreducible
+
+NAMES = list(SOLVERS)
+ANY_MATRIX = ["auto", "lemke", "enumeration", "block-triangular", "closed-form"]
+P_MATRIX = ["auto", "lemke", "enumeration", "block-triangular", "murty", "block-pivoting", "active-set"]
+NO_SOLUTION = (Status.RAY, Status.INFEASIBLE)
+
+
+def fractions(values) -> list:
+    """An array as nested lists of fractions."""
+    array = np.asarray(values, dtype=float)
+    return [fractions(each) if array.ndim > 1 else Fraction(float(each)) for each in array]
+
+
+def solved_exactly(A: list[list[Fraction]], b: list[Fraction]) -> list[Fraction] | None:
+    """The x with A x = b by Gauss and Jordan, or None where A is singular."""
+    rows, n = [[*row, right] for row, right in zip(A, b, strict=True)], len(b)
+    for c in range(n):
+        pivot = next((r for r in range(c, n) if rows[r][c] != 0), None)
+        if pivot is None:
+            return None
+        rows[c], rows[pivot] = rows[pivot], rows[c]
+        rows[c] = [a / rows[c][c] for a in rows[c]]
+        for r in range(n):
+            if r != c:
+                rows[r] = [a - rows[r][c] * b for a, b in zip(rows[r], rows[c], strict=True)]
+    return [row[n] for row in rows]
+
+
+def basic_solutions(M, q, lower=None, upper=None) -> list[list[Fraction]]:
+    """Every solution at a regular complementary basis."""
+    N, p, n = fractions(M), fractions(q), len(q)
+    low = [0.0] * n if lower is None else list(lower)
+    high = [np.inf] * n if upper is None else list(upper)
+    found = []
+    for side in itertools.product((-1, 0, 1), repeat=n):
+        if any((s < 0 and a == -np.inf) or (s > 0 and b == np.inf) for s, a, b in zip(side, low, high, strict=True)):
+            continue
+        z = [Fraction(float(a if s < 0 else b)) if s else Fraction(0) for s, a, b in zip(side, low, high, strict=True)]
+        free = [i for i in range(n) if side[i] == 0]
+        right = [-p[i] - sum(N[i][j] * z[j] for j in range(n)) for i in free]
+        x = solved_exactly([[N[i][j] for j in free] for i in free], right)
+        if x is None:
+            continue
+        for i, value in zip(free, x, strict=True):
+            z[i] = value
+        w = [p[i] + sum(N[i][j] * z[j] for j in range(n)) for i in range(n)]
+        inside = all(low[i] <= z[i] <= high[i] for i in range(n))
+        signs = all(
+            (w[i] >= 0 or z[i] == high[i]) and (w[i] <= 0 or z[i] == low[i]) for i in range(n)
+        )  # fmt: skip
+        if inside and signs:
+            found.append(z)
+    return found
+
+
+def exact_defect(M, q, z) -> Fraction:
+    """How far the floats z are from a solution, without rounding: w_i by the terms of its row, z_i by what it changes."""
+    N, p, x, n = fractions(M), fractions(q), fractions(z), len(q)
+    w = [p[i] + sum(N[i][j] * x[j] for j in range(n)) for i in range(n)]
+    unit = [abs(p[i]) + sum(abs(N[i][j] * x[j]) for j in range(n)) for i in range(n)]
+    free = [abs(p[i]) / unit[i] for i in range(n) if x[i] > 0 and unit[i] > 0]
+    share = max(free, default=Fraction(1)) or Fraction(1)
+    worst = Fraction(0)
+    for i in range(n):
+        assert x[i] >= 0
+        if w[i] == 0 or (w[i] > 0 and x[i] == 0):
+            continue
+        change = max(abs(N[k][i] * x[i]) / (unit[k] * share) for k in range(n) if unit[k] > 0)
+        relative = abs(w[i]) / (unit[i] * share)
+        worst = max(worst, relative if w[i] < 0 or change == 0 else min(relative, change))
+    return worst
+
+
+def assert_a_proof(M, q, ray) -> None:
+    """v >= 0, Mᵀ v <= 0 and q·v < 0, in fractions of the floats that were returned."""
+    N, p, v = fractions(M), fractions(q), fractions(ray)
+    assert min(v) >= 0
+    assert all(sum(N[i][j] * v[i] for i in range(len(v))) <= 0 for j in range(len(v)))
+    assert sum(a * b for a, b in zip(p, v, strict=True)) < 0
+
+
+def assert_true(found: LCPSolution, M, q, solvable: bool, tol: float) -> None:
+    """Whatever was said of the problem holds."""
+    if found.status is Status.SOLVED:
+        assert exact_defect(M, q, found.z) <= Fraction(4.0 * tol)
+    elif found.status in NO_SOLUTION:
+        assert not solvable
+    assert (found.ray is not None) == (found.status is Status.RAY)
+    if found.ray is not None:
+        assert_a_proof(M, q, found.ray)
+
+
+def answers(M, q, names=NAMES):
+    """What each solver that takes the problem says of it."""
+    for name in names:
+        if len(q) <= (SOLVERS[name].largest or len(q)):
+            try:
+                yield name, solve_lcp(M, q, name, throw=False)
+            except UnsupportedError:
+                continue
+
+
+def arrays(draw, entries, *shape):
+    """An array of whole numbers."""
+    count = int(np.prod(shape))
+    return np.array(draw(st.lists(entries, min_size=count, max_size=count)), dtype=float).reshape(shape)
+
+
+# ---- proofs of infeasibility ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("k", [20, 40, 44, 46, 48, 50, 52])
+def test_a_p_matrix_that_is_nearly_singular_is_solved_and_never_called_infeasible(k):
+    d = 2.0**-k
+    M, q, z = [[1.0, -1.0], [-1.0, 1.0 + d]], [-1.0, -1.0], [(2.0 + d) / d, 2.0 / d]
+    for name, found in answers(M, q):
+        assert found.status not in NO_SOLUTION, name
+        if found.success and SOLVERS[name].tol <= 1e-9:
+            np.testing.assert_allclose(found.z, z, rtol=1e-6, atol=0.0)
+    found = solve_lcp(M, q, throw=False)
+    if k < 52:
+        assert found.z.tolist() == z
+        assert found.w.tolist() == [0.0, 0.0]
+    else:
+        assert found.status is Status.INACCURATE, "2^53 + 1 is no float, and no float near it solves the problem"
+
+
+@pytest.mark.parametrize("k", [30, 45, 50])
+def test_a_nearly_singular_problem_of_several_rows_is_solved(k):
+    d = 2.0**-k
+    M = np.eye(5)
+    M[1:3, 1:3] = [[1.0, -1.0], [-1.0, 1.0 + d]]
+    M[3, 1] = M[0, 4] = M[4, 2] = M[2, 0] = 0.5
+    q = np.array([-1.0, -1.0, -1.0, 1.0, 1.0])
+    (expected,) = basic_solutions(M, q)
+    np.testing.assert_allclose(solve_lcp(M, q).z, [float(a) for a in expected], rtol=1e-14, atol=0.0)
+
+
+def test_a_true_ray_is_said_though_rounding_has_spoilt_it():
+    """A null vector in thirds and fifths, as the pivots leave it, is the proof again once it is short."""
+    v = np.array([3.0, 5.0, 7.0, 1.0])
+    rng, spoils = np.random.default_rng(0), 0
+    for _ in range(20):
+        B = rng.integers(-9, 10, (4, 4)).astype(float)
+        M = B * 105.0 - np.outer(v, 105.0 * (v @ B)) / (v @ v)
+        M = np.rint(M * (v @ v))
+        assert (v @ M == 0.0).all()
+        q = -np.abs(rng.integers(1, 5, 4)).astype(float)
+        spoilt = v / 7.0 * (1.0 + 1e-13 * rng.normal(size=4))
+        plain = unbounded_above(4)
+        spoils += not proves_infeasible(Dense(M), q, *plain, spoilt)
+        found = proof(Dense(M), q, *plain, spoilt)
+        assert found is not None
+        assert_a_proof(M, q, found)
+        assert solve_lcp(M, q, throw=False).status is Status.RAY
+    assert spoils > 10
+
+
+@pytest.mark.parametrize("scale", [2.0**-40, 1.0, 2.0**50])
+def test_a_proof_does_not_depend_on_units(scale):
+    D = np.array([1.0, scale, 1.0 / scale])
+    v = np.array([1.0, 2.0, 3.0])
+    M = np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -3.0], [0.0, -1.0, 2.0]])
+    assert (v @ M == 0.0).all()
+    for name, found in answers(D[:, None] * M * D, -D):
+        assert not found.success, name
+        if name == "auto" or found.status is Status.RAY:
+            assert_a_proof(D[:, None] * M * D, -D, found.ray)
+
+
+def test_a_proof_by_bands_and_by_factors_is_checked_as_given():
+    n = 300
+    walls = Banded(np.vstack([np.r_[1.0, np.full(n - 2, 2.0), 1.0], np.full(n, -1.0)]))
+    plain = unbounded_above(n)
+    assert proves_infeasible(walls, np.full(n, -0.1), *plain, np.ones(n))
+    assert not proves_infeasible(walls, np.full(n, -0.1), *plain, np.ones(n) - 1e-15 * (np.arange(n) == 4))
+    H = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0]])
+    operator, q = Factored(np.diag([3.0, 0.1]), H), np.array([-1.0, -1.0, 1.0])
+    assert proves_infeasible(operator, q, *unbounded_above(3), np.array([1.0, 1.0, 0.0]))
+    assert not proves_infeasible(operator, q, *unbounded_above(3), np.array([1.0, 1.0 + 1e-15, 0.0]))
+    assert solve_lcp(operator, q, throw=False).ray.tolist() == [1.0, 1.0, 0.0]
+
+
+@given(data=st.data())
+def test_what_is_decided_in_fractions_is_true(data):
+    """Against all bases by another elimination; bounds of every kind."""
+    n = data.draw(st.integers(1, 4))
+    whole = st.integers(-3, 3)
+    M, q = arrays(data.draw, whole, n, n), arrays(data.draw, whole, n)
+    kinds = data.draw(st.lists(st.integers(0, 4), min_size=n, max_size=n))
+    lower = np.array([(0.0, -np.inf, -1.0, -np.inf, 2.0)[kind] for kind in kinds])
+    upper = np.array([(np.inf, np.inf, 1.5, 0.25, 2.0)[kind] for kind in kinds])
+    found = decide(Dense(M), q, *bounds(n, lower, upper)[:2])
+    assert found is not None
+    if found.z is not None:
+        w = [a + sum(b * c for b, c in zip(row, found.z, strict=True)) for a, row in zip(q, fractions(M), strict=True)]
+        for i, z in enumerate(found.z):
+            assert lower[i] <= z <= upper[i]
+            assert w[i] >= 0 or z == upper[i]
+            assert w[i] <= 0 or z == lower[i]
+        return
+    assert not basic_solutions(M, q, lower, upper)
+    if found.ray is not None:
+        assert proves_infeasible(Dense(M), q, lower, upper, nearest_floats(found.ray))
+
+
+@given(data=st.data())
+def test_no_solver_says_what_is_not_so_of_whole_numbers(data):
+    n = data.draw(st.integers(1, 4))
+    whole = st.integers(-3, 3)
+    M, q = arrays(data.draw, whole, n, n), arrays(data.draw, whole, n)
+    if data.draw(st.booleans()):
+        M = M.T @ M
+    solvable = bool(basic_solutions(M, q))
+    for name, found in answers(M, q):
+        assert_true(found, M, q, solvable, SOLVERS[name].tol)
+        if name == "auto":
+            assert found.status in (Status.SOLVED, *NO_SOLUTION)
+            assert found.success or not solvable
+
+
+@given(data=st.data())
+def test_no_solver_says_what_is_not_so_within_an_ulp_of_a_singular_matrix(data):
+    """Rank one and a few units in the last place: what rounding makes of it is one of both, and only one is true."""
+    n = data.draw(st.integers(2, 4))
+    a, b = (arrays(data.draw, st.integers(-3, 3), n) for _ in range(2))
+    M = np.outer(a, b) * (1.0 + 2.0**-48 * arrays(data.draw, st.integers(-4, 4), n, n))
+    q = arrays(data.draw, st.integers(-2, 2), n)
+    solvable = bool(basic_solutions(M, q))
+    for name, found in answers(M, q):
+        assert_true(found, M, q, solvable, SOLVERS[name].tol)
+
+
+@given(data=st.data())
+def test_a_problem_made_from_its_solution_is_never_called_infeasible(data):
+    """M of any rank: where all bases that fit are singular, too."""
+    n = data.draw(st.integers(2, 5))
+    k = data.draw(st.integers(1, n))
+    M = arrays(data.draw, st.integers(-3, 3), n, k) @ arrays(data.draw, st.integers(-3, 3), k, n)
+    z, w = (arrays(data.draw, st.integers(0, 3), n) for _ in range(2))
+    w[z > 0.0] = 0.0
+    q = w - M @ z
+    for name, found in answers(M, q):
+        assert_true(found, M, q, True, SOLVERS[name].tol)
+    assert solve_lcp(M, q).success
+
+
+# ---- units ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("small", [1e-13, 1e-30, 1e-100])
+@pytest.mark.parametrize("name", NAMES)
+def test_rows_of_different_units_are_both_solved(name, small):
+    M = np.diag([1.0, small])
+    found = solve_lcp(M, -np.diag(M), name, throw=False)
+    if name in P_MATRIX or name == "closed-form":
+        assert found.success
+        np.testing.assert_allclose(found.z, [1.0, 1.0], rtol=1e-8)
+    assert not found.success or np.abs(found.z - 1.0).max() < 1e-5
+
+
+def test_the_judge_sees_a_row_of_small_numbers():
+    M, q, plain, w = np.diag([1.0, 1e-13]), np.array([-1.0, -1e-13]), unbounded_above(2), np.empty(2)
+    for z, solved in (([1.0, 0.0], False), ([1.0, 1.0], True), ([1.0, 1.0 + 1e-9], False), ([0.0, 1.0], False)):
+        scaled, _, rounding = measure(M, q, *plain, np.array(z), w)
+        assert holds(scaled, rounding, 1e-10) is solved, z
+        assert (clear_residual(M, q, np.array(z), 1e-10) < np.inf) is solved, z
+    # A residue of rounding in q is no unit of its own where another row presses.
+    M, q = np.array([[1.0, -0.5], [-0.5, 1.0]]), np.array([-1.0, 1e-20])
+    scaled, _, rounding = measure(M, q, *plain, np.array([4.0, 2.0]) / 3.0, w)
+    assert holds(scaled, rounding, 1e-10)
+
+
+def test_a_cancellation_passes_for_no_solution():
+    """At (t, t) the terms of these rows cancel but for q_i = -1; the third row makes t a number that the data know."""
+    M, q, w = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 0.0, 1.0]]), np.array([-1.0, -1.0, 0.0]), np.empty(3)
+    for t in 10.0 ** np.arange(0, 17):
+        q[2] = -2.0 * t
+        scaled, _, rounding = measure(M, q, *unbounded_above(3), np.array([t, t, t]), w)
+        assert not holds(scaled, rounding, 1e-10)
+    assert solve_lcp(M, q, throw=False).status is Status.RAY
+
+
+@given(data=st.data())
+@pytest.mark.parametrize("name", NAMES)
+def test_units_of_w_and_of_z_change_nothing(name, data):
+    """w in units of D1 and z in those of 1/D2: the solution of (D1 M D2, D1 q) is D2⁻¹ z, by construction."""
+    n = data.draw(st.integers(1, min(5, SOLVERS[name].largest or 5)))
+    B = arrays(data.draw, st.integers(-3, 3), n, n)
+    symmetric = data.draw(st.booleans())
+    M = B.T @ B + np.eye(n) if symmetric else B - np.diag(np.diag(B)) + np.diag(np.abs(B).sum(axis=1) + 1.0)
+    z, w = (arrays(data.draw, st.integers(0, 3), n) for _ in range(2))
+    w[z > 0.0] = 0.0
+    powers = 2.0 ** arrays(data.draw, st.integers(-40, 40), 2, n)
+    if data.draw(st.booleans()):
+        powers[:] = 10.0 ** arrays(data.draw, st.integers(-12, 12), 2, n)
+    of_w, of_z = (powers[0], powers[0]) if symmetric else powers
+    try:
+        found = solve_lcp(of_w[:, None] * M * of_z, of_w * (w - M @ z), name, throw=False)
+    except UnsupportedError:
+        return
+    if name in P_MATRIX and (symmetric or name in ANY_MATRIX):
+        assert found.success
+    if found.success:
+        tol = max(1e-11, 100.0 * SOLVERS[name].tol)
+        np.testing.assert_allclose(found.z * of_z, z, rtol=0.0, atol=tol * np.linalg.cond(M) * (1.0 + z.max()))
+    assert found.status not in NO_SOLUTION
+
+
+# ---- what auto begins with ------------------------------------------------------------------------------------------
+
+
+def test_a_zero_on_the_diagonal_costs_no_pivots():
+    """Block pivoting needs a positive diagonal: auto does not begin with it, neither here nor in a time step."""
+    rng = np.random.default_rng(2)
+    for n in (3, 6, 12):
+        M = rng.normal(size=(n, n))
+        M = M @ M.T + np.eye(n)
+        M[0, 0], M[0, 1:] = 0.0, np.abs(M[0, 1:])
+        state = prepare_lcp(M).state
+        assert "block-pivoting" not in (state.name, *prepare_lcp(M).solve(rng.normal(size=n), throw=False).route)
+        for _ in range(20):
+            q = rng.normal(size=n)
+            _, pivots = state.kernel(state.W, q, *unbounded_above(n), np.zeros(n), 1e-10, 10_000)
+            assert pivots <= 50 * n
+
+
+def test_a_matrix_that_is_no_p_matrix_does_not_go_round_in_circles():
+    """Exchanging one row at a time comes back to a basis before: that ends it, and not the limit of 10,000."""
+    rng = np.random.default_rng(0)
+    ended = 0
+    for _ in range(200):
+        n = int(rng.integers(3, 8))
+        M = rng.normal(size=(n, n))
+        np.fill_diagonal(M, np.abs(np.diag(M)))
+        found = solve_lcp(M, rng.normal(size=n), "block-pivoting", throw=False, max_iter=10_000)
+        ended += found.status is Status.UNDECIDED
+        assert found.status is not Status.MAX_ITER
+        assert found.iterations <= 3 * 2**n + 20
+    assert ended > 20
+
+
+# ---- blocks ---------------------------------------------------------------------------------------------------------
+
+
+def murty(n: int):
+    return np.eye(n) + 2.0 * np.tri(n, k=-1), -np.ones(n)
+
+
+@pytest.mark.parametrize("n", [3, 16, 30, 200])
+def test_murtys_triangle_takes_one_step_a_row(n):
+    M, q = murty(n)
+    order = np.random.default_rng(n).permutation(n)
+    for at in (np.arange(n), order):
+        found = solve_lcp(M[np.ix_(at, at)], q[at])
+        assert found.route == ("block-triangular",)
+        assert found.iterations == n
+        assert found.z.tolist() == (at == 0).astype(float).tolist()
+
+
+@given(data=st.data())
+def test_the_blocks_are_the_strongly_connected_components_in_an_order_of_substitution(data):
+    n = data.draw(st.integers(1, 7))
+    M = arrays(data.draw, st.sampled_from([0, 0, 0, 1]), n, n)
+    reach = np.linalg.matrix_power(np.eye(n) + M, n) > 0.0
+    block = np.empty(n, np.int64)
+    count = components(M, block)
+    assert sorted(set(block)) == list(range(count))
+    assert is_irreducible(M) == (count == 1)
+    for i, j in itertools.product(range(n), repeat=2):
+        assert (block[i] == block[j]) == (reach[i, j] and reach[j, i])
+        assert M[i, j] == 0.0 or block[j] <= block[i]
+
+
+@given(data=st.data())
+def test_block_triangular_p_matrices_have_the_solution_of_the_whole(data):
+    sizes = data.draw(st.lists(st.integers(1, 3), min_size=2, max_size=3))
+    n, whole = sum(sizes), st.integers(-3, 3)
+    M, q, start = np.tril(arrays(data.draw, whole, n, n), -1), arrays(data.draw, whole, n), 0
+    for size in sizes:
+        B = arrays(data.draw, whole, size, size)
+        at = slice(start, start + size)
+        M[at, at] = B + np.diag(np.abs(B).sum(axis=1) + 1.0 - np.diag(B))
+        start += size
+    at = np.array(data.draw(st.permutations(range(n))))
+    M, q = M[np.ix_(at, at)], q[at]
+    expected = [[float(a) for a in z] for z in basic_solutions(M, q)]
+    for name in ("block-triangular", "auto"):
+        np.testing.assert_allclose(solve_lcp(M, q, name).z, expected[0], rtol=1e-12, atol=1e-12)
+
+
+def test_a_block_with_several_solutions_is_no_dead_end():
+    """The first row alone is solved by z = 0 and by z = 1; with 0 the second row has no solution, with 1 it has."""
+    M, q = np.array([[-1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([1.0, -1.0, -3.0])
+    assert solve_lcp(M, q, "block-triangular", throw=False).status is Status.UNDECIDED
+    found = solve_lcp(M, q)
+    assert found.z.tolist() == [1.0, 0.0, 3.0]
+    assert found.route[0] == "block-triangular"

@@ -1,0 +1,327 @@
+"""Contacts whose relative degree rises while all of them are closed: a body on a massless plate that meets a stop."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import expm
+from scipy.optimize import brentq, linprog
+
+import lcpimpact as li
+from lcpimpact.integrators import METHODS
+from lcpimpact.integrators.impact_law import impact_law
+from lcpimpact.problems import PROBLEMS
+from lcpimpact.scheme.dynamics import Feature
+
+M, G, K, C, GAP, V0 = 100.0, 9.81, 3924.0, 250.0, 0.5, 9.9
+E_R, E_S = 0.3, 0.4
+
+
+def buffer_with_a_stop(e_R=E_R, e_S=E_S, m=M):
+    """System No. 1 with a stop under its plate."""
+    return li.Scheme(
+        li.Mass("x", m=m),
+        li.Load("x", f=m * G),
+        li.Bumper("x", "z", name="R", e=e_R),
+        li.KelvinVoigt("z", "ground", k=K, c=C),
+        li.Bumper("z", "ground", gap=GAP, name="S", e=e_S),
+    )
+
+
+def run(scheme, t_end, dt=1e-3, q0=None, v0=None, **options):
+    problem = li.Problem("stopped plate", scheme, q0=q0 or {}, v0=v0 or {}, t_end=t_end)
+    return li.simulate(problem, "moreau-jean", dt=dt, t_end=t_end, **options)
+
+
+def riding(x, v, t, m=M):
+    """Return x and v after a time t of a body that rides on its plate: the flow of System No. 1."""
+    A = np.array([[0.0, 1.0, 0.0], [-K / m, -C / m, G], [0.0, 0.0, 0.0]])
+    return (expm(A * t) @ [x, v, 1.0])[:2]
+
+
+def closed_form(t_end):
+    """Return the instant of the impact, the speed before it, and x and v at t_end, after the plate has been left."""
+    t_1 = brentq(lambda t: riding(0.0, V0, t)[0] - GAP, 0.01, 0.1, xtol=1e-15)
+    speed = riding(0.0, V0, t_1)[1]
+    # The plate, which the spring drives home faster than the body leaves, goes on pushing: R = k x + c v.
+    after = GAP, -E_S * speed
+    t_2 = brentq(lambda t: np.dot([K, C], riding(*after, t)), 1e-3, 0.2, xtol=1e-15)
+    x, v = riding(*after, t_2)
+    rest = t_end - t_1 - t_2
+    return t_1, speed, x + v * rest + 0.5 * G * rest**2, v + G * rest
+
+
+def graphs():
+    """Random nodes with or without mass, contacts between them, rates and coefficients of restitution."""
+    return st.integers(0, 2**32 - 1).map(np.random.default_rng)
+
+
+@given(graphs())
+def test_the_impulses_solve_the_mixed_complementarity_problem(rng):
+    """P >= 0 balances on massless nodes, and rates w of them exist with 0 <= P ⟂ U⁺ + e U⁻ >= 0."""
+    massive, massless = rng.integers(1, 4), rng.integers(0, 4)
+    n = massive + massless
+    v = rng.choice([-2.0, -1.0, 0.0, 0.5, 3.0], n)
+    rows = []
+    for _ in range(rng.integers(1, 7)):
+        a, b = rng.choice(n + 1, 2, replace=False)
+        row = np.eye(n + 1, n)[b] - np.eye(n + 1, n)[a]
+        # The left limit of a contact that touches never opens.
+        trial = [*rows, -row if row @ v > 0.0 else row]
+        if np.linalg.matrix_rank(trial) == len(trial):
+            rows = trial
+    H = np.array(rows)
+    masses = np.diag(10.0 ** rng.uniform(-1.0, 1.0, massive))
+    U = H @ v
+    e = rng.choice([0.0, 0.3, 1.0], len(H))
+    law = impact_law(H[:, :massive], H[:, :massive].T, H[:, massive:].T, masses)
+    P = law.impulses(U, e)
+
+    assert (P >= 0.0).all()
+    assert pytest.approx(0.0, abs=1e-12) == H[:, massive:].T @ P
+    after = H[:, :massive] @ (v[:massive] + law.jump @ P) + e * U
+    pushing = P > 1e-9
+    found = (
+        linprog(
+            np.zeros(massless),
+            A_ub=-H[~pushing][:, massive:],
+            b_ub=after[~pushing] + 1e-8,
+            A_eq=H[pushing][:, massive:],
+            b_eq=-after[pushing],
+            bounds=(None, None),
+        )
+        if massless
+        else None
+    )
+    if massless:
+        assert found.status == 0, found.message
+    else:
+        assert (after[~pushing] >= -1e-8).all()
+        assert after[pushing] == pytest.approx(0.0, abs=1e-8)
+
+
+@given(graphs())
+def test_closed_contacts_that_are_hit_never_gain_energy(rng):
+    """With U⁻ <= 0 on all contacts, as the left limit always has it, the loss is ½ P (1 - e) U⁻ for each."""
+    e = rng.uniform(0.0, 1.0, 3)
+    v_x, v_y = rng.uniform(0.0, 3.0), rng.uniform(-3.0, 0.0)
+    H = np.array([[-1.0, 0.0, 1.0, 0.0], [0.0, 0.0, -1.0, 1.0], [0.0, 1.0, 0.0, -1.0]])
+    masses = np.diag(rng.uniform(0.1, 10.0, 2))
+    z = np.sort(rng.uniform(v_y, v_x, 2))[::-1]
+    U = H @ [v_x, v_y, *z]
+    law = impact_law(H[:, :2], H[:, :2].T, H[:, 2:].T, masses)
+    P, before = law.impulses(U, e), np.array([v_x, v_y])
+    after = before + law.jump @ P
+    change = 0.5 * (after @ masses @ after - before @ masses @ before)
+    assert change <= 1e-12 * (before @ masses @ before)
+    assert change == pytest.approx(0.5 * (P * (1.0 - e) * U).sum(), rel=1e-9, abs=1e-12)
+    assert np.diag(masses) @ after == pytest.approx(np.diag(masses) @ before, rel=1e-9, abs=1e-12)
+
+
+def test_restitution_is_asked_for_where_impulses_can_act():
+    with pytest.raises(li.InputError, match=r"between 'x' and 'z'.*'R' and 'S' are all closed.*give e="):
+        buffer_with_a_stop(e_R=None).assemble()
+    with pytest.raises(li.InputError, match=r"between 'z' and 'ground'.*'S' and 'R' are all closed.*give e="):
+        buffer_with_a_stop(e_S=None).assemble()
+    dynamics = buffer_with_a_stop().assemble()
+    assert dynamics.impulse_paths.tolist() == [[1.0, 1.0]]
+    assert "'R', 'S'" in dynamics.features[Feature.IMPULSE_PATHS]
+
+
+def test_restitution_is_refused_where_none_can():
+    """A stop over the plate pushes it the way that the body does: no impulse passes from one to the other."""
+    elements = (*buffer_with_a_stop().elements, li.Bumper("ground", "z", gap=0.1, name="T"))
+    assert li.Scheme(*elements).assemble().impulse_paths.tolist() == [[1.0, 1.0, 0.0]]
+    with pytest.raises(li.InputError, match=r"e = 0\.5 means nothing"):
+        li.Scheme(*elements[:-1], li.Bumper("ground", "z", gap=0.1, name="T", e=0.5)).assemble()
+
+
+@pytest.mark.parametrize("θ", [0.5, 0.75, 1.0])
+def test_the_body_leaves_a_stopped_plate_with_e_of_the_stop(θ):
+    t_end = 0.4
+    t_1, speed, x, v = closed_form(t_end)
+    errors = []
+    for dt in (1e-3, 1e-4):
+        trajectory = run(buffer_with_a_stop(), t_end, dt, v0={"x": V0}, theta=θ)
+        R, S = (event for event in trajectory.events if event.kind == "impact")
+        assert (R.contact, S.contact) == ("R", "S")
+        assert R.t == pytest.approx(t_1, abs=dt)
+        errors.append(
+            [
+                R.right.v[0] + E_S * speed,
+                R.impulse - M * (1.0 + E_S) * speed,
+                S.impulse - M * (1.0 + E_S) * speed,
+                trajectory["x"][-1] - x,
+                trajectory["v_x"][-1] - v,
+            ]
+        )
+        # Between events R = k x + c v, which is greatest just before the impact.
+        assert trajectory["R"].max() == pytest.approx(K * GAP + C * speed, rel=10.0 * dt)
+        assert trajectory["S"].max() == 0.0
+        assert trajectory.certificate.penetration <= V0 * dt
+    scale = np.array([speed, M * speed, M * speed, 1.0, speed])
+    assert (np.abs(errors[0]) <= 0.02 * scale).all()
+    assert (np.abs(errors[1]) <= 0.002 * scale).all()
+
+
+def test_a_body_that_hits_a_pressed_plate_leaves_with_e_of_its_own_contact():
+    scheme = li.Scheme(
+        li.Mass("x", m=10.0),
+        li.Bumper("x", "z", gap=1.0, name="R", e=0.7),
+        li.Load("z", f=1000.0),
+        li.KelvinVoigt("z", "ground", k=1000.0, c=50.0),
+        li.Bumper("z", "ground", gap=0.5, name="S", e=0.1),
+    )
+    trajectory = run(scheme, 0.6, 1e-4, q0={"z": 0.5}, v0={"x": 3.0})
+    assert trajectory["v_x"][-1] == pytest.approx(-0.7 * 3.0, rel=1e-9)
+    (impact, _) = (event for event in trajectory.events if event.kind == "impact")
+    assert impact.impulse == pytest.approx(10.0 * 1.7 * 3.0, rel=1e-9)
+    assert trajectory["S"][-1] == pytest.approx(1000.0 - 1000.0 * 0.5, rel=1e-9)
+
+
+@pytest.mark.parametrize("θ", [0.5, 1.0])
+def test_a_heavy_body_comes_to_rest_on_the_stop(θ):
+    trajectory = run(buffer_with_a_stop(m=1000.0), 3.0, v0={"x": V0}, theta=θ)
+    assert trajectory["R"][-1] == pytest.approx(1000.0 * G, rel=1e-9)
+    assert trajectory["S"][-1] == pytest.approx(1000.0 * G - K * GAP, rel=1e-3)
+    assert trajectory["x"][-1] == pytest.approx(GAP, abs=1e-3)
+    assert trajectory["v_x"][-1] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("gaps", "e"),
+    [((0.2, 0.0, 0.05), (0.5, 0.9, 0.0)), ((0.0, 0.05, 0.0), (0.0, 0.9, 0.5)), ((0.2, 0.2, 0.0), (0.5, 0.0, 0.5))],
+)
+def test_forces_between_impacts_stay_bounded_and_nothing_is_gained(gaps, e):
+    """The rate of a plate in the step of an impact is a mean, no left limit: it must not make a rebound of its own."""
+    scheme = li.Scheme(
+        li.Mass("a", m=5.0),
+        li.Load("a", f=5.0 * G),
+        li.Mass("b", m=20.0),
+        li.Load("b", f=20.0 * G),
+        li.Bumper("a", "z", gap=gaps[0], name="A", e=e[0]),
+        li.Bumper("b", "z", gap=gaps[1], name="B", e=e[1]),
+        li.KelvinVoigt("z", "ground", k=1000.0, c=10.0),
+        li.Bumper("z", "ground", gap=gaps[2], name="S", e=e[2]),
+    )
+    for dt in (1e-3, 1e-4):
+        trajectory = run(scheme, 0.6, dt, v0={"a": 2.0, "b": 4.0})
+        d = trajectory.problem.dynamics
+        energy = d.energy(trajectory.q, trajectory.v) - trajectory.q @ d.force(0.0)
+        assert np.diff(energy).max() <= 5.0 * dt * np.abs(energy).max()
+        assert trajectory.reaction.max() <= 2.0 * 25.0 * G
+
+
+def test_impulses_pass_through_two_plates_in_line():
+    """The speed of the impact is that of the body before it, which the impulse carries through y and z to the ground."""
+    scheme = li.Scheme(
+        li.Mass("x", m=10.0),
+        li.Load("x", f=98.1),
+        li.Bumper("x", "y", gap=0.1, name="R", e=0.3),
+        li.KelvinVoigt("y", "ground", k=500.0, c=30.0),
+        li.Bumper("y", "z", gap=0.2, name="T", e=0.6),
+        li.Spring("z", "ground", k=300.0),
+        li.Bumper("z", "ground", gap=0.3, name="S", e=0.5),
+    )
+    trajectory = run(scheme, 0.3, 1e-4, v0={"x": 4.0})
+    impacts = [event for event in trajectory.events if event.kind == "impact"]
+    assert [event.contact for event in impacts] == ["R", "T", "S"]
+    before, after = impacts[0].left.v[0], impacts[0].right.v[0]
+    assert after == pytest.approx(-0.5 * before, rel=1e-3)
+    assert [event.impulse for event in impacts] == pytest.approx([15.0 * before] * 3, rel=5e-3)
+
+
+def test_two_bodies_share_a_plate_and_its_stop():
+    scheme = li.Scheme(
+        li.Mass("a", m=10.0),
+        li.Load("a", f=98.1),
+        li.Mass("b", m=5.0),
+        li.Load("b", f=49.05),
+        li.Bumper("a", "z", name="A", e=0.3),
+        li.Bumper("b", "z", gap=0.2, name="B", e=0.6),
+        li.KelvinVoigt("z", "ground", k=500.0, c=30.0),
+        li.Bumper("z", "ground", gap=0.3, name="S", e=0.5),
+    )
+    assert sorted(scheme.assemble().impulse_paths.tolist()) == [[0.0, 1.0, 1.0], [1.0, 0.0, 1.0]]
+    trajectory = run(scheme, 0.5, 1e-4, v0={"a": 3.0, "b": 2.0})
+    for name, node in (("A", 0), ("B", 1)):
+        impact = next(event for event in trajectory.events if (event.kind, event.contact) == ("impact", name))
+        assert impact.right.v[node] == pytest.approx(-0.5 * impact.left.v[node], rel=2e-3)
+
+
+def test_momentum_is_kept_where_a_plate_is_struck_between_two_bodies():
+    scheme = li.Scheme(
+        li.Mass("x", m=2.0),
+        li.Mass("y", m=3.0),
+        li.KelvinVoigt("x", "z", k=50.0, c=1.0),
+        li.Bumper("z", "y", gap=0.1, name="T", e=0.6),
+        li.Bumper("x", "z", gap=0.2, name="R", e=0.4),
+    )
+    trajectory = run(scheme, 0.8, 1e-4, q0={"y": 0.2}, v0={"x": 4.0})
+    assert trajectory.v[:, :2] @ [2.0, 3.0] == pytest.approx(8.0, rel=1e-9)
+    impact = next(event for event in trajectory.events if event.kind == "impact")
+    approach, rebound = (state.v[1] - state.v[0] for state in (impact.left, impact.right))
+    assert rebound == pytest.approx(-0.4 * approach, rel=2e-3)
+
+
+def test_a_plate_may_stop_at_a_driven_one():
+    """The impact is with a table that moves by itself: U⁺ = -e U⁻ relative to it."""
+    table = li.Harmonic(0.1, 20.0)
+    scheme = li.Scheme(
+        li.Mass("x", m=10.0),
+        li.Load("x", f=98.1),
+        li.Bumper("x", "z", name="R", e=0.5),
+        li.KelvinVoigt("z", "table", k=500.0, c=30.0),
+        li.Bumper("z", "table", gap=0.1, name="S", e=0.5),
+        li.PrescribedMotion("table", table),
+    )
+    trajectory = run(scheme, 0.3, 1e-4, q0={"x": 0.1, "z": 0.1}, v0={"x": 1.0})
+    impacts = [event for event in trajectory.events if (event.kind, event.contact) == ("impact", "S")]
+    assert impacts
+    for event in impacts[:2]:
+        before, after = (state.v[0] - state.v[2] for state in (event.left, event.right))
+        assert after == pytest.approx(-0.5 * before, abs=0.02)
+
+
+def test_halved_steps_find_the_impact():
+    *_, x, v = closed_form(0.4)
+    trajectory = run(buffer_with_a_stop(), 0.4, 1e-2, v0={"x": V0}, rtol=1e-6)
+    assert trajectory["x"][-1] == pytest.approx(x, abs=1e-4)
+    assert trajectory["v_x"][-1] == pytest.approx(v, abs=1e-3)
+
+
+def test_the_certificate_judges_a_path_by_its_law_of_impact():
+    trajectory = run(buffer_with_a_stop(), 0.4, v0={"x": V0})
+    assert trajectory.certificate.complementarity <= 1e-9 * M * V0**2
+    assert trajectory.certificate.energy_balance <= 1e-9 * trajectory.certificate.energy_scale
+
+
+@pytest.mark.parametrize("method", [name for name in METHODS if name != "moreau-jean"])
+def test_other_methods_refuse_or_are_right(method):
+    t_end = 0.4
+    problem = li.Problem("stopped plate", buffer_with_a_stop(), v0={"x": V0}, t_end=t_end)
+    if Feature.IMPULSE_PATHS not in METHODS[method].declared.handles:
+        with pytest.raises(li.UnsupportedError, match=rf"{method} does not handle .*'moreau-jean'"):
+            li.simulate(problem, method, dt=1e-3, t_end=t_end)
+        return
+    *_, x, v = closed_form(t_end)
+    trajectory = li.simulate(problem, method, dt=1e-3, t_end=t_end)
+    assert trajectory["x"][-1] == pytest.approx(x, abs=0.02)
+    assert trajectory["v_x"][-1] == pytest.approx(v, abs=0.02)
+
+
+def test_bodies_that_overlap_through_static_nodes_are_refused():
+    scheme = li.Scheme(
+        li.Mass("x", m=10.0),
+        li.Bumper("x", "z", name="R", e=0.2),
+        li.Spring("z", "ground", k=500.0),
+        li.Bumper("z", "ground", gap=0.3, name="S", e=0.6),
+    )
+    li.Problem("touching", scheme, q0={"x": 0.3})
+    with pytest.raises(li.InputError, match=r"'R', 'S'.*penetrated by 0\.01 m together"):
+        li.Problem("beyond", scheme, q0={"x": 0.31})
+
+
+def test_no_registered_problem_has_such_a_path():
+    """None of their sources states a restitution for one, so none must be asked for it."""
+    assert not [name for name in PROBLEMS if len(li.load_problem(name).dynamics.impulse_lines)]
