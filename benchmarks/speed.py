@@ -233,7 +233,8 @@ def parts_of_simulate(problem: Problem, grid: Grid) -> dict[str, float]:
     fresh, _ = timed(advance)
     again, _ = timed(advance)
     listing, events = timed(lambda: events_of_steps(dynamics, record))
-    judging, _ = timed(lambda: certify(dynamics, record, None, events, THETA))
+    start = (problem.initial_coordinates, problem.initial_velocities)
+    judging, _ = timed(lambda: certify(dynamics, start, record, None, events, integrator))
     return {"time grids": times, "advance": fresh, "advance again": again, "events": listing, "certificate": judging}
 
 

@@ -22,6 +22,7 @@ PAGE = Path(__file__).parent / "integrators.md"
 FEATURES = (
     Feature.MASSLESS,
     Feature.RESTITUTION,
+    Feature.IMPULSE_PATHS,
     Feature.SLIDERS,
     Feature.POWER_LAWS,
     Feature.MOTIONS,
@@ -96,7 +97,8 @@ def page() -> str:
         "## Orders",
         "",
         "In the coordinates with mass (sup norm), across impacts in the velocities (L1 norm; their sup norm converges",
-        "for no method). *r bends*: relative degree 0; *r jumps*: degree 1; *friction*: where a body on a slider turns",
+        "for no method; what is declared is a median: [slopes scatter](convergence.md#the-order-across-many-impacts)).",
+        "*r bends*: relative degree 0; *r jumps*: degree 1; *friction*: where a body on a slider turns",
         "or stops.",
         "",
         "| method | "
