@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from event_reference import Reference
 from numpy.testing import assert_allclose
+from scipy.optimize import brentq
 from test_event_reference import column
 
 import lcpimpact as li
+from lcpimpact.errors import Status
 
 
 def run_exact(problem, dt, t_end, **options):
@@ -134,6 +136,78 @@ def test_four_bodies_that_collapse_come_to_rest(e):
     assert_allclose(run.v[-1], 0.0, atol=1e-12)
     # By symmetry they meet where the middle of the four was.
     assert_allclose(run.q[-1], [1.5, 0.5, -0.5, -1.5], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("e", [0.18, 0.3])
+def test_four_bodies_part_above_3_minus_2_sqrt_2(e):
+    problem = column((1.0, 1.0, 1.0, 1.0), (1.0, 1.0, 1.0), (1.0, 0.0, 0.0, -1.0), e)
+    run = run_exact(problem, 1.0, 200.0)
+    truth = Reference(problem, 200.0)
+    assert run.success
+    assert not truth.accumulations
+    assert_allclose([each.t for each in run.events], [float(each.t) for each in truth.events], rtol=1e-12)
+    _, v, _ = truth.at(200.0)
+    assert_allclose(run.v[-1], [float(each) for each in v], rtol=0, atol=1e-12)
+
+
+def repeating(pattern, e):
+    """Gaps and velocities of four equal bodies from which impacts repeat the pattern for ever, with the limit t_inf.
+
+    The rates w of the gaps after one round of the pattern are λ w, and the times between impacts μ times as long:
+    every gap is zero at each of its impacts, which is one linear equation for the six times of a round each.
+    """
+    rows = ["RST".index(name) for name in pattern]
+    hits = []
+    for i in rows:
+        hit = np.eye(3)
+        hit[i, i] = -e
+        hit[[j for j in (i - 1, i + 1) if 0 <= j < 3], i] = 0.5 * (1.0 + e)
+        hits.append(hit)
+    values, vectors = np.linalg.eig(np.linalg.multi_dot(hits[::-1]))
+    λ, w = values.real.max(), vectors[:, np.argmax(values.real)].real
+    w = -w * np.sign(w[rows[0]])
+    rates = list(np.array([np.linalg.multi_dot([np.eye(3), *hits[k::-1], w]) for k in range(len(rows))]))
+
+    def meeting(i, μ, first):
+        """How far gap i closes until its next impact: the factor of each time of a round."""
+        found, n = np.zeros(len(rows)), len(rows)
+        for k in range(first, first + 3 * n):
+            found[k % n] += rates[k % n][i] * (λ * μ) ** (k // n)
+            if rows[(k + 1) % n] == i:
+                return found
+        raise AssertionError
+
+    def equations(μ):
+        return np.array([meeting(i, μ, k) for k, i in enumerate(rows)])
+
+    guesses = np.geomspace(1e-7, 1.0, 2000)
+    signs = np.sign([np.linalg.det(equations(μ)) for μ in guesses])
+    first = int(np.flatnonzero(signs[1:] != signs[:-1])[0])
+    μ = brentq(lambda μ: np.linalg.det(equations(μ)), guesses[first], guesses[first + 1], xtol=1e-300, rtol=1e-15)
+    times = np.linalg.svd(equations(μ))[2][-1]
+    times = times / times[0]
+    gaps = -w - np.array([0.0 if i == rows[0] else meeting(i, μ, 0) @ times for i in range(3)])
+    v = np.cumsum([0.0, *w])
+    return gaps, v - v.mean(), times, 1.0 + times.sum() / (1.0 - μ)
+
+
+@pytest.mark.parametrize("e", [0.05, 0.09, 0.1, 0.101])
+def test_impacts_that_repeat_ababcb_accumulate_below_5_minus_2_sqrt_6(e):
+    gaps, v, times, limit = repeating("RSRSTS", e)
+    assert (times > 0.0).all()
+    problem = column((1.0, 1.0, 1.0, 1.0), gaps.tolist(), v.tolist(), e)
+    run = run_exact(problem, limit / 10.0, 2.0 * limit)
+    assert "".join(each.contact for each in run.events[:18]) == 3 * "RSRSTS"
+    assert_allclose(max(each.t for each in run.events), limit, rtol=1e-11)
+    # The pattern is unstable: what rounding of the start makes of it may lose its order before it comes to rest.
+    assert run.success or run.status is Status.ACCUMULATION
+    if run.success:
+        assert_allclose(run.v[-1], 0.0, atol=1e-12)
+
+
+def test_no_impacts_repeat_ababcb_above_5_minus_2_sqrt_6():
+    above = 5.0 - 2.0 * math.sqrt(6.0) + 1e-4
+    assert (repeating("RSRSTS", above)[2] < 0.0).any()
 
 
 def test_a_stiff_plate_with_a_rate_of_1e9_has_one_event():

@@ -53,10 +53,6 @@ def happened(motion):
     return [(event.contact, event.kind) for segment in motion.segments[1:] for event in segment.events]
 
 
-UNSETTLED = {("frictional", 28)}
-"""Here the derivative and the difference quotient differ by 0.6, and which of them is wrong is not known yet."""
-
-
 def derivative_and_quotient(problem, seed):
     """How far the derivative along a random direction is from the best central difference, and what happened meanwhile."""
     system = System(problem.dynamics)
@@ -68,10 +64,14 @@ def derivative_and_quotient(problem, seed):
     start, end, X = place
     _, motion = arrive(system, X, start, end, long.scale)
     Φ = tangent(motion, end)
-    # Directions in which the start stays in its mode: signals are given, and closed rows stay closed.
+    # Directions in which the start stays in its mode: signals are given, closed rows stay closed, and a slider at rest
+    # that slips no further (order -1) stays at its limit, which its place u = 0 says.
     form = system.form
     free = [*range(form.constant), *range(len(form.A), len(X))]
-    held = [system.derivatives[j, i] for i in motion.segments[0].mode.closed for j in range(system.degree[i])]
+    mode = motion.segments[0].mode
+    held = [system.derivatives[j, i] for i in mode.closed for j in range(system.degree[i])]
+    u = system.derivatives[0] + form.D @ system.mode(mode)[1]
+    held += [u[i] for i, _ in mode.slips if mode.order[i] < 0]
     basis = null_space(np.array(held)[:, free]) if held else np.eye(len(free))
     direction = np.zeros(len(X))
     direction[free] = basis @ np.random.default_rng(seed).normal(size=basis.shape[1])
@@ -84,7 +84,9 @@ def derivative_and_quotient(problem, seed):
             continue
         if happened(one) == happened(other) == happened(motion):
             quotient = (ahead - behind) / (2.0 * h)
-            best = min(best, np.abs(quotient - Φ @ direction).max() / max(np.abs(quotient).max(), 1e-300))
+            # The quotient carries the rounding of states over h, and a change may decay below it.
+            size = max(np.abs(quotient).max(), 1e-5 * np.abs(direction).max(), 1e-300)
+            best = min(best, np.abs(quotient - Φ @ direction).max() / size)
     return None if math.isinf(best) else (best, happened(motion))
 
 
@@ -95,8 +97,6 @@ def test_saltation_matrices_against_difference_quotients(seeds):
     kinds, compared = Counter(), 0
     for make in (random_problem, frictional):
         for seed in seeds:
-            if (make.__name__, seed) in UNSETTLED:
-                continue
             try:
                 found = derivative_and_quotient(make(seed), seed)
             except (li.InputError, li.UnsupportedError, np.linalg.LinAlgError):

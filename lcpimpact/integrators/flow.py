@@ -222,6 +222,9 @@ def expand_finely(A: Sparse, δ: float, X: Array, degree: int) -> Array:
     Z = np.empty((degree + 1, 2, X.shape[1]))
     Z[0] = X
     for i in range(1, degree + 1):
+        if not Z[i - 1].any():
+            Z[i:] = 0.0
+            break
         inverse = 1.0 / i
         p, p_lo = two_product(inverse, float(i))
         rest = ((1.0 - p) - p_lo) / i
@@ -314,29 +317,47 @@ def horner(Z: Array, s: float, s_lo: float) -> Array:
     return np.asarray(X)
 
 
-@compiled(matrix(sparse_type, f8, matrix, types.float64[:, :, :, ::1], vector, i8))
-def sample(A: Sparse, δ: float, X: Array, powers: Array, times: Array, degree: int) -> Array:
-    """Return exp(A t) X in floats at the times t >= 0 (nt,): (nt, N); ``powers`` are exp(2ᵏ A δ)."""
-    found, n = np.empty((len(times), X.shape[1])), X.shape[1]
-    state, here = X.copy(), 0
-    Y = expand(A, δ, state[0], degree)
+@compiled(vector(sparse_type, matrix))
+def on_rows(R: Sparse, X: Array) -> Array:
+    """Return R X in floats, of a double-double X (2, N)."""
+    found = np.empty(len(R.starts) - 1)
+    for m in range(len(found)):
+        found[m], _ = on_row(R, m, X)
+    return found
+
+
+@compiled(matrix(sparse_type, f8, matrix, types.float64[:, :, :, ::1], vector, sparse_type, i8))
+def sample(A: Sparse, δ: float, X: Array, powers: Array, times: Array, R: Sparse, degree: int) -> Array:
+    """Return R exp(A t) X in floats at the times t >= 0 (nt,): (nt, m); ``powers`` are exp(2ᵏ A δ).
+
+    What cancels in R X, as a stiff force does, cancels in the coefficients of a window, which are double-doubles.
+    """
+    n, m = X.shape[1], len(R.starts) - 1
+    found, a = np.zeros((len(times), m)), np.zeros((degree + 1, m))
+    state, here, last = X.copy(), -1, 0
     for k in range(len(times)):
         window = int(max(times[k], 0.0) / δ)
         if window != here:
             if window < here:
                 state, here = X.copy(), 0
-            jump, bit = window - here, 0
+            jump, bit = window - max(here, 0), 0
             while jump:
                 if jump & 1:
                     state = product(powers[bit], state.reshape(2, n, 1))[:, :, 0].copy()
                 jump, bit = jump >> 1, bit + 1
-            here, Y = window, expand(A, δ, state[0], degree)
+            here, Z = window, expand_finely(A, δ, state, degree)
+            last = 0
+            for i in range(degree + 1):
+                if (Z[i, 0] != 0.0).any():
+                    a[i], last = on_rows(R, Z[i]), i
+                else:
+                    a[i] = 0.0
         s = times[k] / δ - window
-        for m in range(n):
+        for j in range(m):
             x = 0.0
-            for i in range(degree, -1, -1):
-                x = x * s + Y[i, m]
-            found[k, m] = x
+            for i in range(last, -1, -1):
+                x = x * s + a[i, j]
+            found[k, j] = x
     return found
 
 
@@ -418,13 +439,13 @@ class Flow:
         """Return exp(A t) for one time t >= 0 (N, N)."""
         return np.column_stack([self.move(DoubleDouble.of(unit), t).hi for unit in np.eye(len(self.A))])
 
-    def at(self, X: ArrayLike | DoubleDouble, times: Array) -> Array:
-        """Return exp(A t) X at the times t >= 0 (nt,), in floats: (nt, N)."""
+    def at(self, X: ArrayLike | DoubleDouble, times: Array, rows: Sparse) -> Array:
+        """Return R exp(A t) X at the times t >= 0 (nt,), in floats: (nt, m), where ``rows`` are those of R."""
         last = float(np.max(times, initial=0.0)) / self.window
         self.doubled(max(int(last).bit_length() - 1, 0))
         parts = np.ascontiguousarray(DoubleDouble.of(X).parts)
         powers = np.array([power.parts for power in self.squares])
-        return sample(self.sparse, self.window, parts, powers, np.asarray(times, dtype=np.float64), DEGREE)
+        return sample(self.sparse, self.window, parts, powers, np.asarray(times, dtype=np.float64), rows, DEGREE)
 
     @cached_property
     def slower(self) -> tuple[DoubleDouble, DoubleDouble, DoubleDouble, Flow] | None:

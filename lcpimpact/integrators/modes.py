@@ -105,6 +105,19 @@ class Watch(NamedTuple):
     held: Still
 
 
+class Coordinates(NamedTuple):
+    """How q, v and r are read off the state in a mode.
+
+    Attributes
+    ----------
+    rows : DoubleDouble     (2 n + nc, N)
+    entries : Sparse        the same
+    """
+
+    rows: DoubleDouble
+    entries: Sparse
+
+
 class Fine(NamedTuple):
     """The matrices of a system as double-doubles: A (N, N), B (N, nc), C and C A (nc, N), D (nc, nc), O, G."""
 
@@ -135,7 +148,7 @@ class System:
     inputs: tuple[Array, Array] | None = None
     flows: dict[object, tuple[Flow, DoubleDouble]] = field(default_factory=dict)
     lines: dict[object, tuple[Indices, Indices, DoubleDouble]] = field(default_factory=dict)
-    readings: dict[object, tuple[Array, Array, Array]] = field(default_factory=dict)
+    readings: dict[object, Coordinates] = field(default_factory=dict)
     known: dict[Mode, Watch] = field(default_factory=dict)
     lcps: dict[object, PreparedLCP] = field(default_factory=dict)
 
@@ -234,12 +247,13 @@ class System:
         flow, F = self.reaction(mode)
         return flow, F.hi
 
-    def coordinates(self, mode: Mode) -> tuple[Array, Array, Array]:
-        """Return the matrices by which q, v and r are read off the state in a mode."""
+    def coordinates(self, mode: Mode) -> Coordinates:
+        """Return the rows by which q, v and r are read off the state in a mode."""
         if mode.key not in self.readings:
-            flow, F = self.mode(mode)
-            place = self.read[0] + self.read[1] @ F
-            self.readings[mode.key] = place.T.copy(), (place @ flow.A).T.copy(), F.T.copy()
+            (flow, F), (_, _, _, _, Q, Qr) = self.reaction(mode), self.form.double_doubles
+            place = stacked([[Q, np.zeros((len(Q), len(self.remembered)))]]) + Qr @ F
+            rows = stacked([[place], [place @ flow.generator], [F]])
+            self.readings[mode.key] = Coordinates(rows, sparse(rows))
         return self.readings[mode.key]
 
     @cached_property

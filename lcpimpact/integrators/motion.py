@@ -26,7 +26,7 @@ from lcpimpact.integrators.modes import (
     settled,
     still,
 )
-from lcpimpact.integrators.transition import coordinates, enter, state_of
+from lcpimpact.integrators.transition import enter, parted, state_of
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.dynamics import Dynamics
 
@@ -352,5 +352,6 @@ def read(system: System, segments: tuple[Segment, ...], t: Array, side: str) -> 
     for mine in map(slice, ends[:-1], ends[1:]):
         segment = segments[owner[mine.start]]
         flow, _ = system.mode(segment.mode)
-        q[mine], v[mine], r[mine] = coordinates(system, segment.mode, flow.at(segment.state, segment.since(t[mine])))
+        found = flow.at(segment.state, segment.since(t[mine]), system.coordinates(segment.mode).entries)
+        q[mine], v[mine], r[mine] = parted(system, found)
     return q, v, r

@@ -14,6 +14,10 @@ impulses act, the rows a that push give
 The derivative over a time is the product of the flows and of these matrices in their order. It does not exist where the row
 only touches zero (c·f⁻ = 0, a grazing), nor where two rows fall through zero at once.
 
+It is that of changes which stay in the mode of the start: closed rows stay closed, and a slider that came to rest at the
+limit of its force stays there. (Out of it the slider slips back, within it sticks where it is; so along its place the motion
+has one-sided derivatives only.)
+
 References: Aizerman and Gantmacher (1958); Leine and Nijmeijer, *Dynamics and Bifurcations of Non-Smooth Mechanical Systems*
 (2004), chapter 7.
 """

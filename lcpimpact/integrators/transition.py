@@ -10,19 +10,26 @@ from numpy.typing import ArrayLike
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.integrators.base import Event, State
+from lcpimpact.integrators.flow import on_rows
 from lcpimpact.integrators.modes import ZERO, Mode, System, choose_mode, impact, settled, still
 
 
+def parted(system: System, found: Array) -> tuple[Array, Array, Array]:
+    """Return q, v and r, within its bounds, from what the rows of `System.coordinates` give (..., 2 n + nc)."""
+    n = len(system.dynamics.nodes)
+    r_min, r_max = system.bounds
+    return found[..., :n], found[..., n : 2 * n], np.minimum(np.maximum(found[..., 2 * n :], r_min), r_max)
+
+
 def coordinates(system: System, mode: Mode, X: Array) -> tuple[Array, Array, Array]:
-    """Return q, v and r for the states X (nt, N) of one mode."""
-    place, velocity, force = system.coordinates(mode)
-    return X @ place, X @ velocity, np.clip(X @ force, *system.bounds)
+    """Return q, v and r for states X (nt, N) of one mode, in floats."""
+    return parted(system, X @ system.coordinates(mode).rows.hi.T)
 
 
 def state_of(system: System, mode: Mode, X: ArrayLike | DoubleDouble) -> State:
     """Return what one state X (N,) means in the coordinates of the scheme."""
-    q, v, r = coordinates(system, mode, DoubleDouble.of(X).hi[None, :])
-    return State(q[0], v[0], r[0])
+    parts = np.ascontiguousarray(DoubleDouble.of(X).parts)
+    return State(*parted(system, on_rows(system.coordinates(mode).entries, parts)))
 
 
 def enter(
