@@ -15,7 +15,7 @@ from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.families import FAMILIES, Case
 from lcpimpact.lcp.operators import Banded, Dense
 from lcpimpact.lcp.problem import LCPSolution, bounds
-from lcpimpact.lcp.rational import decide
+from lcpimpact.lcp.rational import LARGEST, decide
 from lcpimpact.lcp.solve import solve_lcp
 
 WRONG = 1e-6
@@ -62,16 +62,14 @@ def verdict(case: Case, solvable: bool, solution: LCPSolution) -> str:
         return "right" if solvable and error(case, solution.z) <= WRONG else "wrong"
     if solvable:
         return "wrong" if solution.status in UNSOLVABLE else "missed"
-    if solution.status not in UNSOLVABLE and not proof_survives(case):
-        return "right"
-    return "right" if solution.status in UNSOLVABLE else "undecided"
+    return "right" if solution.status in UNSOLVABLE or rounding_solves(case) else "undecided"
 
 
-def proof_survives(case: Case) -> bool:
-    """Whether the floats of a problem without a solution have none: rounded entries of M may give one, far away."""
+def rounding_solves(case: Case) -> bool:
+    """Whether the floats of a problem without a solution have one, far away, as rounded entries of M may give."""
     M, q, lower, upper = dense(case)
     decision = decide(Dense(M), q, *bounds(len(q), lower, upper)[:2])
-    return decision is not None and decision.z is None
+    return decision is not None and decision.z is not None
 
 
 @pytest.mark.parametrize("name", FAMILIES)
@@ -131,7 +129,9 @@ def test_auto_solves_every_family(name):
             if family.has_order(n):
                 case = family.make(n, np.random.default_rng([n, seed]))
                 solution = solve(case, "auto")
-                assert verdict(case, family.solvable, solution) == "right", (n, seed, solution.explanation)
+                # That the floats of a larger problem have no solution is said only if a ray proves it.
+                said = {"right"} if family.solvable or n <= LARGEST else {"right", "undecided"}
+                assert verdict(case, family.solvable, solution) in said, (n, seed, solution.explanation)
                 if case.z is not None and "p" in family.tags:
                     np.testing.assert_allclose(
                         solution.z, case.z, rtol=0.0, atol=1e-6 * (1.0 + np.abs(case.z).max()), err_msg=str(n)
