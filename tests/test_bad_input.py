@@ -205,6 +205,15 @@ def test_a_function_that_gives_no_number_is_refused_with_its_element_before_the_
         lcpimpact.LinearComplementaritySystem(np.zeros((2, 2)), np.ones((2, 1)), np.ones((1, 2)), a=[0.0, f])
 
 
+@pytest.mark.parametrize("method", ["moreau-jean", "newmark-ns", "event-driven", "dopri5"])
+@pytest.mark.parametrize("case", ["that divides by zero", "text", "None", "complex", "array"])
+def test_a_function_that_gives_no_number_later_ends_the_run_with_a_sentence(case, method):
+    f, says = NO_LOADS[case]
+    scheme = Scheme(Mass("x", m=1.0), Load("x", f=lambda t: 1.0 if t < 0.05 else f(0.0)), *RIGID)
+    with pytest.raises(InputError, match=rf"^Load at 'x': f\(0\.\d+\) {says}"):
+        simulate(Problem("mine", scheme), method, dt=1e-2, t_end=1e-1)
+
+
 @pytest.mark.parametrize(
     "f", [np.float32, int, lambda t: np.array(2.0)], ids=["float32", "int", "array of no dimension"]
 )

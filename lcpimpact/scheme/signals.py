@@ -13,6 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from numbers import Real
 from typing import Any, Protocol
 
 import numpy as np
@@ -30,26 +31,6 @@ MOST_BREAKPOINTS = 1_000_000
 """Of one periodic signal in a run."""
 
 
-def check_at_zero(name: str, function: Callable[[float], Any], unit: str) -> None:
-    """Refuse a function that gives no finite number at t = 0, where runs begin; ``name`` says whose it is.
-
-    Raises
-    ------
-    InputError
-        Naming the function and what came out.
-    """
-    try:
-        value = function(0.0)
-    except (TypeError, ValueError, ArithmeticError, LookupError) as error:
-        raise InputError(
-            f"{name}(0.0) fails by {type(error).__name__}: {error}; a function takes the time in s, and nothing else, and "
-            f"returns a number in {unit}"
-        ) from error
-    if np.ndim(value) > 0 or not is_real(value):
-        shown = f"an array of the shape {value.shape}" if isinstance(value, np.ndarray) and value.ndim else repr(value)
-        raise InputError(f"{name}(0.0) returns {shown}; return a finite number in {unit}")
-
-
 class Signal(Protocol):
     """A motion that is given: its place and its velocity at any time."""
 
@@ -58,6 +39,64 @@ class Signal(Protocol):
 
     def rate(self, t: float, /) -> float:
         """Return the derivative at time t."""
+
+
+def _number(name: str, function: Callable[[float], Any], t: float, unit: str) -> float:
+    """Return the value of a function at t, which must be a real number, if not finite."""
+    try:
+        value = function(t)
+    except (TypeError, ValueError, ArithmeticError, LookupError) as error:
+        raise InputError(
+            f"{name}({t!r}) fails by {type(error).__name__}: {error}; a function takes the time in s, and nothing else, and "
+            f"returns a number in {unit}"
+        ) from error
+    if type(value) is float:
+        return value
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value.item()
+    if np.ndim(value) > 0 or not isinstance(value, Real) or isinstance(value, bool):
+        shown = f"an array of the shape {value.shape}" if isinstance(value, np.ndarray) and value.ndim else repr(value)
+        raise InputError(f"{name}({t!r}) returns {shown}; return a finite number in {unit}")
+    return float(value)
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A function of time that a user wrote, whose values are made sure to be numbers.
+
+    Attributes
+    ----------
+    name : str              whose it is
+    given : callable        the function; as a motion it has a ``rate``
+    unit : str              of its values
+    """
+
+    name: str
+    given: Any
+    unit: str
+
+    def __call__(self, t: float, /) -> float:
+        """Return the value at time t."""
+        return _number(self.name, self.given, t, self.unit)
+
+    def rate(self, t: float, /) -> float:
+        """Return the derivative at time t, of a motion."""
+        return _number(f"{self.name}.rate", self.given.rate, t, f"{self.unit}/s")
+
+
+def checked(name: str, function: Any, unit: str, moves: bool = False) -> Any:
+    """Return a function of time that refuses what is no number; ``moves`` says that it has a rate.
+
+    Raises
+    ------
+    InputError
+        Naming the function and what came out, here if that is no finite number at t = 0, where runs begin.
+    """
+    sure = Checked(name, function, unit)
+    for label, value in ((name, sure(0.0)), *([(f"{name}.rate", sure.rate(0.0))] if moves else [])):
+        if not math.isfinite(value):
+            raise InputError(f"{label}(0.0) returns {value!r}; return a finite number in {unit}")
+    return function if isinstance(function, Described) else sure
 
 
 @dataclass(frozen=True)

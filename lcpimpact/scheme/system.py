@@ -20,7 +20,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.dynamics import Contact, Dynamics
-from lcpimpact.scheme.signals import check_at_zero
+from lcpimpact.scheme.signals import checked
 
 Signal = float | Callable[[float], float]
 
@@ -87,9 +87,6 @@ class LinearComplementaritySystem:
         a = tuple([0.0] * n if self.a is None else self.a)
         if len(a) != n or not all(callable(each) or is_real(each) for each in a):
             raise InputError(f"a of the system must hold {n} finite numbers or functions of time, one for each state")
-        for i, each in enumerate(a):
-            if callable(each):
-                check_at_zero(f"a[{i}] of the system", each, "the unit of its state per second")
         object.__setattr__(self, "a", a)
         for field, letter, count in (("states", "x", n), ("multipliers", "λ", m)):
             names = getattr(self, field)
@@ -124,10 +121,15 @@ class LinearComplementaritySystem:
         contacts = tuple(
             Contact(name, "", "", float(c[i]), 0.0, self._degree(i, name)) for i, name in enumerate(multipliers)
         )
-        loads = tuple((i, each) for i, each in enumerate(self.a or ()) if callable(each) or each != 0.0)
+        unit = "the unit of its state per second"
+        loads = tuple(
+            (i, checked(f"a[{i}] of the system", each, unit) if callable(each) else each)
+            for i, each in enumerate(self.a or ())
+            if callable(each) or each != 0.0
+        )
         n = len(A)
-        zero, unit = np.zeros((n, n)), np.eye(n)
-        return Dynamics(tuple(states), zero, unit, -A, loads, C, c, contacts, B, D, stores_energy=False)
+        zero, identity = np.zeros((n, n)), np.eye(n)
+        return Dynamics(tuple(states), zero, identity, -A, loads, C, c, contacts, B, D, stores_energy=False)
 
     def _degree(self, i: int, name: str) -> int:
         B, C, D = np.asarray(self.B), np.asarray(self.C), np.asarray(self.D)

@@ -376,7 +376,7 @@ def _crossings(motion: Motion, where: Crossing, until: float) -> Array:
             crossing = flow.first_crossing(X, motion.scale, (sign * c)[None], np.array([zeros]), last - t)
             if crossing.row < 0:
                 break
-            t, X = t + float(crossing.t.hi), flow.at(X, crossing.t.hi[None])[0]
+            t, X = t + float(crossing.t.hi), crossing.state.hi
             sign, zeros = -sign, 1
             if sign * where.direction >= 0.0:
                 found.append(t)

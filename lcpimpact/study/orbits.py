@@ -311,7 +311,7 @@ def _closest_return(motion: Motion, start: float, X: Array, T: float) -> float:
     def apart(t: float) -> tuple[float, float]:
         segment = motion.segments[int(np.searchsorted(joins, t, side="right")) - 1]
         flow, _ = motion.system.mode(segment.mode)
-        here = flow.at(segment.state, segment.since(np.array([t])))[0]
+        here = flow.move(segment.state, float(segment.since(np.array(t)))).hi
         away = (here - X) / unit
         return float(away @ away), float(away @ (flow.A @ here / unit))
 
@@ -333,7 +333,7 @@ def _away_from_events(motion: Motion, first: float, last: float) -> tuple[float,
     t = float(0.5 * (edges[k] + edges[k + 1]))
     segment = motion.segments[int(np.searchsorted(joins, t, side="right")) - 1]
     flow, _ = motion.system.mode(segment.mode)
-    return t, flow.at(segment.state, segment.since(np.array([t])))[0]
+    return t, flow.move(segment.state, float(segment.since(np.array(t)))).hi
 
 
 class Period(NamedTuple):
@@ -563,7 +563,7 @@ def _state_at(orbit: PeriodicOrbit, t: float) -> Array:
     segments = orbit.motion.segments
     segment = segments[int(np.searchsorted([each.t0 for each in segments], within, side="right")) - 1]
     flow, _ = orbit.motion.system.mode(segment.mode)
-    return np.asarray(flow.at(segment.state, segment.since(np.array([within])))[0])
+    return flow.move(segment.state, float(segment.since(np.array(within)))).hi
 
 
 def _branch_table(values: list[float], orbits: list[PeriodicOrbit], ended: str) -> pd.DataFrame:
@@ -647,7 +647,7 @@ def _least(motion: Motion, until: float, i: int, u0: float) -> tuple[float, floa
             crossing = flow.first_crossing(X, motion.scale, (sign * c @ flow.A)[None], np.array([zeros]), last - t)
             if crossing.row < 0:
                 break
-            t, X = t + float(crossing.t.hi), flow.at(X, crossing.t.hi[None])[0]
+            t, X = t + float(crossing.t.hi), crossing.state.hi
             if sign < 0.0:
                 best = min(best, (float(c @ X), t))
             sign, zeros = -sign, 1

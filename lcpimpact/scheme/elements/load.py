@@ -9,7 +9,7 @@ from typing import ClassVar
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct
-from lcpimpact.scheme.signals import Signal, check_at_zero
+from lcpimpact.scheme.signals import Signal, checked
 from lcpimpact.scheme.terms import Terms
 
 
@@ -69,6 +69,5 @@ class Load(Element):
 
     def contribute(self, terms: Terms) -> None:
         """Add the force to f(t); a function that gives no number is refused here."""
-        if callable(self.f):
-            check_at_zero(f"{self}: f", self.f, "N")
-        terms.loads.append((terms.index[self.node], self.f))
+        load = checked(f"{self}: f", self.f, "N") if callable(self.f) else self.f
+        terms.loads.append((terms.index[self.node], load))

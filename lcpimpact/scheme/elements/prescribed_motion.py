@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from lcpimpact.errors import InputError
 from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct
-from lcpimpact.scheme.signals import PiecewisePolynomial, Signal, check_at_zero
+from lcpimpact.scheme.signals import PiecewisePolynomial, Signal, checked
 from lcpimpact.scheme.terms import Terms
 
 
@@ -76,9 +76,7 @@ class PrescribedMotion(Element):
 
     def contribute(self, terms: Terms) -> None:
         """Give the node its motion."""
-        check_at_zero(f"{self}: y", self.y, "m")
-        check_at_zero(f"{self}: y.rate", self.y.rate, "m/s")
         i = terms.index[self.node]
         if i in terms.motions:
             raise InputError(f"node {self.node!r} has two motions that are given: leave one out")
-        terms.motions[i] = self.y
+        terms.motions[i] = checked(f"{self}: y", self.y, "m", moves=True)
