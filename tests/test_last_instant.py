@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lcpimpact as li
+from lcpimpact.integrators import METHODS as EVERY
 from lcpimpact.integrators.event_driven import SCIPY_SOLVERS
 
 METHODS = ("exact", "event-driven")
@@ -121,3 +122,16 @@ def test_an_opening_at_the_last_instant_under_a_load_that_ends():
     scheme = li.Scheme(li.Mass("x", 1.0), li.Load("x", lambda t: 1.0 - t), li.Bumper("x", "ground", e=0.0))
     found = run(li.Problem("lift", scheme), "event-driven", 1.0)
     assert [(event.t, event.kind) for event in found.events] == [(pytest.approx(1.0, rel=1e-12), "open")]
+
+
+@pytest.mark.parametrize("method", [name for name in EVERY if name != "rk4-paper"])
+@pytest.mark.parametrize("v0", [1.0, 0.0])
+def test_a_start_that_overlaps_by_rounding_touches(method, v0):
+    """As where one run ends and another begins: the ball rebounds at once, or rests."""
+    gap = 0.3
+    scheme = li.Scheme(li.Mass("x", 1.0), li.Load("x", 9.81), li.Bumper("x", "ground", gap=gap, e=0.5))
+    problem = li.Problem("restart", scheme, q0={"x": gap * (1.0 + 2.0**-52)}, v0={"x": v0})
+    run = li.simulate(problem, method, dt=1e-4, t_end=0.05)
+    fallen = 9.81 * run.t - 0.5 if v0 else np.zeros_like(run.t)
+    assert_allclose(run["v_x"][2:], fallen[2:], rtol=0, atol=2e-3)
+    assert_allclose(run["x"][2:], gap + (4.905 * run.t**2 - 0.5 * run.t if v0 else 0.0 * run.t)[2:], rtol=0, atol=2e-4)

@@ -27,7 +27,7 @@ from lcpimpact.integrators.modes import (
     still,
 )
 from lcpimpact.integrators.transition import enter, parted, state_of
-from lcpimpact.problems.base import Problem
+from lcpimpact.problems.base import GIVEN_ZERO, Problem
 from lcpimpact.scheme.dynamics import Dynamics
 
 MOST_CUTS = 4_000
@@ -38,9 +38,6 @@ STALL = 1_000
 
 AT_END = 4.0 * float(np.finfo(float).eps)
 """An event this little after the end, relative to it, is one at the end, which is a float."""
-
-GIVEN_ZERO = 8.0 * float(np.finfo(float).eps)
-"""What counts as zero in the state at the start, whose numbers are floats, relative to its terms."""
 
 NEAR, PATTERN, MOST_IMPACTS = 2.0**-40, 6, 10_000
 """Impacts whose order is lost in rounding: this near to the one before, of the time passed; the longest pattern in which

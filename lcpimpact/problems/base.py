@@ -20,6 +20,9 @@ from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
+GIVEN_ZERO = 8.0 * float(np.finfo(float).eps)
+"""What counts as zero in a gap at the start, whose numbers are floats, relative to its terms."""
+
 
 @dataclass(frozen=True)
 class Problem:
@@ -91,10 +94,12 @@ class Problem:
             self._refuse_penetration()
 
     def _refuse_penetration(self) -> None:
-        gaps = self.dynamics.gap(self.initial_coordinates)
-        for path in self.dynamics.gap_paths:
+        q, d = self.initial_coordinates, self.dynamics
+        gaps, terms = d.gap(q), np.abs(d.H) @ np.abs(q) + np.abs(d.u0)
+        for path in d.gap_paths:
+            # Places at which a run has ended may overlap by rounding.
             u, rows = float(path @ gaps), np.flatnonzero(path)
-            if u >= (0.0 if len(rows) == 1 else -1e-12 * (path @ np.abs(gaps))):
+            if u >= -GIVEN_ZERO * (path @ terms):
                 continue
             first = self.dynamics.contacts[rows[0]]
             if len(rows) == 1:
