@@ -24,6 +24,7 @@ STOPPED_PLATE = li.Problem(
 EVERY = (*PROBLEMS, STOPPED_PLATE.name)
 SMALLER = {"bar-impact": {"elements": 4.0}, "bouncing-bar": {"elements": 4.0}, "plastic-bar-impact": {"elements": 4.0}}
 STEPS = 3
+SAID = ("driven", "massive", "slides", "r_min", "r_max", "relative_degree", "restitution", "impulse_lines")
 
 
 def load(name):
@@ -47,7 +48,7 @@ def runs(problem, method):
 @pytest.mark.parametrize("problem", EVERY)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_method_runs_or_names_one_that_does(method, problem):
-    problem = load(problem)
+    name, problem = problem, load(problem)
     try:
         run = attempt(problem, method)
     except li.UnsupportedError as refusal:
@@ -58,6 +59,9 @@ def test_a_method_runs_or_names_one_that_does(method, problem):
         assert any(runs(problem, name) for name in named), said
         return
     assert run.success
+    d, fresh = problem.dynamics, load(name).dynamics
+    for each in ("M", "C", "K", "H", "B", "D", "u0", *SAID):
+        np.testing.assert_array_equal(getattr(d, each), getattr(fresh, each), err_msg=f"a run has changed {each}")
     assert np.isfinite(run.q).all()
     assert np.isfinite(run.v).all()
     assert np.isfinite(run.reaction).all()

@@ -160,7 +160,7 @@ class Dynamics:
         paths[:, rows] = rays
         return paths
 
-    @property
+    @cached_property
     def impulse_lines(self) -> Array:
         """The impulse paths that lead over nodes without mass, so that no contact on them has relative degree 2 alone."""
         return np.asarray(self.impulse_paths[np.count_nonzero(self.impulse_paths, axis=1) > 1])
@@ -170,22 +170,22 @@ class Dynamics:
         """All that has a force by a name: the contacts, whose reactions are unknowns, and the non-linear springs."""
         return (*self.contacts, *self.springs)
 
-    @property
+    @cached_property
     def driven(self) -> Flags:
         """Which nodes have a motion that is given (n,)."""
         return np.isin(np.arange(len(self.nodes)), list(self.motions))
 
-    @property
+    @cached_property
     def r_min(self) -> Array:
         """Lower bound of each reaction in N (nc,): 0, or -r0."""
         return np.array([0.0 if each.r0 is None else -each.r0 for each in self.contacts])
 
-    @property
+    @cached_property
     def r_max(self) -> Array:
         """Upper bound of each reaction in N (nc,): inf, or r0."""
         return np.array([np.inf if each.r0 is None else each.r0 for each in self.contacts])
 
-    @property
+    @cached_property
     def slides(self) -> Flags:
         """Which rows are sliders (nc,)."""
         return np.array([each.r0 is not None for each in self.contacts], dtype=np.bool_)
@@ -218,17 +218,17 @@ class Dynamics:
                 rate[..., k] = _values(signal.rate, times)
         return y, rate
 
-    @property
+    @cached_property
     def massive(self) -> Flags:
         """Which nodes move by a mass of their own (n,)."""
         return (np.diag(self.M) > 0.0) & ~self.driven
 
-    @property
+    @cached_property
     def relative_degree(self) -> Indices:
         """Relative degree of each row (nc,)."""
         return np.array([contact.relative_degree for contact in self.contacts], dtype=np.int64)
 
-    @property
+    @cached_property
     def restitution(self) -> Array:
         """Coefficient of restitution of each row (nc,)."""
         return np.array([contact.e for contact in self.contacts], dtype=np.float64)
