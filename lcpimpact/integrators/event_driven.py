@@ -28,9 +28,8 @@ from __future__ import annotations
 import inspect
 import math
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -42,7 +41,8 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.integrators.base import Declared, Dense, Grid, Integrator, Limits, Record, State
-from lcpimpact.integrators.flow import first_fall
+from lcpimpact.integrators.burst import SHORT, Burst, Meetings, follow_burst
+from lcpimpact.integrators.flow import Flow, casteljau, first_fall
 from lcpimpact.integrators.modes import (
     Mode,
     System,
@@ -78,8 +78,17 @@ FOR_EVER = -1
 STALL = 100
 """So many events at one instant are no motion: the run ends as if it had reached max_events."""
 
+BENT = 10.0
+"""Where there are other forces than linear ones, a burst of impacts lasts for so many short flights at most."""
+
+SINGLE_STEP = (integrate.RK23, integrate.RK45, integrate.DOP853)
+"""Solvers that need no small steps to begin with."""
+
 SURE, UNSURE = 1e-12, 1e-9
 """Between these lies how well an instant is taken to be known, in units of the run, whatever rtol is."""
+
+CLOSE, NEAR = 4.0 * float(np.finfo(float).eps), 1e-9
+"""How closely a root is found, and how near the polynomial through the samples comes to that of the dense output."""
 
 LOOK_BACK = 0.1
 """Over this part of the last step a row must fall."""
@@ -151,6 +160,12 @@ class Forces:
         slope[: len(δ), :known] = by_δ[:, None] * self.inputs.approach + by_rate[:, None] * self.inputs.rate
         return slope
 
+    def linear(self, t: float, X: Array, later: float, X_later: Array, step: float) -> Array:
+        """Return w at a later state, made linear about the state X at t (nw,)."""
+        w = self(t, X) + self.jacobian(X) @ (X_later - X)
+        w[len(self.inputs.law) :] += (later - t) * self.load_rates(t, step, ahead=True)
+        return np.asarray(w)
+
     def load_rates(self, t: float, step: float, ahead: bool) -> Array:
         """Return the derivatives of the loads: central differences, or one-sided ones of the same order."""
         if ahead:
@@ -176,8 +191,8 @@ class Segment:
     It ends at ``end`` at the latest, which is that of the run or, where it ``breaks``, a breakpoint of the signals.
 
     s are the forces that the springs would have if they pushed. The last rows are theirs: ``phases`` tells which spring goes
-    over to which phase. ``place`` and ``reaction`` hold the matrices by
-    which q and r are read off X and w.
+    over to which phase. ``place`` and ``reaction`` hold the matrices by which q and r are read off X and w, ``velocity`` the
+    one by which v is, where there are no inputs.
     """
 
     t0: float
@@ -192,11 +207,13 @@ class Segment:
     phases: tuple[tuple[int, int], ...]
     place: tuple[Array, Array]
     reaction: tuple[Array, Array]
+    velocity: Array
 
     def rate(self, τ: Any, X: Array) -> Array:
         """Return X' (..., N)."""
-        smooth = X @ self.A.T
-        return smooth + self.forces(self.t0 + τ, X) @ self.E.T if self.E.shape[1] else smooth
+        if not self.E.shape[1]:
+            return X @ self.A.T
+        return X @ self.A.T + self.forces(self.t0 + τ, X) @ self.E.T
 
     def jacobian(self, τ: float, X: Array) -> Array:
         """Return ∂X'/∂X (N, N)."""
@@ -227,23 +244,42 @@ class AtRest:
         return np.asarray(np.multiply.outer(self.X, np.ones_like(τ, dtype=np.float64)))
 
 
-@dataclass
-class Flights:
-    """The impacts of each contact: the instant of the last one, and how many flights before it were short."""
+@dataclass(frozen=True, eq=False)
+class InBurst:
+    """The dense output of a segment that was followed in double-doubles: X without the ``added`` states of inputs."""
 
-    last: Array
-    short: Indices
+    flow: Flow
+    state: DoubleDouble
+    added: slice
+
+    def __call__(self, τ: ArrayLike) -> Array:
+        """Return X at τ: (N,), or (N, nt)."""
+        τ = np.asarray(τ, dtype=np.float64)
+        X = np.delete(self.flow.at(self.state, np.maximum(τ.ravel(), 0.0)), self.added, axis=1)
+        return X[0] if τ.ndim == 0 else X.T
+
+
+@dataclass
+class Flights(Meetings):
+    """The impacts of each contact, and how many flights before the last one were short (nc,)."""
+
+    short: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @classmethod
     def none(cls, contacts: int) -> Flights:
         """Return that no contact has met anything."""
-        return cls(np.full(contacts, -np.inf), np.zeros(contacts, dtype=np.int64))
+        return cls(np.full(contacts, -np.inf), short=np.zeros(contacts, dtype=np.int64))
 
     def land(self, t: float, rows: Indices, short: float, low: Array) -> None:
         """Note an impact of these rows at t; a flight is short below one length, or below one of its own for each row."""
         flight = t - self.last[rows]
         self.short[rows] = np.where((flight < short) | (flight < low), self.short[rows] + 1, 0)
-        self.last[rows] = t
+        self.note(t, rows)
+
+    def take(self, burst: Burst) -> None:
+        """Note the impacts of a burst: what meets on after it meets for the first time."""
+        super().take(burst)
+        self.short[:] = 0
 
 
 @dataclass
@@ -260,9 +296,17 @@ class Run:
     flights: Flights
     segment: Segment | None = None
     steps: Any = None
+    first_step: float | None = None
+    known: dict[object, Segment] = field(default_factory=dict)
     pieces: list[Piece] = field(default_factory=list)
     starts: list[float] = field(default_factory=list)
     events: list[float] = field(default_factory=list)
+
+    @property
+    def added(self) -> slice:
+        """Where in the states of the system made linear those stand that are forces."""
+        N = len(self.system.form.A)
+        return slice(N, N + self.inputs.count)
 
 
 @dataclass(frozen=True)
@@ -440,13 +484,15 @@ class EventDriven(Integrator):
         τ, row = found or (steps.t, -1)
         t = segment.end if steps.status == "finished" and not found else min(segment.t0 + τ, segment.end)
         breakpoint = segment.breaks and t == segment.end
-        run.scale = np.maximum(run.scale, np.abs(solution(τ)))
+        X = solution(τ) if found else steps.y
+        run.scale = np.maximum(run.scale, np.abs(X))
         if run.inputs.count:
-            run.forces = np.maximum(run.forces, np.abs(segment.forces(segment.t0 + τ, solution(τ))))
+            run.forces = np.maximum(run.forces, np.abs(segment.forces(segment.t0 + τ, X)))
         run.starts.append(segment.t0 + steps.t_old)
         run.pieces.append(Piece(segment, t, solution))
         if steps.status == "finished" or found:
             record.stats["evaluations"] = record.stats.get("evaluations", 0) + steps.nfev
+            run.first_step = float(getattr(steps, "h_abs", 0.0)) or None
         if not breakpoint and not found:
             return Status.SOLVED
         if found:
@@ -455,13 +501,12 @@ class EventDriven(Integrator):
             return Status.MAX_EVENTS
         turn = row - (len(segment.rows) - len(segment.phases)) if found else -1
         try:
-            self._enter(run, record, t, solution(τ), segment.phases[turn] if turn >= 0 else None, breakpoint)
+            return self._enter(run, record, t, X, segment.phases[turn] if turn >= 0 else None, breakpoint)
         except FailureError as failure:
             status: Status = failure.result.status
             return status
         except np.linalg.LinAlgError:
             return Status.SINGULAR
-        return Status.SOLVED
 
     def _phase(self, run: Run, X: Array, turned: tuple[int, int] | None) -> Indices | None:
         """Return what each spring does from X on; ``turned`` is one that has just gone over to another phase."""
@@ -489,12 +534,12 @@ class EventDriven(Integrator):
         X: Array,
         turned: tuple[int, int] | None,
         breakpoint: bool = False,
-    ) -> None:
+    ) -> Status:
         """Begin a segment at t: impacts, the mode, the events that this makes, and a solver for what follows.
 
         At a ``breakpoint`` the signals in X are left limits, and go over to the right ones.
         """
-        system, d, old = run.system, run.system.dynamics, run.segment
+        system, old = run.system, run.segment
         assert record.events is not None
         run.scale = np.maximum(run.scale, np.abs(X))
         kept = still(system, old.mode if old else None)
@@ -505,35 +550,95 @@ class EventDriven(Integrator):
             kept = replace(kept, U=np.zeros_like(kept.U))
 
         u, U = (each.hi for each in gaps(system, state, run.scale, kept))
-        landing = np.flatnonzero((system.degree == 2) & ~d.slides & (u <= 0.0) & (U < 0.0))
-        lost = ROUNDING * (np.abs(system.matrices[2]) @ run.scale)[landing] / np.maximum(-U[landing], TINY)
-        run.flights.land(t, landing, self.zeno * run.grid.t_end, lost)
-        over = (run.flights.short >= FLIGHTS) & (d.restitution < 1.0)
-        restitution = np.where(over, 0.0, d.restitution)
+        landing = np.flatnonzero(system.meets & (u <= 0.0) & (U < 0.0))
+        short, flights = self.zeno * run.grid.t_end, run.flights
+        quick = flights.quick(system, t, landing, U, run.scale, short)
+        restitution = system.restitution
+        if len(landing):
+            lost = ROUNDING * (np.abs(system.matrices[2][landing]) @ run.scale) / np.maximum(-U[landing], TINY)
+            flights.land(t, landing, short, lost)
+            if not quick:
+                over = (flights.short >= FLIGHTS) & (restitution < 1.0)
+                restitution = np.where(over, 0.0, restitution)
         pushed, P, kept = impact(system, state, run.scale, run.lcp_solver, restitution, kept, left=approach)
         forces = Forces(run.inputs, self._phase(run, pushed.hi, turned))
         mode, chosen = choose_mode(*_about(run, t, pushed.hi, forces), run.lcp_solver, kept)
-        N = len(system.form.A)
-        after = np.delete(chosen.hi, slice(N, N + run.inputs.count))
+        after = np.delete(chosen.hi, run.added)
 
-        new = _segment(run, t, mode, forces)
+        new = self._segment(run, t, mode, forces)
         left = _state(run, old, t - old.t0, X) if old else _state(run, new, 0.0, X)
         record.events += happened(system, t, old.mode if old else mode, mode, P, left, _state(run, new, 0.0, after))
+        status = Status.SOLVED
+        if quick and t < run.grid.t_end:
+            status, new, after = self._burst(run, record, new, after, quick)
         run.segment = new
-        if t >= run.grid.t_end:
+        if new.t0 >= run.grid.t_end:
             # What follows an event at the very end is its right limit.
-            run.starts.append(t)
-            run.pieces.append(Piece(new, t, AtRest(after)))
-            return
+            run.starts.append(new.t0)
+            run.pieces.append(Piece(new, new.t0, AtRest(after)))
+            return status
+        run.steps = self._solver(run, new, after)
+        return status
+
+    def _burst(self, run: Run, record: Record, first: Segment, X: Array, short: float) -> tuple[Status, Segment, Array]:
+        """Follow impacts that come in quick succession after X, with the forces made linear: what goes on, and its state."""
+        assert record.events is not None
+        t, forces, inputs = first.t0, first.forces, run.inputs
+        system, grown, scale = _about(run, t, X, forces)
+        most = BENT * short if inputs.count else math.inf
+        left = max(self.max_events - len(run.events), 1)
+        burst = follow_burst(
+            system, t, DoubleDouble.of(grown), first.mode, scale, run.lcp_solver, run.grid.t_end, short, left, most
+        )
+        for each, end in burst.passed:
+            run.starts.append(each.t0)
+            flow, _ = system.mode(each.mode)
+            solution = InBurst(flow, each.state, run.added)
+            run.pieces.append(Piece(self._segment(run, each.t0, each.mode, forces), end, solution))
+        record.events += burst.events
+        run.events += sorted({event.t for event in burst.events})
+        run.flights.take(burst)
+        run.scale = np.maximum(run.scale, np.delete(burst.motion.scale, run.added))
+        last, status = burst.last, burst.status
+        there = np.delete(last.X, run.added)
+        if inputs.count and status is Status.SOLVED and last.t0 > t:
+            bent = np.abs(Forces(inputs, None)(last.t0, there) - forces.linear(t, X, last.t0, there, _short(run)))
+            if (bent > BENT * SHORT * run.forces).any():
+                status = Status.ACCUMULATION
+        return status, self._segment(run, last.t0, last.mode, forces), there
+
+    def _segment(self, run: Run, t: float, mode: Mode, forces: Forces) -> Segment:
+        """Return the segment of a mode that begins at t."""
+        key = mode, None if forces.phase is None else tuple(forces.phase.tolist())
+        if key not in run.known:
+            run.known[key] = _course(run, mode, forces)
+        later = int(np.searchsorted(run.breakpoints, t, side="right"))
+        breaks = later < len(run.breakpoints)
+        return replace(
+            run.known[key], t0=t, end=float(run.breakpoints[later]) if breaks else run.grid.t_end, breaks=breaks
+        )
+
+    def _solver(self, run: Run, segment: Segment, X: Array) -> Any:
+        """Return a solver that starts from X."""
         kind: Any = getattr(integrate, self.ode_solver) if isinstance(self.ode_solver, str) else self.ode_solver
+        length = segment.end - segment.t0
         options: dict[str, Any] = {"rtol": self.rtol, "atol": self.atol, "max_step": self.max_step}
-        if "jac" in inspect.signature(kind).parameters:
-            options["jac"] = new.jacobian
-        run.steps = kind(new.rate, 0.0, after, new.end - t, **options)
+        if _takes_jacobian(kind):
+            options["jac"] = segment.jacobian
+        if run.first_step and issubclass(kind, SINGLE_STEP):
+            # The step before is as good a guess as SciPy's, and costs nothing: the error of the step is judged all the same.
+            options["first_step"] = min(run.first_step, length)
+        return kind(segment.rate, 0.0, X, length, **options)
 
 
-def _segment(run: Run, t: float, mode: Mode, forces: Forces) -> Segment:
-    """Return the segment of a mode that begins at t."""
+@cache
+def _takes_jacobian(kind: type) -> bool:
+    """Return whether a solver can be given the Jacobian."""
+    return "jac" in inspect.signature(kind).parameters
+
+
+def _course(run: Run, mode: Mode, forces: Forces) -> Segment:
+    """Return a segment of a mode, at no instant yet."""
     system, inputs = run.system, run.inputs
     flow, F = system.mode(mode)
     Fw = system.share(mode)
@@ -551,12 +656,11 @@ def _segment(run: Run, t: float, mode: Mode, forces: Forces) -> Segment:
         rows += falls
         order += [0] * len(falls)
     Q, Qr = system.read
-    later = int(np.searchsorted(run.breakpoints, t, side="right"))
-    breaks = later < len(run.breakpoints)
+    place = Q + Qr @ F
     return Segment(
-        t,
-        float(run.breakpoints[later]) if breaks else run.grid.t_end,
-        breaks,
+        0.0,
+        0.0,
+        False,
         mode,
         flow.A,
         E,
@@ -564,8 +668,9 @@ def _segment(run: Run, t: float, mode: Mode, forces: Forces) -> Segment:
         np.array(rows).reshape(len(rows), len(flow.A) + inputs.count + ns),
         np.array(order, dtype=np.int64),
         springs,
-        (Q + Qr @ F, inputs.Q + Qr @ Fw),
+        (place, inputs.Q + Qr @ Fw),
         (F, Fw),
+        place @ flow.A,
     )
 
 
@@ -647,9 +752,10 @@ def _first_root(
                 # It falls below zero from zero itself: what counts is where it is below it by more than the tolerance.
                 found.append((start + s * (end - start), k))
                 continue
-            near = _falls(partial(_bernstein, coefficients), s, 0.0) or s
+            s, slope = _falls(coefficients, s)
+            near, width = start + s * (end - start), end - start
             found.append(
-                (_refined(segment, row, start + near * (end - start), end if m == 0 else None, start, solution), k)
+                (_refined(segment, row, near, s**m * slope / width, end if m == 0 else None, start, solution), k)
             )
     return min(found) if found else None
 
@@ -670,7 +776,9 @@ def _root_at_end(
     k = int(falling[np.argmin(last[falling] / fall[falling])])
     ahead = float(last[k] / fall[k] * (τ[1] - τ[0]))
     return (
-        (_refined(segment, segment.rows[k], end + ahead, end + within, end, solution), k) if ahead > 0.0 else (end, k)
+        (_refined(segment, segment.rows[k], end + ahead, 0.0, end + within, end, solution), k)
+        if ahead > 0.0
+        else (end, k)
     )
 
 
@@ -681,41 +789,46 @@ def _noise(segment: Segment, scale: Array, terms: Array) -> Array:
     return np.asarray(NOISE * (np.abs(segment.rows) @ size))
 
 
-def _bernstein(coefficients: Array, s: float) -> float:
-    """Return the value at s of the polynomial on [0, 1] with these coefficients in Bernstein's basis."""
-    b = coefficients
-    while len(b) > 1:
-        b = (1.0 - s) * b[:-1] + s * b[1:]
-    return float(b[0])
+def _falls(b: Array, below: float) -> tuple[float, float]:
+    """Return where the polynomial on [0, 1] with Bernstein coefficients b falls through zero, at or before ``below``.
 
-
-def _falls(value: Callable[[float], float], below: float, earliest: float) -> float | None:
-    """Return where a function falls through zero, at or before ``below``; None if it is not above zero before."""
-    if not value(below) < 0.0:
-        return below
-    back = 1e-15 * (below - earliest)
-    while not value(max(below - back, earliest)) > 0.0:
-        if below - back <= earliest:
-            return None
+    The slope there comes with it; where the polynomial is not above zero before, that is ``below`` itself.
+    """
+    back = 1e-15 * below
+    while casteljau(b, below)[0] < 0.0 and not casteljau(b, max(below - back, 0.0))[0] > 0.0:
+        if below <= back:
+            return below, float(casteljau(b, below)[1])
         back *= 8.0
-    return float(brentq(value, max(below - back, earliest), below, xtol=1e-300, rtol=4.0 * np.finfo(float).eps))
+    if casteljau(b, below)[0] < 0.0:
+        below = float(brentq(lambda s: casteljau(b, s)[0], max(below - back, 0.0), below, xtol=1e-300, rtol=CLOSE))
+    return below, float(casteljau(b, below)[1])
 
 
-def _refined(segment: Segment, row: Array, τ: float, end: float | None, start: float, solution: Any) -> float:
+def _refined(
+    segment: Segment, row: Array, τ: float, slope: float, end: float | None, start: float, solution: Any
+) -> float:
     """Return the root near τ on the dense output itself, or τ where the values there are rounding.
 
-    Without an ``end`` the row begins at zero, and only a root close to τ is another one.
+    A negative ``slope`` of the row there is known, or it is 0. Without an ``end`` the row begins at zero, and only a root
+    close to τ is another one.
     """
 
     def value(τ: float) -> float:
+        if not segment.E.shape[1]:
+            return float(row @ solution(τ))
         at = np.array([τ])
         return float((segment.watched(at, solution(at).T) @ row)[0])
 
+    # What the polynomial through the samples lacks of a smooth row is rounding, and one step mends it.
+    if slope < 0.0:
+        better = τ - value(τ) / slope
+        if abs(better - τ) <= NEAR * (τ - start) and abs(value(better) / slope) <= CLOSE * better:
+            return better
     width, widest = 1e-15 * (τ - start), 1e-4 * (τ - start) if end is None else end - start
     while 0.0 < width < widest:
         before, after = max(τ - width, start), τ + width if end is None else min(τ + width, end)
         if value(before) > 0.0 > value(after):
-            root = float(brentq(value, before, after, xtol=1e-300, rtol=4.0 * np.finfo(float).eps))
+            root = float(brentq(value, before, after, xtol=1e-300, rtol=CLOSE))
             # Where a load jumps, the event is the first instant after the jump.
             step = float(np.spacing(segment.t0 + root))
             while value(root) > 0.0 and root + step < after:
@@ -727,14 +840,16 @@ def _refined(segment: Segment, row: Array, τ: float, end: float | None, start: 
 
 def _coordinates(run: Run, segment: Segment, τ: Array, X: Array) -> tuple[Array, Array, Array]:
     """Return q, v and r for the states X (nt, N) at t0 + τ."""
-    d, (place, place_w), (F, Fw) = run.system.dynamics, segment.place, segment.reaction
+    (place, place_w), (F, Fw), bounds = segment.place, segment.reaction, run.system.bounds
+    if not run.inputs.count:
+        return X @ place.T, X @ segment.velocity.T, np.clip(X @ F.T, *bounds)
     w = segment.forces(segment.t0 + τ, X)
     q, v = X @ place.T + w @ place_w.T, segment.rate(τ, X) @ place.T
     loads = place_w[:, len(run.inputs.law) :]
     if loads.any():
         rates = [segment.forces.load_rates(segment.t0 + at, _short(run), ahead=False) for at in τ]
         v += np.array(rates).reshape(len(τ), -1) @ loads.T
-    return q, v, np.clip(X @ F.T + w @ Fw.T, d.r_min, d.r_max)
+    return q, v, np.clip(X @ F.T + w @ Fw.T, *bounds)
 
 
 def _state(run: Run, segment: Segment, τ: float, X: Array) -> State:
