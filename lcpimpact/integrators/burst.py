@@ -24,8 +24,8 @@ from lcpimpact.integrators.motion import GIVEN_ZERO, Motion, Segment, begin, fol
 SHORT = 1e-6
 """Flights are short below this part of the longest one of the run."""
 
-KNOWN, LONG = 1e6 * float(np.finfo(float).eps), 1e-3
-"""They are so, too, where less than six digits of a gap are known; but above that part of the longest one they are not."""
+KNOWN, LONG = 1e8 * float(np.finfo(float).eps), 0.1
+"""They are so, too, where less than eight digits of a gap are known; but above that part of the longest one they are not."""
 
 
 @dataclass
@@ -121,6 +121,7 @@ def follow_burst(
     # What is zero in these floats is so to their rounding, and not to that of a root.
     size = np.maximum(np.abs(X.hi), GIVEN_ZERO / ZERO * scale)
     motion = begin(system, state.hi, min(t + 2.0 * short, end), t, solver, max_events, size)
+    motion.scale = np.maximum(motion.scale, scale)
     status = Status.SOLVED
     while status is Status.SOLVED and (following := _next(motion)) - motion.segments[-1].t0 <= min(short, most):
         if following - t > most:
