@@ -224,6 +224,21 @@ class Segment:
         return np.column_stack([X, self.forces(self.t0 + τ, X), self.forces.free(X)]) if self.E.shape[1] else X
 
 
+@dataclass(eq=False)
+class Guarded:
+    """X' of a segment for a solver, which must be finite before it has ``begun``: SciPy looks for a first step for ever."""
+
+    segment: Segment
+    begun: bool = False
+
+    def __call__(self, τ: float, X: Array) -> Array:
+        """Return X' (N,)."""
+        found = self.segment.rate(τ, X)
+        if not self.begun and not np.isfinite(found).all():
+            raise FloatingPointError
+        return found
+
+
 @dataclass(frozen=True, eq=False)
 class Piece:
     """One step of the solver, or what an event left of it up to ``end``: X at t0 + τ."""
@@ -295,6 +310,7 @@ class Run:
     breakpoints: Array
     flights: Flights
     segment: Segment | None = None
+    begun: Array = field(init=False)
     steps: Any = None
     first_step: float | None = None
     known: dict[object, Segment] = field(default_factory=dict)
@@ -325,6 +341,8 @@ class EventDriven(Integrator):
         Longest step in s, for loads that a long step might pass over.
     max_events : int
         Limit of events.
+    max_steps : int
+        Limit of steps of the solver, for motions that are stiff or vibrate fast for their length.
     zeno : float
         Impacts that accumulate are over when flights are shorter than this part of the run; 0 follows them to rounding.
     kinks : bool
@@ -354,6 +372,7 @@ class EventDriven(Integrator):
     atol: float = 1e-12
     max_step: float = math.inf
     max_events: int = 100_000
+    max_steps: int = 500_000
     zeno: float = 1e-9
     kinks: bool = True
 
@@ -394,8 +413,9 @@ class EventDriven(Integrator):
             raise InputError(f"atol = {self.atol!r} must be above zero, in the units of the states")
         if isinstance(self.max_step, bool) or not isinstance(self.max_step, int | float) or not self.max_step > 0.0:
             raise InputError(f"max_step = {self.max_step!r} must be a time above zero in s, or inf")
-        if not is_count(self.max_events) or self.max_events < 1:
-            raise InputError(f"max_events = {self.max_events!r} must be a whole number above zero")
+        for limit in ("max_events", "max_steps"):
+            if not is_count(getattr(self, limit)) or getattr(self, limit) < 1:
+                raise InputError(f"{limit} = {getattr(self, limit)!r} must be a whole number above zero")
         if not is_real(self.zeno) or not 0.0 <= self.zeno < 1.0:
             raise InputError(f"zeno = {self.zeno!r} must be a part of the run, 0 <= zeno < 1")
         if not isinstance(self.kinks, bool):
@@ -433,7 +453,7 @@ class EventDriven(Integrator):
                 f"undetermined, which {self.name!r} does not handle: take method='moreau-jean'"
             ) from None
         assert run.segment is not None
-        first = _state(run, run.segment, 0.0, run.steps.y)
+        first = _state(run, run.segment, 0.0, run.begun)
         record.q[0], record.v[0], record.reaction[0] = first.q, first.v, first.reaction
         return run
 
@@ -468,9 +488,17 @@ class EventDriven(Integrator):
 
     def _step(self, run: Run, record: Record) -> Status:
         """Take one step of the solver, up to the first event in it."""
-        steps, segment, t_end = run.steps, run.segment, run.grid.t_end
+        segment, t_end = run.segment, run.grid.t_end
         assert segment is not None
-        steps.step()
+        if len(run.pieces) >= self.max_steps:
+            return Status.MAX_STEPS
+        try:
+            if run.steps is None:
+                run.steps = self._solver(run, segment, run.begun)
+            steps = run.steps
+            steps.step()
+        except (FloatingPointError, ValueError):  # SciPy's implicit solvers raise the latter for a matrix with NaN
+            return Status.NON_FINITE
         record.stats["solver_steps"] = record.stats.get("solver_steps", 0) + 1
         if steps.status == "failed":
             return Status.STEP_SIZE
@@ -577,7 +605,7 @@ class EventDriven(Integrator):
             run.starts.append(new.t0)
             run.pieces.append(Piece(new, new.t0, AtRest(after)))
             return status
-        run.steps = self._solver(run, new, after)
+        run.steps, run.begun = None, after
         return status
 
     def _burst(self, run: Run, record: Record, first: Segment, X: Array, short: float) -> tuple[Status, Segment, Array]:
@@ -621,14 +649,20 @@ class EventDriven(Integrator):
     def _solver(self, run: Run, segment: Segment, X: Array) -> Any:
         """Return a solver that starts from X."""
         kind: Any = getattr(integrate, self.ode_solver) if isinstance(self.ode_solver, str) else self.ode_solver
-        length = segment.end - segment.t0
+        length, rate = segment.end - segment.t0, Guarded(segment)
         options: dict[str, Any] = {"rtol": self.rtol, "atol": self.atol, "max_step": self.max_step}
         if _takes_jacobian(kind):
             options["jac"] = segment.jacobian
         if run.first_step and issubclass(kind, SINGLE_STEP):
             # The step before is as good a guess as SciPy's, and costs nothing: the error of the step is judged all the same.
             options["first_step"] = min(run.first_step, length)
-        return kind(segment.rate, 0.0, X, length, **options)
+        try:
+            solver = kind(rate, 0.0, X, length, **options)
+        except FloatingPointError:
+            # What fails may lie ahead: a step that is short enough does not come upon it.
+            solver = kind(rate, 0.0, X, length, **options, first_step=SHORT * length)
+        rate.begun = True
+        return solver
 
 
 @cache
