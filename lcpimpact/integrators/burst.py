@@ -64,8 +64,9 @@ class Meetings:
 
         A flight below ``least`` is short in any case.
         """
-        others = np.setdiff1d(np.flatnonzero(self.last > -np.inf), rows)
-        if not len(rows) or not len(others):
+        others = self.last > -np.inf
+        others[rows] = False
+        if not len(rows) or not others.any():
             return 0.0
         rounding = KNOWN * (np.abs(system.matrices[2][rows]) @ scale) / np.abs(rates[rows])
         short = max(least, SHORT * self.longest, min(float(rounding.min()), LONG * self.longest))

@@ -87,13 +87,18 @@ SINGLE_STEP = (integrate.RK23, integrate.RK45, integrate.DOP853)
 SURE, UNSURE = 1e-12, 1e-9
 """Between these lies how well an instant is taken to be known, in units of the run, whatever rtol is."""
 
-CLOSE, NEAR = 4.0 * float(np.finfo(float).eps), 1e-9
-"""How closely a root is found, and how near the polynomial through the samples comes to that of the dense output."""
+EPS = float(np.finfo(float).eps)
+
+CLOSE, NEAR, NEWTON = 4.0 * EPS, 1e-9, 6
+"""How closely a root is found, how near the polynomial through the samples comes to that of the dense output, and how many
+steps of Newton's method find its root where it is simple."""
 
 LOOK_BACK = 0.1
 """Over this part of the last step a row must fall."""
 
-ROUNDING, TINY = 4.0 * float(np.finfo(float).eps), float(np.finfo(float).tiny)
+ROUNDING, TINY = 4.0 * EPS, float(np.finfo(float).tiny)
+
+NO_PHASE = np.zeros(0, dtype=np.int64)
 
 FLIGHTS = 3
 """So many flights must be short before impacts are taken to accumulate."""
@@ -112,7 +117,7 @@ DIVIDED = [
 ]
 """By these the coefficients of a polynomial sᵐ p(s), without the first m, become those of p."""
 
-NOISE = 8.0 * np.finfo(float).eps * float(np.abs(FIT).sum(axis=1).max())
+NOISE = 8.0 * EPS * float(np.abs(FIT).sum(axis=1).max())
 """Rounding of the coefficients, relative to the terms of a sample."""
 
 
@@ -324,6 +329,10 @@ class Run:
         N = len(self.system.form.A)
         return slice(N, N + self.inputs.count)
 
+    def without_inputs(self, X: Array) -> Array:
+        """Return a state of the system made linear without them."""
+        return np.delete(X, self.added) if self.inputs.count else X
+
 
 @dataclass(frozen=True)
 class EventDriven(Integrator):
@@ -460,15 +469,16 @@ class EventDriven(Integrator):
     def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Step past t_last, and sample the block on the grid."""
         t_last = min(carry.grid.t_end * last / carry.grid.steps, carry.grid.t_end)
-        while not carry.pieces or carry.pieces[-1].end < t_last:
-            with np.errstate(all="ignore"), warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+        status = Status.SOLVED
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            while status is Status.SOLVED and (not carry.pieces or carry.pieces[-1].end < t_last):
                 status = self._step(carry, record)
-            if status is not Status.SOLVED:
-                reached_t = carry.pieces[-1].end if carry.pieces else 0.0
-                reached = first + int(np.searchsorted(carry.grid.times(first, last), reached_t)) - 1
-                _sample(carry, record, first + 1, reached)
-                return status, max(reached, first)
+        if status is not Status.SOLVED:
+            reached_t = carry.pieces[-1].end if carry.pieces else 0.0
+            reached = first + int(np.searchsorted(carry.grid.times(first, last), reached_t)) - 1
+            _sample(carry, record, first + 1, reached)
+            return status, max(reached, first)
         _sample(carry, record, first + 1, last)
         return Status.SOLVED, last
 
@@ -538,9 +548,9 @@ class EventDriven(Integrator):
 
     def _phase(self, run: Run, X: Array, turned: tuple[int, int] | None) -> Indices | None:
         """Return what each spring does from X on; ``turned`` is one that has just gone over to another phase."""
-        if not self.kinks:
-            return None
         inputs, old = run.inputs, run.segment
+        if not self.kinks or not len(inputs.law):
+            return NO_PHASE if self.kinks else None
         δ, rate = (
             rows @ X[: len(run.system.form.A)] for rows in (inputs.approach, inputs.approach @ run.system.form.A)
         )
@@ -591,7 +601,7 @@ class EventDriven(Integrator):
         pushed, P, kept = impact(system, state, run.scale, run.lcp_solver, restitution, kept, left=approach)
         forces = Forces(run.inputs, self._phase(run, pushed.hi, turned))
         mode, chosen = choose_mode(*_about(run, t, pushed.hi, forces), run.lcp_solver, kept)
-        after = np.delete(chosen.hi, run.added)
+        after = run.without_inputs(chosen.hi)
 
         new = self._segment(run, t, mode, forces)
         left = _state(run, old, t - old.t0, X) if old else _state(run, new, 0.0, X)
@@ -626,9 +636,9 @@ class EventDriven(Integrator):
         record.events += burst.events
         run.events += sorted({event.t for event in burst.events})
         run.flights.take(burst)
-        run.scale = np.maximum(run.scale, np.delete(burst.motion.scale, run.added))
+        run.scale = np.maximum(run.scale, run.without_inputs(burst.motion.scale))
         last, status = burst.last, burst.status
-        there = np.delete(last.X, run.added)
+        there = run.without_inputs(last.X)
         if inputs.count and status is Status.SOLVED and last.t0 > t:
             bent = np.abs(Forces(inputs, None)(last.t0, there) - forces.linear(t, X, last.t0, there, _short(run)))
             if (bent > BENT * SHORT * run.forces).any():
@@ -640,7 +650,7 @@ class EventDriven(Integrator):
         key = mode, None if forces.phase is None else tuple(forces.phase.tolist())
         if key not in run.known:
             run.known[key] = _course(run, mode, forces)
-        later = int(np.searchsorted(run.breakpoints, t, side="right"))
+        later = int(run.breakpoints.searchsorted(t, side="right"))
         breaks = later < len(run.breakpoints)
         return replace(
             run.known[key], t0=t, end=float(run.breakpoints[later]) if breaks else run.grid.t_end, breaks=breaks
@@ -649,7 +659,8 @@ class EventDriven(Integrator):
     def _solver(self, run: Run, segment: Segment, X: Array) -> Any:
         """Return a solver that starts from X."""
         kind: Any = getattr(integrate, self.ode_solver) if isinstance(self.ode_solver, str) else self.ode_solver
-        length, rate = segment.end - segment.t0, Guarded(segment)
+        length, A, guarded = segment.end - segment.t0, segment.A, Guarded(segment)
+        rate: Any = guarded if run.inputs.count else lambda τ, X: A @ X
         options: dict[str, Any] = {"rtol": self.rtol, "atol": self.atol, "max_step": self.max_step}
         if _takes_jacobian(kind):
             options["jac"] = segment.jacobian
@@ -661,7 +672,7 @@ class EventDriven(Integrator):
         except FloatingPointError:
             # What fails may lie ahead: a step that is short enough does not come upon it.
             solver = kind(rate, 0.0, X, length, **options, first_step=SHORT * length)
-        rate.begun = True
+        guarded.begun = True
         return solver
 
 
@@ -769,7 +780,8 @@ def _first_root(
     τ = start + (end - start) * POINTS
     terms = segment.watched(τ, solution(τ).T)
     b = FIT @ (terms @ segment.rows.T)
-    noise = _noise(segment, scale, terms)
+    size = _size(segment, scale, terms)
+    noise, rounding = NOISE * size, EPS * size
     found: list[tuple[float, int]] = []
     for k, row in enumerate(segment.rows):
         # A zero of order m at the start of the segment is a factor sᵐ.
@@ -789,7 +801,12 @@ def _first_root(
             s, slope = _falls(coefficients, s)
             near, width = start + s * (end - start), end - start
             found.append(
-                (_refined(segment, row, near, s**m * slope / width, end if m == 0 else None, start, solution), k)
+                (
+                    _refined(
+                        segment, row, near, s**m * slope / width, rounding[k], end if m == 0 else None, start, solution
+                    ),
+                    k,
+                )
             )
     return min(found) if found else None
 
@@ -803,24 +820,24 @@ def _root_at_end(
     τ = np.array([end - LOOK_BACK * (end - start), end])
     terms = segment.watched(τ, solution(τ).T)
     before, last = terms @ segment.rows.T
-    fall = np.where((before > _noise(segment, scale, terms)) & (segment.order != FOR_EVER), before - last, 0.0)
+    fall = np.where((before > NOISE * _size(segment, scale, terms)) & (segment.order != FOR_EVER), before - last, 0.0)
     falling = np.flatnonzero((fall > 0.0) & (last * (τ[1] - τ[0]) <= fall * within))
     if not len(falling):
         return None
     k = int(falling[np.argmin(last[falling] / fall[falling])])
     ahead = float(last[k] / fall[k] * (τ[1] - τ[0]))
     return (
-        (_refined(segment, segment.rows[k], end + ahead, 0.0, end + within, end, solution), k)
+        (_refined(segment, segment.rows[k], end + ahead, 0.0, 0.0, end + within, end, solution), k)
         if ahead > 0.0
         else (end, k)
     )
 
 
-def _noise(segment: Segment, scale: Array, terms: Array) -> Array:
-    """Return what in the watched rows is rounding, for samples (nt, ...) of their terms."""
+def _size(segment: Segment, scale: Array, terms: Array) -> Array:
+    """Return the sum of the absolute terms of the watched rows, for samples (nt, ...) of them."""
     size = np.abs(terms).max(axis=0)
     size[: len(scale)] = np.maximum(size[: len(scale)], scale)
-    return np.asarray(NOISE * (np.abs(segment.rows) @ size))
+    return np.asarray(np.abs(segment.rows) @ size)
 
 
 def _falls(b: Array, below: float) -> tuple[float, float]:
@@ -828,6 +845,16 @@ def _falls(b: Array, below: float) -> tuple[float, float]:
 
     The slope there comes with it; where the polynomial is not above zero before, that is ``below`` itself.
     """
+    s = below
+    for _ in range(NEWTON):
+        value, slope = casteljau(b, s)
+        if not slope < 0.0:
+            break
+        last, s = s, s - value / slope
+        if not 0.0 < s <= below:
+            break
+        if abs(s - last) <= CLOSE * s:
+            return float(s), float(slope)
     back = 1e-15 * below
     while casteljau(b, below)[0] < 0.0 and not casteljau(b, max(below - back, 0.0))[0] > 0.0:
         if below <= back:
@@ -839,12 +866,19 @@ def _falls(b: Array, below: float) -> tuple[float, float]:
 
 
 def _refined(
-    segment: Segment, row: Array, τ: float, slope: float, end: float | None, start: float, solution: Any
+    segment: Segment,
+    row: Array,
+    τ: float,
+    slope: float,
+    rounding: float,
+    end: float | None,
+    start: float,
+    solution: Any,
 ) -> float:
     """Return the root near τ on the dense output itself, or τ where the values there are rounding.
 
-    A negative ``slope`` of the row there is known, or it is 0. Without an ``end`` the row begins at zero, and only a root
-    close to τ is another one.
+    A negative ``slope`` of the row there is known, or it is 0; values below ``rounding`` tell nothing. Without an ``end``
+    the row begins at zero, and only a root close to τ is another one.
     """
 
     def value(τ: float) -> float:
@@ -856,7 +890,12 @@ def _refined(
     # What the polynomial through the samples lacks of a smooth row is rounding, and one step mends it.
     if slope < 0.0:
         better = τ - value(τ) / slope
-        if abs(better - τ) <= NEAR * (τ - start) and abs(value(better) / slope) <= CLOSE * better:
+        blurred = max(NEAR * (τ - start), -rounding * NOISE / EPS / slope)
+        if (
+            abs(better - τ) <= blurred
+            and start < better
+            and abs(value(better)) <= max(-slope * CLOSE * better, rounding)
+        ):
             return better
     width, widest = 1e-15 * (τ - start), 1e-4 * (τ - start) if end is None else end - start
     while 0.0 < width < widest:
@@ -874,16 +913,16 @@ def _refined(
 
 def _coordinates(run: Run, segment: Segment, τ: Array, X: Array) -> tuple[Array, Array, Array]:
     """Return q, v and r for the states X (nt, N) at t0 + τ."""
-    (place, place_w), (F, Fw), bounds = segment.place, segment.reaction, run.system.bounds
+    (place, place_w), (F, Fw), (low, high) = segment.place, segment.reaction, run.system.bounds
     if not run.inputs.count:
-        return X @ place.T, X @ segment.velocity.T, np.clip(X @ F.T, *bounds)
+        return X @ place.T, X @ segment.velocity.T, np.minimum(np.maximum(X @ F.T, low), high)
     w = segment.forces(segment.t0 + τ, X)
     q, v = X @ place.T + w @ place_w.T, segment.rate(τ, X) @ place.T
     loads = place_w[:, len(run.inputs.law) :]
     if loads.any():
         rates = [segment.forces.load_rates(segment.t0 + at, _short(run), ahead=False) for at in τ]
         v += np.array(rates).reshape(len(τ), -1) @ loads.T
-    return q, v, np.clip(X @ F.T + w @ Fw.T, *bounds)
+    return q, v, np.minimum(np.maximum(X @ F.T + w @ Fw.T, low), high)
 
 
 def _state(run: Run, segment: Segment, τ: float, X: Array) -> State:
