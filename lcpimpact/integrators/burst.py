@@ -28,6 +28,9 @@ KNOWN, LONG = 1e8 * float(np.finfo(float).eps), 0.1
 """They are so, too, where less than eight digits of a gap are known; but above that part of the longest one they are not."""
 
 
+TINY = float(np.finfo(float).tiny)
+
+
 @dataclass
 class Meetings:
     """When each contact met last, and the longest time in which none did.
@@ -68,7 +71,7 @@ class Meetings:
         others[rows] = False
         if not len(rows) or not others.any():
             return 0.0
-        rounding = KNOWN * (np.abs(system.matrices[2][rows]) @ scale) / np.abs(rates[rows])
+        rounding = KNOWN * (np.abs(system.matrices[2][rows]) @ scale) / np.maximum(-rates[rows], TINY)
         short = max(least, SHORT * self.longest, min(float(rounding.min()), LONG * self.longest))
         return short if (t - self.last[others] < short).any() else 0.0
 

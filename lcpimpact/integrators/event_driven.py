@@ -30,7 +30,7 @@ import math
 import warnings
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,8 +64,9 @@ from lcpimpact.scheme.signals import NAMED
 
 SCIPY_SOLVERS = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
 
-ORDER = 12
-"""Degree of the polynomial through the samples of a step: no dense output of SciPy has a higher one."""
+ORDER, LINEAR_ORDER = 12, 7
+"""Degree of the polynomial through the samples of a step: no dense output of SciPy has a higher one than the first, none of
+its single-step methods than the second; and what is lower is less sensitive to rounding."""
 
 CUTS = 4
 """Into so many parts is a step cut where its work is integrated."""
@@ -100,25 +101,39 @@ ROUNDING, TINY = 4.0 * EPS, float(np.finfo(float).tiny)
 
 NO_PHASE = np.zeros(0, dtype=np.int64)
 
+ORDERS = 7
+"""Higher orders of the zero with which a row begins count as this one less one."""
+
 FLIGHTS = 3
 """So many flights must be short before impacts are taken to accumulate."""
 
 
-def _fit() -> tuple[Array, Array]:
-    """Return Chebyshev points on [0, 1], and the matrix from values there to Bernstein coefficients of degree ORDER."""
-    s = 0.5 - 0.5 * np.cos(np.pi * np.arange(ORDER + 1) / ORDER)
-    basis = np.array([[math.comb(ORDER, j) * x**j * (1.0 - x) ** (ORDER - j) for j in range(ORDER + 1)] for x in s])
-    return s, np.linalg.inv(basis)
+class Samples(NamedTuple):
+    """How polynomials on [0, 1] are found from samples.
+
+    Attributes
+    ----------
+    points : (p + 1,) array             Chebyshev points
+    fit : (p + 1, p + 1) array          what makes Bernstein coefficients of degree p of values there
+    divided : list of arrays            by these the coefficients of sᵐ p(s), without the first m, become those of p
+    noise : float                       rounding of the coefficients, relative to the terms of a sample
+    """
+
+    points: Array
+    fit: Array
+    divided: list[Array]
+    noise: float
 
 
-POINTS, FIT = _fit()
-DIVIDED = [
-    np.array([math.comb(ORDER, j + m) / math.comb(ORDER - m, j) for j in range(ORDER + 1 - m)]) for m in range(ORDER)
-]
-"""By these the coefficients of a polynomial sᵐ p(s), without the first m, become those of p."""
-
-NOISE = 8.0 * EPS * float(np.abs(FIT).sum(axis=1).max())
-"""Rounding of the coefficients, relative to the terms of a sample."""
+@cache
+def _samples(p: int) -> Samples:
+    """Return those for the degree p."""
+    s = 0.5 - 0.5 * np.cos(np.pi * np.arange(p + 1) / p)
+    fit = np.linalg.inv(np.array([[math.comb(p, j) * x**j * (1.0 - x) ** (p - j) for j in range(p + 1)] for x in s]))
+    divided = [
+        np.array([math.comb(p, j + m) / math.comb(p - m, j) for j in range(p + 1 - m)]) for m in range(min(p, ORDERS))
+    ]
+    return Samples(s, fit, divided, 8.0 * EPS * float(np.abs(fit).sum(axis=1).max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -313,6 +328,7 @@ class Run:
     scale: Array
     forces: Array
     breakpoints: Array
+    samples: Samples
     flights: Flights
     segment: Segment | None = None
     begun: Array = field(init=False)
@@ -450,9 +466,10 @@ class EventDriven(Integrator):
         X = system.state(problem.initial_coordinates, problem.initial_velocities)
         record.events = []
         breakpoints = form.breakpoints(0.0, grid.t_end)
+        low = not inputs.count and issubclass(self._kind, SINGLE_STEP)
         run = Run(
             system, inputs, grid, lcp_solver, np.abs(X), np.zeros(inputs.count), breakpoints,
-            Flights.none(len(d.contacts)),
+            _samples(LINEAR_ORDER if low else ORDER), Flights.none(len(d.contacts)),
         )  # fmt: skip
         try:
             self._enter(run, record, 0.0, X, None)
@@ -515,10 +532,10 @@ class EventDriven(Integrator):
         if not np.isfinite(steps.y).all():
             return Status.NON_FINITE
         solution = steps.dense_output()
-        found = _first_root(segment, run.scale, steps.t_old, steps.t, solution, self.atol)
+        found = _first_root(segment, run.samples, run.scale, steps.t_old, steps.t, solution, self.atol)
         if steps.status == "finished" and not found:
             within = min(max(self.rtol, SURE), UNSURE) * t_end
-            found = _root_at_end(segment, run.scale, steps.t_old, steps.t, solution, within)
+            found = _root_at_end(segment, run.samples, run.scale, steps.t_old, steps.t, solution, within)
         τ, row = found or (steps.t, -1)
         t = segment.end if steps.status == "finished" and not found else min(segment.t0 + τ, segment.end)
         breakpoint = segment.breaks and t == segment.end
@@ -593,7 +610,13 @@ class EventDriven(Integrator):
         quick = flights.quick(system, t, landing, U, run.scale, short)
         restitution = system.restitution
         if len(landing):
-            lost = ROUNDING * (np.abs(system.matrices[2][landing]) @ run.scale) / np.maximum(-U[landing], TINY)
+            rounding = ROUNDING * (np.abs(system.matrices[2][landing]) @ run.scale)
+            lost = rounding / np.maximum(-U[landing], TINY)
+            if (np.abs((system.fine.C[landing] @ state).hi) > rounding).any():
+                # A root is found to the rounding of a dense output; from impact to impact that would add up.
+                met = kept.u.copy()
+                met[landing] = True
+                state = settled(system, None, state, run.scale, replace(kept, u=met))
             flights.land(t, landing, short, lost)
             if not quick:
                 over = (flights.short >= FLIGHTS) & (restitution < 1.0)
@@ -656,15 +679,21 @@ class EventDriven(Integrator):
             run.known[key], t0=t, end=float(run.breakpoints[later]) if breaks else run.grid.t_end, breaks=breaks
         )
 
+    @property
+    def _kind(self) -> Any:
+        """The class of the solver."""
+        return getattr(integrate, self.ode_solver) if isinstance(self.ode_solver, str) else self.ode_solver
+
     def _solver(self, run: Run, segment: Segment, X: Array) -> Any:
         """Return a solver that starts from X."""
-        kind: Any = getattr(integrate, self.ode_solver) if isinstance(self.ode_solver, str) else self.ode_solver
+        kind = self._kind
         length, A, guarded = segment.end - segment.t0, segment.A, Guarded(segment)
         rate: Any = guarded if run.inputs.count else lambda τ, X: A @ X
         options: dict[str, Any] = {"rtol": self.rtol, "atol": self.atol, "max_step": self.max_step}
         if _takes_jacobian(kind):
             options["jac"] = segment.jacobian
-        if run.first_step and issubclass(kind, SINGLE_STEP):
+        # What bends away from zero is seen well in a short step only.
+        if run.first_step and issubclass(kind, SINGLE_STEP) and (segment.order < 2).all():
             # The step before is as good a guess as SciPy's, and costs nothing: the error of the step is judged all the same.
             options["first_step"] = min(run.first_step, length)
         try:
@@ -772,47 +801,42 @@ def _short(run: Run) -> float:
 
 
 def _first_root(
-    segment: Segment, scale: Array, start: float, end: float, solution: Any, atol: float
+    segment: Segment, samples: Samples, scale: Array, start: float, end: float, solution: Any, atol: float
 ) -> tuple[float, int] | None:
     """Return the first instant in a step at which a watched row falls below zero, and which row."""
     if not len(segment.rows):
         return None
-    τ = start + (end - start) * POINTS
+    width = end - start
+    τ = start + width * samples.points
     terms = segment.watched(τ, solution(τ).T)
-    b = FIT @ (terms @ segment.rows.T)
+    b = samples.fit @ (terms @ segment.rows.T)
     size = _size(segment, scale, terms)
-    noise, rounding = NOISE * size, EPS * size
     found: list[tuple[float, int]] = []
     for k, row in enumerate(segment.rows):
-        # A zero of order m at the start of the segment is a factor sᵐ.
-        m = max(int(segment.order[k]), 0) if start == 0.0 else 0
-        coefficients = b[m:, k] * DIVIDED[m]
-        floor = float(noise[k] * DIVIDED[m][0])
+        # A zero of order m at the start of the segment is a factor sᵐ, and what the row has there is rounding.
+        m = min(max(int(segment.order[k]), 0), len(samples.divided) - 1) if start == 0.0 else 0
+        zero = float(b[0, k]) if m else 0.0
+        coefficients = (b[m:, k] - zero) * samples.divided[m]
+        floor = float(samples.noise * size[k] * samples.divided[m][0])
         if segment.order[k] == FOR_EVER:
             floor += atol * float(np.abs(row).sum())
         if coefficients.min() >= -floor:
             continue
         s = first_fall(np.array([coefficients, np.zeros_like(coefficients)]), -floor)
-        if not math.isnan(s):
-            if segment.order[k] == FOR_EVER:
-                # It falls below zero from zero itself: what counts is where it is below it by more than the tolerance.
-                found.append((start + s * (end - start), k))
-                continue
-            s, slope = _falls(coefficients, s)
-            near, width = start + s * (end - start), end - start
-            found.append(
-                (
-                    _refined(
-                        segment, row, near, s**m * slope / width, rounding[k], end if m == 0 else None, start, solution
-                    ),
-                    k,
-                )
-            )
+        if math.isnan(s):
+            continue
+        if segment.order[k] == FOR_EVER:
+            # It falls below zero from zero itself: what counts is where it is below it by more than the tolerance.
+            found.append((start + s * width, k))
+            continue
+        s, slope = _falls(coefficients, s)
+        root = _Root(segment, row, solution, EPS * float(size[k]), samples.noise * float(size[k]) + 2.0 * abs(zero))
+        found.append((root.near(start + s * width, s**m * slope / width, start, None if m else end), k))
     return min(found) if found else None
 
 
 def _root_at_end(
-    segment: Segment, scale: Array, start: float, end: float, solution: Any, within: float
+    segment: Segment, samples: Samples, scale: Array, start: float, end: float, solution: Any, within: float
 ) -> tuple[float, int] | None:
     """Return when a row falls below zero at the end of a step, or less than ``within`` s after it, and which row."""
     if not len(segment.rows):
@@ -820,17 +844,16 @@ def _root_at_end(
     τ = np.array([end - LOOK_BACK * (end - start), end])
     terms = segment.watched(τ, solution(τ).T)
     before, last = terms @ segment.rows.T
-    fall = np.where((before > NOISE * _size(segment, scale, terms)) & (segment.order != FOR_EVER), before - last, 0.0)
+    size = _size(segment, scale, terms)
+    fall = np.where((before > samples.noise * size) & (segment.order != FOR_EVER), before - last, 0.0)
     falling = np.flatnonzero((fall > 0.0) & (last * (τ[1] - τ[0]) <= fall * within))
     if not len(falling):
         return None
     k = int(falling[np.argmin(last[falling] / fall[falling])])
     ahead = float(last[k] / fall[k] * (τ[1] - τ[0]))
-    return (
-        (_refined(segment, segment.rows[k], end + ahead, 0.0, 0.0, end + within, end, solution), k)
-        if ahead > 0.0
-        else (end, k)
-    )
+    if ahead <= 0.0:
+        return end, k
+    return _Root(segment, segment.rows[k], solution).near(end + ahead, 0.0, end, end + within), k
 
 
 def _size(segment: Segment, scale: Array, terms: Array) -> Array:
@@ -865,50 +888,58 @@ def _falls(b: Array, below: float) -> tuple[float, float]:
     return below, float(casteljau(b, below)[1])
 
 
-def _refined(
-    segment: Segment,
-    row: Array,
-    τ: float,
-    slope: float,
-    rounding: float,
-    end: float | None,
-    start: float,
-    solution: Any,
-) -> float:
-    """Return the root near τ on the dense output itself, or τ where the values there are rounding.
+@dataclass(frozen=True, eq=False)
+class _Root:
+    """The fall of a row of a segment through zero, on the dense output itself.
 
-    A negative ``slope`` of the row there is known, or it is 0; values below ``rounding`` tell nothing. Without an ``end``
-    the row begins at zero, and only a root close to τ is another one.
+    Values below ``rounding`` tell nothing; the polynomial through the samples, whose root is known, differs by ``blurred``.
     """
 
-    def value(τ: float) -> float:
-        if not segment.E.shape[1]:
-            return float(row @ solution(τ))
-        at = np.array([τ])
-        return float((segment.watched(at, solution(at).T) @ row)[0])
+    segment: Segment
+    row: Array
+    solution: Any
+    rounding: float = 0.0
+    blurred: float = 0.0
 
-    # What the polynomial through the samples lacks of a smooth row is rounding, and one step mends it.
-    if slope < 0.0:
-        better = τ - value(τ) / slope
-        blurred = max(NEAR * (τ - start), -rounding * NOISE / EPS / slope)
-        if (
-            abs(better - τ) <= blurred
-            and start < better
-            and abs(value(better)) <= max(-slope * CLOSE * better, rounding)
-        ):
-            return better
-    width, widest = 1e-15 * (τ - start), 1e-4 * (τ - start) if end is None else end - start
-    while 0.0 < width < widest:
-        before, after = max(τ - width, start), τ + width if end is None else min(τ + width, end)
-        if value(before) > 0.0 > value(after):
-            root = float(brentq(value, before, after, xtol=1e-300, rtol=CLOSE))
-            # Where a load jumps, the event is the first instant after the jump.
-            step = float(np.spacing(segment.t0 + root))
-            while value(root) > 0.0 and root + step < after:
-                root, step = root + step, 2.0 * step
-            return root
-        width *= 8.0
-    return τ
+    def value(self, τ: float) -> float:
+        """Return what the row has."""
+        if not self.segment.E.shape[1]:
+            return float(self.row @ self.solution(τ))
+        at = np.array([τ])
+        return float((self.segment.watched(at, self.solution(at).T) @ self.row)[0])
+
+    def near(self, τ: float, slope: float, start: float, end: float | None) -> float:
+        """Return the root near τ, or τ where the values there are rounding.
+
+        A negative ``slope`` of the row there is known, or it is 0. Without an ``end`` the row begins at zero, and only a
+        root close to τ is another one.
+        """
+        # What the polynomial through the samples lacks of a smooth row is rounding, and Newton's method mends it.
+        root, best, least = τ, τ, math.inf
+        about = max(NEAR * (τ - start), self.blurred / max(-slope, TINY))
+        for _ in range(NEWTON if slope < 0.0 else 0):
+            u = self.value(root)
+            if abs(u) <= -slope * CLOSE * root:
+                return root
+            if not abs(u) < 0.5 * least:
+                break
+            best, least, root = root, abs(u), root - u / slope
+            if not start < root < τ + about or root < τ - about:
+                break
+        if least <= self.rounding:
+            return best
+        width, widest = 1e-15 * (τ - start), 1e-4 * (τ - start) if end is None else end - start
+        while 0.0 < width < widest:
+            before, after = max(τ - width, start), τ + width if end is None else min(τ + width, end)
+            if self.value(before) > 0.0 > self.value(after):
+                root = float(brentq(self.value, before, after, xtol=1e-300, rtol=CLOSE))
+                # Where a load jumps, the event is the first instant after the jump.
+                step = float(np.spacing(self.segment.t0 + root))
+                while self.value(root) > 0.0 and root + step < after:
+                    root, step = root + step, 2.0 * step
+                return root
+            width *= 8.0
+        return τ
 
 
 def _coordinates(run: Run, segment: Segment, τ: Array, X: Array) -> tuple[Array, Array, Array]:
