@@ -18,6 +18,11 @@ and which lies in the hull of its Bernstein coefficients. An element is accepted
 turns negative at the end, Newton finds where; and where neither can be said, or the estimate of the error is above rtol,
 it is halved. What is accepted has been checked again with the length that Newton gave.
 
+Impacts of several bodies in quick succession are followed in double-doubles (see `lcpimpact.integrators.burst`), and to
+their limit where they accumulate. A row that falls to zero within 1e-12 of the run at its end makes a switch there. The
+matrix of a step is one of floats, whose rounding is a small force on what is free to move: two bodies on a spring of
+ω = 8/s are off by 2e-10 of their way after 1e4 s, and by 1e-8 after 1e5 s.
+
 Nurkanović, Sperl, Albrecht and Diehl (2024) make one complementarity problem of a step, with its lengths and modes; here the
 mode comes from the LCPs of `lcpimpact.integrators.modes`, and restitution is Newton's.
 """
