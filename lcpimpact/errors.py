@@ -51,6 +51,12 @@ class Status(IntEnum):
         "give the bodies a spring between them, or take moreau-jean.",
     )
 
+    MAX_STEPS = (
+        15,
+        "More steps than max_steps: the motion is stiff, or vibrates fast for its length; take method='exact' if it is "
+        "linear, ode_solver='Radau' if fast rates have decayed, or raise max_steps.",
+    )
+
     sentence: str
 
     def __new__(cls, code: int, sentence: str = "") -> Status:

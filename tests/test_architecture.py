@@ -365,7 +365,7 @@ HELPERS = {
     "radau_iia",
     "tableau",
     "runge_kutta",
-} | {"linear_step", "halving", "time_stepping", "motion", "tangent", "impact_law", "state_jump"}
+} | {"linear_step", "halving", "time_stepping", "motion", "tangent", "impact_law", "state_jump", "burst"}
 """Files of the integrators that hold no method of their own."""
 
 REGISTRIES = [SOLVERS, METHODS, PROBLEMS, ELEMENTS]

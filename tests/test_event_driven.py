@@ -6,11 +6,14 @@ import math
 
 import numpy as np
 import pytest
+from event_reference import Reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from piecewise_ode import solve
 from scipy import integrate
+from test_event_reference import column
+from test_exact_truth import plate_beside_an_impact
 
 import lcpimpact as li
 from lcpimpact import (
@@ -257,6 +260,85 @@ def test_two_sign_changes_within_a_step_are_seen():
         )
 
 
+# --- impacts of several bodies that accumulate ------------------------------------------------------------------------
+
+
+def test_three_bodies_that_collapse_end_together():
+    problem = column((1.0, 1.0, 1.0), (1.0, 1.0), (1.0, 0.0, -0.5), 0.05)
+    found = run(problem, dt=0.1, t_end=4.0)
+    assert_allclose(found.v[-1], 1 / 6, rtol=0, atol=1e-12)
+    assert_allclose(found.q[-1] - [1.0, 0.0, -1.0], found.q[-1][1], rtol=0, atol=1e-12)
+    limit = float(Reference(problem, 4.0).accumulations[0][0])
+    assert max(event.t for event in found.events) == pytest.approx(limit, abs=1e-11)
+
+
+@pytest.mark.parametrize("e", [0.05, 0.15, 0.17])
+def test_four_bodies_that_collapse_come_to_rest(e):
+    found = run(column((1.0,) * 4, (1.0,) * 3, (1.0, 0.0, 0.0, -1.0), e), dt=0.1, t_end=6.0)
+    assert_allclose(found.v[-1], 0.0, atol=1e-12)
+    assert_allclose(found.q[-1], [1.5, 0.5, -0.5, -1.5], rtol=0, atol=1e-12)
+
+
+def test_three_bodies_meet_eleven_times_at_e_of_8_per_cent():
+    found = run(column((1.0, 1.0, 1.0), (1.0, 1.0), (1.0, 0.0, -0.5), 0.08), dt=0.5, t_end=20.0)
+    assert len(found.events) == 11
+    # Gaps shrink to 1e-7 and grow again, and their rounding with them.
+    assert_allclose(found.events[-1].t, 10.90824943252093, rtol=1e-9)
+
+
+def test_a_collapse_under_a_load_that_is_any_function():
+    """The load acts on all three alike, so it moves them and changes nothing between them."""
+    scheme = column((1.0, 1.0, 1.0), (1.0, 1.0), (1.0, 0.0, -0.5), 0.05).scheme
+    pushed = Scheme(*scheme.elements, *(Load(name, lambda t: math.sin(t)) for name in "abc"))
+    found = run(li.Problem("pushed", pushed, v0={"a": 1.0, "b": 0.0, "c": -0.5}), dt=0.1, t_end=4.0)
+    assert_allclose(found.v[-1], 1 / 6 + 1.0 - math.cos(4.0), rtol=0, atol=1e-8)
+    assert max(event.t for event in found.events) == pytest.approx(14 / 9, abs=1e-8)
+
+
+@pytest.mark.parametrize("e", [0.05, 0.2, 0.5])
+def test_a_column_that_collapses_on_the_ground_under_gravity(e):
+    elements = []
+    for i in range(3):
+        m, below = 1.0 + 0.1 * i, f"b{i + 1}" if i < 2 else "ground"
+        elements += [Mass(f"b{i}", m), Load(f"b{i}", 9.81 * m), Bumper(f"b{i}", below, gap=0.1, e=e, name=f"R{i}")]
+    found = run(li.Problem("column", Scheme(*elements)), t_end=2.0)
+    assert_allclose(found.q[-1], [0.3, 0.2, 0.1], rtol=0, atol=1e-12)
+    assert_allclose(found.reaction[-1], 9.81 * np.cumsum([1.0, 1.1, 1.2]), rtol=1e-9)
+
+
+# --- flights that are long, and runs that are -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("m", "k", "T"), [(1.0, 50.0, 1e4), (3.0, 5e5, 100.0), pytest.param(3.0, 50.0, 1e5, marks=pytest.mark.slow)]
+)
+def test_bodies_joined_by_a_spring_fly_to_a_wall_in_time(m, k, T):
+    scheme = Scheme(Mass("a", m), Mass("b", 1.0), Spring("a", "b", k), Bumper("b", "ground", gap=T, e=0.5))
+    found = run(li.Problem("flight", scheme, v0={"a": 1.0, "b": 1.0}), dt=T / 100.0, t_end=1.01 * T)
+    flown = found.t <= T
+    assert_allclose(found.q[flown], np.column_stack([found.t, found.t])[flown], rtol=0, atol=1e-12 * T)
+    assert_allclose(found.events[0].t, T, rtol=1e-12)
+
+
+def test_what_is_pressed_together_stays_so_beside_an_impact():
+    found = run(plate_beside_an_impact(), dt=0.05, t_end=2.0)
+    assert [(event.kind, event.contact) for event in found.events] == [("impact", "S")]
+    assert_allclose(found.events[0].t, 0.5329687861794, rtol=1e-9)
+    assert (found["F"] > 0.0).all()
+
+
+def test_a_stiff_plate_ends_at_the_limit_of_steps_and_names_the_remedy():
+    scheme = Scheme(
+        Mass("x", 1.0), Load("x", 9.81), Bumper("x", "z", gap=0.01), KelvinVoigt("z", "ground", k=1e12, c=1e3)
+    )
+    problem = li.Problem("stiff", scheme)
+    found = run(problem, t_end=0.2, max_steps=2000, throw=False)
+    assert found.status is li.Status.MAX_STEPS
+    assert "ode_solver='Radau'" in found.message
+    implicit, truth = run(problem, t_end=0.2, ode_solver="Radau", max_steps=2000), exact(problem, t_end=0.2)
+    assert_allclose(implicit["x"], truth["x"], rtol=0, atol=1e-8)
+
+
 # --- non-linear springs, loads, sliders, motions ----------------------------------------------------------------------
 
 
@@ -435,6 +517,7 @@ def test_what_is_refused_by_name(elements, says):
         ({"atol": 0.0}, "atol = 0.0 must be above zero"),
         ({"max_step": -1.0}, "max_step = -1.0"),
         ({"max_events": 0}, "max_events = 0"),
+        ({"max_steps": 0}, "max_steps = 0"),
         ({"zeno": 1.0}, "zeno = 1.0 must be a part"),
         ({"kinks": 1}, "kinks = 1 must be True or False"),
     ],
@@ -461,3 +544,16 @@ def test_a_solver_that_cannot_go_on_is_a_status():
     assert np.isfinite(found.q).all()
     with pytest.raises(li.FailureError, match="event-driven stopped after step"):
         run(li.Problem("pole", scheme), t_end=1.0, rtol=1e-4)
+
+
+@pytest.mark.parametrize("solver", SCIPY_SOLVERS)
+@pytest.mark.parametrize(("ends", "v"), [(0.0, 0.0), (0.3, 1.0), (0.5, 0.0)], ids=["at once", "at an impact", "later"])
+def test_a_load_that_is_no_number_from_some_instant_on_ends_the_run(solver, ends, v):
+    scheme = Scheme(
+        Mass("x", 1.0), Load("x", lambda t: 1.0 if t <= ends else math.nan), Bumper("x", "ground", gap=0.3, e=0.5)
+    )
+    found = run(li.Problem("broken", scheme, v0={"x": v}), t_end=1.0, ode_solver=solver, throw=False)
+    assert found.status is li.Status.NON_FINITE
+    assert "is not finite" in found.message
+    assert found.t[-1] <= ends
+    assert np.isfinite(found.q).all()

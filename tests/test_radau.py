@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from scipy.linalg import expm
+from test_event_reference import column
 
 import lcpimpact as li
 from lcpimpact.integrators.radau_fesd import RadauFESD, _crossing
@@ -206,6 +207,54 @@ def compare_with_exact(sets, seed, **options):
         times = [[event.t for event in each.events] for each in (run, truth)]
         assert_allclose(times[0], times[1], rtol=0, atol=1e-6, err_msg=str(problem.parameters))
         assert_allclose(run["x"], truth["x"], rtol=0, atol=1e-6 * np.abs(truth["x"]).max())
+
+
+@pytest.mark.parametrize("dt", [0.1, 1.0])
+def test_three_bodies_that_collapse_end_together(dt):
+    problem = column((1.0, 1.0, 1.0), (1.0, 1.0), (1.0, 0.0, -0.5), 0.05)
+    found = li.simulate(problem, "radau-fesd", dt=dt, t_end=4.0)
+    assert_allclose(found.v[-1], 1 / 6, rtol=0, atol=1e-12)
+    assert_allclose(found.q[-1] - [1.0, 0.0, -1.0], found.q[-1][1], rtol=0, atol=1e-12)
+    assert max(event.t for event in found.events) == pytest.approx(14 / 9, abs=1e-11)
+
+
+@pytest.mark.parametrize("e", [0.05, 0.15, 0.17])
+@pytest.mark.parametrize("steps", [60, 1800])
+def test_four_bodies_that_collapse_come_to_rest(e, steps):
+    """Of the finer grid some points fall into the time in which impacts follow each other in quick succession."""
+    found = li.simulate(
+        column((1.0,) * 4, (1.0,) * 3, (1.0, 0.0, 0.0, -1.0), e), "radau-fesd", dt=6.0 / steps, t_end=6.0
+    )
+    assert_allclose(found.v[-1], 0.0, atol=1e-12)
+    assert_allclose(found.q[-1], [1.5, 0.5, -0.5, -1.5], rtol=0, atol=1e-12)
+    truth = li.simulate(found.problem, "exact", dt=6.0 / steps, t_end=6.0)
+    assert_allclose(found.q, truth.q, rtol=0, atol=1e-12)
+
+
+def test_a_grid_point_within_a_collapse_is_read_off_it():
+    """14/9 s is where the bodies end together; the grid has points within the last microsecond before."""
+    problem = column((1.0, 1.0, 1.0), (1.0, 1.0), (1.0, 0.0, -0.5), 0.05)
+    t_end = 14.0 / 9.0 * (1.0 - 1e-9)
+    found, truth = (li.simulate(problem, m, dt=t_end / 7, t_end=t_end) for m in ("radau-fesd", "exact"))
+    assert_allclose(found.q, truth.q, rtol=0, atol=1e-13)
+    assert_allclose(found.v, truth.v, rtol=0, atol=1e-9)
+
+
+def test_three_bodies_meet_eleven_times_at_e_of_8_per_cent():
+    problem = column((1.0, 1.0, 1.0), (1.0, 1.0), (1.0, 0.0, -0.5), 0.08)
+    found = li.simulate(problem, "radau-fesd", dt=0.5, t_end=20.0)
+    assert len(found.events) == 11
+    assert_allclose(found.events[-1].t, 10.90824943252093, rtol=1e-9)
+
+
+def test_bodies_joined_by_a_spring_fly_to_a_wall_in_time():
+    """Rounding in the matrix of a step is a small force on what is free to move: 1e-9 of the way after 1e4 s."""
+    scheme = li.Scheme(
+        li.Mass("a", 3.0), li.Mass("b", 1.0), li.Spring("a", "b", 50.0), li.Bumper("b", "ground", gap=1e4, e=0.5)
+    )
+    problem = li.Problem("flight", scheme, v0={"a": 1.0, "b": 1.0})
+    found = li.simulate(problem, "radau-fesd", dt=100.0, t_end=1.01e4)
+    assert_allclose(found.events[0].t, 1e4, rtol=1e-9)
 
 
 def test_no_switch_is_missed_over_60_parameter_sets():

@@ -17,6 +17,14 @@ of the run, or so low that they are lost in the rounding of the gap, its next im
 A flight of T then leaves out a rest of e T/(1 - e), which is the error of the end of the accumulation. (That each is shorter
 than the one before is not asked: among many bodies they shrink by fits and starts.)
 
+*Several bodies.* When a second contact meets within a time that is short against the flights of the run, the impacts that
+follow are those of `lcpimpact.integrators.motion` in double-doubles, with the forces w made linear, until flights are long
+again or the bodies have ended together (see `lcpimpact.integrators.burst`). If forces bend too much for that meanwhile, or
+impacts repeat in no pattern, the run ends with the status ACCUMULATION.
+
+*Long runs.* A free flight of 1e5 s of bodies joined by springs keeps 1e-12 of its length; every vibration of what is stiff
+costs steps all the same, and at ``max_steps`` the run ends with a sentence.
+
 *Closed contacts* are held by their accelerations. What rounding adds to their gaps is taken out at each event.
 
 *The last instant.* An event is known to about rtol. One that is found nearer than that after the end of the run, and nearer
@@ -28,10 +36,9 @@ from __future__ import annotations
 import inspect
 import math
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Any, ClassVar
+from functools import cache, partial
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,7 +49,8 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.integrators.base import Declared, Dense, Grid, Integrator, Limits, Record, State
-from lcpimpact.integrators.flow import first_fall
+from lcpimpact.integrators.burst import SHORT, Burst, Meetings, follow_burst
+from lcpimpact.integrators.flow import Flow, casteljau, first_fall
 from lcpimpact.integrators.modes import (
     Mode,
     System,
@@ -64,8 +72,9 @@ from lcpimpact.scheme.signals import NAMED
 
 SCIPY_SOLVERS = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
 
-ORDER = 12
-"""Degree of the polynomial through the samples of a step: no dense output of SciPy has a higher one."""
+ORDER, LINEAR_ORDER = 12, 7
+"""Degree of the polynomial through the samples of a step: no dense output of SciPy has a higher one than the first, none of
+its single-step methods than the second; and what is lower is less sensitive to rounding."""
 
 CUTS = 4
 """Into so many parts is a step cut where its work is integrated."""
@@ -78,33 +87,61 @@ FOR_EVER = -1
 STALL = 100
 """So many events at one instant are no motion: the run ends as if it had reached max_events."""
 
+BENT = 10.0
+"""Where there are other forces than linear ones, a burst of impacts lasts for so many short flights at most."""
+
+SINGLE_STEP = (integrate.RK23, integrate.RK45, integrate.DOP853)
+"""Solvers that need no small steps to begin with."""
+
 SURE, UNSURE = 1e-12, 1e-9
 """Between these lies how well an instant is taken to be known, in units of the run, whatever rtol is."""
+
+EPS = float(np.finfo(float).eps)
+
+CLOSE, NEAR, NEWTON = 4.0 * EPS, 1e-9, 6
+"""How closely a root is found, how near the polynomial through the samples comes to that of the dense output, and how many
+steps of Newton's method find its root where it is simple."""
 
 LOOK_BACK = 0.1
 """Over this part of the last step a row must fall."""
 
-ROUNDING, TINY = 4.0 * float(np.finfo(float).eps), float(np.finfo(float).tiny)
+ROUNDING, TINY = 4.0 * EPS, float(np.finfo(float).tiny)
+
+NO_PHASE = np.zeros(0, dtype=np.int64)
+
+ORDERS = 7
+"""Higher orders of the zero with which a row begins count as this one less one."""
 
 FLIGHTS = 3
 """So many flights must be short before impacts are taken to accumulate."""
 
 
-def _fit() -> tuple[Array, Array]:
-    """Return Chebyshev points on [0, 1], and the matrix from values there to Bernstein coefficients of degree ORDER."""
-    s = 0.5 - 0.5 * np.cos(np.pi * np.arange(ORDER + 1) / ORDER)
-    basis = np.array([[math.comb(ORDER, j) * x**j * (1.0 - x) ** (ORDER - j) for j in range(ORDER + 1)] for x in s])
-    return s, np.linalg.inv(basis)
+class Samples(NamedTuple):
+    """How polynomials on [0, 1] are found from samples.
+
+    Attributes
+    ----------
+    points : (p + 1,) array             Chebyshev points
+    fit : (p + 1, p + 1) array          what makes Bernstein coefficients of degree p of values there
+    divided : list of arrays            by these the coefficients of sᵐ p(s), without the first m, become those of p
+    noise : float                       rounding of the coefficients, relative to the terms of a sample
+    """
+
+    points: Array
+    fit: Array
+    divided: list[Array]
+    noise: float
 
 
-POINTS, FIT = _fit()
-DIVIDED = [
-    np.array([math.comb(ORDER, j + m) / math.comb(ORDER - m, j) for j in range(ORDER + 1 - m)]) for m in range(ORDER)
-]
-"""By these the coefficients of a polynomial sᵐ p(s), without the first m, become those of p."""
-
-NOISE = 8.0 * np.finfo(float).eps * float(np.abs(FIT).sum(axis=1).max())
-"""Rounding of the coefficients, relative to the terms of a sample."""
+@cache
+def _samples(p: int) -> Samples:
+    """Return those for the degree p."""
+    s = 0.5 - 0.5 * np.cos(np.pi * np.arange(p + 1) / p)
+    fit = np.linalg.inv(np.array([[math.comb(p, j) * x**j * (1.0 - x) ** (p - j) for j in range(p + 1)] for x in s]))
+    divided = [
+        np.array([math.comb(p, j + m) / math.comb(p - m, j) for j in range(p + 1 - m)]) for m in range(min(p, ORDERS))
+    ]
+    return Samples(s, fit, divided, 8.0 * EPS * float(np.abs(fit).sum(axis=1).max()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,6 +188,12 @@ class Forces:
         slope[: len(δ), :known] = by_δ[:, None] * self.inputs.approach + by_rate[:, None] * self.inputs.rate
         return slope
 
+    def linear(self, t: float, X: Array, later: float, X_later: Array, step: float) -> Array:
+        """Return w at a later state, made linear about the state X at t (nw,)."""
+        w = self(t, X) + self.jacobian(X) @ (X_later - X)
+        w[len(self.inputs.law) :] += (later - t) * self.load_rates(t, step, ahead=True)
+        return np.asarray(w)
+
     def load_rates(self, t: float, step: float, ahead: bool) -> Array:
         """Return the derivatives of the loads: central differences, or one-sided ones of the same order."""
         if ahead:
@@ -176,8 +219,8 @@ class Segment:
     It ends at ``end`` at the latest, which is that of the run or, where it ``breaks``, a breakpoint of the signals.
 
     s are the forces that the springs would have if they pushed. The last rows are theirs: ``phases`` tells which spring goes
-    over to which phase. ``place`` and ``reaction`` hold the matrices by
-    which q and r are read off X and w.
+    over to which phase. ``place`` and ``reaction`` hold the matrices by which q and r are read off X and w, ``velocity`` the
+    one by which v is, where there are no inputs.
     """
 
     t0: float
@@ -192,11 +235,13 @@ class Segment:
     phases: tuple[tuple[int, int], ...]
     place: tuple[Array, Array]
     reaction: tuple[Array, Array]
+    velocity: Array
 
     def rate(self, τ: Any, X: Array) -> Array:
         """Return X' (..., N)."""
-        smooth = X @ self.A.T
-        return smooth + self.forces(self.t0 + τ, X) @ self.E.T if self.E.shape[1] else smooth
+        if not self.E.shape[1]:
+            return X @ self.A.T
+        return X @ self.A.T + self.forces(self.t0 + τ, X) @ self.E.T
 
     def jacobian(self, τ: float, X: Array) -> Array:
         """Return ∂X'/∂X (N, N)."""
@@ -205,6 +250,21 @@ class Segment:
     def watched(self, τ: Array, X: Array) -> Array:
         """Return the terms (X, w, s) of which the rows make sums (nt, N + nw + ns)."""
         return np.column_stack([X, self.forces(self.t0 + τ, X), self.forces.free(X)]) if self.E.shape[1] else X
+
+
+@dataclass(eq=False)
+class Guarded:
+    """X' of a segment for a solver, which must be finite before it has ``begun``: SciPy looks for a first step for ever."""
+
+    segment: Segment
+    begun: bool = False
+
+    def __call__(self, τ: float, X: Array) -> Array:
+        """Return X' (N,)."""
+        found = self.segment.rate(τ, X)
+        if not self.begun and not np.isfinite(found).all():
+            raise FloatingPointError
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,23 +287,42 @@ class AtRest:
         return np.asarray(np.multiply.outer(self.X, np.ones_like(τ, dtype=np.float64)))
 
 
-@dataclass
-class Flights:
-    """The impacts of each contact: the instant of the last one, and how many flights before it were short."""
+@dataclass(frozen=True, eq=False)
+class InBurst:
+    """The dense output of a segment that was followed in double-doubles: X without the ``added`` states of inputs."""
 
-    last: Array
-    short: Indices
+    flow: Flow
+    state: DoubleDouble
+    added: slice
+
+    def __call__(self, τ: ArrayLike) -> Array:
+        """Return X at τ: (N,), or (N, nt)."""
+        τ = np.asarray(τ, dtype=np.float64)
+        X = np.delete(self.flow.at(self.state, np.maximum(τ.ravel(), 0.0)), self.added, axis=1)
+        return X[0] if τ.ndim == 0 else X.T
+
+
+@dataclass
+class Flights(Meetings):
+    """The impacts of each contact, and how many flights before the last one were short (nc,)."""
+
+    short: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @classmethod
     def none(cls, contacts: int) -> Flights:
         """Return that no contact has met anything."""
-        return cls(np.full(contacts, -np.inf), np.zeros(contacts, dtype=np.int64))
+        return cls(np.full(contacts, -np.inf), short=np.zeros(contacts, dtype=np.int64))
 
     def land(self, t: float, rows: Indices, short: float, low: Array) -> None:
         """Note an impact of these rows at t; a flight is short below one length, or below one of its own for each row."""
         flight = t - self.last[rows]
         self.short[rows] = np.where((flight < short) | (flight < low), self.short[rows] + 1, 0)
-        self.last[rows] = t
+        self.note(t, rows)
+
+    def take(self, burst: Burst) -> None:
+        """Note the impacts of a burst: what meets on after it meets for the first time."""
+        super().take(burst)
+        self.short[:] = 0
 
 
 @dataclass
@@ -257,12 +336,26 @@ class Run:
     scale: Array
     forces: Array
     breakpoints: Array
+    samples: Samples
     flights: Flights
     segment: Segment | None = None
+    begun: Array = field(init=False)
     steps: Any = None
+    first_step: float | None = None
+    known: dict[object, Segment] = field(default_factory=dict)
     pieces: list[Piece] = field(default_factory=list)
     starts: list[float] = field(default_factory=list)
     events: list[float] = field(default_factory=list)
+
+    @property
+    def added(self) -> slice:
+        """Where in the states of the system made linear those stand that are forces."""
+        N = len(self.system.form.A)
+        return slice(N, N + self.inputs.count)
+
+    def without_inputs(self, X: Array) -> Array:
+        """Return a state of the system made linear without them."""
+        return np.delete(X, self.added) if self.inputs.count else X
 
 
 @dataclass(frozen=True)
@@ -281,6 +374,8 @@ class EventDriven(Integrator):
         Longest step in s, for loads that a long step might pass over.
     max_events : int
         Limit of events.
+    max_steps : int
+        Limit of steps of the solver, for motions that are stiff or vibrate fast for their length.
     zeno : float
         Impacts that accumulate are over when flights are shorter than this part of the run; 0 follows them to rounding.
     kinks : bool
@@ -310,6 +405,7 @@ class EventDriven(Integrator):
     atol: float = 1e-12
     max_step: float = math.inf
     max_events: int = 100_000
+    max_steps: int = 500_000
     zeno: float = 1e-9
     kinks: bool = True
 
@@ -350,8 +446,9 @@ class EventDriven(Integrator):
             raise InputError(f"atol = {self.atol!r} must be above zero, in the units of the states")
         if isinstance(self.max_step, bool) or not isinstance(self.max_step, int | float) or not self.max_step > 0.0:
             raise InputError(f"max_step = {self.max_step!r} must be a time above zero in s, or inf")
-        if not is_count(self.max_events) or self.max_events < 1:
-            raise InputError(f"max_events = {self.max_events!r} must be a whole number above zero")
+        for limit in ("max_events", "max_steps"):
+            if not is_count(getattr(self, limit)) or getattr(self, limit) < 1:
+                raise InputError(f"{limit} = {getattr(self, limit)!r} must be a whole number above zero")
         if not is_real(self.zeno) or not 0.0 <= self.zeno < 1.0:
             raise InputError(f"zeno = {self.zeno!r} must be a part of the run, 0 <= zeno < 1")
         if not isinstance(self.kinks, bool):
@@ -377,9 +474,10 @@ class EventDriven(Integrator):
         X = system.state(problem.initial_coordinates, problem.initial_velocities)
         record.events = []
         breakpoints = form.breakpoints(0.0, grid.t_end)
+        low = not inputs.count and issubclass(self._kind, SINGLE_STEP)
         run = Run(
             system, inputs, grid, lcp_solver, np.abs(X), np.zeros(inputs.count), breakpoints,
-            Flights.none(len(d.contacts)),
+            _samples(LINEAR_ORDER if low else ORDER), Flights.none(len(d.contacts)),
         )  # fmt: skip
         try:
             self._enter(run, record, 0.0, X, None)
@@ -389,22 +487,23 @@ class EventDriven(Integrator):
                 f"undetermined, which {self.name!r} does not handle: take method='moreau-jean'"
             ) from None
         assert run.segment is not None
-        first = _state(run, run.segment, 0.0, run.steps.y)
+        first = _state(run, run.segment, 0.0, run.begun)
         record.q[0], record.v[0], record.reaction[0] = first.q, first.v, first.reaction
         return run
 
     def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Step past t_last, and sample the block on the grid."""
         t_last = min(carry.grid.t_end * last / carry.grid.steps, carry.grid.t_end)
-        while not carry.pieces or carry.pieces[-1].end < t_last:
-            with np.errstate(all="ignore"), warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+        status = Status.SOLVED
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            while status is Status.SOLVED and (not carry.pieces or carry.pieces[-1].end < t_last):
                 status = self._step(carry, record)
-            if status is not Status.SOLVED:
-                reached_t = carry.pieces[-1].end if carry.pieces else 0.0
-                reached = first + int(np.searchsorted(carry.grid.times(first, last), reached_t)) - 1
-                _sample(carry, record, first + 1, reached)
-                return status, max(reached, first)
+        if status is not Status.SOLVED:
+            reached_t = carry.pieces[-1].end if carry.pieces else 0.0
+            reached = first + int(np.searchsorted(carry.grid.times(first, last), reached_t)) - 1
+            _sample(carry, record, first + 1, reached)
+            return status, max(reached, first)
         _sample(carry, record, first + 1, last)
         return Status.SOLVED, last
 
@@ -424,29 +523,39 @@ class EventDriven(Integrator):
 
     def _step(self, run: Run, record: Record) -> Status:
         """Take one step of the solver, up to the first event in it."""
-        steps, segment, t_end = run.steps, run.segment, run.grid.t_end
+        segment, t_end = run.segment, run.grid.t_end
         assert segment is not None
-        steps.step()
+        if len(run.pieces) >= self.max_steps:
+            return Status.MAX_STEPS
+        try:
+            if run.steps is None:
+                run.steps = self._solver(run, segment, run.begun)
+            steps = run.steps
+            steps.step()
+        except (FloatingPointError, ValueError):  # SciPy's implicit solvers raise the latter for a matrix with NaN
+            return Status.NON_FINITE
         record.stats["solver_steps"] = record.stats.get("solver_steps", 0) + 1
         if steps.status == "failed":
             return Status.STEP_SIZE
         if not np.isfinite(steps.y).all():
             return Status.NON_FINITE
         solution = steps.dense_output()
-        found = _first_root(segment, run.scale, steps.t_old, steps.t, solution, self.atol)
+        found = _first_root(segment, run.samples, run.scale, steps.t_old, steps.t, solution, self.atol)
         if steps.status == "finished" and not found:
             within = min(max(self.rtol, SURE), UNSURE) * t_end
-            found = _root_at_end(segment, run.scale, steps.t_old, steps.t, solution, within)
+            found = _root_at_end(segment, run.samples, run.scale, steps.t_old, steps.t, solution, within)
         τ, row = found or (steps.t, -1)
         t = segment.end if steps.status == "finished" and not found else min(segment.t0 + τ, segment.end)
         breakpoint = segment.breaks and t == segment.end
-        run.scale = np.maximum(run.scale, np.abs(solution(τ)))
+        X = solution(τ) if found else steps.y
+        run.scale = np.maximum(run.scale, np.abs(X))
         if run.inputs.count:
-            run.forces = np.maximum(run.forces, np.abs(segment.forces(segment.t0 + τ, solution(τ))))
+            run.forces = np.maximum(run.forces, np.abs(segment.forces(segment.t0 + τ, X)))
         run.starts.append(segment.t0 + steps.t_old)
         run.pieces.append(Piece(segment, t, solution))
         if steps.status == "finished" or found:
             record.stats["evaluations"] = record.stats.get("evaluations", 0) + steps.nfev
+            run.first_step = float(getattr(steps, "h_abs", 0.0)) or None
         if not breakpoint and not found:
             return Status.SOLVED
         if found:
@@ -455,19 +564,18 @@ class EventDriven(Integrator):
             return Status.MAX_EVENTS
         turn = row - (len(segment.rows) - len(segment.phases)) if found else -1
         try:
-            self._enter(run, record, t, solution(τ), segment.phases[turn] if turn >= 0 else None, breakpoint)
+            return self._enter(run, record, t, X, segment.phases[turn] if turn >= 0 else None, breakpoint)
         except FailureError as failure:
             status: Status = failure.result.status
             return status
         except np.linalg.LinAlgError:
             return Status.SINGULAR
-        return Status.SOLVED
 
     def _phase(self, run: Run, X: Array, turned: tuple[int, int] | None) -> Indices | None:
         """Return what each spring does from X on; ``turned`` is one that has just gone over to another phase."""
-        if not self.kinks:
-            return None
         inputs, old = run.inputs, run.segment
+        if not self.kinks or not len(inputs.law):
+            return NO_PHASE if self.kinks else None
         δ, rate = (
             rows @ X[: len(run.system.form.A)] for rows in (inputs.approach, inputs.approach @ run.system.form.A)
         )
@@ -489,12 +597,12 @@ class EventDriven(Integrator):
         X: Array,
         turned: tuple[int, int] | None,
         breakpoint: bool = False,
-    ) -> None:
+    ) -> Status:
         """Begin a segment at t: impacts, the mode, the events that this makes, and a solver for what follows.
 
         At a ``breakpoint`` the signals in X are left limits, and go over to the right ones.
         """
-        system, d, old = run.system, run.system.dynamics, run.segment
+        system, old = run.system, run.segment
         assert record.events is not None
         run.scale = np.maximum(run.scale, np.abs(X))
         kept = still(system, old.mode if old else None)
@@ -505,35 +613,114 @@ class EventDriven(Integrator):
             kept = replace(kept, U=np.zeros_like(kept.U))
 
         u, U = (each.hi for each in gaps(system, state, run.scale, kept))
-        landing = np.flatnonzero((system.degree == 2) & ~d.slides & (u <= 0.0) & (U < 0.0))
-        lost = ROUNDING * (np.abs(system.matrices[2]) @ run.scale)[landing] / np.maximum(-U[landing], TINY)
-        run.flights.land(t, landing, self.zeno * run.grid.t_end, lost)
-        over = (run.flights.short >= FLIGHTS) & (d.restitution < 1.0)
-        restitution = np.where(over, 0.0, d.restitution)
+        landing = np.flatnonzero(system.meets & (u <= 0.0) & (U < 0.0))
+        short, flights = self.zeno * run.grid.t_end, run.flights
+        quick = flights.quick(system, t, landing, U, run.scale, short)
+        restitution = system.restitution
+        if len(landing):
+            rounding = ROUNDING * (np.abs(system.matrices[2][landing]) @ run.scale)
+            lost = rounding / np.maximum(-U[landing], TINY)
+            if (np.abs((system.fine.C[landing] @ state).hi) > rounding).any():
+                # A root is found to the rounding of a dense output; from impact to impact that would add up.
+                met = kept.u.copy()
+                met[landing] = True
+                state = settled(system, None, state, run.scale, replace(kept, u=met))
+            flights.land(t, landing, short, lost)
+            if not quick:
+                over = (flights.short >= FLIGHTS) & (restitution < 1.0)
+                restitution = np.where(over, 0.0, restitution)
         pushed, P, kept = impact(system, state, run.scale, run.lcp_solver, restitution, kept, left=approach)
         forces = Forces(run.inputs, self._phase(run, pushed.hi, turned))
         mode, chosen = choose_mode(*_about(run, t, pushed.hi, forces), run.lcp_solver, kept)
-        N = len(system.form.A)
-        after = np.delete(chosen.hi, slice(N, N + run.inputs.count))
+        after = run.without_inputs(chosen.hi)
 
-        new = _segment(run, t, mode, forces)
+        new = self._segment(run, t, mode, forces)
         left = _state(run, old, t - old.t0, X) if old else _state(run, new, 0.0, X)
         record.events += happened(system, t, old.mode if old else mode, mode, P, left, _state(run, new, 0.0, after))
+        status = Status.SOLVED
+        if quick and t < run.grid.t_end:
+            status, new, after = self._burst(run, record, new, after, quick)
         run.segment = new
-        if t >= run.grid.t_end:
+        if new.t0 >= run.grid.t_end:
             # What follows an event at the very end is its right limit.
-            run.starts.append(t)
-            run.pieces.append(Piece(new, t, AtRest(after)))
-            return
-        kind: Any = getattr(integrate, self.ode_solver) if isinstance(self.ode_solver, str) else self.ode_solver
+            run.starts.append(new.t0)
+            run.pieces.append(Piece(new, new.t0, AtRest(after)))
+            return status
+        run.steps, run.begun = None, after
+        return status
+
+    def _burst(self, run: Run, record: Record, first: Segment, X: Array, short: float) -> tuple[Status, Segment, Array]:
+        """Follow impacts that come in quick succession after X, with the forces made linear: what goes on, and its state."""
+        assert record.events is not None
+        t, forces, inputs = first.t0, first.forces, run.inputs
+        system, grown, scale = _about(run, t, X, forces)
+        most = BENT * short if inputs.count else math.inf
+        left = max(self.max_events - len(run.events), 1)
+        burst = follow_burst(
+            system, t, DoubleDouble.of(grown), first.mode, scale, run.lcp_solver, run.grid.t_end, short, left, most
+        )
+        for each, end in burst.passed:
+            run.starts.append(each.t0)
+            flow, _ = system.mode(each.mode)
+            solution = InBurst(flow, each.state, run.added)
+            run.pieces.append(Piece(self._segment(run, each.t0, each.mode, forces), end, solution))
+        record.events += burst.events
+        run.events += sorted({event.t for event in burst.events})
+        run.flights.take(burst)
+        run.scale = np.maximum(run.scale, run.without_inputs(burst.motion.scale))
+        last, status = burst.last, burst.status
+        there = run.without_inputs(last.X)
+        if inputs.count and status is Status.SOLVED and last.t0 > t:
+            bent = np.abs(Forces(inputs, None)(last.t0, there) - forces.linear(t, X, last.t0, there, _short(run)))
+            if (bent > BENT * SHORT * run.forces).any():
+                status = Status.ACCUMULATION
+        return status, self._segment(run, last.t0, last.mode, forces), there
+
+    def _segment(self, run: Run, t: float, mode: Mode, forces: Forces) -> Segment:
+        """Return the segment of a mode that begins at t."""
+        key = mode, None if forces.phase is None else tuple(forces.phase.tolist())
+        if key not in run.known:
+            run.known[key] = _course(run, mode, forces)
+        later = int(run.breakpoints.searchsorted(t, side="right"))
+        breaks = later < len(run.breakpoints)
+        return replace(
+            run.known[key], t0=t, end=float(run.breakpoints[later]) if breaks else run.grid.t_end, breaks=breaks
+        )
+
+    @property
+    def _kind(self) -> Any:
+        """The class of the solver."""
+        return getattr(integrate, self.ode_solver) if isinstance(self.ode_solver, str) else self.ode_solver
+
+    def _solver(self, run: Run, segment: Segment, X: Array) -> Any:
+        """Return a solver that starts from X."""
+        kind = self._kind
+        length, A, guarded = segment.end - segment.t0, segment.A, Guarded(segment)
+        rate: Any = guarded if run.inputs.count else lambda τ, X: A @ X
         options: dict[str, Any] = {"rtol": self.rtol, "atol": self.atol, "max_step": self.max_step}
-        if "jac" in inspect.signature(kind).parameters:
-            options["jac"] = new.jacobian
-        run.steps = kind(new.rate, 0.0, after, new.end - t, **options)
+        if _takes_jacobian(kind):
+            options["jac"] = segment.jacobian
+        # What bends away from zero is seen well in a short step only.
+        if run.first_step and issubclass(kind, SINGLE_STEP) and (segment.order < 2).all():
+            # The step before is as good a guess as SciPy's, and costs nothing: the error of the step is judged all the same.
+            options["first_step"] = min(run.first_step, length)
+        try:
+            solver = kind(rate, 0.0, X, length, **options)
+        except FloatingPointError:
+            # What fails may lie ahead: a step that is short enough does not come upon it.
+            solver = kind(rate, 0.0, X, length, **options, first_step=SHORT * length)
+        guarded.begun = True
+        return solver
 
 
-def _segment(run: Run, t: float, mode: Mode, forces: Forces) -> Segment:
-    """Return the segment of a mode that begins at t."""
+@cache
+def _takes_jacobian(kind: type) -> bool:
+    """Return whether a solver can be given the Jacobian."""
+    return "jac" in inspect.signature(kind).parameters
+
+
+def _course(run: Run, mode: Mode, forces: Forces) -> Segment:
+    """Return a segment of a mode, at no instant yet."""
     system, inputs = run.system, run.inputs
     flow, F = system.mode(mode)
     Fw = system.share(mode)
@@ -551,12 +738,11 @@ def _segment(run: Run, t: float, mode: Mode, forces: Forces) -> Segment:
         rows += falls
         order += [0] * len(falls)
     Q, Qr = system.read
-    later = int(np.searchsorted(run.breakpoints, t, side="right"))
-    breaks = later < len(run.breakpoints)
+    place = Q + Qr @ F
     return Segment(
-        t,
-        float(run.breakpoints[later]) if breaks else run.grid.t_end,
-        breaks,
+        0.0,
+        0.0,
+        False,
         mode,
         flow.A,
         E,
@@ -564,8 +750,9 @@ def _segment(run: Run, t: float, mode: Mode, forces: Forces) -> Segment:
         np.array(rows).reshape(len(rows), len(flow.A) + inputs.count + ns),
         np.array(order, dtype=np.int64),
         springs,
-        (Q + Qr @ F, inputs.Q + Qr @ Fw),
+        (place, inputs.Q + Qr @ Fw),
         (F, Fw),
+        place @ flow.A,
     )
 
 
@@ -622,40 +809,42 @@ def _short(run: Run) -> float:
 
 
 def _first_root(
-    segment: Segment, scale: Array, start: float, end: float, solution: Any, atol: float
+    segment: Segment, samples: Samples, scale: Array, start: float, end: float, solution: Any, atol: float
 ) -> tuple[float, int] | None:
     """Return the first instant in a step at which a watched row falls below zero, and which row."""
     if not len(segment.rows):
         return None
-    τ = start + (end - start) * POINTS
+    width = end - start
+    τ = start + width * samples.points
     terms = segment.watched(τ, solution(τ).T)
-    b = FIT @ (terms @ segment.rows.T)
-    noise = _noise(segment, scale, terms)
+    b = samples.fit @ (terms @ segment.rows.T)
+    size = _size(segment, scale, terms)
     found: list[tuple[float, int]] = []
     for k, row in enumerate(segment.rows):
-        # A zero of order m at the start of the segment is a factor sᵐ.
-        m = max(int(segment.order[k]), 0) if start == 0.0 else 0
-        coefficients = b[m:, k] * DIVIDED[m]
-        floor = float(noise[k] * DIVIDED[m][0])
+        # A zero of order m at the start of the segment is a factor sᵐ, and what the row has there is rounding.
+        m = min(max(int(segment.order[k]), 0), len(samples.divided) - 1) if start == 0.0 else 0
+        zero = float(b[0, k]) if m else 0.0
+        coefficients = (b[m:, k] - zero) * samples.divided[m]
+        floor = float(samples.noise * size[k] * samples.divided[m][0])
         if segment.order[k] == FOR_EVER:
             floor += atol * float(np.abs(row).sum())
         if coefficients.min() >= -floor:
             continue
         s = first_fall(np.array([coefficients, np.zeros_like(coefficients)]), -floor)
-        if not math.isnan(s):
-            if segment.order[k] == FOR_EVER:
-                # It falls below zero from zero itself: what counts is where it is below it by more than the tolerance.
-                found.append((start + s * (end - start), k))
-                continue
-            near = _falls(partial(_bernstein, coefficients), s, 0.0) or s
-            found.append(
-                (_refined(segment, row, start + near * (end - start), end if m == 0 else None, start, solution), k)
-            )
+        if math.isnan(s):
+            continue
+        if segment.order[k] == FOR_EVER:
+            # It falls below zero from zero itself: what counts is where it is below it by more than the tolerance.
+            found.append((start + s * width, k))
+            continue
+        s, slope = _falls(coefficients, s)
+        root = _Root(segment, row, solution, EPS * float(size[k]), samples.noise * float(size[k]) + 2.0 * abs(zero))
+        found.append((root.near(start + s * width, s**m * slope / width, start, None if m else end), k))
     return min(found) if found else None
 
 
 def _root_at_end(
-    segment: Segment, scale: Array, start: float, end: float, solution: Any, within: float
+    segment: Segment, samples: Samples, scale: Array, start: float, end: float, solution: Any, within: float
 ) -> tuple[float, int] | None:
     """Return when a row falls below zero at the end of a step, or less than ``within`` s after it, and which row."""
     if not len(segment.rows):
@@ -663,78 +852,116 @@ def _root_at_end(
     τ = np.array([end - LOOK_BACK * (end - start), end])
     terms = segment.watched(τ, solution(τ).T)
     before, last = terms @ segment.rows.T
-    fall = np.where((before > _noise(segment, scale, terms)) & (segment.order != FOR_EVER), before - last, 0.0)
+    size = _size(segment, scale, terms)
+    fall = np.where((before > samples.noise * size) & (segment.order != FOR_EVER), before - last, 0.0)
     falling = np.flatnonzero((fall > 0.0) & (last * (τ[1] - τ[0]) <= fall * within))
     if not len(falling):
         return None
     k = int(falling[np.argmin(last[falling] / fall[falling])])
     ahead = float(last[k] / fall[k] * (τ[1] - τ[0]))
-    return (
-        (_refined(segment, segment.rows[k], end + ahead, end + within, end, solution), k) if ahead > 0.0 else (end, k)
-    )
+    if ahead <= 0.0:
+        return end, k
+    return _Root(segment, segment.rows[k], solution).near(end + ahead, 0.0, end, end + within), k
 
 
-def _noise(segment: Segment, scale: Array, terms: Array) -> Array:
-    """Return what in the watched rows is rounding, for samples (nt, ...) of their terms."""
+def _size(segment: Segment, scale: Array, terms: Array) -> Array:
+    """Return the sum of the absolute terms of the watched rows, for samples (nt, ...) of them."""
     size = np.abs(terms).max(axis=0)
     size[: len(scale)] = np.maximum(size[: len(scale)], scale)
-    return np.asarray(NOISE * (np.abs(segment.rows) @ size))
+    return np.asarray(np.abs(segment.rows) @ size)
 
 
-def _bernstein(coefficients: Array, s: float) -> float:
-    """Return the value at s of the polynomial on [0, 1] with these coefficients in Bernstein's basis."""
-    b = coefficients
-    while len(b) > 1:
-        b = (1.0 - s) * b[:-1] + s * b[1:]
-    return float(b[0])
+def _falls(b: Array, below: float) -> tuple[float, float]:
+    """Return where the polynomial on [0, 1] with Bernstein coefficients b falls through zero, at or before ``below``.
 
-
-def _falls(value: Callable[[float], float], below: float, earliest: float) -> float | None:
-    """Return where a function falls through zero, at or before ``below``; None if it is not above zero before."""
-    if not value(below) < 0.0:
-        return below
-    back = 1e-15 * (below - earliest)
-    while not value(max(below - back, earliest)) > 0.0:
-        if below - back <= earliest:
-            return None
+    The slope there comes with it; where the polynomial is not above zero before, that is ``below`` itself.
+    """
+    s = below
+    for _ in range(NEWTON):
+        value, slope = casteljau(b, s)
+        if not slope < 0.0:
+            break
+        last, s = s, s - value / slope
+        if not 0.0 < s <= below:
+            break
+        if abs(s - last) <= CLOSE * s:
+            return float(s), float(slope)
+    back = 1e-15 * below
+    while casteljau(b, below)[0] < 0.0 and not casteljau(b, max(below - back, 0.0))[0] > 0.0:
+        if below <= back:
+            return below, float(casteljau(b, below)[1])
         back *= 8.0
-    return float(brentq(value, max(below - back, earliest), below, xtol=1e-300, rtol=4.0 * np.finfo(float).eps))
+    if casteljau(b, below)[0] < 0.0:
+        below = float(brentq(lambda s: casteljau(b, s)[0], max(below - back, 0.0), below, xtol=1e-300, rtol=CLOSE))
+    return below, float(casteljau(b, below)[1])
 
 
-def _refined(segment: Segment, row: Array, τ: float, end: float | None, start: float, solution: Any) -> float:
-    """Return the root near τ on the dense output itself, or τ where the values there are rounding.
+@dataclass(frozen=True, eq=False)
+class _Root:
+    """The fall of a row of a segment through zero, on the dense output itself.
 
-    Without an ``end`` the row begins at zero, and only a root close to τ is another one.
+    Values below ``rounding`` tell nothing; the polynomial through the samples, whose root is known, differs by ``blurred``.
     """
 
-    def value(τ: float) -> float:
-        at = np.array([τ])
-        return float((segment.watched(at, solution(at).T) @ row)[0])
+    segment: Segment
+    row: Array
+    solution: Any
+    rounding: float = 0.0
+    blurred: float = 0.0
 
-    width, widest = 1e-15 * (τ - start), 1e-4 * (τ - start) if end is None else end - start
-    while 0.0 < width < widest:
-        before, after = max(τ - width, start), τ + width if end is None else min(τ + width, end)
-        if value(before) > 0.0 > value(after):
-            root = float(brentq(value, before, after, xtol=1e-300, rtol=4.0 * np.finfo(float).eps))
-            # Where a load jumps, the event is the first instant after the jump.
-            step = float(np.spacing(segment.t0 + root))
-            while value(root) > 0.0 and root + step < after:
-                root, step = root + step, 2.0 * step
-            return root
-        width *= 8.0
-    return τ
+    def value(self, τ: float) -> float:
+        """Return what the row has."""
+        if not self.segment.E.shape[1]:
+            return float(self.row @ self.solution(τ))
+        at = np.array([τ])
+        return float((self.segment.watched(at, self.solution(at).T) @ self.row)[0])
+
+    def near(self, τ: float, slope: float, start: float, end: float | None) -> float:
+        """Return the root near τ, or τ where the values there are rounding.
+
+        A negative ``slope`` of the row there is known, or it is 0. Without an ``end`` the row begins at zero, and only a
+        root close to τ is another one.
+        """
+        # What the polynomial through the samples lacks of a smooth row is rounding, and Newton's method mends it.
+        root, best, least = τ, τ, math.inf
+        about = max(NEAR * (τ - start), self.blurred / max(-slope, TINY))
+        for _ in range(NEWTON if slope < 0.0 else 0):
+            u = self.value(root)
+            if abs(u) <= -slope * CLOSE * root:
+                return root
+            if not abs(u) < 0.5 * least:
+                break
+            best, least, root = root, abs(u), root - u / slope
+            if not start < root < τ + about or root < τ - about:
+                break
+        if least <= self.rounding:
+            return best
+        width, widest = 1e-15 * (τ - start), 1e-4 * (τ - start) if end is None else end - start
+        while 0.0 < width < widest:
+            before, after = max(τ - width, start), τ + width if end is None else min(τ + width, end)
+            if self.value(before) > 0.0 > self.value(after):
+                root = float(brentq(self.value, before, after, xtol=1e-300, rtol=CLOSE))
+                # Where a load jumps, the event is the first instant after the jump.
+                step = float(np.spacing(self.segment.t0 + root))
+                while self.value(root) > 0.0 and root + step < after:
+                    root, step = root + step, 2.0 * step
+                return root
+            width *= 8.0
+        return τ
 
 
 def _coordinates(run: Run, segment: Segment, τ: Array, X: Array) -> tuple[Array, Array, Array]:
     """Return q, v and r for the states X (nt, N) at t0 + τ."""
-    d, (place, place_w), (F, Fw) = run.system.dynamics, segment.place, segment.reaction
+    (place, place_w), (F, Fw), (low, high) = segment.place, segment.reaction, run.system.bounds
+    if not run.inputs.count:
+        return X @ place.T, X @ segment.velocity.T, np.minimum(np.maximum(X @ F.T, low), high)
     w = segment.forces(segment.t0 + τ, X)
     q, v = X @ place.T + w @ place_w.T, segment.rate(τ, X) @ place.T
     loads = place_w[:, len(run.inputs.law) :]
     if loads.any():
         rates = [segment.forces.load_rates(segment.t0 + at, _short(run), ahead=False) for at in τ]
         v += np.array(rates).reshape(len(τ), -1) @ loads.T
-    return q, v, np.clip(X @ F.T + w @ Fw.T, d.r_min, d.r_max)
+    return q, v, np.minimum(np.maximum(X @ F.T + w @ Fw.T, low), high)
 
 
 def _state(run: Run, segment: Segment, τ: float, X: Array) -> State:

@@ -379,9 +379,11 @@ def still(system: System, mode: Mode | None) -> Still:
     return Still(none, none)
 
 
-def settled(system: System, mode: Mode | None, X: DoubleDouble, scale: Array) -> DoubleDouble:
-    """Return X with the gaps and rates that a mode holds at zero put back to zero."""
-    held = still(system, mode)
+def settled(
+    system: System, mode: Mode | None, X: DoubleDouble, scale: Array, held: Still | None = None
+) -> DoubleDouble:
+    """Return X with the gaps and rates put back to zero that a mode, or what is ``held``, keeps at zero."""
+    held = held or still(system, mode)
     C, CA = system.fine.C, system.fine.CA
     if not (held.u.any() or held.U.any()):
         return X

@@ -1,0 +1,143 @@
+"""Impacts of several bodies in quick succession, followed in double-doubles.
+
+Where impacts of several contacts accumulate, gaps fall below the rounding of places while bodies still approach, and floats
+cannot tell which plates meet next. Before that, when two contacts have met within a time that is short against the flights
+of the run, such methods as know places in floats leave the motion to `lcpimpact.integrators.motion`, which goes on to the
+limit, or until the flights are long again. From impact to impact the state that it begins from is as good as any other: what
+is lost in it is the rounding of gaps that are still large.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.double_double import DoubleDouble
+from lcpimpact.errors import Status
+from lcpimpact.integrators.base import Event
+from lcpimpact.integrators.modes import ZERO, Mode, System, settled
+from lcpimpact.integrators.motion import GIVEN_ZERO, Motion, Segment, begin, follow
+
+SHORT = 1e-6
+"""Flights are short below this part of the longest one of the run."""
+
+KNOWN, LONG = 1e8 * float(np.finfo(float).eps), 0.1
+"""They are so, too, where less than eight digits of a gap are known; but above that part of the longest one they are not."""
+
+
+TINY = float(np.finfo(float).tiny)
+
+
+@dataclass
+class Meetings:
+    """When each contact met last, and the longest time in which none did.
+
+    Attributes
+    ----------
+    last : (nc,) array      the last impact of each row
+    longest : float         longest time without an impact so far, in s
+    latest : float          the last impact of all
+    """
+
+    last: Array
+    longest: float = 0.0
+    latest: float = 0.0
+
+    @classmethod
+    def none(cls, contacts: int) -> Meetings:
+        """Return that no contact has met anything."""
+        return cls(np.full(contacts, -np.inf))
+
+    def note(self, t: float, rows: Indices) -> None:
+        """Note an impact of these rows at t."""
+        self.longest, self.latest = max(self.longest, t - self.latest), t
+        self.last[rows] = t
+
+    def take(self, burst: Burst) -> None:
+        """Note the impacts of a burst."""
+        for event in burst.events:
+            if event.impulse > 0.0:
+                self.last[burst.motion.system.names[event.contact]] = self.latest = event.t
+
+    def quick(self, system: System, t: float, rows: Indices, rates: Array, scale: Array, least: float = 0.0) -> float:
+        """Return what a short flight is, where these rows, which meet at t at ``rates`` (nc,), follow others; else 0.
+
+        A flight below ``least`` is short in any case.
+        """
+        others = self.last > -np.inf
+        others[rows] = False
+        if not len(rows) or not others.any():
+            return 0.0
+        rounding = KNOWN * (np.abs(system.matrices[2][rows]) @ scale) / np.maximum(-rates[rows], TINY)
+        short = max(least, SHORT * self.longest, min(float(rounding.min()), LONG * self.longest))
+        return short if (t - self.last[others] < short).any() else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Burst:
+    """What was followed in double-doubles: the segments before the last, which goes on in floats.
+
+    Attributes
+    ----------
+    status : Status
+    motion : Motion
+    """
+
+    status: Status
+    motion: Motion
+
+    @property
+    def last(self) -> Segment:
+        """The segment in which flights are long again."""
+        return self.motion.segments[-1]
+
+    @property
+    def passed(self) -> list[tuple[Segment, float]]:
+        """Those before it, with their ends, that last longer than the rounding of time."""
+        return [(each, after.t0) for each, after in pairwise(self.motion.segments) if after.t0 > each.t0]
+
+    @property
+    def events(self) -> list[Event]:
+        """What has happened after its start."""
+        return self.motion.events
+
+
+def follow_burst(
+    system: System,
+    t: float,
+    X: DoubleDouble,
+    mode: Mode,
+    scale: Array,
+    solver: str,
+    end: float,
+    short: float,
+    max_events: int,
+    most: float = np.inf,
+) -> Burst:
+    """Follow impacts from the state X (N,) after those at t in a mode, until a flight is longer than ``short``.
+
+    They are followed to the ``end`` of the run, or for ``most`` seconds.
+    """
+    state = settled(system, mode, X, scale)
+    # What is zero in these floats is so to their rounding, and not to that of a root.
+    size = np.maximum(np.abs(X.hi), GIVEN_ZERO / ZERO * scale)
+    motion = begin(system, state.hi, min(t + 2.0 * short, end), t, solver, max_events, size)
+    motion.scale = np.maximum(motion.scale, scale)
+    status = Status.SOLVED
+    while status is Status.SOLVED and (following := _next(motion)) - motion.segments[-1].t0 <= min(short, most):
+        if following - t > most:
+            break
+        # The next flight is looked at for as long as it may be short.
+        motion.end = min(following + 2.0 * short, end)
+        motion.breakpoints = system.form.breakpoints(t, motion.end)
+        status = follow(motion, following)
+    return Burst(status, motion)
+
+
+def _next(motion: Motion) -> float:
+    """Return when the next event is, or inf where it is a breakpoint of the signals."""
+    when, row, _ = motion.next_event
+    return float(when.hi) if row.any() else np.inf
