@@ -19,7 +19,8 @@ from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import Status
 from lcpimpact.integrators.base import Event
 from lcpimpact.integrators.modes import ZERO, Mode, System, settled
-from lcpimpact.integrators.motion import GIVEN_ZERO, Motion, Segment, begin, follow
+from lcpimpact.integrators.motion import Motion, Segment, begin, follow
+from lcpimpact.problems.base import GIVEN_ZERO
 
 SHORT = 1e-6
 """Flights are short below this part of the longest one of the run."""

@@ -439,8 +439,9 @@ class Flow:
         """Return exp(A t) for one time t >= 0 (N, N)."""
         return np.column_stack([self.move(DoubleDouble.of(unit), t).hi for unit in np.eye(len(self.A))])
 
-    def at(self, X: ArrayLike | DoubleDouble, times: Array, rows: Sparse) -> Array:
-        """Return R exp(A t) X at the times t >= 0 (nt,), in floats: (nt, m), where ``rows`` are those of R."""
+    def at(self, X: ArrayLike | DoubleDouble, times: Array, rows: Sparse | None = None) -> Array:
+        """Return R exp(A t) X at the times t >= 0 (nt,), in floats: (nt, m); without the ``rows`` R the state (nt, N)."""
+        rows = rows or sparse(DoubleDouble.of(np.eye(len(self.A))))
         last = float(np.max(times, initial=0.0)) / self.window
         self.doubled(max(int(last).bit_length() - 1, 0))
         parts = np.ascontiguousarray(DoubleDouble.of(X).parts)
