@@ -326,7 +326,7 @@ class EventDriven(Integrator):
         order_penetration=math.inf,
         level="position and velocity at events, acceleration between them",
         relative_degrees=(0, 1, 2),
-        handles=tuple(each for each in Feature if each is not Feature.IMPULSE_PATHS),
+        handles=tuple(Feature),
         reaction_lives="at t, right limit",
         energy="to the tolerance",
         balances_energy=True,
@@ -367,7 +367,7 @@ class EventDriven(Integrator):
         d = problem.dynamics
         form, inputs = forced_form(d, self.name)
         system = System(d, form, (inputs.E, inputs.D))
-        refuse_mixed_degrees(system, self.name)
+        refuse_mixed_degrees(system, self.name, except_schemes=True)
         if len(system.remembered) and inputs.D[:, len(inputs.law) :].any():
             slider = d.contacts[system.remembered[0]].name
             raise UnsupportedError(
