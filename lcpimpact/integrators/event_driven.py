@@ -382,7 +382,7 @@ class EventDriven(Integrator):
             Flights.none(len(d.contacts)),
         )  # fmt: skip
         try:
-            self._enter(run, record, 0.0, X, None)
+            self._enter(run, record, 0.0, X, None, rates=d.gap_rate(problem.initial_velocities))
         except np.linalg.LinAlgError:
             raise UnsupportedError(
                 f"some contacts or sliders of {problem.name!r} hold together at the start in a way that leaves their shares "
@@ -489,10 +489,12 @@ class EventDriven(Integrator):
         X: Array,
         turned: tuple[int, int] | None,
         breakpoint: bool = False,
+        rates: Array | None = None,
     ) -> None:
         """Begin a segment at t: impacts, the mode, the events that this makes, and a solver for what follows.
 
-        At a ``breakpoint`` the signals in X are left limits, and go over to the right ones.
+        At a ``breakpoint`` the signals in X are left limits, and go over to the right ones. Before the start of the run the
+        opening rates are ``rates`` (nc,).
         """
         system, d, old = run.system, run.system.dynamics, run.segment
         assert record.events is not None
@@ -505,12 +507,20 @@ class EventDriven(Integrator):
             kept = replace(kept, U=np.zeros_like(kept.U))
 
         u, U = (each.hi for each in gaps(system, state, run.scale, kept))
-        landing = np.flatnonzero((system.degree == 2) & ~d.slides & (u <= 0.0) & (U < 0.0))
+        if old:
+            rates = np.where(
+                np.isin(np.arange(len(u)), old.mode.closed), 0.0, d.gap_rate(_state(run, old, t - old.t0, X).v)
+            )
+        meets = (system.degree == 2) & ~d.slides & (u <= 0.0) & (U < 0.0)
+        if len(system.lines):
+            P = impact(system, state, run.scale, run.lcp_solver, None, kept, left=approach, rates=rates)[1]
+            meets, U = (P > 0.0) & (rates < 0.0), rates
+        landing = np.flatnonzero(meets)
         lost = ROUNDING * (np.abs(system.matrices[2]) @ run.scale)[landing] / np.maximum(-U[landing], TINY)
         run.flights.land(t, landing, self.zeno * run.grid.t_end, lost)
         over = (run.flights.short >= FLIGHTS) & (d.restitution < 1.0)
         restitution = np.where(over, 0.0, d.restitution)
-        pushed, P, kept = impact(system, state, run.scale, run.lcp_solver, restitution, kept, left=approach)
+        pushed, P, kept = impact(system, state, run.scale, run.lcp_solver, restitution, kept, left=approach, rates=rates)
         forces = Forces(run.inputs, self._phase(run, pushed.hi, turned))
         mode, chosen = choose_mode(*_about(run, t, pushed.hi, forces), run.lcp_solver, kept)
         N = len(system.form.A)
