@@ -95,10 +95,12 @@ class Still:
     Attributes
     ----------
     u, U : (nc,) arrays of bool
+    closed : (nc,) array of bool    rows of any degree that are closed, so that sums of their gaps alone are zero too
     """
 
     u: Flags
     U: Flags
+    closed: Flags
 
 
 class Watch(NamedTuple):
@@ -420,7 +422,7 @@ class System:
             nc = len(self.degree)
             closed = np.isin(np.arange(nc), mode.closed)
             held = closed | ((np.array(mode.order, dtype=np.int64) < 0) & ~self.slides)
-            still = Still(held & ~self.slides & (self.degree > 0), held & (self.degree == 2))
+            still = Still(held & ~self.slides & (self.degree > 0), held & (self.degree == 2), closed)
             self.known[mode] = Watch(contacts[kept], rows[kept], sparse(rows[kept]), order[kept], still)
         return self.known[mode]
 
@@ -464,7 +466,7 @@ def still(system: System, mode: Mode | None) -> Still:
     if mode is not None:
         return system.watch(mode).held
     none = np.zeros(len(system.degree), dtype=np.bool_)
-    return Still(none, none)
+    return Still(none, none, none)
 
 
 def settled(system: System, mode: Mode | None, X: DoubleDouble, scale: Array) -> DoubleDouble:
@@ -684,12 +686,13 @@ def _exchanged_mode(system: System, X: DoubleDouble, scale: Array, held: Still |
         If they do not end, or the mode that they lead to needs an impulse.
     """
     degree, nc = system.degree, len(system.degree)
+    held = held or still(system, None)
     u, U = gaps(system, X, scale, held, zero)
     apart = (degree > 0) & ((u.hi > 0.0) | ((degree == 2) & (U.hi > 0.0)))
     closed: set[int] = set()
     for _ in range(MOST_EXCHANGES):
         rows = tuple(sorted(closed))
-        order, sign, impulsive = _first_terms(system, rows, X, u, U, scale, zero)
+        order, sign, impulsive = _first_terms(system, rows, X, (u, U), held, scale, zero)
         wrong = np.flatnonzero((sign < 0.0) & ~apart)
         if len(wrong) == 0 and not impulsive:
             first = np.where(apart, np.where(u.hi > 0.0, 0, 1), order)
@@ -701,39 +704,49 @@ def _exchanged_mode(system: System, X: DoubleDouble, scale: Array, held: Still |
 
 
 def _first_terms(
-    system: System, rows: tuple[int, ...], X: DoubleDouble, u: DoubleDouble, U: DoubleDouble, scale: Array, zero: float
+    system: System,
+    rows: tuple[int, ...],
+    X: DoubleDouble,
+    opening: tuple[DoubleDouble, DoubleDouble],
+    held: Still,
+    scale: Array,
+    zero: float,
 ) -> tuple[Indices, Array, bool]:
     """Return the order and the sign of the first term of r on closed ``rows``, and of u on others, that is not zero.
 
-    The order is -1 where all are. Rows that do not fit the state go to it by impulses, r = p' δ' + p δ + ..., whose signs come
-    first; the flag says whether there are any.
+    The order is -1 where all are. Rows that do not fit the state, whose ``opening`` is (u, U), go to it by impulses,
+    r = p' δ' + p δ + ..., whose signs come first; the flag says whether there are any.
     """
     A, B, *_ = system.fine
-    at, held = list(rows), system.together(rows)
+    at, together = list(rows), system.together(rows)
+    u, U = opening
     order, sign = np.full(len(system.degree), -1), np.zeros(len(system.degree))
     impulsive, state, sizes = False, X, scale
-    for jump in (2, 1):
-        # First the gaps that only masses, motions and the ground decide, by δ', then all that is left, by δ.
-        lacks = np.zeros((2, len(at)))
-        for level in (2,) if jump == 2 else (1, 2):
-            mine = held.degree == level
-            rate = held.CA if level == 2 and jump == 1 else held.C
-            terms = np.abs(rate.hi[mine]) @ sizes
-            gap = (rate[mine] @ state).parts if impulsive or rate is held.CA else (held.T[mine] @ u[at]).parts
-            gap[:, np.abs(gap[0]) <= zero * terms] = 0.0
-            lacks[:, mine] = gap
-        if lacks.any():
-            impulsive = True
-            p = np.zeros((2, len(system.degree)))
-            p[:, at] = _solve(held.G[:, at], -DoubleDouble(lacks)).parts
-            size = np.abs(np.linalg.inv(held.G.hi[:, at])) @ np.abs(lacks[0])
-            clear = np.zeros(len(sign), dtype=np.bool_)
-            clear[at] = np.abs(p[0, at]) > FLOAT_ZERO * size
-            new = clear & (sign == 0.0)
-            order[new], sign[new] = 0, np.sign(p[0, new])
-            push = B @ DoubleDouble(p)
-            state = state + (A @ push if jump == 2 else push)
-            sizes = np.maximum(sizes, np.abs(state.hi))
+
+    def push(lacks: DoubleDouble) -> DoubleDouble:
+        """Return B p, where the impulses p make up for what the combinations lack, and note the signs of p."""
+        p = np.zeros((2, len(sign)))
+        p[:, at] = _solve(together.G[:, at], -lacks).parts
+        size = np.zeros(len(sign))
+        size[at] = np.abs(np.linalg.inv(together.G.hi[:, at])) @ np.abs(lacks.hi)
+        new = (np.abs(p[0]) > FLOAT_ZERO * size) & (sign == 0.0)
+        order[new], sign[new] = 0, np.sign(p[0, new])
+        return B @ DoubleDouble(p)
+
+    gap = _openings(system, rows, u, held, scale, zero)
+    if gap.hi.any():
+        impulsive = True
+        # By δ' masses go where their gaps close; by δ all else does, and the masses stop.
+        state = state + A @ push(DoubleDouble(np.where(together.degree == 2, gap.parts, 0.0)))
+        sizes = np.maximum(sizes, np.abs(state.hi))
+    rate = together.CA @ state
+    rate.parts[:, (together.degree < 2) | (np.abs(rate.hi) <= zero * (np.abs(together.CA.hi) @ sizes))] = 0.0
+    if gap.hi.any() or rate.hi.any():
+        impulsive = True
+        first = together.C @ state
+        first.parts[:, ~((together.degree == 1) & (gap.hi != 0.0))] = 0.0
+        state = state + push(first + rate)
+        sizes = np.maximum(sizes, np.abs(state.hi))
     flow, F = system.reaction(Mode(rows, (), (), ()))
     reads = system.fine.C + system.fine.D @ F
     reads.parts[:, at] = F.parts[:, at]
@@ -816,7 +829,7 @@ def impact(
     fine, lines = system.fine, np.zeros((0, len(e)))
     G, B, toward, back = fine.G, fine.B, U, before
     if len(system.lines) and rates is not None and among is None:
-        lines = _touching(system, state, u, scale, zero)
+        lines = _touching(system, u, held, scale, zero)
         speeds, known = _line_rates(system, lines, state, scale, zero), DoubleDouble.of(rates)
         rebounds = path_restitution(lines, known.hi, e)
         G, B = system.path_matrices(lines)
@@ -837,20 +850,28 @@ def impact(
         raise np.linalg.LinAlgError("no complementary basis")
     P = impulses[0, : len(e)] + impulses[0, len(e) :] @ lines
     stays = ((P > 0.0) & (e * np.minimum(before.hi, 0.0) == 0.0)) | (held.U & (system.G @ P == 0.0))
-    return DoubleDouble(after), P, Still(held.u, stays & (system.degree == 2))
+    return DoubleDouble(after), P, Still(held.u, stays & (system.degree == 2), held.closed)
 
 
-def _touching(system: System, X: DoubleDouble, u: DoubleDouble, scale: Array, zero: float) -> Array:
+def _touching(system: System, u: DoubleDouble, held: Still, scale: Array, zero: float) -> Array:
     """Return the impulse paths (np, nc) over massless nodes on which all contacts touch, whose openings are ``u``."""
-    found = []
-    for line in system.lines:
-        rows = np.flatnonzero(line)
-        held = system.together(tuple(map(int, rows)))
-        # What springs alone hold gives way, and the openings around it count together.
-        fixed = held.degree > 0
-        opening = (DoubleDouble.of(held.T[fixed]) @ u[rows]).hi
-        found.append((opening <= zero * (np.abs(held.T[fixed]) @ np.abs(system.fine.C.hi[rows]) @ scale)).all())
+    found = [
+        not (_openings(system, tuple(map(int, np.flatnonzero(line))), u, held, scale, zero).hi > 0.0).any()
+        for line in system.lines
+    ]
     return np.asarray(system.lines[np.array(found, dtype=np.bool_)])
+
+
+def _openings(
+    system: System, rows: tuple[int, ...], u: DoubleDouble, held: Still, scale: Array, zero: float
+) -> DoubleDouble:
+    """Return the combinations T u of the openings of rows, those of degree 0 as zero, since forces decide on them."""
+    together, at = system.together(rows), list(rows)
+    found = DoubleDouble.of(together.T) @ u[at]
+    by_definition = ~(together.T[:, ~held.closed[at]] != 0.0).any(axis=1)
+    terms = np.abs(together.T) @ (np.abs(system.fine.C.hi[at]) @ scale)
+    found.parts[:, (together.degree == 0) | by_definition | (np.abs(found.hi) <= zero * terms)] = 0.0
+    return found
 
 
 def _line_rates(system: System, lines: Array, X: DoubleDouble, scale: Array, zero: float) -> DoubleDouble:

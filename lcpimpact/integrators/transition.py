@@ -46,7 +46,8 @@ def enter(
     """
     held, restitution = still(system, before), system.restitution
     if together is not None:
-        held, restitution = replace(held, u=held.u | together), np.where(together, 0.0, restitution)
+        held = replace(held, u=held.u | (together & (system.degree > 0)), closed=held.closed | together)
+        restitution = np.where(together, 0.0, restitution)
     if left is not None:
         held, state = replace(held, U=np.zeros_like(held.U)), DoubleDouble.of(X)
     else:
