@@ -560,7 +560,6 @@ def _segment(run: Run, t: float, mode: Mode, forces: Forces) -> Segment:
         springs, falls = _spring_ends(inputs, forces.phase, len(flow.A))
         rows += falls
         order += [0] * len(falls)
-    Q, Qr = system.read
     later = int(np.searchsorted(run.breakpoints, t, side="right"))
     breaks = later < len(run.breakpoints)
     return Segment(
@@ -574,7 +573,7 @@ def _segment(run: Run, t: float, mode: Mode, forces: Forces) -> Segment:
         np.array(rows).reshape(len(rows), len(flow.A) + inputs.count + ns),
         np.array(order, dtype=np.int64),
         springs,
-        (Q + Qr @ F, inputs.Q + Qr @ Fw),
+        (system.coordinates(mode)[0].T, inputs.Q + system.read[1] @ Fw),
         (F, Fw),
     )
 

@@ -56,7 +56,7 @@ so far: a root found to rounding leaves about 1e-15 of them."""
 FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
 """What counts as rounding in the solution of an LCP in floats."""
 
-MOST_EXCHANGES = 10_000
+MOST_EXCHANGES = 2_000
 """So many exchanges of rows find the mode of some dozens of contacts."""
 
 FINE_ZERO = 2.0**-95
@@ -316,9 +316,13 @@ class System:
     def coordinates(self, mode: Mode) -> tuple[Array, Array, Array]:
         """Return the matrices by which q, v and r are read off the state in a mode."""
         if mode.key not in self.readings:
-            flow, F = self.mode(mode)
-            place = self.read[0] + self.read[1] @ F
-            self.readings[mode.key] = place.T.copy(), (place @ flow.A).T.copy(), F.T.copy()
+            flow, F = self.reaction(mode)
+            *_, Q, Qr = self.form.double_doubles
+            # Where springs hold a plate that is stopped, their forces cancel.
+            place = stacked([[Q, np.zeros((len(Q), len(self.remembered)))]]) + Qr @ F
+            terms = np.abs(self.read[0]) + np.abs(Qr.hi) @ np.abs(F.hi)
+            place.parts[:, np.abs(place.hi) <= FINE_ZERO * terms] = 0.0
+            self.readings[mode.key] = place.hi.T.copy(), (place @ flow.generator).hi.T.copy(), F.hi.T.copy()
         return self.readings[mode.key]
 
     @cached_property
@@ -481,6 +485,11 @@ def settled(system: System, mode: Mode | None, X: DoubleDouble, scale: Array) ->
     else:
         rows, rates = np.flatnonzero(held.u), np.flatnonzero(held.U & ~system.slides)
         constraint = stacked([[C[rows]], [CA[rates]]])
+    return _put_to_zero(system, constraint, X, scale)
+
+
+def _put_to_zero(system: System, constraint: DoubleDouble, X: DoubleDouble, scale: Array) -> DoubleDouble:
+    """Return X with these rows of it put to zero."""
     rest = (constraint @ X).hi
     if not rest.any():
         return X
@@ -608,7 +617,7 @@ def choose_mode(
     zero : float                what counts as zero, relative to the terms that gave it
     """
     if system.mixed:
-        return _exchanged_mode(system, DoubleDouble.of(X), scale, held, zero), DoubleDouble.of(X)
+        return _exchanged_mode(system, DoubleDouble.of(X), scale, held or still(system, None), zero)
     A, B, _, _, _, O, G = system.fine  # noqa: E741
     degree, r_max = system.degree, system.bounds[1]
     slides, nc = system.slides, len(system.degree)
@@ -674,11 +683,14 @@ def choose_mode(
     return Mode(tuple(sorted(closed)), tuple(sorted(slips)), tuple(order), tuple(side)), start
 
 
-def _exchanged_mode(system: System, X: DoubleDouble, scale: Array, held: Still | None, zero: float) -> Mode:
-    """Return the mode of contacts without common relative degrees, by exchanges of the last row whose sign is wrong.
+def _exchanged_mode(
+    system: System, X: DoubleDouble, scale: Array, held: Still, zero: float
+) -> tuple[Mode, DoubleDouble]:
+    """Return the mode of contacts without common relative degrees, by exchanges of the last row whose sign is wrong, and X.
 
     The exchanges end, since the rows depend on their forces by a P-matrix of rational functions, which those that are large
-    enough order as the first terms of their series do.
+    enough order as the first terms of their series do. X differs only by what is rounding, which is made zero at once, lest
+    the same number count as zero in one combination and not in another.
 
     Raises
     ------
@@ -686,9 +698,15 @@ def _exchanged_mode(system: System, X: DoubleDouble, scale: Array, held: Still |
         If they do not end, or the mode that they lead to needs an impulse.
     """
     degree, nc = system.degree, len(system.degree)
-    held = held or still(system, None)
     u, U = gaps(system, X, scale, held, zero)
     apart = (degree > 0) & ((u.hi > 0.0) | ((degree == 2) & (U.hi > 0.0)))
+    near = tuple(map(int, np.flatnonzero(~apart)))
+    together = system.together(near)
+    touches = (_openings(system, near, u, held, scale, zero).hi == 0.0) & (together.degree > 0)
+    rates = np.abs((together.CA @ X).hi) <= zero * (np.abs(together.CA.hi) @ scale)
+    X = _put_to_zero(
+        system, stacked([[together.C[touches]], [together.CA[touches & rates & (together.degree == 2)]]]), X, scale
+    )
     closed: set[int] = set()
     for _ in range(MOST_EXCHANGES):
         rows = tuple(sorted(closed))
@@ -696,7 +714,7 @@ def _exchanged_mode(system: System, X: DoubleDouble, scale: Array, held: Still |
         wrong = np.flatnonzero((sign < 0.0) & ~apart)
         if len(wrong) == 0 and not impulsive:
             first = np.where(apart, np.where(u.hi > 0.0, 0, 1), order)
-            return Mode(rows, (), tuple(map(int, first)), (0,) * nc)
+            return Mode(rows, (), tuple(map(int, first)), (0,) * nc), X
         if len(wrong) == 0:
             break
         closed ^= {int(wrong[-1])}
