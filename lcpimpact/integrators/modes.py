@@ -703,14 +703,18 @@ def _exchanged_mode(
     near = tuple(map(int, np.flatnonzero(~apart)))
     together = system.together(near)
     touches = (_openings(system, near, u, held, scale, zero).hi == 0.0) & (together.degree > 0)
-    rates = np.abs((together.CA @ X).hi) <= zero * (np.abs(together.CA.hi) @ scale)
-    X = _put_to_zero(
-        system, stacked([[together.C[touches]], [together.CA[touches & rates & (together.degree == 2)]]]), X, scale
-    )
+    every = system.together(tuple(range(nc)))
+    slow = zero * float((np.abs(every.CA.hi[every.degree == 2]) @ scale).max(initial=0.0))
+    lines = _touching(system, u, held, scale, zero)
+    line_C = _combined(lines, system.fine.C)
+    line_CA = _product(line_C, system.fine.A)
+    fast = touches & (together.degree == 2)
+    places, rates = [[together.C[touches]], [line_C]], stacked([[together.CA[fast]], [line_CA]])
+    X = _put_to_zero(system, stacked([*places, [rates[np.abs((rates @ X).hi) <= slow]]]), X, scale)
     closed: set[int] = set()
     for _ in range(MOST_EXCHANGES):
         rows = tuple(sorted(closed))
-        order, sign, impulsive = _first_terms(system, rows, X, (u, U), held, scale, zero)
+        order, sign, impulsive = _first_terms(system, rows, X, (u, U), held, scale, zero, slow)
         wrong = np.flatnonzero((sign < 0.0) & ~apart)
         if len(wrong) == 0 and not impulsive:
             first = np.where(apart, np.where(u.hi > 0.0, 0, 1), order)
@@ -729,11 +733,13 @@ def _first_terms(
     held: Still,
     scale: Array,
     zero: float,
+    slow: float,
 ) -> tuple[Indices, Array, bool]:
     """Return the order and the sign of the first term of r on closed ``rows``, and of u on others, that is not zero.
 
     The order is -1 where all are. Rows that do not fit the state, whose ``opening`` is (u, U), go to it by impulses,
-    r = p' δ' + p δ + ..., whose signs come first; the flag says whether there are any.
+    r = p' δ' + p δ + ..., whose signs come first; the flag says whether there are any. Combinations of degree 2 that open no
+    faster than ``slow`` are at rest.
     """
     A, B, *_ = system.fine
     at, together = list(rows), system.together(rows)
@@ -758,7 +764,7 @@ def _first_terms(
         state = state + A @ push(DoubleDouble(np.where(together.degree == 2, gap.parts, 0.0)))
         sizes = np.maximum(sizes, np.abs(state.hi))
     rate = together.CA @ state
-    rate.parts[:, (together.degree < 2) | (np.abs(rate.hi) <= zero * (np.abs(together.CA.hi) @ sizes))] = 0.0
+    rate.parts[:, (together.degree < 2) | (np.abs(rate.hi) <= slow)] = 0.0
     if gap.hi.any() or rate.hi.any():
         impulsive = True
         first = together.C @ state
