@@ -193,7 +193,10 @@ def stopped_plates(draw: Draw, seed: int) -> tuple[li.Problem, float]:
     for j, (upper, lower) in enumerate(pairs):
         gap, e = 0.0 if draw.chance(0.2) else draw("gap"), draw("e")
         try:
-            trial = [*elements, *(li.Bumper(a, b, gap=1.0, e=0.5, name=f"T{i}") for i, (a, b) in enumerate(pairs[j + 1 :]))]
+            trial = [
+                *elements,
+                *(li.Bumper(a, b, gap=1.0, e=0.5, name=f"T{i}") for i, (a, b) in enumerate(pairs[j + 1 :])),
+            ]
             li.Scheme(*trial, li.Bumper(upper, lower, gap=gap, e=e, name=f"R{j}")).assemble()
             elements.append(li.Bumper(upper, lower, gap=gap, e=e, name=f"R{j}"))
         except li.InputError:

@@ -508,11 +508,10 @@ class EventDriven(Integrator):
 
         u, U = (each.hi for each in gaps(system, state, run.scale, kept))
         if old:
-            rates = np.where(
-                np.isin(np.arange(len(u)), old.mode.closed), 0.0, d.gap_rate(_state(run, old, t - old.t0, X).v)
-            )
+            closed = np.isin(np.arange(len(u)), old.mode.closed)
+            rates = np.where(closed, 0.0, d.gap_rate(_state(run, old, t - old.t0, X).v))
         meets = (system.degree == 2) & ~d.slides & (u <= 0.0) & (U < 0.0)
-        if len(system.lines):
+        if len(system.lines) and rates is not None:
             P = impact(system, state, run.scale, run.lcp_solver, None, kept, left=approach, rates=rates)[1]
             meets, U = (P > 0.0) & (rates < 0.0), rates
         landing = np.flatnonzero(meets)
@@ -520,7 +519,9 @@ class EventDriven(Integrator):
         run.flights.land(t, landing, self.zeno * run.grid.t_end, lost)
         over = (run.flights.short >= FLIGHTS) & (d.restitution < 1.0)
         restitution = np.where(over, 0.0, d.restitution)
-        pushed, P, kept = impact(system, state, run.scale, run.lcp_solver, restitution, kept, left=approach, rates=rates)
+        pushed, P, kept = impact(
+            system, state, run.scale, run.lcp_solver, restitution, kept, left=approach, rates=rates
+        )
         forces = Forces(run.inputs, self._phase(run, pushed.hi, turned))
         mode, chosen = choose_mode(*_about(run, t, pushed.hi, forces), run.lcp_solver, kept)
         N = len(system.form.A)

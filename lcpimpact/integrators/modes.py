@@ -56,8 +56,8 @@ so far: a root found to rounding leaves about 1e-15 of them."""
 FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
 """What counts as rounding in the solution of an LCP in floats."""
 
-MOST_EXCHANGES = 2_000
-"""So many exchanges of rows find the mode of some dozens of contacts."""
+BORDER = (1.0, 16.0, 256.0)
+"""So many times what counts as zero may still be rounding, where nothing else fits."""
 
 FINE_ZERO = 2.0**-95
 """What counts as zero in a state of double-doubles, likewise: a root leaves about 1e-31."""
@@ -277,7 +277,7 @@ class System:
 
     @cached_property
     def mixed(self) -> bool:
-        """Whether contacts can be closed together that hold a combination of their gaps at a higher degree than their own."""
+        """Whether contacts can be closed together that hold combinations of their gaps at higher degrees than their own."""
         return bool(mixed_degrees(self))
 
     def together(self, rows: tuple[int, ...]) -> Together:
@@ -291,7 +291,8 @@ class System:
             levels = (TC, TCA, _product(TCA, A)), (TD, _product(TC, B), _product(TCA, B))
             k = np.arange(len(at))
             O, G = (  # noqa: E741
-                DoubleDouble(np.ascontiguousarray(np.stack([m.parts for m in each], 1)[:, degree, k])) for each in levels
+                DoubleDouble(np.ascontiguousarray(np.stack([m.parts for m in each], 1)[:, degree, k]))
+                for each in levels
             )
             self.combinations[rows] = Together(T, degree, TC, TCA, O, G)
         return self.combinations[rows]
@@ -686,43 +687,70 @@ def choose_mode(
 def _exchanged_mode(
     system: System, X: DoubleDouble, scale: Array, held: Still, zero: float
 ) -> tuple[Mode, DoubleDouble]:
-    """Return the mode of contacts without common relative degrees, by exchanges of the last row whose sign is wrong, and X.
+    """Return the mode of contacts without common relative degrees, and X.
 
-    The exchanges end, since the rows depend on their forces by a P-matrix of rational functions, which those that are large
-    enough order as the first terms of their series do. X differs only by what is rounding, which is made zero at once, lest
-    the same number count as zero in one combination and not in another.
+    A number at the very border of rounding may count as zero in one combination and not in another, and then no mode fits:
+    what is a little above the border is rounding too.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        If they do not end, or the mode that they lead to needs an impulse.
+        If no mode fits, or the one that does needs an impulse.
+    """
+    for wider in BORDER:
+        found = _exchanged(system, X, scale, held, wider * zero)
+        if found is not None:
+            return found
+    raise np.linalg.LinAlgError("no mode")
+
+
+def _exchanged(
+    system: System, X: DoubleDouble, scale: Array, held: Still, zero: float
+) -> tuple[Mode, DoubleDouble] | None:
+    """Return the mode, by exchanges of the last row whose sign is wrong, and X; None if the exchanges come back.
+
+    They do not, since the rows depend on their forces by a P-matrix of rational functions, which those that are large enough
+    order as the first terms of their series do; but for rounding. X differs only by that: it is put to zero beforehand.
     """
     degree, nc = system.degree, len(system.degree)
     u, U = gaps(system, X, scale, held, zero)
     apart = (degree > 0) & ((u.hi > 0.0) | ((degree == 2) & (U.hi > 0.0)))
-    near = tuple(map(int, np.flatnonzero(~apart)))
-    together = system.together(near)
-    touches = (_openings(system, near, u, held, scale, zero).hi == 0.0) & (together.degree > 0)
-    every = system.together(tuple(range(nc)))
+    every, near = system.together(tuple(range(nc))), tuple(map(int, np.flatnonzero(~apart)))
     slow = zero * float((np.abs(every.CA.hi[every.degree == 2]) @ scale).max(initial=0.0))
-    lines = _touching(system, u, held, scale, zero)
-    line_C = _combined(lines, system.fine.C)
-    line_CA = _product(line_C, system.fine.A)
-    fast = touches & (together.degree == 2)
-    places, rates = [[together.C[touches]], [line_C]], stacked([[together.CA[fast]], [line_CA]])
-    X = _put_to_zero(system, stacked([*places, [rates[np.abs((rates @ X).hi) <= slow]]]), X, scale)
+    X = _at_rest(system, near, X, (u, slow), held, scale, zero)
     closed: set[int] = set()
-    for _ in range(MOST_EXCHANGES):
-        rows = tuple(sorted(closed))
+    seen: set[tuple[int, ...]] = set()
+    while (rows := tuple(sorted(closed))) not in seen:
+        seen.add(rows)
         order, sign, impulsive = _first_terms(system, rows, X, (u, U), held, scale, zero, slow)
         wrong = np.flatnonzero((sign < 0.0) & ~apart)
-        if len(wrong) == 0 and not impulsive:
-            first = np.where(apart, np.where(u.hi > 0.0, 0, 1), order)
-            return Mode(rows, (), tuple(map(int, first)), (0,) * nc), X
         if len(wrong) == 0:
-            break
+            first = np.where(apart, np.where(u.hi > 0.0, 0, 1), order)
+            return None if impulsive else (Mode(rows, (), tuple(map(int, first)), (0,) * nc), X)
         closed ^= {int(wrong[-1])}
-    raise np.linalg.LinAlgError("no mode")
+    return None
+
+
+def _at_rest(
+    system: System,
+    rows: tuple[int, ...],
+    X: DoubleDouble,
+    opening: tuple[DoubleDouble, float],
+    held: Still,
+    scale: Array,
+    zero: float,
+) -> DoubleDouble:
+    """Return X with the combinations of these rows at zero that are closed, and the rates of those that are slow.
+
+    ``opening`` holds u, and the rate that is slow.
+    """
+    u, slow = opening
+    together = system.together(rows)
+    touches = (_openings(system, rows, u, held, scale, zero).hi == 0.0) & (together.degree > 0)
+    lines = _combined(_touching(system, u, held, scale, zero), system.fine.C)
+    rates = stacked([[together.CA[touches & (together.degree == 2)]], [_product(lines, system.fine.A)]])
+    rests = rates[np.abs((rates @ X).hi) <= slow]
+    return _put_to_zero(system, stacked([[together.C[touches]], [lines], [rests]]), X, scale)
 
 
 def _first_terms(

@@ -227,7 +227,9 @@ def _enter(
     if together is not None:
         state, met = _collapse(motion, now, X, together)
     else:
-        mode, after, events = enter(system, now, before, X, motion.scale, motion.solver, zero=zero, left=left, rates=rates)
+        mode, after, events = enter(
+            system, now, before, X, motion.scale, motion.solver, zero=zero, left=left, rates=rates
+        )
         together = _accumulated(motion, t, events) if left is None else None
     if together is not None:
         mode, after, events = enter(

@@ -310,9 +310,7 @@ class Run:
     states: list[Array] = field(default_factory=list)
     owners: list[Elements] = field(default_factory=list)
 
-    def enter(
-        self, t: float, X: Array, record: Record, breakpoint: bool = False, rates: Array | None = None
-    ) -> None:
+    def enter(self, t: float, X: Array, record: Record, breakpoint: bool = False, rates: Array | None = None) -> None:
         """Pass into the next mode at t, with the impacts before it; ``rates`` are the opening rates before the start."""
         system = self.system
         before, left = self.elements.mode if self.modes else None, None
@@ -433,7 +431,7 @@ class RadauFESD(Integrator):
         order_penetration=float("inf"),
         level="position and velocity",
         relative_degrees=(0, 1, 2),
-        handles=(Feature.SLIDERS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION, Feature.IMPULSE_PATHS),
+        handles=tuple(each for each in Feature if each is not Feature.POWER_LAWS),
         reaction_lives="at t, right limit",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",
         balances_energy=True,

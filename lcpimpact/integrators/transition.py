@@ -52,7 +52,7 @@ def enter(
         held, state = replace(held, U=np.zeros_like(held.U)), DoubleDouble.of(X)
     else:
         state = settled(system, before, DoubleDouble.of(X), scale)
-    U = rates
+    U: Array | DoubleDouble | None = rates
     if before is not None and system.mixed:
         U = system.rates(before) @ (state if left is None else left)
     after, P, held = impact(system, state, scale, solver, restitution, held, zero, left=left, rates=U)

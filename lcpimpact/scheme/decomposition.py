@@ -88,8 +88,8 @@ def relative_degrees(H: Array, parts: Decomposition) -> list[int]:
 def degrees_together(H: Array, parts: Decomposition) -> tuple[Array, Indices]:
     """Return independent combinations T of rows of H that are closed together, and the relative degree of each.
 
-    Rows on one massless node share its coordinate: of their openings all combinations but one do without it, and have a higher
-    relative degree than any of the rows.
+    Rows on one massless node share its coordinate: of their openings all combinations but one do without it, and have a
+    higher relative degree than any of the rows.
 
     Parameters
     ----------
