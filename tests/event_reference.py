@@ -696,6 +696,8 @@ class Reference:
             raise Undecided("impacts of several bodies accumulate faster than 300 digits tell apart")
         if not any(U[i] < 0 for i in meeting):
             return P, x
+        if any(U[i] > 0 and any(z.H[i, j] != 0 for j in z.massless) for i in meeting):
+            raise Undecided("a plate leaves what it touches, as it may at the start only")
         wanted = {i: -arb(z.rows[i].e) * min(U[i], arb(0)) for i in meeting}
         for count in range(len(meeting) + 1):
             for rows in combinations(meeting, count):

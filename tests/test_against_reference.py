@@ -1,4 +1,4 @@
-"""The exact solution against the event simulator of `event_reference`, on random schemes of nine kinds.
+"""The exact solution against the event simulator of `event_reference`, on random schemes of ten kinds.
 
 From the directory of the repository, ``python tests/test_against_reference.py KIND SEED`` prints the scheme and the events
 of both, side by side.

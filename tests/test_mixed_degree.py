@@ -327,7 +327,7 @@ def test_methods_that_find_events_have_the_closed_form(method):
     (t, R, P_R), (_, S, P_S) = impacts(trajectory)
     assert (R, S) == ("R", "S")
     assert t == pytest.approx(t_1, rel=off)
-    assert [P_R, P_S] == pytest.approx([M * (1.0 + E_S) * speed] * 2, rel=off)
+    assert pytest.approx([M * (1.0 + E_S) * speed] * 2, rel=off) == [P_R, P_S]
     event = trajectory.events[0]
     assert event.left.reaction == pytest.approx([K * GAP + C * speed, 0.0], rel=off)
     assert [event.left.v[0], event.right.v[0]] == pytest.approx([speed, -E_S * speed], rel=off)
@@ -367,7 +367,7 @@ def test_a_pressed_plate_answers_with_e_of_the_body(method):
     (t, R, P), (_, S, Q) = impacts(trajectory)
     assert (R, S) == ("R", "S")
     assert t == pytest.approx(0.5, rel=1e-9)
-    assert [P, Q] == pytest.approx([51.0, 51.0], rel=1e-9)
+    assert pytest.approx([51.0, 51.0], rel=1e-9) == [P, Q]
     assert trajectory["v_x"][-1] == pytest.approx(-2.1, rel=1e-9)
     assert trajectory["S"] == pytest.approx(500.0, rel=1e-9)
 

@@ -56,6 +56,9 @@ so far: a root found to rounding leaves about 1e-15 of them."""
 FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
 """What counts as rounding in the solution of an LCP in floats."""
 
+REFINED = 2
+"""A correction in floats is made so often, which gives it the digits of double-doubles."""
+
 BORDER = (1.0, 16.0, 256.0)
 """So many times what counts as zero may still be rounding, where nothing else fits."""
 
@@ -260,7 +263,11 @@ class System:
             rows = list(mode.closed)
             if rows:
                 O, G = self._held(mode)  # noqa: E741
+                terms = np.abs(O.hi) + np.abs(G.hi) @ np.abs(F[0])
                 F[:, rows] = -_solve(G[:, rows], O + G @ DoubleDouble(F)).parts
+                if self.mixed:
+                    cancels = np.abs(F[0, rows]) <= FINE_ZERO * (np.abs(np.linalg.inv(G.hi[:, rows])) @ terms)
+                    F[:, rows] = np.where(cancels, 0.0, F[:, rows])
             # What cancels in A + B F is zero: nothing moves where forces balance.
             closed = A + B @ DoubleDouble(F)
             closed.parts[:, np.abs(closed.hi) <= FINE_ZERO * (np.abs(A.hi) + np.abs(B.hi) @ np.abs(F[0]))] = 0.0
@@ -302,10 +309,17 @@ class System:
         """The impulse paths that lead over massless nodes (np, nc)."""
         return self.dynamics.impulse_lines if self.mixed else np.zeros((0, len(self.degree)))
 
+    def openings(self, F: DoubleDouble) -> DoubleDouble:
+        """Return C + D F (nc, N), by which u = C X + D r is read off X, with what cancels set to zero."""
+        _, _, C, D, *_ = self.fine
+        found = C + D @ F
+        found.parts[:, np.abs(found.hi) <= FINE_ZERO * (np.abs(C.hi) + np.abs(D.hi) @ np.abs(F.hi))] = 0.0
+        return found
+
     def rates(self, mode: Mode) -> DoubleDouble:
         """Return the rows (nc, N) by which a mode has the opening rates U, those of massless nodes included."""
         flow, F = self.reaction(mode)
-        U = (self.fine.C + self.fine.D @ F) @ flow.generator
+        U = _product(self.openings(F), flow.generator)
         U.parts[:, list(mode.closed)] = 0.0
         return U
 
@@ -393,7 +407,7 @@ class System:
             (flow, F), Fw = self.reaction(mode), self.share(mode)
             E, Dw = self.input_matrices
             D, B = self.fine.D, self.matrices[1]
-            gap = self.fine.C + D @ F
+            gap = self.openings(F)
             # A slider that slips has degree 1 or 2, or no input acts on it: then u' holds no rate of an input.
             U = stacked([[gap @ flow.generator, gap @ (E + B @ Fw)]]).parts
             u, r = stacked([[gap, Dw + D @ Fw]]).parts, stacked([[F, Fw]]).parts
@@ -491,13 +505,15 @@ def settled(system: System, mode: Mode | None, X: DoubleDouble, scale: Array) ->
 
 def _put_to_zero(system: System, constraint: DoubleDouble, X: DoubleDouble, scale: Array) -> DoubleDouble:
     """Return X with these rows of it put to zero."""
-    rest = (constraint @ X).hi
-    if not rest.any():
-        return X
     # What is given, the constant and the signals, stays what it is; the rest moves in proportion to its size.
     moves = np.where(np.arange(len(X)) < system.form.constant, scale, 0.0)
-    correction = np.linalg.lstsq(constraint.hi * moves, rest, rcond=ZERO)[0]
-    return X - DoubleDouble.of(moves * correction)
+    for _ in range(REFINED):
+        rest = (constraint @ X).hi
+        if not rest.any():
+            break
+        correction = np.linalg.lstsq(constraint.hi * moves, rest, rcond=ZERO)[0]
+        X = X - DoubleDouble.of(moves * correction)
+    return X
 
 
 @compiled(matrix(cube, matrix, vector, flags, f8))
@@ -718,6 +734,7 @@ def _exchanged(
     every, near = system.together(tuple(range(nc))), tuple(map(int, np.flatnonzero(~apart)))
     slow = zero * float((np.abs(every.CA.hi[every.degree == 2]) @ scale).max(initial=0.0))
     X = _at_rest(system, near, X, (u, slow), held, scale, zero)
+    u, U = gaps(system, X, scale, held, zero)
     closed: set[int] = set()
     seen: set[tuple[int, ...]] = set()
     while (rows := tuple(sorted(closed))) not in seen:
@@ -800,7 +817,7 @@ def _first_terms(
         state = state + push(first + rate)
         sizes = np.maximum(sizes, np.abs(state.hi))
     flow, F = system.reaction(Mode(rows, (), (), ()))
-    reads = system.fine.C + system.fine.D @ F
+    reads = system.openings(F)
     reads.parts[:, at] = F.parts[:, at]
     open_ = np.isin(np.arange(len(sign)), at, invert=True)
     for k in range(len(X) + 1):
