@@ -830,6 +830,8 @@ def _judge_dense(
     largest = _largest_impulses(d, events)
     accelerations = _accelerations(d, g)
     slow = ε * scales.U + limits.rest * end * accelerations
+    for path in d.impulse_lines > 0.0:
+        slow[path] = np.maximum(slow[path], slow[path].sum())
     opened = ε * scales.u + np.abs(d.H) @ coarse_v[-1]
     products = np.maximum(np.where(one_sided, product, friction), worked_off)
     bounds = np.where(d.slides, d.r_max, 0.0)

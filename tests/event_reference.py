@@ -606,7 +606,7 @@ class Reference:
         while len(self.apart) <= enough:
             if len(self.segments) > MOST:
                 raise Undecided("more events than are followed")
-            P, x = self._impact(x, does is None)
+            P, x = self._impact(x)
             accumulated: set[int] = set()
             if any(p != 0 for p in P):
                 hit = [i for i, p in enumerate(P) if p != 0]
@@ -685,7 +685,7 @@ class Reference:
             for value, size in zip(values.entries(), scale.entries(), strict=True)
         ]
 
-    def _impact(self, x: arb_mat, first: bool) -> tuple[list[arb], arb_mat]:
+    def _impact(self, x: arb_mat) -> tuple[list[arb], arb_mat]:
         """Return the impulses and x after them: 0 <= P ⟂ U⁺ + e min(U⁻, 0) >= 0."""
         z = self.equations
         u, U = self._read(z.opening, x), self._read(z.rate, x)
@@ -694,11 +694,10 @@ class Reference:
         gaps, sizes = arb_mat(z.opening) * x, _absolute(arb_mat(z.opening)) * self.scale
         if any(U[i] < 0 for i in meeting) and any(abs(gaps[i, 0].mid()) > NOISE * sizes[i, 0] for i in meeting):
             raise Undecided("impacts of several bodies accumulate faster than 300 digits tell apart")
-        if first:
-            # The rates of massless nodes are no data.
-            meeting = [i for i in meeting if not any(z.H[i, j] != 0 for j in z.massless)]
         if not any(U[i] < 0 for i in meeting):
             return P, x
+        if any(U[i] > 0 and any(z.H[i, j] != 0 for j in z.massless) for i in meeting):
+            raise Undecided("a plate leaves what it touches, as it may at the start only")
         wanted = {i: -arb(z.rows[i].e) * min(U[i], arb(0)) for i in meeting}
         for count in range(len(meeting) + 1):
             for rows in combinations(meeting, count):
@@ -751,23 +750,21 @@ class Reference:
             masses = [arb(z.M[j, j]) for j in z.massive if z.H[i, j] != 0]
             if p <= zero * min(masses, default=arb(1)):
                 return None
-        # A massless node that no impulse reaches may take any velocity that its rows allow.
-        low: dict[int, list[arb]] = {}
-        high: dict[int, list[arb]] = {}
-        for i in meeting:
-            if i in rows:
-                continue
-            unknown = [j for j in range(z.n) if z.H[i, j] != 0 and j not in v]
-            known = sum((arb(z.H[i, j]) * v[j] for j in v), arb(0)) - wanted[i]
-            if not unknown:
-                if known < -zero:
+        # A massless node that no impulse reaches may take any velocity that its rows allow: at least ``least``.
+        least: dict[int, arb] = {}
+        others = [i for i in meeting if i not in rows]
+        for _ in range(len(z.massless) + 1):
+            for i in others:
+                below, above = (
+                    next((j for j in range(z.n) if z.H[i, j] == sign), None) for sign in (fmpq(1), fmpq(-1))
+                )
+                held = arb(0) if above is None else v.get(above, least.get(above))
+                if held is None:
+                    continue
+                if below is not None and below not in v:
+                    least[below] = max(least.get(below, held + wanted[i]), held + wanted[i])
+                elif (arb(0) if below is None else v[below]) < held + wanted[i] - zero:
                     return None
-            elif len(unknown) == 1:
-                (j,) = unknown
-                (low if z.H[i, j] > 0 else high).setdefault(j, []).append(-known if z.H[i, j] > 0 else known)
-        for j in low.keys() & high.keys():
-            if max(low[j]) > min(high[j]) + zero:
-                return None
         return P, v
 
     def _mode(self, does: tuple[str, ...]) -> Mode | None:

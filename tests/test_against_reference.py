@@ -1,4 +1,4 @@
-"""The exact solution against the event simulator of `event_reference`, on random schemes of nine kinds.
+"""The exact solution against the event simulator of `event_reference`, on random schemes of ten kinds.
 
 From the directory of the repository, ``python tests/test_against_reference.py KIND SEED`` prints the scheme and the events
 of both, side by side.
@@ -29,6 +29,7 @@ KINDS = (
     "stiff",
     "soft",
     "accumulation",
+    "stopped plates",
 )
 
 MOST = 40
@@ -105,6 +106,8 @@ class Draw:
 def scheme_of(kind: str, seed: int, attempt: int = 0) -> tuple[li.Problem, float]:
     """Return a column of one to four bodies, with bumpers, plates on springs and dashpots, and how long to follow it."""
     draw = Draw(kind, seed, attempt)
+    if kind == "stopped plates":
+        return stopped_plates(draw, seed)
     n = int(draw.rng.choice([1, 2, 3, 4], p=[0.3, 0.35, 0.2, 0.15]))
     bodies = [f"b{i}" for i in range(n)]
     pressed = kind == "accumulation" and draw.chance(0.8)
@@ -161,6 +164,44 @@ def scheme_of(kind: str, seed: int, attempt: int = 0) -> tuple[li.Problem, float
     if kind == "extreme units":
         elements, q0, v0, end = rescaled(draw, elements, q0, v0, end)
     return li.Problem(f"{kind} {seed}", li.Scheme(*elements), q0=q0, v0=v0), end
+
+
+def stopped_plates(draw: Draw, seed: int) -> tuple[li.Problem, float]:
+    """Return bodies that meet plates without mass, which meet each other, stops or other bodies."""
+    elements: list = []
+    v0 = {}
+    bodies = [f"b{i}" for i in range(int(draw.rng.choice([1, 2], p=[0.6, 0.4])))]
+    plates = [f"p{i}" for i in range(int(draw.rng.choice([1, 2], p=[0.6, 0.4])))]
+    for node in bodies:
+        elements.append(li.Mass(node, draw("m")))
+        elements.append(li.Load(node, 3.0 * draw("load")))
+        v0[node] = draw("v") if draw.chance(0.8) else -draw("v")
+        if draw.chance(0.25):
+            elements.append(li.KelvinVoigt(node, "ground", draw("k"), draw("c")))
+    for i, node in enumerate(plates):
+        held = plates[i - 1] if i and draw.chance(0.3) else bodies[-1] if draw.chance(0.2) else "ground"
+        k, c = draw("k"), draw("c")
+        kinds = (li.Spring(node, held, k), li.Dashpot(node, held, c), li.KelvinVoigt(node, held, k, c))
+        elements.append(kinds[int(draw.rng.choice(3, p=[0.3, 0.1, 0.6]))])
+        if draw.chance(0.3):
+            elements.append(li.Load(node, draw.signed("load")))
+    pairs = [(body, plates[0]) for body in bodies] + [*pairwise(plates), (plates[-1], "ground")]
+    if len(bodies) == 2 and draw.chance(0.3):
+        pairs[1] = ("b0", "b1") if draw.chance(0.5) else (plates[-1], "b1")
+    if draw.chance(0.2):
+        pairs.append((plates[0], "ground") if len(plates) == 2 else ("ground", plates[0]))
+    for j, (upper, lower) in enumerate(pairs):
+        gap, e = 0.0 if draw.chance(0.2) else draw("gap"), draw("e")
+        try:
+            trial = [
+                *elements,
+                *(li.Bumper(a, b, gap=1.0, e=0.5, name=f"T{i}") for i, (a, b) in enumerate(pairs[j + 1 :])),
+            ]
+            li.Scheme(*trial, li.Bumper(upper, lower, gap=gap, e=e, name=f"R{j}")).assemble()
+            elements.append(li.Bumper(upper, lower, gap=gap, e=e, name=f"R{j}"))
+        except li.InputError:
+            elements.append(li.Bumper(upper, lower, gap=gap, name=f"R{j}"))
+    return li.Problem(f"stopped plates {seed}", li.Scheme(*elements), v0=v0), 0.5 * draw("end")
 
 
 def rescaled(draw: Draw, elements: list, q0: dict, v0: dict, end: float) -> tuple[list, dict, dict, float]:

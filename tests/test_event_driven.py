@@ -497,8 +497,11 @@ def test_sliders_and_motions():
             r"slider 'F'.*load that is a function of time.*Harmonic",
         ),
         (
-            (Mass("b", 1.0), Spring("p", "ground", 1e2), Bumper("x", "p", name="Ra"), Bumper("b", "p", name="Rb")),
-            r"Ra.*Rb.*'event-driven'.*moreau-jean",
+            (
+                *(Mass("b", 1.0), Spring("p", "ground", 1e2), Slider("b", "ground", r0=1.0)),
+                *(Bumper("x", "p", name="Ra"), Bumper("b", "p", name="Rb")),
+            ),
+            r"Ra.*Rb.*'event-driven'.*beside sliders.*moreau-jean",
         ),
     ],
 )

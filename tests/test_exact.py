@@ -251,18 +251,16 @@ def test_a_run_equals_its_two_halves_at_any_output_step():
     assert_allclose(coarse.q, whole.q[::500], rtol=0, atol=1e-13)
 
 
-def test_contacts_without_a_common_relative_degree_are_refused_by_name():
-    # A massless plate on a spring, with a body on each side: closed together they are an impact between the bodies.
+def test_contacts_without_a_common_relative_degree_are_refused_by_name_beside_sliders():
     scheme = li.Scheme(
         li.Mass("a", 1.0),
         li.Mass("b", 1.0),
-        li.Load("a", 10.0),
-        li.Load("b", 10.0),
         li.Spring("p", "ground", 100.0),
         li.Bumper("a", "p", name="Ra"),
         li.Bumper("b", "p", name="Rb"),
+        li.Slider("a", "ground", r0=0.5),
     )
-    with pytest.raises(li.UnsupportedError, match=r"Ra.*moreau-jean"):
+    with pytest.raises(li.UnsupportedError, match=r"'Ra', 'Rb'.*beside sliders.*moreau-jean"):
         exact(li.Problem("plate", scheme, v0={"a": 1.0, "b": 2.0}))
 
 

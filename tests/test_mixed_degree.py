@@ -10,6 +10,9 @@ from scipy.optimize import brentq, linprog
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.impact_law import impact_law
+from lcpimpact.integrators.motion import begin_problem, state_before
+from lcpimpact.integrators.motion import follow as follow_motion
+from lcpimpact.integrators.tangent import tangent
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.scheme.dynamics import Feature
 
@@ -49,6 +52,26 @@ def closed_form(t_end):
     x, v = riding(*after, t_2)
     rest = t_end - t_1 - t_2
     return t_1, speed, x + v * rest + 0.5 * G * rest**2, v + G * rest
+
+
+EVENT_METHODS = {"exact": 1e-12, "radau-fesd": 1e-9, "event-driven": 1e-7}
+"""Methods that find events, and what they may be off by here, relative to the motion."""
+
+
+def follow(scheme, t_end, method="exact", q0=None, v0=None, dt=None):
+    """Run a method that finds events, and check that no impact gains energy."""
+    problem = li.Problem("stopped plate", scheme, q0=q0 or {}, v0=v0 or {}, t_end=t_end)
+    trajectory = li.simulate(problem, method, dt=dt or t_end / 400.0, t_end=t_end)
+    d = problem.dynamics
+    for event in trajectory.events:
+        gain = d.kinetic_energy(event.right.v) - d.kinetic_energy(event.left.v)
+        assert gain <= 1e-12 * d.kinetic_energy(event.left.v)
+    return trajectory
+
+
+def impacts(trajectory):
+    """Return instant, contact and impulse of each impact."""
+    return [(event.t, event.contact, event.impulse) for event in trajectory.events if event.kind == "impact"]
 
 
 def graphs():
@@ -294,6 +317,214 @@ def test_the_certificate_judges_a_path_by_its_law_of_impact():
     trajectory = run(buffer_with_a_stop(), 0.4, v0={"x": V0})
     assert trajectory.certificate.complementarity <= 1e-9 * M * V0**2
     assert trajectory.certificate.energy_balance <= 1e-9 * trajectory.certificate.energy_scale
+
+
+@pytest.mark.parametrize("method", EVENT_METHODS)
+def test_methods_that_find_events_have_the_closed_form(method):
+    t_end, off = 0.4, EVENT_METHODS[method]
+    t_1, speed, x, v = closed_form(t_end)
+    trajectory = follow(buffer_with_a_stop(), t_end, method, v0={"x": V0})
+    (t, R, P_R), (_, S, P_S) = impacts(trajectory)
+    assert (R, S) == ("R", "S")
+    assert t == pytest.approx(t_1, rel=off)
+    assert pytest.approx([M * (1.0 + E_S) * speed] * 2, rel=off) == [P_R, P_S]
+    event = trajectory.events[0]
+    assert event.left.reaction == pytest.approx([K * GAP + C * speed, 0.0], rel=off)
+    assert [event.left.v[0], event.right.v[0]] == pytest.approx([speed, -E_S * speed], rel=off)
+    assert trajectory["x"][-1] == pytest.approx(x, rel=10.0 * off)
+    assert trajectory["v_x"][-1] == pytest.approx(v, rel=10.0 * off)
+
+
+@pytest.mark.parametrize("method", EVENT_METHODS)
+@pytest.mark.parametrize("e_S", [0.0, 0.5, 1.0])
+@pytest.mark.parametrize("c", [1.0, 1e6])
+def test_the_stop_sends_the_body_back_by_its_own_coefficient(method, e_S, c):
+    """A soft spring, or a dashpot that hardly gives way, changes the speed before the impact, and nothing else."""
+    scheme = li.Scheme(
+        li.Mass("x", m=2.0),
+        li.Bumper("x", "z", name="R", e=0.9),
+        li.KelvinVoigt("z", "ground", k=5.0, c=c),
+        li.Bumper("z", "ground", gap=1e-3, name="S", e=e_S),
+    )
+    v0 = 1.0 + c * 1e-3
+    event = next(event for event in follow(scheme, 0.02, method, v0={"x": v0}).events if event.kind == "impact")
+    assert event.contact == "R"
+    assert event.right.v[0] == pytest.approx(-e_S * event.left.v[0], rel=1e-9, abs=1e-12)
+    # The dashpot takes c times the way, but for what the spring adds.
+    assert event.left.v[0] == pytest.approx(v0 - 0.5 * c * 1e-3, rel=1e-4)
+
+
+@pytest.mark.parametrize("method", EVENT_METHODS)
+def test_a_pressed_plate_answers_with_e_of_the_body(method):
+    scheme = li.Scheme(
+        li.Mass("x", m=10.0),
+        li.Bumper("x", "z", gap=1.0, name="R", e=0.7),
+        li.Load("z", f=1000.0),
+        li.KelvinVoigt("z", "ground", k=1000.0, c=50.0),
+        li.Bumper("z", "ground", gap=0.5, name="S", e=0.1),
+    )
+    trajectory = follow(scheme, 0.6, method, q0={"z": 0.5}, v0={"x": 3.0})
+    (t, R, P), (_, S, Q) = impacts(trajectory)
+    assert (R, S) == ("R", "S")
+    assert t == pytest.approx(0.5, rel=1e-9)
+    assert pytest.approx([51.0, 51.0], rel=1e-9) == [P, Q]
+    assert trajectory["v_x"][-1] == pytest.approx(-2.1, rel=1e-9)
+    assert trajectory["S"] == pytest.approx(500.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("method", EVENT_METHODS)
+def test_a_heavy_body_comes_to_rest_and_stays(method):
+    trajectory = follow(buffer_with_a_stop(m=1000.0), 30.0, method, v0={"x": V0}, dt=0.01)
+    assert trajectory["x"][-1] == pytest.approx(GAP, rel=1e-12)
+    assert trajectory["v_x"][-1] == pytest.approx(0.0, abs=1e-12)
+    assert trajectory["R"][-1] == pytest.approx(1000.0 * G, rel=1e-12)
+    assert trajectory["S"][-1] == pytest.approx(1000.0 * G - K * GAP, rel=1e-12)
+    assert trajectory.events[-1].t < 15.0
+
+
+@pytest.mark.parametrize("method", EVENT_METHODS)
+@pytest.mark.parametrize(("v_z", "rebound"), [(0.0, 0.3), (2.0, 0.4), (0.5, 0.75 * 0.3 + 0.25 * 0.4)])
+def test_a_start_on_both_contacts_takes_the_rate_of_the_plate_as_given(method, v_z, rebound):
+    """U_R and U_S before the start are z' - x' and -z': each part of the approach comes back by its own coefficient."""
+    trajectory = follow(buffer_with_a_stop(), 0.01, method, q0={"x": GAP, "z": GAP}, v0={"x": 2.0, "z": v_z})
+    assert [t for t, *_ in impacts(trajectory)[:2]] == [0.0, 0.0]
+    assert trajectory["v_x"][0] == pytest.approx(-2.0 * rebound, rel=1e-12)
+    assert trajectory["x"][0] == GAP
+
+
+@pytest.mark.parametrize("method", EVENT_METHODS)
+def test_a_start_at_rest_on_both_contacts_is_no_event(method):
+    """The spring is not strained: only the force of the body closes both."""
+    scheme = li.Scheme(
+        li.Mass("x", m=3.0),
+        li.Load("x", f=30.0),
+        li.Bumper("x", "z", name="R", e=0.5),
+        li.KelvinVoigt("z", "ground", k=100.0, c=5.0),
+        li.Bumper("z", "ground", name="S", e=0.5),
+    )
+    trajectory = follow(scheme, 1.0, method)
+    assert trajectory.events == ()
+    assert trajectory["R"] == pytest.approx(30.0, rel=1e-12)
+    assert trajectory["S"] == pytest.approx(30.0, rel=1e-12)
+    assert not trajectory.q.any()
+
+
+@pytest.mark.parametrize("method", EVENT_METHODS)
+def test_a_start_on_the_stop_with_the_bumper_open(method):
+    """The spring drives the plate home as exp(-t k/c), and the body meets it on its way: only then R closes."""
+    k, c = 100.0, 50.0
+    scheme = li.Scheme(
+        li.Mass("x", m=3.0),
+        li.Bumper("x", "z", name="R", e=0.5),
+        li.KelvinVoigt("z", "ground", k=k, c=c),
+        li.Bumper("z", "ground", gap=0.2, name="S", e=0.5),
+    )
+    trajectory = follow(scheme, 0.5, method, q0={"x": -0.3, "z": 0.2}, v0={"x": 1.0})
+    first = trajectory.events[0]
+    t_1 = brentq(lambda t: 0.2 * np.exp(-k / c * t) + 0.3 - t, 0.0, 1.0, xtol=1e-15)
+    assert (first.contact, first.kind) == ("R", "close")
+    assert first.t == pytest.approx(t_1, rel=1e-8)
+    assert first.right.v[0] == 1.0
+
+
+@pytest.mark.parametrize("method", EVENT_METHODS)
+def test_bodies_that_ride_on_one_plate_share_its_force_by_their_masses(method):
+    """Their contacts have no common relative degree: together they hold the bodies to each other, and no impulse acts."""
+    scheme = li.Scheme(
+        li.Mass("a", 1.0),
+        li.Mass("b", 3.0),
+        li.Load("a", 10.0),
+        li.Load("b", 30.0),
+        li.Spring("p", "ground", 100.0),
+        li.Bumper("a", "p", name="Ra"),
+        li.Bumper("b", "p", name="Rb"),
+    )
+    trajectory = follow(scheme, 0.6, method, v0={"a": 2.0, "b": 2.0})
+    ω = 5.0
+    x = 0.4 * (1.0 - np.cos(ω * trajectory.t)) + 2.0 / ω * np.sin(ω * trajectory.t)
+    assert trajectory.events == ()
+    for name in "abp":
+        assert trajectory[name] == pytest.approx(x, abs=1e-7)
+    assert trajectory["Ra"] == pytest.approx(25.0 * x, abs=1e-5)
+    assert trajectory["Rb"] == pytest.approx(75.0 * x, abs=1e-5)
+
+
+def test_the_faster_body_takes_the_plate_away_from_the_other():
+    scheme = li.Scheme(
+        li.Mass("a", 1.0),
+        li.Mass("b", 1.0),
+        li.KelvinVoigt("p", "ground", 1.0, 1.0),
+        li.Bumper("a", "p", name="Ra"),
+        li.Bumper("b", "p", name="Rb"),
+    )
+    trajectory = follow(scheme, 0.3, v0={"a": 1.0, "b": 2.0})
+    assert trajectory["a"] == pytest.approx(trajectory.t, rel=1e-13, abs=1e-13)
+    assert not trajectory["Ra"].any()
+    assert trajectory["Rb"][0] == pytest.approx(2.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("method", EVENT_METHODS)
+def test_impulses_pass_through_a_chain_of_a_damped_and_a_static_plate(method):
+    scheme = li.Scheme(
+        li.Mass("x", m=10.0),
+        li.Load("x", f=98.1),
+        li.Bumper("x", "y", gap=0.1, name="R", e=0.3),
+        li.KelvinVoigt("y", "ground", k=500.0, c=30.0),
+        li.Bumper("y", "z", gap=0.2, name="T", e=0.6),
+        li.Spring("z", "ground", k=300.0),
+        li.Bumper("z", "ground", gap=0.3, name="S", e=0.5),
+    )
+    trajectory = follow(scheme, 0.3, method, v0={"x": 4.0})
+    found = impacts(trajectory)[:3]
+    event = next(event for event in trajectory.events if event.kind == "impact")
+    assert [contact for _, contact, _ in found] == ["R", "T", "S"]
+    assert event.right.v[0] == pytest.approx(-0.5 * event.left.v[0], rel=1e-9)
+    assert [P for *_, P in found] == pytest.approx([15.0 * event.left.v[0]] * 3, rel=1e-9)
+    # All gaps are closed: the body has come as far as they allow.
+    assert event.left.q[0] == pytest.approx(0.6, rel=1e-9)
+    step = run(scheme, 0.3, 1e-4, v0={"x": 4.0})
+    assert trajectory["x"][-1] == pytest.approx(step["x"][-1], abs=2e-3)
+
+
+def test_a_body_beside_a_rest_that_lasts_keeps_all_events_true():
+    """Nothing that happens elsewhere for a long time opens what is pressed to its stop."""
+    scheme = li.Scheme(
+        *buffer_with_a_stop(m=1000.0).elements,
+        li.Mass("far", m=1.0),
+        li.Spring("far", "ground", k=0.3),
+        li.Bumper("far", "ground", gap=0.5, e=1.0, name="F"),
+    )
+    trajectory = follow(scheme, 300.0, q0={"x": GAP, "z": GAP, "far": 1.0 / 3.0}, v0={"far": 0.5}, dt=1.0)
+    assert {event.contact for event in trajectory.events} == {"F"}
+    assert trajectory["S"] == pytest.approx(1000.0 * G - K * GAP, rel=1e-12)
+    # The other swings by A cos(ω t) but for the time that it would spend beyond its stop.
+    ω = np.sqrt(0.3)
+    period = 2.0 * (np.pi - np.arccos(0.5 / np.hypot(1.0 / 3.0, 0.5 / ω))) / ω
+    assert len(trajectory.events) == pytest.approx(300.0 / period, abs=1.0)
+
+
+def test_a_motion_begun_without_a_run_obeys_the_same_law():
+    problem = li.Problem("stopped plate", buffer_with_a_stop(), v0={"x": V0}, t_end=0.4)
+    motion = begin_problem(problem, "exact", 0.4)
+    follow_motion(motion, 0.4)
+    t_1, speed, *_ = closed_form(0.4)
+    assert motion.events[0].t == pytest.approx(t_1, rel=1e-12)
+    assert motion.events[0].right.v[0] == pytest.approx(-E_S * speed, rel=1e-12)
+
+
+def test_the_derivative_of_a_motion_knows_impulse_paths():
+    def state(change):
+        place = {"x": -0.05 + change[0], "z": 0.01 + change[1]}
+        problem = li.Problem("stopped plate", buffer_with_a_stop(), q0=place, v0={"x": V0 + change[2]})
+        motion = begin_problem(problem, "exact", 1.2)
+        follow_motion(motion, 1.2)
+        return motion, state_before(motion, 1.2)[:3]
+
+    motion, _ = state(np.zeros(3))
+    assert len([event for event in motion.events if event.kind == "impact"]) == 4
+    h = 1e-6
+    measured = np.column_stack([(state(h * unit)[1] - state(-h * unit)[1]) / (2.0 * h) for unit in np.eye(3)])
+    assert tangent(motion, 1.2)[:3, :3] == pytest.approx(measured, abs=1e-7)
 
 
 @pytest.mark.parametrize("method", [name for name in METHODS if name != "moreau-jean"])

@@ -448,10 +448,11 @@ def test_what_is_not_handled_is_refused_by_name():
         li.Mass("b", 1.0),
         li.Load("a", 10.0),
         li.Spring("p", "ground", 100.0),
+        li.Slider("a", "ground", r0=1.0),
         li.Bumper("a", "p", name="Ra"),
         li.Bumper("b", "p", name="Rb"),
     )
-    with pytest.raises(li.UnsupportedError, match=r"Ra.*radau-fesd.*moreau-jean"):
+    with pytest.raises(li.UnsupportedError, match=r"Ra.*radau-fesd.*beside sliders.*moreau-jean"):
         fesd(li.Problem("plate", plate, v0={"a": 1.0, "b": 2.0}))
 
 

@@ -422,7 +422,7 @@ class EventDriven(Integrator):
         order_penetration=math.inf,
         level="position and velocity at events, acceleration between them",
         relative_degrees=(0, 1, 2),
-        handles=tuple(each for each in Feature if each is not Feature.IMPULSE_PATHS),
+        handles=tuple(Feature),
         reaction_lives="at t, right limit",
         energy="to the tolerance",
         balances_energy=True,
@@ -464,7 +464,7 @@ class EventDriven(Integrator):
         d = problem.dynamics
         form, inputs = forced_form(d, self.name)
         system = System(d, form, (inputs.E, inputs.D))
-        refuse_mixed_degrees(system, self.name)
+        refuse_mixed_degrees(system, self.name, except_schemes=True)
         if len(system.remembered) and inputs.D[:, len(inputs.law) :].any():
             slider = d.contacts[system.remembered[0]].name
             raise UnsupportedError(
@@ -480,7 +480,7 @@ class EventDriven(Integrator):
             _samples(LINEAR_ORDER if low else ORDER), Flights.none(len(d.contacts)),
         )  # fmt: skip
         try:
-            self._enter(run, record, 0.0, X, None)
+            self._enter(run, record, 0.0, X, None, rates=d.gap_rate(problem.initial_velocities))
         except np.linalg.LinAlgError:
             raise UnsupportedError(
                 f"some contacts or sliders of {problem.name!r} hold together at the start in a way that leaves their shares "
@@ -597,10 +597,12 @@ class EventDriven(Integrator):
         X: Array,
         turned: tuple[int, int] | None,
         breakpoint: bool = False,
+        rates: Array | None = None,
     ) -> Status:
         """Begin a segment at t: impacts, the mode, the events that this makes, and a solver for what follows.
 
-        At a ``breakpoint`` the signals in X are left limits, and go over to the right ones.
+        At a ``breakpoint`` the signals in X are left limits, and go over to the right ones. Before the start of the run the
+        opening rates are ``rates`` (nc,).
         """
         system, old = run.system, run.segment
         assert record.events is not None
@@ -613,14 +615,21 @@ class EventDriven(Integrator):
             kept = replace(kept, U=np.zeros_like(kept.U))
 
         u, U = (each.hi for each in gaps(system, state, run.scale, kept))
-        landing = np.flatnonzero(system.meets & (u <= 0.0) & (U < 0.0))
+        if old and len(system.lines):
+            closed = np.isin(np.arange(len(u)), old.mode.closed)
+            rates = np.where(closed, 0.0, system.dynamics.gap_rate(_state(run, old, t - old.t0, X).v))
+        meets = system.meets & (u <= 0.0) & (U < 0.0)
+        if len(system.lines) and rates is not None:
+            P = impact(system, state, run.scale, run.lcp_solver, None, kept, left=approach, rates=rates)[1]
+            meets, U = (P > 0.0) & (rates < 0.0), rates
+        landing = np.flatnonzero(meets)
         short, flights = self.zeno * run.grid.t_end, run.flights
         quick = flights.quick(system, t, landing, U, run.scale, short)
         restitution = system.restitution
         if len(landing):
             rounding = ROUNDING * (np.abs(system.matrices[2][landing]) @ run.scale)
             lost = rounding / np.maximum(-U[landing], TINY)
-            if (np.abs((system.fine.C[landing] @ state).hi) > rounding).any():
+            if not system.mixed and (np.abs((system.fine.C[landing] @ state).hi) > rounding).any():
                 # A root is found to the rounding of a dense output; from impact to impact that would add up.
                 met = kept.u.copy()
                 met[landing] = True
@@ -629,7 +638,9 @@ class EventDriven(Integrator):
             if not quick:
                 over = (flights.short >= FLIGHTS) & (restitution < 1.0)
                 restitution = np.where(over, 0.0, restitution)
-        pushed, P, kept = impact(system, state, run.scale, run.lcp_solver, restitution, kept, left=approach)
+        pushed, P, kept = impact(
+            system, state, run.scale, run.lcp_solver, restitution, kept, left=approach, rates=rates
+        )
         forces = Forces(run.inputs, self._phase(run, pushed.hi, turned))
         mode, chosen = choose_mode(*_about(run, t, pushed.hi, forces), run.lcp_solver, kept)
         after = run.without_inputs(chosen.hi)
@@ -737,8 +748,7 @@ def _course(run: Run, mode: Mode, forces: Forces) -> Segment:
         springs, falls = _spring_ends(inputs, forces.phase, len(flow.A))
         rows += falls
         order += [0] * len(falls)
-    Q, Qr = system.read
-    place = Q + Qr @ F
+    n, reading = len(system.dynamics.nodes), system.coordinates(mode).rows.hi
     return Segment(
         0.0,
         0.0,
@@ -750,9 +760,9 @@ def _course(run: Run, mode: Mode, forces: Forces) -> Segment:
         np.array(rows).reshape(len(rows), len(flow.A) + inputs.count + ns),
         np.array(order, dtype=np.int64),
         springs,
-        (place, inputs.Q + Qr @ Fw),
+        (reading[:n], inputs.Q + system.read[1] @ Fw),
         (F, Fw),
-        place @ flow.A,
+        reading[n : 2 * n],
     )
 
 

@@ -59,7 +59,7 @@ class Exact(Integrator):
         order_penetration=float("inf"),
         level="position and velocity",
         relative_degrees=(0, 1, 2),
-        handles=(Feature.SLIDERS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION),
+        handles=tuple(each for each in Feature if each is not Feature.POWER_LAWS),
         reaction_lives="at t, right limit",
         energy="exact",
         balances_energy=True,

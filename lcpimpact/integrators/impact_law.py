@@ -66,12 +66,24 @@ class ImpactLaw:
         FailureError
             If the LCP is not solved.
         """
-        opening, approach = self.paths @ U, np.minimum(U, 0.0)
+        opening = self.paths @ U
         if self.lcp is None or not (opening < 0.0).any():
             return np.zeros(self.paths.shape[1])
-        whole = np.divide(opening, self.paths @ approach, out=np.zeros_like(opening), where=opening < 0.0)
-        q = opening + whole * (self.paths @ (e * approach))
+        q = opening + restitution(self.paths, U, e)
         return np.asarray(self.lcp.solve(q).z @ self.paths)
+
+
+def restitution(paths: Array, U: Array, e: Array) -> Array:
+    """Return Σ e U⁻ (np,) in m/s of paths (np, nt), less what those of their contacts take away that open already.
+
+    Parameters
+    ----------
+    paths : (np, nt) array
+    U, e : (nt,) arrays         opening rates before the impact, and coefficients of restitution
+    """
+    opening, approach = paths @ U, np.minimum(U, 0.0)
+    whole = np.divide(opening, paths @ approach, out=np.zeros_like(opening), where=opening < 0.0)
+    return np.asarray(whole * (paths @ (e * approach)))
 
 
 def impact_law(H_m: Array, B_m: Array, B_massless: Array, M_m: Array, solver: str = "auto") -> ImpactLaw:

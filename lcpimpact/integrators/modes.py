@@ -11,6 +11,16 @@ that it leaves undecided (both sides zero: grazing, and every switch that is not
 of r and u, until each is decided. Where plates that both have mass meet with U < 0, Newton's law of impact is an LCP of its
 own: 0 <= P ⟂ U⁺ + e U⁻ >= 0 with U⁺ = U⁻ + C A B P.
 
+*Rows whose relative degree depends on others.* Closed rows that share a massless node have combinations T u in which it
+cancels, and whose relative degree is higher than theirs: bodies that ride on one plate, or a body on a plate that is stopped
+(see `lcpimpact.scheme.decomposition.degrees_together`). A mode then holds each combination at its own level,
+
+.. math:: (T u)_k^{(ρ_k)} = (T C)_k A^{ρ_k} X + (T G)_k r = 0 ,
+
+and since no order of LCPs can say beforehand which rows that will be, the mode is the one of all sets of rows for which the
+first derivatives of r and u that are not zero are positive, found by Murty's exchange of one row at a time. Impulses act on
+impulse paths, by the law of `lcpimpact.integrators.impact_law`.
+
 A slider is a row too: it sticks, with u constant and -r_0 < r < r_0, or slips with r = -r_0 sign U. The LCPs are the same,
 within bounds: -r_0 <= r <= r_0 at first, and for the derivatives r' >= 0 where r = -r_0, r' <= 0 where r = r_0. Where a
 spring alone gives way to it (ρ = 0), the place p where it sticks is a state of its own, and u counts from there.
@@ -32,7 +42,9 @@ from lcpimpact.compiled import compiled, cube, f8, flags, indices, matrix, vecto
 from lcpimpact.double_double import DoubleDouble, add, eliminate, multiply, product, solve, stacked, total
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.integrators.flow import Flow, Sparse, sparse
+from lcpimpact.integrators.impact_law import restitution as path_restitution
 from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp, solve_lcp
+from lcpimpact.scheme.decomposition import degrees_together
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
 from lcpimpact.scheme.signals import PiecewisePolynomial
@@ -43,6 +55,12 @@ so far: a root found to rounding leaves about 1e-15 of them."""
 
 FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
 """What counts as rounding in the solution of an LCP in floats."""
+
+REFINED = 2
+"""A correction in floats is made so often, which gives it the digits of double-doubles."""
+
+BORDER = (1.0, 16.0, 256.0)
+"""So many times what counts as zero may still be rounding, where nothing else fits."""
 
 FINE_ZERO = 2.0**-95
 """What counts as zero in a state of double-doubles, likewise: a root leaves about 1e-31."""
@@ -80,10 +98,12 @@ class Still:
     Attributes
     ----------
     u, U : (nc,) arrays of bool
+    closed : (nc,) array of bool    rows of any degree that are closed, so that sums of their gaps alone are zero too
     """
 
     u: Flags
     U: Flags
+    closed: Flags
 
 
 class Watch(NamedTuple):
@@ -118,6 +138,25 @@ class Coordinates(NamedTuple):
     entries: Sparse
 
 
+class Together(NamedTuple):
+    """How rows that are closed together are held: T u = 0, each combination at its own relative degree.
+
+    Attributes
+    ----------
+    T : (k, k) array            the combinations, one a row, of the lowest degree first
+    degree : (k,) array         the relative degree of each
+    C, CA, O : DoubleDouble     T C, T C A, and row by row T C A^ρ (k, N)
+    G : DoubleDouble            row by row T D, T C B or T C A B (k, nc)
+    """
+
+    T: Array
+    degree: Indices
+    C: DoubleDouble
+    CA: DoubleDouble
+    O: DoubleDouble  # noqa: E741
+    G: DoubleDouble
+
+
 class Fine(NamedTuple):
     """The matrices of a system as double-doubles: A (N, N), B (N, nc), C and C A (nc, N), D (nc, nc), O, G."""
 
@@ -147,10 +186,11 @@ class System:
     given: FirstOrderForm | None = None
     inputs: tuple[Array, Array] | None = None
     flows: dict[object, tuple[Flow, DoubleDouble]] = field(default_factory=dict)
-    lines: dict[object, tuple[Indices, Indices, DoubleDouble]] = field(default_factory=dict)
+    switches: dict[object, tuple[Indices, Indices, DoubleDouble]] = field(default_factory=dict)
     readings: dict[object, Coordinates] = field(default_factory=dict)
     known: dict[Mode, Watch] = field(default_factory=dict)
     lcps: dict[object, PreparedLCP] = field(default_factory=dict)
+    combinations: dict[tuple[int, ...], Together] = field(default_factory=dict)
 
     @cached_property
     def form(self) -> FirstOrderForm:
@@ -229,18 +269,72 @@ class System:
     def reaction(self, mode: Mode) -> tuple[Flow, DoubleDouble]:
         """Return the flow of a mode, and the F with r = F X."""
         if mode.key not in self.flows:
-            A, B, _, _, _, O, G = self.fine  # noqa: E741
-            F = np.zeros((2, *O.shape))
+            A, B, *_ = self.fine
+            F = np.zeros((2, len(self.degree), len(A)))
             for i, sign in mode.slips:
                 F[0, i, self.form.constant] = -sign * self.dynamics.r_max[i]
             rows = list(mode.closed)
             if rows:
-                F[:, rows] = -_solve(block(G, rows, rows), O[rows] + G[rows] @ DoubleDouble(F)).parts
+                O, G = self._held(mode)  # noqa: E741
+                terms = np.abs(O.hi) + np.abs(G.hi) @ np.abs(F[0])
+                F[:, rows] = -_solve(G[:, rows], O + G @ DoubleDouble(F)).parts
+                if self.mixed:
+                    cancels = np.abs(F[0, rows]) <= FINE_ZERO * (np.abs(np.linalg.inv(G.hi[:, rows])) @ terms)
+                    F[:, rows] = np.where(cancels, 0.0, F[:, rows])
             # What cancels in A + B F is zero: nothing moves where forces balance.
             closed = A + B @ DoubleDouble(F)
             closed.parts[:, np.abs(closed.hi) <= FINE_ZERO * (np.abs(A.hi) + np.abs(B.hi) @ np.abs(F[0]))] = 0.0
             self.flows[mode.key] = Flow(closed), DoubleDouble(F)
         return self.flows[mode.key]
+
+    def _held(self, mode: Mode) -> tuple[DoubleDouble, DoubleDouble]:
+        """Return O (k, N) and G (k, nc) of what a mode holds at zero, O X + G r = 0."""
+        if self.mixed:
+            held = self.together(mode.closed)
+            return held.O, held.G
+        rows = list(mode.closed)
+        return self.fine.O[rows], self.fine.G[rows]
+
+    @cached_property
+    def mixed(self) -> bool:
+        """Whether contacts can be closed together that hold combinations of their gaps at higher degrees than their own."""
+        return bool(mixed_degrees(self))
+
+    def together(self, rows: tuple[int, ...]) -> Together:
+        """Return how contacts are held that are closed together."""
+        if rows not in self.combinations:
+            A, B, C, D, *_ = self.fine
+            at = list(rows)
+            T, degree = degrees_together(self.dynamics.H[at], self.form.parts)
+            TC, TD = _combined(T, C[at]), _combined(T, D[at])
+            TCA = _product(TC, A)
+            levels = (TC, TCA, _product(TCA, A)), (TD, _product(TC, B), _product(TCA, B))
+            k = np.arange(len(at))
+            O, G = (  # noqa: E741
+                DoubleDouble(np.ascontiguousarray(np.stack([m.parts for m in each], 1)[:, degree, k]))
+                for each in levels
+            )
+            self.combinations[rows] = Together(T, degree, TC, TCA, O, G)
+        return self.combinations[rows]
+
+    @cached_property
+    def lines(self) -> Array:
+        """The impulse paths that lead over massless nodes (np, nc)."""
+        return self.dynamics.impulse_lines if self.mixed else np.zeros((0, len(self.degree)))
+
+    def openings(self, F: DoubleDouble) -> DoubleDouble:
+        """Return C + D F (nc, N), by which u = C X + D r is read off X, with what cancels set to zero."""
+        _, _, C, D, *_ = self.fine
+        found = C + D @ F
+        found.parts[:, np.abs(found.hi) <= FINE_ZERO * (np.abs(C.hi) + np.abs(D.hi) @ np.abs(F.hi))] = 0.0
+        return found
+
+    def rates(self, mode: Mode) -> DoubleDouble:
+        """Return the rows (nc, N) by which a mode has the opening rates U, those of massless nodes included."""
+        flow, F = self.reaction(mode)
+        U = _product(self.openings(F), flow.generator)
+        U.parts[:, list(mode.closed)] = 0.0
+        return U
 
     def mode(self, mode: Mode) -> tuple[Flow, Array]:
         """Return the flow of a mode, and the F with r = F X in floats."""
@@ -251,7 +345,10 @@ class System:
         """Return the rows by which q, v and r are read off the state in a mode."""
         if mode.key not in self.readings:
             (flow, F), (_, _, _, _, Q, Qr) = self.reaction(mode), self.form.double_doubles
+            # Where springs hold a plate that is stopped, their forces cancel.
             place = stacked([[Q, np.zeros((len(Q), len(self.remembered)))]]) + Qr @ F
+            terms = np.abs(self.read[0]) + np.abs(Qr.hi) @ np.abs(F.hi)
+            place.parts[:, np.abs(place.hi) <= FINE_ZERO * terms] = 0.0
             rows = stacked([[place], [place @ flow.generator], [F]])
             self.readings[mode.key] = Coordinates(rows, sparse(rows))
         return self.readings[mode.key]
@@ -281,11 +378,18 @@ class System:
         """r_min and r_max (nc,)."""
         return self.dynamics.r_min, self.dynamics.r_max
 
-    def impact_lcp(self, rows: tuple[int, ...], solver: str) -> PreparedLCP:
-        """Return the LCP of the impulses of some rows, made ready."""
-        if (rows, solver) not in self.lcps:
-            self.lcps[rows, solver] = prepare_lcp(self.G[np.ix_(rows, rows)], solver)
-        return self.lcps[rows, solver]
+    def impact_lcp(self, meeting: object, W: Array, solver: str) -> PreparedLCP:
+        """Return the LCP with W of the impulses of those that meet, made ready."""
+        if (meeting, solver) not in self.lcps:
+            self.lcps[meeting, solver] = prepare_lcp(W, solver)
+        return self.lcps[meeting, solver]
+
+    def path_matrices(self, lines: Array) -> tuple[DoubleDouble, DoubleDouble]:
+        """Return R C A B Rᵀ and B Rᵀ, where the rows R are those of the contacts, and after them the impulse paths."""
+        R = np.vstack([np.eye(len(self.degree)), lines])
+        A, B, C, *_ = self.fine
+        G = _product(_product(_product(_combined(R, C), A), B), DoubleDouble.of(R.T))
+        return G, _product(B, DoubleDouble.of(R.T))
 
     @cached_property
     def O_w(self) -> Array:
@@ -298,7 +402,13 @@ class System:
         """Return F_w (nc, nw), by which the reactions of a mode, r = F X + F_w w, answer to the inputs."""
         rows, found = list(mode.closed), np.zeros_like(self.O_w)
         if found.size:
-            found[rows] = -_solve(block(self.fine.G, rows, rows), DoubleDouble.of(self.O_w[rows])).hi
+            E, Dw = self.input_matrices
+            G, O_w = block(self.fine.G, rows, rows), self.O_w[rows]
+            if self.mixed:
+                held = self.together(mode.closed)
+                levels = np.array([held.T @ Dw[rows], held.C.hi @ E, held.CA.hi @ E])
+                G, O_w = held.G[:, rows], levels[held.degree, np.arange(len(rows))]
+            found[rows] = -_solve(G, DoubleDouble.of(O_w)).hi
         return found
 
     def ends(self, mode: Mode) -> tuple[Indices, Indices, DoubleDouble]:
@@ -306,11 +416,11 @@ class System:
 
         The side is that of the threshold of a slider that sticks, and 0 for all others; without inputs it is c·X.
         """
-        if mode.key not in self.lines:
+        if mode.key not in self.switches:
             (flow, F), Fw = self.reaction(mode), self.share(mode)
             E, Dw = self.input_matrices
             D, B = self.fine.D, self.matrices[1]
-            gap = self.fine.C + D @ F
+            gap = self.openings(F)
             # A slider that slips has degree 1 or 2, or no input acts on it: then u' holds no rate of an input.
             U = stacked([[gap @ flow.generator, gap @ (E + B @ Fw)]]).parts
             u, r = stacked([[gap, Dw + D @ Fw]]).parts, stacked([[F, Fw]]).parts
@@ -327,12 +437,12 @@ class System:
                         threshold[self.form.constant] = contact.r0
                         found.append((i, side, (room + threshold).parts))
             rows = np.array([row for _, _, row in found]).reshape(len(found), 2, u.shape[2])
-            self.lines[mode.key] = (
+            self.switches[mode.key] = (
                 np.array([i for i, _, _ in found], dtype=np.int64),
                 np.array([side for _, side, _ in found], dtype=np.int64),
                 DoubleDouble(np.ascontiguousarray(rows.transpose(1, 0, 2))),
             )
-        return self.lines[mode.key]
+        return self.switches[mode.key]
 
     def watch(self, mode: Mode) -> Watch:
         """Return what ends a mode, and what it holds at zero."""
@@ -344,7 +454,7 @@ class System:
             nc = len(self.degree)
             closed = np.isin(np.arange(nc), mode.closed)
             held = closed | ((np.array(mode.order, dtype=np.int64) < 0) & ~self.slides)
-            still = Still(held & ~self.slides & (self.degree > 0), held & (self.degree == 2))
+            still = Still(held & ~self.slides & (self.degree > 0), held & (self.degree == 2), closed)
             self.known[mode] = Watch(contacts[kept], rows[kept], sparse(rows[kept]), order[kept], still)
         return self.known[mode]
 
@@ -366,6 +476,18 @@ def _solve(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
     return solve(G, right)
 
 
+def _product(a: DoubleDouble, b: DoubleDouble) -> DoubleDouble:
+    """Return a b, with what cancels set to zero."""
+    found = a @ b
+    found.parts[:, np.abs(found.hi) <= FINE_ZERO * (np.abs(a.hi) @ np.abs(b.hi))] = 0.0
+    return found
+
+
+def _combined(T: Array, b: DoubleDouble) -> DoubleDouble:
+    """Return T b, with what cancels set to zero."""
+    return _product(DoubleDouble.of(T), b)
+
+
 def _zero(terms: Array, values: Array, zero: float) -> Array:
     """Set values to zero that are rounding, compared with the sum of the absolute terms that they came from."""
     return np.where(np.abs(values) <= zero * terms, 0.0, values)
@@ -376,7 +498,7 @@ def still(system: System, mode: Mode | None) -> Still:
     if mode is not None:
         return system.watch(mode).held
     none = np.zeros(len(system.degree), dtype=np.bool_)
-    return Still(none, none)
+    return Still(none, none, none)
 
 
 def settled(
@@ -385,17 +507,28 @@ def settled(
     """Return X with the gaps and rates put back to zero that a mode, or what is ``held``, keeps at zero."""
     held = held or still(system, mode)
     C, CA = system.fine.C, system.fine.CA
-    if not (held.u.any() or held.U.any()):
+    if not (held.u.any() or held.U.any() or system.mixed):
         return X
-    rows, rates = np.flatnonzero(held.u), np.flatnonzero(held.U & ~system.slides)
-    constraint = stacked([[C[rows]], [CA[rates]]])
-    rest = (constraint @ X).hi
-    if not rest.any():
-        return X
+    if system.mixed:
+        closed = system.together(mode.closed if mode else ())
+        constraint = stacked([[closed.C[closed.degree > 0]], [closed.CA[closed.degree == 2]]])
+    else:
+        rows, rates = np.flatnonzero(held.u), np.flatnonzero(held.U & ~system.slides)
+        constraint = stacked([[C[rows]], [CA[rates]]])
+    return _put_to_zero(system, constraint, X, scale)
+
+
+def _put_to_zero(system: System, constraint: DoubleDouble, X: DoubleDouble, scale: Array) -> DoubleDouble:
+    """Return X with these rows of it put to zero."""
     # What is given, the constant and the signals, stays what it is; the rest moves in proportion to its size.
     moves = np.where(np.arange(len(X)) < system.form.constant, scale, 0.0)
-    correction = np.linalg.lstsq(constraint.hi * moves, rest, rcond=ZERO)[0]
-    return X - DoubleDouble.of(moves * correction)
+    for _ in range(REFINED):
+        rest = (constraint @ X).hi
+        if not rest.any():
+            break
+        correction = np.linalg.lstsq(constraint.hi * moves, rest, rcond=ZERO)[0]
+        X = X - DoubleDouble.of(moves * correction)
+    return X
 
 
 @compiled(matrix(cube, matrix, vector, flags, f8))
@@ -515,6 +648,8 @@ def choose_mode(
     held : Still, optional      what is zero by definition
     zero : float                what counts as zero, relative to the terms that gave it
     """
+    if system.mixed:
+        return _exchanged_mode(system, DoubleDouble.of(X), scale, held or still(system, None), zero)
     A, B, _, _, _, O, G = system.fine  # noqa: E741
     degree, r_max = system.degree, system.bounds[1]
     slides, nc = system.slides, len(system.degree)
@@ -580,6 +715,141 @@ def choose_mode(
     return Mode(tuple(sorted(closed)), tuple(sorted(slips)), tuple(order), tuple(side)), start
 
 
+def _exchanged_mode(
+    system: System, X: DoubleDouble, scale: Array, held: Still, zero: float
+) -> tuple[Mode, DoubleDouble]:
+    """Return the mode of contacts without common relative degrees, and X.
+
+    A number at the very border of rounding may count as zero in one combination and not in another, and then no mode fits:
+    what is a little above the border is rounding too.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If no mode fits, or the one that does needs an impulse.
+    """
+    for wider in BORDER:
+        found = _exchanged(system, X, scale, held, wider * zero)
+        if found is not None:
+            return found
+    raise np.linalg.LinAlgError("no mode")
+
+
+def _exchanged(
+    system: System, X: DoubleDouble, scale: Array, held: Still, zero: float
+) -> tuple[Mode, DoubleDouble] | None:
+    """Return the mode, by exchanges of the last row whose sign is wrong, and X; None if the exchanges come back.
+
+    They do not, since the rows depend on their forces by a P-matrix of rational functions, which those that are large enough
+    order as the first terms of their series do; but for rounding. X differs only by that: it is put to zero beforehand.
+    """
+    degree, nc = system.degree, len(system.degree)
+    u, U = gaps(system, X, scale, held, zero)
+    apart = (degree > 0) & ((u.hi > 0.0) | ((degree == 2) & (U.hi > 0.0)))
+    every, near = system.together(tuple(range(nc))), tuple(map(int, np.flatnonzero(~apart)))
+    slow = zero * float((np.abs(every.CA.hi[every.degree == 2]) @ scale).max(initial=0.0))
+    X = _at_rest(system, near, X, (u, slow), held, scale, zero)
+    u, U = gaps(system, X, scale, held, zero)
+    closed: set[int] = set()
+    seen: set[tuple[int, ...]] = set()
+    while (rows := tuple(sorted(closed))) not in seen:
+        seen.add(rows)
+        order, sign, impulsive = _first_terms(system, rows, X, (u, U), held, scale, zero, slow)
+        wrong = np.flatnonzero((sign < 0.0) & ~apart)
+        if len(wrong) == 0:
+            first = np.where(apart, np.where(u.hi > 0.0, 0, 1), order)
+            return None if impulsive else (Mode(rows, (), tuple(map(int, first)), (0,) * nc), X)
+        closed ^= {int(wrong[-1])}
+    return None
+
+
+def _at_rest(
+    system: System,
+    rows: tuple[int, ...],
+    X: DoubleDouble,
+    opening: tuple[DoubleDouble, float],
+    held: Still,
+    scale: Array,
+    zero: float,
+) -> DoubleDouble:
+    """Return X with the combinations of these rows at zero that are closed, and the rates of those that are slow.
+
+    ``opening`` holds u, and the rate that is slow.
+    """
+    u, slow = opening
+    together = system.together(rows)
+    touches = (_openings(system, rows, u, held, scale, zero).hi == 0.0) & (together.degree > 0)
+    lines = _combined(_touching(system, u, held, scale, zero), system.fine.C)
+    rates = stacked([[together.CA[touches & (together.degree == 2)]], [_product(lines, system.fine.A)]])
+    rests = rates[np.abs((rates @ X).hi) <= slow]
+    return _put_to_zero(system, stacked([[together.C[touches]], [lines], [rests]]), X, scale)
+
+
+def _first_terms(
+    system: System,
+    rows: tuple[int, ...],
+    X: DoubleDouble,
+    opening: tuple[DoubleDouble, DoubleDouble],
+    held: Still,
+    scale: Array,
+    zero: float,
+    slow: float,
+) -> tuple[Indices, Array, bool]:
+    """Return the order and the sign of the first term of r on closed ``rows``, and of u on others, that is not zero.
+
+    The order is -1 where all are. Rows that do not fit the state, whose ``opening`` is (u, U), go to it by impulses,
+    r = p' δ' + p δ + ..., whose signs come first; the flag says whether there are any. Combinations of degree 2 that open no
+    faster than ``slow`` are at rest.
+    """
+    A, B, *_ = system.fine
+    at, together = list(rows), system.together(rows)
+    u, U = opening
+    order, sign = np.full(len(system.degree), -1), np.zeros(len(system.degree))
+    impulsive, state, sizes = False, X, scale
+
+    def push(lacks: DoubleDouble) -> DoubleDouble:
+        """Return B p, where the impulses p make up for what the combinations lack, and note the signs of p."""
+        p = np.zeros((2, len(sign)))
+        p[:, at] = _solve(together.G[:, at], -lacks).parts
+        size = np.zeros(len(sign))
+        size[at] = np.abs(np.linalg.inv(together.G.hi[:, at])) @ np.abs(lacks.hi)
+        new = (np.abs(p[0]) > FLOAT_ZERO * size) & (sign == 0.0)
+        order[new], sign[new] = 0, np.sign(p[0, new])
+        return B @ DoubleDouble(p)
+
+    gap = _openings(system, rows, u, held, scale, zero)
+    if gap.hi.any():
+        impulsive = True
+        # By δ' masses go where their gaps close; by δ all else does, and the masses stop.
+        state = state + A @ push(DoubleDouble(np.where(together.degree == 2, gap.parts, 0.0)))
+        sizes = np.maximum(sizes, np.abs(state.hi))
+    rate = together.CA @ state
+    rate.parts[:, (together.degree < 2) | (np.abs(rate.hi) <= slow)] = 0.0
+    if gap.hi.any() or rate.hi.any():
+        impulsive = True
+        first = together.C @ state
+        first.parts[:, ~((together.degree == 1) & (gap.hi != 0.0))] = 0.0
+        state = state + push(first + rate)
+        sizes = np.maximum(sizes, np.abs(state.hi))
+    flow, F = system.reaction(Mode(rows, (), (), ()))
+    reads = system.openings(F)
+    reads.parts[:, at] = F.parts[:, at]
+    open_ = np.isin(np.arange(len(sign)), at, invert=True)
+    for k in range(len(X) + 1):
+        value = (reads @ state).hi
+        if k == 0 and not impulsive:
+            direct = open_ & (system.degree > 0)
+            value = np.where(direct, u.hi, value)
+        elif k == 1 and not impulsive:
+            value = np.where(open_ & (system.degree == 2), U.hi, value)
+        new = (sign == 0.0) & (np.abs(value) > zero * (np.abs(reads.hi) @ sizes))
+        order[new], sign[new] = k, np.sign(value[new])
+        if sign.all():
+            break
+        state, sizes = flow.generator @ state, np.abs(flow.generator.hi) @ sizes
+    return order, sign, impulsive
+
+
 def _bounds(system: System, rows: list[int], side: list[int], level: int) -> tuple[Array, Array]:
     """Return the bounds of r, and for a higher level those of its derivative, for rows that are undecided."""
     slides = system.slides[rows]
@@ -623,12 +893,15 @@ def impact(
     zero: float = ZERO,
     among: Flags | None = None,
     left: DoubleDouble | None = None,
+    rates: ArrayLike | DoubleDouble | None = None,
 ) -> tuple[DoubleDouble, Array, Still]:
     """Return X after the impacts at this instant, the impulses (nc,), and what is held at zero after them.
 
     Newton's law is 0 <= P ⟂ U⁺ + e U⁻ >= 0; where plates part already it only forbids that they meet. The coefficients e
     are those of the rows, or ``restitution`` (nc,). The rows ``among`` (nc,) meet, or else all that touch. Where a
-    prescribed velocity jumps, X has its right limit, and ``left`` (N,) the left one, of which U⁻ is made.
+    prescribed velocity jumps, X has its right limit, and ``left`` (N,) the left one, of which U⁻ is made. The left limits
+    ``rates`` (nc,) of U, with those of massless nodes, which are no part of X, tell where the impulse paths of
+    `lcpimpact.integrators.impact_law` rebound.
     """
     e = system.restitution if restitution is None else restitution
     state, held = DoubleDouble.of(X), held or still(system, None)
@@ -637,17 +910,60 @@ def impact(
     before = U if left is None else gaps(system, left, scale, held, zero)[1]
     approach = before.hi[meeting]
     bounce = np.where(approach < 0.0, e[meeting], 0.0)
-    q = U.hi[meeting] + bounce * approach
+    fine, lines = system.fine, np.zeros((0, len(e)))
+    G, B, toward, back = fine.G, fine.B, U, before
+    if len(system.lines) and rates is not None and among is None:
+        lines = _touching(system, u, held, scale, zero)
+        speeds, known = _line_rates(system, lines, state, scale, zero), DoubleDouble.of(rates)
+        rebounds = path_restitution(lines, known.hi, e)
+        G, B = system.path_matrices(lines)
+        toward, back = (
+            DoubleDouble(np.concatenate([each.parts, more.parts], 1))
+            for each, more in ((U, speeds), (before, DoubleDouble.of(rebounds)))
+        )
+        meeting = np.append(meeting, len(e) + np.arange(len(lines)))
+        bounce = np.append(bounce, np.ones(len(lines)))
+    q = toward.hi[meeting] + bounce * back.hi[meeting]
     if not (q < 0.0).any():
         return state, np.zeros(len(system.degree)), held
-    z = system.impact_lcp(tuple(meeting.tolist()), solver).solve(q).z
-    fine, parts = system.fine, np.ascontiguousarray(state.parts)
-    after, impulses, ended = rebound(fine.G.parts, fine.B.parts, parts, U.parts, before.parts, bounce, meeting, z, zero)
+    rows = tuple(meeting.tolist())
+    z = system.impact_lcp((rows, lines.tobytes()), G.hi[np.ix_(rows, rows)], solver).solve(q).z
+    parts = np.ascontiguousarray(state.parts)
+    after, impulses, ended = rebound(G.parts, B.parts, parts, toward.parts, back.parts, bounce, meeting, z, zero)
     if not ended:
         raise np.linalg.LinAlgError("no complementary basis")
-    P = impulses[0]
+    P = impulses[0, : len(e)] + impulses[0, len(e) :] @ lines
     stays = ((P > 0.0) & (e * np.minimum(before.hi, 0.0) == 0.0)) | (held.U & (system.G @ P == 0.0))
-    return DoubleDouble(after), P, Still(held.u, stays)
+    return DoubleDouble(after), P, Still(held.u, stays & (system.degree == 2), held.closed)
+
+
+def _touching(system: System, u: DoubleDouble, held: Still, scale: Array, zero: float) -> Array:
+    """Return the impulse paths (np, nc) over massless nodes on which all contacts touch, whose openings are ``u``."""
+    found = [
+        not (_openings(system, tuple(map(int, np.flatnonzero(line))), u, held, scale, zero).hi > 0.0).any()
+        for line in system.lines
+    ]
+    return np.asarray(system.lines[np.array(found, dtype=np.bool_)])
+
+
+def _openings(
+    system: System, rows: tuple[int, ...], u: DoubleDouble, held: Still, scale: Array, zero: float
+) -> DoubleDouble:
+    """Return the combinations T u of the openings of rows, those of degree 0 as zero, since forces decide on them."""
+    together, at = system.together(rows), list(rows)
+    found = DoubleDouble.of(together.T) @ u[at]
+    by_definition = ~(together.T[:, ~held.closed[at]] != 0.0).any(axis=1)
+    terms = np.abs(together.T) @ (np.abs(system.fine.C.hi[at]) @ scale)
+    found.parts[:, (together.degree == 0) | by_definition | (np.abs(found.hi) <= zero * terms)] = 0.0
+    return found
+
+
+def _line_rates(system: System, lines: Array, X: DoubleDouble, scale: Array, zero: float) -> DoubleDouble:
+    """Return the opening rates of impulse paths, which massless nodes do not change, with what is rounding set to zero."""
+    rates = _product(_combined(lines, system.fine.C), system.fine.A)
+    found = rates @ X
+    found.parts[:, np.abs(found.hi) <= zero * (np.abs(rates.hi) @ scale)] = 0.0
+    return found
 
 
 def refuse_velocity_jumps(dynamics: Dynamics, t_end: float, method: str) -> None:
@@ -664,16 +980,26 @@ def refuse_velocity_jumps(dynamics: Dynamics, t_end: float, method: str) -> None
             )
 
 
-def refuse_mixed_degrees(system: System, method: str = "exact") -> None:
-    """Refuse contacts that can be closed together while a combination of their gaps has a higher degree than each."""
+def mixed_degrees(system: System) -> list[str]:
+    """Return contacts that can be closed together while a combination of their gaps has a higher degree than each."""
     H = system.dynamics.H
     for degree in (0, 1, 2):
         rows = np.flatnonzero(system.degree == degree)
         for combination in null_space(system.G[np.ix_(rows, rows)], rcond=1e-12).T:
             # A combination of gaps that no motion changes is not zero (assembly saw to it): its rows never close together.
             if np.abs(combination @ H[rows]).max() > 1e-9:
-                names = [repr(system.dynamics.contacts[i].name) for i in rows[np.abs(combination) > 1e-9]]
-                raise UnsupportedError(
-                    f"the contacts {', '.join(names)} have no common relative degree when all are closed, and {method!r} "
-                    "does not handle that: take method='moreau-jean'"
-                )
+                return [system.dynamics.contacts[i].name for i in rows[np.abs(combination) > 1e-9]]
+    return []
+
+
+def refuse_mixed_degrees(system: System, method: str, except_schemes: bool = False) -> None:
+    """Refuse contacts without a common relative degree; with ``except_schemes`` only beside sliders and in systems."""
+    names = mixed_degrees(system)
+    if not names or (except_schemes and system.dynamics.stores_energy and not system.slides.any()):
+        return
+    beside = " beside sliders" if except_schemes and system.dynamics.stores_energy else ""
+    others = "'moreau-jean'" if except_schemes else "'exact' or 'moreau-jean'"
+    raise UnsupportedError(
+        f"the contacts {', '.join(map(repr, names))} have no common relative degree when all are closed, and {method!r} "
+        f"does not handle that{beside}: take method={others}"
+    )

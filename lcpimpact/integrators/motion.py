@@ -26,6 +26,7 @@ from lcpimpact.integrators.modes import (
     settled,
     still,
 )
+from lcpimpact.integrators.state_jump import enter_constraint
 from lcpimpact.integrators.transition import enter, parted, state_of
 from lcpimpact.problems.base import GIVEN_ZERO, Problem
 from lcpimpact.scheme.dynamics import Dynamics
@@ -136,10 +137,12 @@ def begin(
     solver: str = "auto",
     max_events: int = 100_000,
     scale: Array | None = None,
+    rates: Array | None = None,
 ) -> Motion:
     """Return the motion from the state X (N,) at ``start``, where impacts come first and the mode is chosen.
 
-    Where X was itself found by a motion, its ``scale`` says what in X is rounding.
+    Where X was itself found by a motion, its ``scale`` says what in X is rounding. The opening rates ``rates`` (nc,) before
+    the start hold those of massless nodes, which are no part of X.
     """
     none, nc, t = np.zeros(len(X)), len(system.degree), DoubleDouble.of(start)
     never, short = [DoubleDouble.of(-np.inf)] * nc, np.zeros(nc, dtype=np.int64)
@@ -147,7 +150,7 @@ def begin(
     X = np.where(np.arange(len(X)) == system.form.constant, 1.0, X)
     next_event = (DoubleDouble.of(np.inf), none, DoubleDouble.of(X))
     motion = Motion(system, end, solver, max_events, next_event, breakpoints, size, never, short)
-    _enter(motion, t, DoubleDouble.of(X), none, GIVEN_ZERO if scale is None else ZERO)
+    _enter(motion, t, DoubleDouble.of(X), none, GIVEN_ZERO if scale is None else ZERO, rates)
     return motion
 
 
@@ -166,11 +169,12 @@ def begin_problem(
     UnsupportedError
         If contacts have no common relative degree, or begin in a way that leaves their forces open.
     """
+    problem, _ = enter_constraint(problem, solver)
     system = System(dynamics or problem.dynamics)
-    refuse_mixed_degrees(system)
+    refuse_mixed_degrees(system, method, except_schemes=True)
+    q, v = problem.initial_coordinates, problem.initial_velocities
     try:
-        X = system.state(problem.initial_coordinates, problem.initial_velocities)
-        return begin(system, X, end, 0.0, solver, max_events)
+        return begin(system, system.state(q, v), end, 0.0, solver, max_events, rates=system.dynamics.gap_rate(v))
     except np.linalg.LinAlgError:
         raise UnsupportedError(
             f"some contacts or sliders of {problem.name!r} hold together at the start in a way that leaves their shares "
@@ -204,7 +208,9 @@ def state_before(motion: Motion, t: float) -> Array:
     return flow.move(segment.state, float(segment.since(np.asarray(t)))).hi
 
 
-def _enter(motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero: float) -> None:
+def _enter(
+    motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero: float, rates: Array | None = None
+) -> None:
     """Begin a segment at t: impacts, the mode, the events that this makes, and the next switch."""
     system, now = motion.system, float(t.hi)
     before = motion.segments[-1].mode if motion.segments else None
@@ -218,7 +224,9 @@ def _enter(motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero:
     if together is not None:
         state, met = _collapse(motion, now, X, together)
     else:
-        mode, after, events = enter(system, now, before, X, motion.scale, motion.solver, zero=zero, left=left)
+        mode, after, events = enter(
+            system, now, before, X, motion.scale, motion.solver, zero=zero, left=left, rates=rates
+        )
         together = _accumulated(motion, t, events) if left is None else None
     if together is not None:
         mode, after, events = enter(

@@ -321,15 +321,18 @@ class Run:
     states: list[Array] = field(default_factory=list)
     owners: list[Elements] = field(default_factory=list)
 
-    def enter(self, t: float, X: Array, record: Record, breakpoint: bool = False) -> Status:
-        """Pass into the next mode at t, with the impacts before it, and those that come in quick succession after it."""
+    def enter(self, t: float, X: Array, record: Record, breakpoint: bool = False, rates: Array | None = None) -> Status:
+        """Pass into the next mode at t, with the impacts before it, and those that come in quick succession after it.
+
+        ``rates`` are the opening rates before the start of the run.
+        """
         system = self.system
         before, left = self.elements.mode if self.modes else None, None
         if breakpoint:
             self.passed += 1
             left = settled(system, before, DoubleDouble.of(X), self.scale)
             X = system.form.right_of(t, left, self.scale).hi
-        mode, after, events = enter(system, t, before, X, self.scale, self.solver, left=left)
+        mode, after, events = enter(system, t, before, X, self.scale, self.solver, left=left, rates=rates)
         assert record.events is not None
         record.events += events
         status, short = Status.SOLVED, self._land(t, events)
@@ -486,7 +489,7 @@ class RadauFESD(Integrator):
         order_penetration=float("inf"),
         level="position and velocity",
         relative_degrees=(0, 1, 2),
-        handles=(Feature.SLIDERS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION),
+        handles=tuple(each for each in Feature if each is not Feature.POWER_LAWS),
         reaction_lives="at t, right limit",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",
         balances_energy=True,
@@ -516,7 +519,7 @@ class RadauFESD(Integrator):
         """Choose the first mode and write the initial values; impacts at t = 0 come before them."""
         SOLVERS[lcp_solver]
         system = System(problem.dynamics)
-        refuse_mixed_degrees(system, self.name)
+        refuse_mixed_degrees(system, self.name, except_schemes=True)
         X = system.state(problem.initial_coordinates, problem.initial_velocities)
         breakpoints = system.form.breakpoints(0.0, grid.t_end)
         run = Run(
@@ -526,7 +529,7 @@ class RadauFESD(Integrator):
         record.events = []
         record.stats.update(elements=0, halvings=0, switches=0, newton_iterations=0, evaluations=0, residual=0.0)
         try:
-            run.enter(0.0, X, record)
+            run.enter(0.0, X, record, rates=system.dynamics.gap_rate(problem.initial_velocities))
         except np.linalg.LinAlgError:
             raise UnsupportedError(
                 f"some contacts or sliders of {problem.name!r} hold together at the start in a way that leaves their shares "

@@ -9,7 +9,9 @@ f⁻ = A⁻ X⁻ and f⁺ = A⁺ X⁺ of the two modes, the change is multiplied
 At a breakpoint of the signals, whose instant nothing changes, S = R_X. R is the identity where forces only switch; where
 impulses act, the rows a that push give
 
-.. math:: R_X = I - B_a G_{aa}^{-1} (1 + e_a)\, (C A)_a , \qquad G = C A B .
+.. math:: R_X = I - B_a G_{aa}^{-1} (1 + e_a)\, (C A)_a , \qquad G = C A B ;
+
+where they pass through massless nodes, the rows are sums along the impulse paths (see `lcpimpact.integrators.impact_law`).
 
 The derivative over a time is the product of the flows and of these matrices in their order. It does not exist where the row
 only touches zero (c·f⁻ = 0, a grazing), nor where two rows fall through zero at once.
@@ -53,18 +55,23 @@ def place_derivative(system: System, mode: Mode) -> Array:
     return change
 
 
-def impact_derivative(system: System, X: Array, P: Array, scale: Array) -> Array:
-    """Return the derivative (N, N) at X of the state after the impacts whose impulses are P (nc,)."""
-    rows = np.flatnonzero(P > 0.0)
-    if len(rows) == 0:
+def impact_derivative(system: System, mode: Mode, X: Array, P: Array, scale: Array) -> Array:
+    """Return the derivative (N, N) at X of the state after the impacts that end a mode, whose impulses are P (nc,)."""
+    pushed = P > 0.0
+    if not pushed.any():
         return np.eye(len(X))
-    U = gaps(system, X, scale)[1].hi
-    bounced = 1.0 + np.where(U[rows] < 0.0, system.dynamics.restitution[rows], 0.0)
-    CA = system.derivatives[1, rows]
-    return np.asarray(
-        np.eye(len(X))
-        - system.matrices[1][:, rows] @ np.linalg.solve(system.G[np.ix_(rows, rows)], bounced[:, None] * CA)
-    )
+    U, closing = gaps(system, X, scale)[1].hi, system.derivatives[1]
+    if len(system.lines):
+        # The rates of massless nodes are those of the mode before.
+        closing = system.rates(mode).hi
+        U = closing @ X
+    # Along an impulse path all contacts push.
+    lines = system.lines[~((system.lines > 0.0) & ~pushed).any(axis=1)]
+    paths = np.vstack([np.eye(len(P))[pushed & system.meets], lines])
+    rebound = (np.where(U < 0.0, system.dynamics.restitution, 0.0) * paths) @ closing
+    A, B, C = system.matrices
+    rates, push = paths @ C @ A, B @ paths.T
+    return np.asarray(np.eye(len(X)) - push @ np.linalg.lstsq(rates @ push, rates + rebound, rcond=None)[0])
 
 
 def saltation(motion: Motion, before: Segment, after: Segment) -> Array:
@@ -97,7 +104,7 @@ def saltation(motion: Motion, before: Segment, after: Segment) -> Array:
     P = np.zeros(len(names))
     for event in after.events:
         P[names.index(event.contact)] += event.impulse
-    R = place_derivative(system, before.mode) @ impact_derivative(system, X, P, motion.scale)
+    R = place_derivative(system, before.mode) @ impact_derivative(system, before.mode, X, P, motion.scale)
     if breakpoint:
         return np.asarray(R)
     return np.asarray(R + np.outer(next_flow.A @ after.X - R @ f, c) / (c @ f))

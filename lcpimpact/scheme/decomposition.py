@@ -83,3 +83,51 @@ def relative_degrees(H: Array, parts: Decomposition) -> list[int]:
     moves_static = (H @ parts.static != 0.0).any(axis=1)
     moves_damped = (H @ parts.damped != 0.0).any(axis=1)
     return [0 if s else 1 if d else 2 for s, d in zip(moves_static, moves_damped, strict=True)]
+
+
+def degrees_together(H: Array, parts: Decomposition) -> tuple[Array, Indices]:
+    """Return independent combinations T of rows of H that are closed together, and the relative degree of each.
+
+    Rows on one massless node share its coordinate: of their openings all combinations but one do without it, and have a
+    higher relative degree than any of the rows.
+
+    Parameters
+    ----------
+    H : (nc, n) array
+        Rows of +1 at the lower and -1 at the upper plate of each contact: all their combinations here are of whole numbers.
+    parts : Decomposition
+
+    Returns
+    -------
+    T : (nc, nc) array
+        One combination a row, those of the lowest degree first.
+    degree : (nc,) array
+
+    Examples
+    --------
+    A body on a damped plate on its stop: the body meets the ground.
+
+    >>> none = np.zeros((2, 0))
+    >>> parts = Decomposition(np.array([[1.0], [0.0]]), np.array([[0.0], [1.0]]), none, none)
+    >>> T, degree = degrees_together(np.array([[-1.0, 1.0], [0.0, -1.0]]), parts)
+    >>> T[degree == 2]
+    array([[1., 1.]])
+    """
+    T, kept, degree = np.eye(len(H)), [np.zeros((0, len(H)))], []
+    for level, basis in enumerate((parts.static, parts.damped)):
+        moved, free = T @ H @ basis, list(range(len(T)))
+        found: list[int] = []
+        for j in range(moved.shape[1]):
+            pivot = next((i for i in free if moved[i, j] != 0.0), None)
+            if pivot is None:
+                continue
+            free.remove(pivot)
+            found.append(pivot)
+            for i in free:
+                share = moved[i, j] / moved[pivot, j]
+                moved[i] -= share * moved[pivot]
+                T[i] -= share * T[pivot]
+        kept.append(T[found])
+        degree += [level] * len(found)
+        T = T[free]
+    return np.vstack([*kept, T]), np.array(degree + [2] * len(T), dtype=np.int64)
