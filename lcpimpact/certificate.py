@@ -926,25 +926,29 @@ def _judge_grid(
         R = np.add.reduceat(weighted, kept[:-1]) / h if len(h) else np.zeros((0, len(d.contacts)))
         r = R
         f, g = _smooth(d, t, q, v, None)
-        given = (h * R + P) @ d.B.T
+        acting = g[1:] + R @ d.B.T
+        as_mean = integrator is None or integrator.reaction_is_mean
+        total = g if as_mean else np.concatenate([g[:1] + R[:1] @ d.B.T, acting])
+        given = (h * R + P if as_mean else P) @ d.B.T
         at = slice(1, None)
     else:
         R = r = record.reaction[kept]
         f, g = _smooth(d, t, q, v, r)
+        acting = total = g
         given = P @ d.B.T
         at = slice(None)
     longest = float(h.max(initial=0.0))
     scales = Scales.of(d, q, v, r, f).at_least(d, longest)
     forces, momenta, largest = scales.forces(d), scales.momenta(d), _largest_impulses(d, events)
 
-    lack = np.cumsum(np.diff(v, axis=0) @ d.M.T - 0.5 * h * (g[1:] + g[:-1]) - given, axis=0)
+    lack = np.cumsum(np.diff(v, axis=0) @ d.M.T - 0.5 * h * (total[1:] + total[:-1]) - given, axis=0)
     moved = np.cumsum(np.diff(q, axis=0) - 0.5 * h * (v[1:] + v[:-1]), axis=0)
     if d.stores_energy:
         lack += (v[0] - start[1]) @ d.M.T - d.B @ P_start
         moved += q[0] - start[0]
     elapsed = 64.0 * np.finfo(float).eps * (t[1:] - t[0])[:, None]
-    kicks = np.maximum.accumulate(np.maximum(np.abs(g[1:]), np.abs(R[-len(h) :]) @ np.abs(d.B).T), axis=0)
-    left_out = limits.slack * _bends(h, g, limits.order) + limits.kick * h * kicks
+    kicks = np.maximum(np.abs(g).max(axis=0), np.abs(R[-len(h) :]).max(axis=0, initial=0.0) @ np.abs(d.B).T)
+    left_out = limits.slack * _bends(h, total, limits.order) + limits.kick * h * kicks
     allowed_p = ε * momenta + elapsed * forces + left_out
     allowed_q = ε * scales.q + elapsed * scales.v + limits.slack * _bends(h, v, limits.order)
     allowed_q += limits.drift * h * np.maximum.accumulate(np.abs(v[1:]), axis=0)
@@ -955,7 +959,7 @@ def _judge_grid(
     one_sided = ~d.slides
     reach = np.where((d.relative_degree == 2) | (2 not in limits.relative_degrees), limits.penetration, 0.0)
     opened = ε * scales.u + reach * longest * scales.U
-    slow = 2.0 * spread * limits.slack * longest * _accelerations(d, g) + ε * scales.U
+    slow = 2.0 * spread * limits.slack * longest * _accelerations(d, acting) + ε * scales.U
     struck_steps = np.flatnonzero(P.any(axis=1))
     impacts = (
         [Impact(t[k], q[k], v[k], v[k + 1], P[k]) for k in struck_steps] if in_steps else list(_impacts(d, events))
@@ -980,7 +984,9 @@ def _judge_grid(
                 [
                     (scales.r * (ε * scales.u + opening))[one_sided],
                     (scales.r * opened)[one_sided],
-                    bounds * longest * (ε * scales.U + 2.0 * np.abs(np.diff(U, axis=0)).max(axis=0, initial=0.0)),
+                    bounds
+                    * longest
+                    * (ε * scales.U + 2.0 * np.abs(np.diff(d.gap_rate(v), axis=0)).max(axis=0, initial=0.0)),
                     largest * slow,
                 ]
             ),
@@ -991,9 +997,7 @@ def _judge_grid(
         ),
         "impact_law": _worst(violation, slow),
         "momentum": _worst(np.abs(lack[:, massive]), allowed_p[:, massive]),
-        "equilibrium": _massless(
-            d, g[at] + (r @ d.B.T if in_steps else 0.0), P, in_steps, massless, ε * forces + turns
-        ),
+        "equilibrium": _massless(d, acting, P, in_steps, massless, ε * forces + turns),
         "kinematics": _worst(np.abs(moved[:, ways]), allowed_q[:, ways]),
     }
     energies = _balance_on_grid(d, t, q, v, r, f, list(_placed(impacts, t, in_steps)), in_steps)
@@ -1005,14 +1009,20 @@ def _bends(h: Array, values: Array, order: float) -> Array:
     """Return what the trapezoidal rule may leave out up to each point but the first, after bends and jumps (nt - 1, n).
 
     Where the values are smooth its errors cancel but for h/12 of the change of their slope; where they jump it misses up to
-    h/2 of the jump. A method of order 1 may miss h times what the values change at all.
+    h/2 of the jump, which may show only at the end of the next step. A method of order 1 may miss h times what the values
+    change at all.
     """
-    change = np.abs(np.diff(values, axis=0))
-    bend = np.abs(np.diff(values, n=2, axis=0, prepend=values[:1]))
-    left_out = SLOPE * np.maximum.accumulate(h * change, axis=0) + JUMP * np.cumsum(h * bend, axis=0)
+    change = _or_next(np.abs(np.diff(values, axis=0)))
+    bend = _or_next(np.abs(np.diff(values, n=2, axis=0, prepend=values[:1])))
+    left_out = SLOPE * (h * change).max(axis=0, initial=0.0) + JUMP * np.cumsum(h * bend, axis=0)
     if order < 2.0:
         left_out += h * np.maximum.accumulate(np.abs(values[1:] - values[0]), axis=0)
     return np.asarray(left_out)
+
+
+def _or_next(changes: Array) -> Array:
+    """Return the greater of each step's changes and those of the step after it, which shows what began within the first."""
+    return np.maximum(changes, np.concatenate([changes[1:], changes[-1:]]))
 
 
 def _placed(impacts: Sequence[Impact], t: Array, in_steps: bool) -> Iterator[tuple[int, Impact]]:

@@ -183,7 +183,7 @@ class Declared:
     slack: float = 3.0
     drift: float = 0.0
     dissipates: bool
-    gated: bool = False
+    gated: bool = True
     adaptive: str = ""
     source: str
 
@@ -223,6 +223,8 @@ class Integrator(ABC):
     solves_lcp: ClassVar[bool] = True
     impact_steps: ClassVar[int] = 1
     """Steps over which the impulse of one impact spreads."""
+    reaction_is_mean: ClassVar[bool] = True
+    """Whether a reaction that is recorded for each step is its mean there, which h times it makes the impulse."""
     family: ClassVar[str] = ""
     """The rule of the step, by name: methods of one family do not confirm each other. "" for a rule of its own."""
     mode_choice: ClassVar[str] = ""
