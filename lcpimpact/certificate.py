@@ -954,8 +954,10 @@ def _judge_grid(
     allowed_q += limits.drift * h * np.maximum.accumulate(np.abs(v[1:]), axis=0)
     turns = limits.drift * np.abs(np.diff(q, axis=0) @ d.K.T).max(axis=0, initial=0.0)
     massive, ways, massless = kind == MASSIVE, kind >= DAMPED, np.isin(kind, (DAMPED, LOOSE))
+    # What is moved by hand lags its forces, whose errors add up to those of the way that it goes.
+    allowed_p += limits.drift * h * (np.abs(d.K[:, massless]) @ np.ptp(q[:, massless], axis=0))
 
-    u, U = d.gap(q[at]) + r @ d.D.T, d.gap_rate(v[at])
+    u = d.gap(q[at]) + r @ d.D.T
     one_sided = ~d.slides
     reach = np.where((d.relative_degree == 2) | (2 not in limits.relative_degrees), limits.penetration, 0.0)
     opened = ε * scales.u + reach * longest * scales.U

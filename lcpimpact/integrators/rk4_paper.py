@@ -149,7 +149,7 @@ class RK4Paper(Integrator):
         handles=(Feature.MASSLESS,),
         reaction_lives="at t",
         energy="no rule",
-        kick=2.0,
+        kick=1.0,
         slack=6.0,
         drift=1.0,
         dissipates=False,
