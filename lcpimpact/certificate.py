@@ -12,7 +12,7 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, vector
 from lcpimpact.events import step_of
-from lcpimpact.integrators.base import Dense, Event, Integrator, Limits, Record
+from lcpimpact.integrators.base import SLIPS, Dense, Event, Integrator, Limits, Record
 from lcpimpact.integrators.spring_law import push
 from lcpimpact.scheme.decomposition import decompose
 from lcpimpact.scheme.dynamics import Dynamics
@@ -261,9 +261,9 @@ def certify_steps(
 
     M, C and K are the values of one sparse pattern, by rows, and H of another. The impulse P[a] acts in ``step[a]``, in the
     order of steps, on ``row[a]`` beside the forces r. Nodes that only springs hold may be moved after the step; their v is
-    the mean of the step. Leaves in ``of_rows`` complementarity, penetration, tension, violation of the impact law, and the
-    largest |r|; in ``of_nodes`` the lack of momentum, that of impulse at nodes without mass, of way, and about the largest
-    |q| and |v|.
+    the mean of the step. Leaves in ``of_rows`` complementarity, penetration, tension, violation of the impact law,
+    the largest |r| and |u⁺ - u|; in ``of_nodes`` the lack of momentum, that of impulse at nodes without mass, of way, and
+    about the largest |q| and |v|.
     """
     n, nc, ns, ni = q.shape[1], len(u0), len(springs), len(step)
     meets, on_line, any_direct = np.zeros(nc, np.bool_), np.zeros(nc, np.bool_), False
@@ -279,7 +279,7 @@ def certify_steps(
         any_direct |= direct[i]
     for i in range(n):
         drives |= kind[i] == DRIVEN
-    product, penetration, tension, law, largest_r = of_rows
+    product, penetration, tension, law, largest_r, stroke = of_rows
     lack, missing, gone, largest_q, largest_v = of_nodes
     gap, rate, w = np.empty(nc), np.empty(nc), np.empty(n)
     # ∫ q_θ dt, ∫ r dt and the impulses of loads and non-linear springs since the start.
@@ -340,6 +340,8 @@ def certify_steps(
                 W += H[p] * w[j]
             bare, U_before = u, rate[i]
             power += force * W
+            if h * abs(W) > stroke[i]:
+                stroke[i] = h * abs(W)
             if direct[i]:
                 for j in range(nc):
                     u += D[i, j] * r[k, j]
@@ -620,7 +622,7 @@ def _judge_by_balance(
     starts, at = _pattern((d.M != 0.0) | (d.C != 0.0) | (d.K != 0.0))
     H_starts, H_at = _pattern(d.H != 0.0)
     kind = _kinds(d)
-    of_rows, of_nodes = np.zeros((5, nc)), np.zeros((5, n))
+    of_rows, of_nodes = np.zeros((6, nc)), np.zeros((5, n))
     f = d.force(np.zeros(1) if d.constant_loads else record.t)
     B, D = np.array(d.B, order="C"), np.array(d.D, order="C")
     balance, scale, h = certify_steps(
@@ -629,7 +631,7 @@ def _judge_by_balance(
         B, D, d.u0.copy(), d.restitution, d.r_min, d.r_max, d.relative_degree, kind, d.directions, d.power_laws,
         d.impulse_lines, of_rows, of_nodes,
     )  # fmt: skip
-    product, penetration, tension, law, R = of_rows
+    product, penetration, tension, law, R, stroke = of_rows
     lack, missing, gone, q, v = of_nodes
     scales = Scales(
         q, v, np.abs(d.H) @ q + np.abs(d.u0) + np.abs(d.D) @ R, np.abs(d.H) @ v, R, np.abs(f).max(axis=0)
@@ -644,9 +646,9 @@ def _judge_by_balance(
     # Contacts of an impulse path over massless nodes meet at velocity level, and may overlap as others close.
     met = (d.relative_degree == 2) | (d.impulse_lines > 0.0).any(axis=0)
     strict = ~met & ~(kind < 0).any()
-    speed = scales.U.copy()
+    stroke = np.maximum(stroke, h * scales.U)
     for path in d.impulse_lines > 0.0:
-        speed[path] = np.maximum(speed[path], scales.U[path].sum())
+        stroke[path] = stroke[path].sum()
         slow[path] = np.maximum(slow[path], slow[path].sum())
     # Which steps of a system that can jump were taken with θ = 1 is read off u, and not certain where no row pushes.
     late = (1.0 - θ) * h / duration if d.D.any() else 0.0
@@ -656,10 +658,10 @@ def _judge_by_balance(
             np.where(
                 met,
                 (h * (R + bounds) + largest) * slow,
-                limits.precision * (R * scales.u + h * bounds * scales.U),
+                limits.precision * (R * scales.u + h * bounds * scales.U) + 2.0 * bounds * _crept(d),
             ),
         ),
-        "penetration": _worst(penetration, np.where(strict, 0.0, h * speed) + limits.precision * scales.u),
+        "penetration": _worst(penetration, np.where(strict, 0.0, stroke) + limits.precision * scales.u),
         "energy_balance": (
             balance, ε * (scale + float(v @ momenta)) if θ == 0.5 and (kind >= 0).all() and not d.springs else np.inf,
         ),
@@ -673,6 +675,19 @@ def _judge_by_balance(
         "kinematics": _worst(gone, limits.precision * (q + h * v)),
     }  # fmt: skip
     return found, scales, (balance, scale)
+
+
+def _crept(d: Dynamics) -> Array:
+    """Return how far a slider on springs may be moved back in a step, as one that is near its threshold slips, in m (nc,).
+
+    That of a force of `SLIPS` times its threshold on the springs that hold it.
+    """
+    static = decompose(d.M, d.C, d.driven).static
+    if not static.any() or not d.slides.any():
+        return np.zeros(len(d.contacts))
+    moves = d.H @ static
+    gives = np.abs(moves * np.linalg.lstsq(static.T @ d.K @ static, moves.T, rcond=None)[0].T).sum(axis=1)
+    return np.asarray(SLIPS * np.where(d.slides, d.r_max, 0.0) * gives)
 
 
 @dataclass(frozen=True, eq=False)
@@ -1024,7 +1039,7 @@ def _bends(h: Array, values: Array, order: float) -> Array:
 
 def _or_next(changes: Array) -> Array:
     """Return the greater of each step's changes and those of the step after it, which shows what began within the first."""
-    return np.maximum(changes, np.concatenate([changes[1:], changes[-1:]]))
+    return np.asarray(np.maximum(changes, np.concatenate([changes[1:], changes[-1:]])))
 
 
 def _placed(impacts: Sequence[Impact], t: Array, in_steps: bool) -> Iterator[tuple[int, Impact]]:
