@@ -714,8 +714,8 @@ def _impacts(d: Dynamics, events: Sequence[Event]) -> Iterator[Impact]:
         yield Impact(first.t, first.left.q, first.left.v, first.right.v, P)
 
 
-def _impact_law(d: Dynamics, impact: Impact, touch: Array) -> tuple[Array, Array]:
-    """Return the violation of the law in m/s and the product in J of each row (nc,); rows with u <= ``touch`` touch.
+def _impact_law(d: Dynamics, impact: Impact, touch: Array) -> Array:
+    """Return the violation of the law in m/s of each row (nc,); rows with u <= ``touch`` touch.
 
     The rates of nodes without mass after an impact are no states: they are what fits the law best.
     """
@@ -732,15 +732,21 @@ def _impact_law(d: Dynamics, impact: Impact, touch: Array) -> tuple[Array, Array
     violation[pulls] = np.maximum(violation, np.abs(after - before))[pulls]
     idle = ~struck & ~d.slides & (d.gap(impact.q) <= touch) & ~free.any(axis=1)
     violation[idle] = np.maximum(0.0, -(after + e * np.minimum(before, 0.0)))[idle]
-    return violation, np.abs(P) * violation
+    return violation
 
 
-def _judge_impacts(d: Dynamics, impacts: Sequence[Impact], touch: Array) -> tuple[Array, Array]:
-    """Return the largest violation of the impact law and product of each row (nc,)."""
-    violation, product = np.zeros(len(d.contacts)), np.zeros(len(d.contacts))
+def _judge_impacts(d: Dynamics, impacts: Sequence[Impact], touch: Array, shortest: float = 0.0) -> tuple[Array, Array]:
+    """Return the largest violation of the impact law and product of each row (nc,).
+
+    A row that has flown for less than ``shortest`` may stay closed: so accumulating impacts are ended.
+    """
+    violation, product, last = np.zeros(len(d.contacts)), np.zeros(len(d.contacts)), np.full(len(d.contacts), -np.inf)
     for impact in impacts:
-        here, worked = _impact_law(d, impact, touch)
-        violation, product = np.maximum(violation, here), np.maximum(product, worked)
+        here = _impact_law(d, impact, touch)
+        ends = impact.t - last < shortest
+        here[ends] = np.minimum(here, np.abs(d.gap_rate(impact.after)))[ends]
+        violation, product = np.maximum(violation, here), np.maximum(product, np.abs(impact.P) * here)
+        last[impact.P != 0.0] = impact.t
     return violation, product
 
 
@@ -841,7 +847,7 @@ def _judge_dense(
     friction = np.abs(pieces.each(_friction(d, r, U))).max(axis=0)
     # What touches but for rounding may be one of the next instant.
     touch = -ε * scales.u
-    violation, worked_off = _judge_impacts(d, impacts, touch)
+    violation, worked_off = _judge_impacts(d, impacts, touch, limits.rest * end)
     largest = _largest_impulses(d, events)
     accelerations = _accelerations(d, g)
     slow = ε * scales.U + limits.rest * end * accelerations
@@ -962,7 +968,10 @@ def _judge_grid(
         lack += (v[0] - start[1]) @ d.M.T - d.B @ P_start
         moved += q[0] - start[0]
     elapsed = 64.0 * np.finfo(float).eps * (t[1:] - t[0])[:, None]
-    kicks = np.maximum(np.abs(g).max(axis=0), np.abs(R[-len(h) :]).max(axis=0, initial=0.0) @ np.abs(d.B).T)
+    kicks, links = np.abs(g).max(axis=0), np.abs(d.B)
+    # A contact passes on what acts at its nodes, be it as a force or in the impulse of a step.
+    passed = np.maximum(np.abs(R).max(axis=0, initial=0.0), (links * kicks[:, None]).max(axis=0, initial=0.0))
+    kicks = np.maximum(kicks, links @ passed)
     left_out = limits.slack * _bends(h, total, limits.order) + limits.kick * h * kicks
     allowed_p = ε * momenta + elapsed * forces + left_out
     allowed_q = ε * scales.q + elapsed * scales.v + limits.slack * _bends(h, v, limits.order)
