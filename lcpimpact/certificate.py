@@ -35,6 +35,9 @@ SLOPE, JUMP = 0.25, 0.6
 EVERY = 16
 """Sums over the steps of a run are looked at after so many steps each: one that is wrong stays wrong."""
 
+SHARE = 1e-6
+"""What hardly moves has this part of the greatest motion as its scale: below a precision of 1e-9 of it is rounding."""
+
 EDGE = 1e-12
 """A gap is closed beyond rounding where it is below zero by so much of its terms."""
 
@@ -469,12 +472,12 @@ class Scales:
         return cls(q, v, np.abs(d.H) @ q + np.abs(d.u0) + np.abs(d.D) @ r, np.abs(d.H) @ v, r, f)
 
     def at_least(self, d: Dynamics, h: float) -> Scales:
-        """Return scales that a body at rest has, too: what its forces would do in a time h."""
-        v = self.v.copy()
+        """Return scales that a body at rest has, too: what its forces would do in a time h, and a share of the fastest."""
+        v = self.v + SHARE * self.v.max(initial=0.0)
         massive = d.massive
         if massive.any():
             v[massive] += h * np.abs(np.linalg.solve(d.M[np.ix_(massive, massive)], self.forces(d)[massive]))
-        q = self.q + h * v
+        q = self.q + SHARE * self.q.max(initial=0.0) + h * v
         return Scales(q, v, np.abs(d.H) @ q + np.abs(d.u0) + np.abs(d.D) @ self.r, np.abs(d.H) @ v, self.r, self.f)
 
     def forces(self, d: Dynamics) -> Array:
@@ -837,7 +840,9 @@ def _judge_dense(
     scale = float(np.abs(np.concatenate([stored_right, stored_left])).max())
     # What jumps at the very start is judged by the momentum: nodes that springs hold go to their balance.
     energy = np.append(0.0, energy[1:] - energy[1])
-    allowed_E = ε * scale + rounding * np.abs(power).max() + coarse_g @ scales.v + coarse_v @ forces
+    # Energies of large terms that cancel are rounding of these.
+    terms = 64.0 * np.finfo(float).eps * float(forces @ scales.q + momenta @ scales.v)
+    allowed_E = ε * scale + terms + rounding * np.abs(power).max() + coarse_g @ scales.v + coarse_v @ forces
 
     u, U = d.gap(q) + r @ d.D.T, d.gap_rate(v)
     u_right = d.gap(q_right) + r_right @ d.D.T
