@@ -173,7 +173,6 @@ class Careless(MoreauJean):
     """The θ-step with every coefficient of restitution 0.9, whatever the problem says."""
 
     name = "careless"
-    declared = dataclasses.replace(MoreauJean.declared, gated=True)
 
     def prepare(self, d, h, lcp_solver):
         contacts = tuple(dataclasses.replace(contact, e=0.9) for contact in d.contacts)

@@ -160,7 +160,6 @@ class Declared:
     slack : float                   how many times the error of its rule, as the bends of the run show it, its steps may make
     drift : float                   nodes without mass may be moved by hand: so many times what a step changes
     dissipates : bool               whether impacts never leave a system with more energy than it began with
-    gated : bool                    whether a run whose certificate fails ends as VIOLATED
     adaptive : str                  how it chooses its steps, "" where they are those of dt
     source : str                    where it is from
     """
@@ -183,7 +182,6 @@ class Declared:
     slack: float = 3.0
     drift: float = 0.0
     dissipates: bool
-    gated: bool = True
     adaptive: str = ""
     source: str
 
