@@ -966,7 +966,9 @@ def _judge_grid(
         given = P @ d.B.T
         at = slice(None)
     longest = float(h.max(initial=0.0))
-    scales = Scales.of(d, q, v, r, f).at_least(d, longest)
+    bare = Scales.of(d, q, v, r, f)
+    scales = bare.at_least(d, longest)
+    turn = scales.v - bare.v
     forces, momenta, largest = scales.forces(d), scales.momenta(d), _largest_impulses(d, events)
 
     lack = np.cumsum(np.diff(v, axis=0) @ d.M.T - 0.5 * h * (total[1:] + total[:-1]) - given, axis=0)
@@ -986,6 +988,8 @@ def _judge_grid(
     left_out = limits.slack * _bends(h, total, limits.order) + limits.kick * h * kicks
     allowed_p = ε * momenta + elapsed * forces + left_out
     allowed_q = ε * scales.q + elapsed * scales.v + limits.slack * _bends(h, v, limits.order)
+    # Within a step a body may turn about as its forces let it, and show nothing of it at the ends.
+    allowed_q += limits.slack * SLOPE * h * np.where(kind == MASSIVE, turn, 0.0)
     allowed_q += limits.drift * h * np.maximum.accumulate(np.abs(v[1:]), axis=0)
     turns = limits.drift * np.abs(np.diff(q, axis=0) @ d.K.T).max(axis=0, initial=0.0)
     massive, ways, massless = kind == MASSIVE, kind >= DAMPED, np.isin(kind, (DAMPED, LOOSE))
