@@ -643,6 +643,8 @@ def _judge_by_balance(
     forces, largest, bounds = scales.forces(d), _largest_impulses(d, events), np.where(d.slides, d.r_max, 0.0)
     ε = limits.precision + 8.0 * steps * np.finfo(float).eps
     momenta = scales.momenta(d) + h * forces
+    # The length of a step is a difference of times, and has their rounding; an impulse is h times a mean force.
+    blur, shortest = 4.0 * np.finfo(float).eps * duration, float(np.diff(record.t).min())
     # A node whose motion is given has the mean velocity of its step in the law, and its own in the record.
     turned = np.abs(np.diff(record.v[:, d.driven], axis=0)).max(axis=0, initial=0.0)
     slow = limits.precision * scales.U.max(initial=0.0) + np.abs(d.H[:, d.driven]) @ turned
@@ -670,7 +672,7 @@ def _judge_by_balance(
         ),
         "tension": _worst(tension, limits.precision * (R + largest / max(h, 1e-300))),
         "impact_law": _worst(law, slow),
-        "momentum": _worst(lack, ε * momenta),
+        "momentum": _worst(lack, ε * momenta + blur * (steps * forces + np.abs(d.B) @ largest / shortest)),
         "equilibrium": _worst(
             missing / duration,
             late * forces + ε * (forces + (np.abs(d.B) @ largest + scales.momenta(d)) / duration),
