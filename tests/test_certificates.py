@@ -189,7 +189,8 @@ def test_a_run_whose_certificate_fails_has_a_status_of_its_own_and_names_number_
     run = raised.value.result
     assert run.status is Status.VIOLATED
     assert not run.success
-    assert Status.VIOLATED.sentence in run.message
+    assert Status.VIOLATED.sentence.rstrip(".") in run.message
+    assert "another method such as " in run.message
     assert len(run.t) == 2001, "what the run did is there to be looked at"
     unthrown = li.simulate(stopped_oscillator(), Careless(), dt=T_END / 2000, t_end=T_END, throw=False, progress=False)
     assert unthrown.status is Status.VIOLATED
