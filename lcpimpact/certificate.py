@@ -1002,7 +1002,7 @@ def _judge_grid(
     one_sided = ~d.slides
     reach = np.where((d.relative_degree == 2) | (2 not in limits.relative_degrees), limits.penetration, 0.0)
     opened = ε * scales.u + reach * longest * scales.U
-    slow = 2.0 * spread * limits.slack * longest * _accelerations(d, acting) + ε * scales.U
+    slow = 2.0 * spread * min(limits.slack, 3.0) * longest * _accelerations(d, acting) + ε * scales.U
     struck_steps = np.flatnonzero(P.any(axis=1))
     impacts = (
         [Impact(t[k], q[k], v[k], v[k + 1], P[k]) for k in struck_steps] if in_steps else list(_impacts(d, events))
