@@ -12,7 +12,7 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, vector
 from lcpimpact.events import step_of
-from lcpimpact.integrators.base import Dense, Event, Integrator, Limits, Record
+from lcpimpact.integrators.base import SLIPS, Dense, Event, Integrator, Limits, Record
 from lcpimpact.integrators.spring_law import push
 from lcpimpact.scheme.decomposition import decompose
 from lcpimpact.scheme.dynamics import Dynamics
@@ -34,6 +34,9 @@ SLOPE, JUMP = 0.25, 0.6
 
 EVERY = 16
 """Sums over the steps of a run are looked at after so many steps each: one that is wrong stays wrong."""
+
+SHARE = 1e-6
+"""What hardly moves has this part of the greatest motion as its scale: below a precision of 1e-9 of it is rounding."""
 
 EDGE = 1e-12
 """A gap is closed beyond rounding where it is below zero by so much of its terms."""
@@ -261,9 +264,9 @@ def certify_steps(
 
     M, C and K are the values of one sparse pattern, by rows, and H of another. The impulse P[a] acts in ``step[a]``, in the
     order of steps, on ``row[a]`` beside the forces r. Nodes that only springs hold may be moved after the step; their v is
-    the mean of the step. Leaves in ``of_rows`` complementarity, penetration, tension, violation of the impact law, and the
-    largest |r|; in ``of_nodes`` the lack of momentum, that of impulse at nodes without mass, of way, and about the largest
-    |q| and |v|.
+    the mean of the step. Leaves in ``of_rows`` complementarity, penetration, tension, violation of the impact law,
+    the largest |r| and |u⁺ - u|; in ``of_nodes`` the lack of momentum, that of impulse at nodes without mass, of way, and
+    about the largest |q| and |v|.
     """
     n, nc, ns, ni = q.shape[1], len(u0), len(springs), len(step)
     meets, on_line, any_direct = np.zeros(nc, np.bool_), np.zeros(nc, np.bool_), False
@@ -279,7 +282,7 @@ def certify_steps(
         any_direct |= direct[i]
     for i in range(n):
         drives |= kind[i] == DRIVEN
-    product, penetration, tension, law, largest_r = of_rows
+    product, penetration, tension, law, largest_r, stroke = of_rows
     lack, missing, gone, largest_q, largest_v = of_nodes
     gap, rate, w = np.empty(nc), np.empty(nc), np.empty(n)
     # ∫ q_θ dt, ∫ r dt and the impulses of loads and non-linear springs since the start.
@@ -340,6 +343,8 @@ def certify_steps(
                 W += H[p] * w[j]
             bare, U_before = u, rate[i]
             power += force * W
+            if h * abs(W) > stroke[i]:
+                stroke[i] = h * abs(W)
             if direct[i]:
                 for j in range(nc):
                     u += D[i, j] * r[k, j]
@@ -467,12 +472,12 @@ class Scales:
         return cls(q, v, np.abs(d.H) @ q + np.abs(d.u0) + np.abs(d.D) @ r, np.abs(d.H) @ v, r, f)
 
     def at_least(self, d: Dynamics, h: float) -> Scales:
-        """Return scales that a body at rest has, too: what its forces would do in a time h."""
-        v = self.v.copy()
+        """Return scales that a body at rest has, too: what its forces would do in a time h, and a share of the fastest."""
+        v = self.v + SHARE * self.v.max(initial=0.0)
         massive = d.massive
         if massive.any():
             v[massive] += h * np.abs(np.linalg.solve(d.M[np.ix_(massive, massive)], self.forces(d)[massive]))
-        q = self.q + h * v
+        q = self.q + SHARE * self.q.max(initial=0.0) + h * v
         return Scales(q, v, np.abs(d.H) @ q + np.abs(d.u0) + np.abs(d.D) @ self.r, np.abs(d.H) @ v, self.r, self.f)
 
     def forces(self, d: Dynamics) -> Array:
@@ -620,7 +625,7 @@ def _judge_by_balance(
     starts, at = _pattern((d.M != 0.0) | (d.C != 0.0) | (d.K != 0.0))
     H_starts, H_at = _pattern(d.H != 0.0)
     kind = _kinds(d)
-    of_rows, of_nodes = np.zeros((5, nc)), np.zeros((5, n))
+    of_rows, of_nodes = np.zeros((6, nc)), np.zeros((5, n))
     f = d.force(np.zeros(1) if d.constant_loads else record.t)
     B, D = np.array(d.B, order="C"), np.array(d.D, order="C")
     balance, scale, h = certify_steps(
@@ -629,7 +634,7 @@ def _judge_by_balance(
         B, D, d.u0.copy(), d.restitution, d.r_min, d.r_max, d.relative_degree, kind, d.directions, d.power_laws,
         d.impulse_lines, of_rows, of_nodes,
     )  # fmt: skip
-    product, penetration, tension, law, R = of_rows
+    product, penetration, tension, law, R, stroke = of_rows
     lack, missing, gone, q, v = of_nodes
     scales = Scales(
         q, v, np.abs(d.H) @ q + np.abs(d.u0) + np.abs(d.D) @ R, np.abs(d.H) @ v, R, np.abs(f).max(axis=0)
@@ -638,15 +643,17 @@ def _judge_by_balance(
     forces, largest, bounds = scales.forces(d), _largest_impulses(d, events), np.where(d.slides, d.r_max, 0.0)
     ε = limits.precision + 8.0 * steps * np.finfo(float).eps
     momenta = scales.momenta(d) + h * forces
+    # The length of a step is a difference of times, and has their rounding; an impulse is h times a mean force.
+    blur, shortest = 4.0 * np.finfo(float).eps * duration, float(np.diff(record.t).min())
     # A node whose motion is given has the mean velocity of its step in the law, and its own in the record.
     turned = np.abs(np.diff(record.v[:, d.driven], axis=0)).max(axis=0, initial=0.0)
     slow = limits.precision * scales.U.max(initial=0.0) + np.abs(d.H[:, d.driven]) @ turned
     # Contacts of an impulse path over massless nodes meet at velocity level, and may overlap as others close.
     met = (d.relative_degree == 2) | (d.impulse_lines > 0.0).any(axis=0)
     strict = ~met & ~(kind < 0).any()
-    speed = scales.U.copy()
+    stroke = np.maximum(stroke, h * scales.U)
     for path in d.impulse_lines > 0.0:
-        speed[path] = np.maximum(speed[path], scales.U[path].sum())
+        stroke[path] = stroke[path].sum()
         slow[path] = np.maximum(slow[path], slow[path].sum())
     # Which steps of a system that can jump were taken with θ = 1 is read off u, and not certain where no row pushes.
     late = (1.0 - θ) * h / duration if d.D.any() else 0.0
@@ -656,16 +663,16 @@ def _judge_by_balance(
             np.where(
                 met,
                 (h * (R + bounds) + largest) * slow,
-                limits.precision * (R * scales.u + h * bounds * scales.U),
+                limits.precision * (R * scales.u + h * bounds * scales.U) + 2.0 * bounds * _crept(d),
             ),
         ),
-        "penetration": _worst(penetration, np.where(strict, 0.0, h * speed) + limits.precision * scales.u),
+        "penetration": _worst(penetration, np.where(strict, 0.0, stroke) + limits.precision * scales.u),
         "energy_balance": (
             balance, ε * (scale + float(v @ momenta)) if θ == 0.5 and (kind >= 0).all() and not d.springs else np.inf,
         ),
         "tension": _worst(tension, limits.precision * (R + largest / max(h, 1e-300))),
         "impact_law": _worst(law, slow),
-        "momentum": _worst(lack, ε * momenta),
+        "momentum": _worst(lack, ε * momenta + blur * (steps * forces + np.abs(d.B) @ largest / shortest)),
         "equilibrium": _worst(
             missing / duration,
             late * forces + ε * (forces + (np.abs(d.B) @ largest + scales.momenta(d)) / duration),
@@ -673,6 +680,19 @@ def _judge_by_balance(
         "kinematics": _worst(gone, limits.precision * (q + h * v)),
     }  # fmt: skip
     return found, scales, (balance, scale)
+
+
+def _crept(d: Dynamics) -> Array:
+    """Return how far a slider on springs may be moved back in a step, as one that is near its threshold slips, in m (nc,).
+
+    That of a force of `SLIPS` times its threshold on the springs that hold it.
+    """
+    static = decompose(d.M, d.C, d.driven).static
+    if not static.any() or not d.slides.any():
+        return np.zeros(len(d.contacts))
+    moves = d.H @ static
+    gives = np.abs(moves * np.linalg.lstsq(static.T @ d.K @ static, moves.T, rcond=None)[0].T).sum(axis=1)
+    return np.asarray(SLIPS * np.where(d.slides, d.r_max, 0.0) * gives)
 
 
 @dataclass(frozen=True, eq=False)
@@ -699,8 +719,8 @@ def _impacts(d: Dynamics, events: Sequence[Event]) -> Iterator[Impact]:
         yield Impact(first.t, first.left.q, first.left.v, first.right.v, P)
 
 
-def _impact_law(d: Dynamics, impact: Impact, touch: Array) -> tuple[Array, Array]:
-    """Return the violation of the law in m/s and the product in J of each row (nc,); rows with u <= ``touch`` touch.
+def _impact_law(d: Dynamics, impact: Impact, touch: Array) -> Array:
+    """Return the violation of the law in m/s of each row (nc,); rows with u <= ``touch`` touch.
 
     The rates of nodes without mass after an impact are no states: they are what fits the law best.
     """
@@ -717,15 +737,21 @@ def _impact_law(d: Dynamics, impact: Impact, touch: Array) -> tuple[Array, Array
     violation[pulls] = np.maximum(violation, np.abs(after - before))[pulls]
     idle = ~struck & ~d.slides & (d.gap(impact.q) <= touch) & ~free.any(axis=1)
     violation[idle] = np.maximum(0.0, -(after + e * np.minimum(before, 0.0)))[idle]
-    return violation, np.abs(P) * violation
+    return violation
 
 
-def _judge_impacts(d: Dynamics, impacts: Sequence[Impact], touch: Array) -> tuple[Array, Array]:
-    """Return the largest violation of the impact law and product of each row (nc,)."""
-    violation, product = np.zeros(len(d.contacts)), np.zeros(len(d.contacts))
+def _judge_impacts(d: Dynamics, impacts: Sequence[Impact], touch: Array, shortest: float = 0.0) -> tuple[Array, Array]:
+    """Return the largest violation of the impact law and product of each row (nc,).
+
+    A row that has flown for less than ``shortest`` may stay closed: so accumulating impacts are ended.
+    """
+    violation, product, last = np.zeros(len(d.contacts)), np.zeros(len(d.contacts)), np.full(len(d.contacts), -np.inf)
     for impact in impacts:
-        here, worked = _impact_law(d, impact, touch)
-        violation, product = np.maximum(violation, here), np.maximum(product, worked)
+        here = _impact_law(d, impact, touch)
+        ends = impact.t - last < shortest
+        here[ends] = np.minimum(here, np.abs(d.gap_rate(impact.after)))[ends]
+        violation, product = np.maximum(violation, here), np.maximum(product, np.abs(impact.P) * here)
+        last[impact.P != 0.0] = impact.t
     return violation, product
 
 
@@ -816,7 +842,9 @@ def _judge_dense(
     scale = float(np.abs(np.concatenate([stored_right, stored_left])).max())
     # What jumps at the very start is judged by the momentum: nodes that springs hold go to their balance.
     energy = np.append(0.0, energy[1:] - energy[1])
-    allowed_E = ε * scale + rounding * np.abs(power).max() + coarse_g @ scales.v + coarse_v @ forces
+    # Energies of large terms that cancel are rounding of these.
+    terms = 64.0 * np.finfo(float).eps * float(forces @ scales.q + momenta @ scales.v)
+    allowed_E = ε * scale + terms + rounding * np.abs(power).max() + coarse_g @ scales.v + coarse_v @ forces
 
     u, U = d.gap(q) + r @ d.D.T, d.gap_rate(v)
     u_right = d.gap(q_right) + r_right @ d.D.T
@@ -826,7 +854,7 @@ def _judge_dense(
     friction = np.abs(pieces.each(_friction(d, r, U))).max(axis=0)
     # What touches but for rounding may be one of the next instant.
     touch = -ε * scales.u
-    violation, worked_off = _judge_impacts(d, impacts, touch)
+    violation, worked_off = _judge_impacts(d, impacts, touch, limits.rest * end)
     largest = _largest_impulses(d, events)
     accelerations = _accelerations(d, g)
     slow = ε * scales.U + limits.rest * end * accelerations
@@ -920,44 +948,63 @@ def _judge_grid(
     t, q, v = record.t[kept], record.q[kept], record.v[kept]
     h = np.diff(t)[:, None]
     P = np.zeros((len(h), len(d.contacts)))
-    P_start = np.zeros(len(d.contacts))
+    P_start, P_end = np.zeros(len(d.contacts)), np.zeros_like(P)
     for k, event in zip(step, struck, strict=True):
         (P_start if k < 0 else P[min(k, len(P) - 1)])[rows[event.contact]] += event.impulse
+        if k >= 0 and event.t >= t[min(k, len(P) - 1) + 1]:
+            P_end[min(k, len(P) - 1), rows[event.contact]] += event.impulse
     if in_steps:
         weighted = np.diff(record.t)[:, None] * record.reaction
         R = np.add.reduceat(weighted, kept[:-1]) / h if len(h) else np.zeros((0, len(d.contacts)))
         r = R
         f, g = _smooth(d, t, q, v, None)
-        given = (h * R + P) @ d.B.T
+        acting = g[1:] + R @ d.B.T
+        as_mean = integrator is None or integrator.reaction_is_mean
+        total = g if as_mean else np.concatenate([g[:1] + R[:1] @ d.B.T, acting])
+        given = (h * R + P if as_mean else P) @ d.B.T
         at = slice(1, None)
     else:
         R = r = record.reaction[kept]
         f, g = _smooth(d, t, q, v, r)
+        acting = total = g
         given = P @ d.B.T
         at = slice(None)
     longest = float(h.max(initial=0.0))
-    scales = Scales.of(d, q, v, r, f).at_least(d, longest)
+    bare = Scales.of(d, q, v, r, f)
+    scales = bare.at_least(d, longest)
+    turn = scales.v - bare.v
     forces, momenta, largest = scales.forces(d), scales.momenta(d), _largest_impulses(d, events)
 
-    lack = np.cumsum(np.diff(v, axis=0) @ d.M.T - 0.5 * h * (g[1:] + g[:-1]) - given, axis=0)
+    lack = np.cumsum(np.diff(v, axis=0) @ d.M.T - 0.5 * h * (total[1:] + total[:-1]) - given, axis=0)
     moved = np.cumsum(np.diff(q, axis=0) - 0.5 * h * (v[1:] + v[:-1]), axis=0)
     if d.stores_energy:
         lack += (v[0] - start[1]) @ d.M.T - d.B @ P_start
         moved += q[0] - start[0]
+    lacking = np.abs(lack)
+    if not in_steps:
+        # What is recorded at the very instant of an impact may be the limit before it.
+        lacking = np.minimum(lacking, np.abs(lack + P_end @ d.B.T))
     elapsed = 64.0 * np.finfo(float).eps * (t[1:] - t[0])[:, None]
-    kicks = np.maximum.accumulate(np.maximum(np.abs(g[1:]), np.abs(R[-len(h) :]) @ np.abs(d.B).T), axis=0)
-    left_out = limits.slack * _bends(h, g, limits.order) + limits.kick * h * kicks
+    kicks, links = np.abs(g).max(axis=0), np.abs(d.B)
+    # A contact passes on what acts at its nodes, be it as a force or in the impulse of a step.
+    passed = np.maximum(np.abs(R).max(axis=0, initial=0.0), (links * kicks[:, None]).max(axis=0, initial=0.0))
+    kicks = np.maximum(kicks, links @ passed)
+    left_out = limits.slack * _bends(h, total, limits.order) + limits.kick * h * kicks
     allowed_p = ε * momenta + elapsed * forces + left_out
     allowed_q = ε * scales.q + elapsed * scales.v + limits.slack * _bends(h, v, limits.order)
+    # Within a step a body may turn about as its forces let it, and show nothing of it at the ends.
+    allowed_q += limits.slack * SLOPE * h * np.where(kind == MASSIVE, turn, 0.0)
     allowed_q += limits.drift * h * np.maximum.accumulate(np.abs(v[1:]), axis=0)
     turns = limits.drift * np.abs(np.diff(q, axis=0) @ d.K.T).max(axis=0, initial=0.0)
     massive, ways, massless = kind == MASSIVE, kind >= DAMPED, np.isin(kind, (DAMPED, LOOSE))
+    # What is moved by hand lags its forces, whose errors add up to those of the way that it goes.
+    allowed_p += limits.drift * h * (np.abs(d.K[:, massless]) @ np.ptp(q[:, massless], axis=0))
 
-    u, U = d.gap(q[at]) + r @ d.D.T, d.gap_rate(v[at])
+    u = d.gap(q[at]) + r @ d.D.T
     one_sided = ~d.slides
     reach = np.where((d.relative_degree == 2) | (2 not in limits.relative_degrees), limits.penetration, 0.0)
     opened = ε * scales.u + reach * longest * scales.U
-    slow = 2.0 * spread * limits.slack * longest * _accelerations(d, g) + ε * scales.U
+    slow = 2.0 * spread * min(limits.slack, 3.0) * longest * _accelerations(d, acting) + ε * scales.U
     struck_steps = np.flatnonzero(P.any(axis=1))
     impacts = (
         [Impact(t[k], q[k], v[k], v[k + 1], P[k]) for k in struck_steps] if in_steps else list(_impacts(d, events))
@@ -982,7 +1029,9 @@ def _judge_grid(
                 [
                     (scales.r * (ε * scales.u + opening))[one_sided],
                     (scales.r * opened)[one_sided],
-                    bounds * longest * (ε * scales.U + 2.0 * np.abs(np.diff(U, axis=0)).max(axis=0, initial=0.0)),
+                    bounds
+                    * longest
+                    * (ε * scales.U + 2.0 * np.abs(np.diff(d.gap_rate(v), axis=0)).max(axis=0, initial=0.0)),
                     largest * slow,
                 ]
             ),
@@ -992,10 +1041,8 @@ def _judge_grid(
             _excess(d, r).max(axis=0, initial=0.0), ε * (scales.r + largest / float(h.max(initial=1e-300)))
         ),
         "impact_law": _worst(violation, slow),
-        "momentum": _worst(np.abs(lack[:, massive]), allowed_p[:, massive]),
-        "equilibrium": _massless(
-            d, g[at] + (r @ d.B.T if in_steps else 0.0), P, in_steps, massless, ε * forces + turns
-        ),
+        "momentum": _worst(lacking[:, massive], allowed_p[:, massive]),
+        "equilibrium": _massless(d, acting, P, in_steps, massless, ε * forces + turns),
         "kinematics": _worst(np.abs(moved[:, ways]), allowed_q[:, ways]),
     }
     energies = _balance_on_grid(d, t, q, v, r, f, list(_placed(impacts, t, in_steps)), in_steps)
@@ -1007,14 +1054,20 @@ def _bends(h: Array, values: Array, order: float) -> Array:
     """Return what the trapezoidal rule may leave out up to each point but the first, after bends and jumps (nt - 1, n).
 
     Where the values are smooth its errors cancel but for h/12 of the change of their slope; where they jump it misses up to
-    h/2 of the jump. A method of order 1 may miss h times what the values change at all.
+    h/2 of the jump, which may show only at the end of the next step. A method of order 1 may miss h times what the values
+    change at all.
     """
-    change = np.abs(np.diff(values, axis=0))
-    bend = np.abs(np.diff(values, n=2, axis=0, prepend=values[:1]))
-    left_out = SLOPE * np.maximum.accumulate(h * change, axis=0) + JUMP * np.cumsum(h * bend, axis=0)
+    change = _or_next(np.abs(np.diff(values, axis=0)))
+    bend = _or_next(np.abs(np.diff(values, n=2, axis=0, prepend=values[:1])))
+    left_out = SLOPE * (h * change).max(axis=0, initial=0.0) + JUMP * np.cumsum(h * bend, axis=0)
     if order < 2.0:
         left_out += h * np.maximum.accumulate(np.abs(values[1:] - values[0]), axis=0)
     return np.asarray(left_out)
+
+
+def _or_next(changes: Array) -> Array:
+    """Return the greater of each step's changes and those of the step after it, which shows what began within the first."""
+    return np.asarray(np.maximum(changes, np.concatenate([changes[1:], changes[-1:]])))
 
 
 def _placed(impacts: Sequence[Impact], t: Array, in_steps: bool) -> Iterator[tuple[int, Impact]]:

@@ -142,9 +142,11 @@ def simulate(
             status = Status.NON_FINITE
             message = f"{status.sentence} {given}"
         message = f"{integrator.name} stopped after step {reached} (t = {record.t[-1]:g} s): {message}"
-    elif integrator.declared.gated and not certificate.holds:
+    elif not certificate.holds:
         status = Status.VIOLATED
-        message = f"{integrator.name}: {'; '.join(certificate.failures)}. {status.sentence}"
+        others = [name for name in _able(problem.dynamics) if METHODS[name].family != integrator.family]
+        named = f" such as {' or '.join(map(repr, others[:SHOWN]))}" if others else ""
+        message = f"{integrator.name}: {'; '.join(certificate.failures)}. {status.sentence.rstrip('.')}{named}."
     trajectory = Trajectory(
         problem,
         _describe(integrator, lcp_solver),
@@ -262,14 +264,19 @@ def _check_handled(integrator: Integrator, problem: Problem) -> None:
     dynamics = problem.dynamics
     missing = _missing(integrator.declared, dynamics)
     if missing:
-        able = [name for name, kind in METHODS.items() if not _missing(kind.declared, dynamics)]
-        able.sort(key=lambda name: -len(METHODS[name].declared.handles))  # those that do most stand first
+        able = _able(dynamics)
         names = " or ".join(map(repr, able[:SHOWN]))
         others = f" or one of {len(able) - SHOWN} more of 'lcpimpact list methods'" if len(able) > SHOWN else ""
         raise UnsupportedError(
             f"{integrator.name} does not handle {missing} of {problem.name!r}: "
             + (f"take method={names}{others}" if able else "no method that is registered does")
         )
+
+
+def _able(dynamics: Dynamics) -> list[str]:
+    """Return the methods that handle a system by what they declare, those that do most first."""
+    able = [name for name, kind in METHODS.items() if not _missing(kind.declared, dynamics)]
+    return sorted(able, key=lambda name: -len(METHODS[name].declared.handles))
 
 
 def _missing(declared: Declared, dynamics: Dynamics) -> str:

@@ -6,11 +6,13 @@ import pickle
 
 import numpy as np
 import pytest
+from test_random_schemes import frictional, random_problem
 
 import lcpimpact as li
 from lcpimpact import FailureError, InputError, Status
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.moreau_jean import MoreauJean
+from lcpimpact.problems import PROBLEMS
 
 PAPER = "rk4-paper"
 IMPACTING = [name for name in METHODS if name != PAPER]
@@ -173,7 +175,6 @@ class Careless(MoreauJean):
     """The θ-step with every coefficient of restitution 0.9, whatever the problem says."""
 
     name = "careless"
-    declared = dataclasses.replace(MoreauJean.declared, gated=True)
 
     def prepare(self, d, h, lcp_solver):
         contacts = tuple(dataclasses.replace(contact, e=0.9) for contact in d.contacts)
@@ -188,7 +189,8 @@ def test_a_run_whose_certificate_fails_has_a_status_of_its_own_and_names_number_
     run = raised.value.result
     assert run.status is Status.VIOLATED
     assert not run.success
-    assert Status.VIOLATED.sentence in run.message
+    assert Status.VIOLATED.sentence.rstrip(".") in run.message
+    assert "another method such as " in run.message
     assert len(run.t) == 2001, "what the run did is there to be looked at"
     unthrown = li.simulate(stopped_oscillator(), Careless(), dt=T_END / 2000, t_end=T_END, throw=False, progress=False)
     assert unthrown.status is Status.VIOLATED
@@ -270,20 +272,18 @@ def accepted(problem, method, dt, t_end):
     return run.certificate.failures if run.status in (Status.SOLVED, Status.VIOLATED) else None
 
 
-QUICK = (
-    "system-1",
-    "system-2",
-    "bouncing-ball",
-    "impact-oscillator",
-    "two-ball-drop",
-    "vibrating-table",
-    "hertz-impact",
+HEAVY = {
+    "diode-bridge": {}, "hereditary-impact": {}, "bar-impact": {"elements": 8}, "bouncing-bar": {"elements": 8},
+    "plastic-bar-impact": {"elements": 8},
+}  # fmt: skip
+"""Problems whose runs by all methods take long, with fewer elements than they have."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name in HEAVY else name for name in PROBLEMS]
 )
-
-
-@pytest.mark.parametrize("name", QUICK)
 def test_no_method_alarms_on_a_registered_problem(name):
-    problem = li.load_problem(name)
+    problem = li.load_problem(name, **HEAVY.get(name, {}))
     judged = {method: accepted(problem, method, problem.t_end / 400, problem.t_end) for method in METHODS}
     assert {method: failures for method, failures in judged.items() if failures} == {}
     assert sum(failures is not None for failures in judged.values()) >= 3
@@ -322,13 +322,23 @@ def random_scheme(seed):
     return li.Problem(f"random {seed}", li.Scheme(*elements), v0=v0)
 
 
-def alarms(seeds):
-    """Return the failures of runs that are right, compared with another method, and how many runs were judged."""
+ALL = len(METHODS)
+
+
+def alarms(seeds, make=random_scheme, each=ALL):
+    """Return the failures of runs that are right, compared with another method, and how many runs were judged.
+
+    ``each`` seed takes so many of the methods in turn, besides the two that tell what is right.
+    """
     found, judged = {}, 0
     for seed in seeds:
-        problem = random_scheme(seed)
+        try:
+            problem = make(seed)
+        except InputError:
+            continue
+        chosen = [list(METHODS)[(seed * each + i) % len(METHODS)] for i in range(each)]
         runs = {}
-        for method in METHODS:
+        for method in dict.fromkeys(["exact", "event-driven", *chosen]):
             try:
                 runs[method] = li.simulate(problem, method, dt=2e-3, t_end=2.0, throw=False, progress=False)
             except (li.UnsupportedError, li.InputError):
@@ -340,7 +350,9 @@ def alarms(seeds):
                 continue
             judged += 1
             off = np.abs(run.q - truth.q).max() / np.abs(truth.q).max()
-            if run.certificate.failures and off < RIGHT:
+            # These do penetrate where several bodies touch, or where a load that varies holds a contact closed.
+            known = METHODS[name].family == "explicit Runge-Kutta" and run.certificate.penetration > 0.0
+            if run.certificate.failures and off < RIGHT and not (known and "penetration" in beyond(run.certificate)):
                 found[seed, name] = run.certificate.failures
     return found, judged
 
@@ -350,3 +362,79 @@ def test_no_method_alarms_on_random_schemes(first):
     found, judged = alarms(range(first, first + 10))
     assert found == {}
     assert judged >= 60
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", range(100, 350, 50))
+@pytest.mark.parametrize("make", [random_scheme, random_problem, frictional])
+def test_few_methods_of_many_random_schemes_do_not_alarm(make, first):
+    found, judged = alarms(range(first, first + 50 if make is random_scheme else first + 25), make, each=2)
+    assert found == {}
+    assert judged >= 40
+
+
+# ---- what matters is found out at usual steps -----------------------------------------------------------------------
+
+SHARP = ("exact", "event-driven", "radau-fesd", "moreau-jean")
+"""Methods whose laws hold to rounding or to a tolerance, whatever the step."""
+
+BY_THE_STEP = (
+    "moreau-midpoint",
+    "newmark-ns",
+    "generalized-alpha",
+    "rattle-ns",
+    "stormer-verlet-ns",
+    "ssprk3",
+    "dopri5",
+)
+"""Methods whose certificates know h alone, and find as little at ten times as many steps."""
+
+
+@pytest.fixture(scope="module")
+def fine(runs):
+    """Runs of the oscillator that tell a thousandth."""
+    return {name: runs[name] for name in SHARP} | {
+        name: simulate(stopped_oscillator(), name, 20_000) for name in BY_THE_STEP
+    }
+
+
+@pytest.mark.parametrize("what", ["q", "v"])
+@pytest.mark.parametrize("name", SHARP + BY_THE_STEP)
+def test_a_thousandth_of_the_motion_is_found_out(fine, name, what):
+    run = fine[name]
+    assert run.success
+    assert not dataclasses.replace(run, **{what: 1.001 * getattr(run, what)}).certify().holds
+
+
+@pytest.mark.parametrize("name", SHARP + BY_THE_STEP)
+def test_a_thousandth_of_the_impulses_is_found_out(fine, name):
+    events = tuple(dataclasses.replace(event, impulse=1.001 * event.impulse) for event in fine[name].events)
+    assert "momentum" in beyond(dataclasses.replace(fine[name], events=events).certify())
+
+
+@pytest.mark.parametrize("name", SHARP)
+def test_a_thousandth_of_the_forces_is_found_out(pressed, name):
+    assert not dataclasses.replace(pressed[name], reaction=1.001 * pressed[name].reaction).certify().holds
+
+
+@pytest.mark.parametrize("what", [{"m": 1.3 * 1.001}, {"k": 40.0 * 1.001}, {"f": 5.0 * 1.001}, {"e": 0.5 * 1.01}])
+@pytest.mark.parametrize("name", SHARP + BY_THE_STEP)
+def test_a_model_that_is_off_by_a_thousandth_is_found_out(fine, name, what):
+    assert not fine[name].certify(stopped_oscillator(**what)).holds
+
+
+# ---- tiny and huge motions ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("size", [1e-150, 1e-30, 1e-9, 1e9, 1e30])
+@pytest.mark.parametrize("name", IMPACTING)
+def test_the_size_of_a_motion_raises_no_alarm(name, size):
+    """Lengths, speeds and loads in another unit: the same motion, and the same verdict."""
+    scheme = li.Scheme(
+        li.Mass("x", 1.3), li.Spring("x", "ground", 40.0), li.Load("x", 5.0 * size),
+        li.Bumper("x", "ground", gap=0.05 * size, e=0.5, name="R"),
+    )  # fmt: skip
+    problem = li.Problem("scaled", scheme, v0={"x": -0.4 * size}, t_end=T_END)
+    atol = {"atol": 1e-12 * size} if name == "event-driven" else {}
+    run = li.simulate(problem, name, dt=T_END / 500, t_end=T_END, progress=False, throw=False, **atol)
+    assert run.success, run.message

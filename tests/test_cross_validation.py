@@ -106,9 +106,14 @@ class Wrong(MoreauJean):
     """Solves another problem than it was given.
 
     spoil : str     what it does to each element
+    lax : bool      whether its certificate allows everything, so that only the comparison can find it out
     """
 
     spoil: str = "heavier"
+    lax: bool = True
+
+    def limits(self):
+        return replace(super().limits(), precision=1e30) if self.lax else super().limits()
 
     def start(self, problem, grid, lcp_solver, record):
         return super().start(spoiled(problem, SPOILS[self.spoil]), grid, lcp_solver, record)
@@ -139,6 +144,13 @@ def test_a_route_that_solves_another_problem_is_found_out(name, spoil):
     assert any(reason.startswith("'wrong' disagrees with 'exact': ") for reason in verdict.reasons) or (
         verdict.reasons[0].startswith("'wrong' is wrong by a closed form: ")
     )
+
+
+def test_a_route_that_breaks_the_laws_of_the_problem_is_no_vote_and_says_so():
+    routes = {"exact": "exact", "wrong": Wrong(lax=False), "moreau-jean": "moreau-jean"}
+    verdict = li.cross_validate(li.load_problem("system-1"), routes)
+    assert not verdict.agree
+    assert "breaks its laws by more than its method allows" in str(verdict)
 
 
 CLOSED_FORMS = [name for name in PROBLEMS if name != "diode-bridge" and li.load_problem(name).motion is not None]

@@ -160,7 +160,6 @@ class Declared:
     slack : float                   how many times the error of its rule, as the bends of the run show it, its steps may make
     drift : float                   nodes without mass may be moved by hand: so many times what a step changes
     dissipates : bool               whether impacts never leave a system with more energy than it began with
-    gated : bool                    whether a run whose certificate fails ends as VIOLATED
     adaptive : str                  how it chooses its steps, "" where they are those of dt
     source : str                    where it is from
     """
@@ -183,7 +182,6 @@ class Declared:
     slack: float = 3.0
     drift: float = 0.0
     dissipates: bool
-    gated: bool = False
     adaptive: str = ""
     source: str
 
@@ -223,6 +221,8 @@ class Integrator(ABC):
     solves_lcp: ClassVar[bool] = True
     impact_steps: ClassVar[int] = 1
     """Steps over which the impulse of one impact spreads."""
+    reaction_is_mean: ClassVar[bool] = True
+    """Whether a reaction that is recorded for each step is its mean there, which h times it makes the impulse."""
     family: ClassVar[str] = ""
     """The rule of the step, by name: methods of one family do not confirm each other. "" for a rule of its own."""
     mode_choice: ClassVar[str] = ""

@@ -55,7 +55,7 @@ class CDLagrange(LinearStep):
         handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
         reaction_lives="at t + h, one for each step",
         energy="near its value for ever, where h is below 2/ω; what is recorded at an impact is off by half a kick",
-        kick=0.75,
+        kick=1.0,
         dissipates=False,
         source="Fekak, Brun, Gravouil and Depale (2017); Di Stasio et al. (2019)",
     )

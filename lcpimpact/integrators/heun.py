@@ -38,6 +38,7 @@ class Heun(ExplicitRungeKutta):
         handles=HANDLES,
         reaction_lives="at t, right limit",
         energy="no rule; grows without bound beyond the limit of stability",
+        slack=4.0,
         dissipates=False,
         source="Heun (1900); Hairer, Nørsett and Wanner (1993), section II.1",
     )

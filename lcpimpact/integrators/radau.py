@@ -257,6 +257,7 @@ class Radau(Integrator):
     tol: float | None = None
     max_iter: int | None = None
 
+    reaction_is_mean: ClassVar[bool] = False
     name: ClassVar[str] = "radau"
     family: ClassVar[str] = "Radau IIA"
     declared: ClassVar[Declared] = Declared(
@@ -273,7 +274,7 @@ class Radau(Integrator):
         reaction_lives="at t + h, one for each step",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",
         precision=1e-7,
-        slack=2.0,
+        slack=3.0,
         kick=0.75,
         dissipates=True,
         source="Hairer and Wanner (1996), section IV.5; contacts as Acary and Brogliato (2008), chapter 10",

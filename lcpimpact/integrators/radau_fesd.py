@@ -494,7 +494,7 @@ class RadauFESD(Integrator):
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",
         balances_energy=True,
         precision=1e-7,
-        slack=8.0,
+        slack=24.0,
         dissipates=True,
         source="Nurkanović, Sperl, Albrecht and Diehl (2024); Hairer and Wanner (1996), section IV.5",
         adaptive="with rtol, halves the elements of a step by their error estimate",
