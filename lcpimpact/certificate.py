@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numba import types
@@ -274,7 +274,7 @@ def certify_steps(
     for a in range(len(lines)):
         for i in range(nc):
             on_line[i] |= lines[a, i] > 0.0
-    balance, worst, longest, at = 0.0, 0.0, 0.0, 0
+    balance, worst, longest, at, begun = 0.0, 0.0, 0.0, 0, 0
     direct, drives, varying, last = np.zeros(nc, np.bool_), False, len(f) > 1, len(t) - 2
     for i in range(nc):
         for j in range(nc):
@@ -326,12 +326,10 @@ def certify_steps(
             at += 1
         for i in range(nc):
             impulse[i] += h * r[k, i]
-            total[i], of_step[:, i] = r[k, i], 0.0
-        for a in range(ni):
-            b = at - 1 - a
-            if b < 0 or step[b] != k:
-                break
-            total[row[b]] += P[b] * per_h
+            total[i] = r[k, i]
+        while begun < at:
+            total[row[begun]] += P[begun] * per_h
+            begun += 1
         if len(lines):
             judge_paths(lines, total, h, v[k], v[k + 1], H, H_starts, H_columns, e, meets, of_rows)
         for i in range(nc):
@@ -343,8 +341,9 @@ def certify_steps(
                 W += H[p] * w[j]
             bare, U_before = u, rate[i]
             power += force * W
-            if h * abs(W) > stroke[i]:
-                stroke[i] = h * abs(W)
+            moved = h * abs(W)
+            if moved > stroke[i]:
+                stroke[i] = moved
             if direct[i]:
                 for j in range(nc):
                     u += D[i, j] * r[k, j]
@@ -696,69 +695,88 @@ def _crept(d: Dynamics) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Impact:
-    """The impacts of one instant: the limits of the velocities (n,), the place (n,), and the impulses (nc,)."""
+class Impacts:
+    """The impacts of a run, one of each instant.
 
-    t: float
+    Attributes
+    ----------
+    t : (ni,) array                 when
+    q, before, after : (ni, n)      the places, and the limits of the velocities
+    P : (ni, nc)                    the impulses
+    """
+
+    t: Array
     q: Array
     before: Array
     after: Array
     P: Array
 
+    @classmethod
+    def of(cls, d: Dynamics, events: Sequence[Event]) -> Impacts:
+        """Return those of events, where such as have their limits in common are one."""
+        rows = _rows(d)
+        struck = [event for event in events if event.impulse != 0.0]
+        first = [
+            k
+            for k, event in enumerate(struck)
+            if k == 0 or event.t != struck[k - 1].t or not np.array_equal(event.left.v, struck[k - 1].left.v)
+        ]
+        n, P = len(d.nodes), np.zeros((len(first), len(d.contacts)))
+        one = np.searchsorted(first, np.arange(len(struck)), side="right") - 1
+        row = np.array([rows[event.contact] for event in struck], dtype=np.int64)
+        np.add.at(P, (one, row), [event.impulse for event in struck])
+        t = np.array([struck[k].t for k in first])
+        q, before, after = (
+            np.array([getattr(getattr(struck[k], side), name) for k in first]).reshape(-1, n)
+            for side, name in (("left", "q"), ("left", "v"), ("right", "v"))
+        )
+        return cls(t, q, before, after, P)
 
-def _impacts(d: Dynamics, events: Sequence[Event]) -> Iterator[Impact]:
-    """Yield the impacts, those together that have their limits in common."""
-    rows, at = _rows(d), 0
-    struck = [event for event in events if event.impulse != 0.0]
-    while at < len(struck):
-        first = struck[at]
-        P = np.zeros(len(d.contacts))
-        while at < len(struck) and struck[at].t == first.t and np.array_equal(struck[at].left.v, first.left.v):
-            P[rows[struck[at].contact]] += struck[at].impulse
-            at += 1
-        yield Impact(first.t, first.left.q, first.left.v, first.right.v, P)
+    def __getitem__(self, chosen: Any) -> Impacts:
+        """Return some of them."""
+        return Impacts(self.t[chosen], self.q[chosen], self.before[chosen], self.after[chosen], self.P[chosen])
 
 
-def _impact_law(d: Dynamics, impact: Impact, touch: Array) -> Array:
-    """Return the violation of the law in m/s of each row (nc,); rows with u <= ``touch`` touch.
+def _impact_law(d: Dynamics, impacts: Impacts, touch: Array) -> Array:
+    """Return the violation of the law in m/s of each row in each impact (ni, nc); rows with u <= ``touch`` touch.
 
     The rates of nodes without mass after an impact are no states: they are what fits the law best.
     """
-    before, after, P, e = d.gap_rate(impact.before), d.gap_rate(impact.after), impact.P, d.restitution
-    violation, struck = np.zeros(len(P)), P != 0.0
-    off = after + e * before
+    before, after, P, e = d.gap_rate(impacts.before), d.gap_rate(impacts.after), impacts.P, d.restitution
+    struck, off = P != 0.0, after + e * before
     # A contact that opens already, and is held back by another, may part at any greater rate.
     off = np.where((before > 0.0) & (np.abs(after) < np.abs(off)), after, off)
     free = d.H[:, ~d.massive & ~d.driven]
-    if free[struck].any():
-        off[struck] -= free[struck] @ np.linalg.lstsq(free[struck], off[struck], rcond=None)[0]
-    violation[struck] = np.abs(off[struck])
-    pulls = P < 0.0
-    violation[pulls] = np.maximum(violation, np.abs(after - before))[pulls]
-    idle = ~struck & ~d.slides & (d.gap(impact.q) <= touch) & ~free.any(axis=1)
-    violation[idle] = np.maximum(0.0, -(after + e * np.minimum(before, 0.0)))[idle]
-    return violation
+    for k in np.flatnonzero((struck & free.any(axis=1)).any(axis=1)):
+        rows = struck[k]
+        off[k, rows] -= free[rows] @ np.linalg.lstsq(free[rows], off[k, rows], rcond=None)[0]
+    violation = np.where(struck, np.abs(off), 0.0)
+    violation = np.where(P < 0.0, np.maximum(violation, np.abs(after - before)), violation)
+    idle = ~struck & ~d.slides & (d.gap(impacts.q) <= touch) & ~free.any(axis=1)
+    return np.where(idle, np.maximum(0.0, -(after + e * np.minimum(before, 0.0))), violation)
 
 
-def _judge_impacts(d: Dynamics, impacts: Sequence[Impact], touch: Array, shortest: float = 0.0) -> tuple[Array, Array]:
+def _judge_impacts(d: Dynamics, impacts: Impacts, touch: Array, shortest: float = 0.0) -> tuple[Array, Array]:
     """Return the largest violation of the impact law and product of each row (nc,).
 
     A row that has flown for less than ``shortest`` may stay closed: so accumulating impacts are ended.
     """
-    violation, product, last = np.zeros(len(d.contacts)), np.zeros(len(d.contacts)), np.full(len(d.contacts), -np.inf)
-    for impact in impacts:
-        here = _impact_law(d, impact, touch)
-        ends = impact.t - last < shortest
-        here[ends] = np.minimum(here, np.abs(d.gap_rate(impact.after)))[ends]
-        violation, product = np.maximum(violation, here), np.maximum(product, np.abs(impact.P) * here)
-        last[impact.P != 0.0] = impact.t
-    return violation, product
+    violation, count = _impact_law(d, impacts, touch), np.arange(len(impacts.t))
+    flown = np.full(violation.shape, np.inf)
+    for i in range(len(d.contacts)):
+        struck = np.flatnonzero(impacts.P[:, i])
+        last = np.searchsorted(struck, count) - 1
+        flown[last >= 0, i] = (impacts.t - impacts.t[struck[last]])[last >= 0] if len(struck) else 0.0
+    ends = flown < shortest
+    violation = np.where(ends, np.minimum(violation, np.abs(d.gap_rate(impacts.after))), violation)
+    return violation.max(axis=0, initial=0.0), (np.abs(impacts.P) * violation).max(axis=0, initial=0.0)
 
 
-def _work(d: Dynamics, impact: Impact) -> float:
-    """Return the work P (U⁻ + U⁺)/2 of impacts in J, and that of the forces that drive the nodes they strike."""
-    mean = 0.5 * (impact.before + impact.after)
-    return float(impact.P @ d.gap_rate(mean) - (d.B @ impact.P * mean)[d.driven].sum())
+def _work(d: Dynamics, impacts: Impacts) -> Array:
+    """Return the work P (U⁻ + U⁺)/2 of impacts in J (ni,), and that of the forces that drive the nodes they strike."""
+    mean = 0.5 * (impacts.before + impacts.after)
+    driving = ((impacts.P @ d.B.T) * mean)[:, d.driven].sum(axis=1)
+    return np.asarray((impacts.P * d.gap_rate(mean)).sum(axis=1) - driving)
 
 
 def _friction(d: Dynamics, r: Array, U: Array) -> Array:
@@ -807,20 +825,17 @@ def _judge_dense(
     rates = kind >= DAMPED
     if not d.stores_energy:
         q_left[0] = q_right[0]
-    seen: set[float] = set()
-    for event in events:
-        if event.t not in seen and event.t <= end:
-            seen.add(event.t)
-            k = int(np.searchsorted(cuts, event.t))
-            if k > 0:
-                q_left[k], v_left[k] = event.left.q, event.left.v
-    impacts = [impact for impact in _impacts(d, events) if impact.t <= end]
+    instants, first = np.unique([event.t for event in events], return_index=True)
+    for k, one in zip(np.searchsorted(cuts, instants), first, strict=True):
+        if 0 < k < len(cuts):
+            q_left[k], v_left[k] = events[one].left.q, events[one].left.v
+    impacts = Impacts.of(d, events)
+    impacts = impacts[impacts.t <= end]
     P = np.zeros((len(cuts), len(d.nodes)))
     worked = np.zeros(len(cuts))
-    for impact in impacts:
-        k = int(np.searchsorted(cuts, impact.t))
-        P[k] += d.B @ impact.P
-        worked[k] += _work(d, impact)
+    at = np.searchsorted(cuts, impacts.t)
+    np.add.at(P, at, impacts.P @ d.B.T)
+    np.add.at(worked, at, _work(d, impacts))
     f, g = _smooth(d, times, q, v, r)
     all_q, all_v, all_r = (np.concatenate(each) for each in ((q, q_right), (v, v_right, v_left), (r, r_right)))
     scales = Scales.of(d, all_q, all_v, all_r, f).at_least(d, float(h.max(initial=0.0)))
@@ -1005,15 +1020,11 @@ def _judge_grid(
     reach = np.where((d.relative_degree == 2) | (2 not in limits.relative_degrees), limits.penetration, 0.0)
     opened = ε * scales.u + reach * longest * scales.U
     slow = 2.0 * spread * min(limits.slack, 3.0) * longest * _accelerations(d, acting) + ε * scales.U
-    struck_steps = np.flatnonzero(P.any(axis=1))
-    impacts = (
-        [Impact(t[k], q[k], v[k], v[k + 1], P[k]) for k in struck_steps] if in_steps else list(_impacts(d, events))
-    )
+    hit = np.flatnonzero(P.any(axis=1))
+    impacts = Impacts(t[hit], q[hit], v[hit], v[hit + 1], P[hit]) if in_steps else Impacts.of(d, events)
     # An impact that spreads over several steps obeys its law only where no other contact pushes in them.
-    alone = [
-        each for k, each in zip(struck_steps, impacts, strict=False) if not R[k].any() and np.count_nonzero(P[k]) == 1
-    ]
-    violation, worked_off = _judge_impacts(d, alone if spread > 1 else impacts, -opened)
+    alone = ~R[hit].any(axis=1) & (np.count_nonzero(P[hit], axis=1) == 1) if spread > 1 else slice(None)
+    violation, worked_off = _judge_impacts(d, impacts[alone], -opened)
     pushed_apart = np.abs(r * np.maximum(u, 0.0)).max(axis=0, initial=0.0)
     overlapping = np.abs(r * np.minimum(u, 0.0)).max(axis=0, initial=0.0)
     # A contact may open in the step over which its force is a mean.
@@ -1045,7 +1056,7 @@ def _judge_grid(
         "equilibrium": _massless(d, acting, P, in_steps, massless, ε * forces + turns),
         "kinematics": _worst(np.abs(moved[:, ways]), allowed_q[:, ways]),
     }
-    energies = _balance_on_grid(d, t, q, v, r, f, list(_placed(impacts, t, in_steps)), in_steps)
+    energies = _balance_on_grid(d, t, q, v, r, f, impacts, in_steps)
     found["energy_balance"] = (energies[0], np.inf)
     return found, scales, energies
 
@@ -1070,14 +1081,6 @@ def _or_next(changes: Array) -> Array:
     return np.asarray(np.maximum(changes, np.concatenate([changes[1:], changes[-1:]])))
 
 
-def _placed(impacts: Sequence[Impact], t: Array, in_steps: bool) -> Iterator[tuple[int, Impact]]:
-    """Yield the impacts with the steps in which they are."""
-    for impact in impacts:
-        k = int(np.searchsorted(t, impact.t, side="right" if in_steps else "left")) - 1
-        if k >= 0:
-            yield min(k, len(t) - 2), impact
-
-
 def _massless(d: Dynamics, g: Array, P: Array, in_steps: bool, massless: Flags, allowed: Array) -> tuple[float, float]:
     """Return the force that is missing at nodes without mass, and the impulses that do not balance there over a step."""
     if not massless.any():
@@ -1094,7 +1097,7 @@ def _balance_on_grid(
     v: Array,
     r: Array,
     f: Array,
-    impacts: Sequence[tuple[int, Impact]],
+    impacts: Impacts,
     in_steps: bool,
 ) -> tuple[float, float]:
     """Return the largest |E(t) - E(0) - work| with the power integrated by the trapezoidal rule, and the scale of E."""
@@ -1111,7 +1114,8 @@ def _balance_on_grid(
         middle, q_m, v_m = (0.5 * (each[1:] + each[:-1]) for each in (t, q, v))
         driving = d.driving_power(middle, q_m, v_m, r) - d.driving_power(middle, q_m, v_m, none[1:])
         work += h * ((r * d.gap_rate(v_m)).sum(axis=1) + driving)
-    for k, impact in impacts:
-        work[k] += _work(d, impact)
+    steps = np.searchsorted(t, impacts.t, side="right" if in_steps else "left") - 1
+    within = steps >= 0
+    np.add.at(work, np.minimum(steps, len(t) - 2)[within], _work(d, impacts)[within])
     balance = np.cumsum(np.diff(stored) - work)
     return float(np.abs(balance).max(initial=0.0)), float(np.abs(stored).max())
