@@ -23,7 +23,7 @@ SOLVED, INACCURATE, NON_FINITE = int(Status.SOLVED), int(Status.INACCURATE), int
 Springs: TypeAlias = Callable[..., tuple[int, int, int, float]]
 
 SPRINGS_SIGNATURE: Any = types.Tuple((i8, i8, i8, f8))(
-    matrix, vector, vector, vector, vector, vector, f8, i8, KERNEL,
+    matrix, vector, vector, vector, vector, vector, types.boolean, f8, i8, KERNEL,
     matrix, matrix, matrix, vector, vector, matrix, f8, f8, vector, vector,
 )  # fmt: skip
 """Of `lcpimpact.integrators.newton.solve_with_springs`, which is compiled only for a scheme that has such springs."""
@@ -43,7 +43,7 @@ def examine(
 
 
 @compiled(
-    types.Tuple((i8, i8, f8))(matrix, vector, vector, vector, vector, vector, f8, i8, KERNEL)
+    types.Tuple((i8, i8, f8))(matrix, vector, vector, vector, vector, vector, types.boolean, f8, i8, KERNEL)
 )  # fmt: skip
 def solve_law(
     W: Array,
@@ -52,13 +52,14 @@ def solve_law(
     upper: Array,
     z: Array,
     gap: Array,
+    plain: bool,
     tol: float,
     max_iter: int,
     solve: Kernel,
 ) -> tuple[int, int, float]:
     """Solve the LCP of a step, and judge the answer outside the solver: status, iterations, residual."""
     status, count = solve(W, b, lower, upper, z, tol, max_iter)
-    residual = clear_residual(W, b, lower, upper, z, tol)
+    residual = clear_residual(W, b, z, tol) if plain else np.inf
     if residual == np.inf:
         status, residual = examine(status, W, b, lower, upper, z, gap, tol)
     return status, count, residual
@@ -66,7 +67,7 @@ def solve_law(
 
 @compiled(SPRINGS_SIGNATURE)
 def no_springs(
-    W: Array, b: Array, lower: Array, upper: Array, z: Array, gap: Array, tol: float, max_iter: int,
+    W: Array, b: Array, lower: Array, upper: Array, z: Array, gap: Array, plain: bool, tol: float, max_iter: int,
     solve: Kernel, HGs: Array, NG: Array, NGs: Array, y_free: Array, δ: Array, law: Array, θh: float, h: float,
     y: Array, s: Array,
 ) -> tuple[int, int, int, float]:  # fmt: skip

@@ -220,6 +220,9 @@ def steps(
     z, active = np.empty(nc), np.empty(nc, np.int64)
     low, high, q_law = np.empty(nc), np.empty(nc), np.empty(nc)
     y_free, δ, rate, s = np.empty(ns), np.empty(ns), np.zeros(ns), np.zeros(ns)
+    plain = True
+    for i in range(nc):
+        plain = plain and upper[0, i] == np.inf
     iterations, newton, worst = 0, 0, 0.0
     for k in range(first, last):
         for i in range(N):
@@ -264,13 +267,13 @@ def steps(
                     for c in range(ns):
                         NGs[a, c] = rates[j, at_s + c, a]
                 status, count, tried, residual = solve_with_springs(
-                    W, q_law[:na], low[:na], high[:na], z[:na], gap[:na], tol, max_iter, solve,
+                    W, q_law[:na], low[:na], high[:na], z[:na], gap[:na], plain, tol, max_iter, solve,
                     HGs, NG, NGs, y_free, δ, law_of_springs, θh[j], h, rate, s,
                 )  # fmt: skip
                 x[at_s : at_s + ns] = s
             elif na > 0:
                 status, count, residual = solve_law(
-                    W, q_law[:na], low[:na], high[:na], z[:na], gap[:na], tol, max_iter, solve
+                    W, q_law[:na], low[:na], high[:na], z[:na], gap[:na], plain, tol, max_iter, solve
                 )
             iterations += count
             newton += tried

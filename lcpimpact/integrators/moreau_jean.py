@@ -248,11 +248,14 @@ def steps(
     """
     n, nc, ns = len(kind), len(degree), len(springs)
     w, b, z, active = np.empty(n), np.empty(nc), np.zeros(nc), np.empty(nc, np.int64)
-    lower, upper, gap = np.empty(nc), np.empty(nc), np.empty(nc)
+    lower, upper, gap = np.zeros(nc), np.full(nc, np.inf), np.empty(nc)
     y_free, δ, y, s = np.empty(ns), np.empty(ns), np.zeros(ns), np.zeros(ns)
     nl = len(lines)
     meets, shift = np.zeros(nl, np.bool_), np.zeros(nc)
     NGs = N @ Gs
+    plain = True
+    for i in range(nc):
+        plain = plain and r_max[i] == np.inf
     iterations, newton, worst = 0, 0, 0.0
     per_θ = 1.0 / θ
     for k in range(first, last):
@@ -277,7 +280,8 @@ def steps(
                 b[na] = U_free + (θ * e[i] - (1.0 - θ)) * U
             else:
                 continue
-            lower[na], upper[na] = r_min[i], r_max[i]
+            if not plain:
+                lower[na], upper[na] = r_min[i], r_max[i]
             active[na] = i
             z[na] = r[k - 1, i] if k > 0 else 0.0
             na += 1
@@ -295,18 +299,27 @@ def steps(
                             HGs[i, a] += H[active[i], j] * Gs[j, a]
                             NG[a, i] += N[a, j] * G[j, active[i]]
                 status, count, tried, residual = solve_with_springs(
-                    submatrix(W, active[:na]), b[:na], lower[:na], upper[:na], z[:na], gap[:na], tol, max_iter, solve,
+                    submatrix(W, active[:na]), b[:na], lower[:na], upper[:na], z[:na], gap[:na], plain, tol, max_iter, solve,
                     HGs, NG, NGs, y_free, δ, springs, θ * h, h, y, s,
                 )  # fmt: skip
             elif na == nc and nc > 0:
                 # The lines of solve_law: to call it costs as much as to solve one row.
                 status, count = solve(W, b, lower, upper, z, tol, max_iter)
-                residual = clear_residual(W, b, lower, upper, z, tol)
+                residual = clear_residual(W, b, z, tol) if plain else np.inf
                 if residual == np.inf:
                     status, residual = examine(status, W, b, lower, upper, z, gap, tol)
             elif na > 0:
                 status, count, residual = solve_law(
-                    submatrix(W, active[:na]), b[:na], lower[:na], upper[:na], z[:na], gap[:na], tol, max_iter, solve
+                    submatrix(W, active[:na]),
+                    b[:na],
+                    lower[:na],
+                    upper[:na],
+                    z[:na],
+                    gap[:na],
+                    plain,
+                    tol,
+                    max_iter,
+                    solve,
                 )
             if nl == 0:
                 break

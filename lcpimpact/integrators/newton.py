@@ -95,6 +95,7 @@ def solve_with_springs(
     upper: Array,
     z: Array,
     gap: Array,
+    plain: bool,
     tol: float,
     max_iter: int,
     solve: Kernel,
@@ -156,7 +157,7 @@ def solve_with_springs(
                     W_s[i, c] += HGs[i, j] * S[j, c]
         z_old[:], s_old[:], y_old[:] = z, s, y
         if nc > 0:
-            status, count, residual = solve_law(W_s, b_s, lower, upper, z, gap, tol, max_iter, solve)
+            status, count, residual = solve_law(W_s, b_s, lower, upper, z, gap, plain, tol, max_iter, solve)
             total += count
             if status != SOLVED:
                 return status, total, newton, residual

@@ -86,7 +86,7 @@ def meet(
     for _ in range(2):
         for a in range(count):
             q[a] = U[rows[a]] + rebound[a] * min(U[rows[a]], 0.0)
-        status, tried, residual = solve_law(W, q, low, high, z, w, tol, max_iter, solve)
+        status, tried, residual = solve_law(W, q, low, high, z, w, True, tol, max_iter, solve)
         iterations += tried
         worst = max(worst, residual)
         if status != SOLVED:
@@ -158,6 +158,9 @@ def steps(
     x, new = np.zeros(known + rows), np.empty(result.shape[1])
     b, z, gap, active = np.empty(rows), np.empty(rows), np.empty(rows), np.empty(rows, np.int64)
     lower, upper, P, closed = np.empty(rows), np.empty(rows), np.zeros(nc), np.zeros(nc, np.bool_)
+    plain = True
+    for i in range(nc):
+        plain = plain and r_max[i] == np.inf
     solves, iterations, worst = 0, 0, 0.0
     for k in range(first, last):
         x[:known] = y
@@ -185,7 +188,7 @@ def steps(
                 for c in range(na):
                     W[a, c] = L[known + active[c], active[a]]
             status, count, residual = solve_law(
-                W, b[:na], lower[:na], upper[:na], z[:na], gap[:na], tol, max_iter, solve
+                W, b[:na], lower[:na], upper[:na], z[:na], gap[:na], plain, tol, max_iter, solve
             )
             iterations += count
             solves += 1

@@ -152,7 +152,7 @@ def right_side(
             for c in range(na):
                 W[a, c] = G[active[a], active[c]]
         upper = np.full(na, np.inf)
-        status, count, residual = solve_law(W, q[:na], lower[:na], upper, z[:na], gap[:na], tol, max_iter, solve)
+        status, count, residual = solve_law(W, q[:na], lower[:na], upper, z[:na], gap[:na], True, tol, max_iter, solve)
         for a in range(na):
             r[active[a]] = z[a]
     for j in range(ny):
@@ -244,7 +244,7 @@ def put_right(
                 ago[i] = earliest
             for c in range(na):
                 W[a, c] = G[i, active[c]]
-        status, count, residual = solve_law(W, q[:na], lower[:na], upper, z[:na], w[:na], tol, max_iter, solve)
+        status, count, residual = solve_law(W, q[:na], lower[:na], upper, z[:na], w[:na], True, tol, max_iter, solve)
         total += count
         worst = max(worst, residual)
         if status != SOLVED:

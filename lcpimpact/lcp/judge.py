@@ -146,30 +146,27 @@ def measure(W: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array) 
     return scaled, natural / largest_q if scaled < np.inf else np.inf, rounding
 
 
-@compiled(f8(matrix, vector, vector, vector, vector, f8))
-def clear_residual(M: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float) -> float:
-    """Return the scaled residual of an LCP within bounds if each row is within ``tol`` of its own q_i, else infinity.
+@compiled(f8(matrix, vector, vector, f8))
+def clear_residual(M: Array, q: Array, z: Array, tol: float) -> float:
+    """Return the scaled residual of a plain LCP if each row is within ``tol`` of its own q_i, and infinity if not.
 
     It is the first look of a time loop at a few rows; what is not clear is for `measure` and `holds` to judge.
     """
     n = len(q)
     residual = 0.0
     for i in range(n):
-        w, terms, room = q[i], abs(q[i]), tol * abs(q[i])
+        w, terms = q[i], abs(q[i])
         for j in range(n):
             term = M[i, j] * z[j]
             w += term
             terms += abs(term)
-        if z[i] == lower[i]:
-            if not w >= -room:
+        if z[i] == 0.0:
+            if not w >= -tol * abs(q[i]):
                 return np.inf
-        elif z[i] == upper[i]:
-            if not w <= room:
-                return np.inf
-        elif lower[i] < z[i] < upper[i] and abs(w) <= room and (n + 2) * EPS * terms <= room:
-            residual = max(residual, abs(w) / abs(q[i]))
-        else:
+        elif not (z[i] > 0.0 and abs(w) <= tol * abs(q[i]) and (n + 2) * EPS * terms <= tol * abs(q[i])):
             return np.inf
+        else:
+            residual = max(residual, abs(w) / abs(q[i]))
     return residual
 
 

@@ -202,6 +202,9 @@ def lu_solve(A: Array, b: Array) -> bool:
     Where one does so still, because rows and columns have units of many sizes, the means of their entries are brought there.
     """
     n = len(b)
+    if n == 1:
+        b[0] /= A[0, 0] if A[0, 0] != 0.0 else 1.0
+        return bool(0.0 < abs(A[0, 0]) < np.inf)
     row, unit, kept, right = np.empty(n), np.empty(n), A.copy(), b.copy()
     for i in range(n):
         found: float = 0.0
