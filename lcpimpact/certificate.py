@@ -662,7 +662,7 @@ def _judge_by_balance(
             np.where(
                 met,
                 (h * (R + bounds) + largest) * slow,
-                limits.precision * (R * scales.u + h * bounds * scales.U) + 2.0 * bounds * _crept(d),
+                limits.precision * (R * scales.u + h * bounds * scales.U) + 2.0 * bounds * _crept(d, record),
             ),
         ),
         "penetration": _worst(penetration, np.where(strict, 0.0, stroke) + limits.precision * scales.u),
@@ -681,17 +681,22 @@ def _judge_by_balance(
     return found, scales, (balance, scale)
 
 
-def _crept(d: Dynamics) -> Array:
+def _crept(d: Dynamics, record: Record) -> Array:
     """Return how far a slider on springs may be moved back in a step, as one that is near its threshold slips, in m (nc,).
 
-    That of a force of `SLIPS` times its threshold on the springs that hold it.
+    That is by a force of `SLIPS` times its threshold on the springs that hold it; and as a node between springs alone goes
+    to its balance at the end of a step whose force is that at t + θ h, by what the way of one step differs from the next.
     """
     static = decompose(d.M, d.C, d.driven).static
     if not static.any() or not d.slides.any():
         return np.zeros(len(d.contacts))
     moves = d.H @ static
     gives = np.abs(moves * np.linalg.lstsq(static.T @ d.K @ static, moves.T, rcond=None)[0].T).sum(axis=1)
-    return np.asarray(SLIPS * np.where(d.slides, d.r_max, 0.0) * gives)
+    held = d.slides & (d.relative_degree == 0)
+    turned = np.abs(np.diff(np.diff(record.q, axis=0) @ d.H[held].T, axis=0)).max(axis=0, initial=0.0)
+    crept = np.asarray(SLIPS * np.where(d.slides, d.r_max, 0.0) * gives)
+    crept[held] += turned
+    return crept
 
 
 @dataclass(frozen=True, eq=False)

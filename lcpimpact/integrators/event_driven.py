@@ -480,7 +480,7 @@ class EventDriven(Integrator):
             _samples(LINEAR_ORDER if low else ORDER), Flights.none(len(d.contacts)),
         )  # fmt: skip
         try:
-            self._enter(run, record, 0.0, X, None, rates=d.gap_rate(problem.initial_velocities))
+            self._enter(run, record, 0.0, X, None, v=problem.initial_velocities)
         except np.linalg.LinAlgError:
             raise UnsupportedError(
                 f"some contacts or sliders of {problem.name!r} hold together at the start in a way that leaves their shares "
@@ -532,6 +532,8 @@ class EventDriven(Integrator):
                 run.steps = self._solver(run, segment, run.begun)
             steps = run.steps
             steps.step()
+        except InputError:  # a load that returns no number
+            raise
         except (FloatingPointError, ValueError):  # SciPy's implicit solvers raise the latter for a matrix with NaN
             return Status.NON_FINITE
         record.stats["solver_steps"] = record.stats.get("solver_steps", 0) + 1
@@ -597,12 +599,12 @@ class EventDriven(Integrator):
         X: Array,
         turned: tuple[int, int] | None,
         breakpoint: bool = False,
-        rates: Array | None = None,
+        v: Array | None = None,
     ) -> Status:
         """Begin a segment at t: impacts, the mode, the events that this makes, and a solver for what follows.
 
         At a ``breakpoint`` the signals in X are left limits, and go over to the right ones. Before the start of the run the
-        opening rates are ``rates`` (nc,).
+        velocities are v (n,).
         """
         system, old = run.system, run.segment
         assert record.events is not None
@@ -615,6 +617,7 @@ class EventDriven(Integrator):
             kept = replace(kept, U=np.zeros_like(kept.U))
 
         u, U = (each.hi for each in gaps(system, state, run.scale, kept))
+        rates = None if v is None else system.dynamics.gap_rate(v)
         if old and len(system.lines):
             closed = np.isin(np.arange(len(u)), old.mode.closed)
             rates = np.where(closed, 0.0, system.dynamics.gap_rate(_state(run, old, t - old.t0, X).v))
@@ -647,6 +650,8 @@ class EventDriven(Integrator):
 
         new = self._segment(run, t, mode, forces)
         left = _state(run, old, t - old.t0, X) if old else _state(run, new, 0.0, X)
+        if v is not None:
+            left = replace(left, v=v)
         record.events += happened(system, t, old.mode if old else mode, mode, P, left, _state(run, new, 0.0, after))
         status = Status.SOLVED
         if quick and t < run.grid.t_end:

@@ -137,12 +137,12 @@ def begin(
     solver: str = "auto",
     max_events: int = 100_000,
     scale: Array | None = None,
-    rates: Array | None = None,
+    v: Array | None = None,
 ) -> Motion:
     """Return the motion from the state X (N,) at ``start``, where impacts come first and the mode is chosen.
 
-    Where X was itself found by a motion, its ``scale`` says what in X is rounding. The opening rates ``rates`` (nc,) before
-    the start hold those of massless nodes, which are no part of X.
+    Where X was itself found by a motion, its ``scale`` says what in X is rounding. The velocities v (n,) before the
+    start hold those of massless nodes, which are no part of X.
     """
     none, nc, t = np.zeros(len(X)), len(system.degree), DoubleDouble.of(start)
     never, short = [DoubleDouble.of(-np.inf)] * nc, np.zeros(nc, dtype=np.int64)
@@ -150,7 +150,7 @@ def begin(
     X = np.where(np.arange(len(X)) == system.form.constant, 1.0, X)
     next_event = (DoubleDouble.of(np.inf), none, DoubleDouble.of(X))
     motion = Motion(system, end, solver, max_events, next_event, breakpoints, size, never, short)
-    _enter(motion, t, DoubleDouble.of(X), none, GIVEN_ZERO if scale is None else ZERO, rates)
+    _enter(motion, t, DoubleDouble.of(X), none, GIVEN_ZERO if scale is None else ZERO, v)
     return motion
 
 
@@ -174,7 +174,7 @@ def begin_problem(
     refuse_mixed_degrees(system, method, except_schemes=True)
     q, v = problem.initial_coordinates, problem.initial_velocities
     try:
-        return begin(system, system.state(q, v), end, 0.0, solver, max_events, rates=system.dynamics.gap_rate(v))
+        return begin(system, system.state(q, v), end, 0.0, solver, max_events, v=v)
     except np.linalg.LinAlgError:
         raise UnsupportedError(
             f"some contacts or sliders of {problem.name!r} hold together at the start in a way that leaves their shares "
@@ -209,7 +209,7 @@ def state_before(motion: Motion, t: float) -> Array:
 
 
 def _enter(
-    motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero: float, rates: Array | None = None
+    motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero: float, v: Array | None = None
 ) -> None:
     """Begin a segment at t: impacts, the mode, the events that this makes, and the next switch."""
     system, now = motion.system, float(t.hi)
@@ -225,7 +225,7 @@ def _enter(
         state, met = _collapse(motion, now, X, together)
     else:
         mode, after, events = enter(
-            system, now, before, X, motion.scale, motion.solver, zero=zero, left=left, rates=rates
+            system, now, before, X, motion.scale, motion.solver, zero=zero, left=left, v=v
         )
         together = _accumulated(motion, t, events) if left is None else None
     if together is not None:

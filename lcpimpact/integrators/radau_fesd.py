@@ -321,10 +321,10 @@ class Run:
     states: list[Array] = field(default_factory=list)
     owners: list[Elements] = field(default_factory=list)
 
-    def enter(self, t: float, X: Array, record: Record, breakpoint: bool = False, rates: Array | None = None) -> Status:
+    def enter(self, t: float, X: Array, record: Record, breakpoint: bool = False, v: Array | None = None) -> Status:
         """Pass into the next mode at t, with the impacts before it, and those that come in quick succession after it.
 
-        ``rates`` are the opening rates before the start of the run.
+        v (n,) are the velocities before the start of the run.
         """
         system = self.system
         before, left = self.elements.mode if self.modes else None, None
@@ -332,7 +332,7 @@ class Run:
             self.passed += 1
             left = settled(system, before, DoubleDouble.of(X), self.scale)
             X = system.form.right_of(t, left, self.scale).hi
-        mode, after, events = enter(system, t, before, X, self.scale, self.solver, left=left, rates=rates)
+        mode, after, events = enter(system, t, before, X, self.scale, self.solver, left=left, v=v)
         assert record.events is not None
         record.events += events
         status, short = Status.SOLVED, self._land(t, events)
@@ -529,7 +529,7 @@ class RadauFESD(Integrator):
         record.events = []
         record.stats.update(elements=0, halvings=0, switches=0, newton_iterations=0, evaluations=0, residual=0.0)
         try:
-            run.enter(0.0, X, record, rates=system.dynamics.gap_rate(problem.initial_velocities))
+            run.enter(0.0, X, record, v=problem.initial_velocities)
         except np.linalg.LinAlgError:
             raise UnsupportedError(
                 f"some contacts or sliders of {problem.name!r} hold together at the start in a way that leaves their shares "

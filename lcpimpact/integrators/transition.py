@@ -42,14 +42,14 @@ def enter(
     zero: float = ZERO,
     together: Flags | None = None,
     left: DoubleDouble | None = None,
-    rates: Array | None = None,
+    v: Array | None = None,
 ) -> tuple[Mode, DoubleDouble, list[Event]]:
     """Return the mode in which the motion goes on from X, the state after the impacts at t, and what happened.
 
     Without a mode before, at the start of a run, the right limit stands for both. What the mode before holds closed stays so
     unless an impulse, its own force or a jump of a prescribed velocity ends it. The rows ``together`` (nc,) touch, and meet
     without restitution: where impacts have accumulated. ``left`` is the state before, where signals in X have jumped,
-    and ``rates`` (nc,) are the opening rates before the start of a run.
+    and v (n,) are the velocities before the start of a run, with those of massless nodes, which are no part of X.
     """
     held, restitution = still(system, before), system.restitution
     if together is not None:
@@ -59,12 +59,14 @@ def enter(
         held, state = replace(held, U=np.zeros_like(held.U)), DoubleDouble.of(X)
     else:
         state = settled(system, before, DoubleDouble.of(X), scale)
-    U: Array | DoubleDouble | None = rates
+    U: Array | DoubleDouble | None = None if v is None else system.dynamics.gap_rate(v)
     if before is not None and system.mixed:
         U = system.rates(before) @ (state if left is None else left)
     after, P, held = impact(system, state, scale, solver, restitution, held, zero, left=left, rates=U)
     mode, after = choose_mode(system, after, scale, solver, held, zero)
     was, now = state_of(system, before or mode, state if left is None else left), state_of(system, mode, after)
+    if v is not None:
+        was = replace(was, v=v)
     return mode, after, happened(system, t, before or mode, mode, P, was, now)
 
 
