@@ -79,6 +79,11 @@ class Trajectory:
         return self.status is Status.SOLVED
 
     @property
+    def ended(self) -> bool:
+        """Whether the run reached its end, be it with a certificate that fails: then there is an error to be measured."""
+        return self.status in (Status.SOLVED, Status.VIOLATED)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """What ``traj[name]`` can be asked for: coordinates, velocities (v_NAME), and forces of contacts and of springs."""
         d = self.problem.dynamics

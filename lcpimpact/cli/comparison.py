@@ -81,6 +81,8 @@ def compare(
     differences, side_by_side = found.differences(), found.events()
     lines = [f"{told.problem.name}, {len(taken)} methods against {differences.attrs['reference']}", ""]
     lines += _lines(differences[differences["failure"] == ""][["method", "steps", *SHOWN]])
+    broken = differences[differences["violation"] != ""].drop_duplicates("method")
+    lines += [f"  {why}" for why in broken["violation"]]
     lines += [f"  {label}: {why}" for label, why in found.failures.items()]
     if len(side_by_side):
         lines += ["", *_lines(side_by_side.head(MOST_EVENTS), ".6f")]

@@ -271,9 +271,13 @@ def _line(row: dict[str, Any]) -> str:
 
 
 def _failures(table: pd.DataFrame) -> list[str]:
-    """Return a line for each reason why runs have no result."""
-    failed = table[table["failure"] != ""]
-    return [f"  {len(runs)} without a result: {reason}" for reason, runs in failed.groupby("failure", sort=False)]
+    """Return a line for each reason why runs have no result, and for each method whose runs break their laws."""
+    failed, broken = table[table["failure"] != ""], table[table["violation"] != ""]
+    lines = [f"  {len(runs)} without a result: {reason}" for reason, runs in failed.groupby("failure", sort=False)]
+    return lines + [
+        f"  {len(runs)} whose certificate fails: {runs['violation'].iloc[0]}"
+        for _, runs in broken.groupby("method", sort=False)
+    ]
 
 
 def _lead(table: pd.DataFrame, norm: str) -> str:

@@ -208,9 +208,7 @@ def state_before(motion: Motion, t: float) -> Array:
     return flow.move(segment.state, float(segment.since(np.asarray(t)))).hi
 
 
-def _enter(
-    motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero: float, v: Array | None = None
-) -> None:
+def _enter(motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero: float, v: Array | None = None) -> None:
     """Begin a segment at t: impacts, the mode, the events that this makes, and the next switch."""
     system, now = motion.system, float(t.hi)
     before = motion.segments[-1].mode if motion.segments else None
@@ -224,9 +222,7 @@ def _enter(
     if together is not None:
         state, met = _collapse(motion, now, X, together)
     else:
-        mode, after, events = enter(
-            system, now, before, X, motion.scale, motion.solver, zero=zero, left=left, v=v
-        )
+        mode, after, events = enter(system, now, before, X, motion.scale, motion.solver, zero=zero, left=left, v=v)
         together = _accumulated(motion, t, events) if left is None else None
     if together is not None:
         mode, after, events = enter(

@@ -17,7 +17,7 @@ however many stages there are: that is what `radau-fesd` is for.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -26,7 +26,7 @@ from numba import types
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, i8, interpreted, matrix, vector
 from lcpimpact.errors import Status
-from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
+from lcpimpact.integrators.base import Declared, Grid, Integrator, Limits, Record
 from lcpimpact.integrators.law import solve_law, tally, with_fallbacks
 from lcpimpact.integrators.linear_step import sum_columns
 from lcpimpact.integrators.modes import ZERO, refuse_velocity_jumps
@@ -283,6 +283,10 @@ class Radau(Integrator):
     def __post_init__(self) -> None:
         radau_iia(self.stages)
         limits(SOLVERS["auto"], self.tol, self.max_iter)
+
+    def limits(self) -> Limits:
+        """Return those of its stages."""
+        return replace(super().limits(), order=2.0 * self.stages - 1.0)
 
     def reaction_times(self, grid: Grid) -> Array:
         """Return t_k + h, one for each step."""

@@ -30,7 +30,7 @@ mode comes from the LCPs of `lcpimpact.integrators.modes`, and restitution is Ne
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import ClassVar
 
@@ -39,7 +39,7 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
-from lcpimpact.integrators.base import Declared, Dense, Event, Grid, Integrator, Record
+from lcpimpact.integrators.base import Declared, Dense, Event, Grid, Integrator, Limits, Record
 from lcpimpact.integrators.burst import Meetings, follow_burst
 from lcpimpact.integrators.flow import balance
 from lcpimpact.integrators.modes import Mode, System, refuse_mixed_degrees, settled
@@ -510,6 +510,10 @@ class RadauFESD(Integrator):
             value = getattr(self, option)
             if isinstance(value, bool) or not is_count(value):
                 raise InputError(f"{option} = {value!r} must be a whole number above zero")
+
+    def limits(self) -> Limits:
+        """Return those of its stages."""
+        return replace(super().limits(), order=2.0 * self.stages - 1.0)
 
     def reaction_times(self, grid: Grid) -> Array:
         """Return the grid."""

@@ -54,7 +54,8 @@ class Comparison:
         DataFrame
             ``method``, ``against`` (the reference by its name, or another label), ``dt`` (s) and ``steps`` of the run, one
             column a norm of `lcpimpact.study.norms.NORMS` in its unit, ``events`` (their number), ``seconds`` of the run,
-            and ``failure``: why there is none, "" where there is one.
+            ``violation``: which of its laws it breaks, by more than its method allows, "" for none, and ``failure``: why
+            there is no run, "" where there is one.
         """
         pairs: list[tuple[str, Trajectory, str, Trajectory]]
         if self.reference is not None:
@@ -70,12 +71,15 @@ class Comparison:
                 **_finite(run, truth),
                 "events": len(run.events),
                 "seconds": float(run.stats["seconds"]),
+                "violation": "" if run.success else run.message,
                 "failure": "",
             }
             for name, run, against, truth in pairs
         ]
-        rows += [{"method": name, "against": "", "failure": why} for name, why in self.failures.items()]
-        columns = ["method", "against", "dt", "steps", *NORMS, "events", "seconds", "failure"]
+        rows += [
+            {"method": name, "against": "", "violation": "", "failure": why} for name, why in self.failures.items()
+        ]
+        columns = ["method", "against", "dt", "steps", *NORMS, "events", "seconds", "violation", "failure"]
         table = pd.DataFrame(rows, columns=columns).astype({"steps": "Int64", "events": "Int64"})
         table.attrs = self._attrs()
         return table
@@ -225,13 +229,18 @@ def compare(
     for label, integrator in watch(chosen.items(), len(chosen), "methods"):
         solver = lcp_solver if integrator.solves_lcp else "auto"
         try:
-            runs[label] = simulate(
-                problem, integrator, dt=end / steps[label], t_end=end, lcp_solver=solver, progress=False
+            run = simulate(
+                problem, integrator, dt=end / steps[label], t_end=end, lcp_solver=solver, progress=False, throw=False
             )
         except InputError:
             raise
         except LcpImpactError as error:
             failures[label] = str(error)
+            continue
+        if run.ended:
+            runs[label] = run
+        else:
+            failures[label] = run.message
     return Comparison(problem, float(end), runs, failures, truth)
 
 

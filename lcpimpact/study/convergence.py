@@ -308,6 +308,7 @@ def convergence(
         - ``seconds``: time of the run
         - ``declared``: the order that the method declares for this problem
         - ``reference``: what the errors were measured against
+        - ``violation``: which of its laws the run breaks, by more than its method allows, "" for none
         - ``failure``: why there is no result, "" where there is one; then the numbers are NaN
 
         ``attrs``: problem, t_end, limited_by (what limits the order, see `limits_of`), declared_norm (the norm in which
@@ -431,7 +432,7 @@ def _columns(norms: Sequence[str]) -> list[str]:
     costs = [name for name in COSTS if name != "steps"]
     return [
         *("method", "law", "k", "rtol", "dt", "steps", *norms, "closings", "events", *costs),
-        *("declared", "reference", "failure"),
+        *("declared", "reference", "violation", "failure"),
     ]
 
 
@@ -515,7 +516,9 @@ def _simulate(task: Task, lcp_solver: str) -> Trajectory:
     h = task.t_end / task.steps
     # A run that grows beyond all bounds fails; that its certificate is made of infinities is no news.
     with np.errstate(over="ignore", invalid="ignore"):
-        return simulate(task.variant, task.integrator, dt=h, t_end=task.t_end, lcp_solver=solver, progress=False)
+        return simulate(
+            task.variant, task.integrator, dt=h, t_end=task.t_end, lcp_solver=solver, progress=False, throw=False
+        )
 
 
 def _first(task: Task, norms: Sequence[str], lcp_solver: str) -> dict[str, Any]:
@@ -531,6 +534,7 @@ def _first(task: Task, norms: Sequence[str], lcp_solver: str) -> dict[str, Any]:
         "steps": task.steps,
         "declared": declared_order(task.integrator, limits) if limits and task.law == "rigid" else math.nan,
         "reference": task.truth.name if isinstance(task.truth, Reference) else "",
+        "violation": "",
         "failure": "",
     }
     for reason in (task.variant, task.truth):
@@ -540,6 +544,8 @@ def _first(task: Task, norms: Sequence[str], lcp_solver: str) -> dict[str, Any]:
     try:
         _compile(task, lcp_solver)
         run = _simulate(task, lcp_solver)
+        if not run.ended:
+            return row | {"failure": run.message}
         with np.errstate(over="ignore", invalid="ignore"):
             found = errors(run, task.truth.trajectory, norms)
     except LcpImpactError as error:
@@ -560,6 +566,7 @@ def _first(task: Task, norms: Sequence[str], lcp_solver: str) -> dict[str, Any]:
             "newton_iterations": int(stats.get("newton_iterations", 0)),
             "evaluations": int(stats.get("evaluations", 0)),
             "seconds": float(stats["seconds"]),
+            "violation": "" if run.success else run.message,
         }
     )
 
