@@ -613,6 +613,11 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         if self.atol is not None and self.rtol is None:
             raise InputError(f"atol = {self.atol:g} is given without rtol: give both, or none for steps of dt")
 
+    def limits(self) -> Limits:
+        """Return those of the tolerance, where there is one."""
+        found = super().limits()
+        return found if self.rtol is None else replace(found, precision=max(found.precision, self.rtol))
+
     def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block, or as many within each as the tolerances ask for."""
         if self.rtol is None:
