@@ -49,7 +49,7 @@ def test_effect_of_the_contact_rule():
 
 
 def test_a_contact_rule_that_lets_bodies_pass_is_not_called_solved():
-    with pytest.raises(li.FailureError, match=r"bodies penetrate by 17\.\d+ m"):
+    with pytest.raises(li.FailureError, match="bodies penetrate by"):
         li.simulate(li.load_problem(KNOWN[1].problem), "rk4-paper", dt=1e-3, t_end=3.0, contact="equal")
 
 
