@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from numba import types
@@ -743,6 +743,10 @@ class Impacts:
         )
         return cls(t, q, before, after, P)
 
+    def steps(self, t: Array, side: Literal["left", "right"] = "left") -> Indices:
+        """Return the step of the grid t in which each is; one on the grid is in the step on that side of it."""
+        return np.clip(np.searchsorted(t, self.t, side=side) - 1, 0, len(t) - 2)
+
     def __getitem__(self, chosen: Any) -> Impacts:
         """Return some of them."""
         return Impacts(self.t[chosen], self.q[chosen], self.before[chosen], self.after[chosen], self.P[chosen])
@@ -1021,6 +1025,13 @@ def _judge_grid(
     left_out = limits.slack * _bends(h, total, order) + limits.kick * h * kicks
     allowed_p = ε * momenta + elapsed * forces + left_out
     allowed_q = ε * scales.q + elapsed * scales.v + limits.slack * _bends(h, v, order)
+    hit = np.flatnonzero(P.any(axis=1))
+    impacts = Impacts(t[hit], q[hit], v[hit], v[hit + 1], P[hit]) if in_steps else Impacts.of(d, events)
+    if not in_steps:
+        # Several impacts within a step may set a body in motion and stop it.
+        jumps = np.zeros_like(q[1:])
+        np.add.at(jumps, impacts.steps(t), np.abs(impacts.after - impacts.before))
+        allowed_q += np.cumsum(h * jumps, axis=0)
     # Within a step a body may turn about as its forces let it, and show nothing of it at the ends.
     allowed_q += limits.slack * SLOPE * h * np.where(kind == MASSIVE, turn, 0.0)
     allowed_q += limits.drift * h * np.maximum.accumulate(np.abs(v[1:]), axis=0)
@@ -1034,8 +1045,6 @@ def _judge_grid(
     reach = np.where((d.relative_degree == 2) | (2 not in limits.relative_degrees), limits.penetration, 0.0)
     opened = ε * scales.u + reach * longest * scales.U
     slow = 2.0 * spread * min(limits.slack, 3.0) * longest * _accelerations(d, acting) + ε * scales.U
-    hit = np.flatnonzero(P.any(axis=1))
-    impacts = Impacts(t[hit], q[hit], v[hit], v[hit + 1], P[hit]) if in_steps else Impacts.of(d, events)
     # An impact that spreads over several steps obeys its law only where no other contact pushes in them.
     alone = ~R[hit].any(axis=1) & (np.count_nonzero(P[hit], axis=1) == 1) if spread > 1 else slice(None)
     violation, worked_off = _judge_impacts(d, impacts[alone], -opened)
@@ -1130,8 +1139,7 @@ def _balance_on_grid(
         middle, q_m, v_m = (0.5 * (each[1:] + each[:-1]) for each in (t, q, v))
         driving = d.driving_power(middle, q_m, v_m, r) - d.driving_power(middle, q_m, v_m, none[1:])
         work += h * ((r * d.gap_rate(v_m)).sum(axis=1) + driving)
-    steps = np.searchsorted(t, impacts.t, side="right" if in_steps else "left") - 1
-    within = steps >= 0
-    np.add.at(work, np.minimum(steps, len(t) - 2)[within], _work(d, impacts)[within])
+    within = impacts if in_steps else impacts[impacts.t > t[0]]
+    np.add.at(work, within.steps(t, "right" if in_steps else "left"), _work(d, within))
     balance = np.cumsum(np.diff(stored) - work)
     return float(np.abs(balance).max(initial=0.0)), float(np.abs(stored).max())

@@ -326,20 +326,23 @@ def on_rows(R: Sparse, X: Array) -> Array:
     return found
 
 
-@compiled(matrix(sparse_type, f8, matrix, types.float64[:, :, :, ::1], vector, sparse_type, i8))
-def sample(A: Sparse, δ: float, X: Array, powers: Array, times: Array, R: Sparse, degree: int) -> Array:
-    """Return R exp(A t) X in floats at the times t >= 0 (nt,): (nt, m); ``powers`` are exp(2ᵏ A δ).
+@compiled(matrix(sparse_type, f8, cube, types.float64[:, :, :, ::1], vector, indices, sparse_type, i8))
+def sample(
+    A: Sparse, δ: float, starts: Array, powers: Array, times: Array, start: Indices, R: Sparse, degree: int
+) -> Array:
+    """Return R exp(A t) X in floats at the times t >= 0 (nt,) after ``start`` (nt,) of the ``starts`` X (ns, 2, N): (nt, m).
 
-    What cancels in R X, as a stiff force does, cancels in the coefficients of a window, which are double-doubles.
+    What cancels in R X, as a stiff force does, cancels in the coefficients of a window, which are double-doubles; ``powers``
+    are exp(2ᵏ A δ).
     """
-    n, m = X.shape[1], len(R.starts) - 1
+    n, m = starts.shape[2], len(R.starts) - 1
     found, a = np.zeros((len(times), m)), np.zeros((degree + 1, m))
-    state, here, last = X.copy(), -1, 0
+    state, here, last, of = np.zeros((2, n)), -1, 0, -1
     for k in range(len(times)):
         window = int(max(times[k], 0.0) / δ)
-        if window != here:
-            if window < here:
-                state, here = X.copy(), 0
+        if window != here or start[k] != of:
+            if window < here or start[k] != of:
+                state, here, of = starts[start[k]].copy(), -1, start[k]
             jump, bit = window - max(here, 0), 0
             while jump:
                 if jump & 1:
@@ -439,14 +442,27 @@ class Flow:
         """Return exp(A t) for one time t >= 0 (N, N)."""
         return np.column_stack([self.move(DoubleDouble.of(unit), t).hi for unit in np.eye(len(self.A))])
 
-    def at(self, X: ArrayLike | DoubleDouble, times: Array, rows: Sparse | None = None) -> Array:
-        """Return R exp(A t) X at the times t >= 0 (nt,), in floats: (nt, m); without the ``rows`` R the state (nt, N)."""
-        rows = rows or sparse(DoubleDouble.of(np.eye(len(self.A))))
+    def at(self, X: ArrayLike | DoubleDouble, times: Array) -> Array:
+        """Return exp(A t) X at the times t >= 0 (nt,), in floats: (nt, N)."""
+        starts, start = np.array(DoubleDouble.of(X).parts, order="C")[None], np.zeros(len(times), dtype=np.int64)
+        return self.read(
+            starts, np.asarray(times, dtype=np.float64), start, sparse(DoubleDouble.of(np.eye(len(self.A))))
+        )
+
+    def read(self, starts: Array, times: Array, start: Indices, rows: Sparse) -> Array:
+        """Return R exp(A t) X at the times t >= 0 (nt,), each after one of the ``starts`` X, in floats: (nt, m).
+
+        Parameters
+        ----------
+        starts : (ns, 2, N) array       states as double-doubles
+        times : (nt,) array
+        start : (nt,) array of int      which of the starts a time is after
+        rows : Sparse                   R (m, N)
+        """
         last = float(np.max(times, initial=0.0)) / self.window
         self.doubled(max(int(last).bit_length() - 1, 0))
-        parts = np.ascontiguousarray(DoubleDouble.of(X).parts)
         powers = np.array([power.parts for power in self.squares])
-        return sample(self.sparse, self.window, parts, powers, np.asarray(times, dtype=np.float64), rows, DEGREE)
+        return sample(self.sparse, self.window, starts, powers, times, start, rows, DEGREE)
 
     @cached_property
     def slower(self) -> tuple[DoubleDouble, DoubleDouble, DoubleDouble, Flow] | None:

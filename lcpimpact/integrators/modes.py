@@ -59,6 +59,8 @@ FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
 REFINED = 2
 """A correction in floats is made so often, which gives it the digits of double-doubles."""
 
+NO_LINES = np.zeros((0, 0))
+
 BORDER = (1.0, 16.0, 256.0)
 """So many times what counts as zero may still be rounding, where nothing else fits."""
 
@@ -378,11 +380,12 @@ class System:
         """r_min and r_max (nc,)."""
         return self.dynamics.r_min, self.dynamics.r_max
 
-    def impact_lcp(self, meeting: object, W: Array, solver: str) -> PreparedLCP:
-        """Return the LCP with W of the impulses of those that meet, made ready."""
-        if (meeting, solver) not in self.lcps:
-            self.lcps[meeting, solver] = prepare_lcp(W, solver)
-        return self.lcps[meeting, solver]
+    def impact_lcp(self, G: DoubleDouble, lines: Array, meeting: Indices, solver: str) -> PreparedLCP:
+        """Return the LCP of the impulses of those that meet, rows of G for contacts and ``lines``, made ready."""
+        key = meeting.tobytes(), lines.tobytes() if len(lines) else b"", solver
+        if key not in self.lcps:
+            self.lcps[key] = prepare_lcp(G.hi[np.ix_(meeting, meeting)], solver)
+        return self.lcps[key]
 
     def path_matrices(self, lines: Array) -> tuple[DoubleDouble, DoubleDouble]:
         """Return R C A B Rᵀ and B Rᵀ, where the rows R are those of the contacts, and after them the impulse paths."""
@@ -663,6 +666,8 @@ def choose_mode(
     slips = [(int(i), int(np.sign(U[i]))) for i in np.flatnonzero(moving)]
     order = [0 if u[i] > 0.0 or moving[i] else 1 for i in range(nc)]
     side = [0] * nc
+    if not undecided:
+        return Mode((), tuple(sorted(slips)), tuple(order), tuple(side)), state
     start = state
     r = DoubleDouble.of(np.where(moving, -np.sign(U) * np.where(slides, r_max, 0.0), 0.0))
     for level in range(len(state) + 1):
@@ -910,8 +915,7 @@ def impact(
     before = U if left is None else gaps(system, left, scale, held, zero)[1]
     approach = before.hi[meeting]
     bounce = np.where(approach < 0.0, e[meeting], 0.0)
-    fine, lines = system.fine, np.zeros((0, len(e)))
-    G, B, toward, back = fine.G, fine.B, U, before
+    lines, (G, B), toward, back = NO_LINES, (system.fine.G, system.fine.B), U, before
     if len(system.lines) and rates is not None and among is None:
         lines = _touching(system, u, held, scale, zero)
         speeds, known = _line_rates(system, lines, state, scale, zero), DoubleDouble.of(rates)
@@ -926,13 +930,12 @@ def impact(
     q = toward.hi[meeting] + bounce * back.hi[meeting]
     if not (q < 0.0).any():
         return state, np.zeros(len(system.degree)), held
-    rows = tuple(meeting.tolist())
-    z = system.impact_lcp((rows, lines.tobytes()), G.hi[np.ix_(rows, rows)], solver).solve(q).z
+    z = system.impact_lcp(G, lines, meeting, solver).solve(q).z
     parts = np.ascontiguousarray(state.parts)
     after, impulses, ended = rebound(G.parts, B.parts, parts, toward.parts, back.parts, bounce, meeting, z, zero)
     if not ended:
         raise np.linalg.LinAlgError("no complementary basis")
-    P = impulses[0, : len(e)] + impulses[0, len(e) :] @ lines
+    P = impulses[0] if len(lines) == 0 else impulses[0, : len(e)] + impulses[0, len(e) :] @ lines
     stays = ((P > 0.0) & (e * np.minimum(before.hi, 0.0) == 0.0)) | (held.U & (system.G @ P == 0.0))
     return DoubleDouble(after), P, Still(held.u, stays & (system.degree == 2), held.closed)
 

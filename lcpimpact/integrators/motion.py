@@ -345,14 +345,17 @@ def cuts(motion: Motion) -> Array:
 
 def read(system: System, segments: tuple[Segment, ...], t: Array, side: str) -> tuple[Array, Array, Array]:
     """Return q, v and r at the times t, which must be sorted; ``side`` tells which limit is meant at an event."""
-    starts = np.array([segment.t0 for segment in segments])
-    owner = np.maximum(np.searchsorted(starts, t, side="right" if side == "right" else "left") - 1, 0)
+    starts = np.array([segment.start.parts for segment in segments])
+    owner = np.maximum(np.searchsorted(starts[:, 0], t, side="right" if side == "right" else "left") - 1, 0)
+    since = (t - starts[owner, 0]) - starts[owner, 1]
+    states = np.array([segment.state.parts for segment in segments])
+    kinds: dict[object, int] = {}
+    kind = np.array([kinds.setdefault(segment.mode.key, len(kinds)) for segment in segments], dtype=np.int64)
     n, nc = len(system.dynamics.nodes), len(system.degree)
     q, v, r = np.empty((len(t), n)), np.empty((len(t), n)), np.empty((len(t), nc))
-    ends = np.flatnonzero(np.diff(owner, prepend=-1, append=len(segments)))
-    for mine in map(slice, ends[:-1], ends[1:]):
-        segment = segments[owner[mine.start]]
-        flow, _ = system.mode(segment.mode)
-        found = flow.at(segment.state, segment.since(t[mine]), system.coordinates(segment.mode).entries)
+    for each in np.unique(kind[owner]):
+        mine, mode = np.flatnonzero(kind[owner] == each), segments[int(np.argmax(kind == each))].mode
+        flow, _ = system.mode(mode)
+        found = flow.read(states, since[mine], owner[mine], system.coordinates(mode).entries)
         q[mine], v[mine], r[mine] = parted(system, found)
     return q, v, r
