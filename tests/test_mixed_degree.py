@@ -235,9 +235,9 @@ def test_forces_between_impacts_stay_bounded_and_nothing_is_gained(gaps, e):
         assert trajectory.reaction.max() <= 2.0 * 25.0 * G
 
 
-def test_impulses_pass_through_two_plates_in_line():
-    """The speed of the impact is that of the body before it, which the impulse carries through y and z to the ground."""
-    scheme = li.Scheme(
+def two_plates_in_line():
+    """A body above a damped and a static plate, which meet each other and the ground."""
+    return li.Scheme(
         li.Mass("x", m=10.0),
         li.Load("x", f=98.1),
         li.Bumper("x", "y", gap=0.1, name="R", e=0.3),
@@ -246,6 +246,11 @@ def test_impulses_pass_through_two_plates_in_line():
         li.Spring("z", "ground", k=300.0),
         li.Bumper("z", "ground", gap=0.3, name="S", e=0.5),
     )
+
+
+def test_impulses_pass_through_two_plates_in_line():
+    """The speed of the impact is that of the body before it, which the impulse carries through y and z to the ground."""
+    scheme = two_plates_in_line()
     trajectory = run(scheme, 0.3, 1e-4, v0={"x": 4.0})
     impacts = [event for event in trajectory.events if event.kind == "impact"]
     assert [event.contact for event in impacts] == ["R", "T", "S"]
@@ -465,15 +470,7 @@ def test_the_faster_body_takes_the_plate_away_from_the_other():
 
 @pytest.mark.parametrize("method", EVENT_METHODS)
 def test_impulses_pass_through_a_chain_of_a_damped_and_a_static_plate(method):
-    scheme = li.Scheme(
-        li.Mass("x", m=10.0),
-        li.Load("x", f=98.1),
-        li.Bumper("x", "y", gap=0.1, name="R", e=0.3),
-        li.KelvinVoigt("y", "ground", k=500.0, c=30.0),
-        li.Bumper("y", "z", gap=0.2, name="T", e=0.6),
-        li.Spring("z", "ground", k=300.0),
-        li.Bumper("z", "ground", gap=0.3, name="S", e=0.5),
-    )
+    scheme = two_plates_in_line()
     trajectory = follow(scheme, 0.3, method, v0={"x": 4.0})
     found = impacts(trajectory)[:3]
     event = next(event for event in trajectory.events if event.kind == "impact")

@@ -22,15 +22,12 @@ they follow from the forces after the impact.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp
-from lcpimpact.scheme.decomposition import decompose
-from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.impulse_paths import impulse_paths
 
 
@@ -110,12 +107,3 @@ def impact_law(H_m: Array, B_m: Array, B_massless: Array, M_m: Array, solver: st
     paths, jump = impulse_paths(B_m, B_massless), np.asarray(np.linalg.solve(M_m, B_m), dtype=np.float64)
     W = paths @ H_m @ jump @ paths.T
     return ImpactLaw(paths, jump, prepare_lcp(W, solver, tags=("psd",)) if len(paths) else None)
-
-
-def impact_law_of(dynamics: Dynamics, rows: Sequence[int], solver: str = "auto") -> ImpactLaw:
-    """Prepare the law of impact for some rows of a scheme, none of which is a slider."""
-    parts, touching = decompose(dynamics.M, dynamics.C, dynamics.driven), list(rows)
-    H, B = dynamics.H[touching], dynamics.B[:, touching]
-    massless = np.column_stack([parts.damped, parts.static])
-    M_m = parts.massive.T @ dynamics.M @ parts.massive
-    return impact_law(H @ parts.massive, parts.massive.T @ B, massless.T @ B, M_m, solver)

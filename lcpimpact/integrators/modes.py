@@ -491,11 +491,6 @@ def _combined(T: Array, b: DoubleDouble) -> DoubleDouble:
     return _product(DoubleDouble.of(T), b)
 
 
-def _zero(terms: Array, values: Array, zero: float) -> Array:
-    """Set values to zero that are rounding, compared with the sum of the absolute terms that they came from."""
-    return np.where(np.abs(values) <= zero * terms, 0.0, values)
-
-
 def still(system: System, mode: Mode | None) -> Still:
     """Return what a mode holds at zero."""
     if mode is not None:
