@@ -10,7 +10,9 @@ from scipy.optimize import brentq
 from test_event_reference import column
 
 import lcpimpact as li
+from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import Status
+from lcpimpact.integrators.flow import Flow
 
 
 def run_exact(problem, dt, t_end, **options):
@@ -224,3 +226,31 @@ def test_a_stiff_plate_with_a_rate_of_1e9_has_one_event():
     assert run.success
     assert [each.kind for each in run.events] == [each.kind for each in truth.events]
     assert_allclose([each.t for each in run.events], [float(each.t) for each in truth.events], rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_stiff_plate_with_a_stop_a_nanometre_below_it():
+    """Flights are parabolas and contacts an oscillator of 1 MHz; both were joined once in arithmetic of 50 digits."""
+    scheme = li.Scheme(
+        li.Mass("x", 1.0),
+        li.Load("x", 9.81),
+        li.Bumper("x", "z", gap=0.01, e=0.5, name="R"),
+        li.KelvinVoigt("z", "ground", k=1e12, c=1e3),
+        li.Bumper("z", "ground", gap=1e-9, e=0.5, name="S"),
+    )
+    run = run_exact(li.Problem("nanometre", scheme), 0.01, 0.2)
+    kinds = [each.kind for each in run.events]
+    assert (kinds.count("close"), kinds.count("open"), kinds.count("impact")) == (439, 439, 26)
+    assert run.events[-1].t == pytest.approx(0.19993411911671078, rel=1e-14)
+    assert run["x"][-1] == pytest.approx(0.0099999882756354962, rel=1e-12)
+    assert run["v_x"][-1] == pytest.approx(0.00014517505219247599, rel=1e-9)
+
+
+def test_the_instants_that_show_a_flow_grow_with_rates_only_until_they_have_decayed():
+    turning = [[0.0, 0.0, -1.0], [0.0, -1e9, 0.0], [1.0, 0.0, 0.0]]
+    flow = Flow(DoubleDouble.of(turning))
+    cuts = flow.cuts(10.0)
+    assert len(cuts) < 150
+    assert (np.diff(np.append(cuts, 10.0)) <= np.where(np.append(cuts[1:], 10.0) <= 4e-8, 1e-9, 1.0)).all()
+    undamped = Flow(DoubleDouble.of([[0.0, 1e9, 0.0], [-1e9, 0.0, 0.0], [0.0, 0.0, -1.0]]))
+    assert len(undamped.cuts(10.0)) == 4000

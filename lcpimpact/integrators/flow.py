@@ -40,6 +40,12 @@ FEW, CHUNK = 64, 20_000
 GAP = 8.0
 """Rates this much above the next are split off when what moves by them has decayed."""
 
+MOST_CUTS = 4_000
+"""So many instants show a segment well enough for its balance of energy."""
+
+DECAYED = 40.0
+"""exp(-40) = 4e-18: what has decayed so far does not show in floats."""
+
 REFINEMENTS = 4
 """Steps of Newton's method by which a splitting in floats becomes one in double-doubles."""
 
@@ -491,6 +497,31 @@ class Flow:
             Z = Z + Z @ np.block([[np.zeros((n, n)), up], [down, np.zeros_like(B.hi[n:, n:])]])
         B, L = solve(Z, self.generator @ Z), solve(Z, np.eye(len(self.A)))
         return L[n:], L[:n], Z[:, :n], Flow(B[:n, :n])
+
+    @cached_property
+    def settling(self) -> float:
+        """How long the fastest rates, those that `slower` leaves out, take to decay, in s; inf if they do not."""
+        if self.slower is None:
+            return math.inf
+        rates = np.linalg.eigvals(balance(self.A)[0])
+        fast = rates[np.argsort(np.abs(rates))[len(self.slower[3].A) :]]
+        slowest = -float(fast.real.max())
+        return DECAYED / slowest if slowest > 0.0 else math.inf
+
+    def cuts(self, length: float) -> Array:
+        """Return times from 0 on, ``length`` not included, between which exp(A t) turns little.
+
+        They are the windows, and from where the fastest rates have decayed those of the slower ones. Where there are more
+        than `MOST_CUTS`, the times spread out geometrically.
+        """
+        windows = math.ceil(length / self.window)
+        if windows > FEW and self.slower is not None and self.settling < min(length, MOST_CUTS * self.window):
+            first = self.window * np.arange(math.ceil(self.settling / self.window))
+            since = len(first) * self.window
+            return np.append(first, since + self.slower[3].cuts(length - since))
+        if windows <= MOST_CUTS:
+            return np.linspace(0.0, length, windows, endpoint=False)
+        return length * np.append(0.0, np.geomspace(1.0 / windows, 1.0, MOST_CUTS)[:-1])
 
     def first_crossing(
         self,

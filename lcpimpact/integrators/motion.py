@@ -6,7 +6,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -30,9 +29,6 @@ from lcpimpact.integrators.state_jump import enter_constraint
 from lcpimpact.integrators.transition import enter, parted, state_of
 from lcpimpact.problems.base import GIVEN_ZERO, Problem
 from lcpimpact.scheme.dynamics import Dynamics
-
-MOST_CUTS = 4_000
-"""So many instants show a segment well enough for its balance of energy."""
 
 STALL = 1_000
 """So many events at one instant are no motion: the run ends as if it had reached max_events."""
@@ -324,22 +320,13 @@ def _collapse(motion: Motion, t: float, X: DoubleDouble, rows: Flags) -> tuple[D
     raise Unresolved
 
 
-def segment_cuts(system: System, segment: Segment, end: float) -> Array:
-    """Return times from the start of a segment, its end not included, between which it turns little.
-
-    They are the windows of its flow. Where a stiff mode has more of them than `MOST_CUTS`, its fast parts decay soon, and
-    the times spread out geometrically after the start.
-    """
-    windows = math.ceil((end - segment.t0) / system.mode(segment.mode)[0].window)
-    if windows <= MOST_CUTS:
-        return np.linspace(segment.t0, end, windows, endpoint=False)
-    return segment.t0 + (end - segment.t0) * np.append(0.0, np.geomspace(1.0 / windows, 1.0, MOST_CUTS)[:-1])
-
-
 def cuts(motion: Motion) -> Array:
     """Return times from the start to the end between which the motion is smooth and turns little (nk,)."""
     ends = [*(segment.t0 for segment in motion.segments[1:]), motion.end]
-    found = [segment_cuts(motion.system, each, end) for each, end in zip(motion.segments, ends, strict=True)]
+    found = [
+        segment.t0 + motion.system.mode(segment.mode)[0].cuts(end - segment.t0)
+        for segment, end in zip(motion.segments, ends, strict=True)
+    ]
     return np.concatenate([*found, [motion.end]])
 
 
