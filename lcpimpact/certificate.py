@@ -727,11 +727,8 @@ class Impacts:
         """Return those of events, where such as have their limits in common are one."""
         rows = _rows(d)
         struck = [event for event in events if event.impulse != 0.0]
-        first = [
-            k
-            for k, event in enumerate(struck)
-            if k == 0 or event.t != struck[k - 1].t or not np.array_equal(event.left.v, struck[k - 1].left.v)
-        ]
+        limits = [(event.t, event.left.v.tobytes(), event.right.v.tobytes()) for event in struck]
+        first = [k for k, each in enumerate(limits) if k == 0 or each != limits[k - 1]]
         n, P = len(d.nodes), np.zeros((len(first), len(d.contacts)))
         one = np.searchsorted(first, np.arange(len(struck)), side="right") - 1
         row = np.array([rows[event.contact] for event in struck], dtype=np.int64)

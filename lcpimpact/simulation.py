@@ -15,7 +15,7 @@ from lcpimpact.certificate import certify
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.events import events_of_springs, events_of_steps
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.base import Declared, Grid, Integrator, Record, State
+from lcpimpact.integrators.base import Declared, Event, Grid, Integrator, Record, State
 from lcpimpact.integrators.state_jump import enter_constraint, jump_events
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.numbers import is_real
@@ -34,6 +34,9 @@ WORK = 2.0
 """A run takes about so many times the memory of its record: the rest is the sampling and the certificate."""
 
 FEWER_STEPS = "take a larger dt or a shorter t_end"
+
+MOMENT = 1e-9
+"""Impacts within this part of the time passed accumulate together."""
 
 SHOWN = 4
 """Of more methods than these that could be taken instead, a refusal names the first."""
@@ -141,6 +144,8 @@ def simulate(
         if given := _not_finite(problem.dynamics, float(record.t[-1]), grid):
             status = Status.NON_FINITE
             message = f"{status.sentence} {given}"
+        elif status is Status.ACCUMULATION:
+            message += f" The impacts are those of {_last_to_meet(problem.dynamics, events)}."
         message = f"{integrator.name} stopped after step {reached} (t = {record.t[-1]:g} s): {message}"
     elif not certificate.holds:
         status = Status.VIOLATED
@@ -189,6 +194,13 @@ def _run(integrator: Integrator, carry: Any, record: Record, grid: Grid, progres
         except KeyboardInterrupt:
             return Status.INTERRUPTED, reached
     return Status.SOLVED, reached
+
+
+def _last_to_meet(d: Dynamics, events: tuple[Event, ...]) -> str:
+    """Return the contacts, and their nodes, whose impacts came within `MOMENT` of the last one."""
+    impacts = [event for event in events if event.kind == "impact"]
+    last = {event.contact for event in impacts if event.t >= impacts[-1].t * (1.0 - MOMENT)}
+    return ", ".join(f"{c.name} ({c.upper} and {c.lower})" for c in d.contacts if c.name in last)
 
 
 def _not_finite(d: Dynamics, reached: float, grid: Grid) -> str:

@@ -123,6 +123,46 @@ def test_three_bodies_that_collapse_end_together():
     assert max(each.t for each in run.events) == pytest.approx(limit, abs=1e-12)
 
 
+@pytest.mark.parametrize("e", [0.06, 0.05, 0.04, 0.02])
+@pytest.mark.parametrize("method", ["exact", "event-driven"])
+def test_a_contact_that_only_passes_impulses_on_takes_part_in_a_collapse(method, e):
+    """The middle one of three equal bodies is two halves that touch: what hits one of them hits both."""
+    scheme = li.Scheme(
+        li.Mass("a", 1.0),
+        li.Mass("b", 0.5),
+        li.Mass("c", 0.5),
+        li.Mass("d", 1.0),
+        li.Bumper("a", "b", gap=1.0, e=e),
+        li.Bumper("b", "c", e=0.0),
+        li.Bumper("c", "d", gap=1.0, e=e),
+    )
+    problem = li.Problem("halves", scheme, v0={"a": 1.0, "d": -0.5})
+    run = li.simulate(problem, method, dt=0.1, t_end=6.0)
+    # All end together, with the momentum and the centre of mass that they had.
+    centre = 6.0 / 6.0
+    assert_allclose(run.v[-1], 1.0 / 6.0, rtol=0, atol=1e-12)
+    assert_allclose(run.q[-1], [1.0 + centre, centre, centre, centre - 1.0], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", [9, 14, 34, 51, 77])
+def test_four_unequal_bodies_whose_impacts_repeat_in_no_pattern_are_followed(seed):
+    rng = np.random.default_rng(seed)
+    m, e = 10.0 ** rng.uniform(-1.0, 1.0, 4), rng.uniform(0.02, 0.3, 3)
+    scheme = li.Scheme(
+        *(li.Mass(node, each) for node, each in zip("abcd", m, strict=True)),
+        *(
+            li.Bumper(*pair, gap=rng.uniform(0.1, 1.0), e=each)
+            for pair, each in zip(("ab", "bc", "cd"), e, strict=True)
+        ),
+    )
+    v0 = dict(zip("abcd", np.sort(rng.uniform(-1.0, 1.0, 4))[::-1].tolist(), strict=True))
+    problem = li.Problem("four", scheme, v0=v0)
+    run, truth = run_exact(problem, 0.1, 20.0), Reference(problem, 20.0)
+    assert run.success, run.message
+    _, v, _ = truth.at(19.9)
+    assert_allclose(run.v[199], [float(each) for each in v], rtol=0, atol=1e-11)
+
+
 def test_three_bodies_meet_eleven_times_at_e_of_8_per_cent():
     run = run_exact(column((1.0, 1.0, 1.0), (1.0, 1.0), (1.0, 0.0, -0.5), 0.08), 0.5, 20.0)
     assert run.success

@@ -18,6 +18,7 @@ from lcpimpact.integrators.modes import (
     FINE_ZERO,
     ZERO,
     Mode,
+    Still,
     System,
     gaps,
     impact,
@@ -36,9 +37,10 @@ STALL = 1_000
 AT_END = 4.0 * float(np.finfo(float).eps)
 """An event this little after the end, relative to it, is one at the end, which is a float."""
 
-NEAR, PATTERN, MOST_IMPACTS = 2.0**-40, 6, 10_000
-"""Impacts whose order is lost in rounding: this near to the one before, of the time passed; the longest pattern in which
-they may repeat; and the most that are followed until plates meet at rest."""
+NEAR, KNOWN, AT_REST, STRAIGHT, MOST_IMPACTS = 2.0**-40, 2.0**-65, 2.0**-76, 1e-6, 10_000
+"""Impacts whose order is lost in rounding: gaps that double-doubles hold to nine digits, and rates that are rest, relative
+to the terms that gave them; the part of a rate by which forces may change it where they are left out; impacts this near to
+the one before, of the time passed, where they may not; and the most that are followed."""
 
 RECENT, FLIGHTS, SHORT, SLOW = 64, 3, 2.0**-52, 1e-12
 """Impacts accumulate when this many flights in a row are each shorter than SHORT of the time passed, below which instants
@@ -47,7 +49,7 @@ RECENT of such times accumulate together."""
 
 
 class Unresolved(Exception):
-    """Impacts of several bodies accumulate in no order that repeats."""
+    """Impacts of several bodies follow each other within an instant and come to no end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +105,7 @@ class Motion:
     scale : (N,) array                      largest |X| so far, to which rounding is relative
     impacts : list of DoubleDouble          the last impact of each row
     short : (nc,) array                     how many flights of each row were short, one after the other
-    history : list of tuple of int          the rows of each impact
+    collapsed : int                         the last segment that a collapse began
     segments : list of Segment
     """
 
@@ -116,7 +118,7 @@ class Motion:
     scale: Array
     impacts: list[DoubleDouble]
     short: Indices
-    history: list[tuple[int, ...]] = field(default_factory=list)
+    collapsed: int = 0
     segments: list[Segment] = field(default_factory=list)
 
     @property
@@ -213,18 +215,22 @@ def _enter(motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero:
         # At a breakpoint the signals are floats anew, and so is what they decide.
         left, zero = settled(system, before, X, motion.scale), GIVEN_ZERO
         X = system.form.right_of(now, left, motion.scale)
-    met: list[Event] = []
-    state, together = X, _unresolved(motion, t, X) if left is None else None
-    if together is not None:
-        state, met = _collapse(motion, now, X, together)
+    resolved = _resolved(motion, t, X) if left is None else None
+    if resolved is not None:
+        first, known = resolved
+        del motion.segments[first + 1 :]
+        t, X, held = _collapse(motion, t, AT_REST if known else SLOW)
+        before, now = motion.segments[-1].mode, float(t.hi)
+        motion.collapsed = len(motion.segments)
+        mode, after, events = enter(system, now, before, X, motion.scale, motion.solver, zero=FINE_ZERO, held=held)
     else:
         mode, after, events = enter(system, now, before, X, motion.scale, motion.solver, zero=zero, left=left, v=v)
         together = _accumulated(motion, t, events) if left is None else None
-    if together is not None:
-        mode, after, events = enter(
-            system, now, before, state, motion.scale, motion.solver, zero=zero, together=together
-        )
-    motion.segments.append(Segment(t, (X if left is None else left).hi, after, mode, ended, (*met, *events)))
+        if together is not None:
+            mode, after, events = enter(
+                system, now, before, X, motion.scale, motion.solver, zero=zero, together=together
+            )
+    motion.segments.append(Segment(t, (X if left is None else left).hi, after, mode, ended, tuple(events)))
 
     flow, _ = system.reaction(mode)
     watch = system.watch(mode)
@@ -248,75 +254,110 @@ def _enter(motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero:
 
 def _accumulated(motion: Motion, t: DoubleDouble, events: list[Event]) -> Flags | None:
     """Note the impacts at t, and return the rows whose impacts have accumulated (nc,), if any: they meet without end."""
-    d, shortest, over = motion.system.dynamics, SHORT * abs(float(t.hi)), False
+    system, shortest, over = motion.system, SHORT * abs(float(t.hi)), False
     hit = [event for event in events if event.impulse > 0.0]
-    if hit:
-        motion.history.append(tuple(motion.system.names[event.contact] for event in hit))
-        for event in hit:
-            i = motion.system.names[event.contact]
-            last = motion.impacts[i]
-            flight = (t.hi - last.hi) + (t.lo - last.lo)
-            motion.short[i] = motion.short[i] + 1 if flight < shortest else 0
-            motion.impacts[i] = t
-            if motion.short[i] >= FLIGHTS and d.contacts[i].e < 1.0:
-                speed = np.abs(motion.system.fine.CA.hi[i]) @ motion.scale
-                over |= bool(abs(d.gap_rate(event.left.v)[i]) <= SLOW * speed)
+    if not hit:
+        return None
+    rows = [system.names[event.contact] for event in hit]
+    # Contacts that were closed do not meet: impulses only pass through them.
+    passes_on = still(system, motion.segments[-1].mode if motion.segments else None).U
+    slow = SLOW * (np.abs(system.fine.CA.hi) @ motion.scale)
+    before, after = (system.dynamics.gap_rate(v) for v in (hit[0].left.v, hit[0].right.v))
+    for i in rows:
+        if passes_on[i]:
+            continue
+        last = motion.impacts[i]
+        flight = (t.hi - last.hi) + (t.lo - last.lo)
+        motion.short[i] = motion.short[i] + 1 if flight < shortest else 0
+        motion.impacts[i] = t
+        over |= bool(motion.short[i] >= FLIGHTS and system.restitution[i] < 1.0 and abs(before[i]) <= slow[i])
     if not over:
         return None
     since = np.array([(t.hi - last.hi) + (t.lo - last.lo) for last in motion.impacts])
-    together = (motion.short > 0) & (since < RECENT * shortest)
+    together = (motion.short > 0) & (since < RECENT * shortest) & (np.abs(after) <= slow)
     motion.short[together] = 0
     return np.asarray(together)
 
 
-def _unresolved(motion: Motion, t: DoubleDouble, X: DoubleDouble) -> Flags | None:
-    """Return the rows whose impacts accumulate faster than double-doubles resolve (nc,), if there are any.
+def _resolved(motion: Motion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bool] | None:
+    """Return from which segment on impacts follow each other too fast for double-doubles to tell which plates meet next.
 
-    Such a row has just bounced, and is so near to closed again that it cannot be said which plates meet next.
+    Two rows or more land at t, and the gap of one has too few digits to tell whether it lands first; so the motion goes back
+    to where all gaps are known, unless forces bend the flights since: then the flag is False. None where all is resolved.
     """
-    if not motion.history or motion.segments[-1].t0 < float(t.hi) * (1.0 - NEAR):
+    system, segments = motion.system, motion.segments
+    if len(segments) <= motion.collapsed:
         return None
-    system, before = motion.system, motion.segments[-1].mode
-    u, U = gaps(system, X, motion.scale, still(system, before), FINE_ZERO)
-    landing = (u.hi <= 0.0) & system.meets & ~np.isin(np.arange(len(u)), before.closed)
-    if not (U.hi[landing] < 0.0).any() or landing.sum() < 2:
+    size = np.abs(system.fine.C.hi) @ motion.scale
+
+    def opening(segment: Segment) -> tuple[Array, Array, Flags]:
+        """Return u, U and which gaps have too few digits."""
+        held = still(system, segment.mode)
+        u, U = (each.hi for each in gaps(system, segment.state, motion.scale, held, FINE_ZERO))
+        return u, U, system.meets & (u > 0.0) & (u < KNOWN * size)
+
+    _, _, unknown = opening(segments[-1])
+    if not unknown.any():
         return None
-    recent = np.array([(t.hi - last.hi) + (t.lo - last.lo) < NEAR * abs(t.hi) for last in motion.impacts])
-    last = motion.history[-1]
-    if not any(recent[i] and i in last for i in np.flatnonzero(landing)):
+    held = still(system, segments[-1].mode)
+    u, U = (each.hi for each in gaps(system, X, motion.scale, held, FINE_ZERO))
+    landing = (u <= 0.0) & system.meets & ~held.u
+    if landing.sum() < 2 or not (landing & unknown).any() or not (U[landing] < 0.0).any():
         return None
-    return np.asarray(np.isin(np.arange(len(u)), np.unique(np.concatenate(motion.history[-PATTERN:]))) & recent)
+    first, speed = len(segments) - 1, np.abs(U[landing]).max()
+    while unknown.any():
+        before = segments[first - 1]
+        bends = np.abs((system.fine.O @ before.state).hi[landing]) * float((t - before.start).hi)
+        if first - 1 < motion.collapsed or (bends > STRAIGHT * speed).any():
+            near = segments[-1].t0 >= float(t.hi) * (1.0 - NEAR)
+            return (first, False) if near else None
+        first -= 1
+        _, U, unknown = opening(segments[first])
+        speed = np.abs(U[landing]).max()
+    return first, True
 
 
-def _collapse(motion: Motion, t: float, X: DoubleDouble, rows: Flags) -> tuple[DoubleDouble, list[Event]]:
-    """Return X and the impacts at t, where impacts of several bodies follow each other in a pattern without end.
+def _collapse(motion: Motion, t: DoubleDouble, rest: float) -> tuple[DoubleDouble, DoubleDouble, Still]:
+    r"""Append a segment for each impact after the last segment begins: return when they end, X, and what then is at zero.
 
-    The impacts go on in the order in which they came, without time between them, until the plates meet at rest.
+    The gaps u go on as numbers of their own, which keep their digits however small they become, with
+
+    .. math:: u ← u + U δ, \qquad δ = \min_{U_i < 0} \frac{u_i}{-U_i} ,
+
+    and the impacts at u = 0, until no plates meet soon, the time since the segment begins being the measure. Those slower
+    than the part ``rest`` of the largest velocities are at rest. Forces do not bend flights that are so short.
 
     Raises
     ------
     Unresolved
-        If they came in no order that repeats, or do not come to rest in it.
+        If the impacts do not end.
     """
-    system, history = motion.system, motion.history
-    events: list[Event] = []
-    periods = [p for p in range(2, PATTERN + 1) if len(history) >= 2 * p and history[-p:] == history[-2 * p : -p]]
-    speed = np.abs(system.fine.CA.hi) @ motion.scale
-    if periods:
-        pattern, mode = history[-periods[0] :], motion.segments[-1].mode
-        free = replace(mode, closed=tuple(i for i in mode.closed if not rows[i]))
-        for k in range(MOST_IMPACTS):
-            U = (system.fine.CA @ X).hi
-            if (np.abs(U[rows]) <= SLOW * speed[rows]).all():
-                return X, events
-            among = np.isin(np.arange(len(rows)), pattern[k % len(pattern)])
-            if not (U[among] < 0.0).all():
-                break
-            after, P, _ = impact(system, X, motion.scale, motion.solver, zero=FINE_ZERO, among=among)
-            left, right = state_of(system, free, X), state_of(system, free, after)
-            names = [contact.name for contact in system.dynamics.contacts]
-            events += [Event(t, names[i], "impact", left, right, float(P[i])) for i in np.flatnonzero(P > 0.0)]
-            X = after
+    system, now, X = motion.system, motion.segments[-1].start, motion.segments[-1].state
+    mode, rows = motion.segments[-1].mode, system.meets
+    names = [contact.name for contact in system.dynamics.contacts]
+    held = still(system, mode)
+    u, U = (each.hi for each in gaps(system, X, motion.scale, held, FINE_ZERO))
+    size, slow = (np.abs(m.hi) @ motion.scale for m in (system.fine.C, system.fine.CA))
+    slow = rest * slow
+    latest = t + RECENT * max(float((t - now).hi), SHORT * float(now.hi))
+    for _ in range(MOST_IMPACTS):
+        closing = rows & (U < 0.0)
+        δ = (u[closing] / -U[closing]).min(initial=np.inf)
+        if not (now + δ).hi <= latest.hi:
+            rests = rows & (u <= KNOWN * size) & (np.abs(U) <= slow)
+            return now, X, Still(held.u & ~rows | rests, held.U | rests, held.closed & ~rows | rests)
+        meets = closing & (u <= -U * δ)
+        now, X = now + δ, system.mode(mode)[0].move(X, δ)
+        u = np.where(meets, 0.0, np.maximum(u + U * δ, 0.0))
+        e = np.where(-slow <= U, 0.0, system.restitution)
+        after, P, held = impact(system, X, motion.scale, motion.solver, e, held, FINE_ZERO, rows & (u == 0.0))
+        left, t0 = state_of(system, mode, X), float(now.hi)
+        mode = replace(mode, closed=tuple(i for i in mode.closed if held.U[i] or not rows[i]))
+        right, ended = state_of(system, mode, after), system.fine.C.hi[np.argmax(meets)]
+        events = tuple(Event(t0, names[i], "impact", left, right, float(P[i])) for i in np.flatnonzero(P > 0.0))
+        motion.segments.append(Segment(now, X.hi, after, mode, ended, events))
+        X = after
+        U = gaps(system, X, motion.scale, held, FINE_ZERO)[1].hi
     raise Unresolved
 
 

@@ -11,7 +11,7 @@ from lcpimpact.arrays import Array, Flags
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.integrators.base import Event, State
 from lcpimpact.integrators.flow import on_rows
-from lcpimpact.integrators.modes import ZERO, Mode, System, choose_mode, impact, settled, still
+from lcpimpact.integrators.modes import ZERO, Mode, Still, System, choose_mode, impact, settled, still
 
 
 def parted(system: System, found: Array) -> tuple[Array, Array, Array]:
@@ -41,6 +41,7 @@ def enter(
     solver: str,
     zero: float = ZERO,
     together: Flags | None = None,
+    held: Still | None = None,
     left: DoubleDouble | None = None,
     v: Array | None = None,
 ) -> tuple[Mode, DoubleDouble, list[Event]]:
@@ -48,17 +49,18 @@ def enter(
 
     Without a mode before, at the start of a run, the right limit stands for both. What the mode before holds closed stays so
     unless an impulse, its own force or a jump of a prescribed velocity ends it. The rows ``together`` (nc,) touch, and meet
-    without restitution: where impacts have accumulated. ``left`` is the state before, where signals in X have jumped,
-    and v (n,) are the velocities before the start of a run, with those of massless nodes, which are no part of X.
+    without restitution: where impacts have accumulated; ``held`` is what is at zero where the mode before does not tell.
+    ``left`` is the state before, where signals in X have jumped, and v (n,) are the velocities before the start of a run,
+    with those of massless nodes, which are no part of X.
     """
-    held, restitution = still(system, before), system.restitution
+    held, restitution = held or still(system, before), system.restitution
     if together is not None:
         held = replace(held, u=held.u | (together & (system.degree > 0)), closed=held.closed | together)
         restitution = np.where(together, 0.0, restitution)
     if left is not None:
         held, state = replace(held, U=np.zeros_like(held.U)), DoubleDouble.of(X)
     else:
-        state = settled(system, before, DoubleDouble.of(X), scale)
+        state = settled(system, before, DoubleDouble.of(X), scale, held)
     U: Array | DoubleDouble | None = None if v is None else system.dynamics.gap_rate(v)
     if before is not None and system.mixed:
         U = system.rates(before) @ (state if left is None else left)
