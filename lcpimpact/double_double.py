@@ -163,7 +163,7 @@ def eliminate(A: Array, b: Array) -> Array:
     return x
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, slots=True)
 class DoubleDouble:
     """An array of double-doubles.
 
@@ -195,12 +195,14 @@ class DoubleDouble:
     @property
     def hi(self) -> Array:
         """The nearest floats."""
-        return np.asarray(self.parts[0])
+        hi: Array = self.parts[0]
+        return hi
 
     @property
     def lo(self) -> Array:
         """What the nearest floats lack."""
-        return np.asarray(self.parts[1])
+        lo: Array = self.parts[1]
+        return lo
 
     @property
     def shape(self) -> tuple[int, ...]:
