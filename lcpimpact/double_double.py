@@ -267,8 +267,8 @@ def _aligned(parts: Array, ndim: int) -> Array:
 
 def stacked(blocks: list[list[ArrayLike | DoubleDouble]]) -> DoubleDouble:
     """Return a matrix from its blocks, as `numpy.block` does."""
-    parts = [[DoubleDouble.of(block).parts for block in row] for row in blocks]
-    return DoubleDouble(np.stack([np.block([[block[i] for block in row] for row in parts]) for i in (0, 1)]))
+    rows = [np.concatenate([DoubleDouble.of(block).parts for block in row], axis=2) for row in blocks]
+    return DoubleDouble(np.ascontiguousarray(np.concatenate(rows, axis=1)))
 
 
 def solve(A: ArrayLike | DoubleDouble, b: ArrayLike | DoubleDouble) -> DoubleDouble:

@@ -89,15 +89,18 @@ def complementary(
     return DoubleDouble(found), DoubleDouble(w)
 
 
-@compiled(types.Tuple((indices, vector, vector))(matrix, matrix, vector, flags))
-def approach(U: Array, before: Array, e: Array, meets: Flags) -> tuple[Indices, Array, Array]:
-    """Return the rows that meet, e on each, or 0 where plates part already, and U + e U⁻ in floats; U⁻ is ``before``."""
+@compiled(types.Tuple((indices, vector, vector, types.boolean))(matrix, matrix, vector, flags))
+def approach(U: Array, before: Array, e: Array, meets: Flags) -> tuple[Indices, Array, Array, bool]:
+    """Return the rows that meet, e on each, or 0 where plates part already, and U + e U⁻ in floats; U⁻ is ``before``.
+
+    The flag says whether any of these is negative, so that there are impulses.
+    """
     rows = np.flatnonzero(meets)
     bounce, q = np.empty(len(rows)), np.empty(len(rows))
     for a, i in enumerate(rows):
         bounce[a] = e[i] if before[0, i] < 0.0 else 0.0
         q[a] = U[0, i] + bounce[a] * before[0, i]
-    return rows, bounce, q
+    return rows, bounce, q, (q < 0.0).any()
 
 
 @compiled(types.Tuple((matrix, matrix, types.boolean))(cube, cube, matrix, matrix, matrix, vector, indices, vector, f8))
@@ -124,13 +127,14 @@ def rebound(
     return total(X, product(B, P.reshape(2, -1, 1))[:, :, 0].copy()), P, ended
 
 
-@compiled(flags(vector, matrix, vector, matrix, flags))
-def at_rest(P: Array, before: Array, e: Array, G: Array, held: Flags) -> Flags:
+@compiled(flags(vector, matrix, vector, matrix, flags, indices))
+def at_rest(P: Array, before: Array, e: Array, G: Array, held: Flags, degree: Indices) -> Flags:
     """Return which rows have no rate after the impulses P: those without rebound, and those ``held`` that P does not move."""
     found = np.empty(len(P), np.bool_)
     for i in range(len(P)):
         change = 0.0
         for j in range(len(P)):
             change += G[i, j] * P[j]
-        found[i] = (P[i] > 0.0 and e[i] * min(before[0, i], 0.0) == 0.0) or (held[i] and change == 0.0)
+        stays = (P[i] > 0.0 and e[i] * min(before[0, i], 0.0) == 0.0) or (held[i] and change == 0.0)
+        found[i] = stays and degree[i] == 2
     return found

@@ -301,9 +301,21 @@ class System:
         return self.fine.O[rows], self.fine.G[rows]
 
     @cached_property
+    def mixed_degrees(self) -> list[str]:
+        """Contacts that can be closed together while a combination of their gaps has a higher degree than each."""
+        H = self.dynamics.H
+        for degree in np.unique(self.degree):
+            rows = np.flatnonzero(self.degree == degree)
+            for combination in null_space(self.G[np.ix_(rows, rows)], rcond=1e-12).T:
+                # A combination of gaps that no motion changes is not zero (assembly saw to it): its rows never close together.
+                if np.abs(combination @ H[rows]).max() > 1e-9:
+                    return [self.dynamics.contacts[i].name for i in rows[np.abs(combination) > 1e-9]]
+        return []
+
+    @property
     def mixed(self) -> bool:
         """Whether contacts can be closed together that hold combinations of their gaps at higher degrees than their own."""
-        return bool(mixed_degrees(self))
+        return bool(self.mixed_degrees)
 
     def together(self, rows: tuple[int, ...]) -> Together:
         """Return how contacts are held that are closed together."""
@@ -532,19 +544,20 @@ def _put_to_zero(system: System, constraint: DoubleDouble, X: DoubleDouble, scal
     return X
 
 
-@compiled(matrix(cube, matrix, vector, flags, f8))
-def reading(C: Array, X: Array, scale: Array, at_zero: Flags, zero: float) -> Array:
-    """Return C X (2, n) for C (2, n, N) and X (2, N), with what is held at zero and what is rounding set to zero."""
-    found = np.zeros((2, C.shape[1]))
-    for i in range(C.shape[1]):
-        size, x, x_lo = 0.0, 0.0, 0.0
-        for j in range(C.shape[2]):
-            if C[0, i, j] != 0.0:
-                y, y_lo = multiply(C[0, i, j], C[1, i, j], X[0, j], X[1, j])
-                x, x_lo = add(x, x_lo, y, y_lo)
-                size += abs(C[0, i, j]) * scale[j]
-        if not at_zero[i] and abs(x) > zero * size:
-            found[0, i], found[1, i] = x, x_lo
+@compiled(cube(cube, cube, matrix, vector, flags, flags, f8))
+def reading(C: Array, CA: Array, X: Array, scale: Array, no_gap: Flags, no_rate: Flags, zero: float) -> Array:
+    """Return C X and C A X (2, 2, nc) of X (2, N), with what is held at zero and what is rounding set to zero."""
+    found = np.zeros((2, 2, C.shape[1]))
+    for k, (rows, at_zero) in enumerate(((C, no_gap), (CA, no_rate))):
+        for i in range(C.shape[1]):
+            size, x, x_lo = 0.0, 0.0, 0.0
+            for j in range(C.shape[2]):
+                if rows[0, i, j] != 0.0:
+                    y, y_lo = multiply(rows[0, i, j], rows[1, i, j], X[0, j], X[1, j])
+                    x, x_lo = add(x, x_lo, y, y_lo)
+                    size += abs(rows[0, i, j]) * scale[j]
+            if not at_zero[i] and abs(x) > zero * size:
+                found[k, 0, i], found[k, 1, i] = x, x_lo
     return found
 
 
@@ -552,27 +565,32 @@ def gaps(
     system: System, X: ArrayLike | DoubleDouble, scale: Array, held: Still | None = None, zero: float = ZERO
 ) -> tuple[DoubleDouble, DoubleDouble]:
     """Return u and U of the rows (nc,), for r = 0, with what is held and what is rounding set to zero."""
-    state, held, fine = np.ascontiguousarray(DoubleDouble.of(X).parts), held or still(system, None), system.fine
-    u = reading(fine.C.parts, state, scale, held.u, zero)
-    U = reading(fine.CA.parts, state, scale, held.U, zero)
+    u, U = openings_and_rates(system, DoubleDouble.of(X), scale, held or still(system, None), zero)
     return DoubleDouble(u), DoubleDouble(U)
 
 
-@compiled(types.Tuple((indices, vector, indices))(matrix, matrix, indices, flags))
-def motions(u: Array, U: Array, degree: Indices, slides: Flags) -> tuple[Indices, Array, Indices]:
-    """Return the rows on which a force is sought, the sign of U of sliders that move, else 0, and the order of the zeros.
+def openings_and_rates(system: System, X: DoubleDouble, scale: Array, held: Still, zero: float) -> Array:
+    """Return the parts of u and U of `gaps` (2, 2, nc)."""
+    fine = system.fine
+    return reading(fine.C.parts, fine.CA.parts, np.ascontiguousarray(X.parts), scale, held.u, held.U, zero)
 
-    A force is sought on rows of degree 0, on those that touch and do not open, and on sliders that do not move.
+
+@compiled(types.int64[:, ::1](cube, indices, flags))
+def motions(opening: Array, degree: Indices, slides: Flags) -> Indices:
+    """Return whether a force is sought on each row, the sign of U of sliders that move, and the order of the zero (3, nc).
+
+    A force is sought on rows of degree 0, on those that touch and do not open, and on sliders that do not move. ``opening``
+    holds u and U.
     """
-    sought, sign, order = np.zeros(len(degree), np.bool_), np.zeros(len(degree)), np.empty(len(degree), np.int64)
+    found = np.zeros((3, len(degree)), np.int64)
     for i in range(len(degree)):
-        if slides[i]:
-            sign[i] = np.sign(U[0, i]) if degree[i] == 2 else 0.0
-            sought[i] = sign[i] == 0.0
-        else:
-            sought[i] = degree[i] == 0 or not (u[0, i] > 0.0 or (degree[i] == 2 and U[0, i] > 0.0))
-        order[i] = 0 if u[0, i] > 0.0 or sign[i] != 0.0 else 1
-    return np.flatnonzero(sought), sign, order
+        u, U = opening[0, 0, i], opening[1, 0, i] if degree[i] == 2 else 0.0
+        moves = slides[i] and U != 0.0
+        opens = not slides[i] and degree[i] > 0 and (u > 0.0 or U > 0.0)
+        found[0, i] = not (moves or opens)
+        found[1, i] = np.sign(U) if moves else 0
+        found[2, i] = 0 if u > 0.0 or moves else 1
+    return found
 
 
 def choose_mode(
@@ -602,15 +620,16 @@ def choose_mode(
     degree, r_max = system.degree, system.bounds[1]
     slides, nc = system.slides, len(system.degree)
     state = DoubleDouble.of(X)
-    u, U = gaps(system, state, scale, held, zero)
-    sought, sign, zeros = motions(u.parts, U.parts, degree, slides)
-    undecided, order, side = sought.tolist(), zeros.tolist(), [0] * nc
+    sought, sign, order = motions(
+        openings_and_rates(system, state, scale, held or still(system, None), zero), degree, slides
+    ).tolist()
+    undecided, side = [i for i in range(nc) if sought[i]], [0] * nc
     closed: list[int] = []
-    slips = [(i, int(s)) for i, s in enumerate(sign.tolist()) if s]
+    slips = [(i, sign[i]) for i in range(nc) if sign[i]]
     if not undecided:
         return Mode((), tuple(slips), tuple(order), tuple(side)), state
     start = state
-    r = DoubleDouble.of(-sign * np.where(slides, r_max, 0.0))
+    r = DoubleDouble.of(-np.array(sign) * np.where(slides, r_max, 0.0))
     for level in range(len(state) + 1):
         if not undecided:
             break
@@ -827,32 +846,32 @@ def impact(
     """
     e = system.restitution if restitution is None else restitution
     state, held = DoubleDouble.of(X), held or still(system, None)
-    u, U = gaps(system, state, scale, held, zero)
-    before = U if left is None else gaps(system, left, scale, held, zero)[1]
-    meets = system.meets & ((u.hi <= 0.0) if among is None else among)
-    meeting, bounce, q = approach(U.parts, before.parts, e, meets)
+    u, U = openings_and_rates(system, state, scale, held, zero)
+    before = U if left is None else openings_and_rates(system, left, scale, held, zero)[1]
+    meets = system.meets & ((u[0] <= 0.0) if among is None else among)
+    meeting, bounce, q, meet = approach(U, before, e, meets)
     lines, (G, B), toward, back = NO_LINES, (system.fine.G, system.fine.B), U, before
     if len(system.lines) and rates is not None and among is None:
-        lines = _touching(system, u, held, scale, zero)
+        lines = _touching(system, DoubleDouble(u), held, scale, zero)
         speeds, known = _line_rates(system, lines, state, scale, zero), DoubleDouble.of(rates)
         rebounds = path_restitution(lines, known.hi, e)
         G, B = system.path_matrices(lines)
         toward, back = (
-            DoubleDouble(np.concatenate([each.parts, more.parts], 1))
-            for each, more in ((U, speeds), (before, DoubleDouble.of(rebounds)))
+            np.concatenate([each, more.parts], 1) for each, more in ((U, speeds), (before, DoubleDouble.of(rebounds)))
         )
         meeting = np.append(meeting, len(e) + np.arange(len(lines)))
         bounce = np.append(bounce, np.ones(len(lines)))
-        q = toward.hi[meeting] + bounce * back.hi[meeting]
-    if not (q < 0.0).any():
+        q = toward[0, meeting] + bounce * back[0, meeting]
+        meet = bool((q < 0.0).any())
+    if not meet:
         return state, np.zeros(len(system.degree)), held
     z = system.impact_lcp(G, lines, meeting, solver).solve(q).z
     parts = np.ascontiguousarray(state.parts)
-    after, impulses, ended = rebound(G.parts, B.parts, parts, toward.parts, back.parts, bounce, meeting, z, zero)
+    after, impulses, ended = rebound(G.parts, B.parts, parts, toward, back, bounce, meeting, z, zero)
     if not ended:
         raise np.linalg.LinAlgError("no complementary basis")
     P = impulses[0] if len(lines) == 0 else impulses[0, : len(e)] + impulses[0, len(e) :] @ lines
-    rests = at_rest(P, before.parts, e, system.G, held.U) & (system.degree == 2)
+    rests = at_rest(P, before, e, system.G, held.U, system.degree)
     return DoubleDouble(after), P, Still(held.u, rests, held.closed)
 
 
@@ -899,21 +918,9 @@ def refuse_velocity_jumps(dynamics: Dynamics, t_end: float, method: str) -> None
             )
 
 
-def mixed_degrees(system: System) -> list[str]:
-    """Return contacts that can be closed together while a combination of their gaps has a higher degree than each."""
-    H = system.dynamics.H
-    for degree in (0, 1, 2):
-        rows = np.flatnonzero(system.degree == degree)
-        for combination in null_space(system.G[np.ix_(rows, rows)], rcond=1e-12).T:
-            # A combination of gaps that no motion changes is not zero (assembly saw to it): its rows never close together.
-            if np.abs(combination @ H[rows]).max() > 1e-9:
-                return [system.dynamics.contacts[i].name for i in rows[np.abs(combination) > 1e-9]]
-    return []
-
-
 def refuse_mixed_degrees(system: System, method: str, except_schemes: bool = False) -> None:
     """Refuse contacts without a common relative degree; with ``except_schemes`` only beside sliders and in systems."""
-    names = mixed_degrees(system)
+    names = system.mixed_degrees
     if not names or (except_schemes and system.dynamics.stores_energy and not system.slides.any()):
         return
     beside = " beside sliders" if except_schemes and system.dynamics.stores_energy else ""

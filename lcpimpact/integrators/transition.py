@@ -52,13 +52,12 @@ def enter(
     and v (n,) are the velocities before the start of a run, with those of massless nodes, which are no part of X.
     """
     held, restitution = still(system, before), system.restitution
+    state = DoubleDouble.of(X) if left is not None else settled(system, before, DoubleDouble.of(X), scale, held)
     if together is not None:
         held = replace(held, u=held.u | (together & (system.degree > 0)), closed=held.closed | together)
         restitution = np.where(together, 0.0, restitution)
     if left is not None:
-        held, state = replace(held, U=np.zeros_like(held.U)), DoubleDouble.of(X)
-    else:
-        state = settled(system, before, DoubleDouble.of(X), scale)
+        held = replace(held, U=np.zeros_like(held.U))
     U: Array | DoubleDouble | None = None if v is None else system.dynamics.gap_rate(v)
     if before is not None and system.mixed:
         U = system.rates(before) @ (state if left is None else left)
