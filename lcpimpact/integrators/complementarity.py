@@ -89,18 +89,18 @@ def complementary(
     return DoubleDouble(found), DoubleDouble(w)
 
 
-@compiled(types.Tuple((indices, vector, vector, types.boolean))(matrix, matrix, vector, flags))
-def approach(U: Array, before: Array, e: Array, meets: Flags) -> tuple[Indices, Array, Array, bool]:
+@compiled(types.Tuple((indices, vector, vector, types.boolean))(matrix, matrix, matrix, vector, flags))
+def approach(u: Array, U: Array, before: Array, e: Array, meets: Flags) -> tuple[Indices, Array, Array, bool]:
     """Return the rows that meet, e on each, or 0 where plates part already, and U + e U⁻ in floats; U⁻ is ``before``.
 
-    The flag says whether any of these is negative, so that there are impulses.
+    They are those of ``meets`` that touch, u <= 0. The flag says whether any U + e U⁻ is negative: then there are impulses.
     """
-    rows = np.flatnonzero(meets)
+    rows = np.flatnonzero(meets & (u[0] <= 0.0))
     bounce, q = np.empty(len(rows)), np.empty(len(rows))
     for a, i in enumerate(rows):
         bounce[a] = e[i] if before[0, i] < 0.0 else 0.0
         q[a] = U[0, i] + bounce[a] * before[0, i]
-    return rows, bounce, q, (q < 0.0).any()
+    return rows, bounce, q, bool((q < 0.0).any())
 
 
 @compiled(types.Tuple((matrix, matrix, types.boolean))(cube, cube, matrix, matrix, matrix, vector, indices, vector, f8))
@@ -129,7 +129,7 @@ def rebound(
 
 @compiled(flags(vector, matrix, vector, matrix, flags, indices))
 def at_rest(P: Array, before: Array, e: Array, G: Array, held: Flags, degree: Indices) -> Flags:
-    """Return which rows have no rate after the impulses P: those without rebound, and those ``held`` that P does not move."""
+    """Return which rows of degree 2 have no rate after the impulses P: no rebound, or ``held`` and not moved by P."""
     found = np.empty(len(P), np.bool_)
     for i in range(len(P)):
         change = 0.0

@@ -307,7 +307,8 @@ class System:
         for degree in np.unique(self.degree):
             rows = np.flatnonzero(self.degree == degree)
             for combination in null_space(self.G[np.ix_(rows, rows)], rcond=1e-12).T:
-                # A combination of gaps that no motion changes is not zero (assembly saw to it): its rows never close together.
+                # A combination of gaps that no motion changes is not zero (assembly saw to it): its rows never close
+                # together.
                 if np.abs(combination @ H[rows]).max() > 1e-9:
                     return [self.dynamics.contacts[i].name for i in rows[np.abs(combination) > 1e-9]]
         return []
@@ -848,8 +849,10 @@ def impact(
     state, held = DoubleDouble.of(X), held or still(system, None)
     u, U = openings_and_rates(system, state, scale, held, zero)
     before = U if left is None else openings_and_rates(system, left, scale, held, zero)[1]
-    meets = system.meets & ((u[0] <= 0.0) if among is None else among)
-    meeting, bounce, q, meet = approach(U, before, e, meets)
+    if among is None:
+        meeting, bounce, q, meet = approach(u, U, before, e, system.meets)
+    else:
+        meeting, bounce, q, meet = approach(np.zeros_like(u), U, before, e, system.meets & among)
     lines, (G, B), toward, back = NO_LINES, (system.fine.G, system.fine.B), U, before
     if len(system.lines) and rates is not None and among is None:
         lines = _touching(system, DoubleDouble(u), held, scale, zero)
