@@ -163,7 +163,7 @@ def eliminate(A: Array, b: Array) -> Array:
     return x
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, slots=True)
 class DoubleDouble:
     """An array of double-doubles.
 
@@ -195,12 +195,14 @@ class DoubleDouble:
     @property
     def hi(self) -> Array:
         """The nearest floats."""
-        return np.asarray(self.parts[0])
+        hi: Array = self.parts[0]
+        return hi
 
     @property
     def lo(self) -> Array:
         """What the nearest floats lack."""
-        return np.asarray(self.parts[1])
+        lo: Array = self.parts[1]
+        return lo
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -265,8 +267,8 @@ def _aligned(parts: Array, ndim: int) -> Array:
 
 def stacked(blocks: list[list[ArrayLike | DoubleDouble]]) -> DoubleDouble:
     """Return a matrix from its blocks, as `numpy.block` does."""
-    parts = [[DoubleDouble.of(block).parts for block in row] for row in blocks]
-    return DoubleDouble(np.stack([np.block([[block[i] for block in row] for row in parts]) for i in (0, 1)]))
+    rows = [np.concatenate([DoubleDouble.of(block).parts for block in row], axis=2) for row in blocks]
+    return DoubleDouble(np.ascontiguousarray(np.concatenate(rows, axis=1)))
 
 
 def solve(A: ArrayLike | DoubleDouble, b: ArrayLike | DoubleDouble) -> DoubleDouble:

@@ -365,7 +365,17 @@ HELPERS = {
     "radau_iia",
     "tableau",
     "runge_kutta",
-} | {"linear_step", "halving", "time_stepping", "motion", "tangent", "impact_law", "state_jump", "burst"}
+} | {
+    "linear_step",
+    "halving",
+    "time_stepping",
+    "motion",
+    "tangent",
+    "impact_law",
+    "state_jump",
+    "burst",
+    "complementarity",
+}
 """Files of the integrators that hold no method of their own."""
 
 REGISTRIES = [SOLVERS, METHODS, PROBLEMS, ELEMENTS]

@@ -1,5 +1,7 @@
 """The exact solution against digits, closed forms and SciPy's DOP853; each reference is computed without lcpimpact."""
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -191,6 +193,28 @@ def test_no_event_is_missed_however_short_the_excursion():
         assert_allclose(crossing.t.hi, np.arccos(-1.0 + ε), rtol=0, atol=1e-15 / np.sqrt(ε) + 1e-14)
     row = np.array([[1.0, 0.0, 1.0 + 1e-12]])
     assert flow.first_crossing(start, np.abs(start), row, np.array([0]), 10.0).row < 0
+
+
+@pytest.mark.parametrize(
+    ("A", "start", "instant", "rate"),
+    [
+        (
+            [[0.0, 1.0, 0.0], [0.0, 0.0, -2.0], [0.0, 0.0, 0.0]],
+            [3.0, 0.0, 1.0],
+            "1.7320508075688772935274463415058723669",
+            "-3.4641016151377545870548926830117447339",
+        ),
+        ([[0.0, 1.0], [-1.0, 0.0]], [0.0, 1.0], "3.1415926535897932384626433832795028842", "-1"),
+    ],
+    ids=["fall", "vibration"],
+)
+def test_a_crossing_has_the_digits_of_double_doubles(A, start, instant, rate):
+    # The fall is a polynomial of degree 2, whose higher powers are zero; the vibration crosses in its fourth window.
+    row, order = np.eye(len(A))[:1], np.array([int(start[0] == 0.0)])
+    found = Flow(DoubleDouble.of(A)).first_crossing(np.array(start), np.abs(start), row, order, 10.0)
+    assert found.row == 0
+    for value, truth in ((found.t, instant), (found.state[0], "0"), (found.state[1], rate)):
+        assert abs(Fraction(float(value.hi)) + Fraction(float(value.lo)) - Fraction(truth)) < 1e-29
 
 
 @given(roots=st.lists(st.floats(0.01, 0.99), min_size=1, max_size=6))

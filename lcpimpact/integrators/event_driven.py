@@ -19,8 +19,8 @@ than the one before is not asked: among many bodies they shrink by fits and star
 
 *Several bodies.* When a second contact meets within a time that is short against the flights of the run, the impacts that
 follow are those of `lcpimpact.integrators.motion` in double-doubles, with the forces w made linear, until flights are long
-again or the bodies have ended together (see `lcpimpact.integrators.burst`). If forces bend too much for that meanwhile, or
-impacts repeat in no pattern, the run ends with the status ACCUMULATION.
+again or the bodies have ended together (see `lcpimpact.integrators.burst`). If forces bend too much for that meanwhile,
+the run ends with the status ACCUMULATION.
 
 *Long runs.* A free flight of 1e5 s of bodies joined by springs keeps 1e-12 of its length; every vibration of what is stiff
 costs steps all the same, and at ``max_steps`` the run ends with a sentence.

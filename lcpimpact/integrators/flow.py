@@ -210,7 +210,7 @@ def on_row(A: Sparse, m: int, X: Array) -> tuple[float, float]:
 
 @compiled(matrix(sparse_type, f8, vector, i8))
 def expand(A: Sparse, δ: float, X: Array, degree: int) -> Array:
-    """Return (A δ)^i X/i! in floats (degree + 1, N)."""
+    """Return (A δ)^i X/i! in floats, up to the last that is not zero: (at most degree + 1, N)."""
     Y = np.empty((degree + 1, len(X)))
     Y[0] = X
     for i in range(1, degree + 1):
@@ -219,33 +219,36 @@ def expand(A: Sparse, δ: float, X: Array, degree: int) -> Array:
             for at in range(A.starts[m], A.starts[m + 1]):
                 x += A.entries[0, at] * Y[i - 1, A.columns[at]]
             Y[i, m] = x * (δ / i)
+        if not Y[i].any():
+            return Y[:i]
     return Y
 
 
 @compiled(cube(sparse_type, f8, matrix, i8))
 def expand_finely(A: Sparse, δ: float, X: Array, degree: int) -> Array:
-    """Return (A δ)^i X/i!, double-doubles (degree + 1, 2, N); δ is a power of two."""
+    """Return (A δ)^i X/i!, up to the last that is not zero, double-doubles (at most degree + 1, 2, N).
+
+    δ is a power of two.
+    """
     Z = np.empty((degree + 1, 2, X.shape[1]))
     Z[0] = X
     for i in range(1, degree + 1):
-        if not Z[i - 1].any():
-            Z[i:] = 0.0
-            break
         inverse = 1.0 / i
         p, p_lo = two_product(inverse, float(i))
         rest = ((1.0 - p) - p_lo) / i
         for m in range(X.shape[1]):
             x, x_lo = on_row(A, m, Z[i - 1])
             Z[i, 0, m], Z[i, 1, m] = multiply(δ * x, δ * x_lo, inverse, rest)
+        if not Z[i].any():
+            return Z[:i]
     return Z
 
 
 @compiled(types.boolean(sparse_type, i8, matrix, i8, matrix))
 def stays_positive(rows: Sparse, row: int, Y: Array, drop: int, basis: Array) -> bool:
     """Return whether floats prove that a row stays positive over a window, without its first ``drop`` powers."""
-    p = len(Y) - 1
-    a, noise = np.zeros(p + 1), 0.0
-    for i in range(p + 1):
+    a, noise = np.zeros(max(len(Y) - drop, 1)), 0.0
+    for i in range(len(Y)):
         for at in range(rows.starts[row], rows.starts[row + 1]):
             y = rows.entries[0, at] * Y[i, rows.columns[at]]
             noise += abs(y)
@@ -254,9 +257,9 @@ def stays_positive(rows: Sparse, row: int, Y: Array, drop: int, basis: Array) ->
     noise *= ROUNDING
     if a[0] - np.abs(a[1:]).sum() > noise:
         return True
-    for m in range(p + 1):
+    for m in range(len(basis)):
         b = 0.0
-        for i in range(m + 1):
+        for i in range(min(m + 1, len(a))):
             b += basis[m, i] * a[i]
         if not b > noise:
             return False
@@ -266,12 +269,11 @@ def stays_positive(rows: Sparse, row: int, Y: Array, drop: int, basis: Array) ->
 @compiled(types.UniTuple(f8, 2)(sparse_type, i8, cube, i8, cube, vector))
 def fall(rows: Sparse, row: int, Z: Array, drop: int, basis: Array, scale: Array) -> tuple[float, float]:
     """Return where in a window a row falls below zero, a double-double, or NaN; its first ``drop`` powers are zero."""
-    p = len(Z) - 1
-    a, b, floor = np.zeros((2, p + 1)), np.zeros((2, p + 1)), 0.0
-    for i in range(drop, p + 1):
+    a, b, floor = np.zeros((2, max(len(Z) - drop, 1))), np.zeros((2, basis.shape[1])), 0.0
+    for i in range(drop, len(Z)):
         a[0, i - drop], a[1, i - drop] = on_row(rows, row, Z[i])
-    for m in range(p + 1):
-        for i in range(m + 1):
+    for m in range(b.shape[1]):
+        for i in range(min(m + 1, a.shape[1])):
             y, y_lo = multiply(basis[0, m, i], basis[1, m, i], a[0, i], a[1, i])
             b[0, m], b[1, m] = add(b[0, m], b[1, m], y, y_lo)
     for at in range(rows.starts[row], rows.starts[row + 1]):
@@ -280,14 +282,25 @@ def fall(rows: Sparse, row: int, Z: Array, drop: int, basis: Array, scale: Array
     return polish(a, s) if s > 0.0 else (s, 0.0)
 
 
+@compiled(matrix(cube, f8, f8))
+def horner(Z: Array, s: float, s_lo: float) -> Array:
+    """Return Σ Z_i s^i (2, N) for a double-double s."""
+    X = Z[-1].copy()
+    for i in range(len(Z) - 2, -1, -1):
+        for m in range(X.shape[1]):
+            x, x_lo = multiply(X[0, m], X[1, m], s, s_lo)
+            X[0, m], X[1, m] = add(x, x_lo, Z[i, 0, m], Z[i, 1, m])
+    return np.asarray(X)
+
+
 @compiled(types.Tuple((i8, i8, f8, f8))(sparse_type, f8, matrix, cube, sparse_type, indices, cube, i8, vector))
 def scan(
     A: Sparse, δ: float, X: Array, step: Array, rows: Sparse, order: Indices, basis: Array, count: int, scale: Array
 ) -> tuple[int, int, float, float]:
     """Return the first window in which a row turns negative, the row, and where in the window, a double-double.
 
-    X (2, N) moves on to the start of that window, or past the last of ``count``, where the window is -1; ``scale`` (N,)
-    grows to the largest |X| at the starts of windows. In the first window the powers below ``order`` of a row are zero.
+    X (2, N) moves on to that instant, or past the last of ``count`` windows, where the window is -1; ``scale`` (N,) grows
+    to the largest |X| at the starts of windows. In the first window the powers below ``order`` of a row are zero.
     """
     p, n = basis.shape[1] - 1, X.shape[1]
     Z = np.empty((0, 2, n))
@@ -307,20 +320,10 @@ def scan(
             if s < where:
                 first, where, rest = row, s, s_lo
         if first >= 0:
+            X[:] = horner(Z, where, rest)
             return j, first, where, rest
         X[:] = product(step, X.reshape(2, n, 1))[:, :, 0]
     return -1, -1, 0.0, 0.0
-
-
-@compiled(matrix(cube, f8, f8))
-def horner(Z: Array, s: float, s_lo: float) -> Array:
-    """Return Σ Z_i s^i (2, N) for a double-double s."""
-    X = Z[-1].copy()
-    for i in range(len(Z) - 2, -1, -1):
-        for m in range(X.shape[1]):
-            x, x_lo = multiply(X[0, m], X[1, m], s, s_lo)
-            X[0, m], X[1, m] = add(x, x_lo, Z[i, 0, m], Z[i, 1, m])
-    return np.asarray(X)
 
 
 @compiled(vector(sparse_type, matrix))
@@ -355,12 +358,9 @@ def sample(
                     state = product(powers[bit], state.reshape(2, n, 1))[:, :, 0].copy()
                 jump, bit = jump >> 1, bit + 1
             here, Z = window, expand_finely(A, δ, state, degree)
-            last = 0
-            for i in range(degree + 1):
-                if (Z[i, 0] != 0.0).any():
-                    a[i], last = on_rows(R, Z[i]), i
-                else:
-                    a[i] = 0.0
+            last = len(Z) - 1
+            for i in range(len(Z)):
+                a[i] = on_rows(R, Z[i])
         s = times[k] / δ - window
         for j in range(m):
             x = 0.0
@@ -422,11 +422,10 @@ class Flow:
     @cached_property
     def squares(self) -> list[DoubleDouble]:
         """exp(A δ), exp(2 A δ), exp(4 A δ) ...: as many as were asked for so far."""
-        power = found = DoubleDouble.of(np.eye(len(self.A)))
-        for i in range(1, DEGREE + 1):
-            power = (self.generator @ power) * (DoubleDouble.of(self.window) / float(i))
-            found = found + power
-        return [found]
+        units = np.zeros((len(self.A), 2, len(self.A)))
+        units[:, 0] = np.eye(len(self.A))
+        columns = [horner(expand_finely(self.sparse, self.window, unit, DEGREE), 1.0, 0.0) for unit in units]
+        return [DoubleDouble(np.stack(columns, -1))]
 
     def doubled(self, k: int) -> DoubleDouble:
         """Return exp(2ᵏ A δ)."""
@@ -515,6 +514,8 @@ class Flow:
         than `MOST_CUTS`, the times spread out geometrically.
         """
         windows = math.ceil(length / self.window)
+        if windows == 1:
+            return np.zeros(1)
         if windows > FEW and self.slower is not None and self.settling < min(length, MOST_CUTS * self.window):
             first = self.window * np.arange(math.ceil(self.settling / self.window))
             since = len(first) * self.window
@@ -553,8 +554,7 @@ class Flow:
             j, row, s, s_lo = scan(self.sparse, δ, state, step, entries, zeros, BERNSTEIN, count, largest)
             if j >= 0:
                 t = DoubleDouble(np.array(add(s * δ, s_lo * δ, (done + j) * δ, 0.0)))  # δ is a power of two
-                there = DoubleDouble(horner(expand_finely(self.sparse, δ, state, DEGREE), s, s_lo))
-                return Crossing(row if t.hi <= horizon else -1, t, largest, there)
+                return Crossing(row if t.hi <= horizon else -1, t, largest, DoubleDouble(state))
             done, count, zeros = done + count, CHUNK, np.zeros_like(zeros)
             if done < total and self.slower is not None:
                 fast, slow, back, flow = self.slower

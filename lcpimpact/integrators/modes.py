@@ -39,8 +39,9 @@ from scipy.linalg import null_space
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, indices, matrix, vector
-from lcpimpact.double_double import DoubleDouble, add, eliminate, multiply, product, solve, stacked, total
+from lcpimpact.double_double import DoubleDouble, add, multiply, solve, stacked
 from lcpimpact.errors import UnsupportedError
+from lcpimpact.integrators.complementarity import FLOAT_ZERO, approach, at_rest, complementary, rebound
 from lcpimpact.integrators.flow import Flow, Sparse, sparse
 from lcpimpact.integrators.impact_law import restitution as path_restitution
 from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp, solve_lcp
@@ -52,9 +53,6 @@ from lcpimpact.scheme.signals import PiecewisePolynomial
 ZERO = 1e-12
 """What counts as zero in a state of floats, relative to the terms of the sum that gave it, each taken at its largest value
 so far: a root found to rounding leaves about 1e-15 of them."""
-
-FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
-"""What counts as rounding in the solution of an LCP in floats."""
 
 REFINED = 2
 """A correction in floats is made so often, which gives it the digits of double-doubles."""
@@ -106,6 +104,11 @@ class Still:
     u: Flags
     U: Flags
     closed: Flags
+
+    @cached_property
+    def none(self) -> bool:
+        """Whether no opening and no rate is."""
+        return not (self.u.any() or self.U.any())
 
 
 class Watch(NamedTuple):
@@ -298,9 +301,22 @@ class System:
         return self.fine.O[rows], self.fine.G[rows]
 
     @cached_property
+    def mixed_degrees(self) -> list[str]:
+        """Contacts that can be closed together while a combination of their gaps has a higher degree than each."""
+        H = self.dynamics.H
+        for degree in np.unique(self.degree):
+            rows = np.flatnonzero(self.degree == degree)
+            for combination in null_space(self.G[np.ix_(rows, rows)], rcond=1e-12).T:
+                # A combination of gaps that no motion changes is not zero (assembly saw to it): its rows never close
+                # together.
+                if np.abs(combination @ H[rows]).max() > 1e-9:
+                    return [self.dynamics.contacts[i].name for i in rows[np.abs(combination) > 1e-9]]
+        return []
+
+    @property
     def mixed(self) -> bool:
         """Whether contacts can be closed together that hold combinations of their gaps at higher degrees than their own."""
-        return bool(mixed_degrees(self))
+        return bool(self.mixed_degrees)
 
     def together(self, rows: tuple[int, ...]) -> Together:
         """Return how contacts are held that are closed together."""
@@ -505,7 +521,7 @@ def settled(
     """Return X with the gaps and rates put back to zero that a mode, or what is ``held``, keeps at zero."""
     held = held or still(system, mode)
     C, CA = system.fine.C, system.fine.CA
-    if not (held.u.any() or held.U.any() or system.mixed):
+    if held.none and not system.mixed:
         return X
     if system.mixed:
         closed = system.together(mode.closed if mode else ())
@@ -529,19 +545,20 @@ def _put_to_zero(system: System, constraint: DoubleDouble, X: DoubleDouble, scal
     return X
 
 
-@compiled(matrix(cube, matrix, vector, flags, f8))
-def reading(C: Array, X: Array, scale: Array, at_zero: Flags, zero: float) -> Array:
-    """Return C X (2, n) for C (2, n, N) and X (2, N), with what is held at zero and what is rounding set to zero."""
-    found = np.zeros((2, C.shape[1]))
-    for i in range(C.shape[1]):
-        size, x, x_lo = 0.0, 0.0, 0.0
-        for j in range(C.shape[2]):
-            if C[0, i, j] != 0.0:
-                y, y_lo = multiply(C[0, i, j], C[1, i, j], X[0, j], X[1, j])
-                x, x_lo = add(x, x_lo, y, y_lo)
-                size += abs(C[0, i, j]) * scale[j]
-        if not at_zero[i] and abs(x) > zero * size:
-            found[0, i], found[1, i] = x, x_lo
+@compiled(cube(cube, cube, matrix, vector, flags, flags, f8))
+def reading(C: Array, CA: Array, X: Array, scale: Array, no_gap: Flags, no_rate: Flags, zero: float) -> Array:
+    """Return C X and C A X (2, 2, nc) of X (2, N), with what is held at zero and what is rounding set to zero."""
+    found = np.zeros((2, 2, C.shape[1]))
+    for k, (rows, at_zero) in enumerate(((C, no_gap), (CA, no_rate))):
+        for i in range(C.shape[1]):
+            size, x, x_lo = 0.0, 0.0, 0.0
+            for j in range(C.shape[2]):
+                if rows[0, i, j] != 0.0:
+                    y, y_lo = multiply(rows[0, i, j], rows[1, i, j], X[0, j], X[1, j])
+                    x, x_lo = add(x, x_lo, y, y_lo)
+                    size += abs(rows[0, i, j]) * scale[j]
+            if not at_zero[i] and abs(x) > zero * size:
+                found[k, 0, i], found[k, 1, i] = x, x_lo
     return found
 
 
@@ -549,80 +566,32 @@ def gaps(
     system: System, X: ArrayLike | DoubleDouble, scale: Array, held: Still | None = None, zero: float = ZERO
 ) -> tuple[DoubleDouble, DoubleDouble]:
     """Return u and U of the rows (nc,), for r = 0, with what is held and what is rounding set to zero."""
-    state, held = np.ascontiguousarray(DoubleDouble.of(X).parts), held or still(system, None)
-    u = reading(system.fine.C.parts, state, scale, held.u, zero)
-    U = reading(system.fine.CA.parts, state, scale, held.U, zero)
+    u, U = openings_and_rates(system, DoubleDouble.of(X), scale, held or still(system, None), zero)
     return DoubleDouble(u), DoubleDouble(U)
 
 
-@compiled(types.Tuple((matrix, matrix, types.boolean))(cube, matrix, vector, vector, vector, vector))
-def exchange(W: Array, q: Array, z: Array, lower: Array, upper: Array, tiny: Array) -> tuple[Array, Array, bool]:
-    """Return z and w = W z + q, complementary within bounds, as double-doubles, from a solution z in floats.
+def openings_and_rates(system: System, X: DoubleDouble, scale: Array, held: Still, zero: float) -> Array:
+    """Return the parts of u and U of `gaps` (2, 2, nc)."""
+    fine = system.fine
+    return reading(fine.C.parts, fine.CA.parts, np.ascontiguousarray(X.parts), scale, held.u, held.U, zero)
 
-    The rows that lie between their bounds in floats are solved for; where a sign then is wrong by more than ``tiny`` (in the
-    unit of q), the last such row is exchanged (Murty's rule) until none is; the flag says whether that came to an end.
+
+@compiled(types.int64[:, ::1](cube, indices, flags))
+def motions(opening: Array, degree: Indices, slides: Flags) -> Indices:
+    """Return whether a force is sought on each row, the sign of U of sliders that move, and the order of the zero (3, nc).
+
+    A force is sought on rows of degree 0, on those that touch and do not open, and on sliders that do not move. ``opening``
+    holds u and U.
     """
-    n = len(z)
-    free, high, slack = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n)
-    found, w = np.zeros((2, n)), q.copy()
-    for i in range(n):
-        unit = abs(W[0, i, i]) if W[0, i, i] != 0.0 else np.abs(W[0, :, i]).max()
-        slack[i] = tiny[i] / unit if unit > 0.0 else 0.0
-        w0 = q[0, i]
-        for j in range(n):
-            w0 += W[0, i, j] * z[j]
-        # A float that lies at its bound but for rounding begins there: two rows that share a force must not both be free.
-        near = max(slack[i], FLOAT_ZERO * abs(z[i]))
-        free[i] = z[i] - lower[i] > near and upper[i] - z[i] > near and (z[i] - lower[i]) * unit > w0
-        high[i] = not free[i] and upper[i] - z[i] < z[i] - lower[i]
-    for _ in range(4 * n + 4):
-        for i in range(n):
-            found[0, i] = 0.0 if free[i] else (upper[i] if high[i] else lower[i])
-            found[1, i] = 0.0
-        rows = np.flatnonzero(free)
-        if len(rows):
-            rest = product(W, found.reshape(2, n, 1))
-            block, right = np.empty((2, len(rows), len(rows))), np.empty((2, len(rows), 1))
-            for a, k in enumerate(rows):
-                x, x_lo = add(q[0, k], q[1, k], rest[0, k, 0], rest[1, k, 0])
-                right[0, a, 0], right[1, a, 0] = -x, -x_lo
-                for b, m in enumerate(rows):
-                    block[0, a, b], block[1, a, b] = W[0, k, m], W[1, k, m]
-            solution = eliminate(block, right)
-            if np.isnan(solution[0, 0, 0]):
-                return found, w, False
-            for a, k in enumerate(rows):
-                found[0, k], found[1, k] = solution[0, a, 0], solution[1, a, 0]
-        w = total(q, product(W, found.reshape(2, n, 1))[:, :, 0].copy())
-        wrong, above = -1, False
-        for i in range(n):
-            if free[i]:
-                if found[0, i] < lower[i] - slack[i] or found[0, i] > upper[i] + slack[i]:
-                    wrong, above = i, found[0, i] > upper[i] + slack[i]
-            elif lower[i] < upper[i] and (w[0, i] > tiny[i] if high[i] else w[0, i] < -tiny[i]):
-                wrong, above = i, False
-        if wrong < 0:
-            return found, w, True
-        free[wrong], high[wrong] = not free[wrong], above
-    return found, w, False
-
-
-def complementary(
-    W: DoubleDouble, q: DoubleDouble, z: Array, lower: Array, upper: Array, tiny: Array
-) -> tuple[DoubleDouble, DoubleDouble]:
-    """Return z and w = W z + q, complementary within bounds, as double-doubles, from a solution z in floats.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If no exchange of rows leads to signs that are right.
-    """
-    found, w, ended = exchange(
-        np.ascontiguousarray(W.parts), np.ascontiguousarray(q.parts), *(np.asarray(a) for a in (z, lower, upper, tiny))
-    )
-    if not ended:
-        raise np.linalg.LinAlgError("no complementary basis")
-    return DoubleDouble(found), DoubleDouble(w)
+    found = np.zeros((3, len(degree)), np.int64)
+    for i in range(len(degree)):
+        u, U = opening[0, 0, i], opening[1, 0, i] if degree[i] == 2 else 0.0
+        moves = slides[i] and U != 0.0
+        opens = not slides[i] and degree[i] > 0 and (u > 0.0 or U > 0.0)
+        found[0, i] = not (moves or opens)
+        found[1, i] = np.sign(U) if moves else 0
+        found[2, i] = 0 if u > 0.0 or moves else 1
+    return found
 
 
 def choose_mode(
@@ -652,19 +621,16 @@ def choose_mode(
     degree, r_max = system.degree, system.bounds[1]
     slides, nc = system.slides, len(system.degree)
     state = DoubleDouble.of(X)
-    u, U = (each.hi for each in gaps(system, state, scale, held, zero))
-    # A force is sought on rows of degree 0, on those that touch and do not open, and on sliders that do not move.
-    moving = slides & (degree == 2) & (U != 0.0)
-    opening = ~slides & (degree > 0) & ((u > 0.0) | ((degree == 2) & (U > 0.0)))
-    undecided = [int(i) for i in np.flatnonzero(~opening & ~moving)]
+    sought, sign, order = motions(
+        openings_and_rates(system, state, scale, held or still(system, None), zero), degree, slides
+    ).tolist()
+    undecided, side = [i for i in range(nc) if sought[i]], [0] * nc
     closed: list[int] = []
-    slips = [(int(i), int(np.sign(U[i]))) for i in np.flatnonzero(moving)]
-    order = [0 if u[i] > 0.0 or moving[i] else 1 for i in range(nc)]
-    side = [0] * nc
+    slips = [(i, sign[i]) for i in range(nc) if sign[i]]
     if not undecided:
-        return Mode((), tuple(sorted(slips)), tuple(order), tuple(side)), state
+        return Mode((), tuple(slips), tuple(order), tuple(side)), state
     start = state
-    r = DoubleDouble.of(np.where(moving, -np.sign(U) * np.where(slides, r_max, 0.0), 0.0))
+    r = DoubleDouble.of(-np.array(sign) * np.where(slides, r_max, 0.0))
     for level in range(len(state) + 1):
         if not undecided:
             break
@@ -859,30 +825,6 @@ def _bounds(system: System, rows: list[int], side: list[int], level: int) -> tup
     return np.where(slides & (at > 0), -np.inf, 0.0), np.where(slides & (at > 0), 0.0, np.inf)
 
 
-@compiled(types.Tuple((matrix, matrix, types.boolean))(cube, cube, matrix, matrix, matrix, vector, indices, vector, f8))
-def rebound(
-    G: Array, B: Array, X: Array, U: Array, before: Array, bounce: Array, rows: Indices, z: Array, zero: float
-) -> tuple[Array, Array, bool]:
-    """Return X + B P and P, double-doubles, where 0 <= P ⟂ G P + U + e U⁻ >= 0 on the rows that meet; U⁻ is ``before``.
-
-    ``bounce`` is e on the rows that meet, and z the impulses in floats (see `exchange`).
-    """
-    n = len(rows)
-    W, q, tiny, P = np.empty((2, n, n)), np.empty((2, n)), np.empty(n), np.zeros((2, G.shape[1]))
-    for a, i in enumerate(rows):
-        back, back_lo = multiply(before[0, i], before[1, i], bounce[a], 0.0)
-        q[0, a], q[1, a] = add(U[0, i], U[1, i], back, back_lo)
-        tiny[a] = abs(q[0, a])
-        for b, j in enumerate(rows):
-            W[0, a, b], W[1, a, b] = G[0, i, j], G[1, i, j]
-            tiny[a] += abs(W[0, a, b] * z[b])
-    found, _, ended = exchange(W, q, z, np.zeros(n), np.full(n, np.inf), zero * tiny)
-    for a, i in enumerate(rows):
-        if found[0, a] > 0.0:
-            P[0, i], P[1, i] = found[0, a], found[1, a]
-    return total(X, product(B, P.reshape(2, -1, 1))[:, :, 0].copy()), P, ended
-
-
 def impact(
     system: System,
     X: ArrayLike | DoubleDouble,
@@ -905,34 +847,35 @@ def impact(
     """
     e = system.restitution if restitution is None else restitution
     state, held = DoubleDouble.of(X), held or still(system, None)
-    u, U = gaps(system, state, scale, held, zero)
-    meeting = np.flatnonzero(((u.hi <= 0.0) if among is None else among) & system.meets)
-    before = U if left is None else gaps(system, left, scale, held, zero)[1]
-    approach = before.hi[meeting]
-    bounce = np.where(approach < 0.0, e[meeting], 0.0)
+    u, U = openings_and_rates(system, state, scale, held, zero)
+    before = U if left is None else openings_and_rates(system, left, scale, held, zero)[1]
+    if among is None:
+        meeting, bounce, q, meet = approach(u, U, before, e, system.meets)
+    else:
+        meeting, bounce, q, meet = approach(np.zeros_like(u), U, before, e, system.meets & among)
     lines, (G, B), toward, back = NO_LINES, (system.fine.G, system.fine.B), U, before
     if len(system.lines) and rates is not None and among is None:
-        lines = _touching(system, u, held, scale, zero)
+        lines = _touching(system, DoubleDouble(u), held, scale, zero)
         speeds, known = _line_rates(system, lines, state, scale, zero), DoubleDouble.of(rates)
         rebounds = path_restitution(lines, known.hi, e)
         G, B = system.path_matrices(lines)
         toward, back = (
-            DoubleDouble(np.concatenate([each.parts, more.parts], 1))
-            for each, more in ((U, speeds), (before, DoubleDouble.of(rebounds)))
+            np.concatenate([each, more.parts], 1) for each, more in ((U, speeds), (before, DoubleDouble.of(rebounds)))
         )
         meeting = np.append(meeting, len(e) + np.arange(len(lines)))
         bounce = np.append(bounce, np.ones(len(lines)))
-    q = toward.hi[meeting] + bounce * back.hi[meeting]
-    if not (q < 0.0).any():
+        q = toward[0, meeting] + bounce * back[0, meeting]
+        meet = bool((q < 0.0).any())
+    if not meet:
         return state, np.zeros(len(system.degree)), held
     z = system.impact_lcp(G, lines, meeting, solver).solve(q).z
     parts = np.ascontiguousarray(state.parts)
-    after, impulses, ended = rebound(G.parts, B.parts, parts, toward.parts, back.parts, bounce, meeting, z, zero)
+    after, impulses, ended = rebound(G.parts, B.parts, parts, toward, back, bounce, meeting, z, zero)
     if not ended:
         raise np.linalg.LinAlgError("no complementary basis")
     P = impulses[0] if len(lines) == 0 else impulses[0, : len(e)] + impulses[0, len(e) :] @ lines
-    stays = ((P > 0.0) & (e * np.minimum(before.hi, 0.0) == 0.0)) | (held.U & (system.G @ P == 0.0))
-    return DoubleDouble(after), P, Still(held.u, stays & (system.degree == 2), held.closed)
+    rests = at_rest(P, before, e, system.G, held.U, system.degree)
+    return DoubleDouble(after), P, Still(held.u, rests, held.closed)
 
 
 def _touching(system: System, u: DoubleDouble, held: Still, scale: Array, zero: float) -> Array:
@@ -978,21 +921,9 @@ def refuse_velocity_jumps(dynamics: Dynamics, t_end: float, method: str) -> None
             )
 
 
-def mixed_degrees(system: System) -> list[str]:
-    """Return contacts that can be closed together while a combination of their gaps has a higher degree than each."""
-    H = system.dynamics.H
-    for degree in (0, 1, 2):
-        rows = np.flatnonzero(system.degree == degree)
-        for combination in null_space(system.G[np.ix_(rows, rows)], rcond=1e-12).T:
-            # A combination of gaps that no motion changes is not zero (assembly saw to it): its rows never close together.
-            if np.abs(combination @ H[rows]).max() > 1e-9:
-                return [system.dynamics.contacts[i].name for i in rows[np.abs(combination) > 1e-9]]
-    return []
-
-
 def refuse_mixed_degrees(system: System, method: str, except_schemes: bool = False) -> None:
     """Refuse contacts without a common relative degree; with ``except_schemes`` only beside sliders and in systems."""
-    names = mixed_degrees(system)
+    names = system.mixed_degrees
     if not names or (except_schemes and system.dynamics.stores_energy and not system.slides.any()):
         return
     beside = " beside sliders" if except_schemes and system.dynamics.stores_energy else ""

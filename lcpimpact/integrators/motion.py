@@ -185,7 +185,7 @@ def follow(motion: Motion, until: float) -> Status:
     while motion.next_event[0].hi <= until:
         segments, (t, c, X) = motion.segments, motion.next_event
         stalled = len(segments) > STALL and np.array_equal(segments[-STALL].start.parts, t.parts)
-        passed = int(np.searchsorted(motion.breakpoints, t.hi))
+        passed = int(motion.breakpoints.searchsorted(t.hi))
         if len(segments) - passed > motion.max_events or stalled:
             return Status.MAX_EVENTS
         try:
@@ -234,7 +234,7 @@ def _enter(motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero:
 
     flow, _ = system.reaction(mode)
     watch = system.watch(mode)
-    later = int(np.searchsorted(motion.breakpoints, now, side="right"))
+    later = int(motion.breakpoints.searchsorted(now, side="right"))
     stop = float(motion.breakpoints[later]) if later < len(motion.breakpoints) else np.inf
     end = motion.end * (1.0 + AT_END)
     horizon = min(stop, end) - now
@@ -243,7 +243,7 @@ def _enter(motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero:
     found = t + crossing.t
     if crossing.row >= 0 and found.hi <= end and found.hi < stop:
         when = found if found.hi <= motion.end else DoubleDouble.of(motion.end)
-        motion.next_event = (when, watch.rows[crossing.row].hi, crossing.state)
+        motion.next_event = (when, watch.rows.hi[crossing.row], crossing.state)
     elif stop <= motion.end:
         length = DoubleDouble.of(stop) - t
         there = flow.move(after, float(length.hi), float(length.lo))

@@ -44,6 +44,8 @@ def loose_groups(massless: Flags, *links: Array) -> list[Indices]:
         Sums of links, as C and K: a row sums to what ties the node to the ground. A tie counts whatever its sign.
     """
     nodes = np.flatnonzero(massless)
+    if len(nodes) == 0:
+        return []
     inner = [A[np.ix_(nodes, nodes)] for A in links]
     count, label = connected_components(sum(A != 0.0 for A in inner), directed=False)
     groups = []

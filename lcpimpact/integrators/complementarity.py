@@ -1,0 +1,140 @@
+r"""Linear complementarity problems in double-doubles, from solutions in floats: of modes, and of impacts.
+
+Floats tell which rows lie between their bounds; those are solved for in double-doubles, and rows whose signs then are wrong
+are exchanged by Murty's rule. Newton's law of impact is the LCP
+
+.. math:: 0 \le P \perp U^+ + e U^- \ge 0, \qquad U^+ = U^- + G P, \qquad G = C A B .
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.compiled import compiled, cube, f8, flags, indices, matrix, vector
+from lcpimpact.double_double import DoubleDouble, add, eliminate, multiply, product, total
+
+FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
+"""What counts as rounding in the solution of an LCP in floats."""
+
+
+@compiled(types.Tuple((matrix, matrix, types.boolean))(cube, matrix, vector, vector, vector, vector))
+def exchange(W: Array, q: Array, z: Array, lower: Array, upper: Array, tiny: Array) -> tuple[Array, Array, bool]:
+    """Return z and w = W z + q, complementary within bounds, as double-doubles, from a solution z in floats.
+
+    The rows that lie between their bounds in floats are solved for; where a sign then is wrong by more than ``tiny`` (in the
+    unit of q), the last such row is exchanged (Murty's rule) until none is; the flag says whether that came to an end.
+    """
+    n = len(z)
+    free, high, slack = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n)
+    found, w = np.zeros((2, n)), q.copy()
+    for i in range(n):
+        unit = abs(W[0, i, i]) if W[0, i, i] != 0.0 else np.abs(W[0, :, i]).max()
+        slack[i] = tiny[i] / unit if unit > 0.0 else 0.0
+        w0 = q[0, i]
+        for j in range(n):
+            w0 += W[0, i, j] * z[j]
+        # A float that lies at its bound but for rounding begins there: two rows that share a force must not both be free.
+        near = max(slack[i], FLOAT_ZERO * abs(z[i]))
+        free[i] = z[i] - lower[i] > near and upper[i] - z[i] > near and (z[i] - lower[i]) * unit > w0
+        high[i] = not free[i] and upper[i] - z[i] < z[i] - lower[i]
+    for _ in range(4 * n + 4):
+        for i in range(n):
+            found[0, i] = 0.0 if free[i] else (upper[i] if high[i] else lower[i])
+            found[1, i] = 0.0
+        rows = np.flatnonzero(free)
+        if len(rows):
+            rest = product(W, found.reshape(2, n, 1))
+            block, right = np.empty((2, len(rows), len(rows))), np.empty((2, len(rows), 1))
+            for a, k in enumerate(rows):
+                x, x_lo = add(q[0, k], q[1, k], rest[0, k, 0], rest[1, k, 0])
+                right[0, a, 0], right[1, a, 0] = -x, -x_lo
+                for b, m in enumerate(rows):
+                    block[0, a, b], block[1, a, b] = W[0, k, m], W[1, k, m]
+            solution = eliminate(block, right)
+            if np.isnan(solution[0, 0, 0]):
+                return found, w, False
+            for a, k in enumerate(rows):
+                found[0, k], found[1, k] = solution[0, a, 0], solution[1, a, 0]
+        w = total(q, product(W, found.reshape(2, n, 1))[:, :, 0].copy())
+        wrong, above = -1, False
+        for i in range(n):
+            if free[i]:
+                if found[0, i] < lower[i] - slack[i] or found[0, i] > upper[i] + slack[i]:
+                    wrong, above = i, found[0, i] > upper[i] + slack[i]
+            elif lower[i] < upper[i] and (w[0, i] > tiny[i] if high[i] else w[0, i] < -tiny[i]):
+                wrong, above = i, False
+        if wrong < 0:
+            return found, w, True
+        free[wrong], high[wrong] = not free[wrong], above
+    return found, w, False
+
+
+def complementary(
+    W: DoubleDouble, q: DoubleDouble, z: Array, lower: Array, upper: Array, tiny: Array
+) -> tuple[DoubleDouble, DoubleDouble]:
+    """Return z and w = W z + q, complementary within bounds, as double-doubles, from a solution z in floats.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If no exchange of rows leads to signs that are right.
+    """
+    found, w, ended = exchange(
+        np.ascontiguousarray(W.parts), np.ascontiguousarray(q.parts), *(np.asarray(a) for a in (z, lower, upper, tiny))
+    )
+    if not ended:
+        raise np.linalg.LinAlgError("no complementary basis")
+    return DoubleDouble(found), DoubleDouble(w)
+
+
+@compiled(types.Tuple((indices, vector, vector, types.boolean))(matrix, matrix, matrix, vector, flags))
+def approach(u: Array, U: Array, before: Array, e: Array, meets: Flags) -> tuple[Indices, Array, Array, bool]:
+    """Return the rows that meet, e on each, or 0 where plates part already, and U + e U⁻ in floats; U⁻ is ``before``.
+
+    They are those of ``meets`` that touch, u <= 0. The flag says whether any U + e U⁻ is negative: then there are impulses.
+    """
+    rows = np.flatnonzero(meets & (u[0] <= 0.0))
+    bounce, q = np.empty(len(rows)), np.empty(len(rows))
+    for a, i in enumerate(rows):
+        bounce[a] = e[i] if before[0, i] < 0.0 else 0.0
+        q[a] = U[0, i] + bounce[a] * before[0, i]
+    return rows, bounce, q, bool((q < 0.0).any())
+
+
+@compiled(types.Tuple((matrix, matrix, types.boolean))(cube, cube, matrix, matrix, matrix, vector, indices, vector, f8))
+def rebound(
+    G: Array, B: Array, X: Array, U: Array, before: Array, bounce: Array, rows: Indices, z: Array, zero: float
+) -> tuple[Array, Array, bool]:
+    """Return X + B P and P, double-doubles, where 0 <= P ⟂ G P + U + e U⁻ >= 0 on the rows that meet; U⁻ is ``before``.
+
+    ``bounce`` is e on the rows that meet, and z the impulses in floats (see `exchange`).
+    """
+    n = len(rows)
+    W, q, tiny, P = np.empty((2, n, n)), np.empty((2, n)), np.empty(n), np.zeros((2, G.shape[1]))
+    for a, i in enumerate(rows):
+        back, back_lo = multiply(before[0, i], before[1, i], bounce[a], 0.0)
+        q[0, a], q[1, a] = add(U[0, i], U[1, i], back, back_lo)
+        tiny[a] = abs(q[0, a])
+        for b, j in enumerate(rows):
+            W[0, a, b], W[1, a, b] = G[0, i, j], G[1, i, j]
+            tiny[a] += abs(W[0, a, b] * z[b])
+    found, _, ended = exchange(W, q, z, np.zeros(n), np.full(n, np.inf), zero * tiny)
+    for a, i in enumerate(rows):
+        if found[0, a] > 0.0:
+            P[0, i], P[1, i] = found[0, a], found[1, a]
+    return total(X, product(B, P.reshape(2, -1, 1))[:, :, 0].copy()), P, ended
+
+
+@compiled(flags(vector, matrix, vector, matrix, flags, indices))
+def at_rest(P: Array, before: Array, e: Array, G: Array, held: Flags, degree: Indices) -> Flags:
+    """Return which rows of degree 2 have no rate after the impulses P: no rebound, or ``held`` and not moved by P."""
+    found = np.empty(len(P), np.bool_)
+    for i in range(len(P)):
+        change = 0.0
+        for j in range(len(P)):
+            change += G[i, j] * P[j]
+        stays = (P[i] > 0.0 and e[i] * min(before[0, i], 0.0) == 0.0) or (held[i] and change == 0.0)
+        found[i] = stays and degree[i] == 2
+    return found
