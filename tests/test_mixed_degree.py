@@ -9,12 +9,13 @@ from scipy.optimize import brentq, linprog
 
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.impact_law import impact_law
+from lcpimpact.integrators.impact_law import restitution
 from lcpimpact.integrators.motion import begin_problem, state_before
 from lcpimpact.integrators.motion import follow as follow_motion
 from lcpimpact.integrators.tangent import tangent
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.scheme.dynamics import Feature
+from lcpimpact.scheme.impulse_paths import impulse_paths
 
 M, G, K, C, GAP, V0 = 100.0, 9.81, 3924.0, 250.0, 0.5, 9.9
 E_R, E_S = 0.3, 0.4
@@ -79,6 +80,17 @@ def graphs():
     return st.integers(0, 2**32 - 1).map(np.random.default_rng)
 
 
+def impulses(H, masses, U, e):
+    """Return P and the jump of v of the masses, which come first in H, by the law on impulse paths."""
+    massive = len(masses)
+    paths, jump = impulse_paths(H[:, :massive].T, H[:, massive:].T), np.linalg.solve(masses, H[:, :massive].T)
+    if not len(paths):
+        return np.zeros(len(H)), np.zeros(massive)
+    W, q = paths @ H[:, :massive] @ jump @ paths.T, paths @ U + restitution(paths, U, e)
+    P = li.solve_lcp(W, q).z @ paths
+    return P, jump @ P
+
+
 @given(graphs())
 def test_the_impulses_solve_the_mixed_complementarity_problem(rng):
     """P >= 0 balances on massless nodes, and rates w of them exist with 0 <= P ⟂ U⁺ + e U⁻ >= 0."""
@@ -97,12 +109,11 @@ def test_the_impulses_solve_the_mixed_complementarity_problem(rng):
     masses = np.diag(10.0 ** rng.uniform(-1.0, 1.0, massive))
     U = H @ v
     e = rng.choice([0.0, 0.3, 1.0], len(H))
-    law = impact_law(H[:, :massive], H[:, :massive].T, H[:, massive:].T, masses)
-    P = law.impulses(U, e)
+    P, jump = impulses(H, masses, U, e)
 
     assert (P >= 0.0).all()
     assert pytest.approx(0.0, abs=1e-12) == H[:, massive:].T @ P
-    after = H[:, :massive] @ (v[:massive] + law.jump @ P) + e * U
+    after = H[:, :massive] @ (v[:massive] + jump) + e * U
     pushing = P > 1e-9
     found = (
         linprog(
@@ -132,9 +143,8 @@ def test_closed_contacts_that_are_hit_never_gain_energy(rng):
     masses = np.diag(rng.uniform(0.1, 10.0, 2))
     z = np.sort(rng.uniform(v_y, v_x, 2))[::-1]
     U = H @ [v_x, v_y, *z]
-    law = impact_law(H[:, :2], H[:, :2].T, H[:, 2:].T, masses)
-    P, before = law.impulses(U, e), np.array([v_x, v_y])
-    after = before + law.jump @ P
+    (P, jump), before = impulses(H, masses, U, e), np.array([v_x, v_y])
+    after = before + jump
     change = 0.5 * (after @ masses @ after - before @ masses @ before)
     assert change <= 1e-12 * (before @ masses @ before)
     assert change == pytest.approx(0.5 * (P * (1.0 - e) * U).sum(), rel=1e-9, abs=1e-12)

@@ -22,52 +22,9 @@ they follow from the forces after the impact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from lcpimpact.arrays import Array
-from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp
-from lcpimpact.scheme.impulse_paths import impulse_paths
-
-
-@dataclass(frozen=True, eq=False)
-class ImpactLaw:
-    """The law of impact of contacts that touch at once.
-
-    Attributes
-    ----------
-    paths : (np, nt) array      the impulse paths R among these contacts
-    jump : (nm, nt) array       M_m⁻¹ E_mᵀ B, by which v_m⁺ = v_m⁻ + jump P
-    lcp : PreparedLCP or None   of the matrix R H_m M_m⁻¹ B_m Rᵀ; None where no path is closed
-    """
-
-    paths: Array
-    jump: Array
-    lcp: PreparedLCP | None
-
-    def impulses(self, U: Array, e: Array) -> Array:
-        """Return P (nt,) in N s.
-
-        Parameters
-        ----------
-        U : (nt,) array
-            Opening rates before the impact in m/s, with those of massless nodes; exactly zero where a contact was closed.
-            One above zero, as a contact may have at the start of a motion only, rebounds by nothing, and the others on
-            its path by no more than in proportion to the approach of the path as a whole.
-        e : (nt,) array
-            Coefficients of restitution.
-
-        Raises
-        ------
-        FailureError
-            If the LCP is not solved.
-        """
-        opening = self.paths @ U
-        if self.lcp is None or not (opening < 0.0).any():
-            return np.zeros(self.paths.shape[1])
-        q = opening + restitution(self.paths, U, e)
-        return np.asarray(self.lcp.solve(q).z @ self.paths)
 
 
 def restitution(paths: Array, U: Array, e: Array) -> Array:
@@ -76,34 +33,16 @@ def restitution(paths: Array, U: Array, e: Array) -> Array:
     Parameters
     ----------
     paths : (np, nt) array
-    U, e : (nt,) arrays         opening rates before the impact, and coefficients of restitution
+    U : (nt,) array             opening rates before the impact, with those of massless nodes
+    e : (nt,) array             coefficients of restitution
+
+    Examples
+    --------
+    A body on a massless plate meets a stop with 3 m/s; e of the stop is 1/2:
+
+    >>> restitution(np.array([[1.0, 1.0]]), np.array([0.0, -3.0]), np.array([0.9, 0.5]))
+    array([-1.5])
     """
     opening, approach = paths @ U, np.minimum(U, 0.0)
     whole = np.divide(opening, paths @ approach, out=np.zeros_like(opening), where=opening < 0.0)
     return np.asarray(whole * (paths @ (e * approach)))
-
-
-def impact_law(H_m: Array, B_m: Array, B_massless: Array, M_m: Array, solver: str = "auto") -> ImpactLaw:
-    """Prepare the law of impact of contacts that touch at once; keep it for each set of them.
-
-    Parameters
-    ----------
-    H_m : (nt, nm) array            H E_m in the rows of these contacts
-    B_m : (nm, nt) array            E_mᵀ B in their columns
-    B_massless : (nz, nt) array     [E_d E_s]ᵀ B in their columns
-    M_m : (nm, nm) array            masses in kg
-    solver : str                    name of an LCP solver that takes semidefinite matrices
-
-    Examples
-    --------
-    A body of 2 kg on a massless plate meets a stop with 3 m/s; e of the stop is 1/2:
-
-    >>> H_m, B_massless = np.array([[-1.0], [0.0]]), np.array([[1.0, -1.0]])
-    >>> law = impact_law(H_m, H_m.T, B_massless, np.array([[2.0]]))
-    >>> P = law.impulses(U=np.array([0.0, -3.0]), e=np.array([0.9, 0.5]))
-    >>> P, 3.0 + law.jump @ P
-    (array([9., 9.]), array([-1.5]))
-    """
-    paths, jump = impulse_paths(B_m, B_massless), np.asarray(np.linalg.solve(M_m, B_m), dtype=np.float64)
-    W = paths @ H_m @ jump @ paths.T
-    return ImpactLaw(paths, jump, prepare_lcp(W, solver, tags=("psd",)) if len(paths) else None)
