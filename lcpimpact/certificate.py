@@ -579,9 +579,9 @@ def _motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:
     if not d.motions:
         return 0.0, 0.0
     y, _ = d.motion(record.t)
-    h, v = np.diff(record.t)[:, None], record.v[:, d.driven]
+    h, v = np.diff(record.t), np.ascontiguousarray(record.v[:, d.driven])
     off = np.abs(record.q[:, d.driven] - y).max(axis=0)
-    return _worst(off, limits.precision * np.abs(y).max(axis=0) + _bends(h, v, limits.order).max(axis=0, initial=0.0))
+    return _worst(off, limits.precision * np.abs(y).max(axis=0) + bends(h, v, limits.order).max(axis=0, initial=0.0))
 
 
 def _kinds(d: Dynamics) -> Indices:
@@ -931,8 +931,11 @@ def _accelerations(d: Dynamics, g: Array) -> Array:
     """Return what the forces g on the nodes with mass may change U by, in m/s², of each row (nc,)."""
     massive = d.massive
     M = d.M[np.ix_(massive, massive)]
-    a = np.linalg.solve(M, g[:, massive].T) if massive.any() else np.zeros((0, len(g)))
-    return np.asarray(np.abs(d.H[:, massive]) @ np.abs(a).max(axis=1, initial=0.0))
+    if np.count_nonzero(M) == len(M):
+        largest = np.abs(g).max(axis=0, initial=0.0)[massive] / np.diag(M)
+    else:
+        largest = np.abs(np.linalg.solve(M, g[:, massive].T)).max(axis=1, initial=0.0)
+    return np.asarray(np.abs(d.H[:, massive]) @ largest)
 
 
 def _sampling(record: Record, dense: Dense, scales: Scales, ε: float) -> tuple[float, float]:
@@ -976,7 +979,7 @@ def _judge_grid(
     within[-1] = False
     kept = np.flatnonzero(~within)
     step = np.searchsorted(kept, first, side="right") - 1
-    t, q, v = record.t[kept], record.q[kept], record.v[kept]
+    t, q, v = (record.t, record.q, record.v) if spread == 1 else (record.t[kept], record.q[kept], record.v[kept])
     h = np.diff(t)[:, None]
     P = np.zeros((len(h), len(d.contacts)))
     P_start, P_end = np.zeros(len(d.contacts)), np.zeros_like(P)
@@ -985,8 +988,9 @@ def _judge_grid(
         if k >= 0 and event.t >= t[min(k, len(P) - 1) + 1]:
             P_end[min(k, len(P) - 1), rows[event.contact]] += event.impulse
     if in_steps:
-        weighted = np.diff(record.t)[:, None] * record.reaction
-        R = np.add.reduceat(weighted, kept[:-1]) / h if len(h) else np.zeros((0, len(d.contacts)))
+        R = record.reaction
+        if spread > 1:
+            R = np.add.reduceat(np.diff(record.t)[:, None] * R, kept[:-1]) / h
         r = R
         f, g = _smooth(d, t, q, v, None)
         acting = g[1:] + R @ d.B.T
@@ -995,7 +999,7 @@ def _judge_grid(
         given = (h * R + P if as_mean else P) @ d.B.T
         at = slice(1, None)
     else:
-        R = r = record.reaction[kept]
+        R = r = record.reaction if spread == 1 else record.reaction[kept]
         f, g = _smooth(d, t, q, v, r)
         acting = total = g
         given = P @ d.B.T
@@ -1008,11 +1012,10 @@ def _judge_grid(
     turn = scales.v - bare.v
     forces, momenta, largest = scales.forces(d), scales.momenta(d), _largest_impulses(d, events)
 
-    lack = np.cumsum(np.diff(v, axis=0) @ d.M.T - 0.5 * h * (total[1:] + total[:-1]) - given, axis=0)
-    moved = np.cumsum(np.diff(q, axis=0) - 0.5 * h * (v[1:] + v[:-1]), axis=0)
-    if d.stores_energy:
-        lack += (v[0] - start[1]) @ d.M.T - d.B @ P_start
-        moved += q[0] - start[0]
+    at_rest = np.zeros(len(d.nodes))
+    first_p, first_q = (d.M @ (v[0] - start[1]) - d.B @ P_start, q[0] - start[0]) if d.stores_energy else (at_rest, at_rest)
+    lack = out_of_balance(h.ravel(), v @ d.M.T, total, given, first_p)
+    moved = out_of_balance(h.ravel(), q, v, given[:0], first_q)
     lacking = np.abs(lack)
     if not in_steps:
         # What is recorded at the very instant of an impact may be the limit before it.
@@ -1022,9 +1025,12 @@ def _judge_grid(
     # A contact passes on what acts at its nodes, be it as a force or in the impulse of a step.
     passed = np.maximum(np.abs(R).max(axis=0, initial=0.0), (links * kicks[:, None]).max(axis=0, initial=0.0))
     kicks = np.maximum(kicks, links @ passed)
-    left_out = limits.slack * _bends(h, total, order) + limits.kick * h * kicks
-    allowed_p = ε * momenta + elapsed * forces + left_out
-    allowed_q = ε * scales.q + elapsed * scales.v + limits.slack * _bends(h, v, order)
+    allowed_p = limits.slack * bends(h.ravel(), total, order)
+    allowed_p += ε * momenta + elapsed * forces + h * (limits.kick * kicks)
+    # Within a step a body may turn about as its forces let it, and show nothing of it at the ends.
+    turning = limits.slack * SLOPE * np.where(kind == MASSIVE, turn, 0.0)
+    allowed_q = limits.slack * bends(h.ravel(), v, order)
+    allowed_q += ε * scales.q + elapsed * scales.v + h * turning
     hit = np.flatnonzero(P.any(axis=1))
     impacts = Impacts(t[hit], q[hit], v[hit], v[hit + 1], P[hit]) if in_steps else Impacts.of(d, events)
     if not in_steps:
@@ -1032,13 +1038,13 @@ def _judge_grid(
         jumps = np.zeros_like(q[1:])
         np.add.at(jumps, impacts.steps(t), np.abs(impacts.after - impacts.before))
         allowed_q += np.cumsum(h * jumps, axis=0)
-    # Within a step a body may turn about as its forces let it, and show nothing of it at the ends.
-    allowed_q += limits.slack * SLOPE * h * np.where(kind == MASSIVE, turn, 0.0)
-    allowed_q += limits.drift * h * np.maximum.accumulate(np.abs(v[1:]), axis=0)
-    turns = limits.drift * np.abs(np.diff(q, axis=0) @ d.K.T).max(axis=0, initial=0.0)
     massive, ways, massless = kind == MASSIVE, kind >= DAMPED, np.isin(kind, (DAMPED, LOOSE))
-    # What is moved by hand lags its forces, whose errors add up to those of the way that it goes.
-    allowed_p += limits.drift * h * (np.abs(d.K[:, massless]) @ np.ptp(q[:, massless], axis=0))
+    turns = 0.0
+    if limits.drift:
+        # What is moved by hand lags its forces, whose errors add up to those of the way that it goes.
+        allowed_p += limits.drift * h * (np.abs(d.K[:, massless]) @ np.ptp(q[:, massless], axis=0))
+        allowed_q += limits.drift * h * np.maximum.accumulate(np.abs(v[1:]), axis=0)
+        turns = limits.drift * np.abs(np.diff(q, axis=0) @ d.K.T).max(axis=0, initial=0.0)
 
     u = d.gap(q[at]) + r @ d.D.T
     one_sided = ~d.slides
@@ -1052,9 +1058,12 @@ def _judge_grid(
     overlapping = np.abs(r * np.minimum(u, 0.0)).max(axis=0, initial=0.0)
     # A contact may open in the step over which its force is a mean.
     opening = longest * scales.U * ((d.relative_degree == 2) & in_steps)
-    mean = 0.5 * (v[1:] + v[:-1]) if in_steps else v
-    duration = h if in_steps else np.append(h, h[-1:], axis=0)
-    friction = np.abs(duration * _friction(d, r, d.gap_rate(mean))).max(axis=0, initial=0.0)
+    friction = turned = np.zeros(len(d.contacts))
+    if d.slides.any():
+        mean = 0.5 * (v[1:] + v[:-1]) if in_steps else v
+        duration = h if in_steps else np.append(h, h[-1:], axis=0)
+        friction = np.abs(duration * _friction(d, r, d.gap_rate(mean))).max(axis=0, initial=0.0)
+        turned = np.abs(np.diff(d.gap_rate(v), axis=0)).max(axis=0, initial=0.0)
     bounds = np.where(d.slides, d.r_max, 0.0)
     found = {
         "complementarity": _worst(
@@ -1063,9 +1072,7 @@ def _judge_grid(
                 [
                     (scales.r * (ε * scales.u + opening))[one_sided],
                     (scales.r * opened)[one_sided],
-                    bounds
-                    * longest
-                    * (ε * scales.U + 2.0 * np.abs(np.diff(d.gap_rate(v), axis=0)).max(axis=0, initial=0.0)),
+                    bounds * longest * (ε * scales.U + 2.0 * turned),
                     largest * slow,
                 ]
             ),
@@ -1084,26 +1091,53 @@ def _judge_grid(
     return found, scales, energies
 
 
-def _bends(h: Array, values: Array, order: float) -> Array:
+@compiled(matrix(vector, matrix, f8))
+def bends(h: Array, values: Array, order: float) -> Array:
     """Return what the trapezoidal rule may leave out up to each point but the first, after bends and jumps (nt - 1, n).
 
     Where the values are smooth its errors cancel but for h/12 of the change of their slope; where they jump it misses up to
-    h/2 of the jump, which may show only at the end of the next step. A method of order 1 may miss h times what the values
-    change at all. At up to `FEW` points no bend is seen.
+    h/2 of the jump, which may show only at the end of the next step: of each step and the next the greater change counts.
+    A method of order 1 may miss h times what the values change at all. At up to `FEW` points no bend is seen.
     """
-    change = _or_next(np.abs(np.diff(values, axis=0)))
-    bend = _or_next(np.abs(np.diff(values, n=2, axis=0, prepend=values[:1])))
-    left_out = SLOPE * (h * change).max(axis=0, initial=0.0) + JUMP * np.cumsum(h * bend, axis=0)
-    if len(values) <= FEW:
-        left_out += SLOPE * h * np.abs(values).max(axis=0)
-    if order < 2.0:
-        left_out += h * np.maximum.accumulate(np.abs(values[1:] - values[0]), axis=0)
-    return np.asarray(left_out)
+    steps, n = len(h), values.shape[1]
+    left_out = np.empty((steps, n))
+    for i in range(n):
+        slope, few, bent, changed = 0.0, 0.0, 0.0, 0.0
+        before, now = 0.0, values[min(1, steps), i] - values[0, i]
+        for k in range(steps):
+            after = values[k + 2, i] - values[k + 1, i] if k + 2 <= steps else now
+            slope = max(slope, h[k] * max(abs(now), abs(after)))
+            bend = abs(now - before)
+            if k + 2 <= steps:
+                bend = max(bend, abs(after - now))
+            bent += h[k] * bend
+            left_out[k, i] = JUMP * bent
+            if order < 2.0:
+                changed = max(changed, abs(values[k + 1, i] - values[0, i]))
+                left_out[k, i] += h[k] * changed
+            before, now = now, after
+        if steps < FEW:
+            for k in range(steps + 1):
+                few = max(few, abs(values[k, i]))
+        for k in range(steps):
+            left_out[k, i] += SLOPE * (slope + h[k] * few)
+    return left_out
 
 
-def _or_next(changes: Array) -> Array:
-    """Return the greater of each step's changes and those of the step after it, which shows what began within the first."""
-    return np.asarray(np.maximum(changes, np.concatenate([changes[1:], changes[-1:]])))
+@compiled(matrix(vector, matrix, matrix, matrix, vector))
+def out_of_balance(h: Array, x: Array, rate: Array, given: Array, start: Array) -> Array:
+    """Return start + x - x(0) - ∫ rate dt - Σ given at each point but the first (nt - 1, n), by the trapezoidal rule.
+
+    ``given`` (nt - 1, n) belongs to the steps; without rows it is zero.
+    """
+    sums, lack = start.copy(), np.empty((len(h), x.shape[1]))
+    for k in range(len(h)):
+        for i in range(x.shape[1]):
+            sums[i] += x[k + 1, i] - x[k, i] - 0.5 * h[k] * (rate[k + 1, i] + rate[k, i])
+            if len(given) > 0:
+                sums[i] -= given[k, i]
+            lack[k, i] = sums[i]
+    return lack
 
 
 def _massless(d: Dynamics, g: Array, P: Array, in_steps: bool, massless: Flags, allowed: Array) -> tuple[float, float]:
@@ -1126,19 +1160,23 @@ def _balance_on_grid(
     in_steps: bool,
 ) -> tuple[float, float]:
     """Return the largest |E(t) - E(0) - work| with the power integrated by the trapezoidal rule, and the scale of E."""
-    h, none = np.diff(t), np.zeros((len(t), len(d.contacts)))
+    h, v_m = np.diff(t), 0.5 * (v[1:] + v[:-1])
     stored = d.energy(q, v)
     # The work of loads is what they do on the way that was gone; a method that corrects places has none for that part.
-    way = h[:, None] * 0.5 * (v[1:] + v[:-1]) if in_steps else np.diff(q, axis=0)
-    work = (0.5 * (f[1:] + f[:-1]) * way).sum(axis=1)
-    power = d.driving_power(t, q, v, none if in_steps else r) - d.dissipated_power(q, v)
-    if not in_steps:
-        power = power + (r * d.gap_rate(v)).sum(axis=1)
-    work += 0.5 * h * (power[1:] + power[:-1])
+    way = h[:, None] * v_m if in_steps else np.diff(q, axis=0)
+    work = way @ f[0] if d.constant_loads else 0.5 * np.einsum("ki,ki->k", f[1:] + f[:-1], way)
+    power = -d.dissipated_power(q, v)
     if in_steps:
-        middle, q_m, v_m = (0.5 * (each[1:] + each[:-1]) for each in (t, q, v))
-        driving = d.driving_power(middle, q_m, v_m, r) - d.driving_power(middle, q_m, v_m, none[1:])
-        work += h * ((r * d.gap_rate(v_m)).sum(axis=1) + driving)
+        work += h * np.einsum("ki,ki->k", r, d.gap_rate(v_m))
+    else:
+        power += np.einsum("ki,ki->k", r, d.gap_rate(v))
+    if d.motions:
+        none = np.zeros((len(t), len(d.contacts)))
+        power += d.driving_power(t, q, v, none if in_steps else r)
+        if in_steps:
+            middle, q_m = (0.5 * (each[1:] + each[:-1]) for each in (t, q))
+            work += h * (d.driving_power(middle, q_m, v_m, r) - d.driving_power(middle, q_m, v_m, none[1:]))
+    work += 0.5 * h * (power[1:] + power[:-1])
     within = impacts if in_steps else impacts[impacts.t > t[0]]
     np.add.at(work, within.steps(t, "right" if in_steps else "left"), _work(d, within))
     balance = np.cumsum(np.diff(stored) - work)

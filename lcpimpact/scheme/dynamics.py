@@ -330,4 +330,4 @@ def _values(function: Callable[[float], float], times: Array) -> Array:
 def _quadratic_form(matrix: Array, x: ArrayLike) -> Array:
     """Return xᵀ matrix x for x of shape (..., n)."""
     vectors = np.asarray(x, dtype=np.float64)
-    return np.asarray(((vectors @ matrix) * vectors).sum(axis=-1))
+    return np.asarray(np.einsum("...i,...i->...", vectors @ matrix, vectors))
