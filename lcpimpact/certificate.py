@@ -9,8 +9,8 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, vector
+from lcpimpact.arrays import Array, Flags, Indices, Places
+from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, places, vector
 from lcpimpact.events import step_of
 from lcpimpact.integrators.base import SLIPS, Dense, Event, Integrator, Limits, Record
 from lcpimpact.integrators.spring_law import push
@@ -178,10 +178,10 @@ def power_law(N: Array, springs: Array, a: int, q: Array) -> float:
     return float(K * max(δ, 0.0) ** (n + 1.0) / (n + 1.0))
 
 
-@compiled(types.void(matrix, vector, f8, vector, vector, vector, indices, indices, vector, flags, matrix))
+@compiled(types.void(matrix, vector, f8, vector, vector, vector, places, places, vector, flags, matrix))
 def judge_paths(
     lines: Array, force: Array, h: float, before: Array, after: Array,
-    H: Array, starts: Indices, columns: Indices, e: Array, meets: Flags, of_rows: Array,
+    H: Array, starts: Places, columns: Places, e: Array, meets: Flags, of_rows: Array,
 ) -> None:  # fmt: skip
     """Judge the impulse paths over massless nodes (rows of ``lines``) in a step with the mean forces ``force`` (nc,).
 
@@ -219,8 +219,8 @@ def judge_paths(
 
 @compiled(
     types.UniTuple(f8, 3)(
-        vector, matrix, matrix, matrix, matrix, indices, indices, vector, f8, indices, indices, vector, vector, vector,
-        indices, indices, vector, matrix, matrix, vector, vector, vector, vector, indices, indices, matrix, matrix,
+        vector, matrix, matrix, matrix, matrix, indices, indices, vector, f8, places, places, vector, vector, vector,
+        places, places, vector, matrix, matrix, vector, vector, vector, vector, indices, indices, matrix, matrix,
         matrix, matrix, matrix,
     )
 )  # fmt: skip
@@ -234,13 +234,13 @@ def certify_steps(
     row: Indices,
     P: Array,
     θ: float,
-    starts: Indices,
-    columns: Indices,
+    starts: Places,
+    columns: Places,
     M: Array,
     C: Array,
     K: Array,
-    H_starts: Indices,
-    H_columns: Indices,
+    H_starts: Places,
+    H_columns: Places,
     H: Array,
     B: Array,
     D: Array,
@@ -285,8 +285,9 @@ def certify_steps(
         any_direct |= direct[i]
     for i in range(n):
         drives |= kind[i] == DRIVEN
-    product, penetration, tension, law, largest_r, stroke = of_rows
-    lack, missing, gone, largest_q, largest_v = of_nodes
+    product, penetration, tension = of_rows[0], of_rows[1], of_rows[2]
+    law, largest_r, stroke = of_rows[3], of_rows[4], of_rows[5]
+    lack, missing, gone, largest_q, largest_v = of_nodes[0], of_nodes[1], of_nodes[2], of_nodes[3], of_nodes[4]
     gap, rate, w = np.empty(nc), np.empty(nc), np.empty(n)
     # ∫ q_θ dt, ∫ r dt and the impulses of loads and non-linear springs since the start.
     way, impulse, given = np.zeros(n), np.zeros(nc), np.zeros(n)
@@ -608,11 +609,11 @@ def _rows(d: Dynamics) -> dict[str, int]:
     return {contact.name: i for i, contact in enumerate(d.contacts)}
 
 
-def _pattern(filled: Array) -> tuple[Indices, tuple[Indices, Indices]]:
+def _pattern(filled: Array) -> tuple[Places, tuple[Places, Places]]:
     """Return where the filled places of a matrix are, by rows: the first of each row, and the rows and columns."""
     rows, columns = np.nonzero(filled)
     starts = np.append(0, np.cumsum(np.count_nonzero(filled, axis=1)))
-    return starts.astype(np.int64), (rows.astype(np.int64), columns.astype(np.int64))
+    return starts.astype(np.uint64), (rows.astype(np.uint64), columns.astype(np.uint64))
 
 
 def _judge_by_balance(
