@@ -14,7 +14,6 @@ from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, places,
 from lcpimpact.events import step_of
 from lcpimpact.integrators.base import SLIPS, Dense, Event, Integrator, Limits, Record
 from lcpimpact.integrators.spring_law import push
-from lcpimpact.scheme.decomposition import decompose
 from lcpimpact.scheme.dynamics import Dynamics
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
@@ -590,7 +589,7 @@ def _kinds(d: Dynamics) -> Indices:
     driven, massive = d.driven, d.massive
     loose: Flags = np.zeros(len(massive), dtype=np.bool_)
     if not (driven | massive).all():
-        loose = np.asarray(decompose(d.M, d.C, driven).static.any(axis=1))
+        loose = np.asarray(d.decomposition.static.any(axis=1))
     return np.select([driven, massive, loose], [DRIVEN, MASSIVE, LOOSE], DAMPED).astype(np.int64)
 
 
@@ -694,7 +693,7 @@ def _crept(d: Dynamics, record: Record) -> Array:
     That is by a force of `SLIPS` times its threshold on the springs that hold it; and as a node between springs alone goes
     to its balance at the end of a step whose force is that at t + θ h, by what the way of one step differs from the next.
     """
-    static = decompose(d.M, d.C, d.driven).static
+    static = d.decomposition.static
     if not static.any() or not d.slides.any():
         return np.zeros(len(d.contacts))
     moves = d.H @ static
@@ -1014,7 +1013,9 @@ def _judge_grid(
     forces, momenta, largest = scales.forces(d), scales.momenta(d), _largest_impulses(d, events)
 
     at_rest = np.zeros(len(d.nodes))
-    first_p, first_q = (d.M @ (v[0] - start[1]) - d.B @ P_start, q[0] - start[0]) if d.stores_energy else (at_rest, at_rest)
+    first_p, first_q = (
+        (d.M @ (v[0] - start[1]) - d.B @ P_start, q[0] - start[0]) if d.stores_energy else (at_rest, at_rest)
+    )
     lack = out_of_balance(h.ravel(), v @ d.M.T, total, given, first_p)
     moved = out_of_balance(h.ravel(), q, v, given[:0], first_q)
     lacking = np.abs(lack)

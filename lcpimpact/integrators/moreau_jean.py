@@ -60,7 +60,6 @@ from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits
 from lcpimpact.lcp.solver import Kernel, State
 from lcpimpact.numbers import is_real
-from lcpimpact.scheme.decomposition import decompose
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.signals import PiecewisePolynomial
 
@@ -191,9 +190,9 @@ def overlaps(
 
 @compiled(
     types.Tuple((i8, i8, i8, f8))(
-        i8, f8, f8, matrix, matrix, vector, indices, i8, matrix, vector, vector, vector, vector, vector, types.boolean, f8, i8,
-        KERNEL, SPRINGS, matrix, matrix, matrix, matrix, matrix, matrix, vector, vector, vector, vector, matrix, flags, indices,
-        vector, vector, indices, vector,
+        i8, f8, f8, matrix, matrix, vector, indices, i8, matrix, vector, vector, vector, vector, vector, types.boolean, f8,
+        i8, KERNEL, SPRINGS, matrix, matrix, matrix, matrix, matrix, matrix, vector, vector, vector, vector, matrix, flags,
+        indices, vector, vector, indices, vector,
     )
 )  # fmt: skip
 def solve_step(
@@ -239,8 +238,8 @@ def solve_step(
 @compiled(
     types.Tuple((i8, i8, i8, i8, f8))(
         i8, i8, f8, f8, matrix, matrix, matrix, matrix, matrix, matrix, matrix, vector, vector, vector, vector, vector,
-        indices, indices, matrix, indices, matrix, matrix, matrix, matrix, matrix, matrix, matrix, matrix, matrix, matrix, f8,
-        i8, KERNEL, SPRINGS, types.boolean,
+        indices, indices, matrix, indices, matrix, matrix, matrix, matrix, matrix, matrix, matrix, matrix, matrix, matrix,
+        f8, i8, KERNEL, SPRINGS, types.boolean,
     )
 )  # fmt: skip
 def steps(
@@ -285,9 +284,10 @@ def steps(
     w_free = Pq q + Pv v + Pf, with one row of Pf (A⁻¹ f_θ) and of f (the load at the end) for each step, or one for all;
     G = A⁻¹ B and Gs = A⁻¹ Nᵀ; ``level`` (nc,) is what u is divided by time with; ``kind`` (n,) tells nodes without mass
     (0), with mass (1), and with a motion that stands in q and v already (2); ``lines`` (np, nc) are the impulse paths over
-    massless nodes, and ``order`` (nc,) is that of `overlaps`; the rows of S are the static coordinates. With ``stops`` the status is
-    SWITCHES where other rows push than in the step before, and that step is not taken. Returns the status, the step reached,
-    the sums of the LCP and Newton iterations, and the largest residual, found outside the solver.
+    massless nodes, and ``order`` (nc,) is that of `overlaps`; the rows of S are the static coordinates, with the products
+    of `balance_static`. With ``stops`` the status is SWITCHES where other rows push than in the step before, and that step
+    is not taken. Returns the status, the step reached, the sums of the LCP and Newton iterations, and the largest residual,
+    found outside the solver.
     """
     n, nc, ns = len(kind), len(degree), len(springs)
     w, b, z, active = np.empty(n), np.empty(nc), np.zeros(nc), np.empty(nc, np.int64)
@@ -491,7 +491,7 @@ class MoreauJean(TimeStepping[Step]):
         kind = np.select([driven, d.massive], [DRIVEN, MASSIVE], 0)
         # Along an impulse path the contacts at a mass close exactly, and those at the ground overlap.
         order = np.argsort(-np.abs(d.H[:, d.massive]).sum(axis=1), kind="stable")
-        static = decompose(d.M, d.C, driven).static
+        static = d.decomposition.static
         static = static[:, ~(np.abs(d.directions) @ np.abs(static)).any(axis=0)]
         operators = tuple(
             np.array(a, order="C")
