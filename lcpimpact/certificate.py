@@ -31,6 +31,15 @@ SLOPE, JUMP = 0.25, 0.6
 """Parts of h times a change and of h times a bend that a method and the trapezoidal rule may differ by; the rule's own are
 1/12 and 1/2."""
 
+NEAR = 5
+"""Points on both sides of a step whose bends tell what the step itself may leave out."""
+
+IMPACT = 2.0
+"""Parts of h times a jump of the forces at an impact that an impulse may be off by: registered problems show up to 1."""
+
+EVEN = 1e-6
+"""Steps that are longer than the shortest by this part of it are of another length."""
+
 FEW = 3
 """Points of a run in which bends do not show."""
 
@@ -1088,6 +1097,13 @@ def _judge_grid(
         "equilibrium": _massless(d, acting, P, in_steps, massless, ε * forces + turns),
         "kinematics": _worst(np.abs(moved[:, ways]), allowed_q[:, ways]),
     }
+    if d.stores_energy:
+        alone = _judge_steps(d, t, q, v, R, f, total, given if in_steps else given[:0], events, scales, turn, limits)
+        alone["momentum"] = _worse(
+            alone["momentum"], _judge_impulses(d, t, lack, total, R, step, events, momenta, limits)
+        )
+        for name, pair in alone.items():
+            found[name] = _worse(found[name], pair)
     energies = _balance_on_grid(d, t, q, v, r, f, impacts, in_steps)
     found["energy_balance"] = (energies[0], np.inf)
     return found, scales, energies
@@ -1140,6 +1156,163 @@ def out_of_balance(h: Array, x: Array, rate: Array, given: Array, start: Array) 
                 sums[i] -= given[k, i]
             lack[k, i] = sums[i]
     return lack
+
+
+@compiled(types.void(matrix, vector, vector, flags))
+def changes_of_mode(r: Array, r_min: Array, r_max: Array, loud: Flags) -> None:
+    """Mark the steps of ``loud`` (nt - 1,) near which a row of r (nr, nc) begins or ceases to push, or a slider to slip."""
+    for i in range(r.shape[1]):
+        slides, before = r_max[i] < np.inf, 0
+        for k in range(len(r)):
+            if slides:
+                mode = 1 if r[k, i] >= r_max[i] * (1.0 - SLIPS) else -1 if r[k, i] <= r_min[i] * (1.0 - SLIPS) else 0
+            else:
+                mode = 1 if r[k, i] != 0.0 else 0
+            if k > 0 and mode != before:
+                loud[k - 1] = True
+                loud[min(k, len(loud) - 1)] = True
+            before = mode
+
+
+@compiled(matrix(vector, matrix, matrix, matrix, matrix, flags, vector, f8))
+def worst_steps(
+    h: Array, x: Array, rate: Array, given: Array, kicks: Array, loud: Flags, rounding: Array, slack: float
+) -> Array:
+    """Return |x⁺ - x - ∫ rate dt - given| of the quiet step that is worst beside its limit, and that limit (2, n).
+
+    A step is quiet with nothing in ``loud`` (nt - 1,) within `NEAR` of it and one more. Its limit is the rounding, what stands
+    in ``kicks`` (nt - 1, n; none without rows), and ``slack`` h times the bends of the rate around, but for those that
+    the values at its own ends make, and their mean.
+    """
+    steps, n = len(h), x.shape[1]
+    quiet, count, last = np.zeros(steps, np.bool_), 0, -1
+    for k in range(steps):
+        if loud[k]:
+            last = k
+        quiet[k] = NEAR <= k < steps - NEAR and k - last > NEAR + 1
+    last = 2 * steps
+    for k in range(steps - 1, -1, -1):
+        if loud[k]:
+            last = k
+        quiet[k] = quiet[k] and last - k > NEAR + 1
+        count += quiet[k]
+    worst = np.zeros((2, n))
+    bend = np.zeros(steps + 1)
+    for i in range(n):
+        mean, ratio = 0.0, 0.0
+        for k in range(1, steps):
+            bend[k] = abs(rate[k + 1, i] - 2.0 * rate[k, i] + rate[k - 1, i])
+            if quiet[k]:
+                mean += bend[k] / count
+        for k in range(steps):
+            if not quiet[k]:
+                continue
+            off = x[k + 1, i] - x[k, i] - 0.5 * h[k] * (rate[k + 1, i] + rate[k, i])
+            if len(given) > 0:
+                off -= given[k, i]
+            off = abs(off)
+            if off <= rounding[i] + slack * h[k] * mean:
+                continue
+            around = max(max(bend[k - 2], bend[k - 3]), max(bend[k + 3], bend[k + 4]))
+            limit = rounding[i] + slack * h[k] * (around + mean)
+            if len(kicks) > 0:
+                limit += kicks[k, i]
+            if not off <= ratio * limit:
+                worst[0, i], worst[1, i], ratio = off, limit, off / limit
+    return worst
+
+
+def _judge_steps(
+    d: Dynamics,
+    t: Array,
+    q: Array,
+    v: Array,
+    R: Array,
+    f: Array,
+    total: Array,
+    given: Array,
+    events: Sequence[Event],
+    scales: Scales,
+    turn: Array,
+    limits: Limits,
+) -> Found:
+    """Judge the momentum and the way of each step alone, away from events: there the bends around it are its only error."""
+    kind, h = _kinds(d), np.diff(t)
+    loud = h > (1.0 + EVEN) * h.min(initial=np.inf)
+    changes_of_mode(R, d.r_min, d.r_max, loud)
+    near = np.searchsorted(t, [event.t for event in events])[:, None] + np.array([-2, -1, 0])
+    loud[np.clip(near, 0, len(h) - 1)] = True
+    if d.springs:
+        loud |= (np.diff(d.push(q, v) != 0.0, axis=0)).any(axis=1)
+    kicks = np.zeros((0, len(d.nodes)))
+    if limits.kick or not d.constant_loads or d.motions:
+        # What is given may bend within a step, and what is recorded of a reaction may lag it.
+        told = f if not d.motions else f - q[:, d.driven] @ d.K[:, d.driven].T - v[:, d.driven] @ d.C[:, d.driven].T
+        kicks = 2.0 * h[:, None] * _around(np.abs(np.diff(told, n=2, axis=0)), len(h))
+        if limits.kick:
+            kicks += limits.kick * h[:, None] * _beside(np.abs(np.diff(R, axis=0)) @ np.abs(d.B).T, len(h))
+    ε, n = max(limits.precision, SHARE), len(d.nodes)
+    p, total = v @ d.M.T, np.ascontiguousarray(total)
+    lack = worst_steps(h, p, total, given, kicks, loud, ε * scales.momenta(d), limits.step)
+    # A force that belongs to a step acts anywhere in it.
+    placed = max(limits.kick, float(len(R) < len(t)))
+    rounding = ε * scales.q + placed * h.max(initial=0.0) * turn
+    moved = worst_steps(h, q, v, np.zeros((0, n)), np.zeros((0, n)), loud, rounding, limits.step)
+    ways = (kind == MASSIVE) | (kind == DAMPED)
+    return {"momentum": _worst(*lack[:, kind == MASSIVE]), "kinematics": _worst(*moved[:, ways])}
+
+
+def _judge_impulses(
+    d: Dynamics,
+    t: Array,
+    lack: Array,
+    total: Array,
+    R: Array,
+    step: Indices,
+    events: Sequence[Event],
+    momenta: Array,
+    limits: Limits,
+) -> tuple[float, float]:
+    """Judge the momentum over the steps around each impact that no other event is near.
+
+    When in its step an impact acts is for the method to choose: what jumps there in the forces may count h more or less.
+    """
+    happened, hit = np.searchsorted(t, [event.t for event in events]) - 1, np.unique(step)
+    alone = np.array(
+        [(np.abs(happened - k) <= 1).sum() == (np.abs(happened - k) <= 2 * NEAR).sum() for k in hit], dtype=bool
+    )
+    hit = hit[alone & (hit >= 2 * NEAR) & (hit < len(lack) - 2 * NEAR)]
+    around = hit[:, None] + np.arange(-NEAR, NEAR + 1)
+    jump = np.abs(np.diff(total[around], axis=1)).max(axis=1)
+    longest = np.diff(t)[around].max(axis=1, keepdims=True)
+    allowed = max(limits.precision, SHARE) * momenta + IMPACT * longest * jump
+    if limits.kick:
+        allowed += limits.kick * longest * (np.ptp(R[around], axis=1) @ np.abs(d.B).T)
+    off = np.abs(lack[hit + NEAR - 1] - lack[hit - NEAR])
+    return _worst(off[:, d.massive], allowed[:, d.massive])
+
+
+def _worse(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
+    """Return the violation that is worse beside its limit."""
+    return _worst(*np.transpose([one, other]))
+
+
+def _beside(changes: Array, steps: int) -> Array:
+    """Return for each step the greatest of the changes from step to step on both sides, but for its own (steps, n)."""
+    wide = np.zeros((steps + 2 * NEAR, changes.shape[1]))
+    for shift in (NEAR - 3, NEAR - 2, NEAR + 3, NEAR + 4):
+        part = wide[shift : shift + len(changes)]
+        np.maximum(part, changes, out=part)
+    return wide[NEAR:-NEAR]
+
+
+def _around(changes: Array, steps: int) -> Array:
+    """Return for each step the greatest change at its ends and one further on either side (steps, n)."""
+    wide = np.zeros((steps + 2, changes.shape[1]))
+    for shift in range(steps + 3 - len(changes)):
+        part = wide[shift : shift + len(changes)]
+        np.maximum(part, changes, out=part)
+    return wide[1:-1]
 
 
 def _massless(d: Dynamics, g: Array, P: Array, in_steps: bool, massless: Flags, allowed: Array) -> tuple[float, float]:
