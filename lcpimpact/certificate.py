@@ -1180,9 +1180,9 @@ def worst_steps(
 ) -> Array:
     """Return |x⁺ - x - ∫ rate dt - given| of the quiet step that is worst beside its limit, and that limit (2, n).
 
-    A step is quiet with nothing in ``loud`` (nt - 1,) within `NEAR` of it and one more. Its limit is the rounding, what stands
-    in ``kicks`` (nt - 1, n; none without rows), and ``slack`` h times the bends of the rate around, but for those that
-    the values at its own ends make, and their mean.
+    A step is quiet with nothing in ``loud`` (nt - 1,) within `NEAR` + 1 of it. Its limit is the rounding, what stands in
+    ``kicks`` (nt - 1, n; none without rows), and ``slack`` h times the bends of the rate around, but for those that the
+    values at its own ends make, and their mean.
     """
     steps, n = len(h), x.shape[1]
     quiet, count, last = np.zeros(steps, np.bool_), 0, -1

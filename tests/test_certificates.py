@@ -462,6 +462,12 @@ def test_a_thousandth_in_one_step_is_found_out(runs, fine, pressed, name, what):
     assert all(found) == ((name, what) not in UNSEEN)
 
 
+@pytest.mark.parametrize("what", ["q", "v"])
+def test_a_thousandth_in_one_step_is_found_out_at_a_wide_tolerance(what):
+    run = li.simulate(stopped_oscillator(), "event-driven", rtol=1e-6, dt=T_END / 2000, t_end=T_END, progress=False)
+    assert not perturbed(run, what, 0.41).certify().holds
+
+
 # ---- tiny and huge motions ------------------------------------------------------------------------------------------
 
 
