@@ -2,6 +2,8 @@ r"""What a step costs: `simulate` against a C loop for System 1 alone, against S
 
     python benchmarks/speed.py [--steps 1000000] [--repeats 7] [--out FILE.json|.csv]
 
+A last table times kernel and certificate apart on other problems, too: `PARTS`.
+
 All run the θ-method with θ = 1/2 on System 1. Contestants take turns within each repeat, so that a slow minute of the
 machine meets them all; medians are compared. `simulate` and the C loop record every step into arrays of their own, in
 memory fresh from the system, and `simulate` also certifies the run. What cannot be measured here stays in the table,
@@ -37,8 +39,9 @@ from lcpimpact import Problem, Trajectory, load_problem, simulate
 from lcpimpact.arrays import Array
 from lcpimpact.certificate import certify
 from lcpimpact.events import events_of_steps
-from lcpimpact.integrators.base import Grid, Record
+from lcpimpact.integrators.base import Grid, Integrator, Record
 from lcpimpact.integrators.moreau_jean import MoreauJean
+from lcpimpact.integrators.newmark_ns import NewmarkNS
 from lcpimpact.trajectory import whole_file
 
 T = TypeVar("T")
@@ -49,6 +52,14 @@ DEBIAN_PYTHON = Path("/usr/bin/python3")
 DT = 3e-6
 THETA = 0.5
 SICONOS_STEPS, SICONOS_DT = 20_000, 1.5e-4
+PARTS: tuple[tuple[str, Integrator, float], ...] = (
+    ("system-1", MoreauJean(), 3.0),
+    ("system-2", MoreauJean(), 3.0),
+    ("bouncing-ball", MoreauJean(), 2.5),
+    ("bouncing-ball", NewmarkNS(), 2.5),
+)
+"""Problems and methods whose kernel and certificate are timed apart, each up to its t_end in s."""
+PART_STEPS = 100_000
 IMPORTS = 15
 PAUSE = 0.1
 FIRST_CALL = """
@@ -198,7 +209,7 @@ def measure_steps(problem: Problem, steps: int, repeats: int, loop: Any) -> tupl
         if not isinstance(loop, MissingError):
             for memory, seconds in both_memories(loop, steps, t_end / steps).items():
                 samples[memory].append(seconds)
-        for part, seconds in parts_of_simulate(problem, Grid(t_end, steps)).items():
+        for part, seconds in parts_of_simulate(problem, MoreauJean(theta=THETA), Grid(t_end, steps)).items():
             samples[part].append(seconds)
         if not isinstance(answer, MissingError):
             answer = siconos(problem)
@@ -214,9 +225,8 @@ def both_memories(loop: Callable[[Array, float], Array], steps: int, h: float) -
     return {"C loop": fresh, "C loop again": again}
 
 
-def parts_of_simulate(problem: Problem, grid: Grid) -> dict[str, float]:
+def parts_of_simulate(problem: Problem, integrator: Integrator, grid: Grid) -> dict[str, float]:
     """Return the seconds of the parts that simulate is made of, each on its own."""
-    integrator = MoreauJean(theta=THETA)
     dynamics = problem.dynamics
     n, nc = len(dynamics.nodes), len(dynamics.contacts)
     rows = grid.steps + 1
@@ -232,10 +242,27 @@ def parts_of_simulate(problem: Problem, grid: Grid) -> dict[str, float]:
     times, record = timed(allocate)
     fresh, _ = timed(advance)
     again, _ = timed(advance)
-    listing, events = timed(lambda: events_of_steps(dynamics, record))
+    listing, (events, impulsive) = timed(lambda: events_of_steps(dynamics, record))
+    record.reaction[impulsive] = 0.0
     start = (problem.initial_coordinates, problem.initial_velocities)
     judging, _ = timed(lambda: certify(dynamics, start, record, None, events, integrator))
     return {"time grids": times, "advance": fresh, "advance again": again, "events": listing, "certificate": judging}
+
+
+def measure_parts(repeats: int) -> list[dict[str, Any]]:
+    """Return kernel and certificate in ns a step of each of `PARTS`, the least of the turns."""
+    found: dict[tuple[str, str], Samples] = {}
+    for turn in range(repeats + 1):
+        for name, integrator, t_end in PARTS:
+            parts = parts_of_simulate(load_problem(name), integrator, Grid(t_end, PART_STEPS))
+            for part in ("advance again", "certificate") if turn > 0 else ():
+                found.setdefault((name, integrator.name), defaultdict(list))[part].append(
+                    1e9 * parts[part] / PART_STEPS
+                )
+    return [
+        {"problem": name, "method": method, **{part: min(values) for part, values in samples.items()}}
+        for (name, method), samples in found.items()
+    ]
 
 
 def measure_imports(repeats: int) -> Samples:
@@ -353,6 +380,16 @@ def parts_table(title: str, rows: list[Row]) -> Table:
     return drawn
 
 
+def methods_table(rows: list[dict[str, Any]]) -> Table:
+    """Return kernel and certificate of each problem and method."""
+    drawn = Table(
+        "problem", "method", "kernel", "certificate", title=f"ns a step, {PART_STEPS:,} steps, least of all turns"
+    )
+    for row in rows:
+        drawn.add_row(row["problem"], row["method"], f"{row['advance again']:.1f}", f"{row['certificate']:.1f}")
+    return drawn
+
+
 def write(path: Path, report: Mapping[str, Any]) -> None:
     """Write the report as JSON, or its two tables as CSV; the file appears whole or not at all."""
     with whole_file(path) as part:
@@ -393,12 +430,14 @@ def main() -> int:
         imports = measure_imports(IMPORTS)
         first = first_calls(folder / "cache")
         checks = agreements(problem, options.steps, loop, answer)
+        methods = measure_parts(options.repeats)
 
     rows = step_rows(samples, options.steps, loop, answer) + process_rows(imports, first)
     parts = breakdown(samples, options.steps)
     console = Console(width=None if sys.stdout.isatty() else 130)
     console.print(main_table(f"System 1, {options.steps:,} steps, medians of {options.repeats}", rows))
     console.print(parts_table("Where the time of simulate goes", parts))
+    console.print(methods_table(methods))
     for check in checks:
         verdict = "agree" if check.holds else "DISAGREE"
         console.print(f"{check.what} {verdict}: {check.difference:.1e} relative, {check.allowed:g} allowed")
@@ -416,6 +455,7 @@ def main() -> int:
             "repeats": options.repeats,
             "rows": [asdict(row) for row in rows],
             "breakdown": [asdict(row) for row in parts],
+            "methods": methods,
             "agreements": [asdict(check) for check in checks],
             "seconds": {**samples, **{f"import {module}": values for module, values in imports.items()}},
         }

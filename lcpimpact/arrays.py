@@ -7,4 +7,5 @@ from numpy.typing import NDArray
 
 Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]
+Places: TypeAlias = NDArray[np.uint64]
 Flags: TypeAlias = NDArray[np.bool_]

@@ -9,12 +9,11 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, vector
+from lcpimpact.arrays import Array, Flags, Indices, Places
+from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, places, vector
 from lcpimpact.events import step_of
 from lcpimpact.integrators.base import SLIPS, Dense, Event, Integrator, Limits, Record
 from lcpimpact.integrators.spring_law import push
-from lcpimpact.scheme.decomposition import decompose
 from lcpimpact.scheme.dynamics import Dynamics
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
@@ -31,6 +30,15 @@ MASSIVE, DRIVEN, DAMPED, LOOSE = 1, 2, 0, -1
 SLOPE, JUMP = 0.25, 0.6
 """Parts of h times a change and of h times a bend that a method and the trapezoidal rule may differ by; the rule's own are
 1/12 and 1/2."""
+
+NEAR = 5
+"""Points on both sides of a step whose bends tell what the step itself may leave out."""
+
+IMPACT = 2.0
+"""Parts of h times a jump of the forces at an impact that an impulse may be off by: registered problems show up to 1."""
+
+EVEN = 1e-6
+"""Steps that are longer than the shortest by this part of it are of another length."""
 
 FEW = 3
 """Points of a run in which bends do not show."""
@@ -178,10 +186,10 @@ def power_law(N: Array, springs: Array, a: int, q: Array) -> float:
     return float(K * max(δ, 0.0) ** (n + 1.0) / (n + 1.0))
 
 
-@compiled(types.void(matrix, vector, f8, vector, vector, vector, indices, indices, vector, flags, matrix))
+@compiled(types.void(matrix, vector, f8, vector, vector, vector, places, places, vector, flags, matrix))
 def judge_paths(
     lines: Array, force: Array, h: float, before: Array, after: Array,
-    H: Array, starts: Indices, columns: Indices, e: Array, meets: Flags, of_rows: Array,
+    H: Array, starts: Places, columns: Places, e: Array, meets: Flags, of_rows: Array,
 ) -> None:  # fmt: skip
     """Judge the impulse paths over massless nodes (rows of ``lines``) in a step with the mean forces ``force`` (nc,).
 
@@ -219,8 +227,8 @@ def judge_paths(
 
 @compiled(
     types.UniTuple(f8, 3)(
-        vector, matrix, matrix, matrix, matrix, indices, indices, vector, f8, indices, indices, vector, vector, vector,
-        indices, indices, vector, matrix, matrix, vector, vector, vector, vector, indices, indices, matrix, matrix,
+        vector, matrix, matrix, matrix, matrix, indices, indices, vector, f8, places, places, vector, vector, vector,
+        places, places, vector, matrix, matrix, vector, vector, vector, vector, indices, indices, matrix, matrix,
         matrix, matrix, matrix,
     )
 )  # fmt: skip
@@ -234,13 +242,13 @@ def certify_steps(
     row: Indices,
     P: Array,
     θ: float,
-    starts: Indices,
-    columns: Indices,
+    starts: Places,
+    columns: Places,
     M: Array,
     C: Array,
     K: Array,
-    H_starts: Indices,
-    H_columns: Indices,
+    H_starts: Places,
+    H_columns: Places,
     H: Array,
     B: Array,
     D: Array,
@@ -285,8 +293,9 @@ def certify_steps(
         any_direct |= direct[i]
     for i in range(n):
         drives |= kind[i] == DRIVEN
-    product, penetration, tension, law, largest_r, stroke = of_rows
-    lack, missing, gone, largest_q, largest_v = of_nodes
+    product, penetration, tension = of_rows[0], of_rows[1], of_rows[2]
+    law, largest_r, stroke = of_rows[3], of_rows[4], of_rows[5]
+    lack, missing, gone, largest_q, largest_v = of_nodes[0], of_nodes[1], of_nodes[2], of_nodes[3], of_nodes[4]
     gap, rate, w = np.empty(nc), np.empty(nc), np.empty(n)
     # ∫ q_θ dt, ∫ r dt and the impulses of loads and non-linear springs since the start.
     way, impulse, given = np.zeros(n), np.zeros(nc), np.zeros(n)
@@ -579,9 +588,9 @@ def _motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:
     if not d.motions:
         return 0.0, 0.0
     y, _ = d.motion(record.t)
-    h, v = np.diff(record.t)[:, None], record.v[:, d.driven]
+    h, v = np.diff(record.t), np.ascontiguousarray(record.v[:, d.driven])
     off = np.abs(record.q[:, d.driven] - y).max(axis=0)
-    return _worst(off, limits.precision * np.abs(y).max(axis=0) + _bends(h, v, limits.order).max(axis=0, initial=0.0))
+    return _worst(off, limits.precision * np.abs(y).max(axis=0) + bends(h, v, limits.order).max(axis=0, initial=0.0))
 
 
 def _kinds(d: Dynamics) -> Indices:
@@ -589,7 +598,7 @@ def _kinds(d: Dynamics) -> Indices:
     driven, massive = d.driven, d.massive
     loose: Flags = np.zeros(len(massive), dtype=np.bool_)
     if not (driven | massive).all():
-        loose = np.asarray(decompose(d.M, d.C, driven).static.any(axis=1))
+        loose = np.asarray(d.decomposition.static.any(axis=1))
     return np.select([driven, massive, loose], [DRIVEN, MASSIVE, LOOSE], DAMPED).astype(np.int64)
 
 
@@ -608,11 +617,11 @@ def _rows(d: Dynamics) -> dict[str, int]:
     return {contact.name: i for i, contact in enumerate(d.contacts)}
 
 
-def _pattern(filled: Array) -> tuple[Indices, tuple[Indices, Indices]]:
+def _pattern(filled: Array) -> tuple[Places, tuple[Places, Places]]:
     """Return where the filled places of a matrix are, by rows: the first of each row, and the rows and columns."""
     rows, columns = np.nonzero(filled)
     starts = np.append(0, np.cumsum(np.count_nonzero(filled, axis=1)))
-    return starts.astype(np.int64), (rows.astype(np.int64), columns.astype(np.int64))
+    return starts.astype(np.uint64), (rows.astype(np.uint64), columns.astype(np.uint64))
 
 
 def _judge_by_balance(
@@ -693,7 +702,7 @@ def _crept(d: Dynamics, record: Record) -> Array:
     That is by a force of `SLIPS` times its threshold on the springs that hold it; and as a node between springs alone goes
     to its balance at the end of a step whose force is that at t + θ h, by what the way of one step differs from the next.
     """
-    static = decompose(d.M, d.C, d.driven).static
+    static = d.decomposition.static
     if not static.any() or not d.slides.any():
         return np.zeros(len(d.contacts))
     moves = d.H @ static
@@ -928,8 +937,11 @@ def _accelerations(d: Dynamics, g: Array) -> Array:
     """Return what the forces g on the nodes with mass may change U by, in m/s², of each row (nc,)."""
     massive = d.massive
     M = d.M[np.ix_(massive, massive)]
-    a = np.linalg.solve(M, g[:, massive].T) if massive.any() else np.zeros((0, len(g)))
-    return np.asarray(np.abs(d.H[:, massive]) @ np.abs(a).max(axis=1, initial=0.0))
+    if np.count_nonzero(M) == len(M):
+        largest = np.abs(g).max(axis=0, initial=0.0)[massive] / np.diag(M)
+    else:
+        largest = np.abs(np.linalg.solve(M, g[:, massive].T)).max(axis=1, initial=0.0)
+    return np.asarray(np.abs(d.H[:, massive]) @ largest)
 
 
 def _sampling(record: Record, dense: Dense, scales: Scales, ε: float) -> tuple[float, float]:
@@ -973,7 +985,7 @@ def _judge_grid(
     within[-1] = False
     kept = np.flatnonzero(~within)
     step = np.searchsorted(kept, first, side="right") - 1
-    t, q, v = record.t[kept], record.q[kept], record.v[kept]
+    t, q, v = (record.t, record.q, record.v) if spread == 1 else (record.t[kept], record.q[kept], record.v[kept])
     h = np.diff(t)[:, None]
     P = np.zeros((len(h), len(d.contacts)))
     P_start, P_end = np.zeros(len(d.contacts)), np.zeros_like(P)
@@ -982,8 +994,9 @@ def _judge_grid(
         if k >= 0 and event.t >= t[min(k, len(P) - 1) + 1]:
             P_end[min(k, len(P) - 1), rows[event.contact]] += event.impulse
     if in_steps:
-        weighted = np.diff(record.t)[:, None] * record.reaction
-        R = np.add.reduceat(weighted, kept[:-1]) / h if len(h) else np.zeros((0, len(d.contacts)))
+        R = record.reaction
+        if spread > 1:
+            R = np.add.reduceat(np.diff(record.t)[:, None] * R, kept[:-1]) / h
         r = R
         f, g = _smooth(d, t, q, v, None)
         acting = g[1:] + R @ d.B.T
@@ -992,7 +1005,7 @@ def _judge_grid(
         given = (h * R + P if as_mean else P) @ d.B.T
         at = slice(1, None)
     else:
-        R = r = record.reaction[kept]
+        R = r = record.reaction if spread == 1 else record.reaction[kept]
         f, g = _smooth(d, t, q, v, r)
         acting = total = g
         given = P @ d.B.T
@@ -1005,11 +1018,12 @@ def _judge_grid(
     turn = scales.v - bare.v
     forces, momenta, largest = scales.forces(d), scales.momenta(d), _largest_impulses(d, events)
 
-    lack = np.cumsum(np.diff(v, axis=0) @ d.M.T - 0.5 * h * (total[1:] + total[:-1]) - given, axis=0)
-    moved = np.cumsum(np.diff(q, axis=0) - 0.5 * h * (v[1:] + v[:-1]), axis=0)
-    if d.stores_energy:
-        lack += (v[0] - start[1]) @ d.M.T - d.B @ P_start
-        moved += q[0] - start[0]
+    at_rest = np.zeros(len(d.nodes))
+    first_p, first_q = (
+        (d.M @ (v[0] - start[1]) - d.B @ P_start, q[0] - start[0]) if d.stores_energy else (at_rest, at_rest)
+    )
+    lack = out_of_balance(h.ravel(), v @ d.M.T, total, given, first_p)
+    moved = out_of_balance(h.ravel(), q, v, given[:0], first_q)
     lacking = np.abs(lack)
     if not in_steps:
         # What is recorded at the very instant of an impact may be the limit before it.
@@ -1019,9 +1033,12 @@ def _judge_grid(
     # A contact passes on what acts at its nodes, be it as a force or in the impulse of a step.
     passed = np.maximum(np.abs(R).max(axis=0, initial=0.0), (links * kicks[:, None]).max(axis=0, initial=0.0))
     kicks = np.maximum(kicks, links @ passed)
-    left_out = limits.slack * _bends(h, total, order) + limits.kick * h * kicks
-    allowed_p = ε * momenta + elapsed * forces + left_out
-    allowed_q = ε * scales.q + elapsed * scales.v + limits.slack * _bends(h, v, order)
+    allowed_p = limits.slack * bends(h.ravel(), total, order)
+    allowed_p += ε * momenta + elapsed * forces + h * (limits.kick * kicks)
+    # Within a step a body may turn about as its forces let it, and show nothing of it at the ends.
+    turning = limits.slack * SLOPE * np.where(kind == MASSIVE, turn, 0.0)
+    allowed_q = limits.slack * bends(h.ravel(), v, order)
+    allowed_q += ε * scales.q + elapsed * scales.v + h * turning
     hit = np.flatnonzero(P.any(axis=1))
     impacts = Impacts(t[hit], q[hit], v[hit], v[hit + 1], P[hit]) if in_steps else Impacts.of(d, events)
     if not in_steps:
@@ -1029,13 +1046,13 @@ def _judge_grid(
         jumps = np.zeros_like(q[1:])
         np.add.at(jumps, impacts.steps(t), np.abs(impacts.after - impacts.before))
         allowed_q += np.cumsum(h * jumps, axis=0)
-    # Within a step a body may turn about as its forces let it, and show nothing of it at the ends.
-    allowed_q += limits.slack * SLOPE * h * np.where(kind == MASSIVE, turn, 0.0)
-    allowed_q += limits.drift * h * np.maximum.accumulate(np.abs(v[1:]), axis=0)
-    turns = limits.drift * np.abs(np.diff(q, axis=0) @ d.K.T).max(axis=0, initial=0.0)
     massive, ways, massless = kind == MASSIVE, kind >= DAMPED, np.isin(kind, (DAMPED, LOOSE))
-    # What is moved by hand lags its forces, whose errors add up to those of the way that it goes.
-    allowed_p += limits.drift * h * (np.abs(d.K[:, massless]) @ np.ptp(q[:, massless], axis=0))
+    turns = 0.0
+    if limits.drift:
+        # What is moved by hand lags its forces, whose errors add up to those of the way that it goes.
+        allowed_p += limits.drift * h * (np.abs(d.K[:, massless]) @ np.ptp(q[:, massless], axis=0))
+        allowed_q += limits.drift * h * np.maximum.accumulate(np.abs(v[1:]), axis=0)
+        turns = limits.drift * np.abs(np.diff(q, axis=0) @ d.K.T).max(axis=0, initial=0.0)
 
     u = d.gap(q[at]) + r @ d.D.T
     one_sided = ~d.slides
@@ -1049,9 +1066,12 @@ def _judge_grid(
     overlapping = np.abs(r * np.minimum(u, 0.0)).max(axis=0, initial=0.0)
     # A contact may open in the step over which its force is a mean.
     opening = longest * scales.U * ((d.relative_degree == 2) & in_steps)
-    mean = 0.5 * (v[1:] + v[:-1]) if in_steps else v
-    duration = h if in_steps else np.append(h, h[-1:], axis=0)
-    friction = np.abs(duration * _friction(d, r, d.gap_rate(mean))).max(axis=0, initial=0.0)
+    friction = turned = np.zeros(len(d.contacts))
+    if d.slides.any():
+        mean = 0.5 * (v[1:] + v[:-1]) if in_steps else v
+        duration = h if in_steps else np.append(h, h[-1:], axis=0)
+        friction = np.abs(duration * _friction(d, r, d.gap_rate(mean))).max(axis=0, initial=0.0)
+        turned = np.abs(np.diff(d.gap_rate(v), axis=0)).max(axis=0, initial=0.0)
     bounds = np.where(d.slides, d.r_max, 0.0)
     found = {
         "complementarity": _worst(
@@ -1060,9 +1080,7 @@ def _judge_grid(
                 [
                     (scales.r * (ε * scales.u + opening))[one_sided],
                     (scales.r * opened)[one_sided],
-                    bounds
-                    * longest
-                    * (ε * scales.U + 2.0 * np.abs(np.diff(d.gap_rate(v), axis=0)).max(axis=0, initial=0.0)),
+                    bounds * longest * (ε * scales.U + 2.0 * turned),
                     largest * slow,
                 ]
             ),
@@ -1076,31 +1094,222 @@ def _judge_grid(
         "equilibrium": _massless(d, acting, P, in_steps, massless, ε * forces + turns),
         "kinematics": _worst(np.abs(moved[:, ways]), allowed_q[:, ways]),
     }
+    if d.stores_energy:
+        alone = _judge_steps(d, t, q, v, R, f, total, given if in_steps else given[:0], events, scales, turn, limits)
+        alone["momentum"] = _worse(
+            alone["momentum"], _judge_impulses(d, t, lack, total, R, step, events, momenta, limits)
+        )
+        for name, pair in alone.items():
+            found[name] = _worse(found[name], pair)
     energies = _balance_on_grid(d, t, q, v, r, f, impacts, in_steps)
     found["energy_balance"] = (energies[0], np.inf)
     return found, scales, energies
 
 
-def _bends(h: Array, values: Array, order: float) -> Array:
+@compiled(matrix(vector, matrix, f8))
+def bends(h: Array, values: Array, order: float) -> Array:
     """Return what the trapezoidal rule may leave out up to each point but the first, after bends and jumps (nt - 1, n).
 
     Where the values are smooth its errors cancel but for h/12 of the change of their slope; where they jump it misses up to
-    h/2 of the jump, which may show only at the end of the next step. A method of order 1 may miss h times what the values
-    change at all. At up to `FEW` points no bend is seen.
+    h/2 of the jump, which may show only at the end of the next step: of each step and the next the greater change counts.
+    A method of order 1 may miss h times what the values change at all. At up to `FEW` points no bend is seen.
     """
-    change = _or_next(np.abs(np.diff(values, axis=0)))
-    bend = _or_next(np.abs(np.diff(values, n=2, axis=0, prepend=values[:1])))
-    left_out = SLOPE * (h * change).max(axis=0, initial=0.0) + JUMP * np.cumsum(h * bend, axis=0)
-    if len(values) <= FEW:
-        left_out += SLOPE * h * np.abs(values).max(axis=0)
-    if order < 2.0:
-        left_out += h * np.maximum.accumulate(np.abs(values[1:] - values[0]), axis=0)
-    return np.asarray(left_out)
+    steps, n = len(h), values.shape[1]
+    left_out = np.empty((steps, n))
+    for i in range(n):
+        slope, few, bent, changed = 0.0, 0.0, 0.0, 0.0
+        before, now = 0.0, values[min(1, steps), i] - values[0, i]
+        for k in range(steps):
+            after = values[k + 2, i] - values[k + 1, i] if k + 2 <= steps else now
+            slope = max(slope, h[k] * max(abs(now), abs(after)))
+            bend = abs(now - before)
+            if k + 2 <= steps:
+                bend = max(bend, abs(after - now))
+            bent += h[k] * bend
+            left_out[k, i] = JUMP * bent
+            if order < 2.0:
+                changed = max(changed, abs(values[k + 1, i] - values[0, i]))
+                left_out[k, i] += h[k] * changed
+            before, now = now, after
+        if steps < FEW:
+            for k in range(steps + 1):
+                few = max(few, abs(values[k, i]))
+        for k in range(steps):
+            left_out[k, i] += SLOPE * (slope + h[k] * few)
+    return left_out
 
 
-def _or_next(changes: Array) -> Array:
-    """Return the greater of each step's changes and those of the step after it, which shows what began within the first."""
-    return np.asarray(np.maximum(changes, np.concatenate([changes[1:], changes[-1:]])))
+@compiled(matrix(vector, matrix, matrix, matrix, vector))
+def out_of_balance(h: Array, x: Array, rate: Array, given: Array, start: Array) -> Array:
+    """Return start + x - x(0) - ∫ rate dt - Σ given at each point but the first (nt - 1, n), by the trapezoidal rule.
+
+    ``given`` (nt - 1, n) belongs to the steps; without rows it is zero.
+    """
+    sums, lack = start.copy(), np.empty((len(h), x.shape[1]))
+    for k in range(len(h)):
+        for i in range(x.shape[1]):
+            sums[i] += x[k + 1, i] - x[k, i] - 0.5 * h[k] * (rate[k + 1, i] + rate[k, i])
+            if len(given) > 0:
+                sums[i] -= given[k, i]
+            lack[k, i] = sums[i]
+    return lack
+
+
+@compiled(types.void(matrix, vector, vector, flags))
+def changes_of_mode(r: Array, r_min: Array, r_max: Array, loud: Flags) -> None:
+    """Mark the steps of ``loud`` (nt - 1,) near which a row of r (nr, nc) begins or ceases to push, or a slider to slip."""
+    for i in range(r.shape[1]):
+        slides, before = r_max[i] < np.inf, 0
+        for k in range(len(r)):
+            if slides:
+                mode = 1 if r[k, i] >= r_max[i] * (1.0 - SLIPS) else -1 if r[k, i] <= r_min[i] * (1.0 - SLIPS) else 0
+            else:
+                mode = 1 if r[k, i] != 0.0 else 0
+            if k > 0 and mode != before:
+                loud[k - 1] = True
+                loud[min(k, len(loud) - 1)] = True
+            before = mode
+
+
+@compiled(matrix(vector, matrix, matrix, matrix, matrix, flags, vector, f8))
+def worst_steps(
+    h: Array, x: Array, rate: Array, given: Array, kicks: Array, loud: Flags, rounding: Array, slack: float
+) -> Array:
+    """Return |x⁺ - x - ∫ rate dt - given| of the quiet step that is worst beside its limit, and that limit (2, n).
+
+    A step is quiet with nothing in ``loud`` (nt - 1,) within `NEAR` + 1 of it. Its limit is the rounding, what stands in
+    ``kicks`` (nt - 1, n; none without rows), and ``slack`` h times the bends of the rate around, but for those that the
+    values at its own ends make, and their mean.
+    """
+    steps, n = len(h), x.shape[1]
+    quiet, count, last = np.zeros(steps, np.bool_), 0, -1
+    for k in range(steps):
+        if loud[k]:
+            last = k
+        quiet[k] = NEAR <= k < steps - NEAR and k - last > NEAR + 1
+    last = 2 * steps
+    for k in range(steps - 1, -1, -1):
+        if loud[k]:
+            last = k
+        quiet[k] = quiet[k] and last - k > NEAR + 1
+        count += quiet[k]
+    worst = np.zeros((2, n))
+    bend = np.zeros(steps + 1)
+    for i in range(n):
+        mean, ratio = 0.0, 0.0
+        for k in range(1, steps):
+            bend[k] = abs(rate[k + 1, i] - 2.0 * rate[k, i] + rate[k - 1, i])
+            if quiet[k]:
+                mean += bend[k] / count
+        for k in range(steps):
+            if not quiet[k]:
+                continue
+            off = x[k + 1, i] - x[k, i] - 0.5 * h[k] * (rate[k + 1, i] + rate[k, i])
+            if len(given) > 0:
+                off -= given[k, i]
+            off = abs(off)
+            if off <= rounding[i] + slack * h[k] * mean:
+                continue
+            around = max(max(bend[k - 2], bend[k - 3]), max(bend[k + 3], bend[k + 4]))
+            limit = rounding[i] + slack * h[k] * (around + mean)
+            if len(kicks) > 0:
+                limit += kicks[k, i]
+            if not off <= ratio * limit:
+                worst[0, i], worst[1, i], ratio = off, limit, off / limit
+    return worst
+
+
+def _judge_steps(
+    d: Dynamics,
+    t: Array,
+    q: Array,
+    v: Array,
+    R: Array,
+    f: Array,
+    total: Array,
+    given: Array,
+    events: Sequence[Event],
+    scales: Scales,
+    turn: Array,
+    limits: Limits,
+) -> Found:
+    """Judge the momentum and the way of each step alone, away from events: there the bends around it are its only error."""
+    kind, h = _kinds(d), np.diff(t)
+    loud = h > (1.0 + EVEN) * h.min(initial=np.inf)
+    changes_of_mode(R, d.r_min, d.r_max, loud)
+    near = np.searchsorted(t, [event.t for event in events])[:, None] + np.array([-2, -1, 0])
+    loud[np.clip(near, 0, len(h) - 1)] = True
+    if d.springs:
+        loud |= (np.diff(d.push(q, v) != 0.0, axis=0)).any(axis=1)
+    kicks = np.zeros((0, len(d.nodes)))
+    if limits.kick or not d.constant_loads or d.motions:
+        # What is given may bend within a step, and what is recorded of a reaction may lag it.
+        told = f if not d.motions else f - q[:, d.driven] @ d.K[:, d.driven].T - v[:, d.driven] @ d.C[:, d.driven].T
+        kicks = 2.0 * h[:, None] * _around(np.abs(np.diff(told, n=2, axis=0)), len(h))
+        if limits.kick:
+            kicks += limits.kick * h[:, None] * _beside(np.abs(np.diff(R, axis=0)) @ np.abs(d.B).T, len(h))
+    ε, n = max(limits.precision, SHARE), len(d.nodes)
+    p, total = v @ d.M.T, np.ascontiguousarray(total)
+    lack = worst_steps(h, p, total, given, kicks, loud, ε * scales.momenta(d), limits.step)
+    # A force that belongs to a step acts anywhere in it.
+    placed = max(limits.kick, float(len(R) < len(t)))
+    rounding = ε * scales.q + placed * h.max(initial=0.0) * turn
+    moved = worst_steps(h, q, v, np.zeros((0, n)), np.zeros((0, n)), loud, rounding, limits.step)
+    ways = (kind == MASSIVE) | (kind == DAMPED)
+    return {"momentum": _worst(*lack[:, kind == MASSIVE]), "kinematics": _worst(*moved[:, ways])}
+
+
+def _judge_impulses(
+    d: Dynamics,
+    t: Array,
+    lack: Array,
+    total: Array,
+    R: Array,
+    step: Indices,
+    events: Sequence[Event],
+    momenta: Array,
+    limits: Limits,
+) -> tuple[float, float]:
+    """Judge the momentum over the steps around each impact that no other event is near.
+
+    When in its step an impact acts is for the method to choose: what jumps there in the forces may count h more or less.
+    """
+    happened, hit = np.searchsorted(t, [event.t for event in events]) - 1, np.unique(step)
+    alone = np.array(
+        [(np.abs(happened - k) <= 1).sum() == (np.abs(happened - k) <= 2 * NEAR).sum() for k in hit], dtype=bool
+    )
+    hit = hit[alone & (hit >= 2 * NEAR) & (hit < len(lack) - 2 * NEAR)]
+    around = hit[:, None] + np.arange(-NEAR, NEAR + 1)
+    jump = np.abs(np.diff(total[around], axis=1)).max(axis=1)
+    longest = np.diff(t)[around].max(axis=1, keepdims=True)
+    allowed = max(limits.precision, SHARE) * momenta + IMPACT * longest * jump
+    if limits.kick:
+        allowed += limits.kick * longest * (np.ptp(R[around], axis=1) @ np.abs(d.B).T)
+    off = np.abs(lack[hit + NEAR - 1] - lack[hit - NEAR])
+    return _worst(off[:, d.massive], allowed[:, d.massive])
+
+
+def _worse(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
+    """Return the violation that is worse beside its limit."""
+    return _worst(*np.transpose([one, other]))
+
+
+def _beside(changes: Array, steps: int) -> Array:
+    """Return for each step the greatest of the changes from step to step on both sides, but for its own (steps, n)."""
+    wide = np.zeros((steps + 2 * NEAR, changes.shape[1]))
+    for shift in (NEAR - 3, NEAR - 2, NEAR + 3, NEAR + 4):
+        part = wide[shift : shift + len(changes)]
+        np.maximum(part, changes, out=part)
+    return wide[NEAR:-NEAR]
+
+
+def _around(changes: Array, steps: int) -> Array:
+    """Return for each step the greatest change at its ends and one further on either side (steps, n)."""
+    wide = np.zeros((steps + 2, changes.shape[1]))
+    for shift in range(steps + 3 - len(changes)):
+        part = wide[shift : shift + len(changes)]
+        np.maximum(part, changes, out=part)
+    return wide[1:-1]
 
 
 def _massless(d: Dynamics, g: Array, P: Array, in_steps: bool, massless: Flags, allowed: Array) -> tuple[float, float]:
@@ -1123,19 +1332,23 @@ def _balance_on_grid(
     in_steps: bool,
 ) -> tuple[float, float]:
     """Return the largest |E(t) - E(0) - work| with the power integrated by the trapezoidal rule, and the scale of E."""
-    h, none = np.diff(t), np.zeros((len(t), len(d.contacts)))
+    h, v_m = np.diff(t), 0.5 * (v[1:] + v[:-1])
     stored = d.energy(q, v)
     # The work of loads is what they do on the way that was gone; a method that corrects places has none for that part.
-    way = h[:, None] * 0.5 * (v[1:] + v[:-1]) if in_steps else np.diff(q, axis=0)
-    work = (0.5 * (f[1:] + f[:-1]) * way).sum(axis=1)
-    power = d.driving_power(t, q, v, none if in_steps else r) - d.dissipated_power(q, v)
-    if not in_steps:
-        power = power + (r * d.gap_rate(v)).sum(axis=1)
-    work += 0.5 * h * (power[1:] + power[:-1])
+    way = h[:, None] * v_m if in_steps else np.diff(q, axis=0)
+    work = way @ f[0] if d.constant_loads else 0.5 * np.einsum("ki,ki->k", f[1:] + f[:-1], way)
+    power = -d.dissipated_power(q, v)
     if in_steps:
-        middle, q_m, v_m = (0.5 * (each[1:] + each[:-1]) for each in (t, q, v))
-        driving = d.driving_power(middle, q_m, v_m, r) - d.driving_power(middle, q_m, v_m, none[1:])
-        work += h * ((r * d.gap_rate(v_m)).sum(axis=1) + driving)
+        work += h * np.einsum("ki,ki->k", r, d.gap_rate(v_m))
+    else:
+        power += np.einsum("ki,ki->k", r, d.gap_rate(v))
+    if d.motions:
+        none = np.zeros((len(t), len(d.contacts)))
+        power += d.driving_power(t, q, v, none if in_steps else r)
+        if in_steps:
+            middle, q_m = (0.5 * (each[1:] + each[:-1]) for each in (t, q))
+            work += h * (d.driving_power(middle, q_m, v_m, r) - d.driving_power(middle, q_m, v_m, none[1:]))
+    work += 0.5 * h * (power[1:] + power[:-1])
     within = impacts if in_steps else impacts[impacts.t > t[0]]
     np.add.at(work, within.steps(t, "right" if in_steps else "left"), _work(d, within))
     balance = np.cumsum(np.diff(stored) - work)

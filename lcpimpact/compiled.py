@@ -29,6 +29,8 @@ matrix = types.float64[:, ::1]
 flags = types.boolean[::1]
 cube = types.float64[:, :, ::1]
 indices = types.int64[::1]
+places = types.uint64[::1]
+"""Indices that never count from the end: what compiled code need not ask of each."""
 
 
 CONFIG: Any = numba.config

@@ -120,6 +120,7 @@ class Limits:
     balances_energy : bool      whether the balance of energy is promised
     kick : float                velocities or forces are recorded without so many times h times the force
     slack : float               how many times the error of the rule its steps may make, as the bends of the run show it
+    step : float                how many times the bends around it a step may leave out, away from events
     drift : float               nodes without mass may be moved by hand: so many times what a step changes
     relative_degrees : tuple    the relative degrees that the method handles
     """
@@ -131,6 +132,7 @@ class Limits:
     balances_energy: bool = False
     kick: float = 0.0
     slack: float = 3.0
+    step: float = 2.0
     drift: float = 0.0
     relative_degrees: tuple[int, ...] = (0, 1, 2)
 
@@ -158,6 +160,8 @@ class Declared:
     precision : float               to what part of the largest terms the laws hold that it solves for
     kick : float                    part of h times the force that the velocities or forces of its record may lack
     slack : float                   how many times the error of its rule, as the bends of the run show it, its steps may make
+    step : float                    how many times the bends around it a step may leave out, away from events: twice the
+                                    largest that registered problems and random schemes show, which is 0.9 for most
     drift : float                   nodes without mass may be moved by hand: so many times what a step changes
     dissipates : bool               whether impacts never leave a system with more energy than it began with
     adaptive : str                  how it chooses its steps, "" where they are those of dt
@@ -180,6 +184,7 @@ class Declared:
     precision: float = 1e-9
     kick: float = 0.0
     slack: float = 3.0
+    step: float = 2.0
     drift: float = 0.0
     dissipates: bool
     adaptive: str = ""
@@ -254,6 +259,7 @@ class Integrator(ABC):
             precision=declared.precision,
             kick=declared.kick,
             slack=declared.slack,
+            step=declared.step,
             drift=declared.drift,
             order=declared.order_smooth,
             penetration=0.0 if math.isinf(declared.order_penetration) else 1.0,

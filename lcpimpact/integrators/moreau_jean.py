@@ -47,7 +47,7 @@ from numba import types
 from scipy.optimize import linprog
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, vector
+from lcpimpact.compiled import compiled, f8, flags, i8, indices, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import SLIPS, Declared, Record
 from lcpimpact.integrators.law import SPRINGS, Springs, around, examine, solve_law, tally
@@ -60,7 +60,6 @@ from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits
 from lcpimpact.lcp.solver import Kernel, State
 from lcpimpact.numbers import is_real
-from lcpimpact.scheme.decomposition import decompose
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.signals import PiecewisePolynomial
 
@@ -68,43 +67,6 @@ SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 SWITCHES = -1
 
 MASSIVE, DRIVEN = 1, 2
-
-
-@compiled(types.void(vector, vector, vector, vector, vector, matrix, matrix, matrix))
-def balance_static(q: Array, r: Array, r_min: Array, r_max: Array, f: Array, S: Array, K: Array, H: Array) -> None:
-    """Shift q along the columns of S that nothing holds so that Sᵀ (f - K q + Hᵀ r) = 0 there."""
-    n, ns = S.shape
-    free = np.empty(ns, np.int64)
-    nf = 0
-    for s in range(ns):
-        held = False
-        for i in range(len(r)):
-            moved = 0.0
-            for j in range(n):
-                moved += H[i, j] * S[j, s]
-            near = SLIPS * r_max[i] if r_max[i] < np.inf else 0.0
-            held = held or (moved != 0.0 and r_min[i] + near < r[i] < r_max[i] - near)
-        if not held:
-            free[nf] = s
-            nf += 1
-    stiffness, force = np.zeros((nf, nf)), np.zeros(nf)
-    for a in range(nf):
-        for i in range(n):
-            if S[i, free[a]] == 0.0:
-                continue
-            unbalanced = f[i]
-            for j in range(n):
-                unbalanced -= K[i, j] * q[j]
-            for c in range(len(r)):
-                unbalanced += H[c, i] * r[c]
-            force[a] += S[i, free[a]] * unbalanced
-            for b in range(nf):
-                for j in range(n):
-                    stiffness[a, b] += S[i, free[a]] * K[i, j] * S[j, free[b]]
-    if lu_solve(stiffness, force):
-        for a in range(nf):
-            for i in range(n):
-                q[i] += S[i, free[a]] * force[a]
 
 
 @compiled(matrix(matrix, indices))
@@ -115,6 +77,37 @@ def submatrix(W: Array, rows: Indices) -> Array:
         for j in range(len(rows)):
             part[i, j] = W[rows[i], rows[j]]
     return part
+
+
+@compiled(types.void(matrix, i8, matrix, matrix, i8, vector, vector, matrix, matrix, matrix, matrix, indices, vector))
+def balance_static(
+    q: Array, k: int, r: Array, f: Array, p: int, r_min: Array, r_max: Array, S: Array, SK: Array, SKS: Array, HS: Array,
+    free: Indices, force: Array,
+) -> None:  # fmt: skip
+    """Shift q[k + 1] along the rows of S that nothing holds so that S (f[p] - K q[k + 1] + Hᵀ r[k]) = 0 there.
+
+    SK = S K, SKS = S K Sᵀ and HS = H Sᵀ; ``free`` and ``force`` (ns,) are room to work in.
+    """
+    ns, nc = HS.shape[1], HS.shape[0]
+    nf = 0
+    for s in range(ns):
+        held, unbalanced = False, 0.0
+        for i in range(nc):
+            near = SLIPS * r_max[i] if r_max[i] < np.inf else 0.0
+            held = held or (HS[i, s] != 0.0 and r_min[i] + near < r[k, i] < r_max[i] - near)
+            unbalanced += HS[i, s] * r[k, i]
+        if not held:
+            for j in range(S.shape[1]):
+                unbalanced += S[s, j] * f[p, j] - SK[s, j] * q[k + 1, j]
+            free[nf], force[nf] = s, unbalanced
+            nf += 1
+    if nf == 1 and SKS[free[0], free[0]] != 0.0:
+        force[0] /= SKS[free[0], free[0]]
+    elif nf == 0 or not lu_solve(submatrix(SKS, free[:nf]), force[:nf]):
+        return
+    for a in range(nf):
+        for j in range(S.shape[1]):
+            q[k + 1, j] += S[free[a], j] * force[a]
 
 
 @compiled(types.boolean(matrix, types.boolean[::1], indices, vector))
@@ -196,10 +189,57 @@ def overlaps(
 
 
 @compiled(
+    types.Tuple((i8, i8, i8, f8))(
+        i8, f8, f8, matrix, matrix, vector, indices, i8, matrix, vector, vector, vector, vector, vector, types.boolean, f8,
+        i8, KERNEL, SPRINGS, matrix, matrix, matrix, matrix, matrix, matrix, vector, vector, vector, vector, matrix, flags,
+        indices, vector, vector, indices, vector,
+    )
+)  # fmt: skip
+def solve_step(
+    k: int, h: float, θ: float, q: Array, v: Array, w: Array, active: Indices, na: int, W: Array, b: Array, lower: Array,
+    upper: Array, z: Array, gap: Array, plain: bool, tol: float, max_iter: int, solve: Kernel, solve_with_springs: Springs,
+    H: Array, G: Array, N: Array, Gs: Array, NGs: Array, springs: Array, y_free: Array, δ: Array, y: Array, s: Array,
+    lines: Array, meets: Flags, order: Indices, u0: Array, e: Array, kind: Indices, shift: Array,
+) -> tuple[int, int, int, float]:  # fmt: skip
+    """Solve the law of step k on its ``na`` active rows, with the springs, and again while impulse paths meet in it."""
+    ns, n = len(springs), len(kind)
+    iterations, newton = 0, 0
+    while True:
+        if ns > 0:
+            HGs, NG = np.zeros((na, ns)), np.zeros((ns, na))
+            for a in range(ns):
+                y_free[a], δ[a] = 0.0, -springs[a, 0]
+                for j in range(n):
+                    y_free[a] += N[a, j] * w[j]
+                    δ[a] -= N[a, j] * q[k, j]
+                    for i in range(na):
+                        HGs[i, a] += H[active[i], j] * Gs[j, a]
+                        NG[a, i] += N[a, j] * G[j, active[i]]
+            status, count, tried, residual = solve_with_springs(
+                submatrix(W, active[:na]), b[:na], lower[:na], upper[:na], z[:na], gap[:na], plain, tol, max_iter, solve,
+                HGs, NG, NGs, y_free, δ, springs, θ * h, h, y, s,
+            )  # fmt: skip
+        else:
+            status, count, residual = solve_law(
+                submatrix(W, active[:na]), b[:na], lower[:na], upper[:na], z[:na], gap[:na], plain, tol, max_iter, solve
+            )
+            tried = 0
+        iterations, newton = iterations + count, newton + tried
+        if status != SOLVED or not closes(lines, meets, active[:na], z):
+            meets[:], shift[:] = False, 0.0
+            return status, iterations, newton, residual
+        for a in range(na):
+            b[a] -= shift[active[a]] / h
+        overlaps(lines, meets, order, H, u0, e, kind, q[k], v[k], h, θ, shift)
+        for a in range(na):
+            b[a] += shift[active[a]] / h
+
+
+@compiled(
     types.Tuple((i8, i8, i8, i8, f8))(
         i8, i8, f8, f8, matrix, matrix, matrix, matrix, matrix, matrix, matrix, vector, vector, vector, vector, vector,
-        indices, indices, matrix, indices, matrix, matrix, matrix, matrix, matrix, matrix, matrix, matrix, f8, i8, KERNEL,
-        SPRINGS, types.boolean,
+        indices, indices, matrix, indices, matrix, matrix, matrix, matrix, matrix, matrix, matrix, matrix, matrix, matrix,
+        f8, i8, KERNEL, SPRINGS, types.boolean,
     )
 )  # fmt: skip
 def steps(
@@ -224,7 +264,9 @@ def steps(
     lines: Array,
     order: Indices,
     S: Array,
-    K: Array,
+    SK: Array,
+    SKS: Array,
+    HS: Array,
     N: Array,
     Gs: Array,
     springs: Array,
@@ -242,9 +284,10 @@ def steps(
     w_free = Pq q + Pv v + Pf, with one row of Pf (A⁻¹ f_θ) and of f (the load at the end) for each step, or one for all;
     G = A⁻¹ B and Gs = A⁻¹ Nᵀ; ``level`` (nc,) is what u is divided by time with; ``kind`` (n,) tells nodes without mass
     (0), with mass (1), and with a motion that stands in q and v already (2); ``lines`` (np, nc) are the impulse paths over
-    massless nodes, and ``order`` (nc,) is that of `overlaps`; S holds the static coordinates. With ``stops`` the status is
-    SWITCHES where other rows push than in the step before, and that step is not taken. Returns the status, the step reached,
-    the sums of the LCP and Newton iterations, and the largest residual, found outside the solver.
+    massless nodes, and ``order`` (nc,) is that of `overlaps`; the rows of S are the static coordinates, with the products
+    of `balance_static`. With ``stops`` the status is SWITCHES where other rows push than in the step before, and that step
+    is not taken. Returns the status, the step reached, the sums of the LCP and Newton iterations, and the largest residual,
+    found outside the solver.
     """
     n, nc, ns = len(kind), len(degree), len(springs)
     w, b, z, active = np.empty(n), np.empty(nc), np.zeros(nc), np.empty(nc, np.int64)
@@ -252,6 +295,7 @@ def steps(
     y_free, δ, y, s = np.empty(ns), np.empty(ns), np.zeros(ns), np.zeros(ns)
     nl = len(lines)
     meets, shift = np.zeros(nl, np.bool_), np.zeros(nc)
+    free_static, force_static = np.empty(len(S), np.int64), np.empty(len(S))
     NGs = N @ Gs
     plain = True
     for i in range(nc):
@@ -287,50 +331,17 @@ def steps(
             na += 1
 
         status, count, tried, residual = SOLVED, 0, 0, 0.0
-        while True:
-            if ns > 0:
-                HGs, NG = np.zeros((na, ns)), np.zeros((ns, na))
-                for a in range(ns):
-                    y_free[a], δ[a] = 0.0, -springs[a, 0]
-                    for j in range(n):
-                        y_free[a] += N[a, j] * w[j]
-                        δ[a] -= N[a, j] * q[k, j]
-                        for i in range(na):
-                            HGs[i, a] += H[active[i], j] * Gs[j, a]
-                            NG[a, i] += N[a, j] * G[j, active[i]]
-                status, count, tried, residual = solve_with_springs(
-                    submatrix(W, active[:na]), b[:na], lower[:na], upper[:na], z[:na], gap[:na], plain, tol, max_iter, solve,
-                    HGs, NG, NGs, y_free, δ, springs, θ * h, h, y, s,
-                )  # fmt: skip
-            elif na == nc and nc > 0:
-                # The lines of solve_law: to call it costs as much as to solve one row.
-                status, count = solve(W, b, lower, upper, z, tol, max_iter)
-                residual = clear_residual(W, b, z, tol) if plain else np.inf
-                if residual == np.inf:
-                    status, residual = examine(status, W, b, lower, upper, z, gap, tol)
-            elif na > 0:
-                status, count, residual = solve_law(
-                    submatrix(W, active[:na]),
-                    b[:na],
-                    lower[:na],
-                    upper[:na],
-                    z[:na],
-                    gap[:na],
-                    plain,
-                    tol,
-                    max_iter,
-                    solve,
-                )
-            if nl == 0:
-                break
-            if status != SOLVED or not closes(lines, meets, active[:na], z):
-                meets[:], shift[:] = False, 0.0
-                break
-            for a in range(na):
-                b[a] -= shift[active[a]] / h
-            overlaps(lines, meets, order, H, u0, e, kind, q[k], v[k], h, θ, shift)
-            for a in range(na):
-                b[a] += shift[active[a]] / h
+        if na == nc > 0 and ns == 0 and nl == 0:
+            # The lines of solve_law: to call it costs as much as to solve one row.
+            status, count = solve(W, b, lower, upper, z, tol, max_iter)
+            residual = clear_residual(W, b, z, tol) if plain else np.inf
+            if residual == np.inf:
+                status, residual = examine(status, W, b, lower, upper, z, gap, tol)
+        elif na + ns > 0:
+            status, count, tried, residual = solve_step(
+                k, h, θ, q, v, w, active, na, W, b, lower, upper, z, gap, plain, tol, max_iter, solve, solve_with_springs,
+                H, G, N, Gs, NGs, springs, y_free, δ, y, s, lines, meets, order, u0, e, kind, shift,
+            )  # fmt: skip
         iterations += count
         newton += tried
         if status != SOLVED:
@@ -357,8 +368,8 @@ def steps(
             v[k + 1, i] = v[k, i] + (w[i] - v[k, i]) * per_θ if kind[i] == MASSIVE else w[i]
             if not abs(q[k + 1, i]) < np.inf:
                 return NON_FINITE, k, iterations, newton, worst
-        if S.shape[1] > 0:
-            balance_static(q[k + 1], r[k], r_min, r_max, f[p], S, K, H)
+        if len(S) > 0:
+            balance_static(q, k, r, f, p, r_min, r_max, S, SK, SKS, HS, free_static, force_static)
     return SOLVED, last, iterations, newton, worst
 
 
@@ -480,13 +491,14 @@ class MoreauJean(TimeStepping[Step]):
         kind = np.select([driven, d.massive], [DRIVEN, MASSIVE], 0)
         # Along an impulse path the contacts at a mass close exactly, and those at the ground overlap.
         order = np.argsort(-np.abs(d.H[:, d.massive]).sum(axis=1), kind="stable")
-        static = decompose(d.M, d.C, driven).static
+        static = d.decomposition.static
         static = static[:, ~(np.abs(d.directions) @ np.abs(static)).any(axis=0)]
         operators = tuple(
             np.array(a, order="C")
             for a in (
                 *(Pq, Pv, G, W, d.H, d.u0, level, d.restitution, d.r_min, d.r_max, d.relative_degree, kind),
-                *(d.impulse_lines, order, static, d.K, d.directions, Gs, d.power_laws),
+                *(d.impulse_lines, order, static.T, static.T @ d.K, static.T @ d.K @ static, d.H @ static),
+                *(d.directions, Gs, d.power_laws),
             )
         )
         tol, max_iter = limits(solver, self.tol, self.max_iter)
@@ -536,7 +548,8 @@ class MoreauJean(TimeStepping[Step]):
         springs = step.around
         if not solver.compiled:
             inner = interpreted(solve_law)
-            kernel, springs = interpreted(steps, solve_law=inner), interpreted(springs, solve_law=inner)
+            kernel = interpreted(steps, solve_step=interpreted(solve_step, solve_law=inner))
+            springs = interpreted(springs, solve_law=inner)
         code, reached, iterations, newton, residual = kernel(
             first, first + len(times) - 1, step.h, step.θ, Pf, f, *step.operators,
             record.q, record.v, record.reaction, step.tol, step.max_iter, solver.kernel, springs, stops,

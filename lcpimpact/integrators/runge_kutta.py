@@ -497,8 +497,7 @@ class ExplicitRungeKutta(Integrator):
 
     def limits(self) -> Limits:
         """Return those of contacts that are held by their accelerations, and drift within `HELD`."""
-        # An impact on the grid keeps the force of the step before it: two steps' bends are those of one.
-        return replace(super().limits(), precision=1e2 * HELD * ROUNDING, slack=2.0 * self.declared.slack)
+        return replace(super().limits(), precision=1e2 * HELD * ROUNDING)
 
     def reaction_times(self, grid: Grid) -> Array:
         """Return the grid."""

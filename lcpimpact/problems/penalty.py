@@ -19,7 +19,6 @@ from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.free_vibration import angle
 from lcpimpact.registry import nearest
-from lcpimpact.scheme.decomposition import decompose
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.elements.bumper import Bumper
@@ -202,7 +201,7 @@ def _impact(dynamics: Dynamics, bumper: Bumper, e: float | None) -> tuple[float 
     contact = dynamics.contacts[row]
     if contact.relative_degree < 2:
         return None, 0.0
-    E = decompose(dynamics.M, dynamics.C, dynamics.driven).massive
+    E = dynamics.decomposition.massive
     h = dynamics.H[row] @ E
     mobility = float(h @ np.linalg.solve(E.T @ dynamics.M @ E, h))
     if mobility == 0.0:

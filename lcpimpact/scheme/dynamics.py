@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.scheme.decomposition import decompose
+from lcpimpact.scheme.decomposition import Decomposition, decompose
 from lcpimpact.scheme.impulse_paths import extreme_rays, impulse_paths
 from lcpimpact.scheme.signals import PiecewisePolynomial, Signal
 from lcpimpact.scheme.terms import PowerLaw, Terms
@@ -140,11 +140,16 @@ class Dynamics:
         return found
 
     @cached_property
+    def decomposition(self) -> Decomposition:
+        """The kinds of coordinates."""
+        return decompose(self.M, self.C, self.driven)
+
+    @cached_property
     def impulse_paths(self) -> Array:
         """The contacts through which an impulse can pass from mass to mass or ground, one path a row (np, nc)."""
         paths = np.zeros((0, len(self.contacts)))
         if self.massive.any():
-            parts, rows = decompose(self.M, self.C, self.driven), ~self.slides
+            parts, rows = self.decomposition, ~self.slides
             massless = np.column_stack([parts.damped, parts.static])
             found = impulse_paths(parts.massive.T @ self.B[:, rows], massless.T @ self.B[:, rows])
             paths = np.zeros((len(found), len(self.contacts)))
@@ -155,7 +160,7 @@ class Dynamics:
     def gap_paths(self) -> Array:
         """The contacts whose gaps add up to one that no static node changes, so that it must not be negative (nr, nc)."""
         rows = ~self.slides
-        rays = extreme_rays(decompose(self.M, self.C, self.driven).static.T @ self.B[:, rows])
+        rays = extreme_rays(self.decomposition.static.T @ self.B[:, rows])
         paths = np.zeros((len(rays), len(self.contacts)))
         paths[:, rows] = rays
         return paths
@@ -330,4 +335,4 @@ def _values(function: Callable[[float], float], times: Array) -> Array:
 def _quadratic_form(matrix: Array, x: ArrayLike) -> Array:
     """Return xᵀ matrix x for x of shape (..., n)."""
     vectors = np.asarray(x, dtype=np.float64)
-    return np.asarray(((vectors @ matrix) * vectors).sum(axis=-1))
+    return np.asarray(np.einsum("...i,...i->...", vectors @ matrix, vectors))

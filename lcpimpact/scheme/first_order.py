@@ -24,7 +24,7 @@ from scipy.linalg import block_diag
 from lcpimpact.arrays import Array
 from lcpimpact.double_double import DoubleDouble, solve, stacked
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.scheme.decomposition import Decomposition, decompose
+from lcpimpact.scheme.decomposition import Decomposition
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import NAMED, Described, Harmonic, PiecewisePolynomial
 
@@ -128,7 +128,7 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
     UnsupportedError
         If a load or a motion is another function of time.
     """
-    parts = decompose(dynamics.M, dynamics.C, dynamics.driven)
+    parts = dynamics.decomposition
     Em, Ed, Es, Ep = parts.massive, parts.damped, parts.static, parts.driven
     nm, nd = Em.shape[1], Ed.shape[1]
     f, y, generator, sources = _signal_states(dynamics)
@@ -230,7 +230,7 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
         is given is another function of time.
     """
     d, n, nc = dynamics, len(dynamics.nodes), len(dynamics.contacts)
-    parts = decompose(d.M, d.C, d.driven)
+    parts = d.decomposition
     for spring, direction in zip(d.springs, d.directions, strict=True):
         for basis, where, hinders in (
             (parts.static, "held by springs only", True),
