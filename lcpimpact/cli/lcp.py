@@ -13,7 +13,7 @@ from rich.console import Console
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError
-from lcpimpact.files import check_output, whole_file
+from lcpimpact.files import check_outputs, whole_file
 
 if TYPE_CHECKING:
     from lcpimpact.lcp.operators import Delassus
@@ -61,10 +61,7 @@ def solve(
     from lcpimpact.lcp.solve import solve_lcp
     from lcpimpact.plotting.style import METADATA as DRAWN_AS
 
-    if out is not None:
-        check_output(out, SAVED_AS)
-    if plot is not None:
-        check_output(plot, DRAWN_AS)
+    check_outputs(((out, SAVED_AS), (plot, DRAWN_AS)), (file,) if q is None else (file, q))
     problem = read_lcp(file, q)
     M, n = problem.M, problem.M.n
     low, high, bounded = bounds(

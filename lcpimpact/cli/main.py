@@ -11,6 +11,7 @@ from typer import Abort
 from typer.exceptions import TyperException
 
 from lcpimpact.errors import FailureError, LcpImpactError
+from lcpimpact.files import outputs_together
 
 INTERRUPTED = 130
 
@@ -26,7 +27,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     try:
         # Typer itself turns Ctrl-C within a command into the exit code 130.
-        code = app(args=None if arguments is None else list(arguments), prog_name="lcpimpact", standalone_mode=False)
+        with outputs_together():
+            code = app(
+                args=None if arguments is None else list(arguments), prog_name="lcpimpact", standalone_mode=False
+            )
     except (KeyboardInterrupt, Abort):
         code = INTERRUPTED
     except TyperException as error:

@@ -13,7 +13,7 @@ from rich.console import Console
 from tqdm import tqdm
 
 from lcpimpact.errors import InputError
-from lcpimpact.files import check_output, whole_file
+from lcpimpact.files import check_outputs, whole_file
 from lcpimpact.integrators import METHODS
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.registry import nearest
@@ -120,16 +120,23 @@ def _assignment(text: str) -> tuple[str, Any]:
 TABLES = (".csv", ".tex")
 
 
-def check_outputs(
-    tables: Iterable[Path | None], plot: Path | None, report: Path | None, forms: tuple[str, ...] = TABLES
+def check_study(
+    inputs: Iterable[str | Path],
+    tables: Iterable[Path | None],
+    plot: Path | None,
+    report: Path | None,
+    forms: tuple[str, ...] = TABLES,
 ) -> None:
     """Refuse, before any work is done, files of a study that cannot be written; ``forms`` are the endings of its tables."""
     from lcpimpact.plotting.style import METADATA as DRAWN_AS
     from lcpimpact.report.report import ENDINGS
 
-    for path, endings in (*((table, forms) for table in tables), (plot, DRAWN_AS), (report, ENDINGS)):
-        if path is not None:
-            check_output(path, endings)
+    check_outputs((*((table, forms) for table in tables), (plot, DRAWN_AS), (report, ENDINGS)), files(*inputs))
+
+
+def files(*inputs: str | Path) -> list[Path]:
+    """Return the inputs of a command that are files, and no names of registered problems."""
+    return [Path(each) for each in inputs if isinstance(each, Path) or _is_file(each)]
 
 
 def write_table(table: DataFrame, path: Path) -> str:

@@ -161,7 +161,7 @@ def hausdorff(A: Array, B: Array) -> float:
 def too_many_pieces() -> FailureError:
     """Return the error for graphs that turn too often to be compared."""
     return FailureError(
-        f"the distance of the graphs would take more than {MOST_PIECES:,} pieces: the runs turn too often, or hold noise; take "
-        "a shorter t_end, or name other norms",
+        f"the distance of the graphs would take more than {MOST_PIECES:,} pieces: the runs turn too often, or hold noise; "
+        "take a shorter t_end, or name other norms",
         None,
     )
