@@ -87,6 +87,27 @@ def _same(a: Path, b: Path) -> bool:
         return os.path.realpath(a) == os.path.realpath(b)
 
 
+STARTS_FORMULA = ("=", "+", "-", "@")
+
+
+def cell_of(word: str) -> str:
+    """Return how a word stands in a CSV file: behind an apostrophe where a spreadsheet would run it as a formula.
+
+    Examples
+    --------
+    >>> [cell_of(word) for word in ("x", "=1+1", "'-x")]
+    ['x', "'=1+1", "''-x"]
+    >>> word_of(cell_of("'-x"))
+    "'-x"
+    """
+    return f"'{word}" if word.lstrip("'").startswith(STARTS_FORMULA) else word
+
+
+def word_of(cell: str) -> str:
+    """Return the word of a cell that `cell_of` wrote."""
+    return cell[1:] if cell.startswith("'") and cell.lstrip("'").startswith(STARTS_FORMULA) else cell
+
+
 @contextmanager
 def reading(path: Path, smaller: str) -> Iterator[None]:
     """Say of which file an error is, and of one that does not fit in memory what to give instead.

@@ -15,5 +15,5 @@ def is_real(value: Any) -> bool:
 
 
 def is_count(value: Any) -> bool:
-    """Return whether a value is a whole number above zero."""
-    return is_real(value) and value >= 1 and value == int(value)
+    """Return whether a value is a whole number above zero that a machine counts to."""
+    return is_real(value) and 1 <= value < 2**63 and value == int(value)

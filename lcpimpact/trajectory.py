@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from lcpimpact.arrays import Array
 from lcpimpact.certificate import Certificate, certify
 from lcpimpact.errors import InputError, Status, UnsupportedError
-from lcpimpact.files import check_output, whole_file, whole_files
+from lcpimpact.files import cell_of, check_output, whole_file, whole_files
 from lcpimpact.integrators.base import Dense, Event, Integrator, Record, State
 from lcpimpact.integrators.spring_law import pushes
 from lcpimpact.problems.base import Problem
@@ -72,6 +72,12 @@ class Trajectory:
     stats: Mapping[str, float]
     dense: Dense | None = None
     integrator: Integrator | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("t", "q", "v", "t_reaction", "reaction"):
+            array = getattr(self, name).view()
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
 
     @property
     def success(self) -> bool:
@@ -289,17 +295,19 @@ class Trajectory:
         empty = [""] * (1 + self.forces.shape[1])
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow(header)
+            writer.writerow(map(cell_of, header))
             writer.writerows(a + b for a, b in zip_longest(motion, forces, fillvalue=empty))
 
     def _write_events(self, path: Path) -> None:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow([*EVENT_COLUMNS, *(f"{name}_{side}" for side in SIDES for name in self.names)])
+            writer.writerow(
+                map(cell_of, [*EVENT_COLUMNS, *(f"{name}_{side}" for side in SIDES for name in self.names)])
+            )
             for event in self.events:
                 limits = [getattr(event, side) for side in SIDES]
                 numbers = [np.concatenate([each.q, each.v, each.reaction]).tolist() for each in limits]
-                writer.writerow([*(getattr(event, name) for name in EVENT_COLUMNS), *numbers[0], *numbers[1]])
+                writer.writerow([event.t, cell_of(event.contact), event.kind, event.impulse, *numbers[0], *numbers[1]])
 
     def _write_npz(self, path: Path) -> None:
         with path.open("wb") as file:

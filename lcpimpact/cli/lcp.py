@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 
 from lcpimpact.arrays import Array
+from lcpimpact.cli.options import say
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.files import check_outputs, whole_file
 
@@ -102,7 +102,7 @@ def solve(
 
         plot_cones(M, problem.q, plot)
         lines += [f"  drew        {plot}"]
-    Console(highlight=False, soft_wrap=True, markup=False, emoji=False).print("\n".join(lines))
+    say(*lines)
     if not solution.success:
         unwritten = f" ({str(out)!r} was not written)" if out is not None else ""
         raise FailureError(f"{problem.name} by {solution.solver}: {solution.message}{unwritten}", solution)

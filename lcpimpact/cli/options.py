@@ -12,8 +12,9 @@ import typer
 from rich.console import Console
 from tqdm import tqdm
 
+from lcpimpact.arguments import visible
 from lcpimpact.errors import InputError
-from lcpimpact.files import check_outputs, whole_file
+from lcpimpact.files import cell_of, check_outputs, whole_file
 from lcpimpact.integrators import METHODS
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.registry import nearest
@@ -143,11 +144,16 @@ def write_table(table: DataFrame, path: Path) -> str:
     """Write a table as CSV, or as a LaTeX table with the rules of booktabs, and return the line that says so."""
     with whole_file(path) as part:
         if path.suffix == ".csv":
-            table.to_csv(part, index=False)
+            words = {name: table[name].map(_cell) for name in table.columns if table[name].dtype.kind not in "fiub"}
+            table.assign(**words).rename(columns=_cell).to_csv(part, index=False)
         else:
             text = table.to_latex(index=False, escape=True, float_format="%.3g", na_rep="-")
             part.write_text(text, encoding="utf-8")
     return f"wrote {path}"
+
+
+def _cell(value: Any) -> Any:
+    return cell_of(value) if isinstance(value, str) else value
 
 
 def taking_part(text: str) -> dict[str, Integrator]:
@@ -182,4 +188,4 @@ def bar(items: Iterable[Any], total: int, what: str) -> Iterable[Any]:
 
 def say(*lines: str) -> None:
     """Print lines as they are."""
-    Console(highlight=False, soft_wrap=True, markup=False, emoji=False).print("\n".join(lines))
+    Console(highlight=False, soft_wrap=True, markup=False, emoji=False).print(visible("\n".join(lines)))

@@ -19,6 +19,7 @@ from lcpimpact.plotting.timeline import (
     curves,
     mark_events,
     math_text,
+    plain_text,
     shown_events,
     shown_forces,
     shown_nodes,
@@ -130,7 +131,7 @@ def draw_panel(ax: Axes, panel: Panel, *, faint: bool = False) -> None:
 
 def title_of(trajectory: Trajectory) -> str:
     """Return what a picture of a run is called."""
-    title = f"{trajectory.problem.name} by {_method(trajectory.method)}"
+    title = plain_text(f"{trajectory.problem.name} by {_method(trajectory.method)}")
     if not trajectory.success:
         title += f": {trajectory.status.name.lower().replace('_', '-')} at t = {trajectory.t[-1]:g} s"
     if (events := len(shown_events(trajectory))) >= MANY:

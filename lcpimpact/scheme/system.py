@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lcpimpact.arguments import is_name
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
@@ -91,7 +92,7 @@ class LinearComplementaritySystem:
         for field, letter, count in (("states", "x", n), ("multipliers", "λ", m)):
             names = getattr(self, field)
             names = tuple(f"{letter}{i + 1}" for i in range(count)) if names is None else tuple(names)
-            if len(names) != count or not all(isinstance(each, str) and each for each in names):
+            if len(names) != count or not all(map(is_name, names)):
                 raise InputError(f"{field} of the system must hold {count} names")
             object.__setattr__(self, field, names)
         every = ["t", "t_R", *self.names, *(f"v_{name}" for name in self.states or ())]

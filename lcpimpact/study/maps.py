@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status
 from lcpimpact.integrators.base import Event, Integrator
@@ -106,6 +107,7 @@ class Crossing:
 Section = Stroboscope | Impacts | Crossing
 
 
+@checked
 def section_of(text: str | Section) -> Section:
     """Return the section that a text tells, as on the command line.
 
@@ -166,6 +168,7 @@ class Points(NamedTuple):
         return Points(self.t[count:], self.q[count:], self.v[count:], self.speed[count:], self.last)
 
 
+@checked
 def poincare(
     problem: Problem,
     section: str | Section = "force",
@@ -507,6 +510,7 @@ def each_of(function: Callable[[Any], Any], items: Sequence[Any], workers: int |
         yield from pool.map(function, items)
 
 
+@checked
 def bifurcation(
     family: Callable[[float], Problem],
     values: Iterable[float],
@@ -625,6 +629,7 @@ class Basins:
     attractors: pd.DataFrame
 
 
+@checked
 def basins(
     family: Callable[[float, float], Problem],
     first: Iterable[float],

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.integrators.base import Event
@@ -453,6 +454,7 @@ NORMS = {
 }
 
 
+@checked
 def errors(run: Trajectory, truth: Trajectory, norms: Sequence[str] | None = None) -> dict[str, float]:
     """Return how far a run is from the truth, in all norms or those that are named.
 

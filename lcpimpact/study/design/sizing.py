@@ -21,6 +21,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
 
+from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
@@ -134,6 +135,7 @@ class Design:
         return table
 
 
+@checked
 def design(
     law: str,
     *,
