@@ -8,6 +8,7 @@ import types
 import typing
 import unicodedata
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import fields
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -96,6 +97,25 @@ def check_kind(name: str, value: Any, hint: Any) -> None:
         raise InputError(wrong)
 
 
+def check_fields(thing: Any) -> None:
+    """Refuse a dataclass whose fields are not of the kinds that it declares, as `checked` does arguments.
+
+    Raises
+    ------
+    InputError
+        Naming the field.
+    """
+    kind: Any = type(thing)
+    for name, hint in _field_hints(kind).items():
+        check_kind(name, getattr(thing, name), hint)
+
+
+@functools.cache
+def _field_hints(kind: Any) -> dict[str, Any]:
+    hints = get_type_hints(kind)
+    return {each.name: hints[each.name] for each in fields(kind)}
+
+
 def is_name(value: Any) -> bool:
     """Return whether a value is a string that is not empty and holds nothing that a reader cannot see.
 
@@ -105,6 +125,11 @@ def is_name(value: Any) -> bool:
     (True, True, False, False, False)
     """
     return isinstance(value, str) and value != "" and not any(unicodedata.category(each) in HIDDEN for each in value)
+
+
+def is_sequence(value: Any) -> bool:
+    """Return whether a value has a length and things in it, and is no string."""
+    return _is_kind(value, Sequence)
 
 
 def visible(text: str) -> str:
@@ -153,7 +178,7 @@ def _wrong(name: str, value: Any, hint: Any) -> str | None:
         return _first(
             _wrong(f"{name}[{i}]", part, kind) for i, (part, kind) in enumerate(zip(value, each, strict=False))
         )
-    if origin in (Sequence, Collection, list) and parts:
+    if origin in (Sequence, Collection, Iterable, list) and parts and _is_sized(value):
         return _first(_wrong(f"{name}[{i}]", part, parts[0]) for i, part in enumerate(value))
     if origin in (Mapping, dict) and parts:
         return _first(
@@ -197,6 +222,8 @@ def _is_sized(value: Any) -> bool:
 
 
 def _must_be(name: str, value: Any, hint: Any) -> str:
+    if isinstance(value, str) and any((get_origin(each) or each) is Sequence for each in _kinds(hint)):
+        return f"{name} = {short(value)} must be a sequence: write [{value!r}]"
     remedies = [REMEDY[each.__name__] for each in _kinds(hint) if getattr(each, "__name__", "") in REMEDY]
     words = " or ".join(dict.fromkeys(_words(each) for each in _kinds(hint)))
     return f"{name} = {short(value)} must be {words}" + (f": {remedies[0]}" if remedies else "")

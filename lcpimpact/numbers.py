@@ -5,12 +5,17 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
+
+NUMBERS = (int, float, np.integer, np.floating)
+"""Others, as decimals and fractions, make arrays of objects."""
+
 
 def is_real(value: Any) -> bool:
     """Return whether a value is a finite real number (and not a bool)."""
     try:
-        return not isinstance(value, (bool, str)) and math.isfinite(value)
-    except (TypeError, OverflowError):
+        return isinstance(value, NUMBERS) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:
         return False
 
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from tqdm.auto import tqdm
 
+from lcpimpact.arguments import check_kind
 from lcpimpact.certificate import certify
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.events import events_of_springs, events_of_steps
@@ -98,6 +99,8 @@ def simulate(
     """
     if not isinstance(problem, Problem):
         raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
+    for name, value in (("throw", throw), ("progress", progress)):
+        check_kind(name, value, bool)
     integrator = make_integrator(method, method_options)
     grid = _grid(dt, t_end)
     _check_lcp_solver(integrator, lcp_solver)

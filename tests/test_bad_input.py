@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import inspect
 import math
 import re
 import tracemalloc
@@ -34,7 +33,6 @@ from lcpimpact import (
 from lcpimpact.errors import UnknownNameError
 from lcpimpact.integrators import METHODS as METHODS_BY_NAME
 from lcpimpact.integrators.moreau_jean import MoreauJean
-from lcpimpact.problems import PROBLEMS
 
 METHODS = ["moreau-jean", "exact", "rk4-paper"]
 
@@ -317,13 +315,10 @@ def test_the_free_memory_is_that_of_the_machine_or_of_the_job_and_unknown_elsewh
     assert memory.free_memory() == math.inf
 
 
-@pytest.mark.parametrize("count", ["n", "N", "elements"])
-def test_more_bodies_than_matrices_are_kept_of_are_refused_before_they_are_made(count):
-    names = [each for each in PROBLEMS if count in inspect.signature(PROBLEMS[each]).parameters]
-    assert names
-    for each in names:
-        with pytest.raises(InputError, match=rf"{count} = 1e\+09 must be a whole number from \d to"):
-            load_problem(each, **{count: 1e9})
+@pytest.mark.parametrize(("name", "count"), [("newtons-cradle", "N"), ("bar-impact", "elements")])
+def test_more_bodies_than_matrices_are_kept_of_are_refused_before_they_are_made(name, count):
+    with pytest.raises(InputError, match=rf"{count} = 1e\+09 must be a whole number, at least \d and at most 10,000"):
+        load_problem(name, **{count: 1e9})
 
 
 # ---- methods, solvers and options -----------------------------------------------------------------------------------

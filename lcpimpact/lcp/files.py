@@ -36,6 +36,7 @@ from zlib import error as ZlibError
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.files import check_output, reading, whole_file
@@ -106,6 +107,7 @@ class LCPFile:
     name: str
 
 
+@checked
 def read_lcp(path: str | Path, q: str | Path | None = None) -> LCPFile:
     """Read an LCP from a text file, a NumPy file or a Matrix Market file.
 
@@ -148,6 +150,7 @@ def read_lcp(path: str | Path, q: str | Path | None = None) -> LCPFile:
     return LCPFile(M, right, lower, upper, path.name)
 
 
+@checked
 def write_lcp(
     path: str | Path, M: Any, q: ArrayLike, lower: ArrayLike | None = None, upper: ArrayLike | None = None
 ) -> Path:

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Event
@@ -48,6 +49,7 @@ class Panel:
 
 
 @style()
+@checked
 def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> Figure:
     """Draw coordinates over time, forces below, and impulses below those if there are impacts; mark the events.
 

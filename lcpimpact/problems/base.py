@@ -179,5 +179,7 @@ def restitution(name: str, e: float) -> None:
 def whole(name: str, symbol: str, value: float, least: int = 1) -> int:
     """Return a parameter that counts bodies as an int, and refuse one that is no whole number, too small, or too large."""
     if not is_count(value) or not least <= value <= LARGEST:
-        raise InputError(f"{name}: {symbol} = {value:g} must be a whole number from {least} to {LARGEST:,}")
+        raise InputError(
+            f"{name}: {symbol} = {value:g} must be a whole number, at least {least} and at most {LARGEST:,}"
+        )
     return int(value)

@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import brentq
 
-from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
@@ -39,7 +38,6 @@ LAWS = {
 """The compliant laws, and what can be given for each beside k and e."""
 
 
-@checked
 def penalized(
     problem: Problem,
     law: str,

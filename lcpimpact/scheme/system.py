@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lcpimpact.arguments import is_name
+from lcpimpact.arguments import is_name, is_sequence
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
@@ -85,6 +85,8 @@ class LinearComplementaritySystem:
                 raise InputError(f"{name} of the system has the shape {array.shape}, and A and C ask for {shape}")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+        if self.a is not None and not is_sequence(self.a):
+            raise InputError(f"a of the system must be a sequence of {n} numbers or functions of time")
         a = tuple([0.0] * n if self.a is None else self.a)
         if len(a) != n or not all(callable(each) or is_real(each) for each in a):
             raise InputError(f"a of the system must hold {n} finite numbers or functions of time, one for each state")

@@ -390,8 +390,6 @@ def _run_all(
     watch: Watch,
 ) -> pd.DataFrame:
     """Check what was given, make the tasks, and run them in turn."""
-    if not isinstance(problem, Problem):
-        raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
     end = problem.t_end if t_end is None else t_end
     for name, values in (("t_end", [end]), ("dts", dts), ("rtols", rtols)):
         for value in values:

@@ -32,7 +32,7 @@ from scipy.optimize import least_squares
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from lcpimpact.arguments import checked
+from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.files import reading, word_of
@@ -91,6 +91,13 @@ class Target:
     measure: Callable[[Trajectory], float]
     value: float
     sigma: float | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not is_real(self.value):
+            raise InputError(f"Target: value = {self.value!r} must be a finite number")
+        if self.sigma is not None and not (is_real(self.sigma) and self.sigma > 0.0):
+            raise InputError(f"Target: sigma = {self.sigma!r} must be a positive finite number")
 
     @property
     def scale(self) -> float:

@@ -271,8 +271,6 @@ def _whole(**values: tuple[int, int]) -> None:
 
 def _checked(problem: Problem, where: Section) -> float | None:
     """Return the period of the force, after a look at whether the section fits the problem."""
-    if not isinstance(problem, Problem):
-        raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
     d = problem.dynamics
     names = [contact.name for contact in d.contacts]
     if isinstance(where, Stroboscope):

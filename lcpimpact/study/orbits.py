@@ -265,8 +265,6 @@ def _count(name: str, value: int, least: int) -> None:
 
 def refuse_power_laws(problem: Problem) -> None:
     """Refuse what has no exact solution."""
-    if not isinstance(problem, Problem):
-        raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
     if what := problem.dynamics.features.get(Feature.POWER_LAWS):
         raise UnsupportedError(
             f"{problem.name!r} has non-linear springs ({what}), which 'exact' does not handle: take a method that steps"

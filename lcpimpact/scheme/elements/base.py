@@ -89,6 +89,7 @@ def distinct(element: Element) -> None:
     count, symbols = len(getattr(type(element), "symbols", ())), getattr(element, "symbols", ())
     if not isinstance(symbols, tuple) or len(symbols) != count or not all(map(is_name, symbols)):
         raise InputError(f"symbols = {symbols!r} of a {type(element).__name__} must be a tuple of {count} strings")
+    named(element)
     for node in element.nodes:
         if not is_name(node):
             raise InputError(
@@ -101,7 +102,7 @@ def distinct(element: Element) -> None:
 
 def named(element: Any) -> None:
     """Refuse an element whose ``name`` is given and is no name."""
-    if element.name is not None and not is_name(element.name):
+    if getattr(element, "name", None) is not None and not is_name(element.name):
         raise InputError(
-            f"{element}: name = {element.name!r} must be a string that is not empty and has no hidden characters"
+            f"{type(element).__name__}: name = {element.name!r} must be a string that is not empty, without hidden characters"
         )
