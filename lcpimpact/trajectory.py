@@ -207,8 +207,6 @@ class Trajectory:
         '1.77 m/s'
         """
         problem = self.problem if problem is None else problem
-        if not isinstance(problem, Problem):
-            raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
         d, own = problem.dynamics, self.problem.dynamics
         for what, theirs, ours in (
             ("nodes", d.nodes, own.nodes),

@@ -12,7 +12,10 @@ import gc
 import io
 import json
 import math
+import os
 import signal
+import subprocess
+import sys
 import time
 import traceback
 import warnings
@@ -48,11 +51,11 @@ from lcpimpact.study.reference import reference
 LONGEST = 20.0
 """Seconds of processor time."""
 
-QUICK = 60
-"""Cases of each kind in a quick run."""
+QUICK = {"calls": 200, "scheme files": 60, "LCP files": 60, "commands": 20, "measurements": 5}
+"""Cases of each kind in a quick run, as their time allows."""
 
 MANY = {"calls": 10_000, "scheme files": 5_000, "LCP files": 4_000, "commands": 700, "measurements": 300}
-"""Cases of each kind in the slow run, 20,000 in all, about as their time allows."""
+"""Cases of each kind in the slow run, 20,000 in all."""
 
 SHARDS = 5
 """Parts of a slow run of one kind, which may run beside each other."""
@@ -945,7 +948,7 @@ def tried(kind, seed, folder):
     return wrong and f"case({kind!r}, {seed}): {what!r}\n{wrong}"
 
 
-CASES = [pytest.param(kind, range(QUICK), id=f"{kind}-quick") for kind in KINDS]
+CASES = [pytest.param(kind, range(QUICK[kind]), id=f"{kind}-quick") for kind in KINDS]
 CASES += [
     pytest.param(kind, range(1000 + i, 1000 + count, SHARDS), marks=pytest.mark.slow, id=f"{kind}-{i}")
     for kind, count in MANY.items()
@@ -971,7 +974,7 @@ SIGNALLED = {
 @pytest.mark.parametrize(("number", "codes"), [("SIGTERM", (143, -15)), ("SIGINT", (130, 1, -2))])
 @pytest.mark.parametrize("what", SIGNALLED)
 @pytest.mark.parametrize(
-    "after", [2.0, *(pytest.param(after, marks=pytest.mark.slow) for after in (0.1, 0.5, 1.0, 3.0, 5.0))]
+    "after", [0.7, *(pytest.param(after, marks=pytest.mark.slow) for after in (0.1, 1.5, 3.0, 5.0))]
 )
 def test_a_signal_ends_a_command_and_leaves_its_files_as_they_were_or_whole(folder, what, number, codes, after):
     start = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
@@ -1032,8 +1035,7 @@ def test_a_soak_of_random_schemes_by_all_methods_keeps_no_memory_and_calls_no_br
             gc.collect()
             early = resident()
     gc.collect()
-    print(
-        f"\n{runs} runs of {seed} schemes, {refused} refused, grown by {(resident() - early) / 1e6:.1f} MB; solved {solved}"
-    )
-    assert resident() - early < GROWTH
+    grown = (resident() - early) / 1e6
+    print(f"\n{runs} runs of {seed} schemes, {refused} refused, {grown:.1f} MB more; solved {solved}")  # noqa: T201
+    assert 1e6 * grown < GROWTH
     assert sum(solved.values()) > runs / 2

@@ -104,5 +104,5 @@ def named(element: Any) -> None:
     """Refuse an element whose ``name`` is given and is no name."""
     if getattr(element, "name", None) is not None and not is_name(element.name):
         raise InputError(
-            f"{type(element).__name__}: name = {element.name!r} must be a string that is not empty, without hidden characters"
+            f"{type(element).__name__}: name = {element.name!r} must be a string, not empty and without hidden characters"
         )
