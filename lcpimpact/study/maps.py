@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from lcpimpact.arguments import checked
+from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status
 from lcpimpact.integrators.base import Event, Integrator
@@ -55,6 +55,7 @@ class Stroboscope:
     period: float | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if not (is_real(self.phase) and 0.0 <= self.phase < 1.0):
             raise InputError(f"phase = {self.phase!r} must be a share of the period, from 0 to below 1")
         if self.period is not None and not (is_real(self.period) and self.period > 0.0):
@@ -100,6 +101,7 @@ class Crossing:
     direction: int = 0
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if not is_real(self.level) or self.direction not in (-1, 0, 1):
             raise InputError(f"{self}: the level must be a number, and the direction 1, -1 or 0")
 
