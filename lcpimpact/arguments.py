@@ -161,6 +161,9 @@ def _wrong(name: str, value: Any, hint: Any) -> str | None:
         return None
     origin, parts = get_origin(hint) or hint, get_args(hint)
     if origin in (Union, types.UnionType):
+        # What NumPy makes an array of is known to NumPy alone.
+        if any(getattr(get_origin(part), "__name__", "") == "_SupportsArray" for part in parts):
+            return None
         found = [_wrong(name, value, part) for part in parts]
         if None in found:
             return None
