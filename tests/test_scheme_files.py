@@ -250,10 +250,9 @@ UNWRITABLE = {
         li.LinearComplementaritySystem([[0.0]], [[1.0]], [[1.0]], a=[lambda t: t]), {}, "a of system is a Python function"
     ),
     "element of one's own": (Scheme(MASS, Own("x", "ground", 1.0)), {}, "Own between.*of your own.*Mass, Spring"),
-    "number that is no float": (Scheme(MASS), {"parameters": {"m": Decimal("0.1")}}, "plain numbers"),
+    "number that is no float": (Scheme(MASS), {"parameters": {"m": Decimal("0.1")}}, "cannot stand in a file"),
     "parameter that is no number": (Scheme(MASS), {"parameters": {"m": None}}, "m of parameters = None"),
     "half a character": (Scheme(MASS), {"source": "\ud800"}, "half a character"),
-    "name that is no string": (Scheme(MASS), {"name": 3}, "name = 3 of a problem must be a string"),
     "endless name": (Scheme(MASS), {"name": "n" * 2000}, "2,000 characters"),
     "no time": (Scheme(MASS), {"t_end": -1.0}, "t_end = -1"),
 }  # fmt: skip
