@@ -3,17 +3,28 @@
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
-import tempfile
+import signal
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import FrameType
 
 from lcpimpact.errors import InputError
 
+TERMINATED = 128 + int(signal.SIGTERM)
+"""The exit code of a process that was told to end."""
+
+LONGEST = 60
+"""Of the name of a file so many letters begin the name of its part, which must not be too long either."""
+
 
 def check_output(path: Path, endings: Iterable[str]) -> None:
-    """Refuse, before any work is done, a file whose ending tells no known format or whose folder cannot be written.
+    """Refuse, before any work is done, a file whose ending tells no known format, or that cannot be written.
 
     Raises
     ------
@@ -22,11 +33,79 @@ def check_output(path: Path, endings: Iterable[str]) -> None:
     """
     if path.suffix not in endings:
         raise InputError(f"cannot write {str(path)!r}: the name must end in one of {', '.join(endings)}")
-    folder = _followed(path).parent
+    target = _followed(path)
+    folder = target.parent
+    if target.is_dir():
+        raise InputError(f"cannot write {str(path)!r}: a folder has that name; name another")
+    if target.exists() and not os.access(target, os.W_OK):
+        raise InputError(f"cannot write {str(path)!r}: the file may not be written to; name another, or allow it")
     if not folder.is_dir():
         raise InputError(f"cannot write {str(path)!r}: there is no folder {str(folder)!r}; make it, or name another")
     if not os.access(folder, os.W_OK):
         raise InputError(f"cannot write {str(path)!r}: the folder may not be written to; name another")
+
+
+def check_outputs(outputs: Iterable[tuple[Path | None, Iterable[str]]], inputs: Iterable[Path] = ()) -> None:
+    """Refuse, before any work is done, files of one command that cannot be written, or not beside its inputs.
+
+    Within `outputs_together` these files are replaced at its end, all of them or none.
+
+    Parameters
+    ----------
+    outputs : iterable of (path or None, endings)
+        As for `check_output`; None is left out.
+    inputs : iterable of Path
+        What the command reads.
+
+    Raises
+    ------
+    InputError
+        Also where an output would replace an input or another output, by whatever name or link.
+    """
+    named = [(path, endings) for path, endings in outputs if path is not None]
+    given = list(inputs)
+    for i, (path, endings) in enumerate(named):
+        check_output(path, endings)
+        for other in given:
+            if _same(path, other):
+                raise InputError(f"cannot write {str(path)!r}: the input {str(other)!r} is that file; name another")
+        for other, _ in named[:i]:
+            if _same(path, other):
+                raise InputError(
+                    f"cannot write {str(path)!r}: another output, {str(other)!r}, is that file; name another"
+                )
+    together = _together.get()
+    if together is not None:
+        together.targets.update(Path(os.path.realpath(path)) for path, _ in named)
+
+
+def _same(a: Path, b: Path) -> bool:
+    """Say whether two names are of one file, through links of both kinds, whether it exists or not."""
+    try:
+        return os.path.samefile(a, b)
+    except OSError:
+        return os.path.realpath(a) == os.path.realpath(b)
+
+
+STARTS_FORMULA = ("=", "+", "-", "@")
+
+
+def cell_of(word: str) -> str:
+    """Return how a word stands in a CSV file: behind an apostrophe where a spreadsheet would run it as a formula.
+
+    Examples
+    --------
+    >>> [cell_of(word) for word in ("x", "=1+1", "'-x")]
+    ['x', "'=1+1", "''-x"]
+    >>> word_of(cell_of("'-x"))
+    "'-x"
+    """
+    return f"'{word}" if word.lstrip("'").startswith(STARTS_FORMULA) else word
+
+
+def word_of(cell: str) -> str:
+    """Return the word of a cell that `cell_of` wrote."""
+    return cell[1:] if cell.startswith("'") and cell.lstrip("'").startswith(STARTS_FORMULA) else cell
 
 
 @contextmanager
@@ -67,23 +146,86 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
-    """Do as `whole_file` for files that belong together: all of them are replaced, or none is."""
+    """Do as `whole_file` for files that belong together: all of them are replaced, or none is.
+
+    Files that existed keep their modes. Ctrl-C and SIGTERM leave nothing behind.
+    """
     targets, parts = [_followed(path) for path in paths], list[Path]()
+    with _terminable():
+        try:
+            try:
+                for target in targets:
+                    parts.append(_name_beside(target))
+                    parts[-1].touch(0o600, exist_ok=False)
+            except OSError as error:
+                raise InputError(
+                    f"cannot write {_names(paths)}: {error.strerror}; name a folder that can be written"
+                ) from None
+            yield tuple(parts)
+            for part, target in zip(parts, targets, strict=True):
+                part.chmod(target.stat().st_mode & 0o7777 if target.exists() else 0o666 & ~_umask())
+            together = _together.get()
+            if together is not None and {Path(os.path.realpath(target)) for target in targets} <= together.targets:
+                together.waiting += zip(parts, targets, strict=True)
+                parts = []
+            else:
+                _replace(parts, targets)
+        except OSError as error:
+            raise InputError(f"cannot write {_names(paths)}: {error.strerror or error}; nothing was changed") from None
+        finally:
+            _remove(parts)
+
+
+@dataclass
+class _Together:
+    """Outputs that are replaced at one time: which they are, and the parts that wait for it."""
+
+    targets: set[Path] = field(default_factory=set)
+    waiting: list[tuple[Path, Path]] = field(default_factory=list)
+
+
+_together: ContextVar[_Together | None] = ContextVar("_together", default=None)
+
+
+@contextmanager
+def outputs_together() -> Iterator[None]:
+    """Replace the files that `check_outputs` is told of within all at the end, or none of them where an error passes.
+
+    Raises
+    ------
+    InputError
+        If one of them cannot be replaced.
+    """
+    together = _Together()
+    token = _together.set(together)
+    with _terminable():
+        try:
+            yield
+            parts, targets = [part for part, _ in together.waiting], [target for _, target in together.waiting]
+            try:
+                _replace(parts, targets)
+            except OSError as error:
+                raise InputError(f"cannot write {_names(targets)}: {error.strerror}; nothing was changed") from None
+        finally:
+            _together.reset(token)
+            _remove(part for part, _ in together.waiting)
+
+
+@contextmanager
+def _terminable() -> Iterator[None]:
+    """Let SIGTERM end the process as an exception does, so that parts are removed, where nobody else handles it."""
+    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    if ours:
+        signal.signal(signal.SIGTERM, _terminate)
     try:
-        for target in targets:
-            parts.append(_beside(target))
-    except OSError as error:
-        _remove(parts)
-        raise InputError(f"cannot write {_names(paths)}: {error.strerror}; name a folder that can be written") from None
-    try:
-        yield tuple(parts)
-        for part in parts:
-            part.chmod(0o666 & ~_umask())
-        _replace(parts, targets)
-    except OSError as error:
-        raise InputError(f"cannot write {_names(paths)}: {error.strerror or error}; nothing was changed") from None
+        yield
     finally:
-        _remove(parts)
+        if ours:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _terminate(number: int, frame: FrameType | None) -> None:
+    raise SystemExit(TERMINATED)
 
 
 def _replace(parts: Sequence[Path], targets: Sequence[Path]) -> None:
@@ -93,7 +235,7 @@ def _replace(parts: Sequence[Path], targets: Sequence[Path]) -> None:
         for part, target in zip(parts, targets, strict=True):
             # What is renamed last needs no copy: nothing can fail after it.
             if part != parts[-1]:
-                kept.append((target, _beside(target) if target.exists() else None))
+                kept.append((target, _name_beside(target) if target.exists() else None))
                 if kept[-1][1]:
                     shutil.copy2(target, kept[-1][1])
             part.replace(target)
@@ -118,11 +260,9 @@ def _followed(path: Path) -> Path:
     return target
 
 
-def _beside(path: Path) -> Path:
-    """Make an empty file of a new name in the folder of ``path``."""
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
-    os.close(handle)
-    return Path(name)
+def _name_beside(path: Path) -> Path:
+    """Return a new name in the folder of ``path``."""
+    return path.with_name(f".{path.stem[:LONGEST]}.{secrets.token_hex(6)}{path.suffix}")
 
 
 def _remove(parts: Iterable[Path]) -> None:

@@ -49,6 +49,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_or
 import numpy as np
 import tomlkit
 
+from lcpimpact.arguments import check_fields, checked
 from lcpimpact.errors import InputError
 from lcpimpact.files import check_output, reading, whole_file
 from lcpimpact.numbers import is_real
@@ -148,6 +149,7 @@ class Run:
         from lcpimpact.lcp import SOLVERS
         from lcpimpact.simulation import make_integrator
 
+        check_fields(self)
         make_integrator(self.method, dict(self.options))
         SOLVERS[self.solver]
         for name in ("dt", "t_end"):
@@ -239,6 +241,7 @@ def registered(name: str, parameters: Mapping[str, Any], run: Run | None = None)
     return SchemeFile(build(name, PROBLEMS[name], parameters), run or Run(), name, dict(parameters))
 
 
+@checked
 def read_scheme_file(path: str | Path) -> SchemeFile:
     """Read a problem, and how it is to be run, from a TOML file.
 
@@ -275,6 +278,7 @@ def read_scheme_file(path: str | Path) -> SchemeFile:
         return _parse(_text(path), path.stem)
 
 
+@checked
 def write_scheme_file(problem: Problem, path: str | Path, run: Run | None = None) -> Path:
     """Write a problem to a TOML file that `read_scheme_file` reads back as an equal problem: whole, or not at all.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import time
 from dataclasses import fields
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 from tqdm.auto import tqdm
 
+from lcpimpact.arguments import check_kind
 from lcpimpact.certificate import certify
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.events import events_of_springs, events_of_steps
@@ -18,6 +18,7 @@ from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Declared, Event, Grid, Integrator, Record, State
 from lcpimpact.integrators.state_jump import enter_constraint, jump_events
 from lcpimpact.lcp import SOLVERS
+from lcpimpact.memory import check_memory
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import nearest
@@ -26,9 +27,6 @@ from lcpimpact.trajectory import Trajectory
 
 BLOCK_SECONDS = 0.1
 """Blocks grow until one takes about this long: often enough for progress and Ctrl-C, rarely enough to cost nothing."""
-
-ASSUMED_MEMORY = 16e9
-"""Bytes that a machine is taken to have where Python cannot tell, as on Windows."""
 
 WORK = 2.0
 """A run takes about so many times the memory of its record: the rest is the sampling and the certificate."""
@@ -104,6 +102,8 @@ def simulate(
     """
     if not isinstance(problem, Problem):
         raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
+    for name, value in (("throw", throw), ("progress", progress)):
+        check_kind(name, value, bool)
     integrator = make_integrator(method, method_options)
     grid = _grid(dt, t_end)
     _check_lcp_solver(integrator, lcp_solver)
@@ -249,20 +249,7 @@ def _grid(dt: float, t_end: float) -> Grid:
 def _check_memory(grid: Grid, n: int, nc: int) -> None:
     """Refuse, before anything is allocated, a run that does not fit in memory."""
     record = 8.0 * (grid.steps + 1) * (1 + 2 * n + 1 + nc)  # t, q, v, and t and r of the reactions
-    has = physical_memory()
-    if WORK * record > has:
-        raise InputError(
-            f"{grid.steps:,} steps do not fit in memory: they take about {WORK * record / 1e9:.3g} GB, and there are "
-            f"{has / 1e9:.3g} GB; {FEWER_STEPS}"
-        )
-
-
-def physical_memory() -> float:
-    """Return the memory of this machine in bytes."""
-    try:
-        return float(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
-    except (AttributeError, ValueError, OSError):
-        return ASSUMED_MEMORY
+    check_memory(WORK * record, f"{grid.steps:,} steps do", FEWER_STEPS)
 
 
 def _check_lcp_solver(integrator: Integrator, lcp_solver: str) -> None:

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lcpimpact.arguments import checked, short
 from lcpimpact.arrays import Array
 from lcpimpact.certificate import Certificate, certify
 from lcpimpact.errors import InputError, Status, UnsupportedError
-from lcpimpact.files import check_output, whole_file, whole_files
+from lcpimpact.files import cell_of, check_output, whole_file, whole_files
 from lcpimpact.integrators.base import Dense, Event, Integrator, Record, State
 from lcpimpact.integrators.spring_law import pushes
 from lcpimpact.problems.base import Problem
@@ -27,6 +28,9 @@ SAVED_AS = (".csv", ".npz", ".nc")
 
 EVENT_COLUMNS = ("t", "contact", "kind", "impulse")
 """What a file has of an event beside its two limits."""
+
+ARRAYS = ("t", "q", "v", "t_reaction", "reaction")
+"""What nobody shall change in a run."""
 
 SIDES = ("left", "right")
 
@@ -73,6 +77,15 @@ class Trajectory:
     dense: Dense | None = None
     integrator: Integrator | None = None
 
+    def __post_init__(self) -> None:
+        for name, array in zip(ARRAYS, self._arrays(), strict=True):
+            view = array.view()
+            view.flags.writeable = False
+            object.__setattr__(self, name, view)
+
+    def _arrays(self) -> list[Array]:
+        return [getattr(self, name) for name in ARRAYS]
+
     @property
     def success(self) -> bool:
         """Whether the run reached its end, and its certificate holds."""
@@ -110,7 +123,7 @@ class Trajectory:
         return np.hstack([self.reaction, self.push])
 
     def __getitem__(self, name: str) -> Array:
-        if name not in self.names:
+        if not isinstance(name, str) or name not in self.names:
             raise InputError(nearest(str(name), list(self.names), "series"))
         n, nc = len(self.problem.dynamics.nodes), self.reaction.shape[1]
         column = self.names.index(name)
@@ -121,6 +134,7 @@ class Trajectory:
         column -= 2 * n
         return self.reaction[:, column] if column < nc else self.push[:, column - nc]
 
+    @checked
     def sample(self, t: ArrayLike, side: str = "right") -> State:
         """Return q, v and the reactions at any times of the run.
 
@@ -143,7 +157,10 @@ class Trajectory:
         InputError
             For times outside the run, or another side.
         """
-        times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        try:
+            times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        except (TypeError, ValueError):
+            raise InputError(f"t = {short(t)} must be times in s: a number, or a sequence of numbers") from None
         if side not in ("right", "left"):
             raise InputError(f"side = {side!r} must be 'right' or 'left'")
         if not ((times >= self.t[0]) & (times <= self.t[-1])).all():
@@ -161,6 +178,7 @@ class Trajectory:
         step = np.searchsorted(self.t, times, side="right" if side == "right" else "left") - 1
         return State(q, v, self.reaction[np.clip(step, 0, len(self.reaction) - 1)])
 
+    @checked
     def certify(self, problem: Problem | None = None) -> Certificate:
         """Judge the run from what it holds: by the laws of its own problem, or of another one.
 
@@ -189,8 +207,6 @@ class Trajectory:
         '1.77 m/s'
         """
         problem = self.problem if problem is None else problem
-        if not isinstance(problem, Problem):
-            raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
         d, own = problem.dynamics, self.problem.dynamics
         for what, theirs, ours in (
             ("nodes", d.nodes, own.nodes),
@@ -201,21 +217,25 @@ class Trajectory:
                     f"{problem.name!r} has the {what} {', '.join(theirs) or '(none)'}, and the run has "
                     f"{', '.join(ours) or '(none)'}: give a problem with the same"
                 )
-        record = Record(self.t, self.q, self.v, self.t_reaction, self.reaction, stats=dict(self.stats))
+        t, q, v, t_reaction, reaction = map(_for_compiled, self._arrays())
+        record = Record(t, q, v, t_reaction, reaction, stats=dict(self.stats))
         start = (problem.initial_coordinates, problem.initial_velocities)
         rigid = {contact.name for contact in d.contacts}
         events = tuple(event for event in self.events if event.contact in rigid and event.kind != "jump")
         return certify(d, start, record, self.dense, events, self.integrator)
 
+    @checked
     def plot(self, path: str | Path | None = None) -> Any:
         """Draw coordinates and reactions over time, with the events marked; return the figure, or write it to ``path``."""
         return load("lcpimpact.plotting.trajectory:plot_trajectory")(self, path)
 
+    @checked
     def animate(self, path: str | Path, **options: Any) -> Path:
         """Write the run as a moving picture, .gif, .html or .mp4; options as of `lcpimpact.plotting.animation.animate`."""
         written: Path = load("lcpimpact.plotting.animation:animate")(self, path, **options)
         return written
 
+    @checked
     def save(self, path: str | Path) -> Path:
         """Write the run to a file whose ending tells the format: .csv, .npz, or .nc (with the extra ``xarray``).
 
@@ -289,17 +309,19 @@ class Trajectory:
         empty = [""] * (1 + self.forces.shape[1])
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow(header)
+            writer.writerow(map(cell_of, header))
             writer.writerows(a + b for a, b in zip_longest(motion, forces, fillvalue=empty))
 
     def _write_events(self, path: Path) -> None:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow([*EVENT_COLUMNS, *(f"{name}_{side}" for side in SIDES for name in self.names)])
+            writer.writerow(
+                map(cell_of, [*EVENT_COLUMNS, *(f"{name}_{side}" for side in SIDES for name in self.names)])
+            )
             for event in self.events:
                 limits = [getattr(event, side) for side in SIDES]
                 numbers = [np.concatenate([each.q, each.v, each.reaction]).tolist() for each in limits]
-                writer.writerow([*(getattr(event, name) for name in EVENT_COLUMNS), *numbers[0], *numbers[1]])
+                writer.writerow([event.t, cell_of(event.contact), event.kind, event.impulse, *numbers[0], *numbers[1]])
 
     def _write_npz(self, path: Path) -> None:
         with path.open("wb") as file:
@@ -358,6 +380,16 @@ class Trajectory:
 def events_beside(path: Path) -> Path:
     """Return the name of the file of events beside that of a run, run.events.csv beside run.csv."""
     return path.with_suffix(f".events{path.suffix}")
+
+
+def _for_compiled(array: Array) -> Array:
+    """Return an array that is not to be written to as compiled functions take it, which do not write to it either."""
+    try:
+        view = array.view()
+        view.flags.writeable = True
+    except ValueError:  # where its owner gave it away like that
+        return array.copy()
+    return view
 
 
 def _interpolate(times: Array, t: Array, values: Array) -> Array:

@@ -26,13 +26,15 @@ from lcpimpact.scheme.elements.base import Element
 PACKAGE = Path(lcpimpact.__file__).parent
 FILES = sorted(PACKAGE.rglob("*.py"))
 
-BASE = {"errors", "registry", "arrays", "numbers", "files", "compiled", "double_double"}
+BASE = {"errors", "arguments", "memory", "registry", "arrays", "numbers", "files", "compiled", "double_double"}
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "integrators"}
 RUN = METHOD | {"events", "certificate", "trajectory", "simulation"}
 STUDY = RUN | {"study"}
 MAY_IMPORT = {
     "errors": set(),
+    "arguments": {"errors"},
+    "memory": {"errors"},
     "registry": {"errors"},
     "arrays": set(),
     "numbers": set(),

@@ -27,8 +27,8 @@ from lcpimpact import (
     Status,
     UnsupportedError,
     load_problem,
+    memory,
     simulate,
-    simulation,
 )
 from lcpimpact.errors import UnknownNameError
 from lcpimpact.integrators import METHODS as METHODS_BY_NAME
@@ -280,30 +280,45 @@ def test_a_step_that_is_too_small_for_any_computer(dt):
 
 @pytest.mark.parametrize("method", ["moreau-jean", "exact", "event-driven", "rk4"])
 def test_more_steps_than_fit_in_memory_are_refused_before_any_memory_is_taken(method, monkeypatch):
-    monkeypatch.setattr(simulation, "physical_memory", lambda: 8e9)
+    monkeypatch.setattr(memory, "free_memory", lambda: 8e9)
     tracemalloc.start()
     with pytest.raises(
-        InputError, match=r"^1,000,000,000 steps do not fit in memory: .*112 GB, .*8 GB; take a larger dt"
+        InputError,
+        match=r"^1,000,000,000 steps do not fit in memory: .*112 GB are needed, and 8 GB are free; take a larger dt",
     ):
         run(method=method, dt=1e-9, t_end=1.0)
     assert tracemalloc.get_traced_memory()[1] < 1e8
     tracemalloc.stop()
 
 
-def test_a_run_is_refused_where_its_arrays_take_more_than_half_of_the_memory(monkeypatch):
+def test_a_run_is_refused_where_its_arrays_take_half_of_what_it_may_take(monkeypatch):
     traj = run(method="exact", dt=1e-3)
     arrays = sum(each.nbytes for each in (traj.t, traj.q, traj.v, traj.t_reaction, traj.reaction))
-    monkeypatch.setattr(simulation, "physical_memory", lambda: 2.0 * arrays)
+    monkeypatch.setattr(memory, "free_memory", lambda: 2.001 * arrays / memory.SHARE)
     assert run(method="exact", dt=1e-3).success
-    monkeypatch.setattr(simulation, "physical_memory", lambda: 2.0 * arrays - 1.0)
+    monkeypatch.setattr(memory, "free_memory", lambda: 1.999 * arrays / memory.SHARE)
     with pytest.raises(InputError, match="100 steps do not fit in memory"):
         run(method="exact", dt=1e-3)
 
 
-def test_where_python_does_not_know_the_memory_a_limit_is_assumed(monkeypatch):
-    assert 1e8 < simulation.physical_memory() < 1e15
-    monkeypatch.delattr(simulation.os, "sysconf")
-    assert simulation.physical_memory() == simulation.ASSUMED_MEMORY
+def test_the_free_memory_is_that_of_the_machine_or_of_the_job_and_unknown_elsewhere(tmp_path, monkeypatch):
+    monkeypatch.setattr(memory, "GROUP", tmp_path)
+    machine = memory.free_memory()
+    assert 1e7 < machine < 1e15
+    for most, free in (("max", machine), ("3000000", 2e6), ("10", 0.0)):
+        (tmp_path / "memory.max").write_text(most)
+        (tmp_path / "memory.current").write_text("1000000")
+        assert memory.free_memory() == pytest.approx(free, rel=0.5)
+    (tmp_path / "memory.max").write_text("max")
+    monkeypatch.setattr(memory.Path, "read_text", lambda *a, **k: "nothing")
+    monkeypatch.delattr(memory.os, "sysconf")
+    assert memory.free_memory() == math.inf
+
+
+@pytest.mark.parametrize(("name", "count"), [("newtons-cradle", "N"), ("bar-impact", "elements")])
+def test_more_bodies_than_matrices_are_kept_of_are_refused_before_they_are_made(name, count):
+    with pytest.raises(InputError, match=rf"{count} = 1e\+09 must be a whole number, at least \d and at most 10,000"):
+        load_problem(name, **{count: 1e9})
 
 
 # ---- methods, solvers and options -----------------------------------------------------------------------------------
@@ -589,7 +604,7 @@ def test_a_folder_that_cannot_be_written():
 
 def test_a_folder_of_that_name(tmp_path):
     (tmp_path / "run.csv").mkdir()
-    with pytest.raises(InputError, match=r"cannot write .*run\.csv.*nothing was changed"):
+    with pytest.raises(InputError, match=r"cannot write .*run\.csv': a folder has that name; name another"):
         run().save(tmp_path / "run.csv")
     assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
 

@@ -204,7 +204,7 @@ def test_a_problem_with_other_nodes_or_contacts_is_refused(runs):
     bare = li.Problem("bare", li.Scheme(li.Mass("x", 1.0)))
     with pytest.raises(InputError, match=r"'bare' has the contacts \(none\), and the run has R"):
         runs["exact"].certify(bare)
-    with pytest.raises(InputError, match="is not a Problem"):
+    with pytest.raises(InputError, match="must be a Problem"):
         runs["exact"].certify(3.0)
 
 

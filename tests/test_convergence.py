@@ -340,7 +340,7 @@ def test_a_compliant_run_ends_at_the_error_of_its_model():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (("moreau-jean", [0.1]), r"methods = 'moreau-jean' must be a list of methods"),
+        (("moreau-jean", [0.1]), r"methods = 'moreau-jean' must be a sequence: write \['moreau-jean'\]"),
         (([], [0.1]), r"methods is empty"),
         ((["rk4", "rk4"], [0.1]), r"methods: 'rk4' stands there twice"),
         ((["rk5"], [0.1]), r"unknown method 'rk5': did you mean 'rk4'"),
@@ -363,7 +363,7 @@ def test_more_wrong_input_is_named():
         convergence(oscillator(), ["rk4"], [0.1], repeats=0)
     with pytest.raises(li.InputError, match=r"rtols: 0.0 must be"):
         work_precision(oscillator(), ["rk4"], [0.1], rtols=[0.0])
-    with pytest.raises(li.InputError, match="is not a Problem"):
+    with pytest.raises(li.InputError, match="must be a Problem: get one from"):
         convergence("system-1", ["rk4"], [0.1])
 
 

@@ -559,10 +559,10 @@ def test_siconos_is_a_route_or_says_how_to_get_it(monkeypatch):
     [
         (["no-such"], {}, "unknown method 'no-such'"),
         (["moreau-jean:no-such"], {}, "unknown solver 'no-such'"),
-        ("exact", {}, r"must be a list of routes: write \['exact'\]"),
+        ("exact", {}, r"must be a sequence: write \['exact'\]"),
         (["exact", "exact"], {}, "'exact' stands there twice"),
         (["closed form"], {}, "'system-1' has no closed form"),
-        ([3.0], {}, "must be a name, an Integrator, or a function"),
+        ([3.0], {}, r"routes\[0\] = 3.0 must be a string or an Integrator or a function"),
         (["exact"], {"t_end": -1.0}, "t_end = -1.0 must be a positive finite number"),
         (["exact"], {"dt": 0.0}, "dt = 0.0 must be a positive"),
         (["exact"], {"tolerance": 2.0}, "tolerance = 2.0 must be a number between 0 and 1"),

@@ -1,11 +1,15 @@
 """Files appear whole or not at all, files that belong together too, and a symbolic link stays one."""
 
 import os
+import signal
+import subprocess
+import sys
 
 import pytest
 
+from lcpimpact.cli.main import main
 from lcpimpact.errors import InputError
-from lcpimpact.files import check_output, whole_file, whole_files
+from lcpimpact.files import check_output, check_outputs, outputs_together, whole_file, whole_files
 
 linked = pytest.mark.skipif(os.name == "nt", reason="symbolic links need a right on Windows")
 
@@ -83,4 +87,129 @@ def test_a_writer_that_fails_leaves_nothing(tmp_path):
         _ = 1 / 0
     with pytest.raises(InputError, match="nowhere"), whole_files(tmp_path / "a.txt", tmp_path / "nowhere" / "b.txt"):
         pass
+    assert names(tmp_path) == []
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows keeps no modes")
+def test_a_file_keeps_its_mode_and_a_new_one_has_that_of_the_user(tmp_path):
+    old, new = tmp_path / "old.txt", tmp_path / "new.txt"
+    old.write_text("older")
+    old.chmod(0o640)
+    before = os.umask(0o027)
+    try:
+        for path in (old, new):
+            with whole_file(path) as part:
+                part.write_text("newer")
+    finally:
+        os.umask(before)
+    assert (old.stat().st_mode & 0o777, new.stat().st_mode & 0o777) == (0o640, 0o640)
+    old.chmod(0o604)
+    with whole_file(old) as part:
+        part.write_text("newest")
+    assert old.stat().st_mode & 0o777 == 0o604
+
+
+@linked
+@pytest.mark.parametrize(
+    "way", ["the same name", "another way", "a link", "a hard link", "a link that leads nowhere yet"]
+)
+def test_an_output_that_is_an_input_or_another_output_is_refused(tmp_path, way):
+    first = tmp_path / "a.csv"
+    if "yet" not in way:
+        first.write_text("older")
+    second = {"the same name": first, "another way": tmp_path / "x" / ".." / "a.csv"}.get(way, tmp_path / "b.csv")
+    (tmp_path / "x").mkdir()
+    if way == "a hard link":
+        os.link(first, second)
+    elif "link" in way:
+        second.symlink_to(first)
+    with pytest.raises(InputError, match=r"^cannot write '.*': the input '.*a\.csv' is that file; name another"):
+        check_outputs([(second, [".csv"])], [first])
+    with pytest.raises(InputError, match=r"^cannot write '.*': another output, '.*a\.csv', is that file; name another"):
+        check_outputs([(first, [".csv"]), (None, []), (second, [".csv"])])
+    check_outputs([(second, [".csv"])], [tmp_path / "c.csv"])
+
+
+def test_outputs_of_a_command_appear_all_or_none(tmp_path):
+    a, b, other = (tmp_path / f"{name}.txt" for name in ("a", "b", "other"))
+    a.write_text("older a")
+    named = [(path, [".txt"]) for path in (a, b)]
+
+    def write(then=lambda: None):
+        check_outputs(named)
+        for path in (a, b, other):
+            with whole_file(path) as part:
+                part.write_text("newer")
+        assert (a.read_text(), b.exists(), other.read_text()) == ("older a", False, "newer")
+        then()
+
+    with pytest.raises(ZeroDivisionError), outputs_together():
+        write(lambda: 1 / 0)
+    assert (a.read_text(), names(tmp_path)) == ("older a", ["a.txt", "other.txt"])
+    with outputs_together():
+        write()
+    assert (a.read_text(), b.read_text(), names(tmp_path)) == ("newer", "newer", ["a.txt", "b.txt", "other.txt"])
+
+
+P = "2 1 -5\n1 2 -6\n"
+REPLACING = {
+    "fit, its measurement": ["fit", "system-1", "--free", "k_o", "--to", "in.csv", "--out", "in.csv"],
+    "fit, its scheme": ["fit", "in.toml", "--free", "k", "--to", "in.csv", "--out", "in.toml"],
+    "solve, its problem": ["solve", "in.csv", "--out", "in.csv"],
+    "solve, its q": ["solve", "M.csv", "--q", "in.csv", "--out", "in.csv"],
+    "export": ["export", "in.toml", "--out", "./in.toml"],
+    "compare": ["compare", "system-1", "--out", "s.csv", "--events", "s.csv"],
+    "converge": ["converge", "system-1", "--out", "s.csv", "--orders", "s.csv"],
+    "simulate, its events": ["simulate", "system-1", "--out", "s.csv", "--plot", "s.png"],
+}
+
+
+@linked
+@pytest.mark.parametrize("case", REPLACING)
+def test_no_command_replaces_its_input_or_its_own_output(case, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "in.csv").write_text(P)
+    (tmp_path / "in.toml").write_text('problem = "system-1"')
+    (tmp_path / "M.csv").write_text("2 1\n1 2\n")
+    (tmp_path / "s.events.csv").symlink_to("s.png")
+    before = {path: path.read_bytes() for path in tmp_path.iterdir() if path.exists()}
+    with pytest.raises(SystemExit) as stop:
+        main(REPLACING[case])
+    assert stop.value.code == 2
+    assert "is that file; name another" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir() if path.exists()} == before
+
+
+def test_a_picture_that_cannot_be_drawn_leaves_the_table_of_the_same_command_unwritten(tmp_path, monkeypatch, capsys):
+    def fail(*_):
+        raise InputError("no picture")
+
+    monkeypatch.setattr("lcpimpact.plotting.design.plot_design", fail)
+    sizes = ["--m", "1", "--v0", "2", "--e", "0.5", "--contact-time", "0.01"]
+    with pytest.raises(SystemExit) as stop:
+        main(["design", "kelvin-voigt", *sizes, "--out", str(tmp_path / "a.csv"), "--plot", str(tmp_path / "a.png")])
+    assert (stop.value.code, names(tmp_path)) == (2, [])
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no signals to be caught")
+@pytest.mark.parametrize("within", ["whole_file(path)", "outputs_together(), whole_file(path)"])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 1)])
+def test_a_process_that_is_ended_while_it_writes_leaves_no_part(tmp_path, within, number, code):
+    program = f"""if True:
+        import signal, sys, time
+        from pathlib import Path
+        from lcpimpact.files import outputs_together, whole_file
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        path = Path({str(tmp_path / "a.txt")!r})
+        with {within} as part:
+            part.write_text("half")
+            print("writing", flush=True)
+            time.sleep(60)
+    """
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout.readline().strip() == b"writing"
+    assert len(names(tmp_path)) == 1
+    process.send_signal(number)
+    process.communicate(timeout=60)
+    assert process.returncode in (code, -number)
     assert names(tmp_path) == []

@@ -347,7 +347,7 @@ def test_a_saved_run_is_data_as_it_is(tmp_path):
         ({"sigma": 0.0}, "sigma = 0.0"),
         ({"t_end": 0.2}, "the data last until 0.4 s, and t_end = 0.2 s"),
         ({"data": None}, "nothing to fit to"),
-        ({"problem": 3}, "neither a Problem nor"),
+        ({"problem": 3}, "problem = 3 must be a Problem or a function"),
         ({"problem": load_problem, "free": ["k"]}, "needs the start of each parameter"),
         ({"free": {"k": -5.0}}, "the start values make no problem: KelvinVoigt"),
     ],

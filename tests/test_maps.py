@@ -132,7 +132,7 @@ def test_a_run_that_is_too_short_has_fewer_points():
         (spring_and_mass(), "force", {}, "no force with a period"),
         (li.load_problem("bilinear-oscillator"), "impact", {}, "has no impacts"),
         (li.load_problem("hertz-impact"), "x=0", {}, "non-linear springs"),
-        ("oscillator", "force", {}, "is not a Problem"),
+        ("oscillator", "force", {}, "must be a Problem: get one from"),
     ],
 )
 def test_sections_that_cannot_be_are_refused_in_one_sentence(problem, section, told, message):

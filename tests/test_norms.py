@@ -12,10 +12,22 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.spatial.distance import cdist
 
-from lcpimpact import Bumper, InputError, Mass, Problem, Scheme, Spring, Status, Trajectory, load_problem, simulate
+from lcpimpact import (
+    Bumper,
+    FailureError,
+    InputError,
+    Mass,
+    Problem,
+    Scheme,
+    Spring,
+    Status,
+    Trajectory,
+    load_problem,
+    simulate,
+)
 from lcpimpact.certificate import Certificate
 from lcpimpact.integrators.base import Dense, Event, State
-from lcpimpact.study import norms
+from lcpimpact.study import graphs, norms
 from lcpimpact.study.graphs import hausdorff, polyline
 from lcpimpact.study.norms import NORMS, errors
 from lcpimpact.study.reference import reference
@@ -84,6 +96,41 @@ def test_a_line_of_a_grid_is_compared_between_its_points():
     assert norms.l2_v(run, truth) == pytest.approx(np.sqrt(n * (1.0 / n) ** 5 / 30.0), rel=1e-12)
     assert norms.sup_v(run, truth) == pytest.approx((1.0 / n) ** 2 / 4.0, rel=1e-12)
     assert norms.sup_q(run, truth) < 1e-15, "on its grid, where it is right"
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-6, 1e6])
+def test_the_rounding_of_a_contact_that_stays_closed_is_not_halved(size, monkeypatch):
+    """u = gap - q is a difference of equal numbers, and v is what rounding leaves of a rest."""
+    monkeypatch.setattr(norms, "MOST_PIECES", 1000)
+    scheme = Scheme(Mass("x", 2.0), Spring("x", "ground", 8.0), Bumper("x", "ground", gap=size, e=0.5))
+    problem = Problem("ball", scheme)
+
+    def noise(t):
+        return np.finfo(float).eps * size * np.sin(1e9 * t)
+
+    run = known(lambda t, side: size + noise(t), smooth(noise), np.linspace(0.0, 0.5, 9))
+    run, truth = replace(run, problem=problem), replace(rest(0.5), problem=problem)
+    truth = replace(truth, q=truth.q + size)
+    assert norms.penetration(run, truth) <= 4.0 * np.finfo(float).eps * size
+    for norm in (norms.l1_v, norms.l2_v, norms.sup_v):
+        assert norm(run, truth) <= 4.0 * np.finfo(float).eps * size
+
+
+def test_a_norm_of_what_turns_without_end_is_refused_with_a_sentence(monkeypatch):
+    monkeypatch.setattr(norms, "MOST_PIECES", 10_000)
+    run = known(smooth(lambda t: np.sin(1e9 * t)), smooth(lambda t: np.sin(1e9 * t)), [0.0, 1.0])
+    for norm in (norms.sup_q, norms.l1_v, norms.hausdorff_v):
+        with pytest.raises(FailureError, match=r"a norm would take more than 10,000 intervals: .*take a shorter t_end"):
+            norm(run, rest(1.0))
+    monkeypatch.setattr(graphs, "MOST_PIECES", 1_000)
+    line = np.array([[0.0, 0.0], [1.0, 0.0]])
+    comb = np.column_stack([np.linspace(0.0, 1.0, 2001), np.resize([0.0, 1.0], 2001)])
+    for distance in (
+        lambda: hausdorff(comb, line),
+        lambda: polyline(line[:, 0], line[:, 1], 1e9 * line[:, :1] + [0, 0, 1e9], 1e-9),
+    ):
+        with pytest.raises(FailureError, match=r"more than 1,000 pieces: .*take a shorter t_end"):
+            distance()
 
 
 @pytest.mark.parametrize("late", [0.1, 1e-3, 1e-6])

@@ -383,7 +383,7 @@ def test_the_common_period_of_forces():
         (li.load_problem("bilinear-oscillator"), {"T": -1.0}, "T = -1.0 must be a positive number"),
         (li.load_problem("kelvin-voigt-impact"), {}, "shows no period"),
         (li.load_problem("hertz-impact"), {}, "non-linear springs"),
-        ("oscillator", {}, "is not a Problem"),
+        ("oscillator", {}, "must be a Problem: get one from"),
     ],
 )
 def test_what_has_no_orbit_is_refused_in_one_sentence(problem, told, message):

@@ -176,7 +176,7 @@ def test_the_command_line_writes_both_files_or_neither(tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
         main([*arguments[:2], "--set", "e=0.1", *arguments[2:]])
     assert stop.value.code == 2
-    assert "nothing was changed" in " ".join(capsys.readouterr().err.split())
+    assert "a folder has that name" in " ".join(capsys.readouterr().err.split())
     assert out.read_bytes() == older
 
 

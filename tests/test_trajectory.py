@@ -189,7 +189,7 @@ def test_sample_outside_the_run(theta, exact, t):
 @pytest.mark.parametrize("side", ["middle", "", None, 1], ids=repr)
 def test_sample_on_another_side(theta, exact, side):
     for traj in (theta, exact):
-        with pytest.raises(InputError, match=r"side = .*'right' or 'left'"):
+        with pytest.raises(InputError, match=r"^side = .* must be (a string|'right' or 'left')"):
             traj.sample(0.1, side)
 
 

@@ -18,7 +18,7 @@ from lcpimpact.cli.options import (
     Step,
     Table,
     bar,
-    check_outputs,
+    check_study,
     chosen,
     say,
     taking_part,
@@ -70,7 +70,7 @@ def compare(
 
     Example: lcpimpact compare system-3 --methods moreau-jean,moreau-jean:theta=1,rk4-paper --dt 1e-2 --plot three.pdf
     """
-    check_outputs((out, events, forces, energies), plot, report)
+    check_study((problem,), (out, events, forces, energies), plot, report)
     taken = taking_part(methods)
     told = chosen(problem, set_, None, dt, t_end, solver)
     from lcpimpact.study import comparison
@@ -136,7 +136,7 @@ def cross_validate(
 
     Example: lcpimpact cross-validate my.toml --routes exact,moreau-jean,moreau-jean:qp:osqp,siconos --report verdict.html
     """
-    check_outputs((out,), plot, report)
+    check_study((problem,), (out,), plot, report)
     told = chosen(problem, set_, None, dt, t_end)
     from lcpimpact.study.cross_validation import cross_validate as validate
     from lcpimpact.study.routes import CLOSED_FORM

@@ -17,7 +17,7 @@ from lcpimpact.cli.options import (
     Solver,
     Table,
     bar,
-    check_outputs,
+    check_study,
     chosen,
     numbers,
     say,
@@ -96,7 +96,7 @@ def converge(
 
     Example: lcpimpact converge system-1 --methods moreau-jean,moreau-jean:theta=1,rk4 --plot orders.pdf --out orders.csv
     """
-    check_outputs((out, orders), plot, report)
+    check_study((problem,), (out, orders), plot, report)
     told = chosen(problem, set_, t_end=t_end, solver=solver)
     end = told.problem.t_end if told.run.t_end is None else told.run.t_end
     if dts is not None and counts is not None:
@@ -161,7 +161,7 @@ def work_precision(
 
     Example: lcpimpact work-precision bouncing-ball --set e=0.8 --t-end 2 --penalty kelvin-voigt:1e6 --plot cost.pdf
     """
-    check_outputs((out,), plot, report)
+    check_study((problem,), (out,), plot, report)
     told = chosen(problem, set_, t_end=t_end, solver=solver)
     end = told.problem.t_end if told.run.t_end is None else told.run.t_end
     steps = _steps(dts, None, end)

@@ -20,7 +20,7 @@ from lcpimpact.cli.options import (
     Solver,
     Step,
     bar,
-    check_outputs,
+    check_study,
     chosen,
     say,
     write_table,
@@ -73,7 +73,7 @@ def design(
 
     Example: lcpimpact design kelvin-voigt --m 1 --v0 2 --e 0.5 --contact-time 0.01 --plot impact.pdf
     """
-    check_outputs((out,), plot, report, (*TABLES, SCHEME))
+    check_study((), (out,), plot, report, (*TABLES, SCHEME))
     from lcpimpact.plotting.design import plot_design
     from lcpimpact.schemefile import Run
     from lcpimpact.study.design.sizing import LAWS
@@ -147,7 +147,7 @@ def fit(
 
     Example: lcpimpact fit system-1 --free k_o,c_o --to force.csv --column R --plot fit.pdf
     """
-    check_outputs((out,), plot, report, (*TABLES, SCHEME))
+    check_study((problem, to), (out,), plot, report, (*TABLES, SCHEME))
     told = chosen(problem, set_, method or "exact", dt, t_end, solver)
     from lcpimpact.plotting.design import plot_fit
     from lcpimpact.study.fit import fit as search

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lcpimpact.cli.options import End, Named, Plot, Report, Set, Table, bar, check_outputs, chosen, say, write_table
+from lcpimpact.cli.options import End, Named, Plot, Report, Set, Table, bar, check_study, chosen, say, write_table
 from lcpimpact.errors import FailureError, InputError
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def poincare(
 
     Example: lcpimpact poincare shaw-holmes --set omega=2.9 --section impact --plot section.pdf
     """
-    check_outputs((out,), plot, report)
+    check_study((problem,), (out,), plot, report)
     told = _told(problem, set_, method)
     from lcpimpact.plotting.dynamics import plot_poincare
     from lcpimpact.study.maps import period_of
@@ -120,7 +120,7 @@ def bifurcation(
 
     Example: lcpimpact bifurcation shaw-holmes --over omega=2.5:3.4:200 --section impact --plot diagram.pdf
     """
-    check_outputs((out,), plot, report)
+    check_study((problem,), (out,), plot, report)
     name, values = _range(over)
     told = _told(problem, set_, method, name)
     family = _family(problem, set_, method)
@@ -183,7 +183,7 @@ def basins(
 
     Example: lcpimpact basins shaw-holmes --set omega=3.2 --over x0=-1:0:40 --over v0=-1:1:40 --plot basins.pdf
     """
-    check_outputs((out,), plot, report)
+    check_study((problem,), (out,), plot, report)
     if len(over) != 2:
         raise InputError(
             f"--over is given {len(over)} times: a plane needs two, as --over x0=-1:0:40 --over v0=-1:1:40"
@@ -242,7 +242,7 @@ def orbit(
 
     Example: lcpimpact orbit shaw-holmes --set omega=2.7 --transient 5 --plot orbit.pdf
     """
-    check_outputs((out,), plot, report)
+    check_study((problem,), (out,), plot, report)
     import pandas as pd
 
     from lcpimpact.plotting.dynamics import plot_orbit

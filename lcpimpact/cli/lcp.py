@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 
 from lcpimpact.arrays import Array
+from lcpimpact.cli.options import say
 from lcpimpact.errors import FailureError, InputError
-from lcpimpact.files import check_output, whole_file
+from lcpimpact.files import check_outputs, whole_file
 
 if TYPE_CHECKING:
     from lcpimpact.lcp.operators import Delassus
@@ -61,10 +61,7 @@ def solve(
     from lcpimpact.lcp.solve import solve_lcp
     from lcpimpact.plotting.style import METADATA as DRAWN_AS
 
-    if out is not None:
-        check_output(out, SAVED_AS)
-    if plot is not None:
-        check_output(plot, DRAWN_AS)
+    check_outputs(((out, SAVED_AS), (plot, DRAWN_AS)), (file,) if q is None else (file, q))
     problem = read_lcp(file, q)
     M, n = problem.M, problem.M.n
     low, high, bounded = bounds(
@@ -105,7 +102,7 @@ def solve(
 
         plot_cones(M, problem.q, plot)
         lines += [f"  drew        {plot}"]
-    Console(highlight=False, soft_wrap=True, markup=False, emoji=False).print("\n".join(lines))
+    say(*lines)
     if not solution.success:
         unwritten = f" ({str(out)!r} was not written)" if out is not None else ""
         raise FailureError(f"{problem.name} by {solution.solver}: {solution.message}{unwritten}", solution)

@@ -4,29 +4,43 @@ from __future__ import annotations
 
 import os
 import sys
+import traceback
 from collections.abc import Sequence
+from io import TextIOWrapper
 
 from rich.console import Console
 from typer import Abort
 from typer.exceptions import TyperException
 
+from lcpimpact.arguments import visible
 from lcpimpact.errors import FailureError, LcpImpactError
+from lcpimpact.files import outputs_together
 
-INTERRUPTED = 130
+INTERRUPTED, DEFECT = 130, 70
+
+SHOWS_TRACEBACK = "LCPIMPACT_TRACEBACK"
+"""The environment variable that, set to anything, shows where in the program a defect arose."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line.
 
-    Exit codes: 0 success, 1 a run or a check failed, 2 wrong input, 130 interrupted.
+    Exit codes: 0 success, 1 a run or a check failed, 2 wrong input, 70 a defect of lcpimpact, 130 interrupted, 143 ended by
+    SIGTERM.
     """
     # OSQP looks for its optional backends anew at each set-up unless it is told which one to take.
     os.environ.setdefault("OSQP_ALGEBRA_BACKEND", "builtin")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a terminal that knows fewer letters gets their numbers
     from lcpimpact.cli.commands import app
 
     try:
         # Typer itself turns Ctrl-C within a command into the exit code 130.
-        code = app(args=None if arguments is None else list(arguments), prog_name="lcpimpact", standalone_mode=False)
+        with outputs_together():
+            code = app(
+                args=None if arguments is None else list(arguments), prog_name="lcpimpact", standalone_mode=False
+            )
     except (KeyboardInterrupt, Abort):
         code = INTERRUPTED
     except TyperException as error:
@@ -35,15 +49,30 @@ def main(arguments: Sequence[str] | None = None) -> None:
         code = _say(str(error), 1)
     except LcpImpactError as error:
         code = _say(str(error), 2)
+    except MemoryError:
+        code = _say("there is not enough memory for this: take fewer steps, values or coordinates", 2)
     except BrokenPipeError:
         sys.stderr.close()
         code = 1
+    except Exception as error:  # noqa: BLE001 - what nobody foresaw is a defect, and is said to be one
+        code = _defect(error)
     if code == INTERRUPTED:
         _say("interrupted: files that were finished are whole, and no other was left", code)
     sys.exit(int(code or 0))
 
 
+def _defect(error: Exception) -> int:
+    """Say that an error is one of the program, and where to report it."""
+    if os.environ.get(SHOWS_TRACEBACK):
+        traceback.print_exception(error)
+    return _say(
+        f"this is a defect of lcpimpact: {type(error).__name__}: {error}. Please report it at the issue tracker of the "
+        f"repository of lcpimpact, with the command, its files, and what it prints when {SHOWS_TRACEBACK}=1 is set",
+        DEFECT,
+    )
+
+
 def _say(message: str, code: int) -> int:
-    line = " ".join(message.split())
+    line = visible(" ".join(message.split()))
     Console(stderr=True, soft_wrap=True, highlight=False, markup=False).print(f"lcpimpact: {line}")
     return code

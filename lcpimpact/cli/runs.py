@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lcpimpact.cli.options import End, Method, Named, Set, Solver, Step, chosen, say, stem
+from lcpimpact.cli.options import End, Method, Named, Set, Solver, Step, chosen, files, say, stem
 from lcpimpact.errors import LcpImpactError
-from lcpimpact.files import check_output
+from lcpimpact.files import check_outputs
 
 if TYPE_CHECKING:
     from lcpimpact.trajectory import Trajectory
@@ -35,16 +35,14 @@ def simulate(
     from lcpimpact.plotting.style import METADATA as DRAWN_AS
     from lcpimpact.trajectory import SAVED_AS, events_beside
 
-    if out is not None:
-        check_output(out, SAVED_AS)
-    if plot is not None:
-        check_output(plot, DRAWN_AS)
+    beside = events_beside(out) if out is not None and out.suffix == ".csv" else None
+    check_outputs(((out, SAVED_AS), (beside, SAVED_AS), (plot, DRAWN_AS)), files(problem))
     trajectory = chosen(problem, set_, method, dt, t_end, solver).simulate()
     lines = [str(trajectory), *_facts(trajectory)]
     if out is not None:
         lines.append(f"  wrote       {trajectory.save(out)}")
-        if out.suffix == ".csv":
-            lines.append(f"  wrote       {events_beside(out)}")
+        if beside is not None:
+            lines.append(f"  wrote       {beside}")
     if plot is not None:
         trajectory.plot(plot)
         lines.append(f"  drew        {plot}")
@@ -68,7 +66,7 @@ def draw(
     from lcpimpact.plotting.style import save
 
     path = Path(f"{stem(problem)}.svg") if out is None else out
-    check_output(path, DRAWN_AS)
+    check_outputs([(path, DRAWN_AS)], files(problem))
     save(draw_scheme(chosen(problem, set_).problem.scheme), path)
     say(f"drew {path}")
 
@@ -90,7 +88,7 @@ def animate(
     """
     from lcpimpact.plotting.animation import FORMATS
 
-    check_output(out, FORMATS)
+    check_outputs([(out, FORMATS)], files(problem))
     trajectory = chosen(problem, set_, method, dt, t_end, solver).simulate()
     options = {"seconds": seconds, "fps": fps}
     trajectory.animate(out, **{name: value for name, value in options.items() if value is not None})
@@ -110,8 +108,9 @@ def export(
 
     Example: lcpimpact export system-3 --set c=60 --out my.toml
     """
-    from lcpimpact.schemefile import write_scheme_file
+    from lcpimpact.schemefile import ENDING, write_scheme_file
 
+    check_outputs([(out, (ENDING,))], files(problem))
     told = chosen(problem, set_, method, dt, t_end, solver)
     say(f"wrote {write_scheme_file(told.problem, out, told.run)}")
 

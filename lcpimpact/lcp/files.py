@@ -30,21 +30,29 @@ from pathlib import Path
 from struct import error as StructError
 from tokenize import TokenError
 from typing import Any
-from zipfile import BadZipFile
+from zipfile import BadZipFile, ZipFile
 from zlib import error as ZlibError
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.files import check_output, reading, whole_file
 from lcpimpact.lcp.operators import DENSE_LIMIT, Banded, Delassus, Factored, as_operator, finite_array
 from lcpimpact.lcp.problem import bounds
+from lcpimpact.memory import check_memory
 from lcpimpact.registry import nearest
 
 SMALLER = "give a sparse .mtx, or factors"
 """The remedy for an LCP that does not fit in memory."""
+
+LARGE, PACKED = 1e9, 100.0
+"""Arrays of more bytes than this, and packed to a smaller part of it, are a slip or a trap."""
+
+COPIES = 2.0
+"""A matrix is checked and copied when it is read."""
 
 LABELS = ["M", "q", "lower", "upper"]
 ARRAYS = ["M", "A", "H", "bands", "q", "lower", "upper"]
@@ -99,6 +107,7 @@ class LCPFile:
     name: str
 
 
+@checked
 def read_lcp(path: str | Path, q: str | Path | None = None) -> LCPFile:
     """Read an LCP from a text file, a NumPy file or a Matrix Market file.
 
@@ -141,6 +150,7 @@ def read_lcp(path: str | Path, q: str | Path | None = None) -> LCPFile:
     return LCPFile(M, right, lower, upper, path.name)
 
 
+@checked
 def write_lcp(
     path: str | Path, M: Any, q: ArrayLike, lower: ArrayLike | None = None, upper: ArrayLike | None = None
 ) -> Path:
@@ -334,6 +344,7 @@ def _write_text(path: Path, M: Delassus, vectors: Mapping[str, Array]) -> None:
 def _read_numpy(path: Path) -> dict[str, Array]:
     """Return the arrays of a .npz by name, and that of a .npy as M."""
     data = BytesIO(path.read_bytes())
+    _check_unpacked(data)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -348,6 +359,23 @@ def _read_numpy(path: Path) -> dict[str, Array]:
     if path.suffix.lower() == ".npy":
         found["M"] = np.atleast_2d(found["M"])
     return found
+
+
+def _check_unpacked(data: BytesIO) -> None:
+    """Refuse a .npz that unpacks to more than there is memory for, or to so much more than it holds that it is a trap."""
+    try:
+        with ZipFile(data) as archive:
+            unpacked = float(sum(each.file_size for each in archive.infolist()))
+    except BROKEN:
+        return  # a lone array, or what NumPy says more of
+    finally:
+        data.seek(0)
+    packed = len(data.getbuffer())
+    if unpacked > LARGE and unpacked > PACKED * packed:
+        raise InputError(
+            f"it unpacks to {unpacked / 1e9:.3g} GB from {packed / 1e9:.3g} GB, nearly all of it the same: {SMALLER}"
+        )
+    check_memory(COPIES * unpacked, "its arrays do", SMALLER)
 
 
 def _write_numpy(path: Path, M: Delassus, vectors: Mapping[str, Array]) -> None:

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.lcp import SOLVERS, judge, rational
@@ -185,6 +186,7 @@ class PreparedLCP(NamedTuple):
         return notes().ending(solution.z)
 
 
+@checked
 def prepare_lcp(
     M: Any,
     solver: str | LCPSolver = "auto",
@@ -229,6 +231,7 @@ def _prepare(
     return PreparedLCP(chosen, operator, low, high, chosen.init(operator))
 
 
+@checked
 def solve_lcp(
     M: Any,
     q: ArrayLike,

@@ -75,7 +75,12 @@ class Trace:
     steps: tuple[Step, ...]
 
     def ending(self, z: Array) -> Trace:
-        """Return the trace with the answer z as its last step: some methods take no note of it, or improve on it."""
+        """Return the trace with the answer z as its last step: some methods take no note of it, or improve on it.
+
+        The notes of a method that knows no bounds are of the LCP that `to_lcp` makes, to which z is no answer.
+        """
+        if len(z) != len(self.q):
+            return self
         if self.steps and np.abs(self.steps[-1].z - z).max() <= 1e-12 * np.abs(z).max():
             return self
         basis = tuple(f"z{i + 1}" if z[i] != 0.0 else f"w{i + 1}" for i in range(len(z)))

@@ -23,6 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.files import check_output, whole_file
@@ -63,6 +64,7 @@ LOWEST, HIGHEST, WIDEST, CURVES = 3.8, 6.4, 5.0, 5.6
 
 
 @style()
+@checked
 def animate(trajectory: Trajectory, path: str | Path, *, seconds: float | None = None, fps: int = 30) -> Path:
     """Write a run as a moving picture: the scheme on the left, and its coordinates and forces growing on the right.
 

@@ -12,9 +12,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.plotting.style import EXACT, INK, PALETTE, SOFT, save, style
-from lcpimpact.plotting.timeline import curves, mark_events, math_text, shown_events, shown_forces, shown_nodes
+from lcpimpact.plotting.timeline import (
+    curves,
+    mark_events,
+    math_text,
+    plain_text,
+    shown_events,
+    shown_forces,
+    shown_nodes,
+)
 from lcpimpact.study.comparison import Comparison
 from lcpimpact.study.cross_validation import CrossValidation
 from lcpimpact.study.ledger import GIVEN, STORED, Ledger
@@ -40,6 +49,7 @@ NOTHING = 1e-9
 
 
 @style()
+@checked
 def plot_comparison(comparison: Comparison, path: str | Path | None = None) -> Figure:
     """Draw all runs on one page: coordinates, forces or impulses, and the largest difference from the reference.
 
@@ -110,7 +120,7 @@ def plot_comparison(comparison: Comparison, path: str | Path | None = None) -> F
     axes[-1].set_xlabel("$t$ [s]")
     mark_events(axes, shown_events(first))
     _legend(figure, comparison)
-    figure.suptitle(comparison.problem.name, x=0.01, ha="left", fontsize=11.0)
+    figure.suptitle(plain_text(comparison.problem.name), x=0.01, ha="left", fontsize=11.0)
     return _saved(figure, path)
 
 
@@ -125,6 +135,7 @@ def _legend(figure: Figure, comparison: Comparison) -> None:
         name = comparison.reference.name.partition(" (")[0]
         handles.append(Line2D([], [], color=EXACT, linewidth=5.0, label=f"{name} (reference)"))
     for number, (label, run) in enumerate(comparison.runs.items()):
+        label = plain_text(label)
         told = label if run.dense is not None else f"{label}, $h={run.t[-1] / (len(run.t) - 1):.3g}$ s"
         look: Any = {"marker": MARKS[number % 7], "markersize": 3.6, "markerfacecolor": "none", **_look(number)}
         handles.append(Line2D([], [], label=told, **look))
@@ -190,11 +201,12 @@ def _draw_differences(ax: Axes, truth: Trajectory, runs: Mapping[str, Trajectory
         ax.semilogy(t, np.where(difference > 0.0, difference, np.nan), linewidth=1.1, **_look(number))
     if largest > 0.0:
         ax.set_ylim(largest * 10.0**-DECADES, 4.0 * largest)
-    base = next((f"from {label}" for label, run in runs.items() if run is truth), "")
+    base = next((f"from {plain_text(label)}" for label, run in runs.items() if run is truth), "")
     ax.set_ylabel(f"difference {base}" if base else "largest difference [m]" if units else "largest difference")
 
 
 @style()
+@checked
 def plot_ledger(ledger: Ledger, path: str | Path | None = None) -> Figure:
     """Draw where the energy is: what is stored and what has been dissipated, one on the other, and below the balance.
 
@@ -248,9 +260,8 @@ def plot_ledger(ledger: Ledger, path: str | Path | None = None) -> Figure:
     lowest = max(float(ledger.scale), 1e-300) * 1e-17
     highest = max(10.0 * float(balance.max()), 1e3 * lowest)
     lower.set(ylim=(lowest, highest), ylabel="|balance| [J]", xlabel="$t$ [s]")
-    figure.suptitle(
-        f"{table.attrs['problem']} by {str(table.attrs['method']).partition('(')[0]}", x=0.01, ha="left", fontsize=11.0
-    )
+    title = plain_text(f"{table.attrs['problem']} by {str(table.attrs['method']).partition('(')[0]}")
+    figure.suptitle(title, x=0.01, ha="left", fontsize=11.0)
     return _saved(figure, path)
 
 
@@ -274,6 +285,7 @@ def _layer_name(name: str) -> str:
 
 
 @style()
+@checked
 def plot_cross_validation(verdict: CrossValidation, path: str | Path | None = None) -> Figure:
     """Draw for each route how far it is from the one that it was judged by, and how far it may be.
 
@@ -308,7 +320,7 @@ def plot_cross_validation(verdict: CrossValidation, path: str | Path | None = No
         ax.plot(difference, place, "o", color=color, markersize=6.0, zorder=3.0)
         ax.plot(row.allowed, place, "|", color=INK, markersize=11.0, markeredgewidth=1.6, zorder=3.0)
     ax.set_xscale("log")
-    ax.set_yticks(range(len(table)), list(table["route"]))
+    ax.set_yticks(range(len(table)), list(map(plain_text, table["route"])))
     ax.set_ylim(-0.6, len(table) - 0.4)
     ax.set_xlabel("largest difference of the coordinates" + (" [m]" if verdict.problem.dynamics.stores_energy else ""))
     ax.grid(visible=False, axis="y")
@@ -319,7 +331,7 @@ def plot_cross_validation(verdict: CrossValidation, path: str | Path | None = No
     if not table["agrees"].all():
         handles.insert(1, Line2D([], [], marker="o", color=PALETTE[1], linestyle="none", label="difference: does not"))
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
-    figure.suptitle(f"{verdict.problem.name}: {verdict.outcome.value}", x=0.01, ha="left", fontsize=11.0)
+    figure.suptitle(plain_text(f"{verdict.problem.name}: {verdict.outcome.value}"), x=0.01, ha="left", fontsize=11.0)
     return _saved(figure, path)
 
 

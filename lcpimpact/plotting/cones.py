@@ -22,6 +22,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Wedge
 from numpy.typing import ArrayLike
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.lcp.operators import as_operator, finite_array
@@ -120,6 +121,7 @@ def plot_cones(M: Any, q: ArrayLike | None = None, path: str | Path | None = Non
 @overload
 def plot_cones(M: Any, q: ArrayLike | None = None, path: None = None, *, ax: Axes) -> Axes: ...
 @style()
+@checked
 def plot_cones(
     M: Any, q: ArrayLike | None = None, path: str | Path | None = None, *, ax: Axes | None = None
 ) -> Figure | Axes:

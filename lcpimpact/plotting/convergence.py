@@ -16,9 +16,11 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.plotting.style import FAINT, PALETTE, SOFT, save, style
+from lcpimpact.plotting.timeline import plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.convergence import COSTS
 from lcpimpact.study.norms import NORMS
@@ -56,6 +58,7 @@ AIR = 0.03
 
 
 @style()
+@checked
 def plot_convergence(table: pd.DataFrame, norm: str = "sup_q", path: str | Path | None = None) -> Figure:
     """Draw the errors of each method over the step, with a triangle for each order that is seen.
 
@@ -112,6 +115,7 @@ def plot_convergence(table: pd.DataFrame, norm: str = "sup_q", path: str | Path 
 
 
 @style()
+@checked
 def plot_work_precision(
     table: pd.DataFrame, norm: str = "sup_q", cost: str = "seconds", path: str | Path | None = None
 ) -> Figure:
@@ -192,7 +196,7 @@ def _looks(table: pd.DataFrame) -> Iterator[dict[str, Any]]:
 
 
 def _named(key: tuple[str, str, float]) -> str:
-    method, law, k = key
+    method, law, k = plain_text(key[0]), *key[1:]
     return method if law == "rigid" else f"{method}, {law} {_power(k)}"
 
 
@@ -243,7 +247,7 @@ def _limit(ax: Axes, table: pd.DataFrame, norm: str, telling: Sequence[float]) -
 
 def _draw_legend(figure: Figure, ax: Axes, title: str | None) -> None:
     labels = [str(line.get_label()) for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
-    if max(map(len, labels)) <= LONG:
+    if max(map(len, labels), default=0) <= LONG:
         figure.legend(loc="outside right center", title=title, alignment="left")
         return
     figure.legend(loc="outside lower center", title=title, ncols=2)
@@ -257,8 +261,8 @@ def _label(norm: str) -> str:
 
 
 def _titled(ax: Axes, table: pd.DataFrame, norm: str) -> None:
-    problem = table.attrs.get("problem", "")
-    references = " or ".join(dict.fromkeys(name for name in table["reference"] if name))
+    problem = plain_text(str(table.attrs.get("problem", "")))
+    references = plain_text(" or ".join(dict.fromkeys(name for name in table["reference"] if name)))
     ax.set_title(f"{problem}: {NORMS[norm].what}" if problem else NORMS[norm].what)
     if references:
         ax.annotate(

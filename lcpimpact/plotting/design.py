@@ -11,8 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from lcpimpact.arguments import checked
 from lcpimpact.plotting.style import EXACT, FAINT, INK, PALETTE, SOFT, save, style
-from lcpimpact.plotting.timeline import math_text
+from lcpimpact.plotting.timeline import math_text, plain_text
 from lcpimpact.problems.reading import read
 from lcpimpact.study.design.sizing import UNITS, Design
 from lcpimpact.study.fit import Fit
@@ -30,6 +31,7 @@ SYMBOLS = {
 
 
 @style()
+@checked
 def plot_design(design: Design, path: str | Path | None = None) -> Figure:
     """Draw the force over time and over the way of the mass, with what was wanted marked.
 
@@ -139,6 +141,7 @@ def _unit(design: Design, name: str) -> str:
 
 
 @style()
+@checked
 def plot_fit(fit: Fit, path: str | Path | None = None) -> Figure:
     """Draw the data and the fitted curve of each series, and the residuals below; of targets, their relative errors.
 
@@ -213,7 +216,7 @@ def _fitted(fit: Fit) -> str:
         else:
             parts.append(f"{name} = {row.value:.5g} (no interval)")
     lines = [", ".join(parts[i : i + 2]) for i in range(0, len(parts), 2)]
-    return f"{fit.problem.name}, fitted, with {fit.level:.0%} intervals\n" + "\n".join(lines)
+    return f"{plain_text(fit.problem.name)}, fitted, with {fit.level:.0%} intervals\n" + "\n".join(lines)
 
 
 def _series_unit(fit: Fit, name: str) -> str:

@@ -14,10 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.plotting.style import FAINT, INK, PALETTE, SOFT, save, style
-from lcpimpact.plotting.timeline import math_text
+from lcpimpact.plotting.timeline import math_text, plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.maps import Basins
 from lcpimpact.study.orbits import Branch, PeriodicOrbit
@@ -35,6 +36,7 @@ FEW = 12
 
 
 @style()
+@checked
 def plot_poincare(
     table: pd.DataFrame, x: str | None = None, y: str | None = None, path: str | Path | None = None
 ) -> Figure:
@@ -81,6 +83,7 @@ def plot_poincare(
 
 
 @style()
+@checked
 def plot_bifurcation(
     table: pd.DataFrame,
     y: str | None = None,
@@ -166,6 +169,7 @@ def _draw_branch(ax: Axes, branch: Branch, up: str) -> None:
 
 
 @style()
+@checked
 def plot_basins(result: Basins, path: str | Path | None = None) -> Figure:
     """Draw which start leads to which attractor.
 
@@ -245,6 +249,7 @@ def _edges(x: Array) -> Array:
 
 
 @style()
+@checked
 def plot_orbit(orbit: PeriodicOrbit, node: str | None = None, path: str | Path | None = None) -> Figure:
     """Draw a periodic orbit in the plane of a coordinate and its velocity, beside its multipliers and the unit circle.
 
@@ -287,7 +292,7 @@ def plot_orbit(orbit: PeriodicOrbit, node: str | None = None, path: str | Path |
     phase.plot(left.q[:, i], left.v[:, i], "o", color=PALETTE[1], ms=4.0)
     phase.set_xlabel(_label(d.nodes[i]))
     phase.set_ylabel(_label(f"v_{d.nodes[i]}"))
-    phase.set_title(f"{orbit.problem.name}: T = {orbit.T:.6g} s, {_impacts(orbit)}")
+    phase.set_title(f"{plain_text(orbit.problem.name)}: T = {orbit.T:.6g} s, {_impacts(orbit)}")
 
     turn = np.linspace(0.0, 2.0 * math.pi, 361)
     circle.fill(np.cos(turn), np.sin(turn), color=FAINT, zorder=0)
@@ -352,4 +357,4 @@ def _start_label(name: str) -> str:
 
 
 def _title(table: pd.DataFrame) -> str:
-    return f"{table.attrs.get('problem', '')} by {table.attrs.get('method', '')}"
+    return plain_text(f"{table.attrs.get('problem', '')} by {table.attrs.get('method', '')}")

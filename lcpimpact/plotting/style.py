@@ -11,6 +11,7 @@ import matplotlib
 from cycler import cycler
 from matplotlib.figure import Figure
 
+from lcpimpact.arguments import checked
 from lcpimpact.files import check_output, whole_file
 
 INK = "#1c2430"
@@ -85,6 +86,7 @@ def style() -> Iterator[None]:
         yield
 
 
+@checked
 def save(figure: Figure, path: str | Path) -> Path:
     """Write a figure to a file whose ending tells the format: .png, .svg or .pdf.
 

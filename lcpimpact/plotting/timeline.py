@@ -27,6 +27,17 @@ FORMULA = re.compile(r"([^\W_](_[^\W_]+)?|[ ()+=,.'-])+")
 WORDS = {"open": "opens", "close": "closes", "impact": "impact", "stick": "sticks", "slip": "slips"}
 
 
+def plain_text(text: str) -> str:
+    r"""Return words of somebody else's, as the name of a problem, so that no $ in them begins a formula.
+
+    Examples
+    --------
+    >>> plain_text("5 $ and a_b")
+    '5 \\\\$ and a_b'
+    """
+    return text.replace("$", r"\$")
+
+
 def math_text(symbol: str) -> str:
     """Return a symbol as math text, or as it is where it is no formula.
 
@@ -35,7 +46,7 @@ def math_text(symbol: str) -> str:
     >>> math_text("k_o"), math_text("c_12"), math_text("x1"), math_text("mg")
     ('$k_o$', '$c_{12}$', '$x_1$', '$mg$')
     """
-    symbol = symbol.replace("$", r"\$")
+    symbol = plain_text(symbol)
     if not FORMULA.fullmatch(symbol):
         return symbol
     # A letter and a number behind it are a symbol with its index, x1 as well as x_1.

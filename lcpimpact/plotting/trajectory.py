@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Event
@@ -19,6 +20,7 @@ from lcpimpact.plotting.timeline import (
     curves,
     mark_events,
     math_text,
+    plain_text,
     shown_events,
     shown_forces,
     shown_nodes,
@@ -47,6 +49,7 @@ class Panel:
 
 
 @style()
+@checked
 def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> Figure:
     """Draw coordinates over time, forces below, and impulses below those if there are impacts; mark the events.
 
@@ -130,7 +133,7 @@ def draw_panel(ax: Axes, panel: Panel, *, faint: bool = False) -> None:
 
 def title_of(trajectory: Trajectory) -> str:
     """Return what a picture of a run is called."""
-    title = f"{trajectory.problem.name} by {_method(trajectory.method)}"
+    title = plain_text(f"{trajectory.problem.name} by {_method(trajectory.method)}")
     if not trajectory.success:
         title += f": {trajectory.status.name.lower().replace('_', '-')} at t = {trajectory.t[-1]:g} s"
     if (events := len(shown_events(trajectory))) >= MANY:

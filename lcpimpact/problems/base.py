@@ -11,11 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from lcpimpact.arguments import is_name
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_count, is_real
 from lcpimpact.problems.facts import Fact
 from lcpimpact.registry import nearest
+from lcpimpact.scheme.assembly import LARGEST
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
@@ -71,13 +73,20 @@ class Problem:
     motion: Callable[[Array], tuple[Array, Array]] | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
+        if not is_name(self.name):
+            raise InputError(
+                f"name = {self.name!r} of a problem must be a string that is not empty and has no hidden characters"
+            )
         if not isinstance(self.scheme, (Scheme, LinearComplementaritySystem)):
             raise InputError(
                 f"scheme = {self.scheme!r} of problem {self.name!r} must be a Scheme or a LinearComplementaritySystem"
             )
-        for kind, values in (("q0", self.q0), ("v0", self.v0)):
+        of = {"q0": "nodes", "v0": "nodes", "parameters": "names"}
+        for kind, values in ((kind, getattr(self, kind)) for kind in of):
             if not isinstance(values, Mapping):
-                raise InputError(f"{kind} = {values!r} of problem {self.name!r} must map nodes to numbers")
+                raise InputError(f"{kind} = {values!r} of problem {self.name!r} must map {of[kind]} to numbers")
+        for kind in of:
+            object.__setattr__(self, kind, dict(getattr(self, kind)))
         nodes = self.dynamics.nodes
         for kind, values in (("q0", self.q0), ("v0", self.v0)):
             for node, value in values.items():
@@ -168,7 +177,9 @@ def restitution(name: str, e: float) -> None:
 
 
 def whole(name: str, symbol: str, value: float, least: int = 1) -> int:
-    """Return a parameter that counts something as an int, and refuse one that is no whole number or too small."""
-    if not is_count(value) or value < least:
-        raise InputError(f"{name}: {symbol} = {value:g} must be a whole number, at least {least}")
+    """Return a parameter that counts bodies as an int, and refuse one that is no whole number, too small, or too large."""
+    if not is_count(value) or not least <= value <= LARGEST:
+        raise InputError(
+            f"{name}: {symbol} = {value:g} must be a whole number, at least {least} and at most {LARGEST:,}"
+        )
     return int(value)

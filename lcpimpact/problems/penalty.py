@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import brentq
 
+from lcpimpact.arguments import check_kind
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
@@ -118,8 +119,10 @@ def penalized(
     ----------
     Schwager and Pöschel (2007) for ``kelvin-voigt``; Hunt and Crossley (1975).
     """
+    for name, value, kind in (("problem", problem, Problem), ("law", law, str)):
+        check_kind(name, value, kind)
     if law not in LAWS:
-        raise InputError(nearest(str(law), list(LAWS), "law"))
+        raise InputError(nearest(law, list(LAWS), "law"))
     given = {"k": k, "c": c, "b": b, "n": n, "v0": v0, "e": e}
     _check(law, given)
     if not isinstance(problem.scheme, Scheme):

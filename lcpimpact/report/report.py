@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from lcpimpact import __version__
+from lcpimpact.arguments import checked
 from lcpimpact.files import check_output, whole_file
 from lcpimpact.plotting.style import save
 
@@ -68,6 +69,7 @@ class Section:
     beside: bool = False
 
 
+@checked
 def write_report(path: str | Path, title: str, lead: str, sections: Sequence[Section]) -> Path:
     """Write a report to a file that ends in .html; it appears whole or not at all.
 

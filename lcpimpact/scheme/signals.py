@@ -20,6 +20,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import ArrayLike
 
+from lcpimpact.arguments import is_sequence
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
@@ -481,7 +482,7 @@ def _check_wave(signal: Any, amplitude: float, omega: float, phase: float) -> No
 def _numbers(signal: Any, field: str) -> tuple[float, ...]:
     """Make a field a tuple of numbers, which can be hashed, and return it."""
     kind, given = type(signal).__name__, getattr(signal, field)
-    if isinstance(given, str) or not hasattr(given, "__iter__"):
+    if not is_sequence(given):
         raise InputError(f"{kind}: {field} = {given!r} must be a sequence of finite numbers")
     given = tuple(given)
     for i, each in enumerate(given):

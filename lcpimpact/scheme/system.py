@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lcpimpact.arguments import is_name, is_sequence
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
@@ -84,6 +85,8 @@ class LinearComplementaritySystem:
                 raise InputError(f"{name} of the system has the shape {array.shape}, and A and C ask for {shape}")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
+        if self.a is not None and not is_sequence(self.a):
+            raise InputError(f"a of the system must be a sequence of {n} numbers or functions of time")
         a = tuple([0.0] * n if self.a is None else self.a)
         if len(a) != n or not all(callable(each) or is_real(each) for each in a):
             raise InputError(f"a of the system must hold {n} finite numbers or functions of time, one for each state")
@@ -91,7 +94,7 @@ class LinearComplementaritySystem:
         for field, letter, count in (("states", "x", n), ("multipliers", "λ", m)):
             names = getattr(self, field)
             names = tuple(f"{letter}{i + 1}" for i in range(count)) if names is None else tuple(names)
-            if len(names) != count or not all(isinstance(each, str) and each for each in names):
+            if len(names) != count or not all(map(is_name, names)):
                 raise InputError(f"{field} of the system must hold {count} names")
             object.__setattr__(self, field, names)
         every = ["t", "t_R", *self.names, *(f"v_{name}" for name in self.states or ())]

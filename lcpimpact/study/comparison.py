@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
+from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError, LcpImpactError, UnsupportedError
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
@@ -166,6 +167,7 @@ class Comparison:
         return {"problem": self.problem.name, "t_end": float(self.t_end), "reference": name}
 
 
+@checked
 def compare(
     problem: Problem,
     methods: Methods,

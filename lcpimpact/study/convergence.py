@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError, LcpImpactError
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import is_count, is_real
@@ -253,6 +254,7 @@ class Task:
     truth: Reference | str
 
 
+@checked
 def convergence(
     problem: Problem,
     methods: Methods,
@@ -329,6 +331,7 @@ def convergence(
     return _run_all(problem, methods, dts, (), t_end, norms, penalties, reference, repeats, lcp_solver, watch)
 
 
+@checked
 def work_precision(
     problem: Problem,
     methods: Methods,
@@ -387,8 +390,6 @@ def _run_all(
     watch: Watch,
 ) -> pd.DataFrame:
     """Check what was given, make the tasks, and run them in turn."""
-    if not isinstance(problem, Problem):
-        raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
     end = problem.t_end if t_end is None else t_end
     for name, values in (("t_end", [end]), ("dts", dts), ("rtols", rtols)):
         for value in values:

@@ -35,6 +35,7 @@ import numpy as np
 import pandas as pd
 from scipy.linalg import eigh
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import FailureError, InputError, LcpImpactError
 from lcpimpact.numbers import is_real
@@ -141,6 +142,7 @@ class CrossValidation:
         return "\n".join([f"{self.problem.name}: {verdict}", *(f"  {reason}" for reason in self.reasons)])
 
 
+@checked
 def cross_validate(
     problem: Problem,
     routes: Sequence[Given] | Mapping[str, Given] | None = None,

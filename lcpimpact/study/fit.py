@@ -32,9 +32,10 @@ from scipy.optimize import least_squares
 from scipy.stats import norm
 from scipy.stats import t as student
 
+from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, InputError
-from lcpimpact.files import reading
+from lcpimpact.files import reading, word_of
 from lcpimpact.numbers import is_count, is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.reading import read
@@ -90,6 +91,13 @@ class Target:
     measure: Callable[[Trajectory], float]
     value: float
     sigma: float | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not is_real(self.value):
+            raise InputError(f"Target: value = {self.value!r} must be a finite number")
+        if self.sigma is not None and not (is_real(self.sigma) and self.sigma > 0.0):
+            raise InputError(f"Target: sigma = {self.sigma!r} must be a positive finite number")
 
     @property
     def scale(self) -> float:
@@ -151,6 +159,7 @@ class Fit:
         return "\n".join([head, *rows, f"  {self.message}", *(f"  {note}" for note in self.notes)])
 
 
+@checked
 def fit(
     problem: Problem | Callable[..., Problem],
     free: Sequence[str] | Mapping[str, float],
@@ -305,6 +314,7 @@ def fit(
     )
 
 
+@checked
 def read_curve(data: str | Path | pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
     """Return t and some columns of a measured curve, checked.
 
@@ -334,7 +344,7 @@ def read_curve(data: str | Path | pd.DataFrame, columns: Sequence[str]) -> pd.Da
 
 
 def _checked_curve(table: pd.DataFrame, columns: Sequence[str], what: str, first: int) -> pd.DataFrame:
-    names = [str(name).strip() for name in table.columns]
+    names = _words(table.columns)
     table = table.set_axis(names, axis=1)
     if len(set(names)) < len(names):
         raise InputError("two of its columns have one name; name each column once")
@@ -441,7 +451,7 @@ class _Parameters:
 
             def make(values: dict[str, float]) -> Problem:
                 return with_values(base, values)
-        elif callable(problem):
+        else:
             builder = problem
             if not given:
                 raise InputError(
@@ -451,8 +461,7 @@ class _Parameters:
 
             def make(values: dict[str, float]) -> Problem:
                 return builder(**values)
-        else:
-            raise InputError(f"fit: {problem!r} is neither a Problem nor a function that makes one")
+
         for name in bounds:
             if name not in names:
                 raise InputError(f"fit: bounds: {nearest(name, list(names), 'free parameter')}")
@@ -583,7 +592,7 @@ def _curves(
     d = problem.dynamics
     forces = [each.name for each in d.forces]
     known = [*d.nodes, *(f"v_{node}" for node in d.nodes), *forces]
-    header = list(data.columns) if isinstance(data, pd.DataFrame) else _header(Path(data))
+    header = _words(data.columns) if isinstance(data, pd.DataFrame) else _header(Path(data))
     wanted = [column] if isinstance(column, str) else list(column or [name for name in known if name in header])
     for name in wanted:
         if name not in known:
@@ -609,13 +618,18 @@ def _header(path: Path) -> list[str]:
             names = pd.read_csv(path, nrows=0, skipinitialspace=True, encoding="utf-8-sig").columns
         except (ValueError, UnicodeDecodeError) as error:
             raise InputError(f"it is no CSV file with one header and commas between cells: {error}") from None
-    return [str(name).strip() for name in names]
+    return _words(names)
+
+
+def _words(header: Iterable[Any]) -> list[str]:
+    """Return the names of columns."""
+    return [word_of(str(name).strip()) for name in header]
 
 
 def _own_times(data: str | Path | pd.DataFrame, name: str) -> pd.DataFrame:
     """Return a reaction of a saved run at the times where it lives, which may be fewer than those of the motion."""
     table = data if isinstance(data, pd.DataFrame) else pd.read_csv(data, skipinitialspace=True, encoding="utf-8-sig")
-    table = table.set_axis([str(each).strip() for each in table.columns], axis=1)
+    table = table.set_axis(_words(table.columns), axis=1)
     if name not in table.columns:
         raise InputError(nearest(name, list(table.columns), "column"))
     pair = table[["t_R", name]].set_axis(["t", name], axis=1)

@@ -14,9 +14,13 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix
+from lcpimpact.errors import FailureError
 
 CLOSE = 1e-13
 """Where bounds are this near each other, relative to the size of the graphs, the supremum is found."""
+
+MOST_PIECES = 20_000_000
+"""More pieces than these are refused: graphs that turn so often are noise, or far too long for a distance."""
 
 
 def polyline(start: Array, length: Array, c: Array, tolerance: float) -> Array:
@@ -27,11 +31,19 @@ def polyline(start: Array, length: Array, c: Array, tolerance: float) -> Array:
     start, length : (nk,) arrays    pieces, in order
     c : (nk, p + 1) array           Chebyshev coefficients on each
     tolerance : float
+
+    Raises
+    ------
+    FailureError
+        If these would be more than `MOST_PIECES`.
     """
     k = np.arange(c.shape[1])
     # |T_k''| <= k² (k² - 1)/3, and a chord over 2/m of [-1, 1] is at most (2/m)²/8 of |f''| away.
     bend = np.abs(c) @ (k**2 * (k**2 - 1.0) / 3.0)
-    parts = np.maximum(1, np.ceil(np.sqrt(0.5 * bend / tolerance))).astype(np.int64)
+    wanted = np.maximum(1.0, np.ceil(np.sqrt(0.5 * bend / tolerance)))
+    if not wanted.sum() <= MOST_PIECES:
+        raise too_many_pieces()
+    parts = wanted.astype(np.int64)
     points = parts + 1
     piece = np.repeat(np.arange(len(parts)), points)
     place = np.arange(len(piece)) - np.repeat(np.cumsum(points) - points, points)
@@ -91,18 +103,22 @@ def nearest_segment(x: float, y: float, B: Array) -> int:
     return best
 
 
-@compiled(f8(matrix, matrix, f8))
-def farthest(A: Array, B: Array, reached: float) -> float:
+@compiled(f8(matrix, matrix, f8, i8))
+def farthest(A: Array, B: Array, reached: float, most: int) -> float:
     """Return the largest distance from B of a point of A, or ``reached`` if that is larger.
 
-    Both are polylines of at least two points that do not go back in time.
+    Both are polylines of at least two points that do not go back in time. NaN where this takes more than ``most`` pieces.
     """
     stack = np.empty((64, 4))
+    pieces = 0
     for i in range(len(A) - 1):
         stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = A[i, 0], A[i, 1], A[i + 1, 0], A[i + 1, 1]
         depth = 1
         while depth > 0:
             depth -= 1
+            pieces += 1
+            if pieces > most:
+                return np.nan
             x0, y0, x1, y1 = stack[depth]
             j = segment_at(0.5 * (x0 + x1), B)
             if max(to_segment(x0, y0, B, j), to_segment(x1, y1, B, j)) <= reached:
@@ -129,6 +145,23 @@ def hausdorff(A: Array, B: Array) -> float:
     >>> step, late = ([[0, 0], [t, 0], [t, 1], [1, 1]] for t in (0.5, 0.6))
     >>> round(hausdorff(np.array(step, dtype=float), np.array(late, dtype=float)), 12)
     0.1
+
+    Raises
+    ------
+    FailureError
+        If this takes more than `MOST_PIECES`.
     """
     A, B = np.ascontiguousarray(A, dtype=np.float64), np.ascontiguousarray(B, dtype=np.float64)
-    return float(farthest(B, A, farthest(A, B, 0.0)))
+    found = float(farthest(B, A, farthest(A, B, 0.0, MOST_PIECES), MOST_PIECES))
+    if np.isnan(found):
+        raise too_many_pieces()
+    return found
+
+
+def too_many_pieces() -> FailureError:
+    """Return the error for graphs that turn too often to be compared."""
+    return FailureError(
+        f"the distance of the graphs would take more than {MOST_PIECES:,} pieces: the runs turn too often, or hold noise; "
+        "take a shorter t_end, or name other norms",
+        None,
+    )

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.certificate import Pieces
 from lcpimpact.errors import UnsupportedError
@@ -82,6 +83,7 @@ class Ledger:
         return pd.DataFrame({"item": items, "start": start, "end": end, "change": end - start})
 
 
+@checked
 def energy_ledger(run: Trajectory) -> Ledger:
     r"""Account for the energy of a run, element by element.
 

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
+from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status
 from lcpimpact.integrators.base import Event, Integrator
@@ -54,6 +55,7 @@ class Stroboscope:
     period: float | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if not (is_real(self.phase) and 0.0 <= self.phase < 1.0):
             raise InputError(f"phase = {self.phase!r} must be a share of the period, from 0 to below 1")
         if self.period is not None and not (is_real(self.period) and self.period > 0.0):
@@ -99,6 +101,7 @@ class Crossing:
     direction: int = 0
 
     def __post_init__(self) -> None:
+        check_fields(self)
         if not is_real(self.level) or self.direction not in (-1, 0, 1):
             raise InputError(f"{self}: the level must be a number, and the direction 1, -1 or 0")
 
@@ -106,6 +109,7 @@ class Crossing:
 Section = Stroboscope | Impacts | Crossing
 
 
+@checked
 def section_of(text: str | Section) -> Section:
     """Return the section that a text tells, as on the command line.
 
@@ -166,6 +170,7 @@ class Points(NamedTuple):
         return Points(self.t[count:], self.q[count:], self.v[count:], self.speed[count:], self.last)
 
 
+@checked
 def poincare(
     problem: Problem,
     section: str | Section = "force",
@@ -268,8 +273,6 @@ def _whole(**values: tuple[int, int]) -> None:
 
 def _checked(problem: Problem, where: Section) -> float | None:
     """Return the period of the force, after a look at whether the section fits the problem."""
-    if not isinstance(problem, Problem):
-        raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
     d = problem.dynamics
     names = [contact.name for contact in d.contacts]
     if isinstance(where, Stroboscope):
@@ -507,6 +510,7 @@ def each_of(function: Callable[[Any], Any], items: Sequence[Any], workers: int |
         yield from pool.map(function, items)
 
 
+@checked
 def bifurcation(
     family: Callable[[float], Problem],
     values: Iterable[float],
@@ -625,6 +629,7 @@ class Basins:
     attractors: pd.DataFrame
 
 
+@checked
 def basins(
     family: Callable[[float, float], Problem],
     first: Iterable[float],

@@ -22,8 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.errors import InputError
+from lcpimpact.errors import FailureError, InputError
 from lcpimpact.integrators.base import Event
 from lcpimpact.registry import nearest
 from lcpimpact.study.graphs import hausdorff, polyline
@@ -35,6 +36,9 @@ DEGREE = 12
 HALVINGS = 27
 """So often an interval with a zero is halved: what is left errs as the square of its length, which is rounding."""
 
+MOST_PIECES = 2_000_000
+"""More intervals than these are refused: a function that turns so often is noise, or far too long for a norm."""
+
 ROUNDING = 1e-13
 """A series whose last terms are this small, relative to the largest value, has ended."""
 
@@ -42,6 +46,9 @@ LAST_PLACES = 16.0
 
 HALF_THE_DIGITS = 1e-8
 """Terms below this, relative to the largest value, that halving does not lessen are noise too, and not a corner."""
+
+LEVEL = 1e-14
+"""A bound that exceeds what is reached by less, relative to it, is that of a piece without slope but for rounding."""
 
 FINEST = 1e-9
 """Chords are no nearer to a curve than this, relative to the size of its graph."""
@@ -67,6 +74,11 @@ class Series:
     start, length : (nk,) arrays        where each piece begins and how long it is, in s
     c : (nk, DEGREE + 1, m) array       Chebyshev coefficients of m functions on each
     scale : float                       the largest value of what was subtracted, to which rounding is relative
+
+    Raises
+    ------
+    FailureError
+        By its norms, if the series would have to be halved into more than `MOST_PIECES`.
     """
 
     start: Array
@@ -79,11 +91,14 @@ class Series:
         total = np.zeros(self.c.shape[2])
         c, length, column = self._flat()
         for level in range(HALVINGS + 1):
-            signed = np.abs(c[:, 0]) >= np.abs(c[:, 1:]).sum(axis=1)
-            done = signed if level < HALVINGS else np.ones_like(signed)
+            turning = np.abs(c[:, 1:]).sum(axis=1)
+            done = (np.abs(c[:, 0]) >= turning) | (turning <= np.finfo(float).eps * self.scale)
+            if level == HALVINGS:
+                done[:] = True
             np.add.at(total, column[done], np.abs(c[done] @ INTEGRAL) * 0.5 * length[done])
             c, length, column = c[~done], 0.5 * length[~done], column[~done]
             c, length, column = np.concatenate([c @ LEFT.T, c @ RIGHT.T]), np.tile(length, 2), np.tile(column, 2)
+            check_pieces(len(c))
         return total
 
     def l2(self) -> Array:
@@ -94,11 +109,11 @@ class Series:
     def sup(self) -> float:
         """Return the largest |f| of all functions: pieces whose bound is below what is reached are passed over."""
         c, _, _ = self._flat()
-        return _highest(np.concatenate([c, -c]))
+        return _highest(np.concatenate([c, -c]), self.scale)
 
     def highest(self) -> Array:
         """Return the largest value of each function (m,)."""
-        return np.array([_highest(self.c[:, :, i]) for i in range(self.c.shape[2])])
+        return np.array([_highest(self.c[:, :, i], self.scale) for i in range(self.c.shape[2])])
 
     def __call__(self, t: Array) -> Array:
         """Return the functions at the times t (nt,) within the pieces: (nt, m)."""
@@ -116,15 +131,37 @@ class Series:
         return c, np.repeat(self.length, m), np.tile(np.arange(m), pieces)
 
 
-def _highest(c: Array) -> float:
-    """Return the largest value of series (nk, DEGREE + 1); those whose bound is below what is reached are passed over."""
+def _highest(c: Array, scale: float) -> float:
+    """Return the largest value of series (nk, DEGREE + 1); those whose bound is below what is reached are passed over.
+
+    What exceeds it by rounding alone, relative to the largest value of what was read, is passed over too.
+    """
     reached = -np.inf
     for _ in range(HALVINGS + 1):
         ends = np.concatenate([c.sum(axis=1), c @ SIGNS])
         reached = max(reached, float(ends.max(initial=-np.inf)))
-        above = c[:, 0] + np.abs(c[:, 1:]).sum(axis=1) > reached + 1e-15 * abs(reached)
+        above = c[:, 0] + np.abs(c[:, 1:]).sum(axis=1) > reached + max(
+            LEVEL * abs(reached), np.finfo(float).eps * scale
+        )
         c = np.concatenate([c[above] @ LEFT.T, c[above] @ RIGHT.T])
+        check_pieces(len(c))
     return reached
+
+
+def check_pieces(count: int) -> None:
+    """Refuse to go on with more intervals than `MOST_PIECES`.
+
+    Raises
+    ------
+    FailureError
+        With the remedy.
+    """
+    if count > MOST_PIECES:
+        raise FailureError(
+            f"a norm would take more than {MOST_PIECES:,} intervals: the runs turn too often, or hold noise; take a shorter "
+            "t_end, tighter tolerances, or name other norms",
+            None,
+        )
 
 
 def corners(*runs: Trajectory) -> Array:
@@ -136,19 +173,19 @@ def corners(*runs: Trajectory) -> Array:
     return np.unique(times[(times >= first) & (times <= last)])
 
 
-def difference(run: Trajectory, truth: Trajectory, read: Reading) -> Series:
-    """Return what is read of a run less the same of the truth, piece by piece."""
-    return series(corners(run, truth), lambda t: read(run, t), lambda t: read(truth, t))
+def difference(run: Trajectory, truth: Trajectory, read: Reading, scale: float = 0.0) -> Series:
+    """Return what is read of a run less the same of the truth, piece by piece; ``scale`` as for `series`."""
+    return series(corners(run, truth), lambda t: read(run, t), lambda t: read(truth, t), scale=scale)
 
 
-def series(cuts: Array, *read: Callable[[Array], Array]) -> Series:
+def series(cuts: Array, *read: Callable[[Array], Array], scale: float = 0.0) -> Series:
     """Return the first of one or two functions of time, less the second, as a series between cuts.
 
-    A piece on which the series does not end is halved until it does.
+    A piece on which the series does not end is halved until it does. What is summed from larger values, as a gap from
+    coordinates, is told their size by ``scale``: to that its rounding is relative.
     """
     start, length, before = cuts[:-1], np.diff(cuts), np.full(len(cuts) - 1, np.inf)
     done: list[tuple[Array, Array, Array]] = []
-    scale = 0.0
     for level in range(HALVINGS + 1):
         # Pieces as short as the spacing of floats hold no more than their ends.
         there = length > LAST_PLACES * np.finfo(float).eps * np.abs(cuts).max()
@@ -171,6 +208,7 @@ def series(cuts: Array, *read: Callable[[Array], Array]) -> Series:
         start, length = np.stack([start, start + length], axis=1).ravel(), np.repeat(length, 2)
         if len(start) == 0:
             break
+        check_pieces(len(start) + sum(len(each) for each, _, _ in done))
     starts, lengths, coefficients = (np.concatenate(each) for each in zip(*done, strict=True))
     order = np.argsort(starts, kind="stable")
     return Series(starts[order], lengths[order], coefficients[order], scale)
@@ -185,7 +223,12 @@ def inertial(run: Trajectory) -> Flags:
 @lru_cache(maxsize=16)
 def _known(run: Trajectory, what: str) -> Series:
     """Return q or v of a run that is known at all times, as a series: quicker to read than the solution itself."""
-    return series(corners(run), lambda t: getattr(run.sample(t), what))
+    return series(corners(run), lambda t: getattr(run.sample(t), what), scale=slow(run) if what == "v" else 0.0)
+
+
+def slow(run: Trajectory) -> float:
+    """Return the speed that goes the way of a run in its length: speeds at rest are rounding relative to it."""
+    return float(np.abs(run.q).max(initial=0.0)) / float(run.t[-1] - run.t[0] or 1.0)
 
 
 def _read(run: Trajectory, what: str, t: Array) -> Array:
@@ -209,7 +252,7 @@ def _energy(run: Trajectory, t: Array) -> Array:
 @lru_cache(maxsize=1)
 def _error_of_v(run: Trajectory, truth: Trajectory) -> Series:
     """Return v - v*, which more than one norm asks for."""
-    return difference(run, truth, _v)
+    return difference(run, truth, _v, scale=slow(truth))
 
 
 def sup_q(run: Trajectory, truth: Trajectory) -> float:
@@ -276,7 +319,7 @@ def _graphs(run: Trajectory, T: float, V: float) -> list[Graph]:
     if run.dense is None:
         values = _v(run, cuts) / V
         return [lambda tolerance, y=y: np.column_stack([cuts / T, y]) for y in values.T]  # type: ignore[misc]
-    found = series(cuts, lambda t: _v(run, t))
+    found = series(cuts, lambda t: _v(run, t), scale=slow(run))
     return [
         lambda tolerance, c=c: polyline(found.start / T, found.length / T, c / V, tolerance)  # type: ignore[misc]
         for c in found.c.transpose(2, 0, 1)
@@ -365,7 +408,8 @@ def penetration(run: Trajectory, truth: Trajectory) -> float:
     if run.dense is None:
         overlap = -rigid.gap(run.q)
     else:
-        overlap = series(corners(run), lambda t: -rigid.gap(run.sample(t).q)).highest()
+        moved = float(np.abs(run.q).max())
+        overlap = series(corners(run), lambda t: -rigid.gap(run.sample(t).q), scale=moved).highest()
     return float(max(0.0, overlap[..., ~rigid.slides].max()))
 
 
@@ -410,6 +454,7 @@ NORMS = {
 }
 
 
+@checked
 def errors(run: Trajectory, truth: Trajectory, norms: Sequence[str] | None = None) -> dict[str, float]:
     """Return how far a run is from the truth, in all norms or those that are named.
 

@@ -18,6 +18,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, UnsupportedError
 from lcpimpact.integrators.base import Event, State
@@ -174,6 +175,7 @@ MOST_STEPS = 40
 """Limit of Newton's steps."""
 
 
+@checked
 def periodic_orbit(
     problem: Problem,
     *,
@@ -263,8 +265,6 @@ def _count(name: str, value: int, least: int) -> None:
 
 def refuse_power_laws(problem: Problem) -> None:
     """Refuse what has no exact solution."""
-    if not isinstance(problem, Problem):
-        raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
     if what := problem.dynamics.features.get(Feature.POWER_LAWS):
         raise UnsupportedError(
             f"{problem.name!r} has non-linear springs ({what}), which 'exact' does not handle: take a method that steps"
@@ -452,6 +452,7 @@ class Branch:
     ended: str
 
 
+@checked
 def continue_orbit(
     family: Callable[[float], Problem],
     values: Sequence[float],
@@ -591,6 +592,7 @@ def _branch_table(values: list[float], orbits: list[PeriodicOrbit], ended: str) 
     return table
 
 
+@checked
 def least_gap(orbit: PeriodicOrbit, contact: str | None = None) -> tuple[float, str, float]:
     """Return the least gap of an orbit between its touches, in m, of which contact, and when.
 
@@ -674,6 +676,7 @@ class Grazing:
     orbit: PeriodicOrbit
 
 
+@checked
 def grazing(
     family: Callable[[float], Problem],
     bracket: tuple[float, float],
@@ -748,6 +751,7 @@ def grazing(
     return Grazing(value, name, t, least, orbit)
 
 
+@checked
 def lyapunov(problem: Problem, *, t_end: float, transient: float = 0.0, watch: Watch = unwatched) -> Array:
     r"""Return the Lyapunov exponents of a motion in 1/s, the largest first.
 

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
@@ -97,6 +98,7 @@ def fit(dts: Sequence[float], errors: Sequence[float]) -> Order:
     )
 
 
+@checked
 def observed_orders(table: pd.DataFrame, norm: str | None = None) -> pd.DataFrame:
     """Fit the order of each method of a table of `lcpimpact.convergence`, and say whether it is as declared.
 
@@ -183,6 +185,7 @@ class RoundingError(InputError):
     """The errors of a method are rounding, and tell no order."""
 
 
+@checked
 def observed_order(
     problem: Problem,
     method: str | Integrator,
@@ -240,6 +243,7 @@ def observed_order(
     return fit(list(table["dt"]), list(table[norm]))
 
 
+@checked
 def order_as_declared(
     problem: Problem, method: str, declared: float, norm: str = "sup_q", counts: Sequence[int] = COUNTS
 ) -> Order | None:

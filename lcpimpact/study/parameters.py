@@ -16,6 +16,7 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
 
+from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.problems import PROBLEMS
@@ -29,6 +30,7 @@ Place = tuple[str, int, str]
 """("parameter", -1, name), ("element", its number, field), or ("q0" or "v0", -1, node)."""
 
 
+@checked
 def with_values(problem: Problem, values: Mapping[str, float]) -> Problem:
     """Return the problem with other numbers at these addresses.
 
@@ -69,6 +71,7 @@ def with_values(problem: Problem, values: Mapping[str, float]) -> Problem:
     return replace(problem, facts=(), motion=None, **changes)
 
 
+@checked
 def value_at(problem: Problem, address: str) -> float:
     """Return the number at an address.
 

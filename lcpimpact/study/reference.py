@@ -6,6 +6,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
+from lcpimpact.arguments import checked
 from lcpimpact.errors import LcpImpactError, UnsupportedError
 from lcpimpact.problems.base import Problem
 from lcpimpact.simulation import simulate
@@ -37,6 +38,7 @@ class Reference:
     name: str
 
 
+@checked
 def reference(problem: Problem, t_end: float | None = None, unlike: Collection[str] = ()) -> Reference:
     """Return the solution that runs are to be judged against.
 

@@ -6,9 +6,10 @@ import numpy as np
 from numba import types
 from numpy.typing import ArrayLike
 
+from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
-from lcpimpact.errors import Status
+from lcpimpact.errors import InputError, Status
 from lcpimpact.lcp.basis import basic_solution
 from lcpimpact.lcp.judge import holds, measure
 from lcpimpact.lcp.operators import as_operator, finite_array
@@ -88,6 +89,7 @@ SOLVER = CompiledSolver(
 )
 
 
+@checked
 def all_solutions(
     M: ArrayLike, q: ArrayLike, *, lower: ArrayLike | None = None, upper: ArrayLike | None = None, tol: float = 1e-10
 ) -> list[Array]:
@@ -126,6 +128,8 @@ def all_solutions(
     """
     operator = as_operator(M)
     right = finite_array("q", q)
+    if right.shape != (operator.n,):
+        raise InputError(f"q must have shape ({operator.n},) to fit M, and its shape is {right.shape}")
     SOLVER.check(operator)
     low, high, _ = bounds(operator.n, lower, upper)
     found: list[Array] = []

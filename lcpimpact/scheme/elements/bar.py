@@ -153,6 +153,8 @@ class Bar(Element):
             object.__setattr__(self, "massless", (self.massless,))
         elif isinstance(self.massless, list):
             object.__setattr__(self, "massless", tuple(self.massless))
+        elif not isinstance(self.massless, tuple):
+            raise InputError(f"massless = {self.massless!r} of a Bar must name an end, or be a sequence of its ends")
         for symbol, unit in (("E", "Pa"), ("A", "m²"), ("rho", "kg/m³"), ("L", "m")):
             positive(self, symbol, getattr(self, symbol), unit)
         if not is_count(self.elements) or self.elements > LARGEST:
@@ -167,8 +169,6 @@ class Bar(Element):
         self._check_plasticity()
 
     def _check_mass(self) -> None:
-        if not isinstance(self.massless, tuple):
-            raise InputError(f"{self}: massless = {self.massless!r} must name an end, or be a sequence of its ends")
         for node in self.massless:
             if node not in (self.a, self.b) or node == GROUND:
                 raise InputError(f"{self}: massless = {node!r} must name one of its ends that is not the ground")

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
+from lcpimpact.arguments import is_name
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.terms import GROUND, Terms
@@ -86,16 +87,22 @@ def positive(element: Element, symbol: str, value: Any, unit: str) -> None:
 def distinct(element: Element) -> None:
     """Refuse node names that are no names, an element whose two ends are one node, and symbols for other constants."""
     count, symbols = len(getattr(type(element), "symbols", ())), getattr(element, "symbols", ())
-    if not isinstance(symbols, tuple) or len(symbols) != count or not all(isinstance(each, str) for each in symbols):
+    if not isinstance(symbols, tuple) or len(symbols) != count or not all(map(is_name, symbols)):
         raise InputError(f"symbols = {symbols!r} of a {type(element).__name__} must be a tuple of {count} strings")
+    named(element)
     for node in element.nodes:
-        if not isinstance(node, str) or not node:
-            raise InputError(f"{element}: a node is named by a string that is not empty, and {node!r} is not one")
+        if not is_name(node):
+            raise InputError(
+                f"{type(element).__name__}: a node is named by a string that is not empty and has no hidden characters, and "
+                f"{node!r} is not one"
+            )
     if len(set(element.nodes)) < len(element.nodes):
         raise InputError(f"{element}: both ends are one node; join two different nodes")
 
 
 def named(element: Any) -> None:
     """Refuse an element whose ``name`` is given and is no name."""
-    if element.name is not None and (not isinstance(element.name, str) or not element.name):
-        raise InputError(f"{element}: name = {element.name!r} must be a string that is not empty")
+    if getattr(element, "name", None) is not None and not is_name(element.name):
+        raise InputError(
+            f"{type(element).__name__}: name = {element.name!r} must be a string, not empty and without hidden characters"
+        )

@@ -21,6 +21,7 @@ import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
 
+from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
@@ -134,6 +135,7 @@ class Design:
         return table
 
 
+@checked
 def design(
     law: str,
     *,
@@ -214,7 +216,13 @@ def design(
     given = {"e": e, "contact_time": contact_time, "peak_force": peak_force, "deflection": deflection}
     wanted = _checked(kind, m, v0, g, given | {"k": k, "c": c, "b": b}, n)
     case = _Case(kind, float(m), float(v0), float(g), kind.n or (1.5 if n is None else float(n)))
-    first, *others = [case.design(λ, L, wanted) for λ, L in case.solutions(wanted)]
+    try:
+        first, *others = [case.design(λ, L, wanted) for λ, L in case.solutions(wanted)]
+    except ArithmeticError:
+        raise InputError(
+            "design: a number on the way is larger or smaller than a machine has; take units in which m, v0 and what is "
+            "wanted are nearer to 1"
+        ) from None
     return replace(first, others=tuple(others))
 
 

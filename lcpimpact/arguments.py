@@ -1,0 +1,250 @@
+"""Arguments of public functions are checked once, by their annotations, and what is wrong is said in one sentence."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import types
+import typing
+import unicodedata
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import fields
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+
+from lcpimpact.errors import InputError
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+HIDDEN = ("Cc", "Cf", "Cs")
+"""Unicode's categories of control characters, of marks that are not seen, and of halves of characters."""
+
+WORDS: dict[Any, str] = {
+    float: "a number", int: "a whole number", bool: "True or False", str: "a string", Path: "a path", type(None): "None",
+    Sequence: "a sequence", Iterable: "an iterable", Collection: "a collection", Mapping: "a mapping",
+    Callable: "a function", np.ndarray: "an array of numbers",
+}  # fmt: skip
+
+REMEDY = {
+    "Problem": "get one from load_problem(...), or make one of a Scheme",
+    "Trajectory": "get one from simulate(...)",
+    "DataFrame": "get one from a study, as convergence(...), or make one of your data",
+}
+"""Where things come from that a function wants, by the name of their type."""
+
+LONGEST = 60
+
+
+def checked(function: Callable[P, R]) -> Callable[P, R]:
+    """Refuse arguments of a function that are not of the kinds that it is annotated with.
+
+    Whole numbers and those of NumPy are numbers, and a bool is none; lists, tuples and arrays are sequences, and a string is
+    none. What the values mean is left to the function.
+
+    Raises
+    ------
+    InputError
+        By the function: it names the argument, what it is, and what it must be.
+
+    Examples
+    --------
+    >>> @checked
+    ... def step(h: float, names: Sequence[str] | None = None) -> float:
+    ...     return h
+    >>> int(step(2)), int(step(np.int64(3), ["x"]))
+    (2, 3)
+    >>> step("2")
+    Traceback (most recent call last):
+        ...
+    lcpimpact.errors.InputError: h = '2' must be a number
+    >>> step(1.0, ["x", 3])
+    Traceback (most recent call last):
+        ...
+    lcpimpact.errors.InputError: names[1] = 3 must be a string
+    """
+    signature = inspect.signature(function)
+
+    @functools.cache
+    def hints() -> dict[str, Any]:
+        return get_type_hints(function)
+
+    @functools.wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        bound = signature.bind(*args, **kwargs)
+        for name, value in bound.arguments.items():
+            kind = signature.parameters[name].kind
+            if name in hints() and kind not in (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL):
+                check_kind(name, value, hints()[name])
+        return function(*args, **kwargs)
+
+    return call
+
+
+def check_kind(name: str, value: Any, hint: Any) -> None:
+    """Refuse a value that is not of the kind of a type hint.
+
+    Raises
+    ------
+    InputError
+        Naming the value, or the part of it that is wrong.
+    """
+    wrong = _wrong(name, value, hint)
+    if wrong is not None:
+        raise InputError(wrong)
+
+
+def check_fields(thing: Any) -> None:
+    """Refuse a dataclass whose fields are not of the kinds that it declares, as `checked` does arguments.
+
+    Raises
+    ------
+    InputError
+        Naming the field.
+    """
+    kind: Any = type(thing)
+    for name, hint in _field_hints(kind).items():
+        check_kind(name, getattr(thing, name), hint)
+
+
+@functools.cache
+def _field_hints(kind: Any) -> dict[str, Any]:
+    hints = get_type_hints(kind)
+    return {each.name: hints[each.name] for each in fields(kind)}
+
+
+def is_name(value: Any) -> bool:
+    """Return whether a value is a string that is not empty and holds nothing that a reader cannot see.
+
+    Examples
+    --------
+    >>> is_name("θ_1"), is_name("free end"), is_name(""), is_name("a" + chr(27)), is_name(3)
+    (True, True, False, False, False)
+    """
+    return isinstance(value, str) and value != "" and not any(unicodedata.category(each) in HIDDEN for each in value)
+
+
+def is_sequence(value: Any) -> bool:
+    """Return whether a value has a length and things in it, and is no string."""
+    return _is_kind(value, Sequence)
+
+
+def visible(text: str) -> str:
+    r"""Return a text whose hidden characters, but for ends of lines, are written as Python writes them.
+
+    Examples
+    --------
+    >>> print(visible("a" + chr(27) + "[31m"))
+    a\x1b[31m
+    """
+    hidden = (each != "\n" and unicodedata.category(each) in HIDDEN for each in text)
+    return "".join(repr(each)[1:-1] if hides else each for each, hides in zip(text, hidden, strict=True))
+
+
+def short(value: Any) -> str:
+    """Return how a message shows a value: as Python writes it, or its type where that is long."""
+    try:
+        text = repr(value)
+    except Exception:  # noqa: BLE001 - a repr of somebody else's may fail by anything
+        text = "\n"
+    if len(text) <= LONGEST and "\n" not in text:
+        return text
+    return repr(value[: LONGEST // 2] + "...") if isinstance(value, str) else f"a {type(value).__name__}"
+
+
+def _wrong(name: str, value: Any, hint: Any) -> str | None:
+    """Return what is wrong with a value, or None."""
+    if hint is Any or isinstance(hint, TypeVar):
+        return None
+    origin, parts = get_origin(hint) or hint, get_args(hint)
+    if origin in (Union, types.UnionType):
+        # What NumPy makes an array of is known to NumPy alone.
+        if any(getattr(get_origin(part), "__name__", "") == "_SupportsArray" for part in parts):
+            return None
+        found = [_wrong(name, value, part) for part in parts]
+        if None in found:
+            return None
+        # Of a list of wrong things the wrong one is named, if the list itself could be meant.
+        inner = [text for text in found if text is not None and not text.startswith(f"{name} = ")]
+        return inner[0] if inner else _must_be(name, value, hint)
+    if origin is Literal:
+        return None if value in parts else _must_be(name, value, hint)
+    if not _is_kind(value, origin):
+        return _must_be(name, value, hint)
+    if origin is tuple:
+        if parts and parts[-1] is not ... and len(parts) != len(value):
+            return f"{name} = {short(value)} must hold {len(parts)} things, and holds {len(value)}"
+        each = [parts[0]] * len(value) if parts and parts[-1] is ... else parts
+        return _first(
+            _wrong(f"{name}[{i}]", part, kind) for i, (part, kind) in enumerate(zip(value, each, strict=False))
+        )
+    if origin in (Sequence, Collection, Iterable, list) and parts and _is_sized(value):
+        return _first(_wrong(f"{name}[{i}]", part, parts[0]) for i, part in enumerate(value))
+    if origin in (Mapping, dict) and parts:
+        return _first(
+            _wrong(f"a key of {name}", key, parts[0]) or _wrong(f"{name}[{short(key)}]", part, parts[1])
+            for key, part in value.items()
+        )
+    return None
+
+
+def _first(found: Iterable[str | None]) -> str | None:
+    return next((each for each in found if each is not None), None)
+
+
+def _is_kind(value: Any, kind: Any) -> bool:
+    if kind in (float, int):
+        return isinstance(value, Real if kind is float else Integral) and not isinstance(value, bool | np.bool_)
+    if kind is bool:
+        return isinstance(value, bool | np.bool_)
+    if kind in (Sequence, Collection, Iterable, list):
+        return (
+            isinstance(value, Iterable)
+            and not isinstance(value, str | bytes)
+            and (kind is Iterable or _is_sized(value))
+        )
+    if kind is tuple:
+        return isinstance(value, tuple | list)
+    if kind is Callable or kind is typing.Callable:
+        return callable(value)
+    if kind is np.ndarray:
+        return isinstance(value, np.ndarray) and value.dtype.kind in "fiu"
+    if kind is dict:
+        kind = Mapping
+    return isinstance(value, kind) if isinstance(kind, type) else True
+
+
+def _is_sized(value: Any) -> bool:
+    try:
+        return len(value) >= 0
+    except TypeError:  # an array without a dimension has no length
+        return False
+
+
+def _must_be(name: str, value: Any, hint: Any) -> str:
+    if isinstance(value, str) and any((get_origin(each) or each) is Sequence for each in _kinds(hint)):
+        return f"{name} = {short(value)} must be a sequence: write [{value!r}]"
+    remedies = [REMEDY[each.__name__] for each in _kinds(hint) if getattr(each, "__name__", "") in REMEDY]
+    words = " or ".join(dict.fromkeys(_words(each) for each in _kinds(hint)))
+    return f"{name} = {short(value)} must be {words}" + (f": {remedies[0]}" if remedies else "")
+
+
+def _kinds(hint: Any) -> list[Any]:
+    if get_origin(hint) in (Union, types.UnionType):
+        return [kind for part in get_args(hint) for kind in _kinds(part)]
+    return [hint]
+
+
+def _words(hint: Any) -> str:
+    origin = get_origin(hint) or hint
+    if origin is Literal:
+        return " or ".join(map(repr, get_args(hint)))
+    if origin is tuple:
+        return f"a tuple of {len(get_args(hint))}" if get_args(hint)[-1] is not ... else "a tuple"
+    if origin in WORDS:
+        return WORDS[origin]
+    name = getattr(origin, "__name__", str(origin))
+    return f"{'an' if name[0] in 'AEIO' else 'a'} {name}"

@@ -1,0 +1,66 @@
+"""What is free of the memory, so that what does not fit is refused before it is taken."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from lcpimpact.errors import InputError
+
+SHARE = 0.9
+"""Of the memory that is free so much may be taken by one thing."""
+
+GROUP = Path("/sys/fs/cgroup")
+"""Where Linux says what a container, or a job of a cluster, may take."""
+
+
+def free_memory() -> float:
+    """Return the bytes that a process may still take, or inf where the system does not tell."""
+    return min(_of_machine(), _of_group())
+
+
+def check_memory(wanted: float, what: str, remedy: str) -> None:
+    """Refuse what does not fit into the memory that is free.
+
+    Parameters
+    ----------
+    wanted : float
+        Bytes.
+    what : str
+        What takes them, with its verb: "1,000 steps do".
+    remedy : str
+        What to do instead.
+
+    Raises
+    ------
+    InputError
+        With both numbers and the remedy.
+    """
+    free = free_memory()
+    if wanted > SHARE * free:
+        raise InputError(
+            f"{what} not fit in memory: about {wanted / 1e9:.3g} GB are needed, and {free / 1e9:.3g} GB are free; {remedy}"
+        )
+
+
+def _of_machine() -> float:
+    try:
+        for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
+            if line.startswith("MemAvailable:"):
+                return 1024.0 * float(line.split()[1])
+    except (OSError, ValueError, IndexError):
+        pass
+    for pages in ("SC_AVPHYS_PAGES", "SC_PHYS_PAGES"):
+        try:
+            return float(os.sysconf(pages) * os.sysconf("SC_PAGE_SIZE"))
+        except (AttributeError, ValueError, OSError):
+            continue
+    return float("inf")
+
+
+def _of_group() -> float:
+    try:
+        most, taken = ((GROUP / name).read_text(encoding="ascii") for name in ("memory.max", "memory.current"))
+        return max(0.0, float(most) - float(taken))
+    except (OSError, ValueError):  # "max" where there is no limit
+        return float("inf")
