@@ -166,6 +166,8 @@ def _methods() -> Table:
             d.source,
         )
         table.add_row(name, _lines(d.summary, *lines))
+    for name, reason in METHODS.broken.items():
+        table.add_row(name, _lines("broken: it is registered by another package, and cannot be loaded", reason))
     return table
 
 
