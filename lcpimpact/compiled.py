@@ -12,7 +12,6 @@ import logging
 import pickle
 from collections.abc import Callable
 from functools import cache
-from multiprocessing import parent_process
 from pathlib import Path
 from types import FunctionType
 from typing import Any, TypeVar, cast
@@ -147,6 +146,8 @@ said: list[str] = []
 
 def say_once(what: str) -> None:
     """Say what is wrong with the cache, once in a program: neither for each function, nor again in each worker."""
+    from multiprocessing import parent_process
+
     if not said and parent_process() is None:
         LOG.warning(
             "lcpimpact: the compiled code in %s %s; `lcpimpact cache --clear` empties the folder, and the environment "

@@ -6,6 +6,7 @@ import ast
 import dataclasses
 import inspect
 import re
+import warnings
 from pathlib import Path
 
 import pytest
@@ -415,3 +416,23 @@ def test_a_family_makes_its_entries_from_their_names():
     assert list(registry) == ["a"]
     with pytest.raises(InputError, match="unknown thing 'g:x'"):
         registry["g:x"]
+
+
+@pytest.mark.parametrize("module", ["lcpimpact.lcp.solve", "test_lcp"])
+def test_a_warning_from_here_fails_a_test(module):
+    with pytest.raises(RuntimeWarning):
+        warnings.warn_explicit("overflow", RuntimeWarning, "file.py", 1, module)
+
+
+@pytest.mark.parametrize(
+    ("kind", "module"),
+    [
+        (DeprecationWarning, "lcpimpact.lcp.solvers.qp"),
+        (FutureWarning, "lcpimpact.study.fit"),
+        (UserWarning, "scipy.sparse"),
+    ],
+)
+def test_a_warning_of_a_dependency_fails_none(kind, module):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.warn_explicit("another interface", kind, "file.py", 1, module)
+    assert [each.category for each in caught] == [kind]

@@ -152,11 +152,11 @@ def of_another_source(base, name, days):
 
 
 def test_a_new_source_lets_go_of_what_is_long_unused(base):
-    for days in (1, 2, 29, 31, 40, 400):
+    for days in (1, 2, 3, 29, 31, 400):
         of_another_source(base, f"d{days}", days)
     (base / "numba-of-others").mkdir()
     cache.note_use()
-    assert sorted(each.name for each in base.iterdir()) == ["d1", "d2", "d29", "numba-of-others", "this"]
+    assert sorted(each.name for each in base.iterdir()) == ["d1", "d2", "d29", "d3", "numba-of-others", "this"]
 
 
 def test_the_newest_few_stay_however_old(base):
