@@ -1,24 +1,26 @@
 """Compilation: hot loops are plain Python functions, compiled ahead of their first call for stated types.
 
 With the environment variable ``NUMBA_DISABLE_JIT=1`` the same lines run in the interpreter, with the same bits
-(no fast-math, no reordering). Compiled code is cached on disk in a folder named after a hash of the package's own
-source, because numba's cache does not notice that a function called from another file has changed.
+(no fast-math, no reordering). Compiled code is cached on disk in the `folder` of exactly this source. A cache that cannot
+be read or written costs a compilation and a sentence, and nothing else.
 """
 
 from __future__ import annotations
 
 import hashlib
-import os
-import tempfile
+import logging
+import pickle
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from types import FunctionType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import numba
 from numba import types
-from platformdirs import user_cache_path
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
+
+from lcpimpact.cache import folder, note_use
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -38,23 +40,135 @@ CONFIG: Any = numba.config
 COMPILING = not CONFIG.DISABLE_JIT
 """Whether functions are compiled in this process."""
 
+LOG = logging.getLogger("lcpimpact")
+
+DIGEST = 32
+"""Bytes of a SHA-256."""
+
+
+class Locator(_CacheLocator):
+    """The place of one function's compiled code: in the `folder` of this source, and nowhere else."""
+
+    def __init__(self, file: str, line: int) -> None:
+        self._path = str(folder() / self.get_suitable_cache_subpath(file))
+        self._file, self._line = file, line
+
+    @classmethod
+    def from_function(cls, py_func: Any, py_file: str) -> Locator:
+        """Return the place for a function of a file."""
+        return cls(py_file, py_func.__code__.co_firstlineno)
+
+    def get_cache_path(self) -> str:
+        """Return the folder of the function's files."""
+        return self._path
+
+    def get_source_stamp(self) -> str:
+        """Return a hash of the function's file, which need not be one of this package."""
+        return file_hash(self._file)
+
+    def get_disambiguator(self) -> str:
+        """Return what tells apart functions of one name in one file."""
+        return str(self._line)
+
+
+class Place(CompileResultCacheImpl):
+    """How numba turns compiled code to bytes, with our own place for them."""
+
+    _locator_classes = [Locator]  # noqa: RUF012 (as numba has it)
+
+
+class CheckedFiles(IndexDataCacheFile):
+    """Files of compiled code that begin with a hash, so that a damaged one, or one of another function, is never run."""
+
+    def _save_data(self, name: str, data: Any) -> None:
+        code = self._dump(data)
+        with self._open_for_write(self._data_path(name)) as file:
+            file.write(self._hash(name, code))
+            file.write(code)
+
+    def _load_data(self, name: str) -> Any:
+        content = memoryview(Path(self._data_path(name)).read_bytes())
+        if content[:DIGEST] != self._hash(name, content[DIGEST:]):
+            raise ValueError(f"{name} is damaged")
+        return pickle.loads(content[DIGEST:])
+
+    def _hash(self, name: str, code: Any) -> bytes:
+        digest = hashlib.sha256(f"{name} {self._version} {self._source_stamp}".encode())
+        digest.update(code)
+        return digest.digest()
+
+
+class CheckedCache(FunctionCache):
+    """numba's cache of one function, which nothing on the disk can stop.
+
+    A file that cannot be read is compiled and written anew; if that fails too, the code just made is used without it.
+    """
+
+    _impl_class = Place
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        locator = self._impl.locator
+        self._cache_file = CheckedFiles(locator.get_cache_path(), self._impl.filename_base, locator.get_source_stamp())
+        self._damaged = False
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the compiled code for a signature, or None."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception as error:  # noqa: BLE001 (what is read may be anything)
+            self._damaged = True
+            say_once(f"cannot be read ({reason(error)}) and is made anew")
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Save compiled code, over what was damaged."""
+        try:
+            if self._damaged:
+                self.flush()
+            super().save_overload(sig, data)
+        except Exception as error:  # noqa: BLE001 (the code is there, only not on the disk)
+            say_once(f"cannot be saved ({reason(error)}) and is made anew in each run")
+
 
 @cache
-def cache_folder() -> Path:
-    """Return the folder of the compiled code of exactly this source."""
-    digest = hashlib.sha256()
-    package = Path(__file__).parent
-    for file in sorted(package.rglob("*.py")):
-        digest.update(file.relative_to(package).as_posix().encode())
-        digest.update(file.read_bytes())
-    base = Path(os.environ.get("NUMBA_CACHE_DIR") or user_cache_path("lcpimpact"))
-    folder = base / digest.hexdigest()[:16]
+def file_hash(file: str) -> str:
+    """Return the hash of a source file."""
+    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
+
+
+def reason(error: Exception) -> str:
+    """Return in few words what went wrong."""
+    return (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
+
+
+said: list[str] = []
+"""What was said of the cache in this process."""
+
+
+def say_once(what: str) -> None:
+    """Say what is wrong with the cache, once in a program: neither for each function, nor again in each worker."""
+    from multiprocessing import parent_process
+
+    if not said and parent_process() is None:
+        LOG.warning(
+            "lcpimpact: the compiled code in %s %s; `lcpimpact cache --clear` empties the folder, and the environment "
+            "variable NUMBA_CACHE_DIR names another",
+            folder(),
+            what,
+        )
+    said.append(what)
+
+
+@cache
+def usable() -> bool:
+    """Return whether there is a folder for compiled code, and note that it is used."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        # A home that cannot be written costs a compilation in each process, and nothing else.
-        folder = Path(tempfile.mkdtemp(prefix="lcpimpact-"))
-    return folder
+        note_use()
+    except OSError as error:
+        say_once(f"has no place ({reason(error)}) and is made anew in each run")
+        return False
+    return True
 
 
 def compiled(signature: Any) -> Callable[[F], F]:
@@ -68,13 +182,14 @@ def compiled(signature: Any) -> Callable[[F], F]:
     """
 
     def decorate(function: F) -> F:
-        previous = CONFIG.CACHE_DIR
-        CONFIG.CACHE_DIR = str(cache_folder())
-        try:
-            decorated: F = numba.njit(signature, cache=True, error_model="numpy")(function)
-        finally:
-            CONFIG.CACHE_DIR = previous
-        return decorated
+        if not COMPILING:
+            return function
+        decorated: Any = numba.njit(error_model="numpy")(function)
+        if usable() and Path(function.__code__.co_filename).exists():
+            decorated._cache = CheckedCache(function)
+        decorated.compile(signature)
+        decorated.disable_compile()
+        return cast(F, decorated)
 
     return decorate
 

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from difflib import get_close_matches
 from functools import cached_property
 from importlib import import_module
+from textwrap import shorten
 from typing import Any, Generic, TypeVar
 
 from lcpimpact.errors import InputError, UnknownNameError
 
 T = TypeVar("T")
+
+LONGEST = 200
+"""So many characters of what another package's error says are shown."""
 
 SHOWN = 50
 """So many names stand in a message; a bar has more nodes."""
@@ -42,49 +47,83 @@ class Registry(Mapping[str, T], Generic[T]):
     families : mapping of str to str
         Prefix of a name to the function that makes the entry from the whole name, for what is not listed one by one.
     group : str
-        Group of entry points by which other packages add entries; a name that is taken here stays what it is.
+        Group of entry points by which other packages add entries; a name that is taken here stays what it is. What
+        cannot be loaded is no entry: it is `broken`, and harms no other.
+    check : str
+        The function, as ``"package.module:attribute"``, that raises `InputError` for what is no such entry; for those
+        that other packages add.
     """
 
     def __init__(
-        self, kind: str, entries: Mapping[str, str], families: Mapping[str, str] | None = None, group: str = ""
+        self,
+        kind: str,
+        entries: Mapping[str, str],
+        families: Mapping[str, str] | None = None,
+        group: str = "",
+        check: str = "",
     ) -> None:
         self.kind = kind
         self._own = dict(entries)
         self._families = dict(families or {})
         self._group = group
+        self._check = check
         self._loaded: dict[str, T] = {}
+        self._broken: dict[str, str] = {}
 
     @cached_property
-    def _entries(self) -> dict[str, str]:
-        """Names to locations, with those that other packages add."""
-        if not self._group:
-            return self._own
-        from importlib.metadata import entry_points
+    def _added(self) -> dict[str, str]:
+        """Names to locations of what other packages add."""
+        found: dict[str, str] = {}
+        if self._group:
+            from importlib.metadata import distributions
 
-        return {each.name: each.value for each in entry_points(group=self._group)} | self._own
+            for package in distributions():
+                with suppress(Exception):  # what a package says of itself may be anything
+                    for each in package.entry_points.select(group=self._group):
+                        if each.name not in self._own:
+                            found.setdefault(each.name, each.value)
+        return found
+
+    @property
+    def broken(self) -> dict[str, str]:
+        """What other packages add and cannot be loaded, by name, with the reason."""
+        list(self)
+        return dict(self._broken)
 
     def __getitem__(self, name: str) -> T:
         entry: T
         if isinstance(name, str) and name in self._loaded:
             return self._loaded[name]
         if not isinstance(name, str):
-            raise UnknownNameError(nearest(str(name), list(self._entries), self.kind))
+            raise UnknownNameError(nearest(str(name), list(self), self.kind))
         for prefix, location in self._families.items():
             if name.startswith(prefix):
                 entry = load(location)(name)
                 return entry
-        if name not in self._entries:
-            raise UnknownNameError(nearest(name, list(self._entries), self.kind))
-        try:
-            self._loaded[name] = load(self._entries[name])
-        except (ImportError, AttributeError) as error:
-            if name in self._own:
-                raise
-            raise InputError(
-                f"{self.kind} {name!r} is registered by another package as {self._entries[name]!r}, which cannot be "
-                f"loaded ({error}): mend or uninstall that package"
-            ) from None
+        if name in self._own:
+            self._loaded[name] = load(self._own[name])
+        elif name in self._added:
+            self._loaded[name] = self._load_added(name)
+        else:
+            raise UnknownNameError(nearest(name, list(self), self.kind))
         return self._loaded[name]
+
+    def _load_added(self, name: str) -> T:
+        location = self._added[name]
+        if name not in self._broken:
+            try:
+                entry: T = load(location)
+                if self._check:
+                    load(self._check)(entry)
+            except (Exception, SystemExit) as error:  # noqa: BLE001 (a stranger's code may raise anything)
+                said = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+                self._broken[name] = shorten(said, LONGEST, placeholder=" ...")
+            else:
+                return entry
+        raise InputError(
+            f"{self.kind} {name!r} is registered by another package as {location!r}, which cannot be "
+            f"loaded ({self._broken[name]}): mend or uninstall that package"
+        )
 
     def __contains__(self, name: object) -> bool:
         try:
@@ -94,7 +133,10 @@ class Registry(Mapping[str, T], Generic[T]):
         return True
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._entries)
+        yield from self._own
+        for name in self._added:
+            if name in self:
+                yield name
 
     def get(self, name: str, default: Any = None) -> Any:
         """Return the entry, or ``default`` where the name is unknown."""
@@ -104,4 +146,4 @@ class Registry(Mapping[str, T], Generic[T]):
             return default
 
     def __len__(self) -> int:
-        return len(self._entries)
+        return sum(1 for _ in self)

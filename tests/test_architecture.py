@@ -6,6 +6,7 @@ import ast
 import dataclasses
 import inspect
 import re
+import warnings
 from pathlib import Path
 
 import pytest
@@ -39,7 +40,8 @@ MAY_IMPORT = {
     "arrays": set(),
     "numbers": set(),
     "files": {"errors"},
-    "compiled": {"errors", "arrays"},
+    "cache": set(),
+    "compiled": {"errors", "arrays", "cache"},
     "double_double": {"arrays", "compiled"},
     "lcp": BASE,
     "scheme": BASE,
@@ -55,7 +57,7 @@ MAY_IMPORT = {
     "sweep": STUDY,
     "report": STUDY | {"plotting"},
     "reproduce": STUDY | {"plotting", "report", "sweep"},
-    "cli": STUDY | {"schemefile", "plotting", "report", "sweep", "reproduce"},
+    "cli": STUDY | {"cache", "schemefile", "plotting", "report", "sweep", "reproduce"},
     "__main__": {"cli"},
 }
 """Layer (module or folder right under the package) to the layers that it may import, besides itself."""
@@ -407,7 +409,7 @@ def test_every_file_of_a_method_problem_or_element_is_registered():
         ("problems", PROBLEMS, {"base", "facts", "free_vibration", "penalty", "reading", "reference"}),
     ):
         files = {file.stem for file in (PACKAGE / folder).glob("*.py")} - {"__init__"} - others
-        registered = {location.split(":")[0].rsplit(".", 1)[1] for location in registry._entries.values()}
+        registered = {location.split(":")[0].rsplit(".", 1)[1] for location in registry._own.values()}
         assert files == registered, folder
 
 
@@ -427,3 +429,23 @@ def test_a_family_makes_its_entries_from_their_names():
     assert list(registry) == ["a"]
     with pytest.raises(InputError, match="unknown thing 'g:x'"):
         registry["g:x"]
+
+
+@pytest.mark.parametrize("module", ["lcpimpact.lcp.solve", "test_lcp"])
+def test_a_warning_from_here_fails_a_test(module):
+    with pytest.raises(RuntimeWarning):
+        warnings.warn_explicit("overflow", RuntimeWarning, "file.py", 1, module)
+
+
+@pytest.mark.parametrize(
+    ("kind", "module"),
+    [
+        (DeprecationWarning, "lcpimpact.lcp.solvers.qp"),
+        (FutureWarning, "lcpimpact.study.fit"),
+        (UserWarning, "scipy.sparse"),
+    ],
+)
+def test_a_warning_of_a_dependency_fails_none(kind, module):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.warn_explicit("another interface", kind, "file.py", 1, module)
+    assert [each.category for each in caught] == [kind]

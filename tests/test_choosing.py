@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import lcpimpact as li
+from lcpimpact.cli.main import main
 from lcpimpact.integrators import METHODS
 from lcpimpact.registry import Registry
 from lcpimpact.scheme.dynamics import Feature
@@ -97,21 +98,115 @@ def test_another_package_registers_a_method_by_an_entry_point(tmp_path):
     assert "folklore" in done.stdout
 
 
-def test_an_entry_point_takes_no_name_that_is_taken(monkeypatch):
-    class Point:
-        name, value = "moreau-jean", "plugin:Other"
+def register(folder, package, **entries):
+    """Make a package that registers methods, as an installed one does."""
+    info = folder / f"{package}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
+    lines = "".join(f"{name} = {value}\n" for name, value in entries.items())
+    (info / "entry_points.txt").write_text(f"[lcpimpact.methods]\n{lines}")
 
-    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [Point] if group == "g" else [])
-    registry = Registry("method", {"moreau-jean": "lcpimpact.integrators.moreau_jean:MoreauJean"}, group="g")
-    assert registry["moreau-jean"] is METHODS["moreau-jean"]
-    assert list(registry) == ["moreau-jean"]
+
+@pytest.fixture
+def plugins(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    return tmp_path
 
 
-def test_a_broken_entry_point_is_named(monkeypatch):
-    class Point:
-        name, value = "broken", "no_such_package:Method"
+def registry():
+    entries = {"moreau-jean": "lcpimpact.integrators.moreau_jean:MoreauJean"}
+    return Registry("method", entries, group="lcpimpact.methods", check="lcpimpact.integrators.base:check_method")
 
-    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [Point])
-    registry = Registry("method", {}, group="g")
-    with pytest.raises(li.InputError, match=r"broken.*no_such_package"):
-        registry["broken"]
+
+def test_an_entry_point_takes_no_name_that_is_taken(plugins):
+    register(plugins, "thief", **{"moreau-jean": "plugin:Other"})
+    methods = registry()
+    assert methods["moreau-jean"] is METHODS["moreau-jean"]
+    assert list(methods) == ["moreau-jean"]
+    assert methods.broken == {}
+
+
+BROKEN = """
+import dataclasses
+import lcpimpact.integrators.base as base
+from lcpimpact.integrators.moreau_jean import MoreauJean
+number = 7
+class Bare(base.Integrator):
+    pass
+@dataclasses.dataclass(frozen=True)
+class Mute(MoreauJean):
+    declared = "the best"
+@dataclasses.dataclass(frozen=True)
+class Boaster(MoreauJean):
+    declared = dataclasses.replace(MoreauJean.declared, handles="everything")
+@dataclasses.dataclass(frozen=True)
+class Good(MoreauJean):
+    name = "good"
+"""
+
+REASONS = {
+    "no-such-package": ("nowhere:Method", "No module named 'nowhere'"),
+    "no-such-name": ("broken_methods:Other", "Other"),
+    "no-location": ("nothing", "ValueError"),
+    "raises": ("raises_at_import:Method", "ZeroDivisionError: division by zero"),
+    "leaves": ("leaves_at_import:Method", "SystemExit: 3"),
+    "number": ("broken_methods:number", "7 is no class"),
+    "bare": ("broken_methods:Bare", "Bare must be a dataclass"),
+    "mute": ("broken_methods:Mute", "declared = 'the best' must be a Declared"),
+    "boaster": ("broken_methods:Boaster", "handles = 'everything'"),
+}
+
+
+@pytest.fixture
+def broken(plugins):
+    (plugins / "broken_methods.py").write_text(BROKEN)
+    (plugins / "raises_at_import.py").write_text("1 / 0\n")
+    (plugins / "leaves_at_import.py").write_text("import sys\nsys.exit(3)\n")
+    register(plugins, "broken_methods", good="broken_methods:Good", **{name: at for name, (at, _) in REASONS.items()})
+    garbage = plugins / "garbage-1.0.dist-info"
+    garbage.mkdir()
+    (garbage / "entry_points.txt").write_bytes(b"[lcpimpact.methods\n\xff\xfe=")
+    return plugins
+
+
+def test_what_another_package_breaks_is_named_with_its_reason_and_harms_no_other(broken):
+    methods = registry()
+    assert list(methods) == ["moreau-jean", "good"]
+    assert len(methods) == 2
+    assert methods["good"].__name__ == "Good"
+    assert methods.broken.keys() == REASONS.keys()
+    for name, (location, reason) in REASONS.items():
+        assert reason in methods.broken[name]
+        assert name not in methods
+        with pytest.raises(li.InputError) as refused:
+            methods[name]
+        for part in (name, location, reason, "mend or uninstall"):
+            assert part in str(refused.value)
+    with pytest.raises(li.InputError, match=r"known are moreau-jean, good$"):
+        methods["moreau"]
+
+
+def test_the_command_line_lists_what_is_broken_and_refuses_as_ever(broken, capsys, monkeypatch):
+    monkeypatch.delitem(METHODS.__dict__, "_added", raising=False)
+    monkeypatch.setattr(METHODS, "_loaded", dict(METHODS._loaded))
+    monkeypatch.setattr(METHODS, "_broken", {})
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        return ended.value.code, *capsys.readouterr()
+
+    code, said, _ = call("list", "methods")
+    assert code == 0
+    for name, (_, reason) in REASONS.items():
+        assert name in said
+        assert reason in said
+    code, _, said = call("simulate", "system-1", "--method", "leaves", "--dt", "0.1")
+    assert code == 2
+    assert "SystemExit: 3" in said
+    assert said.count("\n") == 1
+    code, _, said = call("simulate", "coulomb-oscillator", "--method", "rk4-paper", "--dt", "0.1")
+    assert code == 2
+    assert "take method=" in said
+    monkeypatch.undo()
+    METHODS.__dict__.pop("_added", None)

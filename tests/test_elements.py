@@ -524,7 +524,7 @@ def test_the_force_on_a_bar_that_yields(E_t):
 
 
 def table_of_settings():
-    line = r"^    (lumped|consistent|higher-order|for_step) +(with mass|massless) +(\S+) +(\S+) % +(\S+) % +(\S+)$"
+    line = r"^ *(lumped|consistent|higher-order|for_step) +(with mass|massless) +(\S+) +(\S+) % +(\S+) % +(\S+)$"
     rows = re.findall(line, li.Bar.__doc__, re.MULTILINE)
     assert len(rows) == 9
     return rows

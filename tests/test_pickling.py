@@ -7,9 +7,11 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from scipy.sparse import csc_matrix, csr_matrix
 
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
+from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems import PROBLEMS
 
 
@@ -88,6 +90,83 @@ def test_a_comparison_and_a_verdict():
         assert_same_run(run, again.runs[name])
     verdict = li.cross_validate(li.load_problem("bouncing-ball", e=0.5), ["exact", "moreau-jean"], t_end=0.5)
     assert str(copy(verdict)) == str(verdict)
+
+
+M = [[4.0, -1.0, 0.0], [-1.0, 4.0, -1.0], [0.0, -1.0, 4.0]]
+Q = [-1.0, 2.0, -3.0]
+
+
+@pytest.mark.parametrize(
+    "M",
+    [
+        li.Dense(M, ["p"]),
+        li.Banded([[4.0, 4.0, 4.0], [-1.0, -1.0, 0.0]]),
+        li.Factored(M, [[1.0, 0.0, 0.0], [0.0, -1.0, 1.0], [0.0, 0.0, 1.0]], ["p"]),
+        li.Factored(csc_matrix(M), csr_matrix([[1.0, 0.0, 0.0], [0.0, -1.0, 1.0]])),
+    ],
+    ids=["dense", "banded", "factored", "sparse factors"],
+)
+def test_a_matrix_of_an_lcp(M):
+    M.diagonal(np.empty(M.n))
+    again = copy(M)
+    assert (type(again), again.tags) == (type(M), M.tags)
+    assert_array_equal(again.array(), M.array())
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_a_solver_that_was_made_ready(solver):
+    n = 2 if solver == "closed-form" else 3
+    ready = li.prepare_lcp(np.array(M)[:n, :n], solver, upper=None if "primal" in solver else np.inf)
+    again = copy(ready)
+    assert again.solver == ready.solver
+    found, expected = again.solve(Q[:n]), ready.solve(Q[:n])
+    assert_array_equal(found.z, expected.z)
+    assert (found.status, found.route, found.iterations) == (expected.status, expected.route, expected.iterations)
+
+
+def test_a_solution_with_its_trace_and_a_failure():
+    found = li.solve_lcp(M, Q, "lemke", trace=True)
+    again = copy(found)
+    assert str(again.trace) == str(found.trace)
+    assert_array_equal(again.z, found.z)
+    with pytest.raises(li.FailureError) as caught:
+        li.solve_lcp([[-1.0, 0.0], [0.0, 1.0]], [-1.0, -1.0], "lemke")
+    failure = copy(caught.value)
+    assert (type(failure), str(failure)) == (li.FailureError, str(caught.value))
+    assert failure.result.status is caught.value.result.status is li.Status.RAY
+    assert_array_equal(failure.result.ray, caught.value.result.ray)
+
+
+def driven(omega):
+    return li.load_problem("shaw-holmes", omega=omega)
+
+
+def greatest(run):
+    return run["R"].max()
+
+
+STUDIES = {
+    "ledger": lambda: li.energy_ledger(li.simulate(li.load_problem("system-1"), "exact", dt=1e-1, t_end=1.0)),
+    "design": lambda: li.design("kelvin-voigt", m=1.0, v0=2.0, e=0.5, contact_time=0.01),
+    "orbit": lambda: li.periodic_orbit(driven(2.8), transient=20),
+    "branch": lambda: li.continue_orbit(driven, [2.8, 2.81], transient=20),
+    "fit": lambda: li.fit(
+        li.load_problem("system-1"),
+        ["k_o"],
+        outputs={"R": li.Target(greatest, 2500.0)},
+        method="moreau-jean",
+        dt=1e-2,
+        t_end=0.5,
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", STUDIES)
+def test_what_a_study_found(kind):
+    found = STUDIES[kind]()
+    again = copy(found)
+    assert type(again) is type(found)
+    assert repr(again) == repr(found)
 
 
 def fall(max_events):

@@ -16,6 +16,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lcpimpact import __version__
+from lcpimpact.cli.cache import cache
 from lcpimpact.cli.comparison import compare, cross_validate
 from lcpimpact.cli.convergence import converge, work_precision
 from lcpimpact.cli.design import design, fit
@@ -95,6 +96,7 @@ for command in (
     orbit,
     compare,
     cross_validate,
+    cache,
 ):
     app.command()(command)
 
@@ -164,6 +166,8 @@ def _methods() -> Table:
             d.source,
         )
         table.add_row(name, _lines(d.summary, *lines))
+    for name, reason in METHODS.broken.items():
+        table.add_row(name, _lines("broken: it is registered by another package, and cannot be loaded", reason))
     return table
 
 

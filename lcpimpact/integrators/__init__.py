@@ -33,4 +33,5 @@ METHODS: Registry[type[Integrator]] = Registry(
         "rk4-paper": "lcpimpact.integrators.rk4_paper:RK4Paper",
     },
     group="lcpimpact.methods",
+    check="lcpimpact.integrators.base:check_method",
 )

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
+from inspect import isabstract
 from typing import Any, ClassVar
 
 import numpy as np
 
 from lcpimpact.arrays import Array
-from lcpimpact.errors import Status
+from lcpimpact.errors import InputError, Status
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.dynamics import Feature
 
@@ -270,3 +271,32 @@ class Integrator(ABC):
     def dense(self, carry: Any) -> Dense | None:
         """Return the solution as a function of time, where the method has one."""
         return None
+
+
+def check_method(thing: Any) -> None:
+    """Check that what another package registers is a class of integrators that declares its properties.
+
+    Raises
+    ------
+    InputError
+        If it is not; the message says what is missing.
+    """
+    if not (isinstance(thing, type) and issubclass(thing, Integrator)):
+        raise InputError(f"{thing!r} is no class derived from lcpimpact.integrators.base.Integrator")
+    if not is_dataclass(thing) or isabstract(thing):
+        raise InputError(f"{thing.__name__} must be a dataclass with all functions of an Integrator")
+    declared = getattr(thing, "declared", None)
+    if not isinstance(declared, Declared):
+        raise InputError(f"{thing.__name__}.declared = {declared!r} must be a Declared")
+    for each in fields(Declared):
+        value, kind = getattr(declared, each.name), each.type
+        parts = value if isinstance(value, tuple) else ()
+        fits = {
+            "str": isinstance(value, str),
+            "float": isinstance(value, int | float) and not isinstance(value, bool),
+            "bool": isinstance(value, bool),
+            "tuple[int, ...]": isinstance(value, tuple) and all(isinstance(part, int) for part in parts),
+            "tuple[Feature, ...]": isinstance(value, tuple) and all(isinstance(part, Feature) for part in parts),
+        }
+        if not fits[str(kind)]:
+            raise InputError(f"{thing.__name__}.declared has {each.name} = {value!r}, which must be {kind}")

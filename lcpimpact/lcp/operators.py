@@ -308,6 +308,10 @@ class Factored(Delassus):
         self._diagonal: Array | None = None
         self._H: Any = H.tocsr() if _is_sparse(H) else self.H
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle A and H alone: a factor made by SuperLU cannot travel to another process, so A is factored anew there."""
+        return type(self), (self.A, self.H, [each.name.lower() for each in self.tags])
+
     @property
     def W(self) -> Factored:
         """The operator itself."""

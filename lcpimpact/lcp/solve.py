@@ -51,6 +51,11 @@ class PreparedLCP(NamedTuple):
     upper: Array
     state: State
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle what the solver was made ready for: compiled code cannot travel to another process, so it is made anew."""
+        registered = SOLVERS.get(self.solver.name) == self.solver
+        return _prepare, (self.operator, self.solver.name if registered else self.solver, self.lower, self.upper)
+
     def solve(
         self,
         q: ArrayLike,

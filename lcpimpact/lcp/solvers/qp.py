@@ -160,7 +160,7 @@ class QPSolver(LCPSolver):
 
     def _cost(self, P: Any) -> Any:
         """Return the matrix of the cost as the backend wants it: OSQP seeks the upper triangle of a full one each time."""
-        return self._stored(triu(P) if self.backend == "osqp" else P)
+        return self._stored(triu(csc_matrix(P)) if self.backend == "osqp" else P)
 
     def _stored(self, matrix: Any) -> Any:
         """Return a matrix in the storage that the backend takes, so that it need not be converted each time."""

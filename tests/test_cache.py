@@ -1,0 +1,199 @@
+"""Compiled code on the disk: damaged, foreign, without room; what is long unused goes, and nothing else."""
+
+import errno
+import json
+import logging
+import os
+import shutil
+import subprocess
+import sys
+import time
+
+import pytest
+
+from lcpimpact import cache, compiled
+from lcpimpact.cli.main import main
+from lcpimpact.compiled import f8
+
+pytestmark = pytest.mark.skipif(not compiled.COMPILING, reason="nothing is compiled")
+
+
+def total(x):
+    return x + 1.0
+
+
+def double(x):
+    return 2.0 * x
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(compiled, "folder", lambda: tmp_path / "code")
+    monkeypatch.setattr(compiled, "note_use", lambda: None)
+    monkeypatch.setattr(compiled, "said", [])
+    compiled.usable.cache_clear()
+    yield tmp_path / "code"
+    compiled.usable.cache_clear()
+
+
+def made(function):
+    """Compile as a new process would; return the answer for 3 and whether it came from the disk."""
+    code = compiled.compiled(f8(f8))(function)
+    return code(3.0), sum(code.stats.cache_hits.values()) == 1
+
+
+def file(folder, ending, name="total"):
+    (found,) = folder.rglob(f"*.{name}-*{ending}")
+    return found
+
+
+def test_compiled_code_is_read_again(folder):
+    assert [made(total), made(total)] == [(4.0, False), (4.0, True)]
+    assert compiled.said == []
+
+
+DAMAGE = {
+    "empty": lambda content: b"",
+    "half": lambda content: content[: len(content) // 2],
+    "zeros at the end": lambda content: content[: len(content) // 2] + bytes(len(content) // 2),
+    "a changed byte": lambda content: content[:-200] + bytes([content[-200] ^ 1]) + content[-199:],
+    "not ours": lambda content: b"hello, world" * 100,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("ending", [".nbi", ".nbc"])
+def test_damaged_code_is_made_anew_and_said_once(folder, ending, damage, caplog):
+    made(total), made(double)
+    for name in ("total", "double"):
+        path = file(folder, ending, name)
+        path.write_bytes(DAMAGE[damage](path.read_bytes()))
+    found = [made(total), made(double)]
+    if not (ending == ".nbi" and damage == "a changed byte"):  # which may be one that does not matter
+        assert found == [(4.0, False), (6.0, False)]
+        (record,) = caplog.records
+        assert record.levelno == logging.WARNING
+        assert str(folder) in record.message
+        assert "`lcpimpact cache --clear`" in record.message
+    assert [each[0] for each in found] == [4.0, 6.0]
+    assert [made(total), made(double)] == [(4.0, True), (6.0, True)]
+
+
+def test_the_code_of_another_function_is_not_run(folder):
+    made(total), made(double)
+    shutil.copy(file(folder, ".nbc", "double"), file(folder, ".nbc", "total"))
+    assert made(total) == (4.0, False)
+    assert "damaged" in compiled.said[0]
+
+
+def test_a_full_disk_costs_a_compilation_in_each_run(folder, monkeypatch, caplog):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(compiled.CheckedFiles, "_open_for_write", full)
+    assert [made(total), made(double), made(total)] == [(4.0, False), (6.0, False), (4.0, False)]
+    assert [("No space left on device" in each.message, str(folder) in each.message) for each in caplog.records] == [
+        (True, True)
+    ]
+
+
+def test_without_a_folder_nothing_is_saved(folder, monkeypatch, caplog):
+    def refuse():
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(compiled, "note_use", refuse)
+    assert [made(total), made(total)] == [(4.0, False), (4.0, False)]
+    (record,) = caplog.records
+    assert "Permission denied" in record.message
+    assert not folder.exists()
+
+
+CODE = """
+import json, resource, sys
+from lcpimpact import compiled
+if {limit}:
+    resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, resource.RLIM_INFINITY))
+def twice(x):
+    return 2.0 * x
+twice.__code__ = twice.__code__.replace(co_filename=compiled.__file__)
+code = compiled.compiled(compiled.f8(compiled.f8))(twice)
+print(json.dumps([code(3.0), sum(code.stats.cache_hits.values())]))
+"""
+
+
+@pytest.mark.slow
+def test_a_process_that_cannot_write_says_so_on_stderr_and_goes_on(tmp_path):
+    (tmp_path / "file").write_text("")
+    where = {"limit": (tmp_path / "cache", 4096), "file": (tmp_path / "file" / "below", 0)}
+    for place, limit in where.values():
+        for _ in range(2):
+            done = subprocess.run(
+                [sys.executable, "-c", CODE.format(limit=limit)],
+                env=os.environ | {"NUMBA_CACHE_DIR": str(place)}, capture_output=True, text=True, timeout=240,
+            )  # fmt: skip
+            assert done.returncode == 0, done.stderr
+            assert json.loads(done.stdout) == [6.0, 0]
+            assert done.stderr.startswith(f"lcpimpact: the compiled code in {place}")
+            assert done.stderr.count("\n") == 1
+
+
+@pytest.fixture
+def base(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(cache, "folder", lambda: tmp_path / "this")
+    return tmp_path
+
+
+def of_another_source(base, name, days):
+    (base / name).mkdir()
+    (base / name / "f.nbc").write_bytes(bytes(1000))
+    (base / name / cache.TAG).write_text(cache.SIGNATURE)
+    os.utime(base / name / cache.TAG, (time.time() - days * cache.DAY,) * 2)
+
+
+def test_a_new_source_lets_go_of_what_is_long_unused(base):
+    for days in (1, 2, 3, 29, 31, 400):
+        of_another_source(base, f"d{days}", days)
+    (base / "numba-of-others").mkdir()
+    cache.note_use()
+    assert sorted(each.name for each in base.iterdir()) == ["d1", "d2", "d29", "d3", "numba-of-others", "this"]
+
+
+def test_the_newest_few_stay_however_old(base):
+    for days in (100, 200, 300, 400):
+        of_another_source(base, f"d{days}", days)
+    cache.note_use()
+    assert sorted(each.name for each in base.iterdir()) == ["d100", "d200", "d300", "this"]
+
+
+def test_use_is_noted_once_a_day(base):
+    of_another_source(base, "this", 10)
+    cache.note_use()
+    tag = base / "this" / cache.TAG
+    assert time.time() - tag.stat().st_mtime < 60
+    before = tag.stat().st_mtime_ns
+    cache.note_use()
+    assert tag.stat().st_mtime_ns == before
+
+
+def test_a_folder_that_goes_while_another_process_removes_it(base, monkeypatch):
+    of_another_source(base, "d1", 1)
+    monkeypatch.setattr(cache.Path, "rename", lambda self, to: (_ for _ in ()).throw(FileNotFoundError))
+    cache.remove(base / "d1")
+
+
+def test_the_command_shows_and_clears_our_folders_only(base, capsys):
+    def run(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            main(arguments)
+        assert ended.value.code == 0
+        return capsys.readouterr().out
+
+    of_another_source(base, "d1", 1)
+    cache.note_use()
+    (base / "others").mkdir()
+    shown = run("cache")
+    assert shown.startswith(f"{base}: 0.0 MB of compiled code of 2 versions")
+    assert run("cache", "--clear").strip().endswith("removed")
+    assert [each.name for each in base.iterdir()] == ["others"]
+    assert "of 0 versions" in run("cache")
