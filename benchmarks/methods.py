@@ -4,7 +4,8 @@ r"""What a step of every method costs, and how far it is off.
 
 Every registered method takes the same steps of the same problems; who refuses a problem is shown with a dash. Methods take
 turns within each repeat, and medians are shown. Siconos takes part where it is installed for /usr/bin/python3, timed inside
-its own process. The orders of the methods are in the public table, ``benchmarks/table.py``.
+its own process. The methods that find events follow a ball to its rest, beside SciPy's events in a loop by hand. The orders
+of the methods are in the public table, ``benchmarks/table.py``.
 """
 
 from __future__ import annotations
@@ -14,11 +15,13 @@ import csv
 import json
 import subprocess
 import time
+from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 
 from rich.console import Console
 from rich.table import Table
+from scipy.integrate import solve_ivp
 
 import lcpimpact as li
 from lcpimpact.files import whole_file
@@ -124,6 +127,49 @@ def siconos(steps: int) -> list[dict[str, object]]:
     return [dict(row) for row in json.loads(done.stdout.splitlines()[-1])]
 
 
+def by_hand(height: float, e: float, g: float) -> int:
+    """Follow a ball to its rest by SciPy's events, as a user would, and return the number of impacts."""
+
+    def ground(t: float, y: list[float]) -> float:
+        return y[0]
+
+    ground.terminal, ground.direction = True, -1.0  # type: ignore[attr-defined]
+    t, y, impacts = 0.0, [height, 0.0], 0
+    while True:
+        flight = solve_ivp(lambda t, y: [y[1], -g], (t, 10.0), y, events=ground, rtol=1e-10, atol=1e-12)
+        t, speed = float(flight.t[-1]), -e * float(flight.y[1, -1])
+        impacts += 1
+        if 2.0 * speed / g < 1e-9:
+            return impacts
+        y = [0.0, speed]
+
+
+def to_rest(repeats: int) -> list[dict[str, object]]:
+    """Return the milliseconds from the problem to the rest of a ball with e = 0.8, over 5 s."""
+    problem = li.load_problem("bouncing-ball")
+    height, e, g = problem.parameters["H"], problem.parameters["e"], problem.parameters["g"]
+    contestants = {
+        "exact": lambda: seconds(problem, "exact", 5.0, 500),
+        "event-driven": lambda: seconds(problem, "event-driven", 5.0, 500),
+        "SciPy's events by hand": lambda: _timed(lambda: by_hand(height, e, g)),
+    }
+    samples: dict[str, list[float]] = {name: [] for name in contestants}
+    for _ in range(4 * repeats):
+        for name, run in contestants.items():
+            samples[name].append(1e3 * run())
+    return [
+        {"problem": what, "method": name, "ms to rest": each(found)}
+        for name, found in samples.items()
+        for what, each in (("least", min), ("median", median))
+    ]
+
+
+def _timed(run: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    run()
+    return time.perf_counter() - began
+
+
 def show(title: str, rows: list[dict[str, object]], key: str) -> None:
     """Print a table with one line a method and one column a problem."""
     table = Table(title=title)
@@ -156,6 +202,7 @@ def main() -> None:
     show("sup |q - exact| with 1009 steps, m", rows, "sup q")
     show("∫ |v - exact| dt with 1009 steps, m", rows, "L1 v")
     show("greatest overlap with 1009 steps, m", rows, "overlap")
+    show("ms until a ball with e = 0.8 rests", to_rest(chosen.repeats), "ms to rest")
     if chosen.out:
         names = list(dict.fromkeys(name for row in rows for name in row))
         with whole_file(chosen.out) as part, part.open("w", newline="", encoding="utf-8") as file:

@@ -31,7 +31,7 @@ DIRECT_BOXED = [name for name in BOXED if name not in ITERATIVE and not name.sta
 def box_defect(M, q, lower, upper, z) -> float:
     """How far z is from a solution, by the three cases of the statement, in units of the largest term."""
     w = M @ z + q
-    s, p = np.abs(M).max() or 1.0, max(np.abs(q).max(), 1e-300)
+    s, p = np.abs(M).max() or 1.0, max(np.abs(q).max(), (np.abs(M) @ np.abs(z)).max(), 1e-300)
     worst = max(0.0, (lower - z).max() * s / p, (z - upper).max() * s / p)
     for i in range(len(q)):
         inside = min(z[i] - lower[i], upper[i] - z[i]) * s / p
