@@ -66,22 +66,39 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
         ...
     lcpimpact.errors.InputError: names[1] = 3 must be a string
     """
-    signature = inspect.signature(function)
+    parameters = inspect.signature(function).parameters
+    variable = (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL)
+    names = [name for name, each in parameters.items() if each.kind not in variable]
 
     @functools.cache
-    def hints() -> dict[str, Any]:
-        return get_type_hints(function)
+    def kinds() -> dict[str, tuple[frozenset[type], Any]]:
+        hints = get_type_hints(function)
+        return {name: (_at_once(hints[name]), hints[name]) for name in names if _says_much(hints.get(name, Any))}
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        bound = signature.bind(*args, **kwargs)
-        for name, value in bound.arguments.items():
-            kind = signature.parameters[name].kind
-            if name in hints() and kind not in (inspect.Parameter.VAR_KEYWORD, inspect.Parameter.VAR_POSITIONAL):
-                check_kind(name, value, hints()[name])
+        known = kinds()
+        for name, value in (*zip(names, args, strict=False), *kwargs.items()):
+            if name in known and type(value) not in known[name][0]:
+                check_kind(name, value, known[name][1])
         return function(*args, **kwargs)
 
     return call
+
+
+def _says_much(hint: Any) -> bool:
+    """Return whether a hint excludes anything; what NumPy makes an array of is known to NumPy alone."""
+    arrays = any(getattr(get_origin(part), "__name__", "") == "_SupportsArray" for part in get_args(hint))
+    return hint is not Any and not isinstance(hint, TypeVar) and not arrays
+
+
+def _at_once(hint: Any) -> frozenset[type]:
+    """Return classes whose things are of the kind of a hint, whatever they hold."""
+    if get_origin(hint) in (Union, types.UnionType):
+        return frozenset().union(*map(_at_once, get_args(hint)))
+    return {float: frozenset((float, int, np.float64)), int: frozenset((int,))}.get(
+        hint, frozenset((hint,)) if type(hint) is type and hint is not np.ndarray else frozenset()
+    )
 
 
 def check_kind(name: str, value: Any, hint: Any) -> None:
@@ -157,13 +174,10 @@ def short(value: Any) -> str:
 
 def _wrong(name: str, value: Any, hint: Any) -> str | None:
     """Return what is wrong with a value, or None."""
-    if hint is Any or isinstance(hint, TypeVar):
+    if not _says_much(hint):
         return None
     origin, parts = get_origin(hint) or hint, get_args(hint)
     if origin in (Union, types.UnionType):
-        # What NumPy makes an array of is known to NumPy alone.
-        if any(getattr(get_origin(part), "__name__", "") == "_SupportsArray" for part in parts):
-            return None
         found = [_wrong(name, value, part) for part in parts]
         if None in found:
             return None
