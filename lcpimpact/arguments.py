@@ -261,4 +261,4 @@ def _words(hint: Any) -> str:
     if origin in WORDS:
         return WORDS[origin]
     name = getattr(origin, "__name__", str(origin))
-    return f"{'an' if name[0] in 'AEIO' else 'a'} {name}"
+    return f"{'an' if name[0] in 'AEIO' or name.startswith('LCP') else 'a'} {name}"

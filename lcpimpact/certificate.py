@@ -1248,13 +1248,21 @@ def _judge_steps(
         kicks = 2.0 * h[:, None] * _around(np.abs(np.diff(told, n=2, axis=0)), len(h))
         if limits.kick:
             kicks += limits.kick * h[:, None] * _beside(np.abs(np.diff(R, axis=0)) @ np.abs(d.B).T, len(h))
+    if (d.power_laws[:, 3:] > 0.0).any():
+        # Where in a step the way and the rate of a lossy spring are taken is for a method to choose.
+        ends, mixed = d.spring_force(q, v), d.spring_force(q[1:], v[:-1])
+        changes = np.abs(ends[1:] - mixed) + np.abs(mixed - ends[:-1])
+        lossy = h[:, None] * _beside(changes, len(h))
+        kicks = kicks + lossy if len(kicks) else lossy
     ε, n = max(limits.precision, SHARE), len(d.nodes)
     p, total = v @ d.M.T, np.ascontiguousarray(total)
     lack = worst_steps(h, p, total, given, kicks, loud, ε * scales.momenta(d), limits.step)
     # A force that belongs to a step acts anywhere in it.
     placed = max(limits.kick, float(len(R) < len(t)))
     rounding = ε * scales.q + placed * h.max(initial=0.0) * turn
-    moved = worst_steps(h, q, v, np.zeros((0, n)), np.zeros((0, n)), loud, rounding, limits.step)
+    # A load that jumps within a step moves its node by h times what it does to the velocity.
+    moves = h[:, None] * (kicks @ np.abs(np.linalg.pinv(d.M))) if d.loads and len(kicks) else np.zeros((0, n))
+    moved = worst_steps(h, q, v, np.zeros((0, n)), moves, loud, rounding, limits.step)
     ways = (kind == MASSIVE) | (kind == DAMPED)
     return {"momentum": _worst(*lack[:, kind == MASSIVE]), "kinematics": _worst(*moved[:, ways])}
 

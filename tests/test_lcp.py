@@ -14,7 +14,6 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from lcpimpact import FailureError, InputError, Status, UnsupportedError, solve_lcp
-from lcpimpact.errors import UnknownNameError
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import measure
 from lcpimpact.lcp.operators import Dense, Factored, Property
@@ -637,7 +636,7 @@ def test_unknown_solver_offers_the_nearest(wrong, right):
 
 @pytest.mark.parametrize("wrong", [None, 3, ["lemke"]], ids=repr)
 def test_a_solver_that_is_no_name_is_refused(wrong):
-    with pytest.raises(UnknownNameError, match="unknown solver"):
+    with pytest.raises(InputError, match=r"solver = .* must be a string or an LCPSolver"):
         solve_lcp([[1.0]], [-1.0], wrong)
 
 

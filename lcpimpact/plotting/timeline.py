@@ -33,7 +33,7 @@ def plain_text(text: str) -> str:
     Examples
     --------
     >>> plain_text("5 $ and a_b")
-    '5 \\\\$ and a_b'
+    '5 \\$ and a_b'
     """
     return text.replace("$", r"\$")
 
