@@ -625,7 +625,7 @@ def test_ends_and_names_that_are_none_are_refused(kind):
         ("Bar", {"mass": -0.1}, "mass = -0.1 must be"),
         ("Bar", {"mass": 0.25}, "a zigzag of its nodes has no mass: give massless="),
         ("Bar", {"massless": "z"}, "massless = 'z' must name one of its ends"),
-        ("Bar", {"massless": 3}, "massless = 3 of a Bar must name an end"),
+        ("Bar", {"massless": 3}, "massless = 3 must name an end"),
         ("Bar", {"massless": "x", "elements": 1}, "elements = 1 leaves no node to take the mass"),
         ("Bar", {"E_t": 0.5}, "E_t without sigma_y means nothing"),
         ("Bar", {"sigma_y": 1.0, "E_t": 1.0}, "E_t = 1.0 must be below E = 1.0"),

@@ -457,11 +457,11 @@ class Motion:
 
     def __call__(self, t: float) -> float:
         """Return the place at time t."""
-        return float(self.place(t))
+        return _number("place", self.place, t, "m")
 
     def rate(self, t: float) -> float:
         """Return the velocity at time t."""
-        return float(self.velocity(t))
+        return _number("velocity", self.velocity, t, "m/s")
 
 
 Described = Harmonic | PiecewisePolynomial

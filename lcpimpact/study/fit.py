@@ -76,6 +76,9 @@ SPREAD = math.log(3.0)
 LOSSES = ("linear", "soft_l1", "huber", "cauchy", "arctan")
 SAMPLINGS = ("point", "mean")
 
+ROUND_TRIP: Any = {"encoding": "utf-8-sig", "skipinitialspace": True, "float_precision": "round_trip"}
+"""How pandas reads our files; not all of its versions read numbers to their last bit unasked."""
+
 
 @dataclass(frozen=True)
 class Target:
@@ -336,7 +339,7 @@ def read_curve(data: str | Path | pd.DataFrame, columns: Sequence[str]) -> pd.Da
     path = Path(data)
     with reading(path, "cut the curve"):
         try:
-            table = pd.read_csv(path, skipinitialspace=True, skip_blank_lines=False, encoding="utf-8-sig")
+            table = pd.read_csv(path, skip_blank_lines=False, **ROUND_TRIP)
         except (ValueError, UnicodeDecodeError) as error:
             raise InputError(f"it is no CSV file with one header and commas between cells: {error}") from None
         blank = table.isna().all(axis=1)
@@ -615,7 +618,7 @@ def _curves(
 def _header(path: Path) -> list[str]:
     with reading(path, "cut the curve"):
         try:
-            names = pd.read_csv(path, nrows=0, skipinitialspace=True, encoding="utf-8-sig").columns
+            names = pd.read_csv(path, nrows=0, **ROUND_TRIP).columns
         except (ValueError, UnicodeDecodeError) as error:
             raise InputError(f"it is no CSV file with one header and commas between cells: {error}") from None
     return _words(names)
@@ -628,7 +631,7 @@ def _words(header: Iterable[Any]) -> list[str]:
 
 def _own_times(data: str | Path | pd.DataFrame, name: str) -> pd.DataFrame:
     """Return a reaction of a saved run at the times where it lives, which may be fewer than those of the motion."""
-    table = data if isinstance(data, pd.DataFrame) else pd.read_csv(data, skipinitialspace=True, encoding="utf-8-sig")
+    table = data if isinstance(data, pd.DataFrame) else pd.read_csv(data, **ROUND_TRIP)
     table = table.set_axis(_words(table.columns), axis=1)
     if name not in table.columns:
         raise InputError(nearest(name, list(table.columns), "column"))

@@ -154,7 +154,7 @@ class Bar(Element):
         elif isinstance(self.massless, list):
             object.__setattr__(self, "massless", tuple(self.massless))
         elif not isinstance(self.massless, tuple):
-            raise InputError(f"massless = {self.massless!r} of a Bar must name an end, or be a sequence of its ends")
+            raise InputError(f"{self}: massless = {self.massless!r} must name an end, or be a sequence of its ends")
         for symbol, unit in (("E", "Pa"), ("A", "m²"), ("rho", "kg/m³"), ("L", "m")):
             positive(self, symbol, getattr(self, symbol), unit)
         if not is_count(self.elements) or self.elements > LARGEST:
