@@ -510,18 +510,18 @@ class Flow:
     def cuts(self, length: float) -> Array:
         """Return times from 0 on, ``length`` not included, between which exp(A t) turns little.
 
-        They are the windows, and from where the fastest rates have decayed those of the slower ones. Where there are more
-        than `MOST_CUTS`, the times spread out geometrically.
+        They are the windows, and where there are more than `MOST_CUTS`, those of the slower rates from where the fastest
+        have decayed. Where they do not decay, the times spread out geometrically.
         """
         windows = math.ceil(length / self.window)
         if windows == 1:
             return np.zeros(1)
-        if windows > FEW and self.slower is not None and self.settling < min(length, MOST_CUTS * self.window):
+        if windows <= MOST_CUTS:
+            return np.linspace(0.0, length, windows, endpoint=False)
+        if self.slower is not None and self.settling < min(length, MOST_CUTS * self.window):
             first = self.window * np.arange(math.ceil(self.settling / self.window))
             since = len(first) * self.window
             return np.append(first, since + self.slower[3].cuts(length - since))
-        if windows <= MOST_CUTS:
-            return np.linspace(0.0, length, windows, endpoint=False)
         return length * np.append(0.0, np.geomspace(1.0 / windows, 1.0, MOST_CUTS)[:-1])
 
     def first_crossing(

@@ -59,11 +59,12 @@ def plot_poincare(
     """
     if len(table) == 0:
         raise InputError("the table has no points: run longer, or take another section")
-    node = next(name[2:] for name in table.columns if name.startswith("v_"))
+    node = _first_node(table)
+    _check(table, node, f"v_{node}")
     fixed = np.ptp(table[node]) <= 1e-6 * max(np.ptp(table[f"v_{node}"]), 1e-300) or "mpact" in table.attrs.get(
         "section", ""
     )
-    across = x or ("phase" if fixed and table["phase"].notna().all() else node)
+    across = x or ("phase" if fixed and "phase" in table and table["phase"].notna().all() else node)
     up = y or f"v_{node}"
     _check(table, across, up)
     figure = Figure(figsize=(5.2, 4.2), layout="constrained")
@@ -118,7 +119,7 @@ def plot_bifurcation(
     """
     if "point" not in table or table["point"].isna().all():
         raise InputError("the table has no points: see its column failure")
-    node = next(name[2:] for name in table.columns if name.startswith("v_"))
+    node = _first_node(table)
     up = y or ("speed" if "mpact" in table.attrs.get("section", "") else node)
     _check(table, up)
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
@@ -320,11 +321,21 @@ def _impacts(orbit: PeriodicOrbit) -> str:
     return "1 impact" if count == 1 else f"{count} impacts" if count else "no impact"
 
 
+def _first_node(table: pd.DataFrame) -> str:
+    """Return the first node whose place and velocity a table of a section has."""
+    for name in table.columns:
+        if str(name).startswith("v_") and str(name)[2:] in table.columns:
+            return str(name)[2:]
+    raise InputError("the table has no place and velocity of a node, as 'x' and 'v_x': take one of a Poincaré section")
+
+
 def _check(table: pd.DataFrame, *columns: str) -> None:
     numbers = [name for name in table.columns if name not in ("failure", "point")]
     for name in columns:
         if name not in numbers:
             raise InputError(nearest(name, numbers, "column"))
+        if not pd.api.types.is_numeric_dtype(table[name]):
+            raise InputError(f"column {name!r} holds what is no number")
 
 
 def _wide_enough(ax: Axes) -> None:
