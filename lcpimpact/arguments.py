@@ -218,6 +218,7 @@ def _is_kind(value: Any, kind: Any) -> bool:
         return (
             isinstance(value, Iterable)
             and not isinstance(value, str | bytes)
+            and not (isinstance(value, np.ndarray) and value.ndim == 0)
             and (kind is Iterable or _is_sized(value))
         )
     if kind is tuple:

@@ -16,6 +16,7 @@ from lcpimpact.cli.main import main
 from lcpimpact.lcp.files import read_lcp
 from lcpimpact.numbers import is_count, is_real
 from lcpimpact.study.fit import read_curve
+from lcpimpact.study.reference import reference
 
 
 def ball(name="ball", node="x", contact="R"):
@@ -146,3 +147,19 @@ def test_a_file_of_words_is_written_as_words(tmp_path):
 
     write_table(pd.DataFrame({"=a": ["=1", "x"], "t": [-1.0, 2.0]}), tmp_path / "t.csv")
     assert (tmp_path / "t.csv").read_text() == "'=a,t\n'=1,-1.0\nx,2.0\n"
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: read_curve(pd.DataFrame({"t": [0.0], "x": ["a"]}), pd.DataFrame({"x": []})), "x"),
+        (lambda: li.LinearComplementaritySystem([[1.0]], None, [[1.0]]), "B"),
+        (lambda: reference(li.load_problem("bouncing-ball"), 10**400), "t_end = .* must be a finite number"),
+        (lambda: li.simulate(li.load_problem("bouncing-ball"), "exact", dt=1e297, t_end=1e300), "shorter t_end"),
+        (lambda: li.load_problem("shaw-holmes", omega=1e300), "omega = 1e\\+300.*nearer to one"),
+        (lambda: li.plot_poincare(pd.DataFrame({"t": ["a"], "x": [None]})), "no place and velocity"),
+    ],
+)
+def test_what_a_fuzzer_found_is_refused(call, says):
+    with pytest.raises(li.InputError, match=says):
+        call()

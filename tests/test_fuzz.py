@@ -937,6 +937,8 @@ def tried(kind, seed, folder):
     if time.process_time() - began > LONGEST and not wrong:
         wrong = f"takes too long: {time.process_time() - began:.0f} s"
     free = written(what) if kind == "commands" else set()
+    if kind == "calls" and str(what[0]).startswith("write"):
+        free = {str(each) for each in what[1].values()}
     for path, data in kept.items():
         if not path.exists() or path.read_bytes() != data:
             if path.name not in free:

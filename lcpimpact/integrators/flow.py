@@ -30,6 +30,7 @@ from scipy.linalg import matrix_balance, schur, solve_sylvester
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, cube, f8, i8, indices, matrix, vector
 from lcpimpact.double_double import EPS, DoubleDouble, add, multiply, pair, product, solve, two_product
+from lcpimpact.errors import InputError
 
 DEGREE = 30
 """e / 31! = 3e-34: the remainder of a window is below the rounding of double-doubles."""
@@ -39,6 +40,9 @@ FEW, CHUNK = 64, 20_000
 
 GAP = 8.0
 """Rates this much above the next are split off when what moves by them has decayed."""
+
+MOST_WINDOWS = 10**11
+"""More windows than these, which take hours, are not begun."""
 
 MOST_CUTS = 4_000
 """So many instants show a segment well enough for its balance of energy."""
@@ -547,7 +551,7 @@ class Flow:
         """
         δ, lines, step = self.window, DoubleDouble.of(rows), self.step
         state, largest = np.array(DoubleDouble.of(X).parts, order="C"), np.array(scale, dtype=np.float64)
-        total, done, count = math.floor(horizon / δ) + 1, 0, FEW
+        total, done, count = math.floor(min(horizon / δ, 1e300)) + 1, 0, FEW
         zeros, entries = np.asarray(order, dtype=np.int64), entries or sparse(lines)
         while done < total:
             count = min(count, total - done)
@@ -556,6 +560,10 @@ class Flow:
                 t = DoubleDouble(np.array(add(s * δ, s_lo * δ, (done + j) * δ, 0.0)))  # δ is a power of two
                 return Crossing(row if t.hi <= horizon else -1, t, largest, DoubleDouble(state))
             done, count, zeros = done + count, CHUNK, np.zeros_like(zeros)
+            if total - done > MOST_WINDOWS and self.slower is None:
+                raise InputError(
+                    f"{horizon:.3g} s are {total:.1e} times what the motion turns in: take a shorter t_end, or moreau-jean"
+                )
             if done < total and self.slower is not None:
                 fast, slow, back, flow = self.slower
                 if (np.abs((fast @ DoubleDouble(state)).hi) <= 16.0 * EPS * (np.abs(fast.hi) @ largest)).all():

@@ -151,7 +151,11 @@ def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, A
             raise InputError(nearest(key, known, f"parameter of {name}"))
         if not is_real(value):
             raise InputError(f"parameter {key} = {value!r} of {name} must be a finite number")
-    return builder(**{key: float(value) for key, value in parameters.items()})
+    try:
+        return builder(**{key: float(value) for key, value in parameters.items()})
+    except ArithmeticError as error:
+        told = ", ".join(f"{key} = {value:g}" for key, value in parameters.items())
+        raise InputError(f"{name} cannot be computed with {told} ({error}): take sizes nearer to one") from None
 
 
 def falling_speed(name: str, g: float, h_o: float, v_o: float | None) -> float:

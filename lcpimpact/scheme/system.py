@@ -80,7 +80,7 @@ class LinearComplementaritySystem:
         shapes = {"A": (n, n), "B": (n, m), "C": (m, n), "D": (m, m), "c": (m,)}
         for name, shape in shapes.items():
             value = getattr(self, name)
-            array = fill[name] if value is None else self._array(name, value)
+            array = fill[name] if value is None and name in fill else self._array(name, value)
             if array.shape != shape:
                 raise InputError(f"{name} of the system has the shape {array.shape}, and A and C ask for {shape}")
             array.flags.writeable = False

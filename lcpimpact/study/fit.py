@@ -334,16 +334,23 @@ def read_curve(data: str | Path | pd.DataFrame, columns: Sequence[str]) -> pd.Da
         For a file that cannot be read, a column that is missing, cells that hold no finite number, and times that are
         negative or do not rise; the message names the lines of the file (its header is line 1) or the rows of the table.
     """
+    columns = list(columns)
     if isinstance(data, pd.DataFrame):
         return _checked_curve(data, columns, "row", 0)
     path = Path(data)
+    table = _table(path, skip_blank_lines=False)
     with reading(path, "cut the curve"):
-        try:
-            table = pd.read_csv(path, skip_blank_lines=False, **ROUND_TRIP)
-        except (ValueError, UnicodeDecodeError) as error:
-            raise InputError(f"it is no CSV file with one header and commas between cells: {error}") from None
         blank = table.isna().all(axis=1)
         return _checked_curve(table[~(blank & blank[::-1].cummin()[::-1])], columns, "line", 2)
+
+
+def _table(path: Path, **options: Any) -> pd.DataFrame:
+    """Return a CSV file of ours, or of a measurement."""
+    with reading(path, "cut the curve"):
+        try:
+            return pd.read_csv(path, **ROUND_TRIP, **options)
+        except (ValueError, UnicodeDecodeError) as error:
+            raise InputError(f"it is no CSV file with one header and commas between cells: {error}") from None
 
 
 def _checked_curve(table: pd.DataFrame, columns: Sequence[str], what: str, first: int) -> pd.DataFrame:
@@ -616,12 +623,7 @@ def _curves(
 
 
 def _header(path: Path) -> list[str]:
-    with reading(path, "cut the curve"):
-        try:
-            names = pd.read_csv(path, nrows=0, **ROUND_TRIP).columns
-        except (ValueError, UnicodeDecodeError) as error:
-            raise InputError(f"it is no CSV file with one header and commas between cells: {error}") from None
-    return _words(names)
+    return _words(_table(path, nrows=0).columns)
 
 
 def _words(header: Iterable[Any]) -> list[str]:
@@ -631,7 +633,7 @@ def _words(header: Iterable[Any]) -> list[str]:
 
 def _own_times(data: str | Path | pd.DataFrame, name: str) -> pd.DataFrame:
     """Return a reaction of a saved run at the times where it lives, which may be fewer than those of the motion."""
-    table = data if isinstance(data, pd.DataFrame) else pd.read_csv(data, **ROUND_TRIP)
+    table = data if isinstance(data, pd.DataFrame) else _table(Path(data))
     table = table.set_axis(_words(table.columns), axis=1)
     if name not in table.columns:
         raise InputError(nearest(name, list(table.columns), "column"))

@@ -6,8 +6,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
-from lcpimpact.arguments import checked
-from lcpimpact.errors import LcpImpactError, UnsupportedError
+from lcpimpact.arguments import checked, short
+from lcpimpact.errors import InputError, LcpImpactError, UnsupportedError
+from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.simulation import simulate
 from lcpimpact.trajectory import Trajectory
@@ -66,6 +67,8 @@ def reference(problem: Problem, t_end: float | None = None, unlike: Collection[s
     ('exact', 'event-driven (rtol=1e-12, atol=1e-14)')
     """
     end = problem.t_end if t_end is None else t_end
+    if not is_real(end):
+        raise InputError(f"t_end = {short(end)} must be a finite number in s")
     reasons = []
     for method, steps, options in CANDIDATES:
         if method in unlike:
