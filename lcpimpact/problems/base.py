@@ -153,7 +153,9 @@ def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, A
             raise InputError(f"parameter {key} = {value!r} of {name} must be a finite number")
     try:
         return builder(**{key: float(value) for key, value in parameters.items()})
-    except ArithmeticError as error:
+    except InputError:
+        raise
+    except (ArithmeticError, ValueError, MemoryError) as error:
         told = ", ".join(f"{key} = {value:g}" for key, value in parameters.items())
         raise InputError(f"{name} cannot be computed with {told} ({error}): take sizes nearer to one") from None
 

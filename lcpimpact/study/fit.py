@@ -334,7 +334,7 @@ def read_curve(data: str | Path | pd.DataFrame, columns: Sequence[str]) -> pd.Da
         For a file that cannot be read, a column that is missing, cells that hold no finite number, and times that are
         negative or do not rise; the message names the lines of the file (its header is line 1) or the rows of the table.
     """
-    columns = list(columns)
+    columns = [name for name in dict.fromkeys(columns) if name != "t"]
     if isinstance(data, pd.DataFrame):
         return _checked_curve(data, columns, "row", 0)
     path = Path(data)
