@@ -151,7 +151,7 @@ class RK4Paper(Integrator):
         energy="no rule",
         kick=1.0,
         slack=6.0,
-        step=70.0,  # 35 on system-2, whose plates are moved by hand
+        step=300.0,  # 130 on the systems of the paper, whose plates are moved by hand
         drift=1.0,
         dissipates=False,
         source="Grzesikiewicz and Zbiciak, Eqs (3), (6), (8)",
