@@ -276,7 +276,7 @@ def _draw_directions(ax: Axes, M: Array, q: Array | None) -> None:
         ax.text(x, y, between.join(name for name, _ in names), ha=ha, va=va, fontsize=12.0, color=color)
 
 
-def _apart(angles: Sequence[float], least: float = 15.0) -> list[float]:
+def _apart(angles: Sequence[float], least: float = 17.0) -> list[float]:
     """Return angles in rising order moved, as little as need be, until each is some degrees from the next."""
     moved = list(angles)
     for _ in range(50 * (len(moved) > 1)):

@@ -247,7 +247,12 @@ def _paint_line(ax: Axes, line: Line, size: float) -> tuple[Any, Any]:
     filled = None
     if line.fill is not None:
         (filled,) = ax.fill(
-            *line.points.T, facecolor=line.fill, edgecolor="none", linewidth=0.0, zorder=line.zorder - 0.5
+            *line.points.T,
+            facecolor=line.fill,
+            edgecolor="none",
+            linestyle="-",
+            linewidth=0.0,
+            zorder=line.zorder - 0.5,
         )
     return drawn, filled
 
