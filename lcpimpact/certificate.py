@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeAlias
 
@@ -838,7 +838,8 @@ def _judge_dense(
         np.concatenate([dense.cuts[dense.cuts <= end], [event.t for event in events if event.t <= end], [end]])
     )
     pieces = Pieces(cuts)
-    times, h = pieces.times, np.diff(cuts)
+    times, resolved = pieces.times, dense.resolves(cuts)
+    h = np.where(resolved, np.diff(cuts), 0.0)
     q, v, r = dense.read(times, "right")
     q_right, v_right, r_right = dense.read(cuts, "right")
     q_left, v_left = q_right.copy(), v_right.copy()
@@ -864,8 +865,10 @@ def _judge_dense(
 
     jump = (v_right - v_left) @ d.M.T - P
     between = (v_left[1:] - v_right[:-1]) @ d.M.T - pieces.each(g)
-    lack = _cumulated(jump, between)
-    moved = _cumulated(q_right - q_left, q_left[1:] - q_right[:-1] - pieces.each(v))
+    # What a rule cannot integrate is not judged by it.
+    lack = _cumulated(jump, between * resolved[:, None])
+    way = q_left[1:] - q_right[:-1] - pieces.each(v)
+    moved = _cumulated(q_right - q_left, way * resolved[:, None])
     free, ways = ~d.driven, rates
     rounding = 64.0 * np.finfo(float).eps * np.cumsum(np.append(0.0, h))
     coarse_g, coarse_v = (limits.slack * _grown(pieces, each, limits.order) for each in (g, v))
@@ -874,7 +877,8 @@ def _judge_dense(
 
     stored_right, stored_left = d.energy(q_right, v_right), d.energy(q_left, v_left)
     power = _powers(d, times, q, v, r)
-    energy = _cumulated(stored_right - stored_left - worked, stored_left[1:] - stored_right[:-1] - pieces.each(power))
+    gained = stored_left[1:] - stored_right[:-1] - pieces.each(power)
+    energy = _cumulated(stored_right - stored_left - worked, gained * resolved)
     scale = float(np.abs(np.concatenate([stored_right, stored_left])).max())
     # What jumps at the very start is judged by the momentum: nodes that springs hold go to their balance.
     energy = np.append(0.0, energy[1:] - energy[1])
@@ -1261,7 +1265,7 @@ def _judge_steps(
     placed = max(limits.kick, float(len(R) < len(t)))
     rounding = ε * scales.q + placed * h.max(initial=0.0) * turn
     # A load that jumps within a step moves its node by h times what it does to the velocity.
-    moves = h[:, None] * (kicks @ np.abs(np.linalg.pinv(d.M))) if d.loads and len(kicks) else np.zeros((0, n))
+    moves = h[:, None] * (kicks @ np.abs(np.linalg.pinv(d.M))) if not d.constant_loads else np.zeros((0, n))
     moved = worst_steps(h, q, v, np.zeros((0, n)), moves, loud, rounding, limits.step)
     ways = (kind == MASSIVE) | (kind == DAMPED)
     return {"momentum": _worst(*lack[:, kind == MASSIVE]), "kinematics": _worst(*moved[:, ways])}
@@ -1304,20 +1308,21 @@ def _worse(one: tuple[float, float], other: tuple[float, float]) -> tuple[float,
 
 def _beside(changes: Array, steps: int) -> Array:
     """Return for each step the greatest of the changes from step to step on both sides, but for its own (steps, n)."""
-    wide = np.zeros((steps + 2 * NEAR, changes.shape[1]))
-    for shift in (NEAR - 3, NEAR - 2, NEAR + 3, NEAR + 4):
-        part = wide[shift : shift + len(changes)]
-        np.maximum(part, changes, out=part)
-    return wide[NEAR:-NEAR]
+    return _greatest(changes, steps, NEAR, (NEAR - 3, NEAR - 2, NEAR + 3, NEAR + 4))
 
 
 def _around(changes: Array, steps: int) -> Array:
     """Return for each step the greatest change at its ends and one further on either side (steps, n)."""
-    wide = np.zeros((steps + 2, changes.shape[1]))
-    for shift in range(steps + 3 - len(changes)):
+    return _greatest(changes, steps, 1, range(steps + 3 - len(changes)))
+
+
+def _greatest(changes: Array, steps: int, margin: int, shifts: Iterable[int]) -> Array:
+    """Return for each step k the greatest of the changes k + margin - shift (steps, n)."""
+    wide = np.zeros((steps + 2 * margin, changes.shape[1]))
+    for shift in shifts:
         part = wide[shift : shift + len(changes)]
         np.maximum(part, changes, out=part)
-    return wide[1:-1]
+    return wide[margin:-margin]
 
 
 def _massless(d: Dynamics, g: Array, P: Array, in_steps: bool, massless: Flags, allowed: Array) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import InputError, Status
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.dynamics import Feature
@@ -102,10 +102,20 @@ class Dense:
     ----------
     read : callable         read(t, side) -> q, v, reaction at the sorted times t (nt,), on one side of the events
     cuts : (nk,) array      times from 0 to the end between which the solution is smooth and turns little
+    resolved : (nk - 1,) array of bool, optional
+        Whether it turns little between two cuts, where it does not between all: there are too many oscillations.
     """
 
     read: Callable[[Array, str], tuple[Array, Array, Array]]
     cuts: Array
+    resolved: Flags | None = None
+
+    def resolves(self, cuts: Array) -> Flags:
+        """Return whether the solution turns little between other cuts, finer than its own (nk - 1,)."""
+        if self.resolved is None or len(self.resolved) == 0:
+            return np.ones(len(cuts) - 1, np.bool_)
+        own = np.searchsorted(self.cuts, cuts[:-1], side="right") - 1
+        return np.asarray(self.resolved[np.clip(own, 0, len(self.resolved) - 1)])
 
 
 @dataclass(frozen=True, kw_only=True)

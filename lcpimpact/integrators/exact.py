@@ -99,7 +99,7 @@ class Exact(Integrator):
     def dense(self, carry: Run) -> Dense:
         """Return the solution at any times of the run."""
         system, segments = carry.motion.system, tuple(carry.motion.segments)
-        return Dense(partial(read, system, segments), cuts(carry.motion))
+        return Dense(partial(read, system, segments), *cuts(carry.motion))
 
 
 def _sample(run: Run, record: Record, first: int, last: int) -> None:

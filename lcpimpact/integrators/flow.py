@@ -27,7 +27,7 @@ from numba import types
 from numpy.typing import ArrayLike
 from scipy.linalg import matrix_balance, schur, solve_sylvester
 
-from lcpimpact.arrays import Array, Indices
+from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, i8, indices, matrix, vector
 from lcpimpact.double_double import EPS, DoubleDouble, add, multiply, pair, product, solve, two_product
 from lcpimpact.errors import InputError
@@ -44,8 +44,6 @@ GAP = 8.0
 MOST_WINDOWS = 10**11
 """More windows than these, which take hours, are not begun."""
 
-MOST_CUTS = 4_000
-"""So many instants show a segment well enough for its balance of energy."""
 
 DECAYED = 40.0
 """exp(-40) = 4e-18: what has decayed so far does not show in floats."""
@@ -511,22 +509,23 @@ class Flow:
         slowest = -float(fast.real.max())
         return DECAYED / slowest if slowest > 0.0 else math.inf
 
-    def cuts(self, length: float) -> Array:
-        """Return times from 0 on, ``length`` not included, between which exp(A t) turns little.
+    def cuts(self, length: float, most: int) -> tuple[Array, Flags]:
+        """Return times from 0 on, ``length`` not included, and whether exp(A t) turns little from each to the next.
 
-        They are the windows, and where there are more than `MOST_CUTS`, those of the slower rates from where the fastest
-        have decayed. Where they do not decay, the times spread out geometrically.
+        They are the windows, and where there are more than ``most``, those of the slower rates from where the fastest
+        have decayed. Where they do not decay, they are some of the windows, with what lies between them as one piece.
         """
         windows = math.ceil(length / self.window)
-        if windows == 1:
-            return np.zeros(1)
-        if windows <= MOST_CUTS:
-            return np.linspace(0.0, length, windows, endpoint=False)
-        if self.slower is not None and self.settling < min(length, MOST_CUTS * self.window):
+        if windows <= max(most, 1):
+            return np.linspace(0.0, length, windows, endpoint=False), np.ones(windows, np.bool_)
+        if self.slower is not None and self.settling < min(length, most * self.window):
             first = self.window * np.arange(math.ceil(self.settling / self.window))
             since = len(first) * self.window
-            return np.append(first, since + self.slower[3].cuts(length - since))
-        return length * np.append(0.0, np.geomspace(1.0 / windows, 1.0, MOST_CUTS)[:-1])
+            later, little = self.slower[3].cuts(length - since, most)
+            return np.append(first, since + later), np.append(np.ones(len(first), np.bool_), little)
+        some = np.unique(np.floor(np.geomspace(1.0, windows, most // 2)) - 1.0)
+        times = np.unique(np.append(some, some[:-1] + 1.0))
+        return times * (length / windows), np.isin(times, some)
 
     def first_crossing(
         self,
