@@ -289,8 +289,54 @@ def test_a_stiff_plate_with_a_stop_a_nanometre_below_it():
 def test_the_instants_that_show_a_flow_grow_with_rates_only_until_they_have_decayed():
     turning = [[0.0, 0.0, -1.0], [0.0, -1e9, 0.0], [1.0, 0.0, 0.0]]
     flow = Flow(DoubleDouble.of(turning))
-    cuts = flow.cuts(10.0)
+    cuts, little = flow.cuts(10.0, 4000)
     assert len(cuts) < 150
+    assert little.all()
     assert (np.diff(np.append(cuts, 10.0)) <= np.where(np.append(cuts[1:], 10.0) <= 4e-8, 1e-9, 1.0)).all()
+
+
+def test_of_too_many_oscillations_some_windows_show_a_flow():
     undamped = Flow(DoubleDouble.of([[0.0, 1e9, 0.0], [-1e9, 0.0, 0.0], [0.0, 0.0, -1.0]]))
-    assert len(undamped.cuts(10.0)) == 4000
+    cuts, little = undamped.cuts(10.0, 4000)
+    lengths = np.diff(np.append(cuts, 10.0))
+    assert 1500 < little.sum() < 4000
+    assert_allclose(lengths[little], undamped.window, rtol=1e-5)
+    assert lengths[~little].sum() > 9.99
+    every, little = undamped.cuts(1e-6, 4000)
+    assert little.all()
+    assert_allclose(np.diff(every), every[1], rtol=1e-12)
+    assert every[1] <= undamped.window
+
+
+@pytest.mark.parametrize("t_end", [10.0, 1000.0])
+def test_a_long_oscillation_is_certified_and_another_spring_found_out(t_end):
+    def column(k):
+        return li.Problem(
+            "high",
+            li.Scheme(li.Mass("a", m=1.0), li.Spring("a", "ground", k=k), li.Bumper("a", "ground", gap=1.0, e=0.5)),
+            q0={"a": 0.1},
+        )
+
+    run = run_exact(column(1e6), t_end / 100.0, t_end)
+    t = run.t
+    assert_allclose(run["a"], 0.1 * np.cos(1000.0 * t), atol=1e-15 * 1000.0 * t_end)
+    assert run.certify().holds
+    assert run.certify(column(1.001e6)).failures
+
+
+def test_a_body_that_an_impact_stops_where_no_force_acts_on_it_stays_closed_or_open_for_good():
+    # Each impact of the ball presses the plate to the ground, at e = 0 for it, and its spring has its neutral length there.
+    scheme = li.Scheme(
+        li.Mass("b0", m=1.0359261983442176),
+        li.Spring("b0", "ground", k=86.72051309760138),
+        li.Mass("b1", m=2.0843309834538797),
+        li.Spring("b1", "ground", k=224.86356353857911),
+        li.Bumper("b0", "b1", e=0.368280954659927, name="R0"),
+        li.Bumper("b1", "ground", e=0.3673708440498272, name="R1"),
+    )
+    problem = li.Problem("pressed", scheme, v0={"b0": 3.0827685319739304, "b1": -2.331311912369221})
+    run = run_exact(problem, 0.1, 3.9)
+    half = math.pi * math.sqrt(1.0359261983442176 / 86.72051309760138)
+    assert_allclose([each.t for each in run.events], np.repeat(half * np.arange(12), 2), rtol=1e-14)
+    assert {each.kind for each in run.events} == {"impact"}
+    assert_allclose(run["b1"], 0.0, atol=1e-30)

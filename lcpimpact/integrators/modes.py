@@ -372,6 +372,14 @@ class System:
         return self.readings[mode.key]
 
     @cached_property
+    def reach(self) -> Array:
+        """What each component of X does to the others within a window, without contact forces (N, N).
+
+        Where forces balance, what is left of them is rounding relative to this, however little moves there.
+        """
+        return np.abs(self.fine.A.hi) * self.mode(Mode((), (), (), ()))[0].window
+
+    @cached_property
     def names(self) -> dict[str, int]:
         """The row of each contact by its name."""
         return {contact.name: i for i, contact in enumerate(self.dynamics.contacts)}
@@ -490,8 +498,13 @@ def block(G: DoubleDouble, rows: list[int], columns: list[int]) -> DoubleDouble:
 
 def _solve(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
     """Solve with a block of G; where it is singular, the closed rows share their force as they like."""
-    if len(G) > 1 and not np.linalg.cond(G.hi) < 1e13:
-        raise np.linalg.LinAlgError
+    if len(G) > 1:
+        # Springs and masses give rows of other units, which are not dependent for that.
+        rows = np.abs(G.hi).max(axis=1, keepdims=True)
+        balanced = G.hi / np.where(rows > 0.0, rows, 1.0)
+        columns = np.abs(balanced).max(axis=0)
+        if not np.linalg.cond(balanced / np.where(columns > 0.0, columns, 1.0)) < 1e13:
+            raise np.linalg.LinAlgError
     return solve(G, right)
 
 
@@ -530,6 +543,11 @@ def settled(
         rows, rates = np.flatnonzero(held.u), np.flatnonzero(held.U & ~system.slides)
         constraint = stacked([[C[rows]], [CA[rates]]])
     return _put_to_zero(system, constraint, X, scale)
+
+
+def scale_after(system: System, scale: Array, P: Array) -> Array:
+    """Return the scale (N,) with what impulses P (nc,) have done: where they balance, what is left of them is rounding."""
+    return np.maximum(scale, np.abs(system.fine.B.hi) @ P)
 
 
 def _put_to_zero(system: System, constraint: DoubleDouble, X: DoubleDouble, scale: Array) -> DoubleDouble:

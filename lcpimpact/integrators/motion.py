@@ -23,6 +23,7 @@ from lcpimpact.integrators.modes import (
     gaps,
     impact,
     refuse_mixed_degrees,
+    scale_after,
     settled,
     still,
 )
@@ -41,6 +42,9 @@ NEAR, KNOWN, AT_REST, STRAIGHT, MOST_IMPACTS = 2.0**-40, 2.0**-65, 2.0**-76, 1e-
 """Impacts whose order is lost in rounding: gaps that double-doubles hold to nine digits, and rates that are rest, relative
 to the terms that gave them; the part of a rate by which forces may change it where they are left out; impacts this near to
 the one before, of the time passed, where they may not; and the most that are followed."""
+
+FEWEST_CUTS, MOST_CUTS = 4_000, 100_000
+"""So many instants of each segment, or of all, show the motion well enough for its balances."""
 
 RECENT, FLIGHTS, SHORT, SLOW = 64, 3, 2.0**-52, 1e-12
 """Impacts accumulate when this many flights in a row are each shorter than SHORT of the time passed, below which instants
@@ -231,6 +235,8 @@ def _enter(motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero:
                 system, now, before, X, motion.scale, motion.solver, zero=zero, together=together
             )
     motion.segments.append(Segment(t, (X if left is None else left).hi, after, mode, ended, tuple(events)))
+    scale = scale_after(system, motion.scale, _impulses(system, events))
+    motion.scale = np.maximum(scale, system.reach @ scale)
 
     flow, _ = system.reaction(mode)
     watch = system.watch(mode)
@@ -254,15 +260,14 @@ def _enter(motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero:
 
 def _accumulated(motion: Motion, t: DoubleDouble, events: list[Event]) -> Flags | None:
     """Note the impacts at t, and return the rows whose impacts have accumulated (nc,), if any: they meet without end."""
-    system, shortest, over = motion.system, SHORT * abs(float(t.hi)), False
+    system, shortest = motion.system, SHORT * abs(float(t.hi))
     hit = [event for event in events if event.impulse > 0.0]
     if not hit:
         return None
     rows = [system.names[event.contact] for event in hit]
     # Contacts that were closed do not meet: impulses only pass through them.
     passes_on = still(system, motion.segments[-1].mode if motion.segments else None).U
-    slow = SLOW * (np.abs(system.fine.CA.hi) @ motion.scale)
-    before, after = (system.dynamics.gap_rate(v) for v in (hit[0].left.v, hit[0].right.v))
+    tired = []
     for i in rows:
         if passes_on[i]:
             continue
@@ -270,13 +275,32 @@ def _accumulated(motion: Motion, t: DoubleDouble, events: list[Event]) -> Flags 
         flight = (t.hi - last.hi) + (t.lo - last.lo)
         motion.short[i] = motion.short[i] + 1 if flight < shortest else 0
         motion.impacts[i] = t
-        over |= bool(motion.short[i] >= FLIGHTS and system.restitution[i] < 1.0 and abs(before[i]) <= slow[i])
-    if not over:
+        if motion.short[i] >= FLIGHTS and system.restitution[i] < 1.0:
+            tired.append(i)
+    if not tired:
+        return None
+    slow = SLOW * (np.abs(system.fine.CA.hi) @ motion.scale)
+    before, after = (system.dynamics.gap_rate(v) for v in (hit[0].left.v, hit[0].right.v))
+    if not (np.abs(before) <= slow)[tired].any():
         return None
     since = np.array([(t.hi - last.hi) + (t.lo - last.lo) for last in motion.impacts])
     together = (motion.short > 0) & (since < RECENT * shortest) & (np.abs(after) <= slow)
     motion.short[together] = 0
     return np.asarray(together)
+
+
+def _impulses(system: System, events: list[Event]) -> Array:
+    """Return P (nc,) of the events at one instant."""
+    P = np.zeros(len(system.degree))
+    for event in events:
+        P[system.names[event.contact]] += event.impulse
+    return P
+
+
+def _opening(motion: Motion, mode: Mode, X: DoubleDouble) -> tuple[Array, Array]:
+    """Return u and U (nc,) in floats, with what the mode holds and what is rounding set to zero."""
+    u, U = gaps(motion.system, X, motion.scale, still(motion.system, mode), FINE_ZERO)
+    return u.hi, U.hi
 
 
 def _resolved(motion: Motion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bool] | None:
@@ -286,22 +310,20 @@ def _resolved(motion: Motion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bo
     to where all gaps are known, unless forces bend the flights since: then the flag is False. None where all is resolved.
     """
     system, segments = motion.system, motion.segments
-    if len(segments) <= motion.collapsed:
+    if len(segments) <= motion.collapsed or np.count_nonzero(system.meets) < 2:
         return None
     size = np.abs(system.fine.C.hi) @ motion.scale
 
-    def opening(segment: Segment) -> tuple[Array, Array, Flags]:
-        """Return u, U and which gaps have too few digits."""
-        held = still(system, segment.mode)
-        u, U = (each.hi for each in gaps(system, segment.state, motion.scale, held, FINE_ZERO))
-        return u, U, system.meets & (u > 0.0) & (u < KNOWN * size)
+    def opening(segment: Segment) -> tuple[Array, Flags]:
+        """Return U, and which gaps have too few digits, where a segment begins."""
+        u, U = _opening(motion, segment.mode, segment.state)
+        return U, system.meets & (u > 0.0) & (u < KNOWN * size)
 
-    _, _, unknown = opening(segments[-1])
+    _, unknown = opening(segments[-1])
     if not unknown.any():
         return None
-    held = still(system, segments[-1].mode)
-    u, U = (each.hi for each in gaps(system, X, motion.scale, held, FINE_ZERO))
-    landing = (u <= 0.0) & system.meets & ~held.u
+    u, U = _opening(motion, segments[-1].mode, X)
+    landing = (u <= 0.0) & system.meets & ~still(system, segments[-1].mode).u
     if landing.sum() < 2 or not (landing & unknown).any() or not (U[landing] < 0.0).any():
         return None
     first, speed = len(segments) - 1, np.abs(U[landing]).max()
@@ -312,7 +334,7 @@ def _resolved(motion: Motion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bo
             near = segments[-1].t0 >= float(t.hi) * (1.0 - NEAR)
             return (first, False) if near else None
         first -= 1
-        _, U, unknown = opening(segments[first])
+        U, unknown = opening(segments[first])
         speed = np.abs(U[landing]).max()
     return first, True
 
@@ -336,9 +358,8 @@ def _collapse(motion: Motion, t: DoubleDouble, rest: float) -> tuple[DoubleDoubl
     mode, rows = motion.segments[-1].mode, system.meets
     names = [contact.name for contact in system.dynamics.contacts]
     held = still(system, mode)
-    u, U = (each.hi for each in gaps(system, X, motion.scale, held, FINE_ZERO))
-    size, slow = (np.abs(m.hi) @ motion.scale for m in (system.fine.C, system.fine.CA))
-    slow = rest * slow
+    u, U = _opening(motion, mode, X)
+    size, slow = np.abs(system.fine.C.hi) @ motion.scale, rest * (np.abs(system.fine.CA.hi) @ motion.scale)
     latest = t + RECENT * max(float((t - now).hi), SHORT * float(now.hi))
     for _ in range(MOST_IMPACTS):
         closing = rows & (U < 0.0)
@@ -361,14 +382,16 @@ def _collapse(motion: Motion, t: DoubleDouble, rest: float) -> tuple[DoubleDoubl
     raise Unresolved
 
 
-def cuts(motion: Motion) -> Array:
-    """Return times from the start to the end between which the motion is smooth and turns little (nk,)."""
+def cuts(motion: Motion) -> tuple[Array, Flags]:
+    """Return times from the start to the end (nk,), and whether the motion turns little from each to the next (nk - 1,)."""
     ends = [*(segment.t0 for segment in motion.segments[1:]), motion.end]
-    found = [
-        segment.t0 + motion.system.mode(segment.mode)[0].cuts(end - segment.t0)
-        for segment, end in zip(motion.segments, ends, strict=True)
-    ]
-    return np.concatenate([*found, [motion.end]])
+    most = max(FEWEST_CUTS, MOST_CUTS // len(motion.segments))
+    found = []
+    for segment, end in zip(motion.segments, ends, strict=True):
+        times, little = motion.system.mode(segment.mode)[0].cuts(end - segment.t0, most)
+        found.append((segment.t0 + times, little))
+    times, little = (np.concatenate(each) for each in zip(*found, strict=True))
+    return np.append(times, motion.end), little
 
 
 def read(system: System, segments: tuple[Segment, ...], t: Array, side: str) -> tuple[Array, Array, Array]:

@@ -11,7 +11,7 @@ from lcpimpact.arrays import Array, Flags
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.integrators.base import Event, State
 from lcpimpact.integrators.flow import on_rows
-from lcpimpact.integrators.modes import ZERO, Mode, Still, System, choose_mode, impact, settled, still
+from lcpimpact.integrators.modes import ZERO, Mode, Still, System, choose_mode, impact, scale_after, settled, still
 
 
 def parted(system: System, found: Array) -> tuple[Array, Array, Array]:
@@ -65,7 +65,7 @@ def enter(
     if before is not None and system.mixed:
         U = system.rates(before) @ (state if left is None else left)
     after, P, held = impact(system, state, scale, solver, restitution, held, zero, left=left, rates=U)
-    mode, after = choose_mode(system, after, scale, solver, held, zero)
+    mode, after = choose_mode(system, after, scale_after(system, scale, P), solver, held, zero)
     was, now = state_of(system, before or mode, state if left is None else left), state_of(system, mode, after)
     if v is not None:
         was = replace(was, v=v)
