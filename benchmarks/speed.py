@@ -39,9 +39,10 @@ from lcpimpact import Problem, Trajectory, load_problem, simulate
 from lcpimpact.arrays import Array
 from lcpimpact.certificate import certify
 from lcpimpact.events import events_of_steps
-from lcpimpact.integrators.base import Grid, Integrator, Record
+from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.integrators.newmark_ns import NewmarkNS
+from lcpimpact.record import Grid, Record
 from lcpimpact.trajectory import whole_file
 
 T = TypeVar("T")

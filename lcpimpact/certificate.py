@@ -12,8 +12,9 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices, Places
 from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, places, vector
 from lcpimpact.events import step_of
-from lcpimpact.integrators.base import SLIPS, Dense, Event, Integrator, Limits, Record
-from lcpimpact.integrators.spring_law import push
+from lcpimpact.integrators.base import Integrator, Limits
+from lcpimpact.integrators.stepping.spring_law import push
+from lcpimpact.record import SLIPS, ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
@@ -505,7 +506,7 @@ def certify(
     dynamics: Dynamics,
     start: tuple[Array, Array],
     record: Record,
-    dense: Dense | None,
+    dense: ContinuousSolution | None,
     events: Sequence[Event],
     integrator: Integrator | None,
 ) -> Certificate:
@@ -519,7 +520,7 @@ def certify(
         q and v with which its motion begins.
     record : Record
         What was recorded. Reactions hold no impulses.
-    dense : Dense or None
+    dense : ContinuousSolution or None
         The solution as a function of time, where the method has one: then all is judged on it, by Gauss's rule.
     events : sequence of Event
         What happened, with the impulses.
@@ -829,7 +830,12 @@ def _powers(d: Dynamics, t: Array, q: Array, v: Array, r: Array) -> Array:
 
 
 def _judge_dense(
-    d: Dynamics, start: tuple[Array, Array], record: Record, dense: Dense, events: Sequence[Event], limits: Limits
+    d: Dynamics,
+    start: tuple[Array, Array],
+    record: Record,
+    dense: ContinuousSolution,
+    events: Sequence[Event],
+    limits: Limits,
 ) -> tuple[Found, Scales, tuple[float, float]]:
     """Judge a solution that is known at all times, piece by piece between its cuts and its events."""
     ε, kind = limits.precision, _kinds(d)
@@ -948,7 +954,7 @@ def _accelerations(d: Dynamics, g: Array) -> Array:
     return np.asarray(np.abs(d.H[:, massive]) @ largest)
 
 
-def _sampling(record: Record, dense: Dense, scales: Scales, ε: float) -> tuple[float, float]:
+def _sampling(record: Record, dense: ContinuousSolution, scales: Scales, ε: float) -> tuple[float, float]:
     """Return by how much the record differs from the continuous solution, in units of each scale; either limit will do."""
     ours = (record.q, record.v, record.reaction)
     size = (scales.q, scales.v, scales.r)

@@ -9,7 +9,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.integrators.base import SLIPS, Dense, Event, Record, State
+from lcpimpact.record import SLIPS, ContinuousSolution, Event, Record, State
 from lcpimpact.scheme.dynamics import Contact, Dynamics
 
 TOUCH = 8.0 * np.finfo(float).eps
@@ -79,7 +79,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2])), impulsive
 
 
-def events_of_springs(dynamics: Dynamics, record: Record, dense: Dense | None) -> list[Event]:
+def events_of_springs(dynamics: Dynamics, record: Record, dense: ContinuousSolution | None) -> list[Event]:
     """Return where each non-linear spring begins to push, "close", and where it ceases to, "open".
 
     A spring pushes where δ > 0 and, with c > 0, its force is above zero. The instant is found on the solution, where the
@@ -121,7 +121,7 @@ def _pressed(dynamics: Dynamics, touch: Array, q: Array, v: Array) -> Array:
     return np.where(dynamics.power_laws[:, 4] > 0.0, np.minimum(δ, dynamics.free_push(q, v)), δ)
 
 
-def _on_solution(dense: Dense) -> Reading:
+def _on_solution(dense: ContinuousSolution) -> Reading:
     def read(t: float) -> tuple[Array, Array]:
         q, v, _ = dense.read(np.array([t]), "right")
         return q, v
@@ -149,7 +149,7 @@ def _limits(record: Record, k: int) -> tuple[State, State]:
     )
 
 
-def _state(dense: Dense, t: float, side: str) -> State:
+def _state(dense: ContinuousSolution, t: float, side: str) -> State:
     return State(*(each[0] for each in dense.read(np.array([t]), side)))
 
 

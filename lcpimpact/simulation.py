@@ -14,13 +14,14 @@ from lcpimpact.arguments import check_kind
 from lcpimpact.certificate import certify
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.events import events_of_springs, events_of_steps
+from lcpimpact.hybrid.state_jump import enter_constraint, jump_events
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.base import Declared, Event, Grid, Integrator, Record, State
-from lcpimpact.integrators.state_jump import enter_constraint, jump_events
+from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.memory import check_memory
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import Event, Grid, Record, State
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.trajectory import Trajectory

@@ -18,9 +18,10 @@ from lcpimpact.arrays import Array
 from lcpimpact.certificate import Certificate, certify
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.files import cell_of, check_output, whole_file, whole_files
-from lcpimpact.integrators.base import Dense, Event, Integrator, Record, State
-from lcpimpact.integrators.spring_law import pushes
+from lcpimpact.integrators.base import Integrator
+from lcpimpact.integrators.stepping.spring_law import pushes
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import ContinuousSolution, Event, Record, State
 from lcpimpact.registry import load, nearest
 from lcpimpact.scheme.dynamics import Contact
 
@@ -58,7 +59,7 @@ class Trajectory:
     message : str                   the status in words, with the remedy
     certificate : Certificate       how far the run is from the laws that it should obey, and what is allowed
     stats : dict                    steps, counted costs, seconds
-    dense : Dense or None           the solution as a function of time, where the method has one
+    dense : ContinuousSolution or None           the solution as a function of time, where the method has one
     integrator : Integrator or None the method as an object, with what it declares
     """
 
@@ -74,7 +75,7 @@ class Trajectory:
     message: str
     certificate: Certificate
     stats: Mapping[str, float]
-    dense: Dense | None = None
+    dense: ContinuousSolution | None = None
     integrator: Integrator | None = None
 
     def __post_init__(self) -> None:
@@ -107,8 +108,8 @@ class Trajectory:
         """The forces of the non-linear springs in N, at the instants of the reactions (nr, ns).
 
         On the grid they are `Dynamics.push` of q and v. Of a step they are the mean force of
-        `lcpimpact.integrators.spring_law`, at the place on the line from q to q⁺ and with its rate: what the θ-step itself
-        balances, and of the order of the step for others.
+        `lcpimpact.integrators.stepping.spring_law`, at the place on the line from q to q⁺ and with its rate: what the
+        θ-step itself balances, and of the order of the step for others.
         """
         d, t, h = self.problem.dynamics, self.t_reaction, np.diff(self.t)
         if len(t) == len(self.t):

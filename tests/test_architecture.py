@@ -29,7 +29,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 
 BASE = {"errors", "arguments", "memory", "registry", "arrays", "numbers", "files", "compiled", "double_double"}
 MECHANICS = BASE | {"scheme", "problems"}
-METHOD = MECHANICS | {"lcp", "integrators"}
+METHOD = MECHANICS | {"lcp", "record", "hybrid", "integrators"}
 RUN = METHOD | {"events", "certificate", "trajectory", "simulation"}
 STUDY = RUN | {"study"}
 MAY_IMPORT = {
@@ -46,7 +46,9 @@ MAY_IMPORT = {
     "lcp": BASE,
     "scheme": BASE,
     "problems": BASE | {"scheme"},
-    "integrators": MECHANICS | {"lcp"},
+    "record": {"arrays"},
+    "hybrid": MECHANICS | {"lcp", "record"},
+    "integrators": MECHANICS | {"lcp", "record", "hybrid"},
     "events": METHOD,
     "certificate": METHOD | {"events"},
     "trajectory": METHOD | {"events", "certificate"},
@@ -70,7 +72,7 @@ ONLY = {
     "dask": {"sweep"},
     "pandas": {"study", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
-    "numba": {"compiled", "double_double", "lcp", "integrators", "certificate"},
+    "numba": {"compiled", "double_double", "lcp", "hybrid", "integrators", "certificate"},
 }
 """Third-party packages to the layers that may import them."""
 
@@ -126,7 +128,7 @@ def ids(file: Path) -> str:
 
 def test_the_reader_of_imports_sees_them_all(tmp_path):
     """The other tests here are worth what this function is worth."""
-    assert "lcpimpact.lcp.solve" in imports(PACKAGE / "integrators" / "modes.py")
+    assert "lcpimpact.lcp.solve" in imports(PACKAGE / "hybrid" / "modes.py")
     assert "qpsolvers" in imports(PACKAGE / "lcp" / "solvers" / "qp.py"), "an import inside a function"
     assert "lcpimpact.lcp.solver" in imports(PACKAGE / "lcp" / "__init__.py"), "under TYPE_CHECKING"
     assert "lcpimpact.integrators.exact" in locations(PACKAGE / "integrators" / "__init__.py")
@@ -358,30 +360,6 @@ def test_elements_declare_what_they_are(name):
     assert element.strokes or element.parts is not Element.parts, "can be drawn"
 
 
-HELPERS = {
-    "base",
-    "flow",
-    "modes",
-    "transition",
-    "law",
-    "newton",
-    "spring_law",
-    "radau_iia",
-    "tableau",
-    "runge_kutta",
-} | {
-    "linear_step",
-    "halving",
-    "time_stepping",
-    "motion",
-    "tangent",
-    "impact_law",
-    "state_jump",
-    "burst",
-    "complementarity",
-}
-"""Files of the integrators that hold no method of their own."""
-
 REGISTRIES = [SOLVERS, METHODS, PROBLEMS, ELEMENTS]
 
 
@@ -405,7 +383,7 @@ def test_every_file_of_a_method_problem_or_element_is_registered():
     for folder, registry, others in (
         ("scheme/elements", ELEMENTS, {"base"}),
         ("lcp/solvers", SOLVERS, set()),
-        ("integrators", METHODS, HELPERS),
+        ("integrators", METHODS, {"base"}),
         ("problems", PROBLEMS, {"base", "facts", "free_vibration", "penalty", "reading", "reference"}),
     ):
         files = {file.stem for file in (PACKAGE / folder).glob("*.py")} - {"__init__"} - others

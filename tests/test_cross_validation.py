@@ -8,11 +8,11 @@ import pytest
 
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.base import Event, State
 from lcpimpact.integrators.exact import Exact
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.integrators.radau_fesd import RadauFESD
 from lcpimpact.problems import PROBLEMS
+from lcpimpact.record import Event, State
 from lcpimpact.study import routes as routes_module
 from lcpimpact.study.cross_validation import Outcome
 from lcpimpact.study.paired_events import Pairing, pair_events

@@ -11,7 +11,7 @@ from piecewise_ode import solve
 
 import lcpimpact as li
 from lcpimpact.double_double import DoubleDouble
-from lcpimpact.integrators.flow import BERNSTEIN, DEGREE, Flow, first_fall
+from lcpimpact.hybrid.flow import BERNSTEIN, DEGREE, Flow, first_fall
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.problems.reference import KNOWN
 from lcpimpact.reproduce.cross_validation import peak_reaction

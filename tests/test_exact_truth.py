@@ -12,7 +12,7 @@ from test_event_reference import column
 import lcpimpact as li
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import Status
-from lcpimpact.integrators.flow import Flow
+from lcpimpact.hybrid.flow import Flow
 
 
 def run_exact(problem, dt, t_end, **options):

@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.base import Grid
-from lcpimpact.integrators.halving import Halving
+from lcpimpact.integrators.stepping.halving import Halving
+from lcpimpact.record import Grid
 from lcpimpact.study.norms import l1_v, sup_q
 
 HALVING = [name for name, kind in METHODS.items() if "halved" in kind.declared.adaptive]

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.linear_step import LinearStep
+from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.scheme.dynamics import Feature
 
 NAMES = [name for name in METHODS if issubclass(METHODS[name], LinearStep)]

@@ -8,11 +8,11 @@ from scipy.linalg import expm
 from scipy.optimize import brentq, linprog
 
 import lcpimpact as li
+from lcpimpact.hybrid.impact_law import restitution
+from lcpimpact.hybrid.motion import begin_problem, state_before
+from lcpimpact.hybrid.motion import follow as follow_motion
+from lcpimpact.hybrid.tangent import tangent
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.impact_law import restitution
-from lcpimpact.integrators.motion import begin_problem, state_before
-from lcpimpact.integrators.motion import follow as follow_motion
-from lcpimpact.integrators.tangent import tangent
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.scheme.dynamics import Feature
 from lcpimpact.scheme.impulse_paths import impulse_paths

@@ -26,7 +26,7 @@ from lcpimpact import (
     simulate,
 )
 from lcpimpact.certificate import Certificate
-from lcpimpact.integrators.base import Dense, Event, State
+from lcpimpact.record import ContinuousSolution, Event, State
 from lcpimpact.study import graphs, norms
 from lcpimpact.study.graphs import hausdorff, polyline
 from lcpimpact.study.norms import NORMS, errors
@@ -53,7 +53,7 @@ def known(q, v, cuts, events=()):
         return q(t, side)[:, None], v(t, side)[:, None], np.zeros((len(t), 1))
 
     cuts = np.asarray(cuts, dtype=np.float64)
-    return constructed(cuts, lambda t: q(t, "right"), lambda t: v(t, "right"), events, Dense(read, cuts))
+    return constructed(cuts, lambda t: q(t, "right"), lambda t: v(t, "right"), events, ContinuousSolution(read, cuts))
 
 
 def smooth(f):

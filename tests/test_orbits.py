@@ -14,9 +14,9 @@ from test_random_schemes import frictional, random_problem
 
 import lcpimpact as li
 from lcpimpact.errors import Status
-from lcpimpact.integrators.modes import System
-from lcpimpact.integrators.motion import begin, begin_problem, follow, state_before
-from lcpimpact.integrators.tangent import tangent
+from lcpimpact.hybrid.modes import System
+from lcpimpact.hybrid.motion import begin, begin_problem, follow, state_before
+from lcpimpact.hybrid.tangent import tangent
 from lcpimpact.study.orbits import force_period, least_gap
 
 ζ, ω, e = 0.05, 2.6, 0.8

@@ -10,7 +10,7 @@ import pytest
 import lcpimpact as li
 from lcpimpact.errors import InputError
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.time_stepping import TimeStepping
+from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.simulation import simulate
 from lcpimpact.study.norms import l1_v, sup_q
 from lcpimpact.study.orders import COUNTS, EVENT_BAND, SMOOTH_BAND, observed_order, order_as_declared

@@ -10,7 +10,7 @@ from test_event_reference import column
 
 import lcpimpact as li
 from lcpimpact.integrators.radau_fesd import RadauFESD, _crossing
-from lcpimpact.integrators.radau_iia import RadauIIA, radau_iia
+from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.problems.reference import KNOWN
 from lcpimpact.study.orders import observed_order
@@ -385,7 +385,7 @@ def test_a_run_equals_its_whole_steps_taken_one_by_one():
     problem = li.load_problem("system-2")
     run, integrator = fesd(problem), RadauFESD()
     grid_steps = 300
-    from lcpimpact.integrators.base import Grid, Record
+    from lcpimpact.record import Grid, Record
 
     grid = Grid(3.0, grid_steps)
     record = Record(grid.times(0, 300), np.empty((301, 3)), np.empty((301, 3)), grid.times(0, 300), np.empty((301, 1)))

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 import lcpimpact as li
+from lcpimpact.hybrid.state_jump import state_jump
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.state_jump import state_jump
 from lcpimpact.scheme.dynamics import Feature
 
 METHODS_FOR_SYSTEMS = [name for name, kind in METHODS.items() if Feature.SYSTEMS in kind.declared.handles]

@@ -4,118 +4,15 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from inspect import isabstract
 from typing import Any, ClassVar
 
-import numpy as np
-
-from lcpimpact.arrays import Array, Flags
+from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import ContinuousSolution, Grid, Record
 from lcpimpact.scheme.dynamics import Feature
-
-SLIPS = 1e-6
-"""A slider whose force is this near its threshold, relative to it, slips: a solver that iterates ends near it."""
-
-
-@dataclass(frozen=True)
-class Grid:
-    """The instants t_i = i t_end / steps; integers, never a float range."""
-
-    t_end: float
-    steps: int
-
-    @property
-    def h(self) -> float:
-        """The step."""
-        return self.t_end / self.steps
-
-    def times(self, first: int, last: int) -> Array:
-        """Return t_i for first <= i <= last."""
-        t = np.arange(first, last + 1, dtype=np.float64)
-        t *= self.t_end
-        t /= self.steps
-        if last == self.steps:
-            t[-1] = self.t_end
-        return t
-
-
-@dataclass(frozen=True)
-class State:
-    """Coordinates q (n,), velocities v (n,) and reactions r (nc,) at one instant, on one side of it."""
-
-    q: Array
-    v: Array
-    reaction: Array
-
-
-@dataclass(frozen=True)
-class Event:
-    """A change of the contact mode, with both limits.
-
-    Attributes
-    ----------
-    t : float               the instant in s
-    contact : str           the name of the reaction
-    kind : str              "close", "open" or "impact"; "stick" or "slip" of a slider, which slips anew where it turns;
-                            "jump" where a system that starts outside its constraint enters it
-    left, right : State     the limits from before and from after; at the start only q has one from before
-    impulse : float         N s; zero unless an impact or a jump
-    """
-
-    t: float
-    contact: str
-    kind: str
-    left: State
-    right: State
-    impulse: float = 0.0
-
-
-@dataclass
-class Record:
-    """The arrays that a run fills.
-
-    Attributes
-    ----------
-    t (nt,), q (nt, n), v (nt, n)               the grid and the motion on it
-    t_reaction (nr,), reaction (nr, nc)         the reactions, where they live
-    events                                      those that the method itself located
-    stats                                       counts: lcp_solves, lcp_iterations, residual, ...
-    """
-
-    t: Array
-    q: Array
-    v: Array
-    t_reaction: Array
-    reaction: Array
-    events: list[Event] | None = None
-    stats: dict[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, eq=False)
-class Dense:
-    """The solution as a function of time.
-
-    Attributes
-    ----------
-    read : callable         read(t, side) -> q, v, reaction at the sorted times t (nt,), on one side of the events
-    cuts : (nk,) array      times from 0 to the end between which the solution is smooth and turns little
-    resolved : (nk - 1,) array of bool, optional
-        Whether it turns little between two cuts, where it does not between all: there are too many oscillations.
-    """
-
-    read: Callable[[Array, str], tuple[Array, Array, Array]]
-    cuts: Array
-    resolved: Flags | None = None
-
-    def resolves(self, cuts: Array) -> Flags:
-        """Return whether the solution turns little between other cuts, finer than its own (nk - 1,)."""
-        if self.resolved is None or len(self.resolved) == 0:
-            return np.ones(len(cuts) - 1, np.bool_)
-        own = np.searchsorted(self.cuts, cuts[:-1], side="right") - 1
-        return np.asarray(self.resolved[np.clip(own, 0, len(self.resolved) - 1)])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -278,7 +175,7 @@ class Integrator(ABC):
             relative_degrees=declared.relative_degrees,
         )
 
-    def dense(self, carry: Any) -> Dense | None:
+    def dense(self, carry: Any) -> ContinuousSolution | None:
         """Return the solution as a function of time, where the method has one."""
         return None
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.runge_kutta import HANDLES, EmbeddedRungeKutta
-from lcpimpact.integrators.tableau import Tableau
+from lcpimpact.integrators.stepping.runge_kutta import HANDLES, EmbeddedRungeKutta
+from lcpimpact.integrators.stepping.tableau import Tableau
 
 
 @dataclass(frozen=True)

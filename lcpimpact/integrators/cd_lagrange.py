@@ -20,7 +20,7 @@ from typing import ClassVar
 
 from lcpimpact.arrays import Array
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.linear_step import NUDGE, Law, LinearStep, Step, Symbols, first_acceleration, solve
+from lcpimpact.integrators.stepping.linear_step import NUDGE, Law, LinearStep, Step, Symbols, first_acceleration, solve
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.linear_step import NUDGE, Law, LinearStep, Step, Symbols, solve
+from lcpimpact.integrators.stepping.linear_step import NUDGE, Law, LinearStep, Step, Symbols, solve
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 

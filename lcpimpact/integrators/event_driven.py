@@ -6,7 +6,7 @@ In a contact mode r = F X + F_w w, and the motion is a smooth initial value prob
 
 with w the forces of the non-linear springs and the loads that are arbitrary functions of time (see
 `lcpimpact.scheme.first_order`). Any solver of `scipy.integrate` may follow it. The modes, their ends and the impacts are
-those of `lcpimpact.integrators.modes`; where w is present they are chosen for the system made linear about the event.
+those of `lcpimpact.hybrid.modes`; where w is present they are chosen for the system made linear about the event.
 
 *Events.* The dense output of a step is a polynomial. It is sampled at Chebyshev points and written in Bernstein's basis,
 whose coefficients bound it; a step is passed over only if they are all positive. So two sign changes within a step are seen,
@@ -18,8 +18,8 @@ A flight of T then leaves out a rest of e T/(1 - e), which is the error of the e
 than the one before is not asked: among many bodies they shrink by fits and starts.)
 
 *Several bodies.* When a second contact meets within a time that is short against the flights of the run, the impacts that
-follow are those of `lcpimpact.integrators.motion` in double-doubles, with the forces w made linear, until flights are long
-again or the bodies have ended together (see `lcpimpact.integrators.burst`). If forces bend too much for that meanwhile,
+follow are those of `lcpimpact.hybrid.motion` in double-doubles, with the forces w made linear, until flights are long
+again or the bodies have ended together (see `lcpimpact.hybrid.burst`). If forces bend too much for that meanwhile,
 the run ends with the status ACCUMULATION.
 
 *Long runs.* A free flight of 1e5 s of bodies joined by springs keeps 1e-12 of its length; every vibration of what is stiff
@@ -48,10 +48,9 @@ from scipy.optimize import brentq
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
-from lcpimpact.integrators.base import Declared, Dense, Grid, Integrator, Limits, Record, State
-from lcpimpact.integrators.burst import SHORT, Burst, Meetings, follow_burst
-from lcpimpact.integrators.flow import Flow, casteljau, first_fall
-from lcpimpact.integrators.modes import (
+from lcpimpact.hybrid.burst import SHORT, Burst, Meetings, follow_burst
+from lcpimpact.hybrid.flow import Flow, casteljau, first_fall
+from lcpimpact.hybrid.modes import (
     Mode,
     System,
     choose_mode,
@@ -61,10 +60,12 @@ from lcpimpact.integrators.modes import (
     settled,
     still,
 )
-from lcpimpact.integrators.transition import happened
+from lcpimpact.hybrid.transition import happened
+from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.numbers import is_count, is_real
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import ContinuousSolution, Grid, Record, State
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Feature
 from lcpimpact.scheme.first_order import Inputs, forced_form
@@ -515,13 +516,13 @@ class EventDriven(Integrator):
         precision = max(self.declared.precision, 33.0 * self.rtol**0.8)
         return replace(super().limits(), precision=precision, order=5.0, rest=self.zeno, slack=48.0)
 
-    def dense(self, carry: Run) -> Dense:
+    def dense(self, carry: Run) -> ContinuousSolution:
         """Return the solution at any times of the run."""
         starts, ends = np.array(carry.starts), np.array([piece.end for piece in carry.pieces])
         parts = starts[:, None] + (ends - starts)[:, None] * np.arange(CUTS) / CUTS
         # Without its solver, which cannot be pickled, and is of no use any more.
         done = replace(carry, steps=None)
-        return Dense(partial(_read, done), np.append(parts.ravel(), ends[-1:]))
+        return ContinuousSolution(partial(_read, done), np.append(parts.ravel(), ends[-1:]))
 
     def _step(self, run: Run, record: Record) -> Status:
         """Take one step of the solver, up to the first event in it."""

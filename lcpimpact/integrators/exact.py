@@ -1,7 +1,7 @@
 """The exact solution of a linear scheme: a matrix exponential for each contact mode, joined at events found to rounding.
 
-`lcpimpact.integrators.motion` follows it from event to event, `lcpimpact.integrators.modes` chooses the mode at the start
-and after each, and `lcpimpact.integrators.flow` finds where it ends, and misses none.
+`lcpimpact.hybrid.motion` follows it from event to event, `lcpimpact.hybrid.modes` chooses the mode at the start
+and after each, and `lcpimpact.hybrid.flow` finds where it ends, and misses none.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
-from lcpimpact.integrators.base import Declared, Dense, Grid, Integrator, Record
-from lcpimpact.integrators.motion import Motion, begin_problem, cuts, follow, read
+from lcpimpact.hybrid.motion import Motion, begin_problem, cuts, follow, read
+from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import ContinuousSolution, Grid, Record
 from lcpimpact.scheme.dynamics import Feature
 
 
@@ -96,10 +97,10 @@ class Exact(Integrator):
         """Hand over the events."""
         record.events = carry.motion.events
 
-    def dense(self, carry: Run) -> Dense:
+    def dense(self, carry: Run) -> ContinuousSolution:
         """Return the solution at any times of the run."""
         system, segments = carry.motion.system, tuple(carry.motion.segments)
-        return Dense(partial(read, system, segments), *cuts(carry.motion))
+        return ContinuousSolution(partial(read, system, segments), *cuts(carry.motion))
 
 
 def _sample(run: Run, record: Record, first: int, last: int) -> None:

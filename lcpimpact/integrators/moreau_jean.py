@@ -33,7 +33,7 @@ A node that only springs hold has no memory, and θ = 1/2 would let it alternate
 the static coordinates that no closed contact and no sticking slider touches are put where the forces balance.
 
 A node whose motion is given takes its place from that: its row of A is that of the identity. Non-linear springs are met
-at t_θ by Newton's method around the LCP; see `lcpimpact.integrators.newton`.
+at t_θ by Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ from scipy.optimize import linprog
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, f8, flags, i8, indices, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
-from lcpimpact.integrators.base import SLIPS, Declared, Record
-from lcpimpact.integrators.law import SPRINGS, Springs, around, examine, solve_law, tally
-from lcpimpact.integrators.time_stepping import TimeStepping
+from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.stepping.law import SPRINGS, Springs, around, examine, solve_law, tally
+from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual
 from lcpimpact.lcp.lapack import lu_solve
@@ -60,6 +60,7 @@ from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits
 from lcpimpact.lcp.solver import Kernel, State
 from lcpimpact.numbers import is_real
+from lcpimpact.record import SLIPS, Record
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.signals import PiecewisePolynomial
 
@@ -402,7 +403,7 @@ class MoreauJean(TimeStepping[Step]):
     theta : float
         θ in [1/2, 1]; 1/2 is of second order and keeps the energy of smooth motion, 1 damps and is of first order.
     tol, max_iter, rtol : optional
-        As of `lcpimpact.integrators.time_stepping.TimeStepping`.
+        As of `lcpimpact.integrators.stepping.time_stepping.TimeStepping`.
 
     Raises
     ------

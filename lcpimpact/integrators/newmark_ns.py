@@ -20,7 +20,7 @@ from typing import ClassVar
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.linear_step import Law, LinearStep, Step, Symbols, smooth_force, solve
+from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, smooth_force, solve
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 

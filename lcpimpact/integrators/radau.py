@@ -26,18 +26,19 @@ from numba import types
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, i8, interpreted, matrix, vector
 from lcpimpact.errors import Status
-from lcpimpact.integrators.base import Declared, Grid, Integrator, Limits, Record
-from lcpimpact.integrators.law import solve_law, tally, with_fallbacks
-from lcpimpact.integrators.linear_step import sum_columns
-from lcpimpact.integrators.modes import ZERO, refuse_velocity_jumps
+from lcpimpact.hybrid.modes import ZERO, refuse_velocity_jumps
+from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.integrators.moreau_jean import submatrix
-from lcpimpact.integrators.radau_iia import RadauIIA, radau_iia
+from lcpimpact.integrators.stepping.law import solve_law, tally, with_fallbacks
+from lcpimpact.integrators.stepping.linear_step import sum_columns
+from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import Kernel, State
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import Grid, Record
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
 

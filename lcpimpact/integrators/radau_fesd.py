@@ -18,13 +18,13 @@ and which lies in the hull of its Bernstein coefficients. An element is accepted
 turns negative at the end, Newton finds where; and where neither can be said, or the estimate of the error is above rtol,
 it is halved. What is accepted has been checked again with the length that Newton gave.
 
-Impacts of several bodies in quick succession are followed in double-doubles (see `lcpimpact.integrators.burst`), and to
+Impacts of several bodies in quick succession are followed in double-doubles (see `lcpimpact.hybrid.burst`), and to
 their limit where they accumulate. A row that falls to zero within 1e-12 of the run at its end makes a switch there. The
 matrix of a step is one of floats, whose rounding is a small force on what is free to move: two bodies on a spring of
 ω = 8/s are off by 2e-10 of their way after 1e4 s, and by 1e-8 after 1e5 s.
 
 Nurkanović, Sperl, Albrecht and Diehl (2024) make one complementarity problem of a step, with its lengths and modes; here the
-mode comes from the LCPs of `lcpimpact.integrators.modes`, and restitution is Newton's.
+mode comes from the LCPs of `lcpimpact.hybrid.modes`, and restitution is Newton's.
 """
 
 from __future__ import annotations
@@ -39,15 +39,16 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
-from lcpimpact.integrators.base import Declared, Dense, Event, Grid, Integrator, Limits, Record
-from lcpimpact.integrators.burst import Meetings, follow_burst
-from lcpimpact.integrators.flow import balance
-from lcpimpact.integrators.modes import Mode, System, refuse_mixed_degrees, settled
-from lcpimpact.integrators.radau_iia import RadauIIA, radau_iia
-from lcpimpact.integrators.transition import coordinates, enter
+from lcpimpact.hybrid.burst import Meetings, follow_burst
+from lcpimpact.hybrid.flow import balance
+from lcpimpact.hybrid.modes import Mode, System, refuse_mixed_degrees, settled
+from lcpimpact.hybrid.transition import coordinates, enter
+from lcpimpact.integrators.base import Declared, Integrator, Limits
+from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.numbers import is_count, is_real
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import ContinuousSolution, Event, Grid, Record
 from lcpimpact.scheme.dynamics import Feature
 
 K = 3
@@ -696,7 +697,7 @@ class RadauFESD(Integrator):
         except np.linalg.LinAlgError:
             return Status.SINGULAR
 
-    def dense(self, carry: Run) -> Dense:
+    def dense(self, carry: Run) -> ContinuousSolution:
         """Return the solution at any times of the run, by elements that end there instead."""
         run, kinds = carry, list(carry.modes.values())
         starts = np.concatenate([*run.starts, [run.t]])
@@ -704,7 +705,9 @@ class RadauFESD(Integrator):
         kind = np.repeat([kinds.index(each) for each in run.owners], [len(each) for each in run.starts])
         kind = np.append(kind, kinds.index(run.elements)).astype(np.int64)
 
-        return Dense(Solution(run.system, tuple(kinds), starts, states, kind, 8.0 * EPS * run.grid.t_end), starts)
+        return ContinuousSolution(
+            Solution(run.system, tuple(kinds), starts, states, kind, 8.0 * EPS * run.grid.t_end), starts
+        )
 
 
 def _crossing(b: Array, reduced: Array, safe: Flags, zeros: Indices, noise: Array) -> tuple[int, float] | None:

@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.linear_step import Law, LinearStep, Step, Symbols, pushed, solve
+from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, pushed, solve
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 

@@ -19,9 +19,10 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix, vector
 from lcpimpact.errors import InputError, Status, UnsupportedError
-from lcpimpact.integrators.base import Declared, Grid, Integrator, Record
+from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.problems import load_problem
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import Grid, Record
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Feature
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.linear_step import Law, LinearStep, Step, Symbols, first_acceleration, pushed, solve
+from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, first_acceleration, pushed, solve
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 

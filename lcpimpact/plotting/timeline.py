@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from lcpimpact.arrays import Array
-from lcpimpact.integrators.base import Event
 from lcpimpact.plotting.style import INK, SOFT
+from lcpimpact.record import Event
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.trajectory import Trajectory

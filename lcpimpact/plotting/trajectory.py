@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.base import Event
 from lcpimpact.plotting.style import save, style
 from lcpimpact.plotting.timeline import (
     MANY,
@@ -25,6 +24,7 @@ from lcpimpact.plotting.timeline import (
     shown_forces,
     shown_nodes,
 )
+from lcpimpact.record import Event
 from lcpimpact.scheme.dynamics import Contact
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.trajectory import Trajectory

@@ -22,9 +22,9 @@ from lcpimpact.arrays import Array
 from lcpimpact.certificate import Pieces
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.events import step_of
-from lcpimpact.integrators.base import Dense
-from lcpimpact.integrators.spring_law import pushes
+from lcpimpact.integrators.stepping.spring_law import pushes
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import ContinuousSolution
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.scheme import Scheme
@@ -278,7 +278,7 @@ def _jumps(run: Trajectory, takers: Sequence[Taker], spread: int = 0) -> Iterato
         yield event.t, node, flows
 
 
-def _by_gauss(run: Trajectory, dense: Dense, takers: Sequence[Taker]) -> tuple[Array, Array, Array, Array]:
+def _by_gauss(run: Trajectory, dense: ContinuousSolution, takers: Sequence[Taker]) -> tuple[Array, Array, Array, Array]:
     """Return t, q, v and what has flown since the start, with two rows for an impact."""
     d = run.problem.dynamics
     inside = dense.cuts[(dense.cuts >= run.t[0]) & (dense.cuts <= run.t[-1])]

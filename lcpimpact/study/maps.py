@@ -15,12 +15,13 @@ import pandas as pd
 from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status
-from lcpimpact.integrators.base import Event, Integrator
+from lcpimpact.hybrid.modes import ZERO, System
+from lcpimpact.hybrid.motion import Motion, begin_problem, follow, read
+from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.exact import Exact
-from lcpimpact.integrators.modes import ZERO, System
-from lcpimpact.integrators.motion import Motion, begin_problem, follow, read
 from lcpimpact.numbers import is_count, is_real
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import Event
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import make_integrator, simulate
 from lcpimpact.study.orbits import force_period, refuse_power_laws

@@ -25,7 +25,7 @@ from numpy.polynomial import chebyshev
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import FailureError, InputError
-from lcpimpact.integrators.base import Event
+from lcpimpact.record import Event
 from lcpimpact.registry import nearest
 from lcpimpact.study.graphs import hausdorff, polyline
 from lcpimpact.trajectory import Trajectory

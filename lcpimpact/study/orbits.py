@@ -2,7 +2,7 @@ r"""Periodic orbits: found by shooting, judged by their multipliers, followed al
 
 An orbit is a zero of P(X) - X, where P takes the state over one period by the exact motion. Newton's method needs the
 derivative of P, the *monodromy matrix*, which is the product of the modes' flows and of the saltation matrices between them
-(`lcpimpact.integrators.tangent`); no difference quotient is taken. Its eigenvalues are the Floquet multipliers.
+(`lcpimpact.hybrid.tangent`); no difference quotient is taken. Its eigenvalues are the Floquet multipliers.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from scipy.optimize import brentq
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, UnsupportedError
-from lcpimpact.integrators.base import Event, State
-from lcpimpact.integrators.modes import System
-from lcpimpact.integrators.motion import Motion, begin, begin_problem, follow, read, state_before
-from lcpimpact.integrators.tangent import factors, place_derivative, tangent
+from lcpimpact.hybrid.modes import System
+from lcpimpact.hybrid.motion import Motion, begin, begin_problem, follow, read, state_before
+from lcpimpact.hybrid.tangent import factors, place_derivative, tangent
 from lcpimpact.numbers import is_count, is_real
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import Event, State
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.signals import Harmonic, Square

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from lcpimpact.integrators.base import Event
+from lcpimpact.record import Event
 
 AT_END = 1e-7
 """An event this near to the end, relative to it, may lie beyond it in a run of another error."""

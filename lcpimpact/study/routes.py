@@ -2,7 +2,7 @@
 
 Routes are of one *family* if they advance the state by the same rule: θ-steps with different LCP solvers or different θ, and
 Siconos's θ-step too. They would make the same mistake, so they do not confirm each other. `exact`, `event-driven` and
-`radau-fesd` are of three families, but all take the contact mode from `lcpimpact.integrators.modes`; what happens at an
+`radau-fesd` are of three families, but all take the contact mode from `lcpimpact.hybrid.modes`; what happens at an
 impact or a switch they know from one source.
 """
 
@@ -17,10 +17,11 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, UnsupportedError
-from lcpimpact.integrators.base import Declared, Event, Integrator
+from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.reading import read
+from lcpimpact.record import Event
 from lcpimpact.simulation import make_integrator, simulate
 from lcpimpact.study.convergence import labelled
 from lcpimpact.study.siconos import siconos

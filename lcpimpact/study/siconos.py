@@ -18,7 +18,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.integrators.state_jump import enter_constraint
+from lcpimpact.hybrid.state_jump import enter_constraint
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.first_order import first_order_form
 

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.double_double import DoubleDouble
-from lcpimpact.integrators.base import Event, State
-from lcpimpact.integrators.flow import on_rows
-from lcpimpact.integrators.modes import ZERO, Mode, Still, System, choose_mode, impact, scale_after, settled, still
+from lcpimpact.hybrid.flow import on_rows
+from lcpimpact.hybrid.modes import ZERO, Mode, Still, System, choose_mode, impact, scale_after, settled, still
+from lcpimpact.record import Event, State
 
 
 def parted(system: System, found: Array) -> tuple[Array, Array, Array]:

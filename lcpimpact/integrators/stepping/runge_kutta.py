@@ -37,10 +37,10 @@ from numba import types
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
-from lcpimpact.integrators.base import Event, Grid, Integrator, Limits, Record, State
-from lcpimpact.integrators.law import solve_law, tally, with_fallbacks
-from lcpimpact.integrators.modes import System, refuse_mixed_degrees, refuse_velocity_jumps
-from lcpimpact.integrators.tableau import Tableau
+from lcpimpact.hybrid.modes import System, refuse_mixed_degrees, refuse_velocity_jumps
+from lcpimpact.integrators.base import Integrator, Limits
+from lcpimpact.integrators.stepping.law import solve_law, tally, with_fallbacks
+from lcpimpact.integrators.stepping.tableau import Tableau
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.problem import KERNEL
@@ -49,6 +49,7 @@ from lcpimpact.lcp.solver import Kernel
 from lcpimpact.lcp.solver import State as Solver
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import Event, Grid, Record, State
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.first_order import FirstOrderForm, Inputs, forced_form
 

@@ -27,14 +27,14 @@ from numba import types
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, i8, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
-from lcpimpact.integrators.base import Record
-from lcpimpact.integrators.law import SPRINGS, Springs, around, solve_law, tally
-from lcpimpact.integrators.time_stepping import TimeStepping
+from lcpimpact.integrators.stepping.law import SPRINGS, Springs, around, solve_law, tally
+from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import Kernel, State
+from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)

@@ -19,7 +19,7 @@ cancels, and whose relative degree is higher than theirs: bodies that ride on on
 
 and since no order of LCPs can say beforehand which rows that will be, the mode is the one of all sets of rows for which the
 first derivatives of r and u that are not zero are positive, found by Murty's exchange of one row at a time. Impulses act on
-impulse paths, by the law of `lcpimpact.integrators.impact_law`.
+impulse paths, by the law of `lcpimpact.hybrid.impact_law`.
 
 A slider is a row too: it sticks, with u constant and -r_0 < r < r_0, or slips with r = -r_0 sign U. The LCPs are the same,
 within bounds: -r_0 <= r <= r_0 at first, and for the derivatives r' >= 0 where r = -r_0, r' <= 0 where r = r_0. Where a
@@ -41,9 +41,9 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, indices, matrix, vector
 from lcpimpact.double_double import DoubleDouble, add, multiply, solve, stacked
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.integrators.complementarity import FLOAT_ZERO, approach, at_rest, complementary, rebound
-from lcpimpact.integrators.flow import Flow, Sparse, sparse
-from lcpimpact.integrators.impact_law import restitution as path_restitution
+from lcpimpact.hybrid.complementarity import FLOAT_ZERO, approach, at_rest, complementary, rebound
+from lcpimpact.hybrid.flow import Flow, Sparse, sparse
+from lcpimpact.hybrid.impact_law import restitution as path_restitution
 from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp, solve_lcp
 from lcpimpact.scheme.decomposition import degrees_together
 from lcpimpact.scheme.dynamics import Dynamics
@@ -861,7 +861,7 @@ def impact(
     are those of the rows, or ``restitution`` (nc,). The rows ``among`` (nc,) meet, or else all that touch. Where a
     prescribed velocity jumps, X has its right limit, and ``left`` (N,) the left one, of which U⁻ is made. The left limits
     ``rates`` (nc,) of U, with those of massless nodes, which are no part of X, tell where the impulse paths of
-    `lcpimpact.integrators.impact_law` rebound.
+    `lcpimpact.hybrid.impact_law` rebound.
     """
     e = system.restitution if restitution is None else restitution
     state, held = DoubleDouble.of(X), held or still(system, None)

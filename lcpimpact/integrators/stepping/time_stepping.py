@@ -10,15 +10,16 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
-from lcpimpact.integrators.base import Grid, Integrator, Record
-from lcpimpact.integrators.halving import Halving, overlap
-from lcpimpact.integrators.law import with_fallbacks
+from lcpimpact.integrators.base import Integrator
+from lcpimpact.integrators.stepping.halving import Halving, overlap
+from lcpimpact.integrators.stepping.law import with_fallbacks
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits
 from lcpimpact.lcp.solver import State
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import Grid, Record
 from lcpimpact.scheme.dynamics import Dynamics
 
 
@@ -59,8 +60,9 @@ class TimeStepping(Integrator, Generic[S]):
     max_iter : int, optional
         Limit of LCP iterations in a step; by default what the LCP solver declares.
     rtol : float, optional
-        Halve steps until two halves agree with the whole to rtol max |q|; see `lcpimpact.integrators.halving`. Then dt is
-        the longest step, and the trajectory holds the steps that were taken.
+        Halve steps until two halves agree with the whole to rtol max |q|; see
+        `lcpimpact.integrators.stepping.halving`. Then dt is the longest step, and the trajectory holds the steps that
+        were taken.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """The exact motion of a linear system as a chain of segments, each a mode with the state that it begins from.
 
 `lcpimpact.integrators.exact` samples it on a grid; the studies of periodic orbits follow it without one, and
-`lcpimpact.integrators.tangent` differentiates it.
+`lcpimpact.hybrid.tangent` differentiates it.
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import FailureError, Status, UnsupportedError
-from lcpimpact.integrators.base import Event
-from lcpimpact.integrators.modes import (
+from lcpimpact.hybrid.modes import (
     FINE_ZERO,
     ZERO,
     Mode,
@@ -27,9 +26,10 @@ from lcpimpact.integrators.modes import (
     settled,
     still,
 )
-from lcpimpact.integrators.state_jump import enter_constraint
-from lcpimpact.integrators.transition import enter, parted, state_of
+from lcpimpact.hybrid.state_jump import enter_constraint
+from lcpimpact.hybrid.transition import enter, parted, state_of
 from lcpimpact.problems.base import GIVEN_ZERO, Problem
+from lcpimpact.record import Event
 from lcpimpact.scheme.dynamics import Dynamics
 
 STALL = 1_000

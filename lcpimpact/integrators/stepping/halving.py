@@ -23,7 +23,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import Status
-from lcpimpact.integrators.base import Grid, Record
+from lcpimpact.record import Grid, Record
 from lcpimpact.scheme.dynamics import Dynamics
 
 ROUNDING = 32.0 * np.finfo(float).eps

@@ -2,7 +2,7 @@
 
 Where impacts of several contacts accumulate, gaps fall below the rounding of places while bodies still approach, and floats
 cannot tell which plates meet next. Before that, when two contacts have met within a time that is short against the flights
-of the run, such methods as know places in floats leave the motion to `lcpimpact.integrators.motion`, which goes on to the
+of the run, such methods as know places in floats leave the motion to `lcpimpact.hybrid.motion`, which goes on to the
 limit, or until the flights are long again. From impact to impact the state that it begins from is as good as any other: what
 is lost in it is the rounding of gaps that are still large.
 """
@@ -17,10 +17,10 @@ import numpy as np
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import Status
-from lcpimpact.integrators.base import Event
-from lcpimpact.integrators.modes import ZERO, Mode, System, settled
-from lcpimpact.integrators.motion import Motion, Segment, begin, follow
+from lcpimpact.hybrid.modes import ZERO, Mode, System, settled
+from lcpimpact.hybrid.motion import Motion, Segment, begin, follow
 from lcpimpact.problems.base import GIVEN_ZERO
+from lcpimpact.record import Event
 
 SHORT = 1e-6
 """Flights are short below this part of the longest one of the run."""

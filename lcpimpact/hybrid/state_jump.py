@@ -25,10 +25,10 @@ from scipy.linalg import null_space
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.integrators.base import Event, State
 from lcpimpact.lcp.operators import Dense, Property
 from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.problems.base import Problem
+from lcpimpact.record import Event, State
 
 TINY = 1e-12
 """An eigenvalue this small, relative to the largest entry, is zero."""

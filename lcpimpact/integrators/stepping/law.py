@@ -26,7 +26,7 @@ SPRINGS_SIGNATURE: Any = types.Tuple((i8, i8, i8, f8))(
     matrix, vector, vector, vector, vector, vector, types.boolean, f8, i8, KERNEL,
     matrix, matrix, matrix, vector, vector, matrix, f8, f8, vector, vector,
 )  # fmt: skip
-"""Of `lcpimpact.integrators.newton.solve_with_springs`, which is compiled only for a scheme that has such springs."""
+"""Of `newton.solve_with_springs`, which is compiled only for a scheme that has such springs."""
 
 SPRINGS: Any = types.FunctionType(SPRINGS_SIGNATURE)
 
@@ -91,7 +91,7 @@ def around(dynamics: Dynamics) -> Springs:
     """Return what solves the step's law with non-linear springs: only a scheme that has them compiles it."""
     if not dynamics.springs:
         return no_springs
-    from lcpimpact.integrators.newton import solve_with_springs
+    from lcpimpact.integrators.stepping.newton import solve_with_springs
 
     return solve_with_springs
 

@@ -1,7 +1,7 @@
 r"""Non-linear springs within a θ-step: Newton's method around the LCP.
 
 Spring j pushes with s_j = F_j(δ_θ, y), y = N w the rate at which its ends part and δ_θ = δ - θ h y their approach at t_θ;
-the law is that of `lcpimpact.integrators.spring_law`. Along a step
+the law is that of `lcpimpact.integrators.stepping.spring_law`. Along a step
 
 .. math:: J = \frac{dF}{dy} = \frac{∂F}{∂y} - θ h \frac{∂F}{∂δ} .
 
@@ -23,8 +23,8 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, matrix, vector
 from lcpimpact.errors import Status
-from lcpimpact.integrators.law import SPRINGS_SIGNATURE, solve_law
-from lcpimpact.integrators.spring_law import push
+from lcpimpact.integrators.stepping.law import SPRINGS_SIGNATURE, solve_law
+from lcpimpact.integrators.stepping.spring_law import push
 from lcpimpact.lcp.lapack import lu_solve
 from lcpimpact.lcp.solver import Kernel
 

@@ -11,7 +11,7 @@ impulses act, the rows a that push give
 
 .. math:: R_X = I - B_a G_{aa}^{-1} (1 + e_a)\, (C A)_a , \qquad G = C A B ;
 
-where they pass through massless nodes, the rows are sums along the impulse paths (see `lcpimpact.integrators.impact_law`).
+where they pass through massless nodes, the rows are sums along the impulse paths (see `lcpimpact.hybrid.impact_law`).
 
 The derivative over a time is the product of the flows and of these matrices in their order. It does not exist where the row
 only touches zero (c·f⁻ = 0, a grazing), nor where two rows fall through zero at once.
@@ -32,8 +32,8 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.integrators.modes import Mode, System, gaps
-from lcpimpact.integrators.motion import Motion, Segment
+from lcpimpact.hybrid.modes import Mode, System, gaps
+from lcpimpact.hybrid.motion import Motion, Segment
 
 GRAZING = 1e-10
 """A row that falls through zero at less than this, relative to its terms at their largest, only touches it."""

@@ -1,0 +1,7 @@
+"""What the methods that step are made of.
+
+- `time_stepping`: the base class of the methods that solve an LCP in each step; `halving`: steps taken in halves.
+- `linear_step`: methods whose step is a linear system of equations, written with symbols.
+- `law`, `newton`, `spring_law`: the contact law of a step, and Newton's method where springs are not linear.
+- `runge_kutta`, `tableau`: explicit Runge-Kutta methods; `radau_iia`: the collocation method of Radau IIA.
+"""
