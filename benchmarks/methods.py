@@ -26,7 +26,7 @@ from scipy.integrate import solve_ivp
 import lcpimpact as li
 from lcpimpact.files import whole_file
 from lcpimpact.integrators import METHODS
-from lcpimpact.study.norms import l1_v, sup_q
+from lcpimpact.study.accuracy.norms import l1_v, sup_q
 
 DEBIAN_PYTHON = Path("/usr/bin/python3")
 PEER = Path(__file__).parent / "siconos_methods.py"

@@ -17,9 +17,9 @@ import numpy as np
 import pandas as pd
 
 import lcpimpact as li
-from lcpimpact.study.convergence import steps_clear_of
-from lcpimpact.study.norms import l1_v
-from lcpimpact.study.orders import fit
+from lcpimpact.study.accuracy.convergence import steps_clear_of
+from lcpimpact.study.accuracy.norms import l1_v
+from lcpimpact.study.accuracy.orders import fit
 
 METHODS = "moreau-jean,moreau-midpoint,newmark-ns,stormer-verlet-ns"
 

@@ -36,10 +36,10 @@ import lcpimpact as li
 from lcpimpact.files import whole_file
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.event_driven import EventDriven
-from lcpimpact.study.convergence import convergence, work_precision
-from lcpimpact.study.norms import NORMS
-from lcpimpact.study.orders import COUNTS, EVENT_BAND, RARER, SMOOTH_BAND, observed_orders
-from lcpimpact.study.reference import reference
+from lcpimpact.study.accuracy.convergence import convergence, work_precision
+from lcpimpact.study.accuracy.norms import NORMS
+from lcpimpact.study.accuracy.orders import COUNTS, EVENT_BAND, RARER, SMOOTH_BAND, observed_orders
+from lcpimpact.study.accuracy.reference import reference
 
 CSV = Path(__file__).parent / "table.csv"
 PAGE = Path(__file__).parent.parent / "docs" / "table.md"

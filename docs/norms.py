@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from lcpimpact import load_problem, simulate
 from lcpimpact.plotting.style import EXACT, INK, PALETTE, save, style
-from lcpimpact.study.norms import errors, sup_v
-from lcpimpact.study.reference import reference
+from lcpimpact.study.accuracy.norms import errors, sup_v
+from lcpimpact.study.accuracy.reference import reference
 
 PICTURE = Path(__file__).parent / "images" / "norms.svg"
 T_END = 1.7

@@ -19,9 +19,9 @@ _LOCATIONS = {
     "load_problem": "lcpimpact.problems:load_problem",
     "penalized": "lcpimpact.problems.penalty:penalized",
     "simulate": "lcpimpact.simulation:simulate",
-    "convergence": "lcpimpact.study.convergence:convergence",
-    "work_precision": "lcpimpact.study.convergence:work_precision",
-    "observed_orders": "lcpimpact.study.orders:observed_orders",
+    "convergence": "lcpimpact.study.accuracy.convergence:convergence",
+    "work_precision": "lcpimpact.study.accuracy.convergence:work_precision",
+    "observed_orders": "lcpimpact.study.accuracy.orders:observed_orders",
     "plot_convergence": "lcpimpact.plotting.convergence:plot_convergence",
     "plot_work_precision": "lcpimpact.plotting.convergence:plot_work_precision",
     "read_scheme_file": "lcpimpact.schemefile:read_scheme_file",
@@ -69,32 +69,32 @@ _LOCATIONS = {
     "plot_bifurcation": "lcpimpact.plotting.dynamics:plot_bifurcation",
     "plot_basins": "lcpimpact.plotting.dynamics:plot_basins",
     "plot_orbit": "lcpimpact.plotting.dynamics:plot_orbit",
-    "poincare": "lcpimpact.study.maps:poincare",
-    "bifurcation": "lcpimpact.study.maps:bifurcation",
-    "basins": "lcpimpact.study.maps:basins",
-    "Stroboscope": "lcpimpact.study.maps:Stroboscope",
-    "Impacts": "lcpimpact.study.maps:Impacts",
-    "Crossing": "lcpimpact.study.maps:Crossing",
-    "periodic_orbit": "lcpimpact.study.orbits:periodic_orbit",
-    "continue_orbit": "lcpimpact.study.orbits:continue_orbit",
-    "grazing": "lcpimpact.study.orbits:grazing",
-    "lyapunov": "lcpimpact.study.orbits:lyapunov",
-    "PeriodicOrbit": "lcpimpact.study.orbits:PeriodicOrbit",
-    "compare": "lcpimpact.study.comparison:compare",
-    "Comparison": "lcpimpact.study.comparison:Comparison",
+    "poincare": "lcpimpact.study.dynamics.sections:poincare",
+    "bifurcation": "lcpimpact.study.dynamics.diagrams:bifurcation",
+    "basins": "lcpimpact.study.dynamics.basins:basins",
+    "Stroboscope": "lcpimpact.study.dynamics.sections:Stroboscope",
+    "Impacts": "lcpimpact.study.dynamics.sections:Impacts",
+    "Crossing": "lcpimpact.study.dynamics.sections:Crossing",
+    "periodic_orbit": "lcpimpact.study.dynamics.shooting:periodic_orbit",
+    "continue_orbit": "lcpimpact.study.dynamics.continuation:continue_orbit",
+    "grazing": "lcpimpact.study.dynamics.grazing:grazing",
+    "lyapunov": "lcpimpact.study.dynamics.lyapunov:lyapunov",
+    "PeriodicOrbit": "lcpimpact.study.dynamics.shooting:PeriodicOrbit",
+    "compare": "lcpimpact.study.accuracy.comparison:compare",
+    "Comparison": "lcpimpact.study.accuracy.comparison:Comparison",
     "energy_ledger": "lcpimpact.study.ledger:energy_ledger",
     "Ledger": "lcpimpact.study.ledger:Ledger",
-    "cross_validate": "lcpimpact.study.cross_validation:cross_validate",
-    "CrossValidation": "lcpimpact.study.cross_validation:CrossValidation",
+    "cross_validate": "lcpimpact.study.accuracy.cross_validation:cross_validate",
+    "CrossValidation": "lcpimpact.study.accuracy.cross_validation:CrossValidation",
     "plot_comparison": "lcpimpact.plotting.comparison:plot_comparison",
     "plot_ledger": "lcpimpact.plotting.comparison:plot_ledger",
     "plot_cross_validation": "lcpimpact.plotting.comparison:plot_cross_validation",
     "design": "lcpimpact.study.design.sizing:design",
     "Design": "lcpimpact.study.design.sizing:Design",
-    "fit": "lcpimpact.study.fit:fit",
-    "Fit": "lcpimpact.study.fit:Fit",
-    "Target": "lcpimpact.study.fit:Target",
-    "with_values": "lcpimpact.study.parameters:with_values",
+    "fit": "lcpimpact.study.design.fit:fit",
+    "Fit": "lcpimpact.study.design.fit:Fit",
+    "Target": "lcpimpact.study.design.fit:Target",
+    "with_values": "lcpimpact.study.design.parameters:with_values",
     "plot_design": "lcpimpact.plotting.design:plot_design",
     "plot_fit": "lcpimpact.plotting.design:plot_fit",
     "Status": "lcpimpact.errors:Status",
@@ -232,16 +232,21 @@ if TYPE_CHECKING:
     from lcpimpact.scheme.system import LinearComplementaritySystem
     from lcpimpact.schemefile import Run, SchemeFile, read_scheme_file, write_scheme_file
     from lcpimpact.simulation import simulate
-    from lcpimpact.study.comparison import Comparison, compare
-    from lcpimpact.study.convergence import convergence, work_precision
-    from lcpimpact.study.cross_validation import CrossValidation, cross_validate
+    from lcpimpact.study.accuracy.comparison import Comparison, compare
+    from lcpimpact.study.accuracy.convergence import convergence, work_precision
+    from lcpimpact.study.accuracy.cross_validation import CrossValidation, cross_validate
+    from lcpimpact.study.accuracy.orders import observed_orders
+    from lcpimpact.study.design.fit import Fit, Target, fit
+    from lcpimpact.study.design.parameters import with_values
     from lcpimpact.study.design.sizing import Design, design
-    from lcpimpact.study.fit import Fit, Target, fit
+    from lcpimpact.study.dynamics.basins import basins
+    from lcpimpact.study.dynamics.continuation import continue_orbit
+    from lcpimpact.study.dynamics.diagrams import bifurcation
+    from lcpimpact.study.dynamics.grazing import grazing
+    from lcpimpact.study.dynamics.lyapunov import lyapunov
+    from lcpimpact.study.dynamics.sections import Crossing, Impacts, Stroboscope, poincare
+    from lcpimpact.study.dynamics.shooting import PeriodicOrbit, periodic_orbit
     from lcpimpact.study.ledger import Ledger, energy_ledger
-    from lcpimpact.study.maps import Crossing, Impacts, Stroboscope, basins, bifurcation, poincare
-    from lcpimpact.study.orbits import PeriodicOrbit, continue_orbit, grazing, lyapunov, periodic_orbit
-    from lcpimpact.study.orders import observed_orders
-    from lcpimpact.study.parameters import with_values
     from lcpimpact.trajectory import Trajectory
 
 

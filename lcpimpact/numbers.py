@@ -1,4 +1,4 @@
-"""What counts as a number in the input."""
+"""Numbers in the input: what counts as one, and the sentences that refuse what does not."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import math
 from typing import Any
 
 import numpy as np
+
+from lcpimpact.errors import InputError
 
 NUMBERS = (int, float, np.integer, np.floating)
 """Others, as decimals and fractions, make arrays of objects."""
@@ -22,3 +24,15 @@ def is_real(value: Any) -> bool:
 def is_count(value: Any) -> bool:
     """Return whether a value is a whole number above zero that a machine counts to."""
     return is_real(value) and 1 <= value < 2**63 and value == int(value)
+
+
+def positive(name: str, value: Any, unit: str = "") -> None:
+    """Refuse what is no finite number above zero."""
+    if not is_real(value) or not value > 0.0:
+        raise InputError(f"{name} = {value!r} must be a positive finite number{f' in {unit}' if unit else ''}")
+
+
+def count(name: str, value: Any, least: int = 1) -> None:
+    """Refuse what is no whole number, or one below the ``least``, which is 1 or 0."""
+    if not (is_count(value) or (least == 0 and is_real(value) and value == 0)):
+        raise InputError(f"{name} = {value!r} must be a whole number, at least {least}")

@@ -19,7 +19,7 @@ from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.memory import check_memory
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Grid, Record, State
 from lcpimpact.registry import nearest
@@ -235,9 +235,8 @@ def make_integrator(method: str | Integrator, options: dict[str, Any]) -> Integr
 
 
 def _grid(dt: float, t_end: float) -> Grid:
-    for name, value in (("dt", dt), ("t_end", t_end)):
-        if not is_real(value) or not value > 0.0:
-            raise InputError(f"{name} = {value!r} must be a positive finite number in s")
+    positive("dt", dt, "s")
+    positive("t_end", t_end, "s")
     if t_end / dt > 1e9:
         raise InputError(f"dt = {dt:g} s cuts t_end = {t_end:g} s into more than 1e9 steps: take a larger dt")
     steps = max(1, round(t_end / dt))

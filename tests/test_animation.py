@@ -416,8 +416,8 @@ def test_without_ffmpeg_an_mp4_is_refused_with_the_remedy(
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"seconds": 0.0}, "seconds = 0.0 must be a positive number"),
-        ({"seconds": float("nan")}, "must be a positive number"),
+        ({"seconds": 0.0}, "seconds = 0.0 must be a positive finite number"),
+        ({"seconds": float("nan")}, "must be a positive finite number"),
         ({"fps": 0}, "fps = 0 must be a whole number"),
         ({"fps": 2.5}, "fps = 2.5 must be a whole number"),
         ({"seconds": 0.01}, "make 0 frames"),

@@ -15,8 +15,8 @@ from lcpimpact import memory
 from lcpimpact.cli.main import main
 from lcpimpact.lcp.files import read_lcp
 from lcpimpact.numbers import is_count, is_real
-from lcpimpact.study.fit import read_curve
-from lcpimpact.study.reference import reference
+from lcpimpact.study.accuracy.reference import reference
+from lcpimpact.study.design.fit import read_curve
 
 
 def ball(name="ball", node="x", contact="R"):

@@ -409,7 +409,7 @@ def test_tol_that_is_not_positive(value):
 
 @pytest.mark.parametrize("value", [0, -1, 2.5, math.nan, math.inf, "10", None, True], ids=repr)
 def test_max_events_that_is_no_whole_number_above_zero(value):
-    with pytest.raises(InputError, match=r"max_events = .*whole number above zero"):
+    with pytest.raises(InputError, match=r"max_events = .*whole number, at least 1"):
         run(method="exact", max_events=value)
 
 

@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 import lcpimpact as li
 from lcpimpact.cli.main import main
 from lcpimpact.integrators.moreau_jean import MoreauJean
-from lcpimpact.study.norms import NORMS
-from lcpimpact.study.reference import Reference
+from lcpimpact.study.accuracy.norms import NORMS
+from lcpimpact.study.accuracy.reference import Reference
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 import lcpimpact as li
 from lcpimpact.integrators import METHODS
 from lcpimpact.problems.reading import peak
-from lcpimpact.study.norms import errors
+from lcpimpact.study.accuracy.norms import errors
 
 M, K, V0, AT = 2.0, 5e4, 3.0, 0.6
 """A mass that flies to a stop at the distance AT, without gravity."""

@@ -22,7 +22,7 @@ from lcpimpact.integrators.dopri5 import DormandPrince
 from lcpimpact.integrators.event_driven import EventDriven
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.plotting.convergence import plot_convergence, plot_work_precision
-from lcpimpact.study.convergence import (
+from lcpimpact.study.accuracy.convergence import (
     COSTS,
     convergence,
     declared_order,
@@ -31,8 +31,8 @@ from lcpimpact.study.convergence import (
     steps_clear_of,
     work_precision,
 )
-from lcpimpact.study.orders import fit, observed_orders
-from lcpimpact.study.reference import reference
+from lcpimpact.study.accuracy.orders import fit, observed_orders
+from lcpimpact.study.accuracy.reference import reference
 
 ROOT = Path(__file__).parent.parent
 SIX = [3.0 / n for n in (101, 163, 257, 409, 653, 1049)]
@@ -300,7 +300,7 @@ def test_tolerances_are_swept_where_a_method_has_them():
 
 
 def test_methods_take_turns_and_the_least_time_is_kept(monkeypatch):
-    import lcpimpact.study.convergence as module
+    import lcpimpact.study.accuracy.convergence as module
 
     seen, told = [], []
     clock = iter([5.0, 7.0, 3.0, 8.0])

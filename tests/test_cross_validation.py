@@ -13,11 +13,11 @@ from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.integrators.radau_fesd import RadauFESD
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.record import Event, State
-from lcpimpact.study import routes as routes_module
-from lcpimpact.study.cross_validation import Outcome
-from lcpimpact.study.paired_events import Pairing, pair_events
-from lcpimpact.study.routes import CLOSED_FORM, POINTS, default_routes
-from lcpimpact.study.siconos import PYTHON, python_with_siconos
+from lcpimpact.study.accuracy import routes as routes_module
+from lcpimpact.study.accuracy.cross_validation import Outcome
+from lcpimpact.study.accuracy.paired_events import Pairing, pair_events
+from lcpimpact.study.accuracy.routes import CLOSED_FORM, POINTS, default_routes
+from lcpimpact.study.accuracy.siconos import PYTHON, python_with_siconos
 
 BARS = ("bar-impact", "bouncing-bar", "plastic-bar-impact")
 SOME = ("exact", "event-driven", "moreau-jean", "moreau-jean:pgs")

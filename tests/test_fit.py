@@ -28,8 +28,8 @@ from lcpimpact import (
     with_values,
 )
 from lcpimpact.problems.reading import event, peak
-from lcpimpact.study.fit import read_curve
-from lcpimpact.study.parameters import value_at
+from lcpimpact.study.design.fit import read_curve
+from lcpimpact.study.design.parameters import value_at
 
 M, K, C, V0 = 100.0, 3000.0, 200.0, 10.0
 
@@ -421,7 +421,7 @@ def test_the_command_refuses_in_one_line(tmp_path, capsys):
 
 def test_a_difference_that_crosses_a_jump_is_left_out():
     """r = 2 θ, with a jump just above and, of the second number, just below where the derivative is taken."""
-    from lcpimpact.study.fit import _jacobian
+    from lcpimpact.study.design.fit import _jacobian
 
     def residuals(θ):
         return np.array([2.0 * θ[0] + (θ[0] > 1.0 + 1e-7), 2.0 * θ[0] + (θ[0] < 1.0 - 1e-7), 2.0 * θ[0]])

@@ -10,7 +10,7 @@ import lcpimpact as li
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.stepping.halving import Halving
 from lcpimpact.record import Grid
-from lcpimpact.study.norms import l1_v, sup_q
+from lcpimpact.study.accuracy.norms import l1_v, sup_q
 
 HALVING = [name for name, kind in METHODS.items() if "halved" in kind.declared.adaptive]
 

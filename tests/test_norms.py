@@ -27,10 +27,10 @@ from lcpimpact import (
 )
 from lcpimpact.certificate import Certificate
 from lcpimpact.record import ContinuousSolution, Event, State
-from lcpimpact.study import graphs, norms
-from lcpimpact.study.graphs import hausdorff, polyline
-from lcpimpact.study.norms import NORMS, errors
-from lcpimpact.study.reference import reference
+from lcpimpact.study.accuracy import graphs, norms
+from lcpimpact.study.accuracy.graphs import hausdorff, polyline
+from lcpimpact.study.accuracy.norms import NORMS, errors
+from lcpimpact.study.accuracy.reference import reference
 
 BALL = Problem("ball", Scheme(Mass("x", 2.0), Spring("x", "ground", 8.0), Bumper("x", "ground", gap=1.0, e=0.5)))
 CERTIFICATE = Certificate(0.0, 0.25, 0.0, 0.0, 1.0)

@@ -17,7 +17,8 @@ from lcpimpact.errors import Status
 from lcpimpact.hybrid.modes import System
 from lcpimpact.hybrid.motion import begin, begin_problem, follow, state_before
 from lcpimpact.hybrid.tangent import tangent
-from lcpimpact.study.orbits import force_period, least_gap
+from lcpimpact.study.dynamics.grazing import least_gap
+from lcpimpact.study.dynamics.shooting import force_period
 
 ζ, ω, e = 0.05, 2.6, 0.8
 
@@ -380,7 +381,7 @@ def test_the_common_period_of_forces():
         (oscillator(), {"T": 1.0}, "the period of the force"),
         (oscillator(), {"periods": 0}, "periods = 0 must be a whole number"),
         (oscillator(), {"transient": -1}, "transient = -1 must be a whole number"),
-        (li.load_problem("bilinear-oscillator"), {"T": -1.0}, "T = -1.0 must be a positive number"),
+        (li.load_problem("bilinear-oscillator"), {"T": -1.0}, "T = -1.0 must be a positive finite number"),
         (li.load_problem("kelvin-voigt-impact"), {}, "shows no period"),
         (li.load_problem("hertz-impact"), {}, "non-linear springs"),
         ("oscillator", {}, "must be a Problem: get one from"),

@@ -12,8 +12,8 @@ from lcpimpact.errors import InputError
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.simulation import simulate
-from lcpimpact.study.norms import l1_v, sup_q
-from lcpimpact.study.orders import COUNTS, EVENT_BAND, SMOOTH_BAND, observed_order, order_as_declared
+from lcpimpact.study.accuracy.norms import l1_v, sup_q
+from lcpimpact.study.accuracy.orders import COUNTS, EVENT_BAND, SMOOTH_BAND, observed_order, order_as_declared
 
 MANY = (*COUNTS, 4903, 7789, 12373, 19661, 31223, 49597)
 """Where errors scatter, because a switch falls now early and now late into its step."""

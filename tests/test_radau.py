@@ -13,7 +13,7 @@ from lcpimpact.integrators.radau_fesd import RadauFESD, _crossing
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.problems.reference import KNOWN
-from lcpimpact.study.orders import observed_order
+from lcpimpact.study.accuracy.orders import observed_order
 
 FACTORS = {
     "m": (10.0, 500.0),

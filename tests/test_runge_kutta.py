@@ -32,8 +32,8 @@ from lcpimpact.integrators.stepping.runge_kutta import ExplicitRungeKutta
 from lcpimpact.integrators.stepping.tableau import Tableau, trees
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.bouncing_ball import closed_form
-from lcpimpact.study.norms import inertial
-from lcpimpact.study.orders import observed_order
+from lcpimpact.study.accuracy.norms import inertial
+from lcpimpact.study.accuracy.orders import observed_order
 
 FAMILY = ("heun", "ssprk3", "bs23", "rk4", "dopri5")
 ADAPTIVE = ("bs23", "dopri5")

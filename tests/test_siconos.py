@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import lcpimpact as li
-from lcpimpact.study.siconos import INSTALL, python_with_siconos, run_siconos
+from lcpimpact.study.accuracy.siconos import INSTALL, python_with_siconos, run_siconos
 
 
 @pytest.fixture

@@ -28,8 +28,8 @@ from lcpimpact.cli.options import (
 if TYPE_CHECKING:
     import pandas as pd
 
-    from lcpimpact.study.comparison import Comparison
-    from lcpimpact.study.cross_validation import CrossValidation
+    from lcpimpact.study.accuracy.comparison import Comparison
+    from lcpimpact.study.accuracy.cross_validation import CrossValidation
 
 SHOWN = ("sup_q", "l1_v", "hausdorff_v", "event_times", "impulses", "penetration")
 """The norms that the terminal shows; the table has all."""
@@ -73,7 +73,7 @@ def compare(
     check_study((problem,), (out, events, forces, energies), plot, report)
     taken = taking_part(methods)
     told = chosen(problem, set_, None, dt, t_end, solver)
-    from lcpimpact.study import comparison
+    from lcpimpact.study.accuracy import comparison
 
     end = told.problem.t_end if told.run.t_end is None else told.run.t_end
     step = min(1e-3, end / 1000.0) if told.run.dt is None else told.run.dt
@@ -138,8 +138,8 @@ def cross_validate(
     """
     check_study((problem,), (out,), plot, report)
     told = chosen(problem, set_, None, dt, t_end)
-    from lcpimpact.study.cross_validation import cross_validate as validate
-    from lcpimpact.study.routes import CLOSED_FORM
+    from lcpimpact.study.accuracy.cross_validation import cross_validate as validate
+    from lcpimpact.study.accuracy.routes import CLOSED_FORM
 
     end = told.problem.t_end if told.run.t_end is None else told.run.t_end
     named = [each.strip() for each in routes.split(",") if each.strip()] if routes is not None else None
@@ -178,7 +178,7 @@ def _lines(table: pd.DataFrame, form: str = ".2e") -> list[str]:
 def _report(found: Comparison, differences: pd.DataFrame, events: pd.DataFrame, path: Path) -> str:
     from lcpimpact.plotting.comparison import plot_comparison, plot_ledger
     from lcpimpact.report.report import Section, write_report
-    from lcpimpact.study.comparison import REFERENCE
+    from lcpimpact.study.accuracy.comparison import REFERENCE
 
     attrs = differences.attrs
     lead = (

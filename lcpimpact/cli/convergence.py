@@ -103,8 +103,8 @@ def converge(
         raise InputError("--dts and --counts tell the same thing: give one of them")
     steps = _steps(dts, counts, end)
     from lcpimpact.plotting.convergence import plot_convergence
-    from lcpimpact.study.convergence import convergence
-    from lcpimpact.study.orders import observed_orders
+    from lcpimpact.study.accuracy.convergence import convergence
+    from lcpimpact.study.accuracy.orders import observed_orders
 
     table = convergence(
         told.problem,
@@ -167,8 +167,8 @@ def work_precision(
     steps = _steps(dts, None, end)
     from lcpimpact.plotting.convergence import COST_LABELS, plot_work_precision
     from lcpimpact.registry import nearest
-    from lcpimpact.study.convergence import RTOLS
-    from lcpimpact.study.convergence import work_precision as measure
+    from lcpimpact.study.accuracy.convergence import RTOLS
+    from lcpimpact.study.accuracy.convergence import work_precision as measure
 
     if cost not in COST_LABELS:
         raise InputError(nearest(cost, list(COST_LABELS), "cost"))
@@ -244,7 +244,7 @@ def _penalty(text: str) -> tuple[str, float, dict[str, float]]:
 
 def _shown(table: pd.DataFrame, norm: str | None) -> str:
     from lcpimpact.registry import nearest
-    from lcpimpact.study.norms import NORMS
+    from lcpimpact.study.accuracy.norms import NORMS
 
     if norm is not None and norm not in NORMS:
         raise InputError(nearest(norm, list(NORMS), "norm"))
@@ -252,7 +252,7 @@ def _shown(table: pd.DataFrame, norm: str | None) -> str:
 
 
 def _said(table: pd.DataFrame, norm: str) -> list[str]:
-    from lcpimpact.study.norms import NORMS
+    from lcpimpact.study.accuracy.norms import NORMS
 
     references = " or ".join(dict.fromkeys(name for name in table["reference"] if name)) or "nothing"
     limited = table.attrs.get("limited_by", "nothing")

@@ -30,8 +30,8 @@ from lcpimpact.errors import InputError
 if TYPE_CHECKING:
     from lcpimpact.problems.base import Problem
     from lcpimpact.schemefile import Run
+    from lcpimpact.study.design.fit import Fit
     from lcpimpact.study.design.sizing import Design
-    from lcpimpact.study.fit import Fit
 
 SCHEME = ".toml"
 
@@ -150,8 +150,8 @@ def fit(
     check_study((problem, to), (out,), plot, report, (*TABLES, SCHEME))
     told = chosen(problem, set_, method or "exact", dt, t_end, solver)
     from lcpimpact.plotting.design import plot_fit
-    from lcpimpact.study.fit import fit as search
-    from lcpimpact.study.parameters import value_at
+    from lcpimpact.study.design.fit import fit as search
+    from lcpimpact.study.design.parameters import value_at
     from lcpimpact.study.watch import unwatched
 
     given = {name: value_at(told.problem, name) if start is None else start for name, start in _free(free)}

@@ -64,8 +64,8 @@ def poincare(
     check_study((problem,), (out,), plot, report)
     told = _told(problem, set_, method)
     from lcpimpact.plotting.dynamics import plot_poincare
-    from lcpimpact.study.maps import period_of
-    from lcpimpact.study.maps import poincare as points_of
+    from lcpimpact.study.dynamics.diagrams import period_of
+    from lcpimpact.study.dynamics.sections import poincare as points_of
 
     table = points_of(
         told.problem,
@@ -125,8 +125,8 @@ def bifurcation(
     told = _told(problem, set_, method, name)
     family = _family(problem, set_, method)
     from lcpimpact.plotting.dynamics import plot_bifurcation
-    from lcpimpact.study.maps import bifurcation as diagram
-    from lcpimpact.study.orbits import continue_orbit
+    from lcpimpact.study.dynamics.continuation import continue_orbit
+    from lcpimpact.study.dynamics.diagrams import bifurcation as diagram
 
     table = diagram(
         lambda value: family({name: value}),
@@ -196,7 +196,7 @@ def basins(
     told = _told(problem, set_, "exact", one, other)
     family = _family(problem, set_, "exact")
     from lcpimpact.plotting.dynamics import plot_basins
-    from lcpimpact.study.maps import basins as of
+    from lcpimpact.study.dynamics.basins import basins as of
 
     result = of(
         lambda a, b: family({one: a, other: b}),
@@ -246,7 +246,8 @@ def orbit(
     import pandas as pd
 
     from lcpimpact.plotting.dynamics import plot_orbit
-    from lcpimpact.study.orbits import continue_orbit, periodic_orbit
+    from lcpimpact.study.dynamics.continuation import continue_orbit
+    from lcpimpact.study.dynamics.shooting import periodic_orbit
 
     if over is not None:
         name, values = _range(over)

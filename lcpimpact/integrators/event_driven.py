@@ -63,7 +63,7 @@ from lcpimpact.hybrid.modes import (
 from lcpimpact.hybrid.transition import happened
 from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.numbers import is_count, is_real
+from lcpimpact.numbers import count, is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Grid, Record, State
 from lcpimpact.registry import nearest
@@ -448,8 +448,7 @@ class EventDriven(Integrator):
         if isinstance(self.max_step, bool) or not isinstance(self.max_step, int | float) or not self.max_step > 0.0:
             raise InputError(f"max_step = {self.max_step!r} must be a time above zero in s, or inf")
         for limit in ("max_events", "max_steps"):
-            if not is_count(getattr(self, limit)) or getattr(self, limit) < 1:
-                raise InputError(f"{limit} = {getattr(self, limit)!r} must be a whole number above zero")
+            count(limit, getattr(self, limit))
         if not is_real(self.zeno) or not 0.0 <= self.zeno < 1.0:
             raise InputError(f"zeno = {self.zeno!r} must be a part of the run, 0 <= zeno < 1")
         if not isinstance(self.kinks, bool):

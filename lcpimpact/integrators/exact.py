@@ -13,10 +13,11 @@ from typing import ClassVar
 import numpy as np
 
 from lcpimpact.arrays import Array
-from lcpimpact.errors import InputError, Status
+from lcpimpact.errors import Status
 from lcpimpact.hybrid.motion import Motion, begin_problem, cuts, follow, read
 from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.lcp import SOLVERS
+from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Grid, Record
 from lcpimpact.scheme.dynamics import Feature
@@ -69,8 +70,7 @@ class Exact(Integrator):
     )
 
     def __post_init__(self) -> None:
-        if isinstance(self.max_events, bool) or not isinstance(self.max_events, int) or self.max_events < 1:
-            raise InputError(f"max_events = {self.max_events!r} must be a whole number above zero")
+        count("max_events", self.max_events)
 
     def reaction_times(self, grid: Grid) -> Array:
         """Return the grid."""

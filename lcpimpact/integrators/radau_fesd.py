@@ -46,7 +46,7 @@ from lcpimpact.hybrid.transition import coordinates, enter
 from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.numbers import is_count, is_real
+from lcpimpact.numbers import count, is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Grid, Record
 from lcpimpact.scheme.dynamics import Feature
@@ -283,12 +283,12 @@ class Elements:
         """
         c, low, high, h = self.rows[row], 0.0, length, guess
         enough = 4.0 * EPS * float(np.abs(c) @ np.maximum(scale, np.abs(X)))
-        for count in range(1, most + 1):
+        for steps in range(1, most + 1):
             end, rate = self.radau.end_and_rate(self.A, h, X)
             value, slope = float(c @ end) - zero, float(c @ rate)
             low, high = (h, high) if value > 0.0 else (low, h)
             if abs(value) <= enough or high - low <= 2.0 * EPS * length:
-                return float(h), count
+                return float(h), steps
             step = h - value / slope if slope < 0.0 else -1.0
             h = step if low < step < high else 0.5 * (low + high)
         return None, most
@@ -508,9 +508,7 @@ class RadauFESD(Integrator):
                 f"rtol = {self.rtol!r} must lie in [1e-14, 1), or be None for elements of the step's length"
             )
         for option in ("max_newton", "max_events"):
-            value = getattr(self, option)
-            if isinstance(value, bool) or not is_count(value):
-                raise InputError(f"{option} = {value!r} must be a whole number above zero")
+            count(option, getattr(self, option))
 
     def limits(self) -> Limits:
         """Return those of its stages."""

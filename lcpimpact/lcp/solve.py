@@ -17,7 +17,7 @@ from lcpimpact.lcp.operators import Delassus, Dense, Factored, as_operator, fini
 from lcpimpact.lcp.problem import LCPSolution, bounds, is_plain
 from lcpimpact.lcp.solver import LCPSolver, State, matrix_free
 from lcpimpact.lcp.trace import Trace, traced
-from lcpimpact.numbers import is_count, is_real
+from lcpimpact.numbers import count, positive
 
 STATUS = {int(each): each for each in Status}
 
@@ -327,10 +327,10 @@ def limits(solver: LCPSolver, tol: float | None, max_iter: int | None) -> tuple[
     InputError
         If tol is no positive number, or max_iter no whole number above zero.
     """
-    if tol is not None and not (is_real(tol) and tol > 0.0):
-        raise InputError(f"tol = {tol!r} must be a positive finite number")
-    if max_iter is not None and not is_count(max_iter):
-        raise InputError(f"max_iter = {max_iter!r} must be a whole number above zero")
+    if tol is not None:
+        positive("tol", tol)
+    if max_iter is not None:
+        count("max_iter", max_iter)
     return (solver.tol if tol is None else float(tol)), (solver.max_iter if max_iter is None else int(max_iter))
 
 

@@ -27,7 +27,7 @@ from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.files import check_output, whole_file
-from lcpimpact.numbers import is_count, is_real
+from lcpimpact.numbers import count, positive
 from lcpimpact.plotting.block_diagram import draw_system
 from lcpimpact.plotting.layout import CEILING, Layout
 from lcpimpact.plotting.schematic import INCH, Line, Piece, Posture, extent, paint, picture
@@ -109,10 +109,8 @@ def animate(trajectory: Trajectory, path: str | Path, *, seconds: float | None =
     path = Path(path)
     check_output(path, FORMATS)
     length = SECONDS if seconds is None else seconds
-    if not is_real(length) or length <= 0.0:
-        raise InputError(f"seconds = {seconds!r} must be a positive number of seconds")
-    if not is_count(fps):
-        raise InputError(f"fps = {fps!r} must be a whole number of frames in a second, above zero")
+    positive("seconds", length, "s")
+    count("fps", fps)
     frames = round(length * fps)
     if not 2 <= frames <= MOST:
         raise InputError(

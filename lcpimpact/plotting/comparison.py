@@ -24,8 +24,8 @@ from lcpimpact.plotting.timeline import (
     shown_forces,
     shown_nodes,
 )
-from lcpimpact.study.comparison import Comparison
-from lcpimpact.study.cross_validation import CrossValidation
+from lcpimpact.study.accuracy.comparison import Comparison
+from lcpimpact.study.accuracy.cross_validation import CrossValidation
 from lcpimpact.study.ledger import GIVEN, STORED, Ledger
 from lcpimpact.trajectory import Trajectory
 

@@ -22,9 +22,9 @@ from lcpimpact.errors import InputError
 from lcpimpact.plotting.style import FAINT, PALETTE, SOFT, save, style
 from lcpimpact.plotting.timeline import plain_text
 from lcpimpact.registry import nearest
-from lcpimpact.study.convergence import COSTS
-from lcpimpact.study.norms import NORMS
-from lcpimpact.study.orders import observed_orders
+from lcpimpact.study.accuracy.convergence import COSTS
+from lcpimpact.study.accuracy.norms import NORMS
+from lcpimpact.study.accuracy.orders import observed_orders
 
 MARKERS = "os^DvP<>X*"
 DASHES = ("-", "--", ":", "-.")

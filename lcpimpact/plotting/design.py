@@ -15,8 +15,8 @@ from lcpimpact.arguments import checked
 from lcpimpact.plotting.style import EXACT, FAINT, INK, PALETTE, SOFT, save, style
 from lcpimpact.plotting.timeline import math_text, plain_text
 from lcpimpact.problems.reading import read
+from lcpimpact.study.design.fit import Fit
 from lcpimpact.study.design.sizing import UNITS, Design
-from lcpimpact.study.fit import Fit
 
 FINE = 1200
 """Points of a curve."""

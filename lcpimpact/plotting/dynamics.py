@@ -20,8 +20,9 @@ from lcpimpact.errors import InputError
 from lcpimpact.plotting.style import FAINT, INK, PALETTE, SOFT, save, style
 from lcpimpact.plotting.timeline import math_text, plain_text
 from lcpimpact.registry import nearest
-from lcpimpact.study.maps import Basins
-from lcpimpact.study.orbits import Branch, PeriodicOrbit
+from lcpimpact.study.dynamics.basins import Basins
+from lcpimpact.study.dynamics.continuation import Branch
+from lcpimpact.study.dynamics.shooting import PeriodicOrbit
 
 BASINS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442")
 """Colours of Okabe and Ito for areas; what leads to no attractor that was found is grey."""

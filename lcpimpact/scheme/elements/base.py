@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from lcpimpact.arguments import is_name
 from lcpimpact.errors import InputError
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import positive as positive_number
 from lcpimpact.scheme.terms import GROUND, Terms
 
 __all__ = ["GROUND", "MISSING", "Compound", "Element", "Polyline", "distinct", "named", "positive"]
@@ -80,8 +80,7 @@ def positive(element: Element, symbol: str, value: Any, unit: str) -> None:
     """Refuse a constant that is missing, not a number, not finite, or not above zero; the message names the element."""
     if value is MISSING:
         raise InputError(f"{element}: {symbol} is missing; give a positive number in {unit}")
-    if not is_real(value) or not value > 0.0:
-        raise InputError(f"{element}: {symbol} = {value!r} must be a positive finite number in {unit}")
+    positive_number(f"{element}: {symbol}", value, unit)
 
 
 def distinct(element: Element) -> None:

@@ -23,7 +23,7 @@ from scipy.optimize import brentq
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import is_real, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.reading import Series
 from lcpimpact.registry import nearest
@@ -230,9 +230,8 @@ def _checked(
     kind: Law, m: float, v0: float, g: float, given: Mapping[str, float | None], n: float | None
 ) -> dict[str, float]:
     """Return the quantities that were given, refusing values that cannot be, and too few or too many."""
-    for name, value in (("m", m), ("v0", v0)):
-        if not is_real(value) or not value > 0.0:
-            raise InputError(f"design: {name} = {value!r} must be a positive finite number")
+    positive("design: m", m)
+    positive("design: v0", v0)
     if not is_real(g) or not g >= 0.0:
         raise InputError(f"design: g = {g!r} must be a finite number in m/s², zero or above")
     if n is not None and kind.n is not None:
@@ -246,8 +245,7 @@ def _checked(
             raise InputError(
                 f"design: the law {kind.name!r} has no {name}; its constants are {' and '.join(constants)}"
             )
-        if not is_real(value) or not value > 0.0:
-            raise InputError(f"design: {name} = {value!r} must be a positive finite number")
+        positive(f"design: {name}", value)
     known = [*OUTPUTS, *constants]
     if "e" in wanted and not kind.loss:
         raise InputError("design: the law 'hertz' loses nothing, so e = 1 whatever its k; leave e out")

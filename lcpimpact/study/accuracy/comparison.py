@@ -12,14 +12,14 @@ import pandas as pd
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError, LcpImpactError, UnsupportedError
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.simulation import simulate
-from lcpimpact.study.convergence import Methods, labelled
+from lcpimpact.study.accuracy.convergence import Methods, labelled
+from lcpimpact.study.accuracy.norms import NORMS, errors
+from lcpimpact.study.accuracy.reference import Reference
+from lcpimpact.study.accuracy.reference import reference as find_reference
 from lcpimpact.study.ledger import Ledger, energy_ledger
-from lcpimpact.study.norms import NORMS, errors
-from lcpimpact.study.reference import Reference
-from lcpimpact.study.reference import reference as find_reference
 from lcpimpact.study.watch import Watch, unwatched
 from lcpimpact.trajectory import Trajectory
 
@@ -54,9 +54,9 @@ class Comparison:
         -------
         DataFrame
             ``method``, ``against`` (the reference by its name, or another label), ``dt`` (s) and ``steps`` of the run, one
-            column a norm of `lcpimpact.study.norms.NORMS` in its unit, ``events`` (their number), ``seconds`` of the run,
-            ``violation``: which of its laws it breaks, by more than its method allows, "" for none, and ``failure``: why
-            there is no run, "" where there is one.
+            column a norm of `lcpimpact.study.accuracy.norms.NORMS` in its unit, ``events`` (their number), ``seconds`` of
+            the run, ``violation``: which of its laws it breaks, by more than its method allows, "" for none, and
+            ``failure``: why there is no run, "" where there is one.
         """
         pairs: list[tuple[str, Trajectory, str, Trajectory]]
         if self.reference is not None:
@@ -191,8 +191,8 @@ def compare(
     t_end : float, optional
         End in s; by default that of the problem.
     reference : Reference, Trajectory, "auto" or None
-        What the runs are compared with. "auto" is `lcpimpact.study.reference.reference`, by a method that is none of them,
-        if there is one; None compares them with each other.
+        What the runs are compared with. "auto" is `lcpimpact.study.accuracy.reference.reference`, by a method that is
+        none of them, if there is one; None compares them with each other.
     lcp_solver : str
         A name of ``lcpimpact list solvers``, for the methods that solve LCPs.
     watch : callable
@@ -219,8 +219,7 @@ def compare(
     """
     chosen = labelled(methods)
     end = problem.t_end if t_end is None else t_end
-    if not is_real(end) or not end > 0.0:
-        raise InputError(f"t_end = {end!r} must be a positive finite number in s")
+    positive("t_end", end, "s")
     if REFERENCE in chosen:
         raise InputError(f"methods: the label {REFERENCE!r} is that of the reference; give another")
     steps = {label: _steps(label, dt, end) for label in chosen}
@@ -250,8 +249,7 @@ def _steps(label: str, dt: float | Mapping[str, float], t_end: float) -> int:
     if isinstance(dt, Mapping) and label not in dt:
         raise InputError(f"dt: there is no step for {label!r}; give one number, or one for each label")
     value = dt[label] if isinstance(dt, Mapping) else dt
-    if not is_real(value) or not value > 0.0:
-        raise InputError(f"dt = {value!r} of {label!r} must be a positive finite number in s")
+    positive(f"{label}: dt", value, "s")
     return max(1, math.ceil(t_end / value * (1.0 - 1e-12)))
 
 

@@ -13,8 +13,8 @@ the better of the two that agree most closely.
 
 That is evidence only where a common mistake is unlikely and a mistake would be seen. Routes confirm each other if
 
-- they are of different families (`lcpimpact.study.routes`), and where there are contacts at least one pair of them does
-  not take the contact mode from one source;
+- they are of different families (`lcpimpact.study.accuracy.routes`), and where there are contacts at least one pair of
+  them does not take the contact mode from one source;
 - the differences of their own runs fall with the order that each declares;
 - the errors that they own up to are small against the motion.
 
@@ -38,11 +38,11 @@ from scipy.linalg import eigh
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import FailureError, InputError, LcpImpactError
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import is_real, positive
 from lcpimpact.problems.base import Problem
-from lcpimpact.study.convergence import FRICTION, IMPACT, JUMP, declared_order, limits_of
-from lcpimpact.study.paired_events import Pairing, farthest, pair_events
-from lcpimpact.study.routes import (
+from lcpimpact.study.accuracy.convergence import FRICTION, IMPACT, JUMP, declared_order, limits_of
+from lcpimpact.study.accuracy.paired_events import Pairing, farthest, pair_events
+from lcpimpact.study.accuracy.routes import (
     RATIO,
     Found,
     Given,
@@ -161,7 +161,7 @@ def cross_validate(
     routes : sequence or mapping, optional
         Names of methods, "method:solver" for a method with another LCP solver (compared with the same steps by ``auto``),
         "closed form" (`Problem.motion`), "siconos", `Integrator` objects, or functions that take times (nt,) and return q
-        and v (nt, n); a mapping gives them labels. By default `lcpimpact.study.routes.default_routes`.
+        and v (nt, n); a mapping gives them labels. By default `lcpimpact.study.accuracy.routes.default_routes`.
     dt : float, optional
         The finest step in s; by default t_end/5265. The coarser ones are 3, 9 and 27 times as long.
     t_end : float, optional
@@ -204,9 +204,8 @@ def cross_validate(
       ... are of one family, Moreau time stepping...
     """
     end = problem.t_end if t_end is None else t_end
-    for name, value in (("t_end", end), ("dt", end if dt is None else dt)):
-        if not is_real(value) or not value > 0.0:
-            raise InputError(f"{name} = {value!r} must be a positive finite number in s")
+    positive("t_end", end, "s")
+    positive("dt", end if dt is None else dt, "s")
     if tolerance is not None and (not is_real(tolerance) or not 0.0 < tolerance < 1.0):
         raise InputError(
             f"tolerance = {tolerance!r} must be a number between 0 and 1, relative to the size of the motion"

@@ -4,7 +4,8 @@ Across impacts the sup norm of v converges for no method, since the computed imp
 converge is the sup norm of q and the L1 norm of v; so it is in these that methods declare their orders.
 
 A slope through two step counts may be luck: an event that falls on a grid point fakes an order. So there should be six steps
-or more, which `lcpimpact.study.convergence` keeps clear of events, and the scatter about the line belongs to the slope.
+or more, which `lcpimpact.study.accuracy.convergence` keeps clear of events, and the scatter about the line belongs to
+the slope.
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ from lcpimpact.errors import InputError
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
 from lcpimpact.simulation import make_integrator
-from lcpimpact.study.convergence import SMOOTH, convergence, floor_of
-from lcpimpact.study.norms import NORMS
-from lcpimpact.study.reference import Reference
+from lcpimpact.study.accuracy.convergence import SMOOTH, convergence, floor_of
+from lcpimpact.study.accuracy.norms import NORMS
+from lcpimpact.study.accuracy.reference import Reference
 from lcpimpact.trajectory import Trajectory
 
 COUNTS = (307, 487, 773, 1229, 1951, 3089)
@@ -208,7 +209,7 @@ def observed_order(
     t_end : float, optional
         End in s; by default that of the problem.
     norm : str
-        A name of `lcpimpact.study.norms.NORMS`.
+        A name of `lcpimpact.study.accuracy.norms.NORMS`.
     truth : Trajectory or Reference, optional
         The reference, as of `lcpimpact.convergence`.
     **options

@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose
 
 import lcpimpact as li
 from lcpimpact.cli.main import main
-from lcpimpact.study.maps import period_of, section_of
+from lcpimpact.study.dynamics.diagrams import period_of
+from lcpimpact.study.dynamics.sections import section_of
 
 ω, ζ, e = 2.6, 0.05, 0.8
 T = 2.0 * math.pi / ω
@@ -126,8 +127,8 @@ def test_a_run_that_is_too_short_has_fewer_points():
         (oscillator(), "y=0", {}, "unknown series 'y'"),
         (oscillator(), "force", {"crossings": 0}, "crossings = 0 must be a whole number"),
         (oscillator(), "force", {"transient": 0.5}, "transient = 0.5 must be a whole number"),
-        (oscillator(), "force", {"t_end": -1.0}, "t_end = -1.0 must be a positive number"),
-        (oscillator(), "force", {"method": "moreau-jean", "dt": 0.0}, "dt = 0.0 must be a positive number"),
+        (oscillator(), "force", {"t_end": -1.0}, "t_end = -1.0 must be a positive finite number"),
+        (oscillator(), "force", {"method": "moreau-jean", "dt": 0.0}, "dt = 0.0 must be a positive finite number"),
         (oscillator(), "force", {"theta": 1.0}, "unknown option of exact 'theta'"),
         (spring_and_mass(), "force", {}, "no force with a period"),
         (li.load_problem("bilinear-oscillator"), "impact", {}, "has no impacts"),

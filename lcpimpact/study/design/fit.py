@@ -36,12 +36,12 @@ from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.files import reading, word_of
-from lcpimpact.numbers import is_count, is_real
+from lcpimpact.numbers import count, is_real, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.reading import read
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import simulate
-from lcpimpact.study.parameters import value_at, with_values
+from lcpimpact.study.design.parameters import value_at, with_values
 from lcpimpact.study.watch import Watch, unwatched
 from lcpimpact.trajectory import Trajectory
 
@@ -99,8 +99,8 @@ class Target:
         check_fields(self)
         if not is_real(self.value):
             raise InputError(f"Target: value = {self.value!r} must be a finite number")
-        if self.sigma is not None and not (is_real(self.sigma) and self.sigma > 0.0):
-            raise InputError(f"Target: sigma = {self.sigma!r} must be a positive finite number")
+        if self.sigma is not None:
+            positive("Target: sigma", self.sigma)
 
     @property
     def scale(self) -> float:
@@ -190,8 +190,8 @@ def fit(
     problem : Problem or callable
         A problem, or a function that takes the free parameters by name and returns one.
     free : sequence of str, or mapping of str to float
-        Addresses of the parameters to fit (`lcpimpact.study.parameters`: ``k``, ``KelvinVoigt.c``, ``2.k``, ``v0.x``), which
-        start from what the problem has; or each with its start.
+        Addresses of the parameters to fit (`lcpimpact.study.design.parameters`: ``k``, ``KelvinVoigt.c``, ``2.k``,
+        ``v0.x``), which start from what the problem has; or each with its start.
     data : path or DataFrame, optional
         A CSV file or table with a column t in s, rising, and columns named as the series of a run (``R``, ``x``, ``v_x``).
         A file of `Trajectory.save` may be taken as it is: reactions are then read at t_R.
@@ -387,12 +387,11 @@ def _check_settings(sampling: str, loss: str, starts: int, level: float, sigma: 
         raise InputError(f"fit: {nearest(str(sampling), list(SAMPLINGS), 'sampling')}")
     if loss not in LOSSES:
         raise InputError(f"fit: {nearest(str(loss), list(LOSSES), 'loss')}")
-    if not is_count(starts):
-        raise InputError(f"fit: starts = {starts!r} must be a whole number above zero")
+    count("fit: starts", starts)
     if not is_real(level) or not 0.0 < level < 1.0:
         raise InputError(f"fit: level = {level!r} must lie between 0 and 1, as 0.95")
-    if sigma is not None and (not is_real(sigma) or not sigma > 0.0):
-        raise InputError(f"fit: sigma = {sigma!r} must be a positive finite number")
+    if sigma is not None:
+        positive("fit: sigma", sigma)
 
 
 def _search(residuals: Callable[[Array], Array], θ: Array, limits: tuple[Array, Array], loss: str) -> Any:

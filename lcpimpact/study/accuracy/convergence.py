@@ -4,8 +4,8 @@ The observed order of a method may be luck: where an event of the motion falls o
 place in its step, errors are smaller than elsewhere. So each step that is asked for becomes t_end/n with n the smallest
 prime, not below t_end/dt, for which no event of the reference lies within 1e-6 of a step of a grid point.
 
-No method is its own reference: `lcpimpact.study.reference` is told whose errors are sought, and each row says what they were
-measured against.
+No method is its own reference: `lcpimpact.study.accuracy.reference` excludes the methods under study, and each row names the
+reference of its errors.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ import pandas as pd
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError, LcpImpactError
 from lcpimpact.integrators.base import Integrator
-from lcpimpact.numbers import is_count, is_real
+from lcpimpact.numbers import count, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.penalty import penalized
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import make_integrator, simulate
-from lcpimpact.study.norms import NORMS, errors
-from lcpimpact.study.reference import Reference
-from lcpimpact.study.reference import reference as find_reference
+from lcpimpact.study.accuracy.norms import NORMS, errors
+from lcpimpact.study.accuracy.reference import Reference
+from lcpimpact.study.accuracy.reference import reference as find_reference
 from lcpimpact.study.watch import Watch, unwatched
 from lcpimpact.trajectory import Trajectory
 
@@ -281,12 +281,12 @@ def convergence(
     t_end : float, optional
         End in s; by default that of the problem.
     norms : sequence of str, optional
-        Names of `lcpimpact.study.norms.NORMS`; by default all.
+        Names of `lcpimpact.study.accuracy.norms.NORMS`; by default all.
     penalties : sequence of tuples
         ``(law, k)`` or ``(law, k, {"v0": ...})`` for each compliant variant, as of `penalized`. Their errors are those
         against the rigid motion: of the method and of the model together.
     reference : Trajectory or Reference, optional
-        The truth; by default `lcpimpact.study.reference.reference`, which is never by the method under study.
+        The truth; by default `lcpimpact.study.accuracy.reference.reference`, which is never by the method under study.
     repeats : int
         Runs of each row, in turn; the time is their minimum. What compiles is compiled before.
     lcp_solver : str
@@ -393,14 +393,12 @@ def _run_all(
     end = problem.t_end if t_end is None else t_end
     for name, values in (("t_end", [end]), ("dts", dts), ("rtols", rtols)):
         for value in values:
-            if not is_real(value) or not value > 0.0:
-                raise InputError(f"{name}: {value!r} must be a positive finite number")
+            positive(name, value)
     if not len(dts):
         raise InputError("dts is empty: give at least one step in s, for an order better six of them")
     if end / min(dts) > 1e9:
         raise InputError(f"dts: {min(dts):g} s cuts t_end = {end:g} s into more than 1e9 steps: take larger ones")
-    if not is_count(repeats) or repeats < 1:
-        raise InputError(f"repeats = {repeats!r} must be a whole number above zero")
+    count("repeats", repeats)
     taking_part = labelled(methods)
     names = list(NORMS) if norms is None else list(norms)
     for name in names:

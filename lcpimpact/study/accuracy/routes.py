@@ -23,8 +23,8 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.problems.reading import read
 from lcpimpact.record import Event
 from lcpimpact.simulation import make_integrator, simulate
-from lcpimpact.study.convergence import labelled
-from lcpimpact.study.siconos import siconos
+from lcpimpact.study.accuracy.convergence import labelled
+from lcpimpact.study.accuracy.siconos import siconos
 from lcpimpact.trajectory import Trajectory
 
 POINTS = 195

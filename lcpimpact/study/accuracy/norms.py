@@ -27,7 +27,7 @@ from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.record import Event
 from lcpimpact.registry import nearest
-from lcpimpact.study.graphs import hausdorff, polyline
+from lcpimpact.study.accuracy.graphs import hausdorff, polyline
 from lcpimpact.trajectory import Trajectory
 
 DEGREE = 12

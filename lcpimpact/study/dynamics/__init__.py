@@ -1,0 +1,1 @@
+"""Studies of periodic and other long motions: sections, diagrams, basins, orbits and their continuation, exponents."""

@@ -1,0 +1,182 @@
+"""Basins of attraction: to which attractor each initial state leads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from lcpimpact.arguments import checked
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError, LcpImpactError
+from lcpimpact.hybrid.motion import begin_problem, read
+from lcpimpact.numbers import count
+from lcpimpact.problems.base import Problem
+from lcpimpact.study.dynamics.diagrams import MAX_PERIOD, each_of, extents
+from lcpimpact.study.dynamics.sections import BLOCK_PERIODS, impact_speeds, impacts_of
+from lcpimpact.study.dynamics.shooting import follow_exactly, force_period, refuse_power_laws
+from lcpimpact.study.watch import Watch, unwatched
+
+SAME_ATTRACTOR_RTOL = 1e-2
+"""Distance below which the points of two attractors are the same, relative to the extent of the attractors."""
+
+
+@dataclass(frozen=True, eq=False)
+class Basins:
+    """Which start leads where.
+
+    Attributes
+    ----------
+    table : DataFrame
+        One row a start: its two values, ``attractor`` (1, 2, ... by how many starts it draws; 0: none found within the
+        longest run), ``period`` (of it, in periods of the force), ``run`` (periods until it was clear) and ``failure``.
+    attractors : DataFrame
+        One row a point of an attractor: ``attractor``, ``period``, ``share`` (of all starts), ``point``, the coordinates and
+        velocities at the phase 0 of the force, and ``speed`` (m/s) of the impact before it.
+    """
+
+    table: pd.DataFrame
+    attractors: pd.DataFrame
+
+
+@checked
+def basins(
+    family: Callable[[float, float], Problem],
+    first: Iterable[float],
+    second: Iterable[float],
+    *,
+    names: tuple[str, str] = ("first", "second"),
+    longest: int = 400,
+    tol: float = 1e-5,
+    workers: int | None = None,
+    watch: Watch = unwatched,
+) -> Basins:
+    """Return the basins of attraction over two values of the start, by the exact motion seen once a period of the force.
+
+    Each start is run until its points repeat themselves, after at most 16 periods, or to the longest run. Attractors are one
+    where their points lie within a hundredth of their reach.
+
+    Parameters
+    ----------
+    family : callable
+        Takes the two values and returns a Problem with a periodic force.
+    first, second : iterable of float
+        The grid.
+    names : pair of str
+        How the table calls the two values.
+    longest : int
+        Periods after which a start is left as 0.
+    tol : float
+        Relative miss within which points repeat themselves.
+    workers : int, optional
+        Threads; one unless more are asked for.
+    watch : callable
+        Sees the starts go by.
+
+    Raises
+    ------
+    InputError
+        For an empty grid or counts that are none.
+
+    Examples
+    --------
+    >>> from lcpimpact import basins, load_problem
+    >>> found = basins(lambda x0, v0: load_problem("shaw-holmes", x0=x0, v0=v0), [-0.5, -0.1], [0.0, 0.5])
+    >>> found.table["attractor"].tolist(), found.attractors["period"].tolist()
+    ([1, 1, 1, 2], [1, 3, 3, 3])
+    """
+    count("longest", longest)
+    starts = [(float(a), float(b)) for a in first for b in list(second)]
+    if not starts:
+        raise InputError("first and second must both hold values")
+
+    def one(start: tuple[float, float]) -> tuple[Array, int, int, str, tuple[str, ...]]:
+        try:
+            problem = family(*start)
+            cycle, run = _settled(problem, longest, tol)
+        except LcpImpactError as error:
+            return np.zeros((0, 0)), 0, 0, str(error), ()
+        return cycle, len(cycle), run, "", problem.dynamics.nodes
+
+    ended = list(watch(each_of(one, starts, workers), len(starts), "basins"))
+    table = pd.DataFrame(starts, columns=list(names))
+    labels, attractors = _named([cycle for cycle, *_ in ended])
+    table = table.assign(
+        attractor=labels,
+        period=[len(cycle) for cycle, *_ in ended],
+        run=[run for _, _, run, *_ in ended],
+        failure=[failure for *_, failure, _ in ended],
+    )
+    nodes = next((names for *_, names in ended if names), ())
+    columns = [*nodes, *(f"v_{node}" for node in nodes), "speed"]
+    rows = [
+        {"attractor": k, "period": len(cycle), "share": labels.count(k) / len(labels), "point": i}
+        | dict(zip(columns, point.tolist(), strict=True))
+        for k, cycle in enumerate(attractors, start=1)
+        for i, point in enumerate(cycle)
+    ]
+    found = pd.DataFrame(rows, columns=["attractor", "period", "share", "point", *columns])
+    table.attrs = {"longest": longest, "tol": tol}
+    return Basins(table, found)
+
+
+def _settled(problem: Problem, longest: int, tol: float) -> tuple[Array, int]:
+    """Return the points of the attractor on which a run ends, in order, and the periods that it took."""
+    force = force_period(problem.dynamics)
+    if force is None:
+        raise InputError(f"{problem.name} has no force with a period, so it cannot be seen once in each")
+    refuse_power_laws(problem)
+    motion = begin_problem(problem, "exact", longest * force)
+    reached = 0
+    while reached < longest:
+        reached = min(reached + BLOCK_PERIODS, longest)
+        follow_exactly(motion, problem, reached * force)
+        times = np.minimum(np.arange(max(0, reached - 2 * MAX_PERIOD), reached + 1) * force, motion.end)
+        q, v, _ = read(motion.system, tuple(motion.segments), times, "right")
+        z = np.hstack([q, v])
+        miss = [_miss(z, p) for p in range(1, MAX_PERIOD + 1)]
+        if min(miss) <= tol:
+            # Where a slow approach turns by half a circle a period, every other point settles first.
+            p = 1 + next(i for i, each in enumerate(miss) if each <= 100.0 * tol)
+            speed = impact_speeds(problem.dynamics, motion.events, times[-p:])
+            if not any(event.t > times[-1 - p] for event in impacts_of(motion.events, None)):
+                speed[:] = np.nan  # the last impact belongs to the approach
+            cycle = np.column_stack([z[-p:], speed])
+            return np.roll(cycle, -int(np.argmin(cycle[:, 0])), axis=0), reached
+    return np.zeros((0, 1 + 2 * len(problem.dynamics.nodes))), reached
+
+
+def _miss(z: Array, p: int) -> float:
+    """Return how far the last points miss those p before, relative to the largest value of each column."""
+    seen = max(p, 4)
+    if len(z) < seen + p:
+        return math.inf
+    return float((np.abs(z[-seen:] - z[-seen - p : -p]) / extents(z)).max())
+
+
+def _named(cycles: list[Array]) -> tuple[list[int], list[Array]]:
+    """Return for each cycle the number of its attractor, 1 for the one that is met most, and the attractors."""
+    reach = max((float(np.abs(cycle[:, :-1]).max()) for cycle in cycles if len(cycle)), default=1.0)
+    known: list[Array] = []
+    found = []
+    for cycle in cycles:
+        label = -1
+        for k, other in enumerate(known):
+            # A cycle that is the other run through twice does not occur: the shortest period is taken.
+            if len(other) == len(cycle) and _distance(cycle[:, :-1], other[:, :-1]) <= SAME_ATTRACTOR_RTOL * reach:
+                label = k
+                break
+        if label < 0 and len(cycle):
+            known.append(cycle)
+            label = len(known) - 1
+        found.append(label)
+    rank = sorted(range(len(known)), key=lambda k: (-found.count(k), k))
+    return [rank.index(k) + 1 if k >= 0 else 0 for k in found], [known[k] for k in rank]
+
+
+def _distance(a: Array, b: Array) -> float:
+    """Return how far two cycles of the same length are apart, over all phases of one to the other."""
+    return min(float(np.abs(np.roll(a, shift, axis=0) - b).max()) for shift in range(len(a)))

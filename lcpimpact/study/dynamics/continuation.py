@@ -1,0 +1,195 @@
+"""Branches of periodic orbits along a parameter, up to a fold, a flip or a grazing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from lcpimpact.arguments import checked
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError, LcpImpactError
+from lcpimpact.hybrid.modes import System
+from lcpimpact.problems.base import Problem
+from lcpimpact.study.dynamics.grazing import least_gap
+from lcpimpact.study.dynamics.shooting import (
+    MAX_HALVINGS,
+    MAX_NEWTON_STEPS,
+    PeriodicOrbit,
+    away_from_events,
+    force_period,
+    periodic_orbit,
+    shoot,
+)
+from lcpimpact.study.watch import Watch, unwatched
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """The orbits of a family of problems, along its parameter.
+
+    Attributes
+    ----------
+    orbits : tuple of PeriodicOrbit
+        One for each value that was reached.
+    table : DataFrame
+        One row a value: ``value``, ``T`` (s), the coordinates (m) and velocities (m/s, ``v_NAME``) at t = 0 of the force or
+        at the start of the orbit, ``impacts`` in one period, ``speed`` (m/s, the fastest of them), ``gap`` (m, the least one
+        between touches, NaN where there is none), ``growth`` (the largest |μ|), ``stable`` and ``failure``.
+    ended : str
+        Why the branch ends before the last value, "" where it does not.
+    """
+
+    orbits: tuple[PeriodicOrbit, ...]
+    table: pd.DataFrame
+    ended: str
+
+
+@checked
+def continue_orbit(
+    family: Callable[[float], Problem],
+    values: Sequence[float],
+    *,
+    periods: int = 1,
+    T: float | None = None,
+    transient: int = 0,
+    watch: Watch = unwatched,
+) -> Branch:
+    """Follow a periodic orbit, stable or not, along a parameter, until it grazes a stop or turns back.
+
+    The first orbit is that of `periodic_orbit`; each next one is sought from the two before. Where it is not found, or has
+    other events, the step is halved up to 12 times, and then the branch ends.
+
+    Parameters
+    ----------
+    family : callable
+        Takes a value and returns a Problem; coordinates and contacts must stay the same.
+    values : sequence of float
+        In the order in which they are to be reached.
+    periods, T, transient
+        As of `periodic_orbit`, for the first value.
+    watch : callable
+        Sees the values go by.
+
+    Returns
+    -------
+    Branch
+        With orbits, table and ended.
+
+    Raises
+    ------
+    LcpImpactError
+        As `periodic_orbit` for the first value.
+
+    Examples
+    --------
+    >>> from lcpimpact import continue_orbit, load_problem
+    >>> branch = continue_orbit(lambda f: load_problem("impact-oscillator", f=f), [1.0, 1.1, 1.2])
+    >>> [round(speed, 6) for speed in branch.table["speed"]]
+    [0.500672, 0.55074, 0.600807]
+    """
+    targets = [float(value) for value in values]
+    if not targets:
+        raise InputError("values is empty: give those that the parameter is to take")
+    first = periodic_orbit(family(targets[0]), periods=periods, T=T, transient=transient)
+    orbits, found, ended = [first], [(targets[0], first)], ""
+    events = _sequence(first)
+    for target in watch(targets[1:], len(targets) - 1, "orbits"):
+        while found[-1][0] != target and not ended:
+            reason, share = "", 1.0
+            for _ in range(MAX_HALVINGS):
+                here = found[-1][0]
+                value = target if share == 1.0 else here + share * (target - here)
+                try:
+                    orbit = _next_orbit(family(value), value, found)
+                except (LcpImpactError, np.linalg.LinAlgError) as error:
+                    reason = str(error)
+                else:
+                    if _sequence(orbit) == events:
+                        found.append((value, orbit))
+                        break
+                    reason = f"it would have the events {_words(_sequence(orbit))} in place of {_words(events)}"
+                share *= 0.5
+            else:
+                gap, contact, t = least_gap(found[-1][1])
+                near = f"; there the least gap is {gap:.3g} m, of {contact} at t = {t:.6g} s" if contact else ""
+                ended = f"the branch ends near {found[-1][0]:.9g}{near}: {reason}"
+        if ended:
+            break
+        orbits.append(found[-1][1])
+    return Branch(tuple(orbits), _branch_table(targets, orbits, ended), ended)
+
+
+def _sequence(orbit: PeriodicOrbit) -> tuple[tuple[str, str], ...]:
+    return tuple(sorted((event.contact, event.kind) for event in orbit.events))
+
+
+def _words(events: tuple[tuple[str, str], ...]) -> str:
+    return ", ".join(f"{kind} {contact}" for contact, kind in events) or "none"
+
+
+def _next_orbit(problem: Problem, value: float, found: list[tuple[float, PeriodicOrbit]]) -> PeriodicOrbit:
+    """Find an orbit from one or two earlier ones, by the line through them."""
+    a, last = found[-1]
+    b, other = found[-2] if len(found) > 1 else (a, last)
+    slope = (value - a) / (a - b) if a != b else 0.0
+    start, _ = away_from_events(last.motion, last.start, last.start + last.T)
+    X = _state_at(last, start)
+    before = _state_at(other, start * other.T / last.T)
+    T = last.T + slope * (last.T - other.T)
+    system = System(problem.dynamics)
+    if len(system.O.T) != len(X):
+        raise InputError(f"the problem at {value:g} has other states than the one before: change constants only")
+    if last.forced:
+        force = force_period(problem.dynamics)
+        if force is None:
+            raise InputError(f"the problem at {value:g} has no force with a period, as the one before has")
+        whole = force_period(last.problem.dynamics) or last.T
+        T = force * round(last.T / whole)
+    return shoot(
+        problem,
+        system,
+        X + slope * (X - before),
+        start * T / last.T,
+        T,
+        last.forced,
+        last.motion.scale,
+        MAX_NEWTON_STEPS,
+    )
+
+
+def _state_at(orbit: PeriodicOrbit, t: float) -> Array:
+    """Return X of an orbit at any time (N,)."""
+    within = orbit.start + (t - orbit.start) % orbit.T
+    segments = orbit.motion.segments
+    segment = segments[int(np.searchsorted([each.t0 for each in segments], within, side="right")) - 1]
+    flow, _ = orbit.motion.system.mode(segment.mode)
+    return flow.move(segment.state, float(segment.since(np.array(within)))).hi
+
+
+def _branch_table(values: list[float], orbits: list[PeriodicOrbit], ended: str) -> pd.DataFrame:
+    nodes = orbits[0].problem.dynamics.nodes
+    rows: list[dict[str, object]] = []
+    for value, orbit in zip(values, orbits, strict=False):
+        state = orbit.sample(0.0 if orbit.forced else orbit.start)
+        gap = least_gap(orbit)[0]
+        rows.append(
+            {"value": value, "T": orbit.T}
+            | dict(zip(nodes, state.q[0].tolist(), strict=True))
+            | {f"v_{node}": v for node, v in zip(nodes, state.v[0].tolist(), strict=True)}
+            | {"impacts": len(orbit.impacts), "speed": float(orbit.speeds.max(initial=0.0))}
+            | {
+                "gap": gap if math.isfinite(gap) else math.nan,
+                "growth": orbit.growth,
+                "stable": orbit.stable,
+                "failure": "",
+            }
+        )
+    if ended:
+        rows.append({"value": values[len(orbits)], "failure": ended})
+    table = pd.DataFrame(rows)
+    table.attrs = {"problem": orbits[0].problem.name, "ended": ended}
+    return table

@@ -1,0 +1,179 @@
+"""Grazing: the value of a parameter at which an orbit comes to touch a stop."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import brentq
+
+from lcpimpact.arguments import checked
+from lcpimpact.errors import InputError
+from lcpimpact.hybrid.motion import Motion
+from lcpimpact.problems.base import Problem
+from lcpimpact.registry import nearest
+from lcpimpact.study.dynamics.shooting import MAX_NEWTON_STEPS, PeriodicOrbit, find_orbit
+
+FAR_GAPS = 1e3
+"""Gap of a stop that is removed, in units of the largest gap of the scheme plus one metre."""
+
+
+@checked
+def least_gap(orbit: PeriodicOrbit, contact: str | None = None) -> tuple[float, str, float]:
+    """Return the least gap of an orbit between its touches, in m, of which contact, and when.
+
+    It is the least of the minima of u(t), each found where u' passes through zero on the exact motion, to rounding.
+
+    Parameters
+    ----------
+    orbit : PeriodicOrbit
+    contact : str, optional
+        One contact; by default the one that comes nearest. (inf, "", nan) where there is none.
+
+    Raises
+    ------
+    InputError
+        For an unknown contact.
+    """
+    best = (math.inf, "", math.nan)
+    for i in _stops(orbit.problem, contact):
+        name = orbit.problem.dynamics.contacts[i].name
+        gap, t = _least(orbit.motion, orbit.start + orbit.T, i, float(orbit.problem.dynamics.u0[i]))
+        best = min(best, (gap, name, t))
+    return best
+
+
+def _stops(problem: Problem, contact: str | None) -> list[int]:
+    """Return the rows of the contact that is named, or of all that are no sliders."""
+    contacts = problem.dynamics.contacts
+    known = {each.name: i for i, each in enumerate(contacts) if each.r0 is None}
+    if contact is None:
+        return list(known.values())
+    if contact not in known:
+        raise InputError(nearest(str(contact), list(known), "contact"))
+    return [known[contact]]
+
+
+def _least(motion: Motion, until: float, i: int, u0: float) -> tuple[float, float]:
+    """Return the least minimum of the gap of row i with the constant u0, and when, but for its own touches."""
+    system, best = motion.system, (math.inf, math.nan)
+    name = system.dynamics.contacts[i].name
+    segments = motion.segments
+    for k, segment in enumerate(segments):
+        if i in segment.mode.closed:
+            continue
+        flow, F = system.mode(segment.mode)
+        c = system.derivatives[0, i] + system.form.D[i] @ F
+        c[system.form.constant] = u0
+        last = segments[k + 1].t0 if k + 1 < len(segments) else until
+        t, X = segment.t0, segment.X
+        touched = any(event.contact == name for event in segment.events)
+        if k and not touched:
+            best = min(best, (float(c @ X), t))
+        sign, zeros = (1.0 if c @ flow.A @ X >= 0.0 else -1.0), 0
+        while True:
+            crossing = flow.first_crossing(X, motion.scale, (sign * c @ flow.A)[None], np.array([zeros]), last - t)
+            if crossing.row < 0:
+                break
+            t, X = t + float(crossing.t.hi), crossing.state.hi
+            if sign < 0.0:
+                best = min(best, (float(c @ X), t))
+            sign, zeros = -sign, 1
+    return best
+
+
+@dataclass(frozen=True, eq=False)
+class Grazing:
+    """Where an orbit just touches a stop.
+
+    Attributes
+    ----------
+    value : float           of the parameter
+    contact : str           what is touched
+    t : float               the instant of the touch, in s
+    gap : float             the least gap of ``orbit`` in m; zero but for rounding
+    orbit : PeriodicOrbit   the orbit there
+    """
+
+    value: float
+    contact: str
+    t: float
+    gap: float
+    orbit: PeriodicOrbit
+
+
+@checked
+def grazing(
+    family: Callable[[float], Problem],
+    bracket: tuple[float, float],
+    *,
+    contact: str | None = None,
+    periods: int = 1,
+    T: float | None = None,
+    transient: int = 0,
+) -> Grazing:
+    r"""Find the value of a parameter at which a periodic orbit just touches a stop that it does not strike.
+
+    The root of the least gap along the orbit, the stop itself taken away, so that the orbit goes on beyond the touch and the
+    gap changes its sign there. Other contacts act as ever.
+
+    Parameters
+    ----------
+    family : callable
+        Takes a value and returns a Problem.
+    bracket : pair of float
+        Two values, with the stop out of reach at one of them and within reach at the other.
+    contact : str, optional
+        Name of the stop; by default the only one.
+    periods, T, transient
+        As of `periodic_orbit`.
+
+    Raises
+    ------
+    InputError
+        If the gap has the same sign at both ends, or the stop is not named where there are several.
+    LcpImpactError
+        As `periodic_orbit`.
+
+    Examples
+    --------
+    >>> from lcpimpact import grazing, load_problem
+    >>> touch = grazing(lambda f: load_problem("shaw-holmes", omega=0.8, s=1.0, f=f), (0.1, 1.0))
+    >>> f"{touch.value:.12f}", f"{((1 - 0.8**2) ** 2 + (2 * 0.05 * 0.8) ** 2) ** 0.5:.12f}"
+    ('0.368781778292', '0.368781778292')
+
+    References
+    ----------
+    Nordmark, Non-periodic motion caused by grazing incidence in an impact oscillator (1991).
+    """
+    low, high = (float(value) for value in bracket)
+    rows = _stops(family(low), contact)
+    if len(rows) != 1:
+        names = [family(low).dynamics.contacts[i].name for i in rows]
+        raise InputError(f"contact = ... must name the stop that is touched: one of {', '.join(names) or 'none'}")
+    i = rows[0]
+    orbits: dict[float, tuple[PeriodicOrbit, float, float]] = {}
+
+    def gap(value: float) -> float:
+        problem = family(value)
+        dynamics = problem.dynamics
+        u0 = dynamics.u0.copy()
+        u0[i] += FAR_GAPS * (1.0 + np.abs(u0).max())
+        orbit = find_orbit(problem, replace(dynamics, u0=u0), periods, T, transient, MAX_NEWTON_STEPS)
+        least, t = _least(orbit.motion, orbit.start + orbit.T, i, float(dynamics.u0[i]))
+        orbits[value] = orbit, least, t
+        return least
+
+    ends = gap(low), gap(high)
+    name = family(low).dynamics.contacts[i].name
+    if ends[0] * ends[1] > 0.0:
+        raise InputError(
+            f"the least gap of {name!r} is {ends[0]:.3g} m at {low:g} and {ends[1]:.3g} m at {high:g}: "
+            "a bracket must hold the stop out of reach at one end and within reach at the other"
+        )
+    value = float(brentq(gap, low, high, xtol=1e-300, rtol=4.0 * np.finfo(float).eps))
+    gap(value)
+    orbit, least, t = orbits[value]
+    return Grazing(value, name, t, least, orbit)

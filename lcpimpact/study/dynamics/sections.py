@@ -1,0 +1,449 @@
+"""Poincaré sections: stroboscopic, at impacts, and where a quantity passes a value."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from lcpimpact.arguments import check_fields, checked
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError, LcpImpactError
+from lcpimpact.hybrid.modes import ZERO, System
+from lcpimpact.hybrid.motion import Motion, begin_problem, read
+from lcpimpact.integrators.base import Integrator
+from lcpimpact.integrators.exact import Exact
+from lcpimpact.numbers import count, is_real, positive
+from lcpimpact.problems.base import Problem
+from lcpimpact.record import Event
+from lcpimpact.registry import nearest
+from lcpimpact.simulation import make_integrator, simulate
+from lcpimpact.study.dynamics.shooting import follow_exactly, force_period, refuse_power_laws
+
+BLOCK_PERIODS = 8
+"""Periods simulated at a time until enough points are found."""
+
+STEPS_PER_PERIOD = 200
+"""Default number of steps of a time-stepping method in a period of the force, or in t_end/100 without a force."""
+
+
+@dataclass(frozen=True)
+class Stroboscope:
+    """A section at a fixed phase of the force.
+
+    Parameters
+    ----------
+    phase : float
+        As a share of the period, from 0 to 1.
+    period : float, optional
+        In s; by default that of the force.
+    """
+
+    phase: float = 0.0
+    period: float | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not (is_real(self.phase) and 0.0 <= self.phase < 1.0):
+            raise InputError(f"phase = {self.phase!r} must be a share of the period, from 0 to below 1")
+        if self.period is not None:
+            positive("period", self.period, "s")
+
+
+@dataclass(frozen=True)
+class Impacts:
+    """A section at the impacts.
+
+    Parameters
+    ----------
+    contact : str, optional
+        Name of one contact; by default every one counts.
+    side : {"left", "right"}
+        Whether the state right before or right after is meant.
+    """
+
+    contact: str | None = None
+    side: str = "left"
+
+    def __post_init__(self) -> None:
+        if self.side not in ("left", "right"):
+            raise InputError(f"side = {self.side!r} must be 'left' or 'right'")
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A section where a coordinate, a velocity or a gap passes a level; a jump over it does not count.
+
+    Parameters
+    ----------
+    series : str
+        A coordinate, a velocity as v_NAME, or a contact, whose gap is meant.
+    level : float
+        In m or m/s.
+    direction : {1, -1, 0}
+        Upwards, downwards, or both.
+    """
+
+    series: str
+    level: float = 0.0
+    direction: int = 0
+
+    def __post_init__(self) -> None:
+        check_fields(self)
+        if not is_real(self.level) or self.direction not in (-1, 0, 1):
+            raise InputError(f"{self}: the level must be a number, and the direction 1, -1 or 0")
+
+
+Section = Stroboscope | Impacts | Crossing
+
+
+@checked
+def section_of(text: str | Section) -> Section:
+    """Return the section that a text tells, as on the command line.
+
+    Parameters
+    ----------
+    text : str or Section
+        ``force`` or ``force:0.25`` (at a phase), ``impact`` or ``impact:R`` (of one contact), ``x=0.1`` (a crossing),
+        ``x>0.1`` (upwards) or ``x<0.1`` (downwards).
+
+    Raises
+    ------
+    InputError
+        For any other text.
+
+    Examples
+    --------
+    >>> section_of("force:0.25")
+    Stroboscope(phase=0.25, period=None)
+    >>> section_of("v_x>0")
+    Crossing(series='v_x', level=0.0, direction=1)
+    """
+    if isinstance(text, (Stroboscope, Impacts, Crossing)):
+        return text
+    word, _, more = str(text).partition(":")
+    if word == "force" and (phase := _number(more or "0")) is not None:
+        return Stroboscope(phase)
+    if word == "impact":
+        return Impacts(more or None)
+    found = re.fullmatch(r"(.+?)\s*([=<>])\s*(\S+)", str(text))
+    if found and (level := _number(found[3])) is not None:
+        return Crossing(found[1], level, {"=": 0, ">": 1, "<": -1}[found[2]])
+    raise InputError(
+        f"section {text!r} must read force, force:PHASE, impact, impact:CONTACT, x=LEVEL, x>LEVEL or x<LEVEL"
+    )
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+class Points(NamedTuple):
+    """Where a motion meets a section: t (k,), q and v (k, n), and the speed of the impact at or before each point (k,).
+
+    ``last`` is q and v (2, n) at the last whole period of the force, or the last point: where another run can go on.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    speed: Array
+    last: Array
+
+    def after(self, count: int) -> Points:
+        """Return the points after the first ones."""
+        return Points(self.t[count:], self.q[count:], self.v[count:], self.speed[count:], self.last)
+
+
+@checked
+def poincare(
+    problem: Problem,
+    section: str | Section = "force",
+    *,
+    transient: int = 0,
+    crossings: int = 200,
+    t_end: float | None = None,
+    method: str | Integrator = "exact",
+    dt: float | None = None,
+    **method_options: Any,
+) -> pd.DataFrame:
+    """Return the points at which a motion meets a section.
+
+    With ``exact`` they are found to rounding, and none is missed; a method that steps is read on its own grid, between whose
+    points coordinates are lines.
+
+    Parameters
+    ----------
+    problem : Problem
+    section : str or Section
+        `Stroboscope`, `Impacts`, `Crossing`, or a text as of `section_of`.
+    transient, crossings : int
+        So many points are left out first, and so many kept.
+    t_end : float, optional
+        Latest time in s; by default four periods of the force a point, or without force the problem's t_end a point. The
+        table is shorter where this is not enough.
+    method : str or Integrator
+        ``exact``, or any method that steps.
+    dt : float, optional
+        Step in s of such a method; by default 200 a period.
+    **method_options
+        Options of the method.
+
+    Returns
+    -------
+    DataFrame
+        One row a point: ``point`` (from 0), ``t`` (s), ``phase`` (share of the period of the force, NaN without), the
+        coordinates (m), the velocities (m/s, ``v_NAME``), ``speed`` (m/s, of the impact at the point, or the last before).
+
+    Raises
+    ------
+    LcpImpactError
+        If the section does not fit the problem, or the run fails.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, poincare
+    >>> table = poincare(load_problem("shaw-holmes"), "impact", transient=60, crossings=2)
+    >>> table["speed"].round(7).tolist()
+    [0.5006725, 0.5006725]
+    """
+    where = section_of(section)
+    points, force = find_points(problem, where, transient, crossings, t_end, method, dt, method_options)
+    table = table_of(problem, points, force)
+    table.attrs = described(problem.name, where, method, transient)
+    return table
+
+
+def described(problem: str, where: Section, method: str | Integrator, transient: int) -> dict[str, Any]:
+    """Return what a table of points says of its origin."""
+    name = method if isinstance(method, str) else method.name
+    return {"problem": problem, "section": str(where), "method": name, "transient": transient}
+
+
+def find_points(
+    problem: Problem,
+    where: Section,
+    transient: int,
+    crossings: int,
+    t_end: float | None,
+    method: str | Integrator,
+    dt: float | None,
+    options: dict[str, Any],
+) -> tuple[Points, float | None]:
+    """Return the points that are kept, and the period of the force."""
+    force = _checked(problem, where)
+    count("transient", transient, least=0)
+    count("crossings", crossings)
+    need = transient + crossings
+    end = t_end if t_end is not None else _latest(problem, where, force, need)
+    positive("t_end", end, "s")
+    integrator = make_integrator(method, options)
+    if isinstance(integrator, Exact):
+        found = _by_exact(problem, where, force, need, end, integrator.max_events)
+    else:
+        found = _by_steps(problem, where, force, need, end, integrator, dt)
+    return found.after(transient), force
+
+
+def _whole_period(times: Array, force: float | None) -> float:
+    """Return the last whole period of the force at or before the last time, or without force that time; 0 without times."""
+    end = float(times[-1]) if len(times) else 0.0
+    return end if force is None else math.floor(end / force * (1.0 + 1e-12)) * force
+
+
+def _checked(problem: Problem, where: Section) -> float | None:
+    """Return the period of the force, after a look at whether the section fits the problem."""
+    d = problem.dynamics
+    names = [contact.name for contact in d.contacts]
+    if isinstance(where, Stroboscope):
+        force = where.period or force_period(d)
+        if force is None:
+            raise InputError(
+                f"{problem.name} has no force with a period: give Stroboscope(period=...) or another section"
+            )
+        return force
+    if isinstance(where, Impacts):
+        if where.contact is not None and where.contact not in names:
+            raise InputError(nearest(where.contact, names, "contact"))
+        if not any(contact.relative_degree == 2 and contact.r0 is None for contact in d.contacts):
+            raise InputError(f"{problem.name} has no impacts, whose plates would both have mass: take another section")
+    else:
+        known = [*d.nodes, *(f"v_{node}" for node in d.nodes), *names]
+        if where.series not in known:
+            raise InputError(nearest(where.series, known, "series"))
+    try:
+        return force_period(d)
+    except LcpImpactError:
+        return None
+
+
+def _latest(problem: Problem, where: Section, force: float | None, need: int) -> float:
+    """Return a time by which so many points should have been met."""
+    if isinstance(where, Stroboscope):
+        return need * float(force or 0.0) + where.phase * float(force or 0.0)
+    return need * (problem.t_end if force is None else 4.0 * force)
+
+
+def _instants(where: Stroboscope, force: float, need: int, end: float) -> Array:
+    """Return the times of a stroboscope; the start of the motion is none of them."""
+    t = (np.arange(need) + (where.phase or 1.0)) * force
+    return np.asarray(t[t <= end * (1.0 + 1e-12)])
+
+
+def _by_exact(problem: Problem, where: Section, force: float | None, need: int, end: float, max_events: int) -> Points:
+    """Follow the exact motion until it has met the section often enough, or to the end."""
+    refuse_power_laws(problem)
+    motion = begin_problem(problem, "exact", end, max_events=max_events)
+    block = BLOCK_PERIODS * (force or problem.t_end)
+    reached = 0.0
+    if isinstance(where, Stroboscope):
+        times = np.minimum(_instants(where, float(force or 0.0), need, end), end)
+        follow_exactly(motion, problem, end)
+        return _read_at(motion, times, "right", force)
+    times = np.zeros(0)
+    while reached < end and len(times) < need:
+        reached = min(reached + block, end)
+        follow_exactly(motion, problem, reached)
+        if isinstance(where, Impacts):
+            hits = impacts_of(motion.events, where.contact)
+            times = np.array([event.t for event in hits])
+        else:
+            times = _crossings(motion, where, reached)
+        block *= 2.0
+    return _read_at(motion, times[:need], where.side if isinstance(where, Impacts) else "right", force)
+
+
+def impacts_of(events: Iterable[Event], contact: str | None) -> list[Event]:
+    """Return the impacts among events, of one contact or of all."""
+    return [event for event in events if event.kind == "impact" and contact in (None, event.contact)]
+
+
+def _read_at(motion: Motion, times: Array, side: str, force: float | None) -> Points:
+    segments = tuple(motion.segments)
+    q, v, _ = read(motion.system, segments, times, side)
+    q_last, v_last, _ = read(motion.system, segments, np.array([_whole_period(times, force)]), "right")
+    speed = impact_speeds(motion.system.dynamics, motion.events, times)
+    return Points(times, q, v, speed, np.concatenate([q_last, v_last]))
+
+
+def impact_speeds(dynamics: Any, events: Sequence[Event], times: Array) -> Array:
+    """Return -U⁻ of the last impact at or before each time, NaN where there is none."""
+    names = [contact.name for contact in dynamics.contacts]
+    hits = impacts_of(events, None)
+    at = np.array([event.t for event in hits])
+    speed = np.array([np.nan, *(-dynamics.gap_rate(event.left.v)[names.index(event.contact)] for event in hits)])
+    return np.asarray(speed[np.searchsorted(at, times, side="right")])
+
+
+def _crossings(motion: Motion, where: Crossing, until: float) -> Array:
+    """Return the times at which a series passes its level: every one, by the convex hulls of its windows."""
+    system, found = motion.system, []
+    was = 0.0
+    for k, segment in enumerate(motion.segments):
+        last = motion.segments[k + 1].t0 if k + 1 < len(motion.segments) else until
+        flow, F = system.mode(segment.mode)
+        c = _row(system, where.series, flow.A, F)
+        c[system.form.constant] -= where.level
+        t, X = segment.t0, segment.X
+        sign, zeros = _sign(c, flow.A, X, motion.scale)
+        if was * sign < 0.0 and zeros and sign * where.direction >= 0.0:
+            found.append(t)
+        while sign and t < last:
+            crossing = flow.first_crossing(X, motion.scale, (sign * c)[None], np.array([zeros]), last - t)
+            if crossing.row < 0:
+                break
+            t, X = t + float(crossing.t.hi), crossing.state.hi
+            sign, zeros = -sign, 1
+            if sign * where.direction >= 0.0:
+                found.append(t)
+        was = sign
+    return np.array(found)
+
+
+def _row(system: System, series: str, A: Array, F: Array) -> Array:
+    """Return the row that reads a coordinate, a velocity or a gap off the state in a mode (N,)."""
+    nodes = system.dynamics.nodes
+    Q, Qr = system.read
+    if series in nodes:
+        return np.asarray((Q + Qr @ F)[nodes.index(series)])
+    if series.startswith("v_") and series[2:] in nodes:
+        return np.asarray(((Q + Qr @ F) @ A)[nodes.index(series[2:])])
+    names = [contact.name for contact in system.dynamics.contacts]
+    return np.asarray((system.derivatives[0] + system.form.D @ F)[names.index(series)])
+
+
+def _sign(c: Array, A: Array, X: Array, scale: Array) -> tuple[float, int]:
+    """Return the sign of c·X right after an instant, and the order of the zero that it has there."""
+    for order in range(len(X)):
+        if abs(c @ X) > ZERO * (np.abs(c) @ scale):
+            return float(np.sign(c @ X)), order
+        c = c @ A
+    return 0.0, 0
+
+
+def _by_steps(
+    problem: Problem,
+    where: Section,
+    force: float | None,
+    need: int,
+    end: float,
+    method: Integrator,
+    dt: float | None,
+) -> Points:
+    """Run a method that steps, and read its grid."""
+    h = (force or problem.t_end / 100.0) / STEPS_PER_PERIOD if dt is None else dt
+    positive("dt", h, "s")
+    steps = max(1, math.ceil(end / h * (1.0 - 1e-12)))
+    run = simulate(problem, method, dt=end / steps, t_end=end, progress=False)
+    side = "right"
+    if isinstance(where, Stroboscope):
+        times = np.minimum(_instants(where, float(force or 0.0), need, end), run.t[-1])
+    elif isinstance(where, Impacts):
+        side = where.side
+        hits = impacts_of(run.events, where.contact)[:need]
+        q, v = (
+            np.array([getattr(getattr(event, side), name) for event in hits]).reshape(len(hits), run.q.shape[1])
+            for name in ("q", "v")
+        )
+        times = np.array([event.t for event in hits])
+        last = run.sample(min(_whole_period(times, force), float(run.t[-1])))
+        return Points(times, q, v, impact_speeds(problem.dynamics, run.events, times), np.concatenate([last.q, last.v]))
+    else:
+        names = [contact.name for contact in problem.dynamics.contacts]
+        gap = where.series in names
+        y = problem.dynamics.gap(run.q)[:, names.index(where.series)] if gap else run[where.series]
+        y = y - where.level
+        up, down = (y[:-1] < 0.0) & (y[1:] >= 0.0), (y[:-1] > 0.0) & (y[1:] <= 0.0)
+        j = np.flatnonzero({1: up, -1: down, 0: up | down}[where.direction])
+        times = run.t[j] + y[j] / (y[j] - y[j + 1]) * np.diff(run.t)[j]
+    times = times[:need]
+    state, last = run.sample(times, side), run.sample(min(_whole_period(times, force), float(run.t[-1])))
+    speed = impact_speeds(problem.dynamics, run.events, times)
+    return Points(times, state.q, state.v, speed, np.concatenate([last.q, last.v]))
+
+
+def table_of(problem: Problem, points: Points, force: float | None) -> pd.DataFrame:
+    """Return the points as a table, one row a point."""
+    nodes = problem.dynamics.nodes
+    columns: dict[str, Any] = {
+        "point": np.arange(len(points.t)),
+        "t": points.t,
+        "phase": np.full(len(points.t), np.nan) if force is None else _phase(points.t / force),
+    }
+    columns |= {node: points.q[:, i] for i, node in enumerate(nodes)}
+    columns |= {f"v_{node}": points.v[:, i] for i, node in enumerate(nodes)}
+    return pd.DataFrame(columns | {"speed": points.speed})
+
+
+def _phase(turns: Array) -> Array:
+    """Return the share of the period, 0 where rounding makes it just less than 1."""
+    share = np.mod(turns, 1.0)
+    return np.asarray(np.where(share > 1.0 - 1e-9, 0.0, share))
