@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from inspect import isabstract
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Grid, Record
 from lcpimpact.scheme.dynamics import Feature
+
+if TYPE_CHECKING:
+    from lcpimpact.hybrid.motion import Motion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +76,7 @@ class Declared:
     drift : float                   nodes without mass may be moved by hand: so many times what a step changes
     dissipates : bool               whether impacts never leave a system with more energy than it began with
     adaptive : str                  how it chooses its steps, "" where they are those of dt
+    accuracy : float                relative error of a run with its finest settings, as a reference for others
     source : str                    where it is from
     """
 
@@ -96,7 +100,13 @@ class Declared:
     drift: float = 0.0
     dissipates: bool
     adaptive: str = ""
+    accuracy: float = 1e-5
     source: str
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether its error is rounding, whatever dt is."""
+        return math.isinf(self.order_smooth) and not self.adaptive
 
     @property
     def orders(self) -> dict[str, str]:
@@ -140,6 +150,11 @@ class Integrator(ABC):
     """The rule of the step, by name: methods of one family do not confirm each other. "" for a rule of its own."""
     mode_choice: ClassVar[str] = ""
     """What chooses the contact mode, where methods of several families share it; "" where the step itself does."""
+    tolerances: ClassVar[tuple[str, ...]] = ("tol", "max_iter", "max_events", "max_newton", "rtol", "atol")
+    """Options that do not change the orders that are declared."""
+    rtol: float | None = None
+    """The tolerance by which it chooses its steps, None where they are those of dt; an option of adaptive methods."""
+    atol: float | None = None
 
     @abstractmethod
     def reaction_times(self, grid: Grid) -> Array:
@@ -174,6 +189,16 @@ class Integrator(ABC):
             balances_energy=declared.balances_energy,
             relative_degrees=declared.relative_degrees,
         )
+
+    def with_tolerance(self, rtol: float) -> Self:
+        """Return the method with another rtol, and with an atol that keeps its ratio to it."""
+        scaled = {} if self.atol is None or self.rtol is None else {"atol": self.atol * rtol / self.rtol}
+        changed: Self = replace(cast(Any, self), rtol=rtol, **scaled)
+        return changed
+
+    def motion(self, problem: Problem, end: float) -> Motion | None:
+        """Return the exact motion up to an instant, to be followed as far as is wanted; None of a method that steps."""
+        return None
 
     def dense(self, carry: Any) -> ContinuousSolution | None:
         """Return the solution as a function of time, where the method has one."""

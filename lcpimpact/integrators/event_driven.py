@@ -428,6 +428,7 @@ class EventDriven(Integrator):
         energy="to the tolerance",
         balances_energy=True,
         dissipates=True,
+        accuracy=1e-9,
         source="Pfeiffer and Glocker (1996)",
         adaptive="by the error control of the SciPy solver; dt is the spacing of the output",
     )

@@ -66,11 +66,16 @@ class Exact(Integrator):
         energy="exact",
         balances_energy=True,
         dissipates=True,
+        accuracy=1e-12,
         source="modes by the linear dynamic complementarity problem: van der Schaft and Schumacher (1998)",
     )
 
     def __post_init__(self) -> None:
         count("max_events", self.max_events)
+
+    def motion(self, problem: Problem, end: float) -> Motion:
+        """Return the motion up to an instant."""
+        return begin_problem(problem, "exact", end, max_events=self.max_events)
 
     def reaction_times(self, grid: Grid) -> Array:
         """Return the grid."""

@@ -20,7 +20,8 @@ import pandas as pd
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError, LcpImpactError
-from lcpimpact.integrators.base import Integrator
+from lcpimpact.integrators import METHODS
+from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.numbers import count, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.penalty import penalized
@@ -47,12 +48,6 @@ CLEAR = 1e-6
 PRIMES_TRIED = 50
 """Where events stand so dense that none of so many primes is clear of them, the first is taken."""
 
-FLOORS = {"exact": 1e-12, "event-driven": 1e-9, "radau-fesd": 1e-9}
-"""Errors this small, relative to the scale of the norm, may be those of the reference, by its method."""
-
-FLOOR = 1e-5
-"""The same of any other reference."""
-
 SCALES: dict[str, Callable[[Trajectory], float]] = {
     "sup_q": lambda truth: float(np.abs(truth.q).max()),
     "l1_v": lambda truth: float(np.abs(truth.v).max() * truth.t[-1]),
@@ -65,9 +60,6 @@ SCALES: dict[str, Callable[[Trajectory], float]] = {
     "complementarity": lambda truth: truth.certificate.energy_scale,
 }
 """What an error in a norm is to be compared with."""
-
-HARMLESS = ("tol", "max_iter", "max_events", "max_newton", "rtol", "atol")
-"""Options that leave the order of a method what it declares; with others it declares nothing."""
 
 TAKEN = ("inner_steps", "solver_steps", "elements")
 """How methods that choose their steps call the number that they took."""
@@ -136,7 +128,7 @@ def limits_of(truth: Trajectory) -> tuple[Limit, ...]:
 
 
 def floor_of(reference: str, norm: str) -> float:
-    """Return up to which error, relative to the scale of a norm, runs may agree with a reference of that name by chance.
+    """Return the error of a reference of that name, relative to the scale of a norm, below which no error is seen.
 
     In the L2 norm of v a jump that comes late by δ counts as δ^(1/2).
 
@@ -145,7 +137,8 @@ def floor_of(reference: str, norm: str) -> float:
     >>> floor_of("exact", "sup_q"), floor_of("event-driven (rtol=1e-12, atol=1e-14)", "sup_q"), floor_of("exact", "l2_v")
     (1e-12, 1e-09, 1e-06)
     """
-    floor = FLOORS.get(reference.replace("(", " ").split(" ")[0], FLOOR)
+    method = METHODS.get(reference.replace("(", " ").split(" ")[0])
+    floor = Declared.accuracy if method is None else method.declared.accuracy
     return math.sqrt(floor) if norm == "l2_v" else floor
 
 
@@ -160,7 +153,7 @@ def declared_order(integrator: Integrator, limits: Sequence[Limit]) -> float:
     >>> declared_order(MoreauJean(), (SMOOTH, JUMP)), declared_order(MoreauJean(theta=1.0), (SMOOTH, JUMP))
     (2.0, nan)
     """
-    if COMPLIANT in limits or not all(option in HARMLESS for option in _chosen(integrator)):
+    if COMPLIANT in limits or not all(option in integrator.tolerances for option in _chosen(integrator)):
         return math.nan
     return float(min(getattr(integrator.declared, limit.order) for limit in limits))
 
@@ -488,25 +481,12 @@ def _tasks(
     for law, k, variant in variants:
         for label, integrator in methods.items():
             truth, grid = truths[integrator.name], grids[integrator.name]
-            chooses = getattr(integrator, "rtol", None) is not None
-            by_tolerance = [_with_tolerance(integrator, rtol) for rtol in rtols] if chooses else []
-            if by_tolerance or (rtols and _exact(integrator)):
+            by_tolerance = [] if integrator.rtol is None else [integrator.with_tolerance(rtol) for rtol in rtols]
+            if by_tolerance or (rtols and integrator.declared.is_exact):
                 grid = [min(grid)]
             for each in by_tolerance or [integrator]:
                 for steps in grid:
                     yield Task(label, each, law, k, variant, t_end, steps, truth)
-
-
-def _exact(integrator: Integrator) -> bool:
-    return math.isinf(integrator.declared.order_smooth) and not integrator.declared.adaptive
-
-
-def _with_tolerance(integrator: Integrator, rtol: float) -> Integrator:
-    """Return the method with another rtol, and an atol that keeps its ratio to it."""
-    now: Any = integrator
-    atol = getattr(now, "atol", None)
-    other: Integrator = replace(now, rtol=rtol, **({} if atol is None else {"atol": atol * rtol / now.rtol}))
-    return other
 
 
 def _simulate(task: Task, lcp_solver: str) -> Trajectory:
@@ -522,7 +502,7 @@ def _simulate(task: Task, lcp_solver: str) -> Trajectory:
 
 def _first(task: Task, norms: Sequence[str], lcp_solver: str) -> dict[str, Any]:
     """Run a task for the first time, and return its row."""
-    rtol = getattr(task.integrator, "rtol", None)
+    rtol = task.integrator.rtol
     limits = limits_of(task.truth.trajectory) if isinstance(task.truth, Reference) else ()
     row: dict[str, Any] = {
         "method": task.method,

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -252,7 +252,6 @@ def _by_solver(
 
 
 def _by_method(problem: Problem, label: str, integrator: Integrator, counts: tuple[int, ...], t_end: float) -> Route:
-    chosen: Any = integrator
     declared = integrator.declared
     instants = _instants(counts, t_end)
     family, mode_choice = _family(integrator), integrator.mode_choice
@@ -274,11 +273,10 @@ def _by_method(problem: Problem, label: str, integrator: Integrator, counts: tup
         q = trajectory.sample(np.minimum(times, trajectory.t[-1])).q if adaptive else _thin(trajectory.q)
         return _reading(problem, trajectory, q, np.minimum(instants, trajectory.t[-1])), trajectory
 
-    if hasattr(chosen, "rtol") and chosen.rtol is not None:
+    if integrator.rtol is not None:
 
         def by_tolerance(rtol: float) -> tuple[Reading, Trajectory | None]:
-            options = {"rtol": rtol, **({"atol": chosen.atol * rtol / chosen.rtol} if hasattr(chosen, "atol") else {})}
-            return run(replace(chosen, **options), located if math.isinf(declared.order_smooth) else POINTS)
+            return run(integrator.with_tolerance(rtol), located if math.isinf(declared.order_smooth) else POINTS)
 
         return Route(label, RTOLS, by_tolerance, integrator, "tolerance", family, mode_choice)
 

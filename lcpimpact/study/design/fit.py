@@ -36,6 +36,7 @@ from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.files import reading, word_of
+from lcpimpact.integrators import METHODS
 from lcpimpact.numbers import count, is_real, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.reading import read
@@ -47,10 +48,8 @@ from lcpimpact.trajectory import Trajectory
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
 
-STEPS = {"exact": 200, "event-driven": 200}
-"""Steps of a run where nobody gave dt: spacing of the output for these methods, and `FINE` for all others."""
-
-FINE = 2000
+SAMPLES, STEPS = 200, 2000
+"""Default numbers of points of a run whose error does not depend on dt, and of steps of all others."""
 
 STEP = 1e-6
 """Of the differences of the Jacobian: of a logarithm, or relative to a parameter."""
@@ -264,7 +263,7 @@ def fit(
         raise InputError(
             f"fit: the data last until {measured.last:g} s, and t_end = {end:g} s: run longer, or cut the data"
         )
-    dt = dt or end / STEPS.get(method, FINE)
+    dt = dt or end / (SAMPLES if math.isinf(METHODS[method].declared.order_smooth) else STEPS)
     counted = [0]
 
     def model(θ: Array) -> Array:

@@ -15,9 +15,8 @@ from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, LcpImpactError
 from lcpimpact.hybrid.modes import ZERO, System
-from lcpimpact.hybrid.motion import Motion, begin_problem, read
+from lcpimpact.hybrid.motion import Motion, read
 from lcpimpact.integrators.base import Integrator
-from lcpimpact.integrators.exact import Exact
 from lcpimpact.numbers import count, is_real, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event
@@ -246,10 +245,13 @@ def find_points(
     end = t_end if t_end is not None else _latest(problem, where, force, need)
     positive("t_end", end, "s")
     integrator = make_integrator(method, options)
-    if isinstance(integrator, Exact):
-        found = _by_exact(problem, where, force, need, end, integrator.max_events)
-    else:
+    if integrator.declared.is_exact:
+        refuse_power_laws(problem)
+    motion = integrator.motion(problem, end)
+    if motion is None:
         found = _by_steps(problem, where, force, need, end, integrator, dt)
+    else:
+        found = _on_motion(motion, problem, where, force, need)
     return found.after(transient), force
 
 
@@ -298,10 +300,9 @@ def _instants(where: Stroboscope, force: float, need: int, end: float) -> Array:
     return np.asarray(t[t <= end * (1.0 + 1e-12)])
 
 
-def _by_exact(problem: Problem, where: Section, force: float | None, need: int, end: float, max_events: int) -> Points:
+def _on_motion(motion: Motion, problem: Problem, where: Section, force: float | None, need: int) -> Points:
     """Follow the exact motion until it has met the section often enough, or to the end."""
-    refuse_power_laws(problem)
-    motion = begin_problem(problem, "exact", end, max_events=max_events)
+    end = motion.end
     block = BLOCK_PERIODS * (force or problem.t_end)
     reached = 0.0
     if isinstance(where, Stroboscope):
