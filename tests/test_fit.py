@@ -421,10 +421,10 @@ def test_the_command_refuses_in_one_line(tmp_path, capsys):
 
 def test_a_difference_that_crosses_a_jump_is_left_out():
     """r = 2 θ, with a jump just above and, of the second number, just below where the derivative is taken."""
-    from lcpimpact.study.design.fit import _jacobian
+    from lcpimpact.study.design.fit import jacobian_by_differences
 
     def residuals(θ):
         return np.array([2.0 * θ[0] + (θ[0] > 1.0 + 1e-7), 2.0 * θ[0] + (θ[0] < 1.0 - 1e-7), 2.0 * θ[0]])
 
-    J = _jacobian(residuals, np.array([1.0]), (np.array([-math.inf]), np.array([math.inf])))
+    J = jacobian_by_differences(residuals, np.array([1.0]), (np.array([-math.inf]), np.array([math.inf])))
     assert J[:, 0] == pytest.approx([2.0, 2.0, 2.0], rel=1e-6)

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from test_event_reference import column
 
 import lcpimpact as li
-from lcpimpact.integrators.radau_fesd import RadauFESD, _crossing
+from lcpimpact.integrators.radau_fesd import RadauFESD, first_crossing
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.problems.reference import KNOWN
@@ -432,12 +432,12 @@ def test_the_first_crossing_is_the_one_that_counts():
     # Rows 0, 1 and 2: above for ever, below after 0.75, below after 0.25; row 3 is below from the start.
     lines = np.array([[1.0 + 0.1 * i for i in range(6)], np.linspace(0.75, -0.25, 6), np.linspace(0.25, -0.75, 6)])
     zeros, safe, noise = np.zeros(3, dtype=np.int64), np.array([True, False, False]), np.full(3, 1e-12)
-    row, where = _crossing(lines, lines, safe, zeros, noise)
+    row, where = first_crossing(lines, lines, safe, zeros, noise)
     assert row == 2
     assert_allclose(where, 0.25, rtol=1e-12)
     gone = np.vstack([lines, np.linspace(-0.1, -1.0, 6)])
-    assert _crossing(gone, gone, np.append(safe, False), np.zeros(4, dtype=np.int64), np.full(4, 1e-12)) == (3, 0.0)
-    assert _crossing(lines[:1], lines[:1], np.array([False]), zeros[:1], noise[:1]) is None
+    assert first_crossing(gone, gone, np.append(safe, False), np.zeros(4, dtype=np.int64), np.full(4, 1e-12)) == (3, 0.0)
+    assert first_crossing(lines[:1], lines[:1], np.array([False]), zeros[:1], noise[:1]) is None
 
 
 def test_what_is_not_handled_is_refused_by_name():

@@ -646,7 +646,7 @@ class RadauFESD(Integrator):
         safe, reduced, b = elements.safe(table, X, run.scale, run.zeros, none)
         if safe.all():
             return self._take(run, record, t, length, table), length, False
-        crossing = _crossing(b[0], reduced[0], safe[0], run.zeros, elements.noise(run.scale))
+        crossing = first_crossing(b[0], reduced[0], safe[0], run.zeros, elements.noise(run.scale))
         if crossing is None:
             return Status.SOLVED, 0.0, False
         row, guess = crossing
@@ -709,7 +709,7 @@ class RadauFESD(Integrator):
         )
 
 
-def _crossing(b: Array, reduced: Array, safe: Flags, zeros: Indices, noise: Array) -> tuple[int, float] | None:
+def first_crossing(b: Array, reduced: Array, safe: Flags, zeros: Indices, noise: Array) -> tuple[int, float] | None:
     """Return the row that seems to end a mode first on an element, and where on [0, 1], from its Bernstein coefficients."""
     found: list[tuple[float, int]] = []
     for row in map(int, np.flatnonzero(~safe)):

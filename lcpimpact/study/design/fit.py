@@ -395,7 +395,7 @@ def _check_settings(sampling: str, loss: str, starts: int, level: float, sigma: 
 
 def _search(residuals: Callable[[Array], Array], θ: Array, limits: tuple[Array, Array], loss: str) -> Any:
     def jacobian(θ: Array) -> Array:
-        return _jacobian(residuals, θ, limits)
+        return jacobian_by_differences(residuals, θ, limits)
 
     settings: dict[str, Any] = {
         "jac": jacobian, "bounds": limits, "x_scale": np.maximum(np.abs(θ), 1.0),
@@ -408,7 +408,7 @@ def _search(residuals: Callable[[Array], Array], θ: Array, limits: tuple[Array,
     return least_squares(residuals, found.x, loss=loss, f_scale=max(usual, 1e-12), **settings)
 
 
-def _jacobian(residuals: Callable[[Array], Array], θ: Array, limits: tuple[Array, Array]) -> Array:
+def jacobian_by_differences(residuals: Callable[[Array], Array], θ: Array, limits: tuple[Array, Array]) -> Array:
     """Return ∂r/∂θ by differences to both sides; where they disagree, one has crossed a jump, and the smaller is taken."""
     here, columns = residuals(θ), []
     for j, x in enumerate(θ):
