@@ -38,7 +38,7 @@ from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.event_driven import EventDriven
 from lcpimpact.study.accuracy.convergence import convergence, work_precision
 from lcpimpact.study.accuracy.norms import NORMS
-from lcpimpact.study.accuracy.orders import COUNTS, EVENT_BAND, RARER, SMOOTH_BAND, observed_orders
+from lcpimpact.study.accuracy.orders import COARSER_COUNTS, COUNTS, EVENT_BAND, SMOOTH_BAND, observed_orders
 from lcpimpact.study.accuracy.reference import reference
 
 CSV = Path(__file__).parent / "table.csv"
@@ -128,7 +128,7 @@ UNJUDGED = {
 
 def counts_of(order: float) -> Iterator[tuple[int, ...]]:
     """Yield step counts that suit an order, the finest first."""
-    yield from [MANY] if order <= 2.0 or math.isinf(order) else RARER
+    yield from [MANY] if order <= 2.0 or math.isinf(order) else COARSER_COUNTS
 
 
 def judged(title: str, method: str) -> pd.DataFrame:

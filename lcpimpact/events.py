@@ -12,11 +12,11 @@ from lcpimpact.arrays import Array, Flags
 from lcpimpact.record import SLIPS, ContinuousSolution, Event, Record, State
 from lcpimpact.scheme.dynamics import Contact, Dynamics
 
-TOUCH = 8.0 * np.finfo(float).eps
-"""An approach up to this, relative to the terms of its sum, is rounding."""
+TOUCH_RTOL = 8.0 * np.finfo(float).eps
+"""Approach, relative to the terms of its sum, below which it is rounding."""
 
-ROOT = 4.0 * float(np.finfo(float).eps)
-"""To this, relative to t, are instants found."""
+ROOT_RTOL = 4.0 * float(np.finfo(float).eps)
+"""Tolerance of instants, relative to t."""
 
 Reading = Callable[[float], tuple[Array, Array]]
 """Takes a time, and returns q and v (1, n)."""
@@ -96,7 +96,7 @@ def events_of_springs(dynamics: Dynamics, record: Record, dense: ContinuousSolut
         cuts = np.unique(np.concatenate([t, dense.cuts[(dense.cuts > t[0]) & (dense.cuts < t[-1])]]))
         samples = np.concatenate([cuts[:1], 0.5 * (cuts[1:] + cuts[:-1]), cuts[-1:]])
         q, v, _ = dense.read(samples, "right")
-    touch = TOUCH * (np.abs(q).max(axis=0) @ np.abs(dynamics.directions).T + np.abs(dynamics.power_laws[:, 0]))
+    touch = TOUCH_RTOL * (np.abs(q).max(axis=0) @ np.abs(dynamics.directions).T + np.abs(dynamics.power_laws[:, 0]))
     pushing = _pressed(dynamics, touch, q, v) > 0.0
     pushing[0] |= (dynamics.approach(q[0]) >= -touch) & pushing[1]
     for k, a in np.argwhere(pushing[1:] != pushing[:-1]):
@@ -108,7 +108,7 @@ def events_of_springs(dynamics: Dynamics, record: Record, dense: ContinuousSolut
                 return float(_pressed(dynamics, touch, *read(t))[0, a])
 
             if pressed(samples[k]) * pressed(at) < 0.0:
-                at = float(brentq(pressed, samples[k], at, xtol=1e-300, rtol=ROOT))
+                at = float(brentq(pressed, samples[k], at, xtol=1e-300, rtol=ROOT_RTOL))
         left, right = _limits(record, k) if dense is None else (_state(dense, at, side) for side in ("left", "right"))
         kind = "close" if pushing[k + 1, a] else "open"
         found.append(Event(at, dynamics.springs[a].name, kind, left, right))

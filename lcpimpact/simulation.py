@@ -27,18 +27,18 @@ from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.trajectory import Trajectory
 
 BLOCK_SECONDS = 0.1
-"""Blocks grow until one takes about this long: often enough for progress and Ctrl-C, rarely enough to cost nothing."""
+"""Duration to which blocks of steps grow: short enough for progress and Ctrl-C, long enough to cost nothing."""
 
-WORK = 2.0
-"""A run takes about so many times the memory of its record: the rest is the sampling and the certificate."""
+MEMORY_FACTOR = 2.0
+"""Memory of a run in units of that of its record; the rest is for the sampling and the certificate."""
 
 FEWER_STEPS = "take a larger dt or a shorter t_end"
 
-MOMENT = 1e-9
-"""Impacts within this part of the time passed accumulate together."""
+ACCUMULATION_RTOL = 1e-9
+"""Time between impacts, relative to the time passed, below which they accumulate together."""
 
-SHOWN = 4
-"""Of more methods than these that could be taken instead, a refusal names the first."""
+MAX_ALTERNATIVES = 4
+"""Maximum number of alternative methods listed in an error."""
 
 
 def simulate(
@@ -151,7 +151,7 @@ def simulate(
     elif not certificate.holds:
         status = Status.VIOLATED
         others = [name for name in _able(problem.dynamics) if METHODS[name].family != integrator.family]
-        named = f" such as {' or '.join(map(repr, others[:SHOWN]))}" if others else ""
+        named = f" such as {' or '.join(map(repr, others[:MAX_ALTERNATIVES]))}" if others else ""
         message = f"{integrator.name}: {'; '.join(certificate.failures)}. {status.sentence.rstrip('.')}{named}."
     trajectory = Trajectory(
         problem,
@@ -198,9 +198,9 @@ def _run(integrator: Integrator, carry: Any, record: Record, grid: Grid, progres
 
 
 def _last_to_meet(d: Dynamics, events: tuple[Event, ...]) -> str:
-    """Return the contacts, and their nodes, whose impacts came within `MOMENT` of the last one."""
+    """Return the contacts, and their nodes, whose impacts came within `ACCUMULATION_RTOL` of the last one."""
     impacts = [event for event in events if event.kind == "impact"]
-    last = {event.contact for event in impacts if event.t >= impacts[-1].t * (1.0 - MOMENT)}
+    last = {event.contact for event in impacts if event.t >= impacts[-1].t * (1.0 - ACCUMULATION_RTOL)}
     return ", ".join(f"{c.name} ({c.upper} and {c.lower})" for c in d.contacts if c.name in last)
 
 
@@ -249,7 +249,7 @@ def _grid(dt: float, t_end: float) -> Grid:
 def _check_memory(grid: Grid, n: int, nc: int) -> None:
     """Refuse, before anything is allocated, a run that does not fit in memory."""
     record = 8.0 * (grid.steps + 1) * (1 + 2 * n + 1 + nc)  # t, q, v, and t and r of the reactions
-    check_memory(WORK * record, f"{grid.steps:,} steps do", FEWER_STEPS)
+    check_memory(MEMORY_FACTOR * record, f"{grid.steps:,} steps do", FEWER_STEPS)
 
 
 def _check_lcp_solver(integrator: Integrator, lcp_solver: str) -> None:
@@ -264,8 +264,12 @@ def _check_handled(integrator: Integrator, problem: Problem) -> None:
     missing = _missing(integrator.declared, dynamics)
     if missing:
         able = _able(dynamics)
-        names = " or ".join(map(repr, able[:SHOWN]))
-        others = f" or one of {len(able) - SHOWN} more of 'lcpimpact list methods'" if len(able) > SHOWN else ""
+        names = " or ".join(map(repr, able[:MAX_ALTERNATIVES]))
+        others = (
+            f" or one of {len(able) - MAX_ALTERNATIVES} more of 'lcpimpact list methods'"
+            if len(able) > MAX_ALTERNATIVES
+            else ""
+        )
         raise UnsupportedError(
             f"{integrator.name} does not handle {missing} of {problem.name!r}: "
             + (f"take method={names}{others}" if able else "no method that is registered does")

@@ -28,15 +28,15 @@ from lcpimpact.scheme.dynamics import Contact
 SAVED_AS = (".csv", ".npz", ".nc")
 
 EVENT_COLUMNS = ("t", "contact", "kind", "impulse")
-"""What a file has of an event beside its two limits."""
+"""Columns of an event in a file, beside those of its two limits."""
 
 ARRAYS = ("t", "q", "v", "t_reaction", "reaction")
-"""What nobody shall change in a run."""
+"""Arrays of a run, which are read-only."""
 
 SIDES = ("left", "right")
 
-SHOWN = 8
-"""Of more coordinates or reactions than these, the summary shows the first."""
+MAX_SHOWN = 8
+"""Maximum number of coordinates or reactions in the summary."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,16 +356,16 @@ class Trajectory:
             f"  grid        t = {self.t[0]:g} ... {self.t[-1]:g} s in {len(self.t) - 1:,} steps",
         ]
         metre, newton = (" m", " N") if d.stores_energy else ("", "")
-        for i, node in enumerate(d.nodes[:SHOWN]):
+        for i, node in enumerate(d.nodes[:MAX_SHOWN]):
             q = self.q[:, i]
             lines.append(f"  {node:<10}  {q.min():.6g} ... {q.max():.6g}{metre}, at the end {q[-1]:.6g}{metre}")
-        for each, series in list(zip(d.forces, self.forces.T, strict=True))[:SHOWN]:
+        for each, series in list(zip(d.forces, self.forces.T, strict=True))[:MAX_SHOWN]:
             peak = np.abs(series).max(initial=0.0)
             kind = f"relative degree {each.relative_degree}" if isinstance(each, Contact) else "compliant"
             lines.append(f"  {each.name:<10}  at most {peak:.6g}{newton}; {kind}")
         for what, count in (("coordinates", len(d.nodes)), ("forces", len(d.forces))):
-            if count > SHOWN:
-                lines.append(f"  ...         and {count - SHOWN} more {what}")
+            if count > MAX_SHOWN:
+                lines.append(f"  ...         and {count - MAX_SHOWN} more {what}")
         balance = f"energy {c.energy_balance:.1e} of {c.energy_scale:.3g} J" if d.stores_energy else "no energy"
         shown = ", ".join(f"{event.kind} {event.contact} {event.t:.6f}" for event in self.events[:6])
         more = f", and {len(self.events) - 6} more" if len(self.events) > 6 else ""

@@ -436,7 +436,10 @@ def test_the_first_crossing_is_the_one_that_counts():
     assert row == 2
     assert_allclose(where, 0.25, rtol=1e-12)
     gone = np.vstack([lines, np.linspace(-0.1, -1.0, 6)])
-    assert first_crossing(gone, gone, np.append(safe, False), np.zeros(4, dtype=np.int64), np.full(4, 1e-12)) == (3, 0.0)
+    assert first_crossing(gone, gone, np.append(safe, False), np.zeros(4, dtype=np.int64), np.full(4, 1e-12)) == (
+        3,
+        0.0,
+    )
     assert first_crossing(lines[:1], lines[:1], np.array([False]), zeros[:1], noise[:1]) is None
 
 

@@ -22,10 +22,10 @@ from lcpimpact.hybrid.motion import Motion, Segment, begin, follow
 from lcpimpact.problems.base import GIVEN_ZERO
 from lcpimpact.record import Event
 
-SHORT = 1e-6
-"""Flights are short below this part of the longest one of the run."""
+SHORT_FLIGHT = 1e-6
+"""Flights shorter than this part of the longest one of the run are short."""
 
-KNOWN, LONG = 1e8 * float(np.finfo(float).eps), 0.1
+GAP_RESOLUTION, LONG_FLIGHT = 1e8 * float(np.finfo(float).eps), 0.1
 """They are so, too, where less than eight digits of a gap are known; but above that part of the longest one they are not."""
 
 
@@ -72,8 +72,8 @@ class Meetings:
         others[rows] = False
         if not len(rows) or not others.any():
             return 0.0
-        rounding = KNOWN * (np.abs(system.matrices[2][rows]) @ scale) / np.maximum(-rates[rows], TINY)
-        short = max(least, SHORT * self.longest, min(float(rounding.min()), LONG * self.longest))
+        rounding = GAP_RESOLUTION * (np.abs(system.matrices[2][rows]) @ scale) / np.maximum(-rates[rows], TINY)
+        short = max(least, SHORT_FLIGHT * self.longest, min(float(rounding.min()), LONG_FLIGHT * self.longest))
         return short if (t - self.last[others] < short).any() else 0.0
 
 

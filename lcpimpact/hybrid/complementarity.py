@@ -16,7 +16,7 @@ from lcpimpact.compiled import compiled, cube, f8, flags, indices, matrix, vecto
 from lcpimpact.double_double import DoubleDouble, add, eliminate, multiply, product, total
 
 FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
-"""What counts as rounding in the solution of an LCP in floats."""
+"""Rounding error in the solution of an LCP in floats, relative to it."""
 
 
 @compiled(types.Tuple((matrix, matrix, types.boolean))(cube, matrix, vector, vector, vector, vector))

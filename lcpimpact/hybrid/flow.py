@@ -33,23 +33,23 @@ from lcpimpact.double_double import EPS, DoubleDouble, add, multiply, pair, prod
 from lcpimpact.errors import InputError
 
 DEGREE = 30
-"""e / 31! = 3e-34: the remainder of a window is below the rounding of double-doubles."""
+"""Degree of the Taylor polynomial of a window: e/31! = 3e-34 is below the rounding of double-doubles."""
 
-FEW, CHUNK = 64, 20_000
-"""Windows that are examined by one call of compiled code, at first and then; between calls Ctrl-C is heard."""
+FIRST_WINDOWS, WINDOWS_PER_CALL = 64, 20_000
+"""Numbers of windows examined in the first and in each later call of compiled code; Ctrl-C is heard between calls."""
 
-GAP = 8.0
-"""Rates this much above the next are split off when what moves by them has decayed."""
+SPECTRAL_GAP = 8.0
+"""Smallest ratio of consecutive decay rates at which the faster ones are split off once they have decayed."""
 
-MOST_WINDOWS = 10**11
-"""More windows than these, which take hours, are not begun."""
+MAX_WINDOWS = 10**11
+"""Maximum number of windows of a segment, some hours of computation."""
 
 
-DECAYED = 40.0
-"""exp(-40) = 4e-18: what has decayed so far does not show in floats."""
+DECAY_EXPONENT = 40.0
+"""Exponent at which a decaying mode has vanished in floats: exp(-40) = 4e-18."""
 
-REFINEMENTS = 4
-"""Steps of Newton's method by which a splitting in floats becomes one in double-doubles."""
+NEWTON_STEPS = 4
+"""Newton steps that refine a splitting of the spectrum from floats to double-doubles."""
 
 ROUNDING = 64.0 * float(np.finfo(float).eps)
 
@@ -473,7 +473,7 @@ class Flow:
 
     @cached_property
     def slower(self) -> tuple[DoubleDouble, DoubleDouble, DoubleDouble, Flow] | None:
-        """Split off the fastest rates, |λ| at least `GAP` times the next: X = Z y + Z_f y_f, y = L X, y_f = L_f X.
+        """Split off the fastest rates, |λ| at least `SPECTRAL_GAP` times the next: X = Z y + Z_f y_f, y = L X, y_f = L_f X.
 
         Returns
         -------
@@ -482,16 +482,16 @@ class Flow:
         """
         balanced, scaling = balance(self.A)
         sizes = np.sort(np.abs(np.linalg.eigvals(balanced)))
-        gaps = np.flatnonzero(sizes[1:] > GAP * sizes[:-1])
+        gaps = np.flatnonzero(sizes[1:] > SPECTRAL_GAP * sizes[:-1])
         if len(gaps) == 0:
             return None
         n = int(gaps[-1]) + 1
-        bound = float(sizes[n]) / math.sqrt(GAP)
+        bound = float(sizes[n]) / math.sqrt(SPECTRAL_GAP)
         _, Q, count = schur(balanced, sort=lambda re, im: math.hypot(re, im) < bound)
         if count != n:
             return None
         Z = DoubleDouble.of(np.diag(scaling) @ Q)
-        for _ in range(REFINEMENTS):
+        for _ in range(NEWTON_STEPS):
             B = solve(Z, self.generator @ Z)
             up = solve_sylvester(B.hi[:n, :n], -B.hi[n:, n:], -B.hi[:n, n:])
             down = solve_sylvester(B.hi[n:, n:], -B.hi[:n, :n], -B.hi[n:, :n])
@@ -507,7 +507,7 @@ class Flow:
         rates = np.linalg.eigvals(balance(self.A)[0])
         fast = rates[np.argsort(np.abs(rates))[len(self.slower[3].A) :]]
         slowest = -float(fast.real.max())
-        return DECAYED / slowest if slowest > 0.0 else math.inf
+        return DECAY_EXPONENT / slowest if slowest > 0.0 else math.inf
 
     def cuts(self, length: float, most: int) -> tuple[Array, Flags]:
         """Return times from 0 on, ``length`` not included, and whether exp(A t) turns little from each to the next.
@@ -550,7 +550,7 @@ class Flow:
         """
         δ, lines, step = self.window, DoubleDouble.of(rows), self.step
         state, largest = np.array(DoubleDouble.of(X).parts, order="C"), np.array(scale, dtype=np.float64)
-        total, done, count = math.floor(min(horizon / δ, 1e300)) + 1, 0, FEW
+        total, done, count = math.floor(min(horizon / δ, 1e300)) + 1, 0, FIRST_WINDOWS
         zeros, entries = np.asarray(order, dtype=np.int64), entries or sparse(lines)
         while done < total:
             count = min(count, total - done)
@@ -558,8 +558,8 @@ class Flow:
             if j >= 0:
                 t = DoubleDouble(np.array(add(s * δ, s_lo * δ, (done + j) * δ, 0.0)))  # δ is a power of two
                 return Crossing(row if t.hi <= horizon else -1, t, largest, DoubleDouble(state))
-            done, count, zeros = done + count, CHUNK, np.zeros_like(zeros)
-            if total - done > MOST_WINDOWS and self.slower is None:
+            done, count, zeros = done + count, WINDOWS_PER_CALL, np.zeros_like(zeros)
+            if total - done > MAX_WINDOWS and self.slower is None:
                 raise InputError(
                     f"{horizon:.3g} s are {total:.1e} times what the motion turns in: take a shorter t_end, or moreau-jean"
                 )

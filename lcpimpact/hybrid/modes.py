@@ -51,19 +51,19 @@ from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
 from lcpimpact.scheme.signals import PiecewisePolynomial
 
 ZERO = 1e-12
-"""What counts as zero in a state of floats, relative to the terms of the sum that gave it, each taken at its largest value
-so far: a root found to rounding leaves about 1e-15 of them."""
+"""Tolerance for zero in a state of floats, relative to the terms of the sum at their largest so far: a root found to
+rounding leaves about 1e-15 of them."""
 
-REFINED = 2
-"""A correction in floats is made so often, which gives it the digits of double-doubles."""
+REFINEMENTS = 2
+"""Number of corrections in floats, which give the digits of double-doubles."""
 
-NO_LINES = np.zeros((0, 0))
+NO_PATHS = np.zeros((0, 0))
 
-BORDER = (1.0, 16.0, 256.0)
-"""So many times what counts as zero may still be rounding, where nothing else fits."""
+ZERO_FACTORS = (1.0, 16.0, 256.0)
+"""Factors on the tolerance for zero that are tried in turn until a mode fits."""
 
 FINE_ZERO = 2.0**-95
-"""What counts as zero in a state of double-doubles, likewise: a root leaves about 1e-31."""
+"""Tolerance for zero in a state of double-doubles, likewise: a root leaves about 1e-31."""
 
 
 @dataclass(frozen=True)
@@ -554,7 +554,7 @@ def _put_to_zero(system: System, constraint: DoubleDouble, X: DoubleDouble, scal
     """Return X with these rows of it put to zero."""
     # What is given, the constant and the signals, stays what it is; the rest moves in proportion to its size.
     moves = np.where(np.arange(len(X)) < system.form.constant, scale, 0.0)
-    for _ in range(REFINED):
+    for _ in range(REFINEMENTS):
         rest = (constraint @ X).hi
         if not rest.any():
             break
@@ -712,7 +712,7 @@ def _exchanged_mode(
     numpy.linalg.LinAlgError
         If no mode fits, or the one that does needs an impulse.
     """
-    for wider in BORDER:
+    for wider in ZERO_FACTORS:
         found = _exchanged(system, X, scale, held, wider * zero)
         if found is not None:
             return found
@@ -871,7 +871,7 @@ def impact(
         meeting, bounce, q, meet = approach(u, U, before, e, system.meets)
     else:
         meeting, bounce, q, meet = approach(np.zeros_like(u), U, before, e, system.meets & among)
-    lines, (G, B), toward, back = NO_LINES, (system.fine.G, system.fine.B), U, before
+    lines, (G, B), toward, back = NO_PATHS, (system.fine.G, system.fine.B), U, before
     if len(system.lines) and rates is not None and among is None:
         lines = _touching(system, DoubleDouble(u), held, scale, zero)
         speeds, known = _line_rates(system, lines, state, scale, zero), DoubleDouble.of(rates)

@@ -32,24 +32,31 @@ from lcpimpact.problems.base import GIVEN_ZERO, Problem
 from lcpimpact.record import Event
 from lcpimpact.scheme.dynamics import Dynamics
 
-STALL = 1_000
-"""So many events at one instant are no motion: the run ends as if it had reached max_events."""
+MAX_EVENTS_AT_ONCE = 1_000
+"""Maximum number of events at one instant; more end the run with MAX_EVENTS."""
 
-AT_END = 4.0 * float(np.finfo(float).eps)
+END_RTOL = 4.0 * float(np.finfo(float).eps)
 """An event this little after the end, relative to it, is one at the end, which is a float."""
 
-NEAR, KNOWN, AT_REST, STRAIGHT, MOST_IMPACTS = 2.0**-40, 2.0**-65, 2.0**-76, 1e-6, 10_000
-"""Impacts whose order is lost in rounding: gaps that double-doubles hold to nine digits, and rates that are rest, relative
-to the terms that gave them; the part of a rate by which forces may change it where they are left out; impacts this near to
-the one before, of the time passed, where they may not; and the most that are followed."""
+COLLAPSE_RTOL, GAP_RESOLUTION, REST_RTOL, BENDING_RTOL, MAX_COLLAPSE_IMPACTS = (
+    2.0**-40,
+    2.0**-65,
+    2.0**-76,
+    1e-6,
+    10_000,
+)
+"""For impacts whose order is lost in rounding: the distance in time to the impact before, relative to the time, below which
+they are followed although forces bend the flights; the gap, relative to its terms, below which it has fewer than nine
+digits; the rate, likewise, below which plates are at rest; the change of a rate by forces, relative to it, above which
+forces bend the flights; and the maximum number of impacts."""
 
-FEWEST_CUTS, MOST_CUTS = 4_000, 100_000
-"""So many instants of each segment, or of all, show the motion well enough for its balances."""
+MIN_CUTS, MAX_CUTS = 4_000, 100_000
+"""Numbers of instants that resolve each segment, and the whole motion, well enough for its balances."""
 
-RECENT, FLIGHTS, SHORT, SLOW = 64, 3, 2.0**-52, 1e-12
-"""Impacts accumulate when this many flights in a row are each shorter than SHORT of the time passed, below which instants
-cannot be told apart, and the plates meet at less than SLOW of the largest velocities of the run. Those that met within
-RECENT of such times accumulate together."""
+RECENT_FLIGHTS, MIN_FLIGHTS, SHORT_FLIGHT, SLOW_IMPACT = 64, 3, 2.0**-52, 1e-12
+"""Impacts accumulate after MIN_FLIGHTS consecutive flights, each shorter than SHORT_FLIGHT times the time passed, with
+approach rates below SLOW_IMPACT times the largest velocities. Contacts that met within RECENT_FLIGHTS such flights
+accumulate together."""
 
 
 class Unresolved(Exception):
@@ -188,7 +195,9 @@ def follow(motion: Motion, until: float) -> Status:
     """Find the segments that begin up to ``until``; a status other than SOLVED says why they end before."""
     while motion.next_event[0].hi <= until:
         segments, (t, c, X) = motion.segments, motion.next_event
-        stalled = len(segments) > STALL and np.array_equal(segments[-STALL].start.parts, t.parts)
+        stalled = len(segments) > MAX_EVENTS_AT_ONCE and np.array_equal(
+            segments[-MAX_EVENTS_AT_ONCE].start.parts, t.parts
+        )
         passed = int(motion.breakpoints.searchsorted(t.hi))
         if len(segments) - passed > motion.max_events or stalled:
             return Status.MAX_EVENTS
@@ -223,7 +232,7 @@ def _enter(motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero:
     if resolved is not None:
         first, known = resolved
         del motion.segments[first + 1 :]
-        t, X, held = _collapse(motion, t, AT_REST if known else SLOW)
+        t, X, held = _collapse(motion, t, REST_RTOL if known else SLOW_IMPACT)
         before, now = motion.segments[-1].mode, float(t.hi)
         motion.collapsed = len(motion.segments)
         mode, after, events = enter(system, now, before, X, motion.scale, motion.solver, zero=FINE_ZERO, held=held)
@@ -242,7 +251,7 @@ def _enter(motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero:
     watch = system.watch(mode)
     later = int(motion.breakpoints.searchsorted(now, side="right"))
     stop = float(motion.breakpoints[later]) if later < len(motion.breakpoints) else np.inf
-    end = motion.end * (1.0 + AT_END)
+    end = motion.end * (1.0 + END_RTOL)
     horizon = min(stop, end) - now
     crossing = flow.first_crossing(after, motion.scale, watch.rows, watch.order, horizon, watch.entries)
     motion.scale = crossing.scale
@@ -260,7 +269,7 @@ def _enter(motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero:
 
 def _accumulated(motion: Motion, t: DoubleDouble, events: list[Event]) -> Flags | None:
     """Note the impacts at t, and return the rows whose impacts have accumulated (nc,), if any: they meet without end."""
-    system, shortest = motion.system, SHORT * abs(float(t.hi))
+    system, shortest = motion.system, SHORT_FLIGHT * abs(float(t.hi))
     hit = [event for event in events if event.impulse > 0.0]
     if not hit:
         return None
@@ -275,16 +284,16 @@ def _accumulated(motion: Motion, t: DoubleDouble, events: list[Event]) -> Flags 
         flight = (t.hi - last.hi) + (t.lo - last.lo)
         motion.short[i] = motion.short[i] + 1 if flight < shortest else 0
         motion.impacts[i] = t
-        if motion.short[i] >= FLIGHTS and system.restitution[i] < 1.0:
+        if motion.short[i] >= MIN_FLIGHTS and system.restitution[i] < 1.0:
             tired.append(i)
     if not tired:
         return None
-    slow = SLOW * (np.abs(system.fine.CA.hi) @ motion.scale)
+    slow = SLOW_IMPACT * (np.abs(system.fine.CA.hi) @ motion.scale)
     before, after = (system.dynamics.gap_rate(v) for v in (hit[0].left.v, hit[0].right.v))
     if not (np.abs(before) <= slow)[tired].any():
         return None
     since = np.array([(t.hi - last.hi) + (t.lo - last.lo) for last in motion.impacts])
-    together = (motion.short > 0) & (since < RECENT * shortest) & (np.abs(after) <= slow)
+    together = (motion.short > 0) & (since < RECENT_FLIGHTS * shortest) & (np.abs(after) <= slow)
     motion.short[together] = 0
     return np.asarray(together)
 
@@ -317,7 +326,7 @@ def _resolved(motion: Motion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bo
     def opening(segment: Segment) -> tuple[Array, Flags]:
         """Return U, and which gaps have too few digits, where a segment begins."""
         u, U = _opening(motion, segment.mode, segment.state)
-        return U, system.meets & (u > 0.0) & (u < KNOWN * size)
+        return U, system.meets & (u > 0.0) & (u < GAP_RESOLUTION * size)
 
     _, unknown = opening(segments[-1])
     if not unknown.any():
@@ -330,8 +339,8 @@ def _resolved(motion: Motion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bo
     while unknown.any():
         before = segments[first - 1]
         bends = np.abs((system.fine.O @ before.state).hi[landing]) * float((t - before.start).hi)
-        if first - 1 < motion.collapsed or (bends > STRAIGHT * speed).any():
-            near = segments[-1].t0 >= float(t.hi) * (1.0 - NEAR)
+        if first - 1 < motion.collapsed or (bends > BENDING_RTOL * speed).any():
+            near = segments[-1].t0 >= float(t.hi) * (1.0 - COLLAPSE_RTOL)
             return (first, False) if near else None
         first -= 1
         U, unknown = opening(segments[first])
@@ -360,12 +369,12 @@ def _collapse(motion: Motion, t: DoubleDouble, rest: float) -> tuple[DoubleDoubl
     held = still(system, mode)
     u, U = _opening(motion, mode, X)
     size, slow = np.abs(system.fine.C.hi) @ motion.scale, rest * (np.abs(system.fine.CA.hi) @ motion.scale)
-    latest = t + RECENT * max(float((t - now).hi), SHORT * float(now.hi))
-    for _ in range(MOST_IMPACTS):
+    latest = t + RECENT_FLIGHTS * max(float((t - now).hi), SHORT_FLIGHT * float(now.hi))
+    for _ in range(MAX_COLLAPSE_IMPACTS):
         closing = rows & (U < 0.0)
         δ = (u[closing] / -U[closing]).min(initial=np.inf)
         if not (now + δ).hi <= latest.hi:
-            rests = rows & (u <= KNOWN * size) & (np.abs(U) <= slow)
+            rests = rows & (u <= GAP_RESOLUTION * size) & (np.abs(U) <= slow)
             return now, X, Still(held.u & ~rows | rests, held.U | rests, held.closed & ~rows | rests)
         meets = closing & (u <= -U * δ)
         now, X = now + δ, system.mode(mode)[0].move(X, δ)
@@ -385,7 +394,7 @@ def _collapse(motion: Motion, t: DoubleDouble, rest: float) -> tuple[DoubleDoubl
 def cuts(motion: Motion) -> tuple[Array, Flags]:
     """Return times from the start to the end (nk,), and whether the motion turns little from each to the next (nk - 1,)."""
     ends = [*(segment.t0 for segment in motion.segments[1:]), motion.end]
-    most = max(FEWEST_CUTS, MOST_CUTS // len(motion.segments))
+    most = max(MIN_CUTS, MAX_CUTS // len(motion.segments))
     found = []
     for segment, end in zip(motion.segments, ends, strict=True):
         times, little = motion.system.mode(segment.mode)[0].cuts(end - segment.t0, most)

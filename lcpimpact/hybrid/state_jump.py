@@ -30,8 +30,8 @@ from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, State
 
-TINY = 1e-12
-"""An eigenvalue this small, relative to the largest entry, is zero."""
+SINGULAR_RTOL = 1e-12
+"""Eigenvalues below this, relative to the largest entry, are zero."""
 
 
 def state_jump(B: Array, C: Array, D: Array, u: Array, solver: str = "auto") -> Array | None:
@@ -68,7 +68,7 @@ def state_jump(B: Array, C: Array, D: Array, u: Array, solver: str = "auto") -> 
     if not len(u) or solve_lcp(D, u, throw=False).success:
         return np.zeros(len(u))
     m, symmetric, W = len(u), D + D.T, C @ B
-    if np.linalg.eigvalsh(symmetric).min() < -TINY * np.abs(D).max() or not _unique(B, W, symmetric):
+    if np.linalg.eigvalsh(symmetric).min() < -SINGULAR_RTOL * np.abs(D).max() or not _unique(B, W, symmetric):
         return None
     zero = np.zeros((2 * m, 2 * m))
     M = np.block([[W, np.hstack([-D.T, -symmetric])], [np.vstack([D, symmetric]), zero]])
@@ -84,19 +84,21 @@ def _rounded(u: Array, W: Array, p: Array) -> Array:
     """Return u + W p, with what is rounding set to zero."""
     terms = np.abs(u) + np.abs(W) @ np.abs(p)
     after = u + W @ p
-    return np.where(np.abs(after) <= TINY * terms, 0.0, after)
+    return np.where(np.abs(after) <= SINGULAR_RTOL * terms, 0.0, after)
 
 
 def _unique(B: Array, W: Array, symmetric: Array) -> bool:
     """Return whether the law determines x⁺ wherever it has a solution."""
     if not symmetric.any() and Dense(W).has(Property.P):
         return True
-    V = null_space(symmetric, rcond=TINY) if symmetric.any() else np.eye(len(W))
+    V = null_space(symmetric, rcond=SINGULAR_RTOL) if symmetric.any() else np.eye(len(W))
     monotone = V.T @ (W + W.T) @ V
     values, vectors = np.linalg.eigh(monotone)
     size = np.abs(monotone).max(initial=0.0)
-    kernel = V @ vectors[:, values <= TINY * size]
-    return bool((values >= -TINY * size).all() and (np.abs(B @ kernel) <= 1e-9 * np.abs(B).max(initial=0.0)).all())
+    kernel = V @ vectors[:, values <= SINGULAR_RTOL * size]
+    return bool(
+        (values >= -SINGULAR_RTOL * size).all() and (np.abs(B @ kernel) <= 1e-9 * np.abs(B).max(initial=0.0)).all()
+    )
 
 
 def enter_constraint(problem: Problem, solver: str = "auto") -> tuple[Problem, Array]:

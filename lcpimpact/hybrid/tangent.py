@@ -35,11 +35,11 @@ from lcpimpact.errors import UnsupportedError
 from lcpimpact.hybrid.modes import Mode, System, gaps
 from lcpimpact.hybrid.motion import Motion, Segment
 
-GRAZING = 1e-10
-"""A row that falls through zero at less than this, relative to its terms at their largest, only touches it."""
+GRAZING_RTOL = 1e-10
+"""Slope at a zero, relative to the terms of the row at their largest, below which the row grazes zero."""
 
-TOGETHER = 1e-10
-"""Another row this near zero, relative to its terms at their largest, ends the mode together with the one that does."""
+SIMULTANEOUS_RTOL = 1e-10
+"""Value of another row, relative to its terms at their largest, below which it ends the mode at the same instant."""
 
 
 def place_derivative(system: System, mode: Mode) -> Array:
@@ -89,14 +89,14 @@ def saltation(motion: Motion, before: Segment, after: Segment) -> Array:
     f, rate = flow.A @ X, c @ flow.A
     breakpoint = not c.any()
     what = ", ".join(dict.fromkeys(event.contact for event in after.events)) or "a contact"
-    if not breakpoint and not -rate @ X > GRAZING * (np.abs(rate) @ motion.scale):
+    if not breakpoint and not -rate @ X > GRAZING_RTOL * (np.abs(rate) @ motion.scale):
         raise UnsupportedError(
             f"{what} only touches at t = {after.t0:g} s (a grazing, or the end of impacts that accumulate), where the "
             "motion has no derivative: change a parameter a little; grazing(...) finds the value at which an orbit touches"
         )
     contacts, rows, _ = system.watched(before.mode)
     for i, row in zip(contacts, rows.hi, strict=True):
-        if not np.array_equal(row, c) and abs(row @ X) <= TOGETHER * (np.abs(row) @ motion.scale):
+        if not np.array_equal(row, c) and abs(row @ X) <= SIMULTANEOUS_RTOL * (np.abs(row) @ motion.scale):
             raise UnsupportedError(
                 f"{names[i]} and {'a signal' if breakpoint else what} switch together at t = {after.t0:g} s, where the "
                 "motion has no derivative: change a parameter a little"

@@ -48,7 +48,7 @@ from scipy.optimize import brentq
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
-from lcpimpact.hybrid.burst import SHORT, Burst, Meetings, follow_burst
+from lcpimpact.hybrid.burst import SHORT_FLIGHT, Burst, Meetings, follow_burst
 from lcpimpact.hybrid.flow import Flow, casteljau, first_fall
 from lcpimpact.hybrid.modes import (
     Mode,
@@ -691,7 +691,7 @@ class EventDriven(Integrator):
         there = run.without_inputs(last.X)
         if inputs.count and status is Status.SOLVED and last.t0 > t:
             bent = np.abs(Forces(inputs, None)(last.t0, there) - forces.linear(t, X, last.t0, there, _short(run)))
-            if (bent > BENT * SHORT * run.forces).any():
+            if (bent > BENT * SHORT_FLIGHT * run.forces).any():
                 status = Status.ACCUMULATION
         return status, self._segment(run, last.t0, last.mode, forces), there
 
@@ -727,7 +727,7 @@ class EventDriven(Integrator):
             solver = kind(rate, 0.0, X, length, **options)
         except FloatingPointError:
             # What fails may lie ahead: a step that is short enough does not come upon it.
-            solver = kind(rate, 0.0, X, length, **options, first_step=SHORT * length)
+            solver = kind(rate, 0.0, X, length, **options, first_step=SHORT_FLIGHT * length)
         guarded.begun = True
         return solver
 

@@ -52,31 +52,32 @@ from lcpimpact.record import ContinuousSolution, Event, Grid, Record
 from lcpimpact.scheme.dynamics import Feature
 
 K = 3
-"""Derivatives, from the value on, that a watched row is interpolated with at each end of an element."""
+"""Number of derivatives, the value included, that interpolate a watched row at each end of an element."""
 
 DEGREE = 2 * K - 1
 
 EPS = float(np.finfo(float).eps)
 
-ROUNDING = 32.0 * EPS
+ZERO_RTOL = 32.0 * EPS
 
-ACCEPTED = 1e-9
+DEFECT_RTOL = 1e-9
 """Largest defect of the equations of an accepted element, judged outside the solve, relative to their terms."""
 
-SLIGHT = 1e-6
-"""What is smaller than this, against the largest, is not judged against itself."""
+SMALL_STATE = 1e-6
+"""States below this, relative to the largest, are judged on the scale of the largest."""
 
-SURE, LOOK_BACK = 1e-12, 0.1
-"""To this part of the run its last instant is told from a switch, for rows that fall over that part of the last element."""
+END_RTOL, LOOK_BACK = 1e-12, 0.1
+"""Distance of a switch from the end of the run, relative to the run, below which it is at the end, if its row falls over
+the part LOOK_BACK of the last element."""
 
-STALL = 100
-"""So many switches at one instant resolve nothing."""
+MAX_SWITCHES_AT_ONCE = 100
+"""Maximum number of switches at one instant."""
 
-STRIDE = 256
-"""Most whole steps that are taken at once."""
+MAX_STRIDE = 256
+"""Maximum number of whole steps taken at once."""
 
-ENTRIES = 2_000_000
-"""Most numbers in a batch of matrices."""
+MAX_ENTRIES = 2_000_000
+"""Maximum number of entries in a batch of matrices."""
 
 
 def _end_coefficients() -> Array:
@@ -218,7 +219,7 @@ class Elements:
         """Return the ends of elements of the lengths ``times`` (nt,) from X (nt, N); those within ``quantum`` are one."""
         _, first, which = np.unique(np.round(times / quantum), return_index=True, return_inverse=True)
         found = np.empty_like(X)
-        chunk = max(1, ENTRIES // (len(self.radau.c) * self.A.size))
+        chunk = max(1, MAX_ENTRIES // (len(self.radau.c) * self.A.size))
         if 2 * len(first) > len(times):
             for begin in range(0, len(times), chunk):
                 here = slice(begin, begin + chunk)
@@ -238,7 +239,7 @@ class Elements:
         """
         b = np.einsum("win,tn->twi", table.hull, X)
         b -= np.where(zeros > 0, b[:, :, 0], 0.0)[:, :, None]
-        noise = ROUNDING * (table.size @ np.maximum(scale, np.abs(X).max(axis=0)))
+        noise = ZERO_RTOL * (table.size @ np.maximum(scale, np.abs(X).max(axis=0)))
         # The highest derivative is known at the start and the stages; twice the largest stands for what is between.
         D = 2.0 * np.abs(np.einsum("win,tn->twi", table.highest, X)).max(axis=2)
         weights = WEIGHTS[zeros, ends]
@@ -250,7 +251,7 @@ class Elements:
 
     def noise(self, scale: Array) -> Array:
         """Return what is rounding in the watched rows (nw,)."""
-        return np.asarray(ROUNDING * (np.abs(self.rows) @ scale))
+        return np.asarray(ZERO_RTOL * (np.abs(self.rows) @ scale))
 
     def judge(self, stages: Array, X: Array, length: float, scale: Array) -> float:
         """Return the largest error of the equations of elements: of their stages (nt, s, N), and of complementarity.
@@ -264,7 +265,7 @@ class Elements:
         terms = size + length * (np.abs(self.A) @ size)
         # What has hardly begun to move is made of rounding of what moves, in the units in which A is balanced.
         terms, scale = (
-            np.maximum(each, SLIGHT * self.units * (each / self.units).max())
+            np.maximum(each, SMALL_STATE * self.units * (each / self.units).max())
             for each in (terms, np.maximum(scale, size))
         )
         below = np.maximum(-stages[:, -1] @ self.rows.T, 0.0).max(axis=0, initial=0.0)
@@ -554,7 +555,7 @@ class RadauFESD(Integrator):
             taken = self._whole_steps(carry, record, k, min(carry.stride, clear)) if clear else 0
             k += taken
             if taken == carry.stride:
-                carry.stride = min(2 * carry.stride, STRIDE)
+                carry.stride = min(2 * carry.stride, MAX_STRIDE)
             elif k < last:
                 carry.stride, before = 1, len(record.events)
                 status = self._step(carry, record, k)
@@ -582,7 +583,7 @@ class RadauFESD(Integrator):
         states = states[: taken + 1]
         stages = np.einsum("inm,tm->tin", table.stages, states[:-1])
         residual = elements.judge(stages, states[:-1], h, np.maximum(run.scale, np.abs(states).max(axis=0)))
-        if not residual <= ACCEPTED:
+        if not residual <= DEFECT_RTOL:
             return 0
         run.write(record, k + 1, states[1:])
         run.take(record.t[k : k + taken], states, float(record.t[k + taken]), residual, record)
@@ -609,7 +610,7 @@ class RadauFESD(Integrator):
                 status, length, switches = self._element(run, record, start, end - begin)
             if switches and status is Status.SOLVED:
                 stalled = stalled + 1 if length <= 2.0 * EPS * t else 0
-                status = Status.SWITCH if stalled > STALL else self._switch(run, record, run.t)
+                status = Status.SWITCH if stalled > MAX_SWITCHES_AT_ONCE else self._switch(run, record, run.t)
                 waiting = run.pieces(t, max(begin + length, run.t - t), h)
             elif length == end - begin:
                 status = self._breakpoint(run, record) if breaks else status
@@ -669,7 +670,7 @@ class RadauFESD(Integrator):
         stages = table.stages @ run.X
         scale = np.maximum(run.scale, np.abs(stages[-1]))
         residual = run.elements.judge(stages[None], run.X[None, :], length, scale)
-        if not residual <= ACCEPTED:
+        if not residual <= DEFECT_RTOL:
             return Status.SWITCH
         run.take(np.array([t]), np.array([run.X, stages[-1]]), t + length, residual, record)
         return Status.SOLVED
@@ -731,5 +732,5 @@ def _ends(run: Run) -> bool:
     part = LOOK_BACK * length
     before = elements.rows @ elements.at(run.states[-1][-1:], np.array([length - part]), EPS * run.grid.t_end)[0]
     last = elements.rows @ run.X
-    falls = (before > elements.noise(run.scale)) & (last * part <= (before - last) * SURE * run.grid.t_end)
+    falls = (before > elements.noise(run.scale)) & (last * part <= (before - last) * END_RTOL * run.grid.t_end)
     return bool(falls.any())

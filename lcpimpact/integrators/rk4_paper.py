@@ -3,7 +3,7 @@
 It shares no code with the LCP path: it reads the constants of the paper's systems and nothing of the assembled scheme.
 
 "z - x = 0" means nothing in floating point, so each stage needs a rule for it. ``contact="project"``, the default, takes
-z - x <= CLOSED for contact and, after each step, puts the massless side back where the plates overlap; ``"clip"`` does
+z - x <= CLOSED_GAP for contact and, after each step, puts the massless side back where the plates overlap; ``"clip"`` does
 not put it back, so that the overlap of the step in which the gap closed stays for the whole contact; ``"sign"`` takes
 z - x <= 0, so that a gap of one rounding error opens the contact for a stage; ``"equal"`` is the printed equality, which
 after the first flight is never met again.
@@ -28,8 +28,8 @@ from lcpimpact.scheme.dynamics import Feature
 
 RULES = ("project", "clip", "sign", "equal")
 PROJECT, SIGN, EQUAL = RULES.index("project"), RULES.index("sign"), RULES.index("equal")
-CLOSED = 1e-9
-"""A gap in m that counts as closed: far above the rounding that gathers in a contact, far below any gap of interest."""
+CLOSED_GAP = 1e-9
+"""Gap in m below which a contact is closed: far above the rounding that gathers there, far below any gap of interest."""
 
 COORDINATES = {"system-1": ("x", "z"), "system-2": ("x", "y", "z"), "system-3": ("x", "y", "z")}
 CONSTANTS = ("m", "g", "k", "c", "k_o", "c_o")
@@ -47,7 +47,7 @@ def right_side(system: int, rule: int, s: Array, p: Array, ds: Array) -> float:
     x, dx, y, z = s
     m, g, k, c, k_o, c_o = p
     gap = z - x if system == 1 else z - y
-    contact = gap == 0.0 if rule == EQUAL else gap <= (0.0 if rule == SIGN else CLOSED)
+    contact = gap == 0.0 if rule == EQUAL else gap <= (0.0 if rule == SIGN else CLOSED_GAP)
     R, dy, dz = 0.0, 0.0, -(k_o / c_o) * z
 
     if system == 1:

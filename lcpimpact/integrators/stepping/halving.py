@@ -26,11 +26,11 @@ from lcpimpact.errors import Status
 from lcpimpact.record import Grid, Record
 from lcpimpact.scheme.dynamics import Dynamics
 
-ROUNDING = 32.0 * np.finfo(float).eps
-"""A way this short, relative to the largest |q|, is rounding."""
+MOTION_RTOL = 32.0 * np.finfo(float).eps
+"""Displacement of a step, relative to the largest |q|, below which the motion in it is below rounding error."""
 
-DEEPEST = 40
-"""So often is a step halved whose LCP has no solution, as where an explicit method is unstable with it."""
+MAX_HALVINGS = 40
+"""Maximum number of times a step whose LCP has no solution is halved, as where an explicit method is unstable."""
 
 Take = Callable[[int, float, Array], tuple[Status, Array, Array]]
 """take(level, t, y): one step of length h/2^level from y at t; returns the status, y, and the reactions (nc,)."""
@@ -93,9 +93,9 @@ class Halving:
                 return Status.SOLVED
         n = len(self.massive)
         failure = next((each for each in (status, solved) if each is not Status.SOLVED), None)
-        if failure is not None and level == DEEPEST:
+        if failure is not None and level == MAX_HALVINGS:
             return failure
-        if failure is None and (end - t) * max(np.abs(y[n : 2 * n]).max() for y in states) <= ROUNDING * self.scale:
+        if failure is None and (end - t) * max(np.abs(y[n : 2 * n]).max() for y in states) <= MOTION_RTOL * self.scale:
             return Status.STEP_SIZE
         self.rejected += 1
         status = self._halve(level + 1, t, middle, first, y_1)

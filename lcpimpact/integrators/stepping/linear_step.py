@@ -41,8 +41,8 @@ SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
 cube = types.float64[:, :, ::1]
 
-NUDGE = 1e-6
-"""A gap is read c h² a further on, where the smooth forces lead from rest in a thousandth of a step: so they close what
+REST_GAP = 1e-6
+"""A gap is read c h² further on, where the smooth forces lead from rest in a thousandth of a step, so that they close what
 rounding has opened."""
 
 

@@ -21,8 +21,8 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_count
 
-MOST_STAGES = 5
-"""Beyond, the order conditions hold in double precision no better than the errors of the step."""
+MAX_STAGES = 5
+"""Maximum number of stages: beyond, the order conditions hold in double precision no better than the errors of the step."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,8 +107,8 @@ def radau_iia(s: int) -> RadauIIA:
     ----------
     Hairer and Wanner, *Solving Ordinary Differential Equations II* (1996), section IV.5.
     """
-    if not is_count(s) or s > MOST_STAGES:
-        raise InputError(f"stages = {s!r} must be a whole number from 1 to {MOST_STAGES}")
+    if not is_count(s) or s > MAX_STAGES:
+        raise InputError(f"stages = {s!r} must be a whole number from 1 to {MAX_STAGES}")
     legendre = np.polynomial.Legendre.basis(int(s)) - np.polynomial.Legendre.basis(int(s) - 1)
     x = np.sort(legendre.roots().real)
     x -= legendre(x) / legendre.deriv()(x)

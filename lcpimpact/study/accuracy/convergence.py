@@ -42,11 +42,11 @@ Methods = Sequence[str | Integrator] | Mapping[str, str | Integrator]
 RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
 """Tolerances of methods that choose their steps."""
 
-CLEAR = 1e-6
-"""No event of the reference lies this near a grid point, in steps."""
+EVENT_CLEARANCE = 1e-6
+"""Distance, in steps, that events of the reference keep from grid points."""
 
-PRIMES_TRIED = 50
-"""Where events stand so dense that none of so many primes is clear of them, the first is taken."""
+MAX_PRIMES = 50
+"""Number of primes tried; where none is clear of events, since they stand so dense, the first is used."""
 
 SCALES: dict[str, Callable[[Trajectory], float]] = {
     "sup_q": lambda truth: float(np.abs(truth.q).max()),
@@ -59,7 +59,7 @@ SCALES: dict[str, Callable[[Trajectory], float]] = {
     "penetration": lambda truth: float(np.abs(truth.q).max()),
     "complementarity": lambda truth: truth.certificate.energy_scale,
 }
-"""What an error in a norm is to be compared with."""
+"""Scale of an error in each norm."""
 
 TAKEN = ("inner_steps", "solver_steps", "elements")
 """How methods that choose their steps call the number that they took."""
@@ -217,9 +217,9 @@ def steps_clear_of(events: Iterable[float], t_end: float, dt: float) -> int:
     """
     times = np.array([t for t in events if 0.0 < t < t_end])
     first = n = _prime_from(math.ceil(t_end / dt * (1.0 - 1e-12)))
-    for _ in range(PRIMES_TRIED):
+    for _ in range(MAX_PRIMES):
         place = times * (n / t_end)
-        if (np.abs(place - np.rint(place)) > CLEAR).all():
+        if (np.abs(place - np.rint(place)) > EVENT_CLEARANCE).all():
             return n
         n = _prime_from(n + 1)
     return first

@@ -16,11 +16,11 @@ from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, i8, matrix
 from lcpimpact.errors import FailureError
 
-CLOSE = 1e-13
-"""Where bounds are this near each other, relative to the size of the graphs, the supremum is found."""
+SUPREMUM_RTOL = 1e-13
+"""Distance of the bounds of a supremum, relative to the size of the graphs, at which it is found."""
 
-MOST_PIECES = 20_000_000
-"""More pieces than these are refused: graphs that turn so often are noise, or far too long for a distance."""
+MAX_PIECES = 20_000_000
+"""Maximum number of pieces of a graph: what turns more often is noise, or far too long for a distance."""
 
 
 def polyline(start: Array, length: Array, c: Array, tolerance: float) -> Array:
@@ -35,13 +35,13 @@ def polyline(start: Array, length: Array, c: Array, tolerance: float) -> Array:
     Raises
     ------
     FailureError
-        If these would be more than `MOST_PIECES`.
+        If these would be more than `MAX_PIECES`.
     """
     k = np.arange(c.shape[1])
     # |T_k''| <= k² (k² - 1)/3, and a chord over 2/m of [-1, 1] is at most (2/m)²/8 of |f''| away.
     bend = np.abs(c) @ (k**2 * (k**2 - 1.0) / 3.0)
     wanted = np.maximum(1.0, np.ceil(np.sqrt(0.5 * bend / tolerance)))
-    if not wanted.sum() <= MOST_PIECES:
+    if not wanted.sum() <= MAX_PIECES:
         raise too_many_pieces()
     parts = wanted.astype(np.int64)
     points = parts + 1
@@ -127,7 +127,7 @@ def farthest(A: Array, B: Array, reached: float, most: int) -> float:
             d0, d1 = to_segment(x0, y0, B, first), to_segment(x1, y1, B, second)
             reached = max(reached, d0, d1)
             above = min(max(d0, to_segment(x1, y1, B, first)), max(to_segment(x0, y0, B, second), d1))
-            if above <= reached * (1.0 + CLOSE) + CLOSE or depth + 2 > len(stack):
+            if above <= reached * (1.0 + SUPREMUM_RTOL) + SUPREMUM_RTOL or depth + 2 > len(stack):
                 continue
             x, y = 0.5 * (x0 + x1), 0.5 * (y0 + y1)
             stack[depth, 0], stack[depth, 1], stack[depth, 2], stack[depth, 3] = x, y, x1, y1
@@ -149,10 +149,10 @@ def hausdorff(A: Array, B: Array) -> float:
     Raises
     ------
     FailureError
-        If this takes more than `MOST_PIECES`.
+        If this takes more than `MAX_PIECES`.
     """
     A, B = np.ascontiguousarray(A, dtype=np.float64), np.ascontiguousarray(B, dtype=np.float64)
-    found = float(farthest(B, A, farthest(A, B, 0.0, MOST_PIECES), MOST_PIECES))
+    found = float(farthest(B, A, farthest(A, B, 0.0, MAX_PIECES), MAX_PIECES))
     if np.isnan(found):
         raise too_many_pieces()
     return found
@@ -161,7 +161,7 @@ def hausdorff(A: Array, B: Array) -> float:
 def too_many_pieces() -> FailureError:
     """Return the error for graphs that turn too often to be compared."""
     return FailureError(
-        f"the distance of the graphs would take more than {MOST_PIECES:,} pieces: the runs turn too often, or hold noise; "
+        f"the distance of the graphs would take more than {MAX_PIECES:,} pieces: the runs turn too often, or hold noise; "
         "take a shorter t_end, or name other norms",
         None,
     )

@@ -31,27 +31,27 @@ from lcpimpact.study.accuracy.graphs import hausdorff, polyline
 from lcpimpact.trajectory import Trajectory
 
 DEGREE = 12
-"""Of the Chebyshev series: with cuts between which a solution turns little, the remainder is rounding."""
+"""Degree of the Chebyshev series: between cuts, where a solution turns little, the remainder is rounding."""
 
-HALVINGS = 27
-"""So often an interval with a zero is halved: what is left errs as the square of its length, which is rounding."""
+MAX_HALVINGS = 27
+"""Maximum number of halvings of an interval with a zero: the error falls as the square of its length."""
 
-MOST_PIECES = 2_000_000
-"""More intervals than these are refused: a function that turns so often is noise, or far too long for a norm."""
+MAX_PIECES = 2_000_000
+"""Maximum number of intervals: a function that turns more often is noise, or far too long for a norm."""
 
-ROUNDING = 1e-13
-"""A series whose last terms are this small, relative to the largest value, has ended."""
+SERIES_RTOL = 1e-13
+"""Size of the last terms, relative to the largest value, at which a series has converged."""
 
 LAST_PLACES = 16.0
 
-HALF_THE_DIGITS = 1e-8
-"""Terms below this, relative to the largest value, that halving does not lessen are noise too, and not a corner."""
+NOISE_RTOL = 1e-8
+"""Terms below this, relative to the largest value, that halving does not reduce are noise and no corner."""
 
-LEVEL = 1e-14
-"""A bound that exceeds what is reached by less, relative to it, is that of a piece without slope but for rounding."""
+FLAT_RTOL = 1e-14
+"""Excess of a bound over the value reached, relative to it, below which a piece is flat."""
 
-FINEST = 1e-9
-"""Chords are no nearer to a curve than this, relative to the size of its graph."""
+CHORD_RTOL = 1e-9
+"""Smallest distance of chords from a curve, relative to the size of its graph."""
 
 NODES = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
 FIT = np.linalg.inv(chebyshev.chebvander(NODES, DEGREE))
@@ -78,7 +78,7 @@ class Series:
     Raises
     ------
     FailureError
-        By its norms, if the series would have to be halved into more than `MOST_PIECES`.
+        By its norms, if the series would have to be halved into more than `MAX_PIECES`.
     """
 
     start: Array
@@ -90,10 +90,10 @@ class Series:
         """Return ∫ |f| dt for each function (m,)."""
         total = np.zeros(self.c.shape[2])
         c, length, column = self._flat()
-        for level in range(HALVINGS + 1):
+        for level in range(MAX_HALVINGS + 1):
             turning = np.abs(c[:, 1:]).sum(axis=1)
             done = (np.abs(c[:, 0]) >= turning) | (turning <= np.finfo(float).eps * self.scale)
-            if level == HALVINGS:
+            if level == MAX_HALVINGS:
                 done[:] = True
             np.add.at(total, column[done], np.abs(c[done] @ INTEGRAL) * 0.5 * length[done])
             c, length, column = c[~done], 0.5 * length[~done], column[~done]
@@ -137,11 +137,11 @@ def _highest(c: Array, scale: float) -> float:
     What exceeds it by rounding alone, relative to the largest value of what was read, is passed over too.
     """
     reached = -np.inf
-    for _ in range(HALVINGS + 1):
+    for _ in range(MAX_HALVINGS + 1):
         ends = np.concatenate([c.sum(axis=1), c @ SIGNS])
         reached = max(reached, float(ends.max(initial=-np.inf)))
         above = c[:, 0] + np.abs(c[:, 1:]).sum(axis=1) > reached + max(
-            LEVEL * abs(reached), np.finfo(float).eps * scale
+            FLAT_RTOL * abs(reached), np.finfo(float).eps * scale
         )
         c = np.concatenate([c[above] @ LEFT.T, c[above] @ RIGHT.T])
         check_pieces(len(c))
@@ -149,16 +149,16 @@ def _highest(c: Array, scale: float) -> float:
 
 
 def check_pieces(count: int) -> None:
-    """Refuse to go on with more intervals than `MOST_PIECES`.
+    """Refuse to go on with more intervals than `MAX_PIECES`.
 
     Raises
     ------
     FailureError
         With the remedy.
     """
-    if count > MOST_PIECES:
+    if count > MAX_PIECES:
         raise FailureError(
-            f"a norm would take more than {MOST_PIECES:,} intervals: the runs turn too often, or hold noise; take a shorter "
+            f"a norm would take more than {MAX_PIECES:,} intervals: the runs turn too often, or hold noise; take a shorter "
             "t_end, tighter tolerances, or name other norms",
             None,
         )
@@ -186,7 +186,7 @@ def series(cuts: Array, *read: Callable[[Array], Array], scale: float = 0.0) -> 
     """
     start, length, before = cuts[:-1], np.diff(cuts), np.full(len(cuts) - 1, np.inf)
     done: list[tuple[Array, Array, Array]] = []
-    for level in range(HALVINGS + 1):
+    for level in range(MAX_HALVINGS + 1):
         # Pieces as short as the spacing of floats hold no more than their ends.
         there = length > LAST_PLACES * np.finfo(float).eps * np.abs(cuts).max()
         start, length, before = start[there], length[there], before[there]
@@ -198,10 +198,10 @@ def series(cuts: Array, *read: Callable[[Array], Array], scale: float = 0.0) -> 
         c = np.einsum("kj,ijm->ikm", FIT, f)
         # An instant is known to a few units in its last place, and a function that is steep no better than that.
         steep = np.ptp(f, axis=1).max(axis=1, initial=0.0) / np.maximum(length, 1e-300)
-        noise = ROUNDING * scale + LAST_PLACES * np.finfo(float).eps * np.abs(cuts).max() * steep
+        noise = SERIES_RTOL * scale + LAST_PLACES * np.finfo(float).eps * np.abs(cuts).max() * steep
         last = np.abs(c[:, -2:]).sum(axis=1).max(axis=1, initial=0.0)
-        ends = (last <= noise) | ((last <= HALF_THE_DIGITS * scale) & (last > 0.9 * before))
-        if level == HALVINGS:
+        ends = (last <= noise) | ((last <= NOISE_RTOL * scale) & (last > 0.9 * before))
+        if level == MAX_HALVINGS:
             ends[:] = True
         done.append((start[ends], length[ends], c[ends]))
         start, length, before = start[~ends], 0.5 * length[~ends], np.repeat(last[~ends], 2)
@@ -331,9 +331,9 @@ def _distance(a: Graph, b: Graph) -> float:
     tolerance = 1e-2
     while True:
         found = hausdorff(a(tolerance), b(tolerance))
-        if tolerance <= max(0.5e-3 * found, FINEST):
+        if tolerance <= max(0.5e-3 * found, CHORD_RTOL):
             return found
-        tolerance = max(0.25e-3 * found, FINEST)
+        tolerance = max(0.25e-3 * found, CHORD_RTOL)
 
 
 def event_times(run: Trajectory, truth: Trajectory) -> float:

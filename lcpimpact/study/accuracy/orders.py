@@ -29,9 +29,9 @@ from lcpimpact.study.accuracy.reference import Reference
 from lcpimpact.trajectory import Trajectory
 
 COUNTS = (307, 487, 773, 1229, 1951, 3089)
-"""Primes, a factor of about 1.6 apart."""
+"""Numbers of steps: primes, a factor of about 1.6 apart."""
 
-RARER = (
+COARSER_COUNTS = (
     (127, 181, 257, 367, 521, 743),
     (29, 43, 61, 89, 127, 181),
     (17, 23, 31, 41, 53, 71),
@@ -39,14 +39,14 @@ RARER = (
 )
 """For methods of a high order, whose errors would soon be rounding."""
 
-TO_ROUNDING = 1e-9
-"""What may be left, relative to the scale, of a method that declares to be exact."""
+EXACT_RTOL = 1e-9
+"""Largest error, relative to the scale, of a method that declares to be exact."""
 
-TO_RTOL = 1e3
-"""So many rtol may be left, relative to the scale, of a method that declares to follow rtol."""
+TOLERANCE_FACTOR = 1e3
+"""Largest error, relative to the scale and in units of rtol, of a method that declares to follow rtol."""
 
 SMOOTH_BAND, EVENT_BAND = 0.2, 0.35
-"""How far an observed order may be from the declared one, without events and with them."""
+"""Largest difference of an observed order from the declared one, without events and with them."""
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ def _observed(runs: pd.DataFrame, norm: str, attrs: dict[Any, Any]) -> dict[str,
         verdict = ""
     elif math.isinf(declared):
         rtol = float(runs["rtol"].max())
-        allowed = scale * max(TO_ROUNDING, rounding, 0.0 if math.isnan(rtol) else TO_RTOL * rtol)
+        allowed = scale * max(EXACT_RTOL, rounding, 0.0 if math.isnan(rtol) else TOLERANCE_FACTOR * rtol)
         verdict = "as declared" if solved[norm].max() <= allowed else "off"
     elif math.isnan(row["order"]):
         verdict = "rounding"
@@ -257,7 +257,7 @@ def order_as_declared(
     method : str
         Name.
     declared : float
-        The order to expect: above 2 the first of `RARER` is taken whose errors are not rounding, else ``counts``.
+        The order to expect: above 2 the first of `COARSER_COUNTS` is taken whose errors are not rounding, else ``counts``.
     norm : str
         As of `observed_order`.
     counts : sequence of int
@@ -270,7 +270,7 @@ def order_as_declared(
     """
     if declared <= 2.0:
         return observed_order(problem, method, counts, norm=norm)
-    for few in RARER:
+    for few in COARSER_COUNTS:
         try:
             return observed_order(problem, method, few, norm=norm)
         except RoundingError:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from lcpimpact.record import Event
 
-AT_END = 1e-7
-"""An event this near to the end, relative to it, may lie beyond it in a run of another error."""
+END_RTOL = 1e-7
+"""Distance of an event from the end, relative to the run, below which it may lie beyond the end in another run."""
 
 CLOSED_AFTER = {"close": True, "stick": True, "open": False, "slip": False}
 """Whether a contact is closed, or a slider sticks, after an event. After an impact it may be either."""
@@ -89,7 +89,7 @@ def farthest(a: Sequence[Event], b: Sequence[Event], end: float) -> float:
     found = 0.0
     for some, others in ((a, b), (b, a)):
         for event in some:
-            if event.t >= end * (1.0 - AT_END):
+            if event.t >= end * (1.0 - END_RTOL):
                 continue
             there = (abs(event.t - other.t) for other in others if other.contact == event.contact)
             found = max(found, min(there, default=math.inf))

@@ -14,7 +14,7 @@ from lcpimpact.simulation import simulate
 from lcpimpact.trajectory import Trajectory
 
 POINTS = 1009
-"""Points of the grid of a reference, which is known between them too."""
+"""Number of points of the grid of a reference, which is known between them too."""
 
 CANDIDATES: tuple[tuple[str, int, dict[str, Any]], ...] = (
     ("exact", POINTS, {}),
@@ -22,7 +22,7 @@ CANDIDATES: tuple[tuple[str, int, dict[str, Any]], ...] = (
     ("radau-fesd", POINTS, {"stages": 4}),
     ("moreau-jean", 100_003, {}),
 )
-"""Method, number of steps and options, from the truest to the least."""
+"""Method, number of steps and options of the references, the most accurate first."""
 
 
 @dataclass(frozen=True)

@@ -28,23 +28,23 @@ from lcpimpact.study.accuracy.siconos import siconos
 from lcpimpact.trajectory import Trajectory
 
 POINTS = 195
-"""Instants at which coordinates are compared, after the first: 3 x 5 x 13."""
+"""Number of instants at which coordinates are compared, after the first: 3 x 5 x 13."""
 
 RATIO = 3
-"""Of one step to the next finer one."""
+"""Ratio of one step to the next finer one."""
 
 LEVELS = 4
-"""Runs of a route that steps."""
+"""Number of runs of a time-stepping route."""
 
-FEW = (39, 195, 585)
-"""Step counts of a route of an order above 2 that knows its motion between its steps."""
+HIGH_ORDER_COUNTS = (39, 195, 585)
+"""Numbers of steps of a route of an order above 2 that is known between its steps."""
 
 RTOLS = (1e-6, 1e-8, 1e-10)
-"""Of a route with a tolerance."""
+"""Tolerances of a route with a tolerance."""
 
 SHIFT = 0.5 * (math.sqrt(5.0) - 1.0)
-"""Where in each of the finest steps velocities and forces are compared: an irrational place, at which no jump falls by
-symmetry."""
+"""Position in each of the finest steps at which velocities and forces are compared: irrational, so that no jump falls there
+by symmetry."""
 
 SOLVERS_COMPARED = ("lemke", "pgs", "qp:osqp", "qp:osqp:primal")
 """A direct and an iterative solver, and a QP in its dual and primal form."""
@@ -286,7 +286,7 @@ def _by_method(problem: Problem, label: str, integrator: Integrator, counts: tup
     if math.isinf(declared.order_smooth):
         return Route(label, (located,), by_steps, integrator, "exact", family, mode_choice)
     high = _lowest_order(declared) > 2.0
-    return Route(label, FEW if high else counts, by_steps, integrator, "steps", family, mode_choice)
+    return Route(label, HIGH_ORDER_COUNTS if high else counts, by_steps, integrator, "steps", family, mode_choice)
 
 
 def _family(integrator: Integrator) -> str:

@@ -29,7 +29,7 @@ INSTALL = "not installed: apt-get install python3-siconos"
 
 SCRIPT = Path(__file__).with_name("siconos_runs.py")
 
-LONGEST = 600.0
+TIMEOUT = 600.0
 """Seconds after which a run is given up."""
 
 
@@ -66,7 +66,7 @@ def run_siconos(**job: Any) -> dict[str, Array]:
         done = subprocess.run(
             # As text: a script's own folder would come first on its path, and there siconos is this module.
             [python, "-c", SCRIPT.read_text(encoding="utf-8")],
-            input=json.dumps([job]), capture_output=True, text=True, timeout=LONGEST, check=True,
+            input=json.dumps([job]), capture_output=True, text=True, timeout=TIMEOUT, check=True,
         )  # fmt: skip
         # Siconos may greet on standard output; the answer is its last line.
         (answer,) = json.loads(done.stdout.splitlines()[-1])

@@ -51,32 +51,32 @@ GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
 SAMPLES, STEPS = 200, 2000
 """Default numbers of points of a run whose error does not depend on dt, and of steps of all others."""
 
-STEP = 1e-6
-"""Of the differences of the Jacobian: of a logarithm, or relative to a parameter."""
+DIFFERENCE_STEP = 1e-6
+"""Relative finite-difference step of the Jacobian (absolute for logarithms of parameters)."""
 
-JUMPED = 0.1
-"""Differences to both sides that disagree by more hold a jump."""
+JUMP_RTOL = 0.1
+"""Relative difference between one-sided differences above which there is a jump between them."""
 
-TOLERANCE, MOST = 1e-10, 100
-"""Of the search, and steps of it."""
+XTOL, MAX_STEPS = 1e-10, 100
+"""Tolerance of the least-squares search, and its maximum number of steps."""
 
-SINGULAR = 1e-6
-"""A singular value of J, its columns scaled, below this times the largest: a combination of parameters has no influence."""
+SINGULAR_RTOL = 1e-6
+"""Singular values of the scaled Jacobian below this, relative to the largest, mean parameters without influence."""
 
-SILENT = 1e-8
-"""A parameter whose change by its own size changes no residual by more says nothing."""
+INFLUENCE_RTOL = 1e-8
+"""Relative change of the residuals, for a change of a parameter by its own size, below which it has no influence."""
 
-FAILED = 1e6
+FAILURE_RESIDUAL = 1e6
 """Residual of a run that fails."""
 
-SPREAD = math.log(3.0)
+START_SPREAD = math.log(3.0)
 """Standard deviation of the logarithms of random starts."""
 
 LOSSES = ("linear", "soft_l1", "huber", "cauchy", "arctan")
 SAMPLINGS = ("point", "mean")
 
 ROUND_TRIP: Any = {"encoding": "utf-8-sig", "skipinitialspace": True, "float_precision": "round_trip"}
-"""How pandas reads our files; not all of its versions read numbers to their last bit unasked."""
+"""Options by which every version of pandas reads numbers to their last bit."""
 
 
 @dataclass(frozen=True)
@@ -275,7 +275,7 @@ def fit(
         try:
             return (model(θ) - measured.values) / measured.scales
         except (InputError, FailureError):
-            return np.full(len(measured.values), FAILED)
+            return np.full(len(measured.values), FAILURE_RESIDUAL)
 
     try:
         model(parameters.start)
@@ -285,7 +285,8 @@ def fit(
     for θ in watch(parameters.starts(starts, seed), starts, "searches"):
         found = _search(residuals, θ, parameters.limits, loss)
         results.append(found)
-        failed = "the run fails" if np.abs(found.fun).max() >= FAILED else "" if found.success else str(found.message)
+        broken = np.abs(found.fun).max() >= FAILURE_RESIDUAL
+        failed = "the run fails" if broken else "" if found.success else str(found.message)
         rows.append(
             {**dict(zip(parameters.names, parameters.values(θ), strict=True)), "cost": found.cost, "failure": failed}
         )
@@ -399,7 +400,7 @@ def _search(residuals: Callable[[Array], Array], θ: Array, limits: tuple[Array,
 
     settings: dict[str, Any] = {
         "jac": jacobian, "bounds": limits, "x_scale": np.maximum(np.abs(θ), 1.0),
-        "ftol": TOLERANCE, "xtol": TOLERANCE, "gtol": TOLERANCE, "max_nfev": MOST,
+        "ftol": XTOL, "xtol": XTOL, "gtol": XTOL, "max_nfev": MAX_STEPS,
     }  # fmt: skip
     found = least_squares(residuals, θ, **settings)
     if loss == "linear":
@@ -412,7 +413,7 @@ def jacobian_by_differences(residuals: Callable[[Array], Array], θ: Array, limi
     """Return ∂r/∂θ by differences to both sides; where they disagree, one has crossed a jump, and the smaller is taken."""
     here, columns = residuals(θ), []
     for j, x in enumerate(θ):
-        h = STEP * max(abs(x), 1.0)
+        h = DIFFERENCE_STEP * max(abs(x), 1.0)
         slopes = []
         for step in (h, -h):
             there = θ.copy()
@@ -421,7 +422,7 @@ def jacobian_by_differences(residuals: Callable[[Array], Array], θ: Array, limi
                 slopes.append((residuals(there) - here) / (there[j] - x))
         ahead, behind = slopes[0], slopes[-1]
         smaller = np.where(np.abs(ahead) < np.abs(behind), ahead, behind)
-        jumped = np.abs(ahead - behind) > JUMPED * np.abs(smaller) + JUMPED
+        jumped = np.abs(ahead - behind) > JUMP_RTOL * np.abs(smaller) + JUMP_RTOL
         columns.append(np.where(jumped, smaller, 0.5 * (ahead + behind)))
     return np.column_stack(columns)
 
@@ -516,7 +517,7 @@ class _Parameters:
         inner = np.isfinite(low) & np.isfinite(high)
         found = [self.start]
         for _ in range(number - 1):
-            wide = np.where(self.logarithmic, SPREAD, np.maximum(np.abs(self.start), 1.0))
+            wide = np.where(self.logarithmic, START_SPREAD, np.maximum(np.abs(self.start), 1.0))
             θ = self.start + wide * random.standard_normal(len(self.start))
             share = random.random(len(self.start))
             θ[inner] = low[inner] + share[inner] * (high - low)[inner]
@@ -666,10 +667,10 @@ class _Errors:
         names, notes = parameters.names, []
         J, N, n = np.asarray(found.jac), len(found.fun), len(names)
         widths = np.linalg.norm(J * np.where(parameters.logarithmic, 1.0, np.maximum(np.abs(found.x), 1e-12)), axis=0)
-        silent = widths <= SILENT * math.sqrt(N)
+        silent = widths <= INFLUENCE_RTOL * math.sqrt(N)
         norms = np.where(silent, 1.0, np.linalg.norm(J, axis=0))
         _, s, Vt = np.linalg.svd(J / norms, full_matrices=False)
-        weak = s <= SINGULAR * s[0]
+        weak = s <= SINGULAR_RTOL * s[0]
         blind = silent | (np.abs(Vt[weak]) > 0.1).any(axis=0)
         inverse = np.where(weak, 0.0, 1.0 / np.where(weak, 1.0, s))
         freedom = N - n

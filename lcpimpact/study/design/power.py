@@ -30,16 +30,16 @@ from lcpimpact.study.design.law import Law, Rebound, grounded
 from lcpimpact.trajectory import Trajectory
 
 NODES = 60
-"""Of Gauss and Jacobi's rule, on either side of the deepest place."""
+"""Number of Gauss-Jacobi nodes on either side of the greatest penetration."""
 
 SERIES = [1.0 / math.factorial(i) for i in range(2, 12)]
-"""Of (exp y - 1 - y)/y²."""
+"""Coefficients of (exp y - 1 - y)/y²."""
 
 RTOL, ATOL = 1e-12, 1e-14
-"""Of the integration where there is weight; all lengths and times are near 1."""
+"""Tolerances of the integration with weight; all lengths and times are near 1."""
 
-LONG = 1e6
-"""Time in L/v0 by which all is settled."""
+MAX_TIME = 1e6
+"""Time, in units of L/v0, by which all is settled."""
 
 State = tuple[float, float, float]
 """t, δ and δ'."""
@@ -208,7 +208,7 @@ def _integrated(a: float, γ: float, n: float) -> Rebound:
             return after
         return follow(before, float(brentq(value, before[0], after[0], xtol=xtol, rtol=1e-15)))
 
-    follow((0.0, 0.0, 1.0), LONG, visit)
+    follow((0.0, 0.0, 1.0), MAX_TIME, visit)
     # What is stationary in time need not be sharp in it.
     deepest, strongest = zero(lambda _, v: v, 1e-9), zero(force_rate, 1e-9)
     left = zero(lambda δ, _: δ, 1e-15)

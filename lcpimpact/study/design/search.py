@@ -11,11 +11,11 @@ from scipy.optimize import brentq, minimize_scalar
 
 from lcpimpact.arrays import Array
 
-TOUCHES = 1e-12
-"""An extremum that misses the goal by less, relative to it, is a solution."""
+TANGENCY_RTOL = 1e-12
+"""Difference of an extremum from the goal, relative to it, below which it is a solution."""
 
-BORDER = 1e-10
-"""So near is the border of a part in which f is defined approached."""
+DOMAIN_RTOL = 1e-10
+"""Distance to which the boundary of the domain of f is approached."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def solve(f: Callable[[float], float], grid: Array, goal: float) -> Found:
     values = [value for _, value in points if not math.isnan(value)]
     if not values:
         return Found((), math.nan, math.nan)
-    roots = [λ for λ, value in points if abs(value - goal) <= TOUCHES * abs(goal)]
+    roots = [λ for λ, value in points if abs(value - goal) <= TANGENCY_RTOL * abs(goal)]
     for (a, f_a), (b, f_b) in pairwise(points):
         if (f_a - goal) * (f_b - goal) < 0.0:
             root = float(brentq(lambda λ: f(λ) - goal, a, b, xtol=1e-300, rtol=1e-14))
@@ -67,7 +67,7 @@ def _border(f: Callable[[float], float], a: tuple[float, float], b: tuple[float,
     inside, outside = (b, a[0]) if math.isnan(a[1]) else (a, b[0])
     if math.isnan(inside[1]):
         return inside
-    while abs(inside[0] - outside) > 1e-12 * abs(inside[0]) + BORDER:
+    while abs(inside[0] - outside) > 1e-12 * abs(inside[0]) + DOMAIN_RTOL:
         middle = 0.5 * (inside[0] + outside)
         value = f(middle)
         if math.isnan(value):

@@ -39,30 +39,30 @@ LAWS: dict[str, Law] = {
 }
 
 OUTPUTS = {"e": "", "contact_time": "s", "peak_force": "N", "deflection": "m"}
-"""What an impact shows, with units."""
+"""Measured quantities of an impact, with units."""
 
 UNITS = OUTPUTS | {"k": "N/mⁿ", "c": "N s/m", "b": "s/m"}
 
 POWERS = {"e": 0.0, "contact_time": 1.0, "peak_force": -1.0, "deflection": 1.0, "c": -1.0, "b": 0.0}
-"""The power of L in each; that in k is -(n + 1)."""
+"""The power of L in each quantity; that in k is -(n + 1)."""
 
 GIVES_LENGTH = ("k", "c", "deflection", "peak_force", "contact_time", "e")
-"""Which of two quantities gives L: the constants do so in closed form, and the others rise or fall with L."""
+"""Which of two quantities determines L, by order of preference: constants do in closed form, others are monotonic in L."""
 
-POINTS = {True: 25, False: 97}
-"""Loss numbers at which an equation is looked at first: fewer where each costs an integration."""
+LOSS_SAMPLES = {True: 25, False: 97}
+"""Number of loss numbers at which an equation is sampled: fewer where each needs an integration."""
 
-HEAVIEST = 100.0
-"""Greatest γ = g L/v0² that is looked at: the weight alone would press the block together by L γ."""
+MAX_GAMMA = 100.0
+"""Largest γ = g L/v0² considered: the weight alone would press the block together by L γ."""
 
-FAR, CLOSE = 50.0, 1e-9
-"""Logarithms of what is out of reach, and of what is a root."""
+MAX_LOG, ROOT_TOL = 50.0, 1e-9
+"""Largest logarithm considered, and tolerance of a root in the logarithm."""
 
-FAINTEST = 1e-9
-"""Rebounds with less than this of v0 are none to a search: no run could show them."""
+MIN_REBOUND = 1e-9
+"""Rebound velocity, relative to v0, below which there is no rebound."""
 
-BEYOND = 1e-6
-"""A reach that goes so far past what is wanted is told by its near end alone."""
+REACH_RTOL = 1e-6
+"""Excess of a range over what is wanted above which only its near end is reported."""
 
 
 @dataclass(frozen=True)
@@ -305,7 +305,7 @@ class _Case:
 
     def sought(self, name: str, λ: float, L: float) -> float:
         """Return the quantity as a search sees it: a mass that leaves with next to nothing stays."""
-        if name in ("e", "contact_time") and self.scaled("e", λ, self.Γ * L) < FAINTEST:
+        if name in ("e", "contact_time") and self.scaled("e", λ, self.Γ * L) < MIN_REBOUND:
             return 0.0 if name == "e" else math.inf
         return self.quantity(name, λ, L)
 
@@ -318,12 +318,12 @@ class _Case:
                 reached = L > 0.0 and math.isfinite(self.sought(name, λ, L))
                 return L if reached else math.nan
             start = L if math.isnan(start) else start
-        top, sign = math.log(HEAVIEST / self.Γ), p or -1.0
+        top, sign = math.log(MAX_GAMMA / self.Γ), p or -1.0
 
         def excess(x: float) -> float:
             # It rises with L, and jumps where gravity begins to hold the mass.
             value = self.sought(name, λ, math.exp(x)) / goal
-            return sign * (min(max(math.log(value), -FAR), FAR) if value > 0.0 else -FAR)
+            return sign * (min(max(math.log(value), -MAX_LOG), MAX_LOG) if value > 0.0 else -MAX_LOG)
 
         x = min(math.log(start), top) if start > 0.0 else top - 10.0
         at, step = excess(x), 0.02
@@ -332,11 +332,11 @@ class _Case:
             then = excess(y)
             if at * then <= 0.0:
                 break
-            if y == top or y < top - FAR:
+            if y == top or y < top - MAX_LOG:
                 return math.nan
             x, at, step = y, then, 2.0 * step
         root = float(brentq(excess, min(x, y), max(x, y), xtol=1e-13))
-        return math.exp(root) if abs(excess(root)) < CLOSE else math.nan
+        return math.exp(root) if abs(excess(root)) < ROOT_TOL else math.nan
 
     def solutions(self, wanted: Mapping[str, float]) -> list[tuple[float, float]]:
         """Return every (λ, L) that gives what is wanted."""
@@ -367,7 +367,7 @@ class _Case:
 
         low, high = map(math.log, self.law.losses)
         slow = self.law.method != "exact" and self.g > 0.0
-        found = solve(equation, np.linspace(low, high, POINTS[slow]), wanted[second])
+        found = solve(equation, np.linspace(low, high, LOSS_SAMPLES[slow]), wanted[second])
         if not found.solutions:
             self.refuse(wanted, second, (found.low, found.high))
         return [(math.exp(u), self.length(first, wanted[first], math.exp(u))) for u in found.solutions]
@@ -378,7 +378,7 @@ class _Case:
 
     def reach(self, name: str, λ: float) -> tuple[float, float]:
         """Return between what values a quantity lies at one λ."""
-        ends = [self.quantity(name, λ, math.exp(x) * HEAVIEST / self.Γ) for x in (-FAR, 0.0)]
+        ends = [self.quantity(name, λ, math.exp(x) * MAX_GAMMA / self.Γ) for x in (-MAX_LOG, 0.0)]
         return min(ends), max(ends)
 
     def told(self, name: str, value: float) -> str:
@@ -395,9 +395,9 @@ class _Case:
             raise InputError(f"no {self.law.name} block with {others} {what} at {case}: ask for something else")
         low, high = (self.told(name, value) for value in reach)
         lies = f"lies between {low} and {high}"
-        if reach[0] < BEYOND * wanted[name]:
+        if reach[0] < REACH_RTOL * wanted[name]:
             lies = f"is at most {high}"
-        elif wanted[name] < BEYOND * reach[1]:
+        elif wanted[name] < REACH_RTOL * reach[1]:
             lies = f"is at least {low}"
         raise InputError(
             f"no {self.law.name} block has {name} = {self.told(name, wanted[name])}"
