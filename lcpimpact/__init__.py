@@ -97,32 +97,52 @@ _LOCATIONS = {
     "with_values": "lcpimpact.study.design.parameters:with_values",
     "plot_design": "lcpimpact.plotting.design:plot_design",
     "plot_fit": "lcpimpact.plotting.design:plot_fit",
+    "Integrator": "lcpimpact.integrators.base:Integrator",
+    "Declared": "lcpimpact.integrators.base:Declared",
+    "LinearStep": "lcpimpact.integrators.stepping.linear_step:LinearStep",
+    "Feature": "lcpimpact.scheme.dynamics:Feature",
+    "Event": "lcpimpact.record:Event",
+    "State": "lcpimpact.record:State",
+    "Certificate": "lcpimpact.certificate:Certificate",
+    "PreparedLCP": "lcpimpact.lcp.solve:PreparedLCP",
+    "Branch": "lcpimpact.study.dynamics.continuation:Branch",
+    "Grazing": "lcpimpact.study.dynamics.grazing:Grazing",
+    "Basins": "lcpimpact.study.dynamics.basins:Basins",
     "Status": "lcpimpact.errors:Status",
     "LcpImpactError": "lcpimpact.errors:LcpImpactError",
     "InputError": "lcpimpact.errors:InputError",
     "UnsupportedError": "lcpimpact.errors:UnsupportedError",
     "FailureError": "lcpimpact.errors:FailureError",
+    "UnknownNameError": "lcpimpact.errors:UnknownNameError",
 }
 
 __all__ = [
     "Banded",
     "Bar",
+    "Basins",
+    "Branch",
     "Bumper",
+    "Certificate",
     "Comparison",
     "CrossValidation",
     "Crossing",
     "Dashpot",
+    "Declared",
     "Dense",
     "Design",
+    "Event",
     "Factored",
     "FailureError",
+    "Feature",
     "Fit",
     "GeneralizedMaxwell",
+    "Grazing",
     "Harmonic",
     "HertzSpring",
     "HuntCrossley",
     "Impacts",
     "InputError",
+    "Integrator",
     "Jenkins",
     "KelvinVoigt",
     "KelvinVoigtStop",
@@ -130,6 +150,7 @@ __all__ = [
     "LcpImpactError",
     "Ledger",
     "LinearComplementaritySystem",
+    "LinearStep",
     "Load",
     "Mass",
     "Maxwell",
@@ -137,6 +158,7 @@ __all__ = [
     "NegativeSpring",
     "PeriodicOrbit",
     "Polynomial",
+    "PreparedLCP",
     "PrescribedMotion",
     "Problem",
     "Ramp",
@@ -148,11 +170,13 @@ __all__ = [
     "Spring",
     "SpringPot",
     "Square",
+    "State",
     "Status",
     "Stroboscope",
     "Table",
     "Target",
     "Trajectory",
+    "UnknownNameError",
     "UnsupportedError",
     "Zener",
     "__version__",
@@ -195,10 +219,13 @@ __all__ = [
 ]
 
 if TYPE_CHECKING:
-    from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, UnsupportedError
+    from lcpimpact.certificate import Certificate
+    from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, UnknownNameError, UnsupportedError
+    from lcpimpact.integrators.base import Declared, Integrator
+    from lcpimpact.integrators.stepping.linear_step import LinearStep
     from lcpimpact.lcp.operators import Banded, Dense, Factored
     from lcpimpact.lcp.problem import LCPSolution
-    from lcpimpact.lcp.solve import prepare_lcp, solve_lcp
+    from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp, solve_lcp
     from lcpimpact.lcp.solvers.enumeration import all_solutions
     from lcpimpact.plotting.comparison import plot_comparison, plot_cross_validation, plot_ledger
     from lcpimpact.plotting.cones import plot_cones
@@ -208,6 +235,8 @@ if TYPE_CHECKING:
     from lcpimpact.problems import load_problem
     from lcpimpact.problems.base import Problem
     from lcpimpact.problems.penalty import penalized
+    from lcpimpact.record import Event, State
+    from lcpimpact.scheme.dynamics import Feature
     from lcpimpact.scheme.elements.bar import Bar
     from lcpimpact.scheme.elements.bumper import Bumper
     from lcpimpact.scheme.elements.dashpot import Dashpot
@@ -239,10 +268,10 @@ if TYPE_CHECKING:
     from lcpimpact.study.design.fit import Fit, Target, fit
     from lcpimpact.study.design.parameters import with_values
     from lcpimpact.study.design.sizing import Design, design
-    from lcpimpact.study.dynamics.basins import basins
-    from lcpimpact.study.dynamics.continuation import continue_orbit
+    from lcpimpact.study.dynamics.basins import Basins, basins
+    from lcpimpact.study.dynamics.continuation import Branch, continue_orbit
     from lcpimpact.study.dynamics.diagrams import bifurcation
-    from lcpimpact.study.dynamics.grazing import grazing
+    from lcpimpact.study.dynamics.grazing import Grazing, grazing
     from lcpimpact.study.dynamics.lyapunov import lyapunov
     from lcpimpact.study.dynamics.sections import Crossing, Impacts, Stroboscope, poincare
     from lcpimpact.study.dynamics.shooting import PeriodicOrbit, periodic_orbit

@@ -46,7 +46,7 @@ def simulate(
     method: str | Integrator = "moreau-jean",
     *,
     dt: float,
-    t_end: float,
+    t_end: float | None = None,
     lcp_solver: str = "auto",
     throw: bool = True,
     progress: bool = True,
@@ -63,9 +63,9 @@ def simulate(
     dt : float
         Step in s; t_end must be a whole number of steps. With ``exact`` and ``event-driven`` it is the spacing of the output
         only, and with the option ``rtol`` of other methods the longest step.
-    t_end : float
-        End in s. Events with 0 <= t <= t_end are kept; where a method locates one at t_end itself, the run ends with its
-        right limit.
+    t_end : float, optional
+        End in s; by default that of the problem. Events with 0 <= t <= t_end are kept; where a method locates one at t_end
+        itself, the run ends with its right limit.
     lcp_solver : str
         A name of ``lcpimpact list solvers``.
     throw : bool
@@ -106,7 +106,7 @@ def simulate(
     for name, value in (("throw", throw), ("progress", progress)):
         check_kind(name, value, bool)
     integrator = make_integrator(method, method_options)
-    grid = _grid(dt, t_end)
+    grid = _grid(dt, problem.t_end if t_end is None else t_end)
     _check_lcp_solver(integrator, lcp_solver)
     _check_handled(integrator, problem)
 

@@ -465,3 +465,9 @@ def test_the_interpreter_gives_the_bits_of_the_compiled_code(python):
     interpreted = python(f"{BITS}\nprint(json.dumps(bits()))", NUMBA_DISABLE_JIT="1")
     assert len(compiled) == 3 * 6 + 2 * 4
     assert interpreted == compiled
+
+
+def test_a_run_ends_where_its_problem_does_unless_told():
+    problem = load_problem("system-1")
+    assert simulate(problem, dt=problem.t_end / 50).t[-1] == problem.t_end
+    assert simulate(problem, dt=0.1, t_end=0.5).t[-1] == 0.5
