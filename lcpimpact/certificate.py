@@ -530,7 +530,7 @@ def certify(
     """
     d = dynamics
     limits = Limits() if integrator is None else integrator.limits()
-    residual = float(record.stats.get("residual", 0.0))
+    residual = float(record.stats.residual)
     limits = replace(limits, precision=limits.precision + RESIDUAL * residual)
     θ = None if integrator is None else integrator.balance_point()
     with np.errstate(all="ignore"):

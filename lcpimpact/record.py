@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -66,6 +66,52 @@ class Event:
     impulse: float = 0.0
 
 
+@dataclass(eq=False)
+class Stats(Mapping[str, float]):
+    """What a run has cost; ``stats["seconds"]`` and ``stats.seconds`` are the same.
+
+    Attributes
+    ----------
+    steps : int                 steps taken, those of its own choice where the method chooses them
+    rejected : int              steps tried and taken again with another length
+    lcp_solves : int            linear complementarity problems
+    lcp_iterations : int        iterations of their solver
+    newton_iterations : int     iterations of Newton's method
+    evaluations : int           right sides evaluated
+    residual : float            largest residual of an accepted step
+    seconds : float             duration of the run in s
+    """
+
+    steps: int = 0
+    rejected: int = 0
+    lcp_solves: int = 0
+    lcp_iterations: int = 0
+    newton_iterations: int = 0
+    evaluations: int = 0
+    residual: float = 0.0
+    seconds: float = 0.0
+
+    def add_lcps(self, solves: int, iterations: int, residual: float, newton: int = 0) -> None:
+        """Count the LCPs of a block of steps, each with a right side of its own, as each of Newton's iterations has."""
+        self.lcp_solves += solves
+        self.lcp_iterations += iterations
+        self.newton_iterations += newton
+        self.evaluations += solves + newton
+        self.residual = max(self.residual, residual)
+
+    def __getitem__(self, name: str) -> float:
+        if name not in self.__dataclass_fields__:
+            raise KeyError(name)
+        value: float = getattr(self, name)
+        return value
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.__dataclass_fields__)
+
+    def __len__(self) -> int:
+        return len(self.__dataclass_fields__)
+
+
 @dataclass
 class Record:
     """The arrays that a run fills.
@@ -75,7 +121,7 @@ class Record:
     t (nt,), q (nt, n), v (nt, n)               the grid and the motion on it
     t_reaction (nr,), reaction (nr, nc)         the reactions, where they live
     events                                      those that the method itself located
-    stats                                       counts: lcp_solves, lcp_iterations, residual, ...
+    stats                                       what it has cost so far
     """
 
     t: Array
@@ -84,7 +130,7 @@ class Record:
     t_reaction: Array
     reaction: Array
     events: list[Event] | None = None
-    stats: dict[str, float] = field(default_factory=dict)
+    stats: Stats = field(default_factory=Stats)
 
 
 @dataclass(frozen=True, eq=False)

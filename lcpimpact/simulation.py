@@ -153,6 +153,8 @@ def simulate(
         others = [name for name in _able(problem.dynamics) if METHODS[name].family != integrator.family]
         named = f" such as {' or '.join(map(repr, others[:MAX_ALTERNATIVES]))}" if others else ""
         message = f"{integrator.name}: {'; '.join(certificate.failures)}. {status.sentence.rstrip('.')}{named}."
+    record.stats.steps = record.stats.steps or len(record.t) - 1
+    record.stats.seconds = time.perf_counter() - started
     trajectory = Trajectory(
         problem,
         _describe(integrator, lcp_solver),
@@ -165,7 +167,7 @@ def simulate(
         status,
         message,
         certificate,
-        {"steps": len(record.t) - 1, **record.stats, "seconds": time.perf_counter() - started},
+        record.stats,
         dense,
         integrator,
     )

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
@@ -21,7 +20,7 @@ from lcpimpact.files import cell_of, check_output, whole_file, whole_files
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.stepping.spring_law import pushes
 from lcpimpact.problems.base import Problem
-from lcpimpact.record import ContinuousSolution, Event, Record, State
+from lcpimpact.record import ContinuousSolution, Event, Record, State, Stats
 from lcpimpact.registry import load, nearest
 from lcpimpact.scheme.dynamics import Contact
 
@@ -58,7 +57,7 @@ class Trajectory:
     status : Status                 SOLVED, VIOLATED where the certificate fails, or why the run ended early
     message : str                   the status in words, with the remedy
     certificate : Certificate       how far the run is from the laws that it should obey, and what is allowed
-    stats : dict                    steps, counted costs, seconds
+    stats : Stats                   what the run has cost: steps, LCPs, iterations, seconds
     dense : ContinuousSolution or None           the solution as a function of time, where the method has one
     integrator : Integrator or None the method as an object, with what it declares
     """
@@ -74,7 +73,7 @@ class Trajectory:
     status: Status
     message: str
     certificate: Certificate
-    stats: Mapping[str, float]
+    stats: Stats
     dense: ContinuousSolution | None = None
     integrator: Integrator | None = None
 
@@ -219,7 +218,7 @@ class Trajectory:
                     f"{', '.join(ours) or '(none)'}: give a problem with the same"
                 )
         t, q, v, t_reaction, reaction = map(_for_compiled, self._arrays())
-        record = Record(t, q, v, t_reaction, reaction, stats=dict(self.stats))
+        record = Record(t, q, v, t_reaction, reaction, stats=replace(self.stats))
         start = (problem.initial_coordinates, problem.initial_velocities)
         rigid = {contact.name for contact in d.contacts}
         events = tuple(event for event in self.events if event.contact in rigid and event.kind != "jump")

@@ -519,7 +519,7 @@ def test_a_run_that_fails_says_where_and_why():
     assert not traj.success
     assert traj.message == str(caught.value)
     steps = len(traj.t) - 1
-    assert 10 < steps == traj.stats["steps"] == len(traj.reaction) < 100
+    assert 10 < steps == traj.stats.steps == len(traj.reaction) < 100
     assert np.isfinite(traj.q).all()
     quiet = simulate(falling, dt=1e-2, t_end=1.0, lcp_solver="pgs", max_iter=1, throw=False)
     assert quiet.status is Status.MAX_ITER

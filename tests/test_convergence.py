@@ -296,7 +296,7 @@ def test_tolerances_are_swept_where_a_method_has_them():
     assert errors[("halved", 1e-5)] < 0.1 * errors[("halved", 1e-3)]
     # atol follows rtol: were it still 1e-5, the tight run would be far from this.
     tight = li.simulate(oscillator(), EventDriven(rtol=1e-5, atol=1e-7), dt=3.0 / 11, t_end=3.0)
-    assert table["evaluations"].iloc[5] == tight.stats["evaluations"]
+    assert table["evaluations"].iloc[5] == tight.stats.evaluations
 
 
 def test_methods_take_turns_and_the_least_time_is_kept(monkeypatch):
@@ -311,7 +311,7 @@ def test_methods_take_turns_and_the_least_time_is_kept(monkeypatch):
         if len(run.t) == 2:
             return run  # what compiles
         seen.append(method.name)
-        run.stats["seconds"] = next(clock)
+        run.stats.seconds = next(clock)
         return run
 
     def watch(items, total, what):

@@ -142,7 +142,7 @@ def test_every_solver_of_scipy_follows_its_tolerance(solver):
 def test_the_output_spacing_changes_nothing():
     coarse, fine = run(li.load_problem("system-1"), dt=0.5), run(li.load_problem("system-1"), dt=1e-3)
     assert_allclose(coarse.q, fine.q[::500], rtol=0, atol=1e-15)
-    assert coarse.stats["solver_steps"] == fine.stats["solver_steps"]
+    assert coarse.stats.steps == fine.stats.steps
 
 
 def test_smooth_motion_is_that_of_scipy():

@@ -224,7 +224,7 @@ def test_a_step_that_one_method_does_not_solve_is_tried_by_the_next(monkeypatch)
     assert len(solves) >= 50
     assert_allclose(found.q, expected.q, rtol=0.0, atol=1e-12)
     assert_allclose(found.reaction, expected.reaction, rtol=0.0, atol=1e-9)
-    assert found.stats["lcp_solves"] == expected.stats["lcp_solves"]
+    assert found.stats.lcp_solves == expected.stats.lcp_solves
 
 
 def _refusing(init, name):

@@ -359,7 +359,7 @@ def test_errors_follow_the_tolerance(name):
         for rtol in (1e-4, 1e-7):
             found = run(case, name, dt=0.03 if t_end == 3.0 else 0.02, t_end=t_end, rtol=rtol)
             errors.append(np.abs(found.q - truth.q).max())
-            assert found.stats["inner_steps"] >= found.stats["steps"]
+            assert found.stats.steps >= len(found.t) - 1
         assert errors[1] < 2e-5
         assert errors[1] < 0.2 * errors[0] or errors[0] < 1e-6
 
@@ -423,7 +423,7 @@ def test_micrometres_and_kilometres_are_resolved_alike():
         problem = li.Problem("scaled", scheme, q0={"x": -size})
         runs.append(run(problem, "dopri5", dt=0.5, t_end=5.0, rtol=1e-4))
     for each, size in zip(runs, (1e-6, 1.0, 1e6), strict=True):
-        assert each.stats["inner_steps"] == runs[1].stats["inner_steps"]
+        assert each.stats.steps == runs[1].stats.steps
         assert_allclose(each.q / size, runs[1].q, rtol=0.0, atol=1e-9)
 
 

@@ -76,8 +76,8 @@ def test_shapes_and_the_grid(theta):
     assert theta.success
     assert theta.status is Status.SOLVED
     assert theta.message == Status.SOLVED.sentence
-    assert theta.stats["steps"] == 50
-    assert theta.stats["lcp_solves"] == 50
+    assert theta.stats.steps == 50
+    assert theta.stats.lcp_solves == 50
 
 
 def test_series_by_name(theta):
@@ -417,7 +417,7 @@ def test_an_interrupted_run_keeps_its_finished_steps():
     traj = simulate(load_problem("system-1"), StoppedByHand(), dt=1e-2, t_end=3.0, throw=False)
     assert traj.status is Status.INTERRUPTED
     assert "Interrupted" in traj.message
-    assert 0 < len(traj.reaction) == len(traj.t) - 1 == traj.stats["steps"] < 300
+    assert 0 < len(traj.reaction) == len(traj.t) - 1 == traj.stats.steps < 300
     assert traj.q.tobytes() == whole.q[: len(traj.t)].tobytes()
     assert all(event.t <= traj.t[-1] for event in traj.events)
     with pytest.raises(KeyboardInterrupt):

@@ -539,7 +539,7 @@ class EventDriven(Integrator):
             raise
         except (FloatingPointError, ValueError):  # SciPy's implicit solvers raise the latter for a matrix with NaN
             return Status.NON_FINITE
-        record.stats["solver_steps"] = record.stats.get("solver_steps", 0) + 1
+        record.stats.steps += 1
         if steps.status == "failed":
             return Status.STEP_SIZE
         if not np.isfinite(steps.y).all():
@@ -559,7 +559,7 @@ class EventDriven(Integrator):
         run.starts.append(segment.t0 + steps.t_old)
         run.pieces.append(Piece(segment, t, solution))
         if steps.status == "finished" or found:
-            record.stats["evaluations"] = record.stats.get("evaluations", 0) + steps.nfev
+            record.stats.evaluations += steps.nfev
             run.first_step = float(getattr(steps, "h_abs", 0.0)) or None
         if not breakpoint and not found:
             return Status.SOLVED

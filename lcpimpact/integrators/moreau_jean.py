@@ -50,7 +50,7 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, f8, flags, i8, indices, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.law import SPRINGS, Springs, around, examine, solve_law, tally
+from lcpimpact.integrators.stepping.law import SPRINGS, Springs, around, examine, solve_law
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual
@@ -555,7 +555,7 @@ class MoreauJean(TimeStepping[Step]):
             first, first + len(times) - 1, step.h, step.θ, Pf, f, *step.operators,
             record.q, record.v, record.reaction, step.tol, step.max_iter, solver.kernel, springs, stops,
         )  # fmt: skip
-        tally(record.stats, reached - first, iterations, residual, newton)
+        record.stats.add_lcps(reached - first, iterations, residual, newton)
         return code, reached
 
 

@@ -29,7 +29,7 @@ from lcpimpact.errors import Status
 from lcpimpact.hybrid.modes import ZERO, refuse_velocity_jumps
 from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.integrators.moreau_jean import submatrix
-from lcpimpact.integrators.stepping.law import solve_law, tally, with_fallbacks
+from lcpimpact.integrators.stepping.law import solve_law, with_fallbacks
 from lcpimpact.integrators.stepping.linear_step import sum_columns
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
 from lcpimpact.lcp import SOLVERS
@@ -360,7 +360,7 @@ class Radau(Integrator):
             first, last, carry.grid.h, *carry.tables, carry.scale, carry.y, carry.guess,
             record.q, record.v, record.reaction, carry.tol, carry.max_iter, solver.kernel,
         )  # fmt: skip
-        tally(record.stats, solves, iterations, residual)
+        record.stats.add_lcps(solves, iterations, residual)
         return Status(code), reached
 
 

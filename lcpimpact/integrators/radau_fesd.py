@@ -313,6 +313,7 @@ class Run:
     meetings: Meetings
     max_events: int
     passed: int = 0
+    switches: int = 0
     t: float = 0.0
     stride: int = 1
     X: Array = field(init=False)
@@ -339,7 +340,7 @@ class Run:
         record.events += events
         status, short = Status.SOLVED, self._land(t, events)
         if short and t < self.grid.t_end:
-            left_over = max(self.max_events - int(record.stats["switches"]), 1)
+            left_over = max(self.max_events - self.switches, 1)
             burst = follow_burst(
                 system, t, after, mode, self.scale, self.solver, self.grid.t_end, short, left_over
             )  # fmt: skip
@@ -348,7 +349,7 @@ class Run:
                 self.states.append(segment.X[None, :])
                 self.owners.append(self._elements(segment.mode))
             record.events += burst.events
-            record.stats["switches"] += len(burst.motion.segments) - 1
+            self.switches += len(burst.motion.segments) - 1
             self.meetings.take(burst)
             self.scale = np.maximum(self.scale, burst.motion.scale)
             self.t, mode, after, status = burst.last.t0, burst.last.mode, burst.last.state, burst.status
@@ -411,9 +412,9 @@ class Run:
         self.owners.append(self.elements)
         self.t, self.X, self.zeros = end, states[-1], np.zeros_like(self.zeros)
         self.scale = np.maximum(self.scale, np.abs(states).max(axis=0))
-        record.stats["elements"] += len(starts)
-        record.stats["evaluations"] += len(starts)
-        record.stats["residual"] = max(record.stats["residual"], residual)
+        record.stats.steps += len(starts)
+        record.stats.evaluations += len(starts)
+        record.stats.residual = max(record.stats.residual, residual)
 
     def write(self, record: Record, first: int, states: Array, elements: Elements | None = None) -> None:
         """Write states of this mode, or of that of other elements, to the grid from ``first`` on."""
@@ -532,7 +533,6 @@ class RadauFESD(Integrator):
             Meetings.none(len(system.degree)), self.max_events,
         )  # fmt: skip
         record.events = []
-        record.stats.update(elements=0, halvings=0, switches=0, newton_iterations=0, evaluations=0, residual=0.0)
         try:
             run.enter(0.0, X, record, v=problem.initial_velocities)
         except np.linalg.LinAlgError:
@@ -619,7 +619,7 @@ class RadauFESD(Integrator):
                     return Status.SWITCH
                 middle = begin + 0.5 * (end - begin)
                 waiting += [(middle, end, breaks), (begin, middle, False)]
-                record.stats["halvings"] += 1
+                record.stats.rejected += 1
             if status is not Status.SOLVED:
                 return status
         end = float(record.t[k + 1])
@@ -655,8 +655,8 @@ class RadauFESD(Integrator):
             return Status.SOLVED, 0.0, True
         starts_at = float(elements.rows[row] @ run.X) if run.zeros[row] > 0 else 0.0
         root, count = elements.root(run.X, row, starts_at, guess * length, length, run.scale, self.max_newton)
-        record.stats["newton_iterations"] += count
-        record.stats["evaluations"] += count
+        record.stats.newton_iterations += count
+        record.stats.evaluations += count
         if root is None:
             return Status.SWITCH, 0.0, False
         table, ends = elements.table(root), none.copy()
@@ -677,10 +677,10 @@ class RadauFESD(Integrator):
 
     def _switch(self, run: Run, record: Record, t: float) -> Status:
         """Pass into the next mode at t."""
-        if record.stats["switches"] >= self.max_events:
+        if run.switches >= self.max_events:
             return Status.MAX_EVENTS
         status = self._enter(run, record, t, False)
-        record.stats["switches"] += status is Status.SOLVED
+        run.switches += status is Status.SOLVED
         return status
 
     def _breakpoint(self, run: Run, record: Record) -> Status:

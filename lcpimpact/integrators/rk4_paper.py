@@ -205,7 +205,7 @@ class RK4Paper(Integrator):
             carry.rates,
             carry.reaction,
         )
-        record.stats["evaluations"] = record.stats.get("evaluations", 0) + 5 * (reached - first)
+        record.stats.evaluations += 5 * (reached - first)
         _write(carry, record, first + 1, reached)
         return (Status.SOLVED if reached == last else Status.NON_FINITE), reached
 

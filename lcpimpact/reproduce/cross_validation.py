@@ -187,7 +187,7 @@ def run_case(case: Case) -> Row:
         extra,
         peak_reaction(found),
         (c.residual, c.complementarity, c.penetration, c.energy_balance),
-        float(found.stats["seconds"]),
+        found.stats.seconds,
         tuple(float(value) for value in found.q[-1]),
     )
 

@@ -121,7 +121,7 @@ class Halving:
         record.t, record.q, record.v = np.array(self.t), path[:, :n].copy(), path[:, n : 2 * n].copy()
         record.t_reaction = record.t[:-1] + reaction_at * np.diff(record.t)
         record.reaction = np.array(self.reactions).reshape(len(self.reactions), nc)
-        record.stats["rejected"] = self.rejected
+        record.stats.rejected = self.rejected
 
 
 def overlap(dynamics: Dynamics) -> Callable[[Array], float]:

@@ -27,7 +27,7 @@ from numba import types
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, i8, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
-from lcpimpact.integrators.stepping.law import SPRINGS, Springs, around, solve_law, tally
+from lcpimpact.integrators.stepping.law import SPRINGS, Springs, around, solve_law
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
@@ -404,7 +404,7 @@ class LinearStep(TimeStepping[Tabulated]):
             first, first + len(times) - 1, step.h, loads, *step.sizes, *step.tables, step.y, step.guess,
             record.q, record.v, record.reaction, step.tol, step.max_iter, solver.kernel, springs,
         )  # fmt: skip
-        tally(record.stats, self.laws * (reached - first), iterations, residual, newton)
+        record.stats.add_lcps(self.laws * (reached - first), iterations, residual, newton)
         return Status(code), reached
 
 

@@ -39,7 +39,7 @@ from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, v
 from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.modes import System, refuse_mixed_degrees, refuse_velocity_jumps
 from lcpimpact.integrators.base import Integrator, Limits
-from lcpimpact.integrators.stepping.law import solve_law, tally, with_fallbacks
+from lcpimpact.integrators.stepping.law import solve_law, with_fallbacks
 from lcpimpact.integrators.stepping.tableau import Tableau
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
@@ -681,10 +681,10 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
             if shrink < 1.0:
                 carry.scale[:] = scale
                 carry.step[0] = shrink * h
-                record.stats["rejected_steps"] = record.stats.get("rejected_steps", 0) + 1
+                record.stats.rejected += 1
                 continue
             carry.step[0] = max(shrink * h, carry.step[0] if h < carry.step[0] else 0.0)
-            record.stats["inner_steps"] = record.stats.get("inner_steps", 0) + 1
+            record.stats.steps += 1
             if (P[1, inertia] > 0.0).any() or ((r[0] > 0.0) != (r[1] > 0.0)).any():
                 record.events += _happened(carry, np.array([t, t + h]), *motion)
             np.maximum(carry.largest, np.abs(y[1]), out=carry.largest)
@@ -744,7 +744,7 @@ def _take(
         first, last, h, shortest, given, tableau.matrix, np.array(tableau.b), tableau.error, run.matrices, *motion,
         run.scale, ahead, run.tol, run.max_iter, solver.kernel,
     )  # fmt: skip
-    tally(record.stats, tableau.stages * (reached - first), iterations, residual)
+    record.stats.add_lcps(tableau.stages * (reached - first), iterations, residual)
     return Status(code), reached
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from lcpimpact.lcp.solve import limits
 from lcpimpact.lcp.solver import State
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
-from lcpimpact.record import Grid, Record
+from lcpimpact.record import Grid, Record, Stats
 from lcpimpact.scheme.dynamics import Dynamics
 
 
@@ -147,9 +147,7 @@ class TimeStepping(Integrator, Generic[S]):
         if carry.halving:
             carry.halving.write(record, self.reaction_at)
 
-    def _take(
-        self, carry: Run[S], stats: dict[str, Any], level: int, t: float, y: Array
-    ) -> tuple[Status, Array, Array]:
+    def _take(self, carry: Run[S], stats: Stats, level: int, t: float, y: Array) -> tuple[Status, Array, Array]:
         """Take one step of length h/2^level from y at t."""
         d, h = carry.dynamics, carry.grid.h / 2**level
         if level not in carry.steps:

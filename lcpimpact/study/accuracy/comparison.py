@@ -71,7 +71,7 @@ class Comparison:
                 "steps": len(run.t) - 1,
                 **_finite(run, truth),
                 "events": len(run.events),
-                "seconds": float(run.stats["seconds"]),
+                "seconds": run.stats.seconds,
                 "violation": "" if run.success else run.message,
                 "failure": "",
             }

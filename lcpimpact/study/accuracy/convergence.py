@@ -61,9 +61,6 @@ SCALES: dict[str, Callable[[Trajectory], float]] = {
 }
 """Scale of an error in each norm."""
 
-TAKEN = ("inner_steps", "solver_steps", "elements")
-"""How methods that choose their steps call the number that they took."""
-
 COUNTS = (
     *("steps", "closings", "events"),
     *("lcp_solves", "lcp_iterations", "newton_iterations", "evaluations"),
@@ -408,7 +405,7 @@ def _run_all(
             row.update(_first(task, names, lcp_solver))
         elif not row["failure"]:
             run = _simulate(task, lcp_solver)
-            row["seconds"] = min(row["seconds"], float(run.stats["seconds"]))
+            row["seconds"] = min(row["seconds"], run.stats.seconds)
     table = pd.DataFrame(found, columns=_columns(names)).astype(dict.fromkeys(COUNTS, "Int64"))
     known = next((truth for truth in truths.values() if isinstance(truth, Reference)), None)
     table.attrs = {"problem": problem.name, "t_end": float(end)}
@@ -537,14 +534,14 @@ def _first(task: Task, norms: Sequence[str], lcp_solver: str) -> dict[str, Any]:
         row
         | found
         | {
-            "steps": int(next((stats[name] for name in TAKEN if name in stats), stats["steps"])),
+            "steps": stats.steps,
             "closings": sum(event.kind in ("close", "impact") for event in run.events),
             "events": len(run.events),
-            "lcp_solves": int(stats.get("lcp_solves", 0)) if solved else 0,
-            "lcp_iterations": int(stats.get("lcp_iterations", 0)) if solved else 0,
-            "newton_iterations": int(stats.get("newton_iterations", 0)),
-            "evaluations": int(stats.get("evaluations", 0)),
-            "seconds": float(stats["seconds"]),
+            "lcp_solves": stats.lcp_solves if solved else 0,
+            "lcp_iterations": stats.lcp_iterations if solved else 0,
+            "newton_iterations": stats.newton_iterations,
+            "evaluations": stats.evaluations,
+            "seconds": stats.seconds,
             "violation": "" if run.success else run.message,
         }
     )
