@@ -372,6 +372,11 @@ class System:
         return self.readings[mode.key]
 
     @cached_property
+    def pushes(self) -> Array:
+        """|B| (N, nc): what impulses do to X."""
+        return np.abs(self.fine.B.hi)
+
+    @cached_property
     def reach(self) -> Array:
         """What each component of X does to the others within a window, without contact forces (N, N).
 
@@ -547,7 +552,7 @@ def settled(
 
 def scale_after(system: System, scale: Array, P: Array) -> Array:
     """Return the scale (N,) with what impulses P (nc,) have done: where they balance, what is left of them is rounding."""
-    return np.maximum(scale, np.abs(system.fine.B.hi) @ P)
+    return np.maximum(scale, system.pushes @ P) if P.any() else scale
 
 
 def _put_to_zero(system: System, constraint: DoubleDouble, X: DoubleDouble, scale: Array) -> DoubleDouble:

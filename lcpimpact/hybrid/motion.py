@@ -244,7 +244,7 @@ def _enter(motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero:
                 system, now, before, X, motion.scale, motion.solver, zero=zero, together=together
             )
     motion.segments.append(Segment(t, (X if left is None else left).hi, after, mode, ended, tuple(events)))
-    scale = scale_after(system, motion.scale, _impulses(system, events))
+    scale = scale_after(system, motion.scale, _impulses(system, events)) if events else motion.scale
     motion.scale = np.maximum(scale, system.reach @ scale)
 
     flow, _ = system.reaction(mode)
