@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from event_reference import Reference
 from numpy.testing import assert_allclose
+from schemes import column, plate_beside_an_impact
 from scipy.optimize import brentq
-from test_event_reference import column
 
 import lcpimpact as li
 from lcpimpact.double_double import DoubleDouble
@@ -47,15 +47,6 @@ def test_bodies_that_a_force_holds_together_do_not_part_because_another_bounces(
     assert_allclose(run["a"], x, rtol=0, atol=1e-12 * max(t_end, 100.0) / 10.0)
     assert_allclose(run["b"], run["a"], rtol=0, atol=1e-14)
     assert_allclose(run["R"], 30.0 - 1.3 * acceleration, rtol=0, atol=1e-9)
-
-
-def plate_beside_an_impact():
-    scheme = li.Scheme(
-        li.KelvinVoigt("p", "ground", k=310.3, c=14.5), li.Load("p", f=4.9),
-        li.Mass("b", m=2.1), li.Load("b", f=3.0), li.KelvinVoigt("b", "p", k=170.3, c=3.1),
-        li.Bumper("p", "ground", gap=0, name="F"), li.Bumper("ground", "b", gap=0.01, e=1, name="S"),
-    )  # fmt: skip
-    return li.Problem("plate", scheme, v0={"b": 0.37})
 
 
 def test_a_plate_that_is_pressed_down_stays_down_beside_an_impact():

@@ -34,7 +34,7 @@ from lcpimpact.study.accuracy.convergence import (
 from lcpimpact.study.accuracy.orders import fit, observed_orders
 from lcpimpact.study.accuracy.reference import reference
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 SIX = [3.0 / n for n in (101, 163, 257, 409, 653, 1049)]
 
 

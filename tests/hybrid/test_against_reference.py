@@ -1,7 +1,7 @@
 """The exact solution against the event simulator of `event_reference`, on random schemes of ten kinds.
 
-From the directory of the repository, ``python tests/test_against_reference.py KIND SEED`` prints the scheme and the events
-of both, side by side.
+From the directory of the repository, ``PYTHONPATH=tests python tests/hybrid/test_against_reference.py KIND SEED`` prints
+the scheme and the events of both, side by side.
 """
 
 # ruff: noqa: T201

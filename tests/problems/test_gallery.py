@@ -13,7 +13,7 @@ from PIL import Image
 from lcpimpact import load_problem
 from lcpimpact.problems import PROBLEMS
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.fixture(scope="module")

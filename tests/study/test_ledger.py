@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
+from schemes import frictional, random_problem
 from scipy.integrate import solve_ivp
-from test_random_schemes import frictional, random_problem
 
 import lcpimpact as li
 from lcpimpact.scheme.elements.base import Compound

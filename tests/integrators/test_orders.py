@@ -122,7 +122,7 @@ TIME_STEPS = [name for name, kind in METHODS.items() if issubclass(kind, TimeSte
 
 @pytest.fixture(scope="module")
 def chains():
-    path = Path(__file__).parents[1] / "benchmarks" / "orders.py"
+    path = Path(__file__).parents[2] / "benchmarks" / "orders.py"
     spec = importlib.util.spec_from_file_location("orders_benchmark", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from schemes import column
 from scipy.linalg import expm
-from test_event_reference import column
 
 import lcpimpact as li
 from lcpimpact.integrators.radau_fesd import RadauFESD, first_crossing

@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from test_random_schemes import frictional, random_problem
+from schemes import frictional, random_problem
 
 import lcpimpact as li
 from lcpimpact import FailureError, InputError, Status

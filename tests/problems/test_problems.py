@@ -91,7 +91,9 @@ def test_every_problem_has_facts_and_an_outside_reference(name):
         assert 0.0 < fact.accuracy < 0.5
         assert fact.accuracy <= 1e-7 or name in MODELS, "a closed form holds to rounding"
     assert name in OUTSIDE
-    if not name.startswith("system-"):  # whose digits tests/test_exact.py holds against 40-digit arithmetic and DOP853
+    if not name.startswith(
+        "system-"
+    ):  # tests/hybrid/test_exact.py holds their digits against 40-digit arithmetic and DOP853
         assert set(OUTSIDE[name](**load_problem(name).parameters)) >= {fact.symbol for fact in known}
 
 

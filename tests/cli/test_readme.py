@@ -7,7 +7,7 @@ import pytest
 
 from lcpimpact.reproduce.cross_validation import Case, run_case
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 METHODS = {
     "moreau-jean, θ = 1/2": ("moreau-jean", (("theta", 0.5),)),

@@ -21,7 +21,7 @@ from lcpimpact.cli.main import main
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.files import READERS, WRITERS, read_lcp, write_lcp
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 INF = np.inf
 
 TWO = [[2.0, 1.0], [1.0, 3.0]], [-5.0, -6.0]

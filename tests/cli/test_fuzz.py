@@ -30,7 +30,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from test_random_schemes import frictional, random_problem
+from schemes import frictional, random_problem
 
 import lcpimpact as li
 from lcpimpact.cli.main import SHOWS_TRACEBACK, main
@@ -1002,7 +1002,7 @@ def test_a_signal_ends_a_command_and_leaves_its_files_as_they_were_or_whole(fold
 # ---- a soak ---------------------------------------------------------------------------------------------------------
 
 SOAK = int(os.environ.get("LCPIMPACT_SOAK", "600"))
-"""Runs of random schemes in one process: LCPIMPACT_SOAK=10000 pytest tests/test_fuzz.py -m slow -k soak."""
+"""Runs of random schemes in one process: LCPIMPACT_SOAK=10000 pytest tests/cli/test_fuzz.py -m slow -k soak."""
 
 GROWTH = 50e6
 """Bytes by which a process may grow after a third of the runs, which has filled what it keeps."""

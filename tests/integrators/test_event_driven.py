@@ -11,9 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from piecewise_ode import solve
+from schemes import column, plate_beside_an_impact
 from scipy import integrate
-from test_event_reference import column
-from test_exact_truth import plate_beside_an_impact
 
 import lcpimpact as li
 from lcpimpact import (

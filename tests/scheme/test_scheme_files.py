@@ -22,7 +22,7 @@ from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.scheme.signals import SIGNALS
 from lcpimpact.schemefile import DEEPEST, KEYS, LARGEST, LONGEST
 
-DOCS = Path(__file__).parent.parent / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 def written(folder, text, name="my.toml"):

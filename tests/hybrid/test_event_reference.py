@@ -7,17 +7,9 @@ import numpy as np
 import pytest
 from event_reference import Reference, collide
 from numpy.testing import assert_allclose
+from schemes import column
 
 import lcpimpact as li
-
-
-def column(masses, gaps, speeds, e):
-    """Force-free bodies on a line, with a bumper between neighbours."""
-    names = "abcd"[: len(masses)]
-    elements = [li.Mass(name, m) for name, m in zip(names, masses, strict=True)]
-    for i, gap in enumerate(gaps):
-        elements.append(li.Bumper(names[i], names[i + 1], gap=gap, e=e, name="RST"[i]))
-    return li.Problem("column", li.Scheme(*elements), v0=dict(zip(names, speeds, strict=True)))
 
 
 def test_three_bodies_meet_eleven_times_at_e_of_8_per_cent():

@@ -1,11 +1,19 @@
-"""Two independent routes on schemes that nobody chose: the exact solution and the θ-step at a small step."""
+"""Schemes that several test files run."""
 
 from itertools import pairwise
 
 import numpy as np
-import pytest
 
 import lcpimpact as li
+
+
+def column(masses, gaps, speeds, e):
+    """Force-free bodies on a line, with a bumper between neighbours."""
+    names = "abcd"[: len(masses)]
+    elements = [li.Mass(name, m) for name, m in zip(names, masses, strict=True)]
+    for i, gap in enumerate(gaps):
+        elements.append(li.Bumper(names[i], names[i + 1], gap=gap, e=e, name="RST"[i]))
+    return li.Problem("column", li.Scheme(*elements), v0=dict(zip(names, speeds, strict=True)))
 
 
 def random_problem(seed):
@@ -61,54 +69,10 @@ def frictional(seed):
     return li.Problem(f"frictional {seed}", li.Scheme(*elements), v0=base.v0)
 
 
-def runnable(seeds, make=random_problem):
-    """Yield the problems that assemble and that the exact solution takes, with its run."""
-    for seed in seeds:
-        try:
-            problem = make(seed)
-            exact = li.simulate(problem, "exact", dt=1e-2, t_end=2.0, throw=False)
-        except (li.InputError, li.UnsupportedError):
-            continue
-        if exact.status is li.Status.ACCUMULATION:  # refused, and says why
-            continue
-        assert exact.success, exact.message
-        yield problem, exact
-
-
-@pytest.mark.parametrize("first", [0, 50, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (100, 150))])
-def test_exact_obeys_the_laws_and_the_step_converges_to_it(first):
-    compared = degrees = 0
-    for problem, exact in runnable(range(first, first + 50)):
-        certificate = exact.certificate
-        assert certificate.penetration < 1e-11
-        assert certificate.complementarity < 1e-9 * (1.0 + certificate.energy_scale)
-        assert certificate.energy_balance < 1e-9 * (1.0 + certificate.energy_scale)
-        if (problem.dynamics.relative_degree < 2).all():
-            found = li.simulate(problem, dt=1e-4, t_end=2.0)
-            massive = problem.dynamics.massive
-            error = np.abs(found.q[::100][:, massive] - exact.q[:, massive]).max()
-            assert error < 2e-5 * (1.0 + np.abs(exact.q).max())
-            compared += 1
-            degrees += len(problem.dynamics.contacts)
-    assert compared >= 5
-    assert degrees >= 2
-
-
-@pytest.mark.parametrize("first", [0, pytest.param(40, marks=pytest.mark.slow)])
-def test_exact_and_the_step_agree_with_friction_and_shakers(first):
-    compared = switches = 0
-    for problem, exact in runnable(range(first, first + 40), frictional):
-        certificate = exact.certificate
-        assert certificate.penetration < 1e-11
-        assert certificate.complementarity < 1e-9 * (1.0 + certificate.energy_scale)
-        assert certificate.energy_balance < 1e-9 * (1.0 + certificate.energy_scale)
-        if any(event.kind == "impact" for event in exact.events):
-            continue
-        found = li.simulate(problem, dt=2e-4, t_end=2.0)
-        massive = problem.dynamics.massive
-        error = np.abs(found.q[::50][:, massive] - exact.q[:, massive]).max()
-        assert error < 4e-4 * (1.0 + np.abs(exact.q).max())
-        compared += 1
-        switches += sum(event.kind in ("stick", "slip") for event in exact.events)
-    assert compared >= 5
-    assert switches >= 30
+def plate_beside_an_impact():
+    scheme = li.Scheme(
+        li.KelvinVoigt("p", "ground", k=310.3, c=14.5), li.Load("p", f=4.9),
+        li.Mass("b", m=2.1), li.Load("b", f=3.0), li.KelvinVoigt("b", "p", k=170.3, c=3.1),
+        li.Bumper("p", "ground", gap=0, name="F"), li.Bumper("ground", "b", gap=0.01, e=1, name="S"),
+    )  # fmt: skip
+    return li.Problem("plate", scheme, v0={"b": 0.37})
