@@ -345,7 +345,7 @@ def test_a_compliant_run_ends_at_the_error_of_its_model():
         ((["rk4", "rk4"], [0.1]), r"methods: 'rk4' stands there twice"),
         ((["rk5"], [0.1]), r"unknown method 'rk5': did you mean 'rk4'"),
         ((["rk4"], []), r"dts is empty"),
-        ((["rk4"], [0.1, -0.1]), r"dts: -0.1 must be a positive finite number"),
+        ((["rk4"], [0.1, -0.1]), r"dts = -0.1 must be a positive finite number"),
         ((["rk4"], [1e-12]), r"more than 1e9 steps"),
     ],
 )
@@ -357,7 +357,7 @@ def test_wrong_input_is_named(arguments, says):
 def test_more_wrong_input_is_named():
     with pytest.raises(li.InputError, match="unknown norm 'sup'"):
         convergence(oscillator(), ["rk4"], [0.1], norms=["sup"])
-    with pytest.raises(li.InputError, match=r"t_end: 0.0 must be"):
+    with pytest.raises(li.InputError, match=r"t_end = 0.0 must be"):
         convergence(oscillator(), ["rk4"], [0.1], t_end=0.0)
     with pytest.raises(li.InputError, match=r"repeats = 0 must be"):
         convergence(oscillator(), ["rk4"], [0.1], repeats=0)

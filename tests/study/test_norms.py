@@ -101,7 +101,7 @@ def test_a_line_of_a_grid_is_compared_between_its_points():
 @pytest.mark.parametrize("size", [1.0, 1e-6, 1e6])
 def test_the_rounding_of_a_contact_that_stays_closed_is_not_halved(size, monkeypatch):
     """u = gap - q is a difference of equal numbers, and v is what rounding leaves of a rest."""
-    monkeypatch.setattr(norms, "MOST_PIECES", 1000)
+    monkeypatch.setattr(norms, "MAX_PIECES", 1000)
     scheme = Scheme(Mass("x", 2.0), Spring("x", "ground", 8.0), Bumper("x", "ground", gap=size, e=0.5))
     problem = Problem("ball", scheme)
 
@@ -117,12 +117,12 @@ def test_the_rounding_of_a_contact_that_stays_closed_is_not_halved(size, monkeyp
 
 
 def test_a_norm_of_what_turns_without_end_is_refused_with_a_sentence(monkeypatch):
-    monkeypatch.setattr(norms, "MOST_PIECES", 10_000)
+    monkeypatch.setattr(norms, "MAX_PIECES", 10_000)
     run = known(smooth(lambda t: np.sin(1e9 * t)), smooth(lambda t: np.sin(1e9 * t)), [0.0, 1.0])
     for norm in (norms.sup_q, norms.l1_v, norms.hausdorff_v):
         with pytest.raises(FailureError, match=r"a norm would take more than 10,000 intervals: .*take a shorter t_end"):
             norm(run, rest(1.0))
-    monkeypatch.setattr(graphs, "MOST_PIECES", 1_000)
+    monkeypatch.setattr(graphs, "MAX_PIECES", 1_000)
     line = np.array([[0.0, 0.0], [1.0, 0.0]])
     comb = np.column_stack([np.linspace(0.0, 1.0, 2001), np.resize([0.0, 1.0], 2001)])
     for distance in (
