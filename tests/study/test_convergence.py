@@ -361,7 +361,7 @@ def test_more_wrong_input_is_named():
         convergence(oscillator(), ["rk4"], [0.1], t_end=0.0)
     with pytest.raises(li.InputError, match=r"repeats = 0 must be"):
         convergence(oscillator(), ["rk4"], [0.1], repeats=0)
-    with pytest.raises(li.InputError, match=r"rtols: 0.0 must be"):
+    with pytest.raises(li.InputError, match=r"rtols = 0.0 must be"):
         work_precision(oscillator(), ["rk4"], [0.1], rtols=[0.0])
     with pytest.raises(li.InputError, match="must be a Problem: get one from"):
         convergence("system-1", ["rk4"], [0.1])
