@@ -70,7 +70,7 @@ ONLY = {
     "dask": {"sweep"},
     "pandas": {"study", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
-    "numba": {"compiled", "double_double", "lcp", "integrators", "certificate"},
+    "numba": {"compiled", "double_double", "scheme", "lcp", "integrators", "certificate"},
 }
 """Third-party packages to the layers that may import them."""
 
@@ -365,7 +365,6 @@ HELPERS = {
     "transition",
     "law",
     "newton",
-    "spring_law",
     "radau_iia",
     "tableau",
     "runge_kutta",

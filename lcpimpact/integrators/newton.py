@@ -1,7 +1,7 @@
 r"""Non-linear springs within a θ-step: Newton's method around the LCP.
 
 Spring j pushes with s_j = F_j(δ_θ, y), y = N w the rate at which its ends part and δ_θ = δ - θ h y their approach at t_θ;
-the law is that of `lcpimpact.integrators.spring_law`. Along a step
+the law is the mean force of `lcpimpact.scheme.power_law`, with δ' = -y. Along a step
 
 .. math:: J = \frac{dF}{dy} = \frac{∂F}{∂y} - θ h \frac{∂F}{∂δ} .
 
@@ -24,9 +24,9 @@ from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.integrators.law import SPRINGS_SIGNATURE, solve_law
-from lcpimpact.integrators.spring_law import push
 from lcpimpact.lcp.lapack import lu_solve
 from lcpimpact.lcp.solver import Kernel
+from lcpimpact.scheme.power_law import mean_force
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 NEWTON, SINGULAR = int(Status.NEWTON), int(Status.SINGULAR)
@@ -75,7 +75,7 @@ def share(
             slope += (z[i] + t * (z_new[i] - z[i])) * ahead[i]
         for j in range(ns):
             rate = y[j] + t * (y_new[j] - y[j])
-            F, _, _ = push(law[j], δ[j] - θh * rate, rate, h)
+            F, _, _ = mean_force(law[j], δ[j] - θh * rate, -rate, h)
             slope += (s[j] + t * (s_new[j] - s[j]) - F) * (y_new[j] - y[j])
         if t == 0.0:
             if not slope < 0.0:
@@ -124,8 +124,8 @@ def solve_with_springs(
     for newton in range(MAX_NEWTON + 1):
         error, scale, rounding = 0.0, 0.0, 0.0
         for j in range(ns):
-            F[j], by_δ, by_y = push(law[j], δ[j] - θh * y[j], y[j], h)
-            J[j] = by_y - θh * by_δ
+            F[j], by_δ, by_rate = mean_force(law[j], δ[j] - θh * y[j], -y[j], h)
+            J[j] = -by_rate - θh * by_δ
             error = max(error, abs(F[j] - s[j]))
             scale = max(scale, abs(F[j]))
             size = abs(y_free[j]) + abs(y[j])

@@ -273,9 +273,9 @@ class Dynamics:
         linear = 0.5 * _quadratic_form(self.K, q)
         if not self.springs:
             return linear
-        _, K, n, _, _ = self.power_laws.T
-        δ = np.maximum(self.approach(q), 0.0)
-        return np.asarray(linear + (K * δ ** (n + 1.0) / (n + 1.0)).sum(axis=-1))
+        from lcpimpact.scheme.power_law import energies
+
+        return np.asarray(linear + energies(self.power_laws, self.approach(q)).sum(axis=-1))
 
     def approach(self, q: ArrayLike) -> Array:
         """Return δ of the non-linear springs in m (..., ns), for q of shape (..., n)."""
@@ -287,15 +287,22 @@ class Dynamics:
 
     def push(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the force in N by which each non-linear spring pushes its ends apart (..., ns)."""
-        lossy = self.power_laws[:, 4] > 0.0
-        force = np.where(self.approach(q) > 0.0, self.free_push(q, v), 0.0)
-        return np.asarray(np.where(lossy, np.maximum(force, 0.0), force))
+        return self._spring_forces(q, v)
 
-    def free_push(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return K δ_+ⁿ (1 + b δ') + c δ' in N (..., ns), whether a non-linear spring is touched and pushes or not."""
-        _, K, n, b, c = self.power_laws.T
-        rate = self.approach_rate(v)
-        return np.asarray(K * np.maximum(self.approach(q), 0.0) ** n * (1.0 + b * rate) + c * rate)
+    def extended_push(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return K |δ|ⁿ sign δ (1 + b δ') + c δ' in N (..., ns): `push` without regard to contact."""
+        return self._spring_forces(q, v, extended=True)
+
+    def _spring_forces(self, q: ArrayLike, v: ArrayLike, extended: bool = False) -> Array:
+        # A scheme is read, checked and drawn without numba.
+        from lcpimpact.scheme.power_law import forces
+
+        return np.asarray(forces(self.power_laws, self.approach(q), self.approach_rate(v), extended)[0])
+
+    def spring_losses(self, q: ArrayLike, v: ArrayLike, s: Array | None = None) -> Array:
+        """Return (s - K δ_+ⁿ) δ', the power in W that each non-linear spring dissipates (..., ns); s is `push` or given."""
+        s = self.push(q, v) if s is None else s
+        return np.asarray((s - self.push(q, np.zeros_like(v))) * self.approach_rate(v))
 
     def spring_force(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return s(q, v) in N, the forces of the non-linear springs on the nodes (..., n)."""
@@ -310,9 +317,7 @@ class Dynamics:
         linear = _quadratic_form(self.C, v)
         if not self.springs:
             return linear
-        _, K, n, _, _ = self.power_laws.T
-        elastic = K * np.maximum(self.approach(q), 0.0) ** n
-        return np.asarray(linear + ((self.push(q, v) - elastic) * self.approach_rate(v)).sum(axis=-1))
+        return np.asarray(linear + self.spring_losses(q, v).sum(axis=-1))
 
     def driving_power(self, t: ArrayLike, q: ArrayLike, v: ArrayLike, r: ArrayLike) -> Array:
         """Return the power in W of the forces that drive the nodes whose motion is given, which carry no mass."""
