@@ -177,12 +177,13 @@ class Pieces:
 
 
 @compiled(f8(matrix, matrix, i8, vector))
-def penetration_of(N: Array, springs: Array, a: int, q: Array) -> float:
-    """Return δ of one non-linear spring in m."""
-    δ = -springs[a, 0]
+def energy_of_spring(N: Array, springs: Array, a: int, q: Array) -> float:
+    """Return the energy that one non-linear spring stores in J."""
+    gap, K, n, _, _ = springs[a]
+    δ = -gap
     for j in range(len(q)):
         δ -= N[a, j] * q[j]
-    return float(δ)
+    return spring_energy(K, n, δ)
 
 
 @compiled(types.void(matrix, vector, f8, vector, vector, vector, places, places, vector, flags, matrix))
@@ -307,7 +308,7 @@ def certify_steps(
         stored += 0.5 * (v[0, i] * inertia + q[0, i] * elastic)
         largest_q[i], largest_v[i] = abs(q[0, i]), abs(v[0, i])
     for a in range(ns):
-        stored += spring_energy(springs[a], penetration_of(N, springs, a, q[0]))
+        stored += energy_of_spring(N, springs, a, q[0])
     scale = abs(stored)
     for i in range(nc):
         gap[i], rate[i] = u0[i], 0.0
@@ -414,18 +415,19 @@ def certify_steps(
                 product[i] = max(product[i], of_step[level, i])
                 penetration[i] = max(penetration[i], of_step[2 + level, i])
         for a in range(ns):
-            δ, parting = -springs[a, 0], 0.0
+            gap_a, K_a, n_a, b_a, c_a = springs[a]
+            δ, parting = -gap_a, 0.0
             for j in range(n):
                 δ -= N[a, j] * (q[k, j] + θ * h * w[j])
                 parting += N[a, j] * w[j]
-            force, _, _ = mean_force(springs[a], δ, -parting, h)
-            elastic_force, _, _ = spring_force(springs[a], δ, 0.0)
+            force, _, _ = mean_force(K_a, n_a, b_a, c_a, δ, -parting, h)
+            elastic_force, _, _ = spring_force(K_a, n_a, b_a, c_a, δ, 0.0)
             power += (force - elastic_force) * parting
             for j in range(n):
                 given[j] += h * N[a, j] * force
                 if kind[j] == DRIVEN:
                     power -= N[a, j] * force * w[j]
-            after += spring_energy(springs[a], penetration_of(N, springs, a, q[k + 1]))
+            after += energy_of_spring(N, springs, a, q[k + 1])
         for i in range(n):
             inertia, elastic, damping = 0.0, 0.0, 0.0
             for p in range(starts[i], starts[i + 1]):

@@ -36,6 +36,7 @@ from __future__ import annotations
 import inspect
 import math
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import Any, ClassVar, NamedTuple
@@ -163,22 +164,22 @@ class Forces:
 
     def __call__(self, t: Any, X: Array) -> Array:
         """Return w (..., nw) at X (..., N)."""
-        s, loads = np.asarray(self.springs(X)[0]), self.inputs.loads
+        s, loads = self._springs(power_law.forces, X), self.inputs.loads
         if not loads:
             return s
         if np.ndim(t) == 0:
             return np.append(s, [load(float(t)) for load in loads])
         return np.column_stack([s, [[load(float(at)) for load in loads] for at in t]])
 
-    def springs(self, X: Array) -> Array:
-        """Return s of the springs in their phases, ∂s/∂δ and ∂s/∂δ' (3, ..., ns)."""
-        if self.phase is None:
-            return power_law.forces(self.inputs.law, *self._approach(X))
-        return np.asarray(self.extended(X) * (self.phase == PUSHES))
-
     def extended(self, X: Array) -> Array:
-        """Return K |δ|ⁿ sign δ (1 + b δ') + c δ', whether a spring pushes or not, and its derivatives (3, ..., ns)."""
+        """Return K |δ|ⁿ sign δ (1 + b δ') + c δ' (..., ns), whether a spring pushes or not."""
         return power_law.forces(self.inputs.law, *self._approach(X), extended=True)
+
+    def _springs(self, law: Callable[..., Array], X: Array) -> Array:
+        """Return the forces of the springs in their phases (..., ns), or the tangents (3, ..., ns)."""
+        if self.phase is None:
+            return law(self.inputs.law, *self._approach(X))
+        return np.asarray(law(self.inputs.law, *self._approach(X), extended=True) * (self.phase == PUSHES))
 
     def _approach(self, X: Array) -> tuple[Array, Array]:
         """Return δ and δ' (..., ns)."""
@@ -188,7 +189,7 @@ class Forces:
     def jacobian(self, X: Array) -> Array:
         """Return ∂w/∂X (nw, N)."""
         known, slope = self.inputs.approach.shape[1], np.zeros((self.inputs.count, len(X)))
-        _, by_δ, by_rate = self.springs(X)
+        _, by_δ, by_rate = self._springs(power_law.tangents, X)
         slope[: len(by_δ), :known] = by_δ[:, None] * self.inputs.approach + by_rate[:, None] * self.inputs.rate
         return slope
 
@@ -244,7 +245,7 @@ class Segment:
 
     def watched(self, τ: Array, X: Array) -> Array:
         """Return the terms (X, w, s) of which the rows make sums (nt, N + nw + ns)."""
-        return np.column_stack([X, self.forces(self.t0 + τ, X), self.forces.extended(X)[0]]) if self.E.shape[1] else X
+        return np.column_stack([X, self.forces(self.t0 + τ, X), self.forces.extended(X)]) if self.E.shape[1] else X
 
 
 @dataclass(eq=False)
@@ -582,7 +583,7 @@ class EventDriven(Integrator):
             touches = (δ > 0.0) | ((δ == 0.0) & (rate > 0.0))
         else:
             touches = old.forces.phase != APART
-        pulls = (inputs.law[:, 4] > 0.0) & (Forces(inputs, None).extended(X)[0] <= 0.0)
+        pulls = (inputs.law[:, 4] > 0.0) & (Forces(inputs, None).extended(X) <= 0.0)
         phase = np.where(touches, np.where(pulls, SLACK, PUSHES), APART)
         if turned is not None:
             phase[turned[0]] = turned[1]

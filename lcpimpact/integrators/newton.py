@@ -75,7 +75,8 @@ def line_search(
             slope += (z[i] + t * (z_new[i] - z[i])) * ahead[i]
         for j in range(ns):
             rate = y[j] + t * (y_new[j] - y[j])
-            F, _, _ = mean_force(law[j], δ[j] - θh * rate, -rate, h)
+            _, K_j, n_j, b_j, c_j = law[j]
+            F, _, _ = mean_force(K_j, n_j, b_j, c_j, δ[j] - θh * rate, -rate, h)
             slope += (s[j] + t * (s_new[j] - s[j]) - F) * (y_new[j] - y[j])
         if t == 0.0:
             if not slope < 0.0:
@@ -124,7 +125,8 @@ def solve_with_springs(
     for newton in range(MAX_NEWTON + 1):
         error, scale, rounding = 0.0, 0.0, 0.0
         for j in range(ns):
-            F[j], by_δ, by_rate = mean_force(law[j], δ[j] - θh * y[j], -y[j], h)
+            _, K_j, n_j, b_j, c_j = law[j]
+            F[j], by_δ, by_rate = mean_force(K_j, n_j, b_j, c_j, δ[j] - θh * y[j], -y[j], h)
             J[j] = -by_rate - θh * by_δ
             error = max(error, abs(F[j] - s[j]))
             scale = max(scale, abs(F[j]))

@@ -51,7 +51,7 @@ from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.first_order import FirstOrderForm, Inputs, forced_form
-from lcpimpact.scheme.power_law import energies, forces, spring_force
+from lcpimpact.scheme.power_law import energies, spring_force, tangents
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
@@ -106,7 +106,8 @@ def rounding(M: Array, i: int, scale: Array) -> float:
 def spring_forces(x: Array, approach: Array, rate: Array, law: Array, s: Array) -> None:
     """Write the forces s(δ, δ') of the non-linear springs at x."""
     for a in range(len(s)):
-        s[a], _, _ = spring_force(law[a], term(approach, a, x), term(rate, a, x))
+        _, K, n, b, c = law[a]
+        s[a], _, _ = spring_force(K, n, b, c, term(approach, a, x), term(rate, a, x))
 
 
 @compiled(f8(f8))
@@ -412,7 +413,7 @@ class Run:
     def error(self, x: Array, error: Array, allowed: Array, rtol: float) -> float:
         """Return the estimated error of a step that ends in x = (y, signals, loads), relative to what it may be."""
         δ = self._approach(x)
-        _, stiffness, _ = forces(self.inputs.law, np.maximum(δ, 0.0), np.zeros_like(δ), extended=True)
+        _, stiffness, _ = tangents(self.inputs.law, np.maximum(δ, 0.0), np.zeros_like(δ), extended=True)
         moved = self.inputs.approach[:, : len(error)] @ error
         square = error @ self.metric @ error + (stiffness * moved**2).sum()
         limit = rtol**2 * max(self.energy[0], self.energy_of(x)) + LEAST**2 * np.abs(np.diag(self.metric)) @ allowed**2

@@ -273,7 +273,7 @@ class Dynamics:
         linear = 0.5 * _quadratic_form(self.K, q)
         if not self.springs:
             return linear
-        from lcpimpact.scheme.power_law import energies
+        from lcpimpact.scheme.power_law import energies  # here, as a scheme is read, checked and drawn without numba
 
         return np.asarray(linear + energies(self.power_laws, self.approach(q)).sum(axis=-1))
 
@@ -285,24 +285,22 @@ class Dynamics:
         """Return δ' of the non-linear springs in m/s (..., ns), for v of shape (..., n)."""
         return np.asarray(-np.asarray(v) @ self.directions.T)
 
-    def push(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return the force in N by which each non-linear spring pushes its ends apart (..., ns)."""
-        return self._spring_forces(q, v)
+    def push(self, q: ArrayLike, v: ArrayLike, extended: bool = False) -> Array:
+        """Return the force in N by which each non-linear spring pushes its ends apart (..., ns).
 
-    def extended_push(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return K |δ|ⁿ sign δ (1 + b δ') + c δ' in N (..., ns): `push` without regard to contact."""
-        return self._spring_forces(q, v, extended=True)
-
-    def _spring_forces(self, q: ArrayLike, v: ArrayLike, extended: bool = False) -> Array:
-        # A scheme is read, checked and drawn without numba.
+        With ``extended`` it is K |δ|ⁿ sign δ (1 + b δ') + c δ', without regard to contact.
+        """
         from lcpimpact.scheme.power_law import forces
 
-        return np.asarray(forces(self.power_laws, self.approach(q), self.approach_rate(v), extended)[0])
+        return forces(self.power_laws, self.approach(q), self.approach_rate(v), extended)
 
     def spring_losses(self, q: ArrayLike, v: ArrayLike, s: Array | None = None) -> Array:
         """Return (s - K δ_+ⁿ) δ', the power in W that each non-linear spring dissipates (..., ns); s is `push` or given."""
-        s = self.push(q, v) if s is None else s
-        return np.asarray((s - self.push(q, np.zeros_like(v))) * self.approach_rate(v))
+        from lcpimpact.scheme.power_law import forces
+
+        δ, rate = self.approach(q), self.approach_rate(v)
+        s = forces(self.power_laws, δ, rate) if s is None else s
+        return np.asarray((s - forces(self.power_laws, δ, np.zeros_like(rate))) * rate)
 
     def spring_force(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return s(q, v) in N, the forces of the non-linear springs on the nodes (..., n)."""

@@ -16,7 +16,7 @@ c δ' dt on δ > 0 is c times the change of δ_+:
 where δ is the penetration at the middle of the step. It grows with δ', so a step has a solution whether the spring is
 touched in it or not, and the impulse of the step in which it is touched is right. With c > 0 the force is zero where F < 0.
 
-The parameters of one spring stand in a vector (5,): gap, K, n, b and c.
+Of many springs the parameters are the rows of an array (ns, 5): gap, K, n, b and c.
 """
 
 from __future__ import annotations
@@ -30,61 +30,67 @@ from lcpimpact.compiled import compiled, f8, matrix, vector
 TRIPLE = types.UniTuple(f8, 3)
 
 
-@compiled(TRIPLE(vector, f8, f8))
-def hysteretic_force(law: Array, δ: float, rate: float) -> tuple[float, float, float]:
+@compiled(TRIPLE(f8, f8, f8, f8, f8))
+def hysteretic_force(K: float, n: float, b: float, δ: float, rate: float) -> tuple[float, float, float]:
     """Return K |δ|ⁿ sign δ (1 + b δ') in N, an odd function of δ, and its derivatives by δ and δ'."""
-    _, K, n, b, _ = law
     secant = K * abs(δ) ** (n - 1.0)
     loss = 1.0 + b * rate
     return secant * δ * loss, n * secant * loss, b * secant * δ
 
 
-@compiled(TRIPLE(vector, f8, f8))
-def extended_force(law: Array, δ: float, rate: float) -> tuple[float, float, float]:
+@compiled(TRIPLE(f8, f8, f8, f8, f8, f8))
+def extended_force(K: float, n: float, b: float, c: float, δ: float, rate: float) -> tuple[float, float, float]:
     """Return K |δ|ⁿ sign δ (1 + b δ') + c δ' in N and its derivatives by δ and δ': s, extended smoothly through its zero."""
-    s, by_δ, by_rate = hysteretic_force(law, δ, rate)
-    return s + law[4] * rate, by_δ, by_rate + law[4]
+    s, by_δ, by_rate = hysteretic_force(K, n, b, δ, rate)
+    return s + c * rate, by_δ, by_rate + c
 
 
-@compiled(TRIPLE(vector, f8, f8))
-def spring_force(law: Array, δ: float, rate: float) -> tuple[float, float, float]:
+@compiled(TRIPLE(f8, f8, f8, f8, f8, f8))
+def spring_force(K: float, n: float, b: float, c: float, δ: float, rate: float) -> tuple[float, float, float]:
     """Return s(δ, δ') in N, ∂s/∂δ and ∂s/∂δ'."""
     if not δ > 0.0:
         return 0.0, 0.0, 0.0
-    s, by_δ, by_rate = extended_force(law, δ, rate)
-    if law[4] > 0.0 and s < 0.0:
+    s, by_δ, by_rate = extended_force(K, n, b, c, δ, rate)
+    if c > 0.0 and s < 0.0:
         return 0.0, 0.0, 0.0
     return s, by_δ, by_rate
 
 
-@compiled(TRIPLE(vector, f8, f8, f8))
-def mean_force(law: Array, δ: float, rate: float, h: float) -> tuple[float, float, float]:
+@compiled(TRIPLE(f8, f8, f8, f8, f8, f8, f8))
+def mean_force(
+    K: float, n: float, b: float, c: float, δ: float, rate: float, h: float
+) -> tuple[float, float, float]:  # fmt: skip
     """Return F(δ, δ') in N over a step of length h, ∂F/∂δ and ∂F/∂δ'."""
-    c, start, end = law[4], δ - 0.5 * h * rate, δ + 0.5 * h * rate
-    if c == 0.0 or (start > 0.0 and end > 0.0):
-        # Not by the difference of the ends, which would be rounded to nothing where δ is large beside h δ'.
-        return spring_force(law, δ, rate)
-    F, by_δ, by_rate = 0.0, 0.0, 0.0
+    F = by_δ = by_rate = 0.0
     if δ > 0.0:
-        F, by_δ, by_rate = hysteretic_force(law, δ, rate)
-    if end > 0.0:
-        F, by_δ, by_rate = F + c / h * end, by_δ + c / h, by_rate + 0.5 * c
-    elif start > 0.0:
-        F, by_δ, by_rate = F - c / h * start, by_δ - c / h, by_rate + 0.5 * c
-    if F < 0.0:
-        return 0.0, 0.0, 0.0
+        F, by_δ, by_rate = hysteretic_force(K, n, b, δ, rate)
+    if c > 0.0:
+        start, end = δ - 0.5 * h * rate, δ + 0.5 * h * rate
+        if start > 0.0 and end > 0.0:
+            # Not the difference of the two, which would be rounded to nothing where δ is large beside h δ'.
+            F += c * rate
+            by_rate += c
+        elif end > 0.0:
+            F += c / h * end
+            by_δ += c / h
+            by_rate += 0.5 * c
+        elif start > 0.0:
+            F -= c / h * start
+            by_δ -= c / h
+            by_rate += 0.5 * c
+        if F < 0.0:
+            return 0.0, 0.0, 0.0
     return F, by_δ, by_rate
 
 
-@compiled(f8(vector, f8))
-def spring_energy(law: Array, δ: float) -> float:
+@compiled(f8(f8, f8, f8))
+def spring_energy(K: float, n: float, δ: float) -> float:
     """Return the stored energy K δ_+ⁿ⁺¹/(n + 1) in J."""
-    _, K, n, _, _ = law
-    return float(K * max(δ, 0.0) ** (n + 1.0) / (n + 1.0))
+    return float(K * δ ** (n + 1.0) / (n + 1.0)) if δ > 0.0 else 0.0
 
 
 def forces(laws: Array, δ: Array, rate: Array, extended: bool = False) -> Array:
-    """Return s, ∂s/∂δ and ∂s/∂δ' of springs (3, ..., ns), or those of the extended force.
+    """Return s of springs in N, or the extended force, which disregards contact (..., ns).
 
     Parameters
     ----------
@@ -93,11 +99,14 @@ def forces(laws: Array, δ: Array, rate: Array, extended: bool = False) -> Array
     δ, rate : (..., ns) arrays
         Penetration in m and its rate in m/s.
     extended : bool
-        Whether the force is `extended_force`, without regard to contact, in place of `spring_force`.
+        Whether the force is `extended_force` in place of `spring_force`.
     """
-    if np.shape(δ) != np.shape(rate):
-        δ, rate = np.broadcast_arrays(δ, rate)
-    return _forces(laws, np.ravel(δ), np.ravel(rate), extended).reshape(3, *np.shape(δ))
+    return np.asarray(_evaluate(laws, δ, rate, extended, 1)[0])
+
+
+def tangents(laws: Array, δ: Array, rate: Array, extended: bool = False) -> Array:
+    """Return s, ∂s/∂δ and ∂s/∂δ' of springs (3, ..., ns), with the parameters of `forces`."""
+    return _evaluate(laws, δ, rate, extended, 3)
 
 
 def energies(laws: Array, δ: Array) -> Array:
@@ -105,25 +114,37 @@ def energies(laws: Array, δ: Array) -> Array:
     return _energies(laws, np.ravel(δ)).reshape(np.shape(δ))
 
 
-@compiled(matrix(matrix, vector, vector, types.boolean))
-def _forces(laws: Array, δ: Array, rate: Array, extended: bool) -> Array:
-    """Return the three of `forces` (3, m) for δ and rate (m,), in which the springs take turns."""
-    found = np.empty((3, len(δ)))
-    for i in range(len(δ)):
-        law = laws[i % len(laws)]
-        if extended:
-            found[0, i], found[1, i], found[2, i] = extended_force(law, δ[i], rate[i])
-        else:
-            found[0, i], found[1, i], found[2, i] = spring_force(law, δ[i], rate[i])
+def _evaluate(laws: Array, δ: Array, rate: Array, extended: bool, count: int) -> Array:
+    """Return the first ``count`` of s, ∂s/∂δ and ∂s/∂δ' (count, ..., ns)."""
+    if np.shape(δ) != np.shape(rate):
+        δ, rate = np.broadcast_arrays(δ, rate)
+    found = np.empty((count, *np.shape(δ)))
+    _fill(laws, np.ravel(δ), np.ravel(rate), extended, found.reshape(count, -1))
     return found
+
+
+@compiled(types.void(matrix, vector, vector, types.boolean, matrix))
+def _fill(laws: Array, δ: Array, rate: Array, extended: bool, found: Array) -> None:
+    """Write s (1, m), or s, ∂s/∂δ and ∂s/∂δ' (3, m), for δ and rate (m,), in which the springs take turns."""
+    for a in range(len(laws)):
+        _, K, n, b, c = laws[a]
+        for i in range(a, len(δ), len(laws)):
+            if extended:
+                s, by_δ, by_rate = extended_force(K, n, b, c, δ[i], rate[i])
+            else:
+                s, by_δ, by_rate = spring_force(K, n, b, c, δ[i], rate[i])
+            found[0, i] = s
+            if len(found) > 1:
+                found[1, i], found[2, i] = by_δ, by_rate
 
 
 @compiled(vector(matrix, vector))
 def _energies(laws: Array, δ: Array) -> Array:
     """Return the energies (m,) for δ (m,), in which the springs take turns."""
     found = np.empty(len(δ))
-    for i in range(len(δ)):
-        found[i] = spring_energy(laws[i % len(laws)], δ[i])
+    for a in range(len(laws)):
+        for i in range(a, len(δ), len(laws)):
+            found[i] = spring_energy(laws[a, 1], laws[a, 2], δ[i])
     return found
 
 
@@ -133,5 +154,6 @@ def mean_forces(laws: Array, δ: Array, rate: Array, h: Array) -> Array:
     F = np.empty_like(δ)
     for k in range(len(h)):
         for a in range(len(laws)):
-            F[k, a], _, _ = mean_force(laws[a], δ[k, a], rate[k, a], h[k])
+            _, K, n, b, c = laws[a]
+            F[k, a], _, _ = mean_force(K, n, b, c, δ[k, a], rate[k, a], h[k])
     return F

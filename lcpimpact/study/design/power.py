@@ -155,10 +155,9 @@ def _jacobi(n: float) -> tuple[Array, Array]:
 def _integrated(a: float, γ: float, n: float) -> Rebound:
     """Return the contact with weight by DOP853, up to where δ = 0 or, on the way down again, to where it stays."""
     K = 0.5 * (n + 1.0)
-    law = np.array([0.0, K, n, a, 0.0])
 
     def force(δ: float, v: float) -> float:
-        return spring_force(law, δ, v)[0]
+        return spring_force(K, n, a, 0.0, δ, v)[0]
 
     def rate(t: float, state: Array) -> list[float]:
         δ, v = state
@@ -169,7 +168,7 @@ def _integrated(a: float, γ: float, n: float) -> Rebound:
 
     def energy(δ: float, v: float) -> float:
         # It falls, and at δ = 0 it is v²/2: a mass that has less than none of it never leaves.
-        return 0.5 * v * v + spring_energy(law, δ) - γ * δ
+        return 0.5 * v * v + spring_energy(K, n, δ) - γ * δ
 
     rest = math.pow(γ / K, 1.0 / n)
 
@@ -178,7 +177,7 @@ def _integrated(a: float, γ: float, n: float) -> Rebound:
         if not 0.0 < δ < rest or v <= 0.0 or force_rate(δ, v) > 0.0:
             return False
         μ = v / (rest - δ)
-        return spring_force(law, rest, 0.0)[1] + μ * μ <= spring_force(law, δ, v)[2] * μ
+        return spring_force(K, n, a, 0.0, rest, 0.0)[1] + μ * μ <= spring_force(K, n, a, 0.0, δ, v)[2] * μ
 
     steps: list[State] = []
 
