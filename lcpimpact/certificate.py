@@ -13,9 +13,9 @@ from lcpimpact.arrays import Array, Flags, Indices, Places
 from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, places, vector
 from lcpimpact.events import step_of
 from lcpimpact.integrators.base import Integrator, Limits
-from lcpimpact.integrators.stepping.spring_law import push
 from lcpimpact.record import SLIPS, ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.power_law import mean_force, spring_energy, spring_force
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
 
@@ -178,13 +178,13 @@ class Pieces:
 
 
 @compiled(f8(matrix, matrix, i8, vector))
-def power_law(N: Array, springs: Array, a: int, q: Array) -> float:
-    """Return the energy K δⁿ⁺¹/(n + 1) of one non-linear spring."""
+def energy_of_spring(N: Array, springs: Array, a: int, q: Array) -> float:
+    """Return the energy that one non-linear spring stores in J."""
     gap, K, n, _, _ = springs[a]
     δ = -gap
     for j in range(len(q)):
         δ -= N[a, j] * q[j]
-    return float(K * max(δ, 0.0) ** (n + 1.0) / (n + 1.0))
+    return spring_energy(K, n, δ)
 
 
 @compiled(types.void(matrix, vector, f8, vector, vector, vector, places, places, vector, flags, matrix))
@@ -309,7 +309,7 @@ def certify_steps(
         stored += 0.5 * (v[0, i] * inertia + q[0, i] * elastic)
         largest_q[i], largest_v[i] = abs(q[0, i]), abs(v[0, i])
     for a in range(ns):
-        stored += power_law(N, springs, a, q[0])
+        stored += energy_of_spring(N, springs, a, q[0])
     scale = abs(stored)
     for i in range(nc):
         gap[i], rate[i] = u0[i], 0.0
@@ -416,17 +416,19 @@ def certify_steps(
                 product[i] = max(product[i], of_step[level, i])
                 penetration[i] = max(penetration[i], of_step[2 + level, i])
         for a in range(ns):
-            δ, parting = -springs[a, 0], 0.0
+            gap_a, K_a, n_a, b_a, c_a = springs[a]
+            δ, parting = -gap_a, 0.0
             for j in range(n):
                 δ -= N[a, j] * (q[k, j] + θ * h * w[j])
                 parting += N[a, j] * w[j]
-            force, _, _ = push(springs[a], δ, parting, h)
-            power += (force - springs[a, 1] * max(δ, 0.0) ** springs[a, 2]) * parting
+            force, _, _ = mean_force(K_a, n_a, b_a, c_a, δ, -parting, h)
+            elastic_force, _, _ = spring_force(K_a, n_a, b_a, c_a, δ, 0.0)
+            power += (force - elastic_force) * parting
             for j in range(n):
                 given[j] += h * N[a, j] * force
                 if kind[j] == DRIVEN:
                     power -= N[a, j] * force * w[j]
-            after += power_law(N, springs, a, q[k + 1])
+            after += energy_of_spring(N, springs, a, q[k + 1])
         for i in range(n):
             inertia, elastic, damping = 0.0, 0.0, 0.0
             for p in range(starts[i], starts[i + 1]):

@@ -118,7 +118,7 @@ def events_of_springs(dynamics: Dynamics, record: Record, dense: ContinuousSolut
 def _pressed(dynamics: Dynamics, touch: Array, q: Array, v: Array) -> Array:
     """Return what is above zero where a non-linear spring pushes (nt, ns): δ, or the less of δ and the force where c > 0."""
     δ = dynamics.approach(q) - touch
-    return np.where(dynamics.power_laws[:, 4] > 0.0, np.minimum(δ, dynamics.free_push(q, v)), δ)
+    return np.where(dynamics.power_laws[:, 4] > 0.0, np.minimum(δ, dynamics.push(q, v, extended=True)), δ)
 
 
 def _on_solution(dense: ContinuousSolution) -> Reading:

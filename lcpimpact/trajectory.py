@@ -18,11 +18,11 @@ from lcpimpact.certificate import Certificate, certify
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.files import cell_of, check_output, whole_file, whole_files
 from lcpimpact.integrators.base import Integrator
-from lcpimpact.integrators.stepping.spring_law import pushes
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Record, State, Stats
 from lcpimpact.registry import load, nearest
 from lcpimpact.scheme.dynamics import Contact
+from lcpimpact.scheme.power_law import mean_forces
 
 SAVED_AS = (".csv", ".npz", ".nc")
 
@@ -107,15 +107,15 @@ class Trajectory:
         """The forces of the non-linear springs in N, at the instants of the reactions (nr, ns).
 
         On the grid they are `Dynamics.push` of q and v. Of a step they are the mean force of
-        `lcpimpact.integrators.stepping.spring_law`, at the place on the line from q to q⁺ and with its rate: what the
-        θ-step itself balances, and of the order of the step for others.
+        `lcpimpact.scheme.power_law`, at the place on the line from q to q⁺ and with its rate: what the θ-step itself
+        balances, and of the order of the step for others.
         """
         d, t, h = self.problem.dynamics, self.t_reaction, np.diff(self.t)
         if len(t) == len(self.t):
             return d.push(self.q, self.v)
         share = ((t - self.t[:-1]) / h)[:, None]
         q = (1.0 - share) * self.q[:-1] + share * self.q[1:]
-        return pushes(d.power_laws, d.approach(q), -d.approach_rate(np.diff(self.q, axis=0) / h[:, None]), h)
+        return mean_forces(d.power_laws, d.approach(q), d.approach_rate(np.diff(self.q, axis=0) / h[:, None]), h)
 
     @property
     def forces(self) -> Array:

@@ -36,6 +36,7 @@ from __future__ import annotations
 import inspect
 import math
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import Any, ClassVar, NamedTuple
@@ -45,7 +46,7 @@ from numpy.typing import ArrayLike
 from scipy import integrate
 from scipy.optimize import brentq
 
-from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.arrays import Array, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.hybrid.burst import SHORT_FLIGHT, Burst, Meetings, follow_burst
@@ -67,6 +68,7 @@ from lcpimpact.numbers import count, is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Grid, Record, State
 from lcpimpact.registry import nearest
+from lcpimpact.scheme import power_law
 from lcpimpact.scheme.dynamics import Feature
 from lcpimpact.scheme.first_order import Inputs, forced_form
 from lcpimpact.scheme.signals import NAMED
@@ -163,30 +165,33 @@ class Forces:
 
     def __call__(self, t: Any, X: Array) -> Array:
         """Return w (..., nw) at X (..., N)."""
-        free, pushes = self.free(X), self._pushes(X)
-        loads = self.inputs.loads
+        s, loads = self._springs(power_law.forces, X), self.inputs.loads
         if not loads:
-            return free * pushes
+            return s
         if np.ndim(t) == 0:
-            return np.append(free * pushes, [load(float(t)) for load in loads])
-        return np.column_stack([free * pushes, [[load(float(at)) for load in loads] for at in t]])
+            return np.append(s, [load(float(t)) for load in loads])
+        return np.column_stack([s, [[load(float(at)) for load in loads] for at in t]])
 
-    def free(self, X: Array) -> Array:
+    def extended(self, X: Array) -> Array:
         """Return K |δ|ⁿ sign δ (1 + b δ') + c δ' (..., ns), whether a spring pushes or not."""
+        return power_law.forces(self.inputs.law, *self._approach(X), extended=True)
+
+    def _springs(self, law: Callable[..., Array], X: Array) -> Array:
+        """Return the forces of the springs in their phases (..., ns), or the tangents (3, ..., ns)."""
+        if self.phase is None:
+            return law(self.inputs.law, *self._approach(X))
+        return np.asarray(law(self.inputs.law, *self._approach(X), extended=True) * (self.phase == PUSHES))
+
+    def _approach(self, X: Array) -> tuple[Array, Array]:
+        """Return δ and δ' (..., ns)."""
         known = X[..., : self.inputs.approach.shape[1]]
-        δ, rate = known @ self.inputs.approach.T, known @ self.inputs.rate.T
-        _, K, n, b, c = self.inputs.law.T
-        return np.asarray(K * np.sign(δ) * np.abs(δ) ** n * (1.0 + b * rate) + c * rate)
+        return known @ self.inputs.approach.T, known @ self.inputs.rate.T
 
     def jacobian(self, X: Array) -> Array:
         """Return ∂w/∂X (nw, N)."""
-        known = self.inputs.approach.shape[1]
-        δ, rate = self.inputs.approach @ X[:known], self.inputs.rate @ X[:known]
-        _, K, n, b, c = self.inputs.law.T
-        slope, pushes = np.zeros((self.inputs.count, len(X))), self._pushes(X)
-        by_δ = pushes * K * n * np.abs(δ) ** (n - 1.0) * (1.0 + b * rate)
-        by_rate = pushes * (K * np.sign(δ) * np.abs(δ) ** n * b + c)
-        slope[: len(δ), :known] = by_δ[:, None] * self.inputs.approach + by_rate[:, None] * self.inputs.rate
+        known, slope = self.inputs.approach.shape[1], np.zeros((self.inputs.count, len(X)))
+        _, by_δ, by_rate = self._springs(power_law.tangents, X)
+        slope[: len(by_δ), :known] = by_δ[:, None] * self.inputs.approach + by_rate[:, None] * self.inputs.rate
         return slope
 
     def linear(self, t: float, X: Array, later: float, X_later: Array, step: float) -> Array:
@@ -202,15 +207,6 @@ class Forces:
                 [(4.0 * f(t + step) - f(t + 2.0 * step) - 3.0 * f(t)) / (2.0 * step) for f in self.inputs.loads]
             )
         return np.array([(f(t + step) - f(t - step)) / (2.0 * step) for f in self.inputs.loads])
-
-    def _pushes(self, X: Array) -> Flags:
-        """Return which springs push at X (..., ns)."""
-        if self.phase is not None:
-            return np.asarray(self.phase == PUSHES)
-        known = X[..., : self.inputs.approach.shape[1]]
-        return np.asarray(
-            (known @ self.inputs.approach.T > 0.0) & ((self.inputs.law[:, 4] == 0.0) | (self.free(X) > 0.0))
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,7 +246,7 @@ class Segment:
 
     def watched(self, τ: Array, X: Array) -> Array:
         """Return the terms (X, w, s) of which the rows make sums (nt, N + nw + ns)."""
-        return np.column_stack([X, self.forces(self.t0 + τ, X), self.forces.free(X)]) if self.E.shape[1] else X
+        return np.column_stack([X, self.forces(self.t0 + τ, X), self.forces.extended(X)]) if self.E.shape[1] else X
 
 
 @dataclass(eq=False)
@@ -588,7 +584,7 @@ class EventDriven(Integrator):
             touches = (δ > 0.0) | ((δ == 0.0) & (rate > 0.0))
         else:
             touches = old.forces.phase != APART
-        pulls = (inputs.law[:, 4] > 0.0) & (Forces(inputs, None).free(X) <= 0.0)
+        pulls = (inputs.law[:, 4] > 0.0) & (Forces(inputs, None).extended(X) <= 0.0)
         phase = np.where(touches, np.where(pulls, SLACK, PUSHES), APART)
         if turned is not None:
             phase[turned[0]] = turned[1]

@@ -50,8 +50,8 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, f8, flags, i8, indices, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.law import SPRINGS, Springs, around, examine, solve_law
-from lcpimpact.integrators.stepping.time_stepping import TimeStepping
+from lcpimpact.integrators.stepping.law import SPRINGS, Springs, examine, solve_law
+from lcpimpact.integrators.stepping.time_stepping import TimeStepping, spring_solver
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual
 from lcpimpact.lcp.lapack import lu_solve
@@ -389,7 +389,7 @@ class Step:
     constant: tuple[Array, Array] | None
     contacts: Dense
     solver: State
-    around: Springs
+    springs: Springs
     tol: float
     max_iter: int
 
@@ -526,7 +526,7 @@ class MoreauJean(TimeStepping[Step]):
         constant = loads(np.array([0.0, h])) if d.constant_loads and not d.motions else None
         implicit = replace(self, theta=1.0).prepare(d, h, lcp_solver) if θ < 1.0 and can_jump(d) else None
         return Step(
-            h, θ, implicit, operators, loads, constant, contacts, solver.init(contacts), around(d), tol, max_iter
+            h, θ, implicit, operators, loads, constant, contacts, solver.init(contacts), spring_solver(d), tol, max_iter
         )
 
     def run(self, step: Step, solver: State, record: Record, times: Array, first: int) -> tuple[Status, int]:
@@ -546,7 +546,7 @@ class MoreauJean(TimeStepping[Step]):
         """Take steps in compiled code, or in the interpreter where the solver lives there."""
         Pf, f = step.constant or step.loads(times)
         kernel: Callable[..., tuple[int, int, int, int, float]] = steps
-        springs = step.around
+        springs = step.springs
         if not solver.compiled:
             inner = interpreted(solve_law)
             kernel = interpreted(steps, solve_step=interpreted(solve_step, solve_law=inner))

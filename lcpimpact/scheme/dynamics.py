@@ -273,9 +273,9 @@ class Dynamics:
         linear = 0.5 * _quadratic_form(self.K, q)
         if not self.springs:
             return linear
-        _, K, n, _, _ = self.power_laws.T
-        δ = np.maximum(self.approach(q), 0.0)
-        return np.asarray(linear + (K * δ ** (n + 1.0) / (n + 1.0)).sum(axis=-1))
+        from lcpimpact.scheme.power_law import energies  # here, as a scheme is read, checked and drawn without numba
+
+        return np.asarray(linear + energies(self.power_laws, self.approach(q)).sum(axis=-1))
 
     def approach(self, q: ArrayLike) -> Array:
         """Return δ of the non-linear springs in m (..., ns), for q of shape (..., n)."""
@@ -285,17 +285,22 @@ class Dynamics:
         """Return δ' of the non-linear springs in m/s (..., ns), for v of shape (..., n)."""
         return np.asarray(-np.asarray(v) @ self.directions.T)
 
-    def push(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return the force in N by which each non-linear spring pushes its ends apart (..., ns)."""
-        lossy = self.power_laws[:, 4] > 0.0
-        force = np.where(self.approach(q) > 0.0, self.free_push(q, v), 0.0)
-        return np.asarray(np.where(lossy, np.maximum(force, 0.0), force))
+    def push(self, q: ArrayLike, v: ArrayLike, extended: bool = False) -> Array:
+        """Return the force in N by which each non-linear spring pushes its ends apart (..., ns).
 
-    def free_push(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return K δ_+ⁿ (1 + b δ') + c δ' in N (..., ns), whether a non-linear spring is touched and pushes or not."""
-        _, K, n, b, c = self.power_laws.T
-        rate = self.approach_rate(v)
-        return np.asarray(K * np.maximum(self.approach(q), 0.0) ** n * (1.0 + b * rate) + c * rate)
+        With ``extended`` it is K |δ|ⁿ sign δ (1 + b δ') + c δ', without regard to contact.
+        """
+        from lcpimpact.scheme.power_law import forces
+
+        return forces(self.power_laws, self.approach(q), self.approach_rate(v), extended)
+
+    def spring_losses(self, q: ArrayLike, v: ArrayLike, s: Array | None = None) -> Array:
+        """Return (s - K δ_+ⁿ) δ', the power in W that each non-linear spring dissipates (..., ns); s is `push` or given."""
+        from lcpimpact.scheme.power_law import forces
+
+        δ, rate = self.approach(q), self.approach_rate(v)
+        s = forces(self.power_laws, δ, rate) if s is None else s
+        return np.asarray((s - forces(self.power_laws, δ, np.zeros_like(rate))) * rate)
 
     def spring_force(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return s(q, v) in N, the forces of the non-linear springs on the nodes (..., n)."""
@@ -310,9 +315,7 @@ class Dynamics:
         linear = _quadratic_form(self.C, v)
         if not self.springs:
             return linear
-        _, K, n, _, _ = self.power_laws.T
-        elastic = K * np.maximum(self.approach(q), 0.0) ** n
-        return np.asarray(linear + ((self.push(q, v) - elastic) * self.approach_rate(v)).sum(axis=-1))
+        return np.asarray(linear + self.spring_losses(q, v).sum(axis=-1))
 
     def driving_power(self, t: ArrayLike, q: ArrayLike, v: ArrayLike, r: ArrayLike) -> Array:
         """Return the power in W of the forces that drive the nodes whose motion is given, which carry no mass."""

@@ -22,11 +22,11 @@ from lcpimpact.arrays import Array
 from lcpimpact.certificate import Pieces
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.events import step_of
-from lcpimpact.integrators.stepping.spring_law import pushes
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Element
+from lcpimpact.scheme.power_law import mean_forces
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.terms import Terms
 from lcpimpact.trajectory import Trajectory
@@ -221,11 +221,8 @@ def _viscous(C: Array, rows: Sequence[int]) -> Callable[[Array, Array, Array], A
 
 
 def _hysteretic(d: Dynamics, a: int) -> Callable[[Array, Array, Array], Array]:
-    K, n = d.power_laws[a, 1:3]
-
     def power(q: Array, v: Array, r: Array) -> Array:
-        elastic = K * np.maximum(d.approach(q)[:, a], 0.0) ** n
-        return np.asarray((d.push(q, v)[:, a] - elastic) * d.approach_rate(v)[:, a])
+        return d.spring_losses(q, v)[:, a]
 
     return power
 
@@ -317,18 +314,14 @@ def _by_steps(run: Trajectory, θ: float, takers: Sequence[Taker]) -> tuple[Arra
     q = (1.0 - θ) * run.q[:-1] + θ * run.q[1:]
     f = d.force(run.t) - _constant(d)
     f_θ = (1.0 - θ) * f[:-1] + θ * f[1:]
-    s = pushes(d.power_laws, d.approach(q), -d.approach_rate(w), h)
+    s = mean_forces(d.power_laws, d.approach(q), d.approach_rate(w), h)
+    losses = d.spring_losses(q, w, s)
     powers = np.empty((len(h), len(GIVEN) + len(takers)))
     powers[:, 0] = (f_θ * w).sum(axis=1)
     driving = q @ d.K.T + w @ d.C.T - r @ d.H - f_θ - _constant(d) - s @ d.directions
     powers[:, 1] = (driving * w)[:, d.driven].sum(axis=1)
     for k, taker in enumerate(takers, len(GIVEN)):
-        if taker.spring is None:
-            powers[:, k] = taker.power(q, w, r)
-        else:
-            _, K, n, _, _ = d.power_laws[taker.spring]
-            elastic = K * np.maximum(d.approach(q)[:, taker.spring], 0.0) ** n
-            powers[:, k] = (s[:, taker.spring] - elastic) * d.approach_rate(w)[:, taker.spring]
+        powers[:, k] = taker.power(q, w, r) if taker.spring is None else losses[:, taker.spring]
     flows = np.concatenate([np.zeros((1, powers.shape[1])), np.cumsum(h[:, None] * powers, axis=0)])
     return run.t, run.q, run.v, flows
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -23,6 +24,7 @@ from lcpimpact import (
     Scheme,
     Spring,
 )
+from lcpimpact.scheme.power_law import extended_force, mean_force, spring_energy, spring_force
 
 
 def reference(rate, state, times):
@@ -30,6 +32,36 @@ def reference(rate, state, times):
         rate, (0.0, times[-1]), state, "DOP853", t_eval=times, rtol=1e-12, atol=1e-14, max_step=times[-1] / 500
     )
     return run.y
+
+
+LAWS = [(8.0, 1.5, 0.0, 0.0), (3.0, 2.0, 0.7, 0.0), (5.0, 1.0, 0.0, 2.0), (4.0, 1.5, 0.4, 1.5)]
+"""Hertz, Hunt and Crossley, Kelvin and Voigt, and all terms at once: K, n, b and c."""
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("rate", [-3.0, -0.2, 0.0, 0.9])
+@pytest.mark.parametrize("δ", [-0.6, -0.02, 0.03, 0.8])
+def test_the_derivatives_of_the_law_are_its_slopes(law, δ, rate):
+    η = 1e-6
+    of_a_step = [lambda x, y, h=h: mean_force(*law, x, y, h) for h in (1e-3, 0.5)]
+    for f in (lambda x, y: spring_force(*law, x, y), lambda x, y: extended_force(*law, x, y), *of_a_step):
+        _, by_δ, by_rate = f(δ, rate)
+        assert by_δ == pytest.approx((f(δ + η, rate)[0] - f(δ - η, rate)[0]) / (2.0 * η), rel=1e-6, abs=1e-7)
+        if rate:  # where the ends touch in the step, the mean has a corner at δ' = 0
+            assert by_rate == pytest.approx((f(δ, rate + η)[0] - f(δ, rate - η)[0]) / (2.0 * η), rel=1e-6, abs=1e-7)
+    energy = [spring_energy(*law[:2], δ + η), spring_energy(*law[:2], δ - η)]
+    assert spring_force(*law, δ, 0.0)[0] == pytest.approx((energy[0] - energy[1]) / (2.0 * η), rel=1e-6, abs=1e-7)
+
+
+@pytest.mark.parametrize("rate", [-2.0, -0.1, 0.1, 2.0])
+@pytest.mark.parametrize("δ", [-0.4, -0.01, 0.01, 0.4])
+def test_the_mean_of_a_step_has_the_mean_of_the_damping(δ, rate):
+    """c δ' dt over the part of a step in which the ends touch, by the times at which δ + δ' τ changes its sign."""
+    c, h = 2.0, 0.5
+    touch = sorted(np.clip([-0.5 * h, -δ / rate, 0.5 * h], -0.5 * h, 0.5 * h))
+    touched = sum(b - a for a, b in pairwise(touch) if δ + rate * (a + b) / 2.0 > 0.0)
+    F = max(0.0, 5.0 * max(δ, 0.0) + c * rate * touched / h)
+    assert mean_force(5.0, 1.0, 0.0, c, δ, rate, h)[0] == pytest.approx(F, abs=1e-12)
 
 
 def test_the_law_and_its_energy():

@@ -2,6 +2,6 @@
 
 - `time_stepping`: the base class of the methods that solve an LCP in each step; `halving`: steps taken in halves.
 - `linear_step`: methods whose step is a linear system of equations, written with symbols.
-- `law`, `newton`, `spring_law`: the contact law of a step, and Newton's method where springs are not linear.
+- `law`, `newton`: the contact problem of a step, and Newton's method where springs are not linear.
 - `runge_kutta`, `tableau`: explicit Runge-Kutta methods; `radau_iia`: the collocation method of Radau IIA.
 """

@@ -1,4 +1,4 @@
-"""The law of a step: solve its LCP, judge the answer outside the solver, and the shape of what stands around it."""
+"""The contact problem of a step: its LCP is solved, judged outside the solver, counted, and tried by other solvers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from lcpimpact.lcp.judge import clear_residual, holds, measure
 from lcpimpact.lcp.operators import Delassus
 from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solver import Kernel, State
-from lcpimpact.scheme.dynamics import Dynamics
 
 SOLVED, INACCURATE, NON_FINITE = int(Status.SOLVED), int(Status.INACCURATE), int(Status.NON_FINITE)
 
@@ -26,7 +25,7 @@ SPRINGS_SIGNATURE: Any = types.Tuple((i8, i8, i8, f8))(
     matrix, vector, vector, vector, vector, vector, types.boolean, f8, i8, KERNEL,
     matrix, matrix, matrix, vector, vector, matrix, f8, f8, vector, vector,
 )  # fmt: skip
-"""Of `newton.solve_with_springs`, which is compiled only for a scheme that has such springs."""
+"""Of `newton.solve_with_springs`, the solver for schemes with non-linear springs."""
 
 SPRINGS: Any = types.FunctionType(SPRINGS_SIGNATURE)
 
@@ -73,15 +72,6 @@ def no_springs(
 ) -> tuple[int, int, int, float]:  # fmt: skip
     """Stand where a scheme has no non-linear springs: it is never called."""
     return SOLVED, 0, 0, 0.0
-
-
-def around(dynamics: Dynamics) -> Springs:
-    """Return what solves the step's law with non-linear springs: only a scheme that has them compiles it."""
-    if not dynamics.springs:
-        return no_springs
-    from lcpimpact.integrators.stepping.newton import solve_with_springs
-
-    return solve_with_springs
 
 
 def with_fallbacks(

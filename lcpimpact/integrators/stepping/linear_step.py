@@ -27,8 +27,8 @@ from numba import types
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, i8, interpreted, matrix, vector
 from lcpimpact.errors import InputError, Status
-from lcpimpact.integrators.stepping.law import SPRINGS, Springs, around, solve_law
-from lcpimpact.integrators.stepping.time_stepping import TimeStepping
+from lcpimpact.integrators.stepping.law import SPRINGS, Springs, solve_law
+from lcpimpact.integrators.stepping.time_stepping import TimeStepping, spring_solver
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.problem import KERNEL
@@ -371,7 +371,7 @@ class LinearStep(TimeStepping[Tabulated]):
         sizes = (len(d.nodes), len(d.contacts), len(d.springs))
         y, guess = np.zeros(len(symbols.q) * (2 + len(self.remembers))), np.zeros((self.laws, len(d.contacts)))
         init = solver.init(contacts)
-        return Tabulated(h, sizes, tables, loads, constant, y, guess, contacts, init, around(d), tol, max_iter)
+        return Tabulated(h, sizes, tables, loads, constant, y, guess, contacts, init, spring_solver(d), tol, max_iter)
 
     def _symbols(self, d: Dynamics) -> Symbols:
         """Return one column for each number that a step starts from or solves for."""

@@ -1,7 +1,7 @@
 r"""Non-linear springs within a θ-step: Newton's method around the LCP.
 
 Spring j pushes with s_j = F_j(δ_θ, y), y = N w the rate at which its ends part and δ_θ = δ - θ h y their approach at t_θ;
-the law is that of `lcpimpact.integrators.stepping.spring_law`. Along a step
+the law is the mean force of `lcpimpact.scheme.power_law`, with δ' = -y. Along a step
 
 .. math:: J = \frac{dF}{dy} = \frac{∂F}{∂y} - θ h \frac{∂F}{∂δ} .
 
@@ -13,7 +13,7 @@ function of w, whose slope along the way from one iterate to the next is
 
 .. math:: φ'(t) = r \cdot H \dot w + (s - F) \cdot \dot y \;\text{ at }\; r + t \dot r, \; s + t \dot s, \; y + t \dot y .
 
-So a run that has not ended after some iterations goes only as far as φ' is not large and positive.
+So after some full steps a line search goes only as far as φ' is not large and positive.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.law import SPRINGS_SIGNATURE, solve_law
-from lcpimpact.integrators.stepping.spring_law import push
 from lcpimpact.lcp.lapack import lu_solve
 from lcpimpact.lcp.solver import Kernel
+from lcpimpact.scheme.power_law import mean_force
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 NEWTON, SINGULAR = int(Status.NEWTON), int(Status.SINGULAR)
 
 MAX_NEWTON = 60
 
-PLAIN = 6
-"""So many iterations are taken as they come."""
+FULL_STEPS = 6
+"""Newton iterations before the line search starts."""
 
 NEWTON_TOL = 1e-12
 """How near s must come to F(y), relative to the largest spring force."""
@@ -46,7 +46,7 @@ ROUNDING = 8.0 * np.finfo(np.float64).eps
 @compiled(
     f8(matrix, matrix, matrix, vector, f8, f8, vector, vector, vector, vector, vector, vector)
 )  # fmt: skip
-def share(
+def line_search(
     W: Array,
     HGs: Array,
     law: Array,
@@ -60,7 +60,7 @@ def share(
     s_new: Array,
     y_new: Array,
 ) -> float:
-    """Return how much of the way to the new iterate to go: halved until φ' is at most half of -φ'(0)."""
+    """Return the step length t in (0, 1] to the new iterate: halved until φ'(t) is at most half of -φ'(0)."""
     nc, ns = len(z), len(s)
     ahead = np.zeros(nc)
     for i in range(nc):
@@ -75,7 +75,8 @@ def share(
             slope += (z[i] + t * (z_new[i] - z[i])) * ahead[i]
         for j in range(ns):
             rate = y[j] + t * (y_new[j] - y[j])
-            F, _, _ = push(law[j], δ[j] - θh * rate, rate, h)
+            _, K_j, n_j, b_j, c_j = law[j]
+            F, _, _ = mean_force(K_j, n_j, b_j, c_j, δ[j] - θh * rate, -rate, h)
             slope += (s[j] + t * (s_new[j] - s[j]) - F) * (y_new[j] - y[j])
         if t == 0.0:
             if not slope < 0.0:
@@ -120,12 +121,13 @@ def solve_with_springs(
     F, J = np.empty(ns), np.empty(ns)
     W_s, b_s, system, column = np.empty((nc, nc)), np.empty(nc), np.empty((ns, ns)), np.empty(ns)
     z_old, s_old, y_old = np.empty(nc), np.empty(ns), np.empty(ns)
-    total, residual, part = 0, 0.0, 1.0
+    total, residual, t = 0, 0.0, 1.0
     for newton in range(MAX_NEWTON + 1):
         error, scale, rounding = 0.0, 0.0, 0.0
         for j in range(ns):
-            F[j], by_δ, by_y = push(law[j], δ[j] - θh * y[j], y[j], h)
-            J[j] = by_y - θh * by_δ
+            _, K_j, n_j, b_j, c_j = law[j]
+            F[j], by_δ, by_rate = mean_force(K_j, n_j, b_j, c_j, δ[j] - θh * y[j], -y[j], h)
+            J[j] = -by_rate - θh * by_δ
             error = max(error, abs(F[j] - s[j]))
             scale = max(scale, abs(F[j]))
             size = abs(y_free[j]) + abs(y[j])
@@ -134,7 +136,7 @@ def solve_with_springs(
             rounding = max(rounding, abs(J[j]) * size)
         if not error < np.inf:
             return NON_FINITE, total, newton, residual
-        if newton > 0 and part == 1.0 and error <= NEWTON_TOL * scale + ROUNDING * rounding:
+        if newton > 0 and t == 1.0 and error <= NEWTON_TOL * scale + ROUNDING * rounding:
             return SOLVED, total, newton, residual
         for c in range(nc + 1):
             for i in range(ns):
@@ -171,10 +173,10 @@ def solve_with_springs(
                 y[i] += NGs[i, j] * s[j]
             for c in range(nc):
                 y[i] += NG[i, c] * z[c]
-        if newton >= PLAIN:
-            part = share(W, HGs, law, δ, θh, h, z_old, s_old, y_old, z, s, y)
-            if part < 1.0:
-                z[:] = z_old + part * (z - z_old)
-                s[:] = s_old + part * (s - s_old)
-                y[:] = y_old + part * (y - y_old)
+        if newton >= FULL_STEPS:
+            t = line_search(W, HGs, law, δ, θh, h, z_old, s_old, y_old, z, s, y)
+            if t < 1.0:
+                z[:] = z_old + t * (z - z_old)
+                s[:] = s_old + t * (s - s_old)
+                y[:] = y_old + t * (y - y_old)
     return NEWTON, total, MAX_NEWTON, residual

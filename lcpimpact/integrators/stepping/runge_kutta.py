@@ -52,6 +52,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Grid, Record, State
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.first_order import FirstOrderForm, Inputs, forced_form
+from lcpimpact.scheme.power_law import energies, spring_force, tangents
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
@@ -104,13 +105,10 @@ def rounding(M: Array, i: int, scale: Array) -> float:
 
 @compiled(types.void(vector, matrix, matrix, matrix, vector))
 def spring_forces(x: Array, approach: Array, rate: Array, law: Array, s: Array) -> None:
-    """Write s = K δⁿ (1 + b δ') + c δ' of the non-linear springs; with c > 0 they never pull."""
+    """Write the forces s(δ, δ') of the non-linear springs at x."""
     for a in range(len(s)):
         _, K, n, b, c = law[a]
-        δ, closing = term(approach, a, x), term(rate, a, x)
-        s[a] = K * δ**n * (1.0 + b * closing) + c * closing if δ > 0.0 else 0.0
-        if c > 0.0:
-            s[a] = max(s[a], 0.0)
+        s[a], _, _ = spring_force(K, n, b, c, term(approach, a, x), term(rate, a, x))
 
 
 @compiled(f8(f8))
@@ -415,24 +413,23 @@ class Run:
 
     def error(self, x: Array, error: Array, allowed: Array, rtol: float) -> float:
         """Return the estimated error of a step that ends in x = (y, signals, loads), relative to what it may be."""
-        _, K, n, _, _ = self.inputs.law.T
-        δ, ends = self._approach(x)
-        square = error @ self.metric @ error + (K * n * δ ** (n - 1.0) * (ends @ error) ** 2).sum()
+        δ = self._approach(x)
+        _, stiffness, _ = tangents(self.inputs.law, np.maximum(δ, 0.0), np.zeros_like(δ), extended=True)
+        moved = self.inputs.approach[:, : len(error)] @ error
+        square = error @ self.metric @ error + (stiffness * moved**2).sum()
         limit = rtol**2 * max(self.energy[0], self.energy_of(x)) + LEAST**2 * np.abs(np.diag(self.metric)) @ allowed**2
         single = np.abs(np.divide(error, allowed, out=np.zeros_like(error), where=allowed > 0.0)).max(initial=0.0)
         return max(float(single), math.sqrt(max(square, 0.0) / limit) if limit > 0.0 else 0.0)
 
     def energy_of(self, x: Array) -> float:
         """Return twice the energy of springs and masses at x, as far as it belongs to the states."""
-        _, K, n, _, _ = self.inputs.law.T
-        δ, _ = self._approach(x)
         y = x[: len(self.metric)]
-        return float(y @ self.metric @ y + (2.0 * K * δ ** (n + 1.0) / (n + 1.0)).sum())
+        return float(y @ self.metric @ y + 2.0 * energies(self.inputs.law, self._approach(x)).sum())
 
-    def _approach(self, x: Array) -> tuple[Array, Array]:
-        """Return δ_+ of the non-linear springs (ns,), and its derivatives by the states (ns, ny)."""
+    def _approach(self, x: Array) -> Array:
+        """Return δ of the non-linear springs (ns,)."""
         rows = self.inputs.approach
-        return np.maximum(rows @ x[: rows.shape[1]], 0.0), rows[:, : len(self.metric)]
+        return np.asarray(rows @ x[: rows.shape[1]])
 
     def given(self, t: Array) -> Array:
         """Return the signals and loads at the times t, with the shape of t followed by (ng,)."""

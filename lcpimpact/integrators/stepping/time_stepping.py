@@ -12,7 +12,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.stepping.halving import Halving, overlap
-from lcpimpact.integrators.stepping.law import with_fallbacks
+from lcpimpact.integrators.stepping.law import Springs, no_springs, with_fallbacks
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits
@@ -167,3 +167,12 @@ class TimeStepping(Integrator, Generic[S]):
             return self.run(step, solver, record, times[begin - first : end - first + 1], begin)
 
         return with_fallbacks(run, step.solver, step.contacts, first, first + len(times) - 1)
+
+
+def spring_solver(d: Dynamics) -> Springs:
+    """Return the Newton solver of the non-linear springs, which is compiled only for a scheme that has some."""
+    if not d.springs:
+        return no_springs
+    from lcpimpact.integrators.stepping.newton import solve_with_springs
+
+    return solve_with_springs

@@ -26,6 +26,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.hertz import hertz_impact, hunt_crossley_impact
 from lcpimpact.problems.reading import Series
+from lcpimpact.scheme.power_law import spring_energy, spring_force
 from lcpimpact.study.design.law import Law, Rebound, grounded
 from lcpimpact.trajectory import Trajectory
 
@@ -156,7 +157,7 @@ def _integrated(a: float, γ: float, n: float) -> Rebound:
     K = 0.5 * (n + 1.0)
 
     def force(δ: float, v: float) -> float:
-        return K * math.pow(max(δ, 0.0), n) * (1.0 + a * v)
+        return spring_force(K, n, a, 0.0, δ, v)[0]
 
     def rate(t: float, state: Array) -> list[float]:
         δ, v = state
@@ -167,7 +168,7 @@ def _integrated(a: float, γ: float, n: float) -> Rebound:
 
     def energy(δ: float, v: float) -> float:
         # It falls, and at δ = 0 it is v²/2: a mass that has less than none of it never leaves.
-        return 0.5 * (v * v + math.pow(max(δ, 0.0), n + 1.0)) - γ * δ
+        return 0.5 * v * v + spring_energy(K, n, δ) - γ * δ
 
     rest = math.pow(γ / K, 1.0 / n)
 
@@ -176,7 +177,7 @@ def _integrated(a: float, γ: float, n: float) -> Rebound:
         if not 0.0 < δ < rest or v <= 0.0 or force_rate(δ, v) > 0.0:
             return False
         μ = v / (rest - δ)
-        return n * K * math.pow(rest, n - 1.0) + μ * μ <= a * K * math.pow(δ, n) * μ
+        return spring_force(K, n, a, 0.0, rest, 0.0)[1] + μ * μ <= spring_force(K, n, a, 0.0, δ, v)[2] * μ
 
     steps: list[State] = []
 
