@@ -33,7 +33,7 @@ def apgd(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, m
     """
     n = len(q)
     d, y, v, w, s, g = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    basis, unshifted = np.empty(n, np.int64), np.zeros(n)
+    basis = np.empty(n, np.int64)
     diagonal(W, d)
     widest = 0.0
     for i in range(n):
@@ -80,7 +80,7 @@ def apgd(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, m
             y[i], v[i] = new + beta * (new - z[i]), gradient + beta * (gradient - w[i])
             z[i], w[i] = min(max(new, lower[i]), upper[i]), gradient
         L *= 0.9 if turn > 0.0 else 1.0
-        note(z, basis, NONE, NONE, unshifted)
+        note(z, basis, NONE, NONE)
         if step % CHECK == 1 or step == max_iter:
             scaled, _, rounding = measure(W, q, lower, upper, z, g)
             if holds(scaled, rounding, tol):

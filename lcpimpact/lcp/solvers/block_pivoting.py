@@ -70,7 +70,6 @@ def block_pivoting(
     definite = is_symmetric(W)
     side, basis, wrong = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
     w, root = np.empty(n), np.empty(n)
-    unshifted = np.zeros(n)
     cold = True
     for i in range(n):
         z[i] = min(max(z[i], lower[i]), upper[i])
@@ -108,7 +107,7 @@ def block_pivoting(
             if not feasible:
                 wrong[infeasible] = i
                 infeasible += 1
-        note(z, basis, NONE, NONE, unshifted)
+        note(z, basis, NONE, NONE)
         if infeasible == 0:
             for i in range(n):
                 z[i] = min(max(z[i], lower[i]), upper[i])

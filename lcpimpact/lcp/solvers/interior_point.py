@@ -121,7 +121,7 @@ def interior_point(
     x, r, d, barrier, diagonal, w = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     row, sign, start = np.empty(2 * n, np.int64), np.empty(2 * n), np.empty(2 * n)
     basis, side, last, tried = np.empty(n, np.int64), np.empty(n, np.int64), np.full(n, UNKNOWN), np.full(n, UNKNOWN)
-    nearest, unshifted = np.empty(n), np.zeros(n)
+    nearest = np.empty(n)
     definite = is_symmetric(W)
     scale(W, q, lower, upper, N, p, low, high, unit)
     count = 0
@@ -167,7 +167,7 @@ def interior_point(
             basis[i] = n + i if side[i] == FREE else i
             if low[i] < high[i]:
                 error = max(error, abs(r[i]))
-        note(z, basis, NONE, NONE, unshifted)
+        note(z, basis, NONE, NONE)
         if identified(W, q, lower, upper, side, last, tried, z, tol):
             return SOLVED, step
         if not size < LARGEST or (count > 0 and not mu > LEAST) or not length > SHORTEST:

@@ -147,9 +147,7 @@ def identified(
     if not near and not (agreed and fresh):
         return False
     tried[:] = side
-    polish(W, q, lower, upper, side, trial)
-    scaled, _, rounding = measure(W, q, lower, upper, trial, w)
-    if holds(scaled, rounding, tol):
+    if polish(W, q, lower, upper, side, trial, tol):
         z[:] = trial
         return True
     return near
@@ -167,7 +165,7 @@ def newton_fb(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: flo
     n = len(q)
     N, p, low, high, unit = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     x, y, d, slope, trial, w = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    phi, by_z, by_w, gradient, unshifted = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.zeros(n)
+    phi, by_z, by_w, gradient = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     basis, side, last, tried = np.empty(n, np.int64), np.empty(n, np.int64), np.full(n, UNKNOWN), np.full(n, UNKNOWN)
     scale(W, q, lower, upper, N, p, low, high, unit)
     for i in range(n):
@@ -181,7 +179,7 @@ def newton_fb(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: flo
             side[i] = LOWER if x[i] - y[i] <= low[i] else UPPER if x[i] - y[i] >= high[i] else FREE
             basis[i] = n + i if side[i] == FREE else i
             z[i] = min(max(x[i] * unit[i], lower[i]), upper[i])
-        note(z, basis, NONE, NONE, unshifted)
+        note(z, basis, NONE, NONE)
         if identified(W, q, lower, upper, side, last, tried, z, tol):
             return SOLVED, step
         psi = 0.5 * dot(phi, phi)
