@@ -240,6 +240,7 @@ def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: fl
     n = len(q)
     rows, basis, free, loaded = np.empty(n, np.int64), np.arange(n), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
     C, L = np.empty((n, n)), np.empty((n, n))
+    # The start and the sums of columns stand here, and not in functions: a call costs some percent of a solve of few rows.
     active = ActiveSet(rows, free, basis, L, C, loaded)
     base, w, y, root = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     size = row_roots(W, q, root)
