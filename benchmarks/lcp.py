@@ -31,6 +31,7 @@ from statistics import median
 
 import numpy as np
 from lcp_contestants import Contestant, Instance, Ring, Siconos, Verdict, everyone
+from lcp_families import FAMILIES, Family
 from numba import njit
 from rich.console import Console
 from rich.table import Table
@@ -39,7 +40,6 @@ from scipy.linalg.lapack import dposv
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.files import check_output, whole_file
-from lcpimpact.lcp.families import FAMILIES, Family
 from lcpimpact.lcp.operators import Banded
 from lcpimpact.lcp.solve import prepare_lcp, solve_lcp
 from lcpimpact.lcp.solvers.closed_form import closed_form

@@ -24,11 +24,11 @@ from statistics import median
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from lcp_families import Case
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import LcpImpactError, Status, UnsupportedError
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.families import Case
 from lcpimpact.lcp.operators import Banded
 from lcpimpact.lcp.problem import LCPSolution
 from lcpimpact.lcp.solve import prepare_lcp, solve_lcp

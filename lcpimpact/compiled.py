@@ -14,7 +14,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from types import FunctionType
-from typing import Any, TypeVar, cast
+from typing import Any, Literal, TypeVar, cast
 
 import numba
 from numba import types
@@ -171,7 +171,7 @@ def usable() -> bool:
     return True
 
 
-def compiled(signature: Any) -> Callable[[F], F]:
+def compiled(signature: Any, inline: Literal["never", "always"] = "never") -> Callable[[F], F]:
     """Compile a function for one signature, and cache the result on disk.
 
     Parameters
@@ -179,12 +179,16 @@ def compiled(signature: Any) -> Callable[[F], F]:
     signature : numba signature
         Argument and return types; an argument may itself be a compiled function (``types.FunctionType``), which,
         unlike an inferred one, does not defeat the cache.
+    inline : {"never", "always"}
+        Whether its lines are put in the place of each call: for a step of an inner loop that takes named tuples of arrays,
+        since a call counts a reference to each of them.
     """
 
     def decorate(function: F) -> F:
         if not COMPILING:
+            cast(Any, function).py_func = function  # as a compiled one has it
             return function
-        decorated: Any = numba.njit(error_model="numpy")(function)
+        decorated: Any = numba.njit(error_model="numpy", inline=inline)(function)
         if usable() and Path(function.__code__.co_filename).exists():
             decorated._cache = CheckedCache(function)
         decorated.compile(signature)
@@ -202,11 +206,20 @@ def interpreted(function: F, **names: Any) -> F:
     function : compiled function
         With compilation switched off, the function itself.
     **names
-        Functions to stand under global names of ``function``, in place of what its module has there: an operator's own
-        product in place of that of an array, or a note-taker in place of one that takes none.
+        Functions to stand under global names of ``function`` and of the functions that it calls, in place of what their
+        modules have there: an operator's own product in place of that of an array, or a note-taker in place of one that
+        takes none.
     """
     python: Any = getattr(function, "py_func", function)
-    if names:
-        python = FunctionType(python.__code__, python.__globals__ | names, python.__name__, None, python.__closure__)
+    changed = {}
+    for name in python.__code__.co_names if names else ():
+        called = python.__globals__.get(name)
+        if name in names:
+            changed[name] = names[name]
+        elif getattr(called, "py_func", function) is not function:
+            inner = interpreted(called, **names)
+            changed |= {name: inner} if inner is not called.py_func else {}
+    if changed:
+        python = FunctionType(python.__code__, python.__globals__ | changed, python.__name__, None, python.__closure__)
     found: F = python
     return found

@@ -1,4 +1,28 @@
-"""Linear complementarity problems: statement, solvers and the judge of their answers. It knows no mechanics."""
+"""Linear complementarity problems: statement, solvers and the judge of their answers. It knows no mechanics.
+
+From the call to the answer:
+
+- `solve`         `solve_lcp` and `prepare_lcp`: one problem by one call, fallbacks, the verdict on each answer
+- `operators`     M: dense, banded or by its factors, with its properties
+- `problem`       the problem with bounds, and its solution
+- `solver`        what a solver declares, and the interface that it is called through
+- `solvers/`      the methods, one a file
+- `judge`         residuals and certificates, computed outside the solvers
+- `rational`      what rounding leaves undecided, in rational arithmetic
+- `farkas`        a proof that there is no solution, by a linear program
+- `files`         problems as files
+
+What the methods share:
+
+- `storage`       M as compiled code reads it, dense or banded: entries, products, columns
+- `scaling`       units: a unit diagonal, or entries near one
+- `reduction`     bounds as a plain LCP in more unknowns
+- `basis`         complementary bases and their points
+- `pivoting`      the principal pivotal transform, and the steps of the pivoting methods on it
+- `polish`        the basis at the end, solved anew
+- `lapack`        linear systems
+- `trace`         the pivots and iterates of a run
+"""
 
 from __future__ import annotations
 

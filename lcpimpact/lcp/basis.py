@@ -9,7 +9,7 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
 from lcpimpact.lcp.lapack import EPS, cholesky_solve, lu_solve
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
-from lcpimpact.lcp.storage import entry, product
+from lcpimpact.lcp.storage import diagonal, entry, product
 
 
 @compiled(types.void(vector, vector, vector, indices))
@@ -22,6 +22,27 @@ def sides(z: Array, lower: Array, upper: Array, side: Indices) -> None:
             side[i] = LOWER
         else:
             side[i] = UPPER if z[i] >= upper[i] else FREE
+
+
+@compiled(f8(matrix, vector, vector))
+def row_roots(W: Array, q: Array, root: Array) -> float:
+    """Set ``root`` to sqrt(M_ii), that of the largest where M_ii <= 0, and return max |q_i| / root_i."""
+    diagonal(W, root)
+    widest, size = 0.0, 0.0
+    for i in range(len(q)):
+        widest = max(widest, root[i])
+    for i in range(len(q)):
+        root[i] = np.sqrt(root[i] if root[i] > 0.0 else (widest if widest > 0.0 else 1.0))
+        size = max(size, abs(q[i]) / root[i])
+    return size
+
+
+@compiled(f8(i8, f8, f8, f8, f8, f8))
+def violation(side: int, z: float, w: float, lower: float, upper: float, root: float) -> float:
+    """Return by how much a row of a basic solution is infeasible, in the unit of w; root² = M_ii."""
+    if side == FREE:
+        return max(lower - z, z - upper) * root * root
+    return 0.0 if lower == upper else -w if side == LOWER else w
 
 
 @compiled(types.boolean(matrix, vector, vector, i8, f8))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import types
 
@@ -20,6 +22,49 @@ def units(M: Array, q: Array, unit: Array) -> None:
             for j in range(n):
                 size = max(size, max(abs(M[i, j]), abs(M[j, i])))
         unit[i] = 1.0 / np.sqrt(size) if size > 0.0 else 1.0
+
+
+class Scaled(NamedTuple):
+    """A problem in x = z / unit, with a unit diagonal of N and max |p| = 1.
+
+    Attributes
+    ----------
+    N : (n, n) array
+    p, low, high, unit : (n,) arrays
+    """
+
+    N: Array
+    p: Array
+    low: Array
+    high: Array
+    unit: Array
+
+
+scaled_type = types.NamedTuple((matrix, vector, vector, vector, vector), Scaled)
+
+
+@compiled(scaled_type(matrix, vector, vector, vector))
+def scaled(M: Array, q: Array, lower: Array, upper: Array) -> Scaled:
+    """Return the problem scaled."""
+    n = len(q)
+    N, p, low, high, unit = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    units(M, q, unit)
+    size, widest = 0.0, 0.0
+    for i in range(n):
+        size = max(size, abs(q[i]) * unit[i])
+        if abs(lower[i]) < np.inf:
+            widest = max(widest, abs(lower[i]) / unit[i])
+        if abs(upper[i]) < np.inf:
+            widest = max(widest, abs(upper[i]) / unit[i])
+    size = size if size > 0.0 else widest if widest > 0.0 else 1.0
+    for i in range(n):
+        for j in range(n):
+            N[i, j] = M[i, j] * unit[i] * unit[j]
+        p[i] = q[i] * unit[i] / size
+    for i in range(n):
+        unit[i] *= size
+        low[i], high[i] = lower[i] / unit[i], upper[i] / unit[i]
+    return Scaled(N, p, low, high, unit)
 
 
 SWEEPS = 4

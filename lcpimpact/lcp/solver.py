@@ -5,12 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import COMPILING, F, interpreted
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.lcp.judge import measure, row_defect, sizes
 from lcpimpact.lcp.operators import Delassus, Dense, Factored, Property
 
 Kernel: TypeAlias = Callable[[Any, Array, Array, Array, Array, float, int], tuple[int, int]]
@@ -112,6 +112,7 @@ class CompiledSolver(LCPSolver):
         return State(W, self.kernel, COMPILING, self.name)
 
 
+@cache
 def matrix_free(function: F) -> F:
     """Return a kernel or judge that asks the operator for its products, columns and size, where it asked an array."""
     asked: dict[str, Any] = {
@@ -124,6 +125,4 @@ def matrix_free(function: F) -> F:
         "column": Factored.column,
         "diagonal": Factored.diagonal,
     }
-    for each in (sizes, row_defect, measure):
-        asked[each.__name__] = interpreted(each, **asked)
     return interpreted(function, **asked)

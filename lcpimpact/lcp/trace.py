@@ -16,13 +16,17 @@ NONE = -1
 """No single variable entered or left."""
 
 
-@compiled(types.void(vector, indices, i8, i8, vector))
-def note(z: Array, basis: Indices, entering: int, leaving: int, shift: Array) -> None:
+@compiled(types.void(vector, indices, i8, i8))
+def note(z: Array, basis: Indices, entering: int, leaving: int) -> None:
     """Take no note. A traced run puts a note-taker in the place of this function.
 
-    Variables are numbered w_1 ... w_n, z_1 ... z_n, z0 from 0 to 2n; ``basis[i]`` is the one that stands in row i. For
-    Lemke's method ``shift`` is d z0, for any other it is zero.
+    Variables are numbered w_1 ... w_n, z_1 ... z_n, z0 from 0 to 2n; ``basis[i]`` is the one that stands in row i.
     """
+
+
+@compiled(types.void(vector, indices, i8, i8, vector))
+def note_covered(z: Array, basis: Indices, entering: int, leaving: int, shift: Array) -> None:
+    """Take no note, as `note`, of a point of Lemke's method, where w = M z + q + shift and shift = d z0."""
 
 
 @dataclass(frozen=True)
@@ -143,15 +147,16 @@ def traced(
     steps: list[Step] = []
     problem = [M, q]
 
-    def take(z: Array, basis: Indices, entering: int, leaving: int, shift: Array) -> None:
+    def take(z: Array, basis: Indices, entering: int, leaving: int, shift: Array | None = None) -> None:
         n = len(z)
         if n != len(problem[1]):
             from lcpimpact.lcp.reduction import to_lcp
 
             problem[:] = to_lcp(M, q, lower, upper)[:2]
         names = [f"w{i + 1}" for i in range(n)] + [f"z{i + 1}" for i in range(n)] + ["z0", ""]
-        w = problem[0] @ z + problem[1] + shift
+        covered = np.zeros(n) if shift is None else shift
+        w = problem[0] @ z + problem[1] + covered
         inside = tuple(names[i] for i in basis)
-        steps.append(Step(z.copy(), w, float(shift.max()), inside, names[entering], names[leaving]))
+        steps.append(Step(z.copy(), w, float(covered.max()), inside, names[entering], names[leaving]))
 
-    return interpreted(kernel, note=take), lambda: Trace(problem[0], problem[1], name, tuple(steps))
+    return interpreted(kernel, note=take, note_covered=take), lambda: Trace(problem[0], problem[1], name, tuple(steps))

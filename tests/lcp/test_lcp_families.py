@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from lcp_families import FAMILIES, Case
 
 from lcpimpact import InputError, Status, UnsupportedError
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.families import FAMILIES, Case
 from lcpimpact.lcp.operators import Banded, Dense
 from lcpimpact.lcp.problem import LCPSolution, bounds
 from lcpimpact.lcp.rational import LARGEST, decide

@@ -686,6 +686,13 @@ def test_the_caller_keeps_his_arrays():
 # ---- traces ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("name", ["lemke", "keller", "dantzig"])
+def test_the_trace_has_the_pivots_of_the_steps_that_a_method_calls(name):
+    trace = solve_lcp([[2.0, 1.0], [1.0, 2.0]], [-5.0, -6.0], name, trace=True).trace
+    assert set(trace.steps[-1].basis) == {"z1", "z2"}
+    assert all(step.entering and step.leaving for step in trace.steps[-2:]), "each pivot exchanges one pair"
+
+
 @pytest.mark.parametrize("name", list(SOLVERS))
 def test_a_trace_ends_with_the_answer(name):
     n = min(largest_n(name), 4)

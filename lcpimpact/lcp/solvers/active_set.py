@@ -7,31 +7,58 @@ there is none, that direction proves that no solution exists.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, vector
 from lcpimpact.errors import Status
+from lcpimpact.lcp.basis import row_roots
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.problem import SIGNATURE
 from lcpimpact.lcp.solver import CompiledSolver
-from lcpimpact.lcp.storage import column, diagonal
+from lcpimpact.lcp.storage import column
 from lcpimpact.lcp.trace import NONE, note
 
 SOLVED, RAY, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.MAX_ITER)
 
 
-@compiled(types.boolean(matrix, i8, vector, f8))
-def append(L: Array, k: int, row: Array, pivot: float) -> bool:
-    """Append a row to L, L Lᵀ = M_αα: ``row`` = M_jα and ``pivot`` = M_jj; return False if j depends on α.
+class ActiveSet(NamedTuple):
+    """The free rows α, and the factor of M_αα.
+
+    Attributes
+    ----------
+    rows : (n,) indices     α in the order in which its rows came, as many as there are
+    free : (n,) flags       whether a row is one of them
+    basis : (n,) indices    the same, as `note` takes it
+    L : (n, n) array        L Lᵀ = M_αα, with one row more where that is singular
+    C : (n, n) array        C_j = M_·j, read when row j first moves
+    loaded : (n,) flags     whether it was read
+    """
+
+    rows: Indices
+    free: Flags
+    basis: Indices
+    L: Array
+    C: Array
+    loaded: Flags
+
+
+active_type = types.NamedTuple((indices, flags, indices, matrix, matrix, flags), ActiveSet)
+
+
+@compiled(types.boolean(matrix, i8, indices, vector, i8))
+def append(L: Array, k: int, rows: Indices, column: Array, j: int) -> bool:
+    """Append to L, L Lᵀ = M_αα, the row of j, by M_·j; return False if j depends on α.
 
     The row of L is written even then: it holds the direction in which M_αα has no curvature.
     """
-    rest = pivot
+    pivot = rest = column[j]
     for a in range(k):
-        total = row[a]
+        total = column[rows[a]]
         for c in range(a):
             total -= L[a, c] * L[k, c]
         L[k, a] = total / L[a, a]
@@ -84,6 +111,125 @@ def room(z: float, d: float, lower: float, upper: float) -> float:
     return max(z - lower, 0.0) / -d if d < 0.0 else np.inf
 
 
+@compiled(types.boolean(active_type, i8, i8), inline="always")
+def enter(active: ActiveSet, k: int, j: int) -> bool:
+    """Let row j, whose column is loaded, be free beside k others; return False if it depends on them."""
+    rows, free, basis, L, C, _ = active
+    independent = append(L, k, rows, C[j], j)
+    if independent:
+        rows[k], free[j], basis[j] = j, True, len(rows) + j
+    return independent
+
+
+@compiled(types.void(active_type, i8, i8), inline="always")
+def drop(active: ActiveSet, k: int, a: int) -> None:
+    """Take the a-th of k free rows out."""
+    rows, free, basis, L, _, _ = active
+    i = rows[a]
+    free[i], basis[i] = False, i
+    remove(L, k, a)
+    for c in range(a, k - 1):
+        rows[c] = rows[c + 1]
+
+
+@compiled(types.Tuple((f8, i8))(matrix, indices, vector, vector, vector, vector, vector), inline="always")
+def minimise(L: Array, rows: Indices, base: Array, lower: Array, upper: Array, z: Array, y: Array) -> tuple[float, int]:
+    """Move the free rows towards y = -M_αα⁻¹ base_α until one meets a bound; return the length, and which one or NONE."""
+    k = len(rows)
+    for a in range(k):
+        y[a] = -base[rows[a]]
+    forward_substitute(L, k, y)
+    back_substitute(L, k, y)
+    length, block = 1.0, NONE
+    for a in range(k):
+        i = rows[a]
+        if y[a] < lower[i] or y[a] > upper[i]:
+            share = room(z[i], y[a] - z[i], lower[i], upper[i])
+            if share < length or block == NONE:
+                length, block = min(share, 1.0), a
+    for a in range(k):
+        i = rows[a]
+        z[i] = min(max(z[i] + length * (y[a] - z[i]) if length < 1.0 else y[a], lower[i]), upper[i])
+    return length, block
+
+
+@compiled(f8(f8, f8, f8, f8))
+def excess(z: float, w: float, lower: float, upper: float) -> float:
+    """Return by how much w has the wrong sign."""
+    if w < 0.0:
+        return -w if z < upper else 0.0
+    return w if z > lower else 0.0
+
+
+@compiled(i8(flags, vector, vector, vector, vector, vector, f8, types.boolean), inline="always")
+def most_wrong(
+    free: Flags, z: Array, w: Array, lower: Array, upper: Array, root: Array, rounding: float, first: bool
+) -> int:
+    """Return the row at a bound whose w is most wrong, in units of a unit diagonal, or the first; NONE within rounding."""
+    entering, worst = NONE, rounding
+    for i in range(len(z)):
+        if not free[i]:
+            wrong = excess(z[i], w[i], lower[i], upper[i])
+            if wrong > worst * root[i]:
+                entering, worst = i, wrong / root[i]
+                if first:
+                    return i
+    return entering
+
+
+@compiled(i8(active_type, vector, vector, vector, vector, vector))
+def slightly_wrong(active: ActiveSet, q: Array, z: Array, w: Array, lower: Array, upper: Array) -> int:
+    """Return the first row whose w is wrong by more than the rounding of its own terms.
+
+    What is rounding beside the largest terms may be all that a row of small ones has.
+    """
+    C = active.C
+    for i in range(len(z)):
+        if not active.free[i] and excess(z[i], w[i], lower[i], upper[i]) > 0.0:
+            own = abs(q[i])
+            for j in range(len(z)):
+                if z[j] != 0.0:
+                    own += abs(z[j] * C[j, i])
+            if abs(w[i]) > 64.0 * EPS * own:
+                return i
+    return NONE
+
+
+@compiled(types.Tuple((f8, i8))(active_type, i8, i8, f8, vector, vector, vector, vector))
+def slide(
+    active: ActiveSet, k: int, e: int, sign: float, lower: Array, upper: Array, z: Array, y: Array
+) -> tuple[float, int]:
+    """Move row e along ``sign``, and the free rows along y so that M d = 0, until one meets a bound.
+
+    Returns the length and which one, k for e itself. There is no curvature along d, and the objective falls; if nothing
+    ends that, z is set to d.
+    """
+    rows, _, _, L, _, _ = active
+    for a in range(k):
+        y[a] = -sign * L[k, a]
+    back_substitute(L, k, y)
+    length, block = room(z[e], sign, lower[e], upper[e]), k
+    for a in range(k):
+        i = rows[a]
+        share = room(z[i], y[a], lower[i], upper[i])
+        if share < length:
+            length, block = share, a
+    if length == np.inf:
+        z[:] = 0.0
+    for a in range(k):
+        i = rows[a]
+        z[i] = y[a] if length == np.inf else min(max(z[i] + length * y[a], lower[i]), upper[i])
+    if length == np.inf:
+        z[e] = sign
+    elif block == k:
+        z[e] = upper[e] if sign > 0.0 else lower[e]
+    else:
+        i = rows[block]
+        z[e] = min(max(z[e] + length * sign, lower[e]), upper[e])
+        z[i] = upper[i] if y[block] > 0.0 else lower[i]
+    return length, block
+
+
 @compiled(SIGNATURE)
 def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Minimise over the free rows, drop the first that meets a bound, and let in the one whose w is most wrong.
@@ -92,34 +238,21 @@ def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: fl
     a unit diagonal, with the rounding of a product added. After n exchanges without progress the first wrong row enters.
     """
     n = len(q)
-    rows, basis = np.empty(n, np.int64), np.arange(n)
-    free, loaded = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-    C, L = np.empty((n, n)), np.empty((n, n))  # C_j = M_·j, read when row j first moves
-    base, w, y, root, picked = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    unshifted = np.zeros(n)
-    diagonal(W, root)
-    widest = 0.0
-    for i in range(n):
-        widest = max(widest, root[i])
-    size = 0.0
-    for i in range(n):
-        root[i] = np.sqrt(root[i] if root[i] > 0.0 else (widest if widest > 0.0 else 1.0))
-        size = max(size, abs(q[i]) / root[i])
-        z[i] = min(max(z[i], lower[i]), upper[i])
-
+    rows, basis, free, loaded = np.empty(n, np.int64), np.arange(n), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    C, L = np.empty((n, n)), np.empty((n, n))
+    # The start and the sums of columns stand here, and not in functions: a call costs some percent of a solve of few rows.
+    active = ActiveSet(rows, free, basis, L, C, loaded)
+    base, w, y, root = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    size = row_roots(W, q, root)
     k, entering, leaving, stalled, fine = 0, NONE, NONE, 0, 2 * n
     for i in range(n):
-        if z[i] != 0.0 or lower[i] < z[i] < upper[i]:
+        z[i] = min(max(z[i], lower[i]), upper[i])
+        inside = lower[i] < z[i] < upper[i]
+        if z[i] != 0.0 or inside:
             column(W, i, C[i])
             loaded[i] = True
-        if lower[i] < z[i] < upper[i]:
-            for a in range(k):
-                picked[a] = C[i, rows[a]]
-            if append(L, k, picked, C[i, i]):
-                rows[k] = i
-                k += 1
-                free[i] = True
-                basis[i] = n + i
+        if inside and enter(active, k, i):
+            k += 1
 
     for step in range(1, max_iter + 1):
         for i in range(n):
@@ -128,33 +261,15 @@ def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: fl
             if not free[j] and z[j] != 0.0:
                 for i in range(n):
                     base[i] += z[j] * C[j, i]
-        for a in range(k):
-            y[a] = -base[rows[a]]
-        forward_substitute(L, k, y)
-        back_substitute(L, k, y)
-        length, block = 1.0, NONE
-        for a in range(k):
-            i = rows[a]
-            if y[a] < lower[i] or y[a] > upper[i]:
-                share = room(z[i], y[a] - z[i], lower[i], upper[i])
-                if share < length or block == NONE:
-                    length, block = min(share, 1.0), a
-        for a in range(k):
-            i = rows[a]
-            z[i] = min(max(z[i] + length * (y[a] - z[i]) if length < 1.0 else y[a], lower[i]), upper[i])
+        length, block = minimise(L, rows[:k], base, lower, upper, z, y)
         if block != NONE:
             i = rows[block]
-            note(z, basis, entering, n + i, unshifted)
+            note(z, basis, entering, n + i)
             z[i] = lower[i] if y[block] < lower[i] else upper[i]
-            remove(L, k, block)
-            for a in range(block, k - 1):
-                rows[a] = rows[a + 1]
+            drop(active, k, block)
             k -= 1
-            free[i] = False
-            basis[i] = i
             entering = NONE
             continue
-
         terms = 0.0
         for i in range(n):
             w[i] = base[i]
@@ -163,82 +278,32 @@ def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: fl
             j = rows[a]
             for i in range(n):
                 w[i] += z[j] * C[j, i]
-        rounding = 1e-14 * size + 8.0 * EPS * terms
-        note(z, basis, entering, leaving, unshifted)
-        entering, worst = NONE, rounding
-        for i in range(n):
-            if not free[i]:
-                wrong = (-w[i] if z[i] < upper[i] else 0.0) if w[i] < 0.0 else (w[i] if z[i] > lower[i] else 0.0)
-                if wrong > worst * root[i]:
-                    entering = i
-                    if stalled > n:
-                        break
-                    worst = wrong / root[i]
-        # What is rounding beside the largest terms may be all that a row of small ones has.
-        for i in range(n):
-            if entering != NONE or fine == 0:
-                break
-            if not free[i] and (w[i] < 0.0 if z[i] < upper[i] else w[i] > 0.0 and z[i] > lower[i]):
-                own = abs(q[i])
-                for j in range(n):
-                    if z[j] != 0.0:
-                        own += abs(z[j] * C[j, i])
-                if abs(w[i]) > 64.0 * EPS * own:
-                    entering = i
-                    fine -= 1
-        if entering == NONE:
+        note(z, basis, entering, leaving)
+
+        e = most_wrong(free, z, w, lower, upper, root, 1e-14 * size + 8.0 * EPS * terms, stalled > n)
+        if e == NONE and fine > 0:
+            e = slightly_wrong(active, q, z, w, lower, upper)
+            fine -= 1
+        if e == NONE:
             return SOLVED, step
-        e = entering
         entering, leaving = n + e, e
         stalled = stalled + 1 if length == 0.0 else 0
         if not loaded[e]:
             column(W, e, C[e])
             loaded[e] = True
-        for a in range(k):
-            picked[a] = C[e, rows[a]]
-        if not append(L, k, picked, C[e, e]):
-            # d has no curvature, M d = 0, and the objective falls along it.
-            sign = 1.0 if w[e] < 0.0 else -1.0
-            for a in range(k):
-                y[a] = -sign * L[k, a]
-            back_substitute(L, k, y)
-            length, block = room(z[e], sign, lower[e], upper[e]), k
-            for a in range(k):
-                share = room(z[rows[a]], y[a], lower[rows[a]], upper[rows[a]])
-                if share < length:
-                    length, block = share, a
-            if length == np.inf:
-                for i in range(n):
-                    z[i] = 0.0
-                for a in range(k):
-                    z[rows[a]] = y[a]
-                z[e] = sign
-                return RAY, step
-            stalled = stalled + 1 if length == 0.0 else 0
-            for a in range(k):
-                i = rows[a]
-                z[i] = min(max(z[i] + length * y[a], lower[i]), upper[i])
-            if block == k:
-                z[e] = upper[e] if sign > 0.0 else lower[e]
-                continue
-            z[e] = min(max(z[e] + length * sign, lower[e]), upper[e])
-            i = rows[block]
-            z[i] = upper[i] if y[block] > 0.0 else lower[i]
-            leaving = n + i
-            remove(L, k, block)
-            for a in range(block, k - 1):
-                rows[a] = rows[a + 1]
+        if enter(active, k, e):
+            k += 1
+            continue
+        length, block = slide(active, k, e, 1.0 if w[e] < 0.0 else -1.0, lower, upper, z, y)
+        if length == np.inf:
+            return RAY, step
+        stalled = stalled + 1 if length == 0.0 else 0
+        if block < k:
+            leaving = n + rows[block]
+            drop(active, k, block)
             k -= 1
-            free[i] = False
-            basis[i] = i
-            for a in range(k):
-                picked[a] = C[e, rows[a]]
-            if not append(L, k, picked, C[e, e]):
-                continue
-        rows[k] = e
-        k += 1
-        free[e] = True
-        basis[e] = n + e
+            if enter(active, k, e):
+                k += 1
     return MAX_ITER, max_iter
 
 

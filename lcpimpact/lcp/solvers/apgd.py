@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import types
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled
+from lcpimpact.compiled import compiled, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import holds, measure
 from lcpimpact.lcp.operators import Property
@@ -21,6 +22,29 @@ CHECK = 8
 """Iterations from one look at the residual to the next."""
 
 
+@compiled(types.boolean(matrix, vector, vector, vector, vector, vector))
+def start(W: Array, q: Array, lower: Array, upper: Array, z: Array, d: Array) -> bool:
+    """Set d = diag(M), and z to where the rows with M_ii = 0 ask it to be; return False, with z a ray, if that is nowhere.
+
+    Such a row of a semidefinite M is zero, w_i = q_i; its d_i is then that of the largest.
+    """
+    diagonal(W, d)
+    widest = 0.0
+    for i in range(len(d)):
+        widest = max(widest, d[i])
+    for i in range(len(d)):
+        z[i] = min(max(z[i], lower[i]), upper[i])
+        if not d[i] > 0.0:
+            if q[i] != 0.0:
+                z[i] = lower[i] if q[i] > 0.0 else upper[i]
+            if not abs(z[i]) < np.inf:
+                z[:] = 0.0
+                z[i] = -1.0 if q[i] > 0.0 else 1.0
+                return False
+            d[i] = widest if widest > 0.0 else 1.0
+    return True
+
+
 @compiled(SIGNATURE)
 def apgd(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     r"""Step from an extrapolated point y along the gradient v = M y + q, in the metric of D = diag(M).
@@ -33,22 +57,9 @@ def apgd(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, m
     """
     n = len(q)
     d, y, v, w, s, g = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    basis, unshifted = np.empty(n, np.int64), np.zeros(n)
-    diagonal(W, d)
-    widest = 0.0
-    for i in range(n):
-        widest = max(widest, d[i])
-    for i in range(n):
-        z[i] = min(max(z[i], lower[i]), upper[i])
-        if not d[i] > 0.0:
-            # The row of a semidefinite M is zero then, w_i = q_i, and z_i stays where that asks it to be.
-            if q[i] != 0.0:
-                z[i] = lower[i] if q[i] > 0.0 else upper[i]
-            if not abs(z[i]) < np.inf:
-                z[:] = 0.0
-                z[i] = -1.0 if q[i] > 0.0 else 1.0
-                return RAY, 1
-            d[i] = widest if widest > 0.0 else 1.0
+    basis = np.empty(n, np.int64)
+    if not start(W, q, lower, upper, z, d):
+        return RAY, 1
     mark = z.copy()
     product(W, z, w)
     for i in range(n):
@@ -80,7 +91,7 @@ def apgd(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, m
             y[i], v[i] = new + beta * (new - z[i]), gradient + beta * (gradient - w[i])
             z[i], w[i] = min(max(new, lower[i]), upper[i]), gradient
         L *= 0.9 if turn > 0.0 else 1.0
-        note(z, basis, NONE, NONE, unshifted)
+        note(z, basis, NONE, NONE)
         if step % CHECK == 1 or step == max_iter:
             scaled, _, rounding = measure(W, q, lower, upper, z, g)
             if holds(scaled, rounding, tol):

@@ -9,15 +9,15 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, matrix, vector
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import compiled, indices, matrix, vector
 from lcpimpact.errors import Status
-from lcpimpact.lcp.basis import basic_solution, is_rounding, sides
+from lcpimpact.lcp.basis import basic_solution, is_rounding, row_roots, sides, violation
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
 from lcpimpact.lcp.solver import CompiledSolver
-from lcpimpact.lcp.storage import entry, is_symmetric, product
+from lcpimpact.lcp.storage import has_positive_diagonal, is_symmetric, product
 from lcpimpact.lcp.trace import NONE, note
 
 SOLVED, SINGULAR = int(Status.SOLVED), int(Status.SINGULAR)
@@ -52,6 +52,28 @@ def guess(M: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array) ->
                     w[j] += step * M[i, j]
 
 
+@compiled(types.void(matrix, vector, vector, vector, vector, types.boolean, indices))
+def start(W: Array, q: Array, lower: Array, upper: Array, z: Array, definite: bool, side: Indices) -> None:
+    """Set ``side`` by the guess z, or by a few sweeps where z is at its bounds and M symmetric."""
+    n = len(z)
+    cold = True
+    for i in range(n):
+        z[i] = min(max(z[i], lower[i]), upper[i])
+        cold = cold and (z[i] == lower[i] or z[i] == upper[i])
+    if cold and definite and W.shape[0] == n:
+        guess(W, q, lower, upper, z, np.empty(n))
+    sides(z, lower, upper, side)
+
+
+@compiled(types.boolean(indices, indices))
+def equal(a: Indices, b: Indices) -> bool:
+    """Return whether two bases are the same."""
+    same = True
+    for i in range(len(a)):
+        same = same and a[i] == b[i]
+    return same
+
+
 @compiled(SIGNATURE)
 def block_pivoting(
     W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
@@ -64,24 +86,13 @@ def block_pivoting(
     brings fewer infeasible rows. Without a positive diagonal there is none, and nothing is tried.
     """
     n = len(q)
-    for i in range(n):
-        if not entry(W, i, i) > 0.0:
-            return UNDECIDED, 0
+    if not has_positive_diagonal(W):
+        return UNDECIDED, 0
     definite = is_symmetric(W)
     side, basis, wrong = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
     w, root = np.empty(n), np.empty(n)
-    unshifted = np.zeros(n)
-    cold = True
-    for i in range(n):
-        z[i] = min(max(z[i], lower[i]), upper[i])
-        cold = cold and (z[i] == lower[i] or z[i] == upper[i])
-    if cold and definite and W.shape[0] == n:
-        guess(W, q, lower, upper, z, w)
-    sides(z, lower, upper, side)
-    size = 0.0
-    for i in range(n):
-        root[i] = np.sqrt(entry(W, i, i))
-        size = max(size, abs(q[i]) / root[i])
+    start(W, q, lower, upper, z, definite, side)
+    size = row_roots(W, q, root)
     fewest, patience = n + 1, PATIENCE
     before, at, power = np.full(n, NOWHERE), 0, 1
     for step in range(1, max_iter + 1):
@@ -97,18 +108,13 @@ def block_pivoting(
         for i in range(n):
             basis[i] = n + i if side[i] == FREE else i
             w[i] += q[i]
-            if side[i] == FREE:
-                excess, tiny = max(lower[i] - z[i], z[i] - upper[i]) * root[i] * root[i], rounding * root[i]
-            else:
-                excess, tiny = -w[i] if side[i] == LOWER else w[i], rounding * root[i]
-                if lower[i] == upper[i]:
-                    excess = 0.0
+            excess, tiny = violation(side[i], z[i], w[i], lower[i], upper[i], root[i]), rounding * root[i]
             # What is rounding beside the largest terms may be all that a row of small ones has.
             feasible = excess <= 0.0 or (excess <= tiny and (patience < 0 or is_rounding(W, q, z, i, excess)))
             if not feasible:
                 wrong[infeasible] = i
                 infeasible += 1
-        note(z, basis, NONE, NONE, unshifted)
+        note(z, basis, NONE, NONE)
         if infeasible == 0:
             for i in range(n):
                 z[i] = min(max(z[i], lower[i]), upper[i])
@@ -120,20 +126,14 @@ def block_pivoting(
             patience -= 1
         if patience < 0:
             # One row at a time never comes back to a basis if M is a P-matrix (Murty); if it is not, it soon may (Brent).
-            same = True
-            for i in range(n):
-                same = same and before[i] == side[i]
-            if same:
+            if equal(before, side):
                 return UNDECIDED, step
             if at == power:
                 before[:], at, power = side, 0, 2 * power
             at += 1
         for a in range(infeasible - 1 if patience < 0 else 0, infeasible):
             i = wrong[a]
-            if side[i] == FREE:
-                side[i] = LOWER if z[i] < lower[i] else UPPER
-            else:
-                side[i] = FREE
+            side[i] = FREE if side[i] != FREE else LOWER if z[i] < lower[i] else UPPER
     return MAX_ITER, max_iter
 
 

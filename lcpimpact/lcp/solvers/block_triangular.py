@@ -101,7 +101,7 @@ def block_triangular(
     the problem is left undecided.
     """
     n = len(q)
-    block, basis, unshifted = np.empty(n, np.int64), np.empty(n, np.int64), np.zeros(n)
+    block, basis = np.empty(n, np.int64), np.empty(n, np.int64)
     rows = np.empty(n, np.int64)
     count = 0
     for i in range(n):
@@ -142,7 +142,7 @@ def block_triangular(
             z[rows[a]] = x[a]
         for i in range(n):
             basis[i] = n + i if block[i] <= number and lower[i] < z[i] < upper[i] else i
-        note(z, basis, NONE, NONE, unshifted)
+        note(z, basis, NONE, NONE)
     return SOLVED, count
 
 

@@ -8,28 +8,41 @@ meet it.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array, Flags
-from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.compiled import compiled, f8, flags, i8, indices, vector
 from lcpimpact.errors import Status
-from lcpimpact.lcp.judge import holds, measure, proves_infeasible
-from lcpimpact.lcp.lapack import EPS
+from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.operators import Property
-from lcpimpact.lcp.polish import polish
+from lcpimpact.lcp.pivoting import (
+    REFRESHES,
+    THRESHOLD,
+    Tableau,
+    advance,
+    direction_of,
+    ends_before,
+    finish,
+    pair,
+    pivot,
+    record,
+    refresh,
+    relieve,
+    scaled_tableau,
+    tableau_type,
+)
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
-from lcpimpact.lcp.scaling import units
 from lcpimpact.lcp.solver import CompiledSolver
-from lcpimpact.lcp.storage import product
 from lcpimpact.lcp.trace import NONE, note
-from lcpimpact.lcp.transform import THRESHOLD, exchange, flags, refresh, relieve, swap
 
 SOLVED, RAY, UNDECIDED = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED)
 MAX_ITER, SINGULAR, INACCURATE = int(Status.MAX_ITER), int(Status.SINGULAR), int(Status.INACCURATE)
 
-REFRESHES = 4
-"""How often the point may be computed anew before its residual is taken as it is."""
+ALL_SETTLED = -2
+"""No row is left to be brought in."""
 
 ALONE, GUARDED, LAST = 0, 1, 2
 """Phases: the rows not yet brought in are ignored; they may not get worse; they are ignored again, as a last resort."""
@@ -76,189 +89,208 @@ def room(x: float, y: float, rate: float, lower: float, upper: float, free: bool
     return 0.0
 
 
-@compiled(
-    types.Tuple((f8, i8, i8))(matrix, vector, vector, flags, flags, vector, vector, vector, i8, i8, types.boolean)
-)
-def next_event(
-    T: Array, x: Array, y: Array, free: Flags, guarded: Flags, step: Array, low: Array, high: Array, r: int, sign: int,
-    first: bool,
-) -> tuple[float, int, int]:  # fmt: skip
+class Rows(NamedTuple):
+    """The staircases of the rows, and how far they are brought in.
+
+    Attributes
+    ----------
+    low, high : (n,) arrays     bounds of z, in its unit
+    settled : (n,) flags        rows that are on their staircase
+    waiting : (n,) flags        rows that nothing ended the motion of, to be tried again after another
+    step : (n,) array           height of the staircase that a row must follow as another moves, inf if it need not
+    """
+
+    low: Array
+    high: Array
+    settled: Flags
+    waiting: Flags
+    step: Array
+
+
+rows_type = types.NamedTuple((vector, vector, flags, flags, vector), Rows)
+
+
+@compiled(rows_type(vector, vector, vector), inline="always")
+def rows_of(lower: Array, upper: Array, z_unit: Array) -> Rows:
+    """Return the rows, none brought in."""
+    n = len(lower)
+    return Rows(lower / z_unit, upper / z_unit, np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.empty(n))
+
+
+@compiled(i8(rows_type), inline="always")
+def next_row(rows: Rows) -> int:
+    """Return the first row without bounds to be brought in, else the first with, NONE if all wait, or ALL_SETTLED."""
+    low, high, settled, waiting, _ = rows
+    r, found = NONE, ALL_SETTLED
+    for i in range(len(low)):
+        if not settled[i]:
+            found = NONE
+            if not waiting[i]:
+                if low[i] == -np.inf and high[i] == np.inf:
+                    return i
+                r = i if r == NONE else r
+    return r if r != NONE else found
+
+
+@compiled(types.boolean(tableau_type, rows_type, f8))
+def all_settled(tableau: Tableau, rows: Rows, tiny: float) -> bool:
+    """Find out anew which rows are settled, and return whether all are."""
+    _, x, y, free, _, _, _ = tableau
+    low, high, settled, _, _ = rows
+    complete = True
+    for i in range(len(x)):
+        z, w = pair(x[i], y[i], free[i])
+        settled[i] = direction(z, w, low[i], high[i], tiny) == 0
+        complete = complete and settled[i]
+    return complete
+
+
+@compiled(types.void(tableau_type, rows_type, i8), inline="always")
+def settle(tableau: Tableau, rows: Rows, r: int) -> None:
+    """Make row r, which is on its staircase to rounding, free between its bounds, and put it there without it."""
+    T, x, y, free, _, _, _ = tableau
+    if T[r, r] > THRESHOLD and free[r] != (rows.low[r] < pair(x[r], y[r], free[r])[0] < rows.high[r]):
+        pivot(tableau, r)
+    x[r] = 0.0 if free[r] else min(max(x[r], rows.low[r]), rows.high[r])
+    rows.settled[r] = True
+
+
+@compiled(types.void(tableau_type, rows_type, types.boolean, f8), inline="always")
+def guard(tableau: Tableau, rows: Rows, everyone: bool, tiny: float) -> None:
+    """Set the staircases of the settled rows, or of everyone, each at the height where it is."""
+    _, x, y, free, _, _, _ = tableau
+    low, high, settled, _, step = rows
+    for i in range(len(x)):
+        z, w = pair(x[i], y[i], free[i])
+        if settled[i]:
+            step[i] = 0.0
+        else:
+            on = everyone and direction(z, w, low[i], high[i], tiny) == 0
+            step[i] = 0.0 if on else w if everyone else np.inf
+
+
+@compiled(types.Tuple((f8, i8, i8))(tableau_type, rows_type, i8, i8, types.boolean), inline="always")
+def next_event(tableau: Tableau, rows: Rows, r: int, sign: int, first: bool) -> tuple[float, int, int]:
     """Return how far x_r moves along ``sign``, the row that ends this or NONE, and where row r meets its staircase.
 
-    A row that is not guarded but free has its w fixed, and z within bounds. Of rows that end the motion together the one
-    that changes fastest is taken, or the first.
+    A row that follows no staircase but is free has its w fixed, and z within bounds. Of rows that end the motion together
+    the one that changes fastest is taken, or the first.
     """
+    T, x, y, free, _, _, _ = tableau
+    low, high, _, _, step = rows
     rate = T[r, r] if T[r, r] > THRESHOLD else 0.0
-    a, b, da, db = (y[r], x[r], rate, 1.0) if free[r] else (x[r], y[r], 1.0, rate)
+    z, w = pair(x[r], y[r], free[r])
+    dz, dw = (rate, 1.0) if free[r] else (1.0, rate)
     if sign > 0:
-        length, end = meeting(a, b, da, db, low[r], high[r])
+        length, end = meeting(z, w, dz, dw, low[r], high[r])
     else:
-        length, end = meeting(-a, -b, da, db, -high[r], -low[r])
+        length, end = meeting(-z, -w, dz, dw, -high[r], -low[r])
         end = -end
-    s = r if length < np.inf else NONE
+    s, fastest = r if length < np.inf else NONE, np.inf
     for i in range(len(x)):
-        if i == r or not (guarded[i] or free[i]):
-            continue
-        height = y[i] if free[i] else y[i] - step[i]
-        share = room(x[i], height, sign * T[i, r], low[i], high[i], free[i])
-        if share == np.inf:
-            continue
-        margin = 1e-12 * share + 1e-15
-        tied = share <= length + margin and s != r and s != NONE
-        if share < length - margin or (tied and not first and abs(T[i, r]) > abs(T[s, r])):
-            length, s = share, i
+        if i != r and (step[i] < np.inf or free[i]):
+            height = y[i] if free[i] else y[i] - step[i]
+            share = room(x[i], height, sign * T[i, r], low[i], high[i], free[i])
+            if share < np.inf and ends_before(share, length, abs(T[i, r]), fastest):
+                length, s, fastest = share, i, np.inf if first else abs(T[i, r])
     return length, s, end
+
+
+@compiled(i8(tableau_type, rows_type, i8, i8), inline="always")
+def meet(tableau: Tableau, rows: Rows, r: int, end: int) -> int:
+    """Put row r on its staircase, at a bound or between them; return how many pairs were exchanged for it."""
+    T, x, y, free, _, _, _ = tableau
+    bound = rows.low[r] if end == LOWER else rows.high[r]
+    if (end == FREE) == free[r]:
+        x[r] = 0.0 if free[r] else bound
+        return 0
+    y[r] = bound if free[r] else 0.0
+    return pivot(tableau, r) if T[r, r] > THRESHOLD else 0
+
+
+@compiled(types.UniTuple(i8, 2)(tableau_type, rows_type, i8, i8, vector, indices, i8, i8), inline="always")
+def drive(
+    tableau: Tableau, rows: Rows, r: int, sign: int, z: Array, basis: Indices, count: int, max_iter: int
+) -> tuple[int, int]:
+    """Move x_r along ``sign`` until row r meets its staircase; rows that come to a corner on the way change sides.
+
+    Returns SOLVED, RAY if nothing ends the motion, SINGULAR or MAX_ITER, and the count of moves.
+    """
+    T, _, y, free, _, _, _ = tableau
+    stalled = 0
+    while True:
+        length, s, end = next_event(tableau, rows, r, sign, stalled > len(y))
+        if s == NONE:
+            return RAY, count
+        if count == max_iter:
+            return MAX_ITER, count
+        count += 1
+        stalled = stalled + 1 if length <= 1e-14 else 0
+        advance(tableau, r, sign * length)
+        if s == r:
+            exchanged = meet(tableau, rows, r, end)
+        else:
+            y[s] = rows.step[s] if not free[s] else rows.high[s] if sign * T[s, r] > 0.0 else rows.low[s]
+            exchanged = relieve(tableau, r, s)
+        record(tableau, s, exchanged, z, basis)
+        if s == r or exchanged == 0:
+            return (SOLVED if s == r else SINGULAR), count
 
 
 @compiled(SIGNATURE)
 def dantzig(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Bring in the rows without bounds, then the others, each from the z nearest to zero.
 
-    All is in units where M has a unit diagonal and max |M z + q| = 1 at the start. When nothing ends the motion of a row and
-    this proves nothing, because rows not yet brought in would end it, these are kept on staircases of their own height
-    from then on; if that does not help either the row waits for the others.
+    When nothing ends the motion of a row and this proves nothing, because rows not yet brought in would end it, these are
+    kept on staircases of their own height from then on; if that does not help either the row waits for the others.
     """
-    n = len(q)
-    T, x, y = np.empty((n, n)), np.empty(n), np.empty(n)
-    unit, scale, low, high, w = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    free, settled, waiting = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-    guarded, step = np.zeros(n, np.bool_), np.zeros(n)
-    side, basis, unshifted = np.empty(n, np.int64), np.arange(n), np.zeros(n)
-    units(W, q, unit)
-    size = 0.0
-    for i in range(n):
-        z[i] = min(max(0.0, lower[i]), upper[i])
-    product(W, z, w)
-    for i in range(n):
-        size = max(size, max(abs(q[i]), abs(w[i] + q[i])) * unit[i])
-    if size == 0.0:
+    tableau = scaled_tableau(W, q, lower, upper, z)
+    if tableau.size == 0.0:
         return SOLVED, 0
-    for i in range(n):
-        for j in range(n):
-            T[i, j] = W[i, j] * unit[i] * unit[j]
-        y[i] = (w[i] + q[i]) * unit[i] / size
-    for i in range(n):
-        scale[i] = unit[i] * size
-        unit[i] = size / unit[i]
-        low[i], high[i] = lower[i] / scale[i], upper[i] / scale[i]
-        x[i] = min(max(0.0, low[i]), high[i])
-    note(z, basis, NONE, NONE, unshifted)
-
+    rows, basis = rows_of(lower, upper, tableau.z_unit), np.arange(len(q))
+    note(z, basis, NONE, NONE)
     status, count, refreshes, tiny, phase = UNDECIDED, 0, 0, THRESHOLD, ALONE
     while True:
-        r, complete = NONE, True
-        for i in range(n):
-            complete = complete and settled[i]
-            if not settled[i] and not waiting[i]:
-                unbounded = low[i] == -np.inf and high[i] == np.inf
-                if r == NONE or (unbounded and not (low[r] == -np.inf and high[r] == np.inf)):
-                    r = i
-        if complete:
+        r = next_row(rows)
+        if r == ALL_SETTLED:
+            status = INACCURATE
             if refreshes == REFRESHES:
-                status = INACCURATE
                 break
             refreshes += 1
-            refresh(W, q, unit, scale, T, x, y, free)
-            terms = 0.0
-            for i in range(n):
-                terms += abs(y[i] if free[i] else x[i])
-            tiny = 1e-14 + 8.0 * EPS * terms
-            for i in range(n):
-                a, b = (y[i], x[i]) if free[i] else (x[i], y[i])
-                settled[i] = direction(a, b, low[i], high[i], tiny) == 0
-                complete = complete and settled[i]
-            if complete:
-                status = INACCURATE
+            tiny = refresh(W, q, tableau)
+            if all_settled(tableau, rows, tiny):
                 break
             continue
         if r == NONE:
+            status = UNDECIDED
             if phase == LAST:
                 break
             phase = LAST
-            for i in range(n):
-                waiting[i] = False
+            for i in range(len(q)):
+                rows.waiting[i] = False
             continue
-
-        a, b = (y[r], x[r]) if free[r] else (x[r], y[r])
-        sign = direction(a, b, low[r], high[r], tiny)
+        z_r, w_r = pair(tableau.x[r], tableau.y[r], tableau.free[r])
+        sign = direction(z_r, w_r, rows.low[r], rows.high[r], tiny)
         if sign == 0:
-            if T[r, r] > THRESHOLD and free[r] != (low[r] < a < high[r]):
-                exchange(T, r)
-                swap(x, y, free, r)
-            x[r] = 0.0 if free[r] else min(max(x[r], low[r]), high[r])
-            settled[r] = True
+            settle(tableau, rows, r)
             continue
-        for i in range(n):
-            a, b = (y[i], x[i]) if free[i] else (x[i], y[i])
-            guarded[i] = settled[i] or phase == GUARDED
-            step[i] = 0.0 if settled[i] or direction(a, b, low[i], high[i], tiny) == 0 else b
-        stalled, exchanged = 0, 0
-        while True:
-            length, s, end = next_event(T, x, y, free, guarded, step, low, high, r, sign, stalled > n)
-            if s == NONE:
-                break
-            if count == max_iter:
-                status = MAX_ITER
-                break
-            count += 1
-            stalled = stalled + 1 if length <= 1e-14 else 0
-            x[r] += sign * length
-            for i in range(n):
-                y[i] += sign * length * T[i, r]
-            exchanged, entering, leaving = 0, NONE, NONE
-            if s != r:
-                y[s] = step[s] if not free[s] else high[s] if sign * T[s, r] > 0.0 else low[s]
-                exchanged = relieve(T, x, y, free, r, s)
-            else:
-                bound = low[r] if end == LOWER else high[r]
-                if free[r]:
-                    x[r], y[r] = (0.0, y[r]) if end == FREE else (x[r], bound)
-                else:
-                    x[r], y[r] = (x[r], 0.0) if end == FREE else (bound, y[r])
-                if free[r] != (end == FREE) and T[r, r] > THRESHOLD:
-                    exchange(T, r)
-                    swap(x, y, free, r)
-                    exchanged = 1
-            if exchanged == 1:
-                entering, leaving = (n + s, s) if free[s] else (s, n + s)
-            for i in range(n):
-                z[i] = scale[i] * (y[i] if free[i] else x[i])
-                basis[i] = n + i if free[i] else i
-            note(z, basis, entering, leaving, unshifted)
-            if s == r or exchanged == 0:
-                break
-        if status == MAX_ITER:
-            break
-        if s == r:
-            settled[r] = True
+        guard(tableau, rows, phase == GUARDED, tiny)
+        status, count = drive(tableau, rows, r, sign, z, basis, count, max_iter)
+        if status == SOLVED:
+            rows.settled[r] = True
+            for i in range(len(q)):
+                rows.waiting[i] = False
             phase = GUARDED if phase == LAST else phase
-            for i in range(n):
-                waiting[i] = False
-            refresh(W, q, unit, scale, T, x, y, free)
-        elif s == NONE:
-            for i in range(n):
-                z[i] = sign * T[i, r] * scale[i] / size if free[i] and abs(T[i, r]) > THRESHOLD else 0.0
-            if not free[r]:
-                z[r] = sign * scale[r] / size
+            refresh(W, q, tableau)
+        elif status == RAY:
+            direction_of(tableau, r, sign, z)
             if proves_infeasible(W, q, lower, upper, z):
                 return RAY, count
-            waiting[r] = phase != ALONE
+            rows.waiting[r] = phase != ALONE
             phase = GUARDED if phase == ALONE else phase
         else:
-            status = SINGULAR
             break
-
-    regular = True
-    for i in range(n):
-        z[i] = min(max(scale[i] * (y[i] if free[i] else x[i]), lower[i]), upper[i])
-        side[i] = FREE if free[i] else LOWER if x[i] == low[i] else UPPER
-        regular = regular and (free[i] or x[i] == low[i] or x[i] == high[i])
-    if status != MAX_ITER:
-        if regular:
-            polish(W, q, lower, upper, side, z)
-        scaled, _, rounding = measure(W, q, lower, upper, z, w)
-        status = SOLVED if holds(scaled, rounding, tol) else status
-    return status, count
+    return finish(W, q, lower, upper, tableau, z, tol, status), count
 
 
 SOLVER = CompiledSolver(

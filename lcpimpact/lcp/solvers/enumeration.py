@@ -56,7 +56,6 @@ def enumeration(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: f
     """
     n = len(q)
     side, basis, trial = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
-    unshifted = np.zeros(n)
     any_doubt = False
     for i in range(n):
         z[i] = min(max(0.0, lower[i]), upper[i])
@@ -67,7 +66,7 @@ def enumeration(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: f
         any_doubt = any_doubt or doubt
         for i in range(n):
             basis[i] = n + i if side[i] == FREE else i
-        note(trial, basis, NONE, NONE, unshifted)
+        note(trial, basis, NONE, NONE)
         if solved:
             for i in range(n):
                 z[i] = min(max(trial[i], lower[i]), upper[i])

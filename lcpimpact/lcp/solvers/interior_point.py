@@ -10,18 +10,21 @@ leads to a solution, in a number of iterations that hardly grows with n.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, matrix, vector
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import compiled, f8, indices, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.lapack import EPS, cholesky_solve, lu_solve
 from lcpimpact.lcp.operators import Property
+from lcpimpact.lcp.polish import identified, unknown_sides
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
+from lcpimpact.lcp.scaling import Scaled, scaled, scaled_type
 from lcpimpact.lcp.solver import CompiledSolver
-from lcpimpact.lcp.solvers.newton_fb import UNKNOWN, identified, scale
 from lcpimpact.lcp.storage import is_symmetric, product
 from lcpimpact.lcp.trace import NONE, note
 
@@ -42,12 +45,106 @@ LEAST = 1e-60
 """Least μ: what rounding leaves cannot be cut further."""
 
 
-@compiled(types.boolean(types.boolean, matrix, vector, matrix, vector, vector))
-def factor_solve(definite: bool, N: Array, barrier: Array, A: Array, unit: Array, d: Array) -> bool:
-    """Overwrite d with K⁻¹ d, K = N + diag(barrier), and A with the factor of K in units of its diagonal.
+class Slacks(NamedTuple):
+    """The finite bounds c: row, σ, s and λ, with the steps of the last two.
 
-    A barrier of inf fixes its row: d_i = 0. A rounding is added to the diagonal, so that redundant rows do no harm.
+    Attributes
+    ----------
+    row : (m,) indices
+    sign, s, force, ds, df : (m,) arrays
     """
+
+    row: Indices
+    sign: Array
+    s: Array
+    force: Array
+    ds: Array
+    df: Array
+
+
+slacks_type = types.NamedTuple((indices, vector, vector, vector, vector, vector), Slacks)
+
+
+class System(NamedTuple):
+    """K = N + diag(barrier), a barrier of inf fixing its row, and its factor.
+
+    Attributes
+    ----------
+    definite : bool             whether K has a Cholesky factor
+    A : (n, n) array            the factor, in units of the diagonal
+    unit, barrier : (n,) arrays
+    """
+
+    definite: bool
+    A: Array
+    unit: Array
+    barrier: Array
+
+
+system_type = types.NamedTuple((types.boolean, matrix, vector, vector), System)
+
+
+@compiled(slacks_type(vector, vector, vector))
+def start(low: Array, high: Array, x: Array) -> Slacks:
+    """Set x to a point inside the box near zero, and return the slacks there."""
+    n = len(x)
+    row, sign, s = np.empty(2 * n, np.int64), np.empty(2 * n), np.empty(2 * n)
+    m = 0
+    for i in range(n):
+        inside = min(1.0, 0.5 * (high[i] - low[i]))
+        x[i] = min(max(0.0, low[i] + inside), high[i] - inside)
+        if low[i] > -np.inf and low[i] < high[i]:
+            row[m], sign[m], s[m] = i, 1.0, max(x[i] - low[i], inside)
+            m += 1
+        if high[i] < np.inf and low[i] < high[i]:
+            row[m], sign[m], s[m] = i, -1.0, max(high[i] - x[i], inside)
+            m += 1
+    force = np.empty(m)
+    for c in range(m):
+        force[c] = 1.0 / max(s[c], 1.0)
+    return Slacks(row[:m], sign[:m], s[:m], force, np.zeros(m), np.zeros(m))
+
+
+@compiled(f8(scaled_type, slacks_type, vector, vector), inline="always")
+def residual(problem: Scaled, slacks: Slacks, x: Array, r: Array) -> float:
+    """Set r = N x + p - Σ σ λ, and return the largest |r_i| of a row with lower < upper."""
+    N, p, low, high, _ = problem
+    product(N, x, r)
+    for i in range(len(x)):
+        r[i] += p[i]
+    for c in range(len(slacks.row)):
+        r[slacks.row[c]] -= slacks.sign[c] * slacks.force[c]
+    error: float = 0.0
+    for i in range(len(x)):
+        if low[i] < high[i]:
+            error = max(error, abs(r[i]))
+    return error
+
+
+@compiled(types.void(scaled_type, slacks_type, vector, vector, vector, vector, indices), inline="always")
+def read(problem: Scaled, slacks: Slacks, lower: Array, upper: Array, x: Array, z: Array, side: Indices) -> None:
+    """Set z to the iterate, and ``side`` to the basis that it suggests: at a bound is a row with λ > s."""
+    _, _, low, high, unit = problem
+    row, sign, s, force, _, _ = slacks
+    for i in range(len(x)):
+        side[i] = LOWER if low[i] == high[i] else FREE
+        z[i] = x[i] * unit[i]
+    for c in range(len(row)):
+        i = row[c]
+        if force[c] > s[c]:
+            side[i] = LOWER if sign[c] > 0.0 else UPPER
+        if c == 0 or row[c - 1] != i or s[c] < s[c - 1]:
+            # Where z is next to its bound the slack is the more exact of the two.
+            z[i] = (lower[i] if sign[c] > 0.0 else upper[i]) + sign[c] * s[c] * unit[i]
+
+
+@compiled(types.boolean(matrix, system_type, vector), inline="always")
+def factor_solve(N: Array, system: System, d: Array) -> bool:
+    """Overwrite d with K⁻¹ d, and A with the factor of K; return False if it is singular.
+
+    A rounding is added to the diagonal, so that redundant rows do no harm.
+    """
+    definite, A, unit, barrier = system
     n = len(d)
     for i in range(n):
         size = N[i, i] + barrier[i]
@@ -102,6 +199,57 @@ def mean_product(s: Array, force: Array, ds: Array, df: Array, length: float) ->
     return total / max(len(s), 1)
 
 
+@compiled(types.boolean(scaled_type, slacks_type, system_type, vector, vector, f8, f8, types.boolean), inline="always")
+def newton_step(
+    problem: Scaled, slacks: Slacks, system: System, r: Array, d: Array, target: float, correction: float, first: bool
+) -> bool:
+    """Set d, ds and df to the step towards s λ = target, less ``correction`` times the product of the steps before.
+
+    K is factored the first time, and unless symmetric each time. Returns False if it is singular.
+    """
+    N, _, low, high, _ = problem
+    row, sign, s, force, ds, df = slacks
+    barrier = system.barrier
+    for i in range(len(d)):
+        fixed = low[i] == high[i]
+        d[i], barrier[i] = 0.0 if fixed else -r[i], np.inf if fixed else 0.0
+    for c in range(len(s)):
+        i = row[c]
+        barrier[i] += force[c] / s[c]
+        d[i] += sign[c] * ((target - correction * ds[c] * df[c]) / s[c] - force[c])
+    if not first and system.definite:
+        solve_again(system.A, system.unit, d)
+    elif not factor_solve(N, system, d):
+        return False
+    for c in range(len(s)):
+        change = sign[c] * d[row[c]]
+        df[c] = (target - correction * ds[c] * df[c] - force[c] * change) / s[c] - force[c]
+        ds[c] = change
+    return True
+
+
+@compiled(f8(scaled_type, slacks_type, system_type, vector, vector, f8, f8), inline="always")
+def predict_correct(
+    problem: Scaled, slacks: Slacks, system: System, r: Array, d: Array, mu: float, error: float
+) -> float:
+    """Set d, ds and df to the step from μ and |r| = error, and return its length, -1 if K is singular."""
+    _, _, s, force, ds, df = slacks
+    target, correction, length, after = 0.0, 0.0, 0.0, 0.0
+    for attempt in (PREDICTOR, CORRECTOR, CENTRING):
+        if not newton_step(problem, slacks, system, r, d, target, correction, attempt == PREDICTOR):
+            return -1.0
+        length = min(1.0, max(0.995, 1.0 - mu) * room(s, ds, room(force, df, 2.0)))
+        after = mean_product(s, force, ds, df, length)
+        if attempt == CORRECTOR and (error > mu or after <= (1.0 - LOWEST * length) * mu):
+            break
+        ratio = after / mu if mu > 0.0 else 0.0
+        target, correction = (mu * ratio * ratio * ratio, 1.0) if attempt == PREDICTOR else (0.5 * mu, 0.0)
+    while error <= mu and after > (1.0 - LOWEST * length) * mu and length > SHORTEST:
+        length *= 0.5
+        after = mean_product(s, force, ds, df, length)
+    return length
+
+
 @compiled(SIGNATURE)
 def interior_point(
     W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
@@ -117,89 +265,36 @@ def interior_point(
     proves it.
     """
     n = len(q)
-    N, A, p, low, high, unit = np.empty((n, n)), np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    x, r, d, barrier, diagonal, w = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    row, sign, start = np.empty(2 * n, np.int64), np.empty(2 * n), np.empty(2 * n)
-    basis, side, last, tried = np.empty(n, np.int64), np.empty(n, np.int64), np.full(n, UNKNOWN), np.full(n, UNKNOWN)
-    nearest, unshifted = np.empty(n), np.zeros(n)
-    definite = is_symmetric(W)
-    scale(W, q, lower, upper, N, p, low, high, unit)
-    count = 0
+    x, r, d, w = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    basis, sides = np.empty(n, np.int64), unknown_sides(n)
     for i in range(n):
         z[i] = min(max(z[i], lower[i]), upper[i])
-        side[i] = LOWER if z[i] <= lower[i] else UPPER if z[i] >= upper[i] else FREE
-        below, above = low[i] > -np.inf, high[i] < np.inf
-        inside = min(1.0, 0.5 * (high[i] - low[i]))
-        x[i] = min(max(0.0, low[i] + inside), high[i] - inside)
-        if below and low[i] < high[i]:
-            row[count], sign[count], start[count] = i, 1.0, max(x[i] - low[i], inside)
-            count += 1
-        if above and low[i] < high[i]:
-            row[count], sign[count], start[count] = i, -1.0, max(high[i] - x[i], inside)
-            count += 1
-    if identified(W, q, lower, upper, side, last, tried, z, tol):
+        sides.now[i] = LOWER if z[i] <= lower[i] else UPPER if z[i] >= upper[i] else FREE
+    if identified(W, q, lower, upper, sides, z, tol):
         return SOLVED, 1
-    s, force, ds, df = start[:count].copy(), np.empty(count), np.zeros(count), np.zeros(count)
-    for c in range(count):
-        force[c] = 1.0 / max(s[c], 1.0)
+    problem = scaled(W, q, lower, upper)
+    N, p, low, high, unit = problem
+    slacks = start(low, high, x)
+    _, _, s, force, ds, df = slacks
+    system = System(is_symmetric(W), np.empty((n, n)), np.empty(n), np.empty(n))
     length = 1.0
     for step in range(1, max_iter + 1):
-        product(N, x, r)
-        size, error = 0.0, 0.0
-        for i in range(n):
-            r[i] += p[i]
-            side[i] = LOWER if low[i] == high[i] else FREE
-            z[i] = x[i] * unit[i]
-            nearest[i] = np.inf
-            size = max(size, abs(x[i]))
+        error = residual(problem, slacks, x, r)
         mu = mean_product(s, force, ds, df, 0.0)
-        for c in range(count):
-            i = row[c]
-            r[i] -= sign[c] * force[c]
-            if force[c] > s[c]:
-                side[i] = LOWER if sign[c] > 0.0 else UPPER
-            if s[c] < nearest[i]:
-                # Where z is next to its bound the slack is the more exact of the two.
-                nearest[i] = s[c]
-                z[i] = (lower[i] if sign[c] > 0.0 else upper[i]) + sign[c] * s[c] * unit[i]
+        read(problem, slacks, lower, upper, x, z, sides.now)
+        size = 0.0
         for i in range(n):
-            z[i] = min(max(z[i], lower[i]), upper[i])
-            basis[i] = n + i if side[i] == FREE else i
-            if low[i] < high[i]:
-                error = max(error, abs(r[i]))
-        note(z, basis, NONE, NONE, unshifted)
-        if identified(W, q, lower, upper, side, last, tried, z, tol):
+            size = max(size, abs(x[i]))
+            basis[i] = n + i if sides.now[i] == FREE else i
+        note(z, basis, NONE, NONE)
+        if identified(W, q, lower, upper, sides, z, tol):
             return SOLVED, step
-        if not size < LARGEST or (count > 0 and not mu > LEAST) or not length > SHORTEST:
+        if not size < LARGEST or (len(s) > 0 and not mu > LEAST) or not length > SHORTEST:
             return UNDECIDED, step
-
-        target, correction, after = 0.0, 0.0, 0.0
-        for attempt in (PREDICTOR, CORRECTOR, CENTRING):
-            for i in range(n):
-                fixed = low[i] == high[i]
-                d[i], barrier[i] = 0.0 if fixed else -r[i], np.inf if fixed else 0.0
-            for c in range(count):
-                i = row[c]
-                barrier[i] += force[c] / s[c]
-                d[i] += sign[c] * ((target - correction * ds[c] * df[c]) / s[c] - force[c])
-            if attempt != PREDICTOR and definite:
-                solve_again(A, diagonal, d)
-            elif not factor_solve(definite, N, barrier, A, diagonal, d):
-                return UNDECIDED, step
-            for c in range(count):
-                change = sign[c] * d[row[c]]
-                df[c] = (target - correction * ds[c] * df[c] - force[c] * change) / s[c] - force[c]
-                ds[c] = change
-            length = min(1.0, max(0.995, 1.0 - mu) * room(s, ds, room(force, df, 2.0)))
-            after = mean_product(s, force, ds, df, length)
-            if attempt == CORRECTOR and (error > mu or after <= (1.0 - LOWEST * length) * mu):
-                break
-            ratio = after / mu if mu > 0.0 else 0.0
-            target, correction = (mu * ratio * ratio * ratio, 1.0) if attempt == PREDICTOR else (0.5 * mu, 0.0)
-        while error <= mu and after > (1.0 - LOWEST * length) * mu and length > SHORTEST:
-            length *= 0.5
-            after = mean_product(s, force, ds, df, length)
-        for c in range(count):
+        length = predict_correct(problem, slacks, system, r, d, mu, error)
+        if length < 0.0:
+            return UNDECIDED, step
+        for c in range(len(s)):
             s[c] += length * ds[c]
             force[c] += length * df[c]
         for i in range(n):

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, i8, indices, matrix
+from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
 from lcpimpact.errors import Status
-from lcpimpact.lcp.judge import holds, measure, proves_infeasible
+from lcpimpact.lcp.judge import proves_infeasible
+from lcpimpact.lcp.pivoting import THRESHOLD, exchange
 from lcpimpact.lcp.polish import polish
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, is_plain
 from lcpimpact.lcp.reduction import from_lcp, to_lcp
 from lcpimpact.lcp.scaling import equilibrate, units
 from lcpimpact.lcp.solver import CompiledSolver
-from lcpimpact.lcp.trace import note
+from lcpimpact.lcp.trace import NONE, note_covered
 
 SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED), int(Status.MAX_ITER)
 
@@ -23,33 +26,38 @@ COVERINGS = 4
 
 GOLDEN = 0.6180339887498949
 
-THRESHOLD = 1e-11
-"""Least entry of a scaled tableau that may be a pivot."""
-
 TIE = 1e-10
 """Relative distance of two ratios that counts as none: after hundreds of pivots rounding has grown to this."""
 
 
-@compiled(types.void(matrix, i8, i8))
-def exchange(T: Array, r: int, c: int) -> None:
-    """Exchange the basic variable of row r with the one outside the basis of column c."""
-    width = T.shape[1]
-    pivot = 1.0 / T[r, c]
-    for j in range(width):
-        T[r, j] *= pivot
-    T[r, c] = pivot
-    for i in range(T.shape[0]):
-        factor = T[i, c]
-        if i != r and factor != 0.0:
-            for j in range(width):
-                T[i, j] -= factor * T[r, j]
-            T[i, c] = -factor * pivot
+class Path(NamedTuple):
+    """The tableau of an almost complementary path: inside = T (outside, 1), scaled; at first w = N z + d z0 + p.
+
+    Attributes
+    ----------
+    T : (n, n + 2) array
+    inside : (n,) indices       basic variables, numbered as in `note`
+    outside : (n + 1,) indices  the others
+    d : (n,) array              covering vector
+    w_unit, z_unit : (n,) arrays    1/unit of w and z, apart from that of p
+    """
+
+    T: Array
+    inside: Indices
+    outside: Indices
+    d: Array
+    w_unit: Array
+    z_unit: Array
 
 
-@compiled(types.boolean(matrix, indices, indices, i8, i8, i8))
-def precedes(T: Array, inside: Indices, outside: Indices, i: int, k: int, c: int) -> bool:
-    """Return whether row i of the inverse basis over T_ic is lexicographically less than row k over T_kc."""
-    n = T.shape[0]
+path_type = types.NamedTuple((matrix, indices, indices, vector, vector, vector), Path)
+
+
+@compiled(types.boolean(path_type, i8, i8, i8))
+def precedes(path: Path, i: int, k: int, c: int) -> bool:
+    """Return whether row i of the inverse basis over -T_ic is lexicographically less than row k over -T_kc."""
+    T, inside, outside, _, _, _ = path
+    n = len(T)
     slot = np.full(n, -1)
     for j in range(n + 1):
         if outside[j] < n:
@@ -58,38 +66,124 @@ def precedes(T: Array, inside: Indices, outside: Indices, i: int, k: int, c: int
         if slot[j] >= 0:
             new, old = T[i, slot[j]] / T[i, c], T[k, slot[j]] / T[k, c]
         else:
-            new = 1.0 / T[i, c] if inside[i] == j else 0.0
-            old = 1.0 / T[k, c] if inside[k] == j else 0.0
+            new = -1.0 / T[i, c] if inside[i] == j else 0.0
+            old = -1.0 / T[k, c] if inside[k] == j else 0.0
         if abs(new - old) > TIE * max(abs(new), abs(old)) + 1e-3 * TIE:
             return bool(new < old)
     return False
 
 
-@compiled(i8(matrix, indices, indices, i8))
-def blocking_row(T: Array, inside: Indices, outside: Indices, c: int) -> int:
-    """Return the row whose variable reaches zero first as that of column c grows, or -1 for a ray.
+@compiled(i8(path_type, i8))
+def blocking_row(path: Path, c: int) -> int:
+    """Return the row whose variable reaches zero first as that of column c grows, or NONE for a ray.
 
     The ratio test is lexicographic: ties in the right side are broken by the rows of the inverse basis, which stand in
     the columns of w. The covering variable leaves whenever it can, since that ends the method.
     """
-    n = T.shape[0]
+    T, inside, _, _, _, _ = path
+    n = len(T)
     covering, right = 2 * n, n + 1
-    best = -1
+    best = NONE
     for i in range(n):
-        if T[i, c] <= THRESHOLD:
+        if T[i, c] >= -THRESHOLD:
             continue
-        if best < 0:
+        if best == NONE:
             best = i
             continue
-        new, old = T[i, right] / T[i, c], T[best, right] / T[best, c]
+        new, old = T[i, right] / -T[i, c], T[best, right] / -T[best, c]
         margin = TIE * max(abs(new), abs(old)) + 1e-3 * TIE
         if new < old - margin or (
-            new <= old + margin
-            and inside[best] != covering
-            and (inside[i] == covering or precedes(T, inside, outside, i, best, c))
+            new <= old + margin and inside[best] != covering and (inside[i] == covering or precedes(path, i, best, c))
         ):
             best = i
     return best
+
+
+@compiled(types.Tuple((f8, i8))(matrix, vector, path_type, i8))
+def cover(N: Array, p: Array, path: Path, attempt: int) -> tuple[float, int]:
+    """Set up the tableau for one of the covering vectors; return the size of -p, made one, and the first row to leave."""
+    T, inside, outside, d, w_unit, z_unit = path
+    n = len(p)
+    if attempt == 1:
+        units(N, p, w_unit)
+        z_unit[:] = w_unit
+    elif attempt == COVERINGS + 1:
+        equilibrate(N, w_unit, z_unit)
+    size, widest, r = 0.0, 0.0, 0
+    for i in range(n):
+        size = max(size, -p[i] * w_unit[i])
+        widest = max(widest, w_unit[i])
+    outside[n] = 2 * n
+    for i in range(n):
+        inside[i], outside[i] = i, n + i
+        for j in range(n):
+            T[i, j] = N[i, j] * w_unit[i] * z_unit[j]
+        # d = (1, ..., 1) in the units of q; later tries spread it between 1 and 2 in those of the scaled problem.
+        d[i] = w_unit[i] / widest if attempt == 1 else 1.0 + GOLDEN * (i + 1) * attempt % 1.0
+        T[i, n] = d[i]
+        T[i, n + 1] = p[i] * w_unit[i] / size
+        # The first to leave is the lexicographic minimum of (q, I)/d: the least ratio, and of equals the last.
+        if T[i, n + 1] / d[i] <= T[r, n + 1] / d[r]:
+            r = i
+    return size, r
+
+
+@compiled(f8(path_type, f8, vector))
+def basic_point(path: Path, size: float, y: Array) -> float:
+    """Set y to the point of the basis, and return z0 there."""
+    n = len(y)
+    y[:] = 0.0
+    z0: float = 0.0
+    for i in range(n):
+        k = path.inside[i]
+        if k == 2 * n:
+            z0 = path.T[i, n + 1] * size
+        elif k >= n:
+            y[k - n] = max(path.T[i, n + 1], 0.0) * size * path.z_unit[k - n]
+    return z0
+
+
+@compiled(types.void(path_type, i8, vector))
+def ray_direction(path: Path, c: int, y: Array) -> None:
+    """Set y to its change as the variable of column c grows, which nothing ends."""
+    n = len(y)
+    y[:] = 0.0
+    for i in range(n):
+        k = path.inside[i]
+        if n <= k < 2 * n:
+            y[k - n] = max(path.T[i, c], 0.0) * path.z_unit[k - n]
+    k = path.outside[c]
+    if k >= n:
+        y[k - n] = path.z_unit[k - n]
+
+
+@compiled(types.UniTuple(i8, 3)(path_type, i8, f8, vector, i8, i8))
+def follow(path: Path, r: int, size: float, y: Array, count: int, max_iter: int) -> tuple[int, int, int]:
+    """Exchange z0 with row r, and then what left with its complement, until z0 leaves.
+
+    Returns SOLVED, RAY if nothing leaves, or MAX_ITER; the count of pivots; and the column that entered last; y at the end.
+    """
+    T, inside, outside, d, w_unit, _ = path
+    n, c = len(y), len(y)
+    shift = np.empty(n)
+    while r != NONE:
+        if count == max_iter:
+            return MAX_ITER, count, c
+        count += 1
+        entering, leaving = outside[c], inside[r]
+        exchange(T, r, c)
+        inside[r], outside[c] = entering, leaving
+        z0 = basic_point(path, size, y)
+        for i in range(n):
+            shift[i] = d[i] * z0 / w_unit[i]
+        note_covered(y, inside, entering, leaving, shift)
+        if leaving == 2 * n:
+            return SOLVED, count, c
+        for j in range(n + 1):
+            if outside[j] == (leaving + n if leaving < n else leaving - n):
+                c = j
+        r = blocking_row(path, c)
+    return RAY, count, c
 
 
 @compiled(SIGNATURE)
@@ -97,7 +191,7 @@ def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
     """Follow the almost complementary path of w = M z + q + d z0 from a large z0 until z0 leaves the basis.
 
     The problem is first scaled to a unit diagonal and max |q| = 1. Columns of the tableau: those outside the basis, then
-    the right side; at first z, z0, q. The answer is recomputed from M and q for the final basis, so that rounding does not
+    the constant; at first z, z0, q. The answer is recomputed from M and q for the final basis, so that rounding does not
     accumulate over the pivots. A ray whose direction proves that there is no solution ends the method; after any other, or
     an answer that does not hold, it starts anew with another d, and at last with units of w and z that are not tied by the
     diagonal. Bounds are turned into more unknowns first.
@@ -106,88 +200,26 @@ def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
     if not is_plain(lower, upper):
         N, p, row, sign, base = to_lcp(W, q, lower, upper)
     n = len(p)
-    zero, infinite = np.zeros(n), np.full(n, np.inf)
-    y, unit, of_z = np.zeros(n), np.empty(n), np.empty(n)
-    T, inside, outside, side = (
-        np.empty((n, n + 2)),
-        np.empty(n, np.int64),
-        np.empty(n + 1, np.int64),
-        np.empty(n, np.int64),
-    )
-    d, shift, w = np.empty(n), np.empty(n), np.empty(n)
-    covering, right = 2 * n, n + 1
-    status, count = SOLVED, 0
+    zero, infinite, y, side = np.zeros(n), np.full(n, np.inf), np.zeros(n), np.empty(n, np.int64)
+    T, inside, outside = np.empty((n, n + 2)), np.empty(n, np.int64), np.empty(n + 1, np.int64)
+    path = Path(T, inside, outside, np.empty(n), np.empty(n), np.empty(n))
+    status, count, attempt = SOLVED, 0, 0
     for i in range(n):
         status = UNDECIDED if p[i] < 0.0 else status
-    size, widest, attempt = 0.0, 0.0, 0
     while status == UNDECIDED and attempt < 2 * COVERINGS:
         attempt += 1
-        if attempt == 1:
-            units(N, p, unit)
-            of_z[:] = unit
-        elif attempt == COVERINGS + 1:
-            equilibrate(N, unit, of_z)
-        if attempt == 1 or attempt == COVERINGS + 1:
-            size, widest = 0.0, 0.0
-            for i in range(n):
-                size = max(size, -p[i] * unit[i])
-                widest = max(widest, unit[i])
-        r = 0
-        outside[n] = covering
-        for i in range(n):
-            inside[i], outside[i] = i, n + i
-            for j in range(n):
-                T[i, j] = -N[i, j] * unit[i] * of_z[j]
-            # d = (1, ..., 1) in the units of q; later tries spread it between 1 and 2 in those of the scaled problem.
-            d[i] = unit[i] / widest if attempt == 1 else 1.0 + GOLDEN * (i + 1) * attempt % 1.0
-            T[i, n] = -d[i]
-            T[i, right] = p[i] * unit[i] / size
-            # The first to leave is the lexicographic minimum of (q, I)/d: the least ratio, and of equals the last.
-            if T[i, right] / d[i] <= T[r, right] / d[r]:
-                r = i
-        c = n
-        while True:
-            if count == max_iter:
-                status = MAX_ITER
-                break
-            count += 1
-            entering, leaving = outside[c], inside[r]
-            exchange(T, r, c)
-            inside[r], outside[c] = entering, leaving
-            y[:] = 0.0
-            z0 = 0.0
-            for i in range(n):
-                if inside[i] == covering:
-                    z0 = T[i, right] * size
-                elif inside[i] >= n:
-                    y[inside[i] - n] = max(T[i, right], 0.0) * size * of_z[inside[i] - n]
-            for i in range(n):
-                shift[i] = d[i] * z0 / unit[i]
-            note(y, inside, entering, leaving, shift)
-            if leaving == covering:
-                for i in range(n):
-                    side[i] = LOWER
-                for i in range(n):
-                    if inside[i] >= n:
-                        side[inside[i] - n] = FREE
-                polish(N, p, zero, infinite, side, y)
-                scaled, _, rounding = measure(N, p, zero, infinite, y, w)
-                status = SOLVED if attempt == 2 * COVERINGS or holds(scaled, rounding, tol) else UNDECIDED
-                break
-            wanted = leaving + n if leaving < n else leaving - n
-            for j in range(n + 1):
-                if outside[j] == wanted:
-                    c = j
-            r = blocking_row(T, inside, outside, c)
-            if r < 0:
-                y[:] = 0.0
-                for i in range(n):
-                    if inside[i] >= n and inside[i] != covering:
-                        y[inside[i] - n] = max(-T[i, c], 0.0) * of_z[inside[i] - n]
-                if wanted >= n:
-                    y[wanted - n] = of_z[wanted - n]
-                status = RAY if proves_infeasible(N, p, zero, infinite, y) else UNDECIDED
-                break
+        size, r = cover(N, p, path, attempt)
+        status, count, c = follow(path, r, size, y, count, max_iter)
+        if status == SOLVED:
+            side[:] = LOWER
+            for k in inside:
+                if k >= n:
+                    side[k - n] = FREE
+            holds = polish(N, p, zero, infinite, side, y, tol)
+            status = SOLVED if holds or attempt == 2 * COVERINGS else UNDECIDED
+        elif status == RAY:
+            ray_direction(path, c, y)
+            status = RAY if proves_infeasible(N, p, zero, infinite, y) else UNDECIDED
     for i in range(len(q)):
         z[i] = 0.0 if status == RAY else base[i]
     from_lcp(row, sign, y, z)

@@ -10,12 +10,12 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled
 from lcpimpact.errors import Status
-from lcpimpact.lcp.basis import basic_solution, is_rounding, sides
+from lcpimpact.lcp.basis import basic_solution, is_rounding, row_roots, sides, violation
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE
 from lcpimpact.lcp.solver import CompiledSolver
-from lcpimpact.lcp.storage import entry, is_symmetric, product
+from lcpimpact.lcp.storage import is_symmetric, product
 from lcpimpact.lcp.trace import NONE, note
 
 SOLVED, SINGULAR, MAX_ITER = int(Status.SOLVED), int(Status.SINGULAR), int(Status.MAX_ITER)
@@ -31,12 +31,9 @@ def murty(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
     n = len(q)
     definite = is_symmetric(W)
     side, basis = np.empty(n, np.int64), np.empty(n, np.int64)
-    w, root, unshifted = np.empty(n), np.empty(n), np.zeros(n)
+    w, root = np.empty(n), np.empty(n)
     sides(z, lower, upper, side)
-    size = 0.0
-    for i in range(n):
-        root[i] = np.sqrt(entry(W, i, i))
-        size = max(size, abs(q[i]) / root[i])
+    size = row_roots(W, q, root)
     entering, leaving = NONE, NONE
     fine = 2 * n
     for step in range(1, max_iter + 1):
@@ -47,12 +44,12 @@ def murty(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
         for i in range(n):
             terms += root[i] * abs(z[i])
             basis[i] = n + i if side[i] == FREE else i
-        note(z, basis, entering, leaving, unshifted)
+        note(z, basis, entering, leaving)
 
         rounding = 1e-14 * size + 8.0 * EPS * terms
         entering = NONE
         for i in range(n):
-            excess = -z[i] * root[i] * root[i] if side[i] == FREE else -(w[i] + q[i])
+            excess = violation(side[i], z[i], w[i] + q[i], lower[i], upper[i], root[i])
             if excess <= 0.0 or (excess <= rounding * root[i] and (fine == 0 or is_rounding(W, q, z, i, excess))):
                 continue
             fine -= 1 if excess <= rounding * root[i] else 0

@@ -11,14 +11,14 @@ from __future__ import annotations
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, f8, indices, matrix, vector
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import compiled, f8, matrix, vector
 from lcpimpact.errors import Status
-from lcpimpact.lcp.judge import holds, measure, proves_infeasible
+from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.lapack import lu_solve
-from lcpimpact.lcp.polish import polish
+from lcpimpact.lcp.polish import identified, unknown_sides
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
-from lcpimpact.lcp.scaling import units
+from lcpimpact.lcp.scaling import Scaled, scaled, scaled_type
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import product
 from lcpimpact.lcp.trace import NONE, note
@@ -36,9 +36,6 @@ SHORTEST = 2.0**-40
 
 LEAST_SHIFT, MOST_SHIFT = 1e-12, 1e-2
 """Range of the ε that is added to a singular M of unit diagonal."""
-
-UNKNOWN = 2
-"""No side of a row."""
 
 
 @compiled(types.UniTuple(f8, 3)(f8, f8))
@@ -103,56 +100,33 @@ def newton_step(N: Array, phi: Array, by_z: Array, by_w: Array, shift: float, d:
     return lu_solve(J, d)
 
 
-@compiled(types.void(matrix, vector, vector, vector, matrix, vector, vector, vector, vector))
-def scale(
-    M: Array, q: Array, lower: Array, upper: Array, N: Array, p: Array, low: Array, high: Array, unit: Array
-) -> None:
-    """Set N, p, low, high to the problem in x = z / unit, with a unit diagonal of N and max |p| = 1."""
-    n = len(q)
-    units(M, q, unit)
-    size, widest = 0.0, 0.0
-    for i in range(n):
-        size = max(size, abs(q[i]) * unit[i])
-        if abs(lower[i]) < np.inf:
-            widest = max(widest, abs(lower[i]) / unit[i])
-        if abs(upper[i]) < np.inf:
-            widest = max(widest, abs(upper[i]) / unit[i])
-    size = size if size > 0.0 else widest if widest > 0.0 else 1.0
+@compiled(types.void(matrix, vector, vector, vector, vector))
+def merit_gradient(N: Array, phi: Array, by_z: Array, by_w: Array, gradient: Array) -> None:
+    """Set ``gradient`` to Jᵀ Φ, that of Ψ."""
+    n = len(phi)
+    for j in range(n):
+        gradient[j] = by_z[j] * phi[j]
     for i in range(n):
         for j in range(n):
-            N[i, j] = M[i, j] * unit[i] * unit[j]
-        p[i] = q[i] * unit[i] / size
-    for i in range(n):
-        unit[i] *= size
-        low[i], high[i] = lower[i] / unit[i], upper[i] / unit[i]
+            gradient[j] += by_w[i] * phi[i] * N[i, j]
 
 
-@compiled(types.boolean(matrix, vector, vector, vector, indices, indices, indices, vector, f8))
-def identified(
-    W: Array, q: Array, lower: Array, upper: Array, side: Indices, last: Indices, tried: Indices, z: Array, tol: float
-) -> bool:
-    """Return whether z solves the problem, or the basic solution of ``side`` does, which then takes its place.
-
-    A basis is tried once two iterates agree on it, and not twice: ``last`` and ``tried`` are the sides of the iterate before
-    and of the basis that was tried last.
-    """
-    trial, w = z.copy(), np.empty(len(q))
-    scaled, _, rounding = measure(W, q, lower, upper, z, w)
-    near = holds(scaled, rounding, tol)
-    agreed, fresh = True, False
-    for i in range(len(q)):
-        agreed = agreed and side[i] == last[i]
-        fresh = fresh or side[i] != tried[i]
-        last[i] = side[i]
-    if not near and not (agreed and fresh):
-        return False
-    tried[:] = side
-    polish(W, q, lower, upper, side, trial)
-    scaled, _, rounding = measure(W, q, lower, upper, trial, w)
-    if holds(scaled, rounding, tol):
-        z[:] = trial
-        return True
-    return near
+@compiled(types.boolean(scaled_type, vector, vector, f8, vector, vector, vector))
+def line_search(problem: Scaled, x: Array, y: Array, psi: float, gradient: Array, d: Array, trial: Array) -> bool:
+    """Set ``trial`` to x + length d, the first of 1, 1/2, 1/4 ... where Ψ falls enough; return False if there is none."""
+    N, _, low, high, _ = problem
+    n = len(x)
+    slope, w = np.empty(n), np.empty(n)
+    fall = dot(gradient, d)
+    product(N, d, slope)
+    length = 1.0 if fall < -1e-12 * np.sqrt(dot(gradient, gradient)) * np.sqrt(dot(d, d)) else 0.0
+    while length >= SHORTEST:
+        for i in range(n):
+            trial[i], w[i] = x[i] + length * d[i], y[i] + length * slope[i]
+        if merit(trial, w, low, high) <= psi + ARMIJO * length * fall:
+            return True
+        length *= 0.5
+    return False
 
 
 @compiled(SIGNATURE)
@@ -165,11 +139,11 @@ def newton_fb(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: flo
     no solution; where Ψ stops falling without that, it may be a local minimum.
     """
     n = len(q)
-    N, p, low, high, unit = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    x, y, d, slope, trial, w = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    phi, by_z, by_w, gradient, unshifted = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.zeros(n)
-    basis, side, last, tried = np.empty(n, np.int64), np.empty(n, np.int64), np.full(n, UNKNOWN), np.full(n, UNKNOWN)
-    scale(W, q, lower, upper, N, p, low, high, unit)
+    x, y, d, trial, w = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    phi, by_z, by_w, gradient = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    basis, sides = np.empty(n, np.int64), unknown_sides(n)
+    problem = scaled(W, q, lower, upper)
+    N, p, low, high, unit = problem
     for i in range(n):
         x[i] = z[i] / unit[i]
     before = np.inf
@@ -178,41 +152,28 @@ def newton_fb(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: flo
         for i in range(n):
             y[i] += p[i]
             phi[i], by_z[i], by_w[i] = row_equation(x[i], y[i], low[i], high[i])
-            side[i] = LOWER if x[i] - y[i] <= low[i] else UPPER if x[i] - y[i] >= high[i] else FREE
-            basis[i] = n + i if side[i] == FREE else i
+            side = LOWER if x[i] - y[i] <= low[i] else UPPER if x[i] - y[i] >= high[i] else FREE
+            sides.now[i], basis[i] = side, n + i if side == FREE else i
             z[i] = min(max(x[i] * unit[i], lower[i]), upper[i])
-        note(z, basis, NONE, NONE, unshifted)
-        if identified(W, q, lower, upper, side, last, tried, z, tol):
+        note(z, basis, NONE, NONE)
+        if identified(W, q, lower, upper, sides, z, tol):
             return SOLVED, step
         psi = 0.5 * dot(phi, phi)
         if not psi < (1.0 - 1e-13) * before:
             return UNDECIDED, step
         before = psi
 
-        for j in range(n):
-            gradient[j] = by_z[j] * phi[j]
-        for i in range(n):
-            for j in range(n):
-                gradient[j] += by_w[i] * phi[i] * N[i, j]
-        steepest = np.sqrt(dot(gradient, gradient))
-        shift, length = 0.0, 0.0
-        while length < SHORTEST:
-            if shift > MOST_SHIFT:
-                for i in range(n):
-                    d[i] = -gradient[i]
-            if shift > MOST_SHIFT or newton_step(N, phi, by_z, by_w, shift, d):
-                fall = dot(gradient, d)
-                length = 1.0 if fall < -1e-12 * steepest * np.sqrt(dot(d, d)) else 0.0
-                product(N, d, slope)
-            while length >= SHORTEST:
-                for i in range(n):
-                    trial[i], w[i] = x[i] + length * d[i], y[i] + length * slope[i]
-                if merit(trial, w, low, high) <= psi + ARMIJO * length * fall:
-                    break
-                length *= 0.5
-            if length < SHORTEST and shift > MOST_SHIFT:
-                return UNDECIDED, step
+        merit_gradient(N, phi, by_z, by_w, gradient)
+        shift, found = 0.0, False
+        while not found and shift <= MOST_SHIFT:
+            regular = newton_step(N, phi, by_z, by_w, shift, d)
+            found = regular and line_search(problem, x, y, psi, gradient, d, trial)
             shift = max(100.0 * shift, LEAST_SHIFT)
+        if not found:
+            for i in range(n):
+                d[i] = -gradient[i]
+            if not line_search(problem, x, y, psi, gradient, d, trial):
+                return UNDECIDED, step
         for i in range(n):
             x[i] = trial[i]
             w[i] = d[i] * unit[i]

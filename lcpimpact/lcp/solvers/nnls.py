@@ -71,7 +71,7 @@ class NNLS(LCPSolver):
                 z[:] = u * unit
                 return RAY, int(np.count_nonzero(u))
             z[:] = u * unit * (size / rest)
-            polish(M, q, lower, upper, np.where(u > 0.0, FREE, LOWER), z)
+            polish(M, q, lower, upper, np.where(u > 0.0, FREE, LOWER), z, tol)
             return SOLVED, int(np.count_nonzero(u))
 
         return kernel

@@ -21,12 +21,12 @@ SOLVED, MAX_ITER = int(Status.SOLVED), int(Status.MAX_ITER)
 def pgs(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Sweep z_i <- P(z_i - (M z + q)_i / M_ii) until the residual is within tol, or within its rounding."""
     n = len(q)
-    w, basis, unshifted = np.empty(n), np.empty(n, np.int64), np.zeros(n)
+    w, basis = np.empty(n), np.empty(n, np.int64)
     for sweep in range(1, max_iter + 1):
         for i in range(n):
             z[i] = min(max(z[i] - (row_product(W, i, z) + q[i]) / entry(W, i, i), lower[i]), upper[i])
             basis[i] = n + i if lower[i] < z[i] < upper[i] else i
-        note(z, basis, NONE, NONE, unshifted)
+        note(z, basis, NONE, NONE)
         scaled, _, rounding = measure(W, q, lower, upper, z, w)
         if holds(scaled, rounding, tol):
             return SOLVED, sweep

@@ -91,7 +91,7 @@ def psor(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, m
     best. Stages are long enough for an ω near 2 to show its effect, after a loss also for the contraction that was seen.
     """
     n = len(q)
-    d, w, change, basis, unshifted = np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64), np.zeros(n)
+    d, w, change, basis = np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64)
     diagonal(W, d)
     omega, best, trial = 1.0, 1.0, 1.0
     best_rate, trial_rate = np.inf, np.inf
@@ -106,7 +106,7 @@ def psor(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, m
             change[i] = z[i] - old
             fall -= change[i] * (slope + 0.5 * m * change[i])
             basis[i] = n + i if lower[i] < z[i] < upper[i] else i
-        note(z, basis, NONE, NONE, unshifted)
+        note(z, basis, NONE, NONE)
         if sweep % CHECK == 1 or sweep == max_iter:
             scaled, _, rounding = measure(W, q, lower, upper, z, w)
             if holds(scaled, rounding, tol):

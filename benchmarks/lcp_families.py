@@ -1,7 +1,7 @@
 r"""Families of test problems: random ones of every class that contacts lead to, and the formulas that break methods.
 
-A random problem with a known answer is made backwards: from a complementary pair z, w follows q = w - M z. Tests, studies
-and benchmarks draw from the same families, each instance from the generator that is handed over.
+A random problem with a known answer is made backwards: from a complementary pair z, w follows q = w - M z. Tests and
+benchmarks draw from the same families, each instance from the generator that is handed over.
 """
 
 from __future__ import annotations

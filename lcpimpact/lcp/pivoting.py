@@ -1,0 +1,246 @@
+r"""The principal pivotal transform, and the steps of the principal pivoting methods on it.
+
+y = T x + const, where each pair (z_i, w_i) has one member in x and the other in y. At first x = z, y = w and T = M. An
+exchange of the pairs α turns T into
+
+.. math:: T'_{αα} = T_{αα}^{-1}, \quad T'_{αβ} = -T_{αα}^{-1} T_{αβ}, \quad T'_{βα} = T_{βα} T_{αα}^{-1}, \quad
+          T'_{ββ} = T_{ββ} - T_{βα} T_{αα}^{-1} T_{αβ},
+
+and what M is, positive semidefinite or a P-matrix, T' is too. x and y are kept as values, so a nonbasic variable may stand
+anywhere, and an exchange swaps two numbers.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, vector
+from lcpimpact.errors import Status
+from lcpimpact.lcp.judge import holds, measure
+from lcpimpact.lcp.lapack import EPS
+from lcpimpact.lcp.polish import polish
+from lcpimpact.lcp.problem import FREE, LOWER, UPPER
+from lcpimpact.lcp.scaling import units
+from lcpimpact.lcp.storage import product
+from lcpimpact.lcp.trace import NONE, note
+
+SOLVED, MAX_ITER = int(Status.SOLVED), int(Status.MAX_ITER)
+
+THRESHOLD = 1e-11
+"""Least rate, in a problem of unit diagonal, that is no rounding."""
+
+REFRESHES = 4
+"""How often the point may be computed anew before its residual is taken as it is."""
+
+
+class Tableau(NamedTuple):
+    """A point of w = M z + q, in units where M has a unit diagonal and max |M z + q| = 1 at the start.
+
+    Attributes
+    ----------
+    T : (n, n) array        y = T x + const
+    x, y : (n,) arrays      nonbasic and basic variables
+    free : (n,) flags       rows of which z is basic
+    z_unit, w_unit : (n,) arrays
+    size : float            max |M z + q| / w_unit before it was made one
+    """
+
+    T: Array
+    x: Array
+    y: Array
+    free: Flags
+    z_unit: Array
+    w_unit: Array
+    size: float
+
+
+tableau_type = types.NamedTuple((matrix, vector, vector, flags, vector, vector, f8), Tableau)
+
+
+@compiled(tableau_type(matrix, vector, vector, vector, vector))
+def scaled_tableau(W: Array, q: Array, lower: Array, upper: Array, z: Array) -> Tableau:
+    """Set z to the point of the box nearest to zero, and return the tableau there, with x = z; size = 0 if q = w = 0."""
+    n = len(q)
+    T, x, y, z_unit, w_unit = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    free = np.zeros(n, np.bool_)
+    units(W, q, z_unit)
+    for i in range(n):
+        z[i] = min(max(0.0, lower[i]), upper[i])
+    product(W, z, y)
+    size = 0.0
+    for i in range(n):
+        size = max(size, max(abs(q[i]), abs(y[i] + q[i])) * z_unit[i])
+    if size > 0.0:
+        for i in range(n):
+            for j in range(n):
+                T[i, j] = W[i, j] * z_unit[i] * z_unit[j]
+            y[i] = (y[i] + q[i]) * z_unit[i] / size
+        for i in range(n):
+            w_unit[i] = size / z_unit[i]
+            z_unit[i] *= size
+            x[i] = min(max(0.0, lower[i] / z_unit[i]), upper[i] / z_unit[i])
+    return Tableau(T, x, y, free, z_unit, w_unit, size)
+
+
+@compiled(types.UniTuple(f8, 2)(f8, f8, types.boolean))
+def pair(x: float, y: float, free: bool) -> tuple[float, float]:
+    """Return z_i and w_i."""
+    return (y, x) if free else (x, y)
+
+
+@compiled(types.void(tableau_type, i8, f8), inline="always")
+def advance(tableau: Tableau, r: int, length: float) -> None:
+    """Move x_r by a length, and y with it."""
+    T, x, y, _, _, _, _ = tableau
+    x[r] += length
+    for i in range(len(y)):
+        y[i] += length * T[i, r]
+
+
+@compiled(types.boolean(f8, f8, f8, f8))
+def ends_before(length: float, other: float, rate: float, fastest: float) -> bool:
+    """Return whether one pair ends a motion before another, or with it where its rate is higher."""
+    margin = 1e-12 * length + 1e-15
+    return length < other - margin or (length <= other + margin and rate > fastest)
+
+
+@compiled(types.void(matrix, i8, i8))
+def exchange(T: Array, r: int, c: int) -> None:
+    """Exchange the basic variable of row r with the nonbasic one of column c, in a tableau of any shape."""
+    rows, columns = T.shape
+    inverse = 1.0 / T[r, c]
+    for j in range(columns):
+        T[r, j] *= -inverse
+    T[r, c] = inverse
+    for i in range(rows):
+        factor = T[i, c]
+        if i != r and factor != 0.0:
+            for j in range(columns):
+                T[i, j] += factor * T[r, j]
+            T[i, c] = factor * inverse
+
+
+@compiled(types.void(matrix, i8, i8))
+def exchange_two(T: Array, r: int, s: int) -> None:
+    """Exchange the members of the pairs r and s at once."""
+    n = len(T)
+    determinant = T[r, r] * T[s, s] - T[r, s] * T[s, r]
+    a, b, c, d = T[s, s] / determinant, -T[r, s] / determinant, -T[s, r] / determinant, T[r, r] / determinant
+    for j in range(n):
+        x, y = T[r, j], T[s, j]
+        T[r, j], T[s, j] = -(a * x + b * y), -(c * x + d * y)
+    T[r, r], T[r, s], T[s, r], T[s, s] = a, b, c, d
+    for i in range(n):
+        x, y = T[i, r], T[i, s]
+        if i != r and i != s and (x != 0.0 or y != 0.0):
+            for j in range(n):
+                T[i, j] += x * T[r, j] + y * T[s, j]
+            T[i, r], T[i, s] = x * a + y * c, x * b + y * d
+
+
+@compiled(types.void(tableau_type, i8), inline="always")
+def swap(tableau: Tableau, i: int) -> None:
+    """Exchange the values of pair i."""
+    _, x, y, free, _, _, _ = tableau
+    x[i], y[i] = y[i], x[i]
+    free[i] = not free[i]
+
+
+@compiled(i8(tableau_type, i8), inline="always")
+def pivot(tableau: Tableau, r: int) -> int:
+    """Exchange pair r; return 1, the number of pairs exchanged."""
+    exchange(tableau.T, r, r)
+    swap(tableau, r)
+    return 1
+
+
+@compiled(i8(tableau_type, i8, i8), inline="always")
+def relieve(tableau: Tableau, r: int, s: int) -> int:
+    """Exchange pair s, which has stopped x_r, or r with it where T_ss is too small; return how many were exchanged.
+
+    The path on which x_r moves is the same either way. 0 means that neither can be done.
+    """
+    T = tableau.T
+    across = T[r, s] * T[s, r]
+    if T[s, s] > THRESHOLD and T[s, s] * T[s, s] > 1e-10 * abs(across):
+        return pivot(tableau, s)
+    if T[r, r] * T[s, s] - across > THRESHOLD * THRESHOLD:
+        exchange_two(T, r, s)
+        swap(tableau, r)
+        swap(tableau, s)
+        return 2
+    return 0
+
+
+@compiled(types.void(tableau_type, i8, i8, vector, indices), inline="always")
+def record(tableau: Tableau, s: int, exchanged: int, z: Array, basis: Indices) -> None:
+    """Set z and the basis, and take note of them after so many pairs, s among them, were exchanged."""
+    _, x, y, free, z_unit, _, _ = tableau
+    n = len(z)
+    for i in range(n):
+        z[i] = z_unit[i] * pair(x[i], y[i], free[i])[0]
+        basis[i] = n + i if free[i] else i
+    entering, leaving = NONE, NONE
+    if exchanged == 1:
+        entering, leaving = (n + s, s) if free[s] else (s, n + s)
+    note(z, basis, entering, leaving)
+
+
+@compiled(f8(matrix, vector, tableau_type), inline="always")
+def refresh(W: Array, q: Array, tableau: Tableau) -> float:
+    """Compute the basic variables anew from M and q, and return what is rounding in them.
+
+    Twice, for T⁻¹ is known only as well as the exchanges have kept it.
+    """
+    T, x, y, free, z_unit, w_unit, _ = tableau
+    n = len(q)
+    z, w = np.empty(n), np.empty(n)
+    for _ in range(2):
+        for i in range(n):
+            z[i] = z_unit[i] * pair(x[i], y[i], free[i])[0]
+        product(W, z, w)
+        for i in range(n):
+            w[i] = (w[i] + q[i]) / w_unit[i]
+            if not free[i]:
+                y[i] = w[i]
+        for i in range(n):
+            if free[i]:
+                for j in range(n):
+                    if free[j]:
+                        y[i] += T[i, j] * (x[j] - w[j])
+    terms = 0.0
+    for i in range(n):
+        terms += abs(pair(x[i], y[i], free[i])[0])
+    return 1e-14 + 8.0 * EPS * terms
+
+
+@compiled(types.void(tableau_type, i8, i8, vector))
+def direction_of(tableau: Tableau, r: int, sign: int, v: Array) -> None:
+    """Set v to how z changes as x_r moves along ``sign``: if nothing ends this it may prove that there is no solution."""
+    T, _, _, free, z_unit, _, size = tableau
+    for i in range(len(v)):
+        v[i] = sign * T[i, r] * z_unit[i] / size if free[i] and abs(T[i, r]) > THRESHOLD else 0.0
+    if not free[r]:
+        v[r] = sign * z_unit[r] / size
+
+
+@compiled(i8(matrix, vector, vector, vector, tableau_type, vector, f8, i8))
+def finish(W: Array, q: Array, lower: Array, upper: Array, tableau: Tableau, z: Array, tol: float, status: int) -> int:
+    """Set z to the point, polished if all nonbasic variables are at a bound; return SOLVED if it holds, else ``status``."""
+    _, x, y, free, z_unit, _, _ = tableau
+    n = len(q)
+    side, regular = np.empty(n, np.int64), True
+    for i in range(n):
+        z[i] = min(max(z_unit[i] * pair(x[i], y[i], free[i])[0], lower[i]), upper[i])
+        side[i] = FREE if free[i] else LOWER if x[i] == lower[i] / z_unit[i] else UPPER
+        regular = regular and (side[i] != UPPER or x[i] == upper[i] / z_unit[i])
+    if status == MAX_ITER:
+        return status
+    if regular:
+        return SOLVED if polish(W, q, lower, upper, side, z, tol) else status
+    scaled, _, rounding = measure(W, q, lower, upper, z, np.empty(n))
+    return SOLVED if holds(scaled, rounding, tol) else status
