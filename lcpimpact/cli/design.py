@@ -233,8 +233,8 @@ def _summary_lines(found: Design) -> list[str]:
     lines += [f"  {name:<13} {value:<20} {words}" for name, value, words in _rows(found)]
     lines.append(f"  found by      {found.found}")
     for other in found.others:
-        spec = ", ".join(f"{name} = {value}" for name, value, _ in _rows(other) if name not in found.wanted)
-        lines.append(f"  another one   {spec}")
+        values = ", ".join(f"{name} = {value}" for name, value, _ in _rows(other) if name not in found.wanted)
+        lines.append(f"  another one   {values}")
     return lines
 
 
