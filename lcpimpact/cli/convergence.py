@@ -36,7 +36,7 @@ USUAL = ("moreau-jean", "generalized-alpha", "rattle-ns", "heun", "rk4", "radau-
 """The methods that take part where none are named, if they handle the problem."""
 
 STEPS, FIRST, FINER = 6, 100, 1.6
-"""So many step counts where none are named, the first, and the factor between them."""
+"""Default number of step counts, the first of them, and the ratio of consecutive ones."""
 
 Methods = Annotated[
     str | None,

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from lcpimpact.schemefile import SchemeFile
 
 LARGEST = 1_000_000
-"""So many values, or starts, are a mistake."""
+"""Maximum number of values of a parameter, or of starts."""
 
 SHOWN = 12
 """Rows of a table that are said."""

@@ -306,7 +306,7 @@ def steps(
     """Take the steps first ... last: fill y, y', r and P at [k + 1] from y[k] and dy[k].
 
     ``given`` (steps or 1, s + 1, ng) holds what is given at the stages and at the end of a step; ``ahead`` (2, ny) is left
-    as the last state before it was put right, and the estimate of its error. Returns the status, the step reached, the sum
+    as the last state before its projection, and the estimate of its error. Returns the status, the step reached, the sum
     of the LCP iterations, and the largest residual.
     """
     A, _, _, _, _, _, B, _, _, _, _, _, _ = system
