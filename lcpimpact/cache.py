@@ -26,7 +26,7 @@ SIGNATURE = (
 DAY = 86_400.0
 
 KEPT = 3
-"""So many folders of other sources stay, however old."""
+"""Number of folders of other sources that are kept, however old."""
 
 UNUSED = 30.0 * DAY
 """Time without use after which a folder may go [s]: no process still needs it."""

@@ -20,38 +20,38 @@ from lcpimpact.scheme.power_law import mean_force, spring_energy, spring_force
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 LEGENDRE = np.polynomial.legendre.legvander(GAUSS_NODES, 5) * GAUSS_WEIGHTS[:, None] * (np.arange(6) + 0.5)
-"""What makes of values at Gauss's nodes the coefficients of Legendre's polynomials."""
+"""Matrix from values at Gauss's nodes to the coefficients of Legendre's polynomials."""
 
-RESIDUAL = 1e3
-"""An LCP that is solved to a residual leaves its laws so many times as inexact, each in its own unit."""
+RESIDUAL_FACTOR = 1e3
+"""Violation of the laws, each in its own unit, that an LCP solved to a residual causes, in units of it."""
 
-MASSIVE, DRIVEN, DAMPED, LOOSE = 1, 2, 0, -1
-"""Kinds of nodes: with a mass, with a motion that is given, held by dashpots, held by springs only."""
+MASSIVE, DRIVEN, DAMPED, FREE = 1, 2, 0, -1
+"""Kinds of nodes: with mass, prescribed, massless with dashpots, massless with springs only."""
 
 SLOPE, JUMP = 0.25, 0.6
-"""Parts of h times a change and of h times a bend that a method and the trapezoidal rule may differ by; the rule's own are
-1/12 and 1/2."""
+"""Differences of a method from the trapezoidal rule, in units of h times a change and of h times a second difference;
+the rule's own are 1/12 and 1/2."""
 
-NEAR = 5
-"""Points on both sides of a step whose bends tell what the step itself may leave out."""
+NEIGHBOURS = 5
+"""Number of points on either side of a step whose second differences bound the error of the step."""
 
-IMPACT = 2.0
-"""Parts of h times a jump of the forces at an impact that an impulse may be off by: registered problems show up to 1."""
+IMPACT_FACTOR = 2.0
+"""Error of an impulse, in units of h times the jump of the forces at an impact: registered problems show up to 1."""
 
-EVEN = 1e-6
-"""Steps that are longer than the shortest by this part of it are of another length."""
+UNIFORM_RTOL = 1e-6
+"""Difference of a step from the shortest, relative to it, above which the steps are not uniform."""
 
-FEW = 3
-"""Points of a run in which bends do not show."""
+MIN_POINTS = 3
+"""Number of points up to which a run shows no second differences."""
 
-EVERY = 16
-"""Sums over the steps of a run are looked at after so many steps each: one that is wrong stays wrong."""
+CHECK_INTERVAL = 16
+"""Number of steps between looks at the sums over a run: one that is wrong stays wrong."""
 
-SHARE = 1e-6
-"""What hardly moves has this part of the greatest motion as its scale: below a precision of 1e-9 of it is rounding."""
+SCALE_FLOOR = 1e-6
+"""Smallest scale of a motion, relative to the largest: at a precision of 1e-9 of it, it is rounding."""
 
-EDGE = 1e-12
-"""A gap is closed beyond rounding where it is below zero by so much of its terms."""
+CLOSED_GAP_RTOL = 1e-12
+"""Penetration, relative to the terms of the gap, below which a contact is closed."""
 
 SENTENCES = {
     "complementarity": "force and gap, or friction and sliding, are complementary but for {:.3g} J",
@@ -329,7 +329,7 @@ def certify_steps(
                 rate_θ = (1.0 - θ) * v[k, i] + θ * rate_θ
             elif kind[i] == DRIVEN:
                 rate_θ = w[i]
-            if kind[i] != LOOSE and h * abs(w[i] - rate_θ) > gone[i]:
+            if kind[i] != FREE and h * abs(w[i] - rate_θ) > gone[i]:
                 gone[i] = h * abs(w[i] - rate_θ)
             way[i] += h * (q[k, i] + θ * h * rate_θ)
             if varying:
@@ -386,7 +386,7 @@ def certify_steps(
                         edge = abs(u0[i])
                         for p in range(H_starts[i], H_starts[i + 1]):
                             edge += abs(H[p] * q[k, H_columns[p]])
-                        if gap[i] + 0.5 * h * U_before < -EDGE * edge:
+                        if gap[i] + 0.5 * h * U_before < -CLOSED_GAP_RTOL * edge:
                             law[i] = max(law[i], -left)
                 else:
                     found = force * u
@@ -402,9 +402,9 @@ def certify_steps(
         if any_direct:
             # The rows in which D r counts are met at t + θ h, or at t + h in a step that is taken with θ = 1.
             reach = max(reach, np.abs(of_step[3]).max())
-            rounding = EDGE * reach * largest_r.max()
+            rounding = CLOSED_GAP_RTOL * reach * largest_r.max()
             late = of_step[0].max() > max(rounding, of_step[1].max()) or (
-                of_step[0].max() <= rounding and of_step[2].max() > max(EDGE * reach, of_step[3].max())
+                of_step[0].max() <= rounding and of_step[2].max() > max(CLOSED_GAP_RTOL * reach, of_step[3].max())
             )
             level = 1 if late else 0
             if late:
@@ -449,7 +449,7 @@ def certify_steps(
         worst = max(worst, abs(balance))
         stored = after
         scale = max(scale, abs(stored))
-        if k % EVERY == EVERY - 1 or k == last:
+        if k % CHECK_INTERVAL == CHECK_INTERVAL - 1 or k == last:
             elapsed = t[k + 1] - t[0]
             for i in range(n):
                 largest_q[i] = max(largest_q[i], abs(q[k + 1, i]))
@@ -487,11 +487,11 @@ class Scales:
 
     def at_least(self, d: Dynamics, h: float) -> Scales:
         """Return scales that a body at rest has, too: what its forces would do in a time h, and a share of the fastest."""
-        v = self.v + SHARE * self.v.max(initial=0.0)
+        v = self.v + SCALE_FLOOR * self.v.max(initial=0.0)
         massive = d.massive
         if massive.any():
             v[massive] += h * np.abs(np.linalg.solve(d.M[np.ix_(massive, massive)], self.forces(d)[massive]))
-        q = self.q + SHARE * self.q.max(initial=0.0) + h * v
+        q = self.q + SCALE_FLOOR * self.q.max(initial=0.0) + h * v
         return Scales(q, v, np.abs(d.H) @ q + np.abs(d.u0) + np.abs(d.D) @ self.r, np.abs(d.H) @ v, self.r, self.f)
 
     def forces(self, d: Dynamics) -> Array:
@@ -533,7 +533,7 @@ def certify(
     d = dynamics
     limits = Limits() if integrator is None else integrator.limits()
     residual = float(record.stats.residual)
-    limits = replace(limits, precision=limits.precision + RESIDUAL * residual)
+    limits = replace(limits, precision=limits.precision + RESIDUAL_FACTOR * residual)
     θ = None if integrator is None else integrator.balance_point()
     with np.errstate(all="ignore"):
         if len(record.t) < 2:
@@ -602,7 +602,7 @@ def _kinds(d: Dynamics) -> Indices:
     loose: Flags = np.zeros(len(massive), dtype=np.bool_)
     if not (driven | massive).all():
         loose = np.asarray(d.decomposition.static.any(axis=1))
-    return np.select([driven, massive, loose], [DRIVEN, MASSIVE, LOOSE], DAMPED).astype(np.int64)
+    return np.select([driven, massive, loose], [DRIVEN, MASSIVE, FREE], DAMPED).astype(np.int64)
 
 
 def _largest_impulses(d: Dynamics, events: Sequence[Event]) -> Array:
@@ -912,7 +912,7 @@ def _judge_dense(
     opened = ε * scales.u + np.abs(d.H) @ coarse_v[-1]
     products = np.maximum(np.where(one_sided, product, friction), worked_off)
     bounds = np.where(d.slides, d.r_max, 0.0)
-    massless = np.isin(kind, (DAMPED, LOOSE))
+    massless = np.isin(kind, (DAMPED, FREE))
     missing = np.abs(g[:, massless]).max(axis=0)
     found = {
         "complementarity": _worst(
@@ -1058,7 +1058,7 @@ def _judge_grid(
         jumps = np.zeros_like(q[1:])
         np.add.at(jumps, impacts.steps(t), np.abs(impacts.after - impacts.before))
         allowed_q += np.cumsum(h * jumps, axis=0)
-    massive, ways, massless = kind == MASSIVE, kind >= DAMPED, np.isin(kind, (DAMPED, LOOSE))
+    massive, ways, massless = kind == MASSIVE, kind >= DAMPED, np.isin(kind, (DAMPED, FREE))
     turns = 0.0
     if limits.drift:
         # What is moved by hand lags its forces, whose errors add up to those of the way that it goes.
@@ -1124,7 +1124,7 @@ def bends(h: Array, values: Array, order: float) -> Array:
 
     Where the values are smooth its errors cancel but for h/12 of the change of their slope; where they jump it misses up to
     h/2 of the jump, which may show only at the end of the next step: of each step and the next the greater change counts.
-    A method of order 1 may miss h times what the values change at all. At up to `FEW` points no bend is seen.
+    A method of order 1 may miss h times what the values change at all. At up to `MIN_POINTS` points no bend is seen.
     """
     steps, n = len(h), values.shape[1]
     left_out = np.empty((steps, n))
@@ -1143,7 +1143,7 @@ def bends(h: Array, values: Array, order: float) -> Array:
                 changed = max(changed, abs(values[k + 1, i] - values[0, i]))
                 left_out[k, i] += h[k] * changed
             before, now = now, after
-        if steps < FEW:
+        if steps < MIN_POINTS:
             for k in range(steps + 1):
                 few = max(few, abs(values[k, i]))
         for k in range(steps):
@@ -1189,21 +1189,21 @@ def worst_steps(
 ) -> Array:
     """Return |x⁺ - x - ∫ rate dt - given| of the quiet step that is worst beside its limit, and that limit (2, n).
 
-    A step is quiet with nothing in ``loud`` (nt - 1,) within `NEAR` + 1 of it. Its limit is the rounding, what stands in
-    ``kicks`` (nt - 1, n; none without rows), and ``slack`` h times the bends of the rate around, but for those that the
-    values at its own ends make, and their mean.
+    A step is quiet with nothing in ``loud`` (nt - 1,) within `NEIGHBOURS` + 1 of it. Its limit is the rounding, what
+    stands in ``kicks`` (nt - 1, n; none without rows), and ``slack`` h times the second differences of the rate around,
+    but for those that the values at its own ends make, and their mean.
     """
     steps, n = len(h), x.shape[1]
     quiet, count, last = np.zeros(steps, np.bool_), 0, -1
     for k in range(steps):
         if loud[k]:
             last = k
-        quiet[k] = NEAR <= k < steps - NEAR and k - last > NEAR + 1
+        quiet[k] = NEIGHBOURS <= k < steps - NEIGHBOURS and k - last > NEIGHBOURS + 1
     last = 2 * steps
     for k in range(steps - 1, -1, -1):
         if loud[k]:
             last = k
-        quiet[k] = quiet[k] and last - k > NEAR + 1
+        quiet[k] = quiet[k] and last - k > NEIGHBOURS + 1
         count += quiet[k]
     worst = np.zeros((2, n))
     bend = np.zeros(steps + 1)
@@ -1247,7 +1247,7 @@ def _judge_steps(
 ) -> Found:
     """Judge the momentum and the way of each step alone, away from events: there the bends around it are its only error."""
     kind, h = _kinds(d), np.diff(t)
-    loud = h > (1.0 + EVEN) * h.min(initial=np.inf)
+    loud = h > (1.0 + UNIFORM_RTOL) * h.min(initial=np.inf)
     changes_of_mode(R, d.r_min, d.r_max, loud)
     near = np.searchsorted(t, [event.t for event in events])[:, None] + np.array([-2, -1, 0])
     loud[np.clip(near, 0, len(h) - 1)] = True
@@ -1266,7 +1266,7 @@ def _judge_steps(
         changes = np.abs(ends[1:] - mixed) + np.abs(mixed - ends[:-1])
         lossy = h[:, None] * _beside(changes, len(h))
         kicks = kicks + lossy if len(kicks) else lossy
-    ε, n = max(limits.precision, SHARE), len(d.nodes)
+    ε, n = max(limits.precision, SCALE_FLOOR), len(d.nodes)
     p, total = v @ d.M.T, np.ascontiguousarray(total)
     lack = worst_steps(h, p, total, given, kicks, loud, ε * scales.momenta(d), limits.step)
     # A force that belongs to a step acts anywhere in it.
@@ -1296,16 +1296,16 @@ def _judge_impulses(
     """
     happened, hit = np.searchsorted(t, [event.t for event in events]) - 1, np.unique(step)
     alone = np.array(
-        [(np.abs(happened - k) <= 1).sum() == (np.abs(happened - k) <= 2 * NEAR).sum() for k in hit], dtype=bool
+        [(np.abs(happened - k) <= 1).sum() == (np.abs(happened - k) <= 2 * NEIGHBOURS).sum() for k in hit], dtype=bool
     )
-    hit = hit[alone & (hit >= 2 * NEAR) & (hit < len(lack) - 2 * NEAR)]
-    around = hit[:, None] + np.arange(-NEAR, NEAR + 1)
+    hit = hit[alone & (hit >= 2 * NEIGHBOURS) & (hit < len(lack) - 2 * NEIGHBOURS)]
+    around = hit[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1)
     jump = np.abs(np.diff(total[around], axis=1)).max(axis=1)
     longest = np.diff(t)[around].max(axis=1, keepdims=True)
-    allowed = max(limits.precision, SHARE) * momenta + IMPACT * longest * jump
+    allowed = max(limits.precision, SCALE_FLOOR) * momenta + IMPACT_FACTOR * longest * jump
     if limits.kick:
         allowed += limits.kick * longest * (np.ptp(R[around], axis=1) @ np.abs(d.B).T)
-    off = np.abs(lack[hit + NEAR - 1] - lack[hit - NEAR])
+    off = np.abs(lack[hit + NEIGHBOURS - 1] - lack[hit - NEIGHBOURS])
     return _worst(off[:, d.massive], allowed[:, d.massive])
 
 
@@ -1316,7 +1316,7 @@ def _worse(one: tuple[float, float], other: tuple[float, float]) -> tuple[float,
 
 def _beside(changes: Array, steps: int) -> Array:
     """Return for each step the greatest of the changes from step to step on both sides, but for its own (steps, n)."""
-    return _greatest(changes, steps, NEAR, (NEAR - 3, NEAR - 2, NEAR + 3, NEAR + 4))
+    return _greatest(changes, steps, NEIGHBOURS, (NEIGHBOURS - 3, NEIGHBOURS - 2, NEIGHBOURS + 3, NEIGHBOURS + 4))
 
 
 def _around(changes: Array, steps: int) -> Array:

@@ -15,10 +15,10 @@ from lcpimpact.errors import InputError, UnknownNameError
 T = TypeVar("T")
 
 LONGEST = 200
-"""So many characters of what another package's error says are shown."""
+"""Maximum number of characters shown of another package's error."""
 
 SHOWN = 50
-"""So many names stand in a message; a bar has more nodes."""
+"""Maximum number of names in a message; a bar has more nodes."""
 
 
 def load(location: str) -> Any:

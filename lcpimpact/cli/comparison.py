@@ -19,9 +19,9 @@ from lcpimpact.cli.options import (
     Table,
     bar,
     check_study,
-    chosen,
+    parse_methods,
+    resolve_run,
     say,
-    taking_part,
     write_table,
 )
 
@@ -71,15 +71,15 @@ def compare(
     Example: lcpimpact compare system-3 --methods moreau-jean,moreau-jean:theta=1,rk4-paper --dt 1e-2 --plot three.pdf
     """
     check_study((problem,), (out, events, forces, energies), plot, report)
-    taken = taking_part(methods)
-    told = chosen(problem, set_, None, dt, t_end, solver)
+    taken = parse_methods(methods)
+    spec = resolve_run(problem, set_, None, dt, t_end, solver)
     from lcpimpact.study.accuracy import comparison
 
-    end = told.problem.t_end if told.run.t_end is None else told.run.t_end
-    step = min(1e-3, end / 1000.0) if told.run.dt is None else told.run.dt
-    found = comparison.compare(told.problem, taken, dt=step, t_end=end, lcp_solver=told.run.solver, watch=bar)
+    end = spec.problem.t_end if spec.run.t_end is None else spec.run.t_end
+    step = min(1e-3, end / 1000.0) if spec.run.dt is None else spec.run.dt
+    found = comparison.compare(spec.problem, taken, dt=step, t_end=end, lcp_solver=spec.run.solver, watch=bar)
     differences, side_by_side = found.differences(), found.events()
-    lines = [f"{told.problem.name}, {len(taken)} methods against {differences.attrs['reference']}", ""]
+    lines = [f"{spec.problem.name}, {len(taken)} methods against {differences.attrs['reference']}", ""]
     lines += _lines(differences[differences["failure"] == ""][["method", "steps", *SHOWN]])
     broken = differences[differences["violation"] != ""].drop_duplicates("method")
     lines += [f"  {why}" for why in broken["violation"]]
@@ -137,15 +137,15 @@ def cross_validate(
     Example: lcpimpact cross-validate my.toml --routes exact,moreau-jean,moreau-jean:qp:osqp,siconos --report verdict.html
     """
     check_study((problem,), (out,), plot, report)
-    told = chosen(problem, set_, None, dt, t_end)
+    spec = resolve_run(problem, set_, None, dt, t_end)
     from lcpimpact.study.accuracy.cross_validation import cross_validate as validate
     from lcpimpact.study.accuracy.routes import CLOSED_FORM
 
-    end = told.problem.t_end if told.run.t_end is None else told.run.t_end
+    end = spec.problem.t_end if spec.run.t_end is None else spec.run.t_end
     named = [each.strip() for each in routes.split(",") if each.strip()] if routes is not None else None
     if named is not None:
         named = [CLOSED_FORM if each == "closed-form" else each for each in named]
-    verdict = validate(told.problem, named, dt=dt, t_end=end, tolerance=tolerance, watch=bar)
+    verdict = validate(spec.problem, named, dt=dt, t_end=end, tolerance=tolerance, watch=bar)
     columns = ["route", "family", "against", "difference", "allowed", "observed", "declared", "events", "agrees"]
     taken = verdict.table[verdict.table["failure"] == ""]
     first, *reasons = str(verdict).split("\n")

@@ -18,10 +18,10 @@ from lcpimpact.cli.options import (
     Table,
     bar,
     check_study,
-    chosen,
     numbers,
+    parse_methods,
+    resolve_run,
     say,
-    taking_part,
     write_table,
 )
 from lcpimpact.errors import InputError, UnsupportedError
@@ -36,7 +36,7 @@ USUAL = ("moreau-jean", "generalized-alpha", "rattle-ns", "heun", "rk4", "radau-
 """The methods that take part where none are named, if they handle the problem."""
 
 STEPS, FIRST, FINER = 6, 100, 1.6
-"""So many step counts where none are named, the first, and the factor between them."""
+"""Default number of step counts, the first of them, and the ratio of consecutive ones."""
 
 Methods = Annotated[
     str | None,
@@ -97,8 +97,8 @@ def converge(
     Example: lcpimpact converge system-1 --methods moreau-jean,moreau-jean:theta=1,rk4 --plot orders.pdf --out orders.csv
     """
     check_study((problem,), (out, orders), plot, report)
-    told = chosen(problem, set_, t_end=t_end, solver=solver)
-    end = told.problem.t_end if told.run.t_end is None else told.run.t_end
+    spec = resolve_run(problem, set_, t_end=t_end, solver=solver)
+    end = spec.problem.t_end if spec.run.t_end is None else spec.run.t_end
     if dts is not None and counts is not None:
         raise InputError("--dts and --counts tell the same thing: give one of them")
     steps = _steps(dts, counts, end)
@@ -107,19 +107,19 @@ def converge(
     from lcpimpact.study.accuracy.orders import observed_orders
 
     table = convergence(
-        told.problem,
-        _methods(methods, told.problem, end),
+        spec.problem,
+        _methods(methods, spec.problem, end),
         steps,
         t_end=end,
         penalties=[_penalty(each) for each in penalty or []],
-        lcp_solver=told.run.solver,
+        lcp_solver=spec.run.solver,
         watch=bar,
     )
     shown = _shown(table, norm)
     found = observed_orders(table)
     here = found[found["norm"] == shown]
     as_declared = not (found["verdict"] == "off").any()
-    lines = _said(table, shown) + [_line(each) for each in here.to_dict("records")] + _failures(table)
+    lines = _summary_lines(table, shown) + [_line(each) for each in here.to_dict("records")] + _failures(table)
     lines += [write_table(each, path) for each, path in ((table, out), (found, orders)) if path is not None]
     if plot is not None:
         plot_convergence(table, shown, plot)
@@ -162,8 +162,8 @@ def work_precision(
     Example: lcpimpact work-precision bouncing-ball --set e=0.8 --t-end 2 --penalty kelvin-voigt:1e6 --plot cost.pdf
     """
     check_study((problem,), (out,), plot, report)
-    told = chosen(problem, set_, t_end=t_end, solver=solver)
-    end = told.problem.t_end if told.run.t_end is None else told.run.t_end
+    spec = resolve_run(problem, set_, t_end=t_end, solver=solver)
+    end = spec.problem.t_end if spec.run.t_end is None else spec.run.t_end
     steps = _steps(dts, None, end)
     from lcpimpact.plotting.convergence import COST_LABELS, plot_work_precision
     from lcpimpact.registry import nearest
@@ -173,20 +173,20 @@ def work_precision(
     if cost not in COST_LABELS:
         raise InputError(nearest(cost, list(COST_LABELS), "cost"))
     table = measure(
-        told.problem,
-        _methods(methods, told.problem, end, ("event-driven", "exact")),
+        spec.problem,
+        _methods(methods, spec.problem, end, ("event-driven", "exact")),
         steps,
         rtols=RTOLS if rtols is None else numbers(rtols, "--rtols"),
         t_end=end,
         repeats=repeats,
         penalties=[_penalty(each) for each in penalty or []],
-        lcp_solver=told.run.solver,
+        lcp_solver=spec.run.solver,
         watch=bar,
     )
     shown = _shown(table, norm)
     columns = ["method", "law", "k", "rtol", "dt", "steps", shown, cost]
     rows = table.loc[table["failure"] == "", list(dict.fromkeys(columns))]
-    lines = [*_said(table, shown), *rows.to_string(index=False, float_format="%.3g", na_rep="").split("\n")]
+    lines = [*_summary_lines(table, shown), *rows.to_string(index=False, float_format="%.3g", na_rep="").split("\n")]
     lines += _failures(table)
     if out is not None:
         lines.append(write_table(table, out))
@@ -216,7 +216,7 @@ def _methods(
     from lcpimpact.simulation import simulate
 
     if text is not None:
-        return taking_part(text)
+        return parse_methods(text)
     able = []
     for name in (*USUAL, *others):
         try:
@@ -251,7 +251,7 @@ def _shown(table: pd.DataFrame, norm: str | None) -> str:
     return str(table.attrs.get("declared_norm", "sup_q")) if norm is None else norm
 
 
-def _said(table: pd.DataFrame, norm: str) -> list[str]:
+def _summary_lines(table: pd.DataFrame, norm: str) -> list[str]:
     from lcpimpact.study.accuracy.norms import NORMS
 
     references = " or ".join(dict.fromkeys(name for name in table["reference"] if name)) or "nothing"
@@ -281,7 +281,7 @@ def _failures(table: pd.DataFrame) -> list[str]:
 
 
 def _lead(table: pd.DataFrame, norm: str) -> str:
-    return " ".join(f"{escape(line)}." for line in _said(table, norm))
+    return " ".join(f"{escape(line)}." for line in _summary_lines(table, norm))
 
 
 def _report_orders(path: Path, table: pd.DataFrame, found: pd.DataFrame, norm: str) -> str:

@@ -21,7 +21,7 @@ from lcpimpact.cli.options import (
     Step,
     bar,
     check_study,
-    chosen,
+    resolve_run,
     say,
     write_table,
 )
@@ -83,7 +83,7 @@ def design(
         "e": e, "contact_time": contact_time, "peak_force": peak_force, "deflection": deflection, "k": k, "c": c, "b": b
     }  # fmt: skip
     found = size(law, m=m, v0=v0, g=g, n=n, **wanted)
-    lines = _said(found)
+    lines = _summary_lines(found)
     if out is not None and out.suffix == SCHEME:
         problem = found.problem()
         lines.append(_write_scheme(problem, out, Run(LAWS[law].method, dt=problem.t_end / 1000, t_end=problem.t_end)))
@@ -148,25 +148,25 @@ def fit(
     Example: lcpimpact fit system-1 --free k_o,c_o --to force.csv --column R --plot fit.pdf
     """
     check_study((problem, to), (out,), plot, report, (*TABLES, SCHEME))
-    told = chosen(problem, set_, method or "exact", dt, t_end, solver)
+    spec = resolve_run(problem, set_, method or "exact", dt, t_end, solver)
     from lcpimpact.plotting.design import plot_fit
     from lcpimpact.study.design.fit import fit as search
     from lcpimpact.study.design.parameters import value_at
     from lcpimpact.study.watch import unwatched
 
-    given = {name: value_at(told.problem, name) if start is None else start for name, start in _free(free)}
-    options = {**told.run.options, **({} if told.run.solver == "auto" else {"lcp_solver": told.run.solver})}
+    given = {name: value_at(spec.problem, name) if start is None else start for name, start in _free(free)}
+    options = {**spec.run.options, **({} if spec.run.solver == "auto" else {"lcp_solver": spec.run.solver})}
     # What the file says of another run is not meant.
-    step, end = (dt, t_end) if method is None else (told.run.dt, told.run.t_end)
+    step, end = (dt, t_end) if method is None else (spec.run.dt, spec.run.t_end)
     found = search(
-        told.problem, given, to, column=column.split(",") if column else None, sigma=sigma,
-        bounds=dict(map(_bound, bounds or [])), sampling=sampling, loss=loss, method=told.run.method, dt=step, t_end=end,
+        spec.problem, given, to, column=column.split(",") if column else None, sigma=sigma,
+        bounds=dict(map(_bound, bounds or [])), sampling=sampling, loss=loss, method=spec.run.method, dt=step, t_end=end,
         starts=starts, seed=seed, level=level, watch=bar if starts > 1 else unwatched, **options,
     )  # fmt: skip
     lines = [str(found)]
     if out is not None:
         lines.append(
-            _write_scheme(found.problem, out, told.run) if out.suffix == SCHEME else write_table(found.table, out)
+            _write_scheme(found.problem, out, spec.run) if out.suffix == SCHEME else write_table(found.table, out)
         )
     if plot is not None:
         plot_fit(found, plot)
@@ -227,14 +227,14 @@ def _rows(found: Design) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _said(found: Design) -> list[str]:
+def _summary_lines(found: Design) -> list[str]:
     gravity = f", g = {found.g:g} m/s²" if found.g else ""
     lines = [f"{found.law}, m = {found.m:g} kg, v0 = {found.v0:g} m/s{gravity}"]
     lines += [f"  {name:<13} {value:<20} {words}" for name, value, words in _rows(found)]
     lines.append(f"  found by      {found.found}")
     for other in found.others:
-        told = ", ".join(f"{name} = {value}" for name, value, _ in _rows(other) if name not in found.wanted)
-        lines.append(f"  another one   {told}")
+        values = ", ".join(f"{name} = {value}" for name, value, _ in _rows(other) if name not in found.wanted)
+        lines.append(f"  another one   {values}")
     return lines
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lcpimpact.cli.options import End, Named, Plot, Report, Set, Table, bar, check_study, chosen, say, write_table
+from lcpimpact.cli.options import End, Named, Plot, Report, Set, Table, bar, check_study, resolve_run, say, write_table
 from lcpimpact.errors import FailureError, InputError
 
 if TYPE_CHECKING:
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from lcpimpact.schemefile import SchemeFile
 
 LARGEST = 1_000_000
-"""So many values, or starts, are a mistake."""
+"""Maximum number of values of a parameter, or of starts."""
 
 SHOWN = 12
 """Rows of a table that are said."""
@@ -62,25 +62,25 @@ def poincare(
     Example: lcpimpact poincare shaw-holmes --set omega=2.9 --section impact --plot section.pdf
     """
     check_study((problem,), (out,), plot, report)
-    told = _told(problem, set_, method)
+    spec = _spec(problem, set_, method)
     from lcpimpact.plotting.dynamics import plot_poincare
     from lcpimpact.study.dynamics.diagrams import period_of
     from lcpimpact.study.dynamics.sections import poincare as points_of
 
     table = points_of(
-        told.problem,
+        spec.problem,
         section,
         transient=transient,
         crossings=crossings,
         t_end=t_end,
-        method=told.run.method,
+        method=spec.run.method,
         dt=dt,
-        **told.run.options,
+        **spec.run.options,
     )
-    nodes = told.problem.dynamics.nodes
+    nodes = spec.problem.dynamics.nodes
     period = period_of(table[[*nodes, *(f"v_{node}" for node in nodes)]].to_numpy()) if len(table) else 0
     words = f"they repeat after {period}" if period else "they do not repeat themselves"
-    lead = f"{told.problem.name} by {told.run.method}: {len(table)} points at {section}; {words}"
+    lead = f"{spec.problem.name} by {spec.run.method}: {len(table)} points at {section}; {words}"
     lines = [lead, *table.head(SHOWN).to_string(index=False).split("\n")]
     _finish(
         lines,
@@ -90,7 +90,7 @@ def poincare(
         table,
         lambda path: plot_poincare(table, path=path),
         lead,
-        f"Section of {told.problem.name}",
+        f"Section of {spec.problem.name}",
     )
 
 
@@ -122,7 +122,7 @@ def bifurcation(
     """
     check_study((problem,), (out,), plot, report)
     name, values = _range(over)
-    told = _told(problem, set_, method, name)
+    spec = _spec(problem, set_, method, name)
     family = _family(problem, set_, method)
     from lcpimpact.plotting.dynamics import plot_bifurcation
     from lcpimpact.study.dynamics.continuation import continue_orbit
@@ -134,12 +134,12 @@ def bifurcation(
         section,
         transient=transient,
         kept=kept,
-        method=told.run.method,
+        method=spec.run.method,
         dt=dt,
         continue_from=follow,
         workers=workers,
         watch=bar,
-        **told.run.options,
+        **spec.run.options,
     )
     if (table["failure"] != "").all():
         raise FailureError(f"no value of {name} has a result: {table['failure'].iloc[0]}", None)
@@ -153,7 +153,7 @@ def bifurcation(
     counted = firsts.loc[firsts["failure"] == "", "period"].value_counts().sort_index()
     failed = firsts.loc[firsts["failure"] != "", "failure"]
     lead = (
-        f"{told.problem.name} by {told.run.method}: {len(values)} values of {name} from {values[0]:g} to {values[-1]:g}"
+        f"{spec.problem.name} by {spec.run.method}: {len(values)} values of {name} from {values[0]:g} to {values[-1]:g}"
     )
     lines = [lead]
     for period, count in counted.items():
@@ -164,7 +164,7 @@ def bifurcation(
     def draw(path: Path | None) -> Any:
         return plot_bifurcation(table, y, path, branches=branches, parameter=name)
 
-    _finish(lines, out, plot, report, table, draw, lead, f"Bifurcation diagram of {told.problem.name}")
+    _finish(lines, out, plot, report, table, draw, lead, f"Bifurcation diagram of {spec.problem.name}")
 
 
 def basins(
@@ -193,7 +193,7 @@ def basins(
         raise InputError(f"--over {one} is given twice: a plane needs two values of the start")
     if len(first) * len(second) > LARGEST:
         raise InputError(f"{len(first) * len(second):,} starts are more than {LARGEST:,}: take fewer")
-    told = _told(problem, set_, "exact", one, other)
+    spec = _spec(problem, set_, "exact", one, other)
     family = _family(problem, set_, "exact")
     from lcpimpact.plotting.dynamics import plot_basins
     from lcpimpact.study.dynamics.basins import basins as of
@@ -208,7 +208,7 @@ def basins(
         watch=bar,
     )
     lost = float((result.table["attractor"] == 0).mean())
-    lead = f"{told.problem.name}: {len(result.table)} starts"
+    lead = f"{spec.problem.name}: {len(result.table)} starts"
     lines = [lead]
     for row in result.attractors.drop_duplicates("attractor").to_dict("records"):
         lines.append(f"  attractor {row['attractor']}: period {row['period']}, of {row['share']:.1%} of the starts")
@@ -216,7 +216,7 @@ def basins(
         lines.append(f"  no period found after {longest} periods of the force: {lost:.1%}")
     _finish(
         lines, out, plot, report, result.table, lambda path: plot_basins(result, path), lead,
-        f"Basins of attraction of {told.problem.name}",
+        f"Basins of attraction of {spec.problem.name}",
     )  # fmt: skip
 
 
@@ -251,7 +251,7 @@ def orbit(
 
     if over is not None:
         name, values = _range(over)
-        _told(problem, set_, "exact", name)
+        _spec(problem, set_, "exact", name)
         family = _family(problem, set_, "exact")
         branch = continue_orbit(
             lambda value: family({name: value}), values, periods=periods, T=period, transient=transient, watch=bar
@@ -260,7 +260,7 @@ def orbit(
         lines = table.drop(columns="failure").to_string(index=False, na_rep="-").split("\n")
         lines += [branch.ended] if branch.ended else []
     else:
-        found = periodic_orbit(_told(problem, set_, "exact").problem, periods=periods, T=period, transient=transient)
+        found = periodic_orbit(_spec(problem, set_, "exact").problem, periods=periods, T=period, transient=transient)
         μ = found.floquet
         table = pd.DataFrame({"real": μ.real, "imaginary": μ.imag, "modulus": abs(μ)})
         lines = [f"  multiplier {each.real:+.12f} {each.imag:+.12f}i   |μ| = {abs(each):.12f}" for each in μ]
@@ -276,17 +276,17 @@ def orbit(
     )  # fmt: skip
 
 
-def _told(problem: str, set_: list[str] | None, method: str | None, *names: str) -> SchemeFile:
+def _spec(problem: str, set_: list[str] | None, method: str | None, *names: str) -> SchemeFile:
     """Return the problem and the run, after a look at whether the parameters that vary are its own."""
     from lcpimpact.registry import nearest
 
-    told = chosen(problem, set_, method or "exact")
+    spec = resolve_run(problem, set_, method or "exact")
     for name in names:
-        if told.registered is None:
+        if spec.registered is None:
             raise InputError(f"--over {name}: the constants of a scheme file are changed in the file itself")
-        if name not in told.problem.parameters:
-            raise InputError(nearest(name, list(told.problem.parameters), f"parameter of {told.problem.name}"))
-    return told
+        if name not in spec.problem.parameters:
+            raise InputError(nearest(name, list(spec.problem.parameters), f"parameter of {spec.problem.name}"))
+    return spec
 
 
 def _family(problem: str, set_: list[str] | None, method: str | None) -> Callable[[dict[str, float]], Problem]:
@@ -294,7 +294,7 @@ def _family(problem: str, set_: list[str] | None, method: str | None) -> Callabl
 
     def family(values: dict[str, float]) -> Problem:
         given = [*(set_ or []), *(f"{name}={value!r}" for name, value in values.items())]
-        return chosen(problem, given, method or "exact").problem
+        return resolve_run(problem, given, method or "exact").problem
 
     return family
 

@@ -23,7 +23,7 @@ ROWS = 20
 """Of more rows than these, only the first and the last are shown."""
 
 MOST_BASES = 3**10
-"""So many complementary bases are tried in seconds."""
+"""Largest order at which all complementary bases are tried, which takes seconds."""
 
 LARGEST_EXAMINED = 2_000
 """Order up to which a matrix is searched for properties: a factorisation or two."""

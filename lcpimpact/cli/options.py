@@ -67,7 +67,7 @@ Report = Annotated[
 ]
 
 
-def chosen(
+def resolve_run(
     name: str,
     set_: list[str] | None,
     method: str | None = None,
@@ -156,7 +156,7 @@ def _cell(value: Any) -> Any:
     return cell_of(value) if isinstance(value, str) else value
 
 
-def taking_part(text: str) -> dict[str, Integrator]:
+def parse_methods(text: str) -> dict[str, Integrator]:
     """Return the methods of ``NAME[:OPTION=VALUE...]``, one after another with commas, by that text."""
     from lcpimpact.simulation import make_integrator
 

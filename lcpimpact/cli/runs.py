@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lcpimpact.cli.options import End, Method, Named, Set, Solver, Step, chosen, files, say, stem
+from lcpimpact.cli.options import End, Method, Named, Set, Solver, Step, files, resolve_run, say, stem
 from lcpimpact.errors import LcpImpactError
 from lcpimpact.files import check_outputs
 
@@ -37,7 +37,7 @@ def simulate(
 
     beside = events_beside(out) if out is not None and out.suffix == ".csv" else None
     check_outputs(((out, SAVED_AS), (beside, SAVED_AS), (plot, DRAWN_AS)), files(problem))
-    trajectory = chosen(problem, set_, method, dt, t_end, solver).simulate()
+    trajectory = resolve_run(problem, set_, method, dt, t_end, solver).simulate()
     lines = [str(trajectory), *_facts(trajectory)]
     if out is not None:
         lines.append(f"  wrote       {trajectory.save(out)}")
@@ -67,7 +67,7 @@ def draw(
 
     path = Path(f"{stem(problem)}.svg") if out is None else out
     check_outputs([(path, DRAWN_AS)], files(problem))
-    save(draw_scheme(chosen(problem, set_).problem.scheme), path)
+    save(draw_scheme(resolve_run(problem, set_).problem.scheme), path)
     say(f"drew {path}")
 
 
@@ -89,7 +89,7 @@ def animate(
     from lcpimpact.plotting.animation import FORMATS
 
     check_outputs([(out, FORMATS)], files(problem))
-    trajectory = chosen(problem, set_, method, dt, t_end, solver).simulate()
+    trajectory = resolve_run(problem, set_, method, dt, t_end, solver).simulate()
     options = {"seconds": seconds, "fps": fps}
     trajectory.animate(out, **{name: value for name, value in options.items() if value is not None})
     say(str(trajectory), f"  drew        {out}")
@@ -111,8 +111,8 @@ def export(
     from lcpimpact.schemefile import ENDING, write_scheme_file
 
     check_outputs([(out, (ENDING,))], files(problem))
-    told = chosen(problem, set_, method, dt, t_end, solver)
-    say(f"wrote {write_scheme_file(told.problem, out, told.run)}")
+    spec = resolve_run(problem, set_, method, dt, t_end, solver)
+    say(f"wrote {write_scheme_file(spec.problem, out, spec.run)}")
 
 
 def _facts(trajectory: Trajectory) -> list[str]:

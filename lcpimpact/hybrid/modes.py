@@ -430,7 +430,7 @@ class System:
         E, Dw = self.input_matrices
         return np.asarray(np.array([Dw, C @ E, C @ A @ E])[self.degree, np.arange(len(self.degree))])
 
-    def share(self, mode: Mode) -> Array:
+    def input_response(self, mode: Mode) -> Array:
         """Return F_w (nc, nw), by which the reactions of a mode, r = F X + F_w w, answer to the inputs."""
         rows, found = list(mode.closed), np.zeros_like(self.O_w)
         if found.size:
@@ -449,7 +449,7 @@ class System:
         The side is that of the threshold of a slider that sticks, and 0 for all others; without inputs it is c·X.
         """
         if mode.key not in self.switches:
-            (flow, F), Fw = self.reaction(mode), self.share(mode)
+            (flow, F), Fw = self.reaction(mode), self.input_response(mode)
             E, Dw = self.input_matrices
             D, B = self.fine.D, self.matrices[1]
             gap = self.openings(F)
@@ -502,7 +502,7 @@ def block(G: DoubleDouble, rows: list[int], columns: list[int]) -> DoubleDouble:
 
 
 def _solve(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
-    """Solve with a block of G; where it is singular, the closed rows share their force as they like."""
+    """Solve with a block of G; where it is singular, the contact forces are not uniquely determined."""
     if len(G) > 1:
         # Springs and masses give rows of other units, which are not dependent for that.
         rows = np.abs(G.hi).max(axis=1, keepdims=True)

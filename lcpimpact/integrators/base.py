@@ -26,13 +26,13 @@ class Limits:
     ----------
     precision : float           to what part of the largest terms those laws hold that are solved for
     order : float               order in smooth motion: what its steps leave out of the momentum and the way (inf: nothing)
-    penetration : float         overlaps of so many times h |U| may follow an impact
+    penetration : float         largest penetration after an impact, in units of h |U|
     rest : float                a rebound whose flight is shorter than this part of the run counts as none
     balances_energy : bool      whether the balance of energy is promised
-    kick : float                velocities or forces are recorded without so many times h times the force
-    slack : float               how many times the error of the rule its steps may make, as the bends of the run show it
-    step : float                how many times the bends around it a step may leave out, away from events
-    drift : float               nodes without mass may be moved by hand: so many times what a step changes
+    kick : float                part of h times the force that recorded velocities or forces may lack
+    slack : float               error of the steps in units of that of their rule, estimated by second differences
+    step : float                error of a step away from events, in units of the second differences around it
+    drift : float               largest displacement of massless nodes by a projection, in units of the change in a step
     relative_degrees : tuple    the relative degrees that the method handles
     """
 
@@ -70,10 +70,10 @@ class Declared:
     balances_energy : bool          whether the balance of energy closes, to its precision or its order
     precision : float               to what part of the largest terms the laws hold that it solves for
     kick : float                    part of h times the force that the velocities or forces of its record may lack
-    slack : float                   how many times the error of its rule, as the bends of the run show it, its steps may make
-    step : float                    how many times the bends around it a step may leave out, away from events: twice the
+    slack : float                   error of the steps in units of that of their rule, estimated by second differences
+    step : float                    error of a step away from events, in units of the second differences around it: twice the
                                     largest that registered problems and random schemes show, which is 0.9 for most
-    drift : float                   nodes without mass may be moved by hand: so many times what a step changes
+    drift : float                   largest displacement of massless nodes by a projection, in units of the change in a step
     dissipates : bool               whether impacts never leave a system with more energy than it began with
     adaptive : str                  how it chooses its steps, "" where they are those of dt
     accuracy : float                relative error of a run with its finest settings, as a reference for others

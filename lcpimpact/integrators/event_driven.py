@@ -75,48 +75,48 @@ from lcpimpact.scheme.signals import NAMED
 
 SCIPY_SOLVERS = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
 
-ORDER, LINEAR_ORDER = 12, 7
+DENSE_DEGREE, SINGLE_STEP_DEGREE = 12, 7
 """Degree of the polynomial through the samples of a step: no dense output of SciPy has a higher one than the first, none of
 its single-step methods than the second; and what is lower is less sensitive to rounding."""
 
-CUTS = 4
-"""Into so many parts is a step cut where its work is integrated."""
+WORK_PARTS = 4
+"""Number of parts of a step over which its work is integrated."""
 
 APART, PUSHES, SLACK = 0, 1, 2
 
-FOR_EVER = -1
+ZERO_FOR_EVER = -1
 """Order of the zero of a row that is zero until an input makes it something else."""
 
-STALL = 100
-"""So many events at one instant are no motion: the run ends as if it had reached max_events."""
+MAX_EVENTS_AT_ONCE = 100
+"""Maximum number of events at one instant; more end the run with MAX_EVENTS."""
 
-BENT = 10.0
-"""Where there are other forces than linear ones, a burst of impacts lasts for so many short flights at most."""
+MAX_BURST_FLIGHTS = 10.0
+"""Maximum duration of a burst of impacts, in short flights, where there are nonlinear forces."""
 
 SINGLE_STEP = (integrate.RK23, integrate.RK45, integrate.DOP853)
 """Solvers that need no small steps to begin with."""
 
-SURE, UNSURE = 1e-12, 1e-9
-"""Between these lies how well an instant is taken to be known, in units of the run, whatever rtol is."""
+MIN_TIME_RTOL, MAX_TIME_RTOL = 1e-12, 1e-9
+"""Bounds of the accuracy of instants, relative to the run, whatever rtol is."""
 
 EPS = float(np.finfo(float).eps)
 
-CLOSE, NEAR, NEWTON = 4.0 * EPS, 1e-9, 6
-"""How closely a root is found, how near the polynomial through the samples comes to that of the dense output, and how many
-steps of Newton's method find its root where it is simple."""
+ROOT_RTOL, INTERPOLATION_RTOL, NEWTON_STEPS = 4.0 * EPS, 1e-9, 6
+"""Tolerance of a root; distance of the polynomial through the samples from the dense output; and Newton steps that find a
+simple root."""
 
 LOOK_BACK = 0.1
-"""Over this part of the last step a row must fall."""
+"""Part of the last step over which a row must fall."""
 
-ROUNDING, TINY = 4.0 * EPS, float(np.finfo(float).tiny)
+ZERO_RTOL, TINY = 4.0 * EPS, float(np.finfo(float).tiny)
 
 NO_PHASE = np.zeros(0, dtype=np.int64)
 
-ORDERS = 7
-"""Higher orders of the zero with which a row begins count as this one less one."""
+MAX_ORDER = 7
+"""Highest order of the zero with which a row begins; higher ones count as this less one."""
 
-FLIGHTS = 3
-"""So many flights must be short before impacts are taken to accumulate."""
+MIN_FLIGHTS = 3
+"""Number of consecutive short flights after which impacts accumulate."""
 
 
 class Samples(NamedTuple):
@@ -142,7 +142,8 @@ def _samples(p: int) -> Samples:
     s = 0.5 - 0.5 * np.cos(np.pi * np.arange(p + 1) / p)
     fit = np.linalg.inv(np.array([[math.comb(p, j) * x**j * (1.0 - x) ** (p - j) for j in range(p + 1)] for x in s]))
     divided = [
-        np.array([math.comb(p, j + m) / math.comb(p - m, j) for j in range(p + 1 - m)]) for m in range(min(p, ORDERS))
+        np.array([math.comb(p, j + m) / math.comb(p - m, j) for j in range(p + 1 - m)])
+        for m in range(min(p, MAX_ORDER))
     ]
     return Samples(s, fit, divided, 8.0 * EPS * float(np.abs(fit).sum(axis=1).max()))
 
@@ -474,7 +475,7 @@ class EventDriven(Integrator):
         low = not inputs.count and issubclass(self._kind, SINGLE_STEP)
         run = Run(
             system, inputs, grid, lcp_solver, np.abs(X), np.zeros(inputs.count), breakpoints,
-            _samples(LINEAR_ORDER if low else ORDER), Flights.none(len(d.contacts)),
+            _samples(SINGLE_STEP_DEGREE if low else DENSE_DEGREE), Flights.none(len(d.contacts)),
         )  # fmt: skip
         try:
             self._enter(run, record, 0.0, X, None, v=problem.initial_velocities)
@@ -515,7 +516,7 @@ class EventDriven(Integrator):
     def dense(self, carry: Run) -> ContinuousSolution:
         """Return the solution at any times of the run."""
         starts, ends = np.array(carry.starts), np.array([piece.end for piece in carry.pieces])
-        parts = starts[:, None] + (ends - starts)[:, None] * np.arange(CUTS) / CUTS
+        parts = starts[:, None] + (ends - starts)[:, None] * np.arange(WORK_PARTS) / WORK_PARTS
         # Without its solver, which cannot be pickled, and is of no use any more.
         done = replace(carry, steps=None)
         return ContinuousSolution(partial(_read, done), np.append(parts.ravel(), ends[-1:]))
@@ -543,7 +544,7 @@ class EventDriven(Integrator):
         solution = steps.dense_output()
         found = _first_root(segment, run.samples, run.scale, steps.t_old, steps.t, solution, self.atol)
         if steps.status == "finished" and not found:
-            within = min(max(self.rtol, SURE), UNSURE) * t_end
+            within = min(max(self.rtol, MIN_TIME_RTOL), MAX_TIME_RTOL) * t_end
             found = _root_at_end(segment, run.samples, run.scale, steps.t_old, steps.t, solution, within)
         τ, row = found or (steps.t, -1)
         t = segment.end if steps.status == "finished" and not found else min(segment.t0 + τ, segment.end)
@@ -561,7 +562,8 @@ class EventDriven(Integrator):
             return Status.SOLVED
         if found:
             run.events.append(t)
-        if len(run.events) > self.max_events or (len(run.events) > STALL and run.events[-STALL] == t):
+        stalled = len(run.events) > MAX_EVENTS_AT_ONCE and run.events[-MAX_EVENTS_AT_ONCE] == t
+        if stalled or len(run.events) > self.max_events:
             return Status.MAX_EVENTS
         turn = row - (len(segment.rows) - len(segment.phases)) if found else -1
         try:
@@ -629,7 +631,7 @@ class EventDriven(Integrator):
         quick = flights.quick(system, t, landing, U, run.scale, short)
         restitution = system.restitution
         if len(landing):
-            rounding = ROUNDING * (np.abs(system.matrices[2][landing]) @ run.scale)
+            rounding = ZERO_RTOL * (np.abs(system.matrices[2][landing]) @ run.scale)
             lost = rounding / np.maximum(-U[landing], TINY)
             if not system.mixed and (np.abs((system.fine.C[landing] @ state).hi) > rounding).any():
                 # A root is found to the rounding of a dense output; from impact to impact that would add up.
@@ -638,7 +640,7 @@ class EventDriven(Integrator):
                 state = settled(system, None, state, run.scale, replace(kept, u=met))
             flights.land(t, landing, short, lost)
             if not quick:
-                over = (flights.short >= FLIGHTS) & (restitution < 1.0)
+                over = (flights.short >= MIN_FLIGHTS) & (restitution < 1.0)
                 restitution = np.where(over, 0.0, restitution)
         pushed, P, kept = impact(
             system, state, run.scale, run.lcp_solver, restitution, kept, left=approach, rates=rates
@@ -669,7 +671,7 @@ class EventDriven(Integrator):
         assert record.events is not None
         t, forces, inputs = first.t0, first.forces, run.inputs
         system, grown, scale = _about(run, t, X, forces)
-        most = BENT * short if inputs.count else math.inf
+        most = MAX_BURST_FLIGHTS * short if inputs.count else math.inf
         left = max(self.max_events - len(run.events), 1)
         burst = follow_burst(
             system, t, DoubleDouble.of(grown), first.mode, scale, run.lcp_solver, run.grid.t_end, short, left, most
@@ -687,7 +689,7 @@ class EventDriven(Integrator):
         there = run.without_inputs(last.X)
         if inputs.count and status is Status.SOLVED and last.t0 > t:
             bent = np.abs(Forces(inputs, None)(last.t0, there) - forces.linear(t, X, last.t0, there, _short(run)))
-            if (bent > BENT * SHORT_FLIGHT * run.forces).any():
+            if (bent > MAX_BURST_FLIGHTS * SHORT_FLIGHT * run.forces).any():
                 status = Status.ACCUMULATION
         return status, self._segment(run, last.t0, last.mode, forces), there
 
@@ -738,13 +740,13 @@ def _course(run: Run, mode: Mode, forces: Forces) -> Segment:
     """Return a segment of a mode, at no instant yet."""
     system, inputs = run.system, run.inputs
     flow, F = system.mode(mode)
-    Fw = system.share(mode)
+    Fw = system.input_response(mode)
     E = system.input_matrices[0] + system.matrices[1] @ Fw
     # What is zero for ever in a linear system need not stay so under an input.
     contacts, ends, zeros = system.watched(
         replace(mode, order=tuple(max(m, 0) for m in mode.order)) if inputs.count else mode
     )
-    zeros = np.where(np.array(mode.order, dtype=np.int64)[contacts] >= 0, zeros, FOR_EVER)
+    zeros = np.where(np.array(mode.order, dtype=np.int64)[contacts] >= 0, zeros, ZERO_FOR_EVER)
     ns = len(inputs.law)
     springs: tuple[tuple[int, int], ...] = ()
     rows, order = [np.pad(row, (0, ns)) for row in ends.hi], zeros.tolist()
@@ -840,14 +842,14 @@ def _first_root(
         zero = float(b[0, k]) if m else 0.0
         coefficients = (b[m:, k] - zero) * samples.divided[m]
         floor = float(samples.noise * size[k] * samples.divided[m][0])
-        if segment.order[k] == FOR_EVER:
+        if segment.order[k] == ZERO_FOR_EVER:
             floor += atol * float(np.abs(row).sum())
         if coefficients.min() >= -floor:
             continue
         s = first_fall(np.array([coefficients, np.zeros_like(coefficients)]), -floor)
         if math.isnan(s):
             continue
-        if segment.order[k] == FOR_EVER:
+        if segment.order[k] == ZERO_FOR_EVER:
             # It falls below zero from zero itself: what counts is where it is below it by more than the tolerance.
             found.append((start + s * width, k))
             continue
@@ -867,7 +869,7 @@ def _root_at_end(
     terms = segment.watched(τ, solution(τ).T)
     before, last = terms @ segment.rows.T
     size = _size(segment, scale, terms)
-    fall = np.where((before > samples.noise * size) & (segment.order != FOR_EVER), before - last, 0.0)
+    fall = np.where((before > samples.noise * size) & (segment.order != ZERO_FOR_EVER), before - last, 0.0)
     falling = np.flatnonzero((fall > 0.0) & (last * (τ[1] - τ[0]) <= fall * within))
     if not len(falling):
         return None
@@ -891,14 +893,14 @@ def _falls(b: Array, below: float) -> tuple[float, float]:
     The slope there comes with it; where the polynomial is not above zero before, that is ``below`` itself.
     """
     s = below
-    for _ in range(NEWTON):
+    for _ in range(NEWTON_STEPS):
         value, slope = casteljau(b, s)
         if not slope < 0.0:
             break
         last, s = s, s - value / slope
         if not 0.0 < s <= below:
             break
-        if abs(s - last) <= CLOSE * s:
+        if abs(s - last) <= ROOT_RTOL * s:
             return float(s), float(slope)
     back = 1e-15 * below
     while casteljau(b, below)[0] < 0.0 and not casteljau(b, max(below - back, 0.0))[0] > 0.0:
@@ -906,7 +908,7 @@ def _falls(b: Array, below: float) -> tuple[float, float]:
             return below, float(casteljau(b, below)[1])
         back *= 8.0
     if casteljau(b, below)[0] < 0.0:
-        below = float(brentq(lambda s: casteljau(b, s)[0], max(below - back, 0.0), below, xtol=1e-300, rtol=CLOSE))
+        below = float(brentq(lambda s: casteljau(b, s)[0], max(below - back, 0.0), below, xtol=1e-300, rtol=ROOT_RTOL))
     return below, float(casteljau(b, below)[1])
 
 
@@ -938,10 +940,10 @@ class _Root:
         """
         # What the polynomial through the samples lacks of a smooth row is rounding, and Newton's method mends it.
         root, best, least = τ, τ, math.inf
-        about = max(NEAR * (τ - start), self.blurred / max(-slope, TINY))
-        for _ in range(NEWTON if slope < 0.0 else 0):
+        about = max(INTERPOLATION_RTOL * (τ - start), self.blurred / max(-slope, TINY))
+        for _ in range(NEWTON_STEPS if slope < 0.0 else 0):
             u = self.value(root)
-            if abs(u) <= -slope * CLOSE * root:
+            if abs(u) <= -slope * ROOT_RTOL * root:
                 return root
             if not abs(u) < 0.5 * least:
                 break
@@ -954,7 +956,7 @@ class _Root:
         while 0.0 < width < widest:
             before, after = max(τ - width, start), τ + width if end is None else min(τ + width, end)
             if self.value(before) > 0.0 > self.value(after):
-                root = float(brentq(self.value, before, after, xtol=1e-300, rtol=CLOSE))
+                root = float(brentq(self.value, before, after, xtol=1e-300, rtol=ROOT_RTOL))
                 # Where a load jumps, the event is the first instant after the jump.
                 step = float(np.spacing(self.segment.t0 + root))
                 while self.value(root) > 0.0 and root + step < after:

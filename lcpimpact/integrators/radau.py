@@ -6,7 +6,8 @@ In first-order form (see `lcpimpact.scheme.first_order`) a step solves
 
 one LCP for all stages, with L = u where the relative degree is 0 or 1, and L = U where it is 2, on the rows that are closed
 at the start of the step. A slider's law stands on U, within its bounds; where a spring alone gives way to it, U_i is the
-derivative of the collocation polynomial. Plates with mass on both sides that are found touching with U < 0 meet at once:
+derivative of the collocation polynomial. Contacts with mass on both sides that touch with U < 0
+have an impact at once:
 
 .. math:: 0 \le P \perp U^+ + e U \ge 0, \qquad X \to X + B P .
 
@@ -49,11 +50,11 @@ SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
     vector, vector, f8, matrix, matrix, matrix, matrix, matrix, vector, types.boolean[::1], vector, vector,
     types.boolean[::1], f8, i8, KERNEL,
 ))  # fmt: skip
-def meet(
+def resolve_impacts(
     x: Array, r: Array, h: float, C: Array, CA: Array, CAA: Array, G: Array, B: Array, e: Array, bounces: Flags,
     scale: Array, P: Array, closed: Flags, tol: float, max_iter: int, solve: Kernel,
 ) -> tuple[int, int, float]:  # fmt: skip
-    """Find the closed rows of relative degree 2, and let those meet that approach: status, iterations, residual.
+    """Apply Newton's law of impact to the closed rows of relative degree 2 that approach: status, iterations, residual.
 
     Changes X to that after the impacts, and sets the impulses P and ``closed``. A rebound that gravity and the forces r of
     the last step would end within this one counts as none: so a body comes to rest.
@@ -166,7 +167,7 @@ def steps(
     for k in range(first, last):
         x[:known] = y
         x[known:] = 0.0
-        status, count, residual = meet(
+        status, count, residual = resolve_impacts(
             x, y[N:], h, C, CA, CAA, G, B, e, bounces, scale, P, closed, tol, max_iter, solve
         )  # fmt: skip
         iterations += count
@@ -355,7 +356,7 @@ class Radau(Integrator):
         run: Callable[..., tuple[int, int, int, int, float]] = steps
         if not solver.compiled:
             law = interpreted(solve_law)
-            run = interpreted(steps, solve_law=law, meet=interpreted(meet, solve_law=law))
+            run = interpreted(steps, solve_law=law, resolve_impacts=interpreted(resolve_impacts, solve_law=law))
         code, reached, solves, iterations, residual = run(
             first, last, carry.grid.h, *carry.tables, carry.scale, carry.y, carry.guess,
             record.q, record.v, record.reaction, carry.tol, carry.max_iter, solver.kernel,

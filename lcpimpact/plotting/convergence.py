@@ -48,7 +48,7 @@ CLEAR = 0.15
 """An order is drawn as a triangle if it is known to this, and as near to a half or a whole number."""
 
 BEYOND = 30.0
-"""So many times the scale of a norm, errors are not drawn: a run that grows without bound would flatten the others."""
+"""Largest error drawn, in units of the scale of its norm: a run that grows without bound would flatten the others."""
 
 LONG = 28
 """Labels of more letters stand below the picture."""

@@ -15,7 +15,7 @@ from lcpimpact.scheme.signals import PiecewisePolynomial
 from lcpimpact.scheme.terms import PowerLaw, Row, Terms
 
 LARGEST = 10_000
-"""So many nodes are full matrices of 800 MB each."""
+"""Maximum number of nodes: a full matrix has 800 MB."""
 
 
 def assemble(elements: Sequence[Element]) -> Dynamics:
@@ -198,6 +198,6 @@ def _check_restitution(dynamics: Dynamics, rows: Sequence[Row]) -> None:
             )
         if row.e is not None and contact.relative_degree < 2 and not len(paths):
             raise InputError(
-                f"{row.element}: e = {row.e!r} means nothing, since a spring or dashpot gives way under a massless plate "
+                f"{row.element}: e = {row.e!r} means nothing, since the contact plate is massless, on a spring or dashpot "
                 f"(relative degree {contact.relative_degree}) and no impulse acts; leave e out"
             )

@@ -17,8 +17,8 @@ from lcpimpact.scheme.signals import PiecewisePolynomial, Signal
 from lcpimpact.scheme.terms import PowerLaw, Terms
 
 DEGREE_REASON = {
-    0: "a spring gives way under a plate that has neither mass nor dashpot, so the force is continuous",
-    1: "a dashpot gives way under a plate without mass, so the force is a function that may jump, without impulse",
+    0: "the contact plate is massless and carried by a spring only, so the force is continuous",
+    1: "the contact plate is massless and rests on a dashpot, so the force may jump, without an impulse",
     2: "both sides have mass or are ground, so velocities jump and impulses act",
 }
 

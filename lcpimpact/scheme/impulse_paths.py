@@ -21,7 +21,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 
 MOST_PATHS = 4_096
-"""So many impulse paths through one node are more than a scheme of bumpers has."""
+"""Maximum number of impulse paths through one node, more than any scheme of bumpers has."""
 
 
 def extreme_rays(balance: Array) -> Array:

@@ -1,4 +1,4 @@
-r"""The second door: a linear complementarity system given by its matrices, for circuits, control and tests of theory.
+r"""Linear complementarity systems given by their matrices, for circuits, control and tests of theory.
 
 .. math:: x' = A x + B λ + a(t), \qquad 0 \le λ \perp C x + D λ + c \ge 0
 

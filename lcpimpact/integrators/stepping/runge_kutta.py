@@ -11,7 +11,7 @@ and the right side is a function of X: the reactions obey the law of contact one
 which is the "differential succession" of the paper's Fig. 3. For the relative degree 0 all rows take part; for 1 those with
 u <= 0; for 2 those with u <= 0 and U = 0.
 
-A step that overshoots the law is put right at its end by impulses, which are one LCP with the same G,
+A step that violates a constraint is corrected at its end by impulses, which are one LCP with the same G,
 
 .. math:: 0 \le P \perp G P + \begin{cases} U + e U & (ρ = 2) \\ u & (ρ = 1) \end{cases} \ge 0, \qquad X^+ = X + B P :
 
@@ -56,26 +56,26 @@ from lcpimpact.scheme.power_law import energies, spring_force, tangents
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
-HELD = 1e3
-"""A contact that pushes may be so many times further from closed than rounding."""
+ACTIVE_GAP_FACTOR = 1e3
+"""Factor on the tolerance for a closed gap while the contact is active, since it drifts."""
 
-LARGEST = 1e100
-"""A state beyond this is no motion but a step that is too long; its energy is still a number."""
+MAX_STATE = 1e100
+"""Largest state: beyond, a step is too long to be a motion; its energy is still a number."""
 
-ROUNDING = 1e-12
-"""What counts as zero, relative to the terms of the sum that gave it, each taken at its largest value so far."""
+ZERO_RTOL = 1e-12
+"""Tolerance for zero, relative to the terms of the sum at their largest so far."""
 
-SHARE = 0.1
-"""This part of rtol may one step err by, since the errors of steps add up."""
+STEP_TOLERANCE = 0.1
+"""Error of one step in units of rtol, since the errors of steps add up."""
 
-LEAST = 1e-3
-"""A state that hardly moves may err as one that moves by this part of the largest of its kind."""
+SCALE_FLOOR = 1e-3
+"""Smallest scale of a state, relative to the largest of its kind."""
 
-INNER = np.linspace(0.0, 1.0, 17)[1:-1]
-"""Where in a step gaps are looked at, in units of its length."""
+SAMPLED = np.linspace(0.0, 1.0, 17)[1:-1]
+"""Positions in a step at which gaps are sampled, in units of its length."""
 
 HANDLES = (Feature.POWER_LAWS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION)
-"""What these methods handle: all but sliders, whose force jumps as the velocity turns."""
+"""Features these methods handle: all but sliders, whose force jumps as the velocity turns."""
 
 cube = types.float64[:, :, ::1]
 
@@ -100,7 +100,7 @@ def rounding(M: Array, i: int, scale: Array) -> float:
     sum_ = 0.0
     for j in range(len(scale)):
         sum_ += abs(M[i, j]) * scale[j]
-    return ROUNDING * sum_
+    return ZERO_RTOL * sum_
 
 
 @compiled(types.void(vector, matrix, matrix, matrix, vector))
@@ -114,7 +114,7 @@ def spring_forces(x: Array, approach: Array, rate: Array, law: Array, s: Array) 
 @compiled(f8(f8))
 def held(r: float) -> float:
     """Return by how much a contact may be further from closed than rounding: one that pushes drifts in many steps."""
-    return HELD if r > 0.0 else 1.0
+    return ACTIVE_GAP_FACTOR if r > 0.0 else 1.0
 
 
 @compiled(types.void(vector, MATRICES, vector, vector, types.boolean[::1]))
@@ -160,7 +160,7 @@ def right_side(
 
 
 @compiled(types.Tuple((i8, i8, f8))(vector, MATRICES, vector, f8, f8, vector, vector, vector, vector, f8, i8, KERNEL))
-def put_right(
+def project_onto_constraints(
     x: Array,
     system: Matrices,
     scale: Array,
@@ -306,7 +306,7 @@ def steps(
     """Take the steps first ... last: fill y, y', r and P at [k + 1] from y[k] and dy[k].
 
     ``given`` (steps or 1, s + 1, ng) holds what is given at the stages and at the end of a step; ``ahead`` (2, ny) is left
-    as the last state before it was put right, and the estimate of its error. Returns the status, the step reached, the sum
+    as the last state before its projection, and the estimate of its error. Returns the status, the step reached, the sum
     of the LCP iterations, and the largest residual.
     """
     A, _, _, _, _, _, B, _, _, _, _, _, _ = system
@@ -343,7 +343,7 @@ def steps(
             x[ny:] = given[p, i]
             touching(x, system, scale, force, touches)
             for c in range(len(touches)):
-                # What was apart as the step began stays so until its end, where `put_right` makes up for it.
+                # What was apart as the step began stays so until its end, where `project_onto_constraints` makes up for it.
                 touches[c] = touches[c] and together[c]
             status, count, residual = right_side(x, system, touches, force, K[i], tol, max_iter, solve)
             total += count
@@ -357,13 +357,13 @@ def steps(
                 estimate += b_error[l] * K[l, j]
             x[j] = y[k, j] + h * sum_
             ahead[0, j], ahead[1, j] = x[j], h * estimate
-            if not abs(x[j]) < LARGEST:
+            if not abs(x[j]) < MAX_STATE:
                 return NON_FINITE, k, total, worst
         x[ny:] = given[p, s]
         for j in range(len(scale)):
             scale[j] = max(scale[j], abs(x[j]))
         r[k + 1] = force
-        status, count, residual = put_right(
+        status, count, residual = project_onto_constraints(
             x, system, scale, h, shortest, P[k + 1], since[k + 1], r[k + 1], dy[k + 1], tol, max_iter, solve
         )
         total += count
@@ -409,7 +409,7 @@ class Run:
         places = len(y) - self.form.parts.massive.shape[1]
         speed = size[places:].max(initial=0.0)
         kinds = np.where(np.arange(len(y)) < places, max(size[:places].max(initial=0.0), h * speed), speed)
-        return np.asarray(atol + rtol * np.maximum(size, LEAST * kinds))
+        return np.asarray(atol + rtol * np.maximum(size, SCALE_FLOOR * kinds))
 
     def error(self, x: Array, error: Array, allowed: Array, rtol: float) -> float:
         """Return the estimated error of a step that ends in x = (y, signals, loads), relative to what it may be."""
@@ -417,7 +417,10 @@ class Run:
         _, stiffness, _ = tangents(self.inputs.law, np.maximum(δ, 0.0), np.zeros_like(δ), extended=True)
         moved = self.inputs.approach[:, : len(error)] @ error
         square = error @ self.metric @ error + (stiffness * moved**2).sum()
-        limit = rtol**2 * max(self.energy[0], self.energy_of(x)) + LEAST**2 * np.abs(np.diag(self.metric)) @ allowed**2
+        limit = (
+            rtol**2 * max(self.energy[0], self.energy_of(x))
+            + SCALE_FLOOR**2 * np.abs(np.diag(self.metric)) @ allowed**2
+        )
         single = np.abs(np.divide(error, allowed, out=np.zeros_like(error), where=allowed > 0.0)).max(initial=0.0)
         return max(float(single), math.sqrt(max(square, 0.0) / limit) if limit > 0.0 else 0.0)
 
@@ -494,8 +497,8 @@ class ExplicitRungeKutta(Integrator):
         limits(SOLVERS["auto"], self.tol, self.max_iter)
 
     def limits(self) -> Limits:
-        """Return those of contacts that are held by their accelerations, and drift within `HELD`."""
-        return replace(super().limits(), precision=1e2 * HELD * ROUNDING)
+        """Return those of contacts that are held by their accelerations, and drift within `ACTIVE_GAP_FACTOR`."""
+        return replace(super().limits(), precision=1e2 * ACTIVE_GAP_FACTOR * ZERO_RTOL)
 
     def reaction_times(self, grid: Grid) -> Array:
         """Return the grid."""
@@ -658,14 +661,14 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
                 shrink = 0.1
             else:
                 before, error = ahead
-                allowed = carry.allowed(before, h, SHARE * rtol, SHARE * atol)
-                size = max(carry.error(np.append(before, given[0, -1]), error, allowed, SHARE * rtol), 1e-10)
+                allowed = carry.allowed(before, h, STEP_TOLERANCE * rtol, STEP_TOLERANCE * atol)
+                size = max(carry.error(np.append(before, given[0, -1]), error, allowed, STEP_TOLERANCE * rtol), 1e-10)
                 shrink = float(np.clip(0.9 * size**-exponent, 0.2, 5.0))
                 if size <= 1.0:
                     shrink = max(shrink, 1.0)
                     # An overlap beyond the tolerance: back to where the line through both gaps is zero.
                     u, overlap = C @ np.append(y[0], given[0, 0]), C @ np.append(before, given[0, -1])
-                    bound = np.abs(C[:, :ny]) @ allowed + HELD * ROUNDING * (np.abs(C) @ carry.scale)
+                    bound = np.abs(C[:, :ny]) @ allowed + ACTIVE_GAP_FACTOR * ZERO_RTOL * (np.abs(C) @ carry.scale)
                     begun = (overlap < -bound) & (u > bound)
                     if begun.any():
                         shrink = float((u[begun] / (u[begun] - overlap[begun])).min())
@@ -707,19 +710,19 @@ def _metric(d: Dynamics, form: FirstOrderForm) -> Array:
 
 def _lowest(h: float, u_0: Array, u_1: Array, rate_0: Array, rate_1: Array) -> Array:
     """Return the least values within a step of the cubics through gaps and their rates at both its ends."""
-    s = INNER[:, None]
+    s = SAMPLED[:, None]
     ends = (1.0 + 2.0 * s) * (1.0 - s) ** 2 * u_0 + s**2 * (3.0 - 2.0 * s) * u_1
     return np.asarray((ends + h * s * (1.0 - s) * ((1.0 - s) * rate_0 - s * rate_1)).min(axis=0))
 
 
 def _functions(solver: Solver) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return `put_right` and `steps`, compiled or, where the solver lives in the interpreter, as Python."""
+    """Return `project_onto_constraints` and `steps`, compiled or, where the solver lives in the interpreter, as Python."""
     if solver.compiled:
-        return put_right, steps
+        return project_onto_constraints, steps
     inner = interpreted(solve_law)
     right = interpreted(right_side, solve_law=inner)
-    put = interpreted(put_right, solve_law=inner, right_side=right)
-    return put, interpreted(steps, right_side=right, put_right=put)
+    put = interpreted(project_onto_constraints, solve_law=inner, right_side=right)
+    return put, interpreted(steps, right_side=right, project_onto_constraints=put)
 
 
 def _take(
@@ -763,7 +766,7 @@ def _coordinates(run: Run, t: Array, y: Array, dy: Array, r: Array) -> tuple[Arr
         dloads = (run.given(t + δ) - run.given(t - δ))[:, nl:] / (2.0 * δ)
         v += dloads @ Q_w.T
         u, du = X @ form.C.T + loads @ D_w.T, rate @ form.C.T + dloads @ D_w.T
-        tiny = ROUNDING * np.abs(run.matrices[1]) @ run.scale
+        tiny = ZERO_RTOL * np.abs(run.matrices[1]) @ run.scale
         closed = ((r > 0.0) | ((u <= tiny) & (du < 0.0))) & (system.degree == 0)
         for pattern in np.unique(closed, axis=0):
             rows, here = np.flatnonzero(pattern), (closed == pattern).all(axis=1)

@@ -1,4 +1,4 @@
-"""What methods share that solve LCPs in steps: options, blocks of steps, solvers to fall back on, steps halved."""
+"""Base class of the time-stepping methods: options, blocks of steps, fallback solvers, step halving."""
 
 from __future__ import annotations
 

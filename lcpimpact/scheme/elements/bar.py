@@ -22,7 +22,7 @@ MASSES = {"lumped": 0.0, "higher-order": 1.0 / 12.0, "consistent": 1.0 / 6.0}
 """Share μ of an element's mass that couples its two ends, by name."""
 
 LARGEST = 5_000
-"""So many elements of a bar are full matrices of 200 MB."""
+"""Maximum number of elements of a bar: its full matrices have 200 MB."""
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ ASYMPTOTIC = 1e-3
 """Errors below this, relative to the size of the motion, show an order above 2; before, steps are too long for it."""
 
 FACTOR = 5.0
-"""So many times the sum of their estimates two routes may differ by."""
+"""Largest difference of two routes, in units of the sum of their error estimates."""
 
 SLACK = 0.35
 """An observed order may be lower than the declared one by so much of it, and by twice as much where it is 1."""
@@ -76,7 +76,7 @@ ACCUMULATED = 1e-6
 accumulate, routes do not end them at the same one."""
 
 SOLVER_FACTOR = 100.0
-"""So many tolerances of a solver, relative to the size of the motion, a run may be off."""
+"""Largest error of a run, relative to the size of the motion, in units of the tolerance of its solver."""
 
 COORDINATES, VELOCITIES, FORCES = "coordinates", "velocities", "forces"
 IMPULSES, TIMES = "impulses", "times of events"
@@ -617,7 +617,7 @@ class Judge:
                 yield f"{fact.symbol} ({fact.what}) {told}, and must be {fact.value:.9g} {fact.unit}".rstrip()
 
     def _relative_error(self, label: str) -> float:
-        """Return the largest error that a route owns up to in motion and times, relative to their size."""
+        """Return the largest of the routes' own error estimates in motion and times, relative to their size."""
         E = self.estimates[label]
         told = [each for each in (COORDINATES, VELOCITIES, TIMES) if each in E and self.scale[each] > 0.0]
         return max((FACTOR * E[each] / self.scale[each] for each in told), default=0.0)
