@@ -140,23 +140,29 @@ def _knots(run: Any) -> Array:
     return np.asarray(knots[knots <= run.t[-1]])
 
 
+PEAKS = 16
+"""Number of local maxima among which the greatest is sought: their knots alone do not order peaks that are nearly alike."""
+
+
 def _exact_peak(value: Callable[[ArrayLike, str], Array], knots: Array) -> float:
     left, right = value(knots, "left"), value(knots, "right")
     highest = np.maximum(left, right)
-    j = int(np.argmax(highest))
-    best = float(highest[j])
-    # Two knots may be one but for rounding; then the next one bounds the search.
-    apart = np.abs(knots - knots[j]) > 1e-9 * (knots[-1] - knots[0])
-    for near in (knots[apart & (knots < knots[j])][-1:], knots[apart & (knots > knots[j])][:1]):
-        for end in near:
-            a, b = sorted((float(knots[j]), float(end)))
-            found = minimize_scalar(
-                lambda t: -value([t], "right")[0],
-                bounds=(a, b),
-                method="bounded",
-                options={"xatol": 1e-9 * (b - a)},
-            )
-            best = max(best, -float(found.fun))
+    beside = np.concatenate([[-np.inf], highest, [-np.inf]])
+    tops = np.flatnonzero((highest >= beside[:-2]) & (highest >= beside[2:]))
+    best = float(highest.max())
+    for j in tops[np.argsort(-highest[tops], kind="stable")][:PEAKS]:
+        # Two knots may be one but for rounding; then the next one bounds the search.
+        apart = np.abs(knots - knots[j]) > 1e-9 * (knots[-1] - knots[0])
+        for near in (knots[apart & (knots < knots[j])][-1:], knots[apart & (knots > knots[j])][:1]):
+            for end in near:
+                a, b = sorted((float(knots[j]), float(end)))
+                found = minimize_scalar(
+                    lambda t: -value([t], "right")[0],
+                    bounds=(a, b),
+                    method="bounded",
+                    options={"xatol": 1e-9 * (b - a)},
+                )
+                best = max(best, -float(found.fun))
     return best
 
 

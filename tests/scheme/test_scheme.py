@@ -115,9 +115,9 @@ def test_the_arrays_cannot_be_changed():
 @pytest.mark.parametrize(
     ("name", "degree", "plates", "reason"),
     [
-        ("system-1", 1, "'x' and 'z'", "massless and rests on a dashpot"),
-        ("system-2", 0, "'y' and 'z'", "massless and carried by a spring"),
-        ("system-3", 1, "'y' and 'z'", "massless and rests on a dashpot"),
+        ("system-1", 1, "'x' and 'z'", "the contact plate is massless and rests on a dashpot"),
+        ("system-2", 0, "'y' and 'z'", "the contact plate is massless and carried by a spring"),
+        ("system-3", 1, "'y' and 'z'", "the contact plate is massless and rests on a dashpot"),
         ("bouncing-ball", 2, "'x' and 'ground'", "both sides have mass"),
     ],
 )
