@@ -6,18 +6,17 @@ import os
 import secrets
 import shutil
 import signal
+import tempfile
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 from lcpimpact.errors import InputError
-
-TERMINATED = 128 + int(signal.SIGTERM)
-"""The exit code of a process that was told to end."""
 
 LONGEST = 60
 """Of the name of a file so many letters begin the name of its part, which must not be too long either."""
@@ -212,44 +211,92 @@ def outputs_together() -> Iterator[None]:
 
 
 @contextmanager
-def _terminable() -> Iterator[None]:
-    """Let SIGTERM end the process as an exception does, so that parts are removed, where nobody else handles it."""
-    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+def scratch_folder() -> Iterator[Path]:
+    """Give a new folder for what is needed only within, and remove it afterwards, at the latest when SIGTERM comes."""
+    with _terminable(), tempfile.TemporaryDirectory() as folder:
+        _hidden.add(Path(folder))
+        try:
+            yield Path(folder)
+        finally:
+            _hidden.discard(Path(folder))
+
+
+_hidden: set[Path] = set()
+"""Parts, copies and scratch folders that are there."""
+
+
+@contextmanager
+def _terminable(end: Callable[[int, FrameType | None], Any] | None = None) -> Iterator[None]:
+    """Let SIGTERM call ``end`` where it would end the process, by default `_end`."""
+    handler = signal.getsignal(signal.SIGTERM)
+    ours = threading.current_thread() is threading.main_thread() and handler in (signal.SIG_DFL, _end)
     if ours:
-        signal.signal(signal.SIGTERM, _terminate)
+        signal.signal(signal.SIGTERM, end or _end)
     try:
         yield
     finally:
         if ours:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            signal.signal(signal.SIGTERM, handler)
 
 
-def _terminate(number: int, frame: FrameType | None) -> None:
-    raise SystemExit(TERMINATED)
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Let SIGTERM wait until what is within is done."""
+    told: list[int] = []
+    try:
+        with _terminable(lambda number, frame: told.append(number)):
+            yield
+    finally:
+        if told:
+            signal.raise_signal(signal.SIGTERM)
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    """Remove what is hidden, and end the process as the signal does by itself.
+
+    An exception would not do: C code that calls back, as an import or a compiler does, swallows it or raises another.
+    """
+    remove_hidden()
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.raise_signal(signal.SIGTERM)
+
+
+def remove_hidden() -> None:
+    """Remove the parts of files, copies and scratch folders that this process has made, since it ends."""
+    for path in tuple(_hidden):
+        if path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
 
 
 def _replace(parts: Sequence[Path], targets: Sequence[Path]) -> None:
-    """Rename each part to its target; if one cannot be renamed, those before it are put back as they were."""
+    """Rename each part to its target; if one cannot be renamed, those before it are put back as they were.
+
+    SIGTERM waits until it is done.
+    """
     kept: list[tuple[Path, Path | None]] = []
-    try:
-        for part, target in zip(parts, targets, strict=True):
-            # What is renamed last needs no copy: nothing can fail after it.
-            if part != parts[-1]:
-                kept.append((target, _name_beside(target) if target.exists() else None))
-                if kept[-1][1]:
-                    shutil.copy2(target, kept[-1][1])
-            part.replace(target)
-    except OSError:
-        for (target, copy), part in zip(kept, parts, strict=False):
-            if part.exists():
-                continue
-            if copy:
-                copy.replace(target)
-            else:
-                target.unlink()
-        raise
-    finally:
-        _remove([copy for _, copy in kept if copy])
+    with _undisturbed():
+        try:
+            for part, target in zip(parts, targets, strict=True):
+                # What is renamed last needs no copy: nothing can fail after it.
+                if part != parts[-1]:
+                    kept.append((target, _name_beside(target) if target.exists() else None))
+                    if kept[-1][1]:
+                        shutil.copy2(target, kept[-1][1])
+                part.replace(target)
+        except BaseException:
+            # Ctrl-C may come after the last of them.
+            for (target, copy), part in zip(kept if parts[-1].exists() else [], parts, strict=False):
+                if part.exists():
+                    continue
+                if copy:
+                    copy.replace(target)
+                else:
+                    target.unlink()
+            raise
+        finally:
+            _remove([copy for _, copy in kept if copy])
 
 
 def _followed(path: Path) -> Path:
@@ -261,13 +308,16 @@ def _followed(path: Path) -> Path:
 
 
 def _name_beside(path: Path) -> Path:
-    """Return a new name in the folder of ``path``."""
-    return path.with_name(f".{path.stem[:LONGEST]}.{secrets.token_hex(6)}{path.suffix}")
+    """Return a new name in the folder of ``path``, which is hidden until it is removed."""
+    name = path.with_name(f".{path.stem[:LONGEST]}.{secrets.token_hex(6)}{path.suffix}")
+    _hidden.add(name)
+    return name
 
 
 def _remove(parts: Iterable[Path]) -> None:
     for part in parts:
         part.unlink(missing_ok=True)
+        _hidden.discard(part)
 
 
 def _names(paths: Sequence[Path]) -> str:

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from io import TextIOWrapper
+from types import FrameType
 
 from rich.console import Console
 from typer import Abort
@@ -14,9 +18,12 @@ from typer.exceptions import TyperException
 
 from lcpimpact.arguments import visible
 from lcpimpact.errors import FailureError, LcpImpactError
-from lcpimpact.files import outputs_together
+from lcpimpact.files import outputs_together, remove_hidden
 
 INTERRUPTED, DEFECT = 130, 70
+
+PATIENCE = 1.0
+"""Seconds within which Ctrl-C ends a command."""
 
 SHOWS_TRACEBACK = "LCPIMPACT_TRACEBACK"
 """The environment variable that, set to anything, shows where in the program a defect arose."""
@@ -35,9 +42,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stream.reconfigure(errors="backslashreplace")  # a terminal that knows fewer letters gets their numbers
     from lcpimpact.cli.commands import app
 
+    interrupts: list[threading.Timer] = []
     try:
         # Typer itself turns Ctrl-C within a command into the exit code 130.
-        with outputs_together():
+        with _interruptible(interrupts), outputs_together():
             code = app(
                 args=None if arguments is None else list(arguments), prog_name="lcpimpact", standalone_mode=False
             )
@@ -55,10 +63,47 @@ def main(arguments: Sequence[str] | None = None) -> None:
         sys.stderr.close()
         code = 1
     except Exception as error:  # noqa: BLE001 - what nobody foresaw is a defect, and is said to be one
-        code = _defect(error)
+        code = INTERRUPTED if interrupts else _defect(error)
     if code == INTERRUPTED:
-        _say("interrupted: files that were finished are whole, and no other was left", code)
+        _say_interrupted()
     sys.exit(int(code or 0))
+
+
+@contextmanager
+def _interruptible(interrupts: list[threading.Timer]) -> Iterator[None]:
+    """Let Ctrl-C raise KeyboardInterrupt, and end the process where nothing comes of it for `PATIENCE` seconds.
+
+    C code that calls back, as an import or a compiler does, may swallow the exception.
+    """
+    ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    ours = ours and threading.current_thread() is threading.main_thread()
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        interrupts.append(threading.Timer(PATIENCE, _leave))
+        interrupts[-1].daemon = True
+        interrupts[-1].start()
+        raise KeyboardInterrupt
+
+    if ours:
+        signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        for timer in interrupts:
+            timer.cancel()
+
+
+def _leave() -> None:
+    """End the process at once, with nothing half written."""
+    remove_hidden()
+    _say_interrupted()
+    os._exit(INTERRUPTED)
+
+
+def _say_interrupted() -> None:
+    _say("interrupted: files that were finished are whole, and no other was left", INTERRUPTED)
 
 
 def _defect(error: Exception) -> int:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import math
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +13,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from lcpimpact import __version__
 from lcpimpact.arguments import checked
-from lcpimpact.files import check_output, whole_file
+from lcpimpact.files import check_output, scratch_folder, whole_file
 from lcpimpact.plotting.style import save
 
 if TYPE_CHECKING:
@@ -110,9 +109,9 @@ def write_report(path: str | Path, title: str, lead: str, sections: Sequence[Sec
 
 def _picture(given: Figure | Picture) -> dict[str, Any]:
     picture = given if isinstance(given, Picture) else Picture(given)
-    with tempfile.TemporaryDirectory() as folder:
+    with scratch_folder() as folder:
         here = picture.figure
-        svg = (here if isinstance(here, Path) else save(here, Path(folder) / "figure.svg")).read_bytes()
+        svg = (here if isinstance(here, Path) else save(here, folder / "figure.svg")).read_bytes()
     return {**vars(picture), "data": "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii")}
 
 

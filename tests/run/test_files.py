@@ -191,10 +191,20 @@ def test_a_picture_that_cannot_be_drawn_leaves_the_table_of_the_same_command_unw
     assert (stop.value.code, names(tmp_path)) == (2, [])
 
 
+def ended_while_it_writes(folder, program, number):
+    """Run ``program`` until it says that it writes to ``folder``, send it the signal, and return how it ended."""
+    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout.readline().strip() == b"writing"
+    assert any(name.startswith(".") for name in names(folder))
+    process.send_signal(number)
+    process.communicate(timeout=60)
+    return process.returncode
+
+
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no signals to be caught")
 @pytest.mark.parametrize("within", ["whole_file(path)", "outputs_together(), whole_file(path)"])
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 1)])
-def test_a_process_that_is_ended_while_it_writes_leaves_no_part(tmp_path, within, number, code):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_process_that_is_ended_while_it_writes_leaves_no_part(tmp_path, within, number):
     program = f"""if True:
         import signal, sys, time
         from pathlib import Path
@@ -206,10 +216,80 @@ def test_a_process_that_is_ended_while_it_writes_leaves_no_part(tmp_path, within
             print("writing", flush=True)
             time.sleep(60)
     """
-    process = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert process.stdout.readline().strip() == b"writing"
-    assert len(names(tmp_path)) == 1
-    process.send_signal(number)
-    process.communicate(timeout=60)
-    assert process.returncode in (code, -number)
+    assert ended_while_it_writes(tmp_path, program, number) in (1, -number)
     assert names(tmp_path) == []
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no signals to be caught")
+@pytest.mark.parametrize("handled", ["pass", "raise SystemError"])
+def test_sigterm_ends_a_process_within_code_that_handles_every_exception(tmp_path, handled):
+    program = f"""if True:
+        import tempfile, time
+        from pathlib import Path
+        from lcpimpact.files import scratch_folder, whole_file
+        tempfile.tempdir = {str(tmp_path)!r}
+        with whole_file(Path({str(tmp_path / "a.txt")!r})) as part, scratch_folder() as folder:
+            part.write_text("half")
+            while True:
+                try:
+                    print("writing", flush=True)
+                    time.sleep(60)
+                except BaseException:
+                    {handled}
+    """
+    assert ended_while_it_writes(tmp_path, program, signal.SIGTERM) == -signal.SIGTERM
+    assert names(tmp_path) == []
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no signals to be caught")
+@pytest.mark.parametrize("handled", ["pass", "raise SystemError"])
+def test_ctrl_c_ends_a_command_within_code_that_handles_every_exception(tmp_path, handled):
+    program = f"""if True:
+        import signal, time
+        from pathlib import Path
+        from lcpimpact.cli import commands
+        from lcpimpact.cli.main import main
+        from lcpimpact.files import whole_file
+        def command(args, prog_name, standalone_mode):
+            with whole_file(Path({str(tmp_path / "a.txt")!r})) as part:
+                part.write_text("half")
+                while True:
+                    try:
+                        print("writing", flush=True)
+                        time.sleep(60)
+                    except BaseException:
+                        {handled}
+        commands.app = command
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        main([])
+    """
+    assert ended_while_it_writes(tmp_path, program, signal.SIGINT) == 130
+    assert names(tmp_path) == []
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no signals to be caught")
+@pytest.mark.parametrize(("number", "left"), [(signal.SIGTERM, "new"), (signal.SIGINT, "old")])
+def test_a_signal_between_two_renames_leaves_both_files_new_or_both_old(tmp_path, number, left):
+    files = [tmp_path / "a.txt", tmp_path / "b.txt"]
+    for file in files:
+        file.write_text("old")
+    program = f"""if True:
+        import signal, time
+        from pathlib import Path
+        from lcpimpact.files import whole_files
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        replace = Path.replace
+        def slowly(self, target):
+            done = replace(self, target)
+            if target.name == "a.txt":
+                print("writing", flush=True)
+                time.sleep(2)
+            return done
+        Path.replace = slowly
+        with whole_files(*map(Path, {list(map(str, files))!r})) as parts:
+            for part in parts:
+                part.write_text("new")
+    """
+    assert ended_while_it_writes(tmp_path, program, number) in (1, -number)
+    assert names(tmp_path) == ["a.txt", "b.txt"]
+    assert [file.read_text() for file in files] == [left, left]
