@@ -532,7 +532,7 @@ def certify(
     """
     d = dynamics
     limits = Limits() if integrator is None else integrator.limits()
-    residual = float(record.stats.residual)
+    residual = record.stats.residual
     limits = replace(limits, precision=limits.precision + RESIDUAL_FACTOR * residual)
     θ = None if integrator is None else integrator.balance_point()
     with np.errstate(all="ignore"):

@@ -44,7 +44,6 @@ SPECTRAL_GAP = 8.0
 MAX_WINDOWS = 10**11
 """Maximum number of windows of a segment, some hours of computation."""
 
-
 DECAY_EXPONENT = 40.0
 """Exponent at which a decaying mode has vanished in floats: exp(-40) = 4e-18."""
 

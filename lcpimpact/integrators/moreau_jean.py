@@ -548,9 +548,8 @@ class MoreauJean(TimeStepping[Step]):
         kernel: Callable[..., tuple[int, int, int, int, float]] = steps
         springs = step.springs
         if not solver.compiled:
-            inner = interpreted(solve_law)
-            kernel = interpreted(steps, solve_step=interpreted(solve_step, solve_law=inner))
-            springs = interpreted(springs, solve_law=inner)
+            law = interpreted(solve_law)
+            kernel, springs = interpreted(steps, solve_law=law), interpreted(springs, solve_law=law)
         code, reached, iterations, newton, residual = kernel(
             first, first + len(times) - 1, step.h, step.θ, Pf, f, *step.operators,
             record.q, record.v, record.reaction, step.tol, step.max_iter, solver.kernel, springs, stops,

@@ -355,8 +355,7 @@ class Radau(Integrator):
         """Take steps in compiled code, or in the interpreter where the solver lives there."""
         run: Callable[..., tuple[int, int, int, int, float]] = steps
         if not solver.compiled:
-            law = interpreted(solve_law)
-            run = interpreted(steps, solve_law=law, resolve_impacts=interpreted(resolve_impacts, solve_law=law))
+            run = interpreted(steps, solve_law=interpreted(solve_law))
         code, reached, solves, iterations, residual = run(
             first, last, carry.grid.h, *carry.tables, carry.scale, carry.y, carry.guess,
             record.q, record.v, record.reaction, carry.tol, carry.max_iter, solver.kernel,

@@ -140,30 +140,37 @@ def _knots(run: Any) -> Array:
     return np.asarray(knots[knots <= run.t[-1]])
 
 
+BELOW = 0.125
+"""Part of the range of a series by which a knot may lie below its peak, since motion turns by a radian between knots."""
+
 PEAKS = 16
-"""Number of local maxima among which the greatest is sought: their knots alone do not order peaks that are nearly alike."""
+"""Number of local maxima that are searched at most."""
 
 
 def _exact_peak(value: Callable[[ArrayLike, str], Array], knots: Array) -> float:
-    left, right = value(knots, "left"), value(knots, "right")
-    highest = np.maximum(left, right)
+    """Return the supremum of a series that is smooth between knots."""
+    highest = np.maximum(value(knots, "left"), value(knots, "right"))
     beside = np.concatenate([[-np.inf], highest, [-np.inf]])
-    tops = np.flatnonzero((highest >= beside[:-2]) & (highest >= beside[2:]))
     best = float(highest.max())
-    for j in tops[np.argsort(-highest[tops], kind="stable")][:PEAKS]:
-        # Two knots may be one but for rounding; then the next one bounds the search.
-        apart = np.abs(knots - knots[j]) > 1e-9 * (knots[-1] - knots[0])
-        for near in (knots[apart & (knots < knots[j])][-1:], knots[apart & (knots > knots[j])][:1]):
-            for end in near:
-                a, b = sorted((float(knots[j]), float(end)))
-                found = minimize_scalar(
-                    lambda t: -value([t], "right")[0],
-                    bounds=(a, b),
-                    method="bounded",
-                    options={"xatol": 1e-9 * (b - a)},
-                )
-                best = max(best, -float(found.fun))
-    return best
+    enough = best - BELOW * (best - float(highest.min()))
+    tops = np.flatnonzero((highest >= beside[:-2]) & (highest >= beside[2:]) & (highest >= enough))
+    tops = tops[np.argsort(-highest[tops], kind="stable")][:PEAKS]
+    return max(best, *(_peak_beside(value, knots, int(j)) for j in tops))
+
+
+def _peak_beside(value: Callable[[ArrayLike, str], Array], knots: Array, j: int) -> float:
+    """Return the supremum of a series between knot j and its neighbours."""
+    # Two knots may be one but for rounding; then the next one bounds the search.
+    apart = np.abs(knots - knots[j]) > 1e-9 * (knots[-1] - knots[0])
+    ends = [*knots[apart & (knots < knots[j])][-1:], *knots[apart & (knots > knots[j])][:1]]
+    heights = [-np.inf]
+    for end in ends:
+        a, b = sorted((float(knots[j]), float(end)))
+        found = minimize_scalar(
+            lambda t: -value([t], "right")[0], bounds=(a, b), method="bounded", options={"xatol": 1e-9 * (b - a)}
+        )
+        heights.append(-float(found.fun))
+    return max(heights)
 
 
 def _top(t: Array, values: Array) -> float:

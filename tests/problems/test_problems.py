@@ -323,6 +323,7 @@ REGIMES = [
     ("bouncing-ball", {"e": 0.0}),
     ("bouncing-ball", {"e": 1.0}),
     ("oscillator-stop", {"e": 0.0}),
+    ("oscillator-stop", {"e": 0.99999, "m": 0.5, "k": 1.0, "v0": 1.0}),
     ("system-3", {"c": 60.0}),
 ]
 

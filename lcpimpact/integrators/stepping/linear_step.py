@@ -398,8 +398,8 @@ class LinearStep(TimeStepping[Tabulated]):
         kernel: Callable[..., tuple[int, int, int, int, float]] = steps
         springs = step.springs
         if not solver.compiled:
-            inner = interpreted(solve_law)
-            kernel, springs = interpreted(steps, solve_law=inner), interpreted(springs, solve_law=inner)
+            law = interpreted(solve_law)
+            kernel, springs = interpreted(steps, solve_law=law), interpreted(springs, solve_law=law)
         code, reached, iterations, newton, residual = kernel(
             first, first + len(times) - 1, step.h, loads, *step.sizes, *step.tables, step.y, step.guess,
             record.q, record.v, record.reaction, step.tol, step.max_iter, solver.kernel, springs,

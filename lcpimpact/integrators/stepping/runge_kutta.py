@@ -719,10 +719,8 @@ def _functions(solver: Solver) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return `project_onto_constraints` and `steps`, compiled or, where the solver lives in the interpreter, as Python."""
     if solver.compiled:
         return project_onto_constraints, steps
-    inner = interpreted(solve_law)
-    right = interpreted(right_side, solve_law=inner)
-    put = interpreted(project_onto_constraints, solve_law=inner, right_side=right)
-    return put, interpreted(steps, right_side=right, project_onto_constraints=put)
+    law = interpreted(solve_law)
+    return interpreted(project_onto_constraints, solve_law=law), interpreted(steps, solve_law=law)
 
 
 def _take(
