@@ -110,6 +110,9 @@ LOOK_BACK = 0.1
 
 ZERO_RTOL, TINY = 4.0 * EPS, float(np.finfo(float).tiny)
 
+UNRESOLVED_KINK_RTOL = 1e-6
+"""Least relative tolerance to which a run is judged whose steps reach across kinks."""
+
 NO_PHASE = np.zeros(0, dtype=np.int64)
 
 MAX_ORDER = 7
@@ -510,7 +513,8 @@ class EventDriven(Integrator):
         # The dense output of a solver is of lower order than its steps, 7 beside 8 for DOP853: with a slack of 3, registered
         # problems show up to 20 rtol at 1e-6, random ones with sliders 1,000 rtol at 1e-8, and System No. 2 with a stiff
         # spring needs a slack of 24 at 1e-11.
-        precision = max(self.declared.precision, 33.0 * self.rtol**0.8)
+        rtol = self.rtol if self.kinks else max(self.rtol, UNRESOLVED_KINK_RTOL)
+        precision = max(self.declared.precision, 33.0 * rtol**0.8)
         return replace(super().limits(), precision=precision, order=5.0, rest=self.zeno, slack=48.0)
 
     def dense(self, carry: Run) -> ContinuousSolution:
