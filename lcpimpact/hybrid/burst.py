@@ -112,6 +112,7 @@ def follow_burst(
     X: DoubleDouble,
     mode: Mode,
     scale: Array,
+    *,
     solver: str,
     end: float,
     short: float,
@@ -125,7 +126,7 @@ def follow_burst(
     state = settled(system, mode, X, scale)
     # What is zero in these floats is so to their rounding, and not to that of a root.
     size = np.maximum(np.abs(X.hi), GIVEN_ZERO / ZERO * scale)
-    motion = begin(system, state.hi, min(t + 2.0 * short, end), t, solver, max_events, size)
+    motion = begin(system, state.hi, min(t + 2.0 * short, end), t, solver, max_events, scale=size)
     motion.scale = np.maximum(motion.scale, scale)
     status = Status.SOLVED
     while status is Status.SOLVED and (following := _next(motion)) - motion.segments[-1].t0 <= min(short, most):

@@ -674,7 +674,16 @@ class EventDriven(Integrator):
         most = MAX_BURST_FLIGHTS * short if inputs.count else math.inf
         left = max(self.max_events - len(run.events), 1)
         burst = follow_burst(
-            system, t, DoubleDouble.of(grown), first.mode, scale, run.lcp_solver, run.grid.t_end, short, left, most
+            system,
+            t,
+            DoubleDouble.of(grown),
+            first.mode,
+            scale,
+            solver=run.lcp_solver,
+            end=run.grid.t_end,
+            short=short,
+            max_events=left,
+            most=most,
         )
         for each, end in burst.passed:
             run.starts.append(each.t0)

@@ -16,7 +16,6 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.motion import Motion, begin_problem, cuts, follow, read
 from lcpimpact.integrators.base import Declared, Integrator
-from lcpimpact.lcp import SOLVERS
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Grid, Record
@@ -83,7 +82,6 @@ class Exact(Integrator):
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
         """Choose the first mode and write the initial values; impacts at t = 0 come before them."""
-        SOLVERS[lcp_solver]
         run = Run(grid, begin_problem(problem, self.name, grid.t_end, lcp_solver, self.max_events))
         record.events = []
         _sample(run, record, 0, 0)
