@@ -41,24 +41,33 @@ class Meetings:
     last : (nc,) array      the last impact of each row
     longest : float         longest time without an impact so far, in s
     latest : float          the last impact of all
+    short : (nc,) array     how many flights of each row before its last impact were short, one after the other
     """
 
     last: Array
+    short: Indices
     longest: float = 0.0
     latest: float = 0.0
 
     @classmethod
     def none(cls, contacts: int) -> Meetings:
         """Return that no contact has met anything."""
-        return cls(np.full(contacts, -np.inf))
+        return cls(np.full(contacts, -np.inf), np.zeros(contacts, dtype=np.int64))
 
     def note(self, t: float, rows: Indices) -> None:
         """Note an impact of these rows at t."""
         self.longest, self.latest = max(self.longest, t - self.latest), t
         self.last[rows] = t
 
+    def land(self, t: float, rows: Indices, short: float, low: Array) -> None:
+        """Note an impact of these rows at t; a flight is short below one length, or below one of its own for each row."""
+        flight = t - self.last[rows]
+        self.short[rows] = np.where((flight < short) | (flight < low), self.short[rows] + 1, 0)
+        self.note(t, rows)
+
     def take(self, burst: Burst) -> None:
-        """Note the impacts of a burst."""
+        """Note the impacts of a burst: what meets on after it meets for the first time."""
+        self.short[:] = 0
         for event in burst.events:
             if event.impulse > 0.0:
                 self.last[burst.motion.system.names[event.contact]] = self.latest = event.t

@@ -164,7 +164,7 @@ def begin(
     size, breakpoints = np.abs(X) if scale is None else scale, system.form.breakpoints(start, end)
     X = np.where(np.arange(len(X)) == system.form.constant, 1.0, X)
     next_event = (DoubleDouble.of(np.inf), none, DoubleDouble.of(X))
-    motion = Motion(system, end, solver, max_events, breakpoints, size, next_event, never, short)
+    motion = Motion(system, end, solver, max_events, breakpoints, size, next_event, impacts=never, short=short)
     _begin_segment(motion, t, DoubleDouble.of(X), none, GIVEN_ZERO if scale is None else ZERO, v)
     return motion
 

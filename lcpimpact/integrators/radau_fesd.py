@@ -137,10 +137,6 @@ class RadauFESD(Integrator):
         """Return those of its stages."""
         return replace(super().limits(), order=2.0 * self.stages - 1.0)
 
-    def reaction_times(self, grid: Grid) -> Array:
-        """Return the grid."""
-        return grid.times(0, grid.steps)
-
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> ElementChain:
         """Choose the first mode and write the initial values; impacts at t = 0 come before them."""
         system = System(problem.dynamics)
