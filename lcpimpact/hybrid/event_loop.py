@@ -139,7 +139,7 @@ def read_segments(
     system: System,
     kind: Indices,
     owner: Indices,
-    read: Callable[[int, Indices], tuple[Array, Array, Array]],
+    read: Callable[[int, Indices | slice], tuple[Array, Array, Array]],
 ) -> tuple[Array, Array, Array]:
     """Return q (nt, n), v (nt, n) and r (nt, nc) at times in the segments ``owner`` (nt,), those of one kind together.
 
@@ -147,11 +147,11 @@ def read_segments(
     segments are of the same kind as one of them.
     """
     n, nc, count = len(system.dynamics.nodes), len(system.degree), len(owner)
-    found = np.empty((count, n)), np.empty((count, n)), np.empty((count, nc))
+    q, v, r = np.empty((count, n)), np.empty((count, n)), np.empty((count, nc))
     kinds = kind[owner]
-    order = np.argsort(kinds, kind="stable")
-    cuts = np.flatnonzero(np.diff(kinds[order], prepend=-1, append=-1))
-    for mine in (order[first:last] for first, last in pairwise(cuts)):
-        for each, part in zip(found, read(int(owner[mine[0]]), mine), strict=True):
-            each[mine] = part
-    return found
+    order = np.argsort(kinds, kind="stable") if (kinds[1:] < kinds[:-1]).any() else None
+    cuts = np.flatnonzero(np.diff(kinds if order is None else kinds[order], prepend=-1, append=-1)).tolist()
+    for mine in (slice(first, last) for first, last in pairwise(cuts)):
+        here = mine if order is None else order[mine]
+        q[here], v[here], r[here] = read(int(owner[here][0]), here)
+    return q, v, r

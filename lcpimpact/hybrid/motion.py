@@ -133,8 +133,9 @@ class Motion(EventLoop):
         t, row, X = self.next_event
         if not t.hi <= until:
             return Status.SOLVED
-        falls = bool(row.any())
-        return Ending(float(t.hi), float((t - self.segments[-1].start).hi), X.hi, falls - 1, not falls)
+        start, falls = self.segments[-1].start, bool(row.any())
+        since = float((t.hi - start.hi) + (t.lo - start.lo))
+        return Ending(float(t.hi), since, X.hi, falls - 1, not falls)
 
     def enter(self, ending: Ending) -> Status:
         """Begin the next segment, with all digits of the next event."""
@@ -385,7 +386,7 @@ def read(system: System, segments: tuple[Segment, ...], t: Array, side: str) -> 
     kinds: dict[object, int] = {}
     kind = np.array([kinds.setdefault(segment.mode.key, len(kinds)) for segment in segments], dtype=np.int64)
 
-    def read_mode(segment: int, mine: Indices) -> tuple[Array, Array, Array]:
+    def read_mode(segment: int, mine: Indices | slice) -> tuple[Array, Array, Array]:
         """Return q, v and r at times in segments of one mode."""
         mode = segments[segment].mode
         flow, _ = system.mode(mode)

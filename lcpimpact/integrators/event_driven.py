@@ -46,7 +46,7 @@ from scipy import integrate
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status, UnsupportedError
-from lcpimpact.hybrid.burst import SHORT_FLIGHT, Meetings, follow_burst
+from lcpimpact.hybrid.burst import SHORT_FLIGHT, Meetings, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
 from lcpimpact.hybrid.modes import Mode, Still, System, choose_mode, gaps, impact, refuse_mixed_degrees, settled, still
 from lcpimpact.hybrid.transition import arrive, happened
@@ -206,11 +206,11 @@ class EventDriven(Integrator):
             )
         X = system.state(problem.initial_coordinates, problem.initial_velocities)
         record.events = []
+        forced = ForcedSystem(system, inputs, 1e-6 * grid.t_end)
         low = not inputs.count and issubclass(self.solver_class, SINGLE_STEP)
         motion = SolverMotion(
             system, grid.t_end, lcp_solver, self.max_events, form.breakpoints(0.0, grid.t_end), np.abs(X),
-            method=self, events=record.events, stats=record.stats,
-            solution=Solution(ForcedSystem(system, inputs, 1e-6 * grid.t_end)),
+            method=self, events=record.events, stats=record.stats, forced=forced, solution=Solution(forced),
             samples=samples_of(SINGLE_STEP_DEGREE if low else DENSE_DEGREE),
             meetings=Meetings.none(len(d.contacts)), sizes=np.zeros(inputs.count),
         )  # fmt: skip
@@ -243,7 +243,7 @@ class EventDriven(Integrator):
     def dense(self, carry: SolverMotion) -> ContinuousSolution:
         """Return the solution at any times of the run."""
         solution = carry.solution
-        starts, ends = np.array(solution.starts), np.array([piece.end for piece in solution.pieces])
+        starts, ends = np.array([(piece.start, piece.end) for piece in solution.pieces]).reshape(-1, 2).T
         parts = starts[:, None] + (ends - starts)[:, None] * np.arange(WORK_PARTS) / WORK_PARTS
         return ContinuousSolution(solution, np.append(parts.ravel(), ends[-1:]))
 
@@ -260,6 +260,7 @@ class SolverMotion(EventLoop):
     method: EventDriven
     events: list[Event]
     stats: Stats
+    forced: ForcedSystem
     solution: Solution
     samples: Samples
     meetings: Meetings
@@ -269,11 +270,6 @@ class SolverMotion(EventLoop):
     begun: Array = field(init=False)
     steps: Any = None
     first_step: float | None = None
-
-    @property
-    def forced(self) -> ForcedSystem:
-        """The system with its inputs."""
-        return self.solution.forced
 
     @property
     def segment(self) -> Segment:
@@ -308,7 +304,7 @@ class SolverMotion(EventLoop):
         self.scale = np.maximum(self.scale, np.abs(X))
         if self.forced.inputs.count:
             self.sizes = np.maximum(self.sizes, np.abs(segment.forces(segment.t0 + τ, X)))
-        self.solution.add(segment.t0 + steps.t_old, Piece(segment, t, dense))
+        self.solution.pieces.append(Piece(segment, segment.t0 + steps.t_old, t, dense))
         if finished or found:
             self.stats.evaluations += steps.nfev
             self.first_step = float(getattr(steps, "h_abs", 0.0)) or None
@@ -373,7 +369,7 @@ class SolverMotion(EventLoop):
         self.last_segment = new
         if new.t0 >= self.end:
             # What follows an event at the very end is its right limit.
-            self.solution.add(new.t0, Piece(new, new.t0, AtRest(after)))
+            self.solution.pieces.append(Piece(new, new.t0, new.t0, AtRest(after)))
         else:
             self.steps, self.begun = None, after
         return status
@@ -418,19 +414,16 @@ class SolverMotion(EventLoop):
         """Follow impacts that come in quick succession after X, with the forces made linear: what goes on, and its state."""
         t, forces, forced = first.t0, first.forces, self.forced
         system, grown, scale = self._linearized(t, X, forces)
-        burst = follow_burst(
-            system, t, DoubleDouble.of(grown), first.mode, scale, solver=self.solver, end=self.end, short=short,
-            max_events=max(self.max_events - self.switches, 1),
-            most=MAX_BURST_FLIGHTS * short if forced.inputs.count else math.inf,
-        )  # fmt: skip
-        for each, end in burst.passed:
+        most = MAX_BURST_FLIGHTS * short if forced.inputs.count else math.inf
+        status, burst = follow_burst(self, system, t, DoubleDouble.of(grown), first.mode, scale, short, most)
+        for each, end in passed(burst):
             dense = InBurst(system.mode(each.mode)[0], each.state, forced.added)
-            self.solution.add(each.t0, Piece(self._segment(each.t0, each.mode, forces), end, dense))
+            self.solution.pieces.append(Piece(self._segment(each.t0, each.mode, forces), each.t0, end, dense))
         self.events += burst.events
         self.switches += len({event.t for event in burst.events})
         self.meetings.take(burst)
-        self.scale = np.maximum(self.scale, forced.without_inputs(burst.motion.scale))
-        last, status = burst.last, burst.status
+        self.scale = np.maximum(self.scale, forced.without_inputs(burst.scale))
+        last = burst.segments[-1]
         there = forced.without_inputs(last.X)
         if forced.inputs.count and status is Status.SOLVED and last.t0 > t:
             bent = np.abs(

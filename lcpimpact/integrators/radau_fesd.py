@@ -37,7 +37,7 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status
-from lcpimpact.hybrid.burst import Meetings, follow_burst
+from lcpimpact.hybrid.burst import Meetings, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
 from lcpimpact.hybrid.modes import Mode, System, refuse_mixed_degrees
 from lcpimpact.hybrid.transition import coordinates, enter
@@ -281,20 +281,18 @@ class ElementChain(EventLoop):
 
     def _burst(self, t: float, mode: Mode, X: DoubleDouble, short: float) -> tuple[Status, Mode, DoubleDouble]:
         """Follow impacts that come in quick succession after X: the mode that goes on, and its state."""
-        left = max(self.max_events - self.switches, 1)
-        burst = follow_burst(
-            self.system, t, X, mode, self.scale, solver=self.solver, end=self.end, short=short, max_events=left
-        )
-        for segment, _ in burst.passed:
+        status, burst = follow_burst(self, self.system, t, X, mode, self.scale, short)
+        for segment, _ in passed(burst):
             self.starts.append(np.array([segment.t0]))
             self.states.append(segment.X[None, :])
             self.owners.append(self._elements(segment.mode))
         self.events += burst.events
-        self.switches += len(burst.motion.segments) - 1
+        self.switches += burst.switches
         self.meetings.take(burst)
-        self.scale = np.maximum(self.scale, burst.motion.scale)
-        self.t = burst.last.t0
-        return burst.status, burst.last.mode, burst.last.state
+        self.scale = np.maximum(self.scale, burst.scale)
+        last = burst.segments[-1]
+        self.t = last.t0
+        return status, last.mode, last.state
 
     def _land(self, t: float, events: tuple[Event, ...]) -> float:
         """Note the impacts at t, and return what a short flight is where they follow others, else 0."""

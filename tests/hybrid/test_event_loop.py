@@ -89,7 +89,7 @@ def test_the_motion_is_read_on_either_side_of_an_event():
 
     def read(segment, mine):
         asked.append(kind[segment])
-        return tuple(np.full((len(mine), 1), 10.0 * kind[segment]) + t[mine, None] for _ in range(3))
+        return (10.0 * kind[segment] + t[mine, None],) * 3
 
     for side, kinds in (("left", [4, 4, 4, 7, 7]), ("right", [4, 4, 7, 7, 4])):
         asked.clear()

@@ -237,31 +237,26 @@ class InBurst:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """One step of the solver, or what an event left of it up to ``end``: X at t0 + τ."""
+    """One step of the solver from ``start`` on, or what an event left of it up to ``end``: X at t0 + τ."""
 
     segment: Segment
+    start: float
     end: float
     dense: Any
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The pieces of a run and when each starts: the motion at any time."""
+    """The pieces of a run: the motion at any time."""
 
     forced: ForcedSystem
-    starts: list[float] = field(default_factory=list)
     pieces: list[Piece] = field(default_factory=list)
-
-    def add(self, start: float, piece: Piece) -> None:
-        """Add the next piece."""
-        self.starts.append(start)
-        self.pieces.append(piece)
 
     def __call__(self, t: Array, side: str) -> tuple[Array, Array, Array]:
         """Return q, v and r at the sorted times t (nt,); ``side`` tells which limit is meant at an event."""
-        owner = segment_at(np.array(self.starts), t, side)
+        owner = segment_at(np.array([piece.start for piece in self.pieces]), t, side)
 
-        def read_piece(k: int, mine: Indices) -> tuple[Array, Array, Array]:
+        def read_piece(k: int, mine: Indices | slice) -> tuple[Array, Array, Array]:
             """Return q, v and r at times in one piece."""
             piece = self.pieces[k]
             τ = t[mine] - piece.segment.t0

@@ -280,7 +280,7 @@ class Solution:
         owner = segment_at(self.starts, t, side)
         lengths = np.maximum(t - self.starts[owner], 0.0)
 
-        def read_mode(segment: int, mine: Indices) -> tuple[Array, Array, Array]:
+        def read_mode(segment: int, mine: Indices | slice) -> tuple[Array, Array, Array]:
             """Return q, v and r at times in elements of one mode."""
             elements = self.kinds[self.kind[segment]]
             X = elements.at(self.states[owner[mine]], lengths[mine], self.rounding)
