@@ -31,9 +31,9 @@ class Ending(NamedTuple):
     Attributes
     ----------
     t : float                   the instant in s
-    duration : float            time in s since the event before, as exactly as it is known; at least when it is near zero
+    duration : float            length in s of the last piece of the motion that led there; 0: none since the event before
     X : (N,) array              the left limit of the state
-    row : int                   which of the watched rows falls below zero; -1 at a breakpoint of the signals
+    row : int                   which of the watched rows falls below zero, for the method itself; -1 where none does
     breakpoint : bool           whether it is a breakpoint of the signals
     """
 
@@ -130,28 +130,26 @@ def refuse_undetermined(problem: Problem, method: str) -> Iterator[None]:
         ) from None
 
 
-def segment_at(starts: Array, t: Array, side: str) -> Indices:
-    """Return the segment that each time t (nt,) is in; ``side`` tells which of two where they meet."""
-    return np.maximum(np.searchsorted(starts, t, side="right" if side == "right" else "left") - 1, 0)
-
-
 def read_segments(
     system: System,
+    starts: Array,
     kind: Indices,
-    owner: Indices,
-    read: Callable[[int, Indices | slice], tuple[Array, Array, Array]],
+    t: Array,
+    side: str,
+    read: Callable[[Indices, Indices | slice], tuple[Array, Array, Array]],
 ) -> tuple[Array, Array, Array]:
-    """Return q (nt, n), v (nt, n) and r (nt, nc) at times in the segments ``owner`` (nt,), those of one kind together.
+    """Return q (nt, n), v (nt, n) and r (nt, nc) at the sorted times t (nt,), on one side of the events.
 
-    ``kind`` (ns,) is the kind of each segment, and ``read(segment, mine)`` returns q, v and r at the times ``mine``, whose
-    segments are of the same kind as one of them.
+    A segment is of a ``kind`` (ns,), and lasts from its ``starts`` (ns,) to that of the next. ``read(owner, mine)`` returns
+    q, v and r at the times t[mine], which are in the segments ``owner`` of one kind.
     """
-    n, nc, count = len(system.dynamics.nodes), len(system.degree), len(owner)
-    q, v, r = np.empty((count, n)), np.empty((count, n)), np.empty((count, nc))
+    owner = np.maximum(np.searchsorted(starts, t, side="right" if side == "right" else "left") - 1, 0)
+    n, nc = len(system.dynamics.nodes), len(system.degree)
+    q, v, r = np.empty((len(t), n)), np.empty((len(t), n)), np.empty((len(t), nc))
     kinds = kind[owner]
     order = np.argsort(kinds, kind="stable") if (kinds[1:] < kinds[:-1]).any() else None
     cuts = np.flatnonzero(np.diff(kinds if order is None else kinds[order], prepend=-1, append=-1)).tolist()
     for mine in (slice(first, last) for first, last in pairwise(cuts)):
         here = mine if order is None else order[mine]
-        q[here], v[here], r[here] = read(int(owner[here][0]), here)
+        q[here], v[here], r[here] = read(owner[here], here)
     return q, v, r

@@ -20,7 +20,6 @@ from lcpimpact.hybrid.event_loop import (
     Unresolved,
     read_segments,
     refuse_undetermined,
-    segment_at,
 )
 from lcpimpact.hybrid.event_loop import follow as follow
 from lcpimpact.hybrid.modes import (
@@ -135,7 +134,7 @@ class Motion(EventLoop):
             return Status.SOLVED
         start, falls = self.segments[-1].start, bool(row.any())
         since = float((t.hi - start.hi) + (t.lo - start.lo))
-        return Ending(float(t.hi), since, X.hi, falls - 1, not falls)
+        return Ending(float(t.hi), since, X.hi, 0 if falls else -1, not falls)
 
     def enter(self, ending: Ending) -> Status:
         """Begin the next segment, with all digits of the next event."""
@@ -380,16 +379,14 @@ def cuts(motion: Motion) -> tuple[Array, Flags]:
 def read(system: System, segments: tuple[Segment, ...], t: Array, side: str) -> tuple[Array, Array, Array]:
     """Return q, v and r at the times t, which must be sorted; ``side`` tells which limit is meant at an event."""
     starts = np.array([segment.start.parts for segment in segments])
-    owner = segment_at(starts[:, 0], t, side)
-    since = (t - starts[owner, 0]) - starts[owner, 1]
     states = np.array([segment.state.parts for segment in segments])
     kinds: dict[object, int] = {}
     kind = np.array([kinds.setdefault(segment.mode.key, len(kinds)) for segment in segments], dtype=np.int64)
 
-    def read_mode(segment: int, mine: Indices | slice) -> tuple[Array, Array, Array]:
+    def read_mode(owner: Indices, mine: Indices | slice) -> tuple[Array, Array, Array]:
         """Return q, v and r at times in segments of one mode."""
-        mode = segments[segment].mode
+        mode, since = segments[owner[0]].mode, (t[mine] - starts[owner, 0]) - starts[owner, 1]
         flow, _ = system.mode(mode)
-        return parted(system, flow.read(states, since[mine], owner[mine], system.coordinates(mode).entries))
+        return parted(system, flow.read(states, since, owner, system.coordinates(mode).entries))
 
-    return read_segments(system, kind, owner, read_mode)
+    return read_segments(system, starts[:, 0], kind, t, side, read_mode)

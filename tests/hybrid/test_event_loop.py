@@ -10,7 +10,7 @@ import pytest
 
 import lcpimpact as li
 from lcpimpact.errors import Status
-from lcpimpact.hybrid.event_loop import Ending, EventLoop, Unresolved, follow, read_segments, segment_at
+from lcpimpact.hybrid.event_loop import Ending, EventLoop, Unresolved, follow, read_segments
 from lcpimpact.hybrid.modes import System
 
 
@@ -87,13 +87,13 @@ def test_the_motion_is_read_on_either_side_of_an_event():
     system = System(li.load_problem("bouncing-ball").dynamics)
     kind, asked = np.array([4, 7, 4]), []
 
-    def read(segment, mine):
-        asked.append(kind[segment])
-        return (10.0 * kind[segment] + t[mine, None],) * 3
+    def read(owner, mine):
+        asked.append(kind[owner[0]])
+        return (10.0 * kind[owner, None] + t[mine, None],) * 3
 
     for side, kinds in (("left", [4, 4, 4, 7, 7]), ("right", [4, 4, 7, 7, 4])):
         asked.clear()
-        found = read_segments(system, kind, segment_at(starts, t, side), read)
+        found = read_segments(system, starts, kind, t, side, read)
         assert asked == [4, 7]
         for each in found:
             np.testing.assert_array_equal(each[:, 0], 10.0 * np.array(kinds) + t)

@@ -17,7 +17,7 @@ from scipy.optimize import brentq
 
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.double_double import DoubleDouble
-from lcpimpact.hybrid.event_loop import read_segments, segment_at
+from lcpimpact.hybrid.event_loop import read_segments
 from lcpimpact.hybrid.flow import Flow, casteljau, first_fall
 from lcpimpact.integrators.stepping.forced_modes import ZERO_FOR_EVER, ForcedSystem, Segment
 
@@ -254,12 +254,12 @@ class Solution:
 
     def __call__(self, t: Array, side: str) -> tuple[Array, Array, Array]:
         """Return q, v and r at the sorted times t (nt,); ``side`` tells which limit is meant at an event."""
-        owner = segment_at(np.array([piece.start for piece in self.pieces]), t, side)
 
-        def read_piece(k: int, mine: Indices | slice) -> tuple[Array, Array, Array]:
+        def read_piece(owner: Indices, mine: Indices | slice) -> tuple[Array, Array, Array]:
             """Return q, v and r at times in one piece."""
-            piece = self.pieces[k]
+            piece = self.pieces[owner[0]]
             τ = t[mine] - piece.segment.t0
             return self.forced.coordinates(piece.segment, τ, piece.dense(τ).T)
 
-        return read_segments(self.forced.system, np.arange(len(self.pieces)), owner, read_piece)
+        starts = np.array([piece.start for piece in self.pieces])
+        return read_segments(self.forced.system, starts, np.arange(len(starts)), t, side, read_piece)

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.hybrid.event_loop import read_segments, segment_at
+from lcpimpact.hybrid.event_loop import read_segments
 from lcpimpact.hybrid.flow import balance
 from lcpimpact.hybrid.modes import Mode, System
 from lcpimpact.hybrid.transition import coordinates
@@ -277,13 +277,11 @@ class Solution:
 
     def __call__(self, t: Array, side: str) -> tuple[Array, Array, Array]:
         """Return q, v and r at the sorted times t (nt,), on one side of the events."""
-        owner = segment_at(self.starts, t, side)
-        lengths = np.maximum(t - self.starts[owner], 0.0)
 
-        def read_mode(segment: int, mine: Indices | slice) -> tuple[Array, Array, Array]:
+        def read_mode(owner: Indices, mine: Indices | slice) -> tuple[Array, Array, Array]:
             """Return q, v and r at times in elements of one mode."""
-            elements = self.kinds[self.kind[segment]]
-            X = elements.at(self.states[owner[mine]], lengths[mine], self.rounding)
+            elements = self.kinds[self.kind[owner[0]]]
+            X = elements.at(self.states[owner], np.maximum(t[mine] - self.starts[owner], 0.0), self.rounding)
             return coordinates(self.system, elements.mode, X)
 
-        return read_segments(self.system, self.kind, owner, read_mode)
+        return read_segments(self.system, self.starts, self.kind, t, side, read_mode)
