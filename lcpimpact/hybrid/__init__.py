@@ -3,6 +3,7 @@
 - `flow`: the motion within one mode, exp(A t) X, and the first instant at which a function of it falls through zero.
 - `modes`: the system in first-order form, its modes, and the choice of the next one by linear complementarity problems.
 - `complementarity`, `impact_law`: those problems in double-doubles; the law of impact over paths of massless nodes.
+- `event_loop`: from event to event, whatever integrates between them: limits, failures, and the motion on either side.
 - `transition`: impacts, the mode that follows, and the events that this makes.
 - `motion`: the chain of modes from the start to the end, and what it is at any time.
 - `burst`: accumulating impacts at one instant for methods that step; `tangent`: derivatives of the motion.

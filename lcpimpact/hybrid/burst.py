@@ -17,10 +17,10 @@ import numpy as np
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import Status
+from lcpimpact.hybrid.event_loop import EventLoop, follow
 from lcpimpact.hybrid.modes import ZERO, Mode, System, settled
-from lcpimpact.hybrid.motion import Motion, Segment, begin, follow
+from lcpimpact.hybrid.motion import Motion, Segment, begin
 from lcpimpact.problems.base import GIVEN_ZERO
-from lcpimpact.record import Event
 
 SHORT_FLIGHT = 1e-6
 """Flights shorter than this part of the longest one of the run are short."""
@@ -41,27 +41,36 @@ class Meetings:
     last : (nc,) array      the last impact of each row
     longest : float         longest time without an impact so far, in s
     latest : float          the last impact of all
+    short : (nc,) array     how many flights of each row before its last impact were short, one after the other
     """
 
     last: Array
+    short: Indices
     longest: float = 0.0
     latest: float = 0.0
 
     @classmethod
     def none(cls, contacts: int) -> Meetings:
         """Return that no contact has met anything."""
-        return cls(np.full(contacts, -np.inf))
+        return cls(np.full(contacts, -np.inf), np.zeros(contacts, dtype=np.int64))
 
     def note(self, t: float, rows: Indices) -> None:
         """Note an impact of these rows at t."""
         self.longest, self.latest = max(self.longest, t - self.latest), t
         self.last[rows] = t
 
-    def take(self, burst: Burst) -> None:
-        """Note the impacts of a burst."""
+    def land(self, t: float, rows: Indices, short: float, low: Array) -> None:
+        """Note an impact of these rows at t; a flight is short below one length, or below one of its own for each row."""
+        flight = t - self.last[rows]
+        self.short[rows] = np.where((flight < short) | (flight < low), self.short[rows] + 1, 0)
+        self.note(t, rows)
+
+    def take(self, burst: Motion) -> None:
+        """Note the impacts of a burst: what meets on after it meets for the first time."""
+        self.short[:] = 0
         for event in burst.events:
             if event.impulse > 0.0:
-                self.last[burst.motion.system.names[event.contact]] = self.latest = event.t
+                self.last[burst.system.names[event.contact]] = self.latest = event.t
 
     def quick(self, system: System, t: float, rows: Indices, rates: Array, scale: Array, least: float = 0.0) -> float:
         """Return what a short flight is, where these rows, which meet at t at ``rates`` (nc,), follow others; else 0.
@@ -77,65 +86,40 @@ class Meetings:
         return short if (t - self.last[others] < short).any() else 0.0
 
 
-@dataclass(frozen=True, eq=False)
-class Burst:
-    """What was followed in double-doubles: the segments before the last, which goes on in floats.
-
-    Attributes
-    ----------
-    status : Status
-    motion : Motion
-    """
-
-    status: Status
-    motion: Motion
-
-    @property
-    def last(self) -> Segment:
-        """The segment in which flights are long again."""
-        return self.motion.segments[-1]
-
-    @property
-    def passed(self) -> list[tuple[Segment, float]]:
-        """Those before it, with their ends, that last longer than the rounding of time."""
-        return [(each, after.t0) for each, after in pairwise(self.motion.segments) if after.t0 > each.t0]
-
-    @property
-    def events(self) -> list[Event]:
-        """What has happened after its start."""
-        return self.motion.events
-
-
 def follow_burst(
+    run: EventLoop,
     system: System,
     t: float,
     X: DoubleDouble,
     mode: Mode,
     scale: Array,
-    solver: str,
-    end: float,
     short: float,
-    max_events: int,
     most: float = np.inf,
-) -> Burst:
+) -> tuple[Status, Motion]:
     """Follow impacts from the state X (N,) after those at t in a mode, until a flight is longer than ``short``.
 
-    They are followed to the ``end`` of the run, or for ``most`` seconds.
+    They are followed to the end of the run, or for ``most`` seconds. The last segment of the motion goes on in floats.
     """
     state = settled(system, mode, X, scale)
     # What is zero in these floats is so to their rounding, and not to that of a root.
     size = np.maximum(np.abs(X.hi), GIVEN_ZERO / ZERO * scale)
-    motion = begin(system, state.hi, min(t + 2.0 * short, end), t, solver, max_events, size)
+    end, left = min(t + 2.0 * short, run.end), max(run.max_events - run.switches, 1)
+    motion = begin(system, state.hi, end, t, run.solver, left, scale=size)
     motion.scale = np.maximum(motion.scale, scale)
     status = Status.SOLVED
     while status is Status.SOLVED and (following := _next(motion)) - motion.segments[-1].t0 <= min(short, most):
         if following - t > most:
             break
         # The next flight is looked at for as long as it may be short.
-        motion.end = min(following + 2.0 * short, end)
+        motion.end = min(following + 2.0 * short, run.end)
         motion.breakpoints = system.form.breakpoints(t, motion.end)
         status = follow(motion, following)
-    return Burst(status, motion)
+    return status, motion
+
+
+def passed(motion: Motion) -> list[tuple[Segment, float]]:
+    """Return the segments before the last, with their ends, that last longer than the rounding of time."""
+    return [(each, after.t0) for each, after in pairwise(motion.segments) if after.t0 > each.t0]
 
 
 def _next(motion: Motion) -> float:

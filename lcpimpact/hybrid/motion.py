@@ -7,12 +7,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
-from lcpimpact.errors import FailureError, Status, UnsupportedError
+from lcpimpact.errors import Status
+from lcpimpact.hybrid.event_loop import (
+    Ending,
+    EventLoop,
+    Unresolved,
+    read_segments,
+    refuse_undetermined,
+)
+from lcpimpact.hybrid.event_loop import follow as follow
 from lcpimpact.hybrid.modes import (
     FINE_ZERO,
     ZERO,
@@ -22,8 +31,6 @@ from lcpimpact.hybrid.modes import (
     gaps,
     impact,
     refuse_mixed_degrees,
-    scale_after,
-    settled,
     still,
 )
 from lcpimpact.hybrid.state_jump import enter_constraint
@@ -31,9 +38,6 @@ from lcpimpact.hybrid.transition import enter, parted, state_of
 from lcpimpact.problems.base import GIVEN_ZERO, Problem
 from lcpimpact.record import Event
 from lcpimpact.scheme.dynamics import Dynamics
-
-MAX_EVENTS_AT_ONCE = 1_000
-"""Maximum number of events at one instant; more end the run with MAX_EVENTS."""
 
 END_RTOL = 4.0 * float(np.finfo(float).eps)
 """An event this little after the end, relative to it, is one at the end, which is a float."""
@@ -57,10 +61,6 @@ RECENT_FLIGHTS, MIN_FLIGHTS, SHORT_FLIGHT, SLOW_IMPACT = 64, 3, 2.0**-52, 1e-12
 """Impacts accumulate after MIN_FLIGHTS consecutive flights, each shorter than SHORT_FLIGHT times the time passed, with
 approach rates below SLOW_IMPACT times the largest velocities. Contacts that met within RECENT_FLIGHTS such flights
 accumulate together."""
-
-
-class Unresolved(Exception):
-    """Impacts of several bodies follow each other within an instant and come to no end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,41 +101,47 @@ class Segment:
 
 
 @dataclass(eq=False)
-class Motion:
+class Motion(EventLoop):
     """What travels along the motion: the segments found so far, and the next event (inf: none before the end).
 
     Attributes
     ----------
-    system : System
-    end : float                             the instant to which events are looked for, in s
-    solver : str                            name of an LCP solver
-    max_events : int
     next_event : (DoubleDouble, array, DoubleDouble)
         When it is, the row that falls through zero, and X there; at a breakpoint of the signals no row does.
-    breakpoints : (nb,) array               those of the signals, from the start to the end
-    scale : (N,) array                      largest |X| so far, to which rounding is relative
     impacts : list of DoubleDouble          the last impact of each row
     short : (nc,) array                     how many flights of each row were short, one after the other
     collapsed : int                         the last segment that a collapse began
     segments : list of Segment
     """
 
-    system: System
-    end: float
-    solver: str
-    max_events: int
     next_event: tuple[DoubleDouble, Array, DoubleDouble]
-    breakpoints: Array
-    scale: Array
     impacts: list[DoubleDouble]
     short: Indices
     collapsed: int = 0
     segments: list[Segment] = field(default_factory=list)
 
+    max_at_once: ClassVar[int] = 1_000
+
     @property
     def events(self) -> list[Event]:
         """What has happened so far."""
         return [event for segment in self.segments for event in segment.events]
+
+    def integrate(self, until: float) -> Ending | Status:
+        """Return the next event; it is known since the segment began."""
+        t, row, X = self.next_event
+        if not t.hi <= until:
+            return Status.SOLVED
+        start, falls = self.segments[-1].start, bool(row.any())
+        since = float((t.hi - start.hi) + (t.lo - start.lo))
+        return Ending(float(t.hi), since, X.hi, 0 if falls else -1, not falls)
+
+    def enter(self, ending: Ending) -> Status:
+        """Begin the next segment, with all digits of the next event."""
+        t, row, X = self.next_event
+        # At a breakpoint the signals are floats anew, and so is what they decide.
+        _begin_segment(self, t, X, row, GIVEN_ZERO if ending.breakpoint else FINE_ZERO)
+        return Status.SOLVED
 
 
 def begin(
@@ -158,8 +164,8 @@ def begin(
     size, breakpoints = np.abs(X) if scale is None else scale, system.form.breakpoints(start, end)
     X = np.where(np.arange(len(X)) == system.form.constant, 1.0, X)
     next_event = (DoubleDouble.of(np.inf), none, DoubleDouble.of(X))
-    motion = Motion(system, end, solver, max_events, next_event, breakpoints, size, never, short)
-    _enter(motion, t, DoubleDouble.of(X), none, GIVEN_ZERO if scale is None else ZERO, v)
+    motion = Motion(system, end, solver, max_events, breakpoints, size, next_event, impacts=never, short=short)
+    _begin_segment(motion, t, DoubleDouble.of(X), none, GIVEN_ZERO if scale is None else ZERO, v)
     return motion
 
 
@@ -182,34 +188,8 @@ def begin_problem(
     system = System(dynamics or problem.dynamics)
     refuse_mixed_degrees(system, method, except_schemes=True)
     q, v = problem.initial_coordinates, problem.initial_velocities
-    try:
+    with refuse_undetermined(problem, method):
         return begin(system, system.state(q, v), end, 0.0, solver, max_events, v=v)
-    except np.linalg.LinAlgError:
-        raise UnsupportedError(
-            f"some contacts or sliders of {problem.name!r} hold together at the start in a way that leaves their shares "
-            f"undetermined, which {method!r} does not handle: take method='moreau-jean'"
-        ) from None
-
-
-def follow(motion: Motion, until: float) -> Status:
-    """Find the segments that begin up to ``until``; a status other than SOLVED says why they end before."""
-    while motion.next_event[0].hi <= until:
-        segments, (t, c, X) = motion.segments, motion.next_event
-        stalled = len(segments) > MAX_EVENTS_AT_ONCE and np.array_equal(
-            segments[-MAX_EVENTS_AT_ONCE].start.parts, t.parts
-        )
-        passed = int(motion.breakpoints.searchsorted(t.hi))
-        if len(segments) - passed > motion.max_events or stalled:
-            return Status.MAX_EVENTS
-        try:
-            _enter(motion, t, X, c, FINE_ZERO)
-        except Unresolved:
-            return Status.ACCUMULATION
-        except FailureError as failure:
-            return Status(failure.result.status)
-        except np.linalg.LinAlgError:
-            return Status.SINGULAR
-    return Status.SOLVED
 
 
 def state_before(motion: Motion, t: float) -> Array:
@@ -219,55 +199,56 @@ def state_before(motion: Motion, t: float) -> Array:
     return flow.move(segment.state, float(segment.since(np.asarray(t)))).hi
 
 
-def _enter(motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero: float, v: Array | None = None) -> None:
+def _begin_segment(
+    motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero: float, v: Array | None = None
+) -> None:
     """Begin a segment at t: impacts, the mode, the events that this makes, and the next switch."""
-    system, now = motion.system, float(t.hi)
-    before = motion.segments[-1].mode if motion.segments else None
-    motion.scale, left = np.maximum(motion.scale, np.abs(X.hi)), None
-    if before is not None and not ended.any():
-        # At a breakpoint the signals are floats anew, and so is what they decide.
-        left, zero = settled(system, before, X, motion.scale), GIVEN_ZERO
-        X = system.form.right_of(now, left, motion.scale)
-    resolved = _resolved(motion, t, X) if left is None else None
+    system = motion.system
+    motion.scale, held = np.maximum(motion.scale, np.abs(X.hi)), None
+    breakpoint = bool(motion.segments) and not ended.any()
+    resolved = None if breakpoint else _resolved(motion, t, X)
     if resolved is not None:
         first, known = resolved
+        motion.switches -= len(motion.segments)
         del motion.segments[first + 1 :]
         t, X, held = _collapse(motion, t, REST_RTOL if known else SLOW_IMPACT)
-        before, now = motion.segments[-1].mode, float(t.hi)
-        motion.collapsed = len(motion.segments)
-        mode, after, events = enter(system, now, before, X, motion.scale, motion.solver, zero=FINE_ZERO, held=held)
-    else:
-        mode, after, events = enter(system, now, before, X, motion.scale, motion.solver, zero=zero, left=left, v=v)
-        together = _accumulated(motion, t, events) if left is None else None
-        if together is not None:
-            mode, after, events = enter(
-                system, now, before, X, motion.scale, motion.solver, zero=zero, together=together
-            )
-    motion.segments.append(Segment(t, (X if left is None else left).hi, after, mode, ended, tuple(events)))
-    scale = scale_after(system, motion.scale, _impulses(system, events)) if events else motion.scale
-    motion.scale = np.maximum(scale, system.reach @ scale)
+        motion.collapsed, zero = len(motion.segments), FINE_ZERO
+        motion.switches += len(motion.segments)
+    before = motion.segments[-1].mode if motion.segments else None
+    at = system, float(t.hi), before, X, motion.scale, motion.solver
+    found = enter(*at, zero=zero, held=held, breakpoint=breakpoint, v=v)
+    together = _accumulated(motion, t, found.events) if resolved is None and not breakpoint else None
+    if together is not None:
+        found = enter(*at, zero=zero, together=together, v=v)
+    motion.segments.append(Segment(t, found.left.hi, found.state, found.mode, ended, found.events))
+    motion.scale = np.maximum(found.scale, system.reach @ found.scale)
+    _find_end(motion)
 
-    flow, _ = system.reaction(mode)
-    watch = system.watch(mode)
-    later = int(motion.breakpoints.searchsorted(now, side="right"))
-    stop = float(motion.breakpoints[later]) if later < len(motion.breakpoints) else np.inf
-    end = motion.end * (1.0 + END_RTOL)
-    horizon = min(stop, end) - now
-    crossing = flow.first_crossing(after, motion.scale, watch.rows, watch.order, horizon, watch.entries)
+
+def _find_end(motion: Motion) -> None:
+    """Find the end of the last segment: an event, a breakpoint of the signals, or none before the end of the run."""
+    segment, system = motion.segments[-1], motion.system
+    flow, _ = system.reaction(segment.mode)
+    watch = system.watch(segment.mode)
+    stop, end = motion.next_breakpoint(segment.t0), motion.end * (1.0 + END_RTOL)
+    horizon = min(stop, end) - segment.t0
+    crossing = flow.first_crossing(segment.state, motion.scale, watch.rows, watch.order, horizon, watch.entries)
     motion.scale = crossing.scale
-    found = t + crossing.t
+    found = segment.start + crossing.t
     if crossing.row >= 0 and found.hi <= end and found.hi < stop:
         when = found if found.hi <= motion.end else DoubleDouble.of(motion.end)
         motion.next_event = (when, watch.rows.hi[crossing.row], crossing.state)
-    elif stop <= motion.end:
-        length = DoubleDouble.of(stop) - t
-        there = flow.move(after, float(length.hi), float(length.lo))
-        motion.next_event = (DoubleDouble.of(stop), np.zeros(len(X)), there)
+        return
+    never = np.zeros(len(segment.state))
+    if stop <= motion.end:
+        length = DoubleDouble.of(stop) - segment.start
+        there = flow.move(segment.state, float(length.hi), float(length.lo))
+        motion.next_event = (DoubleDouble.of(stop), never, there)
     else:
-        motion.next_event = (DoubleDouble.of(np.inf), np.zeros(len(X)), crossing.state)
+        motion.next_event = (DoubleDouble.of(np.inf), never, crossing.state)
 
 
-def _accumulated(motion: Motion, t: DoubleDouble, events: list[Event]) -> Flags | None:
+def _accumulated(motion: Motion, t: DoubleDouble, events: tuple[Event, ...]) -> Flags | None:
     """Note the impacts at t, and return the rows whose impacts have accumulated (nc,), if any: they meet without end."""
     system, shortest = motion.system, SHORT_FLIGHT * abs(float(t.hi))
     hit = [event for event in events if event.impulse > 0.0]
@@ -296,14 +277,6 @@ def _accumulated(motion: Motion, t: DoubleDouble, events: list[Event]) -> Flags 
     together = (motion.short > 0) & (since < RECENT_FLIGHTS * shortest) & (np.abs(after) <= slow)
     motion.short[together] = 0
     return np.asarray(together)
-
-
-def _impulses(system: System, events: list[Event]) -> Array:
-    """Return P (nc,) of the events at one instant."""
-    P = np.zeros(len(system.degree))
-    for event in events:
-        P[system.names[event.contact]] += event.impulse
-    return P
 
 
 def _opening(motion: Motion, mode: Mode, X: DoubleDouble) -> tuple[Array, Array]:
@@ -406,16 +379,14 @@ def cuts(motion: Motion) -> tuple[Array, Flags]:
 def read(system: System, segments: tuple[Segment, ...], t: Array, side: str) -> tuple[Array, Array, Array]:
     """Return q, v and r at the times t, which must be sorted; ``side`` tells which limit is meant at an event."""
     starts = np.array([segment.start.parts for segment in segments])
-    owner = np.maximum(np.searchsorted(starts[:, 0], t, side="right" if side == "right" else "left") - 1, 0)
-    since = (t - starts[owner, 0]) - starts[owner, 1]
     states = np.array([segment.state.parts for segment in segments])
     kinds: dict[object, int] = {}
     kind = np.array([kinds.setdefault(segment.mode.key, len(kinds)) for segment in segments], dtype=np.int64)
-    n, nc = len(system.dynamics.nodes), len(system.degree)
-    q, v, r = np.empty((len(t), n)), np.empty((len(t), n)), np.empty((len(t), nc))
-    for each in np.unique(kind[owner]):
-        mine, mode = np.flatnonzero(kind[owner] == each), segments[int(np.argmax(kind == each))].mode
+
+    def read_mode(owner: Indices, mine: Indices | slice) -> tuple[Array, Array, Array]:
+        """Return q, v and r at times in segments of one mode."""
+        mode, since = segments[owner[0]].mode, (t[mine] - starts[owner, 0]) - starts[owner, 1]
         flow, _ = system.mode(mode)
-        found = flow.read(states, since[mine], owner[mine], system.coordinates(mode).entries)
-        q[mine], v[mine], r[mine] = parted(system, found)
-    return q, v, r
+        return parted(system, flow.read(states, since, owner, system.coordinates(mode).entries))
+
+    return read_segments(system, starts[:, 0], kind, t, side, read_mode)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +33,38 @@ def state_of(system: System, mode: Mode, X: ArrayLike | DoubleDouble) -> State:
     return State(*parted(system, on_rows(system.coordinates(mode).entries, parts)))
 
 
+class Transition(NamedTuple):
+    """How one mode goes over to the next.
+
+    Attributes
+    ----------
+    mode : Mode                     the mode in which the motion goes on
+    state : DoubleDouble            the state after the impacts (N,)
+    left : DoubleDouble             the state before them (N,): at a breakpoint of the signals their left limits
+    events : tuple of Event         what happened
+    scale : (N,) array              the scale of the motion, with what the impulses have done
+    """
+
+    mode: Mode
+    state: DoubleDouble
+    left: DoubleDouble
+    events: tuple[Event, ...]
+    scale: Array
+
+
+def arrive(
+    system: System, t: float, before: Mode | None, X: DoubleDouble, scale: Array, held: Still, breakpoint: bool
+) -> tuple[DoubleDouble, DoubleDouble | None, Still]:
+    """Return the state at t with what the mode before holds at zero, its left limit at a breakpoint, and what is held.
+
+    At a ``breakpoint`` the signals in X are left limits, and go over to the right ones; a prescribed velocity may jump.
+    """
+    state = settled(system, before, X, scale, held)
+    if not breakpoint:
+        return state, None, held
+    return system.form.right_of(t, state, scale), state, replace(held, U=np.zeros_like(held.U))
+
+
 def enter(
     system: System,
     t: float,
@@ -39,37 +72,37 @@ def enter(
     X: ArrayLike | DoubleDouble,
     scale: Array,
     solver: str,
+    *,
     zero: float = ZERO,
     together: Flags | None = None,
     held: Still | None = None,
-    left: DoubleDouble | None = None,
+    breakpoint: bool = False,
     v: Array | None = None,
-) -> tuple[Mode, DoubleDouble, list[Event]]:
-    """Return the mode in which the motion goes on from X, the state after the impacts at t, and what happened.
+) -> Transition:
+    """Return the transition at t from the mode before, in which X is reached, to the next one.
 
     Without a mode before, at the start of a run, the right limit stands for both. What the mode before holds closed stays so
     unless an impulse, its own force or a jump of a prescribed velocity ends it. The rows ``together`` (nc,) touch, and meet
     without restitution: where impacts have accumulated; ``held`` is what is at zero where the mode before does not tell.
-    ``left`` is the state before, where signals in X have jumped, and v (n,) are the velocities before the start of a run,
-    with those of massless nodes, which are no part of X.
+    v (n,) are the velocities before the start of a run, with those of massless nodes, which are no part of X.
     """
-    held, restitution = held or still(system, before), system.restitution
+    held, restitution, given = held or still(system, before), system.restitution, DoubleDouble.of(X)
     if together is not None:
         held = replace(held, u=held.u | (together & (system.degree > 0)), closed=held.closed | together)
         restitution = np.where(together, 0.0, restitution)
-    if left is not None:
-        held, state = replace(held, U=np.zeros_like(held.U)), DoubleDouble.of(X)
-    else:
-        state = settled(system, before, DoubleDouble.of(X), scale, held)
+    state, left, held = arrive(system, t, before, given, scale, held, breakpoint)
+    last = state if left is None else left
     U: Array | DoubleDouble | None = None if v is None else system.dynamics.gap_rate(v)
     if before is not None and system.mixed:
-        U = system.rates(before) @ (state if left is None else left)
+        U = system.rates(before) @ last
     after, P, held = impact(system, state, scale, solver, restitution, held, zero, left=left, rates=U)
-    mode, after = choose_mode(system, after, scale_after(system, scale, P), solver, held, zero)
-    was, now = state_of(system, before or mode, state if left is None else left), state_of(system, mode, after)
+    scale = scale_after(system, scale, P)
+    mode, after = choose_mode(system, after, scale, solver, held, zero)
+    was, now = state_of(system, before or mode, last), state_of(system, mode, after)
     if v is not None:
         was = replace(was, v=v)
-    return mode, after, happened(system, t, before or mode, mode, P, was, now)
+    events = happened(system, t, before or mode, mode, P, was, now)
+    return Transition(mode, after, given if left is None else left, tuple(events), scale)
 
 
 def happened(system: System, t: float, before: Mode, after: Mode, P: Array, left: State, right: State) -> list[Event]:

@@ -12,23 +12,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from lcpimpact.arrays import Array
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.motion import Motion, begin_problem, cuts, follow, read
 from lcpimpact.integrators.base import Declared, Integrator
-from lcpimpact.lcp import SOLVERS
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Grid, Record
 from lcpimpact.scheme.dynamics import Feature
-
-
-@dataclass(frozen=True, eq=False)
-class Run:
-    """What travels from block to block."""
-
-    grid: Grid
-    motion: Motion
 
 
 @dataclass(frozen=True)
@@ -77,41 +67,33 @@ class Exact(Integrator):
         """Return the motion up to an instant."""
         return begin_problem(problem, "exact", end, max_events=self.max_events)
 
-    def reaction_times(self, grid: Grid) -> Array:
-        """Return the grid."""
-        return grid.times(0, grid.steps)
-
-    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Motion:
         """Choose the first mode and write the initial values; impacts at t = 0 come before them."""
-        SOLVERS[lcp_solver]
-        run = Run(grid, begin_problem(problem, self.name, grid.t_end, lcp_solver, self.max_events))
+        motion = begin_problem(problem, self.name, grid.t_end, lcp_solver, self.max_events)
         record.events = []
-        _sample(run, record, 0, 0)
-        return run
+        _sample(motion, record, 0, 0)
+        return motion
 
-    def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
+    def advance(self, carry: Motion, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Follow the events to t_last and sample the block on the grid."""
-        grid, motion = carry.grid, carry.motion
-        status = follow(motion, float(grid.times(last, last)[0]))
+        status = follow(carry, float(record.t[last]))
         if status is not Status.SOLVED:
-            last = first + int(np.searchsorted(grid.times(first, last), motion.next_event[0].hi)) - 1
+            last = first + int(np.searchsorted(record.t[first : last + 1], carry.next_event[0].hi)) - 1
         _sample(carry, record, first + 1, last)
         return status, last
 
-    def finish(self, carry: Run, record: Record) -> None:
+    def finish(self, carry: Motion, record: Record) -> None:
         """Hand over the events."""
-        record.events = carry.motion.events
+        record.events = carry.events
 
-    def dense(self, carry: Run) -> ContinuousSolution:
+    def dense(self, carry: Motion) -> ContinuousSolution:
         """Return the solution at any times of the run."""
-        system, segments = carry.motion.system, tuple(carry.motion.segments)
-        return ContinuousSolution(partial(read, system, segments), *cuts(carry.motion))
+        return ContinuousSolution(partial(read, carry.system, tuple(carry.segments)), *cuts(carry))
 
 
-def _sample(run: Run, record: Record, first: int, last: int) -> None:
+def _sample(motion: Motion, record: Record, first: int, last: int) -> None:
     """Write the grid points first ... last to the record."""
     here = slice(first, last + 1)
-    motion = run.motion
     record.q[here], record.v[here], record.reaction[here] = read(
         motion.system, tuple(motion.segments), record.t[here], "right"
     )

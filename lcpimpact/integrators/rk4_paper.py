@@ -162,10 +162,6 @@ class RK4Paper(Integrator):
         if self.contact not in RULES:
             raise InputError(nearest(str(self.contact), list(RULES), "contact rule"))
 
-    def reaction_times(self, grid: Grid) -> Array:
-        """Return the grid."""
-        return grid.times(0, grid.steps)
-
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
         """Write the initial values, Eqs (3d), (5e), (7e)."""
         if problem.name not in COORDINATES:

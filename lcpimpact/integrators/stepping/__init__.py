@@ -4,4 +4,6 @@
 - `linear_step`: methods whose step is a linear system of equations, written with symbols.
 - `law`, `newton`: the contact problem of a step, and Newton's method where springs are not linear.
 - `runge_kutta`, `tableau`: explicit Runge-Kutta methods; `radau_iia`: the collocation method of Radau IIA.
+- `finite_elements`: elements of Radau IIA in one contact mode, and the proof that no event falls into them.
+- `forced_modes`, `dense_output`: contact modes under forces of any kind, and events on the dense output of SciPy's solvers.
 """

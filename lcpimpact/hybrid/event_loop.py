@@ -1,0 +1,155 @@
+"""The event loop: a motion is integrated up to the event that ends its mode, enters the next mode there, and goes on.
+
+What `exact`, `event-driven` and `radau-fesd` share: limits of the number of events, failures as statuses, and the reading
+of the motion on either side of an event. How the motion between two events is found, and its end, is each method's own.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.errors import FailureError, Status, UnsupportedError
+from lcpimpact.hybrid.modes import System
+from lcpimpact.problems.base import Problem
+
+
+class Unresolved(Exception):
+    """Impacts of several bodies follow each other within an instant and come to no end."""
+
+
+class Ending(NamedTuple):
+    """The instant at which a mode ends, or at which signals in the state jump or bend.
+
+    Attributes
+    ----------
+    t : float                   the instant in s
+    duration : float            length in s of the last piece of the motion that led there; 0: none since the event before
+    X : (N,) array              the left limit of the state
+    row : int                   which of the watched rows falls below zero, for the method itself; -1 where none does
+    breakpoint : bool           whether it is a breakpoint of the signals
+    """
+
+    t: float
+    duration: float
+    X: Array
+    row: int = -1
+    breakpoint: bool = False
+
+
+@dataclass(eq=False)
+class EventLoop(ABC):
+    """A hybrid motion up to where it has been followed.
+
+    Attributes
+    ----------
+    system : System
+    end : float                     end of the run in s
+    solver : str                    name of an LCP solver
+    max_events : int                limit of events
+    breakpoints : (nb,) array       those of the signals, from the start to the end
+    scale : (N,) array              largest |X| so far, to which rounding is relative
+    switches : int                  events so far
+    at_once : int                   how many of the last events are at one instant
+    """
+
+    system: System
+    end: float
+    solver: str
+    max_events: int
+    breakpoints: Array
+    scale: Array
+    switches: int = field(default=0, init=False)
+    at_once: int = field(default=1, init=False)
+
+    max_at_once: ClassVar[int] = 100
+    """Number of events at one instant that ends the run with MAX_EVENTS."""
+    instant_rtol: ClassVar[float] = 0.0
+    """Events nearer than this, relative to the time, are at one instant."""
+
+    @abstractmethod
+    def integrate(self, until: float) -> Ending | Status:
+        """Follow the mode to its end, or to ``until``: then the status is SOLVED."""
+
+    @abstractmethod
+    def enter(self, ending: Ending) -> Status:
+        """Begin the next mode, after the impacts and with the events that lead to it."""
+
+    def next_breakpoint(self, t: float) -> float:
+        """Return the first breakpoint of the signals after t, or inf."""
+        later = int(self.breakpoints.searchsorted(t, side="right"))
+        return float(self.breakpoints[later]) if later < len(self.breakpoints) else np.inf
+
+    def count_event(self, ending: Ending) -> bool:
+        """Count an event, and return whether the run may go on."""
+        self.switches += 1
+        self.at_once = self.at_once + 1 if ending.duration <= self.instant_rtol * ending.t else 1
+        return self.switches <= self.max_events and self.at_once < self.max_at_once
+
+
+def follow(motion: EventLoop, until: float) -> Status:
+    """Follow a motion from event to event up to ``until``; a status other than SOLVED says why it ends before."""
+    while not isinstance(ending := motion.integrate(until), Status):
+        if ending.row >= 0 and not motion.count_event(ending):
+            return Status.MAX_EVENTS
+        try:
+            status = motion.enter(ending)
+        except Unresolved:
+            return Status.ACCUMULATION
+        except FailureError as failure:
+            return Status(failure.result.status)
+        except np.linalg.LinAlgError:
+            return Status.SINGULAR
+        if status is not Status.SOLVED:
+            return status
+    return ending
+
+
+@contextmanager
+def refuse_undetermined(problem: Problem, method: str) -> Iterator[None]:
+    """Refuse a problem that begins in a way that leaves contact forces undetermined.
+
+    Raises
+    ------
+    UnsupportedError
+        Where the first mode cannot be chosen.
+    """
+    try:
+        yield
+    except np.linalg.LinAlgError:
+        raise UnsupportedError(
+            f"some contacts or sliders of {problem.name!r} hold together at the start in a way that leaves their shares "
+            f"undetermined, which {method!r} does not handle: take method='moreau-jean'"
+        ) from None
+
+
+def read_segments(
+    system: System,
+    starts: Array,
+    kind: Indices,
+    t: Array,
+    side: str,
+    read: Callable[[Indices, Indices | slice], tuple[Array, Array, Array]],
+) -> tuple[Array, Array, Array]:
+    """Return q (nt, n), v (nt, n) and r (nt, nc) at the sorted times t (nt,), on one side of the events.
+
+    A segment is of a ``kind`` (ns,), and lasts from its ``starts`` (ns,) to that of the next. ``read(owner, mine)`` returns
+    q, v and r at the times t[mine], which are in the segments ``owner`` of one kind.
+    """
+    owner = np.maximum(np.searchsorted(starts, t, side="right" if side == "right" else "left") - 1, 0)
+    n, nc = len(system.dynamics.nodes), len(system.degree)
+    q, v, r = np.empty((len(t), n)), np.empty((len(t), n)), np.empty((len(t), nc))
+    kinds = kind[owner]
+    order = np.argsort(kinds, kind="stable") if (kinds[1:] < kinds[:-1]).any() else None
+    cuts = np.flatnonzero(np.diff(kinds if order is None else kinds[order], prepend=-1, append=-1)).tolist()
+    for mine in (slice(first, last) for first, last in pairwise(cuts)):
+        here = mine if order is None else order[mine]
+        q[here], v[here], r[here] = read(owner[here], here)
+    return q, v, r

@@ -1,0 +1,265 @@
+"""The dense output of a solver: the first event within a step, found on it, and the motion at any time.
+
+The dense output is a polynomial. It is sampled at Chebyshev points and written in Bernstein's basis, whose coefficients
+bound it; the root is then found on the dense output itself.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.double_double import DoubleDouble
+from lcpimpact.hybrid.event_loop import read_segments
+from lcpimpact.hybrid.flow import Flow, casteljau, first_fall
+from lcpimpact.integrators.stepping.forced_modes import ZERO_FOR_EVER, ForcedSystem, Segment
+
+EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
+
+DENSE_DEGREE, SINGLE_STEP_DEGREE = 12, 7
+"""Degree of the polynomial through the samples of a step: no dense output of SciPy has a higher one than the first, none of
+its single-step methods than the second; and what is lower is less sensitive to rounding."""
+
+ROOT_RTOL, INTERPOLATION_RTOL, NEWTON_STEPS = 4.0 * EPS, 1e-9, 6
+"""Tolerance of a root; distance of the polynomial through the samples from the dense output; and Newton steps that find a
+simple root."""
+
+LOOK_BACK = 0.1
+"""Part of the last step over which a row must fall."""
+
+MAX_ORDER = 7
+"""Highest order of the zero with which a row begins; higher ones count as this less one."""
+
+
+class Samples(NamedTuple):
+    """How polynomials on [0, 1] are found from samples.
+
+    Attributes
+    ----------
+    points : (p + 1,) array             Chebyshev points
+    fit : (p + 1, p + 1) array          what makes Bernstein coefficients of degree p of values there
+    divided : list of arrays            by these the coefficients of sᵐ p(s), without the first m, become those of p
+    noise : float                       rounding of the coefficients, relative to the terms of a sample
+    """
+
+    points: Array
+    fit: Array
+    divided: list[Array]
+    noise: float
+
+
+@cache
+def samples_of(p: int) -> Samples:
+    """Return the samples for the degree p."""
+    s = 0.5 - 0.5 * np.cos(np.pi * np.arange(p + 1) / p)
+    fit = np.linalg.inv(np.array([[math.comb(p, j) * x**j * (1.0 - x) ** (p - j) for j in range(p + 1)] for x in s]))
+    divided = [
+        np.array([math.comb(p, j + m) / math.comb(p - m, j) for j in range(p + 1 - m)])
+        for m in range(min(p, MAX_ORDER))
+    ]
+    return Samples(s, fit, divided, 8.0 * EPS * float(np.abs(fit).sum(axis=1).max()))
+
+
+def first_root(
+    segment: Segment, samples: Samples, scale: Array, start: float, end: float, dense: Any, atol: float
+) -> tuple[float, int] | None:
+    """Return the first instant in a step at which a watched row falls below zero, and which row."""
+    if not len(segment.rows):
+        return None
+    width = end - start
+    τ = start + width * samples.points
+    terms = segment.watched(τ, dense(τ).T)
+    b = samples.fit @ (terms @ segment.rows.T)
+    size = _size(segment, scale, terms)
+    found: list[tuple[float, int]] = []
+    for k, row in enumerate(segment.rows):
+        # A zero of order m at the start of the segment is a factor sᵐ, and what the row has there is rounding.
+        m = min(max(int(segment.order[k]), 0), len(samples.divided) - 1) if start == 0.0 else 0
+        zero = float(b[0, k]) if m else 0.0
+        coefficients = (b[m:, k] - zero) * samples.divided[m]
+        floor = float(samples.noise * size[k] * samples.divided[m][0])
+        if segment.order[k] == ZERO_FOR_EVER:
+            floor += atol * float(np.abs(row).sum())
+        if coefficients.min() >= -floor:
+            continue
+        s = first_fall(np.array([coefficients, np.zeros_like(coefficients)]), -floor)
+        if math.isnan(s):
+            continue
+        if segment.order[k] == ZERO_FOR_EVER:
+            # It falls below zero from zero itself: what counts is where it is below it by more than the tolerance.
+            found.append((start + s * width, k))
+            continue
+        s, slope = _falls(coefficients, s)
+        root = Root(segment, row, dense, EPS * float(size[k]), samples.noise * float(size[k]) + 2.0 * abs(zero))
+        found.append((root.near(start + s * width, s**m * slope / width, start, None if m else end), k))
+    return min(found) if found else None
+
+
+def root_at_end(
+    segment: Segment, samples: Samples, scale: Array, start: float, end: float, dense: Any, within: float
+) -> tuple[float, int] | None:
+    """Return when a row falls below zero at the end of a step, or less than ``within`` s after it, and which row."""
+    if not len(segment.rows):
+        return None
+    τ = np.array([end - LOOK_BACK * (end - start), end])
+    terms = segment.watched(τ, dense(τ).T)
+    before, last = terms @ segment.rows.T
+    size = _size(segment, scale, terms)
+    fall = np.where((before > samples.noise * size) & (segment.order != ZERO_FOR_EVER), before - last, 0.0)
+    falling = np.flatnonzero((fall > 0.0) & (last * (τ[1] - τ[0]) <= fall * within))
+    if not len(falling):
+        return None
+    k = int(falling[np.argmin(last[falling] / fall[falling])])
+    ahead = float(last[k] / fall[k] * (τ[1] - τ[0]))
+    if ahead <= 0.0:
+        return end, k
+    return Root(segment, segment.rows[k], dense).near(end + ahead, 0.0, end, end + within), k
+
+
+def _size(segment: Segment, scale: Array, terms: Array) -> Array:
+    """Return the sum of the absolute terms of the watched rows, for samples (nt, ...) of them."""
+    size = np.abs(terms).max(axis=0)
+    size[: len(scale)] = np.maximum(size[: len(scale)], scale)
+    return np.asarray(np.abs(segment.rows) @ size)
+
+
+def _falls(b: Array, below: float) -> tuple[float, float]:
+    """Return where the polynomial on [0, 1] with Bernstein coefficients b falls through zero, at or before ``below``.
+
+    The slope there comes with it; where the polynomial is not above zero before, that is ``below`` itself.
+    """
+    s = below
+    for _ in range(NEWTON_STEPS):
+        value, slope = casteljau(b, s)
+        if not slope < 0.0:
+            break
+        last, s = s, s - value / slope
+        if not 0.0 < s <= below:
+            break
+        if abs(s - last) <= ROOT_RTOL * s:
+            return float(s), float(slope)
+    back = 1e-15 * below
+    while casteljau(b, below)[0] < 0.0 and not casteljau(b, max(below - back, 0.0))[0] > 0.0:
+        if below <= back:
+            return below, float(casteljau(b, below)[1])
+        back *= 8.0
+    if casteljau(b, below)[0] < 0.0:
+        below = float(brentq(lambda s: casteljau(b, s)[0], max(below - back, 0.0), below, xtol=1e-300, rtol=ROOT_RTOL))
+    return below, float(casteljau(b, below)[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Root:
+    """The fall of a row of a segment through zero, on the dense output itself.
+
+    Values below ``rounding`` tell nothing; the polynomial through the samples, whose root is known, differs by ``blurred``.
+    """
+
+    segment: Segment
+    row: Array
+    dense: Any
+    rounding: float = 0.0
+    blurred: float = 0.0
+
+    def value(self, τ: float) -> float:
+        """Return what the row has."""
+        if not self.segment.E.shape[1]:
+            return float(self.row @ self.dense(τ))
+        at = np.array([τ])
+        return float((self.segment.watched(at, self.dense(at).T) @ self.row)[0])
+
+    def near(self, τ: float, slope: float, start: float, end: float | None) -> float:
+        """Return the root near τ, or τ where the values there are rounding.
+
+        A negative ``slope`` of the row there is known, or it is 0. Without an ``end`` the row begins at zero, and only a
+        root close to τ is another one.
+        """
+        # What the polynomial through the samples lacks of a smooth row is rounding, and Newton's method mends it.
+        root, best, least = τ, τ, math.inf
+        about = max(INTERPOLATION_RTOL * (τ - start), self.blurred / max(-slope, TINY))
+        for _ in range(NEWTON_STEPS if slope < 0.0 else 0):
+            u = self.value(root)
+            if abs(u) <= -slope * ROOT_RTOL * root:
+                return root
+            if not abs(u) < 0.5 * least:
+                break
+            best, least, root = root, abs(u), root - u / slope
+            if not start < root < τ + about or root < τ - about:
+                break
+        if least <= self.rounding:
+            return best
+        width, widest = 1e-15 * (τ - start), 1e-4 * (τ - start) if end is None else end - start
+        while 0.0 < width < widest:
+            before, after = max(τ - width, start), τ + width if end is None else min(τ + width, end)
+            if self.value(before) > 0.0 > self.value(after):
+                root = float(brentq(self.value, before, after, xtol=1e-300, rtol=ROOT_RTOL))
+                # Where a load jumps, the event is the first instant after the jump.
+                step = float(np.spacing(self.segment.t0 + root))
+                while self.value(root) > 0.0 and root + step < after:
+                    root, step = root + step, 2.0 * step
+                return root
+            width *= 8.0
+        return τ
+
+
+@dataclass(frozen=True, eq=False)
+class AtRest:
+    """The dense output of no time at all: X, whenever it is asked for."""
+
+    X: Array
+
+    def __call__(self, τ: ArrayLike) -> Array:
+        """Return X at τ: (N,), or (N, nt)."""
+        return np.asarray(np.multiply.outer(self.X, np.ones_like(τ, dtype=np.float64)))
+
+
+@dataclass(frozen=True, eq=False)
+class InBurst:
+    """The dense output of a segment that was followed in double-doubles: X without the ``added`` states of inputs."""
+
+    flow: Flow
+    state: DoubleDouble
+    added: slice
+
+    def __call__(self, τ: ArrayLike) -> Array:
+        """Return X at τ: (N,), or (N, nt)."""
+        τ = np.asarray(τ, dtype=np.float64)
+        X = np.delete(self.flow.at(self.state, np.maximum(τ.ravel(), 0.0)), self.added, axis=1)
+        return X[0] if τ.ndim == 0 else X.T
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One step of the solver from ``start`` on, or what an event left of it up to ``end``: X at t0 + τ."""
+
+    segment: Segment
+    start: float
+    end: float
+    dense: Any
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The pieces of a run: the motion at any time."""
+
+    forced: ForcedSystem
+    pieces: list[Piece] = field(default_factory=list)
+
+    def __call__(self, t: Array, side: str) -> tuple[Array, Array, Array]:
+        """Return q, v and r at the sorted times t (nt,); ``side`` tells which limit is meant at an event."""
+
+        def read_piece(owner: Indices, mine: Indices | slice) -> tuple[Array, Array, Array]:
+            """Return q, v and r at times in one piece."""
+            piece = self.pieces[owner[0]]
+            τ = t[mine] - piece.segment.t0
+            return self.forced.coordinates(piece.segment, τ, piece.dense(τ).T)
+
+        starts = np.array([piece.start for piece in self.pieces])
+        return read_segments(self.forced.system, starts, np.arange(len(starts)), t, side, read_piece)

@@ -1,0 +1,245 @@
+"""Contact modes under forces that are no linear function of the state: non-linear springs, and loads of any kind.
+
+With these forces w as inputs a mode moves by X' = (A + B F) X + (E + B F_w) w(t, X).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.hybrid.modes import Mode, System
+from lcpimpact.record import State
+from lcpimpact.scheme import power_law
+from lcpimpact.scheme.first_order import Inputs
+
+APART, PUSHES, SLACK = 0, 1, 2
+
+ZERO_FOR_EVER = -1
+"""Order of the zero of a row that is zero until an input makes it something else."""
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """The inputs w(t, X): the springs, each in a phase of its law, and the loads.
+
+    Attributes
+    ----------
+    inputs : Inputs
+    phase : (ns,) array or None
+        What each spring does in this segment: it is APART, it PUSHES, or it is SLACK, since with c > 0 it would pull. One
+        that pushes goes on by K |δ|ⁿ sign δ through its zero, so that the solver sees no kink before the segment ends there.
+        With None the springs follow their law wherever they are.
+    """
+
+    inputs: Inputs
+    phase: Indices | None
+
+    def __call__(self, t: Any, X: Array) -> Array:
+        """Return w (..., nw) at X (..., N)."""
+        s, loads = self._springs(power_law.forces, X), self.inputs.loads
+        if not loads:
+            return s
+        if np.ndim(t) == 0:
+            return np.append(s, [load(float(t)) for load in loads])
+        return np.column_stack([s, [[load(float(at)) for load in loads] for at in t]])
+
+    def extended(self, X: Array) -> Array:
+        """Return K |δ|ⁿ sign δ (1 + b δ') + c δ' (..., ns), whether a spring pushes or not."""
+        return power_law.forces(self.inputs.law, *self._approach(X), extended=True)
+
+    def _springs(self, law: Callable[..., Array], X: Array) -> Array:
+        """Return the forces of the springs in their phases (..., ns), or the tangents (3, ..., ns)."""
+        if self.phase is None:
+            return law(self.inputs.law, *self._approach(X))
+        return np.asarray(law(self.inputs.law, *self._approach(X), extended=True) * (self.phase == PUSHES))
+
+    def _approach(self, X: Array) -> tuple[Array, Array]:
+        """Return δ and δ' (..., ns)."""
+        known = X[..., : self.inputs.approach.shape[1]]
+        return known @ self.inputs.approach.T, known @ self.inputs.rate.T
+
+    def jacobian(self, X: Array) -> Array:
+        """Return ∂w/∂X (nw, N)."""
+        known, slope = self.inputs.approach.shape[1], np.zeros((self.inputs.count, len(X)))
+        _, by_δ, by_rate = self._springs(power_law.tangents, X)
+        slope[: len(by_δ), :known] = by_δ[:, None] * self.inputs.approach + by_rate[:, None] * self.inputs.rate
+        return slope
+
+    def linear(self, t: float, X: Array, later: float, X_later: Array, step: float) -> Array:
+        """Return w at a later state, made linear about the state X at t (nw,)."""
+        w = self(t, X) + self.jacobian(X) @ (X_later - X)
+        w[len(self.inputs.law) :] += (later - t) * self.load_rates(t, step, ahead=True)
+        return np.asarray(w)
+
+    def load_rates(self, t: float, step: float, ahead: bool) -> Array:
+        """Return the derivatives of the loads: central differences, or one-sided ones of the same order."""
+        if ahead:
+            return np.array(
+                [(4.0 * f(t + step) - f(t + 2.0 * step) - 3.0 * f(t)) / (2.0 * step) for f in self.inputs.loads]
+            )
+        return np.array([(f(t + step) - f(t - step)) / (2.0 * step) for f in self.inputs.loads])
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """One mode from t0 on: X' = A X + E w(t0 + τ, X), with the rows c of c·(X, w, s) whose fall below zero ends it.
+
+    It ends at ``end`` at the latest, which is that of the run or, where it ``breaks``, a breakpoint of the signals.
+
+    s are the forces that the springs would have if they pushed. The last rows are theirs: ``phases`` tells which spring goes
+    over to which phase. ``place`` and ``reaction`` hold the matrices by which q and r are read off X and w, ``velocity`` the
+    one by which v is, where there are no inputs.
+    """
+
+    mode: Mode
+    A: Array
+    E: Array
+    forces: Forces
+    rows: Array
+    order: Indices
+    phases: tuple[tuple[int, int], ...]
+    place: tuple[Array, Array]
+    reaction: tuple[Array, Array]
+    velocity: Array
+    t0: float = 0.0
+    end: float = 0.0
+    breaks: bool = False
+
+    def rate(self, τ: Any, X: Array) -> Array:
+        """Return X' (..., N)."""
+        if not self.E.shape[1]:
+            return X @ self.A.T
+        return X @ self.A.T + self.forces(self.t0 + τ, X) @ self.E.T
+
+    def jacobian(self, τ: float, X: Array) -> Array:
+        """Return ∂X'/∂X (N, N)."""
+        return self.A + self.E @ self.forces.jacobian(X)
+
+    def watched(self, τ: Array, X: Array) -> Array:
+        """Return the terms (X, w, s) of which the rows make sums (nt, N + nw + ns)."""
+        return np.column_stack([X, self.forces(self.t0 + τ, X), self.forces.extended(X)]) if self.E.shape[1] else X
+
+
+@dataclass(frozen=True, eq=False)
+class ForcedSystem:
+    """A system with the inputs w, and its modes as initial value problems.
+
+    Attributes
+    ----------
+    system : System
+    inputs : Inputs
+    difference_step : float     step in s of the difference quotients of loads
+    """
+
+    system: System
+    inputs: Inputs
+    difference_step: float
+    known: dict[object, Segment] = field(default_factory=dict)
+
+    @property
+    def added(self) -> slice:
+        """Where in the states of the system made linear those stand that are forces."""
+        N = len(self.system.form.A)
+        return slice(N, N + self.inputs.count)
+
+    def without_inputs(self, X: Array) -> Array:
+        """Return a state of the system made linear without them."""
+        return np.delete(X, self.added) if self.inputs.count else X
+
+    def segment(self, mode: Mode, forces: Forces, t0: float, end: float, breaks: bool) -> Segment:
+        """Return the segment of a mode that begins at t0."""
+        key = mode, None if forces.phase is None else tuple(forces.phase.tolist())
+        if key not in self.known:
+            self.known[key] = self.course(mode, forces)
+        return replace(self.known[key], t0=t0, end=end, breaks=breaks)
+
+    def course(self, mode: Mode, forces: Forces) -> Segment:
+        """Return a segment of a mode, at no instant yet."""
+        system, inputs = self.system, self.inputs
+        flow, F = system.mode(mode)
+        Fw = system.input_response(mode)
+        E = system.input_matrices[0] + system.matrices[1] @ Fw
+        # What is zero for ever in a linear system need not stay so under an input.
+        contacts, ends, zeros = system.watched(
+            replace(mode, order=tuple(max(m, 0) for m in mode.order)) if inputs.count else mode
+        )
+        zeros = np.where(np.array(mode.order, dtype=np.int64)[contacts] >= 0, zeros, ZERO_FOR_EVER)
+        ns = len(inputs.law)
+        springs: tuple[tuple[int, int], ...] = ()
+        rows, order = [np.pad(row, (0, ns)) for row in ends.hi], zeros.tolist()
+        if forces.phase is not None:
+            springs, falls = _spring_ends(inputs, forces.phase, len(flow.A))
+            rows += falls
+            order += [0] * len(falls)
+        n, reading = len(system.dynamics.nodes), system.coordinates(mode).rows.hi
+        weights = np.array(rows).reshape(len(rows), len(flow.A) + inputs.count + ns)
+        return Segment(
+            mode=mode, A=flow.A, E=E, forces=forces, rows=weights, order=np.array(order, dtype=np.int64), phases=springs,
+            place=(reading[:n], inputs.Q + system.read[1] @ Fw), reaction=(F, Fw), velocity=reading[n : 2 * n],
+        )  # fmt: skip
+
+    def linearized(self, t: float, X: Array, forces: Forces, scale: Array, sizes: Array) -> tuple[System, Array, Array]:
+        """Return the system made linear about t and X, with X and its scale in it; ``sizes`` (nw,) are the largest |w|.
+
+        With w = a + S X + a' τ the numbers a are states, the last before the places of sliders, so that each has its scale.
+        """
+        system, inputs = self.system, self.inputs
+        form, N, nw = system.form, len(system.form.A), inputs.count
+        w, slope = forces(t, X), forces.jacobian(X)[:, :N]
+        A = np.block([[form.A + inputs.E @ slope, inputs.E], [np.zeros((nw, N + nw))]])
+        A[N + len(inputs.law) :, form.constant] = forces.load_rates(t, self.difference_step, ahead=True)
+        linear = replace(
+            form,
+            A=A,
+            B=np.vstack([form.B, np.zeros((nw, form.B.shape[1]))]),
+            C=np.column_stack([form.C + inputs.D @ slope, inputs.D]),
+            Q=np.column_stack([form.Q + inputs.Q @ slope, inputs.Q]),
+            signals=np.append(form.signals, np.zeros(nw)),
+            low=None,
+        )
+        grown = np.concatenate([X[:N], w - slope @ X[:N], X[N:]])
+        return System(system.dynamics, linear), grown, np.concatenate([scale[:N], sizes, scale[N:]])
+
+    def coordinates(self, segment: Segment, τ: Array, X: Array) -> tuple[Array, Array, Array]:
+        """Return q, v and r for the states X (nt, N) at t0 + τ."""
+        (place, place_w), (F, Fw), (low, high) = segment.place, segment.reaction, self.system.bounds
+        if not self.inputs.count:
+            return X @ place.T, X @ segment.velocity.T, np.minimum(np.maximum(X @ F.T, low), high)
+        w = segment.forces(segment.t0 + τ, X)
+        q, v = X @ place.T + w @ place_w.T, segment.rate(τ, X) @ place.T
+        loads = place_w[:, len(self.inputs.law) :]
+        if loads.any():
+            rates = [segment.forces.load_rates(segment.t0 + at, self.difference_step, ahead=False) for at in τ]
+            v += np.array(rates).reshape(len(τ), -1) @ loads.T
+        return q, v, np.minimum(np.maximum(X @ F.T + w @ Fw.T, low), high)
+
+    def state(self, segment: Segment, τ: float, X: Array) -> State:
+        """Return what one state means in the coordinates of the scheme."""
+        q, v, r = self.coordinates(segment, np.array([τ]), X[None, :])
+        return State(q[0], v[0], r[0])
+
+
+def _spring_ends(inputs: Inputs, phase: Indices, states: int) -> tuple[tuple[tuple[int, int], ...], list[Array]]:
+    """Return how the phases of the springs end: spring and next phase, and the row of (X, w, s) that falls below zero."""
+    ns, known = len(phase), inputs.approach.shape[1]
+    turns: list[tuple[int, int]] = []
+    rows: list[Array] = []
+    for j in range(ns):
+        place, force = np.zeros(states + inputs.count + ns), np.zeros(states + inputs.count + ns)
+        place[:known], force[states + inputs.count + j] = inputs.approach[j], 1.0
+        lossy = inputs.law[j, 4] > 0.0
+        if phase[j] == APART:
+            turns.append((j, PUSHES))
+            rows.append(-place)
+        elif phase[j] == PUSHES:
+            turns.append((j, SLACK if lossy else APART))
+            rows.append(force if lossy else place)
+        else:
+            turns += [(j, PUSHES), (j, APART)]
+            rows += [-force, place]
+    return tuple(turns), rows
