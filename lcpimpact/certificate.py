@@ -694,7 +694,7 @@ def _judge_by_balance(
             missing / duration,
             late * forces + ε * (forces + (np.abs(d.B) @ largest + scales.momenta(d)) / duration),
         ),
-        "kinematics": _worst(gone, limits.precision * (q + h * v)),
+        "kinematics": _worst(gone, limits.precision * (scales.q + h * scales.v)),
     }  # fmt: skip
     return found, scales, (balance, scale)
 

@@ -33,6 +33,8 @@ cube = types.float64[:, :, ::1]
 indices = types.int64[::1]
 places = types.uint64[::1]
 """Indices that never count from the end: what compiled code need not ask of each."""
+named_tuple: Any = types.BaseTuple.from_types
+"""named_tuple(types, NamedTuple): the type of such a tuple."""
 
 
 CONFIG: Any = numba.config
@@ -171,7 +173,7 @@ def usable() -> bool:
     return True
 
 
-def compiled(signature: Any, inline: Literal["never", "always"] = "never") -> Callable[[F], F]:
+def compiled(signature: Any, inline: Literal["never", "always"] = "never", allocates: bool = True) -> Callable[[F], F]:
     """Compile a function for one signature, and cache the result on disk.
 
     Parameters
@@ -180,15 +182,18 @@ def compiled(signature: Any, inline: Literal["never", "always"] = "never") -> Ca
         Argument and return types; an argument may itself be a compiled function (``types.FunctionType``), which,
         unlike an inferred one, does not defeat the cache.
     inline : {"never", "always"}
-        Whether its lines are put in the place of each call: for a step of an inner loop that takes named tuples of arrays,
-        since a call counts a reference to each of them.
+        Whether its lines are put in the place of each call, as for what an inner loop calls in each step.
+    allocates : bool
+        Whether it makes arrays. Code that makes none counts no references to those that it is given, which costs more than
+        the arithmetic of a few rows.
     """
 
     def decorate(function: F) -> F:
         if not COMPILING:
             cast(Any, function).py_func = function  # as a compiled one has it
             return function
-        decorated: Any = numba.njit(error_model="numpy", inline=inline)(function)
+        options: dict[str, Any] = {"error_model": "numpy", "inline": inline, "_nrt": allocates}
+        decorated: Any = numba.njit(**options)(function)
         if usable() and Path(function.__code__.co_filename).exists():
             decorated._cache = CheckedCache(function)
         decorated.compile(signature)

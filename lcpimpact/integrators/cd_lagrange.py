@@ -18,8 +18,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from lcpimpact.arrays import Array
 from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.stepping.kernel import StepState
 from lcpimpact.integrators.stepping.linear_step import (
     REST_GAP,
     Law,
@@ -27,6 +30,7 @@ from lcpimpact.integrators.stepping.linear_step import (
     Step,
     Symbols,
     first_acceleration,
+    first_reactions,
     solve,
 )
 from lcpimpact.scheme.dynamics import Dynamics, Feature
@@ -49,7 +53,6 @@ class CDLagrange(LinearStep):
     laws: ClassVar[int] = 2
     remembers: ClassVar[tuple[str, ...]] = ("V",)
     halves: ClassVar[bool] = False
-    reaction_at: ClassVar[float] = 1.0
 
     name: ClassVar[str] = "cd-lagrange"
     declared: ClassVar[Declared] = Declared(
@@ -71,6 +74,17 @@ class CDLagrange(LinearStep):
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
         """Return the velocity after half a step."""
         return {"V": v + 0.5 * h * first_acceleration(d, q, v, h)}
+
+    def first_state(self, d: Dynamics, y: Array, h: float) -> StepState:
+        """Return the state with the impulses that the velocity after half a step holds."""
+        state, (q, v, _) = super().first_state(d, y, h), np.split(y, 3)
+        state.P[0] = h * first_reactions(d, q, v, h)
+        return state
+
+    @property
+    def reaction_at(self) -> float:
+        """1."""
+        return 1.0
 
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""

@@ -19,19 +19,33 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.compiled import compiled, f8, i8, interpreted, matrix, vector
+from lcpimpact.compiled import compiled, f8, flags, i8, interpreted, matrix, named_tuple, vector
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.modes import ZERO, refuse_velocity_jumps
 from lcpimpact.integrators.base import Declared, Integrator, Limits
-from lcpimpact.integrators.moreau_jean import submatrix
-from lcpimpact.integrators.stepping.law import solve_law, with_fallbacks
-from lcpimpact.integrators.stepping.linear_step import sum_columns
+from lcpimpact.integrators.stepping.kernel import (
+    BLOCK,
+    PATH,
+    ROOM,
+    TABLE,
+    Block,
+    Path,
+    Room,
+    Table,
+    add_impulses,
+    add_knowns,
+    choose_rows,
+    copy,
+    room_for,
+    solve_rows,
+)
+from lcpimpact.integrators.stepping.law import SOLVING, Solving, solve_law, submatrix, with_fallbacks
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
@@ -46,170 +60,189 @@ from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
 
-@compiled(types.Tuple((i8, i8, f8))(
-    vector, vector, f8, matrix, matrix, matrix, matrix, matrix, vector, types.boolean[::1], vector, vector,
-    types.boolean[::1], f8, i8, KERNEL,
-))  # fmt: skip
-def resolve_impacts(
-    x: Array, r: Array, h: float, C: Array, CA: Array, CAA: Array, G: Array, B: Array, e: Array, bounces: Flags,
-    scale: Array, P: Array, closed: Flags, tol: float, max_iter: int, solve: Kernel,
-) -> tuple[int, int, float]:  # fmt: skip
-    """Apply Newton's law of impact to the closed rows of relative degree 2 that approach: status, iterations, residual.
+class Impacts(NamedTuple):
+    """What Newton's law of impact reads, with u = C X, U = C A X, U' = C A A X + G r.
 
-    Changes X to that after the impacts, and sets the impulses P and ``closed``. A rebound that gravity and the forces r of
-    the last step would end within this one counts as none: so a body comes to rest.
+    Attributes
+    ----------
+    C, CA, CAA : (nc, N) arrays     C, C A, C A A
+    G : (nc, nc) array              C A B
+    B : (N, nc) array               what an impulse does to the state
+    e : (nc,) array                 coefficients of restitution
+    bounces : (nc,) array           the contacts of relative degree 2
+    h : float                       the step in s
     """
-    nc, N = len(e), len(scale)
-    U, touching = np.empty(nc), np.empty(nc, np.int64)
-    count, approach = 0, False
+
+    C: Array
+    CA: Array
+    CAA: Array
+    G: Array
+    B: Array
+    e: Array
+    bounces: Flags
+    h: float
+
+
+class RadauState(NamedTuple):
+    """What travels from step to step: X and the last r (N + nc,), r of the last stages (1, s nc), and the size of X (N,)."""
+
+    y: Array
+    stages: Array
+    scale: Array
+
+
+class Start(NamedTuple):
+    """A step's start: X after impacts and the last r (N + nc,), impulses (nc,), and which contacts are closed (nc,)."""
+
+    x: Array
+    P: Array
+    closed: Flags
+
+
+IMPACTS: Any = named_tuple((matrix, matrix, matrix, matrix, matrix, vector, flags, f8), Impacts)
+RADAU_STATE: Any = named_tuple((vector, matrix, vector), RadauState)
+START: Any = named_tuple((vector, vector, flags), Start)
+
+
+@compiled(types.UniTuple(f8, 2)(matrix, i8, vector, vector), inline="always", allocates=False)
+def row_of(M: Array, i: int, x: Array, scale: Array) -> tuple[float, float]:
+    """Return row i of M x, and what counts as zero there."""
+    value, rounding = 0.0, 0.0
+    for j in range(len(scale)):
+        value += M[i, j] * x[j]
+        rounding += ZERO * abs(M[i, j]) * scale[j]
+    return value, rounding
+
+
+@compiled(types.boolean(IMPACTS, vector, START), allocates=False)
+def approaches(impacts: Impacts, scale: Array, start: Start) -> bool:
+    """Write which contacts of relative degree 2 are closed and do not part; return whether any of them approaches."""
+    approach = False
+    for i in range(len(impacts.e)):
+        start.closed[i] = False
+        if impacts.bounces[i]:
+            u, rounding = row_of(impacts.C, i, start.x, scale)
+            if u <= rounding:
+                U, slow = row_of(impacts.CA, i, start.x, scale)
+                start.closed[i] = slow >= U
+                approach = approach or -slow > U
+    return approach
+
+
+@compiled(f8(IMPACTS, i8, vector, vector))
+def fall(impacts: Impacts, i: int, x: Array, r: Array) -> float:
+    """Return U' of a contact by all forces but its own."""
+    rate = 0.0
+    for j in range(impacts.CAA.shape[1]):
+        rate += impacts.CAA[i, j] * x[j]
+    for c in range(len(r)):
+        rate += impacts.G[i, c] * r[c] if c != i else 0.0
+    return rate
+
+
+@compiled(types.Tuple((i8, i8, f8))(IMPACTS, vector, START, SOLVING))
+def apply_impacts(impacts: Impacts, scale: Array, start: Start, solving: Solving) -> tuple[int, int, float]:
+    """Apply Newton's law of impact to the contacts that touch: status, iterations, residual.
+
+    Changes X to that after the impacts, and writes the impulses and which contacts are closed then. A rebound that gravity
+    and the forces r of the last step would end within this one counts as none: so a body comes to rest.
+    """
+    nc, N = len(impacts.e), len(scale)
+    r, touching, U = start.x[N:], np.zeros(nc, np.bool_), np.empty(nc)
     for i in range(nc):
-        P[i], closed[i] = 0.0, False
-        if not bounces[i]:
-            continue
-        u, rounding, U[i], slow = 0.0, 0.0, 0.0, 0.0
-        for j in range(N):
-            u += C[i, j] * x[j]
-            U[i] += CA[i, j] * x[j]
-            rounding += ZERO * abs(C[i, j]) * scale[j]
-            slow += ZERO * abs(CA[i, j]) * scale[j]
-        if u <= rounding:
-            touching[count] = i
-            count += 1
-            approach = approach or U[i] < -slow
-            closed[i] = U[i] <= slow
-    if not approach:
-        return SOLVED, 0, 0.0
-    rows, W = touching[:count], submatrix(G, touching[:count])
+        u, rounding = row_of(impacts.C, i, start.x, scale)
+        U[i], _ = row_of(impacts.CA, i, start.x, scale)
+        touching[i] = impacts.bounces[i] and u <= rounding
+    rows = np.flatnonzero(touching)
+    count, W = len(rows), submatrix(impacts.G, rows)
     low, high = np.zeros(count), np.full(count, np.inf)
-    q, z, w, rebound = np.empty(count), np.zeros(count), np.empty(count), np.empty(count)
-    for a in range(count):
-        rebound[a] = e[rows[a]]
-    iterations, worst = 0, 0.0
+    q, z, rebound = np.empty(count), np.zeros(count), impacts.e[rows]
+    iterations, worst, U_after = 0, 0.0, np.empty(count)
     for _ in range(2):
         for a in range(count):
             q[a] = U[rows[a]] + rebound[a] * min(U[rows[a]], 0.0)
-        status, tried, residual = solve_law(W, q, low, high, z, w, True, tol, max_iter, solve)
+        status, tried, residual = solve_law(W, q, low, high, z, solving.tol, solving.max_iter, solving.solve)
         iterations += tried
         worst = max(worst, residual)
         if status != SOLVED:
             return status, iterations, worst
         again = False
         for a in range(count):
-            i, after, fall = rows[a], U[rows[a]], 0.0
+            U_after[a] = U[rows[a]]
             for c in range(count):
-                after += W[a, c] * z[c]
-            for j in range(N):
-                fall += CAA[i, j] * x[j]
-            for c in range(nc):
-                fall += G[i, c] * r[c] if c != i else 0.0
-            if z[a] > 0.0 and rebound[a] > 0.0 and after + 0.5 * h * fall <= 0.0:
+                U_after[a] += W[a, c] * z[c]
+            U_ahead = U_after[a] + 0.5 * impacts.h * fall(impacts, rows[a], start.x, r)
+            if z[a] > 0.0 and rebound[a] > 0.0 and U_ahead <= 0.0:
                 rebound[a], again = 0.0, True
         if not again:
             break
     for a in range(count):
         i = rows[a]
-        P[i] = z[a]
-        after, slow = U[i], 0.0
-        for c in range(count):
-            after += W[a, c] * z[c]
+        start.P[i] = z[a]
         for j in range(N):
-            x[j] += B[j, i] * z[a]
-            slow += ZERO * abs(CA[i, j]) * scale[j]
-        closed[i] = after <= slow
+            start.x[j] += impacts.B[j, i] * z[a]
+        _, slow = row_of(impacts.CA, i, start.x, scale)
+        start.closed[i] = U_after[a] <= slow
     return SOLVED, iterations, worst
 
 
 @compiled(
-    types.Tuple((i8, i8, i8, i8, f8))(
-        i8, i8, f8, matrix, matrix, matrix, matrix, matrix, matrix, matrix, vector, types.boolean[::1], vector, vector,
-        vector, vector, matrix, matrix, matrix, f8, i8, KERNEL,
-    )
-)  # fmt: skip
+    types.Tuple((i8, i8, i8, i8, f8))(BLOCK, TABLE, IMPACTS, RADAU_STATE, PATH, ROOM, START, KERNEL), allocates=False
+)
 def steps(
-    first: int,
-    last: int,
-    h: float,
-    L: Array,
-    result: Array,
-    C: Array,
-    CA: Array,
-    CAA: Array,
-    G: Array,
-    B: Array,
-    e: Array,
-    bounces: Flags,
-    r_max: Array,
-    scale: Array,
-    y: Array,
-    guess: Array,
-    q: Array,
-    v: Array,
-    r: Array,
-    tol: float,
-    max_iter: int,
+    block: Block,
+    table: Table,
+    impacts: Impacts,
+    state: RadauState,
+    path: Path,
+    room: Room,
+    start: Start,
     solve: Kernel,
 ) -> tuple[int, int, int, int, float]:
-    """Take the steps first ... last: fill q[k + 1], v[k + 1] and r[k], and leave the state in y.
+    """Take a block of steps, and leave the state after them.
 
-    What a step starts from and solves for stands in one vector x: the state X and the last r, together y, then r of each
-    stage. ``L`` holds the columns of the laws' rows, ``result`` those of the new y, q and v. Returns the status, the step
-    reached, the LCPs solved, the sum of their iterations, and the largest residual, found outside the solver.
+    The knowns of the table are X and the last r, its law is that of all stages, and its results are the new y, q and v.
+    Returns the status, the step reached, the LCPs solved, the sum of their iterations, and the largest residual, found
+    outside the solver.
     """
-    N, nc, n = len(scale), len(e), q.shape[1]
-    known, rows = N + nc, L.shape[1]
-    x, new = np.zeros(known + rows), np.empty(result.shape[1])
-    b, z, gap, active = np.empty(rows), np.empty(rows), np.empty(rows), np.empty(rows, np.int64)
-    lower, upper, P, closed = np.empty(rows), np.empty(rows), np.zeros(nc), np.zeros(nc, np.bool_)
-    plain = True
-    for i in range(nc):
-        plain = plain and r_max[i] == np.inf
+    N, nc, n, rows = len(state.scale), len(impacts.e), path.q.shape[1], state.stages.shape[1]
+    sums, r_last = room.sums, state.stages[0]
+    new, size = 2 * rows, N + nc
     solves, iterations, worst = 0, 0, 0.0
-    for k in range(first, last):
-        x[:known] = y
-        x[known:] = 0.0
-        status, count, residual = resolve_impacts(
-            x, y[N:], h, C, CA, CAA, G, B, e, bounces, scale, P, closed, tol, max_iter, solve
-        )  # fmt: skip
-        iterations += count
-        solves += count > 0
-        if status != SOLVED:
-            return status, k, solves, iterations, worst
-        worst = max(worst, residual)
-        sum_columns(L, x, b)
-        na = 0
-        for i in range(rows):
-            c = i % nc
-            if closed[c] or not bounces[c]:
-                active[na], b[na], z[na] = i, b[i], guess[i]
-                lower[na], upper[na] = (-r_max[c] if r_max[c] < np.inf else 0.0), r_max[c]
-                na += 1
-        guess[:] = 0.0
-        if na > 0:
-            W = np.empty((na, na))
-            for a in range(na):
-                for c in range(na):
-                    W[a, c] = L[known + active[c], active[a]]
-            status, count, residual = solve_law(
-                W, b[:na], lower[:na], upper[:na], z[:na], gap[:na], plain, tol, max_iter, solve
+    for k in range(block.first, block.last):
+        copy(state.y, start.x)
+        for c in range(nc):
+            start.P[c] = 0.0
+        if approaches(impacts, state.scale, start):
+            status, count, residual = apply_impacts(
+                impacts, state.scale, start, Solving(block.tol, block.max_iter, solve)
             )
-            iterations += count
-            solves += 1
+            solves, iterations, worst = solves + 1, iterations + count, max(worst, residual)
             if status != SOLVED:
                 return status, k, solves, iterations, worst
-            worst = max(worst, residual)
-            for a in range(na):
-                x[known + active[a]] = guess[active[a]] = z[a]
-        sum_columns(result, x, new)
-        for i in range(len(new)):
-            if not abs(new[i]) < np.inf:
+        add_knowns(table.known, start.x, block.loads, k - block.first, sums)
+        for i in range(rows):
+            if impacts.bounces[i % nc]:
+                sums[i] = -1.0 if start.closed[i % nc] else 1.0
+        na = choose_rows(table, 0, 0, r_last, room)
+        if na > 0:
+            solving = Solving(block.tol, block.max_iter, solve)
+            status, count, residual = solve_rows(table, 0, sums[rows:new], na, room, solving)
+            solves, iterations, worst = solves + 1, iterations + count, max(worst, residual)
+            if status != SOLVED:
+                return status, k, solves, iterations, worst
+        add_impulses(table, 0, na, new, room, r_last)
+        for i in range(new, len(sums)):
+            if not abs(sums[i]) < np.inf:
                 return NON_FINITE, k, solves, iterations, worst
-        y[:] = new[:known]
+        copy(sums[new : new + size], state.y)
         for j in range(N):
-            scale[j] = max(scale[j], abs(y[j]))
-        q[k + 1], v[k + 1] = new[known : known + n], new[known + n :]
+            state.scale[j] = max(state.scale[j], abs(state.y[j]))
+        copy(sums[new + size : new + size + n], path.q[k + 1])
+        copy(sums[new + size + n :], path.v[k + 1])
         for i in range(nc):
-            r[k, i] = y[N + i] + P[i] / h
-    return SOLVED, last, solves, iterations, worst
+            path.r[k, i] = state.y[N + i] + start.P[i] / impacts.h
+    return SOLVED, block.last, solves, iterations, worst
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,10 +252,9 @@ class Run:
     grid: Grid
     form: FirstOrderForm
     breakpoints: Array
-    tables: tuple[Array, ...]
-    scale: Array
-    y: Array
-    guess: Array
+    table: Table
+    impacts: Impacts
+    state: RadauState
     contacts: Dense
     solver: State
     tol: float
@@ -302,37 +334,32 @@ class Radau(Integrator):
         record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
         X = form.state(record.q[0], record.v[0])
         y = np.concatenate([X, _first_forces(d, form, X, d.gap(record.q[0]), lcp_solver)])
-        L, result = _tabulate(radau, d, form, grid.h)
-
         A, B, C = form.A, form.B, form.C
         # What is rounding is so beside what a step moves, too, as a body may begin at rest.
         scale, moves = np.abs(X), np.eye(len(A)) + grid.h * np.abs(A)
         scale[form.constant :] = form.signal_sizes
         scale = moves @ moves @ scale
-        solver, G = SOLVERS[lcp_solver], C @ A @ B
-        bounces = (d.relative_degree == 2) & ~d.slides
+        solver, bounces = SOLVERS[lcp_solver], (d.relative_degree == 2) & ~d.slides
+        CA, CAA = np.array(C @ A, order="C"), np.array(C @ A @ A, order="C")
+        impacts = Impacts(C.copy(), CA, CAA, np.array(CA @ B, order="C"), B.copy(), d.restitution, bounces, grid.h)
+        table = _tabulate(radau, d, form, grid.h)
         contacts = Dense(np.eye(1))
         if len(d.contacts):
-            always = np.tile(~bounces, len(radau.c))
-            W = L[:, len(y) :]
+            always, W = np.tile(~bounces, len(radau.c)), table.W[0]
             # The LCP of a step has the rows that always stand in it, and those that touch.
-            contacts = Dense(W[np.ix_(always, always)].copy() if always.any() else G.copy())
+            contacts = Dense(W[np.ix_(always, always)].copy() if always.any() else W.copy())
             for each in (contacts, Dense(W.copy())):
                 solver.check(each, bool(d.slides.any()))
-        tol, max_iter = limits(solver, self.tol, self.max_iter)
-        tables = (L.T, result.T, C, C @ A, C @ A @ A, G, B, d.restitution, bounces, d.r_max)
         return Run(
             grid,
             form,
             form.breakpoints(0.0, grid.t_end),
-            tuple(np.array(each, order="C") for each in tables),
-            scale,
-            y,
-            np.zeros(len(L)),
+            table,
+            impacts,
+            RadauState(y, np.zeros((1, table.W.shape[1])), scale),
             contacts,
             solver.init(contacts),
-            tol,
-            max_iter,
+            *limits(solver, self.tol, self.max_iter),
         )
 
     def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
@@ -356,10 +383,17 @@ class Radau(Integrator):
         run: Callable[..., tuple[int, int, int, int, float]] = steps
         if not solver.compiled:
             run = interpreted(steps, solve_law=interpreted(solve_law))
+        N, nc = len(carry.state.scale), len(carry.impacts.e)
         code, reached, solves, iterations, residual = run(
-            first, last, carry.grid.h, *carry.tables, carry.scale, carry.y, carry.guess,
-            record.q, record.v, record.reaction, carry.tol, carry.max_iter, solver.kernel,
-        )  # fmt: skip
+            Block(first, last, np.zeros((last - first, 0)), carry.tol, carry.max_iter, False),
+            carry.table,
+            carry.impacts,
+            carry.state,
+            Path(record.q, record.v, record.reaction),
+            room_for(carry.table, 0),
+            Start(np.empty(N + nc), np.empty(nc), np.empty(nc, bool)),
+            solver.kernel,
+        )
         record.stats.add_lcps(solves, iterations, residual)
         return Status(code), reached
 
@@ -367,8 +401,8 @@ class Radau(Integrator):
 def _read_signals(run: Run, record: Record, k: int) -> None:
     """Put the signals at t_k in the place of those that the last step has carried on."""
     form, N = run.form, len(run.form.A)
-    X = run.y[:N]
-    moved = form.right_of(float(record.t[k]), X, run.scale).hi - X
+    X = run.state.y[:N]
+    moved = form.right_of(float(record.t[k]), X, run.state.scale).hi - X
     record.q[k] += form.Q @ moved
     record.v[k] += form.Q @ (form.A @ moved)
     X += moved
@@ -384,8 +418,8 @@ def _first_forces(d: Dynamics, form: FirstOrderForm, X: Array, u: Array, lcp_sol
     return r
 
 
-def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> tuple[Array, Array]:
-    """Return the rows of the laws and of the results, over what a step starts from (X, the last r) and r of its stages."""
+def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> Table:
+    """Return the table of a step, over what it starts from (X, the last r, 1) and r of its stages, which are one law."""
     A, B, C, D = form.A, form.B, form.C, form.D
     s, N, nc = len(radau.c), len(A), len(d.contacts)
     columns = np.eye(N + nc + s * nc)
@@ -409,4 +443,19 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> t
     r_rate = np.einsum("j,jcm->cm", radau.inverse[-1] / h, r - r_last)
     q = form.Q @ stages[-1] + form.Qr @ r[-1]
     v = form.Q @ (A @ stages[-1] + B @ r[-1]) + form.Qr @ r_rate
-    return L.reshape(s * nc, len(columns)), np.vstack([stages[-1], r[-1], q, v])
+    L = L.reshape(s * nc, len(columns))
+    rows = np.vstack([np.zeros_like(L), L, stages[-1], r[-1], q, v])
+    known, unknown = np.split(np.array(rows.T, order="C"), [N + nc])
+    one = np.zeros((1, len(rows)))
+    # The kernel overwrites this for contacts of relative degree 2.
+    one[0, : s * nc] = -1.0
+    upper = np.tile(d.r_max, (1, s))
+    return Table(
+        np.vstack([known, one]),
+        unknown,
+        unknown[None, :, s * nc : 2 * s * nc].transpose(0, 2, 1).copy(),
+        np.where(upper < np.inf, -upper, 0.0),
+        upper,
+        np.zeros(1, bool),
+        np.zeros_like(upper),
+    )

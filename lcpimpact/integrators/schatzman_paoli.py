@@ -41,7 +41,6 @@ class SchatzmanPaoli(LinearStep):
     instants: ClassVar[tuple[float, ...]] = (0.0, 1.0)
     remembers: ClassVar[tuple[str, ...]] = ("q_before",)
     halves: ClassVar[bool] = False
-    reaction_at: ClassVar[float] = 0.0
     impact_steps: ClassVar[int] = 2
 
     name: ClassVar[str] = "schatzman-paoli"
@@ -66,6 +65,11 @@ class SchatzmanPaoli(LinearStep):
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
         """Return the place before the start."""
         return {"q_before": q - h * v + 0.5 * h**2 * first_acceleration(d, q, v, h)}
+
+    @property
+    def reaction_at(self) -> float:
+        """0."""
+        return 0.0
 
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step; the unknown of its first law is h r."""

@@ -146,15 +146,17 @@ def measure(W: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array) 
     return scaled, natural / largest_q if scaled < np.inf else np.inf, rounding
 
 
-@compiled(f8(matrix, vector, vector, f8))
-def clear_residual(M: Array, q: Array, z: Array, tol: float) -> float:
-    """Return the scaled residual of a plain LCP if each row is within ``tol`` of its own q_i, and infinity if not.
+@compiled(f8(matrix, vector, vector, vector, vector, f8), allocates=False)
+def clear_residual(M: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float) -> float:
+    """Return the scaled residual of an LCP without bounds if each row is within ``tol`` of its own q_i, else infinity.
 
     It is the first look of a time loop at a few rows; what is not clear is for `measure` and `holds` to judge.
     """
     n = len(q)
     residual = 0.0
     for i in range(n):
+        if lower[i] != 0.0 or upper[i] != np.inf:
+            return np.inf
         w, terms = q[i], abs(q[i])
         for j in range(n):
             term = M[i, j] * z[j]

@@ -249,3 +249,11 @@ def test_inaccurate_answers_are_not_accepted(monkeypatch):
     failed = run(li.load_problem("system-1"), lcp_solver="qp:osqp", throw=False)
     assert failed.status is li.Status.INACCURATE
     assert len(failed.t) == 1
+
+
+def test_a_contact_that_rounding_opens_stays_closed():
+    """θ = 1 ends each step of a plastic impact with u = 0 and U = 0, up to rounding, which must not let the contact go."""
+    problem = li.load_problem("plastic-bar-impact")
+    found = li.simulate(problem, dt=problem.t_end / 300, theta=1.0)
+    assert np.abs(problem.dynamics.gap(found.q)[:100, 0]).max() < 1e-12
+    assert (found.reaction[1:100, 0] > 100.0).all()

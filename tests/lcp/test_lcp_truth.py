@@ -284,7 +284,9 @@ def test_the_judge_sees_a_row_of_small_numbers():
     for z, solved in (([1.0, 0.0], False), ([1.0, 1.0], True), ([1.0, 1.0 + 1e-9], False), ([0.0, 1.0], False)):
         scaled, _, rounding = measure(M, q, *plain, np.array(z), w)
         assert holds(scaled, rounding, 1e-10) is solved, z
-        assert (clear_residual(M, q, np.array(z), 1e-10) < np.inf) is solved, z
+        assert (
+            clear_residual(M, q, np.zeros(len(q)), np.full(len(q), np.inf), np.array(z), 1e-10) < np.inf
+        ) is solved, z
     # A residue of rounding in q is no unit of its own where another row presses.
     M, q = np.array([[1.0, -0.5], [-0.5, 1.0]]), np.array([-1.0, 1e-20])
     scaled, _, rounding = measure(M, q, *plain, np.array([4.0, 2.0]) / 3.0, w)

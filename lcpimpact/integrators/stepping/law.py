@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import compiled, f8, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status, UnsupportedError
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual, holds, measure
@@ -19,59 +19,100 @@ from lcpimpact.lcp.solver import Kernel, State
 
 SOLVED, INACCURATE, NON_FINITE = int(Status.SOLVED), int(Status.INACCURATE), int(Status.NON_FINITE)
 
-Springs: TypeAlias = Callable[..., tuple[int, int, int, float]]
 
-SPRINGS_SIGNATURE: Any = types.Tuple((i8, i8, i8, f8))(
-    matrix, vector, vector, vector, vector, vector, types.boolean, f8, i8, KERNEL,
-    matrix, matrix, matrix, vector, vector, matrix, f8, f8, vector, vector,
-)  # fmt: skip
+class ContactProblem(NamedTuple):
+    """Rows of a law as a complementarity problem: lower <= z <= upper, complementary to w = W z + q.
+
+    Attributes
+    ----------
+    W : (nc, nc) array              the Delassus matrix
+    q, lower, upper : (nc,) arrays  the free motion, and the bounds
+    """
+
+    W: Array
+    q: Array
+    lower: Array
+    upper: Array
+
+
+class Solving(NamedTuple):
+    """How contact problems are solved: the LCP solver's tolerance, its limit of iterations, and its kernel."""
+
+    tol: float
+    max_iter: int
+    solve: Kernel
+
+
+class Springs(NamedTuple):
+    """Non-linear springs in a law, and how they and its rows move each other.
+
+    Attributes
+    ----------
+    law : (ns, 5) array     gap, K, n, b, c of each
+    θh, h : float           the time in s after which the law reads their places, and over which it takes their mean
+    HGs : (nc, ns) array    rate of the rows by unit forces of the springs
+    NG : (ns, nc) array     rate of the springs by unit impulses of the rows
+    NGs : (ns, ns) array    rate of the springs by unit forces of the springs
+    """
+
+    law: Array
+    θh: float
+    h: float
+    HGs: Array
+    NG: Array
+    NGs: Array
+
+
+PROBLEM: Any = named_tuple((matrix, vector, vector, vector), ContactProblem)
+SOLVING: Any = named_tuple((f8, i8, KERNEL), Solving)
+SPRINGS: Any = named_tuple((matrix, f8, f8, matrix, matrix, matrix), Springs)
+
+SpringSolver: TypeAlias = Callable[..., tuple[int, int, int, float]]
+SPRING_SIGNATURE: Any = types.Tuple((i8, i8, i8, f8))(PROBLEM, SPRINGS, vector, vector, vector, vector, vector, SOLVING)
 """Of `newton.solve_with_springs`, the solver for schemes with non-linear springs."""
 
-SPRINGS: Any = types.FunctionType(SPRINGS_SIGNATURE)
+SPRING_SOLVER: Any = types.FunctionType(SPRING_SIGNATURE)
 
 
-@compiled(types.Tuple((i8, f8))(i8, matrix, vector, vector, vector, vector, vector, f8))
-def examine(
-    status: int, W: Array, b: Array, lower: Array, upper: Array, z: Array, gap: Array, tol: float
-) -> tuple[int, float]:
+@compiled(types.Tuple((i8, f8))(i8, matrix, vector, vector, vector, vector, f8))
+def examine(status: int, W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float) -> tuple[int, float]:
     """Judge an answer that is not clear, outside the solver: status and residual."""
-    residual, _, rounding = measure(W, b, lower, upper, z, gap)
+    residual, _, rounding = measure(W, q, lower, upper, z, np.empty(len(z)))
     if status == SOLVED and not holds(residual, rounding, tol):
         return INACCURATE if residual < np.inf else NON_FINITE, residual
     return status, residual
 
 
 @compiled(
-    types.Tuple((i8, i8, f8))(matrix, vector, vector, vector, vector, vector, types.boolean, f8, i8, KERNEL)
-)  # fmt: skip
+    types.Tuple((i8, i8, f8))(matrix, vector, vector, vector, vector, f8, i8, KERNEL), inline="always", allocates=False
+)
 def solve_law(
-    W: Array,
-    b: Array,
-    lower: Array,
-    upper: Array,
-    z: Array,
-    gap: Array,
-    plain: bool,
-    tol: float,
-    max_iter: int,
-    solve: Kernel,
+    W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int, solve: Kernel
 ) -> tuple[int, int, float]:
-    """Solve the LCP of a step, and judge the answer outside the solver: status, iterations, residual."""
-    status, count = solve(W, b, lower, upper, z, tol, max_iter)
-    residual = clear_residual(W, b, z, tol) if plain else np.inf
+    """Solve a contact problem from the guess z, and judge the answer outside the solver: status, iterations, residual."""
+    status, count = solve(W, q, lower, upper, z, tol, max_iter)
+    residual = clear_residual(W, q, lower, upper, z, tol)
     if residual == np.inf:
-        status, residual = examine(status, W, b, lower, upper, z, gap, tol)
+        status, residual = examine(status, W, q, lower, upper, z, tol)
     return status, count, residual
 
 
-@compiled(SPRINGS_SIGNATURE)
+@compiled(SPRING_SIGNATURE)
 def no_springs(
-    W: Array, b: Array, lower: Array, upper: Array, z: Array, gap: Array, plain: bool, tol: float, max_iter: int,
-    solve: Kernel, HGs: Array, NG: Array, NGs: Array, y_free: Array, δ: Array, law: Array, θh: float, h: float,
-    y: Array, s: Array,
-) -> tuple[int, int, int, float]:  # fmt: skip
+    rows: ContactProblem, springs: Springs, y_free: Array, δ: Array, z: Array, y: Array, s: Array, solving: Solving
+) -> tuple[int, int, int, float]:
     """Stand where a scheme has no non-linear springs: it is never called."""
     return SOLVED, 0, 0, 0.0
+
+
+@compiled(matrix(matrix, indices))
+def submatrix(W: Array, rows: Indices) -> Array:
+    """Return W with only these rows and columns."""
+    part = np.empty((len(rows), len(rows)))
+    for i in range(len(rows)):
+        for j in range(len(rows)):
+            part[i, j] = W[rows[i], rows[j]]
+    return part
 
 
 def with_fallbacks(

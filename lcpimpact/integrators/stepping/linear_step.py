@@ -22,28 +22,25 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
-from numba import types
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.compiled import compiled, f8, i8, interpreted, matrix, vector
+from lcpimpact.compiled import interpreted
 from lcpimpact.errors import InputError, Status
-from lcpimpact.integrators.stepping.law import SPRINGS, Springs, solve_law
-from lcpimpact.integrators.stepping.time_stepping import TimeStepping, spring_solver
+from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
+from lcpimpact.integrators.stepping.kernel import SWITCHES, Block, Path, StepSprings, StepState, Table, room_for, steps
+from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_law
+from lcpimpact.integrators.stepping.static_balance import Static, no_static
+from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
-from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits, solve_lcp
-from lcpimpact.lcp.solver import Kernel, State
+from lcpimpact.lcp.solver import State
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics
 
-SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
-
-cube = types.float64[:, :, ::1]
-
 REST_GAP = 1e-6
-"""A gap is read c h² further on, where the smooth forces lead from rest in a thousandth of a step, so that they close what
-rounding has opened."""
+"""What closes a gap that rounding has opened, in parts of what a force does in a step: a smooth force that leads a gap
+further, by c h² times its acceleration, or the contact force of the step before, by as much as it has moved."""
 
 
 class Named(dict[Any, Array]):
@@ -62,6 +59,15 @@ class Named(dict[Any, Array]):
 
 
 @dataclass(frozen=True, eq=False)
+class Prescribed:
+    """Place and rate at t + h of nodes with prescribed motion, and its mean rate in the step; 0 of others (n, size)."""
+
+    place: Array
+    rate: Array
+    mean_rate: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Symbols:
     """What a step starts from and what it solves for, each as a matrix with one column for each number of them all.
 
@@ -71,6 +77,7 @@ class Symbols:
     memory : dict                       what else the method remembers, by its name (n, size)
     one : (1, size) array               the constant 1
     loads : dict                        f(t + c h) by c (n, size)
+    prescribed : Prescribed             places and rates of the nodes whose motion is prescribed
     P : tuple of (nc, size) arrays      the impulses of each law in N s
     s : tuple of (ns, size) arrays      the forces of the non-linear springs in N, as they stand in each law
     """
@@ -81,6 +88,7 @@ class Symbols:
     memory: Named
     one: Array
     loads: Named
+    prescribed: Prescribed
     P: tuple[Array, ...]
     s: tuple[Array, ...]
 
@@ -123,7 +131,7 @@ class Law:
     Attributes
     ----------
     L : (nc, size) array                what is complementary to P
-    touching : (nc, size) array         a row takes part where this is <= 0; all rows do where it is None
+    touching : (nc, size) array         a row takes part where this is <= 0, before P is known; all do where it is None
     springs_at : pair of (n, size)      the q and v at which the springs' forces s of this law stand
     strictly : bool                     a row takes part where ``touching`` is < 0, and not where it is 0
     weight : float or None              what a force times it is an impulse of this law, in s; None for the step h, 0 for a
@@ -147,6 +155,8 @@ class Step:
     impulse : (nc, size) array      the impulse of the contacts over the step in N s
     laws : tuple of Law             in the order in which they are solved; later ones may use the P and s of earlier ones
     memory : dict                   what else is remembered, by its name (n, size)
+    paths : Paths                   impulse paths over massless nodes that obey the law of impact at the end of the step
+    static : Static                 static coordinates that are put where the forces balance at the end of the step
     """
 
     q: Array
@@ -154,6 +164,8 @@ class Step:
     impulse: Array
     laws: tuple[Law, ...]
     memory: dict[str, Array] = field(default_factory=dict)
+    paths: Paths = field(default_factory=no_paths)
+    static: Static = field(default_factory=no_static)
 
 
 def solve(A: Array, b: Array) -> Array:
@@ -161,156 +173,31 @@ def solve(A: Array, b: Array) -> Array:
     return np.asarray(np.linalg.solve(A, b))
 
 
-@compiled(types.void(matrix, vector, vector))
-def sum_columns(columns: Array, z: Array, result: Array) -> None:
-    """Write Σ_j z_j columns[j] to the result."""
-    result[:] = 0.0
-    for j in range(len(z)):
-        if z[j] != 0.0:
-            for i in range(len(result)):
-                result[i] += columns[j, i] * z[j]
-
-
-@compiled(
-    types.Tuple((i8, i8, i8, i8, f8))(
-        i8, i8, f8, matrix, i8, i8, i8, cube, cube, types.boolean[::1], types.boolean[::1], matrix, matrix, cube, cube,
-        matrix, vector, matrix, vector, matrix, matrix, matrix, matrix, f8, i8, KERNEL, SPRINGS,
-    )
-)  # fmt: skip
-def steps(
-    first: int,
-    last: int,
-    h: float,
-    loads: Array,
-    n: int,
-    nc: int,
-    ns: int,
-    L: Array,
-    touching: Array,
-    everywhere: Flags,
-    strictly: Flags,
-    lower: Array,
-    upper: Array,
-    rates: Array,
-    approaches: Array,
-    law_of_springs: Array,
-    θh: Array,
-    result: Array,
-    y: Array,
-    guess: Array,
-    q: Array,
-    v: Array,
-    r: Array,
-    tol: float,
-    max_iter: int,
-    solve: Kernel,
-    solve_with_springs: Springs,
-) -> tuple[int, int, int, int, float]:
-    """Take the steps first ... last: fill q[k + 1], v[k + 1] and r[k], and leave the state in y.
-
-    What a step starts from and solves for stands in one vector x: the state y, the constant 1, the loads (one row of
-    ``loads`` for each step, or one for all), then P and s of each law. ``L``, ``touching``, ``rates`` and ``approaches``
-    hold for each law the columns of its rows, ``result`` those of the new state and of r. Returns the status, the step
-    reached, the sums of the LCP and Newton iterations, and the largest residual, found outside the solver.
-    """
-    m, size, N, load = len(L), len(result), len(y), loads.shape[1]
-    x, new = np.zeros(size), np.empty(result.shape[1])
-    known = N + 1 + load
-    b, touch, gap = np.empty(nc), np.empty(nc), np.empty(nc)
-    z, active = np.empty(nc), np.empty(nc, np.int64)
-    low, high, q_law = np.empty(nc), np.empty(nc), np.empty(nc)
-    y_free, δ, rate, s = np.empty(ns), np.empty(ns), np.zeros(ns), np.zeros(ns)
-    plain = True
-    for i in range(nc):
-        plain = plain and upper[0, i] == np.inf
-    iterations, newton, worst = 0, 0, 0.0
-    for k in range(first, last):
-        for i in range(N):
-            x[i] = y[i]
-        x[N] = 1.0
-        p = k - first if len(loads) > 1 else 0
-        for i in range(load):
-            x[N + 1 + i] = loads[p, i]
-        for i in range(known, size):
-            x[i] = 0.0
-        for j in range(m):
-            sum_columns(touching[j], x, touch)
-            at_P, at_s = known + j * nc, known + m * nc + j * ns
-            na = 0
-            for i in range(nc):
-                touches = everywhere[j] or touch[i] < 0.0 or (touch[i] == 0.0 and not strictly[j])
-                if upper[j, i] > 0.0 and (touches or upper[j, i] < np.inf):
-                    active[na], z[na] = i, guess[j, i]
-                    low[na], high[na] = lower[j, i], upper[j, i]
-                    na += 1
-                guess[j, i] = 0.0
-            if na + ns == 0:
-                continue
-            sum_columns(L[j], x, b)
-            W = np.empty((na, na))
-            for a in range(na):
-                q_law[a] = b[active[a]]
-                for c in range(na):
-                    W[a, c] = L[j, at_P + active[c], active[a]]
-            status, count, tried, residual = SOLVED, 0, 0, 0.0
-            if ns > 0:
-                sum_columns(rates[j], x, y_free)
-                sum_columns(approaches[j], x, δ)
-                HGs, NG, NGs = np.empty((na, ns)), np.empty((ns, na)), np.empty((ns, ns))
-                for a in range(ns):
-                    δ[a] += θh[j] * y_free[a]
-                    rate[a] = y_free[a]
-                    s[a] = 0.0
-                    for c in range(na):
-                        HGs[c, a] = L[j, at_s + a, active[c]]
-                        NG[a, c] = rates[j, at_P + active[c], a]
-                    for c in range(ns):
-                        NGs[a, c] = rates[j, at_s + c, a]
-                status, count, tried, residual = solve_with_springs(
-                    W, q_law[:na], low[:na], high[:na], z[:na], gap[:na], plain, tol, max_iter, solve,
-                    HGs, NG, NGs, y_free, δ, law_of_springs, θh[j], h, rate, s,
-                )  # fmt: skip
-                x[at_s : at_s + ns] = s
-            elif na > 0:
-                status, count, residual = solve_law(
-                    W, q_law[:na], low[:na], high[:na], z[:na], gap[:na], plain, tol, max_iter, solve
-                )
-            iterations += count
-            newton += tried
-            if status != SOLVED:
-                return status, k, iterations, newton, worst
-            worst = max(worst, residual)
-            for a in range(na):
-                x[at_P + active[a]] = guess[j, active[a]] = z[a]
-        sum_columns(result, x, new)
-        for i in range(n):
-            if not abs(new[i]) < np.inf:
-                return NON_FINITE, k, iterations, newton, worst
-        for i in range(N):
-            y[i] = new[i]
-        for i in range(n):
-            q[k + 1, i], v[k + 1, i] = new[i], new[n + i]
-        for i in range(nc):
-            r[k, i] = new[N + i]
-    return SOLVED, last, iterations, newton, worst
-
-
 @dataclass(frozen=True, eq=False)
 class Tabulated:
-    """A step of one length: what a block of steps needs, and the state and the guesses that travel with it."""
+    """A step of one length: what a block of steps needs, and no step changes.
 
-    h: float
-    sizes: tuple[int, int, int]
-    tables: tuple[Array, ...]
+    Attributes
+    ----------
+    table : Table                       what the kernel reads
+    features : tuple                    springs, impulse paths and static coordinates
+    springs : callable                  the Newton solver of the springs
+    loads : callable                    the loads of the steps between instants, one row a step
+    contacts : Dense                    the matrix of the first law
+    solver : State                      the LCP solver that was made ready for it
+    tol, max_iter : float, int          its tolerance and limit of iterations
+    at_switches : Tabulated, optional   the step to take in place of one in which contacts begin or cease to push
+    """
+
+    table: Table
+    features: tuple[StepSprings, Paths, Static]
+    springs: SpringSolver
     loads: Callable[[Array], Array]
-    constant: Array | None
-    y: Array
-    guess: Array
     contacts: Dense
     solver: State
-    springs: Springs
     tol: float
     max_iter: int
+    at_switches: Tabulated | None
 
 
 @dataclass(frozen=True)
@@ -326,8 +213,10 @@ class LinearStep(TimeStepping[Tabulated]):
     remembers: ClassVar[tuple[str, ...]] = ()
     """What travels from step to step beside q and v, one vector (n,) each."""
 
-    reaction_at: ClassVar[float] = 0.5
-    """The instant in its step at which a mean force is best read."""
+    @property
+    def reaction_at(self) -> float:
+        """1/2."""
+        return 0.5
 
     @abstractmethod
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
@@ -342,101 +231,153 @@ class LinearStep(TimeStepping[Tabulated]):
         memory = self.remember(d, q, v, h)
         return np.concatenate([q, v, *(memory[name] for name in self.remembers)])
 
-    def put(self, step: Tabulated, record: Record, y: Array) -> None:
-        """Write the state."""
-        step.y[:] = y
+    def contact_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
+        """Return the matrix W of a law for the LCP solver, with what is known of it."""
+        return Dense(W)
 
-    def get(self, step: Tabulated, record: Record) -> Array:
-        """Return the state."""
-        return step.y.copy()
+    def at_switches(self, d: Dynamics) -> LinearStep | None:
+        """Return the method whose step is taken where contacts begin or cease to push, None where it is this one."""
+        return None
 
     def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
         """Tabulate the step."""
         symbols = self._symbols(d)
-        tables = _tables(symbols, self.equations(symbols, d, h), self.remembers, d, h)
-
-        solver = SOLVERS[lcp_solver]
-        contacts = Dense(np.eye(1))
-        for j, P in enumerate(symbols.P if len(d.contacts) else ()):
-            W = (tables[0][j].T @ P.T).copy()
-            contacts = Dense(W) if j == 0 else contacts
-            solver.check(Dense(W), bool(d.slides.any()))
-        tol, max_iter = limits(solver, self.tol, self.max_iter)
-
-        def loads(t: Array) -> Array:
-            """Return the loads at the instants of the steps that begin at t, side by side."""
-            return np.ascontiguousarray(np.hstack([d.force(t + c * h) for c in self.instants]))
-
-        constant = loads(np.zeros(1)) if d.constant_loads else None
-        sizes = (len(d.nodes), len(d.contacts), len(d.springs))
-        y, guess = np.zeros(len(symbols.q) * (2 + len(self.remembers))), np.zeros((self.laws, len(d.contacts)))
-        init = solver.init(contacts)
-        return Tabulated(h, sizes, tables, loads, constant, y, guess, contacts, init, spring_solver(d), tol, max_iter)
-
-    def _symbols(self, d: Dynamics) -> Symbols:
-        """Return one column for each number that a step starts from or solves for."""
-        n, nc, ns = len(d.nodes), len(d.contacts), len(d.springs)
-        sizes = [n] * (2 + len(self.remembers)) + [1] + [n] * len(self.instants) + [nc] * self.laws + [ns] * self.laws
-        blocks = np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1])
-        q, v, *memory = blocks[: 2 + len(self.remembers)]
-        one, *rest = blocks[2 + len(self.remembers) :]
-        loads, P, s = np.split(np.arange(len(rest)), np.cumsum([len(self.instants), self.laws]))
-        return Symbols(
-            d,
-            q,
-            v,
-            Named("remembers", dict(zip(self.remembers, memory, strict=True))),
-            one,
-            Named("instants", {c: rest[i] for c, i in zip(self.instants, loads, strict=True)}),
-            tuple(rest[i] for i in P),
-            tuple(rest[i] for i in s),
+        step = self.equations(symbols, d, h)
+        table, springs = tabulate(symbols, step, self.remembers, h)
+        solver, contacts = SOLVERS[lcp_solver], [Dense(np.eye(1))]
+        if len(d.contacts):
+            contacts = [self.contact_matrix(d, h, W) for W in table.W]
+            for each in contacts:
+                solver.check(each, bool(d.slides.any()))
+        other = self.at_switches(d)
+        return Tabulated(
+            table,
+            (springs, step.paths, step.static),
+            spring_solver(d),
+            self._loads(d, h),
+            contacts[0],
+            solver.init(contacts[0]),
+            *limits(solver, self.tol, self.max_iter),
+            at_switches=other.prepare(d, h, lcp_solver) if other else None,
         )
 
-    def run(self, step: Tabulated, solver: State, record: Record, times: Array, first: int) -> tuple[Status, int]:
+    def first_state(self, d: Dynamics, y: Array, h: float) -> StepState:
+        """Return the state y with no impulses before."""
+        return StepState(y.copy(), np.zeros((self.laws, len(d.contacts))))
+
+    def _symbols(self, d: Dynamics) -> Symbols:
+        """Return one column for each number that a step starts from or solves for; constant loads belong to that of 1."""
+        n, nc, ns, varying = len(d.nodes), len(d.contacts), len(d.springs), varying_loads(d)
+        sizes = [n] * (2 + len(self.remembers)) + [1] + [varying.sum()] * len(self.instants) + [d.driven.sum()] * 3
+        sizes += [nc] * self.laws + [ns] * self.laws
+        blocks = iter(np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1]))
+        q, v = next(blocks), next(blocks)
+        memory = {name: next(blocks) for name in self.remembers}
+        one = next(blocks)
+        constant = np.where(varying, 0.0, d.force(0.0))[:, None] * one
+        loads = {c: constant + np.eye(n)[:, varying] @ next(blocks) for c in self.instants}
+        prescribed = Prescribed(*(np.eye(n)[:, d.driven] @ next(blocks) for _ in range(3)))
+        P, s = (tuple(next(blocks) for _ in range(self.laws)) for _ in range(2))
+        return Symbols(d, q, v, Named("remembers", memory), one, Named("instants", loads), prescribed, P, s)
+
+    def _loads(self, d: Dynamics, h: float) -> Callable[[Array], Array]:
+        """Return the function that lists what varies in the steps between instants: loads, and prescribed motion."""
+        varying = varying_loads(d)
+
+        def loads(t: Array) -> Array:
+            if not varying.any() and not d.motions:
+                return np.zeros((len(t) - 1, 0))
+            columns = [d.force((1.0 - c) * t[:-1] + c * t[1:])[:, varying] for c in self.instants]
+            if d.motions:
+                y, rate = d.motion(t)
+                columns += [y[1:], rate[1:], self.mean_rates(d, h, t, y, rate)]
+            return np.ascontiguousarray(np.hstack(columns))
+
+        return loads
+
+    def mean_rates(self, d: Dynamics, h: float, t: Array, y: Array, rate: Array) -> Array:
+        """Return the mean rates of the prescribed motions in the steps between instants (steps, nd)."""
+        return np.diff(y, axis=0) / h
+
+    def run(
+        self, step: Tabulated, solver: State, record: Record, times: Array, first: int, state: StepState
+    ) -> tuple[Status, int]:
+        """Take steps, and those in which contacts begin or cease to push by the other method, where there is one."""
+        k, last = first, first + len(times) - 1
+        while k < last:
+            code, k = self._steps(step, solver, record, times[k - first :], k, state)
+            if code == SWITCHES and step.at_switches:
+                code, k = self._steps(step.at_switches, solver, record, times[k - first : k - first + 2], k, state)
+            if code != Status.SOLVED:
+                return Status(code), k
+        return Status.SOLVED, last
+
+    def _steps(
+        self, step: Tabulated, solver: State, record: Record, times: Array, first: int, state: StepState
+    ) -> tuple[int, int]:
         """Take steps in compiled code, or in the interpreter where the solver lives there."""
-        loads = step.loads(times[:-1]) if step.constant is None else step.constant
         kernel: Callable[..., tuple[int, int, int, int, float]] = steps
         springs = step.springs
         if not solver.compiled:
             law = interpreted(solve_law)
             kernel, springs = interpreted(steps, solve_law=law), interpreted(springs, solve_law=law)
+        last, stops = first + len(times) - 1, step.at_switches is not None
+        block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops)
+        path, room = Path(record.q, record.v, record.reaction), room_for(step.table, len(step.features[0].law))
         code, reached, iterations, newton, residual = kernel(
-            first, first + len(times) - 1, step.h, loads, *step.sizes, *step.tables, step.y, step.guess,
-            record.q, record.v, record.reaction, step.tol, step.max_iter, solver.kernel, springs,
-        )  # fmt: skip
+            block, step.table, step.features, state, path, room, solver.kernel, springs
+        )
         record.stats.add_lcps(self.laws * (reached - first), iterations, residual, newton)
-        return Status(code), reached
+        return code, reached
 
 
-def _tables(y: Symbols, step: Step, remembers: tuple[str, ...], d: Dynamics, h: float) -> tuple[Array, ...]:
-    """Return what the kernel reads: the columns of each law, their bounds, those of the springs, and of the result."""
-    nothing = np.zeros_like(y.P[0])
-    touching = [nothing if law.touching is None else law.touching for law in step.laws]
-    weights = [h if law.weight is None else law.weight for law in step.laws]
+def spring_solver(d: Dynamics) -> SpringSolver:
+    """Return the Newton solver of the non-linear springs, which is compiled only for a scheme that has some."""
+    if not d.springs:
+        return no_springs
+    from lcpimpact.integrators.stepping.newton import solve_with_springs
+
+    return solve_with_springs
+
+
+def varying_loads(d: Dynamics) -> Flags:
+    """Return the nodes with a load that depends on time (n,)."""
+    return np.isin(np.arange(len(d.nodes)), [i for i, load in d.loads if callable(load)])
+
+
+def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tuple[Table, StepSprings]:
+    """Return what the kernel reads of a step."""
+    d, N = y.dynamics, y.dynamics.directions
     threshold = np.where(d.slides, d.r_max, 0.0)
-    unbounded = np.where(d.slides, 0.0, d.r_max)
-    N, power_laws = d.directions, d.power_laws
-    rates = [N @ law.springs_at[1] for law in step.laws]
-    approaches = [-(N @ law.springs_at[0] + power_laws[:, :1] * y.one) for law in step.laws]
-    θh = [_shared_step(-δ, rate, P, s) for δ, rate, P, s in zip(approaches, rates, y.P, y.s, strict=True)]
-    result = np.vstack([step.q, step.v, *(step.memory[name] for name in remembers), step.impulse / h])
-
-    def columns(rows: list[Array]) -> Array:
-        return np.array([each.T for each in rows], order="C")
-
-    return (
-        columns([law.L for law in step.laws]),
-        columns(touching),
-        np.array([law.touching is None for law in step.laws]),
+    weights = [h if law.weight is None else law.weight for law in step.laws]
+    lower = np.array([-weight * threshold for weight in weights])
+    upper = np.array([weight * threshold + np.where(d.slides, 0.0, d.r_max) for weight in weights])
+    rows, θh = [], []
+    for law, high, P, s in zip(step.laws, upper, y.P, y.s, strict=True):
+        rate = N @ law.springs_at[1]
+        approach = -(N @ law.springs_at[0] + d.power_laws[:, :1] * y.one)
+        touching = -y.one if law.touching is None else np.where(np.isfinite(high)[:, None], -y.one, law.touching)
+        rows += [np.where(high[:, None] > 0.0, touching, y.one), law.L, rate, approach]
+        θh.append(_shared_step(-approach, rate, P, s))
+    rows += [step.q, step.v, *(step.memory[name] for name in remembers), step.impulse / h]
+    static = step.static.S
+    if static.size:
+        rows.append(static.T @ (y.loads[1.0] - d.K @ step.q + y.push(step.impulse / h)))
+    columns = np.array(np.vstack(rows).T, order="C")
+    known = len(columns) - sum(map(len, (*y.P, *y.s)))
+    unknown = np.vstack([each for pair in zip(y.P, y.s, strict=True) for each in pair])
+    W = np.array([law.L @ P.T for law, P in zip(step.laws, y.P, strict=True)])
+    near = np.array([REST_GAP * h * np.diag(each) * (not law.strictly) for each, law in zip(W, step.laws, strict=True)])
+    table = Table(
+        columns[:known],
+        unknown @ columns,
+        W,
+        lower,
+        upper,
         np.array([law.strictly for law in step.laws]),
-        np.array([-w * threshold for w in weights]),
-        np.array([w * threshold + unbounded for w in weights]),
-        columns(rates),
-        columns(approaches),
-        power_laws.copy(),
-        np.array(θh),
-        result.T.copy(),
+        near,
     )
+    return table, StepSprings(d.power_laws.copy(), np.array(θh), h)
 
 
 def smooth_force(d: Dynamics, q: Array, v: Array) -> Array:
@@ -444,20 +385,24 @@ def smooth_force(d: Dynamics, q: Array, v: Array) -> Array:
     return np.asarray(d.force(0.0) - d.K @ q - d.C @ v + d.spring_force(q, v))
 
 
-def first_acceleration(d: Dynamics, q: Array, v: Array, h: float) -> Array:
-    """Return q'' at t = 0, with the forces of contacts that are closed and do not approach, and of sliders (n,).
+def first_reactions(d: Dynamics, q: Array, v: Array, h: float) -> Array:
+    """Return at t = 0 the forces of contacts that are closed and do not approach, and of sliders (nc,).
 
     They keep the velocity after half a step, v + h/2 q'', within their laws. What approaches is left to the first impact.
     """
-    F = smooth_force(d, q, v)
-    u, U = d.gap(q), d.gap_rate(v)
+    u, U, r = d.gap(q), d.gap_rate(v), np.zeros(len(d.contacts))
     rows = np.flatnonzero(d.slides | ((u <= 0.0) & (U >= 0.0)))
     if len(rows):
         H, push = d.H[rows], d.B[:, rows]
-        b = U[rows] + 0.5 * h * H @ np.linalg.solve(d.M, F)
+        b = U[rows] + 0.5 * h * H @ np.linalg.solve(d.M, smooth_force(d, q, v))
         W = 0.5 * h * H @ np.linalg.solve(d.M, push)
-        F = F + push @ solve_lcp(W, b, lower=d.r_min[rows], upper=d.r_max[rows]).z
-    return np.asarray(np.linalg.solve(d.M, F))
+        r[rows] = solve_lcp(W, b, lower=d.r_min[rows], upper=d.r_max[rows]).z
+    return r
+
+
+def first_acceleration(d: Dynamics, q: Array, v: Array, h: float) -> Array:
+    """Return q'' at t = 0, with the `first_reactions` (n,)."""
+    return np.asarray(np.linalg.solve(d.M, smooth_force(d, q, v) + d.B @ first_reactions(d, q, v, h)))
 
 
 def _shared_step(place: Array, rate: Array, P: Array, s: Array) -> float:

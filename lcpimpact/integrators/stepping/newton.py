@@ -18,14 +18,23 @@ So after some full steps a line search goes only as far as φ' is not large and 
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
+from numba import types
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, matrix, vector
+from lcpimpact.compiled import compiled, f8, matrix, named_tuple, vector
 from lcpimpact.errors import Status
-from lcpimpact.integrators.stepping.law import SPRINGS_SIGNATURE, solve_law
+from lcpimpact.integrators.stepping.law import (
+    SPRING_SIGNATURE,
+    SPRINGS,
+    ContactProblem,
+    Solving,
+    Springs,
+    solve_law,
+)
 from lcpimpact.lcp.lapack import lu_solve
-from lcpimpact.lcp.solver import Kernel
 from lcpimpact.scheme.power_law import mean_force
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
@@ -43,41 +52,38 @@ ROUNDING = 8.0 * np.finfo(np.float64).eps
 """How far F(y) may be off where y is rounded, relative to J and the summands of y: no force is nearer to s than that."""
 
 
-@compiled(
-    f8(matrix, matrix, matrix, vector, f8, f8, vector, vector, vector, vector, vector, vector)
-)  # fmt: skip
-def line_search(
-    W: Array,
-    HGs: Array,
-    law: Array,
-    δ: Array,
-    θh: float,
-    h: float,
-    z: Array,
-    s: Array,
-    y: Array,
-    z_new: Array,
-    s_new: Array,
-    y_new: Array,
-) -> float:
+class Iterate(NamedTuple):
+    """What Newton's method improves: z of the rows, forces s and rates y of the springs."""
+
+    z: Array
+    s: Array
+    y: Array
+
+
+ITERATE: Any = named_tuple((vector, vector, vector), Iterate)
+
+
+@compiled(f8(matrix, SPRINGS, vector, ITERATE, ITERATE))
+def line_search(W: Array, springs: Springs, δ: Array, old: Iterate, new: Iterate) -> float:
     """Return the step length t in (0, 1] to the new iterate: halved until φ'(t) is at most half of -φ'(0)."""
-    nc, ns = len(z), len(s)
-    ahead = np.zeros(nc)
+    dz, ds, dy = new.z - old.z, new.s - old.s, new.y - old.y
+    nc, ns = len(dz), len(ds)
+    dw = np.zeros(nc)
     for i in range(nc):
         for c in range(nc):
-            ahead[i] += W[i, c] * (z_new[c] - z[c])
+            dw[i] += W[i, c] * dz[c]
         for j in range(ns):
-            ahead[i] += HGs[i, j] * (s_new[j] - s[j])
+            dw[i] += springs.HGs[i, j] * ds[j]
     first, t = 0.0, 0.0
     while True:
         slope = 0.0
         for i in range(nc):
-            slope += (z[i] + t * (z_new[i] - z[i])) * ahead[i]
+            slope += (old.z[i] + t * dz[i]) * dw[i]
         for j in range(ns):
-            rate = y[j] + t * (y_new[j] - y[j])
-            _, K_j, n_j, b_j, c_j = law[j]
-            F, _, _ = mean_force(K_j, n_j, b_j, c_j, δ[j] - θh * rate, -rate, h)
-            slope += (s[j] + t * (s_new[j] - s[j]) - F) * (y_new[j] - y[j])
+            rate = old.y[j] + t * dy[j]
+            _, K, n, b, c = springs.law[j]
+            F, _, _ = mean_force(K, n, b, c, δ[j] - springs.θh * rate, -rate, springs.h)
+            slope += (old.s[j] + t * ds[j] - F) * dy[j]
         if t == 0.0:
             if not slope < 0.0:
                 return 1.0
@@ -88,78 +94,77 @@ def line_search(
             t *= 0.5
 
 
-@compiled(SPRINGS_SIGNATURE)
-def solve_with_springs(
-    W: Array,
-    b: Array,
-    lower: Array,
-    upper: Array,
-    z: Array,
-    gap: Array,
-    plain: bool,
-    tol: float,
-    max_iter: int,
-    solve: Kernel,
-    HGs: Array,
-    NG: Array,
-    NGs: Array,
-    y_free: Array,
-    δ: Array,
-    law: Array,
-    θh: float,
-    h: float,
-    y: Array,
-    s: Array,
-) -> tuple[int, int, int, float]:
-    """Solve the step's law and springs together: z holds r, y and s are a guess on entry and the answer on return.
+@compiled(types.UniTuple(f8, 3)(SPRINGS, vector, vector, vector, vector, vector, vector))
+def linearise(
+    springs: Springs, y_free: Array, δ: Array, s: Array, y: Array, F: Array, J: Array
+) -> tuple[float, float, float]:
+    """Write F and J at y; return the largest |F - s|, the largest |F|, and the rounding of F."""
+    error, scale, rounding = 0.0, 0.0, 0.0
+    for j in range(len(y)):
+        _, K, n, b, c = springs.law[j]
+        F[j], by_δ, by_rate = mean_force(K, n, b, c, δ[j] - springs.θh * y[j], -y[j], springs.h)
+        J[j] = -by_rate - springs.θh * by_δ
+        size = abs(y_free[j]) + abs(y[j])
+        for i in range(len(y)):
+            size += abs(springs.NGs[j, i] * s[i])
+        error = max(error, abs(F[j] - s[j]))
+        scale = max(scale, abs(F[j]))
+        rounding = max(rounding, abs(J[j]) * size)
+    return error, scale, rounding
 
-    HGs (nc, ns), NG (ns, nc), NGs (ns, ns) couple rows and springs; law (ns, 5) holds gap, K, n, b, c. Returns the status,
-    the LCP iterations, the Newton iterations, and the LCP's residual.
+
+@compiled(types.boolean(SPRINGS, vector, vector, vector, vector, vector, matrix))
+def eliminate_springs(springs: Springs, y_free: Array, y: Array, F: Array, J: Array, s_0: Array, S: Array) -> bool:
+    """Write s_0 and S of the linearised law s = s_0 + S z; return whether its matrix is regular."""
+    ns, nc = S.shape
+    system, column = np.empty((ns, ns)), np.empty(ns)
+    for c in range(nc + 1):
+        for i in range(ns):
+            for j in range(ns):
+                system[i, j] = (1.0 if i == j else 0.0) - J[i] * springs.NGs[i, j]
+            column[i] = F[i] + J[i] * (y_free[i] - y[i]) if c == nc else J[i] * springs.NG[i, c]
+        if not lu_solve(system, column):
+            return False
+        if c == nc:
+            s_0[:] = column
+        else:
+            S[:, c] = column
+    return True
+
+
+@compiled(SPRING_SIGNATURE)
+def solve_with_springs(
+    rows: ContactProblem, springs: Springs, y_free: Array, δ: Array, z: Array, y: Array, s: Array, solving: Solving
+) -> tuple[int, int, int, float]:
+    """Solve the rows and the springs together: z, y and s are a guess on entry and the answer on return.
+
+    Returns the status, the LCP iterations, the Newton iterations, and the LCP's residual.
     """
-    ns, nc = len(y), len(b)
-    s_0, S = np.empty(ns), np.empty((ns, nc))
-    F, J = np.empty(ns), np.empty(ns)
-    W_s, b_s, system, column = np.empty((nc, nc)), np.empty(nc), np.empty((ns, ns)), np.empty(ns)
-    z_old, s_old, y_old = np.empty(nc), np.empty(ns), np.empty(ns)
+    ns, nc = len(y), len(z)
+    s_0, S, F, J = np.empty(ns), np.empty((ns, nc)), np.empty(ns), np.empty(ns)
+    W_s, q_s = np.empty((nc, nc)), np.empty(nc)
     total, residual, t = 0, 0.0, 1.0
     for newton in range(MAX_NEWTON + 1):
-        error, scale, rounding = 0.0, 0.0, 0.0
-        for j in range(ns):
-            _, K_j, n_j, b_j, c_j = law[j]
-            F[j], by_δ, by_rate = mean_force(K_j, n_j, b_j, c_j, δ[j] - θh * y[j], -y[j], h)
-            J[j] = -by_rate - θh * by_δ
-            error = max(error, abs(F[j] - s[j]))
-            scale = max(scale, abs(F[j]))
-            size = abs(y_free[j]) + abs(y[j])
-            for i in range(ns):
-                size += abs(NGs[j, i] * s[i])
-            rounding = max(rounding, abs(J[j]) * size)
+        error, scale, rounding = linearise(springs, y_free, δ, s, y, F, J)
         if not error < np.inf:
             return NON_FINITE, total, newton, residual
         if newton > 0 and t == 1.0 and error <= NEWTON_TOL * scale + ROUNDING * rounding:
             return SOLVED, total, newton, residual
-        for c in range(nc + 1):
-            for i in range(ns):
-                for j in range(ns):
-                    system[i, j] = (1.0 if i == j else 0.0) - J[i] * NGs[i, j]
-                column[i] = F[i] + J[i] * (y_free[i] - y[i]) if c == nc else J[i] * NG[i, c]
-            if not lu_solve(system, column):
-                return SINGULAR, total, newton, residual
-            if c == nc:
-                s_0[:] = column
-            else:
-                S[:, c] = column
+        if not eliminate_springs(springs, y_free, y, F, J, s_0, S):
+            return SINGULAR, total, newton, residual
         for i in range(nc):
-            b_s[i] = b[i]
+            q_s[i] = rows.q[i]
             for j in range(ns):
-                b_s[i] += HGs[i, j] * s_0[j]
+                q_s[i] += springs.HGs[i, j] * s_0[j]
             for c in range(nc):
-                W_s[i, c] = W[i, c]
+                W_s[i, c] = rows.W[i, c]
                 for j in range(ns):
-                    W_s[i, c] += HGs[i, j] * S[j, c]
-        z_old[:], s_old[:], y_old[:] = z, s, y
+                    W_s[i, c] += springs.HGs[i, j] * S[j, c]
+        old = Iterate(z.copy(), s.copy(), y.copy())
         if nc > 0:
-            status, count, residual = solve_law(W_s, b_s, lower, upper, z, gap, plain, tol, max_iter, solve)
+            status, count, residual = solve_law(
+                W_s, q_s, rows.lower, rows.upper, z, solving.tol, solving.max_iter, solving.solve
+            )
             total += count
             if status != SOLVED:
                 return status, total, newton, residual
@@ -170,13 +175,13 @@ def solve_with_springs(
         for i in range(ns):
             y[i] = y_free[i]
             for j in range(ns):
-                y[i] += NGs[i, j] * s[j]
+                y[i] += springs.NGs[i, j] * s[j]
             for c in range(nc):
-                y[i] += NG[i, c] * z[c]
+                y[i] += springs.NG[i, c] * z[c]
         if newton >= FULL_STEPS:
-            t = line_search(W, HGs, law, δ, θh, h, z_old, s_old, y_old, z, s, y)
+            t = line_search(rows.W, springs, δ, old, Iterate(z, s, y))
             if t < 1.0:
-                z[:] = z_old + t * (z - z_old)
-                s[:] = s_old + t * (s - s_old)
-                y[:] = y_old + t * (y - y_old)
+                z[:] = old.z + t * (z - old.z)
+                s[:] = old.s + t * (s - old.s)
+                y[:] = old.y + t * (y - old.y)
     return NEWTON, total, MAX_NEWTON, residual

@@ -29,17 +29,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array, Flags
-from lcpimpact.compiled import compiled, f8, i8, indices, interpreted, matrix, vector
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, interpreted, matrix, named_tuple, vector
 from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.modes import System, refuse_mixed_degrees, refuse_velocity_jumps
 from lcpimpact.integrators.base import Integrator, Limits
-from lcpimpact.integrators.stepping.law import solve_law, with_fallbacks
+from lcpimpact.integrators.stepping.kernel import copy
+from lcpimpact.integrators.stepping.law import SOLVING, Solving, solve_law, submatrix, with_fallbacks
 from lcpimpact.integrators.stepping.tableau import Tableau
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
@@ -49,7 +50,7 @@ from lcpimpact.lcp.solver import Kernel
 from lcpimpact.lcp.solver import State as Solver
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
-from lcpimpact.record import Event, Grid, Record, State
+from lcpimpact.record import Event, Grid, Record, State, Stats
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.first_order import FirstOrderForm, Inputs, forced_form
 from lcpimpact.scheme.power_law import energies, spring_force, tangents
@@ -77,15 +78,118 @@ SAMPLED = np.linspace(0.0, 1.0, 17)[1:-1]
 HANDLES = (Feature.POWER_LAWS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION)
 """Features these methods handle: all but sliders, whose force jumps as the velocity turns."""
 
-cube = types.float64[:, :, ::1]
 
-Matrices: TypeAlias = tuple[Any, ...]
-"""A, C, U, O, O_s, G, B, E, the springs' approach, its rate and their law, the degrees, and e; see `_matrices`."""
+class Matrices(NamedTuple):
+    """The right side, over x = (y, signals, loads).
 
-MATRICES: Any = types.Tuple((matrix,) * 11 + (indices, vector))
+    Attributes
+    ----------
+    A, B, E : arrays                y' = A x + B r + E s (ny, .)
+    C, U : arrays                   u = C x, U = U x (nc, .)
+    O, O_s, G : arrays              u^(ρ) = O x + O_s s + G r (nc, .)
+    approach, rate : arrays         δ and δ' of the springs (ns, .)
+    law : (ns, 5) array             their gap, K, n, b, c
+    degree, e : (nc,) arrays        relative degrees and coefficients of restitution
+    """
+
+    A: Array
+    B: Array
+    E: Array
+    C: Array
+    U: Array
+    O: Array  # noqa: E741
+    O_s: Array
+    G: Array
+    approach: Array
+    rate: Array
+    law: Array
+    degree: Indices
+    e: Array
 
 
-@compiled(f8(matrix, i8, vector))
+class Motion(NamedTuple):
+    """What steps fill, at each instant of the grid: y, y', r, P, and how long ago each gap closed."""
+
+    y: Array
+    dy: Array
+    r: Array
+    P: Array
+    since: Array
+
+
+class Point(NamedTuple):
+    """One instant: x, and y', r, P, and how long ago each gap closed, all to be written."""
+
+    x: Array
+    dy: Array
+    r: Array
+    P: Array
+    since: Array
+
+
+class Weights(NamedTuple):
+    """The tableau: a (s, s), b (s,), and the weights of the estimated error (s,)."""
+
+    a: Array
+    b: Array
+    b_error: Array
+
+
+class Steps(NamedTuple):
+    """The steps to take.
+
+    Attributes
+    ----------
+    first, last : int               from which instant to which
+    h, shortest : float             their length, and that of the shortest flight that counts, in s
+    given : (steps or 1, s + 1, ng) what is given at the stages and at the end of a step
+    tol, max_iter                   tolerance of the LCP solver, and its limit of iterations
+    """
+
+    first: int
+    last: int
+    h: float
+    shortest: float
+    given: Array
+    tol: float
+    max_iter: int
+
+
+class Room(NamedTuple):
+    """Room to work in: y' of the stages, the contact problem of a stage, which contacts touch, and what a step moves."""
+
+    K: Array
+    active: Indices
+    q: Array
+    z: Array
+    lower: Array
+    upper: Array
+    s: Array
+    touches: Flags
+    together: Flags
+    moves: Array
+
+
+MATRICES: Any = named_tuple((matrix,) * 11 + (indices, vector), Matrices)
+MOTION: Any = named_tuple((matrix,) * 5, Motion)
+POINT: Any = named_tuple((vector,) * 5, Point)
+WEIGHTS: Any = named_tuple((matrix, vector, vector), Weights)
+STEPS: Any = named_tuple((i8, i8, f8, f8, cube, f8, i8), Steps)
+ROOM: Any = named_tuple((matrix, indices, vector, vector, vector, vector, vector, flags, flags, vector), Room)
+
+
+def room_for(system: Matrices, stages: int) -> Room:
+    """Return room for a system and a number of stages."""
+    ny, nc, ns = len(system.A), len(system.C), len(system.law)
+    q, z, lower = np.zeros((3, nc))
+    touches, together = np.zeros((2, nc), bool)
+    upper, moves = np.full(nc, np.inf), np.zeros(ny)
+    return Room(
+        np.zeros((stages, ny)), np.zeros(nc, np.int64), q, z, lower, upper, np.zeros(ns), touches, together, moves
+    )
+
+
+@compiled(f8(matrix, i8, vector), inline="always", allocates=False)
 def term(M: Array, i: int, x: Array) -> float:
     """Return row i of M x."""
     sum_ = 0.0
@@ -94,7 +198,7 @@ def term(M: Array, i: int, x: Array) -> float:
     return sum_
 
 
-@compiled(f8(matrix, i8, vector))
+@compiled(f8(matrix, i8, vector), inline="always", allocates=False)
 def rounding(M: Array, i: int, scale: Array) -> float:
     """Return what counts as zero in row i of M x."""
     sum_ = 0.0
@@ -103,133 +207,121 @@ def rounding(M: Array, i: int, scale: Array) -> float:
     return ZERO_RTOL * sum_
 
 
-@compiled(types.void(vector, matrix, matrix, matrix, vector))
-def spring_forces(x: Array, approach: Array, rate: Array, law: Array, s: Array) -> None:
+@compiled(types.void(vector, MATRICES, vector), allocates=False)
+def spring_forces(x: Array, system: Matrices, s: Array) -> None:
     """Write the forces s(δ, δ') of the non-linear springs at x."""
     for a in range(len(s)):
-        _, K, n, b, c = law[a]
-        s[a], _, _ = spring_force(K, n, b, c, term(approach, a, x), term(rate, a, x))
+        K, n, b, c = system.law[a, 1], system.law[a, 2], system.law[a, 3], system.law[a, 4]
+        s[a], _, _ = spring_force(K, n, b, c, term(system.approach, a, x), term(system.rate, a, x))
 
 
-@compiled(f8(f8))
+@compiled(f8(f8), inline="always", allocates=False)
 def held(r: float) -> float:
     """Return by how much a contact may be further from closed than rounding: one that pushes drifts in many steps."""
     return ACTIVE_GAP_FACTOR if r > 0.0 else 1.0
 
 
-@compiled(types.void(vector, MATRICES, vector, vector, types.boolean[::1]))
+@compiled(types.void(vector, MATRICES, vector, vector, flags), allocates=False)
 def touching(x: Array, system: Matrices, scale: Array, r: Array, touches: Flags) -> None:
     """Write which rows take part in the law: all of degree 0, those with u <= 0 of degree 1, also with U = 0 of degree 2."""
-    _, C, U, _, _, _, _, _, _, _, _, degree, _ = system
-    for i in range(len(degree)):
-        touches[i] = degree[i] == 0 or term(C, i, x) <= held(r[i]) * rounding(C, i, scale)
-        if degree[i] == 2 and touches[i]:
-            touches[i] = abs(term(U, i, x)) <= held(r[i]) * rounding(U, i, scale)
+    for i in range(len(r)):
+        touches[i] = system.degree[i] == 0 or term(system.C, i, x) <= held(r[i]) * rounding(system.C, i, scale)
+        if system.degree[i] == 2 and touches[i]:
+            touches[i] = abs(term(system.U, i, x)) <= held(r[i]) * rounding(system.U, i, scale)
 
 
-@compiled(types.Tuple((i8, i8, f8))(vector, MATRICES, types.boolean[::1], vector, vector, f8, i8, KERNEL))
-def right_side(
-    x: Array, system: Matrices, touches: Flags, r: Array, dy: Array, tol: float, max_iter: int, solve: Kernel
-) -> tuple[int, int, float]:
-    """Write r and y' at x, which is the state y and after it what is given; return status, iterations and residual."""
-    A, _, _, O, O_s, G, B, E, approach, rate, law, _, _ = system  # noqa: E741
-    nc, ns, ny = len(r), len(law), len(dy)
-    s = np.empty(ns)
-    spring_forces(x, approach, rate, law, s)
-    active, na = np.empty(nc, np.int64), 0
-    q, z, gap, lower = np.empty(nc), np.zeros(nc), np.empty(nc), np.zeros(nc)
+@compiled(types.Tuple((i8, i8, f8))(MATRICES, i8, ROOM, SOLVING))
+def solve_part(system: Matrices, na: int, room: Room, solving: Solving) -> tuple[int, int, float]:
+    """Solve the law of ``na`` active rows alone."""
+    W, q, z = submatrix(system.G, room.active[:na]), room.q[:na], room.z[:na]
+    return solve_law(W, q, room.lower[:na], room.upper[:na], z, solving.tol, solving.max_iter, solving.solve)
+
+
+@compiled(types.Tuple((i8, i8, f8))(vector, MATRICES, vector, vector, ROOM, SOLVING), allocates=False)
+def right_side(x: Array, system: Matrices, r: Array, dy: Array, room: Room, solving: Solving) -> tuple[int, int, float]:
+    """Write r and y' at x, with the contacts that touch by the room; return status, iterations and residual."""
+    nc, na = len(r), 0
+    spring_forces(x, system, room.s)
     for i in range(nc):
-        if touches[i]:
-            q[na], z[na] = term(O, i, x) + term(O_s, i, s), max(r[i], 0.0)
-            active[na] = i
+        if room.touches[i]:
+            room.active[na], room.z[na] = i, max(r[i], 0.0)
+            room.q[na] = term(system.O, i, x) + term(system.O_s, i, room.s)
             na += 1
-    r[:] = 0.0
+        r[i] = 0.0
     status, count, residual = SOLVED, 0, 0.0
-    if na > 0:
-        W = np.empty((na, na))
-        for a in range(na):
-            for c in range(na):
-                W[a, c] = G[active[a], active[c]]
-        upper = np.full(na, np.inf)
-        status, count, residual = solve_law(W, q[:na], lower[:na], upper, z[:na], gap[:na], True, tol, max_iter, solve)
-        for a in range(na):
-            r[active[a]] = z[a]
-    for j in range(ny):
-        dy[j] = term(A, j, x) + term(B, j, r) + term(E, j, s)
+    if na == nc > 0:
+        status, count, residual = solve_law(
+            system.G, room.q, room.lower, room.upper, room.z, solving.tol, solving.max_iter, solving.solve
+        )
+    elif na > 0:
+        status, count, residual = solve_part(system, na, room, solving)
+    for a in range(na):
+        r[room.active[a]] = room.z[a]
+    for j in range(len(dy)):
+        dy[j] = term(system.A, j, x) + term(system.B, j, r) + term(system.E, j, room.s)
     return status, count, residual
 
 
-@compiled(types.Tuple((i8, i8, f8))(vector, MATRICES, vector, f8, f8, vector, vector, vector, vector, f8, i8, KERNEL))
-def project_onto_constraints(
-    x: Array,
-    system: Matrices,
-    scale: Array,
-    h: float,
-    shortest: float,
-    P: Array,
-    since: Array,
-    r: Array,
-    dy: Array,
-    tol: float,
-    max_iter: int,
-    solve: Kernel,
-) -> tuple[int, int, float]:
-    """Put the state right at the end of a step by impulses P, and write r and y' after them.
+@compiled(types.boolean(vector, MATRICES, vector, vector, ROOM), allocates=False)
+def violates(x: Array, system: Matrices, scale: Array, r: Array, room: Room) -> bool:
+    """Write which rows take part in the law at the end of a step; return whether any violates its constraint."""
+    touching(x, system, scale, r, room.touches)
+    violated = False
+    for i in range(len(r)):
+        gap, near = term(system.C, i, x), rounding(system.C, i, scale)
+        if system.degree[i] > 0 and gap <= held(r[i]) * near:
+            if system.degree[i] == 2:
+                slow = held(r[i]) * rounding(system.U, i, scale)
+                violated = violated or term(system.U, i, x) < -slow
+            else:
+                room.touches[i] = gap >= -near
+                violated = violated or gap < -near
+    return violated
 
-    ``since`` is left as the time that has passed since each gap closed, and zero where none did. A rebound whose flight
-    would last no longer than ``shortest`` counts as none.
+
+@compiled(types.Tuple((i8, i8, f8))(POINT, MATRICES, vector, types.UniTuple(f8, 2), ROOM, SOLVING))
+def correct(
+    end: Point, system: Matrices, scale: Array, lengths: tuple[float, float], room: Room, solving: Solving
+) -> tuple[int, int, float]:
+    """Correct constraint violations at the end of a step by impulses P, and write r and y' after them.
+
+    ``lengths`` are that of the step and that of the shortest flight that counts: a rebound that would end sooner is none.
+    ``since`` is left as the time that has passed since each gap closed, and zero where none did.
     """
-    A, C, U, O, O_s, G, B, _, approach, rate, law, degree, restitution = system  # noqa: E741
+    (x, dy, r, P, since), (h, shortest) = end, lengths
     nc, ny = len(r), len(dy)
     active, na = np.empty(nc, np.int64), 0
     gap, speed, meets = np.zeros(nc), np.zeros(nc), np.zeros(nc, np.bool_)
-    P[:] = since[:] = 0.0
-    violated = False
-    touches = np.empty(nc, np.bool_)
-    touching(x, system, scale, r, touches)
     for i in range(nc):
-        gap[i] = term(C, i, x)
-        if degree[i] == 0 or gap[i] > held(r[i]) * rounding(C, i, scale):
-            continue
-        active[na] = i
-        na += 1
-        if degree[i] == 2:
-            speed[i] = term(U, i, x)
-            meets[i] = speed[i] < -held(r[i]) * rounding(U, i, scale)
-            violated = violated or meets[i]
-        else:
-            touches[i] = gap[i] >= -rounding(C, i, scale)
-            violated = violated or not touches[i]
-    status, total, worst = right_side(x, system, touches, r, dy, tol, max_iter, solve)
-    if not violated or status != SOLVED:
+        gap[i] = term(system.C, i, x)
+        if system.degree[i] > 0 and gap[i] <= held(r[i]) * rounding(system.C, i, scale):
+            active[na] = i
+            na += 1
+            if system.degree[i] == 2:
+                speed[i] = term(system.U, i, x)
+                meets[i] = speed[i] < -held(r[i]) * rounding(system.U, i, scale)
+    status, total, worst = right_side(x, system, r, dy, room, solving)
+    if status != SOLVED:
         return status, total, worst
-
-    before, e, s = x.copy(), restitution.copy(), np.empty(len(law))
-    W, q, z, w, lower, upper = (
-        np.empty((na, na)),
-        np.empty(nc),
-        np.empty(nc),
-        np.empty(nc),
-        np.zeros(nc),
-        np.full(na, np.inf),
-    )
-    free, ago, jump, drift = np.zeros(nc), np.zeros(nc), np.zeros(len(x)), np.zeros(len(x))
-    spring_forces(x, approach, rate, law, s)
+    before, e, W = x.copy(), system.e.copy(), submatrix(system.G, active[:na])
+    q, z, lower, upper = np.empty(na), np.empty(na), np.zeros(na), np.full(na, np.inf)
+    free, ago, drift = np.zeros(nc), np.zeros(nc), np.zeros(len(x))
+    spring_forces(x, system, room.s)
     for i in range(nc):
-        free[i] = term(O, i, x) + term(O_s, i, s) + term(G, i, r)
+        free[i] = term(system.O, i, x) + term(system.O_s, i, room.s) + term(system.G, i, r)
     for _attempt in range(nc + 1):
         earliest = 0.0
         for a in range(na):
             i = active[a]
             ago[i] = since[i] = 0.0
-            q[a] = gap[i] if degree[i] < 2 else speed[i]
-            if degree[i] == 1 and free[i] < 0.0:
+            q[a] = gap[i] if system.degree[i] < 2 else speed[i]
+            if system.degree[i] == 1 and free[i] < 0.0:
                 since[i] = min(max(gap[i] / free[i], 0.0), h)
             if meets[i]:
                 # The speed at which the gap closed, and how long ago: u = τ (U + U_c)/2, and U² = U_c² + 2 u'' u.
                 closing, square = speed[i], speed[i] ** 2 - 2.0 * free[i] * gap[i]
                 if square <= 0.0:
-                    # It falls back before it has left the overlap of an earlier impact.
+                    # It falls back before it has left the penetration of an earlier impact.
                     e[i] = 0.0
                 if e[i] > 0.0:
                     closing = -np.sqrt(square)
@@ -237,141 +329,148 @@ def project_onto_constraints(
                 q[a] = (1.0 + e[i]) * closing
                 earliest = max(earliest, ago[i])
         for a in range(na):
-            i = active[a]
             z[a] = 0.0
-            if degree[i] == 2 and ago[i] == 0.0:
-                ago[i] = earliest
-            for c in range(na):
-                W[a, c] = G[i, active[c]]
-        status, count, residual = solve_law(W, q[:na], lower[:na], upper, z[:na], w[:na], True, tol, max_iter, solve)
-        total += count
-        worst = max(worst, residual)
+            if system.degree[active[a]] == 2 and ago[active[a]] == 0.0:
+                ago[active[a]] = earliest
+        status, count, residual = solve_law(W, q, lower, upper, z, solving.tol, solving.max_iter, solving.solve)
+        total, worst = total + count, max(worst, residual)
         if status != SOLVED:
             return status, total, worst
         for a in range(na):
             P[active[a]] = z[a]
         for j in range(ny):
-            jump[j] = term(B, j, P)
-            drift[j] = term(B, j, ago * P)
+            drift[j] = term(system.B, j, ago * P)
         for j in range(ny):
-            x[j] = before[j] + jump[j] + term(A, j, drift)
-        touching(x, system, scale, r, touches)
-        status, count, residual = right_side(x, system, touches, r, dy, tol, max_iter, solve)
-        total += count
-        worst = max(worst, residual)
+            x[j] = before[j] + term(system.B, j, P) + term(system.A, j, drift)
+        touching(x, system, scale, r, room.touches)
+        status, count, residual = right_side(x, system, r, dy, room, solving)
+        total, worst = total + count, max(worst, residual)
         if status != SOLVED:
             return status, total, worst
         again = False
-        spring_forces(x, approach, rate, law, s)
+        spring_forces(x, system, room.s)
         for a in range(na):
             i = active[a]
-            if degree[i] < 2 or e[i] == 0.0 or not (meets[i] or P[i] > 0.0):
-                continue
-            acceleration = term(O, i, x) + term(O_s, i, s) + term(G, i, r)
-            if 2.0 * (term(U, i, x) - acceleration * since[i]) <= -acceleration * shortest:
-                e[i] = 0.0
-                again = True
+            if e[i] > 0.0 and (meets[i] or P[i] > 0.0) and system.degree[i] == 2:
+                acceleration = term(system.O, i, x) + term(system.O_s, i, room.s) + term(system.G, i, r)
+                if 2.0 * (term(system.U, i, x) - acceleration * since[i]) <= -acceleration * shortest:
+                    e[i], again = 0.0, True
         if not again:
             break
     return SOLVED, total, worst
 
 
 @compiled(
-    types.Tuple((i8, i8, i8, f8))(
-        i8, i8, f8, f8, cube, matrix, vector, vector, MATRICES, matrix, matrix, matrix, matrix, matrix, vector, matrix,
-        f8, i8, KERNEL,
-    )
-)  # fmt: skip
-def steps(
-    first: int,
-    last: int,
-    h: float,
-    shortest: float,
-    given: Array,
-    a: Array,
-    b: Array,
-    b_error: Array,
+    types.Tuple((i8, i8, f8))(POINT, MATRICES, vector, types.UniTuple(f8, 2), ROOM, f8, i8, KERNEL), allocates=False
+)
+def end_step(
+    end: Point,
     system: Matrices,
-    y: Array,
-    dy: Array,
-    r: Array,
-    P: Array,
-    since: Array,
     scale: Array,
-    ahead: Array,
+    lengths: tuple[float, float],
+    room: Room,
     tol: float,
     max_iter: int,
     solve: Kernel,
-) -> tuple[int, int, int, float]:
-    """Take the steps first ... last: fill y, y', r and P at [k + 1] from y[k] and dy[k].
+) -> tuple[int, int, float]:
+    """Write r and y' at the end of a step, and where a constraint is violated there, `correct` x by impulses P."""
+    solving = Solving(tol, max_iter, solve)
+    for i in range(len(end.r)):
+        end.P[i] = end.since[i] = 0.0
+    if violates(end.x, system, scale, end.r, room):
+        return correct(end, system, scale, lengths, room, solving)
+    return right_side(end.x, system, end.r, end.dy, room, solving)
 
-    ``given`` (steps or 1, s + 1, ng) holds what is given at the stages and at the end of a step; ``ahead`` (2, ny) is left
-    as the last state before its projection, and the estimate of its error. Returns the status, the step reached, the sum
-    of the LCP iterations, and the largest residual.
+
+@compiled(types.void(MATRICES, vector, vector, f8, vector, vector), allocates=False)
+def add_to_scale(system: Matrices, x: Array, r: Array, h: float, scale: Array, moves: Array) -> None:
+    """Raise the scale to what a step moves.
+
+    What lies still has no velocity to compare with, but forces that cancel, and what a step makes of them.
     """
-    A, _, _, _, _, _, B, _, _, _, _, _, _ = system
-    s, ny = len(b), y.shape[1]
-    K, x, force, moves = np.empty((s, ny)), np.empty(len(scale)), np.empty(r.shape[1]), np.empty(ny)
-    touches, together = np.empty(r.shape[1], np.bool_), np.empty(r.shape[1], np.bool_)
+    ny = len(moves)
+    for j in range(ny):
+        sum_ = 0.0
+        for l in range(len(x)):  # noqa: E741
+            sum_ += abs(system.A[j, l] * x[l])
+        for c in range(len(r)):
+            sum_ += abs(system.B[j, c] * r[c])
+        moves[j] = h * sum_
+    for j in range(ny):
+        sum_ = 0.0
+        for l in range(ny):  # noqa: E741
+            sum_ += abs(system.A[j, l]) * moves[l]
+        scale[j] = max(scale[j], moves[j], h * sum_)
+
+
+@compiled(
+    types.Tuple((i8, i8, i8, f8))(STEPS, MATRICES, WEIGHTS, MOTION, types.UniTuple(vector, 2), matrix, ROOM, KERNEL),
+    allocates=False,
+)
+def steps(
+    block: Steps,
+    system: Matrices,
+    weights: Weights,
+    motion: Motion,
+    now: tuple[Array, Array],
+    ahead: Array,
+    room: Room,
+    solve: Kernel,
+) -> tuple[int, int, int, float]:
+    """Take a block of steps: fill the motion at [k + 1] from that at [k].
+
+    ``now`` is room for x, and the scale of x so far; ``ahead`` (2, ny) is left as the last state before its correction, and
+    the estimate of its error. Returns the status, the step reached, the sum of the LCP iterations, and the largest residual.
+    """
+    (x, scale), h, given, K = now, block.h, block.given, room.K
+    s, ny, nc = len(weights.b), motion.y.shape[1], motion.r.shape[1]
+    solving = Solving(block.tol, block.max_iter, solve)
     total, worst = 0, 0.0
-    for k in range(first, last):
-        p = k - first if len(given) > 1 else 0
-        K[0] = dy[k]
-        force[:] = r[k]
-        x[:ny] = y[k]
-        x[ny:] = given[p, 0]
-        # What lies still has no velocity to compare with, but forces that cancel, and what a step makes of them.
-        for j in range(ny):
-            sum_ = 0.0
-            for l in range(len(x)):  # noqa: E741
-                sum_ += abs(A[j, l] * x[l])
-            for c in range(len(force)):
-                sum_ += abs(B[j, c] * force[c])
-            moves[j] = h * sum_
-        for j in range(ny):
-            sum_ = 0.0
-            for l in range(ny):  # noqa: E741
-                sum_ += abs(A[j, l]) * moves[l]
-            scale[j] = max(scale[j], moves[j], h * sum_)
-        touching(x, system, scale, force, together)
+    for k in range(block.first, block.last):
+        p = k - block.first if len(given) > 1 else 0
+        y, force = motion.y[k], motion.r[k + 1]
+        copy(motion.dy[k], K[0])
+        copy(motion.r[k], force)
+        copy(y, x[:ny])
+        copy(given[p, 0], x[ny:])
+        add_to_scale(system, x, force, h, scale, room.moves)
+        touching(x, system, scale, force, room.together)
         for i in range(1, s):
             for j in range(ny):
                 sum_ = 0.0
                 for l in range(i):  # noqa: E741
-                    sum_ += a[i, l] * K[l, j]
-                x[j] = y[k, j] + h * sum_
-            x[ny:] = given[p, i]
-            touching(x, system, scale, force, touches)
-            for c in range(len(touches)):
-                # What was apart as the step began stays so until its end, where `project_onto_constraints` makes up for it.
-                touches[c] = touches[c] and together[c]
-            status, count, residual = right_side(x, system, touches, force, K[i], tol, max_iter, solve)
-            total += count
-            worst = max(worst, residual)
+                    sum_ += weights.a[i, l] * K[l, j]
+                x[j] = y[j] + h * sum_
+            copy(given[p, i], x[ny:])
+            touching(x, system, scale, force, room.touches)
+            for c in range(nc):
+                # What was apart as the step began stays so until its end, where `end_step` makes up for it.
+                room.touches[c] = room.touches[c] and room.together[c]
+            status, count, residual = right_side(x, system, force, K[i], room, solving)
+            total, worst = total + count, max(worst, residual)
             if status != SOLVED:
                 return status, k, total, worst
         for j in range(ny):
             sum_, estimate = 0.0, 0.0
             for l in range(s):  # noqa: E741
-                sum_ += b[l] * K[l, j]
-                estimate += b_error[l] * K[l, j]
-            x[j] = y[k, j] + h * sum_
+                sum_ += weights.b[l] * K[l, j]
+                estimate += weights.b_error[l] * K[l, j]
+            x[j] = y[j] + h * sum_
             ahead[0, j], ahead[1, j] = x[j], h * estimate
             if not abs(x[j]) < MAX_STATE:
                 return NON_FINITE, k, total, worst
-        x[ny:] = given[p, s]
+        copy(given[p, s], x[ny:])
         for j in range(len(scale)):
             scale[j] = max(scale[j], abs(x[j]))
-        r[k + 1] = force
-        status, count, residual = project_onto_constraints(
-            x, system, scale, h, shortest, P[k + 1], since[k + 1], r[k + 1], dy[k + 1], tol, max_iter, solve
+        end = Point(x, motion.dy[k + 1], force, motion.P[k + 1], motion.since[k + 1])
+        status, count, residual = end_step(
+            end, system, scale, (h, block.shortest), room, block.tol, block.max_iter, solve
         )
-        total += count
-        worst = max(worst, residual)
+        total, worst = total + count, max(worst, residual)
         if status != SOLVED:
             return status, k, total, worst
-        y[k + 1] = x[:ny]
-    return SOLVED, last, total, worst
+        copy(x[:ny], motion.y[k + 1])
+    return SOLVED, block.last, total, worst
 
 
 @dataclass(frozen=True, eq=False)
@@ -383,11 +482,7 @@ class Run:
     inputs: Inputs
     system: System
     matrices: Matrices
-    y: Array
-    dy: Array
-    r: Array
-    P: Array
-    since: Array
+    motion: Motion
     scale: Array
     contacts: Dense
     solver: Solver
@@ -397,11 +492,6 @@ class Run:
     largest: Array
     energy: Array
     metric: Array
-
-    @property
-    def motion(self) -> tuple[Array, ...]:
-        """What a step fills: y, y', r, P, and how long ago each gap closed."""
-        return self.y, self.dy, self.r, self.P, self.since
 
     def allowed(self, y: Array, h: float, rtol: float, atol: float) -> Array:
         """Return by how much each state may err in a step of length h that ends in y (ny,)."""
@@ -447,20 +537,20 @@ def _matrices(system: System, inputs: Inputs) -> Matrices:
     ny, ns = form.constant, len(inputs.law)
     loads = len(inputs.loads)
     C, CA = system.derivatives[:2]
-    return (
-        np.column_stack([form.A, inputs.E[:, ns:]])[:ny].copy(),
-        np.column_stack([C, inputs.D[:, ns:]]),
-        np.column_stack([CA, np.zeros((len(CA), loads))]),
-        np.column_stack([system.O, system.O_w[:, ns:]]),
-        system.O_w[:, :ns].copy(),
-        np.array(system.G, order="C"),
-        form.B[:ny].copy(),
-        inputs.E[:ny, :ns].copy(),
-        np.column_stack([inputs.approach, np.zeros((ns, loads))]),
-        np.column_stack([inputs.rate, np.zeros((ns, loads))]),
-        inputs.law.copy(),
-        d.relative_degree,
-        d.restitution,
+    return Matrices(
+        A=np.column_stack([form.A, inputs.E[:, ns:]])[:ny].copy(),
+        B=form.B[:ny].copy(),
+        E=inputs.E[:ny, :ns].copy(),
+        C=np.column_stack([C, inputs.D[:, ns:]]),
+        U=np.column_stack([CA, np.zeros((len(CA), loads))]),
+        O=np.column_stack([system.O, system.O_w[:, ns:]]),
+        O_s=system.O_w[:, :ns].copy(),
+        G=np.array(system.G, order="C"),
+        approach=np.column_stack([inputs.approach, np.zeros((ns, loads))]),
+        rate=np.column_stack([inputs.rate, np.zeros((ns, loads))]),
+        law=inputs.law.copy(),
+        degree=d.relative_degree,
+        e=d.restitution,
     )
 
 
@@ -512,34 +602,33 @@ class ExplicitRungeKutta(Integrator):
         refuse_mixed_degrees(system, self.name)
         refuse_velocity_jumps(d, grid.t_end, self.name)
         matrices = _matrices(system, inputs)
-        contacts = Dense(matrices[5] if len(d.contacts) else np.eye(1))
+        contacts = Dense(matrices.G if len(d.contacts) else np.eye(1))
         if len(d.contacts):
             solver.check(contacts, False)
         ny, nc = form.constant, len(d.contacts)
-        y, dy, r, P, since = (np.zeros((grid.steps + 1, size)) for size in (ny, ny, nc, nc, nc))
+        motion = Motion(*(np.zeros((grid.steps + 1, size)) for size in (ny, ny, nc, nc, nc)))
         tol, max_iter = limits(solver, self.tol, self.max_iter)
         X = form.state(problem.initial_coordinates, problem.initial_velocities)
         x = np.concatenate([X, [load(0.0) for load in inputs.loads]])
         run = Run(
-            grid, form, inputs, system, matrices, y, dy, r, P, since, np.abs(x), contacts, solver.init(contacts),
+            grid, form, inputs, system, matrices, motion, np.abs(x), contacts, solver.init(contacts),
             tol, max_iter, np.array([grid.h]), np.abs(X[:ny]), np.zeros(1), _metric(d, form),
         )  # fmt: skip
 
         def begin(state: Solver, first: int, last: int) -> tuple[Status, int]:
-            """Put right what begins in contact."""
+            """Apply the impacts at t = 0."""
             right, _ = _functions(state)
-            at = x.copy()
-            code, _, _ = right(
-                at, matrices, run.scale, 0.0, grid.h, P[0], since[0], r[0], dy[0], tol, max_iter, state.kernel
-            )
-            y[0] = at[:ny]
+            end = Point(x.copy(), motion.dy[0], motion.r[0], motion.P[0], motion.since[0])
+            room = room_for(matrices, 1)
+            code, _, _ = right(end, matrices, run.scale, (0.0, grid.h), room, tol, max_iter, state.kernel)
+            motion.y[0] = end.x[:ny]
             return Status(code), 1
 
         status, _ = with_fallbacks(begin, run.solver, contacts, 0, 1)
         if status is not Status.SOLVED:
             raise InputError(f"the contacts of {problem.name!r} have no reactions at the start: {status.sentence}")
-        start = np.array([y[0] - matrices[6] @ P[0], y[0]])
-        record.events = _happened(run, np.zeros(2), start, *(each[[0, 0]] for each in (dy, r, P, since)))
+        start = np.array([motion.y[0] - matrices.B @ motion.P[0], motion.y[0]])
+        record.events = _happened(run, np.zeros(2), Motion(*(each[[0, 0]] for each in motion))._replace(y=start))
         _write(run, record, 0, 0)
         return run
 
@@ -553,16 +642,17 @@ class ExplicitRungeKutta(Integrator):
 
         def run(solver: Solver, begin: int, end: int) -> tuple[Status, int]:
             part = given if constant else given[begin - first : end - first]
-            h, ahead = carry.grid.h, np.zeros((2, carry.y.shape[1]))
-            return _take(carry, solver, record, begin, end, h, h, part, tableau, carry.motion, ahead)
+            h, ahead = carry.grid.h, np.zeros((2, carry.motion.y.shape[1]))
+            block = Steps(begin, end, h, h, part, carry.tol, carry.max_iter)
+            return _take(carry, solver, record.stats, block, tableau, carry.motion, ahead)
 
         status, reached = with_fallbacks(run, carry.solver, carry.contacts, first, last)
-        t, closed = carry.grid.times(first, reached), carry.r[first : reached + 1] > 0.0
-        impacts = (carry.P[first + 1 : reached + 1] > 0.0) & (carry.system.degree == 2)
+        t, closed = carry.grid.times(first, reached), carry.motion.r[first : reached + 1] > 0.0
+        impacts = (carry.motion.P[first + 1 : reached + 1] > 0.0) & (carry.system.degree == 2)
         assert record.events is not None
         for k in first + np.flatnonzero((impacts | (closed[1:] != closed[:-1])).any(axis=1)):
             here = t[k - first : k - first + 2]
-            record.events += _happened(carry, here, *(each[k : k + 2] for each in carry.motion))
+            record.events += _happened(carry, here, Motion(*(each[k : k + 2] for each in carry.motion)))
         _write(carry, record, first + 1, reached)
         return status, reached
 
@@ -633,12 +723,12 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
     def _cross(self, carry: Run, record: Record, k: int, rtol: float, atol: float) -> Status:
         """Step from t_k to t_k+1, with as many steps as it takes."""
         tableau, grid = self.tableau, carry.grid
-        c, ny = np.append(tableau.c, 1.0), carry.y.shape[1]
+        c, ny = np.append(tableau.c, 1.0), carry.motion.y.shape[1]
         exponent = 1.0 / (tableau.order_embedded + 1.0)
         t, end = grid.t_end * k / grid.steps, grid.t_end * (k + 1) / grid.steps
-        motion = tuple(np.repeat(each[k : k + 1], 2, axis=0) for each in carry.motion)
+        motion = Motion(*(np.repeat(each[k : k + 1], 2, axis=0) for each in carry.motion))
         y, dy, r, P, _ = motion
-        C = carry.matrices[1][carry.system.degree > 0]
+        C = carry.matrices.C[carry.system.degree > 0]
         ahead, scale, inertia = np.zeros((2, ny)), carry.scale.copy(), carry.system.degree == 2
         assert record.events is not None
         while t < end:
@@ -650,7 +740,8 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
             given = carry.given(t + c * h)[None]
 
             def run(solver: Solver, first: int, last: int, h: float = h, given: Array = given) -> tuple[Status, int]:
-                return _take(carry, solver, record, first, last, h, rtol * grid.h, given, tableau, motion, ahead)
+                block = Steps(first, last, h, rtol * grid.h, given, carry.tol, carry.max_iter)
+                return _take(carry, solver, record.stats, block, tableau, motion, ahead)
 
             scale[:] = carry.scale
             status, _ = with_fallbacks(run, carry.solver, carry.contacts, 0, 1)
@@ -686,7 +777,7 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
             carry.step[0] = max(shrink * h, carry.step[0] if h < carry.step[0] else 0.0)
             record.stats.steps += 1
             if (P[1, inertia] > 0.0).any() or ((r[0] > 0.0) != (r[1] > 0.0)).any():
-                record.events += _happened(carry, np.array([t, t + h]), *motion)
+                record.events += _happened(carry, np.array([t, t + h]), motion)
             np.maximum(carry.largest, np.abs(y[1]), out=carry.largest)
             carry.energy[0] = max(carry.energy[0], carry.energy_of(np.append(y[1], given[0, -1])))
             for each in motion:
@@ -716,33 +807,22 @@ def _lowest(h: float, u_0: Array, u_1: Array, rate_0: Array, rate_1: Array) -> A
 
 
 def _functions(solver: Solver) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return `project_onto_constraints` and `steps`, compiled or, where the solver lives in the interpreter, as Python."""
+    """Return `end_step` and `steps`, compiled or, where the solver lives in the interpreter, as Python."""
     if solver.compiled:
-        return project_onto_constraints, steps
+        return end_step, steps
     law = interpreted(solve_law)
-    return interpreted(project_onto_constraints, solve_law=law), interpreted(steps, solve_law=law)
+    return interpreted(end_step, solve_law=law), interpreted(steps, solve_law=law)
 
 
 def _take(
-    run: Run,
-    solver: Solver,
-    record: Record,
-    first: int,
-    last: int,
-    h: float,
-    shortest: float,
-    given: Array,
-    tableau: Tableau,
-    motion: tuple[Array, ...],
-    ahead: Array,
+    run: Run, solver: Solver, stats: Stats, block: Steps, tableau: Tableau, motion: Motion, ahead: Array
 ) -> tuple[Status, int]:
     """Take steps of one length, and count what they cost."""
     _, step = _functions(solver)
-    code, reached, iterations, residual = step(
-        first, last, h, shortest, given, tableau.matrix, np.array(tableau.b), tableau.error, run.matrices, *motion,
-        run.scale, ahead, run.tol, run.max_iter, solver.kernel,
-    )  # fmt: skip
-    record.stats.add_lcps(tableau.stages * (reached - first), iterations, residual)
+    weights = Weights(tableau.matrix, np.array(tableau.b), tableau.error)
+    now, room = (np.empty(len(run.scale)), run.scale), room_for(run.matrices, tableau.stages)
+    code, reached, iterations, residual = step(block, run.matrices, weights, motion, now, ahead, room, solver.kernel)
+    stats.add_lcps(tableau.stages * (reached - block.first), iterations, residual)
     return Status(code), reached
 
 
@@ -764,7 +844,7 @@ def _coordinates(run: Run, t: Array, y: Array, dy: Array, r: Array) -> tuple[Arr
         dloads = (run.given(t + δ) - run.given(t - δ))[:, nl:] / (2.0 * δ)
         v += dloads @ Q_w.T
         u, du = X @ form.C.T + loads @ D_w.T, rate @ form.C.T + dloads @ D_w.T
-        tiny = ZERO_RTOL * np.abs(run.matrices[1]) @ run.scale
+        tiny = ZERO_RTOL * np.abs(run.matrices.C) @ run.scale
         closed = ((r > 0.0) | ((u <= tiny) & (du < 0.0))) & (system.degree == 0)
         for pattern in np.unique(closed, axis=0):
             rows, here = np.flatnonzero(pattern), (closed == pattern).all(axis=1)
@@ -777,24 +857,25 @@ def _write(run: Run, record: Record, first: int, last: int) -> None:
     """Write the grid points first ... last to the record."""
     if last >= first:
         here = slice(first, last + 1)
-        record.reaction[here] = run.r[here]
-        record.q[here], record.v[here] = _coordinates(run, record.t[here], run.y[here], run.dy[here], run.r[here])
+        y, dy, r, _, _ = (each[here] for each in run.motion)
+        record.reaction[here] = r
+        record.q[here], record.v[here] = _coordinates(run, record.t[here], y, dy, r)
 
 
-def _happened(run: Run, t: Array, y: Array, dy: Array, r: Array, P: Array, since: Array) -> list[Event]:
+def _happened(run: Run, t: Array, motion: Motion) -> list[Event]:
     """Return the events of a step from the first to the second of two states, with the impulses P of the second.
 
     A contact of degree 0 closes where the line through its gaps is zero, and any contact opens where that of u^(ρ) is, which
     is -G r while r pushes. The limits of an impact are the state after it, moved back to its instant, and that without P.
     """
-    d, degree = run.system.dynamics, run.system.degree
-    _, C, _, O, O_s, G, B, _, approach, rate, law, *_ = run.matrices  # noqa: E741
+    d, degree, (y, dy, r, P, since) = run.system.dynamics, run.system.degree, motion
+    C, O, O_s, G, B = run.matrices.C, run.matrices.O, run.matrices.O_s, run.matrices.G, run.matrices.B  # noqa: E741
     q, v = _coordinates(run, t, y, dy, r)
     given = run.given(t)
     after = np.append(y[1], given[1])
     gap = np.array([C @ np.append(y[0], given[0]), C @ after])
-    s = np.empty(len(law))
-    spring_forces(after, approach, rate, law, s)
+    s = np.empty(len(run.matrices.law))
+    spring_forces(after, run.matrices, s)
     parting = np.array([-r[0] * np.diag(G), O @ after + O_s @ s + G @ r[1]])
     left, right = State(q[0], v[0], r[0]), State(q[1], v[1], r[1])
     closed = r > 0.0

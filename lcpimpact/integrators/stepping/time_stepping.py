@@ -12,7 +12,8 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.stepping.halving import Halving, overlap
-from lcpimpact.integrators.stepping.law import Springs, no_springs, with_fallbacks
+from lcpimpact.integrators.stepping.kernel import StepState
+from lcpimpact.integrators.stepping.law import with_fallbacks
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits
@@ -40,11 +41,12 @@ S = TypeVar("S", bound=Prepared)
 
 @dataclass(frozen=True, eq=False)
 class Run(Generic[S]):
-    """What travels from block to block: the steps by how often dt is halved, and who halves them."""
+    """What travels from block to block: the state, the steps by how often dt is halved, and who halves them."""
 
     dynamics: Dynamics
     grid: Grid
     lcp_solver: str
+    state: StepState
     steps: dict[int, S]
     halving: Halving | None
 
@@ -102,16 +104,14 @@ class TimeStepping(Integrator, Generic[S]):
         """Return the state at t = 0: q, v and what else is remembered (N,)."""
 
     @abstractmethod
-    def put(self, step: S, record: Record, y: Array) -> None:
-        """Write the state y to the first place of a record, and wherever else steps look for it."""
+    def first_state(self, d: Dynamics, y: Array, h: float) -> StepState:
+        """Return what travels from step to step, with y."""
 
     @abstractmethod
-    def get(self, step: S, record: Record) -> Array:
-        """Return the state after the first step of a record."""
-
-    @abstractmethod
-    def run(self, step: S, solver: State, record: Record, times: Array, first: int) -> tuple[Status, int]:
-        """Take the steps between the times, the first of which has the index ``first`` in the record."""
+    def run(
+        self, step: S, solver: State, record: Record, times: Array, first: int, state: StepState
+    ) -> tuple[Status, int]:
+        """Take the steps between the times, the first of which has the index ``first`` in the record; leave the state."""
 
     def reaction_times(self, grid: Grid) -> Array:
         """Return one instant for each step."""
@@ -123,11 +123,9 @@ class TimeStepping(Integrator, Generic[S]):
         """Write the initial state and the motions that are given, and prepare the step."""
         d = problem.dynamics
         record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
-        if d.driven.any():
-            record.q[:, d.driven], record.v[:, d.driven] = d.motion(record.t)
-        y = self.begin(d, record.q[0].copy(), record.v[0].copy(), grid.h)
-        run = Run(d, grid, lcp_solver, {0: self.prepare(d, grid.h, lcp_solver)}, None)
-        self.put(run.steps[0], record, y)
+        record.q[0, d.driven], record.v[0, d.driven] = d.motion(0.0)
+        y = self.begin(d, record.q[0], record.v[0], grid.h)
+        run = Run(d, grid, lcp_solver, self.first_state(d, y, grid.h), {0: self.prepare(d, grid.h, lcp_solver)}, None)
         if self.rtol is None:
             return run
 
@@ -140,7 +138,7 @@ class TimeStepping(Integrator, Generic[S]):
         """Take the steps of the block."""
         if carry.halving:
             return carry.halving.advance(carry.grid, first, last)
-        return self._block(carry.steps[0], record, carry.grid.times(first, last), first)
+        return self._block(carry.steps[0], record, carry.grid.times(first, last), first, carry.state)
 
     def finish(self, carry: Run[S], record: Record) -> None:
         """Put the steps that were halved in place of the grid."""
@@ -154,25 +152,14 @@ class TimeStepping(Integrator, Generic[S]):
             carry.steps[level] = self.prepare(d, h, carry.lcp_solver)
         n, times = len(d.nodes), np.array([t, t + h])
         one = Record(times, np.empty((2, n)), np.empty((2, n)), times[:1], np.empty((1, len(d.contacts))), stats=stats)
-        self.put(carry.steps[level], one, y)
-        if d.driven.any():
-            one.q[:, d.driven], one.v[:, d.driven] = d.motion(times)
-        status, _ = self._block(carry.steps[level], one, times, 0)
-        return status, self.get(carry.steps[level], one), one.reaction[0]
+        state = carry.state._replace(y=y.copy())
+        status, _ = self._block(carry.steps[level], one, times, 0, state)
+        return status, state.y, one.reaction[0]
 
-    def _block(self, step: S, record: Record, times: Array, first: int) -> tuple[Status, int]:
+    def _block(self, step: S, record: Record, times: Array, first: int, state: StepState) -> tuple[Status, int]:
         """Take the steps between the times; one whose LCP is not solved is tried by the solvers to fall back on."""
 
         def run(solver: State, begin: int, end: int) -> tuple[Status, int]:
-            return self.run(step, solver, record, times[begin - first : end - first + 1], begin)
+            return self.run(step, solver, record, times[begin - first : end - first + 1], begin, state)
 
         return with_fallbacks(run, step.solver, step.contacts, first, first + len(times) - 1)
-
-
-def spring_solver(d: Dynamics) -> Springs:
-    """Return the Newton solver of the non-linear springs, which is compiled only for a scheme that has some."""
-    if not d.springs:
-        return no_springs
-    from lcpimpact.integrators.stepping.newton import solve_with_springs
-
-    return solve_with_springs

@@ -1,0 +1,138 @@
+r"""Impacts through massless nodes in a θ-step.
+
+Where a massless plate is stopped, rows of relative degree 0 and 1 together bind masses (see
+`lcpimpact.scheme.impulse_paths`), and gaps that are closed at the end of the step would make v ring. So where all rows of a
+path push, the contact problem is solved again with gaps that may be negative by amounts s, which are such that
+
+.. math:: Σ (u^+ + s) = θ h Σ (U^+ + ρ e \min(U, 0)) \ge 0,
+          \qquad ρ Σ \min(U, 0) = Σ U \text{ where that is negative, else } ρ = 0 .
+
+Together the rows obey Newton's law as one row of relative degree 2, each with its own restitution. ρ is 1 for left limits;
+the rates of massless nodes, which are means of steps, are none after an impact.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.compiled import compiled, f8, flags, indices, matrix, named_tuple, vector
+from lcpimpact.scheme.dynamics import Dynamics
+
+
+class Paths(NamedTuple):
+    """The impulse paths over massless nodes, for steps of one length.
+
+    Attributes
+    ----------
+    lines : (np, nc) array          weights of the contacts of each path
+    order : (nc,) array             contacts at masses first: they close exactly, and those at the ground take the shift
+    H : (nc, n) array               constraint matrix
+    u0, e : (nc,) arrays            gaps at rest, coefficients of restitution
+    massless : (n,) array           nodes without mass whose motion is not prescribed
+    θ, h : float                    of the step
+    """
+
+    lines: Array
+    order: Indices
+    H: Array
+    u0: Array
+    e: Array
+    massless: Flags
+    θ: float
+    h: float
+
+
+PATHS: Any = named_tuple((matrix, indices, matrix, vector, vector, flags, f8, f8), Paths)
+
+
+def impulse_paths(d: Dynamics, θ: float, h: float) -> Paths:
+    """Return the impulse paths of a system."""
+    order = np.argsort(-np.abs(d.H[:, d.massive]).sum(axis=1), kind="stable")
+    lines, H = np.array(d.impulse_lines, order="C"), np.array(d.H, order="C")
+    return Paths(lines, order, H, d.u0.copy(), d.restitution.copy(), ~(d.massive | d.driven), θ, h)
+
+
+def no_paths() -> Paths:
+    """Return the impulse paths of a step that minds none."""
+    nothing = np.zeros((0, 0))
+    return Paths(nothing, np.zeros(0, np.int64), nothing, np.zeros(0), np.zeros(0), np.zeros(0, bool), 1.0, 1.0)
+
+
+@compiled(types.boolean(matrix, flags, indices, vector))
+def closes(lines: Array, closed: Flags, active: Indices, z: Array) -> bool:
+    """Add the paths to ``closed`` whose contacts all push; return whether there are any that were not in it."""
+    found = False
+    for a in range(len(lines)):
+        if closed[a]:
+            continue
+        length, pushing = 0, 0
+        for i in range(lines.shape[1]):
+            length += lines[a, i] > 0.0
+        for i in range(len(active)):
+            pushing += lines[a, active[i]] > 0.0 and z[i] > 0.0
+        if pushing == length:
+            closed[a] = found = True
+    return found
+
+
+@compiled(f8(vector, vector))
+def rebounding(line: Array, U: Array) -> float:
+    """Return the ρ in [0, 1] by which the approaches on a path count, so that Σ ρ min(U, 0) = Σ U; 0 where it opens."""
+    opening, approach = 0.0, 0.0
+    for i in range(len(U)):
+        if line[i] > 0.0:
+            opening += U[i]
+            approach += min(U[i], 0.0)
+    return opening / approach if opening < 0.0 else 0.0
+
+
+@compiled(vector(PATHS, flags, vector))
+def rebounds(paths: Paths, closed: Flags, U: Array) -> Array:
+    """Return ρ of each contact on closed paths, and -1 of those on none (nc,)."""
+    ρ = np.full(len(U), -1.0)
+    for a in range(len(closed)):
+        if closed[a]:
+            ρ_a = rebounding(paths.lines[a], U)
+            for i in range(len(U)):
+                if paths.lines[a, i] > 0.0:
+                    ρ[i] = max(ρ[i], ρ_a)
+    return ρ
+
+
+@compiled(types.void(PATHS, flags, vector, vector, vector))
+def write_shifts(paths: Paths, closed: Flags, q: Array, v: Array, shift: Array) -> None:
+    """Write by how much each gap may be negative at the end of the step, so that closed paths obey the law of impact.
+
+    Σ (u⁺ + shift) = θ h Σ (U⁺ + ρ e U) over each of these paths. Of its contacts those that come last in the order take the
+    sum, and the others close exactly: the rates of massless nodes, which cancel in the sum, are eliminated row by row.
+    """
+    n, nc, θ, h = len(q), len(shift), paths.θ, paths.h
+    U = np.zeros(nc)
+    for i in range(nc):
+        for j in range(n):
+            U[i] += paths.H[i, j] * v[j]
+    ρ = rebounds(paths, closed, U)
+    shift[:] = 0.0
+    pivots, columns, count = np.zeros((n, n + 1)), np.zeros(n, np.int64), 0
+    row = np.empty(n + 1)
+    for k in range(nc):
+        i = paths.order[k]
+        if ρ[i] < 0.0:
+            continue
+        u = paths.u0[i]
+        for j in range(n):
+            u += paths.H[i, j] * q[j]
+            row[j] = paths.H[i, j] if paths.massless[j] else 0.0
+        row[n] = h * (θ * paths.e[i] * ρ[i] * min(U[i], 0.0) - (1.0 - θ) * U[i]) - u
+        for p in range(count):
+            row -= row[columns[p]] * pivots[p]
+        largest = int(np.argmax(np.abs(row[:n])))
+        if row[largest] == 0.0:
+            shift[i] = row[n]
+        else:
+            pivots[count], columns[count] = row / row[largest], largest
+            count += 1

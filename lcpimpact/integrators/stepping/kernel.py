@@ -1,0 +1,336 @@
+r"""The compiled loop that all methods with linear steps share.
+
+What a step starts from are the *knowns*: the state y, the constant 1 and the loads. What it solves for are the *unknowns*:
+for each of its laws the impulses P of the contacts and the forces s of the non-linear springs. Every quantity of the step
+is a row of a table with one column for each of these numbers: in turn for each law
+
+- whether a contact takes part, where this is negative (nc rows),
+- L of the law 0 <= P ⟂ L >= 0 (nc rows),
+- the rates of the springs and their approaches, where they stand in this law (ns rows each),
+
+then the new state (N rows), the reactions (nc rows), and the forces out of balance on the static coordinates. The loop adds
+the columns of the knowns, and those of the unknowns as it finds them.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, named_tuple, vector
+from lcpimpact.errors import Status
+from lcpimpact.integrators.stepping.impulse_paths import PATHS, Paths, closes, write_shifts
+from lcpimpact.integrators.stepping.law import (
+    PROBLEM,
+    SOLVING,
+    SPRING_SOLVER,
+    SPRINGS,
+    ContactProblem,
+    Solving,
+    Springs,
+    SpringSolver,
+    solve_law,
+    submatrix,
+)
+from lcpimpact.integrators.stepping.static_balance import STATIC, Static, balance
+from lcpimpact.lcp.problem import KERNEL
+from lcpimpact.lcp.solver import Kernel
+
+SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
+
+SWITCHES = -1
+"""Status of steps that stop where other contacts push than in the step before."""
+
+
+class Table(NamedTuple):
+    """A step of one length.
+
+    Attributes
+    ----------
+    known : (N + 1 + nl, rows) array        columns of y, 1 and the loads
+    unknown : (m (nc + ns), rows) array     columns of P and s of each law
+    W : (m, nc, nc) array                   L by P of each law
+    lower, upper : (m, nc) arrays           bounds of P
+    strictly : (m,) array                   whether a contact that is just closed takes no part
+    near : (m, nc) array                    gap by P up to which a contact that has just pushed takes part, as rounding
+                                            may have opened it
+    """
+
+    known: Array
+    unknown: Array
+    W: Array
+    lower: Array
+    upper: Array
+    strictly: Flags
+    near: Array
+
+
+class StepSprings(NamedTuple):
+    """The non-linear springs: gap, K, n, b, c of each (ns, 5), θh in s of each law (m,), and h."""
+
+    law: Array
+    θh: Array
+    h: float
+
+
+class StepState(NamedTuple):
+    """What travels from step to step: y (N,), and the impulses of each law (m, nc), 0 where a contact took no part."""
+
+    y: Array
+    P: Array
+
+
+class Path(NamedTuple):
+    """What the steps write: q[k + 1] and v[k + 1] (n,), and the mean forces r[k] (nc,)."""
+
+    q: Array
+    v: Array
+    r: Array
+
+
+class Block(NamedTuple):
+    """The steps to take.
+
+    Attributes
+    ----------
+    first, last : int       from which instant to which
+    loads : (steps, nl)     what varies, one row a step
+    tol, max_iter           tolerance of the LCP solver, and its limit of iterations
+    stops : bool            whether to stop before a step in which other contacts push than in the one before
+    """
+
+    first: int
+    last: int
+    loads: Array
+    tol: float
+    max_iter: int
+    stops: bool
+
+
+class Room(NamedTuple):
+    """Room for what a step finds: the sums (rows,), which contacts take part in a law (nc,), their z (nc,), and s (ns,)."""
+
+    sums: Array
+    active: Indices
+    z: Array
+    s: Array
+
+
+def room_for(table: Table, ns: int) -> Room:
+    """Return room for the steps of a table with ns springs."""
+    nc = table.W.shape[1]
+    return Room(np.zeros(table.known.shape[1]), np.zeros(nc, np.int64), np.zeros(nc), np.zeros(ns))
+
+
+TABLE: Any = named_tuple((matrix, matrix, cube, matrix, matrix, flags, matrix), Table)
+STEP_SPRINGS: Any = named_tuple((matrix, vector, f8), StepSprings)
+STEP_STATE: Any = named_tuple((vector, matrix), StepState)
+PATH: Any = named_tuple((matrix, matrix, matrix), Path)
+BLOCK: Any = named_tuple((i8, i8, matrix, f8, i8, types.boolean), Block)
+ROOM: Any = named_tuple((vector, indices, vector, vector), Room)
+FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC))
+
+
+@compiled(types.void(vector, vector), inline="always", allocates=False)
+def copy(source: Array, target: Array) -> None:
+    """Copy a vector."""
+    for i in range(len(target)):
+        target[i] = source[i]
+
+
+@compiled(types.void(vector, f8, matrix, i8, i8), inline="always", allocates=False)
+def add_column(sums: Array, x: float, columns: Array, j: int, first: int) -> None:
+    """Add x times column j, from a row on."""
+    if x != 0.0:
+        for i in range(first, len(sums)):
+            sums[i] += x * columns[j, i]
+
+
+@compiled(PROBLEM(matrix, vector, vector, vector, indices))
+def restrict(W: Array, q: Array, lower: Array, upper: Array, active: Indices) -> ContactProblem:
+    """Return the contact problem of the active rows alone."""
+    na = len(active)
+    rows = ContactProblem(submatrix(W, active), np.empty(na), np.empty(na), np.empty(na))
+    for a in range(na):
+        rows.q[a], rows.lower[a], rows.upper[a] = q[active[a]], lower[active[a]], upper[active[a]]
+    return rows
+
+
+@compiled(types.Tuple((i8, i8, f8))(TABLE, i8, vector, i8, ROOM, SOLVING))
+def solve_part(table: Table, law: int, q: Array, na: int, room: Room, solving: Solving) -> tuple[int, int, float]:
+    """Solve a law on the active rows alone."""
+    rows = restrict(table.W[law], q, table.lower[law], table.upper[law], room.active[:na])
+    return solve_law(rows.W, rows.q, rows.lower, rows.upper, room.z[:na], solving.tol, solving.max_iter, solving.solve)
+
+
+@compiled(types.Tuple((i8, i8, f8))(TABLE, i8, vector, i8, ROOM, SOLVING), inline="always", allocates=False)
+def solve_rows(table: Table, law: int, q: Array, na: int, room: Room, solving: Solving) -> tuple[int, int, float]:
+    """Solve a law on its ``na`` active rows, from the guess in the room: status, iterations, residual."""
+    if na < len(q):
+        return solve_part(table, law, q, na, room, solving)
+    W, lower, upper = table.W[law], table.lower[law], table.upper[law]
+    return solve_law(W, q, lower, upper, room.z, solving.tol, solving.max_iter, solving.solve)
+
+
+@compiled(types.void(TABLE, i8, i8, i8, ROOM, vector), inline="always", allocates=False)
+def add_impulses(table: Table, column: int, na: int, first: int, room: Room, P: Array) -> None:
+    """Add the columns of the ``na`` impulses in the room, from a row on, and keep them in P."""
+    for i in range(len(P)):
+        P[i] = 0.0
+    for a in range(na):
+        P[room.active[a]] = room.z[a]
+        add_column(room.sums, room.z[a], table.unknown, column + room.active[a], first)
+
+
+@compiled(types.Tuple((SPRINGS, vector, vector))(TABLE, STEP_SPRINGS, vector, i8, indices))
+def coupled_springs(
+    table: Table, springs: StepSprings, sums: Array, law: int, active: Indices
+) -> tuple[Springs, Array, Array]:
+    """Return the springs in a law as the active rows move them, their rates without these, and their approaches."""
+    na, nc, ns = len(active), table.W.shape[1], len(springs.law)
+    rates, P, at_s = law * 2 * (nc + ns) + 2 * nc, law * (nc + ns), law * (nc + ns) + nc
+    y_free, δ = np.empty(ns), np.empty(ns)
+    HGs, NG, NGs = np.empty((na, ns)), np.empty((ns, na)), np.empty((ns, ns))
+    for j in range(ns):
+        y_free[j] = sums[rates + j]
+        δ[j] = sums[rates + ns + j] + springs.θh[law] * y_free[j]
+        for a in range(na):
+            HGs[a, j] = table.unknown[at_s + j, rates - nc + active[a]]
+            NG[j, a] = table.unknown[P + active[a], rates + j]
+        for i in range(ns):
+            NGs[j, i] = table.unknown[at_s + i, rates + j]
+    return Springs(springs.law, springs.θh[law], springs.h, HGs, NG, NGs), y_free, δ
+
+
+@compiled(
+    types.Tuple((i8, i8, i8, f8))(TABLE, FEATURES, STEP_STATE, ROOM, types.UniTuple(i8, 2), SOLVING, SPRING_SOLVER)
+)
+def solve_features(
+    table: Table,
+    features: tuple[StepSprings, Paths, Static],
+    state: StepState,
+    room: Room,
+    which: tuple[int, int],
+    solving: Solving,
+    solve_springs: SpringSolver,
+) -> tuple[int, int, int, float]:
+    """Solve law ``which[0]`` on its ``which[1]`` active rows with the springs, and again while impulse paths close in it."""
+    (springs, paths, _), (law, na) = features, which
+    nc, ns, n = table.W.shape[1], len(springs.law), paths.H.shape[1]
+    first, active, z = law * 2 * (nc + ns) + nc, room.active[:na], room.z[:na]
+    q = room.sums[first : first + nc]
+    rows = restrict(table.W[law], q, table.lower[law], table.upper[law], active)
+    closed, shift = np.zeros(len(paths.lines), np.bool_), np.zeros(nc)
+    iterations, newton = 0, 0
+    while True:
+        if ns > 0:
+            coupled, y_free, δ = coupled_springs(table, springs, room.sums, law, active)
+            room.s[:] = 0.0
+            status, count, tried, residual = solve_springs(rows, coupled, y_free, δ, z, y_free.copy(), room.s, solving)
+            newton += tried
+        else:
+            status, count, residual = solve_law(
+                rows.W, rows.q, rows.lower, rows.upper, z, solving.tol, solving.max_iter, solving.solve
+            )
+        iterations += count
+        if status != SOLVED or not closes(paths.lines, closed, active, z):
+            return status, iterations, newton, residual
+        write_shifts(paths, closed, state.y[:n], state.y[n : 2 * n], shift)
+        for a in range(na):
+            rows.q[a] = q[active[a]] + shift[active[a]] / paths.h
+
+
+@compiled(types.void(matrix, vector, matrix, i8, vector), inline="always", allocates=False)
+def add_knowns(columns: Array, y: Array, loads: Array, k: int, sums: Array) -> None:
+    """Write the sums of the columns of y, 1 and the loads of step k."""
+    N = len(y)
+    for i in range(len(sums)):
+        sums[i] = columns[N, i]
+    for j in range(N):
+        add_column(sums, y[j], columns, j, 0)
+    for j in range(loads.shape[1]):
+        add_column(sums, loads[k, j], columns, N + 1 + j, 0)
+
+
+@compiled(i8(TABLE, i8, i8, vector, ROOM), inline="always", allocates=False)
+def choose_rows(table: Table, law: int, first: int, P: Array, room: Room) -> int:
+    """Write which contacts take part in a law whose rows begin at ``first``, with P as a guess of z; return their number."""
+    na, strictly = 0, table.strictly[law]
+    for i in range(len(P)):
+        touching = room.sums[first + i]
+        if touching < table.near[law, i] * P[i] or (touching == 0.0 and not strictly):
+            room.active[na], room.z[na] = i, P[i]
+            na += 1
+    return na
+
+
+@compiled(types.boolean(indices, vector, vector), inline="always", allocates=False)
+def switches(active: Indices, z: Array, P: Array) -> bool:
+    """Return whether a contact begins or ceases to push, between impulses P and z of the active ones."""
+    changed = False
+    for a in range(len(active)):
+        changed = changed or (z[a] > 0.0) != (P[active[a]] > 0.0)
+    return changed
+
+
+@compiled(
+    types.Tuple((i8, i8, i8, i8, f8))(BLOCK, TABLE, FEATURES, STEP_STATE, PATH, ROOM, KERNEL, SPRING_SOLVER),
+    allocates=False,
+)
+def steps(
+    block: Block,
+    table: Table,
+    features: tuple[StepSprings, Paths, Static],
+    state: StepState,
+    path: Path,
+    room: Room,
+    solve: Kernel,
+    solve_springs: SpringSolver,
+) -> tuple[int, int, int, int, float]:
+    """Take a block of steps, and leave the state after them.
+
+    Returns the status, SWITCHES where the block stops for that, the step reached, the sums of the LCP and Newton iterations,
+    and the largest residual, found outside the solver.
+    """
+    (springs, paths, static), sums, active, z = features, room.sums, room.active, room.z
+    n, nc, ns, N, m = path.q.shape[1], table.W.shape[1], len(springs.law), len(state.y), len(table.W)
+    new = m * 2 * (nc + ns)
+    forces = new + N
+    simple, solving = ns == 0 and len(paths.lines) == 0, Solving(block.tol, block.max_iter, solve)
+    iterations, newton, worst = 0, 0, 0.0
+    for k in range(block.first, block.last):
+        add_knowns(table.known, state.y, block.loads, k - block.first, sums)
+        for law in range(m):
+            first = law * 2 * (nc + ns)
+            after, P = first + 2 * (nc + ns), state.P[law]
+            na = choose_rows(table, law, first, P, room)
+            status, count, tried, residual = SOLVED, 0, 0, 0.0
+            if simple and na > 0:
+                status, count, residual = solve_rows(table, law, sums[first + nc : after], na, room, solving)
+            elif na + ns > 0:
+                status, count, tried, residual = solve_features(
+                    table, features, state, room, (law, na), solving, solve_springs
+                )
+            iterations += count
+            newton += tried
+            if status != SOLVED:
+                return status, k, iterations, newton, worst
+            worst = max(worst, residual)
+            if block.stops and (k == 0 or switches(active[:na], z, P)):
+                return SWITCHES, k, iterations, newton, worst
+            add_impulses(table, law * (nc + ns), na, after, room, P)
+            for j in range(ns):
+                add_column(sums, room.s[j], table.unknown, law * (nc + ns) + nc + j, after)
+        for i in range(n):
+            if not abs(sums[new + i]) < np.inf:
+                return NON_FINITE, k, iterations, newton, worst
+        copy(sums[forces : forces + nc], path.r[k])
+        if len(static.SKS) > 0:
+            balance(static, sums[forces + nc :], path.r[k], sums[new : new + n])
+        copy(sums[new : new + N], state.y)
+        copy(state.y[:n], path.q[k + 1])
+        copy(state.y[n : 2 * n], path.v[k + 1])
+    return SOLVED, block.last, iterations, newton, worst

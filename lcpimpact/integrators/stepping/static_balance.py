@@ -1,0 +1,85 @@
+r"""Balance of massless coordinates that only springs hold.
+
+They have no memory, and θ = 1/2 would let them alternate about their place for ever. So after a step the coordinates s that
+no closed contact and no sticking slider touches are put where the forces balance,
+
+.. math:: S^T \bigl( f(t + h) - K (q^+ + S s) + H^T r \bigr) = 0 .
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import compiled, i8, matrix, named_tuple, vector
+from lcpimpact.integrators.stepping.law import submatrix
+from lcpimpact.lcp.lapack import lu_solve
+from lcpimpact.record import SLIPS
+from lcpimpact.scheme.dynamics import Dynamics
+
+
+class Static(NamedTuple):
+    """The static coordinates of a system.
+
+    Attributes
+    ----------
+    S : (n, k) array            the coordinates, one a column
+    SKS : (k, k) array          Sᵀ K S
+    HS : (nc, k) array          H S
+    r_min, r_max : (nc,) arrays bounds of the reactions
+    """
+
+    S: Array
+    SKS: Array
+    HS: Array
+    r_min: Array
+    r_max: Array
+
+
+STATIC: Any = named_tuple((matrix, matrix, matrix, vector, vector), Static)
+
+
+def static_coordinates(d: Dynamics) -> Static:
+    """Return the static coordinates of a system, without those that move non-linear springs."""
+    S = d.decomposition.static
+    S = S[:, ~(np.abs(d.directions) @ np.abs(S)).any(axis=0)].copy()
+    return Static(S, S.T @ d.K @ S, np.array(d.H @ S, order="C"), d.r_min.copy(), d.r_max.copy())
+
+
+def no_static() -> Static:
+    """Return the static coordinates of a step that minds none."""
+    return Static(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0), np.zeros(0))
+
+
+@compiled(types.boolean(STATIC, i8, vector), allocates=False)
+def is_held(static: Static, s: int, r: Array) -> bool:
+    """Return whether a closed contact or a sticking slider touches a static coordinate."""
+    for i in range(len(r)):
+        near = SLIPS * static.r_max[i] if static.r_max[i] < np.inf else 0.0
+        if static.HS[i, s] != 0.0 and static.r_min[i] + near < r[i] < static.r_max[i] - near:
+            return True
+    return False
+
+
+@compiled(types.void(STATIC, vector, vector, vector))
+def balance_together(static: Static, unbalanced: Array, r: Array, q: Array) -> None:
+    """Shift q along several static coordinates, as `balance` does along one."""
+    free = np.array([s for s in range(len(unbalanced)) if not is_held(static, s, r)], np.int64)
+    force = unbalanced[free]
+    if len(free) > 0 and lu_solve(submatrix(static.SKS, free), force):
+        for a in range(len(free)):
+            for j in range(len(q)):
+                q[j] += static.S[j, free[a]] * force[a]
+
+
+@compiled(types.void(STATIC, vector, vector, vector), allocates=False)
+def balance(static: Static, unbalanced: Array, r: Array, q: Array) -> None:
+    """Shift q along the static coordinates that nothing holds until the ``unbalanced`` forces Sᵀ(f - K q + Hᵀ r) vanish."""
+    if len(unbalanced) > 1:
+        balance_together(static, unbalanced, r, q)
+    elif static.SKS[0, 0] != 0.0 and not is_held(static, 0, r):
+        for j in range(len(q)):
+            q[j] += static.S[j, 0] * (unbalanced[0] / static.SKS[0, 0])
