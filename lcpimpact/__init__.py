@@ -21,9 +21,7 @@ _LOCATIONS = {
     "simulate": "lcpimpact.simulation:simulate",
     "convergence": "lcpimpact.study.accuracy.convergence:convergence",
     "work_precision": "lcpimpact.study.accuracy.convergence:work_precision",
-    "observed_orders": "lcpimpact.study.accuracy.orders:observed_orders",
-    "plot_convergence": "lcpimpact.plotting.convergence:plot_convergence",
-    "plot_work_precision": "lcpimpact.plotting.convergence:plot_work_precision",
+    "observed_orders": "lcpimpact.study.accuracy.convergence:observed_orders",
     "read_scheme_file": "lcpimpact.schemefile:read_scheme_file",
     "write_scheme_file": "lcpimpact.schemefile:write_scheme_file",
     "SchemeFile": "lcpimpact.schemefile:SchemeFile",
@@ -65,10 +63,6 @@ _LOCATIONS = {
     "Ramp": "lcpimpact.scheme.signals:Ramp",
     "Square": "lcpimpact.scheme.signals:Square",
     "Table": "lcpimpact.scheme.signals:Table",
-    "plot_poincare": "lcpimpact.plotting.dynamics:plot_poincare",
-    "plot_bifurcation": "lcpimpact.plotting.dynamics:plot_bifurcation",
-    "plot_basins": "lcpimpact.plotting.dynamics:plot_basins",
-    "plot_orbit": "lcpimpact.plotting.dynamics:plot_orbit",
     "poincare": "lcpimpact.study.dynamics.sections:poincare",
     "bifurcation": "lcpimpact.study.dynamics.diagrams:bifurcation",
     "basins": "lcpimpact.study.dynamics.basins:basins",
@@ -86,17 +80,12 @@ _LOCATIONS = {
     "Ledger": "lcpimpact.study.ledger:Ledger",
     "cross_validate": "lcpimpact.study.accuracy.cross_validation:cross_validate",
     "CrossValidation": "lcpimpact.study.accuracy.cross_validation:CrossValidation",
-    "plot_comparison": "lcpimpact.plotting.comparison:plot_comparison",
-    "plot_ledger": "lcpimpact.plotting.comparison:plot_ledger",
-    "plot_cross_validation": "lcpimpact.plotting.comparison:plot_cross_validation",
     "design": "lcpimpact.study.design.sizing:design",
     "Design": "lcpimpact.study.design.sizing:Design",
     "fit": "lcpimpact.study.design.fit:fit",
     "Fit": "lcpimpact.study.design.fit:Fit",
     "Target": "lcpimpact.study.design.fit:Target",
     "with_values": "lcpimpact.study.design.parameters:with_values",
-    "plot_design": "lcpimpact.plotting.design:plot_design",
-    "plot_fit": "lcpimpact.plotting.design:plot_fit",
     "Integrator": "lcpimpact.integrators.base:Integrator",
     "Declared": "lcpimpact.integrators.base:Declared",
     "LinearStep": "lcpimpact.integrators.stepping.linear_step:LinearStep",
@@ -108,6 +97,11 @@ _LOCATIONS = {
     "Branch": "lcpimpact.study.dynamics.continuation:Branch",
     "Grazing": "lcpimpact.study.dynamics.grazing:Grazing",
     "Basins": "lcpimpact.study.dynamics.basins:Basins",
+    "Convergence": "lcpimpact.study.accuracy.convergence:Convergence",
+    "WorkPrecision": "lcpimpact.study.accuracy.convergence:WorkPrecision",
+    "PoincareSection": "lcpimpact.study.dynamics.sections:PoincareSection",
+    "BifurcationDiagram": "lcpimpact.study.dynamics.diagrams:BifurcationDiagram",
+    "Study": "lcpimpact.study.result:Study",
     "Status": "lcpimpact.errors:Status",
     "LcpImpactError": "lcpimpact.errors:LcpImpactError",
     "InputError": "lcpimpact.errors:InputError",
@@ -120,10 +114,12 @@ __all__ = [
     "Banded",
     "Bar",
     "Basins",
+    "BifurcationDiagram",
     "Branch",
     "Bumper",
     "Certificate",
     "Comparison",
+    "Convergence",
     "CrossValidation",
     "Crossing",
     "Dashpot",
@@ -157,6 +153,7 @@ __all__ = [
     "Motion",
     "NegativeSpring",
     "PeriodicOrbit",
+    "PoincareSection",
     "Polynomial",
     "PreparedLCP",
     "PrescribedMotion",
@@ -173,11 +170,13 @@ __all__ = [
     "State",
     "Status",
     "Stroboscope",
+    "Study",
     "Table",
     "Target",
     "Trajectory",
     "UnknownNameError",
     "UnsupportedError",
+    "WorkPrecision",
     "Zener",
     "__version__",
     "all_solutions",
@@ -196,18 +195,7 @@ __all__ = [
     "observed_orders",
     "penalized",
     "periodic_orbit",
-    "plot_basins",
-    "plot_bifurcation",
-    "plot_comparison",
     "plot_cones",
-    "plot_convergence",
-    "plot_cross_validation",
-    "plot_design",
-    "plot_fit",
-    "plot_ledger",
-    "plot_orbit",
-    "plot_poincare",
-    "plot_work_precision",
     "poincare",
     "prepare_lcp",
     "read_scheme_file",
@@ -227,11 +215,7 @@ if TYPE_CHECKING:
     from lcpimpact.lcp.problem import LCPSolution
     from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp, solve_lcp
     from lcpimpact.lcp.solvers.enumeration import all_solutions
-    from lcpimpact.plotting.comparison import plot_comparison, plot_cross_validation, plot_ledger
     from lcpimpact.plotting.cones import plot_cones
-    from lcpimpact.plotting.convergence import plot_convergence, plot_work_precision
-    from lcpimpact.plotting.design import plot_design, plot_fit
-    from lcpimpact.plotting.dynamics import plot_basins, plot_bifurcation, plot_orbit, plot_poincare
     from lcpimpact.problems import load_problem
     from lcpimpact.problems.base import Problem
     from lcpimpact.problems.penalty import penalized
@@ -262,20 +246,26 @@ if TYPE_CHECKING:
     from lcpimpact.schemefile import Run, SchemeFile, read_scheme_file, write_scheme_file
     from lcpimpact.simulation import simulate
     from lcpimpact.study.accuracy.comparison import Comparison, compare
-    from lcpimpact.study.accuracy.convergence import convergence, work_precision
+    from lcpimpact.study.accuracy.convergence import (
+        Convergence,
+        WorkPrecision,
+        convergence,
+        observed_orders,
+        work_precision,
+    )
     from lcpimpact.study.accuracy.cross_validation import CrossValidation, cross_validate
-    from lcpimpact.study.accuracy.orders import observed_orders
     from lcpimpact.study.design.fit import Fit, Target, fit
     from lcpimpact.study.design.parameters import with_values
     from lcpimpact.study.design.sizing import Design, design
     from lcpimpact.study.dynamics.basins import Basins, basins
     from lcpimpact.study.dynamics.continuation import Branch, continue_orbit
-    from lcpimpact.study.dynamics.diagrams import bifurcation
+    from lcpimpact.study.dynamics.diagrams import BifurcationDiagram, bifurcation
     from lcpimpact.study.dynamics.grazing import Grazing, grazing
     from lcpimpact.study.dynamics.lyapunov import lyapunov
-    from lcpimpact.study.dynamics.sections import Crossing, Impacts, Stroboscope, poincare
+    from lcpimpact.study.dynamics.sections import Crossing, Impacts, PoincareSection, Stroboscope, poincare
     from lcpimpact.study.dynamics.shooting import PeriodicOrbit, periodic_orbit
     from lcpimpact.study.ledger import Ledger, energy_ledger
+    from lcpimpact.study.result import Study
     from lcpimpact.trajectory import Trajectory
 
 

@@ -71,7 +71,7 @@ def plot_comparison(comparison: Comparison, path: str | Path | None = None) -> F
     Examples
     --------
     >>> from lcpimpact import compare, load_problem
-    >>> figure = plot_comparison(compare(load_problem("system-1"), ["moreau-jean", "rk4"], dt=1e-2))
+    >>> figure = compare(load_problem("system-1"), ["moreau-jean", "rk4"], dt=1e-2).plot()
     >>> [ax.get_ylabel() for ax in figure.axes]
     ['coordinates [m]', 'reaction [N]', 'largest difference [m]']
     """
@@ -229,7 +229,7 @@ def plot_ledger(ledger: Ledger, path: str | Path | None = None) -> Figure:
     --------
     >>> from lcpimpact import energy_ledger, load_problem, simulate
     >>> run = simulate(load_problem("system-1"), "exact", dt=1e-2, t_end=3.0)
-    >>> figure = plot_ledger(energy_ledger(run))
+    >>> figure = energy_ledger(run).plot()
     >>> [ax.get_ylabel() for ax in figure.axes]
     ['energy [J]', '|balance| [J]']
     """
@@ -260,7 +260,7 @@ def plot_ledger(ledger: Ledger, path: str | Path | None = None) -> Figure:
     lowest = max(float(ledger.scale), 1e-300) * 1e-17
     highest = max(10.0 * float(balance.max()), 1e3 * lowest)
     lower.set(ylim=(lowest, highest), ylabel="|balance| [J]", xlabel="$t$ [s]")
-    title = plain_text(f"{table.attrs['problem']} by {str(table.attrs['method']).partition('(')[0]}")
+    title = plain_text(f"{ledger.problem.name} by {ledger.method.partition('(')[0]}")
     figure.suptitle(title, x=0.01, ha="left", fontsize=11.0)
     return _saved(figure, path)
 
@@ -304,14 +304,14 @@ def plot_cross_validation(verdict: CrossValidation, path: str | Path | None = No
     Examples
     --------
     >>> from lcpimpact import cross_validate, load_problem
-    >>> figure = plot_cross_validation(cross_validate(load_problem("system-1"), ["exact", "moreau-jean"]))
+    >>> figure = cross_validate(load_problem("system-1"), ["exact", "moreau-jean"]).plot()
     >>> [text.get_text() for text in figure.axes[0].get_yticklabels()]
     ['moreau-jean', 'exact']
     """
     table = verdict.table[(verdict.table["failure"] == "") & verdict.table["difference"].notna()].iloc[::-1]
     figure = Figure(figsize=(7.0, 1.5 + 0.3 * max(2, len(table))), layout="constrained")
     ax = figure.add_subplot()
-    scale = float(verdict.table.attrs["scale"]) or 1.0
+    scale = verdict.scale or 1.0
     lowest = 1e-17 * scale
     for place, row in enumerate(table.itertuples()):
         color = PALETTE[2] if row.agrees else PALETTE[1]

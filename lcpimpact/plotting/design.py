@@ -52,7 +52,7 @@ def plot_design(design: Design, path: str | Path | None = None) -> Figure:
     Examples
     --------
     >>> from lcpimpact import design
-    >>> figure = plot_design(design("kelvin-voigt", m=1.0, v0=2.0, e=0.5, contact_time=0.01))
+    >>> figure = design("kelvin-voigt", m=1.0, v0=2.0, e=0.5, contact_time=0.01).plot()
     >>> [ax.get_xlabel() for ax in figure.axes]
     ['$t$ [s]', '$x$ [m]']
     """
@@ -162,7 +162,7 @@ def plot_fit(fit: Fit, path: str | Path | None = None) -> Figure:
     >>> from lcpimpact import Target, fit, load_problem
     >>> from lcpimpact.problems.reading import peak
     >>> found = fit(load_problem("kelvin-voigt-impact"), ["k"], outputs={"x_max": Target(lambda run: peak(run, "x"), 1.0)})
-    >>> len(plot_fit(found).axes)
+    >>> len(found.plot().axes)
     1
     """
     left = fit.residuals

@@ -477,7 +477,8 @@ def things():
     ball, block = li.load_problem("bouncing-ball"), li.load_problem("system-1")
     forced = li.load_problem("shaw-holmes", omega=2.7)
     run = li.simulate(block, "exact", dt=0.05, t_end=0.5)
-    table = li.convergence(ball, ["moreau-jean"], [0.1, 0.05], t_end=0.5)
+    convergence = li.convergence(ball, ["moreau-jean"], [0.1, 0.05], t_end=0.5)
+    costs = li.work_precision(ball, ["moreau-jean"], [0.1], t_end=0.5, repeats=1)
     section = li.poincare(forced, "force", transient=1, crossings=3)
     data = pd.DataFrame({"t": run.t, "x": run["x"]})
     return {
@@ -485,7 +486,8 @@ def things():
         "block": block,
         "forced": forced,
         "run": run,
-        "table": table,
+        "convergence": convergence,
+        "costs": costs,
         "section": section,
         "data": data,
         "comparison": li.compare(block, ["moreau-jean"], dt=0.05, t_end=0.5),
@@ -606,7 +608,7 @@ def calls():
                 "repeats": 1,
             },
         ),
-        (li.observed_orders, {"table": g["table"], "norm": "sup_q"}),
+        (li.observed_orders, {"study": g["convergence"], "norm": "sup_q"}),
         (observed_order, {"problem": g["problem"], "method": "moreau-jean", "dts": [0.1, 0.05], "t_end": 0.2}),
         (li.energy_ledger, {"run": g["run"]}),
         (
@@ -675,15 +677,12 @@ def calls():
         (least_gap, {"orbit": g["orbit"], "contact": None}),
         (li.grazing, {"family": lambda omega: family(omega=omega), "bracket": (2.7, 2.71), "transient": 1}),
         (li.lyapunov, {"problem": g["forced"], "t_end": 2.0, "transient": 0.0}),
-        (li.plot_convergence, {"table": g["table"], "norm": "sup_q", "path": None}),
-        (li.plot_work_precision, {"table": g["table"], "norm": "sup_q", "cost": "steps", "path": None}),
-        (li.plot_poincare, {"table": g["section"], "path": None}),
-        (li.plot_bifurcation, {"table": g["diagram"], "y": None, "path": None}),
-        (li.plot_orbit, {"orbit": g["orbit"], "path": None}),
-        (li.plot_comparison, {"comparison": g["comparison"], "path": None}),
-        (li.plot_ledger, {"ledger": g["ledger"], "path": None}),
-        (li.plot_design, {"design": g["design"], "path": None}),
-        (li.plot_fit, {"fit": g["fit"], "path": None}),
+        (g["convergence"].plot, {"norm": "sup_q", "path": None}),
+        (g["costs"].plot, {"norm": "sup_q", "cost": "steps", "path": None}),
+        (g["section"].plot, {"x": None, "path": None}),
+        (g["diagram"].plot, {"y": None, "path": None}),
+        (g["orbit"].plot, {"node": None, "path": None}),
+        *((g[name].plot, {"path": None}) for name in ("comparison", "ledger", "design", "fit")),
         (g["run"].sample, {"t": [0.1], "side": "right"}),
         (g["run"].save, {"path": "out.csv"}),
         (g["run"].certify, {"problem": None}),

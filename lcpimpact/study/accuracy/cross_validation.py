@@ -40,7 +40,7 @@ from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import FailureError, InputError, LcpImpactError
 from lcpimpact.numbers import is_real, positive
 from lcpimpact.problems.base import Problem
-from lcpimpact.study.accuracy.convergence import FRICTION, IMPACT, JUMP, declared_order, limits_of
+from lcpimpact.study.accuracy.limits import FRICTION, IMPACT, JUMP, declared_order, limits_of
 from lcpimpact.study.accuracy.paired_events import Pairing, farthest, pair_events
 from lcpimpact.study.accuracy.routes import (
     RATIO,
@@ -54,6 +54,7 @@ from lcpimpact.study.accuracy.routes import (
     step_counts,
     take,
 )
+from lcpimpact.study.result import Study, table_lines
 from lcpimpact.study.watch import Watch, unwatched
 
 ASYMPTOTIC = 1e-3
@@ -93,8 +94,8 @@ class Outcome(Enum):
     NOTHING = "nothing to judge by"
 
 
-@dataclass(frozen=True, eq=False)
-class CrossValidation:
+@dataclass(frozen=True, eq=False, repr=False)
+class CrossValidation(Study):
     """The verdict on several routes to one motion.
 
     Attributes
@@ -105,8 +106,7 @@ class CrossValidation:
         ``against``, the route that it was judged by; ``difference`` (m), the largest of the coordinates at 195 instants;
         ``allowed`` (m), what it may be; ``estimate`` (m), the route's own error E; ``observed`` and ``declared`` order of
         the coordinates, NaN where none is judged; ``events``, how many it has; ``agrees``, in everything that it tells;
-        ``doubt``, why it cannot confirm another, else ""; ``failure``, why there is no motion, else "". ``attrs``: problem,
-        t_end, scale (m).
+        ``doubt``, why it cannot confirm another, else ""; ``failure``, why there is no motion, else "".
     pairs : DataFrame
         One row a pair of routes and quantity: ``a``, ``b``, ``quantity``, ``difference``, ``allowed``, ``scale`` (size of
         the motion), ``agrees``, and ``confirms``: whether they are of different families and free of doubt. Coordinates in m
@@ -119,6 +119,10 @@ class CrossValidation:
     resolution : float
         Relative to the size of the motion: a mistake below this may hide behind the errors that routes own up to. Of each
         quantity it is the least that a confirming pair allows, and of these the largest. NaN without agreement.
+    t_end : float
+        s
+    scale : float
+        Size of the motion in the coordinates, in m.
     """
 
     problem: Problem
@@ -127,6 +131,11 @@ class CrossValidation:
     reasons: tuple[str, ...]
     outcome: Outcome
     resolution: float
+    t_end: float
+    scale: float
+
+    drawn_by = "lcpimpact.plotting.comparison:plot_cross_validation"
+    title = "{0.problem.name}: cross-validation"
 
     @property
     def agree(self) -> bool:
@@ -134,12 +143,23 @@ class CrossValidation:
         return self.outcome is Outcome.AGREE
 
     def __str__(self) -> str:
+        return "\n".join([*self.head(), *(f"  {reason}" for reason in self.reasons)])
+
+    def head(self) -> list[str]:
+        """Return the verdict in one line."""
         taken = self.table[self.table["failure"] == ""]
         verdict = self.outcome.value
         if self.agree:
             families = taken["family"].nunique()
             verdict = f"{len(taken)} routes of {families} families agree, to {self.resolution:.1g} of the motion"
-        return "\n".join([f"{self.problem.name}: {verdict}", *(f"  {reason}" for reason in self.reasons)])
+        return [f"{self.problem.name}: {verdict}"]
+
+    def summary(self) -> str:
+        """Return the verdict, the routes, and the reasons."""
+        columns = ["route", "family", "against", "difference", "allowed", "observed", "declared", "events", "agrees"]
+        routes = table_lines(self.table.loc[self.table["failure"] == "", columns], ".2g")
+        reasons = ["", *(f"  {reason}" for reason in self.reasons)] if self.reasons else []
+        return "\n".join([*self.head(), "", *routes, *reasons])
 
 
 @checked
@@ -258,7 +278,6 @@ def _judged(
         *("agrees", "doubt", "failure"),
     ]
     table = pd.DataFrame(rows, columns=columns).astype({"events": "Int64"})
-    table.attrs = {"problem": problem.name, "t_end": t_end, "scale": judge.scale[COORDINATES]}
     broke_off = [f"{label!r} broke off: {each.why}" for label, each in missing.items() if each.broke_off]
     refused = [f"{label!r} was not taken: {each.why}" for label, each in missing.items() if not each.broke_off]
     wrong = [reason for label in found for reason in judge.reasons(label, leader)]
@@ -267,9 +286,9 @@ def _judged(
     lacking: list[str] = [] if wrong or ended else list(judge.lacking(pairs))
     outcome = Outcome.DISAGREE if wrong or ended else Outcome.NOTHING if lacking else Outcome.AGREE
     listed = pd.DataFrame(pairs, columns=["a", "b", "quantity", "difference", "allowed", "scale", "agrees", "confirms"])
-    listed.attrs = dict(table.attrs)
     resolution = judge.resolution(pairs) if outcome is Outcome.AGREE else math.nan
-    return CrossValidation(problem, table, listed, (*wrong, *broke_off, *lacking, *refused), outcome, resolution)
+    reasons = (*wrong, *broke_off, *lacking, *refused)
+    return CrossValidation(problem, table, listed, reasons, outcome, resolution, t_end, judge.scale[COORDINATES])
 
 
 class Judge:
