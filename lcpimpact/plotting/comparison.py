@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from matplotlib.lines import Line2D
 
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
-from lcpimpact.plotting.style import EXACT, INK, PALETTE, SOFT, save, style
+from lcpimpact.plotting.style import EXACT, INK, PALETTE, SOFT, style
 from lcpimpact.plotting.timeline import (
     curves,
     mark_events,
@@ -50,7 +49,7 @@ NOTHING = 1e-9
 
 @style()
 @checked
-def plot_comparison(comparison: Comparison, path: str | Path | None = None) -> Figure:
+def plot_comparison(comparison: Comparison) -> Figure:
     """Draw all runs on one page: coordinates, forces or impulses, and the largest difference from the reference.
 
     The reference is wide and pale and lies beneath. Forces are drawn where they live, as points: one for each step, or on
@@ -60,13 +59,6 @@ def plot_comparison(comparison: Comparison, path: str | Path | None = None) -> F
     ----------
     comparison : Comparison
         With at least one run.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
-
-    Raises
-    ------
-    InputError
-        For another ending, or a folder that cannot be written.
 
     Examples
     --------
@@ -81,7 +73,7 @@ def plot_comparison(comparison: Comparison, path: str | Path | None = None) -> F
     if first is None:
         figure = Figure(figsize=(7.0, 1.5), layout="constrained")
         figure.text(0.5, 0.5, "no method reached the end", ha="center", va="center", color=SOFT)
-        return _saved(figure, path)
+        return figure
     nodes, contacts = shown_nodes(first)[:FEW], shown_forces(first)[:FEW]
     impulsive = any(event.impulse > 0.0 for event in shown_events(first))
     forces = bool(contacts) and not (impulsive and not np.nan_to_num(first.forces[:, contacts]).any())
@@ -121,7 +113,7 @@ def plot_comparison(comparison: Comparison, path: str | Path | None = None) -> F
     mark_events(axes, shown_events(first))
     _legend(figure, comparison)
     figure.suptitle(plain_text(comparison.problem.name), x=0.01, ha="left", fontsize=11.0)
-    return _saved(figure, path)
+    return figure
 
 
 def _look(number: int) -> dict[str, str]:
@@ -207,7 +199,7 @@ def _draw_differences(ax: Axes, truth: Trajectory, runs: Mapping[str, Trajectory
 
 @style()
 @checked
-def plot_ledger(ledger: Ledger, path: str | Path | None = None) -> Figure:
+def plot_ledger(ledger: Ledger) -> Figure:
     """Draw where the energy is: what is stored and what has been dissipated, one on the other, and below the balance.
 
     The potential of constant loads counts from the lowest value in the run, so that every layer is positive. The black line
@@ -217,13 +209,6 @@ def plot_ledger(ledger: Ledger, path: str | Path | None = None) -> Figure:
     ----------
     ledger : Ledger
         Of any run.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
-
-    Raises
-    ------
-    InputError
-        For another ending, or a folder that cannot be written.
 
     Examples
     --------
@@ -262,7 +247,7 @@ def plot_ledger(ledger: Ledger, path: str | Path | None = None) -> Figure:
     lower.set(ylim=(lowest, highest), ylabel="|balance| [J]", xlabel="$t$ [s]")
     title = plain_text(f"{ledger.problem.name} by {ledger.method.partition('(')[0]}")
     figure.suptitle(title, x=0.01, ha="left", fontsize=11.0)
-    return _saved(figure, path)
+    return figure
 
 
 def _layers(table: pd.DataFrame, dissipated: Sequence[str]) -> dict[str, Array]:
@@ -286,20 +271,13 @@ def _layer_name(name: str) -> str:
 
 @style()
 @checked
-def plot_cross_validation(verdict: CrossValidation, path: str | Path | None = None) -> Figure:
+def plot_cross_validation(verdict: CrossValidation) -> Figure:
     """Draw for each route how far it is from the one that it was judged by, and how far it may be.
 
     Parameters
     ----------
     verdict : CrossValidation
         Of any problem.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
-
-    Raises
-    ------
-    InputError
-        For another ending, or a folder that cannot be written.
 
     Examples
     --------
@@ -332,10 +310,4 @@ def plot_cross_validation(verdict: CrossValidation, path: str | Path | None = No
         handles.insert(1, Line2D([], [], marker="o", color=PALETTE[1], linestyle="none", label="difference: does not"))
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     figure.suptitle(plain_text(f"{verdict.problem.name}: {verdict.outcome.value}"), x=0.01, ha="left", fontsize=11.0)
-    return _saved(figure, path)
-
-
-def _saved(figure: Figure, path: str | Path | None) -> Figure:
-    if path is not None:
-        save(figure, path)
     return figure

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.plotting.style import FAINT, PALETTE, SOFT, save, style
+from lcpimpact.plotting.style import FAINT, PALETTE, SOFT, style
 from lcpimpact.plotting.timeline import plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.accuracy.convergence import COSTS, Convergence, WorkPrecision, observed_orders
@@ -58,7 +57,7 @@ AIR = 0.03
 
 @style()
 @checked
-def plot_convergence(study: Convergence, path: str | Path | None = None, *, norm: str | None = None) -> Figure:
+def plot_convergence(study: Convergence, *, norm: str | None = None) -> Figure:
     """Draw the errors of each method over the step, with a triangle for each order that is seen.
 
     A cross at the upper edge is a run without a result. The legend has the observed order of each method and its scatter,
@@ -68,15 +67,13 @@ def plot_convergence(study: Convergence, path: str | Path | None = None, *, norm
     ----------
     study : Convergence
         Of `lcpimpact.convergence`.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
     norm : str, optional
         Which of its norms; by default that of the study.
 
     Raises
     ------
     InputError
-        If the table has no such norm, or for a file that cannot be written.
+        If the table has no such norm.
 
     Examples
     --------
@@ -108,16 +105,12 @@ def plot_convergence(study: Convergence, path: str | Path | None = None, *, norm
     _limit(ax, study.scales.get(norm, 0.0), telling)
     _draw_legend(figure, ax, "observed order ± scatter")
     _draw_triangles(ax, lines, slopes)
-    if path is not None:
-        save(figure, path)
     return figure
 
 
 @style()
 @checked
-def plot_work_precision(
-    study: WorkPrecision, path: str | Path | None = None, *, norm: str | None = None, cost: str | None = None
-) -> Figure:
+def plot_work_precision(study: WorkPrecision, *, norm: str | None = None, cost: str | None = None) -> Figure:
     """Draw the errors of each method over what its runs cost: who lies lower and further left is better.
 
     The legend says how many runs of a method have no result, and which methods have no cost of that kind.
@@ -126,8 +119,6 @@ def plot_work_precision(
     ----------
     study : WorkPrecision
         Of `lcpimpact.work_precision`.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
     norm : str, optional
         Which of its norms; by default that of the study.
     cost : {"seconds", "steps", "evaluations", "lcp_solves", "lcp_iterations", "newton_iterations"}, optional
@@ -136,7 +127,7 @@ def plot_work_precision(
     Raises
     ------
     InputError
-        If the table has no such norm or cost, or for a file that cannot be written.
+        If the table has no such norm or cost.
 
     Examples
     --------
@@ -165,8 +156,6 @@ def plot_work_precision(
     _titled(ax, study, norm)
     _limit(ax, study.scales.get(norm, 0.0), [])
     _draw_legend(figure, ax, None)
-    if path is not None:
-        save(figure, path)
     return figure
 
 

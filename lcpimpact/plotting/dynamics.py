@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -17,7 +16,7 @@ from matplotlib.patches import Patch
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.plotting.style import FAINT, INK, PALETTE, SOFT, save, style
+from lcpimpact.plotting.style import FAINT, INK, PALETTE, SOFT, style
 from lcpimpact.plotting.timeline import math_text, plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.dynamics.basins import Basins
@@ -45,17 +44,13 @@ _STABILITY = [
 
 @style()
 @checked
-def plot_poincare(
-    study: PoincareSection, path: str | Path | None = None, *, x: str | None = None, y: str | None = None
-) -> Figure:
+def plot_poincare(study: PoincareSection, *, x: str | None = None, y: str | None = None) -> Figure:
     """Draw the points of a Poincaré section.
 
     Parameters
     ----------
     study : PoincareSection
         Of `lcpimpact.poincare`.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
     x, y : str, optional
         Columns; by default the first coordinate and its velocity, or where the section holds that coordinate fixed, as at a
         stop, the phase of the force and the velocity.
@@ -63,7 +58,7 @@ def plot_poincare(
     Raises
     ------
     InputError
-        For an unknown column or ending, or a table without points.
+        For an unknown column, or a table without points.
     """
     table, node = study.table, study.problem.dynamics.nodes[0]
     if len(table) == 0:
@@ -84,8 +79,6 @@ def plot_poincare(
     ax.set_xlabel(_label(across))
     ax.set_ylabel(_label(up))
     ax.set_title(plain_text(f"{study.problem.name} by {study.method}"))
-    if path is not None:
-        save(figure, path)
     return figure
 
 
@@ -93,7 +86,6 @@ def plot_poincare(
 @checked
 def plot_bifurcation(
     study: BifurcationDiagram,
-    path: str | Path | None = None,
     *,
     y: str | None = None,
     marks: Sequence[tuple[float, str]] = (),
@@ -107,8 +99,6 @@ def plot_bifurcation(
     ----------
     study : BifurcationDiagram
         Of `lcpimpact.bifurcation`.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
     y : str, optional
         Column; by default that of the study, or the first coordinate, or at impacts their speed.
     marks : sequence of (float, str)
@@ -117,7 +107,7 @@ def plot_bifurcation(
     Raises
     ------
     InputError
-        For an unknown column or ending, or a table without points.
+        For an unknown column, or a table without points.
     """
     table, branches = study.table, study.branches
     if "point" not in table or table["point"].isna().all():
@@ -150,29 +140,25 @@ def plot_bifurcation(
     ax.set_ylabel(_label(up))
     if not marks:
         ax.set_title(plain_text(f"{study.name} by {study.method}"))
-    if path is not None:
-        save(figure, path)
     return figure
 
 
 @style()
 @checked
-def plot_branch(branch: Branch, path: str | Path | None = None, *, y: str | None = None) -> Figure:
+def plot_branch(branch: Branch, *, y: str | None = None) -> Figure:
     """Draw a branch of periodic orbits along its parameter, dashed where they are not stable.
 
     Parameters
     ----------
     branch : Branch
         Of `lcpimpact.continue_orbit`.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
     y : str, optional
         Column; by default the speed of the fastest impact, or the first coordinate where there is no impact.
 
     Raises
     ------
     InputError
-        For an unknown column or ending.
+        For an unknown column.
     """
     nodes = branch.orbits[0].problem.dynamics.nodes
     up = y or ("speed" if branch.table["impacts"].max() > 0 else nodes[0])
@@ -183,8 +169,6 @@ def plot_branch(branch: Branch, path: str | Path | None = None, *, y: str | None
     ax.set_xlabel(math_text(branch.parameter))
     ax.set_ylabel(_label(up))
     ax.set_title(plain_text(branch.title.format(branch)))
-    if path is not None:
-        save(figure, path)
     return figure
 
 
@@ -203,20 +187,13 @@ def _draw_branch(ax: Axes, branch: Branch, up: str) -> None:
 
 @style()
 @checked
-def plot_basins(result: Basins, path: str | Path | None = None) -> Figure:
+def plot_basins(result: Basins) -> Figure:
     """Draw which start leads to which attractor.
 
     Parameters
     ----------
     result : Basins
         Of `lcpimpact.basins`.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
-
-    Raises
-    ------
-    InputError
-        For another ending.
     """
     table = result.table
     first, second = table.columns[:2]
@@ -244,8 +221,6 @@ def plot_basins(result: Basins, path: str | Path | None = None) -> Figure:
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 3), frameon=False)
     ax.set_xlabel(_start_label(str(first)))
     ax.set_ylabel(_start_label(str(second)))
-    if path is not None:
-        save(figure, path)
     return figure
 
 
@@ -283,22 +258,20 @@ def _edges(x: Array) -> Array:
 
 @style()
 @checked
-def plot_orbit(orbit: PeriodicOrbit, path: str | Path | None = None, *, node: str | None = None) -> Figure:
+def plot_orbit(orbit: PeriodicOrbit, *, node: str | None = None) -> Figure:
     """Draw a periodic orbit in the plane of a coordinate and its velocity, beside its multipliers and the unit circle.
 
     Parameters
     ----------
     orbit : PeriodicOrbit
         Of `lcpimpact.periodic_orbit`.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
     node : str, optional
         Coordinate; by default the first with a mass.
 
     Raises
     ------
     InputError
-        For an unknown coordinate or ending.
+        For an unknown coordinate.
     """
     d = orbit.problem.dynamics
     if node is not None and node not in d.nodes:
@@ -344,8 +317,6 @@ def plot_orbit(orbit: PeriodicOrbit, path: str | Path | None = None, *, node: st
     circle.set_ylabel("Im μ")
     verdict = "stable" if orbit.stable else "not stable"
     circle.set_title(f"multipliers: {verdict}, |μ| ≤ {orbit.growth:.4g}")
-    if path is not None:
-        save(figure, path)
     return figure
 
 

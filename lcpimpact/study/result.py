@@ -64,7 +64,10 @@ class Study:
         InputError
             For an option that does not fit, another ending, or a folder that cannot be written.
         """
-        return load(self.drawn_by)(self, path, **options)
+        figure = load(self.drawn_by)(self, **options)
+        if path is not None:
+            load("lcpimpact.plotting.style:save")(figure, path)
+        return figure
 
     @checked
     def report(self, path: str | Path) -> Path:

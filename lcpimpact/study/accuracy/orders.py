@@ -88,37 +88,3 @@ def observed_order(
             f"the errors of {integrator.name} on {problem.name!r} are rounding: take larger steps to see an order"
         )
     return fit(list(table["dt"]), list(table[norm]))
-
-
-@checked
-def order_as_declared(
-    problem: Problem, method: str, declared: float, norm: str = "sup_q", counts: Sequence[int] = COUNTS
-) -> Order | None:
-    """Observe the order of a method with step counts that suit it.
-
-    Parameters
-    ----------
-    problem : Problem
-        Run to its ``t_end``.
-    method : str
-        Name.
-    declared : float
-        The order to expect: above 2 the first of `COARSER_COUNTS` is taken whose errors are not rounding, else ``counts``.
-    norm : str
-        As of `observed_order`.
-    counts : sequence of int
-        Step counts for orders up to 2.
-
-    Returns
-    -------
-    Order or None
-        None where a method of high order is exact but for rounding with any of them, as on a parabola.
-    """
-    if declared <= 2.0:
-        return observed_order(problem, method, counts, norm=norm)
-    for few in COARSER_COUNTS:
-        try:
-            return observed_order(problem, method, few, norm=norm)
-        except RoundingError:
-            continue
-    return None
