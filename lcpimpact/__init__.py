@@ -64,7 +64,7 @@ _NAMES = {
     "study.dynamics.continuation": ["Branch", "continue_orbit"],
     "study.dynamics.diagrams": ["BifurcationDiagram", "bifurcation"],
     "study.dynamics.grazing": ["Grazing", "grazing"],
-    "study.dynamics.lyapunov": ["lyapunov"],
+    "study.dynamics.lyapunov": ["LyapunovExponents", "lyapunov"],
     "study.dynamics.sections": ["Crossing", "Impacts", "PoincareSection", "Stroboscope", "poincare"],
     "study.dynamics.shooting": ["PeriodicOrbit", "periodic_orbit"],
     "study.ledger": ["Ledger", "energy_ledger"],
@@ -113,6 +113,7 @@ __all__ = [
     "LinearComplementaritySystem",
     "LinearStep",
     "Load",
+    "LyapunovExponents",
     "Mass",
     "Maxwell",
     "Motion",
@@ -226,7 +227,7 @@ if TYPE_CHECKING:
     from lcpimpact.study.dynamics.continuation import Branch, continue_orbit
     from lcpimpact.study.dynamics.diagrams import BifurcationDiagram, bifurcation
     from lcpimpact.study.dynamics.grazing import Grazing, grazing
-    from lcpimpact.study.dynamics.lyapunov import lyapunov
+    from lcpimpact.study.dynamics.lyapunov import LyapunovExponents, lyapunov
     from lcpimpact.study.dynamics.sections import Crossing, Impacts, PoincareSection, Stroboscope, poincare
     from lcpimpact.study.dynamics.shooting import PeriodicOrbit, periodic_orbit
     from lcpimpact.study.ledger import Ledger, energy_ledger

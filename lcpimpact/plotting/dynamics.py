@@ -22,6 +22,7 @@ from lcpimpact.registry import nearest
 from lcpimpact.study.dynamics.basins import Basins
 from lcpimpact.study.dynamics.continuation import Branch
 from lcpimpact.study.dynamics.diagrams import BifurcationDiagram
+from lcpimpact.study.dynamics.lyapunov import LyapunovExponents
 from lcpimpact.study.dynamics.sections import Impacts, PoincareSection
 from lcpimpact.study.dynamics.shooting import PeriodicOrbit
 
@@ -183,6 +184,31 @@ def _draw_branch(ax: Axes, branch: Branch, up: str) -> None:
         shown = held.copy()
         shown[1:] |= held[:-1]
         ax.plot(x, np.where(shown, y, np.nan), color=color, ls=line, lw=1.6, zorder=3)
+
+
+@style()
+@checked
+def plot_lyapunov(study: LyapunovExponents) -> Figure:
+    """Draw the averages that tend to the Lyapunov exponents, over time.
+
+    Parameters
+    ----------
+    study : LyapunovExponents
+        Of `lcpimpact.lyapunov`.
+    """
+    figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+    ax = figure.add_subplot()
+    for k, name in enumerate(study.table.columns[1:]):
+        label = f"λ = {study.exponents[k]:.4g}"
+        ax.plot(
+            study.table["t"], study.table[name].replace(-np.inf, np.nan), color=PALETTE[k % len(PALETTE)], label=label
+        )
+    ax.axhline(0.0, color=INK, lw=0.7)
+    figure.legend(loc="outside right upper")
+    ax.set_xlabel("$t$ [s]")
+    ax.set_ylabel("average of ln |R| over time [1/s]")
+    ax.set_title(plain_text(study.problem.name))
+    return figure
 
 
 @style()

@@ -676,7 +676,7 @@ def calls():
         (li.continue_orbit, {"family": lambda omega: family(omega=omega), "values": [2.7], "periods": 1}),
         (least_gap, {"orbit": g["orbit"], "contact": None}),
         (li.grazing, {"family": lambda omega: family(omega=omega), "bracket": (2.7, 2.71), "transient": 1}),
-        (li.lyapunov, {"problem": g["forced"], "t_end": 2.0, "transient": 0.0}),
+        (li.lyapunov, {"problem": g["forced"], "t_end": 2.0, "t_start": 0.0}),
         (g["convergence"].plot, {"norm": "sup_q", "path": None}),
         (g["costs"].plot, {"norm": "sup_q", "cost": "steps", "path": None}),
         (g["section"].plot, {"x": None, "path": None}),
