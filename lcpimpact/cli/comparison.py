@@ -17,7 +17,6 @@ from lcpimpact.cli.options import (
     Solver,
     Step,
     Table,
-    bar,
     parse_methods,
     resolve_run,
 )
@@ -62,7 +61,7 @@ def compare(
 
     end = spec.problem.t_end if spec.run.t_end is None else spec.run.t_end
     step = min(1e-3, end / 1000.0) if spec.run.dt is None else spec.run.dt
-    found = comparison.compare(spec.problem, taken, dt=step, t_end=end, lcp_solver=spec.run.solver, watch=bar)
+    found = comparison.compare(spec.problem, taken, dt=step, t_end=end, lcp_solver=spec.run.solver)
     finish(found, out, plot, report, more=[(found.events, events), (found.forces, forces), (found.energies, energies)])
     raise typer.Exit(0 if found.runs else 1)
 
@@ -82,9 +81,14 @@ def cross_validate(
         float | None, typer.Option(help="The finest step in s; by default the end over 5265.", show_default=False)
     ] = None,
     t_end: End = None,
-    tolerance: Annotated[
+    tol: Annotated[
         float | None,
-        typer.Option(help="A difference that is forgiven, relative to the size of the motion.", show_default=False),
+        typer.Option(
+            "--tolerance",
+            "--tol",
+            help="A difference that is forgiven, relative to the size of the motion.",
+            show_default=False,
+        ),
     ] = None,
     out: Table = None,
     plot: Plot = None,
@@ -107,6 +111,6 @@ def cross_validate(
     named = [each.strip() for each in routes.split(",") if each.strip()] if routes is not None else None
     if named is not None:
         named = [CLOSED_FORM if each == "closed-form" else each for each in named]
-    verdict = validate(spec.problem, named, dt=dt, t_end=end, tolerance=tolerance, watch=bar)
+    verdict = validate(spec.problem, named, dt=dt, t_end=end, tol=tol)
     finish(verdict, out, plot, report)
     raise typer.Exit(0 if verdict.agree else 1)

@@ -17,7 +17,6 @@ from lcpimpact.cli.options import (
     Set,
     Solver,
     Table,
-    bar,
     numbers,
     parse_methods,
     resolve_run,
@@ -107,7 +106,6 @@ def converge(
         t_end=end,
         penalties=[_penalty(each) for each in penalty or []],
         lcp_solver=spec.run.solver,
-        watch=bar,
     )
     study = replace(study, norm=_norm(norm) or study.norm)
     found = observed_orders(study)
@@ -165,7 +163,6 @@ def work_precision(
         repeats=repeats,
         penalties=[_penalty(each) for each in penalty or []],
         lcp_solver=spec.run.solver,
-        watch=bar,
     )
     finish(replace(study, norm=_norm(norm) or study.norm, cost=cost), out, plot, report)
 

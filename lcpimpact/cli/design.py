@@ -17,7 +17,6 @@ from lcpimpact.cli.options import (
     Set,
     Solver,
     Step,
-    bar,
     resolve_run,
 )
 from lcpimpact.errors import InputError
@@ -123,7 +122,6 @@ def fit(
     spec = resolve_run(problem, set_, method or "exact", dt, t_end, solver)
     from lcpimpact.study.design.fit import fit as search
     from lcpimpact.study.design.parameters import value_at
-    from lcpimpact.study.watch import unwatched
 
     given = {name: value_at(spec.problem, name) if start is None else start for name, start in _free(free)}
     options = {**spec.run.options, **({} if spec.run.solver == "auto" else {"lcp_solver": spec.run.solver})}
@@ -132,7 +130,7 @@ def fit(
     found = search(
         spec.problem, given, to, column=column.split(",") if column else None, sigma=sigma,
         bounds=dict(map(_bound, bounds or [])), sampling=sampling, loss=loss, method=spec.run.method, dt=step, t_end=end,
-        starts=starts, seed=seed, level=level, watch=bar if starts > 1 else unwatched, **options,
+        starts=starts, seed=seed, level=level, progress=starts > 1, **options,
     )  # fmt: skip
     finish(found, out, plot, report, scheme=(found.problem, spec.run))
     raise typer.Exit(0 if found.success else 1)

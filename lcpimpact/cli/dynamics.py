@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lcpimpact.cli.finish import check_study, finish
-from lcpimpact.cli.options import End, Named, Plot, Report, Set, Table, bar, resolve_run
+from lcpimpact.cli.options import End, Named, Plot, Report, Set, Table, resolve_run
 from lcpimpact.errors import FailureError, InputError
 
 if TYPE_CHECKING:
@@ -121,13 +121,12 @@ def bifurcation(
         continue_from=follow,
         workers=workers,
         parameter=name,
-        watch=bar,
         **spec.run.options,
     )
     if len(study.failures) == len(study.table):
         raise FailureError(f"no value of {name} has a result: {study.table['failure'].iloc[0]}", None)
     if orbit:
-        branch = continue_orbit(member, values, periods=periods, transient=transient, parameter=name, watch=bar)
+        branch = continue_orbit(member, values, periods=periods, transient=transient, parameter=name)
         study = replace(study, branches=(branch,))
     finish(replace(study, y=y), out, plot, report)
 
@@ -169,7 +168,6 @@ def basins(
         names=(one, other),
         longest=longest,
         workers=workers,
-        watch=bar,
     )
     finish(study, out, plot, report)
 
@@ -208,7 +206,7 @@ def orbit(
         name, values = _range(over)
         _spec(problem, set_, "exact", name)
         family = _family(problem, set_, "exact")
-        study = continue_orbit(lambda value: family({name: value}), values, parameter=name, watch=bar, **shooting)
+        study = continue_orbit(lambda value: family({name: value}), values, parameter=name, **shooting)
     finish(study, out, plot, report)
 
 

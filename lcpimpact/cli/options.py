@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from tqdm import tqdm
 
 from lcpimpact.errors import InputError
 from lcpimpact.integrators import METHODS
@@ -139,10 +137,3 @@ def numbers(text: str, option: str) -> list[float]:
         raise InputError(
             f"{option} {text!r} must be numbers with commas between them, as in {option} 0.1,0.05"
         ) from None
-
-
-def bar(items: Iterable[Any], total: int, what: str) -> Iterable[Any]:
-    """Show how many of the things are done."""
-    layout = "{desc:<17}{bar:30} {n_fmt}/{total_fmt} {elapsed}"
-    shown: Iterable[Any] = tqdm(items, total=total, desc=what, bar_format=layout)
-    return shown

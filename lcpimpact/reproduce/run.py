@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -21,6 +21,7 @@ from lcpimpact.reproduce import tables
 from lcpimpact.reproduce.checks import Check, all_checks
 from lcpimpact.reproduce.runs import T_END, PaperRuns, run_all
 from lcpimpact.simulation import simulate
+from lcpimpact.study.progress import Progress, watched
 
 FIGURE_STEP = 1e-2
 """Step in s of the runs that the figures show: coarse enough to see where the methods differ."""
@@ -150,7 +151,7 @@ def reproduce(
     out: Path,
     *,
     workers: int | None = None,
-    watch: Callable[[Iterable[Any], int, str], Iterable[Any]] = lambda items, total, what: items,
+    progress: Progress = True,
 ) -> Reproduction:
     """Write every figure of the paper, the cross-validation tables and report.html to a folder.
 
@@ -160,9 +161,8 @@ def reproduce(
         The folder; it is made if it does not exist. Each file appears whole or not at all.
     workers : int, optional
         Processes; by default one a core.
-    watch : callable
-        Given things to do or results to come, their number and what they are, yields them on: the place for a
-        progress bar.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Raises
     ------
@@ -171,11 +171,11 @@ def reproduce(
     """
     started = time.perf_counter()
     _make_folder(out / "figures")
-    for text in watch(FIGURES, len(FIGURES), "figures"):
+    for text in watched(FIGURES, len(FIGURES), "figures", progress):
         figure = draw(text.number)
         for suffix in (".png", ".svg"):
             save(figure, _figure_path(out, text.number, suffix))
-    found = run_all(workers=workers, watch=lambda items, total: watch(items, total, "cross-validation"))
+    found = run_all(workers=workers, progress=progress)
     checks = tuple(sorted(all_checks(found), key=lambda check: check.holds))
 
     tables.write_csv(out / "cross-validation.csv", tables.CROSS_VALIDATION_HEADER, tables.cross_validation_rows(found))

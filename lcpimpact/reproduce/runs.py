@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -21,6 +21,7 @@ from lcpimpact.problems.reference import KNOWN, Known
 from lcpimpact.simulation import simulate
 from lcpimpact.study.accuracy.cross_validation import CrossValidation, cross_validate
 from lcpimpact.study.accuracy.fitted_order import fit
+from lcpimpact.study.progress import Progress, watched
 from lcpimpact.trajectory import Trajectory
 
 T_END = 3.0
@@ -203,7 +204,7 @@ def observed_orders(label: str, method: str, options: tuple[tuple[str, Any], ...
 
 def verdict(label: str) -> CrossValidation:
     """Cross-validate the exact solution, the LCP step and the paper's RK4 on one system."""
-    return cross_validate(problem_of(label), ["exact", "moreau-jean", "rk4-paper"], t_end=T_END)
+    return cross_validate(problem_of(label), ["exact", "moreau-jean", "rk4-paper"], t_end=T_END, progress=False)
 
 
 def exact_errors(label: str) -> dict[str, float]:
@@ -242,7 +243,7 @@ def run_all(
     cases: Sequence[Case] | None = None,
     *,
     workers: int | None = None,
-    watch: Callable[[Iterable[Any], int], Iterable[Any]] = lambda done, total: done,
+    progress: Progress = True,
 ) -> PaperRuns:
     """Run the paper's systems on all cores.
 
@@ -252,8 +253,8 @@ def run_all(
         Which runs; by default `all_cases`.
     workers : int, optional
         Processes; by default one a core.
-    watch : callable
-        Given the results as they come and their number, yields them on: the place for a progress bar.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Returns
     -------
@@ -265,7 +266,7 @@ def run_all(
     longest_first = sorted(cases, key=lambda case: (case.h, case.lcp_solver not in QP_SOLVERS))
     jobs: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [(run_case, (case,)) for case in longest_first]
     jobs += [(observed_orders, study) for study in studies] + [(verdict, (label,)) for label in labels]
-    found = dict(watch(_in_processes(jobs, workers or os.cpu_count() or 1), len(jobs)))
+    found = dict(watched(_in_processes(jobs, workers or os.cpu_count() or 1), len(jobs), "cross-validation", progress))
     rows, orders, verdicts = (
         {arguments: result for (function, arguments), result in found.items() if function is kind}
         for kind in (run_case, observed_orders, verdict)

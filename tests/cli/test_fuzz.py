@@ -622,7 +622,7 @@ def calls():
                 "lcp_solver": "auto",
             },
         ),
-        (li.cross_validate, {"problem": g["problem"], "routes": ["x"], "dt": 0.1, "t_end": 0.2, "tolerance": None}),
+        (li.cross_validate, {"problem": g["problem"], "routes": ["x"], "dt": 0.1, "t_end": 0.2, "tol": None}),
         (li.design, {"law": "kelvin-voigt", "m": 1.0, "v0": 1.0, "g": 0.0, "k": 1e3, "c": 1.0}),
         (li.design, {"law": "hunt-crossley", "m": 1.0, "v0": 1.0, "e": 0.5, "peak_force": 10.0, "n": 1.5}),
         (

@@ -321,7 +321,7 @@ def test_methods_take_turns_and_the_least_time_is_kept(monkeypatch):
         return items
 
     monkeypatch.setattr(module, "simulate", slow)
-    table = work_precision(oscillator(), ["rk4", "heun"], [0.3], norms=["sup_q"], repeats=2, watch=watch)
+    table = work_precision(oscillator(), ["rk4", "heun"], [0.3], norms=["sup_q"], repeats=2, progress=watch)
     assert seen == ["rk4", "heun", "rk4", "heun"]
     assert list(table["seconds"]) == [3.0, 7.0]
     assert told == [(4, "runs")]

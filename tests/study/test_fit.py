@@ -169,7 +169,7 @@ def test_random_starts_are_repeatable_and_the_best_is_kept():
         seen.append((total, what))
         return items
 
-    again = [fit(start(), {"k": 3000.0}, noisy(1), starts=3, seed=4, watch=watch) for _ in range(2)]
+    again = [fit(start(), {"k": 3000.0}, noisy(1), starts=3, seed=4, progress=watch) for _ in range(2)]
     assert seen == [(3, "searches")] * 2
     assert again[0].starts.equals(again[1].starts)
     assert len(again[0].starts["k"].unique()) == 3

@@ -21,8 +21,8 @@ from lcpimpact.study.accuracy.norms import NORMS, errors
 from lcpimpact.study.accuracy.reference import Reference
 from lcpimpact.study.accuracy.reference import reference as find_reference
 from lcpimpact.study.ledger import Ledger, energy_ledger
+from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, table_lines
-from lcpimpact.study.watch import Watch, unwatched
 from lcpimpact.trajectory import Trajectory
 
 REFERENCE = "reference"
@@ -188,7 +188,7 @@ def compare(
     t_end: float | None = None,
     reference: Reference | Trajectory | str | None = "auto",
     lcp_solver: str = "auto",
-    watch: Watch = unwatched,
+    progress: Progress = True,
 ) -> Comparison:
     """Run one problem by several methods, to see what separates them.
 
@@ -207,8 +207,8 @@ def compare(
         none of them, if there is one; None compares them with each other.
     lcp_solver : str
         A name of ``lcpimpact list solvers``, for the methods that solve LCPs.
-    watch : callable
-        See `lcpimpact.study.watch`.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Returns
     -------
@@ -239,7 +239,7 @@ def compare(
         raise InputError(f"dt: there is no method {unknown[0]!r} among {', '.join(chosen)}")
     truth = _reference(problem, end, {each.name for each in chosen.values()}, reference)
     runs, reasons = {}, {}
-    for label, integrator in watch(chosen.items(), len(chosen), "methods"):
+    for label, integrator in watched(chosen.items(), len(chosen), "methods", progress):
         solver = lcp_solver if integrator.solves_lcp else "auto"
         try:
             run = simulate(

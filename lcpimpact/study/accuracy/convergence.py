@@ -31,8 +31,8 @@ from lcpimpact.study.accuracy.limits import Limit, chosen_options, declared_orde
 from lcpimpact.study.accuracy.norms import NORMS, errors
 from lcpimpact.study.accuracy.reference import Reference
 from lcpimpact.study.accuracy.reference import reference as find_reference
+from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, failure_lines, table_lines
-from lcpimpact.study.watch import Watch, unwatched
 from lcpimpact.trajectory import Trajectory
 
 Penalty = tuple[str, float] | tuple[str, float, Mapping[str, float]]
@@ -313,7 +313,7 @@ def convergence(
     reference: Trajectory | Reference | None = None,
     repeats: int = 1,
     lcp_solver: str = "auto",
-    watch: Watch = unwatched,
+    progress: Progress = True,
 ) -> Convergence:
     r"""Run a problem, and its compliant variants, by several methods with several steps, and measure every error.
 
@@ -338,8 +338,8 @@ def convergence(
         Runs of each row, in turn; the time is their minimum. What compiles is compiled before.
     lcp_solver : str
         For the methods that solve LCPs.
-    watch : callable
-        See `lcpimpact.study.watch`.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Returns
     -------
@@ -373,7 +373,7 @@ def convergence(
     ['307 9e-04', '3001 2e-05']
     """
     return Convergence(
-        **_run_all(problem, methods, dts, (), t_end, norms, penalties, reference, repeats, lcp_solver, watch)
+        **_run_all(problem, methods, dts, (), t_end, norms, penalties, reference, repeats, lcp_solver, progress)
     )
 
 
@@ -390,7 +390,7 @@ def work_precision(
     reference: Trajectory | Reference | None = None,
     repeats: int = 5,
     lcp_solver: str = "auto",
-    watch: Watch = unwatched,
+    progress: Progress = True,
 ) -> WorkPrecision:
     """Measure errors against costs: as `convergence`, with tolerances where a method chooses its steps.
 
@@ -400,7 +400,7 @@ def work_precision(
 
     Parameters
     ----------
-    problem, methods, dts, t_end, norms, penalties, reference, repeats, lcp_solver, watch
+    problem, methods, dts, t_end, norms, penalties, reference, repeats, lcp_solver, progress
         As of `convergence`.
     rtols : sequence of float
         The tolerances; atol, where a method has it, keeps its ratio to rtol.
@@ -420,7 +420,7 @@ def work_precision(
     (['moreau-jean', 'moreau-jean', 'event-driven', 'event-driven'], [0.0001, 1e-08])
     """
     return WorkPrecision(
-        **_run_all(problem, methods, dts, rtols, t_end, norms, penalties, reference, repeats, lcp_solver, watch)
+        **_run_all(problem, methods, dts, rtols, t_end, norms, penalties, reference, repeats, lcp_solver, progress)
     )
 
 
@@ -435,7 +435,7 @@ def _run_all(
     reference: Trajectory | Reference | None,
     repeats: int,
     lcp_solver: str,
-    watch: Watch,
+    progress: Progress,
 ) -> dict[str, Any]:
     """Check what was given, make the tasks, run them in turn, and return the fields of a `Convergence`."""
     end = problem.t_end if t_end is None else t_end
@@ -457,7 +457,7 @@ def _run_all(
 
     found: list[dict[str, Any]] = [{} for _ in tasks]
     turns = ((number, turn) for turn in range(repeats) for number in range(len(tasks)))
-    for number, turn in watch(turns, len(tasks) * repeats, "runs"):
+    for number, turn in watched(turns, len(tasks) * repeats, "runs", progress):
         task, row = tasks[number], found[number]
         if turn == 0:
             row.update(_first(task, names, lcp_solver))

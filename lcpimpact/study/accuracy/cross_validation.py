@@ -54,8 +54,8 @@ from lcpimpact.study.accuracy.routes import (
     step_counts,
     take,
 )
+from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, table_lines
-from lcpimpact.study.watch import Watch, unwatched
 
 ASYMPTOTIC = 1e-3
 """Errors below this, relative to the size of the motion, show an order above 2; before, steps are too long for it."""
@@ -169,8 +169,8 @@ def cross_validate(
     *,
     dt: float | None = None,
     t_end: float | None = None,
-    tolerance: float | None = None,
-    watch: Watch = unwatched,
+    tol: float | None = None,
+    progress: Progress = True,
 ) -> CrossValidation:
     """Take several independent routes to one motion, and judge whether they lead to the same.
 
@@ -186,10 +186,10 @@ def cross_validate(
         The finest step in s; by default t_end/5265. The coarser ones are 3, 9 and 27 times as long.
     t_end : float, optional
         End in s; by default that of the problem, for which its facts are known.
-    tolerance : float, optional
+    tol : float, optional
         Relative to the size of the motion: a difference that is forgiven whatever the estimates say; 1e-9 by default.
-    watch : callable
-        See `lcpimpact.study.watch`.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Returns
     -------
@@ -226,21 +226,19 @@ def cross_validate(
     end = problem.t_end if t_end is None else t_end
     positive("t_end", end, "s")
     positive("dt", end if dt is None else dt, "s")
-    if tolerance is not None and (not is_real(tolerance) or not 0.0 < tolerance < 1.0):
-        raise InputError(
-            f"tolerance = {tolerance!r} must be a number between 0 and 1, relative to the size of the motion"
-        )
+    if tol is not None and (not is_real(tol) or not 0.0 < tol < 1.0):
+        raise InputError(f"tol = {tol!r} must be a number between 0 and 1, relative to the size of the motion")
     counts = step_counts(float(end), dt)
     given = by_label(default_routes(problem) if routes is None else routes)
     found: dict[str, Found] = {}
     missing: dict[str, Missing] = {}
-    for label, what in watch(given.items(), len(given), "routes"):
+    for label, what in watched(given.items(), len(given), "routes", progress):
         route = make_route(problem, label, what, counts, float(end))
         try:
             found[label] = take(route)
         except LcpImpactError as error:
             missing[label] = Missing(route, str(error), isinstance(error, FailureError))
-    return _judged(problem, given, found, missing, float(end), ROUNDING if tolerance is None else tolerance)
+    return _judged(problem, given, found, missing, float(end), ROUNDING if tol is None else tol)
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,10 +256,10 @@ def _judged(
     found: Mapping[str, Found],
     missing: Mapping[str, Missing],
     t_end: float,
-    tolerance: float,
+    tol: float,
 ) -> CrossValidation:
     """Compare what was found, and say what it means."""
-    judge = Judge(problem, found, t_end, tolerance)
+    judge = Judge(problem, found, t_end, tol)
     pairs = list(judge.pairs())
     leader = judge.leader(pairs)
     rows = [
@@ -300,11 +298,11 @@ class Judge:
     found : mapping of str to Found
     t_end : float
         In s.
-    tolerance : float
+    tol : float
         Relative to the size of the motion.
     """
 
-    def __init__(self, problem: Problem, found: Mapping[str, Found], t_end: float, tolerance: float) -> None:
+    def __init__(self, problem: Problem, found: Mapping[str, Found], t_end: float, tol: float) -> None:
         self.problem, self.t_end, self.found = problem, t_end, found
         massive = problem.dynamics.massive
         self.judged: Flags = massive if massive.any() else ~massive
@@ -322,9 +320,9 @@ class Judge:
             quantity: float(np.median([size[quantity] for size in sizes if quantity in size] or [0.0]))
             for quantity in self.quantities
         }
-        self.floor = {quantity: tolerance * self.scale[quantity] for quantity in self.quantities}
+        self.floor = {quantity: tol * self.scale[quantity] for quantity in self.quantities}
         self.floor |= {
-            quantity: max(tolerance, ACCUMULATED) * self.scale[quantity]
+            quantity: max(tol, ACCUMULATED) * self.scale[quantity]
             for quantity in (TIMES, IMPULSES)
             if quantity in self.scale
         }

@@ -78,7 +78,13 @@ def observed_order(
     end = problem.t_end if t_end is None else t_end
     integrator = make_integrator(method, options)
     study = convergence(
-        problem, [integrator], [end / steps for steps in counts], t_end=end, norms=[norm], reference=reference
+        problem,
+        [integrator],
+        [end / steps for steps in counts],
+        t_end=end,
+        norms=[norm],
+        reference=reference,
+        progress=False,
     )
     table = study.table
     for failure in study.failures["failure"]:

@@ -43,8 +43,8 @@ from lcpimpact.problems.reading import read
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import simulate
 from lcpimpact.study.design.parameters import value_at, with_values
+from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, failed_rows
-from lcpimpact.study.watch import Watch, unwatched
 from lcpimpact.trajectory import Trajectory
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
@@ -192,7 +192,7 @@ def fit(
     starts: int = 1,
     seed: int = 0,
     level: float = 0.95,
-    watch: Watch = unwatched,
+    progress: Progress = True,
     **options: Any,
 ) -> Fit:
     r"""Fit parameters of a problem to a measured curve, to wanted outputs, or to both, by least squares.
@@ -227,8 +227,8 @@ def fit(
         Of the random starts.
     level : float
         Of the confidence intervals.
-    watch : Watch
-        Sees the searches.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Returns
     -------
@@ -295,7 +295,7 @@ def fit(
     except (InputError, FailureError) as error:
         raise InputError(f"fit: the run at the start values fails: {error}") from None
     results, rows = [], []
-    for θ in watch(parameters.starts(starts, seed), starts, "searches"):
+    for θ in watched(parameters.starts(starts, seed), starts, "searches", progress):
         found = _search(residuals, θ, parameters.limits, loss)
         results.append(found)
         broken = np.abs(found.fun).max() >= FAILURE_RESIDUAL

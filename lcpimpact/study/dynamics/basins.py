@@ -19,8 +19,8 @@ from lcpimpact.study.dynamics.diagrams import each_of
 from lcpimpact.study.dynamics.period import MAX_PERIOD, extents
 from lcpimpact.study.dynamics.sections import BLOCK_PERIODS, impact_speeds, impacts_of
 from lcpimpact.study.dynamics.shooting import follow_exactly, force_period, refuse_power_laws
+from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, failure_lines
-from lcpimpact.study.watch import Watch, unwatched
 
 SAME_ATTRACTOR_RTOL = 1e-2
 """Distance below which the points of two attractors are the same, relative to the extent of the attractors."""
@@ -72,7 +72,7 @@ def basins(
     longest: int = 400,
     tol: float = 1e-5,
     workers: int | None = None,
-    watch: Watch = unwatched,
+    progress: Progress = True,
 ) -> Basins:
     """Return the basins of attraction over two values of the start, by the exact motion seen once a period of the force.
 
@@ -93,8 +93,8 @@ def basins(
         Relative miss within which points repeat themselves.
     workers : int, optional
         Threads; one unless more are asked for.
-    watch : callable
-        Sees the starts go by.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def basins(
             return np.zeros((0, 0)), 0, str(error), problem
         return cycle, run, "", problem
 
-    ended = list(watch(each_of(one, starts, workers), len(starts), "basins"))
+    ended = list(watched(each_of(one, starts, workers), len(starts), "basins", progress))
     table = pd.DataFrame(starts, columns=list(names))
     labels, attractors = _named([cycle for cycle, *_ in ended])
     table = table.assign(

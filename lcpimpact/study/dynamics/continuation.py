@@ -24,8 +24,8 @@ from lcpimpact.study.dynamics.shooting import (
     periodic_orbit,
     shoot,
 )
+from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, table_lines
-from lcpimpact.study.watch import Watch, unwatched
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -69,7 +69,7 @@ def continue_orbit(
     T: float | None = None,
     transient: int = 0,
     parameter: str = "value",
-    watch: Watch = unwatched,
+    progress: Progress = True,
 ) -> Branch:
     """Follow a periodic orbit, stable or not, along a parameter, until it grazes a stop or turns back.
 
@@ -86,8 +86,8 @@ def continue_orbit(
         As of `periodic_orbit`, for the first value.
     parameter : str
         How the parameter is called.
-    watch : callable
-        Sees the values go by.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Returns
     -------
@@ -112,7 +112,7 @@ def continue_orbit(
     first = periodic_orbit(family(targets[0]), periods=periods, T=T, transient=transient)
     orbits, found, ended = [first], [(targets[0], first)], ""
     events = _sequence(first)
-    for target in watch(targets[1:], len(targets) - 1, "orbits"):
+    for target in watched(targets[1:], len(targets) - 1, "orbits", progress):
         while found[-1][0] != target and not ended:
             reason, share = "", 1.0
             for _ in range(MAX_HALVINGS):

@@ -19,8 +19,8 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.study.dynamics.continuation import Branch
 from lcpimpact.study.dynamics.period import period_of
 from lcpimpact.study.dynamics.sections import Section, find_points, method_name, section_of, table_of
+from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, failure_lines
-from lcpimpact.study.watch import Watch, unwatched
 
 
 def each_of(function: Callable[[Any], Any], items: Sequence[Any], workers: int | None) -> Iterator[Any]:
@@ -86,7 +86,7 @@ def bifurcation(
     tol: float = 1e-6,
     workers: int | None = None,
     parameter: str = "value",
-    watch: Watch = unwatched,
+    progress: Progress = True,
     **method_options: Any,
 ) -> BifurcationDiagram:
     """Return where motions end up, value by value of a parameter: the points of a bifurcation diagram.
@@ -110,8 +110,8 @@ def bifurcation(
         Threads; one unless more are asked for. Runs that continue each other take none.
     parameter : str
         How the parameter is called.
-    watch : callable
-        Sees the values go by.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Returns
     -------
@@ -150,7 +150,9 @@ def bifurcation(
         table.insert(0, "value", value)
         return table.assign(period=period_of(np.hstack([points.q, points.v]), tol), failure="")
 
-    tables = list(watch(each_of(one, chosen, None if continue_from else workers), len(chosen), "bifurcation"))
+    tables = list(
+        watched(each_of(one, chosen, None if continue_from else workers), len(chosen), "bifurcation", progress)
+    )
     columns = max((list(table.columns) for table in tables), key=len)
     columns = [*(name for name in columns if name not in ("period", "failure")), "period", "failure"]
     table = pd.concat([each.reindex(columns=columns) for each in tables], ignore_index=True)

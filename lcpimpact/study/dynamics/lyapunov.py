@@ -14,8 +14,8 @@ from lcpimpact.hybrid.tangent import factors
 from lcpimpact.numbers import positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.study.dynamics.shooting import follow_exactly, free_coordinates, refuse_power_laws
+from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study
-from lcpimpact.study.watch import Watch, unwatched
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,7 +44,7 @@ class LyapunovExponents(Study):
 
 
 @checked
-def lyapunov(problem: Problem, *, t_end: float, t_start: float = 0.0, watch: Watch = unwatched) -> LyapunovExponents:
+def lyapunov(problem: Problem, *, t_end: float, t_start: float = 0.0, progress: Progress = True) -> LyapunovExponents:
     r"""Return the Lyapunov exponents of a motion in 1/s, the largest first.
 
     .. math:: λ_i = \lim_{t → ∞} \frac{1}{t} \sum \ln |R_{ii}|
@@ -60,8 +60,8 @@ def lyapunov(problem: Problem, *, t_end: float, t_start: float = 0.0, watch: Wat
         Length of the average in s.
     t_start : float
         Time before it in s.
-    watch : callable
-        Sees the events go by.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def lyapunov(problem: Problem, *, t_end: float, t_start: float = 0.0, watch: Wat
     follow_exactly(motion, problem, motion.end)
     free = free_coordinates(motion.system)
     Q, total, totals = np.eye(len(free)), np.zeros(len(free)), []
-    for factor in watch(factors(motion, motion.end), 2 * len(motion.segments) - 1, "events"):
+    for factor in watched(factors(motion, motion.end), 2 * len(motion.segments) - 1, "events", progress):
         Q, R = np.linalg.qr(factor[np.ix_(free, free)] @ Q)
         with np.errstate(divide="ignore"):
             total = total + np.log(np.abs(np.diag(R)))
