@@ -41,7 +41,7 @@ def draw_bifurcation(path: Path) -> None:
 
 def draw_grazing(path: Path) -> None:
     """Draw what a grazing does, with the orbits on both sides."""
-    diagram = bifurcation(pushed, np.linspace(0.3, 0.6, 150), transient=150, parameter="f")
+    diagram = bifurcation(pushed, np.linspace(0.3, 0.6, 150), skip=150, parameter="f")
     touch = grazing(pushed, (0.1, 1.0))
     below = continue_orbit(pushed, np.linspace(0.3, 0.42, 61), transient=150)
     above = continue_orbit(pushed, np.linspace(0.6, 0.3, 121), transient=150)

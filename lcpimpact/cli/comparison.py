@@ -84,8 +84,6 @@ def cross_validate(
     tol: Annotated[
         float | None,
         typer.Option(
-            "--tolerance",
-            "--tol",
             help="A difference that is forgiven, relative to the size of the motion.",
             show_default=False,
         ),

@@ -36,7 +36,7 @@ ShortStep = Annotated[
     float | None,
     typer.Option("--dt", help="Step in s of a method that steps; by default 200 a period.", show_default=False),
 ]
-Transient = Annotated[int, typer.Option(min=0, help="Points that are left out first.")]
+Skip = Annotated[int, typer.Option(min=0, help="Points that are left out first.")]
 Workers = Annotated[int, typer.Option(min=1, help="Threads.")]
 
 
@@ -44,8 +44,8 @@ def poincare(
     problem: Named,
     set_: Set = None,
     section: SectionName = "force",
-    transient: Transient = 100,
-    crossings: Annotated[int, typer.Option(min=1, help="Points that are kept.")] = 1000,
+    skip: Skip = 100,
+    points: Annotated[int, typer.Option(min=1, help="Points that are kept.")] = 1000,
     method: Long = None,
     dt: ShortStep = None,
     t_end: End = None,
@@ -64,8 +64,8 @@ def poincare(
     study = points_of(
         spec.problem,
         section,
-        transient=transient,
-        crossings=crossings,
+        skip=skip,
+        points=points,
         t_end=t_end,
         method=spec.run.method,
         dt=dt,
@@ -79,8 +79,8 @@ def bifurcation(
     over: Annotated[str, typer.Option(metavar="NAME=LOW:HIGH:COUNT", help="The parameter and its values.")],
     set_: Set = None,
     section: SectionName = "force",
-    transient: Transient = 200,
-    kept: Annotated[int, typer.Option(min=1, help="Points that are kept, for each value.")] = 50,
+    skip: Skip = 200,
+    points: Annotated[int, typer.Option(min=1, help="Points that are kept, for each value.")] = 50,
     follow: Annotated[
         bool, typer.Option("--follow", help="Start each run where the one before ended; HIGH:LOW sweeps down.")
     ] = False,
@@ -114,8 +114,8 @@ def bifurcation(
         member,
         values,
         section,
-        transient=transient,
-        kept=kept,
+        skip=skip,
+        points=points,
         method=spec.run.method,
         dt=dt,
         continue_from=follow,
@@ -126,7 +126,7 @@ def bifurcation(
     if len(study.failures) == len(study.table):
         raise FailureError(f"no value of {name} has a result: {study.table['failure'].iloc[0]}", None)
     if orbit:
-        branch = continue_orbit(member, values, periods=periods, transient=transient, parameter=name)
+        branch = continue_orbit(member, values, periods=periods, transient=skip, parameter=name)
         study = replace(study, branches=(branch,))
     finish(replace(study, y=y), out, plot, report)
 

@@ -257,12 +257,12 @@ COMMANDS = {
     "poincare": {
         "--set": None,
         "--section": WORDS,
-        "--transient": COUNTS,
-        "--crossings": COUNTS,
+        "--skip": COUNTS,
+        "--points": COUNTS,
         "--dt": STEPS,
         **STUDY,
     },
-    "bifurcation": {"--over": OVER, "--section": WORDS, "--transient": COUNTS, "--kept": COUNTS, "--y": WORDS, **STUDY},
+    "bifurcation": {"--over": OVER, "--section": WORDS, "--skip": COUNTS, "--points": COUNTS, "--y": WORDS, **STUDY},
     "basins": {"--over": OVER, "--longest": COUNTS, "--workers": COUNTS, **STUDY},
     "orbit": {"--periods": COUNTS, "--period": NUMBERS, "--transient": COUNTS, **STUDY},
 }
@@ -272,8 +272,8 @@ SLOW = {"compare": 0.1, "converge": 0.1, "poincare": 0.3, "bifurcation": 0.3, "b
 """The commands that run much are given a wrong word more often, so that most of them end at once."""
 
 ALWAYS = {
-    "poincare": ["--transient", "1", "--crossings", "2"],
-    "bifurcation": ["--transient", "1", "--kept", "1"],
+    "poincare": ["--skip", "1", "--points", "2"],
+    "bifurcation": ["--skip", "1", "--points", "1"],
     "basins": ["--longest", "2"],
     "fit": ["--t-end", "0.1"],
     "compare": ["--t-end", "0.1"],
@@ -479,7 +479,7 @@ def things():
     run = li.simulate(block, "exact", dt=0.05, t_end=0.5)
     convergence = li.convergence(ball, ["moreau-jean"], [0.1, 0.05], t_end=0.5)
     costs = li.work_precision(ball, ["moreau-jean"], [0.1], t_end=0.5, repeats=1)
-    section = li.poincare(forced, "force", transient=1, crossings=3)
+    section = li.poincare(forced, "force", skip=1, points=3)
     data = pd.DataFrame({"t": run.t, "x": run["x"]})
     return {
         "problem": ball,
@@ -494,9 +494,7 @@ def things():
         "ledger": li.energy_ledger(run),
         "design": li.design("kelvin-voigt", m=1.0, v0=1.0, k=1e3, c=1.0),
         "fit": li.fit(block, ["k_o"], data, method="moreau-jean", dt=0.05, t_end=0.5),
-        "diagram": li.bifurcation(
-            lambda omega: li.load_problem("shaw-holmes", omega=omega), [2.7], transient=1, kept=2
-        ),
+        "diagram": li.bifurcation(lambda omega: li.load_problem("shaw-holmes", omega=omega), [2.7], skip=1, points=2),
         "orbit": li.periodic_orbit(forced, transient=30),
         "M": [[2.0, 1.0], [1.0, 2.0]],
         "q": [-5.0, -6.0],
@@ -647,7 +645,7 @@ def calls():
         ),
         (
             li.poincare,
-            {"problem": g["forced"], "section": "force", "transient": 1, "crossings": 2, "t_end": None, "dt": None},
+            {"problem": g["forced"], "section": "force", "skip": 1, "points": 2, "t_end": None, "dt": None},
         ),
         (
             li.bifurcation,
@@ -655,8 +653,8 @@ def calls():
                 "family": lambda omega: family(omega=omega),
                 "values": [2.7],
                 "section": "force",
-                "transient": 1,
-                "kept": 1,
+                "skip": 1,
+                "points": 1,
                 "continue_from": False,
                 "workers": 1,
             },

@@ -259,7 +259,7 @@ def test_the_command_cross_validate_has_the_verdict_as_its_exit_code(tmp_path, c
         (["compare", "system-1", "--report", "x.pdf"], "must end in one of .html"),
         (["cross-validate", "system-1", "--routes", "no-such"], "unknown method 'no-such'"),
         (["cross-validate", "system-1", "--plot", "x.csv"], "must end in one of .png"),
-        (["cross-validate", "system-1", "--tolerance", "3"], "tolerance = 3.0 must be a number between 0 and 1"),
+        (["cross-validate", "system-1", "--tol", "3"], "tol = 3.0 must be a number between 0 and 1"),
     ],
 )
 def test_wrong_input_is_one_line_and_writes_nothing(arguments, match, capsys, tmp_path, monkeypatch):

@@ -78,8 +78,8 @@ def bifurcation(
     values: Iterable[float],
     section: str | Section = "force",
     *,
-    transient: int = 200,
-    kept: int = 50,
+    skip: int = 200,
+    points: int = 50,
     method: str | Integrator = "exact",
     dt: float | None = None,
     continue_from: bool = False,
@@ -99,7 +99,7 @@ def bifurcation(
         In the order in which they are run.
     section, method, dt, **method_options
         As of `poincare`.
-    transient, kept : int
+    skip, points : int
         Points that are left out first, and that are kept, for each value.
     continue_from : bool
         Start each run where the one before ended, at a whole period of the force: an attractor is then followed as far as it
@@ -122,7 +122,7 @@ def bifurcation(
     Examples
     --------
     >>> from lcpimpact import bifurcation, load_problem
-    >>> diagram = bifurcation(lambda omega: load_problem("shaw-holmes", omega=omega), [2.6, 2.7], kept=20)
+    >>> diagram = bifurcation(lambda omega: load_problem("shaw-holmes", omega=omega), [2.6, 2.7], points=20)
     >>> diagram.table.groupby("value")["period"].first().tolist()
     [1, 2]
     """
@@ -130,8 +130,8 @@ def bifurcation(
     chosen = [float(value) for value in values]
     if not chosen:
         raise InputError("values is empty: give those that the parameter is to take")
-    count("transient", transient, least=0)
-    count("kept", kept)
+    count("skip", skip, least=0)
+    count("points", points)
     last: list[Array] = []
 
     def one(value: float) -> pd.DataFrame:
@@ -139,16 +139,16 @@ def bifurcation(
             problem = family(value)
             if last:
                 problem = _continued(problem, last.pop())
-            points, force = find_points(problem, where, transient, kept, None, method, dt, method_options)
+            found, force = find_points(problem, where, skip, points, None, method, dt, method_options)
         except LcpImpactError as error:
             return pd.DataFrame({"value": [value], "failure": [str(error)]})
         if continue_from:
-            last[:] = [points.last]
-        if len(points.t) == 0:
+            last[:] = [found.last]
+        if len(found.t) == 0:
             return pd.DataFrame({"value": [value], "failure": ["the motion does not meet the section often enough"]})
-        table = table_of(problem, points, force)
+        table = table_of(problem, found, force)
         table.insert(0, "value", value)
-        return table.assign(period=period_of(np.hstack([points.q, points.v]), tol), failure="")
+        return table.assign(period=period_of(np.hstack([found.q, found.v]), tol), failure="")
 
     tables = list(
         watched(each_of(one, chosen, None if continue_from else workers), len(chosen), "bifurcation", progress)

@@ -210,8 +210,8 @@ def poincare(
     problem: Problem,
     section: str | Section = "force",
     *,
-    transient: int = 0,
-    crossings: int = 200,
+    skip: int = 0,
+    points: int = 200,
     t_end: float | None = None,
     method: str | Integrator = "exact",
     dt: float | None = None,
@@ -227,7 +227,7 @@ def poincare(
     problem : Problem
     section : str or Section
         `Stroboscope`, `Impacts`, `Crossing`, or a text as of `section_of`.
-    transient, crossings : int
+    skip, points : int
         So many points are left out first, and so many kept.
     t_end : float, optional
         Latest time in s; by default four periods of the force a point, or without force the problem's t_end a point. The
@@ -254,13 +254,13 @@ def poincare(
     Examples
     --------
     >>> from lcpimpact import load_problem, poincare
-    >>> section = poincare(load_problem("shaw-holmes"), "impact", transient=60, crossings=2)
+    >>> section = poincare(load_problem("shaw-holmes"), "impact", skip=60, points=2)
     >>> section.table["speed"].round(7).tolist()
     [0.5006725, 0.5006725]
     """
     where = section_of(section)
-    points, force = find_points(problem, where, transient, crossings, t_end, method, dt, method_options)
-    return PoincareSection(table_of(problem, points, force), problem, where, method_name(method))
+    found, force = find_points(problem, where, skip, points, t_end, method, dt, method_options)
+    return PoincareSection(table_of(problem, found, force), problem, where, method_name(method))
 
 
 def method_name(method: str | Integrator) -> str:
@@ -271,8 +271,8 @@ def method_name(method: str | Integrator) -> str:
 def find_points(
     problem: Problem,
     where: Section,
-    transient: int,
-    crossings: int,
+    skip: int,
+    points: int,
     t_end: float | None,
     method: str | Integrator,
     dt: float | None,
@@ -280,9 +280,9 @@ def find_points(
 ) -> tuple[Points, float | None]:
     """Return the points that are kept, and the period of the force."""
     force = _checked(problem, where)
-    count("transient", transient, least=0)
-    count("crossings", crossings)
-    need = transient + crossings
+    count("skip", skip, least=0)
+    count("points", points)
+    need = skip + points
     end = t_end if t_end is not None else _latest(problem, where, force, need)
     positive("t_end", end, "s")
     integrator = make_integrator(method, options)
@@ -293,7 +293,7 @@ def find_points(
         found = _by_steps(problem, where, force, need, end, integrator, dt)
     else:
         found = _on_motion(motion, problem, where, force, need)
-    return found.after(transient), force
+    return found.after(skip), force
 
 
 def _whole_period(times: Array, force: float | None) -> float:
