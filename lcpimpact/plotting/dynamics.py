@@ -353,10 +353,7 @@ def _impacts(orbit: PeriodicOrbit) -> str:
 
 def _first_node(table: pd.DataFrame) -> str:
     """Return the first node whose place and velocity a table of a section has."""
-    for name in table.columns:
-        if str(name).startswith("v_") and str(name)[2:] in table.columns:
-            return str(name)[2:]
-    raise InputError("the table has no place and velocity of a node, as 'x' and 'v_x': take one of a Poincaré section")
+    return next(name[2:] for name in map(str, table.columns) if name.startswith("v_"))
 
 
 def _check(table: pd.DataFrame, *columns: str) -> None:

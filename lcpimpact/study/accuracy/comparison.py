@@ -18,7 +18,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.simulation import simulate
 from lcpimpact.study.accuracy.convergence import Methods, labelled
 from lcpimpact.study.accuracy.norms import NORMS, errors
-from lcpimpact.study.accuracy.reference import Reference
+from lcpimpact.study.accuracy.reference import Reference, given_reference
 from lcpimpact.study.accuracy.reference import reference as find_reference
 from lcpimpact.study.ledger import Ledger, energy_ledger
 from lcpimpact.study.progress import Progress, watched
@@ -268,16 +268,10 @@ def _steps(label: str, dt: float | Mapping[str, float], t_end: float) -> int:
 def _reference(
     problem: Problem, t_end: float, compared: set[str], given: Reference | Trajectory | str | None
 ) -> Reference | None:
-    if isinstance(given, Trajectory):
-        given = Reference(given, given.method)
     if given is None:
         return None
-    if isinstance(given, Reference):
-        if given.trajectory.t[-1] < t_end * (1.0 - 1e-9):
-            raise InputError(
-                f"reference ends at {given.trajectory.t[-1]:g} s, before t_end = {t_end:g} s: take a longer one"
-            )
-        return given
+    if isinstance(given, (Reference, Trajectory)):
+        return given_reference(given, t_end)
     if given != "auto":
         raise InputError(f"reference = {given!r} must be a Reference, a Trajectory, 'auto', or None for none")
     try:

@@ -29,7 +29,7 @@ from lcpimpact.simulation import make_integrator, simulate
 from lcpimpact.study.accuracy.fitted_order import observe
 from lcpimpact.study.accuracy.limits import Limit, chosen_options, declared_order, limits_of
 from lcpimpact.study.accuracy.norms import NORMS, errors
-from lcpimpact.study.accuracy.reference import Reference
+from lcpimpact.study.accuracy.reference import Reference, given_reference
 from lcpimpact.study.accuracy.reference import reference as find_reference
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, failure_lines, table_lines
@@ -166,6 +166,7 @@ class Convergence(Study):
     scales: Mapping[str, float] = field(default_factory=dict)
 
     drawn_by = "lcpimpact.plotting.convergence:plot_convergence"
+    title = "Convergence on {0.problem.name}"
 
     if not TYPE_CHECKING:
 
@@ -179,8 +180,6 @@ class Convergence(Study):
 
     def __len__(self) -> int:
         return len(self.table)
-
-    title = "Convergence on {0.problem.name}"
 
     def head(self) -> list[str]:
         """Return the first lines of the summary: the problem, the references and the norm."""
@@ -449,7 +448,7 @@ def _run_all(
     count("repeats", repeats)
     taking_part = labelled(methods)
     names = list(NORMS) if norms is None else list(norms)
-    for name in names:
+    for name in names or [""]:
         if name not in NORMS:
             raise InputError(nearest(str(name), list(NORMS), "norm"))
     truths = _truths(problem, end, taking_part, reference)
@@ -487,14 +486,8 @@ def _truths(
     problem: Problem, t_end: float, methods: Mapping[str, Integrator], given: Trajectory | Reference | None
 ) -> dict[str, Reference | str]:
     """Return by the name of each method what it is measured against, or why there is nothing."""
-    if isinstance(given, Trajectory):
-        given = Reference(given, given.method)
-    if given is not None and given.trajectory.t[-1] < t_end * (1.0 - 1e-9):
-        raise InputError(
-            f"reference ends at {given.trajectory.t[-1]:g} s, before t_end = {t_end:g} s: take a longer one"
-        )
     if given is not None:
-        return {integrator.name: given for integrator in methods.values()}
+        return dict.fromkeys((integrator.name for integrator in methods.values()), given_reference(given, t_end))
     best = _truth(problem, t_end, ())
     found = {}
     for integrator in methods.values():
