@@ -106,6 +106,7 @@ class Grazing(Study):
     t: float
     gap: float
     orbit: PeriodicOrbit
+
     title = "Grazing orbit of {0.orbit.problem.name}"
 
     @property
