@@ -36,9 +36,10 @@ import lcpimpact as li
 from lcpimpact.files import whole_file
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.event_driven import EventDriven
-from lcpimpact.study.accuracy.convergence import convergence, work_precision
+from lcpimpact.study.accuracy.convergence import Convergence, convergence, observed_orders, work_precision
+from lcpimpact.study.accuracy.fitted_order import EVENT_BAND, SMOOTH_BAND
 from lcpimpact.study.accuracy.norms import NORMS
-from lcpimpact.study.accuracy.orders import COARSER_COUNTS, COUNTS, EVENT_BAND, SMOOTH_BAND, observed_orders
+from lcpimpact.study.accuracy.orders import COARSER_COUNTS, COUNTS
 from lcpimpact.study.accuracy.reference import reference
 
 CSV = Path(__file__).parent / "table.csv"
@@ -139,10 +140,10 @@ def judged(title: str, method: str) -> pd.DataFrame:
     chosen = EventDriven(rtol=1e-12, atol=1e-12) if method == "event-driven" else METHODS[method]()
     able = convergence(problem, {method: chosen}, [end / 307], norms=["sup_q"])
     order, failure = float(able["declared"].iloc[0]), str(able["failure"].iloc[0])
-    norm = str(able.attrs.get("declared_norm", "sup_q"))
+    norm = "sup_q" if able.limited_by is None else able.limited_by.norm
     truth = None if failure else reference(problem, end, unlike=(method,))
 
-    def observed(counts: Sequence[int], norms: Sequence[str]) -> tuple[pd.DataFrame, pd.DataFrame]:
+    def observed(counts: Sequence[int], norms: Sequence[str]) -> tuple[Convergence, pd.DataFrame]:
         found = convergence(problem, {method: chosen}, [end / n for n in counts], norms=norms, reference=truth)
         return found, observed_orders(found)
 
@@ -161,13 +162,13 @@ def judged(title: str, method: str) -> pd.DataFrame:
         problem, {method: METHODS[method]()}, [end / n for n in COARSE_TO_FINE], rtols=RTOLS, repeats=REPEATS,
         norms=[norm], reference=truth,
     )  # fmt: skip
-    scales = table.attrs | elsewhere.attrs
-    orders["scale"] = [float(scales.get(f"scale_{name}", math.nan)) for name in orders["norm"]]
-    read = [_read(costs, norm, float(orders["scale"].iloc[0]))] + [{}] * len(others)
+    scales = {**table.scales, **elsewhere.scales}
+    orders["scale"] = [scales.get(name, math.nan) for name in orders["norm"]]
+    read = [_read(costs.table, norm, float(orders["scale"].iloc[0]))] + [{}] * len(others)
     found = pd.concat([orders.drop(columns=["law", "k"]), pd.DataFrame(read)], axis=1)
     found.insert(0, "problem", title)
-    found["limited_by"] = table.attrs.get("limited_by", "")
-    found["declared_norm"] = table.attrs.get("declared_norm", "")
+    found["limited_by"] = "" if table.limited_by is None else table.limited_by.name
+    found["declared_norm"] = "" if table.limited_by is None else table.limited_by.norm
     found["reference"] = table["reference"].iloc[0]
     reasons = dict.fromkeys(reason for reason in (*table["failure"], *costs["failure"]) if reason)
     found["failure"] = next(iter(reasons), "")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from lcpimpact import convergence, load_problem, plot_convergence, plot_work_precision, work_precision
+from lcpimpact import convergence, load_problem, work_precision
 
 IMAGES = Path(__file__).parent / "images"
 
@@ -12,8 +12,8 @@ IMAGES = Path(__file__).parent / "images"
 def main() -> None:
     """Draw both pictures."""
     methods = ["moreau-jean", "heun", "rk4", "radau-fesd", "rk4-paper"]
-    table = convergence(load_problem("system-1"), methods, [3.0 / (40 * 1.6**i) for i in range(8)], norms=["sup_q"])
-    plot_convergence(table, "sup_q", IMAGES / "convergence.svg")
+    errors = convergence(load_problem("system-1"), methods, [3.0 / (40 * 1.6**i) for i in range(8)], norms=["sup_q"])
+    errors.plot(IMAGES / "convergence.svg")
 
     costs = work_precision(
         load_problem("impact-oscillator"),
@@ -24,7 +24,7 @@ def main() -> None:
         t_end=10.0,
         repeats=1,
     )
-    plot_work_precision(costs, "l1_v", "evaluations", IMAGES / "work-precision.svg")
+    costs.plot(IMAGES / "work-precision.svg", cost="evaluations")
 
 
 if __name__ == "__main__":

@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from lcpimpact import design, fit, load_problem, plot_design, plot_fit, simulate
+from lcpimpact import design, fit, load_problem, simulate
 
 IMAGES = Path(__file__).parent / "images"
 
 
 def main() -> None:
     """Write both."""
-    plot_design(design("kelvin-voigt", m=1.0, v0=2.0, g=9.81, e=0.5, contact_time=0.01), IMAGES / "design.svg")
+    design("kelvin-voigt", m=1.0, v0=2.0, g=9.81, e=0.5, contact_time=0.01).plot(IMAGES / "design.svg")
     truth = simulate(load_problem("system-1"), "exact", dt=0.02, t_end=2.4)
     noise = np.random.default_rng(0).normal(0.0, 60.0, len(truth.t))
     data = pd.DataFrame({"t": truth.t, "R": truth["R"] + noise})
-    plot_fit(fit(load_problem("system-1"), {"k_o": 3500.0, "c_o": 300.0}, data), IMAGES / "fit.svg")
+    fit(load_problem("system-1"), {"k_o": 3500.0, "c_o": 300.0}, data).plot(IMAGES / "fit.svg")
 
 
 if __name__ == "__main__":

@@ -6,12 +6,12 @@ It takes about five minutes on one core.
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from lcpimpact import basins, bifurcation, continue_orbit, grazing, load_problem, periodic_orbit
-from lcpimpact.plotting.dynamics import plot_basins, plot_bifurcation, plot_orbit
 from lcpimpact.problems.base import Problem
 
 IMAGES = Path(__file__).parent / "images"
@@ -34,35 +34,30 @@ def started(x0: float, v0: float) -> Problem:
 
 def draw_bifurcation(path: Path) -> None:
     """Draw doubled periods and chaos, with the orbit that lost its stability."""
-    table = bifurcation(driven, np.linspace(2.5, 3.4, 200), "impact")
+    diagram = bifurcation(driven, np.linspace(2.5, 3.4, 200), "impact", parameter="ω")
     branch = continue_orbit(driven, np.linspace(2.5, 3.4, 91), transient=60)
-    plot_bifurcation(table, path=path, branches=[branch], parameter="ω")
+    replace(diagram, branches=(branch,)).plot(path)
 
 
 def draw_grazing(path: Path) -> None:
     """Draw what a grazing does, with the orbits on both sides."""
-    table = bifurcation(pushed, np.linspace(0.3, 0.6, 150), transient=150)
+    diagram = bifurcation(pushed, np.linspace(0.3, 0.6, 150), skip=150, parameter="f")
     touch = grazing(pushed, (0.1, 1.0))
     below = continue_orbit(pushed, np.linspace(0.3, 0.42, 61), transient=150)
     above = continue_orbit(pushed, np.linspace(0.6, 0.3, 121), transient=150)
-    plot_bifurcation(
-        table,
-        path=path,
-        branches=[below, above],
-        parameter="f",
-        marks=[(touch.value, f"grazing, f = {touch.value:.6f}")],
-    )
+    marks = [(touch.value, f"grazing, f = {touch.value:.6f}")]
+    replace(diagram, branches=(below, above)).plot(path, marks=marks)
 
 
 def draw_basins(path: Path) -> None:
     """Draw the basins of the orbit that strikes in every period, and of one of three periods beside it."""
-    result = basins(started, np.linspace(-1.5, 0.0, 46), np.linspace(-1.5, 1.5, 31), names=("x0", "v0"), longest=200)
-    plot_basins(result, path)
+    grid = np.linspace(-1.5, 0.0, 46), np.linspace(-1.5, 1.5, 31)
+    basins(started, *grid, names=("x0", "v0"), longest=200).plot(path)
 
 
 def draw_orbit(path: Path) -> None:
     """Draw an orbit of doubled period."""
-    plot_orbit(periodic_orbit(driven(2.7), periods=2, transient=60), path=path)
+    periodic_orbit(driven(2.7), periods=2, transient=60).plot(path)
 
 
 PICTURES = {

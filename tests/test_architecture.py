@@ -76,8 +76,8 @@ ONLY = {
 }
 """Third-party packages to the layers that may import them."""
 
-BY_NAME = {("trajectory", "plotting")}
-"""References upwards by a string that the registry loads when asked: ``traj.plot()``."""
+BY_NAME = {("trajectory", "plotting"), ("study", "plotting"), ("study", "report")}
+"""References upwards by a string that the registry loads when asked: ``traj.plot()``, ``study.report(path)``."""
 
 
 def module_name(file: Path) -> str:

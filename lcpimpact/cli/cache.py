@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from lcpimpact.cache import base, folders, remove, size
-from lcpimpact.cli.options import say
+from lcpimpact.cli.finish import say
 from lcpimpact.errors import InputError
 
 

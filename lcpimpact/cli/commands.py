@@ -22,7 +22,6 @@ from lcpimpact.cli.convergence import converge, work_precision
 from lcpimpact.cli.design import design, fit
 from lcpimpact.cli.dynamics import basins, bifurcation, orbit, poincare
 from lcpimpact.cli.lcp import solve
-from lcpimpact.cli.options import bar
 from lcpimpact.cli.runs import animate, draw, export, simulate
 from lcpimpact.integrators import METHODS
 from lcpimpact.lcp import SOLVERS
@@ -69,7 +68,7 @@ def reproduce(
     """
     from lcpimpact.reproduce.run import reproduce as run
 
-    result = run(out, workers=workers, watch=bar)
+    result = run(out, workers=workers)
     console = Console(highlight=False)
     failed = [check for check in result.checks if not check.holds]
     for check in failed:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from html import escape
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from lcpimpact.cli.finish import check_study, finish
 from lcpimpact.cli.options import (
     End,
     Named,
@@ -16,19 +17,13 @@ from lcpimpact.cli.options import (
     Set,
     Solver,
     Table,
-    bar,
-    check_study,
     numbers,
     parse_methods,
     resolve_run,
-    say,
-    write_table,
 )
 from lcpimpact.errors import InputError, UnsupportedError
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from lcpimpact.integrators.base import Integrator
     from lcpimpact.problems.base import Problem
 
@@ -102,32 +97,20 @@ def converge(
     if dts is not None and counts is not None:
         raise InputError("--dts and --counts tell the same thing: give one of them")
     steps = _steps(dts, counts, end)
-    from lcpimpact.plotting.convergence import plot_convergence
-    from lcpimpact.study.accuracy.convergence import convergence
-    from lcpimpact.study.accuracy.orders import observed_orders
+    from lcpimpact.study.accuracy.convergence import convergence, observed_orders
 
-    table = convergence(
+    study = convergence(
         spec.problem,
         _methods(methods, spec.problem, end),
         steps,
         t_end=end,
         penalties=[_penalty(each) for each in penalty or []],
         lcp_solver=spec.run.solver,
-        watch=bar,
     )
-    shown = _shown(table, norm)
-    found = observed_orders(table)
-    here = found[found["norm"] == shown]
-    as_declared = not (found["verdict"] == "off").any()
-    lines = _summary_lines(table, shown) + [_line(each) for each in here.to_dict("records")] + _failures(table)
-    lines += [write_table(each, path) for each, path in ((table, out), (found, orders)) if path is not None]
-    if plot is not None:
-        plot_convergence(table, shown, plot)
-        lines.append(f"drew {plot}")
-    if report is not None:
-        lines.append(_report_orders(report, table, found, shown))
-    say(*lines)
-    raise typer.Exit(1 if check and not as_declared else 0)
+    study = replace(study, norm=_norm(norm) or study.norm)
+    found = observed_orders(study)
+    finish(study, out, plot, report, more=[(lambda: found, orders)])
+    raise typer.Exit(1 if check and (found["verdict"] == "off").any() else 0)
 
 
 def work_precision(
@@ -165,14 +148,13 @@ def work_precision(
     spec = resolve_run(problem, set_, t_end=t_end, solver=solver)
     end = spec.problem.t_end if spec.run.t_end is None else spec.run.t_end
     steps = _steps(dts, None, end)
-    from lcpimpact.plotting.convergence import COST_LABELS, plot_work_precision
     from lcpimpact.registry import nearest
-    from lcpimpact.study.accuracy.convergence import RTOLS
+    from lcpimpact.study.accuracy.convergence import COSTS, RTOLS
     from lcpimpact.study.accuracy.convergence import work_precision as measure
 
-    if cost not in COST_LABELS:
-        raise InputError(nearest(cost, list(COST_LABELS), "cost"))
-    table = measure(
+    if cost not in COSTS:
+        raise InputError(nearest(cost, list(COSTS), "cost"))
+    study = measure(
         spec.problem,
         _methods(methods, spec.problem, end, ("event-driven", "exact")),
         steps,
@@ -181,21 +163,8 @@ def work_precision(
         repeats=repeats,
         penalties=[_penalty(each) for each in penalty or []],
         lcp_solver=spec.run.solver,
-        watch=bar,
     )
-    shown = _shown(table, norm)
-    columns = ["method", "law", "k", "rtol", "dt", "steps", shown, cost]
-    rows = table.loc[table["failure"] == "", list(dict.fromkeys(columns))]
-    lines = [*_summary_lines(table, shown), *rows.to_string(index=False, float_format="%.3g", na_rep="").split("\n")]
-    lines += _failures(table)
-    if out is not None:
-        lines.append(write_table(table, out))
-    if plot is not None:
-        plot_work_precision(table, shown, cost, plot)
-        lines.append(f"drew {plot}")
-    if report is not None:
-        lines.append(_report_costs(report, table, shown, cost))
-    say(*lines)
+    finish(replace(study, norm=_norm(norm) or study.norm, cost=cost), out, plot, report)
 
 
 def _steps(dts: str | None, counts: str | None, end: float) -> list[float]:
@@ -242,93 +211,10 @@ def _penalty(text: str) -> tuple[str, float, dict[str, float]]:
     return law, k, more
 
 
-def _shown(table: pd.DataFrame, norm: str | None) -> str:
+def _norm(norm: str | None) -> str | None:
     from lcpimpact.registry import nearest
     from lcpimpact.study.accuracy.norms import NORMS
 
     if norm is not None and norm not in NORMS:
         raise InputError(nearest(norm, list(NORMS), "norm"))
-    return str(table.attrs.get("declared_norm", "sup_q")) if norm is None else norm
-
-
-def _summary_lines(table: pd.DataFrame, norm: str) -> list[str]:
-    from lcpimpact.study.accuracy.norms import NORMS
-
-    references = " or ".join(dict.fromkeys(name for name in table["reference"] if name)) or "nothing"
-    limited = table.attrs.get("limited_by", "nothing")
-    return [
-        f"{table.attrs['problem']} to t = {table.attrs['t_end']:g} s, against {references}; orders limited by: {limited}",
-        f"{norm}: {NORMS[norm].what}" + (f", {NORMS[norm].unit}" if NORMS[norm].unit else ""),
-    ]
-
-
-def _line(row: dict[str, Any]) -> str:
-    name = row["method"] if row["law"] == "rigid" else f"{row['method']}, {row['law']} k={row['k']:g}"
-    if row["points"] < 2:
-        return f"  {name:<28} {row['verdict'] or 'no order to be seen'}"
-    declared = "" if row["declared"] != row["declared"] else f"  declared {row['declared']:g}"
-    return f"  {name:<28} order {row['order']:.2f} ± {row['scatter']:.2f}{declared}  {row['verdict']}"
-
-
-def _failures(table: pd.DataFrame) -> list[str]:
-    """Return a line for each reason why runs have no result, and for each method whose runs break their laws."""
-    failed, broken = table[table["failure"] != ""], table[table["violation"] != ""]
-    lines = [f"  {len(runs)} without a result: {reason}" for reason, runs in failed.groupby("failure", sort=False)]
-    return lines + [
-        f"  {len(runs)} whose certificate fails: {runs['violation'].iloc[0]}"
-        for _, runs in broken.groupby("method", sort=False)
-    ]
-
-
-def _lead(table: pd.DataFrame, norm: str) -> str:
-    return " ".join(f"{escape(line)}." for line in _summary_lines(table, norm))
-
-
-def _report_orders(path: Path, table: pd.DataFrame, found: pd.DataFrame, norm: str) -> str:
-    from lcpimpact.plotting.convergence import plot_convergence
-    from lcpimpact.report.report import Section, write_report
-
-    here = found[found["norm"] == norm]
-    others = [name for name in dict.fromkeys(found["norm"]) if name != norm]
-    judged = (found["verdict"] != "").any()
-    sections = [
-        Section("Errors over the step", figures=[plot_convergence(table, norm)]),
-        Section(
-            "Observed orders",
-            text="<p>Slopes by least squares of log10 of the error over log10 of the step; the scatter is the standard "
-            "deviation of log10 of the errors about the line.</p>",
-            table=here,
-            form=".3f",
-            verdict=bool(not (found["verdict"] == "off").any()) if judged else None,
-        ),
-        *(
-            Section(f"In the norm {name}", figures=[plot_convergence(table, name)])
-            for name in others
-            if found.loc[found["norm"] == name, "points"].max() >= 2
-        ),
-        Section("Orders in every norm", table=found, form=".3f", folded=True),
-        Section("Every run", text=_reasons(table), table=table, folded=True),
-    ]
-    write_report(path, f"Convergence on {table.attrs['problem']}", _lead(table, norm), sections)
-    return f"wrote {path}"
-
-
-def _report_costs(path: Path, table: pd.DataFrame, norm: str, cost: str) -> str:
-    from lcpimpact.plotting.convergence import plot_work_precision
-    from lcpimpact.report.report import Section, write_report
-
-    costs = dict.fromkeys((cost, "seconds", "evaluations", "lcp_solves"))
-    sections = [
-        *(
-            Section(f"Error over {name.replace('_', ' ')}", figures=[plot_work_precision(table, norm, name)])
-            for name in costs
-        ),
-        Section("Every run", text=_reasons(table), table=table, folded=True),
-    ]
-    write_report(path, f"Work and precision on {table.attrs['problem']}", _lead(table, norm), sections)
-    return f"wrote {path}"
-
-
-def _reasons(table: pd.DataFrame) -> str:
-    lines = "".join(f"<li>{escape(line.strip())}</li>" for line in _failures(table))
-    return f"<ul>{lines}</ul>" if lines else ""
+    return norm

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from lcpimpact.cli.finish import SCHEME, TABLES, check_study, finish
 from lcpimpact.cli.options import (
-    TABLES,
     End,
     Method,
     Named,
@@ -19,26 +17,9 @@ from lcpimpact.cli.options import (
     Set,
     Solver,
     Step,
-    bar,
-    check_study,
     resolve_run,
-    say,
-    write_table,
 )
 from lcpimpact.errors import InputError
-
-if TYPE_CHECKING:
-    from lcpimpact.problems.base import Problem
-    from lcpimpact.schemefile import Run
-    from lcpimpact.study.design.fit import Fit
-    from lcpimpact.study.design.sizing import Design
-
-SCHEME = ".toml"
-
-NAMES = {
-    "e": "restitution", "contact_time": "contact time", "peak_force": "greatest force", "deflection": "greatest deflection",
-    "k": "stiffness", "c": "damping", "b": "loss", "n": "exponent",
-}  # fmt: skip
 
 Out = Annotated[
     Path | None,
@@ -74,7 +55,6 @@ def design(
     Example: lcpimpact design kelvin-voigt --m 1 --v0 2 --e 0.5 --contact-time 0.01 --plot impact.pdf
     """
     check_study((), (out,), plot, report, (*TABLES, SCHEME))
-    from lcpimpact.plotting.design import plot_design
     from lcpimpact.schemefile import Run
     from lcpimpact.study.design.sizing import LAWS
     from lcpimpact.study.design.sizing import design as size
@@ -83,18 +63,9 @@ def design(
         "e": e, "contact_time": contact_time, "peak_force": peak_force, "deflection": deflection, "k": k, "c": c, "b": b
     }  # fmt: skip
     found = size(law, m=m, v0=v0, g=g, n=n, **wanted)
-    lines = _summary_lines(found)
-    if out is not None and out.suffix == SCHEME:
-        problem = found.problem()
-        lines.append(_write_scheme(problem, out, Run(LAWS[law].method, dt=problem.t_end / 1000, t_end=problem.t_end)))
-    elif out is not None:
-        lines.append(write_table(found.table, out))
-    if plot is not None:
-        plot_design(found, plot)
-        lines.append(f"drew {plot}")
-    if report is not None:
-        lines.append(_report_design(found, report))
-    say(*lines)
+    problem = found.problem()
+    run = Run(LAWS[law].method, dt=problem.t_end / 1000, t_end=problem.t_end)
+    finish(found, out, plot, report, scheme=(problem, run))
 
 
 def fit(
@@ -149,10 +120,8 @@ def fit(
     """
     check_study((problem, to), (out,), plot, report, (*TABLES, SCHEME))
     spec = resolve_run(problem, set_, method or "exact", dt, t_end, solver)
-    from lcpimpact.plotting.design import plot_fit
     from lcpimpact.study.design.fit import fit as search
     from lcpimpact.study.design.parameters import value_at
-    from lcpimpact.study.watch import unwatched
 
     given = {name: value_at(spec.problem, name) if start is None else start for name, start in _free(free)}
     options = {**spec.run.options, **({} if spec.run.solver == "auto" else {"lcp_solver": spec.run.solver})}
@@ -161,19 +130,9 @@ def fit(
     found = search(
         spec.problem, given, to, column=column.split(",") if column else None, sigma=sigma,
         bounds=dict(map(_bound, bounds or [])), sampling=sampling, loss=loss, method=spec.run.method, dt=step, t_end=end,
-        starts=starts, seed=seed, level=level, watch=bar if starts > 1 else unwatched, **options,
+        starts=starts, seed=seed, level=level, progress=starts > 1, **options,
     )  # fmt: skip
-    lines = [str(found)]
-    if out is not None:
-        lines.append(
-            _write_scheme(found.problem, out, spec.run) if out.suffix == SCHEME else write_table(found.table, out)
-        )
-    if plot is not None:
-        plot_fit(found, plot)
-        lines.append(f"drew {plot}")
-    if report is not None:
-        lines.append(_report_fit(found, report, str(to)))
-    say(*lines)
+    finish(found, out, plot, report, scheme=(found.problem, spec.run))
     raise typer.Exit(0 if found.success else 1)
 
 
@@ -201,85 +160,3 @@ def _number(text: str, option: str) -> float:
         return float(text)
     except ValueError:
         raise InputError(f"{option}: {text!r} is no number") from None
-
-
-def _write_scheme(problem: Problem, path: Path, run: Run) -> str:
-    from lcpimpact.schemefile import write_scheme_file
-
-    return f"wrote {write_scheme_file(problem, path, run)}"
-
-
-def _rows(found: Design) -> list[tuple[str, str, str]]:
-    """Return symbol, value and words of what a design has and shows."""
-    from lcpimpact.study.design.sizing import UNITS
-
-    rows = []
-    for name, words in NAMES.items():
-        value = getattr(found, name)
-        if value is None:
-            continue
-        unit = UNITS.get(name, "")
-        if name == "k":
-            unit = "N/m" if found.n is None else f"N/m^{found.n:g}"
-        note = " (wanted)" if name in found.wanted else ""
-        never = {"contact_time": ", the mass stays", "deflection": ", the mass sinks in"}.get(name, "")
-        rows.append((name, f"{value:.8g} {unit}".strip(), words + note + (never if math.isinf(value) else "")))
-    return rows
-
-
-def _summary_lines(found: Design) -> list[str]:
-    gravity = f", g = {found.g:g} m/s²" if found.g else ""
-    lines = [f"{found.law}, m = {found.m:g} kg, v0 = {found.v0:g} m/s{gravity}"]
-    lines += [f"  {name:<13} {value:<20} {words}" for name, value, words in _rows(found)]
-    lines.append(f"  found by      {found.found}")
-    for other in found.others:
-        values = ", ".join(f"{name} = {value}" for name, value, _ in _rows(other) if name not in found.wanted)
-        lines.append(f"  another one   {values}")
-    return lines
-
-
-def _report_design(found: Design, path: Path) -> str:
-    from lcpimpact.plotting.design import plot_design
-    from lcpimpact.report.report import Section, write_report
-
-    wanted = ", ".join(f"{name} = {value:g}" for name, value in found.wanted.items())
-    seen = found.measured()
-    asked = [name for name in found.wanted if hasattr(seen, name)]
-    misses = [abs(getattr(seen, name) / found.wanted[name] - 1.0) for name in asked]
-    pairs = zip(asked, misses, strict=True)
-    check = "".join(f"<p>Simulated, {escape(name)} is off by {miss:.1e} of itself.</p>" for name, miss in pairs)
-    gravity = f" under g = {found.g:g} m/s²" if found.g else ""
-    struck = f"A mass of {found.m:g} kg strikes a {escape(found.law)} block with {found.v0:g} m/s{gravity}."
-    lead = f"{struck} Wanted: {escape(wanted)}."
-    table = found.table.dropna(axis="columns", how="all")
-    sections = [
-        Section("The impact", f"<p>Found by: {escape(found.found)}.</p>", figures=[plot_design(found)]),
-        Section(
-            "The design",
-            check + ("<p>Each row shows what is wanted; the first has the least damping.</p>" if found.others else ""),
-            table=table,
-            form=".8g",
-            verdict=max(misses) <= 1e-8 if misses else None,
-        ),
-    ]
-    return f"wrote {write_report(path, 'Design of an impact', lead, sections)}"
-
-
-def _report_fit(found: Fit, path: Path, source: str) -> str:
-    from lcpimpact.plotting.design import plot_fit
-    from lcpimpact.report.report import Section, write_report
-
-    notes = "".join(f"<p>{escape(note)}</p>" for note in found.notes)
-    lead = (
-        f"{escape(found.problem.name)} was fitted to {escape(source)}: {len(found.residuals)} numbers, {len(found.table)} "
-        f"parameters, {found.evaluations} runs by {escape(found.run.method)}."
-    )
-    correlation = found.correlation.rename_axis("parameter").reset_index()
-    sections = [
-        Section("Data and fit", f"<p>{escape(found.message)}</p>", figures=[plot_fit(found)], verdict=found.success),
-        Section(f"Parameters, with {found.level:.0%} intervals", notes, table=found.table, form=".6g"),
-        Section("Correlation of the parameters", table=correlation, form=".4f"),
-        Section("Searches", table=found.starts, form=".6g", folded=True),
-        Section("Residuals", table=found.residuals, form=".5g", folded=True),
-    ]
-    return f"wrote {write_report(path, 'Fit', lead, sections)}"

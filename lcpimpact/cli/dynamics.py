@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from html import escape
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lcpimpact.cli.options import End, Named, Plot, Report, Set, Table, bar, check_study, resolve_run, say, write_table
+from lcpimpact.cli.finish import check_study, finish
+from lcpimpact.cli.options import End, Named, Plot, Report, Set, Table, resolve_run
 from lcpimpact.errors import FailureError, InputError
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from lcpimpact.problems.base import Problem
     from lcpimpact.schemefile import SchemeFile
+    from lcpimpact.study.result import Study
 
 LARGEST = 1_000_000
 """Maximum number of values of a parameter, or of starts."""
-
-SHOWN = 12
-"""Rows of a table that are said."""
 
 SectionName = Annotated[
     str,
@@ -40,7 +36,7 @@ ShortStep = Annotated[
     float | None,
     typer.Option("--dt", help="Step in s of a method that steps; by default 200 a period.", show_default=False),
 ]
-Transient = Annotated[int, typer.Option(min=0, help="Points that are left out first.")]
+Skip = Annotated[int, typer.Option(min=0, help="Points that are left out first.")]
 Workers = Annotated[int, typer.Option(min=1, help="Threads.")]
 
 
@@ -48,8 +44,8 @@ def poincare(
     problem: Named,
     set_: Set = None,
     section: SectionName = "force",
-    transient: Transient = 100,
-    crossings: Annotated[int, typer.Option(min=1, help="Points that are kept.")] = 1000,
+    skip: Skip = 100,
+    points: Annotated[int, typer.Option(min=1, help="Points that are kept.")] = 1000,
     method: Long = None,
     dt: ShortStep = None,
     t_end: End = None,
@@ -63,35 +59,19 @@ def poincare(
     """
     check_study((problem,), (out,), plot, report)
     spec = _spec(problem, set_, method)
-    from lcpimpact.plotting.dynamics import plot_poincare
-    from lcpimpact.study.dynamics.diagrams import period_of
     from lcpimpact.study.dynamics.sections import poincare as points_of
 
-    table = points_of(
+    study = points_of(
         spec.problem,
         section,
-        transient=transient,
-        crossings=crossings,
+        skip=skip,
+        points=points,
         t_end=t_end,
         method=spec.run.method,
         dt=dt,
         **spec.run.options,
     )
-    nodes = spec.problem.dynamics.nodes
-    period = period_of(table[[*nodes, *(f"v_{node}" for node in nodes)]].to_numpy()) if len(table) else 0
-    words = f"they repeat after {period}" if period else "they do not repeat themselves"
-    lead = f"{spec.problem.name} by {spec.run.method}: {len(table)} points at {section}; {words}"
-    lines = [lead, *table.head(SHOWN).to_string(index=False).split("\n")]
-    _finish(
-        lines,
-        out,
-        plot,
-        report,
-        table,
-        lambda path: plot_poincare(table, path=path),
-        lead,
-        f"Section of {spec.problem.name}",
-    )
+    finish(study, out, plot, report)
 
 
 def bifurcation(
@@ -99,8 +79,8 @@ def bifurcation(
     over: Annotated[str, typer.Option(metavar="NAME=LOW:HIGH:COUNT", help="The parameter and its values.")],
     set_: Set = None,
     section: SectionName = "force",
-    transient: Transient = 200,
-    kept: Annotated[int, typer.Option(min=1, help="Points that are kept, for each value.")] = 50,
+    skip: Skip = 200,
+    points: Annotated[int, typer.Option(min=1, help="Points that are kept, for each value.")] = 50,
     follow: Annotated[
         bool, typer.Option("--follow", help="Start each run where the one before ended; HIGH:LOW sweeps down.")
     ] = False,
@@ -124,47 +104,31 @@ def bifurcation(
     name, values = _range(over)
     spec = _spec(problem, set_, method, name)
     family = _family(problem, set_, method)
-    from lcpimpact.plotting.dynamics import plot_bifurcation
     from lcpimpact.study.dynamics.continuation import continue_orbit
     from lcpimpact.study.dynamics.diagrams import bifurcation as diagram
 
-    table = diagram(
-        lambda value: family({name: value}),
+    def member(value: float) -> Problem:
+        return family({name: value})
+
+    study = diagram(
+        member,
         values,
         section,
-        transient=transient,
-        kept=kept,
+        skip=skip,
+        points=points,
         method=spec.run.method,
         dt=dt,
         continue_from=follow,
         workers=workers,
-        watch=bar,
+        parameter=name,
         **spec.run.options,
     )
-    if (table["failure"] != "").all():
-        raise FailureError(f"no value of {name} has a result: {table['failure'].iloc[0]}", None)
-    branches = []
+    if len(study.failures) == len(study.table):
+        raise FailureError(f"no value of {name} has a result: {study.table['failure'].iloc[0]}", None)
     if orbit:
-        branch = continue_orbit(
-            lambda value: family({name: value}), values, periods=periods, transient=transient, watch=bar
-        )
-        branches.append(branch)
-    firsts = table.drop_duplicates("value")
-    counted = firsts.loc[firsts["failure"] == "", "period"].value_counts().sort_index()
-    failed = firsts.loc[firsts["failure"] != "", "failure"]
-    lead = (
-        f"{spec.problem.name} by {spec.run.method}: {len(values)} values of {name} from {values[0]:g} to {values[-1]:g}"
-    )
-    lines = [lead]
-    for period, count in counted.items():
-        lines.append(f"  {count} values: " + (f"points repeat after {period:.0f}" if period else "no period found"))
-    lines += [f"  {len(rows)} without a result: {reason}" for reason, rows in failed.groupby(failed, sort=False)]
-    lines += [f"  {branch.ended}" for branch in branches if branch.ended]
-
-    def draw(path: Path | None) -> Any:
-        return plot_bifurcation(table, y, path, branches=branches, parameter=name)
-
-    _finish(lines, out, plot, report, table, draw, lead, f"Bifurcation diagram of {spec.problem.name}")
+        branch = continue_orbit(member, values, periods=periods, transient=skip, parameter=name)
+        study = replace(study, branches=(branch,))
+    finish(replace(study, y=y), out, plot, report)
 
 
 def basins(
@@ -193,31 +157,19 @@ def basins(
         raise InputError(f"--over {one} is given twice: a plane needs two values of the start")
     if len(first) * len(second) > LARGEST:
         raise InputError(f"{len(first) * len(second):,} starts are more than {LARGEST:,}: take fewer")
-    spec = _spec(problem, set_, "exact", one, other)
+    _spec(problem, set_, "exact", one, other)
     family = _family(problem, set_, "exact")
-    from lcpimpact.plotting.dynamics import plot_basins
     from lcpimpact.study.dynamics.basins import basins as of
 
-    result = of(
+    study = of(
         lambda a, b: family({one: a, other: b}),
         first,
         second,
         names=(one, other),
         longest=longest,
         workers=workers,
-        watch=bar,
     )
-    lost = float((result.table["attractor"] == 0).mean())
-    lead = f"{spec.problem.name}: {len(result.table)} starts"
-    lines = [lead]
-    for row in result.attractors.drop_duplicates("attractor").to_dict("records"):
-        lines.append(f"  attractor {row['attractor']}: period {row['period']}, of {row['share']:.1%} of the starts")
-    if lost:
-        lines.append(f"  no period found after {longest} periods of the force: {lost:.1%}")
-    _finish(
-        lines, out, plot, report, result.table, lambda path: plot_basins(result, path), lead,
-        f"Basins of attraction of {spec.problem.name}",
-    )  # fmt: skip
+    finish(study, out, plot, report)
 
 
 def orbit(
@@ -238,42 +190,24 @@ def orbit(
 ) -> None:
     """Find a periodic orbit by shooting, with its Floquet multipliers, and follow it along a parameter if asked.
 
-    The table holds the multipliers, or the branch that was followed.
+    Table and picture show the orbit and its multipliers, or the branch that was followed.
 
     Example: lcpimpact orbit shaw-holmes --set omega=2.7 --transient 5 --plot orbit.pdf
     """
     check_study((problem,), (out,), plot, report)
-    import pandas as pd
-
-    from lcpimpact.plotting.dynamics import plot_orbit
     from lcpimpact.study.dynamics.continuation import continue_orbit
     from lcpimpact.study.dynamics.shooting import periodic_orbit
 
-    if over is not None:
+    shooting: dict[str, Any] = {"periods": periods, "T": period, "transient": transient}
+    study: Study
+    if over is None:
+        study = periodic_orbit(_spec(problem, set_, "exact").problem, **shooting)
+    else:
         name, values = _range(over)
         _spec(problem, set_, "exact", name)
         family = _family(problem, set_, "exact")
-        branch = continue_orbit(
-            lambda value: family({name: value}), values, periods=periods, T=period, transient=transient, watch=bar
-        )
-        found, table = branch.orbits[-1], branch.table
-        lines = table.drop(columns="failure").to_string(index=False, na_rep="-").split("\n")
-        lines += [branch.ended] if branch.ended else []
-    else:
-        found = periodic_orbit(_spec(problem, set_, "exact").problem, periods=periods, T=period, transient=transient)
-        μ = found.floquet
-        table = pd.DataFrame({"real": μ.real, "imaginary": μ.imag, "modulus": abs(μ)})
-        lines = [f"  multiplier {each.real:+.12f} {each.imag:+.12f}i   |μ| = {abs(each):.12f}" for each in μ]
-        lines += [f"  {event.kind} {event.contact} at t = {event.t:.12g} s" for event in found.events]
-        lines += [f"  speed {speed:.15g} m/s" for speed in found.speeds]
-    lead = (
-        f"{found.problem.name}: T = {found.T:.15g} s, {'stable' if found.stable else 'not stable'}, "
-        f"found to {found.residual:.1e} in {found.iterations} steps"
-    )
-    _finish(
-        [lead, *lines], out, plot, report, table, lambda path: plot_orbit(found, path=path), lead,
-        f"Periodic orbit of {found.problem.name}",
-    )  # fmt: skip
+        study = continue_orbit(lambda value: family({name: value}), values, parameter=name, **shooting)
+    finish(study, out, plot, report)
 
 
 def _spec(problem: str, set_: list[str] | None, method: str | None, *names: str) -> SchemeFile:
@@ -312,36 +246,3 @@ def _range(text: str) -> tuple[str, list[float]]:
     if not equals or not name.strip() or not np.isfinite(ends).all() or not 1 <= number <= LARGEST:
         raise InputError(f"--over {text!r} must read NAME=LOW:HIGH:COUNT, as in --over f=0.1:0.5:200")
     return name.strip(), [float(value) for value in np.linspace(*ends, number)]
-
-
-def _finish(
-    lines: list[str],
-    out: Path | None,
-    plot: Path | None,
-    report: Path | None,
-    table: pd.DataFrame,
-    draw: Callable[[Path | None], Any],
-    lead: str,
-    title: str,
-) -> None:
-    """Write what is asked for, and say it."""
-    from lcpimpact.report.report import Section as Part
-    from lcpimpact.report.report import write_report
-
-    if out is not None:
-        lines.append(write_table(table, out))
-    if plot is not None:
-        draw(plot)
-        lines.append(f"drew {plot}")
-    if report is not None:
-        said = "".join(
-            f"<li>{escape(line.strip())}</li>" for line in lines[1:] if not line.startswith(("wrote", "drew"))
-        )
-        parts: list[Part] = [
-            Part("Picture", figures=[draw(None)]),
-            Part("In words", text=f"<ul>{said}</ul>" if len(lines) <= 40 else ""),
-            Part("Table", table=table, form=".6g", folded=True),
-        ]
-        write_report(report, title, escape(lead), parts)
-        lines.append(f"wrote {report}")
-    say(*lines)

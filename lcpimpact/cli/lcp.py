@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 from lcpimpact.arrays import Array
-from lcpimpact.cli.options import say
+from lcpimpact.cli.finish import say
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.files import check_outputs, whole_file
 

@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from tqdm import tqdm
 
-from lcpimpact.arguments import visible
 from lcpimpact.errors import InputError
-from lcpimpact.files import cell_of, check_outputs, whole_file
 from lcpimpact.integrators import METHODS
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.registry import nearest
 
 if TYPE_CHECKING:
-    from pandas import DataFrame
-
     from lcpimpact.integrators.base import Integrator
     from lcpimpact.schemefile import SchemeFile
 
@@ -118,42 +111,9 @@ def _assignment(text: str) -> tuple[str, Any]:
     return name.strip(), truth.get(value.strip().lower(), value.strip())
 
 
-TABLES = (".csv", ".tex")
-
-
-def check_study(
-    inputs: Iterable[str | Path],
-    tables: Iterable[Path | None],
-    plot: Path | None,
-    report: Path | None,
-    forms: tuple[str, ...] = TABLES,
-) -> None:
-    """Refuse, before any work is done, files of a study that cannot be written; ``forms`` are the endings of its tables."""
-    from lcpimpact.plotting.style import METADATA as DRAWN_AS
-    from lcpimpact.report.report import ENDINGS
-
-    check_outputs((*((table, forms) for table in tables), (plot, DRAWN_AS), (report, ENDINGS)), files(*inputs))
-
-
 def files(*inputs: str | Path) -> list[Path]:
     """Return the inputs of a command that are files, and no names of registered problems."""
     return [Path(each) for each in inputs if isinstance(each, Path) or _is_file(each)]
-
-
-def write_table(table: DataFrame, path: Path) -> str:
-    """Write a table as CSV, or as a LaTeX table with the rules of booktabs, and return the line that says so."""
-    with whole_file(path) as part:
-        if path.suffix == ".csv":
-            words = {name: table[name].map(_cell) for name in table.columns if table[name].dtype.kind not in "fiub"}
-            table.assign(**words).rename(columns=_cell).to_csv(part, index=False)
-        else:
-            text = table.to_latex(index=False, escape=True, float_format="%.3g", na_rep="-")
-            part.write_text(text, encoding="utf-8")
-    return f"wrote {path}"
-
-
-def _cell(value: Any) -> Any:
-    return cell_of(value) if isinstance(value, str) else value
 
 
 def parse_methods(text: str) -> dict[str, Integrator]:
@@ -177,15 +137,3 @@ def numbers(text: str, option: str) -> list[float]:
         raise InputError(
             f"{option} {text!r} must be numbers with commas between them, as in {option} 0.1,0.05"
         ) from None
-
-
-def bar(items: Iterable[Any], total: int, what: str) -> Iterable[Any]:
-    """Show how many of the things are done."""
-    layout = "{desc:<17}{bar:30} {n_fmt}/{total_fmt} {elapsed}"
-    shown: Iterable[Any] = tqdm(items, total=total, desc=what, bar_format=layout)
-    return shown
-
-
-def say(*lines: str) -> None:
-    """Print lines as they are."""
-    Console(highlight=False, soft_wrap=True, markup=False, emoji=False).print(visible("\n".join(lines)))

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lcpimpact.cli.options import End, Method, Named, Set, Solver, Step, files, resolve_run, say, stem
+from lcpimpact.cli.finish import say
+from lcpimpact.cli.options import End, Method, Named, Set, Solver, Step, files, resolve_run, stem
 from lcpimpact.errors import LcpImpactError
 from lcpimpact.files import check_outputs
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from matplotlib.lines import Line2D
 
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
-from lcpimpact.plotting.style import EXACT, INK, PALETTE, SOFT, save, style
+from lcpimpact.plotting.style import EXACT, INK, PALETTE, SOFT, style
 from lcpimpact.plotting.timeline import (
     curves,
     mark_events,
@@ -50,7 +49,7 @@ NOTHING = 1e-9
 
 @style()
 @checked
-def plot_comparison(comparison: Comparison, path: str | Path | None = None) -> Figure:
+def plot_comparison(comparison: Comparison) -> Figure:
     """Draw all runs on one page: coordinates, forces or impulses, and the largest difference from the reference.
 
     The reference is wide and pale and lies beneath. Forces are drawn where they live, as points: one for each step, or on
@@ -60,18 +59,11 @@ def plot_comparison(comparison: Comparison, path: str | Path | None = None) -> F
     ----------
     comparison : Comparison
         With at least one run.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
-
-    Raises
-    ------
-    InputError
-        For another ending, or a folder that cannot be written.
 
     Examples
     --------
     >>> from lcpimpact import compare, load_problem
-    >>> figure = plot_comparison(compare(load_problem("system-1"), ["moreau-jean", "rk4"], dt=1e-2))
+    >>> figure = compare(load_problem("system-1"), ["moreau-jean", "rk4"], dt=1e-2).plot()
     >>> [ax.get_ylabel() for ax in figure.axes]
     ['coordinates [m]', 'reaction [N]', 'largest difference [m]']
     """
@@ -81,7 +73,7 @@ def plot_comparison(comparison: Comparison, path: str | Path | None = None) -> F
     if first is None:
         figure = Figure(figsize=(7.0, 1.5), layout="constrained")
         figure.text(0.5, 0.5, "no method reached the end", ha="center", va="center", color=SOFT)
-        return _saved(figure, path)
+        return figure
     nodes, contacts = shown_nodes(first)[:FEW], shown_forces(first)[:FEW]
     impulsive = any(event.impulse > 0.0 for event in shown_events(first))
     forces = bool(contacts) and not (impulsive and not np.nan_to_num(first.forces[:, contacts]).any())
@@ -121,7 +113,7 @@ def plot_comparison(comparison: Comparison, path: str | Path | None = None) -> F
     mark_events(axes, shown_events(first))
     _legend(figure, comparison)
     figure.suptitle(plain_text(comparison.problem.name), x=0.01, ha="left", fontsize=11.0)
-    return _saved(figure, path)
+    return figure
 
 
 def _look(number: int) -> dict[str, str]:
@@ -207,7 +199,7 @@ def _draw_differences(ax: Axes, truth: Trajectory, runs: Mapping[str, Trajectory
 
 @style()
 @checked
-def plot_ledger(ledger: Ledger, path: str | Path | None = None) -> Figure:
+def plot_ledger(ledger: Ledger) -> Figure:
     """Draw where the energy is: what is stored and what has been dissipated, one on the other, and below the balance.
 
     The potential of constant loads counts from the lowest value in the run, so that every layer is positive. The black line
@@ -217,19 +209,12 @@ def plot_ledger(ledger: Ledger, path: str | Path | None = None) -> Figure:
     ----------
     ledger : Ledger
         Of any run.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
-
-    Raises
-    ------
-    InputError
-        For another ending, or a folder that cannot be written.
 
     Examples
     --------
     >>> from lcpimpact import energy_ledger, load_problem, simulate
     >>> run = simulate(load_problem("system-1"), "exact", dt=1e-2, t_end=3.0)
-    >>> figure = plot_ledger(energy_ledger(run))
+    >>> figure = energy_ledger(run).plot()
     >>> [ax.get_ylabel() for ax in figure.axes]
     ['energy [J]', '|balance| [J]']
     """
@@ -260,9 +245,9 @@ def plot_ledger(ledger: Ledger, path: str | Path | None = None) -> Figure:
     lowest = max(float(ledger.scale), 1e-300) * 1e-17
     highest = max(10.0 * float(balance.max()), 1e3 * lowest)
     lower.set(ylim=(lowest, highest), ylabel="|balance| [J]", xlabel="$t$ [s]")
-    title = plain_text(f"{table.attrs['problem']} by {str(table.attrs['method']).partition('(')[0]}")
+    title = plain_text(f"{ledger.problem.name} by {ledger.method.partition('(')[0]}")
     figure.suptitle(title, x=0.01, ha="left", fontsize=11.0)
-    return _saved(figure, path)
+    return figure
 
 
 def _layers(table: pd.DataFrame, dissipated: Sequence[str]) -> dict[str, Array]:
@@ -286,32 +271,25 @@ def _layer_name(name: str) -> str:
 
 @style()
 @checked
-def plot_cross_validation(verdict: CrossValidation, path: str | Path | None = None) -> Figure:
+def plot_cross_validation(verdict: CrossValidation) -> Figure:
     """Draw for each route how far it is from the one that it was judged by, and how far it may be.
 
     Parameters
     ----------
     verdict : CrossValidation
         Of any problem.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
-
-    Raises
-    ------
-    InputError
-        For another ending, or a folder that cannot be written.
 
     Examples
     --------
     >>> from lcpimpact import cross_validate, load_problem
-    >>> figure = plot_cross_validation(cross_validate(load_problem("system-1"), ["exact", "moreau-jean"]))
+    >>> figure = cross_validate(load_problem("system-1"), ["exact", "moreau-jean"]).plot()
     >>> [text.get_text() for text in figure.axes[0].get_yticklabels()]
     ['moreau-jean', 'exact']
     """
     table = verdict.table[(verdict.table["failure"] == "") & verdict.table["difference"].notna()].iloc[::-1]
     figure = Figure(figsize=(7.0, 1.5 + 0.3 * max(2, len(table))), layout="constrained")
     ax = figure.add_subplot()
-    scale = float(verdict.table.attrs["scale"]) or 1.0
+    scale = verdict.scale or 1.0
     lowest = 1e-17 * scale
     for place, row in enumerate(table.itertuples()):
         color = PALETTE[2] if row.agrees else PALETTE[1]
@@ -332,10 +310,4 @@ def plot_cross_validation(verdict: CrossValidation, path: str | Path | None = No
         handles.insert(1, Line2D([], [], marker="o", color=PALETTE[1], linestyle="none", label="difference: does not"))
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     figure.suptitle(plain_text(f"{verdict.problem.name}: {verdict.outcome.value}"), x=0.01, ha="left", fontsize=11.0)
-    return _saved(figure, path)
-
-
-def _saved(figure: Figure, path: str | Path | None) -> Figure:
-    if path is not None:
-        save(figure, path)
     return figure

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,12 +18,11 @@ from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.plotting.style import FAINT, PALETTE, SOFT, save, style
+from lcpimpact.plotting.style import FAINT, PALETTE, SOFT, style
 from lcpimpact.plotting.timeline import plain_text
 from lcpimpact.registry import nearest
-from lcpimpact.study.accuracy.convergence import COSTS
+from lcpimpact.study.accuracy.convergence import COSTS, Convergence, WorkPrecision, observed_orders
 from lcpimpact.study.accuracy.norms import NORMS
-from lcpimpact.study.accuracy.orders import observed_orders
 
 MARKERS = "os^DvP<>X*"
 DASHES = ("-", "--", ":", "-.")
@@ -59,7 +57,7 @@ AIR = 0.03
 
 @style()
 @checked
-def plot_convergence(table: pd.DataFrame, norm: str = "sup_q", path: str | Path | None = None) -> Figure:
+def plot_convergence(study: Convergence, *, norm: str | None = None) -> Figure:
     """Draw the errors of each method over the step, with a triangle for each order that is seen.
 
     A cross at the upper edge is a run without a result. The legend has the observed order of each method and its scatter,
@@ -67,27 +65,25 @@ def plot_convergence(table: pd.DataFrame, norm: str = "sup_q", path: str | Path 
 
     Parameters
     ----------
-    table : DataFrame
+    study : Convergence
         Of `lcpimpact.convergence`.
-    norm : str
-        Which of its norms.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
+    norm : str, optional
+        Which of its norms; by default that of the study.
 
     Raises
     ------
     InputError
-        If the table has no such norm, or for a file that cannot be written.
+        If the table has no such norm.
 
     Examples
     --------
     >>> from lcpimpact import convergence, load_problem
-    >>> table = convergence(load_problem("system-1"), ["moreau-jean"], [0.03, 0.01, 0.003], norms=["sup_q"])
-    >>> plot_convergence(table).axes[0].get_xlabel()
+    >>> study = convergence(load_problem("system-1"), ["moreau-jean"], [0.03, 0.01, 0.003], norms=["sup_q"])
+    >>> study.plot().axes[0].get_xlabel()
     'step $h$ [s]'
     """
-    _check_norm(table, norm)
-    orders = observed_orders(table, norm).set_index(["method", "law", "k"])
+    table, norm = study.table, _chosen_norm(study, norm)
+    orders = observed_orders(study, norm).set_index(["method", "law", "k"])
     figure = Figure(figsize=(7.0, 4.2), layout="constrained")
     ax = figure.add_subplot()
     lines, slopes, telling = [], [], []
@@ -105,48 +101,43 @@ def plot_convergence(table: pd.DataFrame, norm: str = "sup_q", path: str | Path 
         if len(good):
             _mark_failures(ax, runs["dt"], runs["failure"], look)
     ax.set(xscale="log", yscale="log", xlabel="step $h$ [s]", ylabel=_label(norm))
-    _titled(ax, table, norm)
-    _limit(ax, table, norm, telling)
+    _titled(ax, study, norm)
+    _limit(ax, study.scales.get(norm, 0.0), telling)
     _draw_legend(figure, ax, "observed order ± scatter")
     _draw_triangles(ax, lines, slopes)
-    if path is not None:
-        save(figure, path)
     return figure
 
 
 @style()
 @checked
-def plot_work_precision(
-    table: pd.DataFrame, norm: str = "sup_q", cost: str = "seconds", path: str | Path | None = None
-) -> Figure:
+def plot_work_precision(study: WorkPrecision, *, norm: str | None = None, cost: str | None = None) -> Figure:
     """Draw the errors of each method over what its runs cost: who lies lower and further left is better.
 
     The legend says how many runs of a method have no result, and which methods have no cost of that kind.
 
     Parameters
     ----------
-    table : DataFrame
-        Of `lcpimpact.work_precision` or `lcpimpact.convergence`.
-    norm : str
-        Which of its norms.
-    cost : {"seconds", "steps", "evaluations", "lcp_solves", "lcp_iterations", "newton_iterations"}
-        Which of its costs.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
+    study : WorkPrecision
+        Of `lcpimpact.work_precision`.
+    norm : str, optional
+        Which of its norms; by default that of the study.
+    cost : {"seconds", "steps", "evaluations", "lcp_solves", "lcp_iterations", "newton_iterations"}, optional
+        Which of its costs; by default that of the study.
 
     Raises
     ------
     InputError
-        If the table has no such norm or cost, or for a file that cannot be written.
+        If the table has no such norm or cost.
 
     Examples
     --------
     >>> from lcpimpact import load_problem, work_precision
-    >>> table = work_precision(load_problem("system-1"), ["moreau-jean"], [0.03, 0.01], norms=["sup_q"], repeats=1)
-    >>> plot_work_precision(table, cost="evaluations").axes[0].get_xlabel()
+    >>> study = work_precision(load_problem("system-1"), ["moreau-jean"], [0.03, 0.01], norms=["sup_q"], repeats=1)
+    >>> study.plot(cost="evaluations").axes[0].get_xlabel()
     'right sides'
     """
-    _check_norm(table, norm)
+    table, norm = study.table, _chosen_norm(study, norm)
+    cost = study.cost if cost is None else cost
     if cost not in COSTS:
         raise InputError(nearest(str(cost), list(COSTS), "cost"))
     figure = Figure(figsize=(7.0, 4.2), layout="constrained")
@@ -162,18 +153,17 @@ def plot_work_precision(
             said = f": no {COST_LABELS[cost]}" if not (solved[cost] > 0).any() else ": no error"
         ax.plot(good[cost].astype(float), good[norm], label=_named(key) + said, **look)
     ax.set(xscale="log", yscale="log", xlabel=COST_LABELS[cost], ylabel=_label(norm))
-    _titled(ax, table, norm)
-    _limit(ax, table, norm, [])
+    _titled(ax, study, norm)
+    _limit(ax, study.scales.get(norm, 0.0), [])
     _draw_legend(figure, ax, None)
-    if path is not None:
-        save(figure, path)
     return figure
 
 
-def _check_norm(table: pd.DataFrame, norm: str) -> None:
-    known = [name for name in NORMS if name in table.columns]
-    if norm not in known:
-        raise InputError(nearest(str(norm), known, "norm of this table"))
+def _chosen_norm(study: Convergence, norm: str | None) -> str:
+    chosen, known = study.norm if norm is None else norm, [name for name in NORMS if name in study.table]
+    if chosen not in known:
+        raise InputError(nearest(chosen, known, "norm of this table"))
+    return chosen
 
 
 def _groups(table: pd.DataFrame) -> Iterator[tuple[Any, pd.DataFrame]]:
@@ -232,12 +222,11 @@ def _tick(ax: Axes) -> None:
     ax.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _limit(ax: Axes, table: pd.DataFrame, norm: str, telling: Sequence[float]) -> None:
+def _limit(ax: Axes, scale: float, telling: Sequence[float]) -> None:
     """Leave out errors that are rounding, where others are not, and those of runs that grew without bound."""
     ax.autoscale_view()
     _tick(ax)
     low, high = ax.get_ylim()
-    scale = float(table.attrs.get(f"scale_{norm}", 0.0))
     if telling:
         low = max(low, min(telling) / 4.0)
     if scale > 0.0:
@@ -260,10 +249,9 @@ def _label(norm: str) -> str:
     return f"${found.symbol}$" + (f"  [{unit}]" if unit else "")
 
 
-def _titled(ax: Axes, table: pd.DataFrame, norm: str) -> None:
-    problem = plain_text(str(table.attrs.get("problem", "")))
-    references = plain_text(" or ".join(dict.fromkeys(name for name in table["reference"] if name)))
-    ax.set_title(f"{problem}: {NORMS[norm].what}" if problem else NORMS[norm].what)
+def _titled(ax: Axes, study: Convergence, norm: str) -> None:
+    references = plain_text(" or ".join(dict.fromkeys(name for name in study.table["reference"] if name)))
+    ax.set_title(f"{plain_text(study.problem.name)}: {NORMS[norm].what}")
     if references:
         ax.annotate(
             f"against {references}", (0.0, 0.0), (0.0, -35.0), xycoords="axes fraction", textcoords="offset points",

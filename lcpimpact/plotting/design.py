@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from lcpimpact.arguments import checked
-from lcpimpact.plotting.style import EXACT, FAINT, INK, PALETTE, SOFT, save, style
+from lcpimpact.plotting.style import EXACT, FAINT, INK, PALETTE, SOFT, style
 from lcpimpact.plotting.timeline import math_text, plain_text
 from lcpimpact.problems.reading import read
 from lcpimpact.study.design.fit import Fit
@@ -32,7 +31,7 @@ SYMBOLS = {
 
 @style()
 @checked
-def plot_design(design: Design, path: str | Path | None = None) -> Figure:
+def plot_design(design: Design) -> Figure:
     """Draw the force over time and over the way of the mass, with what was wanted marked.
 
     The area within the loop is the energy that the block takes. Wanted values are drawn in colour, others grey.
@@ -41,18 +40,11 @@ def plot_design(design: Design, path: str | Path | None = None) -> Figure:
     ----------
     design : Design
         Of `lcpimpact.design`; it is run by its method.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
-
-    Raises
-    ------
-    InputError
-        For another ending, or a folder that cannot be written.
 
     Examples
     --------
     >>> from lcpimpact import design
-    >>> figure = plot_design(design("kelvin-voigt", m=1.0, v0=2.0, e=0.5, contact_time=0.01))
+    >>> figure = design("kelvin-voigt", m=1.0, v0=2.0, e=0.5, contact_time=0.01).plot()
     >>> [ax.get_xlabel() for ax in figure.axes]
     ['$t$ [s]', '$x$ [m]']
     """
@@ -87,8 +79,6 @@ def plot_design(design: Design, path: str | Path | None = None) -> Figure:
     _mark(over_time, design, "contact_time")
     _mark(over_way, design, "deflection")
     figure.suptitle(_words(design), x=0.01, ha="left", fontsize=10.0)
-    if path is not None:
-        save(figure, path)
     return figure
 
 
@@ -142,27 +132,20 @@ def _unit(design: Design, name: str) -> str:
 
 @style()
 @checked
-def plot_fit(fit: Fit, path: str | Path | None = None) -> Figure:
+def plot_fit(fit: Fit) -> Figure:
     """Draw the data and the fitted curve of each series, and the residuals below; of targets, their relative errors.
 
     Parameters
     ----------
     fit : Fit
         Of `lcpimpact.fit`.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
-
-    Raises
-    ------
-    InputError
-        For another ending, or a folder that cannot be written.
 
     Examples
     --------
     >>> from lcpimpact import Target, fit, load_problem
     >>> from lcpimpact.problems.reading import peak
     >>> found = fit(load_problem("kelvin-voigt-impact"), ["k"], outputs={"x_max": Target(lambda run: peak(run, "x"), 1.0)})
-    >>> len(plot_fit(found).axes)
+    >>> len(found.plot().axes)
     1
     """
     left = fit.residuals
@@ -201,8 +184,6 @@ def plot_fit(fit: Fit, path: str | Path | None = None) -> Figure:
         ax.set(xlabel="(fitted - wanted)/|wanted|", xlim=(-1.15 * widest, 1.15 * widest))
     figure.align_ylabels(axes)
     figure.suptitle(_fitted(fit), x=0.01, ha="left", fontsize=10.0)
-    if path is not None:
-        save(figure, path)
     return figure
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -17,11 +16,14 @@ from matplotlib.patches import Patch
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.plotting.style import FAINT, INK, PALETTE, SOFT, save, style
+from lcpimpact.plotting.style import FAINT, INK, PALETTE, SOFT, style
 from lcpimpact.plotting.timeline import math_text, plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.dynamics.basins import Basins
 from lcpimpact.study.dynamics.continuation import Branch
+from lcpimpact.study.dynamics.diagrams import BifurcationDiagram
+from lcpimpact.study.dynamics.lyapunov import LyapunovExponents
+from lcpimpact.study.dynamics.sections import Impacts, PoincareSection
 from lcpimpact.study.dynamics.shooting import PeriodicOrbit
 
 BASINS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442")
@@ -35,36 +37,35 @@ FINE = 2000
 FEW = 12
 """Up to so many points of a section are drawn large."""
 
+_STABILITY = [
+    Line2D([], [], color=PALETTE[0], label="stable orbit"),
+    Line2D([], [], color=PALETTE[1], ls="--", label="orbit that is not stable"),
+]
+
 
 @style()
 @checked
-def plot_poincare(
-    table: pd.DataFrame, x: str | None = None, y: str | None = None, path: str | Path | None = None
-) -> Figure:
+def plot_poincare(study: PoincareSection, *, x: str | None = None, y: str | None = None) -> Figure:
     """Draw the points of a Poincaré section.
 
     Parameters
     ----------
-    table : DataFrame
+    study : PoincareSection
         Of `lcpimpact.poincare`.
     x, y : str, optional
         Columns; by default the first coordinate and its velocity, or where the section holds that coordinate fixed, as at a
         stop, the phase of the force and the velocity.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
 
     Raises
     ------
     InputError
-        For an unknown column or ending, or a table without points.
+        For an unknown column, or a table without points.
     """
+    table, node = study.table, study.problem.dynamics.nodes[0]
     if len(table) == 0:
         raise InputError("the table has no points: run longer, or take another section")
-    node = _first_node(table)
-    _check(table, node, f"v_{node}")
-    fixed = np.ptp(table[node]) <= 1e-6 * max(np.ptp(table[f"v_{node}"]), 1e-300) or "mpact" in table.attrs.get(
-        "section", ""
-    )
+    still = np.ptp(table[node]) <= 1e-6 * max(np.ptp(table[f"v_{node}"]), 1e-300)
+    fixed = still or isinstance(study.section, Impacts)
     across = x or ("phase" if fixed and "phase" in table and table["phase"].notna().all() else node)
     up = y or f"v_{node}"
     _check(table, across, up)
@@ -78,50 +79,42 @@ def plot_poincare(
     _wide_enough(ax)
     ax.set_xlabel(_label(across))
     ax.set_ylabel(_label(up))
-    ax.set_title(_title(table))
-    if path is not None:
-        save(figure, path)
+    ax.set_title(plain_text(f"{study.problem.name} by {study.method}"))
     return figure
 
 
 @style()
 @checked
 def plot_bifurcation(
-    table: pd.DataFrame,
-    y: str | None = None,
-    path: str | Path | None = None,
+    study: BifurcationDiagram,
     *,
-    branches: Sequence[Branch] = (),
-    parameter: str = "value",
+    y: str | None = None,
     marks: Sequence[tuple[float, str]] = (),
 ) -> Figure:
     """Draw the points of a bifurcation diagram, with branches of periodic orbits over them.
 
+    A branch is a full line where the orbit is stable, and a dashed one where it is not. It is known at the phase 0 of the
+    force, and by the fastest impact of a period.
+
     Parameters
     ----------
-    table : DataFrame
+    study : BifurcationDiagram
         Of `lcpimpact.bifurcation`.
     y : str, optional
-        Column; by default the first coordinate, or at impacts their speed.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
-    branches : sequence of Branch
-        Of `lcpimpact.continue_orbit`: a full line where the orbit is stable, a dashed one where it is not. They are known at
-        the phase 0 of the force, and by the fastest impact of a period.
-    parameter : str
-        How the axis is called.
+        Column; by default that of the study, or the first coordinate, or at impacts their speed.
     marks : sequence of (float, str)
         Values to be marked by a line, with a word, as a grazing.
 
     Raises
     ------
     InputError
-        For an unknown column or ending, or a table without points.
+        For an unknown column, or a table without points.
     """
+    table, branches = study.table, study.branches
     if "point" not in table or table["point"].isna().all():
         raise InputError("the table has no points: see its column failure")
     node = _first_node(table)
-    up = y or ("speed" if "mpact" in table.attrs.get("section", "") else node)
+    up = y or study.y or ("speed" if isinstance(study.section, Impacts) else node)
     _check(table, up)
     figure = Figure(figsize=(6.4, 4.0), layout="constrained")
     ax = figure.add_subplot()
@@ -138,22 +131,45 @@ def plot_bifurcation(
     if len(failed):
         ax.plot(failed, np.full(len(failed), 0.01), "x", color=PALETTE[1], ms=4.0, transform=ax.get_xaxis_transform())
     handles = [Line2D([], [], color=INK, marker="o", ls="none", ms=2.5, label="where motions end up")]
-    if branches:
-        handles += [
-            Line2D([], [], color=PALETTE[0], label="stable orbit"),
-            Line2D([], [], color=PALETTE[1], ls="--", label="orbit that is not stable"),
-        ]
+    handles += _STABILITY if branches else []
     if len(failed):
         handles.append(Line2D([], [], color=PALETTE[1], marker="x", ls="none", ms=4.0, label="no result"))
     if len(handles) > 1:
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     ax.margins(x=0.01)
-    ax.set_xlabel(math_text(parameter))
+    ax.set_xlabel(math_text(study.parameter))
     ax.set_ylabel(_label(up))
     if not marks:
-        ax.set_title(_title(table))
-    if path is not None:
-        save(figure, path)
+        ax.set_title(plain_text(f"{study.name} by {study.method}"))
+    return figure
+
+
+@style()
+@checked
+def plot_branch(branch: Branch, *, y: str | None = None) -> Figure:
+    """Draw a branch of periodic orbits along its parameter, dashed where they are not stable.
+
+    Parameters
+    ----------
+    branch : Branch
+        Of `lcpimpact.continue_orbit`.
+    y : str, optional
+        Column; by default the speed of the fastest impact, or the first coordinate where there is no impact.
+
+    Raises
+    ------
+    InputError
+        For an unknown column.
+    """
+    nodes = branch.orbits[0].problem.dynamics.nodes
+    up = y or ("speed" if branch.table["impacts"].max() > 0 else nodes[0])
+    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    ax = figure.add_subplot()
+    _draw_branch(ax, branch, up)
+    figure.legend(handles=_STABILITY, loc="outside lower center", ncols=2, frameon=False)
+    ax.set_xlabel(math_text(branch.parameter))
+    ax.set_ylabel(_label(up))
+    ax.set_title(plain_text(branch.title.format(branch)))
     return figure
 
 
@@ -172,20 +188,38 @@ def _draw_branch(ax: Axes, branch: Branch, up: str) -> None:
 
 @style()
 @checked
-def plot_basins(result: Basins, path: str | Path | None = None) -> Figure:
+def plot_lyapunov(study: LyapunovExponents) -> Figure:
+    """Draw the averages that tend to the Lyapunov exponents, over time.
+
+    Parameters
+    ----------
+    study : LyapunovExponents
+        Of `lcpimpact.lyapunov`.
+    """
+    figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+    ax = figure.add_subplot()
+    for k, name in enumerate(study.table.columns[1:]):
+        label = f"λ = {study.exponents[k]:.4g}"
+        ax.plot(
+            study.table["t"], study.table[name].replace(-np.inf, np.nan), color=PALETTE[k % len(PALETTE)], label=label
+        )
+    ax.axhline(0.0, color=INK, lw=0.7)
+    figure.legend(loc="outside right upper")
+    ax.set_xlabel("$t$ [s]")
+    ax.set_ylabel("average of ln |R| over time [1/s]")
+    ax.set_title(plain_text(study.problem.name))
+    return figure
+
+
+@style()
+@checked
+def plot_basins(result: Basins) -> Figure:
     """Draw which start leads to which attractor.
 
     Parameters
     ----------
     result : Basins
         Of `lcpimpact.basins`.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
-
-    Raises
-    ------
-    InputError
-        For another ending.
     """
     table = result.table
     first, second = table.columns[:2]
@@ -213,8 +247,6 @@ def plot_basins(result: Basins, path: str | Path | None = None) -> Figure:
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 3), frameon=False)
     ax.set_xlabel(_start_label(str(first)))
     ax.set_ylabel(_start_label(str(second)))
-    if path is not None:
-        save(figure, path)
     return figure
 
 
@@ -252,21 +284,20 @@ def _edges(x: Array) -> Array:
 
 @style()
 @checked
-def plot_orbit(orbit: PeriodicOrbit, node: str | None = None, path: str | Path | None = None) -> Figure:
+def plot_orbit(orbit: PeriodicOrbit, *, node: str | None = None) -> Figure:
     """Draw a periodic orbit in the plane of a coordinate and its velocity, beside its multipliers and the unit circle.
 
     Parameters
     ----------
     orbit : PeriodicOrbit
+        Of `lcpimpact.periodic_orbit`.
     node : str, optional
         Coordinate; by default the first with a mass.
-    path : str or Path, optional
-        A file ending in .png, .svg or .pdf to write.
 
     Raises
     ------
     InputError
-        For an unknown coordinate or ending.
+        For an unknown coordinate.
     """
     d = orbit.problem.dynamics
     if node is not None and node not in d.nodes:
@@ -312,8 +343,6 @@ def plot_orbit(orbit: PeriodicOrbit, node: str | None = None, path: str | Path |
     circle.set_ylabel("Im μ")
     verdict = "stable" if orbit.stable else "not stable"
     circle.set_title(f"multipliers: {verdict}, |μ| ≤ {orbit.growth:.4g}")
-    if path is not None:
-        save(figure, path)
     return figure
 
 
@@ -324,10 +353,7 @@ def _impacts(orbit: PeriodicOrbit) -> str:
 
 def _first_node(table: pd.DataFrame) -> str:
     """Return the first node whose place and velocity a table of a section has."""
-    for name in table.columns:
-        if str(name).startswith("v_") and str(name)[2:] in table.columns:
-            return str(name)[2:]
-    raise InputError("the table has no place and velocity of a node, as 'x' and 'v_x': take one of a Poincaré section")
+    return next(name[2:] for name in map(str, table.columns) if name.startswith("v_"))
 
 
 def _check(table: pd.DataFrame, *columns: str) -> None:
@@ -366,7 +392,3 @@ def _start_label(name: str) -> str:
         if len(name) > 1 and name.endswith("0") and not name.endswith("_0")
         else math_text(name)
     )
-
-
-def _title(table: pd.DataFrame) -> str:
-    return plain_text(f"{table.attrs.get('problem', '')} by {table.attrs.get('method', '')}")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +14,7 @@ from lcpimpact import __version__
 from lcpimpact.arguments import checked
 from lcpimpact.files import check_output, scratch_folder, whole_file
 from lcpimpact.plotting.style import save
+from lcpimpact.study.result import cell
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -122,10 +122,3 @@ def _table(section: Section) -> dict[str, Any]:
     forms = [section.formats.get(str(name), section.form) for name in table.columns]
     rows = [list(map(cell, row, forms)) for row in table.itertuples(index=False, name=None)]
     return {"header": [str(name) for name in table.columns], "words": words, "rows": rows}
-
-
-def cell(value: Any, form: str = ".3g") -> str:
-    """Return a value as a table for people shows it: a number that is missing as a dash."""
-    if isinstance(value, float):
-        return "-" if math.isnan(value) else format(value, form)
-    return str(value)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lcpimpact.problems.reference import KNOWN
-from lcpimpact.reproduce.cross_validation import DIRECT_SOLVERS, QP_SOLVERS, STEPS, CrossValidation, Row
+from lcpimpact.reproduce.runs import DIRECT_SOLVERS, QP_SOLVERS, STEPS, PaperRuns, Row
 
 QP_TOLERANCE = 1e-7
 """Relative agreement of a QP backend's trajectory with the direct solvers: OSQP is asked for 1e-11 and scaled."""
@@ -37,7 +37,7 @@ class Check:
         return bool(self.value <= self.limit)
 
 
-def all_checks(found: CrossValidation) -> list[Check]:
+def all_checks(found: PaperRuns) -> list[Check]:
     """Return every tolerance of the reproduction."""
     return [
         *_no_failures(found),
@@ -47,6 +47,7 @@ def all_checks(found: CrossValidation) -> list[Check]:
         *_orders(found),
         *_solvers_agree(found),
         *_witness(found),
+        *_routes_agree(found),
         *_certificates(found),
     ]
 
@@ -57,7 +58,7 @@ def _worst(values: Iterable[float]) -> float:
     return float(array.max()) if len(array) else float("nan")
 
 
-def _select(found: CrossValidation, method: str, theta: float | None = None, label: str | None = None) -> list[Row]:
+def _select(found: PaperRuns, method: str, theta: float | None = None, label: str | None = None) -> list[Row]:
     return [
         row
         for row in found.rows
@@ -67,11 +68,11 @@ def _select(found: CrossValidation, method: str, theta: float | None = None, lab
     ]
 
 
-def _no_failures(found: CrossValidation) -> list[Check]:
+def _no_failures(found: PaperRuns) -> list[Check]:
     return [Check("runs that failed", float(sum(bool(row.failure) for row in found.rows)), 0.0)]
 
 
-def _exact(found: CrossValidation) -> list[Check]:
+def _exact(found: PaperRuns) -> list[Check]:
     units = {"switches": (1e-12, "s"), "x": (1e-11, "m"), "y": (1e-11, "m"), "R": (1e-8, "N")}
     checks = []
     for label, errors in found.exact_errors.items():
@@ -82,7 +83,7 @@ def _exact(found: CrossValidation) -> list[Check]:
     return checks
 
 
-def _peaks(found: CrossValidation) -> list[Check]:
+def _peaks(found: PaperRuns) -> list[Check]:
     checks = [
         Check(f"{system.label}: peak of R by exact", abs(found.peaks[system.label] - system.peak), 1e-4, "N")
         for system in KNOWN
@@ -94,7 +95,7 @@ def _peaks(found: CrossValidation) -> list[Check]:
     return checks
 
 
-def _step_errors(found: CrossValidation) -> list[Check]:
+def _step_errors(found: PaperRuns) -> list[Check]:
     checks = []
     for system in KNOWN:
         for h, limit in zip(STEPS, system.limits, strict=True):
@@ -106,7 +107,7 @@ def _step_errors(found: CrossValidation) -> list[Check]:
     return checks
 
 
-def _orders(found: CrossValidation) -> list[Check]:
+def _orders(found: PaperRuns) -> list[Check]:
     checks = []
     for each in found.orders:
         theta = dict(each.options).get("theta")
@@ -119,7 +120,7 @@ def _orders(found: CrossValidation) -> list[Check]:
     return checks
 
 
-def _solvers_agree(found: CrossValidation) -> list[Check]:
+def _solvers_agree(found: PaperRuns) -> list[Check]:
     """Compare where each solver ends with where Lemke's does, relative to the largest coordinate."""
     lemke = {
         (row.case.label, row.case.options, row.case.h): row for row in found.rows if row.case.lcp_solver == "lemke"
@@ -142,7 +143,7 @@ def _difference(row: Row, reference: Row) -> float:
     return float(np.abs(np.array(row.q_end) - expected).max() / np.abs(expected).max())
 
 
-def _witness(found: CrossValidation) -> list[Check]:
+def _witness(found: PaperRuns) -> list[Check]:
     rows = [row for row in _select(found, "rk4-paper") if row.case.h == min(STEPS)]
     return [
         Check(f"{row.case.label}: sup error of x, rk4-paper, h = {row.case.h:g} s", row.sup_x, 2e-4, "m")
@@ -150,7 +151,14 @@ def _witness(found: CrossValidation) -> list[Check]:
     ]
 
 
-def _certificates(found: CrossValidation) -> list[Check]:
+def _routes_agree(found: PaperRuns) -> list[Check]:
+    return [
+        Check(f"{label}: exact, moreau-jean and rk4-paper agree, to what part of the motion", verdict.resolution, 1e-2)
+        for label, verdict in found.verdicts.items()
+    ]
+
+
+def _certificates(found: PaperRuns) -> list[Check]:
     rows = [row for row in _select(found, "moreau-jean", 0.5) if row.certificate]
     residual, complementarity, penetration = (_worst(row.certificate[i] for row in rows) for i in range(3))
     return [

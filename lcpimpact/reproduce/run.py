@@ -1,10 +1,11 @@
-"""From nothing to the report: draw the figures, run the cross-validation, check, write."""
+"""From nothing to the report: draw the figures, run the paper's systems, check, write."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,9 @@ from lcpimpact.problems import load_problem
 from lcpimpact.report.report import Picture, Section, write_report
 from lcpimpact.reproduce import tables
 from lcpimpact.reproduce.checks import Check, all_checks
-from lcpimpact.reproduce.cross_validation import T_END, CrossValidation, cross_validate
+from lcpimpact.reproduce.runs import T_END, PaperRuns, run_all
 from lcpimpact.simulation import simulate
+from lcpimpact.study.progress import Progress, watched
 
 FIGURE_STEP = 1e-2
 """Step in s of the runs that the figures show: coarse enough to see where the methods differ."""
@@ -115,13 +117,13 @@ class Reproduction:
     Attributes
     ----------
     report : Path
-    found : CrossValidation
+    found : PaperRuns
     checks : tuple of Check
     seconds : float
     """
 
     report: Path
-    found: CrossValidation
+    found: PaperRuns
     checks: tuple[Check, ...]
     seconds: float
 
@@ -149,7 +151,7 @@ def reproduce(
     out: Path,
     *,
     workers: int | None = None,
-    watch: Callable[[Iterable[Any], int, str], Iterable[Any]] = lambda items, total, what: items,
+    progress: Progress = True,
 ) -> Reproduction:
     """Write every figure of the paper, the cross-validation tables and report.html to a folder.
 
@@ -159,9 +161,8 @@ def reproduce(
         The folder; it is made if it does not exist. Each file appears whole or not at all.
     workers : int, optional
         Processes; by default one a core.
-    watch : callable
-        Given things to do or results to come, their number and what they are, yields them on: the place for a
-        progress bar.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Raises
     ------
@@ -170,11 +171,11 @@ def reproduce(
     """
     started = time.perf_counter()
     _make_folder(out / "figures")
-    for text in watch(FIGURES, len(FIGURES), "figures"):
+    for text in watched(FIGURES, len(FIGURES), "figures", progress):
         figure = draw(text.number)
         for suffix in (".png", ".svg"):
             save(figure, _figure_path(out, text.number, suffix))
-    found = cross_validate(workers=workers, watch=lambda items, total: watch(items, total, "cross-validation"))
+    found = run_all(workers=workers, progress=progress)
     checks = tuple(sorted(all_checks(found), key=lambda check: check.holds))
 
     tables.write_csv(out / "cross-validation.csv", tables.CROSS_VALIDATION_HEADER, tables.cross_validation_rows(found))
@@ -199,7 +200,7 @@ def _figure_path(out: Path, number: int, suffix: str) -> Path:
     return out / "figures" / f"figure-{number}{suffix}"
 
 
-def _sections(out: Path, found: CrossValidation, checks: tuple[Check, ...]) -> list[Section]:
+def _sections(out: Path, found: PaperRuns, checks: tuple[Check, ...]) -> list[Section]:
     """Return the parts of the report."""
     failed = sum(not check.holds for check in checks)
     verdict = f"All {len(checks)} stated tolerances hold."
@@ -234,7 +235,7 @@ def _pictures(out: Path, group: str) -> list[Picture]:
     ]
 
 
-def _report_tables(found: CrossValidation, checks: tuple[Check, ...]) -> list[Section]:
+def _report_tables(found: PaperRuns, checks: tuple[Check, ...]) -> list[Section]:
     rows = tables.cross_validation_rows(found)
     shown = [row for row in rows if row[3] in ("lemke", "-") and row[1] != "exact"]
     return [
@@ -242,7 +243,8 @@ def _report_tables(found: CrossValidation, checks: tuple[Check, ...]) -> list[Se
             "Cross-validation",
             "Errors of the θ-step (with Lemke's method) and of the paper's RK4 against the exact solution; "
             "t<sub>1</sub> ... t<sub>4</sub> are errors of the switching times, and mean|R| is the L1 error of R over the "
-            f"length of the run, read where the force lives (mid-step for θ = 1/2). {tables.compared_with_rk4(found)}",
+            f"length of the run, read where the force lives (mid-step for θ = 1/2). {tables.compared_with_rk4(found)} "
+            f"{' '.join(f'{escape(line)}.' for verdict in found.verdicts.values() for line in verdict.head())}",
             tables.CROSS_VALIDATION_HEADER[:-4],
             [row[:-4] for row in shown],
             "cross-validation.csv",

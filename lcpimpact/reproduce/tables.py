@@ -10,7 +10,7 @@ from typing import Any
 
 from lcpimpact.files import whole_file
 from lcpimpact.reproduce.checks import Check
-from lcpimpact.reproduce.cross_validation import STEPS, CrossValidation, Row
+from lcpimpact.reproduce.runs import STEPS, PaperRuns, Row
 
 CROSS_VALIDATION_HEADER = (
     "system", "method", "theta", "lcp_solver", "h [s]", "sup|x| [m]", "sup|x'| [m/s]", "mean|R| [N]",
@@ -22,7 +22,7 @@ ORDERS_HEADER = ("system", "method", "theta", "order of x", "order of x'", "scat
 CHECKS_HEADER = ("what", "value", "limit", "unit", "holds")
 
 
-def cross_validation_rows(found: CrossValidation) -> list[list[Any]]:
+def cross_validation_rows(found: PaperRuns) -> list[list[Any]]:
     """Return a row for each run; errors are against the exact solution."""
     return [_row(row) for row in found.rows]
 
@@ -39,7 +39,7 @@ def _row(row: Row) -> list[Any]:
     ]
 
 
-def compared_with_rk4(found: CrossValidation) -> str:
+def compared_with_rk4(found: PaperRuns) -> str:
     """Return in a sentence in how many rows the θ = 1/2 step errs less than RK4, and in which it does not."""
     by_rk4 = {
         (row.case.label, row.case.h): row for row in found.rows if row.case.method == "rk4-paper" and not row.failure
@@ -59,7 +59,7 @@ def compared_with_rk4(found: CrossValidation) -> str:
     return f"Of {len(pairs)} rows, the θ = 1/2 step errs less than RK4 {parts[0]}, {parts[1]} and {parts[2]}."
 
 
-def peaks_rows(found: CrossValidation) -> list[list[Any]]:
+def peaks_rows(found: PaperRuns) -> list[list[Any]]:
     """Return a row for each system: the peak of R, exact and by the θ = 1/2 step with Lemke's method."""
     by_step = {
         row.case.label: row.peak
@@ -69,7 +69,7 @@ def peaks_rows(found: CrossValidation) -> list[list[Any]]:
     return [[label, peak, by_step[label]] for label, peak in found.peaks.items()]
 
 
-def orders_rows(found: CrossValidation) -> list[list[Any]]:
+def orders_rows(found: PaperRuns) -> list[list[Any]]:
     """Return a row for each observed order."""
     return [
         [each.label, each.method, dict(each.options).get("theta", "-"), each.x, each.v, each.scatter]

@@ -29,14 +29,15 @@ from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.power_law import mean_forces
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.terms import Terms
+from lcpimpact.study.result import Study, table_lines
 from lcpimpact.trajectory import Trajectory
 
 STORED = ("kinetic", "elastic", "gravity")
 GIVEN = ("loads", "motions")
 
 
-@dataclass(frozen=True, eq=False)
-class Ledger:
+@dataclass(frozen=True, eq=False, repr=False)
+class Ledger(Study):
     """The energies of a run over time.
 
     Attributes
@@ -56,12 +57,28 @@ class Ledger:
         What the method promises about energy.
     closes : bool
         Whether it promises a balance that is zero but for rounding, or for the tolerance that it is given.
+    problem : Problem
+    method : str
+        The method with its options.
     """
 
     table: pd.DataFrame
     dissipated: tuple[str, ...]
     promise: str
     closes: bool
+    problem: Problem
+    method: str
+
+    drawn_by = "lcpimpact.plotting.comparison:plot_ledger"
+    title = "{0.problem.name} by {0.method}: energy"
+
+    def head(self) -> list[str]:
+        """Return what the method promises, and the largest |balance|."""
+        return [self.promise, f"The largest |balance| is {self.balance:.1e} J"]
+
+    def summary(self) -> str:
+        """Return what the method promises, the balance, and the totals."""
+        return "\n".join([*self.head(), *table_lines(self.totals, ".5g")])
 
     @property
     def balance(self) -> float:
@@ -151,11 +168,7 @@ def energy_ledger(run: Trajectory) -> Ledger:
     columns = dict(zip((*STORED, *GIVEN, *names), [*stored, *flows.T], strict=True))
     table = pd.DataFrame({"t": t, **columns, "balance": balance})
     promise, closes = _promise(run, θ)
-    table.attrs = {
-        "problem": run.problem.name, "method": run.method, "t_end": float(run.t[-1]), "promise": promise,
-        "balance": float(np.abs(balance).max()),
-    }  # fmt: skip
-    return Ledger(table, tuple(names), promise, closes)
+    return Ledger(table, tuple(names), promise, closes, run.problem, run.method)
 
 
 @dataclass(frozen=True, eq=False)

@@ -257,12 +257,12 @@ COMMANDS = {
     "poincare": {
         "--set": None,
         "--section": WORDS,
-        "--transient": COUNTS,
-        "--crossings": COUNTS,
+        "--skip": COUNTS,
+        "--points": COUNTS,
         "--dt": STEPS,
         **STUDY,
     },
-    "bifurcation": {"--over": OVER, "--section": WORDS, "--transient": COUNTS, "--kept": COUNTS, "--y": WORDS, **STUDY},
+    "bifurcation": {"--over": OVER, "--section": WORDS, "--skip": COUNTS, "--points": COUNTS, "--y": WORDS, **STUDY},
     "basins": {"--over": OVER, "--longest": COUNTS, "--workers": COUNTS, **STUDY},
     "orbit": {"--periods": COUNTS, "--period": NUMBERS, "--transient": COUNTS, **STUDY},
 }
@@ -272,8 +272,8 @@ SLOW = {"compare": 0.1, "converge": 0.1, "poincare": 0.3, "bifurcation": 0.3, "b
 """The commands that run much are given a wrong word more often, so that most of them end at once."""
 
 ALWAYS = {
-    "poincare": ["--transient", "1", "--crossings", "2"],
-    "bifurcation": ["--transient", "1", "--kept", "1"],
+    "poincare": ["--skip", "1", "--points", "2"],
+    "bifurcation": ["--skip", "1", "--points", "1"],
     "basins": ["--longest", "2"],
     "fit": ["--t-end", "0.1"],
     "compare": ["--t-end", "0.1"],
@@ -477,24 +477,24 @@ def things():
     ball, block = li.load_problem("bouncing-ball"), li.load_problem("system-1")
     forced = li.load_problem("shaw-holmes", omega=2.7)
     run = li.simulate(block, "exact", dt=0.05, t_end=0.5)
-    table = li.convergence(ball, ["moreau-jean"], [0.1, 0.05], t_end=0.5)
-    section = li.poincare(forced, "force", transient=1, crossings=3)
+    convergence = li.convergence(ball, ["moreau-jean"], [0.1, 0.05], t_end=0.5)
+    costs = li.work_precision(ball, ["moreau-jean"], [0.1], t_end=0.5, repeats=1)
+    section = li.poincare(forced, "force", skip=1, points=3)
     data = pd.DataFrame({"t": run.t, "x": run["x"]})
     return {
         "problem": ball,
         "block": block,
         "forced": forced,
         "run": run,
-        "table": table,
+        "convergence": convergence,
+        "costs": costs,
         "section": section,
         "data": data,
         "comparison": li.compare(block, ["moreau-jean"], dt=0.05, t_end=0.5),
         "ledger": li.energy_ledger(run),
         "design": li.design("kelvin-voigt", m=1.0, v0=1.0, k=1e3, c=1.0),
         "fit": li.fit(block, ["k_o"], data, method="moreau-jean", dt=0.05, t_end=0.5),
-        "diagram": li.bifurcation(
-            lambda omega: li.load_problem("shaw-holmes", omega=omega), [2.7], transient=1, kept=2
-        ),
+        "diagram": li.bifurcation(lambda omega: li.load_problem("shaw-holmes", omega=omega), [2.7], skip=1, points=2),
         "orbit": li.periodic_orbit(forced, transient=30),
         "M": [[2.0, 1.0], [1.0, 2.0]],
         "q": [-5.0, -6.0],
@@ -606,7 +606,7 @@ def calls():
                 "repeats": 1,
             },
         ),
-        (li.observed_orders, {"table": g["table"], "norm": "sup_q"}),
+        (li.observed_orders, {"study": g["convergence"], "norm": "sup_q"}),
         (observed_order, {"problem": g["problem"], "method": "moreau-jean", "dts": [0.1, 0.05], "t_end": 0.2}),
         (li.energy_ledger, {"run": g["run"]}),
         (
@@ -620,7 +620,7 @@ def calls():
                 "lcp_solver": "auto",
             },
         ),
-        (li.cross_validate, {"problem": g["problem"], "routes": ["x"], "dt": 0.1, "t_end": 0.2, "tolerance": None}),
+        (li.cross_validate, {"problem": g["problem"], "routes": ["x"], "dt": 0.1, "t_end": 0.2, "tol": None}),
         (li.design, {"law": "kelvin-voigt", "m": 1.0, "v0": 1.0, "g": 0.0, "k": 1e3, "c": 1.0}),
         (li.design, {"law": "hunt-crossley", "m": 1.0, "v0": 1.0, "e": 0.5, "peak_force": 10.0, "n": 1.5}),
         (
@@ -645,7 +645,7 @@ def calls():
         ),
         (
             li.poincare,
-            {"problem": g["forced"], "section": "force", "transient": 1, "crossings": 2, "t_end": None, "dt": None},
+            {"problem": g["forced"], "section": "force", "skip": 1, "points": 2, "t_end": None, "dt": None},
         ),
         (
             li.bifurcation,
@@ -653,8 +653,8 @@ def calls():
                 "family": lambda omega: family(omega=omega),
                 "values": [2.7],
                 "section": "force",
-                "transient": 1,
-                "kept": 1,
+                "skip": 1,
+                "points": 1,
                 "continue_from": False,
                 "workers": 1,
             },
@@ -674,16 +674,13 @@ def calls():
         (li.continue_orbit, {"family": lambda omega: family(omega=omega), "values": [2.7], "periods": 1}),
         (least_gap, {"orbit": g["orbit"], "contact": None}),
         (li.grazing, {"family": lambda omega: family(omega=omega), "bracket": (2.7, 2.71), "transient": 1}),
-        (li.lyapunov, {"problem": g["forced"], "t_end": 2.0, "transient": 0.0}),
-        (li.plot_convergence, {"table": g["table"], "norm": "sup_q", "path": None}),
-        (li.plot_work_precision, {"table": g["table"], "norm": "sup_q", "cost": "steps", "path": None}),
-        (li.plot_poincare, {"table": g["section"], "path": None}),
-        (li.plot_bifurcation, {"table": g["diagram"], "y": None, "path": None}),
-        (li.plot_orbit, {"orbit": g["orbit"], "path": None}),
-        (li.plot_comparison, {"comparison": g["comparison"], "path": None}),
-        (li.plot_ledger, {"ledger": g["ledger"], "path": None}),
-        (li.plot_design, {"design": g["design"], "path": None}),
-        (li.plot_fit, {"fit": g["fit"], "path": None}),
+        (li.lyapunov, {"problem": g["forced"], "t_end": 2.0, "t_start": 0.0}),
+        (g["convergence"].plot, {"norm": "sup_q", "path": None}),
+        (g["costs"].plot, {"norm": "sup_q", "cost": "steps", "path": None}),
+        (g["section"].plot, {"x": None, "path": None}),
+        (g["diagram"].plot, {"y": None, "path": None}),
+        (g["orbit"].plot, {"node": None, "path": None}),
+        *((g[name].plot, {"path": None}) for name in ("comparison", "ledger", "design", "fit")),
         (g["run"].sample, {"t": [0.1], "side": "right"}),
         (g["run"].save, {"path": "out.csv"}),
         (g["run"].certify, {"problem": None}),

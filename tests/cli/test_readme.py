@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from lcpimpact.reproduce.cross_validation import Case, run_case
+from lcpimpact.reproduce.runs import Case, run_case
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -12,24 +12,16 @@ import pytest
 
 from lcpimpact.problems.reference import KNOWN
 from lcpimpact.reproduce.checks import Check, all_checks
-from lcpimpact.reproduce.cross_validation import (
-    Case,
-    CrossValidation,
-    Row,
-    all_cases,
-    cross_validate,
-    run_case,
-    switch_errors,
-)
 from lcpimpact.reproduce.run import FIGURES
+from lcpimpact.reproduce.runs import Case, PaperRuns, Row, all_cases, run_all, run_case, switch_errors
 from lcpimpact.reproduce.tables import compared_with_rk4
 
 
 @pytest.fixture(scope="module")
 def found():
-    """The cross-validation without the slow QP runs at the smallest step."""
+    """The runs without the slow QP runs at the smallest step."""
     cases = [case for case in all_cases() if not (case.lcp_solver.startswith("qp") and case.h < 1e-3)]
-    return cross_validate(cases)
+    return run_all(cases)
 
 
 def test_cases_cover_what_is_promised():
@@ -63,6 +55,7 @@ def test_every_tolerance_can_fail(found):
         {"orders": tuple(dataclasses.replace(each, v=np.nan) for each in orders)},
         {"exact_errors": {label: dict.fromkeys(errors, 1.0) for label, errors in found.exact_errors.items()}},
         {"peaks": dict.fromkeys(found.peaks, 5000.0)},
+        {"verdicts": {label: dataclasses.replace(each, resolution=np.nan) for label, each in found.verdicts.items()}},
     ]
     noticed = [failing(**changes) for changes in spoilt]
     assert all(noticed)
@@ -112,14 +105,14 @@ def test_the_sentence_on_rk4_says_what_the_rows_show():
         *pair("System 3", 1e-2, 1.0, 3.0),
         *pair("System 3", 1e-3, 6.2e-2, 3.5e-2),
     ]
-    said = compared_with_rk4(CrossValidation(tuple(rows), ()))
+    said = compared_with_rk4(PaperRuns(tuple(rows), ()))
     assert said == (
         "Of 3 rows, the θ = 1/2 step errs less than RK4 in x in 3, in x' in 3 and in R in 2 (not for System 3 with "
         "h = 0.001 s)."
     )
-    assert "in R in 2" in compared_with_rk4(CrossValidation(tuple(rows[::-1]), ()))
+    assert "in R in 2" in compared_with_rk4(PaperRuns(tuple(rows[::-1]), ()))
     # What is not in the table is not counted.
-    assert compared_with_rk4(CrossValidation(tuple(rows[:3]), ())).startswith("Of 1 rows")
+    assert compared_with_rk4(PaperRuns(tuple(rows[:3]), ())).startswith("Of 1 rows")
 
 
 class Page(HTMLParser):

@@ -14,7 +14,7 @@ from lcpimpact.double_double import DoubleDouble
 from lcpimpact.hybrid.flow import BERNSTEIN, DEGREE, Flow, first_fall
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.problems.reference import KNOWN
-from lcpimpact.reproduce.cross_validation import peak_reaction
+from lcpimpact.reproduce.runs import peak_reaction
 
 
 def exact(problem, dt=1e-2, t_end=3.0, **options):

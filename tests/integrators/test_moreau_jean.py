@@ -12,7 +12,7 @@ from lcpimpact.lcp.solver import State
 from lcpimpact.lcp.solvers.auto import Auto
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.problems.reference import KNOWN
-from lcpimpact.reproduce.cross_validation import DIRECT_SOLVERS, ORDER_COUNTS, QP_SOLVERS, observed_orders
+from lcpimpact.reproduce.runs import DIRECT_SOLVERS, ORDER_COUNTS, QP_SOLVERS, observed_orders
 
 
 def run(problem, dt=1e-2, t_end=3.0, **options):

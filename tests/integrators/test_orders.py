@@ -12,8 +12,9 @@ from lcpimpact.errors import InputError
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.simulation import simulate
+from lcpimpact.study.accuracy.fitted_order import EVENT_BAND, SMOOTH_BAND
 from lcpimpact.study.accuracy.norms import l1_v, sup_q
-from lcpimpact.study.accuracy.orders import COUNTS, EVENT_BAND, SMOOTH_BAND, observed_order, order_as_declared
+from lcpimpact.study.accuracy.orders import COARSER_COUNTS, COUNTS, RoundingError, observed_order
 
 MANY = (*COUNTS, 4903, 7789, 12373, 19661, 31223, 49597)
 """Where errors scatter, because a switch falls now early and now late into its step."""
@@ -67,6 +68,17 @@ IMPACTS = {
     "two-balls-spring": before("two-balls-spring", 0.5),
     "lumped bar": lumped_bar(),
 }
+
+
+def order_as_declared(problem, name, declared, norm, low):
+    """Observe an order with step counts that suit it; None where a method is exact but for rounding with any of them."""
+    for counts in [low] if declared <= 2.0 else COARSER_COUNTS:
+        try:
+            return observed_order(problem, name, counts, norm=norm)
+        except RoundingError:
+            if declared <= 2.0:
+                raise
+    return None
 
 
 def measure(name, problem, order, norm, tolerance, low=COUNTS):
@@ -138,7 +150,7 @@ def test_order_across_many_impacts_of_random_chains(name, chains):
         truth = simulate(problem, "exact", dt=problem.t_end / 200, t_end=problem.t_end)
         other = simulate(problem, "event-driven", dt=problem.t_end / 200, t_end=problem.t_end, **TIGHT["event-driven"])
         assert np.abs(truth.q - other.q).max() < 1e-8 * np.abs(truth.q).max(), "the truth is that of both"
-        found.append(observed_order(problem, name, STEPS, norm="l1_v", truth=truth))
+        found.append(observed_order(problem, name, STEPS, norm="l1_v", reference=truth))
     assert abs(np.median([each.slope for each in found]) - METHODS[name].declared.order_impact) < 0.2
     assert all(abs(each.slope - 1.0) < EVENT_BAND for each in found)
     assert all(each.scatter < 0.3 for each in found)

@@ -69,7 +69,7 @@ def test_names_that_look_like_something_else_are_drawn_as_they_are(name, tmp_pat
         for ending in (".svg", ".png"):
             run(**names).plot(tmp_path / f"run{ending}")
     found = li.compare(ball(name), {name: "moreau-jean"}, dt=0.05, t_end=0.3)
-    li.plot_comparison(found, tmp_path / "compared.png")
+    found.plot(tmp_path / "compared.png")
 
 
 @pytest.mark.parametrize("name", ["=1+1", "+x", "-x", "@x", "'=x", "x=1"])
@@ -143,7 +143,7 @@ def test_sizes_beyond_all_numbers_are_refused_in_words():
 
 
 def test_a_file_of_words_is_written_as_words(tmp_path):
-    from lcpimpact.cli.options import write_table
+    from lcpimpact.cli.finish import write_table
 
     write_table(pd.DataFrame({"=a": ["=1", "x"], "t": [-1.0, 2.0]}), tmp_path / "t.csv")
     assert (tmp_path / "t.csv").read_text() == "'=a,t\n'=1,-1.0\nx,2.0\n"
@@ -157,7 +157,6 @@ def test_a_file_of_words_is_written_as_words(tmp_path):
         (lambda: reference(li.load_problem("bouncing-ball"), 10**400), "t_end = .* must be a finite number"),
         (lambda: li.simulate(li.load_problem("bouncing-ball"), "exact", dt=1e297, t_end=1e300), "shorter t_end"),
         (lambda: li.load_problem("shaw-holmes", omega=1e300), "omega = 1e\\+300.*nearer to one"),
-        (lambda: li.plot_poincare(pd.DataFrame({"t": ["a"], "x": [None]})), "no place and velocity"),
     ],
 )
 def test_what_a_fuzzer_found_is_refused(call, says):

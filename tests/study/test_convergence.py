@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import math
 import re
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,17 +22,18 @@ from lcpimpact.cli.main import main
 from lcpimpact.integrators.dopri5 import DormandPrince
 from lcpimpact.integrators.event_driven import EventDriven
 from lcpimpact.integrators.moreau_jean import MoreauJean
-from lcpimpact.plotting.convergence import plot_convergence, plot_work_precision
 from lcpimpact.study.accuracy.convergence import (
     COSTS,
+    Convergence,
+    WorkPrecision,
     convergence,
-    declared_order,
     labelled,
-    limits_of,
+    observed_orders,
     steps_clear_of,
     work_precision,
 )
-from lcpimpact.study.accuracy.orders import fit, observed_orders
+from lcpimpact.study.accuracy.fitted_order import fit
+from lcpimpact.study.accuracy.limits import IMPACT, SMOOTH, declared_order, limits_of
 from lcpimpact.study.accuracy.reference import reference
 
 ROOT = Path(__file__).parents[2]
@@ -147,8 +149,8 @@ def test_the_events_of_the_reference_say_what_is_to_be_expected(name, t_end, lim
     assert (declared["moreau-jean"], declared["radau-fesd"]) == (moreau_jean, fesd)
     if rk4 is not None:
         assert declared["rk4"] == rk4
-    assert table.attrs["limited_by"] == limits[-1]
-    assert table.attrs["declared_norm"] == ("l1_v" if "impact" in limits else "sup_q")
+    assert table.limited_by.name == limits[-1]
+    assert table.limited_by.norm == ("l1_v" if "impact" in limits else "sup_q")
 
 
 def test_nothing_is_declared_for_compliant_laws_and_other_options():
@@ -177,16 +179,16 @@ def test_the_fit_is_that_of_a_linear_regression():
         fit(dts[:1], errors[:1])
 
 
-def made(errors, declared=2.0, limited_by="smooth", failure="", rtol=math.nan, reference="exact"):
-    """A table as `convergence` makes it, with errors of our own."""
+def made(errors, declared=2.0, limited_by=SMOOTH, failure="", rtol=math.nan, reference="exact"):
+    """A study as `convergence` makes it, with errors of our own; an impact limits the order in sup q here too."""
     n = len(errors)
     dts = [3.0 / count for count in (101, 163, 257, 409, 653, 1049)][:n]
     table = pd.DataFrame({
         "method": "ours", "law": "rigid", "k": math.inf, "rtol": rtol, "dt": dts, "sup_q": errors,
-        "declared": declared, "reference": reference, "failure": failure,
+        "declared": declared, "reference": reference, "violation": "", "failure": failure,
     })  # fmt: skip
-    table.attrs = {"limited_by": limited_by, "declared_norm": "sup_q", "scale_sup_q": 2.0}
-    return table
+    limit = replace(limited_by, norm="sup_q")
+    return Convergence(oscillator(), 3.0, table, "sup_q", limited_by=limit, scales={"sup_q": 2.0})
 
 
 def verdict(*arguments, **options):
@@ -198,8 +200,8 @@ def test_verdicts():
     assert verdict(h**2.19) == "as declared"
     assert verdict(h**1.81) == "as declared"
     assert verdict(h**1.79) == verdict(h**2.21) == "off"
-    assert verdict(h**2.21, limited_by="impact") == "as declared"
-    assert verdict(h**1.64, limited_by="impact") == "off"
+    assert verdict(h**2.21, limited_by=IMPACT) == "as declared"
+    assert verdict(h**1.64, limited_by=IMPACT) == "off"
     assert verdict(h**3.0, declared=math.nan) == ""
     assert verdict(np.full(6, 1.9e-12)) == "rounding"
     assert verdict(np.full(6, np.nan), failure="broken") == "failed"
@@ -319,7 +321,7 @@ def test_methods_take_turns_and_the_least_time_is_kept(monkeypatch):
         return items
 
     monkeypatch.setattr(module, "simulate", slow)
-    table = work_precision(oscillator(), ["rk4", "heun"], [0.3], norms=["sup_q"], repeats=2, watch=watch)
+    table = work_precision(oscillator(), ["rk4", "heun"], [0.3], norms=["sup_q"], repeats=2, progress=watch)
     assert seen == ["rk4", "heun", "rk4", "heun"]
     assert list(table["seconds"]) == [3.0, 7.0]
     assert told == [(4, "runs")]
@@ -382,7 +384,7 @@ def table():
 
 
 def test_a_picture_shows_the_errors_and_the_orders(table, tmp_path):
-    figure = plot_convergence(table, path=tmp_path / "orders.svg")
+    figure = table.plot(tmp_path / "orders.svg")
     assert (tmp_path / "orders.svg").stat().st_size > 1000
     (ax,) = figure.axes
     lines = {line.get_label().split(":")[0]: line for line in ax.get_lines()}
@@ -398,7 +400,7 @@ def test_a_picture_shows_the_errors_and_the_orders(table, tmp_path):
 
 
 def test_triangles_have_the_slopes_that_are_seen_and_lie_clear_of_the_lines(table):
-    (ax,) = plot_convergence(table).axes
+    (ax,) = table.plot().axes
     corners = [np.log10(patch.get_xy()[:3]) for patch in ax.patches if isinstance(patch, Polygon)]
     slopes = sorted((xy[2, 1] - xy[0, 1]) / (xy[1, 0] - xy[0, 0]) for xy in corners)
     assert_allclose(slopes, [2.0, 5.0], rtol=1e-9)
@@ -415,26 +417,27 @@ def test_triangles_have_the_slopes_that_are_seen_and_lie_clear_of_the_lines(tabl
 
 
 def test_costs_are_drawn_and_what_has_none_is_said(table):
-    (ax,) = plot_work_precision(table, cost="evaluations").axes
+    costs = WorkPrecision(**{each.name: getattr(table, each.name) for each in fields(table)})
+    (ax,) = costs.plot(cost="evaluations").axes
     labels = [line.get_label() for line in ax.get_lines()]
     assert labels == ["moreau-jean", "heun", "radau-fesd", "exact: no right sides", "schatzman-paoli: no result"]
     rows = table[table["method"] == "heun"]
     assert_allclose(ax.get_lines()[1].get_xdata(), rows["evaluations"].astype(float))
     assert_allclose(ax.get_lines()[1].get_ydata(), rows["sup_q"])
     for cost in COSTS:
-        assert plot_work_precision(table, "l1_v", cost).axes[0].get_xlabel()
+        assert costs.plot(norm="l1_v", cost=cost).axes[0].get_xlabel()
     with pytest.raises(li.InputError, match="unknown cost 'second': did you mean 'seconds'"):
-        plot_work_precision(table, cost="second")
+        costs.plot(cost="second")
     with pytest.raises(li.InputError, match="unknown norm of this table 'l2_v'"):
-        plot_convergence(table, "l2_v")
+        table.plot(norm="l2_v")
     with pytest.raises(li.InputError, match="must end in one of"):
-        plot_convergence(table, path="orders.txt")
+        table.plot("orders.txt")
 
 
 def test_a_run_that_fails_is_marked():
     table = made(np.array(SIX) ** 2)
-    table.loc[0, ["sup_q", "failure"]] = (math.nan, "broken")
-    (ax,) = plot_convergence(table).axes
+    table.table.loc[0, ["sup_q", "failure"]] = (math.nan, "broken")
+    (ax,) = table.plot().axes
     marks = [line for line in ax.get_lines() if line.get_marker() == "x"]
     assert [list(line.get_xdata()) for line in marks] == [[SIX[0]]]
 

@@ -526,7 +526,7 @@ def test_the_tolerance_forgives():
     motion = problem.motion
     routes = {"exact": "exact", "mine": lambda t: tuple(1.001 * each for each in motion(t))}
     assert not li.cross_validate(problem, routes).agree
-    assert li.cross_validate(problem, routes, tolerance=1e-2).agree
+    assert li.cross_validate(problem, routes, tol=1e-2).agree
 
 
 def test_the_estimate_of_a_route_is_its_error():
@@ -565,7 +565,7 @@ def test_siconos_is_a_route_or_says_how_to_get_it(monkeypatch):
         ([3.0], {}, r"routes\[0\] = 3.0 must be a string or an Integrator or a function"),
         (["exact"], {"t_end": -1.0}, "t_end = -1.0 must be a positive finite number"),
         (["exact"], {"dt": 0.0}, "dt = 0.0 must be a positive"),
-        (["exact"], {"tolerance": 2.0}, "tolerance = 2.0 must be a number between 0 and 1"),
+        (["exact"], {"tol": 2.0}, "tol = 2.0 must be a number between 0 and 1"),
     ],
 )
 def test_wrong_input_is_one_sentence(routes, options, match):

@@ -22,7 +22,6 @@ from lcpimpact import (
     Target,
     fit,
     load_problem,
-    plot_fit,
     read_scheme_file,
     simulate,
     with_values,
@@ -170,7 +169,7 @@ def test_random_starts_are_repeatable_and_the_best_is_kept():
         seen.append((total, what))
         return items
 
-    again = [fit(start(), {"k": 3000.0}, noisy(1), starts=3, seed=4, watch=watch) for _ in range(2)]
+    again = [fit(start(), {"k": 3000.0}, noisy(1), starts=3, seed=4, progress=watch) for _ in range(2)]
     assert seen == [(3, "searches")] * 2
     assert again[0].starts.equals(again[1].starts)
     assert len(again[0].starts["k"].unique()) == 3
@@ -363,12 +362,12 @@ def test_what_a_fit_cannot_use_is_refused(changes, says):
 
 def test_the_picture_shows_data_curve_and_residuals():
     found = fit(start(), ["k", "c"], noisy(0))
-    above, below = plot_fit(found).axes
+    above, below = found.plot().axes
     assert above.lines[0].get_ydata() == pytest.approx(noisy(0)["R"].to_numpy())
     t, curve = above.lines[1].get_data()
     assert curve == pytest.approx(force_by_hand(t, **found.values), abs=1e-6)
     assert below.lines[1].get_ydata() == pytest.approx(found.residuals["residual"].to_numpy())
-    assert "3" in plot_fit(found).get_suptitle()
+    assert "3" in found.plot().get_suptitle()
 
 
 def run_cli(capsys, *arguments):

@@ -275,7 +275,7 @@ def test_the_table_adds_up_and_can_be_written():
     stored = table[list(STORED)].sum(axis=1)
     left = stored - stored[0] - table[list(GIVEN)].sum(axis=1) + table[list(ledger.dissipated)].sum(axis=1)
     assert_allclose(left, table["balance"], atol=1e-9)
-    assert table.attrs["problem"] == "system-3"
+    assert ledger.problem.name == "system-3"
     assert "kinetic" in table.to_csv()
     assert "kinetic" in table.head().to_latex()
     totals = ledger.totals

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -17,18 +18,25 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.simulation import simulate
 from lcpimpact.study.accuracy.convergence import Methods, labelled
 from lcpimpact.study.accuracy.norms import NORMS, errors
-from lcpimpact.study.accuracy.reference import Reference
+from lcpimpact.study.accuracy.reference import Reference, given_reference
 from lcpimpact.study.accuracy.reference import reference as find_reference
 from lcpimpact.study.ledger import Ledger, energy_ledger
-from lcpimpact.study.watch import Watch, unwatched
+from lcpimpact.study.progress import Progress, watched
+from lcpimpact.study.result import Study, table_lines
 from lcpimpact.trajectory import Trajectory
 
 REFERENCE = "reference"
 """The label of the reference in tables."""
 
+SHOWN_NORMS = ("sup_q", "l1_v", "hausdorff_v", "event_times", "impulses", "penetration")
+"""The norms of a summary; the table has all."""
 
-@dataclass(frozen=True, eq=False)
-class Comparison:
+SHOWN_EVENTS = 12
+"""Maximum number of events in a summary."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Comparison(Study):
     """Runs of one problem by several methods.
 
     Attributes
@@ -36,7 +44,7 @@ class Comparison:
     problem : Problem
     t_end : float               s
     runs : dict                 label to Trajectory, of the methods that reached the end, in the order they were given
-    failures : dict             label to the sentence that says why there is no run
+    reasons : dict              label to the sentence that says why there is no run
     reference : Reference or None
         What all are compared with; None where they are compared with each other.
     """
@@ -44,19 +52,20 @@ class Comparison:
     problem: Problem
     t_end: float
     runs: Mapping[str, Trajectory]
-    failures: Mapping[str, str] = field(default_factory=dict)
+    reasons: Mapping[str, str] = field(default_factory=dict)
     reference: Reference | None = None
 
-    def differences(self) -> pd.DataFrame:
-        """Return how far each run is from the reference, or each from each where there is none.
+    drawn_by = "lcpimpact.plotting.comparison:plot_comparison"
+    title = "{0.problem.name}: methods side by side"
 
-        Returns
-        -------
-        DataFrame
-            ``method``, ``against`` (the reference by its name, or another label), ``dt`` (s) and ``steps`` of the run, one
-            column a norm of `lcpimpact.study.accuracy.norms.NORMS` in its unit, ``events`` (their number), ``seconds`` of
-            the run, ``violation``: which of its laws it breaks, by more than its method allows, "" for none, and
-            ``failure``: why there is no run, "" where there is one.
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """How far each run is from the reference, or each from each where there is none.
+
+        Columns: ``method``, ``against`` (the reference by its name, or another label), ``dt`` (s) and ``steps`` of the run,
+        one column a norm of `lcpimpact.study.accuracy.norms.NORMS` in its unit, ``events`` (their number), ``seconds`` of
+        the run, ``violation``: which of its laws it breaks, by more than its method allows, "" for none, and ``failure``:
+        why there is no run, "" where there is one.
         """
         pairs: list[tuple[str, Trajectory, str, Trajectory]]
         if self.reference is not None:
@@ -77,13 +86,26 @@ class Comparison:
             }
             for name, run, against, truth in pairs
         ]
-        rows += [
-            {"method": name, "against": "", "violation": "", "failure": why} for name, why in self.failures.items()
-        ]
+        rows += [{"method": name, "against": "", "violation": "", "failure": why} for name, why in self.reasons.items()]
         columns = ["method", "against", "dt", "steps", *NORMS, "events", "seconds", "violation", "failure"]
-        table = pd.DataFrame(rows, columns=columns).astype({"steps": "Int64", "events": "Int64"})
-        table.attrs = self._attrs()
-        return table
+        return pd.DataFrame(rows, columns=columns).astype({"steps": "Int64", "events": "Int64"})
+
+    def summary(self) -> str:
+        """Return the differences, the events side by side, and the energies at the end."""
+        differences, events, energies = self.table, self.events(), self.energies()
+        broken = differences[differences["violation"] != ""].drop_duplicates("method")
+        against = "each other" if self.reference is None else self.reference.name
+        number = len(self.runs) + len(self.reasons)
+        lines = [f"{self.problem.name}, {number} methods against {against}, to {self.t_end:g} s", ""]
+        lines += table_lines(differences.loc[differences["failure"] == "", ["method", "steps", *SHOWN_NORMS]], ".2e")
+        lines += [f"  {why}" for why in broken["violation"]]
+        lines += [f"  {label}: {why}" for label, why in self.reasons.items()]
+        if len(events):
+            lines += ["", *table_lines(events.head(SHOWN_EVENTS), ".6f")]
+            lines += [f"  and {len(events) - SHOWN_EVENTS} more events"] * (len(events) > SHOWN_EVENTS)
+        if len(energies):
+            lines += ["", "  energies at the end in J", *table_lines(energies, ".5g")]
+        return "\n".join(lines)
 
     def events(self) -> pd.DataFrame:
         """Return the events side by side: the k-th of a contact and kind in one row, in the order of time.
@@ -110,9 +132,7 @@ class Comparison:
         times = table[list(runs)]
         table["spread"] = times.max(axis=1) - times.min(axis=1)
         order = times.min(axis=1).to_numpy().argsort(kind="stable")
-        table = table.iloc[order].reset_index(drop=True)
-        table.attrs = self._attrs()
-        return table
+        return table.iloc[order].reset_index(drop=True)
 
     def forces(self) -> pd.DataFrame:
         """Return the forces of all contacts, compliant ones too, by all methods, each at the instants at which it lives.
@@ -138,9 +158,7 @@ class Comparison:
                 columns = {"t": t, "r": r, "reference": known[:, i], "difference": r - known[:, i]}
                 parts.append(pd.DataFrame({"method": label, "contact": contact.name, **columns}))
         names = ["method", "contact", "t", "r", "reference", "difference"]
-        table = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=names)
-        table.attrs = self._attrs()
-        return table
+        return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=names)
 
     def ledgers(self) -> dict[str, Ledger]:
         """Return the energy ledger of each run, and of the reference under "reference"; none for a system given directly."""
@@ -153,18 +171,12 @@ class Comparison:
         """Return what each ledger came to at the end: ``item``, then a column in J for the reference and each method."""
         ledgers = self.ledgers()
         columns = {label: ledger.totals.set_index("item")["end"] for label, ledger in ledgers.items()}
-        table = pd.DataFrame(columns).rename_axis("item").reset_index() if columns else pd.DataFrame(columns=["item"])
-        table.attrs = self._attrs()
-        return table
+        return pd.DataFrame(columns).rename_axis("item").reset_index() if columns else pd.DataFrame(columns=["item"])
 
     def _all(self) -> dict[str, Trajectory]:
         """Return the runs with the reference before them."""
         first = {} if self.reference is None else {REFERENCE: self.reference.trajectory}
         return {**first, **self.runs}
-
-    def _attrs(self) -> dict[str, str | float]:
-        name = "each other" if self.reference is None else self.reference.name
-        return {"problem": self.problem.name, "t_end": float(self.t_end), "reference": name}
 
 
 @checked
@@ -176,7 +188,7 @@ def compare(
     t_end: float | None = None,
     reference: Reference | Trajectory | str | None = "auto",
     lcp_solver: str = "auto",
-    watch: Watch = unwatched,
+    progress: Progress = True,
 ) -> Comparison:
     """Run one problem by several methods, to see what separates them.
 
@@ -195,8 +207,8 @@ def compare(
         none of them, if there is one; None compares them with each other.
     lcp_solver : str
         A name of ``lcpimpact list solvers``, for the methods that solve LCPs.
-    watch : callable
-        See `lcpimpact.study.watch`.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Returns
     -------
@@ -226,8 +238,8 @@ def compare(
     if isinstance(dt, Mapping) and (unknown := [label for label in dt if label not in chosen]):
         raise InputError(f"dt: there is no method {unknown[0]!r} among {', '.join(chosen)}")
     truth = _reference(problem, end, {each.name for each in chosen.values()}, reference)
-    runs, failures = {}, {}
-    for label, integrator in watch(chosen.items(), len(chosen), "methods"):
+    runs, reasons = {}, {}
+    for label, integrator in watched(chosen.items(), len(chosen), "methods", progress):
         solver = lcp_solver if integrator.solves_lcp else "auto"
         try:
             run = simulate(
@@ -236,13 +248,13 @@ def compare(
         except InputError:
             raise
         except LcpImpactError as error:
-            failures[label] = str(error)
+            reasons[label] = str(error)
             continue
         if run.ended:
             runs[label] = run
         else:
-            failures[label] = run.message
-    return Comparison(problem, float(end), runs, failures, truth)
+            reasons[label] = run.message
+    return Comparison(problem, float(end), runs, reasons, truth)
 
 
 def _steps(label: str, dt: float | Mapping[str, float], t_end: float) -> int:
@@ -256,16 +268,10 @@ def _steps(label: str, dt: float | Mapping[str, float], t_end: float) -> int:
 def _reference(
     problem: Problem, t_end: float, compared: set[str], given: Reference | Trajectory | str | None
 ) -> Reference | None:
-    if isinstance(given, Trajectory):
-        given = Reference(given, given.method)
     if given is None:
         return None
-    if isinstance(given, Reference):
-        if given.trajectory.t[-1] < t_end * (1.0 - 1e-9):
-            raise InputError(
-                f"reference ends at {given.trajectory.t[-1]:g} s, before t_end = {t_end:g} s: take a longer one"
-            )
-        return given
+    if isinstance(given, (Reference, Trajectory)):
+        return given_reference(given, t_end)
     if given != "auto":
         raise InputError(f"reference = {given!r} must be a Reference, a Trajectory, 'auto', or None for none")
     try:

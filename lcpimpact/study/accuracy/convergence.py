@@ -12,25 +12,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError, LcpImpactError
-from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.base import Declared, Integrator
+from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import count, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.penalty import penalized
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import make_integrator, simulate
+from lcpimpact.study.accuracy.fitted_order import observe
+from lcpimpact.study.accuracy.limits import Limit, chosen_options, declared_order, limits_of
 from lcpimpact.study.accuracy.norms import NORMS, errors
-from lcpimpact.study.accuracy.reference import Reference
+from lcpimpact.study.accuracy.reference import Reference, given_reference
 from lcpimpact.study.accuracy.reference import reference as find_reference
-from lcpimpact.study.watch import Watch, unwatched
+from lcpimpact.study.progress import Progress, watched
+from lcpimpact.study.result import Study, failure_lines, table_lines
 from lcpimpact.trajectory import Trajectory
 
 Penalty = tuple[str, float] | tuple[str, float, Mapping[str, float]]
@@ -71,96 +73,6 @@ COSTS = ("steps", "lcp_solves", "lcp_iterations", "newton_iterations", "evaluati
 """The columns that say what a run cost."""
 
 
-@dataclass(frozen=True)
-class Limit:
-    """What limits the order of a method on a problem, and where its declared order stands.
-
-    Attributes
-    ----------
-    name : str          "smooth", "force kink", "force jump", "friction", "impact", or "compliant law"
-    order : str         field of `Declared`; "" where nothing is declared
-    norm : str          the norm in which it is declared
-    """
-
-    name: str
-    order: str
-    norm: str = "sup_q"
-
-
-SMOOTH = Limit("smooth", "order_smooth")
-KINK = Limit("force kink", "order_force_kink")
-JUMP = Limit("force jump", "order_force_jump")
-FRICTION = Limit("friction", "order_friction")
-IMPACT = Limit("impact", "order_impact", "l1_v")
-COMPLIANT = Limit("compliant law", "")
-
-
-def limits_of(truth: Trajectory) -> tuple[Limit, ...]:
-    """Return what limits the orders on a motion, by its events; those that happen, the worst last.
-
-    A contact that opens or closes counts by its relative degree: 0 a kink of the force, 1 a jump, 2 an impact, which may
-    pass through contacts of a lower degree too. The jump at the start of a system is no matter of steps. A slider of
-    degree 2 that sticks or slips is friction; where it has a spring or a dashpot in series, a kink or a jump. About the
-    kinks and jumps of non-linear springs nothing is declared.
-
-    Examples
-    --------
-    >>> from lcpimpact import load_problem, simulate
-    >>> [limit.name for limit in limits_of(simulate(load_problem("system-1"), "exact", dt=0.1, t_end=3.0))]
-    ['smooth', 'force jump']
-    """
-    d = truth.problem.dynamics
-    contacts = {contact.name: contact for contact in d.contacts}
-    happened = {SMOOTH}
-    if d.springs:
-        happened.add(COMPLIANT)
-    for event in truth.events:
-        if event.contact not in contacts:
-            continue
-        contact = contacts[event.contact]
-        last = FRICTION if contact.r0 is not None else IMPACT
-        if event.kind != "jump":
-            happened.add((KINK, JUMP, last)[2 if event.kind == "impact" else contact.relative_degree])
-    return tuple(limit for limit in (SMOOTH, KINK, JUMP, FRICTION, IMPACT, COMPLIANT) if limit in happened)
-
-
-def floor_of(reference: str, norm: str) -> float:
-    """Return the error of a reference of that name, relative to the scale of a norm, below which no error is seen.
-
-    In the L2 norm of v a jump that comes late by δ counts as δ^(1/2).
-
-    Examples
-    --------
-    >>> floor_of("exact", "sup_q"), floor_of("event-driven (rtol=1e-12, atol=1e-14)", "sup_q"), floor_of("exact", "l2_v")
-    (1e-12, 1e-09, 1e-06)
-    """
-    method = METHODS.get(reference.replace("(", " ").split(" ")[0])
-    floor = Declared.accuracy if method is None else method.declared.accuracy
-    return math.sqrt(floor) if norm == "l2_v" else floor
-
-
-def declared_order(integrator: Integrator, limits: Sequence[Limit]) -> float:
-    """Return the order that a method declares where these limits hold, the least of them; nan where it declares none.
-
-    What is declared holds for the usual options, and for any tolerance.
-
-    Examples
-    --------
-    >>> from lcpimpact.integrators.moreau_jean import MoreauJean
-    >>> declared_order(MoreauJean(), (SMOOTH, JUMP)), declared_order(MoreauJean(theta=1.0), (SMOOTH, JUMP))
-    (2.0, nan)
-    """
-    if COMPLIANT in limits or not all(option in integrator.tolerances for option in _chosen(integrator)):
-        return math.nan
-    return float(min(getattr(integrator.declared, limit.order) for limit in limits))
-
-
-def _chosen(integrator: Integrator) -> dict[str, Any]:
-    """Return the options of a method that are not the usual ones."""
-    values = {each.name: (getattr(integrator, each.name), each.default) for each in fields(integrator)}  # type: ignore[arg-type]
-    return {name: value for name, (value, usual) in values.items() if value != usual}
-
-
 def labelled(methods: Methods) -> dict[str, Integrator]:
     """Return the methods by label: that of the mapping, or the name with those options that are not the usual ones.
 
@@ -193,7 +105,7 @@ def labelled(methods: Methods) -> dict[str, Integrator]:
 
 
 def _label(integrator: Integrator) -> str:
-    chosen = [f"{name}={value}" for name, value in _chosen(integrator).items()]
+    chosen = [f"{name}={value}" for name, value in chosen_options(integrator).items()]
     return f"{integrator.name}({', '.join(chosen)})" if chosen else integrator.name
 
 
@@ -230,6 +142,150 @@ def _prime_from(n: int) -> int:
     return n
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class Convergence(Study):
+    """Errors of methods over their steps.
+
+    It reads as its table: ``study["sup_q"]`` is ``study.table["sup_q"]``, and so for all that a DataFrame has.
+
+    Attributes
+    ----------
+    problem : Problem
+    t_end : float           s
+    table : DataFrame       one row a variant, method and step, see `convergence`
+    norm : str              the norm that summary, picture and report show: that of the declared orders, if it was measured
+    limited_by : Limit      what limits the orders, see `lcpimpact.study.accuracy.limits`; None without a reference
+    scales : mapping        norm to what an error in it is to be compared with
+    """
+
+    problem: Problem
+    t_end: float
+    table: pd.DataFrame
+    norm: str
+    limited_by: Limit | None = None
+    scales: Mapping[str, float] = field(default_factory=dict)
+
+    drawn_by = "lcpimpact.plotting.convergence:plot_convergence"
+    title = "Convergence on {0.problem.name}"
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name.startswith("_") or name == "table":
+                raise AttributeError(name)
+            return getattr(self.table, name)
+
+    def __getitem__(self, key: Any) -> Any:
+        return self.table[key]
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    def head(self) -> list[str]:
+        """Return the first lines of the summary: the problem, the references and the norm."""
+        references = " or ".join(dict.fromkeys(name for name in self.table["reference"] if name)) or "nothing"
+        limit = "nothing" if self.limited_by is None else self.limited_by.name
+        norm = NORMS[self.norm]
+        return [
+            f"{self.problem.name} to t = {self.t_end:g} s, against {references}; orders limited by: {limit}",
+            f"{self.norm}: {norm.what}" + (f", {norm.unit}" if norm.unit else ""),
+        ]
+
+    def remarks(self) -> list[str]:
+        """Return a line for each reason why runs have no result, and for each method whose runs break their laws."""
+        broken = self.table[self.table["violation"] != ""]
+        return failure_lines(self.failures) + [
+            f"  {len(runs)} whose certificate fails: {runs['violation'].iloc[0]}"
+            for _, runs in broken.groupby("method", sort=False)
+        ]
+
+    def summary(self) -> str:
+        """Return the observed order of each method, its scatter and the declared order, and what failed."""
+        orders = observed_orders(self, self.norm).to_dict("records")
+        return "\n".join([*self.head(), *map(_order_line, orders), *self.remarks()])
+
+
+@checked
+def observed_orders(study: Convergence, norm: str | None = None) -> pd.DataFrame:
+    """Fit the order of each method of a study of convergence, and say whether it is as declared.
+
+    Parameters
+    ----------
+    study : Convergence
+        Of `lcpimpact.convergence`.
+    norm : str, optional
+        One norm of its table; by default all.
+
+    Returns
+    -------
+    DataFrame
+        One row a method, law, stiffness and norm:
+
+        - ``method``, ``law``, ``k``, ``norm``
+        - ``order``: slope of log error against log dt; NaN where fewer than two errors tell one
+        - ``scatter``: standard deviation of log10 of the errors about the line
+        - ``standard_error``: of the slope
+        - ``points``: number of errors that were fitted
+        - ``rounding``: number of errors left out, because they are rounding or the reference's own
+        - ``failed``: number of runs without a result
+        - ``declared``: what the method declares for this problem, in the norm in which it declares it; else NaN. The
+          events of the reference decide: the least of the orders declared for smooth motion, for kinks and jumps of the
+          force, for friction and for impacts, of those that happen
+        - ``verdict``: "as declared" if the order is within 0.2 of the declared one in smooth motion and within 0.35 with
+          events, or if a method that is exact, or follows rtol, has errors that are small enough; else "off". "" where
+          nothing is declared; "rounding" where there is no order to be seen; "failed" where no run has a result
+
+    Examples
+    --------
+    >>> from lcpimpact import convergence, load_problem, observed_orders
+    >>> study = convergence(load_problem("system-1"), ["moreau-jean"], [0.01 / 1.6**i for i in range(6)])
+    >>> orders = observed_orders(study, "sup_q")
+    >>> orders["verdict"].item(), bool(abs(orders["order"].item() - 2.0) < 0.35)
+    ('as declared', True)
+    """
+    present = [name for name in NORMS if name in study.table]
+    if norm is not None and norm not in present:
+        raise InputError(f"norm = {norm!r} is not in the table; it has {', '.join(present) or 'none'}")
+    limit, rows = study.limited_by, []
+    for (method, law, k), runs in study.table.groupby(["method", "law", "k"], sort=False, dropna=False):
+        for name in present if norm is None else [norm]:
+            declared = float(runs["declared"].iloc[0]) if limit is not None and limit.norm == name else math.nan
+            found = observe(runs, name, study.scales.get(name, 0.0), declared, limit)
+            rows.append({"method": method, "law": law, "k": k, "norm": name} | found)
+    return pd.DataFrame(rows)
+
+
+def _order_line(row: Mapping[str, Any]) -> str:
+    name = row["method"] if row["law"] == "rigid" else f"{row['method']}, {row['law']} k={row['k']:g}"
+    if row["points"] < 2:
+        return f"  {name:<28} {row['verdict'] or 'no order to be seen'}"
+    declared = "" if math.isnan(row["declared"]) else f"  declared {row['declared']:g}"
+    return f"  {name:<28} order {row['order']:.2f} ± {row['scatter']:.2f}{declared}  {row['verdict']}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class WorkPrecision(Convergence):
+    """Errors of methods over what their runs cost.
+
+    Attributes
+    ----------
+    problem, t_end, table, norm, limited_by, scales
+        As of `Convergence`.
+    cost : str              the column of costs that summary, picture and report show
+    """
+
+    cost: str = "seconds"
+
+    drawn_by = "lcpimpact.plotting.convergence:plot_work_precision"
+    title = "Work and precision on {0.problem.name}"
+
+    def summary(self) -> str:
+        """Return the error and the cost of each run, and what failed."""
+        columns = ["method", "law", "k", "rtol", "dt", "steps", self.norm, self.cost]
+        rows = self.table.loc[self.table["failure"] == "", list(dict.fromkeys(columns))]
+        return "\n".join([*self.head(), *table_lines(rows), *self.remarks()])
+
+
 @dataclass(frozen=True, eq=False)
 class Task:
     """One row to be: a method, the problem that it runs (or why there is none), the step, and the tolerance."""
@@ -256,8 +312,8 @@ def convergence(
     reference: Trajectory | Reference | None = None,
     repeats: int = 1,
     lcp_solver: str = "auto",
-    watch: Watch = unwatched,
-) -> pd.DataFrame:
+    progress: Progress = True,
+) -> Convergence:
     r"""Run a problem, and its compliant variants, by several methods with several steps, and measure every error.
 
     Parameters
@@ -281,13 +337,13 @@ def convergence(
         Runs of each row, in turn; the time is their minimum. What compiles is compiled before.
     lcp_solver : str
         For the methods that solve LCPs.
-    watch : callable
-        See `lcpimpact.study.watch`.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Returns
     -------
-    DataFrame
-        One row a variant, method and step, in this order:
+    Convergence
+        Its ``table`` has one row a variant, method and step, in this order:
 
         - ``method``: label; ``law``, ``k``: "rigid" and inf, or the law and its stiffness in N/m or N/mⁿ
         - ``rtol``: tolerance of a method that has one, else NaN; ``dt``: step in s, t_end/n
@@ -303,9 +359,6 @@ def convergence(
         - ``violation``: which of its laws the run breaks, by more than its method allows, "" for none
         - ``failure``: why there is no result, "" where there is one; then the numbers are NaN
 
-        ``attrs``: problem, t_end, limited_by (what limits the order, see `limits_of`), declared_norm (the norm in which
-        methods declare such an order), and for each norm ``scale_NORM``, what an error in it is to be compared with.
-
     Raises
     ------
     InputError
@@ -314,11 +367,13 @@ def convergence(
     Examples
     --------
     >>> from lcpimpact import convergence, load_problem
-    >>> table = convergence(load_problem("system-1"), ["moreau-jean"], [1e-2, 1e-3], norms=["sup_q"])
-    >>> [f"{row.steps} {row.sup_q:.0e}" for row in table.itertuples()]
+    >>> study = convergence(load_problem("system-1"), ["moreau-jean"], [1e-2, 1e-3], norms=["sup_q"])
+    >>> [f"{row.steps} {row.sup_q:.0e}" for row in study.table.itertuples()]
     ['307 9e-04', '3001 2e-05']
     """
-    return _run_all(problem, methods, dts, (), t_end, norms, penalties, reference, repeats, lcp_solver, watch)
+    return Convergence(
+        **_run_all(problem, methods, dts, (), t_end, norms, penalties, reference, repeats, lcp_solver, progress)
+    )
 
 
 @checked
@@ -334,8 +389,8 @@ def work_precision(
     reference: Trajectory | Reference | None = None,
     repeats: int = 5,
     lcp_solver: str = "auto",
-    watch: Watch = unwatched,
-) -> pd.DataFrame:
+    progress: Progress = True,
+) -> WorkPrecision:
     """Measure errors against costs: as `convergence`, with tolerances where a method chooses its steps.
 
     A method that has a tolerance (``event-driven``, or an object that was given ``rtol``) runs with each of ``rtols``
@@ -344,26 +399,28 @@ def work_precision(
 
     Parameters
     ----------
-    problem, methods, dts, t_end, norms, penalties, reference, repeats, lcp_solver, watch
+    problem, methods, dts, t_end, norms, penalties, reference, repeats, lcp_solver, progress
         As of `convergence`.
     rtols : sequence of float
         The tolerances; atol, where a method has it, keeps its ratio to rtol.
 
     Returns
     -------
-    DataFrame
-        As of `convergence`.
+    WorkPrecision
+        With a table as of `convergence`.
 
     Examples
     --------
     >>> from lcpimpact import load_problem, work_precision
-    >>> table = work_precision(
+    >>> study = work_precision(
     ...     load_problem("bouncing-ball"), ["moreau-jean", "event-driven"], [1e-2, 1e-3], rtols=[1e-4, 1e-8], t_end=1.0
     ... )
-    >>> list(table["method"]), list(table["rtol"].dropna())
+    >>> list(study.table["method"]), list(study.table["rtol"].dropna())
     (['moreau-jean', 'moreau-jean', 'event-driven', 'event-driven'], [0.0001, 1e-08])
     """
-    return _run_all(problem, methods, dts, rtols, t_end, norms, penalties, reference, repeats, lcp_solver, watch)
+    return WorkPrecision(
+        **_run_all(problem, methods, dts, rtols, t_end, norms, penalties, reference, repeats, lcp_solver, progress)
+    )
 
 
 def _run_all(
@@ -377,9 +434,9 @@ def _run_all(
     reference: Trajectory | Reference | None,
     repeats: int,
     lcp_solver: str,
-    watch: Watch,
-) -> pd.DataFrame:
-    """Check what was given, make the tasks, and run them in turn."""
+    progress: Progress,
+) -> dict[str, Any]:
+    """Check what was given, make the tasks, run them in turn, and return the fields of a `Convergence`."""
     end = problem.t_end if t_end is None else t_end
     for name, values in (("t_end", [end]), ("dts", dts), ("rtols", rtols)):
         for value in values:
@@ -391,7 +448,7 @@ def _run_all(
     count("repeats", repeats)
     taking_part = labelled(methods)
     names = list(NORMS) if norms is None else list(norms)
-    for name in names:
+    for name in names or [""]:
         if name not in NORMS:
             raise InputError(nearest(str(name), list(NORMS), "norm"))
     truths = _truths(problem, end, taking_part, reference)
@@ -399,7 +456,7 @@ def _run_all(
 
     found: list[dict[str, Any]] = [{} for _ in tasks]
     turns = ((number, turn) for turn in range(repeats) for number in range(len(tasks)))
-    for number, turn in watch(turns, len(tasks) * repeats, "runs"):
+    for number, turn in watched(turns, len(tasks) * repeats, "runs", progress):
         task, row = tasks[number], found[number]
         if turn == 0:
             row.update(_first(task, names, lcp_solver))
@@ -407,14 +464,14 @@ def _run_all(
             run = _simulate(task, lcp_solver)
             row["seconds"] = min(row["seconds"], run.stats.seconds)
     table = pd.DataFrame(found, columns=_columns(names)).astype(dict.fromkeys(COUNTS, "Int64"))
-    known = next((truth for truth in truths.values() if isinstance(truth, Reference)), None)
-    table.attrs = {"problem": problem.name, "t_end": float(end)}
-    if known is not None:
-        truth = known.trajectory
-        limit = limits_of(truth)[-1]
-        table.attrs |= {"limited_by": limit.name, "declared_norm": limit.norm}
-        table.attrs |= {f"scale_{name}": SCALES[name](truth) for name in names}
-    return table
+    known = next((truth.trajectory for truth in truths.values() if isinstance(truth, Reference)), None)
+    if known is None:
+        return {"problem": problem, "t_end": float(end), "table": table, "norm": names[0]}
+    limit = limits_of(known)[-1]
+    return {
+        "problem": problem, "t_end": float(end), "table": table, "limited_by": limit,
+        "norm": limit.norm if limit.norm in names else names[0], "scales": {name: SCALES[name](known) for name in names},
+    }  # fmt: skip
 
 
 def _columns(norms: Sequence[str]) -> list[str]:
@@ -429,14 +486,8 @@ def _truths(
     problem: Problem, t_end: float, methods: Mapping[str, Integrator], given: Trajectory | Reference | None
 ) -> dict[str, Reference | str]:
     """Return by the name of each method what it is measured against, or why there is nothing."""
-    if isinstance(given, Trajectory):
-        given = Reference(given, given.method)
-    if given is not None and given.trajectory.t[-1] < t_end * (1.0 - 1e-9):
-        raise InputError(
-            f"reference ends at {given.trajectory.t[-1]:g} s, before t_end = {t_end:g} s: take a longer one"
-        )
     if given is not None:
-        return {integrator.name: given for integrator in methods.values()}
+        return dict.fromkeys((integrator.name for integrator in methods.values()), given_reference(given, t_end))
     best = _truth(problem, t_end, ())
     found = {}
     for integrator in methods.values():

@@ -40,7 +40,7 @@ from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import FailureError, InputError, LcpImpactError
 from lcpimpact.numbers import is_real, positive
 from lcpimpact.problems.base import Problem
-from lcpimpact.study.accuracy.convergence import FRICTION, IMPACT, JUMP, declared_order, limits_of
+from lcpimpact.study.accuracy.limits import FRICTION, IMPACT, JUMP, declared_order, limits_of
 from lcpimpact.study.accuracy.paired_events import Pairing, farthest, pair_events
 from lcpimpact.study.accuracy.routes import (
     RATIO,
@@ -54,7 +54,8 @@ from lcpimpact.study.accuracy.routes import (
     step_counts,
     take,
 )
-from lcpimpact.study.watch import Watch, unwatched
+from lcpimpact.study.progress import Progress, watched
+from lcpimpact.study.result import Study, table_lines
 
 ASYMPTOTIC = 1e-3
 """Errors below this, relative to the size of the motion, show an order above 2; before, steps are too long for it."""
@@ -93,8 +94,8 @@ class Outcome(Enum):
     NOTHING = "nothing to judge by"
 
 
-@dataclass(frozen=True, eq=False)
-class CrossValidation:
+@dataclass(frozen=True, eq=False, repr=False)
+class CrossValidation(Study):
     """The verdict on several routes to one motion.
 
     Attributes
@@ -105,8 +106,7 @@ class CrossValidation:
         ``against``, the route that it was judged by; ``difference`` (m), the largest of the coordinates at 195 instants;
         ``allowed`` (m), what it may be; ``estimate`` (m), the route's own error E; ``observed`` and ``declared`` order of
         the coordinates, NaN where none is judged; ``events``, how many it has; ``agrees``, in everything that it tells;
-        ``doubt``, why it cannot confirm another, else ""; ``failure``, why there is no motion, else "". ``attrs``: problem,
-        t_end, scale (m).
+        ``doubt``, why it cannot confirm another, else ""; ``failure``, why there is no motion, else "".
     pairs : DataFrame
         One row a pair of routes and quantity: ``a``, ``b``, ``quantity``, ``difference``, ``allowed``, ``scale`` (size of
         the motion), ``agrees``, and ``confirms``: whether they are of different families and free of doubt. Coordinates in m
@@ -119,6 +119,10 @@ class CrossValidation:
     resolution : float
         Relative to the size of the motion: a mistake below this may hide behind the errors that routes own up to. Of each
         quantity it is the least that a confirming pair allows, and of these the largest. NaN without agreement.
+    t_end : float
+        s
+    scale : float
+        Size of the motion in the coordinates, in m.
     """
 
     problem: Problem
@@ -127,6 +131,11 @@ class CrossValidation:
     reasons: tuple[str, ...]
     outcome: Outcome
     resolution: float
+    t_end: float
+    scale: float
+
+    drawn_by = "lcpimpact.plotting.comparison:plot_cross_validation"
+    title = "{0.problem.name}: cross-validation"
 
     @property
     def agree(self) -> bool:
@@ -134,12 +143,23 @@ class CrossValidation:
         return self.outcome is Outcome.AGREE
 
     def __str__(self) -> str:
+        return "\n".join([*self.head(), *(f"  {reason}" for reason in self.reasons)])
+
+    def head(self) -> list[str]:
+        """Return the verdict in one line."""
         taken = self.table[self.table["failure"] == ""]
         verdict = self.outcome.value
         if self.agree:
             families = taken["family"].nunique()
             verdict = f"{len(taken)} routes of {families} families agree, to {self.resolution:.1g} of the motion"
-        return "\n".join([f"{self.problem.name}: {verdict}", *(f"  {reason}" for reason in self.reasons)])
+        return [f"{self.problem.name}: {verdict}"]
+
+    def summary(self) -> str:
+        """Return the verdict, the routes, and the reasons."""
+        columns = ["route", "family", "against", "difference", "allowed", "observed", "declared", "events", "agrees"]
+        routes = table_lines(self.table.loc[self.table["failure"] == "", columns], ".2g")
+        reasons = ["", *(f"  {reason}" for reason in self.reasons)] if self.reasons else []
+        return "\n".join([*self.head(), "", *routes, *reasons])
 
 
 @checked
@@ -149,8 +169,8 @@ def cross_validate(
     *,
     dt: float | None = None,
     t_end: float | None = None,
-    tolerance: float | None = None,
-    watch: Watch = unwatched,
+    tol: float | None = None,
+    progress: Progress = True,
 ) -> CrossValidation:
     """Take several independent routes to one motion, and judge whether they lead to the same.
 
@@ -166,10 +186,10 @@ def cross_validate(
         The finest step in s; by default t_end/5265. The coarser ones are 3, 9 and 27 times as long.
     t_end : float, optional
         End in s; by default that of the problem, for which its facts are known.
-    tolerance : float, optional
+    tol : float, optional
         Relative to the size of the motion: a difference that is forgiven whatever the estimates say; 1e-9 by default.
-    watch : callable
-        See `lcpimpact.study.watch`.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Returns
     -------
@@ -206,21 +226,19 @@ def cross_validate(
     end = problem.t_end if t_end is None else t_end
     positive("t_end", end, "s")
     positive("dt", end if dt is None else dt, "s")
-    if tolerance is not None and (not is_real(tolerance) or not 0.0 < tolerance < 1.0):
-        raise InputError(
-            f"tolerance = {tolerance!r} must be a number between 0 and 1, relative to the size of the motion"
-        )
+    if tol is not None and (not is_real(tol) or not 0.0 < tol < 1.0):
+        raise InputError(f"tol = {tol!r} must be a number between 0 and 1, relative to the size of the motion")
     counts = step_counts(float(end), dt)
     given = by_label(default_routes(problem) if routes is None else routes)
     found: dict[str, Found] = {}
     missing: dict[str, Missing] = {}
-    for label, what in watch(given.items(), len(given), "routes"):
+    for label, what in watched(given.items(), len(given), "routes", progress):
         route = make_route(problem, label, what, counts, float(end))
         try:
             found[label] = take(route)
         except LcpImpactError as error:
             missing[label] = Missing(route, str(error), isinstance(error, FailureError))
-    return _judged(problem, given, found, missing, float(end), ROUNDING if tolerance is None else tolerance)
+    return _judged(problem, given, found, missing, float(end), ROUNDING if tol is None else tol)
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,10 +256,10 @@ def _judged(
     found: Mapping[str, Found],
     missing: Mapping[str, Missing],
     t_end: float,
-    tolerance: float,
+    tol: float,
 ) -> CrossValidation:
     """Compare what was found, and say what it means."""
-    judge = Judge(problem, found, t_end, tolerance)
+    judge = Judge(problem, found, t_end, tol)
     pairs = list(judge.pairs())
     leader = judge.leader(pairs)
     rows = [
@@ -258,7 +276,6 @@ def _judged(
         *("agrees", "doubt", "failure"),
     ]
     table = pd.DataFrame(rows, columns=columns).astype({"events": "Int64"})
-    table.attrs = {"problem": problem.name, "t_end": t_end, "scale": judge.scale[COORDINATES]}
     broke_off = [f"{label!r} broke off: {each.why}" for label, each in missing.items() if each.broke_off]
     refused = [f"{label!r} was not taken: {each.why}" for label, each in missing.items() if not each.broke_off]
     wrong = [reason for label in found for reason in judge.reasons(label, leader)]
@@ -267,9 +284,9 @@ def _judged(
     lacking: list[str] = [] if wrong or ended else list(judge.lacking(pairs))
     outcome = Outcome.DISAGREE if wrong or ended else Outcome.NOTHING if lacking else Outcome.AGREE
     listed = pd.DataFrame(pairs, columns=["a", "b", "quantity", "difference", "allowed", "scale", "agrees", "confirms"])
-    listed.attrs = dict(table.attrs)
     resolution = judge.resolution(pairs) if outcome is Outcome.AGREE else math.nan
-    return CrossValidation(problem, table, listed, (*wrong, *broke_off, *lacking, *refused), outcome, resolution)
+    reasons = (*wrong, *broke_off, *lacking, *refused)
+    return CrossValidation(problem, table, listed, reasons, outcome, resolution, t_end, judge.scale[COORDINATES])
 
 
 class Judge:
@@ -281,11 +298,11 @@ class Judge:
     found : mapping of str to Found
     t_end : float
         In s.
-    tolerance : float
+    tol : float
         Relative to the size of the motion.
     """
 
-    def __init__(self, problem: Problem, found: Mapping[str, Found], t_end: float, tolerance: float) -> None:
+    def __init__(self, problem: Problem, found: Mapping[str, Found], t_end: float, tol: float) -> None:
         self.problem, self.t_end, self.found = problem, t_end, found
         massive = problem.dynamics.massive
         self.judged: Flags = massive if massive.any() else ~massive
@@ -303,9 +320,9 @@ class Judge:
             quantity: float(np.median([size[quantity] for size in sizes if quantity in size] or [0.0]))
             for quantity in self.quantities
         }
-        self.floor = {quantity: tolerance * self.scale[quantity] for quantity in self.quantities}
+        self.floor = {quantity: tol * self.scale[quantity] for quantity in self.quantities}
         self.floor |= {
-            quantity: max(tolerance, ACCUMULATED) * self.scale[quantity]
+            quantity: max(tol, ACCUMULATED) * self.scale[quantity]
             for quantity in (TIMES, IMPULSES)
             if quantity in self.scale
         }

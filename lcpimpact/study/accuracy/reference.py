@@ -39,6 +39,16 @@ class Reference:
     name: str
 
 
+def given_reference(given: Reference | Trajectory, t_end: float) -> Reference:
+    """Return what was given as a reference, which must reach the end."""
+    found = Reference(given, given.method) if isinstance(given, Trajectory) else given
+    if found.trajectory.t[-1] < t_end * (1.0 - 1e-9):
+        raise InputError(
+            f"reference ends at {found.trajectory.t[-1]:g} s, before t_end = {t_end:g} s: take a longer one"
+        )
+    return found
+
+
 @checked
 def reference(problem: Problem, t_end: float | None = None, unlike: Collection[str] = ()) -> Reference:
     """Return the solution that runs are to be judged against.

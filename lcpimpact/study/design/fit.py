@@ -43,7 +43,8 @@ from lcpimpact.problems.reading import read
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import simulate
 from lcpimpact.study.design.parameters import value_at, with_values
-from lcpimpact.study.watch import Watch, unwatched
+from lcpimpact.study.progress import Progress, watched
+from lcpimpact.study.result import Study, failed_rows
 from lcpimpact.trajectory import Trajectory
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
@@ -107,8 +108,8 @@ class Target:
         return self.sigma or abs(self.value) or 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Fit:
+@dataclass(frozen=True, eq=False, repr=False)
+class Fit(Study):
     """What a fit found.
 
     Attributes
@@ -140,6 +141,9 @@ class Fit:
     notes: tuple[str, ...] = ()
     evaluations: int = 0
 
+    drawn_by = "lcpimpact.plotting.design:plot_fit"
+    title = "Fit"
+
     @property
     def values(self) -> dict[str, float]:
         """The fitted value of each parameter."""
@@ -151,14 +155,23 @@ class Fit:
         ends = zip(self.table["low"], self.table["high"], strict=True)
         return dict(zip(self.table["parameter"], ends, strict=True))
 
-    def __repr__(self) -> str:
+    @property
+    def failures(self) -> pd.DataFrame:
+        """The starts whose search failed, with the reason in the column ``failure``."""
+        return failed_rows(self.starts)
+
+    def head(self) -> list[str]:
+        """Return what was fitted to how many numbers."""
+        counts = f"{len(self.residuals)} numbers, {len(self.table)} parameters"
+        return [f"Fit of {self.problem.name}: {counts}, {self.level:.0%} intervals"]
+
+    def summary(self) -> str:
+        """Return each parameter with its standard error and interval, and what the numbers cannot tell."""
         rows = [
             f"  {row.parameter:<16} {row.value:.8g} ± {row.standard_error:.2g}, {row.low:.6g} ... {row.high:.6g}"
             for row in self.table.itertuples()
         ]
-        counts = f"{len(self.residuals)} numbers, {len(rows)} parameters"
-        head = f"Fit of {self.problem.name}: {counts}, {self.level:.0%} intervals"
-        return "\n".join([head, *rows, f"  {self.message}", *(f"  {note}" for note in self.notes)])
+        return "\n".join([*self.head(), *rows, f"  {self.message}", *(f"  {note}" for note in self.notes)])
 
 
 @checked
@@ -179,7 +192,7 @@ def fit(
     starts: int = 1,
     seed: int = 0,
     level: float = 0.95,
-    watch: Watch = unwatched,
+    progress: Progress = True,
     **options: Any,
 ) -> Fit:
     r"""Fit parameters of a problem to a measured curve, to wanted outputs, or to both, by least squares.
@@ -214,8 +227,8 @@ def fit(
         Of the random starts.
     level : float
         Of the confidence intervals.
-    watch : Watch
-        Sees the searches.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Returns
     -------
@@ -282,7 +295,7 @@ def fit(
     except (InputError, FailureError) as error:
         raise InputError(f"fit: the run at the start values fails: {error}") from None
     results, rows = [], []
-    for θ in watch(parameters.starts(starts, seed), starts, "searches"):
+    for θ in watched(parameters.starts(starts, seed), starts, "searches", progress):
         found = _search(residuals, θ, parameters.limits, loss)
         results.append(found)
         broken = np.abs(found.fun).max() >= FAILURE_RESIDUAL

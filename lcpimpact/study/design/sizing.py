@@ -32,6 +32,7 @@ from lcpimpact.study.design.law import Law, Rebound
 from lcpimpact.study.design.linear import KelvinVoigtLaw, MaxwellLaw, TensionLaw
 from lcpimpact.study.design.power import HertzLaw, HuntCrossleyLaw
 from lcpimpact.study.design.search import solve
+from lcpimpact.study.result import Study
 from lcpimpact.trajectory import Trajectory
 
 LAWS: dict[str, Law] = {
@@ -40,6 +41,12 @@ LAWS: dict[str, Law] = {
 
 OUTPUTS = {"e": "", "contact_time": "s", "peak_force": "N", "deflection": "m"}
 """Measured quantities of an impact, with units."""
+
+WORDS = {
+    "e": "restitution", "contact_time": "contact time", "peak_force": "greatest force", "deflection": "greatest deflection",
+    "k": "stiffness", "c": "damping", "b": "loss", "n": "exponent",
+}  # fmt: skip
+"""The constants and outputs in words."""
 
 UNITS = OUTPUTS | {"k": "N/mⁿ", "c": "N s/m", "b": "s/m"}
 
@@ -65,8 +72,8 @@ REACH_RTOL = 1e-6
 """Excess of a range over what is wanted above which only its near end is reported."""
 
 
-@dataclass(frozen=True)
-class Design:
+@dataclass(frozen=True, repr=False)
+class Design(Study):
     """An impact with the constants of its block and what it shows.
 
     Attributes
@@ -102,6 +109,39 @@ class Design:
     found: str = ""
     others: tuple[Design, ...] = ()
 
+    drawn_by = "lcpimpact.plotting.design:plot_design"
+    title = "Design of an impact"
+
+    def head(self) -> list[str]:
+        """Return the case and what was wanted of it."""
+        gravity = f", g = {self.g:g} m/s²" if self.g else ""
+        wanted = ", ".join(f"{name} = {value:g}" for name, value in self.wanted.items())
+        return [f"{self.law}, m = {self.m:g} kg, v0 = {self.v0:g} m/s{gravity}; wanted: {wanted}"]
+
+    def summary(self) -> str:
+        """Return the constants of the block, what it shows, and other blocks that show the same."""
+        lines = self.head() + [f"  {name:<13} {value:<20} {words}" for name, value, words in self._rows()]
+        lines.append(f"  found by      {self.found}")
+        for other in self.others:
+            values = ", ".join(f"{name} = {value}" for name, value, _ in other._rows() if name not in self.wanted)
+            lines.append(f"  another one   {values}")
+        return "\n".join(lines)
+
+    def _rows(self) -> list[tuple[str, str, str]]:
+        """Return name, value and words of the constants and outputs."""
+        rows = []
+        for name, words in WORDS.items():
+            value = getattr(self, name)
+            if value is None:
+                continue
+            unit = UNITS.get(name, "")
+            if name == "k":
+                unit = "N/m" if self.n is None else f"N/m^{self.n:g}"
+            note = " (wanted)" if name in self.wanted else ""
+            never = {"contact_time": ", the mass stays", "deflection": ", the mass sinks in"}.get(name, "")
+            rows.append((name, f"{value:.8g} {unit}".strip(), words + note + (never if math.isinf(value) else "")))
+        return rows
+
     def problem(self) -> Problem:
         """Return the impact as a problem: a registered one, with the load m g added if there is gravity."""
         kind = LAWS[self.law]
@@ -130,9 +170,7 @@ class Design:
         columns = [name for name in self.__dataclass_fields__ if name not in ("wanted", "others")]
         rows = [{name: getattr(each, name) for name in columns} for each in (self, *self.others)]
         table = pd.DataFrame(rows, columns=columns)
-        table = table.astype({name: float for name in columns if name not in ("law", "found")})
-        table.attrs = {"wanted": ", ".join(f"{name} = {value:g}" for name, value in self.wanted.items())}
-        return table
+        return table.astype({name: float for name in columns if name not in ("law", "found")})
 
 
 @checked

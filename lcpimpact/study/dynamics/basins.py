@@ -15,17 +15,19 @@ from lcpimpact.errors import InputError, LcpImpactError
 from lcpimpact.hybrid.motion import begin_problem, read
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
-from lcpimpact.study.dynamics.diagrams import MAX_PERIOD, each_of, extents
+from lcpimpact.study.dynamics.diagrams import each_of
+from lcpimpact.study.dynamics.period import MAX_PERIOD, extents
 from lcpimpact.study.dynamics.sections import BLOCK_PERIODS, impact_speeds, impacts_of
 from lcpimpact.study.dynamics.shooting import follow_exactly, force_period, refuse_power_laws
-from lcpimpact.study.watch import Watch, unwatched
+from lcpimpact.study.progress import Progress, watched
+from lcpimpact.study.result import Study, failure_lines
 
 SAME_ATTRACTOR_RTOL = 1e-2
 """Distance below which the points of two attractors are the same, relative to the extent of the attractors."""
 
 
-@dataclass(frozen=True, eq=False)
-class Basins:
+@dataclass(frozen=True, eq=False, repr=False)
+class Basins(Study):
     """Which start leads where.
 
     Attributes
@@ -36,10 +38,28 @@ class Basins:
     attractors : DataFrame
         One row a point of an attractor: ``attractor``, ``period``, ``share`` (of all starts), ``point``, the coordinates and
         velocities at the phase 0 of the force, and ``speed`` (m/s) of the impact before it.
+    name : str
+        Of the problem.
+    longest : int
+        Periods of the force after which a start was given up.
     """
 
     table: pd.DataFrame
     attractors: pd.DataFrame
+    name: str
+    longest: int
+
+    drawn_by = "lcpimpact.plotting.dynamics:plot_basins"
+    title = "Basins of attraction of {0.name}"
+
+    def summary(self) -> str:
+        """Return the period of each attractor with its share of the starts."""
+        lines = [f"{self.name}: {len(self.table)} starts"]
+        for row in self.attractors.drop_duplicates("attractor").to_dict("records"):
+            lines.append(f"  attractor {row['attractor']}: period {row['period']}, of {row['share']:.1%} of the starts")
+        lost = float((self.table["attractor"] == 0).mean())
+        lines += [f"  no period found after {self.longest} periods of the force: {lost:.1%}"] * (lost > 0.0)
+        return "\n".join(lines + failure_lines(self.failures))
 
 
 @checked
@@ -52,7 +72,7 @@ def basins(
     longest: int = 400,
     tol: float = 1e-5,
     workers: int | None = None,
-    watch: Watch = unwatched,
+    progress: Progress = True,
 ) -> Basins:
     """Return the basins of attraction over two values of the start, by the exact motion seen once a period of the force.
 
@@ -73,8 +93,8 @@ def basins(
         Relative miss within which points repeat themselves.
     workers : int, optional
         Threads; one unless more are asked for.
-    watch : callable
-        Sees the starts go by.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Raises
     ------
@@ -93,24 +113,26 @@ def basins(
     if not starts:
         raise InputError("first and second must both hold values")
 
-    def one(start: tuple[float, float]) -> tuple[Array, int, int, str, tuple[str, ...]]:
+    def one(start: tuple[float, float]) -> tuple[Array, int, str, Problem | None]:
+        problem = None
         try:
             problem = family(*start)
             cycle, run = _settled(problem, longest, tol)
         except LcpImpactError as error:
-            return np.zeros((0, 0)), 0, 0, str(error), ()
-        return cycle, len(cycle), run, "", problem.dynamics.nodes
+            return np.zeros((0, 0)), 0, str(error), problem
+        return cycle, run, "", problem
 
-    ended = list(watch(each_of(one, starts, workers), len(starts), "basins"))
+    ended = list(watched(each_of(one, starts, workers), len(starts), "basins", progress))
     table = pd.DataFrame(starts, columns=list(names))
     labels, attractors = _named([cycle for cycle, *_ in ended])
     table = table.assign(
         attractor=labels,
         period=[len(cycle) for cycle, *_ in ended],
-        run=[run for _, _, run, *_ in ended],
+        run=[run for _, run, *_ in ended],
         failure=[failure for *_, failure, _ in ended],
     )
-    nodes = next((names for *_, names in ended if names), ())
+    problem = next((problem for *_, problem in ended if problem is not None), None)
+    nodes = () if problem is None else problem.dynamics.nodes
     columns = [*nodes, *(f"v_{node}" for node in nodes), "speed"]
     rows = [
         {"attractor": k, "period": len(cycle), "share": labels.count(k) / len(labels), "point": i}
@@ -119,8 +141,7 @@ def basins(
         for i, point in enumerate(cycle)
     ]
     found = pd.DataFrame(rows, columns=["attractor", "period", "share", "point", *columns])
-    table.attrs = {"longest": longest, "tol": tol}
-    return Basins(table, found)
+    return Basins(table, found, "" if problem is None else problem.name, longest)
 
 
 def _settled(problem: Problem, longest: int, tol: float) -> tuple[Array, int]:

@@ -24,11 +24,12 @@ from lcpimpact.study.dynamics.shooting import (
     periodic_orbit,
     shoot,
 )
-from lcpimpact.study.watch import Watch, unwatched
+from lcpimpact.study.progress import Progress, watched
+from lcpimpact.study.result import Study, table_lines
 
 
-@dataclass(frozen=True, eq=False)
-class Branch:
+@dataclass(frozen=True, eq=False, repr=False)
+class Branch(Study):
     """The orbits of a family of problems, along its parameter.
 
     Attributes
@@ -41,11 +42,22 @@ class Branch:
         between touches, NaN where there is none), ``growth`` (the largest |μ|), ``stable`` and ``failure``.
     ended : str
         Why the branch ends before the last value, "" where it does not.
+    parameter : str
+        How the picture calls the parameter.
     """
 
     orbits: tuple[PeriodicOrbit, ...]
     table: pd.DataFrame
     ended: str
+    parameter: str = "value"
+
+    drawn_by = "lcpimpact.plotting.dynamics:plot_branch"
+    title = "Branch of periodic orbits of {0.orbits[0].problem.name}"
+
+    def summary(self) -> str:
+        """Return the last orbit, the orbits along the branch, and why it ended."""
+        rows = table_lines(self.table.drop(columns="failure"), ".6g")
+        return "\n".join([*self.orbits[-1].head(), *rows, *[self.ended] * bool(self.ended)])
 
 
 @checked
@@ -56,7 +68,8 @@ def continue_orbit(
     periods: int = 1,
     T: float | None = None,
     transient: int = 0,
-    watch: Watch = unwatched,
+    parameter: str = "value",
+    progress: Progress = True,
 ) -> Branch:
     """Follow a periodic orbit, stable or not, along a parameter, until it grazes a stop or turns back.
 
@@ -71,8 +84,10 @@ def continue_orbit(
         In the order in which they are to be reached.
     periods, T, transient
         As of `periodic_orbit`, for the first value.
-    watch : callable
-        Sees the values go by.
+    parameter : str
+        How the parameter is called.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Returns
     -------
@@ -97,7 +112,7 @@ def continue_orbit(
     first = periodic_orbit(family(targets[0]), periods=periods, T=T, transient=transient)
     orbits, found, ended = [first], [(targets[0], first)], ""
     events = _sequence(first)
-    for target in watch(targets[1:], len(targets) - 1, "orbits"):
+    for target in watched(targets[1:], len(targets) - 1, "orbits", progress):
         while found[-1][0] != target and not ended:
             reason, share = "", 1.0
             for _ in range(MAX_HALVINGS):
@@ -120,7 +135,7 @@ def continue_orbit(
         if ended:
             break
         orbits.append(found[-1][1])
-    return Branch(tuple(orbits), _branch_table(targets, orbits, ended), ended)
+    return Branch(tuple(orbits), _branch_table(targets, orbits, ended), ended, parameter)
 
 
 def _sequence(orbit: PeriodicOrbit) -> tuple[tuple[str, str], ...]:
@@ -190,6 +205,4 @@ def _branch_table(values: list[float], orbits: list[PeriodicOrbit], ended: str) 
         )
     if ended:
         rows.append({"value": values[len(orbits)], "failure": ended})
-    table = pd.DataFrame(rows)
-    table.attrs = {"problem": orbits[0].problem.name, "ended": ended}
-    return table
+    return pd.DataFrame(rows)

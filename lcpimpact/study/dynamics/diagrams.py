@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,42 +16,11 @@ from lcpimpact.errors import InputError, LcpImpactError
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
-from lcpimpact.study.dynamics.sections import Section, described, find_points, section_of, table_of
-from lcpimpact.study.watch import Watch, unwatched
-
-MAX_PERIOD = 16
-"""Longest period sought, in points of the section."""
-
-
-def period_of(points: Array, tol: float = 1e-6, most: int = MAX_PERIOD) -> int:
-    """Return after how many points a sequence repeats itself, 0 where it does not.
-
-    Parameters
-    ----------
-    points : (k, d) array
-        Points of a section, the transient left out.
-    tol : float
-        Largest miss, relative to the largest |value| of each column, or a millionth of the largest of all.
-    most : int
-        Longest period that is looked for; half of the points must show it.
-
-    Examples
-    --------
-    >>> period_of(np.array([[1.0], [2.0], [1.0], [2.0], [1.0], [2.0]]))
-    2
-    """
-    points = np.atleast_2d(np.asarray(points, dtype=np.float64))
-    unit = tol * extents(points)
-    for p in range(1, min(most, len(points) // 2) + 1):
-        if (np.abs(points[p:] - points[:-p]) <= unit).all():
-            return p
-    return 0
-
-
-def extents(points: Array) -> Array:
-    """Return the largest |value| of each column, of which what is far below the others is rounding (d,)."""
-    sizes = np.abs(points).max(axis=0, initial=0.0)
-    return np.asarray(np.maximum(sizes, max(1e-6 * sizes.max(initial=0.0), 1e-300)))
+from lcpimpact.study.dynamics.continuation import Branch
+from lcpimpact.study.dynamics.period import period_of
+from lcpimpact.study.dynamics.sections import Section, find_points, method_name, section_of, table_of
+from lcpimpact.study.progress import Progress, watched
+from lcpimpact.study.result import Study, failure_lines
 
 
 def each_of(function: Callable[[Any], Any], items: Sequence[Any], workers: int | None) -> Iterator[Any]:
@@ -64,22 +33,62 @@ def each_of(function: Callable[[Any], Any], items: Sequence[Any], workers: int |
         yield from pool.map(function, items)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class BifurcationDiagram(Study):
+    """Where the motions of a family of problems end up.
+
+    Attributes
+    ----------
+    table : DataFrame           one row a point, see `bifurcation`
+    name : str                  of the problem
+    section : Section           the section that is shown
+    method : str
+    parameter : str             how summary and picture call the parameter
+    branches : tuple of Branch  periodic orbits that the picture shows too
+    y : str or None             the column that the picture shows, if not the usual one
+    """
+
+    table: pd.DataFrame
+    name: str
+    section: Section
+    method: str
+    parameter: str = "value"
+    branches: tuple[Branch, ...] = ()
+    y: str | None = None
+
+    drawn_by = "lcpimpact.plotting.dynamics:plot_bifurcation"
+    title = "Bifurcation diagram of {0.name}"
+
+    def summary(self) -> str:
+        """Return how many values show which period, and what failed."""
+        values = self.table.drop_duplicates("value")
+        ends = f"from {values['value'].iloc[0]:g} to {values['value'].iloc[-1]:g}"
+        lines = [f"{self.name} by {self.method}: {len(values)} values of {self.parameter} {ends}"]
+        for period, number in values.loc[values["failure"] == "", "period"].value_counts().sort_index().items():
+            lines.append(
+                f"  {number} values: " + (f"points repeat after {period:.0f}" if period else "no period found")
+            )
+        lines += failure_lines(self.failures) + [f"  {branch.ended}" for branch in self.branches if branch.ended]
+        return "\n".join(lines)
+
+
 @checked
 def bifurcation(
     family: Callable[[float], Problem],
     values: Iterable[float],
     section: str | Section = "force",
     *,
-    transient: int = 200,
-    kept: int = 50,
+    skip: int = 200,
+    points: int = 50,
     method: str | Integrator = "exact",
     dt: float | None = None,
     continue_from: bool = False,
     tol: float = 1e-6,
     workers: int | None = None,
-    watch: Watch = unwatched,
+    parameter: str = "value",
+    progress: Progress = True,
     **method_options: Any,
-) -> pd.DataFrame:
+) -> BifurcationDiagram:
     """Return where motions end up, value by value of a parameter: the points of a bifurcation diagram.
 
     Parameters
@@ -90,7 +99,7 @@ def bifurcation(
         In the order in which they are run.
     section, method, dt, **method_options
         As of `poincare`.
-    transient, kept : int
+    skip, points : int
         Points that are left out first, and that are kept, for each value.
     continue_from : bool
         Start each run where the one before ended, at a whole period of the force: an attractor is then followed as far as it
@@ -99,28 +108,30 @@ def bifurcation(
         Relative miss within which points repeat themselves, for the column ``period``.
     workers : int, optional
         Threads; one unless more are asked for. Runs that continue each other take none.
-    watch : callable
-        Sees the values go by.
+    parameter : str
+        How the parameter is called.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Returns
     -------
-    DataFrame
-        One row a point: ``value``, then the columns of `poincare`, then ``period`` (points after which they repeat, 0 where
-        they do not) and ``failure``; a run that fails is a row of NaN with the reason.
+    BifurcationDiagram
+        Its ``table`` has one row a point: ``value``, then the columns of `poincare`, then ``period`` (points after which
+        they repeat, 0 where they do not) and ``failure``; a run that fails is a row of NaN with the reason.
 
     Examples
     --------
     >>> from lcpimpact import bifurcation, load_problem
-    >>> table = bifurcation(lambda omega: load_problem("shaw-holmes", omega=omega), [2.6, 2.7], kept=20)
-    >>> table.groupby("value")["period"].first().tolist()
+    >>> diagram = bifurcation(lambda omega: load_problem("shaw-holmes", omega=omega), [2.6, 2.7], points=20)
+    >>> diagram.table.groupby("value")["period"].first().tolist()
     [1, 2]
     """
     where = section_of(section)
     chosen = [float(value) for value in values]
     if not chosen:
         raise InputError("values is empty: give those that the parameter is to take")
-    count("transient", transient, least=0)
-    count("kept", kept)
+    count("skip", skip, least=0)
+    count("points", points)
     last: list[Array] = []
 
     def one(value: float) -> pd.DataFrame:
@@ -128,23 +139,24 @@ def bifurcation(
             problem = family(value)
             if last:
                 problem = _continued(problem, last.pop())
-            points, force = find_points(problem, where, transient, kept, None, method, dt, method_options)
+            found, force = find_points(problem, where, skip, points, None, method, dt, method_options)
         except LcpImpactError as error:
             return pd.DataFrame({"value": [value], "failure": [str(error)]})
         if continue_from:
-            last[:] = [points.last]
-        if len(points.t) == 0:
+            last[:] = [found.last]
+        if len(found.t) == 0:
             return pd.DataFrame({"value": [value], "failure": ["the motion does not meet the section often enough"]})
-        table = table_of(problem, points, force)
+        table = table_of(problem, found, force)
         table.insert(0, "value", value)
-        return table.assign(period=period_of(np.hstack([points.q, points.v]), tol), failure="")
+        return table.assign(period=period_of(np.hstack([found.q, found.v]), tol), failure="")
 
-    tables = list(watch(each_of(one, chosen, None if continue_from else workers), len(chosen), "bifurcation"))
+    tables = list(
+        watched(each_of(one, chosen, None if continue_from else workers), len(chosen), "bifurcation", progress)
+    )
     columns = max((list(table.columns) for table in tables), key=len)
     columns = [*(name for name in columns if name not in ("period", "failure")), "period", "failure"]
     table = pd.concat([each.reindex(columns=columns) for each in tables], ignore_index=True)
-    table.attrs = described(_name(family, chosen[0]), where, method, transient) | {"kept": kept}
-    return table
+    return BifurcationDiagram(table, _name(family, chosen[0]), where, method_name(method), parameter)
 
 
 def _name(family: Callable[[float], Problem], value: float) -> str:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from scipy.optimize import brentq
 
 from lcpimpact.arguments import checked
@@ -15,6 +18,7 @@ from lcpimpact.hybrid.motion import Motion
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import nearest
 from lcpimpact.study.dynamics.shooting import MAX_NEWTON_STEPS, PeriodicOrbit, find_orbit
+from lcpimpact.study.result import Study
 
 FAR_GAPS = 1e3
 """Gap of a stop that is removed, in units of the largest gap of the scheme plus one metre."""
@@ -84,8 +88,8 @@ def _least(motion: Motion, until: float, i: int, u0: float) -> tuple[float, floa
     return best
 
 
-@dataclass(frozen=True, eq=False)
-class Grazing:
+@dataclass(frozen=True, eq=False, repr=False)
+class Grazing(Study):
     """Where an orbit just touches a stop.
 
     Attributes
@@ -102,6 +106,26 @@ class Grazing:
     t: float
     gap: float
     orbit: PeriodicOrbit
+
+    title = "Grazing orbit of {0.orbit.problem.name}"
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row: ``value``, ``contact``, ``t`` (s), ``gap`` (m), ``T`` (s), ``growth`` (the largest |μ|)."""
+        row = {"value": self.value, "contact": self.contact, "t": self.t, "gap": self.gap}
+        return pd.DataFrame([row | {"T": self.orbit.T, "growth": self.orbit.growth}])
+
+    def summary(self) -> str:
+        """Return where the orbit touches, and the orbit."""
+        first = (
+            f"{self.orbit.problem.name}: at {self.value:.12g} the orbit touches {self.contact} at t = {self.t:.9g} s"
+        )
+        return f"{first}\n{self.orbit.summary()}"
+
+    @checked
+    def plot(self, path: str | Path | None = None, **options: Any) -> Any:
+        """Draw the orbit, as of `PeriodicOrbit`."""
+        return self.orbit.plot(path, **options)
 
 
 @checked

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+import pandas as pd
 
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
@@ -11,11 +14,37 @@ from lcpimpact.hybrid.tangent import factors
 from lcpimpact.numbers import positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.study.dynamics.shooting import follow_exactly, free_coordinates, refuse_power_laws
-from lcpimpact.study.watch import Watch, unwatched
+from lcpimpact.study.progress import Progress, watched
+from lcpimpact.study.result import Study
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LyapunovExponents(Study):
+    """The Lyapunov exponents of a motion.
+
+    Attributes
+    ----------
+    problem : Problem
+    table : DataFrame       one row an event: ``t`` (s) and the average until then of each exponent, ``1``, ``2``, ... (1/s)
+    exponents : (k,) array  at the end, in 1/s, the largest first
+    """
+
+    problem: Problem
+    table: pd.DataFrame
+    exponents: Array
+
+    drawn_by = "lcpimpact.plotting.dynamics:plot_lyapunov"
+    title = "Lyapunov exponents of {0.problem.name}"
+
+    def summary(self) -> str:
+        """Return the exponents."""
+        verdict = "chaos" if len(self.exponents) and self.exponents[0] > 0.0 else "no chaos"
+        rows = [f"  {exponent:+.9g} 1/s" for exponent in self.exponents]
+        return "\n".join([f"{self.problem.name}: Lyapunov exponents, {verdict}", *rows])
 
 
 @checked
-def lyapunov(problem: Problem, *, t_end: float, transient: float = 0.0, watch: Watch = unwatched) -> Array:
+def lyapunov(problem: Problem, *, t_end: float, t_start: float = 0.0, progress: Progress = True) -> LyapunovExponents:
     r"""Return the Lyapunov exponents of a motion in 1/s, the largest first.
 
     .. math:: λ_i = \lim_{t → ∞} \frac{1}{t} \sum \ln |R_{ii}|
@@ -29,10 +58,10 @@ def lyapunov(problem: Problem, *, t_end: float, transient: float = 0.0, watch: W
         One that the method ``exact`` handles.
     t_end : float
         Length of the average in s.
-    transient : float
+    t_start : float
         Time before it in s.
-    watch : callable
-        Sees the events go by.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Raises
     ------
@@ -44,7 +73,7 @@ def lyapunov(problem: Problem, *, t_end: float, transient: float = 0.0, watch: W
     >>> import math
     >>> from lcpimpact import load_problem, lyapunov
     >>> T = 2.0 * math.pi / 2.6
-    >>> λ = lyapunov(load_problem("impact-oscillator"), t_end=100 * T, transient=0.5 * T)
+    >>> λ = lyapunov(load_problem("impact-oscillator"), t_end=100 * T, t_start=0.5 * T).exponents
     >>> bool(abs(λ.sum() - (2.0 * math.log(0.8) / T - 0.1)) < 1e-9)
     True
 
@@ -53,19 +82,25 @@ def lyapunov(problem: Problem, *, t_end: float, transient: float = 0.0, watch: W
     Müller, Calculation of Lyapunov exponents for dynamic systems with discontinuities (1995).
     """
     positive("t_end", t_end, "s")
-    if transient != 0.0:
-        positive("transient", transient, "s")
+    if t_start != 0.0:
+        positive("t_start", t_start, "s")
     refuse_power_laws(problem)
-    first = begin_problem(problem, "exact", transient + t_end)
-    follow_exactly(first, problem, transient)
+    first = begin_problem(problem, "exact", t_start + t_end)
+    follow_exactly(first, problem, t_start)
     motion = first
-    if transient > 0.0:
-        motion = begin(first.system, state_before(first, transient), transient + t_end, transient, scale=first.scale)
+    if t_start > 0.0:
+        motion = begin(first.system, state_before(first, t_start), t_start + t_end, t_start, scale=first.scale)
     follow_exactly(motion, problem, motion.end)
     free = free_coordinates(motion.system)
-    Q, total = np.eye(len(free)), np.zeros(len(free))
-    for factor in watch(factors(motion, motion.end), 2 * len(motion.segments) - 1, "events"):
+    Q, total, totals = np.eye(len(free)), np.zeros(len(free)), []
+    for factor in watched(factors(motion, motion.end), 2 * len(motion.segments) - 1, "events", progress):
         Q, R = np.linalg.qr(factor[np.ix_(free, free)] @ Q)
         with np.errstate(divide="ignore"):
-            total += np.log(np.abs(np.diag(R)))
-    return np.sort(total / t_end)[::-1]
+            total = total + np.log(np.abs(np.diag(R)))
+        totals.append(total)
+    # Flows and saltation matrices take turns; the flows end at the events.
+    t = np.array([*(segment.t0 for segment in motion.segments[1:]), motion.end])
+    averages = np.array(totals[::2]) / (t - t_start)[:, None]
+    averages = averages[:, np.argsort(-total, kind="stable")]
+    columns = {str(k): average for k, average in enumerate(averages.T, start=1)}
+    return LyapunovExponents(problem, pd.DataFrame({"t": t, **columns}), np.sort(total / t_end)[::-1])

@@ -22,10 +22,15 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import make_integrator, simulate
+from lcpimpact.study.dynamics.period import period_of
 from lcpimpact.study.dynamics.shooting import follow_exactly, force_period, refuse_power_laws
+from lcpimpact.study.result import Study, table_lines
 
 BLOCK_PERIODS = 8
 """Periods simulated at a time until enough points are found."""
+
+SHOWN = 12
+"""Maximum number of points in a summary."""
 
 STEPS_PER_PERIOD = 200
 """Default number of steps of a time-stepping method in a period of the force, or in t_end/100 without a force."""
@@ -45,6 +50,9 @@ class Stroboscope:
 
     phase: float = 0.0
     period: float | None = None
+
+    def __str__(self) -> str:
+        return f"force:{self.phase:g}" if self.phase else "force"
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -69,6 +77,9 @@ class Impacts:
     contact: str | None = None
     side: str = "left"
 
+    def __str__(self) -> str:
+        return "impact" if self.contact is None else f"impact:{self.contact}"
+
     def __post_init__(self) -> None:
         if self.side not in ("left", "right"):
             raise InputError(f"side = {self.side!r} must be 'left' or 'right'")
@@ -92,10 +103,13 @@ class Crossing:
     level: float = 0.0
     direction: int = 0
 
+    def __str__(self) -> str:
+        return f"{self.series}{'=><'[self.direction]}{self.level:g}"
+
     def __post_init__(self) -> None:
         check_fields(self)
         if not is_real(self.level) or self.direction not in (-1, 0, 1):
-            raise InputError(f"{self}: the level must be a number, and the direction 1, -1 or 0")
+            raise InputError(f"{self!r}: the level must be a number, and the direction 1, -1 or 0")
 
 
 Section = Stroboscope | Impacts | Crossing
@@ -162,18 +176,47 @@ class Points(NamedTuple):
         return Points(self.t[count:], self.q[count:], self.v[count:], self.speed[count:], self.last)
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class PoincareSection(Study):
+    """The points at which a motion meets a section.
+
+    Attributes
+    ----------
+    table : DataFrame       one row a point, see `poincare`
+    problem : Problem
+    section : Section
+    method : str
+    """
+
+    table: pd.DataFrame
+    problem: Problem
+    section: Section
+    method: str
+
+    drawn_by = "lcpimpact.plotting.dynamics:plot_poincare"
+    title = "Section of {0.problem.name}"
+
+    def summary(self) -> str:
+        """Return after how many points they repeat, and the first of them."""
+        nodes = self.problem.dynamics.nodes
+        period = period_of(self.table[[*nodes, *(f"v_{node}" for node in nodes)]].to_numpy()) if len(self.table) else 0
+        words = f"they repeat after {period}" if period else "they do not repeat themselves"
+        first = f"{self.problem.name} by {self.method}: {len(self.table)} points at {self.section}; {words}"
+        return "\n".join([first, *table_lines(self.table.head(SHOWN), ".6g")])
+
+
 @checked
 def poincare(
     problem: Problem,
     section: str | Section = "force",
     *,
-    transient: int = 0,
-    crossings: int = 200,
+    skip: int = 0,
+    points: int = 200,
     t_end: float | None = None,
     method: str | Integrator = "exact",
     dt: float | None = None,
     **method_options: Any,
-) -> pd.DataFrame:
+) -> PoincareSection:
     """Return the points at which a motion meets a section.
 
     With ``exact`` they are found to rounding, and none is missed; a method that steps is read on its own grid, between whose
@@ -184,7 +227,7 @@ def poincare(
     problem : Problem
     section : str or Section
         `Stroboscope`, `Impacts`, `Crossing`, or a text as of `section_of`.
-    transient, crossings : int
+    skip, points : int
         So many points are left out first, and so many kept.
     t_end : float, optional
         Latest time in s; by default four periods of the force a point, or without force the problem's t_end a point. The
@@ -198,9 +241,10 @@ def poincare(
 
     Returns
     -------
-    DataFrame
-        One row a point: ``point`` (from 0), ``t`` (s), ``phase`` (share of the period of the force, NaN without), the
-        coordinates (m), the velocities (m/s, ``v_NAME``), ``speed`` (m/s, of the impact at the point, or the last before).
+    PoincareSection
+        Its ``table`` has one row a point: ``point`` (from 0), ``t`` (s), ``phase`` (share of the period of the force, NaN
+        without), the coordinates (m), the velocities (m/s, ``v_NAME``), ``speed`` (m/s, of the impact at the point, or the
+        last before).
 
     Raises
     ------
@@ -210,28 +254,25 @@ def poincare(
     Examples
     --------
     >>> from lcpimpact import load_problem, poincare
-    >>> table = poincare(load_problem("shaw-holmes"), "impact", transient=60, crossings=2)
-    >>> table["speed"].round(7).tolist()
+    >>> section = poincare(load_problem("shaw-holmes"), "impact", skip=60, points=2)
+    >>> section.table["speed"].round(7).tolist()
     [0.5006725, 0.5006725]
     """
     where = section_of(section)
-    points, force = find_points(problem, where, transient, crossings, t_end, method, dt, method_options)
-    table = table_of(problem, points, force)
-    table.attrs = described(problem.name, where, method, transient)
-    return table
+    found, force = find_points(problem, where, skip, points, t_end, method, dt, method_options)
+    return PoincareSection(table_of(problem, found, force), problem, where, method_name(method))
 
 
-def described(problem: str, where: Section, method: str | Integrator, transient: int) -> dict[str, Any]:
-    """Return what a table of points says of its origin."""
-    name = method if isinstance(method, str) else method.name
-    return {"problem": problem, "section": str(where), "method": name, "transient": transient}
+def method_name(method: str | Integrator) -> str:
+    """Return the name of a method."""
+    return method if isinstance(method, str) else method.name
 
 
 def find_points(
     problem: Problem,
     where: Section,
-    transient: int,
-    crossings: int,
+    skip: int,
+    points: int,
     t_end: float | None,
     method: str | Integrator,
     dt: float | None,
@@ -239,9 +280,9 @@ def find_points(
 ) -> tuple[Points, float | None]:
     """Return the points that are kept, and the period of the force."""
     force = _checked(problem, where)
-    count("transient", transient, least=0)
-    count("crossings", crossings)
-    need = transient + crossings
+    count("skip", skip, least=0)
+    count("points", points)
+    need = skip + points
     end = t_end if t_end is not None else _latest(problem, where, force, need)
     positive("t_end", end, "s")
     integrator = make_integrator(method, options)
@@ -252,7 +293,7 @@ def find_points(
         found = _by_steps(problem, where, force, need, end, integrator, dt)
     else:
         found = _on_motion(motion, problem, where, force, need)
-    return found.after(transient), force
+    return found.after(skip), force
 
 
 def _whole_period(times: Array, force: float | None) -> float:

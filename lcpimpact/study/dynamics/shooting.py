@@ -13,6 +13,7 @@ from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 
@@ -27,6 +28,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, State
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.signals import Harmonic, Square
+from lcpimpact.study.result import Study
 
 CLOSURE_RTOL = 1e-10
 """Largest residual of a closed orbit, relative to the largest value of each state along it."""
@@ -54,8 +56,8 @@ MAX_NEWTON_STEPS = 40
 """Maximum number of Newton iterations."""
 
 
-@dataclass(frozen=True, eq=False)
-class PeriodicOrbit:
+@dataclass(frozen=True, eq=False, repr=False)
+class PeriodicOrbit(Study):
     """A motion that repeats itself.
 
     Attributes
@@ -86,6 +88,27 @@ class PeriodicOrbit:
     monodromy: Array
     residual: float
     iterations: int
+
+    drawn_by = "lcpimpact.plotting.dynamics:plot_orbit"
+    title = "Periodic orbit of {0.problem.name}"
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """The Floquet multipliers: ``real``, ``imaginary``, ``modulus``."""
+        μ = self.floquet
+        return pd.DataFrame({"real": μ.real, "imaginary": μ.imag, "modulus": np.abs(μ)})
+
+    def head(self) -> list[str]:
+        """Return the period, whether it is stable, and how well the orbit closes."""
+        verdict = "stable" if self.stable else "not stable"
+        found = f"found to {self.residual:.1e} in {self.iterations} steps"
+        return [f"{self.problem.name}: T = {self.T:.15g} s, {verdict}, {found}"]
+
+    def summary(self) -> str:
+        """Return the period, the multipliers and the events."""
+        multipliers = [f"  multiplier {μ.real:+.12f} {μ.imag:+.12f}i   |μ| = {abs(μ):.12f}" for μ in self.floquet]
+        events = [f"  {event.kind} {event.contact} at t = {event.t:.12g} s" for event in self.events]
+        return "\n".join([*self.head(), *multipliers, *events, *(f"  speed {speed:.15g} m/s" for speed in self.speeds)])
 
     @property
     def floquet(self) -> Array:
@@ -131,13 +154,6 @@ class PeriodicOrbit:
         back = np.argsort(order, kind="stable")
         q, v, r = read(self.motion.system, tuple(self.motion.segments), within[order], side)
         return State(q[back], v[back], r[back])
-
-    def __repr__(self) -> str:
-        largest = ", ".join(f"{each:.6g}" for each in self.floquet[:4])
-        return (
-            f"PeriodicOrbit of {self.problem.name}: T = {self.T:.9g} s, {len(self.impacts)} impacts, "
-            f"{'stable' if self.stable else 'not stable'}, multipliers {largest}, residual {self.residual:.1e}"
-        )
 
 
 def force_period(dynamics: Dynamics) -> float | None:

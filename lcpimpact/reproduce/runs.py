@@ -1,10 +1,10 @@
-"""Cross-validation: the LCP steps with every solver, the paper's RK4 and the exact solution, side by side."""
+"""The runs of the paper's systems: the LCP step with every solver, the paper's RK4 and the exact solution, side by side."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -12,12 +12,16 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from lcpimpact.errors import LcpImpactError
 from lcpimpact.problems import load_problem
+from lcpimpact.problems.base import Problem
+from lcpimpact.problems.reading import peak
 from lcpimpact.problems.reference import KNOWN, Known
 from lcpimpact.simulation import simulate
+from lcpimpact.study.accuracy.cross_validation import CrossValidation, cross_validate
+from lcpimpact.study.accuracy.fitted_order import fit
+from lcpimpact.study.progress import Progress, watched
 from lcpimpact.trajectory import Trajectory
 
 T_END = 3.0
@@ -31,7 +35,7 @@ ORDER_COUNTS = (307, 487, 773, 1229, 1951, 3089, 4903, 7789, 12373, 19661, 31223
 
 @dataclass(frozen=True)
 class Case:
-    """One run of the cross-validation.
+    """One run of one of the paper's systems.
 
     Attributes
     ----------
@@ -82,7 +86,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Orders:
-    """Observed orders of a method on one system, by least squares over ORDER_COUNTS.
+    """Observed orders of a method on one system over ORDER_COUNTS.
 
     Attributes
     ----------
@@ -101,19 +105,21 @@ class Orders:
 
 
 @dataclass(frozen=True)
-class CrossValidation:
-    """The tables of the cross-validation.
+class PaperRuns:
+    """What the runs of the paper's systems showed.
 
     Attributes
     ----------
     rows : tuple of Row
     orders : tuple of Orders
+    verdicts : dict             label to the `CrossValidation` of the exact solution, the LCP step and the paper's RK4
     exact_errors : dict         label to the largest error of exact in switching times (s), x, y (m) and R (N)
     peaks : dict                label to the greatest R of exact in N
     """
 
     rows: tuple[Row, ...]
     orders: tuple[Orders, ...]
+    verdicts: dict[str, CrossValidation] = field(default_factory=dict)
     exact_errors: dict[str, dict[str, float]] = field(default_factory=dict)
     peaks: dict[str, float] = field(default_factory=dict)
 
@@ -123,26 +129,21 @@ def known(label: str) -> Known:
     return next(each for each in KNOWN if each.label == label)
 
 
+def problem_of(label: str) -> Problem:
+    """Return a known system as a problem."""
+    system = known(label)
+    return load_problem(system.problem, **system.parameters)
+
+
 @lru_cache(maxsize=32)
 def exact_solution(label: str, steps: int) -> Trajectory:
     """Return the exact solution of a known system on a grid of ``steps`` steps."""
-    system = known(label)
-    problem = load_problem(system.problem, **system.parameters)
-    return simulate(problem, "exact", dt=T_END / steps, t_end=T_END, progress=False)
+    return simulate(problem_of(label), "exact", dt=T_END / steps, t_end=T_END, progress=False)
 
 
 def peak_reaction(trajectory: Trajectory) -> float:
     """Return the greatest reaction in N; of the exact solution, between the grid points too."""
-    r = trajectory.reaction[:, 0]
-    j = int(np.argmax(r))
-    if trajectory.dense is None:
-        return float(r[j])
-    t = trajectory.t
-    bounds = (t[max(j - 1, 0)], t[min(j + 1, len(t) - 1)])
-    found = minimize_scalar(
-        lambda s: -trajectory.sample(s).reaction[0, 0], bounds=bounds, method="bounded", options={"xatol": 1e-9}
-    )
-    return max(float(r[j]), float(-found.fun))
+    return peak(trajectory, "R") if trajectory.dense is not None else float(trajectory["R"].max())
 
 
 def switch_errors(trajectory: Trajectory, exact: Trajectory) -> tuple[tuple[float, ...], int]:
@@ -160,11 +161,9 @@ def switch_errors(trajectory: Trajectory, exact: Trajectory) -> tuple[tuple[floa
 
 def run_case(case: Case) -> Row:
     """Run one case and measure it against the exact solution on the same grid; a failure becomes a row too."""
-    system = known(case.label)
-    problem = load_problem(system.problem, **system.parameters)
     try:
         found = simulate(
-            problem,
+            problem_of(case.label),
             case.method,
             dt=case.h,
             t_end=T_END,
@@ -194,18 +193,18 @@ def run_case(case: Case) -> Row:
 
 def observed_orders(label: str, method: str, options: tuple[tuple[str, Any], ...]) -> Orders:
     """Fit the order of a method over ORDER_COUNTS."""
-    system = known(label)
-    problem = load_problem(system.problem, **system.parameters)
     errors = []
     for steps in ORDER_COUNTS:
         exact = exact_solution(label, steps)
-        found = simulate(problem, method, dt=T_END / steps, t_end=T_END, progress=False, **dict(options))
-        errors.append([np.abs(found[name] - exact[name]).max() for name in ("x", "v_x")])
-    h = np.log10(T_END / np.array(ORDER_COUNTS))
-    logs = np.log10(np.array(errors))
-    slope, offset = np.polyfit(h, logs, 1)
-    scatter = np.std(logs[:, 0] - slope[0] * h - offset[0])
-    return Orders(label, method, options, float(slope[0]), float(slope[1]), float(scatter))
+        found = simulate(exact.problem, method, dt=T_END / steps, t_end=T_END, progress=False, **dict(options))
+        errors.append([float(np.abs(found[name] - exact[name]).max()) for name in ("x", "v_x")])
+    x, v = (fit([T_END / steps for steps in ORDER_COUNTS], each) for each in zip(*errors, strict=True))
+    return Orders(label, method, options, x.slope, v.slope, x.scatter)
+
+
+def verdict(label: str) -> CrossValidation:
+    """Cross-validate the exact solution, the LCP step and the paper's RK4 on one system."""
+    return cross_validate(problem_of(label), ["exact", "moreau-jean", "rk4-paper"], t_end=T_END, progress=False)
 
 
 def exact_errors(label: str) -> dict[str, float]:
@@ -221,16 +220,13 @@ def exact_errors(label: str) -> dict[str, float]:
 
 
 def all_cases() -> list[Case]:
-    """Return every run of the cross-validation, the longest first."""
-    cases = []
-    for h in sorted(STEPS):
-        for system in KNOWN:
-            for solver in (*QP_SOLVERS, *DIRECT_SOLVERS):
-                for theta in (0.5, 1.0):
-                    cases.append(Case(system.label, "moreau-jean", (("theta", theta),), solver, h))
-            cases.append(Case(system.label, "rk4-paper", (), "auto", h))
-            cases.append(Case(system.label, "exact", (), "auto", h))
-    return sorted(cases, key=lambda case: (case.h, case.lcp_solver not in QP_SOLVERS))
+    """Return every run, in the order of the systems, methods, options, solvers and steps."""
+    kinds: list[tuple[str, tuple[tuple[str, Any], ...], str]] = [
+        *(("moreau-jean", (("theta", θ),), solver) for θ in (0.5, 1.0) for solver in (*DIRECT_SOLVERS, *QP_SOLVERS)),
+        ("rk4-paper", (), "auto"),
+        ("exact", (), "auto"),
+    ]
+    return [Case(system.label, *kind, h) for system in KNOWN for kind in kinds for h in STEPS]
 
 
 def order_studies() -> list[tuple[str, str, tuple[tuple[str, Any], ...]]]:
@@ -243,13 +239,13 @@ def order_studies() -> list[tuple[str, str, tuple[tuple[str, Any], ...]]]:
     return [(system.label, method, options) for system in KNOWN for method, options in methods]
 
 
-def cross_validate(
+def run_all(
     cases: Sequence[Case] | None = None,
     *,
     workers: int | None = None,
-    watch: Callable[[Iterable[Any], int], Iterable[Any]] = lambda done, total: done,
-) -> CrossValidation:
-    """Run the cross-validation on all cores.
+    progress: Progress = True,
+) -> PaperRuns:
+    """Run the paper's systems on all cores.
 
     Parameters
     ----------
@@ -257,56 +253,45 @@ def cross_validate(
         Which runs; by default `all_cases`.
     workers : int, optional
         Processes; by default one a core.
-    watch : callable
-        Given the results as they come and their number, yields them on: the place for a progress bar.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Returns
     -------
-    CrossValidation
-        The rows in the order of the systems, methods and steps.
+    PaperRuns
+        The rows in the order of the cases.
     """
     cases = all_cases() if cases is None else list(cases)
-    studies = order_studies()
-    jobs: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [(run_case, (case,)) for case in cases]
-    jobs += [(observed_orders, study) for study in studies]
-    results = list(watch(_in_processes(jobs, workers or os.cpu_count() or 1), len(jobs)))
-    position = {case: i for i, case in enumerate(sorted(cases, key=_reading_order))}
-    rows = sorted((each for each in results if isinstance(each, Row)), key=lambda row: position[row.case])
-    orders = {(each.label, each.method, each.options): each for each in results if isinstance(each, Orders)}
-    labels = [system.label for system in KNOWN]
-    return CrossValidation(
-        tuple(rows),
+    studies, labels = order_studies(), [system.label for system in KNOWN]
+    longest_first = sorted(cases, key=lambda case: (case.h, case.lcp_solver not in QP_SOLVERS))
+    jobs: list[tuple[Callable[..., Any], tuple[Any, ...]]] = [(run_case, (case,)) for case in longest_first]
+    jobs += [(observed_orders, study) for study in studies] + [(verdict, (label,)) for label in labels]
+    found = dict(watched(_in_processes(jobs, workers or os.cpu_count() or 1), len(jobs), "cross-validation", progress))
+    rows, orders, verdicts = (
+        {arguments: result for (function, arguments), result in found.items() if function is kind}
+        for kind in (run_case, observed_orders, verdict)
+    )
+    return PaperRuns(
+        tuple(rows[case,] for case in cases),
         tuple(orders[study] for study in studies),
+        {label: verdicts[label,] for label in labels},
         {label: exact_errors(label) for label in labels},
         {label: peak_reaction(exact_solution(label, round(T_END / 1e-2))) for label in labels},
     )
 
 
-def _reading_order(case: Case) -> tuple[Any, ...]:
-    labels = [system.label for system in KNOWN]
-    methods = ("moreau-jean", "rk4-paper", "exact")
-    solvers = (*DIRECT_SOLVERS, *QP_SOLVERS, "auto")
-    return (
-        labels.index(case.label),
-        methods.index(case.method),
-        case.options,
-        solvers.index(case.lcp_solver),
-        -case.h,
-    )
-
-
 def _in_processes(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: int) -> Iterator[Any]:
-    """Yield the results as they come.
+    """Yield each job with its result, as they come.
 
     Processes are spawned, since a fork copies the locks of numerical libraries; each keeps to one thread, since the
     matrices are small and the cores are taken.
     """
     context = multiprocessing.get_context("spawn")
     with _environment(OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1"), ProcessPoolExecutor(workers, context) as pool:
-        pending = [pool.submit(function, *arguments) for function, arguments in jobs]
+        pending = {pool.submit(function, *arguments): (function, arguments) for function, arguments in jobs}
         try:
             for future in as_completed(pending):
-                yield future.result()
+                yield pending[future], future.result()
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise

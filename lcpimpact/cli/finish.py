@@ -1,0 +1,96 @@
+"""The end of a command: files are written, and what was found is said."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from lcpimpact.arguments import visible
+from lcpimpact.cli.options import files
+from lcpimpact.files import cell_of, check_outputs, whole_file
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from lcpimpact.problems.base import Problem
+    from lcpimpact.schemefile import Run
+    from lcpimpact.study.result import Study
+
+TABLES = (".csv", ".tex")
+SCHEME = ".toml"
+
+
+def check_study(
+    inputs: Iterable[str | Path],
+    tables: Iterable[Path | None],
+    plot: Path | None,
+    report: Path | None,
+    forms: tuple[str, ...] = TABLES,
+) -> None:
+    """Refuse, before any work is done, files of a study that cannot be written; ``forms`` are the endings of its tables."""
+    from lcpimpact.plotting.style import METADATA as DRAWN_AS
+    from lcpimpact.report.report import ENDINGS
+
+    check_outputs((*((table, forms) for table in tables), (plot, DRAWN_AS), (report, ENDINGS)), files(*inputs))
+
+
+def finish(
+    result: Study,
+    out: Path | None,
+    plot: Path | None,
+    report: Path | None,
+    *,
+    more: Iterable[tuple[Callable[[], DataFrame], Path | None]] = (),
+    scheme: tuple[Problem, Run] | None = None,
+) -> None:
+    """Write the table, the picture and the report that are asked for, and say what was found and written.
+
+    Parameters
+    ----------
+    result : Study
+    out, plot, report : Path or None
+        The files; None for none.
+    more : iterable of (callable, Path or None)
+        Functions that return other tables of the study, with their files.
+    scheme : (Problem, Run), optional
+        What ``out`` holds if it ends in .toml.
+    """
+    lines = [result.summary()]
+    if out is not None and scheme is not None and out.suffix == SCHEME:
+        from lcpimpact.schemefile import write_scheme_file
+
+        problem, run = scheme
+        lines.append(f"wrote {write_scheme_file(problem, out, run)}")
+    elif out is not None:
+        lines.append(write_table(result.table, out))
+    lines += [write_table(table(), path) for table, path in more if path is not None]
+    if plot is not None:
+        result.plot(plot)
+        lines.append(f"drew {plot}")
+    if report is not None:
+        lines.append(f"wrote {result.report(report)}")
+    say(*lines)
+
+
+def write_table(table: DataFrame, path: Path) -> str:
+    """Write a table as CSV, or as a LaTeX table with the rules of booktabs, and return the line that says so."""
+    with whole_file(path) as part:
+        if path.suffix == ".csv":
+            words = {name: table[name].map(_cell) for name in table.columns if table[name].dtype.kind not in "fiub"}
+            table.assign(**words).rename(columns=_cell).to_csv(part, index=False)
+        else:
+            text = table.to_latex(index=False, escape=True, float_format="%.3g", na_rep="-")
+            part.write_text(text, encoding="utf-8")
+    return f"wrote {path}"
+
+
+def _cell(value: Any) -> Any:
+    return cell_of(value) if isinstance(value, str) else value
+
+
+def say(*lines: str) -> None:
+    """Print lines as they are."""
+    Console(highlight=False, soft_wrap=True, markup=False, emoji=False).print(visible("\n".join(lines)))

@@ -1,0 +1,128 @@
+r"""The observed order of a method: the slope of log error against log dt, with its scatter, beside the declared order.
+
+Across impacts the sup norm of v converges for no method, since the computed impact is a little early or late. What does
+converge is the sup norm of q and the L1 norm of v; so it is in these that methods declare their orders.
+
+A slope through two step counts may be luck: an event that falls on a grid point fakes an order. So there should be six steps
+or more, which `lcpimpact.study.accuracy.convergence` keeps clear of events, and the scatter about the line belongs to
+the slope.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from lcpimpact.errors import InputError
+from lcpimpact.study.accuracy.limits import SMOOTH, Limit, floor_of
+
+EXACT_RTOL = 1e-9
+"""Largest error, relative to the scale, of a method that declares to be exact."""
+
+TOLERANCE_FACTOR = 1e3
+"""Largest error, relative to the scale and in units of rtol, of a method that declares to follow rtol."""
+
+SMOOTH_BAND, EVENT_BAND = 0.2, 0.35
+"""Largest difference of an observed order from the declared one, without events and with them."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a method was seen to do.
+
+    Attributes
+    ----------
+    slope : float               of log error against log h, by least squares
+    scatter : float             standard deviation of log10 of the errors about the line
+    standard_error : float      of the slope, from the scatter and the spread of the steps; nan of two points
+    dts : tuple                 the steps in s
+    errors : tuple              the error at each of them
+    """
+
+    slope: float
+    scatter: float
+    standard_error: float
+    dts: tuple[float, ...]
+    errors: tuple[float, ...]
+
+
+def fit(dts: Sequence[float], errors: Sequence[float]) -> Order:
+    r"""Fit :math:`\log_{10} e = p \log_{10} h + c` by least squares.
+
+    Parameters
+    ----------
+    dts, errors : sequences of float
+        At least two steps, and the error above zero at each.
+
+    Examples
+    --------
+    >>> order = fit([0.1, 0.05, 0.025], [3e-2, 7.5e-3, 1.875e-3])
+    >>> round(order.slope, 12), round(order.scatter, 12)
+    (2.0, 0.0)
+    """
+    if len(dts) < 2 or len(dts) != len(errors):
+        raise InputError(f"dts = {dts!r}: an order takes at least two steps with an error each, better six")
+    x, y = np.log10(dts), np.log10(errors)
+    slope, offset = np.polyfit(x, y, 1)
+    rest = y - slope * x - offset
+    spread = ((x - x.mean()) ** 2).sum()
+    variance = (rest**2).sum() / (len(x) - 2) if len(x) > 2 else math.nan
+    return Order(
+        float(slope),
+        float(np.std(rest)),
+        float(math.sqrt(variance / spread)),
+        tuple(map(float, dts)),
+        tuple(map(float, errors)),
+    )
+
+
+def observe(
+    runs: pd.DataFrame, norm: str, scale: float, declared: float = math.nan, limited_by: Limit | None = None
+) -> dict[str, Any]:
+    """Return what the runs of one method show in one norm: the columns of `observed_orders` from ``order`` on.
+
+    Parameters
+    ----------
+    runs : DataFrame
+        Rows of `lcpimpact.convergence`.
+    norm : str
+        Column of the errors.
+    scale : float
+        What the errors are to be compared with; 0 where it is not known, and then no error counts as rounding.
+    declared : float
+        The declared order; nan where nothing is declared in this norm.
+    limited_by : Limit, optional
+        What limits the order.
+    """
+    rounding = floor_of(runs["reference"].iloc[0], norm)
+    solved = runs[(runs["failure"] == "") & runs[norm].notna()]
+    telling = solved[solved[norm] > rounding * scale]
+    row: dict[str, Any] = dict.fromkeys(("order", "scatter", "standard_error"), math.nan)
+    row |= {
+        "points": len(telling),
+        "rounding": len(solved) - len(telling),
+        "failed": int((runs["failure"] != "").sum()),
+        "declared": declared,
+    }
+    if len(telling) >= 2 and telling["dt"].nunique() >= 2:
+        found = fit(list(telling["dt"]), list(telling[norm]))
+        row |= {"order": found.slope, "scatter": found.scatter, "standard_error": found.standard_error}
+    band = SMOOTH_BAND if limited_by == SMOOTH else EVENT_BAND
+    if len(solved) == 0:
+        verdict = "failed"
+    elif math.isnan(declared):
+        verdict = ""
+    elif math.isinf(declared):
+        rtol = float(runs["rtol"].max())
+        allowed = scale * max(EXACT_RTOL, rounding, 0.0 if math.isnan(rtol) else TOLERANCE_FACTOR * rtol)
+        verdict = "as declared" if solved[norm].max() <= allowed else "off"
+    elif math.isnan(row["order"]):
+        verdict = "rounding"
+    else:
+        verdict = "as declared" if abs(row["order"] - declared) <= band else "off"
+    return row | {"verdict": verdict}

@@ -1,0 +1,128 @@
+"""The result of a study: a table, a summary in words, a picture and a report."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import pandas as pd
+
+from lcpimpact.arguments import checked
+from lcpimpact.registry import load
+
+
+class Study:
+    """Base class of the results of studies.
+
+    A result is a frozen dataclass that derives from this class. What its summary, picture and report need are its fields,
+    and the table holds numbers and words only: it may be written to a CSV file and read again without a loss.
+    """
+
+    drawn_by: ClassVar[str]
+    """The function that draws the picture, as ``"package.module:function"``."""
+
+    title: ClassVar[str]
+    """The title of the report, a format string in which {0} is the result."""
+
+    if TYPE_CHECKING:
+
+        @property
+        def table(self) -> pd.DataFrame:
+            """The numbers."""
+
+    def summary(self) -> str:
+        """Return what was found, in a few lines; the first says of what."""
+        raise NotImplementedError
+
+    def head(self) -> list[str]:
+        """Return the first lines of the summary: what was studied."""
+        return self.summary().split("\n")[:1]
+
+    @property
+    def failures(self) -> pd.DataFrame:
+        """The rows of the table without a result, with the reason in the column ``failure``."""
+        return failed_rows(self.table)
+
+    @checked
+    def plot(self, path: str | Path | None = None, **options: Any) -> Any:
+        """Draw the picture of the study.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            A file ending in .png, .svg or .pdf to write.
+        **options
+            Those of the function that ``drawn_by`` names.
+
+        Returns
+        -------
+        matplotlib Figure
+
+        Raises
+        ------
+        InputError
+            For an option that does not fit, another ending, or a folder that cannot be written.
+        """
+        figure = load(self.drawn_by)(self, **options)
+        if path is not None:
+            load("lcpimpact.plotting.style:save")(figure, path)
+        return figure
+
+    @checked
+    def report(self, path: str | Path) -> Path:
+        """Write a page that opens offline, with the summary, the picture and the tables.
+
+        Parameters
+        ----------
+        path : str or Path
+            A file ending in .html; it appears whole or not at all.
+
+        Raises
+        ------
+        InputError
+            For another ending, or a folder that cannot be written.
+        """
+        written: Path = load("lcpimpact.report.studies:report")(self, path)
+        return written
+
+    def __repr__(self) -> str:
+        return self.summary()
+
+
+def failed_rows(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of a table whose column ``failure`` is not empty; none where there is no such column."""
+    return table[table["failure"].fillna("") != ""] if "failure" in table else table.iloc[:0]
+
+
+def failure_lines(failures: pd.DataFrame) -> list[str]:
+    """Return a line for each reason of failure, with the number of rows that have it."""
+    counted = failures["failure"].value_counts(sort=False) if len(failures) else {}
+    return [f"  {number} without a result: {reason}" for reason, number in counted.items()]
+
+
+def table_lines(table: pd.DataFrame, form: str = ".3g") -> list[str]:
+    r"""Return a table as lines of text, its columns aligned.
+
+    Examples
+    --------
+    >>> print("\n".join(table_lines(pd.DataFrame({"name": ["x", "long"], "value": [1.25, math.nan]}))))
+      name  value
+      x     1.25
+      long  -
+    """
+    rows = [[str(name) for name in table.columns]]
+    rows += [[cell(value, form) for value in row] for row in table.itertuples(index=False, name=None)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return [
+        "  " + "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip() for row in rows
+    ]
+
+
+def cell(value: Any, form: str = ".3g") -> str:
+    """Return a value as a table for people shows it: a number that is missing as a dash."""
+    if value is pd.NA:
+        return "-"
+    if isinstance(value, float):
+        return "-" if math.isnan(value) else format(value, form)
+    return str(value)
