@@ -13,6 +13,7 @@ one in the metric of A.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -30,6 +31,9 @@ from lcpimpact.registry import nearest
 SOLVED, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.UNDECIDED), int(Status.MAX_ITER)
 
 FORMS = ("dual", "primal")
+
+OSQP_RHO = 0.1
+"""The ρ with which OSQP begins."""
 
 NOISE = 0.1
 """Share of the tolerance up to which a force, in units of max |q| = 1, is noise."""
@@ -58,7 +62,7 @@ class Backend:
 BACKENDS = {
     "osqp": Backend(1e-7, "max_iter", 20_000, False, {
         "eps_abs": 1e-10, "eps_rel": 1e-10, "eps_dual_inf": 1e-10,
-        "polishing": False, "warm_starting": False, "raise_error": False,
+        "polishing": False, "warm_starting": False,
     }),
     "daqp": Backend(1e-9, "iter_limit", 10_000, True, {"primal_tol": 1e-12, "dual_tol": 1e-13}),
     "proxqp": Backend(1e-7, "max_iter", 100, True, {
@@ -105,6 +109,7 @@ class QPSolver(LCPSolver):
         zero = np.zeros(P.shape[0])
         # Bounds would be stacked anew to rows of G at each call.
         plain = {"G": self._stored(-eye(operator.n)), "h": np.zeros(operator.n)} if dual else {}
+        osqp = self._osqp(P, G) if self.backend == "osqp" else None
 
         def kernel(
             W: Any, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
@@ -122,13 +127,14 @@ class QPSolver(LCPSolver):
             b /= p
             z[:] = 0.0
             scale = p * unit
-            if dual:
+            if osqp:
+                x, status, iterations = osqp(b, lower / scale, upper / scale, max_iter)
+            elif dual:
                 limits = plain if is_plain(lower, upper) else {"lb": lower / scale, "ub": upper / scale}
-                solution, status, iterations = self._solve(P, b, limits, max_iter)
+                x, status, iterations = self._solve(P, b, limits, max_iter)
             else:
-                solution, status, iterations = self._solve(P, zero, {"G": G, "h": b}, max_iter)
-            if solution is not None:
-                x = solution.x if dual else solution.z
+                x, status, iterations = self._solve(P, zero, {"G": G, "h": b}, max_iter)
+            if x is not None:
                 # A backend leaves noise where there is nothing, and a row of which nothing is given has no other measure.
                 z[:] = np.where(np.abs(x) > NOISE * self.call.tol, x, 0.0) * scale
             np.maximum(z, lower, out=z)
@@ -168,12 +174,30 @@ class QPSolver(LCPSolver):
             return csc_matrix(matrix)
         return np.ascontiguousarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix)
 
-    def _solve(self, P: Any, q: Array, constraints: dict[str, Any], max_iter: int) -> tuple[Any, int, int]:
-        """Return the solution, or None, the status and the iterations.
+    def _osqp(self, P: Any, G: Any) -> Callable[[Array, Array, Array, int], tuple[Array | None, int, int]]:
+        """Return OSQP as a function of b, the bounds and max_iter; it is set up once, which costs ten solutions."""
+        import osqp
 
-        The settings ask for more than can always be reached, so an answer that a backend itself calls inaccurate is left
-        to the judge. That it calls a problem infeasible is no proof.
-        """
+        n, rows = P.shape[0], eye(P.shape[0], format="csc") if G is None else G
+        free = np.full(rows.shape[0], np.inf)
+        solver = osqp.OSQP()
+        solver.setup(P, np.zeros(n), rows, -free, free, verbose=False, **self.call.settings)
+
+        def solve(b: Array, lower: Array, upper: Array, max_iter: int) -> tuple[Array | None, int, int]:
+            try:
+                # ρ, which it adapts, would carry over from one problem to the next.
+                solver.update_settings(max_iter=max_iter, rho=OSQP_RHO)
+                solver.update(**({"q": b, "l": lower, "u": upper} if G is None else {"u": b}))
+                found = solver.solve(raise_error=False)
+            except failures():
+                return None, UNDECIDED, 0
+            said, iterations = str(found.info.status), int(found.info.iter)
+            return self._judged(found.x if G is None else found.y, said == "solved", said, iterations)
+
+        return solve
+
+    def _solve(self, P: Any, q: Array, constraints: dict[str, Any], max_iter: int) -> tuple[Array | None, int, int]:
+        """Return the solution of a backend by qpsolvers, or None, the status and the iterations."""
         import qpsolvers
 
         settings = dict(self.call.settings)
@@ -190,17 +214,26 @@ class QPSolver(LCPSolver):
         extras = solution.extras or {}
         info = extras.get("info")
         iterations = int(getattr(info, "iter", 0) if info is not None else extras.get("iter", 0))
-        answer = solution.x if self.form == "dual" else solution.z
-        if solution.x is None or answer is None:
+        answer = None if solution.x is None else solution.x if self.form == "dual" else solution.z
+        said = str(extras.get("status") or getattr(info, "status", ""))
+        return self._judged(answer, bool(solution.found), said, iterations)
+
+    def _judged(self, answer: Array | None, found: bool, said: str, iterations: int) -> tuple[Array | None, int, int]:
+        """Return an answer, or None, with its status.
+
+        The settings ask for more than can always be reached, so an answer that a backend itself calls inaccurate is left
+        to the judge. That it calls a problem infeasible is no proof.
+        """
+        if answer is None:
             return None, UNDECIDED, iterations
-        if solution.found:
-            return solution, SOLVED, iterations
-        said = str(extras.get("status") or getattr(info, "status", "")).lower()
+        said = said.lower()
+        if found:
+            return answer, SOLVED, iterations
         if "max" in said and "iter" in said:
-            return solution, MAX_ITER, iterations
+            return answer, MAX_ITER, iterations
         if not said or "infeasible" in said or "unbounded" in said:
             return None, UNDECIDED, iterations
-        return solution, SOLVED, iterations
+        return answer, SOLVED, iterations
 
 
 def inverse_root(d: Array) -> Array:
