@@ -10,7 +10,9 @@ from __future__ import annotations
 import hashlib
 import logging
 import pickle
-from collections.abc import Callable
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from types import FunctionType
@@ -201,6 +203,26 @@ def compiled(signature: Any, inline: Literal["never", "always"] = "never", alloc
         return cast(F, decorated)
 
     return decorate
+
+
+def compile_ahead(*parts: Sequence[str]) -> None:
+    """Compile modules into the cache, each part of them in a process of its own, where nothing is compiled yet.
+
+    Parameters
+    ----------
+    *parts
+        Names of modules, those first that others import; a part should import little that another one compiles.
+    """
+    if not COMPILING or not usable() or any(folder().glob("**/*.nbi")):
+        return
+    imports = ["; ".join(f"import {name}" for name in part) for part in parts]
+    running = [subprocess.Popen([sys.executable, "-c", each], stderr=subprocess.DEVNULL) for each in imports]
+    try:
+        for process in running:
+            process.wait()
+    finally:
+        for process in running:
+            process.kill()
 
 
 def interpreted(function: F, **names: Any) -> F:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
+import pkgutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,6 +17,24 @@ from hypothesis import HealthCheck, settings
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40)
 settings.register_profile("thorough", deadline=None, max_examples=1000, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile once for all processes of pytest-xdist, which would each compile everything otherwise."""
+    if not hasattr(config, "workerinput") and getattr(config.option, "numprocesses", None):
+        from lcpimpact.compiled import compile_ahead
+
+        modules = {part: modules_of(f"lcpimpact.{part}") for part in ("lcp.solvers", "integrators")}
+        first = ("lcpimpact.double_double", "lcpimpact.hybrid.flow", "lcpimpact.certificate")
+        compile_ahead(
+            modules["lcp.solvers"], (*first, *modules["integrators"], "lcpimpact.integrators.stepping.newton")
+        )
+
+
+def modules_of(package: str) -> list[str]:
+    """Return the names of the modules of a package."""
+    folder = importlib.import_module(package).__path__
+    return [f"{package}.{each.name}" for each in pkgutil.iter_modules(folder) if not each.ispkg]
 
 
 @pytest.fixture(scope="session", autouse=True)
