@@ -206,20 +206,24 @@ def compiled(signature: Any, inline: Literal["never", "always"] = "never", alloc
 
 
 def compile_ahead(*parts: Sequence[str]) -> None:
-    """Compile modules into the cache, each part of them in a process of its own, where nothing is compiled yet.
+    """Compile modules into the cache, once for a source, each part of them in a process of its own.
 
     Parameters
     ----------
     *parts
         Names of modules, those first that others import; a part should import little that another one compiles.
     """
-    if not COMPILING or not usable() or any(folder().glob("**/*.nbi")):
+    done = folder() / hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+    if not COMPILING or not usable() or done.exists():
         return
     imports = ["; ".join(f"import {name}" for name in part) for part in parts]
     running = [subprocess.Popen([sys.executable, "-c", each], stderr=subprocess.DEVNULL) for each in imports]
     try:
-        for process in running:
-            process.wait()
+        codes = [process.wait() for process in running]
+        if not any(codes):
+            done.touch()
+    except OSError as error:
+        say_once(f"cannot be written ({reason(error)}) and is made anew in each run")
     finally:
         for process in running:
             process.kill()

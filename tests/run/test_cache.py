@@ -52,6 +52,27 @@ def test_compiled_code_is_read_again(folder):
     assert compiled.said == []
 
 
+def test_modules_are_compiled_ahead_once_and_again_where_that_failed(folder, monkeypatch):
+    started, codes = [], [0, 1, 0, 0]
+
+    class Process:
+        def __init__(self, command, **options):
+            started.append(command[-1])
+            self.code = codes.pop(0)
+
+        def wait(self):
+            return self.code
+
+        def kill(self):
+            pass
+
+    monkeypatch.setattr(compiled.subprocess, "Popen", Process)
+    folder.mkdir(parents=True)
+    for _ in range(3):
+        compiled.compile_ahead(("one", "two"), ("three",))
+    assert started == ["import one; import two", "import three"] * 2
+
+
 DAMAGE = {
     "empty": lambda content: b"",
     "half": lambda content: content[: len(content) // 2],
