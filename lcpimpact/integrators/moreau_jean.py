@@ -137,12 +137,12 @@ class MoreauJean(LinearStep):
         return Step(q=q, v=v, impulse=y.P[0], laws=(law,), paths=paths, static=static)
 
     def contact_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
-        """Return W = H A⁻¹ Hᵀ/h, with A and H where it has that form."""
+        """Return W = H A⁻¹ Hᵀ/h, with A and H/√h where it has that form."""
         if not d.stores_energy or d.springs:
             return Dense(W)
-        free = ~d.driven
-        A = d.M / self.theta + h * d.C + self.theta * h**2 * d.K
-        return Dense(W, A=A[np.ix_(free, free)], H=d.H[:, free])
+        free, θ = ~d.driven, self.theta
+        A = d.M / (θ * h) + d.C + θ * h * d.K
+        return Dense(W, A=A[np.ix_(free, free)], H=d.H[:, free] / np.sqrt(h))
 
     def at_switches(self, d: Dynamics) -> LinearStep | None:
         """Return the step with θ = 1, which a system asks for that can jump."""
