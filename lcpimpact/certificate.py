@@ -10,12 +10,26 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices, Places
-from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, places, vector
+from lcpimpact.compiled import compiled, f8, flags, matrix, vector
 from lcpimpact.events import step_of
 from lcpimpact.integrators.base import Integrator, Limits
 from lcpimpact.record import SLIPS, ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.power_law import mean_force, spring_energy, spring_force
+from lcpimpact.theta_balance import (
+    DAMPED,
+    DRIVEN,
+    FREE,
+    MASSIVE,
+    Contacts,
+    Impulses,
+    Nodes,
+    Recorded,
+    Sparse,
+    SpringLaws,
+    certify_steps,
+    no_violations,
+    sums_for,
+)
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
 
@@ -24,9 +38,6 @@ LEGENDRE = np.polynomial.legendre.legvander(GAUSS_NODES, 5) * GAUSS_WEIGHTS[:, N
 
 RESIDUAL_FACTOR = 1e3
 """Violation of the laws, each in its own unit, that an LCP solved to a residual causes, in units of it."""
-
-MASSIVE, DRIVEN, DAMPED, FREE = 1, 2, 0, -1
-"""Kinds of nodes: with mass, prescribed, massless with dashpots, massless with springs only."""
 
 SLOPE, JUMP = 0.25, 0.6
 """Differences of a method from the trapezoidal rule, in units of h times a change and of h times a second difference;
@@ -44,14 +55,8 @@ UNIFORM_RTOL = 1e-6
 MIN_POINTS = 3
 """Number of points up to which a run shows no second differences."""
 
-CHECK_INTERVAL = 16
-"""Number of steps between looks at the sums over a run: one that is wrong stays wrong."""
-
 SCALE_FLOOR = 1e-6
 """Smallest scale of a motion, relative to the largest: at a precision of 1e-9 of it, it is rounding."""
-
-CLOSED_GAP_RTOL = 1e-12
-"""Penetration, relative to the terms of the gap, below which a contact is closed."""
 
 SENTENCES = {
     "complementarity": "force and gap, or friction and sliding, are complementary but for {:.3g} J",
@@ -175,297 +180,6 @@ class Pieces:
         inner = np.asarray(values).reshape(len(self.cuts) - 1, len(GAUSS_NODES), *values.shape[1:])
         a = np.abs(np.einsum("kg...,gj->kj...", inner, LEGENDRE[:, min(degree, 5) :])).sum(axis=1)
         return np.asarray(a * np.diff(self.cuts).reshape(-1, *[1] * (values.ndim - 1)))
-
-
-@compiled(f8(matrix, matrix, i8, vector))
-def energy_of_spring(N: Array, springs: Array, a: int, q: Array) -> float:
-    """Return the energy that one non-linear spring stores in J."""
-    gap, K, n, _, _ = springs[a]
-    δ = -gap
-    for j in range(len(q)):
-        δ -= N[a, j] * q[j]
-    return spring_energy(K, n, δ)
-
-
-@compiled(types.void(matrix, vector, f8, vector, vector, vector, places, places, vector, flags, matrix))
-def judge_paths(
-    lines: Array, force: Array, h: float, before: Array, after: Array,
-    H: Array, starts: Places, columns: Places, e: Array, meets: Flags, of_rows: Array,
-) -> None:  # fmt: skip
-    """Judge the impulse paths over massless nodes (rows of ``lines``) in a step with the mean forces ``force`` (nc,).
-
-    Where all contacts of a path push, they meet, and the law of impact is that of their sum: the product is the force that
-    passes through all of them times Σ (U⁺ + ρ e U), with ρ of `lcpimpact.integrators.moreau_jean`. It raises the first of
-    ``of_rows``.
-    """
-    nc = len(force)
-    through, ρ, U, U_after = np.empty(len(lines)), np.zeros(nc), np.zeros(nc), np.zeros(nc)
-    meets[:] = False
-    for i in range(nc):
-        for p in range(starts[i], starts[i + 1]):
-            U[i] += H[p] * before[columns[p]]
-            U_after[i] += H[p] * after[columns[p]]
-    for a in range(len(lines)):
-        least, opening, approach = np.inf, 0.0, 0.0
-        for i in range(nc):
-            if lines[a, i] > 0.0:
-                least, opening, approach = min(least, force[i]), opening + U[i], approach + min(U[i], 0.0)
-        through[a] = max(least, 0.0)
-        for i in range(nc):
-            if lines[a, i] > 0.0 and least > 0.0:
-                meets[i] = True
-                if opening < 0.0:
-                    ρ[i] = max(ρ[i], opening / approach)
-    for a in range(len(lines)):
-        off = 0.0
-        for i in range(nc):
-            if lines[a, i] > 0.0:
-                off += U_after[i] + e[i] * ρ[i] * min(U[i], 0.0)
-        for i in range(nc):
-            if lines[a, i] > 0.0:
-                of_rows[0, i] = max(of_rows[0, i], h * through[a] * abs(off))
-
-
-@compiled(
-    types.UniTuple(f8, 3)(
-        vector, matrix, matrix, matrix, matrix, indices, indices, vector, f8, places, places, vector, vector, vector,
-        places, places, vector, matrix, matrix, vector, vector, vector, vector, indices, indices, matrix, matrix,
-        matrix, matrix, matrix,
-    )
-)  # fmt: skip
-def certify_steps(
-    t: Array,
-    q: Array,
-    v: Array,
-    r: Array,
-    f: Array,
-    step: Indices,
-    row: Indices,
-    P: Array,
-    θ: float,
-    starts: Places,
-    columns: Places,
-    M: Array,
-    C: Array,
-    K: Array,
-    H_starts: Places,
-    H_columns: Places,
-    H: Array,
-    B: Array,
-    D: Array,
-    u0: Array,
-    e: Array,
-    r_min: Array,
-    r_max: Array,
-    degree: Indices,
-    kind: Indices,
-    N: Array,
-    springs: Array,
-    lines: Array,
-    of_rows: Array,
-    of_nodes: Array,
-) -> tuple[float, float, float]:
-    """Judge a run whose forces balance at t + θ h in each step; return the balance of energy, its scale and the longest h.
-
-    The rows in which D r counts are met at t + θ h, or at t + h in a step that is taken with θ = 1: the better counts.
-    Where all contacts of an impulse path over massless nodes (a row of ``lines``) push, the law of impact is that of their
-    sum: the product is the force that passes through all of them times Σ (U⁺ + ρ e U), with ρ of `moreau-jean`. A
-    contact of a path may overlap as others close, which counts as penetration alone.
-    The work of a step is h w·(f_θ + Hᵀ r - C w) with w = (q⁺ - q)/h, which is what the θ-method balances; on a node whose
-    motion is given the force that drives it balances the others, and leaves K q_θ - s.
-
-    M, C and K are the values of one sparse pattern, by rows, and H of another. The impulse P[a] acts in ``step[a]``, in the
-    order of steps, on ``row[a]`` beside the forces r. Nodes that only springs hold may be moved after the step; their v is
-    the mean of the step. Leaves in ``of_rows`` complementarity, penetration, tension, violation of the impact law,
-    the largest |r| and |u⁺ - u|; in ``of_nodes`` the lack of momentum, that of impulse at nodes without mass, of way, and
-    about the largest |q| and |v|.
-    """
-    n, nc, ns, ni = q.shape[1], len(u0), len(springs), len(step)
-    meets, on_line, any_direct = np.zeros(nc, np.bool_), np.zeros(nc, np.bool_), False
-    total, of_step, reach = np.zeros(nc), np.zeros((4, nc)), 0.0
-    for a in range(len(lines)):
-        for i in range(nc):
-            on_line[i] |= lines[a, i] > 0.0
-    balance, worst, longest, at, begun = 0.0, 0.0, 0.0, 0, 0
-    direct, drives, varying, last = np.zeros(nc, np.bool_), False, len(f) > 1, len(t) - 2
-    for i in range(nc):
-        for j in range(nc):
-            direct[i] |= D[i, j] != 0.0
-        any_direct |= direct[i]
-    for i in range(n):
-        drives |= kind[i] == DRIVEN
-    product, penetration, tension = of_rows[0], of_rows[1], of_rows[2]
-    law, largest_r, stroke = of_rows[3], of_rows[4], of_rows[5]
-    lack, missing, gone, largest_q, largest_v = of_nodes[0], of_nodes[1], of_nodes[2], of_nodes[3], of_nodes[4]
-    gap, rate, w = np.empty(nc), np.empty(nc), np.empty(n)
-    # ∫ q_θ dt, ∫ r dt and the impulses of loads and non-linear springs since the start.
-    way, impulse, given = np.zeros(n), np.zeros(nc), np.zeros(n)
-    stored = 0.0
-    for i in range(n):
-        inertia, elastic = 0.0, 0.0
-        for p in range(starts[i], starts[i + 1]):
-            inertia += M[p] * v[0, columns[p]]
-            elastic += K[p] * q[0, columns[p]]
-        stored += 0.5 * (v[0, i] * inertia + q[0, i] * elastic)
-        largest_q[i], largest_v[i] = abs(q[0, i]), abs(v[0, i])
-    for a in range(ns):
-        stored += energy_of_spring(N, springs, a, q[0])
-    scale = abs(stored)
-    for i in range(nc):
-        gap[i], rate[i] = u0[i], 0.0
-        for p in range(H_starts[i], H_starts[i + 1]):
-            gap[i] += H[p] * q[0, H_columns[p]]
-            rate[i] += H[p] * v[0, H_columns[p]]
-    for k in range(last + 1):
-        h = t[k + 1] - t[k]
-        per_h = 1.0 / h
-        if h > longest:
-            longest = h
-        power, after = 0.0, 0.0
-        for i in range(n):
-            w[i] = (q[k + 1, i] - q[k, i]) * per_h
-            rate_θ = v[k + 1, i]
-            if kind[i] == MASSIVE:
-                rate_θ = (1.0 - θ) * v[k, i] + θ * rate_θ
-            elif kind[i] == DRIVEN:
-                rate_θ = w[i]
-            if kind[i] != FREE and h * abs(w[i] - rate_θ) > gone[i]:
-                gone[i] = h * abs(w[i] - rate_θ)
-            way[i] += h * (q[k, i] + θ * h * rate_θ)
-            if varying:
-                given[i] += h * ((1.0 - θ) * f[k, i] + θ * f[k + 1, i])
-        while at < ni and step[at] == k:
-            impulse[row[at]] += P[at]
-            at += 1
-        for i in range(nc):
-            impulse[i] += h * r[k, i]
-            total[i] = r[k, i]
-        while begun < at:
-            total[row[begun]] += P[begun] * per_h
-            begun += 1
-        if len(lines):
-            judge_paths(lines, total, h, v[k], v[k + 1], H, H_starts, H_columns, e, meets, of_rows)
-        for i in range(nc):
-            force, u, U, W = total[i], u0[i], 0.0, 0.0
-            for p in range(H_starts[i], H_starts[i + 1]):
-                j = H_columns[p]
-                u += H[p] * q[k + 1, j]
-                U += H[p] * v[k + 1, j]
-                W += H[p] * w[j]
-            bare, U_before = u, rate[i]
-            power += force * W
-            moved = h * abs(W)
-            if moved > stroke[i]:
-                stroke[i] = moved
-            if direct[i]:
-                for j in range(nc):
-                    u += D[i, j] * r[k, j]
-                u_θ = u - (1.0 - θ) * h * W
-                of_step[0, i], of_step[1, i] = abs(force * u_θ), abs(force * u)
-                of_step[2, i], of_step[3, i] = -u_θ, -u
-            if abs(r[k, i]) > largest_r[i]:
-                largest_r[i] = abs(r[k, i])
-            if force < r_min[i] or force > r_max[i]:
-                tension[i] = max(tension[i], r_min[i] - force, force - r_max[i])
-            if r_max[i] < np.inf:
-                slip = U if degree[i] == 2 else W
-                found = h * (r_max[i] * abs(slip) + force * slip)
-            elif direct[i]:
-                found = 0.0
-            else:
-                if -u > penetration[i]:
-                    penetration[i] = -u
-                if degree[i] == 2:
-                    left = U + e[i] * U_before
-                    found = h * force * left
-                    if meets[i]:
-                        found = 0.0
-                    elif force > 0.0:
-                        law[i] = max(law[i], abs(left))
-                    elif gap[i] + 0.5 * h * U_before < 0.0 and left < 0.0:
-                        edge = abs(u0[i])
-                        for p in range(H_starts[i], H_starts[i + 1]):
-                            edge += abs(H[p] * q[k, H_columns[p]])
-                        if gap[i] + 0.5 * h * U_before < -CLOSED_GAP_RTOL * edge:
-                            law[i] = max(law[i], -left)
-                else:
-                    found = force * u
-                if on_line[i]:
-                    found = 0.0 if meets[i] else max(found, 0.0)
-            if abs(found) > product[i]:
-                product[i] = abs(found)
-            gap[i], rate[i] = bare, U
-            if drives:
-                for j in range(n):
-                    if kind[j] == DRIVEN:
-                        power -= force * B[j, i] * w[j]
-        if any_direct:
-            # The rows in which D r counts are met at t + θ h, or at t + h in a step that is taken with θ = 1.
-            reach = max(reach, np.abs(of_step[3]).max())
-            rounding = CLOSED_GAP_RTOL * reach * largest_r.max()
-            late = of_step[0].max() > max(rounding, of_step[1].max()) or (
-                of_step[0].max() <= rounding and of_step[2].max() > max(CLOSED_GAP_RTOL * reach, of_step[3].max())
-            )
-            level = 1 if late else 0
-            if late:
-                for i in range(n):
-                    way[i] += h * (1.0 - θ) * h * w[i]
-                    if varying:
-                        given[i] += h * (1.0 - θ) * (f[k + 1, i] - f[k, i])
-            for i in range(nc):
-                product[i] = max(product[i], of_step[level, i])
-                penetration[i] = max(penetration[i], of_step[2 + level, i])
-        for a in range(ns):
-            gap_a, K_a, n_a, b_a, c_a = springs[a]
-            δ, parting = -gap_a, 0.0
-            for j in range(n):
-                δ -= N[a, j] * (q[k, j] + θ * h * w[j])
-                parting += N[a, j] * w[j]
-            force, _, _ = mean_force(K_a, n_a, b_a, c_a, δ, -parting, h)
-            elastic_force, _, _ = spring_force(K_a, n_a, b_a, c_a, δ, 0.0)
-            power += (force - elastic_force) * parting
-            for j in range(n):
-                given[j] += h * N[a, j] * force
-                if kind[j] == DRIVEN:
-                    power -= N[a, j] * force * w[j]
-            after += energy_of_spring(N, springs, a, q[k + 1])
-        for i in range(n):
-            inertia, elastic, damping = 0.0, 0.0, 0.0
-            for p in range(starts[i], starts[i + 1]):
-                j = columns[p]
-                inertia += M[p] * v[k + 1, j]
-                elastic += K[p] * q[k + 1, j]
-                damping += C[p] * w[j]
-            if kind[i] == DRIVEN:
-                elastic_θ = θ * elastic
-                for p in range(starts[i], starts[i + 1]):
-                    elastic_θ += (1.0 - θ) * K[p] * q[k, columns[p]]
-                power += w[i] * elastic_θ
-            else:
-                load = (1.0 - θ) * f[k, i] + θ * f[k + 1, i] if varying else f[0, i]
-                power += w[i] * (load - damping)
-            after += 0.5 * (v[k + 1, i] * inertia + q[k + 1, i] * elastic)
-        balance += after - stored - h * power
-        worst = max(worst, abs(balance))
-        stored = after
-        scale = max(scale, abs(stored))
-        if k % CHECK_INTERVAL == CHECK_INTERVAL - 1 or k == last:
-            elapsed = t[k + 1] - t[0]
-            for i in range(n):
-                largest_q[i] = max(largest_q[i], abs(q[k + 1, i]))
-                largest_v[i] = max(largest_v[i], abs(v[k + 1, i]))
-                if kind[i] == DRIVEN:
-                    continue
-                lacking = -given[i] if varying else -given[i] - f[0, i] * elapsed
-                for p in range(starts[i], starts[i + 1]):
-                    j = columns[p]
-                    lacking += M[p] * (v[k + 1, j] - v[0, j]) + C[p] * (q[k + 1, j] - q[0, j]) + K[p] * way[j]
-                for j in range(nc):
-                    lacking -= B[i, j] * impulse[j]
-                reached = lack if kind[i] == MASSIVE else missing
-                if not abs(lacking) <= reached[i]:
-                    reached[i] = abs(lacking) if abs(lacking) < np.inf else np.inf
-    return worst, scale, longest
 
 
 @dataclass(frozen=True, eq=False)
@@ -620,39 +334,44 @@ def _rows(d: Dynamics) -> dict[str, int]:
     return {contact.name: i for i, contact in enumerate(d.contacts)}
 
 
-def _pattern(filled: Array) -> tuple[Places, tuple[Places, Places]]:
-    """Return where the filled places of a matrix are, by rows: the first of each row, and the rows and columns."""
+def _pattern(filled: Array) -> tuple[Sparse, tuple[Places, Places]]:
+    """Return where the filled places of a matrix are, by rows, and their rows and columns."""
     rows, columns = np.nonzero(filled)
     starts = np.append(0, np.cumsum(np.count_nonzero(filled, axis=1)))
-    return starts.astype(np.uint64), (rows.astype(np.uint64), columns.astype(np.uint64))
+    places = rows.astype(np.uint64), columns.astype(np.uint64)
+    return Sparse(starts.astype(np.uint64), places[1]), places
 
 
 def _judge_by_balance(
     d: Dynamics, record: Record, events: Sequence[Event], θ: float, limits: Limits
 ) -> tuple[Found, Scales, tuple[float, float]]:
     """Judge steps whose forces balance at t + θ h: all but kinks in position is exact there."""
-    rows, n, nc = _rows(d), len(d.nodes), len(d.contacts)
-    impulses = sorted(
+    rows, kind = _rows(d), _kinds(d)
+    acting = sorted(
         (step_of(event, record.t, record.q, record.v), rows[event.contact], event.impulse)
         for event in events
         if event.impulse != 0.0
     )
-    step, row = (np.array([each[i] for each in impulses], dtype=np.int64) for i in (0, 1))
-    P = np.array([each[2] for each in impulses])
-    starts, at = _pattern((d.M != 0.0) | (d.C != 0.0) | (d.K != 0.0))
-    H_starts, H_at = _pattern(d.H != 0.0)
-    kind = _kinds(d)
-    of_rows, of_nodes = np.zeros((6, nc)), np.zeros((5, n))
+    step, row = (np.array([each[i] for each in acting], dtype=np.int64) for i in (0, 1))
     f = d.force(np.zeros(1) if d.constant_loads else record.t)
-    B, D = np.array(d.B, order="C"), np.array(d.D, order="C")
+    pattern, at = _pattern((d.M != 0.0) | (d.C != 0.0) | (d.K != 0.0))
+    H_pattern, H_at = _pattern(d.H != 0.0)
+    contacts = Contacts(
+        *(H_pattern, d.H[H_at], np.array(d.B, order="C"), np.array(d.D, order="C"), d.u0.copy(), d.restitution),
+        *(d.r_min, d.r_max, d.relative_degree, np.array(d.impulse_lines, order="C")),
+    )
+    of = no_violations(len(d.contacts), len(d.nodes))
     balance, scale, h = certify_steps(
-        record.t, record.q, record.v, record.reaction, f, step, row, P, θ,
-        starts, at[1], d.M[at], d.C[at], d.K[at], H_starts, H_at[1], d.H[H_at],
-        B, D, d.u0.copy(), d.restitution, d.r_min, d.r_max, d.relative_degree, kind, d.directions, d.power_laws,
-        d.impulse_lines, of_rows, of_nodes,
-    )  # fmt: skip
-    product, penetration, tension, law, R, stroke = of_rows
-    lack, missing, gone, q, v = of_nodes
+        Recorded(record.t, record.q, record.v, record.reaction, f),
+        Impulses(step, row, np.array([each[2] for each in acting])),
+        float(θ),
+        Nodes(pattern, d.M[at], d.C[at], d.K[at], kind),
+        contacts,
+        SpringLaws(d.directions, d.power_laws),
+        sums_for(contacts, len(d.nodes)),
+        of,
+    )
+    product, R, stroke, q, v = of.product, of.r, of.stroke, of.q, of.v
     scales = Scales(
         q, v, np.abs(d.H) @ q + np.abs(d.u0) + np.abs(d.D) @ R, np.abs(d.H) @ v, R, np.abs(f).max(axis=0)
     ).at_least(d, h)
@@ -683,18 +402,18 @@ def _judge_by_balance(
                 limits.precision * (R * scales.u + h * bounds * scales.U) + 2.0 * bounds * _crept(d, record),
             ),
         ),
-        "penetration": _worst(penetration, np.where(strict, 0.0, stroke) + limits.precision * scales.u),
+        "penetration": _worst(of.penetration, np.where(strict, 0.0, stroke) + limits.precision * scales.u),
         "energy_balance": (
             balance, ε * (scale + float(v @ momenta)) if θ == 0.5 and (kind >= 0).all() and not d.springs else np.inf,
         ),
-        "tension": _worst(tension, limits.precision * (R + largest / max(h, 1e-300))),
-        "impact_law": _worst(law, slow),
-        "momentum": _worst(lack, ε * momenta + blur * (steps * forces + np.abs(d.B) @ largest / shortest)),
+        "tension": _worst(of.tension, limits.precision * (R + largest / max(h, 1e-300))),
+        "impact_law": _worst(of.law, slow),
+        "momentum": _worst(of.momentum, ε * momenta + blur * (steps * forces + np.abs(d.B) @ largest / shortest)),
         "equilibrium": _worst(
-            missing / duration,
+            of.equilibrium / duration,
             late * forces + ε * (forces + (np.abs(d.B) @ largest + scales.momenta(d)) / duration),
         ),
-        "kinematics": _worst(gone, limits.precision * (scales.q + h * scales.v)),
+        "kinematics": _worst(of.kinematics, limits.precision * (scales.q + h * scales.v)),
     }  # fmt: skip
     return found, scales, (balance, scale)
 

@@ -30,7 +30,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 BASE = {"errors", "arguments", "memory", "registry", "arrays", "numbers", "files", "compiled", "double_double"}
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "record", "hybrid", "integrators"}
-RUN = METHOD | {"events", "certificate", "trajectory", "simulation"}
+RUN = METHOD | {"events", "theta_balance", "certificate", "trajectory", "simulation"}
 STUDY = RUN | {"study"}
 MAY_IMPORT = {
     "errors": set(),
@@ -50,7 +50,8 @@ MAY_IMPORT = {
     "hybrid": MECHANICS | {"lcp", "record"},
     "integrators": MECHANICS | {"lcp", "record", "hybrid"},
     "events": METHOD,
-    "certificate": METHOD | {"events"},
+    "theta_balance": {"arrays", "compiled", "scheme"},
+    "certificate": METHOD | {"events", "theta_balance"},
     "trajectory": METHOD | {"events", "certificate"},
     "simulation": METHOD | {"events", "certificate", "trajectory"},
     "schemefile": RUN,
@@ -72,7 +73,7 @@ ONLY = {
     "dask": {"sweep"},
     "pandas": {"study", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
-    "numba": {"compiled", "double_double", "scheme", "lcp", "hybrid", "integrators", "certificate"},
+    "numba": {"compiled", "double_double", "scheme", "lcp", "hybrid", "integrators", "certificate", "theta_balance"},
 }
 """Third-party packages to the layers that may import them."""
 
