@@ -431,6 +431,12 @@ def test_a_contact_that_lasts_keeps_order_two(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
+def test_a_step_whose_square_is_no_number_is_refused(name):
+    with pytest.raises(li.InputError, match=r"dt = 1e\+160 s is longer than"):
+        run(li.load_problem("bouncing-ball"), name, 1e160, 3e160)
+
+
+@pytest.mark.parametrize("name", NAMES)
 def test_a_pile_at_rest_stays_at_rest(name):
     """Of equal bodies under their weight no gap closes by itself: only rounding opens the contacts between them."""
     scheme = li.Scheme(

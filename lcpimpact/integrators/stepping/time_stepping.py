@@ -24,6 +24,10 @@ from lcpimpact.record import Grid, Record, Stats
 from lcpimpact.scheme.dynamics import Dynamics
 
 
+LONGEST_STEP = 1e150
+"""Longest step in s: its square is a number, with room for masses and stiffnesses beside it."""
+
+
 class Prepared(Protocol):
     """A step of one length, with the solver of its LCP."""
 
@@ -121,6 +125,10 @@ class TimeStepping(Integrator, Generic[S]):
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run[S]:
         """Write the initial state and the motions that are given, and prepare the step."""
+        if grid.h > LONGEST_STEP:
+            raise InputError(
+                f"dt = {grid.h:g} s is longer than {LONGEST_STEP:g} s, and dt² no number: take a smaller dt"
+            )
         d = problem.dynamics
         record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
         record.q[0, d.driven], record.v[0, d.driven] = d.motion(0.0)
