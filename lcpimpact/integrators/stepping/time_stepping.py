@@ -23,7 +23,6 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, Record, Stats
 from lcpimpact.scheme.dynamics import Dynamics
 
-
 LONGEST_STEP = 1e150
 """Longest step in s: its square is a number, with room for masses and stiffnesses beside it."""
 
