@@ -234,7 +234,7 @@ def test_sigterm_ends_a_process_within_code_that_handles_every_exception(tmp_pat
             while True:
                 try:
                     print("writing", flush=True)
-                    time.sleep(60)
+                    time.sleep(0.1)
                 except BaseException:
                     {handled}
     """
@@ -257,7 +257,7 @@ def test_ctrl_c_ends_a_command_within_code_that_handles_every_exception(tmp_path
                 while True:
                     try:
                         print("writing", flush=True)
-                        time.sleep(60)
+                        time.sleep(0.1)
                     except BaseException:
                         {handled}
         commands.app = command
