@@ -10,11 +10,12 @@ import traceback
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from io import TextIOWrapper
-from types import FrameType
+from types import FrameType, TracebackType
 
 from rich.console import Console
 from typer import Abort
 from typer.exceptions import TyperException
+from typer.main import get_command
 
 from lcpimpact.arguments import visible
 from lcpimpact.errors import FailureError, LcpImpactError
@@ -46,7 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         # Typer itself turns Ctrl-C within a command into the exit code 130.
         with _interruptible(interrupts), outputs_together():
-            code = app(
+            code = get_command(app)(
                 args=None if arguments is None else list(arguments), prog_name="lcpimpact", standalone_mode=False
             )
     except (KeyboardInterrupt, Abort):
@@ -73,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _interruptible(interrupts: list[threading.Timer]) -> Iterator[None]:
     """Let Ctrl-C raise KeyboardInterrupt, and end the process where nothing comes of it for `PATIENCE` seconds.
 
-    C code that calls back, as an import or a compiler does, may swallow the exception.
+    C code that calls back, as an import or a compiler does, may swallow the exception, or print it.
     """
     ours = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     ours = ours and threading.current_thread() is threading.main_thread()
@@ -84,13 +85,20 @@ def _interruptible(interrupts: list[threading.Timer]) -> Iterator[None]:
         interrupts[-1].start()
         raise KeyboardInterrupt
 
+    def print_exception(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        if not interrupts:
+            sys.__excepthook__(kind, error, trace)
+
+    hook = sys.excepthook
     if ours:
         signal.signal(signal.SIGINT, interrupt)
+        sys.excepthook = print_exception
     try:
         yield
     finally:
         if ours:
             signal.signal(signal.SIGINT, signal.default_int_handler)
+            sys.excepthook = hook
         for timer in interrupts:
             timer.cancel()
 

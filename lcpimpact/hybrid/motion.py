@@ -21,7 +21,6 @@ from lcpimpact.hybrid.event_loop import (
     read_segments,
     refuse_undetermined,
 )
-from lcpimpact.hybrid.event_loop import follow as follow
 from lcpimpact.hybrid.modes import (
     FINE_ZERO,
     ZERO,

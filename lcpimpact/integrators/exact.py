@@ -13,7 +13,8 @@ from typing import ClassVar
 import numpy as np
 
 from lcpimpact.errors import Status
-from lcpimpact.hybrid.motion import Motion, begin_problem, cuts, follow, read
+from lcpimpact.hybrid.event_loop import follow
+from lcpimpact.hybrid.motion import Motion, begin_problem, cuts, read
 from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem

@@ -111,10 +111,13 @@ class MoreauJean(LinearStep):
         """Return θ."""
         return self.theta
 
+    def matrix(self, d: Dynamics, h: float) -> Array:
+        """Return A = M/(θ h) + C + θ h K."""
+        return np.asarray(d.M / (self.theta * h) + d.C + self.theta * h * d.K)
+
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
-        θ, r, driven = self.theta, y.P[0] / h, d.driven
-        A = d.M / (θ * h) + d.C + θ * h * d.K
+        θ, r, driven, A = self.theta, y.P[0] / h, d.driven, self.matrix(d, h)
         at_rest = 0.0 * y.v
         F = (1.0 - θ) * y.force(0.0, y.q, at_rest) + θ * y.force(1.0, y.q, at_rest)
         momentum = F + d.M @ y.v / (θ * h) + y.push(r)
@@ -140,9 +143,8 @@ class MoreauJean(LinearStep):
         """Return W = H A⁻¹ Hᵀ/h, with A and H/√h where it has that form."""
         if not d.stores_energy or d.springs:
             return Dense(W)
-        free, θ = ~d.driven, self.theta
-        A = d.M / (θ * h) + d.C + θ * h * d.K
-        return Dense(W, A=A[np.ix_(free, free)], H=d.H[:, free] / np.sqrt(h))
+        free = ~d.driven
+        return Dense(W, A=self.matrix(d, h)[np.ix_(free, free)], H=d.H[:, free] / np.sqrt(h))
 
     def at_switches(self, d: Dynamics) -> LinearStep | None:
         """Return the step with θ = 1, which a system asks for that can jump."""

@@ -123,9 +123,9 @@ def approaches(impacts: Impacts, scale: Array, start: Start) -> bool:
         if impacts.bounces[i]:
             u, rounding = row_of(impacts.C, i, start.x, scale)
             if u <= rounding:
-                U, slow = row_of(impacts.CA, i, start.x, scale)
-                start.closed[i] = slow >= U
-                approach = approach or -slow > U
+                rate, slow = row_of(impacts.CA, i, start.x, scale)
+                start.closed[i] = rate <= slow
+                approach = approach or rate < -slow
     return approach
 
 

@@ -996,6 +996,32 @@ def test_a_signal_ends_a_command_and_leaves_its_files_as_they_were_or_whole(fold
         assert (folder / "old.csv").read_text() == "older\n"
 
 
+INTERRUPTED_IMPORT = """
+import signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from lcpimpact.cli.main import main
+
+class Interrupted:
+    # As the C macro import_array does: what an import raises is printed, and an ImportError takes its place.
+    def find_spec(self, name, *_):
+        if name == "scipy":
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt:
+                sys.excepthook(*sys.exc_info())
+                raise ImportError("a module failed to import") from None
+
+sys.meta_path.insert(0, Interrupted())
+main(["simulate", "system-1"])
+"""
+
+
+def test_an_interrupted_import_prints_one_sentence():
+    done = subprocess.run([sys.executable, "-c", INTERRUPTED_IMPORT], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 130
+    assert done.stderr == "lcpimpact: interrupted: files that were finished are whole, and no other was left\n"
+
+
 # ---- a soak ---------------------------------------------------------------------------------------------------------
 
 SOAK = int(os.environ.get("LCPIMPACT_SOAK", "600"))

@@ -8,9 +8,9 @@ from scipy.linalg import expm
 from scipy.optimize import brentq, linprog
 
 import lcpimpact as li
+from lcpimpact.hybrid.event_loop import follow as follow_motion
 from lcpimpact.hybrid.impact_law import restitution
 from lcpimpact.hybrid.motion import begin_problem, state_before
-from lcpimpact.hybrid.motion import follow as follow_motion
 from lcpimpact.hybrid.tangent import tangent
 from lcpimpact.integrators import METHODS
 from lcpimpact.problems import PROBLEMS

@@ -24,16 +24,15 @@ from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, n
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.impulse_paths import PATHS, Paths, closes, write_shifts
 from lcpimpact.integrators.stepping.law import (
-    PROBLEM,
     SOLVING,
     SPRING_SOLVER,
     SPRINGS,
-    ContactProblem,
     Solving,
     Springs,
     SpringSolver,
+    restrict,
+    solve_active,
     solve_law,
-    submatrix,
 )
 from lcpimpact.integrators.stepping.static_balance import STATIC, Static, balance
 from lcpimpact.lcp.problem import KERNEL
@@ -149,29 +148,12 @@ def add_column(sums: Array, x: float, columns: Array, j: int, first: int) -> Non
             sums[i] += x * columns[j, i]
 
 
-@compiled(PROBLEM(matrix, vector, vector, vector, indices))
-def restrict(W: Array, q: Array, lower: Array, upper: Array, active: Indices) -> ContactProblem:
-    """Return the contact problem of the active rows alone."""
-    na = len(active)
-    rows = ContactProblem(submatrix(W, active), np.empty(na), np.empty(na), np.empty(na))
-    for a in range(na):
-        rows.q[a], rows.lower[a], rows.upper[a] = q[active[a]], lower[active[a]], upper[active[a]]
-    return rows
-
-
-@compiled(types.Tuple((i8, i8, f8))(TABLE, i8, vector, i8, ROOM, SOLVING))
-def solve_part(table: Table, law: int, q: Array, na: int, room: Room, solving: Solving) -> tuple[int, int, float]:
-    """Solve a law on the active rows alone."""
-    rows = restrict(table.W[law], q, table.lower[law], table.upper[law], room.active[:na])
-    return solve_law(rows.W, rows.q, rows.lower, rows.upper, room.z[:na], solving.tol, solving.max_iter, solving.solve)
-
-
 @compiled(types.Tuple((i8, i8, f8))(TABLE, i8, vector, i8, ROOM, SOLVING), inline="always", allocates=False)
 def solve_rows(table: Table, law: int, q: Array, na: int, room: Room, solving: Solving) -> tuple[int, int, float]:
     """Solve a law on its ``na`` active rows, from the guess in the room: status, iterations, residual."""
-    if na < len(q):
-        return solve_part(table, law, q, na, room, solving)
     W, lower, upper = table.W[law], table.lower[law], table.upper[law]
+    if na < len(q):
+        return solve_active(W, q, lower, upper, room.active[:na], room.z[:na], solving)
     return solve_law(W, q, lower, upper, room.z, solving.tol, solving.max_iter, solving.solve)
 
 

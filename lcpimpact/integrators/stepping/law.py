@@ -97,14 +97,6 @@ def solve_law(
     return status, count, residual
 
 
-@compiled(SPRING_SIGNATURE)
-def no_springs(
-    rows: ContactProblem, springs: Springs, y_free: Array, δ: Array, z: Array, y: Array, s: Array, solving: Solving
-) -> tuple[int, int, int, float]:
-    """Stand where a scheme has no non-linear springs: it is never called."""
-    return SOLVED, 0, 0, 0.0
-
-
 @compiled(matrix(matrix, indices))
 def submatrix(W: Array, rows: Indices) -> Array:
     """Return W with only these rows and columns."""
@@ -113,6 +105,33 @@ def submatrix(W: Array, rows: Indices) -> Array:
         for j in range(len(rows)):
             part[i, j] = W[rows[i], rows[j]]
     return part
+
+
+@compiled(PROBLEM(matrix, vector, vector, vector, indices))
+def restrict(W: Array, q: Array, lower: Array, upper: Array, active: Indices) -> ContactProblem:
+    """Return the contact problem of the active rows alone."""
+    na = len(active)
+    rows = ContactProblem(submatrix(W, active), np.empty(na), np.empty(na), np.empty(na))
+    for a in range(na):
+        rows.q[a], rows.lower[a], rows.upper[a] = q[active[a]], lower[active[a]], upper[active[a]]
+    return rows
+
+
+@compiled(types.Tuple((i8, i8, f8))(matrix, vector, vector, vector, indices, vector, SOLVING))
+def solve_active(
+    W: Array, q: Array, lower: Array, upper: Array, active: Indices, z: Array, solving: Solving
+) -> tuple[int, int, float]:
+    """Solve the contact problem of the active rows alone, from the guess z of these: status, iterations, residual."""
+    rows = restrict(W, q, lower, upper, active)
+    return solve_law(rows.W, rows.q, rows.lower, rows.upper, z, solving.tol, solving.max_iter, solving.solve)
+
+
+@compiled(SPRING_SIGNATURE)
+def no_springs(
+    rows: ContactProblem, springs: Springs, y_free: Array, δ: Array, z: Array, y: Array, s: Array, solving: Solving
+) -> tuple[int, int, int, float]:
+    """Stand where a scheme has no non-linear springs: it is never called."""
+    return SOLVED, 0, 0, 0.0
 
 
 def with_fallbacks(

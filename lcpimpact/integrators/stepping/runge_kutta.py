@@ -40,7 +40,7 @@ from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.modes import System, refuse_mixed_degrees, refuse_velocity_jumps
 from lcpimpact.integrators.base import Integrator, Limits
 from lcpimpact.integrators.stepping.kernel import copy
-from lcpimpact.integrators.stepping.law import SOLVING, Solving, solve_law, submatrix, with_fallbacks
+from lcpimpact.integrators.stepping.law import SOLVING, Solving, solve_active, solve_law, submatrix, with_fallbacks
 from lcpimpact.integrators.stepping.tableau import Tableau
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
@@ -230,13 +230,6 @@ def touching(x: Array, system: Matrices, scale: Array, r: Array, touches: Flags)
             touches[i] = abs(term(system.U, i, x)) <= held(r[i]) * rounding(system.U, i, scale)
 
 
-@compiled(types.Tuple((i8, i8, f8))(MATRICES, i8, ROOM, SOLVING))
-def solve_part(system: Matrices, na: int, room: Room, solving: Solving) -> tuple[int, int, float]:
-    """Solve the law of ``na`` active rows alone."""
-    W, q, z = submatrix(system.G, room.active[:na]), room.q[:na], room.z[:na]
-    return solve_law(W, q, room.lower[:na], room.upper[:na], z, solving.tol, solving.max_iter, solving.solve)
-
-
 @compiled(types.Tuple((i8, i8, f8))(vector, MATRICES, vector, vector, ROOM, SOLVING), allocates=False)
 def right_side(x: Array, system: Matrices, r: Array, dy: Array, room: Room, solving: Solving) -> tuple[int, int, float]:
     """Write r and y' at x, with the contacts that touch by the room; return status, iterations and residual."""
@@ -245,7 +238,7 @@ def right_side(x: Array, system: Matrices, r: Array, dy: Array, room: Room, solv
     for i in range(nc):
         if room.touches[i]:
             room.active[na], room.z[na] = i, max(r[i], 0.0)
-            room.q[na] = term(system.O, i, x) + term(system.O_s, i, room.s)
+            room.q[i] = term(system.O, i, x) + term(system.O_s, i, room.s)
             na += 1
         r[i] = 0.0
     status, count, residual = SOLVED, 0, 0.0
@@ -254,7 +247,9 @@ def right_side(x: Array, system: Matrices, r: Array, dy: Array, room: Room, solv
             system.G, room.q, room.lower, room.upper, room.z, solving.tol, solving.max_iter, solving.solve
         )
     elif na > 0:
-        status, count, residual = solve_part(system, na, room, solving)
+        status, count, residual = solve_active(
+            system.G, room.q, room.lower, room.upper, room.active[:na], room.z[:na], solving
+        )
     for a in range(na):
         r[room.active[a]] = room.z[a]
     for j in range(len(dy)):
@@ -589,10 +584,6 @@ class ExplicitRungeKutta(Integrator):
     def limits(self) -> Limits:
         """Return those of contacts that are held by their accelerations, and drift within `ACTIVE_GAP_FACTOR`."""
         return replace(super().limits(), precision=1e2 * ACTIVE_GAP_FACTOR * ZERO_RTOL)
-
-    def reaction_times(self, grid: Grid) -> Array:
-        """Return the grid."""
-        return grid.times(0, grid.steps)
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
         """Eliminate the massless coordinates, and write the initial values; impacts at t = 0 come before them."""

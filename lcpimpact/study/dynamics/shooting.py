@@ -20,8 +20,9 @@ from scipy.optimize import brentq
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, UnsupportedError
+from lcpimpact.hybrid.event_loop import follow
 from lcpimpact.hybrid.modes import System
-from lcpimpact.hybrid.motion import Motion, begin, begin_problem, follow, read, state_before
+from lcpimpact.hybrid.motion import Motion, begin, begin_problem, read, state_before
 from lcpimpact.hybrid.tangent import place_derivative, tangent
 from lcpimpact.numbers import count, positive
 from lcpimpact.problems.base import Problem
