@@ -30,7 +30,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 BASE = {"errors", "arguments", "memory", "registry", "arrays", "numbers", "files", "compiled", "double_double"}
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "record", "hybrid", "integrators"}
-RUN = METHOD | {"events", "theta_balance", "certificate", "trajectory", "simulation"}
+RUN = METHOD | {"events", "certificate", "trajectory", "simulation"}
 STUDY = RUN | {"study"}
 MAY_IMPORT = {
     "errors": set(),
@@ -50,8 +50,7 @@ MAY_IMPORT = {
     "hybrid": MECHANICS | {"lcp", "record"},
     "integrators": MECHANICS | {"lcp", "record", "hybrid"},
     "events": METHOD,
-    "theta_balance": {"arrays", "compiled", "scheme"},
-    "certificate": METHOD | {"events", "theta_balance"},
+    "certificate": METHOD | {"events"},
     "trajectory": METHOD | {"events", "certificate"},
     "simulation": METHOD | {"events", "certificate", "trajectory"},
     "schemefile": RUN,
@@ -73,7 +72,7 @@ ONLY = {
     "dask": {"sweep"},
     "pandas": {"study", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
-    "numba": {"compiled", "double_double", "scheme", "lcp", "hybrid", "integrators", "certificate", "theta_balance"},
+    "numba": {"compiled", "double_double", "scheme", "lcp", "hybrid", "integrators", "certificate"},
 }
 """Third-party packages to the layers that may import them."""
 

@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
+from lcpimpact.certificate.energy import INFLOWS, STORED
 from lcpimpact.plotting.style import EXACT, INK, PALETTE, SOFT, style
 from lcpimpact.plotting.timeline import (
     curves,
@@ -25,7 +26,7 @@ from lcpimpact.plotting.timeline import (
 )
 from lcpimpact.study.accuracy.comparison import Comparison
 from lcpimpact.study.accuracy.cross_validation import CrossValidation
-from lcpimpact.study.ledger import GIVEN, STORED, Ledger
+from lcpimpact.study.ledger import Ledger
 from lcpimpact.trajectory import Trajectory
 
 MARKS = "os^Dv<>"
@@ -227,7 +228,7 @@ def plot_ledger(ledger: Ledger) -> Figure:
     warm = iter((PALETTE[1], PALETTE[4], PALETTE[3], PALETTE[2], "#8c6d46", "#b9b2a5"))
     shades = [colors[name] if name in colors else next(warm) for name in layers]
     upper.stackplot(t, list(layers.values()), colors=shades, linewidth=0.0, alpha=0.85)
-    came = table[list(GIVEN)].sum(axis=1).to_numpy()
+    came = table[list(INFLOWS)].sum(axis=1).to_numpy()
     there = sum(values[0] for values in layers.values())
     upper.plot(t, there + came, color=INK, linewidth=1.2, linestyle="-")
     top = float(np.max(there + came))

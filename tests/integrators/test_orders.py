@@ -179,7 +179,10 @@ def test_overlap_is_as_declared(name):
 
 @pytest.mark.parametrize("name", METHODS)
 def test_the_balance_of_energy_is_kept_between_impacts(name):
-    """A flight under constant load is balanced to rounding by every method, and what an impact takes is no imbalance."""
+    """A flight under constant load is balanced to rounding, and what an impact takes is no imbalance.
+
+    A method that corrects positions lifts the ball against its weight by what it corrects.
+    """
     problem = IMPACTS["bouncing-ball"]
     try:
         run = simulate(problem, name, dt=problem.t_end / 2500, t_end=problem.t_end)
@@ -189,6 +192,11 @@ def test_the_balance_of_energy_is_kept_between_impacts(name):
     # A velocity that is recorded without half a kick makes an impact work more or less by as much.
     h, g, fastest = problem.t_end / 2500, 9.81, math.sqrt(2.0 * 9.81)
     lacking = 4 * METHODS[name].declared.kick * h * g * fastest
+    if run.dense is None:
+        mean = np.diff(run.t) * 0.5 * (run.v[1:, 0] + run.v[:-1, 0])
+        lifted = np.abs(np.diff(run.q[:, 0]) - mean)
+        lacking += g * lifted[lifted > 1e-2 * h * h * g].sum()
+        assert np.count_nonzero(lifted > 1e-2 * h * h * g) <= 8
     assert run.certificate.energy_balance < 1e-11 * run.certificate.energy_scale + lacking
 
 

@@ -1,0 +1,4 @@
+"""The certificate of a run: the laws that it should obey, judged from what it holds, and its account of energy."""
+
+from lcpimpact.certificate.certification import Certificate as Certificate
+from lcpimpact.certificate.certification import certify as certify

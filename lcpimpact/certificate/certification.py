@@ -1,0 +1,196 @@
+"""The certificate of a run: how far it is from the laws that it should obey, computed from what the run holds alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.certificate.continuous import judge_continuous
+from lcpimpact.certificate.grid import judge_grid
+from lcpimpact.certificate.scales import Found, Scales, worst
+from lcpimpact.certificate.theta_steps import judge_theta_steps
+from lcpimpact.certificate.trapezoid import trapezoid_errors
+from lcpimpact.integrators.base import Integrator, Limits
+from lcpimpact.record import ContinuousSolution, Event, Record
+from lcpimpact.scheme.dynamics import Dynamics
+
+RESIDUAL_FACTOR = 1e3
+"""Violation of the laws, each in its own unit, that an LCP solved to a residual causes, in units of it."""
+
+SENTENCES = {
+    "complementarity": "force and gap, or friction and sliding, are complementary but for {:.3g} J",
+    "penetration": "bodies penetrate by {:.3g} m",
+    "energy_balance": "the energy is out of balance by {:.3g} J",
+    "tension": "a reaction is outside its bounds by {:.3g} N",
+    "impact_law": "the impact law is violated by {:.3g} m/s",
+    "momentum": "the momentum is out of balance by {:.3g} N s",
+    "equilibrium": "a massless node is out of balance by {:.3g} N",
+    "kinematics": "coordinates and velocities differ by {:.3g} m",
+    "sampling": "what is recorded differs from the continuous solution by {:.3g} of its scale",
+    "motion": "a node is off its prescribed motion by {:.3g} m",
+}
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Greatest violations over a run; each is zero for the exact motion.
+
+    Attributes
+    ----------
+    residual : float
+        Largest residual of the LCPs of the steps, in units where max |W| = max |q| = 1; zero where none is solved.
+    complementarity : float
+        Largest product in J: r u while a contact pushes, impulse times U⁺ + e U⁻ in an impact, and what the friction of a
+        slider should dissipate in a step more than it does, r0 |U| + r U.
+    penetration : float
+        Largest -u in m.
+    energy_balance : float
+        Largest imbalance in J of what is stored, flowed in and was dissipated since t = 0, the sum of the energy ledger
+        (`lcpimpact.energy_ledger`). With the θ-method it is what the method itself adds or takes, zero to rounding for
+        θ = 1/2 and linear springs; a method that corrects positions lifts bodies against their loads. NaN for a system that
+        is given directly, which has no energy to balance.
+    energy_scale : float
+        Largest size of the stored energy in the run in J, to compare with.
+    tension : float
+        By how much a reaction leaves its bounds in N: -r, -P/h for an impulse in a step, or |r| - r0 of a slider.
+    impact_law : float
+        Largest violation in m/s of P >= 0, U⁺ + e U⁻ >= 0, P (U⁺ + e U⁻) = 0: |U⁺ + e U⁻| where an impulse acts.
+    momentum : float
+        Largest |M v - M v(0) - ∫ (f + s - K q - C v + B r) dt - Σ B P| of a node with mass in N s.
+    equilibrium : float
+        Largest |f + s - K q - C v + B r| in N of a node without mass; of the θ-method, the largest impulse that has gone
+        missing there, over the duration.
+    kinematics : float
+        Largest |q - q(0) - ∫ v dt| in m of a node that has a velocity of its own.
+    motion : float
+        Largest |q_i - y(t)| in m of a node whose motion is given.
+    sampling : float
+        Largest difference of what is recorded from the continuous solution, relative to the scale of each series.
+    length_scale, velocity_scale, force_scale, momentum_scale : float
+        Largest opening in m, its rate in m/s, the largest sum of forces at a node in N, and the largest momentum of a node
+        in N s, to compare with.
+    limits : mapping of str to float
+        What the method allows of each, where it declares a limit; see `lcpimpact.integrators.base.Limits`.
+    """
+
+    residual: float
+    complementarity: float
+    penetration: float
+    energy_balance: float
+    energy_scale: float
+    tension: float = 0.0
+    impact_law: float = 0.0
+    momentum: float = 0.0
+    equilibrium: float = 0.0
+    kinematics: float = 0.0
+    motion: float = 0.0
+    sampling: float = 0.0
+    length_scale: float = 0.0
+    velocity_scale: float = 0.0
+    force_scale: float = 0.0
+    momentum_scale: float = 0.0
+    limits: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """What is beyond its limit, the worst first, each as a sentence with the number and the limit."""
+        beyond = {
+            name: float(getattr(self, name) / limit if limit > 0.0 else np.inf)
+            for name, limit in self.limits.items()
+            if not getattr(self, name) <= limit
+        }
+        return tuple(
+            f"{SENTENCES[name].format(getattr(self, name))}, where {self.limits[name]:.2g} is allowed"
+            for name in sorted(beyond, key=lambda name: -beyond[name])
+        )
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing is beyond its limit."""
+        return not self.failures
+
+
+def certify(
+    dynamics: Dynamics,
+    start: tuple[Array, Array],
+    record: Record,
+    dense: ContinuousSolution | None,
+    events: Sequence[Event],
+    integrator: Integrator | None,
+) -> Certificate:
+    """Judge a run from what it holds.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+        The system whose laws are meant.
+    start : pair of (n,) arrays
+        q and v with which its motion begins.
+    record : Record
+        What was recorded. Reactions hold no impulses.
+    dense : ContinuousSolution or None
+        The solution as a function of time, where the method has one: then all is judged on it, by Gauss's rule.
+    events : sequence of Event
+        What happened, with the impulses.
+    integrator : Integrator or None
+        The method, which says what it allows, and θ where the forces of its steps balance at t + θ h; without one nothing
+        is beyond a limit.
+    """
+    d = dynamics
+    limits = Limits() if integrator is None else integrator.limits()
+    residual = record.stats.residual
+    limits = replace(limits, precision=limits.precision + RESIDUAL_FACTOR * residual)
+    θ = None if integrator is None else integrator.balance_point()
+    with np.errstate(all="ignore"):
+        if len(record.t) < 2:
+            found, scales, energies = _nothing(d, record)
+        elif θ is not None:
+            found, scales, energies = judge_theta_steps(d, record, events, θ, limits)
+        elif dense is not None:
+            found, scales, energies = judge_continuous(d, start, record, dense, events, limits)
+        else:
+            found, scales, energies = judge_grid(d, start, record, events, integrator, limits)
+        found["motion"] = _motion(d, record, limits)
+        forces, momenta = scales.forces(d), scales.momenta(d)
+    if not d.stores_energy:
+        energies = (np.nan, np.nan)
+    allowed = {name: limit for name, (_, limit) in found.items()} if integrator is not None else {}
+    if not limits.balances_energy or not d.stores_energy:
+        allowed.pop("energy_balance", None)
+    elif allowed and 0.0 < found["energy_balance"][0] < energies[0]:
+        # What is reported is the largest violation, which may be allowed more than the one that is worst beside its limit.
+        allowed["energy_balance"] *= energies[0] / found["energy_balance"][0]
+    violations = {name: float(value) for name, (value, _) in found.items() if name != "energy_balance"}
+    return Certificate(
+        residual=residual,
+        energy_balance=float(energies[0]),
+        energy_scale=float(energies[1]),
+        length_scale=float(scales.u.max(initial=0.0)),
+        velocity_scale=float(scales.U.max(initial=0.0)),
+        force_scale=float(forces.max(initial=0.0)),
+        momentum_scale=float(momenta.max(initial=0.0)),
+        limits=allowed,
+        **violations,
+    )
+
+
+def _nothing(d: Dynamics, record: Record) -> tuple[Found, Scales, tuple[float, float]]:
+    """Judge a run that ended before its first step."""
+    q, v, r = record.q, record.v, np.zeros((1, len(d.contacts)))
+    energy = float(np.abs(d.energy(q, v)).max(initial=0.0))
+    laws = ("complementarity", "penetration", "energy_balance")
+    return dict.fromkeys(laws, (0.0, 0.0)), Scales.of(d, q, v, r, d.force(record.t)), (0.0, energy)
+
+
+def _motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:
+    """Return how far driven nodes are from their motion."""
+    if not d.motions:
+        return 0.0, 0.0
+    y, _ = d.motion(record.t)
+    h, v = np.diff(record.t), np.ascontiguousarray(record.v[:, d.driven])
+    off = np.abs(record.q[:, d.driven] - y).max(axis=0)
+    between = trapezoid_errors(h, v, limits.order).max(axis=0, initial=0.0)
+    return worst(off, limits.precision * np.abs(y).max(axis=0) + between)

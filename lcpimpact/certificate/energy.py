@@ -1,0 +1,220 @@
+r"""The account of the energy of a run: what flows in, and what each element dissipates.
+
+.. math::
+
+    T + V - f_0·(q - q(0)) = T_0 + V_0 + \int (f - f_0)·v\,dt + W_{motions} - \sum_e \int P_e\,dt - \sum \text{impacts}
+
+with T the kinetic energy, V that of the springs, f_0 the constant loads, and P_e the power that one dashpot, slider,
+contact or lossy spring dissipates. In an impact a contact dissipates -Λ (U⁻ + U⁺)/2, with its impulse Λ and the limits of
+its opening rate.
+
+Flows are rows (2 + m,): the work of the loads that vary, that of the forces behind prescribed motions, and what each of m
+sinks dissipates. In the ledger each element is a sink; in the certificate all are one.
+
+Source: Acary and Brogliato, *Numerical Methods for Nonsmooth Dynamical Systems* (2008), section 10.1.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.certificate.impacts import Impacts, rows_by_name
+from lcpimpact.events import step_of
+from lcpimpact.problems.base import Problem
+from lcpimpact.record import Event, Record
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.elements.base import GROUND, Element
+from lcpimpact.scheme.power_law import mean_forces
+from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.terms import Terms
+
+STORED = ("kinetic", "elastic", "gravity")
+INFLOWS = ("loads", "motions")
+
+
+@dataclass(frozen=True, eq=False)
+class Sinks:
+    """What dissipates the energy of a scheme.
+
+    Attributes
+    ----------
+    names : tuple of m str
+    dashpots : tuple of pairs
+        Nodes and damping matrix of the dashpots of the first sinks.
+    springs, contacts : (ns, m), (nc, m) arrays
+        1 where a sink holds the loss of a non-linear spring, or of a contact or slider; else 0.
+    """
+
+    names: tuple[str, ...]
+    dashpots: tuple[tuple[list[int], Array], ...]
+    springs: Array
+    contacts: Array
+
+    @classmethod
+    def all_as_one(cls, d: Dynamics) -> Sinks:
+        """Return one sink for all that dissipates."""
+        every = list(range(len(d.nodes)))
+        dashpots = ((every, d.C),) if d.C.any() else ()
+        return cls(("dissipated",), dashpots, np.ones((len(d.springs), 1)), np.ones((len(d.contacts), 1)))
+
+    @classmethod
+    def by_element(cls, problem: Problem) -> Sinks:
+        """Return a sink for each dashpot, lossy spring, slider and contact."""
+        d, index = problem.dynamics, {node: i for i, node in enumerate(problem.dynamics.nodes)}
+        elements = problem.scheme.elements if isinstance(problem.scheme, Scheme) else ()
+        names, dashpots = [], []
+        for part in (part for element in elements for part in _elementary_parts(element)):
+            own = [node for node in part.nodes if node != GROUND]
+            terms = Terms(own)
+            part.contribute(terms)
+            if terms.C.value.any():
+                names.append(f"dashpot {' to '.join(part.nodes)}")
+                dashpots.append(([index[node] for node in own], terms.C.value))
+        lossy = [a for a, spring in enumerate(d.springs) if spring.b > 0.0 or spring.c > 0.0]
+        for spring in (d.springs[a] for a in lossy):
+            names.append(f"{spring.element.split()[0]} {spring.upper} to {spring.lower}")
+        for contact in d.contacts:
+            kind = "slider" if contact.r0 is not None else "impact" if contact.relative_degree == 2 else "contact"
+            names.append(f"{kind} {contact.name}")
+        springs, contacts = np.zeros((len(d.springs), len(names))), np.zeros((len(d.contacts), len(names)))
+        springs[lossy, len(dashpots) + np.arange(len(lossy))] = 1.0
+        contacts[:, len(dashpots) + len(lossy) :] = np.eye(len(d.contacts))
+        return cls(tuple(_numbered(names)), tuple(dashpots), springs, contacts)
+
+
+def _elementary_parts(element: Element) -> Iterator[Element]:
+    """Yield the elementary parts of an element, however deep they lie."""
+    parts = element.parts()
+    if len(parts) == 1 and parts[0] is element:
+        yield element
+    else:
+        for part in parts:
+            yield from _elementary_parts(part)
+
+
+def _numbered(names: Sequence[str]) -> Iterator[str]:
+    """Yield the names, with a number after one that comes again."""
+    seen = Counter[str]()
+    for name in names:
+        seen[name] += 1
+        yield name if seen[name] == 1 else f"{name} {seen[name]}"
+
+
+@dataclass(frozen=True, eq=False)
+class Account:
+    """The flows of energy of a system into and out of what it stores, and their three quadratures."""
+
+    d: Dynamics
+    sinks: Sinks
+
+    @cached_property
+    def steady_loads(self) -> Array:
+        """The loads that do not depend on time, f_0 (n,)."""
+        f0 = np.zeros(len(self.d.nodes))
+        for i, load in self.d.loads:
+            if not callable(load):
+                f0[i] += load
+        return f0
+
+    def stored(self, q: Array, v: Array, start: Array) -> Array:
+        """Return the kinetic, elastic and potential energy -f_0·(q - q(0)) in J (nt, 3)."""
+        potential = -(q - start) @ self.steady_loads
+        return np.column_stack([self.d.kinetic_energy(v), self.d.elastic_energy(q), potential])
+
+    def powers(self, t: Array, q: Array, v: Array, r: Array) -> Array:
+        """Return all flows in W (nt, 2 + m)."""
+        return self._without_contacts(self.d.force(t), q, v, self.d.push(q, v)) + self.of_contacts(v, r)
+
+    def balance(self, flows: Array) -> Array:
+        """Return what flows (..., 2 + m) add to the stored energy (...)."""
+        signs = np.repeat([1.0, -1.0], [len(INFLOWS), len(self.sinks.names)])
+        return np.asarray(flows @ signs)
+
+    def imbalance(self, stored: Array, first: Array, net: Array) -> Array:
+        """Return stored energies (nt, 3) less the first (3,) and the net inflow since (nt,), in J (nt,)."""
+        return np.asarray((stored - first) @ np.ones(len(STORED)) - net)
+
+    def of_contacts(self, v: Array, r: Array) -> Array:
+        """Return the flows by reactions: in W of forces in N, in J of impulses in N s (nt, 2 + m)."""
+        d, flows = self.d, np.zeros((len(v), len(INFLOWS) + len(self.sinks.names)))
+        if d.motions:
+            flows[:, 1] = -((r @ d.B.T) * v)[:, d.driven].sum(axis=1)
+        flows[:, len(INFLOWS) :] = -(r * d.gap_rate(v)) @ self.sinks.contacts
+        return flows
+
+    def of_impacts(self, impacts: Impacts) -> Array:
+        """Return the flows in J of impacts, at the mean of the velocities before and after (ni, 2 + m)."""
+        return self.of_contacts(0.5 * (impacts.before + impacts.after), impacts.P)
+
+    def _without_contacts(self, f: Array, q: Array, v: Array, s: Array) -> Array:
+        """Return the flows in W by loads f, prescribed motions, dashpots, and non-linear springs that push by s."""
+        d, flows = self.d, np.zeros((len(v), len(INFLOWS) + len(self.sinks.names)))
+        if not d.constant_loads:
+            flows[:, 0] = np.einsum("ki,ki->k", f - self.steady_loads, v)
+        if d.motions:
+            flows[:, 1] = ((q @ d.K.T + v @ d.C.T - f - s @ d.directions) * v)[:, d.driven].sum(axis=1)
+        for k, (nodes, C) in enumerate(self.sinks.dashpots, len(INFLOWS)):
+            flows[:, k] = np.einsum("ki,ki->k", v[:, nodes] @ C, v[:, nodes])
+        if d.springs:
+            flows[:, len(INFLOWS) :] += d.spring_losses(q, v, s) @ self.sinks.springs
+        return flows
+
+    def by_theta_rule(self, record: Record, events: Sequence[Event], θ: float) -> Array:
+        """Return the flows of each step in J, h w·(forces at t + θ h) with w = (q⁺ - q)/h (steps, 2 + m).
+
+        For θ = 1/2 and linear springs it is an identity of the step.
+        """
+        d, h = self.d, np.diff(record.t)
+        w, f = np.diff(record.q, axis=0) / h[:, None], d.force(record.t)
+        q, f = ((1.0 - θ) * each[:-1] + θ * each[1:] for each in (record.q, f))
+        s = mean_forces(d.power_laws, d.approach(q), d.approach_rate(w), h)
+        impulses = h[:, None] * record.reaction + _impulses(d, record, events, 1)
+        return h[:, None] * self._without_contacts(f, q, w, s) + self.of_contacts(w, impulses)
+
+    def by_trapezoidal_rule(self, record: Record, events: Sequence[Event], impact_steps: int = 1) -> Array:
+        """Return the flows of each step in J, by the powers at its ends (steps, 2 + m).
+
+        Reactions and impulses that belong to steps act at the mean of the velocities at their ends, others at the limits
+        of their event. Loads work along q⁺ - q, which has no jumps.
+        """
+        d, t, q, v, r = self.d, record.t, record.q, record.v, record.reaction
+        h, mean, in_steps, f = np.diff(t)[:, None], 0.5 * (v[1:] + v[:-1]), len(r) < len(t), d.force(t)
+        powers = self._without_contacts(f, q, v, d.push(q, v))
+        if not in_steps:
+            powers += self.of_contacts(v, r)
+        flows = 0.5 * h * (powers[1:] + powers[:-1])
+        if not d.constant_loads:
+            flows[:, 0] = np.einsum("ki,ki->k", 0.5 * (f[1:] + f[:-1]) - self.steady_loads, np.diff(q, axis=0))
+        if in_steps:
+            flows += self.of_contacts(mean, h * r + _impulses(d, record, events, impact_steps))
+        else:
+            impacts = Impacts.of(d, events)
+            impacts = impacts[impacts.t > t[0]]
+            np.add.at(flows, impacts.steps(t), self.of_impacts(impacts))
+        return flows
+
+
+def _impulses(d: Dynamics, record: Record, events: Sequence[Event], impact_steps: int) -> Array:
+    """Return the impulse of each contact in each step in N s (steps, nc).
+
+    Of an impact over several steps each has the part of the impulse that it has of the change of U.
+    """
+    P, rows = np.zeros((len(record.t) - 1, len(d.contacts))), rows_by_name(d)
+    for event in events:
+        if event.impulse == 0.0:
+            continue
+        i, first = rows[event.contact], step_of(event, record.t, record.q, record.v)
+        U = d.gap_rate(record.v[first : first + impact_steps + 1])[:, i]
+        part = (
+            np.diff(U) / (U[-1] - U[0])
+            if len(U) > 2 and U[-1] != U[0]
+            else np.full(len(U) - 1, 1.0 / max(len(U) - 1, 1))
+        )
+        P[first : first + len(part), i] += event.impulse * part
+    return P

@@ -1,0 +1,107 @@
+"""The law of impact, judged from the limits before and after each impact and its impulses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.record import Event
+from lcpimpact.scheme.dynamics import Dynamics
+
+
+def rows_by_name(d: Dynamics) -> dict[str, int]:
+    """Return the row of each contact by its name."""
+    return {contact.name: i for i, contact in enumerate(d.contacts)}
+
+
+def largest_impulses(d: Dynamics, events: Sequence[Event]) -> Array:
+    """Return the largest impulse of each row in N s (nc,)."""
+    P = np.zeros(len(d.contacts))
+    rows = rows_by_name(d)
+    for event in events:
+        if event.impulse:
+            P[rows[event.contact]] = max(P[rows[event.contact]], abs(event.impulse))
+    return P
+
+
+@dataclass(frozen=True, eq=False)
+class Impacts:
+    """The impacts of a run, one of each instant.
+
+    Attributes
+    ----------
+    t : (ni,) array                 when
+    q, before, after : (ni, n)      the places, and the limits of the velocities
+    P : (ni, nc)                    the impulses
+    """
+
+    t: Array
+    q: Array
+    before: Array
+    after: Array
+    P: Array
+
+    @classmethod
+    def of(cls, d: Dynamics, events: Sequence[Event]) -> Impacts:
+        """Return those of events, where such as have their limits in common are one."""
+        rows = rows_by_name(d)
+        struck = [event for event in events if event.impulse != 0.0]
+        limits = [(event.t, event.left.v.tobytes(), event.right.v.tobytes()) for event in struck]
+        first = [k for k, each in enumerate(limits) if k == 0 or each != limits[k - 1]]
+        n, P = len(d.nodes), np.zeros((len(first), len(d.contacts)))
+        one = np.searchsorted(first, np.arange(len(struck)), side="right") - 1
+        row = np.array([rows[event.contact] for event in struck], dtype=np.int64)
+        np.add.at(P, (one, row), [event.impulse for event in struck])
+        t = np.array([struck[k].t for k in first])
+        q, before, after = (
+            np.array([getattr(getattr(struck[k], side), name) for k in first]).reshape(-1, n)
+            for side, name in (("left", "q"), ("left", "v"), ("right", "v"))
+        )
+        return cls(t, q, before, after, P)
+
+    def steps(self, t: Array) -> Indices:
+        """Return the step of the grid t in which each is; one on the grid is in the step before it."""
+        return np.clip(np.searchsorted(t, self.t) - 1, 0, len(t) - 2)
+
+    def __getitem__(self, chosen: Any) -> Impacts:
+        """Return some of them."""
+        return Impacts(self.t[chosen], self.q[chosen], self.before[chosen], self.after[chosen], self.P[chosen])
+
+
+def _impact_law(d: Dynamics, impacts: Impacts, touch: Array) -> Array:
+    """Return the violation of the law in m/s of each row in each impact (ni, nc); rows with u <= ``touch`` touch.
+
+    The rates of nodes without mass after an impact are no states: they are what fits the law best.
+    """
+    before, after, P, e = d.gap_rate(impacts.before), d.gap_rate(impacts.after), impacts.P, d.restitution
+    struck, off = P != 0.0, after + e * before
+    # A contact that opens already, and is held back by another, may part at any greater rate.
+    off = np.where((before > 0.0) & (np.abs(after) < np.abs(off)), after, off)
+    free = d.H[:, ~d.massive & ~d.driven]
+    for k in np.flatnonzero((struck & free.any(axis=1)).any(axis=1)):
+        rows = struck[k]
+        off[k, rows] -= free[rows] @ np.linalg.lstsq(free[rows], off[k, rows], rcond=None)[0]
+    violation = np.where(struck, np.abs(off), 0.0)
+    violation = np.where(P < 0.0, np.maximum(violation, np.abs(after - before)), violation)
+    idle = ~struck & ~d.slides & (d.gap(impacts.q) <= touch) & ~free.any(axis=1)
+    return np.where(idle, np.maximum(0.0, -(after + e * np.minimum(before, 0.0))), violation)
+
+
+def judge_impacts(d: Dynamics, impacts: Impacts, touch: Array, shortest: float = 0.0) -> tuple[Array, Array]:
+    """Return the largest violation of the impact law and product of each row (nc,).
+
+    A row that has flown for less than ``shortest`` may stay closed: so accumulating impacts are ended.
+    """
+    violation, count = _impact_law(d, impacts, touch), np.arange(len(impacts.t))
+    flown = np.full(violation.shape, np.inf)
+    for i in range(len(d.contacts)):
+        struck = np.flatnonzero(impacts.P[:, i])
+        last = np.searchsorted(struck, count) - 1
+        flown[last >= 0, i] = (impacts.t - impacts.t[struck[last]])[last >= 0] if len(struck) else 0.0
+    ends = flown < shortest
+    violation = np.where(ends, np.minimum(violation, np.abs(d.gap_rate(impacts.after))), violation)
+    return violation.max(axis=0, initial=0.0), (np.abs(impacts.P) * violation).max(axis=0, initial=0.0)
