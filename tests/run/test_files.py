@@ -251,7 +251,8 @@ def test_ctrl_c_ends_a_command_within_code_that_handles_every_exception(tmp_path
         from lcpimpact.cli import commands
         from lcpimpact.cli.main import main
         from lcpimpact.files import whole_file
-        def command(args, prog_name, standalone_mode):
+        @commands.app.command()
+        def loop():
             with whole_file(Path({str(tmp_path / "a.txt")!r})) as part:
                 part.write_text("half")
                 while True:
@@ -260,9 +261,8 @@ def test_ctrl_c_ends_a_command_within_code_that_handles_every_exception(tmp_path
                         time.sleep(0.1)
                     except BaseException:
                         {handled}
-        commands.app = command
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        main([])
+        main(["loop"])
     """
     assert ended_while_it_writes(tmp_path, program, signal.SIGINT) == 130
     assert names(tmp_path) == []
