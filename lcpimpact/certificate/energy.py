@@ -181,7 +181,7 @@ class Account:
         """Return the flows of each step in J, by the powers at its ends (steps, 2 + m).
 
         Reactions and impulses that belong to steps act at the mean of the velocities at their ends, others at the limits
-        of their event. Loads work along q⁺ - q, which has no jumps.
+        of their event. There loads work along q⁺ - q, which has no jumps.
         """
         d, t, q, v, r = self.d, record.t, record.q, record.v, record.reaction
         h, mean, in_steps, f = np.diff(t)[:, None], 0.5 * (v[1:] + v[:-1]), len(r) < len(t), d.force(t)
@@ -189,14 +189,14 @@ class Account:
         if not in_steps:
             powers += self.of_contacts(v, r)
         flows = 0.5 * h * (powers[1:] + powers[:-1])
-        if not d.constant_loads:
-            flows[:, 0] = np.einsum("ki,ki->k", 0.5 * (f[1:] + f[:-1]) - self.steady_loads, np.diff(q, axis=0))
         if in_steps:
             flows += self.of_contacts(mean, h * r + _impulses(d, record, events, impact_steps))
         else:
             impacts = Impacts.of(d, events)
             impacts = impacts[impacts.t > t[0]]
             np.add.at(flows, impacts.steps(t), self.of_impacts(impacts))
+            if not d.constant_loads:
+                flows[:, 0] = np.einsum("ki,ki->k", 0.5 * (f[1:] + f[:-1]) - self.steady_loads, np.diff(q, axis=0))
         return flows
 
 
