@@ -98,6 +98,36 @@ def test_others_close_as_their_steps_shrink(method):
     assert not fine.closes
 
 
+def test_loads_work_along_positions_which_have_no_jumps_in_an_impact():
+    assert ledger_of("impact-oscillator", "rk4", 200).balance < 5e-3
+
+
+def test_an_impact_at_the_start_comes_before_the_ledger():
+    ball = li.Scheme(li.Mass("x", 1.0), li.Load("x", -9.81), li.Bumper("ground", "x", e=0.5, name="R"))
+    run = li.simulate(li.Problem("thrown down", ball, v0={"x": -2.0}), "rk4", dt=1e-2, t_end=0.15, progress=False)
+    ledger = li.energy_ledger(run)
+    assert run.events[0].t == 0.0
+    assert ledger.table["impact R"].iloc[-1] == 0.0
+    assert ledger.balance < 1e-12
+
+
+def test_the_potential_of_loads_is_zero_at_the_start():
+    assert ledger_of("bouncing-ball").table["gravity"].iloc[0] == 0.0
+
+
+def test_a_compliant_contact_takes_work_from_a_prescribed_motion():
+    scheme = li.Scheme(
+        li.Mass("x", 1.0), li.Load("x", -9.81), li.PrescribedMotion("y", li.Harmonic(0.1, 20.0)),
+        li.HuntCrossley("x", "y", K=2e3, n=1.5, b=0.2),
+    )  # fmt: skip
+    run = li.simulate(
+        li.Problem("shaken", scheme, q0={"x": 0.2}), "event-driven", dt=1e-2, t_end=1.0, rtol=1e-11, progress=False
+    )
+    ledger = li.energy_ledger(run)
+    assert np.ptp(ledger.table["motions"]) > 1.0
+    assert ledger.balance < 1e-8 * ledger.scale
+
+
 def test_forces_of_steps_drive_too():
     """Forces that belong to steps and a motion that is given, integrated by trapezoids."""
     coarse, fine = (ledger_of("jenkins-cycle", "radau", points) for points in (1009, 8009))
