@@ -32,8 +32,9 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.hybrid.modes import Mode, System, gaps
+from lcpimpact.hybrid.gaps import gaps
 from lcpimpact.hybrid.motion import Motion, Segment
+from lcpimpact.hybrid.system import Mode, System
 
 GRAZING_RTOL = 1e-10
 """Slope at a zero, relative to the terms of the row at their largest, below which the row grazes zero."""

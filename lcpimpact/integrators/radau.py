@@ -27,7 +27,8 @@ from numba import types
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, flags, i8, interpreted, matrix, named_tuple, vector
 from lcpimpact.errors import Status
-from lcpimpact.hybrid.modes import ZERO, refuse_velocity_jumps
+from lcpimpact.hybrid.impacts import refuse_velocity_jumps
+from lcpimpact.hybrid.system import ZERO
 from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.integrators.stepping.kernel import (
     BLOCK,

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.hybrid.modes import Mode, System
+from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.record import State
 from lcpimpact.scheme import power_law
 from lcpimpact.scheme.first_order import Inputs

@@ -37,7 +37,8 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, interpreted, matrix, named_tuple, vector
 from lcpimpact.errors import InputError, Status
-from lcpimpact.hybrid.modes import System, refuse_mixed_degrees, refuse_velocity_jumps
+from lcpimpact.hybrid.impacts import refuse_velocity_jumps
+from lcpimpact.hybrid.system import System, refuse_mixed_degrees
 from lcpimpact.integrators.base import Integrator, Limits
 from lcpimpact.integrators.stepping.kernel import copy
 from lcpimpact.integrators.stepping.law import SOLVING, Solving, solve_active, solve_law, submatrix, with_fallbacks
