@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.hybrid.complementarity import approach, at_rest, rebound
+from lcpimpact.hybrid.complementarity import Meeting, approach, at_rest, rebound
 from lcpimpact.hybrid.gaps import openings_and_rates, path_rates, still, touching_paths
 from lcpimpact.hybrid.impact_law import restitution as path_restitution
 from lcpimpact.hybrid.system import ZERO, Still, System
@@ -68,7 +68,7 @@ def impact(
         return state, np.zeros(len(system.degree)), held
     z = system.impact_lcp(G, lines, meeting, solver).solve(q).z
     parts = np.ascontiguousarray(state.parts)
-    after, impulses, ended = rebound(G.parts, B.parts, parts, toward, back, bounce, meeting, z, zero)
+    after, impulses, ended = rebound(G.parts, B.parts, parts, Meeting(meeting, bounce, toward, back), z, zero)
     if not ended:
         raise np.linalg.LinAlgError("no complementary basis")
     P = impulses[0] if len(lines) == 0 else impulses[0, : len(e)] + impulses[0, len(e) :] @ lines
