@@ -132,6 +132,54 @@ def drop(active: ActiveSet, k: int, a: int) -> None:
         rows[c] = rows[c + 1]
 
 
+@compiled(types.void(active_type, matrix, i8), inline="always")
+def load(active: ActiveSet, W: Array, j: int) -> None:
+    """Read column j of M, if it was not read before."""
+    if not active.loaded[j]:
+        column(W, j, active.C[j])
+        active.loaded[j] = True
+
+
+@compiled(i8(active_type, matrix, vector, vector, vector), inline="always")
+def begin(active: ActiveSet, W: Array, lower: Array, upper: Array, z: Array) -> int:
+    """Let the rows of the guess be free that lie between their bounds; return how many there are."""
+    k = 0
+    for i in range(len(z)):
+        z[i] = min(max(z[i], lower[i]), upper[i])
+        inside = lower[i] < z[i] < upper[i]
+        if z[i] != 0.0 or inside:
+            load(active, W, i)
+        if inside and enter(active, k, i):
+            k += 1
+    return k
+
+
+@compiled(types.void(active_type, vector, vector, vector), inline="always")
+def add_bounds(active: ActiveSet, q: Array, z: Array, base: Array) -> None:
+    """Write q + M z of the rows at their bounds."""
+    n = len(q)
+    for i in range(n):
+        base[i] = q[i]
+    for j in range(n):
+        if not active.free[j] and z[j] != 0.0:
+            for i in range(n):
+                base[i] += z[j] * active.C[j, i]
+
+
+@compiled(f8(active_type, i8, vector, vector, vector, vector), inline="always")
+def add_free(active: ActiveSet, k: int, base: Array, z: Array, root: Array, w: Array) -> float:
+    """Write w = base + M z of the k free rows; return Σ |z| in units of a unit diagonal."""
+    n, terms = len(w), 0.0
+    for i in range(n):
+        w[i] = base[i]
+        terms += root[i] * abs(z[i])
+    for a in range(k):
+        j = active.rows[a]
+        for i in range(n):
+            w[i] += z[j] * active.C[j, i]
+    return terms
+
+
 @compiled(types.Tuple((f8, i8))(matrix, indices, vector, vector, vector, vector, vector), inline="always")
 def minimise(L: Array, rows: Indices, base: Array, lower: Array, upper: Array, z: Array, y: Array) -> tuple[float, int]:
     """Move the free rows towards y = -M_αα⁻¹ base_α until one meets a bound; return the length, and which one or NONE."""
@@ -239,29 +287,13 @@ def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: fl
     """
     n = len(q)
     rows, basis, free, loaded = np.empty(n, np.int64), np.arange(n), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-    C, L = np.empty((n, n)), np.empty((n, n))
-    # The start and the sums of columns stand here, and not in functions: a call costs some percent of a solve of few rows.
-    active = ActiveSet(rows, free, basis, L, C, loaded)
+    active = ActiveSet(rows, free, basis, np.empty((n, n)), np.empty((n, n)), loaded)
     base, w, y, root = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     size = row_roots(W, q, root)
-    k, entering, leaving, stalled, fine = 0, NONE, NONE, 0, 2 * n
-    for i in range(n):
-        z[i] = min(max(z[i], lower[i]), upper[i])
-        inside = lower[i] < z[i] < upper[i]
-        if z[i] != 0.0 or inside:
-            column(W, i, C[i])
-            loaded[i] = True
-        if inside and enter(active, k, i):
-            k += 1
-
+    k, entering, leaving, stalled, fine = begin(active, W, lower, upper, z), NONE, NONE, 0, 2 * n
     for step in range(1, max_iter + 1):
-        for i in range(n):
-            base[i] = q[i]
-        for j in range(n):
-            if not free[j] and z[j] != 0.0:
-                for i in range(n):
-                    base[i] += z[j] * C[j, i]
-        length, block = minimise(L, rows[:k], base, lower, upper, z, y)
+        add_bounds(active, q, z, base)
+        length, block = minimise(active.L, rows[:k], base, lower, upper, z, y)
         if block != NONE:
             i = rows[block]
             note(z, basis, entering, n + i)
@@ -270,14 +302,7 @@ def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: fl
             k -= 1
             entering = NONE
             continue
-        terms = 0.0
-        for i in range(n):
-            w[i] = base[i]
-            terms += root[i] * abs(z[i])
-        for a in range(k):
-            j = rows[a]
-            for i in range(n):
-                w[i] += z[j] * C[j, i]
+        terms = add_free(active, k, base, z, root, w)
         note(z, basis, entering, leaving)
 
         e = most_wrong(free, z, w, lower, upper, root, 1e-14 * size + 8.0 * EPS * terms, stalled > n)
@@ -288,9 +313,7 @@ def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: fl
             return SOLVED, step
         entering, leaving = n + e, e
         stalled = stalled + 1 if length == 0.0 else 0
-        if not loaded[e]:
-            column(W, e, C[e])
-            loaded[e] = True
+        load(active, W, e)
         if enter(active, k, e):
             k += 1
             continue
