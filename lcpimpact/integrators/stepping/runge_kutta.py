@@ -29,6 +29,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -39,7 +40,7 @@ from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, interpret
 from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.impacts import refuse_velocity_jumps
 from lcpimpact.hybrid.system import System, refuse_mixed_degrees
-from lcpimpact.integrators.base import Integrator, Limits
+from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.integrators.stepping.kernel import copy
 from lcpimpact.integrators.stepping.law import SOLVING, Solving, solve_active, solve_law, submatrix, with_fallbacks
 from lcpimpact.integrators.stepping.tableau import Tableau
@@ -76,8 +77,21 @@ SCALE_FLOOR = 1e-3
 SAMPLED = np.linspace(0.0, 1.0, 17)[1:-1]
 """Positions in a step at which gaps are sampled, in units of its length."""
 
-HANDLES = (Feature.POWER_LAWS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION)
-"""Features these methods handle: all but sliders, whose force jumps as the velocity turns."""
+declare = partial(
+    Declared,
+    order_force_jump=2,
+    order_force_kink=2,
+    order_impact=1,
+    order_penetration=math.inf,
+    level="acceleration in a step, position and velocity at its end",
+    relative_degrees=(0, 1, 2),
+    # All but sliders, whose force jumps as the velocity turns.
+    handles=(Feature.POWER_LAWS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION),
+    reaction_lives="at t, right limit",
+    energy="no rule; grows without bound beyond the limit of stability",
+    dissipates=False,
+)
+"""Declared properties of an explicit Runge-Kutta method: what all share, and what is given here."""
 
 
 class Matrices(NamedTuple):
