@@ -351,17 +351,12 @@ class Radau(Integrator):
             contacts = Dense(W[np.ix_(always, always)].copy() if always.any() else W.copy())
             for each in (contacts, Dense(W.copy())):
                 solver.check(each, bool(d.slides.any()))
+        state, solving = RadauState(y, np.zeros((1, table.W.shape[1])), scale), solver.init(contacts)
+        tol, max_iter = limits(solver, self.tol, self.max_iter)
         return Run(
-            grid,
-            form,
-            form.breakpoints(0.0, grid.t_end),
-            table,
-            impacts,
-            RadauState(y, np.zeros((1, table.W.shape[1])), scale),
-            contacts,
-            solver.init(contacts),
-            *limits(solver, self.tol, self.max_iter),
-        )
+            grid=grid, form=form, breakpoints=form.breakpoints(0.0, grid.t_end), table=table, impacts=impacts,
+            state=state, contacts=contacts, solver=solving, tol=tol, max_iter=max_iter,
+        )  # fmt: skip
 
     def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block; after those that hold breakpoints of the signals, these are read anew."""
