@@ -23,7 +23,7 @@ from lcpimpact.double_double import DoubleDouble, stacked
 from lcpimpact.hybrid.complementarity import complementary
 from lcpimpact.hybrid.gaps import openings_and_rates, still
 from lcpimpact.hybrid.mixed_degrees import exchanged_mode
-from lcpimpact.hybrid.system import ZERO, Mode, Still, System, block, round_to_zero, solve_regular
+from lcpimpact.hybrid.system import ZERO, Mode, Still, System, round_to_zero, solve_regular
 from lcpimpact.lcp.solve import solve_lcp
 
 
@@ -143,12 +143,12 @@ def _solve_derivative(system: System, choice: Choice, at: Derivative, solver: st
     """Solve the LCP of one derivative: on closed rows that of u is zero, which gives theirs of r."""
     O, G, c, m = system.fine.O, system.fine.G, choice.closed, choice.undecided  # noqa: E741
     g, terms = O @ at.X + G @ at.r, np.abs(O.hi) @ at.scale + np.abs(G.hi) @ np.abs(at.r.hi)
-    q, W, summed = g[m], block(G, m, m), terms[m]
+    q, W, summed = g[m], _block(G, m, m), terms[m]
     if c:
-        eliminated = solve_regular(block(G, c, c), stacked([[g[c][:, None], block(G, c, m)]]))
-        q = q - block(G, m, c) @ eliminated[:, 0]
-        W = W - block(G, m, c) @ eliminated[:, 1:]
-        summed = summed + np.abs(block(G, m, c).hi) @ np.abs(eliminated.hi[:, 0])
+        eliminated = solve_regular(_block(G, c, c), stacked([[g[c][:, None], _block(G, c, m)]]))
+        q = q - _block(G, m, c) @ eliminated[:, 0]
+        W = W - _block(G, m, c) @ eliminated[:, 1:]
+        summed = summed + np.abs(_block(G, m, c).hi) @ np.abs(eliminated.hi[:, 0])
     q = round_to_zero(q, summed, zero)
     lower, upper = _bounds(system, m, choice.side, at.level)
     guess = solve_lcp(W.hi, q.hi, solver, lower=lower, upper=upper).z
@@ -186,6 +186,11 @@ def _decide(system: System, choice: Choice, level: int, answer: Answer) -> list[
         else:
             choice.undecided.append(i)
     return moved
+
+
+def _block(G: DoubleDouble, rows: list[int], columns: list[int]) -> DoubleDouble:
+    """Return the entries of some rows and columns."""
+    return G[np.ix_(rows, columns)]
 
 
 def _bounds(system: System, rows: list[int], side: list[int], level: int) -> tuple[Array, Array]:

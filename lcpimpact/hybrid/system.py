@@ -399,13 +399,12 @@ class System:
         """Return F_w (nc, nw), by which the reactions of a mode, r = F X + F_w w, answer to the inputs."""
         rows, found = list(mode.closed), np.zeros_like(self.O_w)
         if found.size:
-            E, Dw = self.input_matrices
-            G, O_w = block(self.fine.G, rows, rows), self.O_w[rows]
+            (E, Dw), O_w = self.input_matrices, self.O_w[rows]
             if self.mixed:
                 held = self.together(mode.closed)
                 levels = np.array([held.T @ Dw[rows], held.C.hi @ E, held.CA.hi @ E])
-                G, O_w = held.G[:, rows], levels[held.degree, np.arange(len(rows))]
-            found[rows] = -solve_regular(G, DoubleDouble.of(O_w)).hi
+                O_w = levels[held.degree, np.arange(len(rows))]
+            found[rows] = -solve_regular(self._held(mode)[1][:, rows], DoubleDouble.of(O_w)).hi
         return found
 
     def ends(self, mode: Mode) -> tuple[Indices, Indices, DoubleDouble]:
@@ -455,21 +454,11 @@ class System:
             self.known[mode] = Watch(contacts[kept], rows[kept], sparse(rows[kept]), order[kept], still)
         return self.known[mode]
 
-    def watched(self, mode: Mode) -> tuple[Indices, DoubleDouble, Indices]:
-        """Return the rows of `ends` that may turn negative, with their contacts and the orders of their zeros."""
-        watch = self.watch(mode)
-        return watch.contacts, watch.rows, watch.order
-
 
 def at_degree(degree: Indices, *levels: DoubleDouble) -> DoubleDouble:
     """Return the matrix whose row i is that of the level of its degree."""
     parts = np.stack([level.parts for level in levels], 1)
     return DoubleDouble(np.ascontiguousarray(parts[:, degree, np.arange(len(degree))]))
-
-
-def block(G: DoubleDouble, rows: list[int], columns: list[int]) -> DoubleDouble:
-    """Return the entries of some rows and columns."""
-    return G[np.ix_(rows, columns)]
 
 
 def solve_regular(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:

@@ -275,7 +275,7 @@ class ElementChain(EventLoop):
         if short and t < self.end:
             status, mode, after = self._burst(t, mode, after, short)
         self.X, self.elements, self.entered = after.hi, self._elements(mode), t
-        self.zeros = np.minimum(self.system.watched(mode)[2], K)
+        self.zeros = np.minimum(self.system.watch(mode).order, K)
         self.scale, self.stride = np.maximum(self.scale, np.abs(self.X)), 1
         return status
 
@@ -309,7 +309,7 @@ class ElementChain(EventLoop):
     def _elements(self, mode: Mode) -> Elements:
         """Return the elements of a mode."""
         system = self.system
-        _, ends, _ = system.watched(mode)
+        ends = system.watch(mode).rows
         key = (mode.key, tuple(order < 0 for order in mode.order))
         if key not in self.modes:
             flow, F = system.mode(mode)
