@@ -46,7 +46,7 @@ from lcpimpact.integrators.stepping.kernel import (
     room_for,
     solve_rows,
 )
-from lcpimpact.integrators.stepping.law import SOLVING, Solving, solve_law, submatrix, with_fallbacks
+from lcpimpact.integrators.stepping.law import SOLVING, ContactProblem, Solving, solve_law, submatrix, with_fallbacks
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
@@ -162,7 +162,7 @@ def apply_impacts(impacts: Impacts, scale: Array, start: Start, solving: Solving
     for _ in range(2):
         for a in range(count):
             q[a] = U[rows[a]] + rebound[a] * min(U[rows[a]], 0.0)
-        status, tried, residual = solve_law(W, q, low, high, z, solving.tol, solving.max_iter, solving.solve)
+        status, tried, residual = solve_law(ContactProblem(W, q, low, high), z, solving)
         iterations += tried
         worst = max(worst, residual)
         if status != SOLVED:

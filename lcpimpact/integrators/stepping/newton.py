@@ -169,9 +169,7 @@ def solve_with_springs(
         add_springs(rows, springs.HGs, s_0, S, W_s, q_s)
         old = Iterate(z.copy(), s.copy(), y.copy())
         if nc > 0:
-            status, count, residual = solve_law(
-                W_s, q_s, rows.lower, rows.upper, z, solving.tol, solving.max_iter, solving.solve
-            )
+            status, count, residual = solve_law(ContactProblem(W_s, q_s, rows.lower, rows.upper), z, solving)
             total += count
             if status != SOLVED:
                 return status, total, newton, residual

@@ -42,7 +42,15 @@ from lcpimpact.hybrid.impacts import refuse_velocity_jumps
 from lcpimpact.hybrid.system import System, refuse_mixed_degrees
 from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.integrators.stepping.kernel import copy
-from lcpimpact.integrators.stepping.law import SOLVING, Solving, solve_active, solve_law, submatrix, with_fallbacks
+from lcpimpact.integrators.stepping.law import (
+    SOLVING,
+    ContactProblem,
+    Solving,
+    solve_active,
+    solve_law,
+    submatrix,
+    with_fallbacks,
+)
 from lcpimpact.integrators.stepping.tableau import Tableau
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
@@ -257,14 +265,11 @@ def right_side(x: Array, system: Matrices, r: Array, dy: Array, room: Room, solv
             na += 1
         r[i] = 0.0
     status, count, residual = SOLVED, 0, 0.0
+    rows = ContactProblem(system.G, room.q, room.lower, room.upper)
     if na == nc > 0:
-        status, count, residual = solve_law(
-            system.G, room.q, room.lower, room.upper, room.z, solving.tol, solving.max_iter, solving.solve
-        )
+        status, count, residual = solve_law(rows, room.z, solving)
     elif na > 0:
-        status, count, residual = solve_active(
-            system.G, room.q, room.lower, room.upper, room.active[:na], room.z[:na], solving
-        )
+        status, count, residual = solve_active(rows, room.active[:na], room.z[:na], solving)
     for a in range(na):
         r[room.active[a]] = room.z[a]
     for j in range(len(dy)):
@@ -392,7 +397,7 @@ def correct(
     for _attempt in range(nc + 1):
         trace_back(landing, system, h, since, ago, q)
         z[:] = 0.0
-        status, count, residual = solve_law(W, q, lower, upper, z, solving.tol, solving.max_iter, solving.solve)
+        status, count, residual = solve_law(ContactProblem(W, q, lower, upper), z, solving)
         total, worst = total + count, max(worst, residual)
         if status != SOLVED:
             return status, total, worst
