@@ -128,7 +128,7 @@ def ids(file: Path) -> str:
 
 def test_the_reader_of_imports_sees_them_all(tmp_path):
     """The other tests here are worth what this function is worth."""
-    assert "lcpimpact.lcp.solve" in imports(PACKAGE / "hybrid" / "modes.py")
+    assert "lcpimpact.lcp.solve" in imports(PACKAGE / "hybrid" / "mode_choice.py")
     assert "qpsolvers" in imports(PACKAGE / "lcp" / "solvers" / "qp.py"), "an import inside a function"
     assert "lcpimpact.lcp.solver" in imports(PACKAGE / "lcp" / "__init__.py"), "under TYPE_CHECKING"
     assert "lcpimpact.integrators.exact" in locations(PACKAGE / "integrators" / "__init__.py")

@@ -18,8 +18,9 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.event_loop import EventLoop, follow
-from lcpimpact.hybrid.modes import ZERO, Mode, System, settled
+from lcpimpact.hybrid.gaps import settled
 from lcpimpact.hybrid.motion import Motion, Segment, begin
+from lcpimpact.hybrid.system import ZERO, Mode, System
 from lcpimpact.problems.base import GIVEN_ZERO
 
 SHORT_FLIGHT = 1e-6

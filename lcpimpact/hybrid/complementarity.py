@@ -8,6 +8,8 @@ are exchanged by Murty's rule. Newton's law of impact is the LCP
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import types
 
@@ -103,18 +105,29 @@ def approach(u: Array, U: Array, before: Array, e: Array, meets: Flags) -> tuple
     return rows, bounce, q, bool((q < 0.0).any())
 
 
-@compiled(types.Tuple((matrix, matrix, types.boolean))(cube, cube, matrix, matrix, matrix, vector, indices, vector, f8))
-def rebound(
-    G: Array, B: Array, X: Array, U: Array, before: Array, bounce: Array, rows: Indices, z: Array, zero: float
-) -> tuple[Array, Array, bool]:
-    """Return X + B P and P, double-doubles, where 0 <= P ⟂ G P + U + e U⁻ >= 0 on the rows that meet; U⁻ is ``before``.
+class Meeting(NamedTuple):
+    """Rows that meet: which (k,), e on each, or 0 where plates part already, and U and U⁻ of all rows, double-doubles."""
 
-    ``bounce`` is e on the rows that meet, and z the impulses in floats (see `exchange`).
+    rows: Indices
+    e: Array
+    U: Array
+    before: Array
+
+
+meeting_type = types.NamedTuple((indices, vector, matrix, matrix), Meeting)
+
+
+@compiled(types.Tuple((matrix, matrix, types.boolean))(cube, cube, matrix, meeting_type, vector, f8))
+def rebound(G: Array, B: Array, X: Array, meeting: Meeting, z: Array, zero: float) -> tuple[Array, Array, bool]:
+    """Return X + B P and P, double-doubles, where 0 <= P ⟂ G P + U + e U⁻ >= 0 on the rows that meet.
+
+    z are the impulses in floats (see `exchange`).
     """
+    rows, e, U, before = meeting
     n = len(rows)
     W, q, tiny, P = np.empty((2, n, n)), np.empty((2, n)), np.empty(n), np.zeros((2, G.shape[1]))
     for a, i in enumerate(rows):
-        back, back_lo = multiply(before[0, i], before[1, i], bounce[a], 0.0)
+        back, back_lo = multiply(before[0, i], before[1, i], e[a], 0.0)
         q[0, a], q[1, a] = add(U[0, i], U[1, i], back, back_lo)
         tiny[a] = abs(q[0, a])
         for b, j in enumerate(rows):

@@ -17,7 +17,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, Status, UnsupportedError
-from lcpimpact.hybrid.modes import System
+from lcpimpact.hybrid.system import System
 from lcpimpact.problems.base import Problem
 
 

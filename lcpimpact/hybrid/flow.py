@@ -294,16 +294,27 @@ def horner(Z: Array, s: float, s_lo: float) -> Array:
     return np.asarray(X)
 
 
-@compiled(types.Tuple((i8, i8, f8, f8))(sparse_type, f8, matrix, cube, sparse_type, indices, cube, i8, vector))
+class Window(NamedTuple):
+    """How X' = A X moves over one window: its generator A, its length δ, and exp(A δ) (2, N, N)."""
+
+    A: Sparse
+    δ: float
+    step: Array
+
+
+window_type = types.NamedTuple((sparse_type, f8, cube), Window)
+
+
+@compiled(types.Tuple((i8, i8, f8, f8))(window_type, matrix, sparse_type, indices, cube, i8, vector))
 def scan(
-    A: Sparse, δ: float, X: Array, step: Array, rows: Sparse, order: Indices, basis: Array, count: int, scale: Array
+    window: Window, X: Array, rows: Sparse, order: Indices, basis: Array, count: int, scale: Array
 ) -> tuple[int, int, float, float]:
     """Return the first window in which a row turns negative, the row, and where in the window, a double-double.
 
     X (2, N) moves on to that instant, or past the last of ``count`` windows, where the window is -1; ``scale`` (N,) grows
     to the largest |X| at the starts of windows. In the first window the powers below ``order`` of a row are zero.
     """
-    p, n = basis.shape[1] - 1, X.shape[1]
+    (A, δ, step), p, n = window, basis.shape[1] - 1, X.shape[1]
     Z = np.empty((0, 2, n))
     for j in range(count):
         for i in range(n):
@@ -547,13 +558,14 @@ class Flow:
         entries : Sparse, optional          those of the rows, where they are known
 
         """
-        δ, lines, step = self.window, DoubleDouble.of(rows), self.step
+        δ, lines = self.window, DoubleDouble.of(rows)
+        window = Window(self.sparse, δ, self.step)
         state, largest = np.array(DoubleDouble.of(X).parts, order="C"), np.array(scale, dtype=np.float64)
         total, done, count = math.floor(min(horizon / δ, 1e300)) + 1, 0, FIRST_WINDOWS
         zeros, entries = np.asarray(order, dtype=np.int64), entries or sparse(lines)
         while done < total:
             count = min(count, total - done)
-            j, row, s, s_lo = scan(self.sparse, δ, state, step, entries, zeros, BERNSTEIN, count, largest)
+            j, row, s, s_lo = scan(window, state, entries, zeros, BERNSTEIN, count, largest)
             if j >= 0:
                 t = DoubleDouble(np.array(add(s * δ, s_lo * δ, (done + j) * δ, 0.0)))  # δ is a power of two
                 return Crossing(row if t.hi <= horizon else -1, t, largest, DoubleDouble(state))

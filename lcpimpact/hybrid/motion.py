@@ -21,18 +21,10 @@ from lcpimpact.hybrid.event_loop import (
     read_segments,
     refuse_undetermined,
 )
-from lcpimpact.hybrid.modes import (
-    FINE_ZERO,
-    ZERO,
-    Mode,
-    Still,
-    System,
-    gaps,
-    impact,
-    refuse_mixed_degrees,
-    still,
-)
+from lcpimpact.hybrid.gaps import gaps, still
+from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.state_jump import enter_constraint
+from lcpimpact.hybrid.system import FINE_ZERO, ZERO, Mode, Still, System, refuse_mixed_degrees
 from lcpimpact.hybrid.transition import enter, parted, state_of
 from lcpimpact.problems.base import GIVEN_ZERO, Problem
 from lcpimpact.record import Event

@@ -32,8 +32,9 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.hybrid.modes import Mode, System, gaps
+from lcpimpact.hybrid.gaps import gaps
 from lcpimpact.hybrid.motion import Motion, Segment
+from lcpimpact.hybrid.system import Mode, System
 
 GRAZING_RTOL = 1e-10
 """Slope at a zero, relative to the terms of the row at their largest, below which the row grazes zero."""
@@ -94,8 +95,8 @@ def saltation(motion: Motion, before: Segment, after: Segment) -> Array:
             f"{what} only touches at t = {after.t0:g} s (a grazing, or the end of impacts that accumulate), where the "
             "motion has no derivative: change a parameter a little; grazing(...) finds the value at which an orbit touches"
         )
-    contacts, rows, _ = system.watched(before.mode)
-    for i, row in zip(contacts, rows.hi, strict=True):
+    watch = system.watch(before.mode)
+    for i, row in zip(watch.contacts, watch.rows.hi, strict=True):
         if not np.array_equal(row, c) and abs(row @ X) <= SIMULTANEOUS_RTOL * (np.abs(row) @ motion.scale):
             raise UnsupportedError(
                 f"{names[i]} and {'a signal' if breakpoint else what} switch together at t = {after.t0:g} s, where the "

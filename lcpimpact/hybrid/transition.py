@@ -11,7 +11,10 @@ from numpy.typing import ArrayLike
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.hybrid.flow import on_rows
-from lcpimpact.hybrid.modes import ZERO, Mode, Still, System, choose_mode, impact, scale_after, settled, still
+from lcpimpact.hybrid.gaps import scale_after, settled, still
+from lcpimpact.hybrid.impacts import impact
+from lcpimpact.hybrid.mode_choice import choose_mode
+from lcpimpact.hybrid.system import ZERO, Mode, Still, System
 from lcpimpact.record import Event, State
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.runge_kutta import HANDLES, EmbeddedRungeKutta
+from lcpimpact.integrators.stepping.runge_kutta import EmbeddedRungeKutta, declare
 from lcpimpact.integrators.stepping.tableau import Tableau
 
 
@@ -30,20 +30,10 @@ class BogackiShampine(EmbeddedRungeKutta):
     )
 
     name: ClassVar[str] = "bs23"
-    declared: ClassVar[Declared] = Declared(
+    declared: ClassVar[Declared] = declare(
         summary="Bogacki and Shampine's pair 3(2), an LCP at each stage",
         order_smooth=3,
-        order_force_jump=2,
-        order_force_kink=2,
-        order_impact=1,
-        order_penetration=float("inf"),
-        level="acceleration in a step, position and velocity at its end",
-        relative_degrees=(0, 1, 2),
-        handles=HANDLES,
-        reaction_lives="at t, right limit",
-        energy="no rule; grows without bound beyond the limit of stability",
         slack=6.0,  # 3 where a plate without mass comes to rest within few steps
-        dissipates=False,
         source="Bogacki and Shampine (1989)",
         adaptive="with rtol, steps within each dt by the embedded method",
     )

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.runge_kutta import HANDLES, EmbeddedRungeKutta
+from lcpimpact.integrators.stepping.runge_kutta import EmbeddedRungeKutta, declare
 from lcpimpact.integrators.stepping.tableau import Tableau
 
 
@@ -38,19 +38,9 @@ class DormandPrince(EmbeddedRungeKutta):
     )
 
     name: ClassVar[str] = "dopri5"
-    declared: ClassVar[Declared] = Declared(
+    declared: ClassVar[Declared] = declare(
         summary="Dormand and Prince's pair 5(4), an LCP at each stage",
         order_smooth=5,
-        order_force_jump=2,
-        order_force_kink=2,
-        order_impact=1,
-        order_penetration=float("inf"),
-        level="acceleration in a step, position and velocity at its end",
-        relative_degrees=(0, 1, 2),
-        handles=HANDLES,
-        reaction_lives="at t, right limit",
-        energy="no rule; grows without bound beyond the limit of stability",
-        dissipates=False,
         source="Dormand and Prince (1980)",
         adaptive="with rtol, steps within each dt by the embedded method",
     )

@@ -6,7 +6,7 @@ In a contact mode r = F X + F_w w, and the motion is a smooth initial value prob
 
 with w the forces of the non-linear springs and the loads that are arbitrary functions of time (see
 `lcpimpact.scheme.first_order`). Any solver of `scipy.integrate` may follow it. The modes, their ends and the impacts are
-those of `lcpimpact.hybrid.modes`; where w is present they are chosen for the system made linear about the event.
+those of `lcpimpact.hybrid`; where w is present they are chosen for the system made linear about the event.
 
 *Events.* The dense output of a step is a polynomial. It is sampled at Chebyshev points and written in Bernstein's basis,
 whose coefficients bound it; a step is passed over only if they are all positive. So two sign changes within a step are seen,
@@ -48,7 +48,10 @@ from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.hybrid.burst import SHORT_FLIGHT, Meetings, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
-from lcpimpact.hybrid.modes import Mode, Still, System, choose_mode, gaps, impact, refuse_mixed_degrees, settled, still
+from lcpimpact.hybrid.gaps import gaps, settled, still
+from lcpimpact.hybrid.impacts import impact
+from lcpimpact.hybrid.mode_choice import choose_mode
+from lcpimpact.hybrid.system import Mode, Still, System, refuse_mixed_degrees
 from lcpimpact.hybrid.transition import arrive, happened
 from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.integrators.stepping.dense_output import (
@@ -152,7 +155,7 @@ class EventDriven(Integrator):
 
     name: ClassVar[str] = "event-driven"
     family: ClassVar[str] = "SciPy between events"
-    mode_choice: ClassVar[str] = "modes.py"
+    mode_choice: ClassVar[str] = "mode_choice.py"
     declared: ClassVar[Declared] = Declared(
         summary="SciPy's solvers between events, the mode by LCPs, and a fresh start after each event",
         order_smooth=math.inf,

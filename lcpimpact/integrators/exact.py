@@ -1,6 +1,6 @@
 """The exact solution of a linear scheme: a matrix exponential for each contact mode, joined at events found to rounding.
 
-`lcpimpact.hybrid.motion` follows it from event to event, `lcpimpact.hybrid.modes` chooses the mode at the start
+`lcpimpact.hybrid.motion` follows it from event to event, `lcpimpact.hybrid.mode_choice` chooses the mode at the start
 and after each, and `lcpimpact.hybrid.flow` finds where it ends, and misses none.
 """
 
@@ -41,7 +41,7 @@ class Exact(Integrator):
 
     name: ClassVar[str] = "exact"
     family: ClassVar[str] = "matrix exponential"
-    mode_choice: ClassVar[str] = "modes.py"
+    mode_choice: ClassVar[str] = "mode_choice.py"
     declared: ClassVar[Declared] = Declared(
         summary="matrix exponential in each contact mode, events to rounding; the reference",
         order_smooth=float("inf"),

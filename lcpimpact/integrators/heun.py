@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.runge_kutta import HANDLES, ExplicitRungeKutta
+from lcpimpact.integrators.stepping.runge_kutta import ExplicitRungeKutta, declare
 from lcpimpact.integrators.stepping.tableau import Tableau
 
 
@@ -26,19 +26,9 @@ class Heun(ExplicitRungeKutta):
     tableau: ClassVar[Tableau] = Tableau(a=((), (1.0,)), b=(0.5, 0.5), c=(0.0, 1.0), order=2)
 
     name: ClassVar[str] = "heun"
-    declared: ClassVar[Declared] = Declared(
+    declared: ClassVar[Declared] = declare(
         summary="explicit trapezoidal rule, an LCP at each stage",
         order_smooth=2,
-        order_force_jump=2,
-        order_force_kink=2,
-        order_impact=1,
-        order_penetration=float("inf"),
-        level="acceleration in a step, position and velocity at its end",
-        relative_degrees=(0, 1, 2),
-        handles=HANDLES,
-        reaction_lives="at t, right limit",
-        energy="no rule; grows without bound beyond the limit of stability",
         step=5.0,  # 2.5 where a plate without mass comes to rest within few steps
-        dissipates=False,
         source="Heun (1900); Hairer, Nørsett and Wanner (1993), section II.1",
     )

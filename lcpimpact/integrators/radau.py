@@ -27,7 +27,8 @@ from numba import types
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, flags, i8, interpreted, matrix, named_tuple, vector
 from lcpimpact.errors import Status
-from lcpimpact.hybrid.modes import ZERO, refuse_velocity_jumps
+from lcpimpact.hybrid.impacts import refuse_velocity_jumps
+from lcpimpact.hybrid.system import ZERO
 from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.integrators.stepping.kernel import (
     BLOCK,
@@ -45,7 +46,7 @@ from lcpimpact.integrators.stepping.kernel import (
     room_for,
     solve_rows,
 )
-from lcpimpact.integrators.stepping.law import SOLVING, Solving, solve_law, submatrix, with_fallbacks
+from lcpimpact.integrators.stepping.law import SOLVING, ContactProblem, Solving, solve_law, submatrix, with_fallbacks
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
@@ -161,7 +162,7 @@ def apply_impacts(impacts: Impacts, scale: Array, start: Start, solving: Solving
     for _ in range(2):
         for a in range(count):
             q[a] = U[rows[a]] + rebound[a] * min(U[rows[a]], 0.0)
-        status, tried, residual = solve_law(W, q, low, high, z, solving.tol, solving.max_iter, solving.solve)
+        status, tried, residual = solve_law(ContactProblem(W, q, low, high), z, solving)
         iterations += tried
         worst = max(worst, residual)
         if status != SOLVED:
@@ -350,17 +351,12 @@ class Radau(Integrator):
             contacts = Dense(W[np.ix_(always, always)].copy() if always.any() else W.copy())
             for each in (contacts, Dense(W.copy())):
                 solver.check(each, bool(d.slides.any()))
+        state, solving = RadauState(y, np.zeros((1, table.W.shape[1])), scale), solver.init(contacts)
+        tol, max_iter = limits(solver, self.tol, self.max_iter)
         return Run(
-            grid,
-            form,
-            form.breakpoints(0.0, grid.t_end),
-            table,
-            impacts,
-            RadauState(y, np.zeros((1, table.W.shape[1])), scale),
-            contacts,
-            solver.init(contacts),
-            *limits(solver, self.tol, self.max_iter),
-        )
+            grid=grid, form=form, breakpoints=form.breakpoints(0.0, grid.t_end), table=table, impacts=impacts,
+            state=state, contacts=contacts, solver=solving, tol=tol, max_iter=max_iter,
+        )  # fmt: skip
 
     def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block; after those that hold breakpoints of the signals, these are read anew."""

@@ -24,7 +24,7 @@ matrix of a step is one of floats, whose rounding is a small force on what is fr
 ω = 8/s are off by 2e-10 of their way after 1e4 s, and by 1e-8 after 1e5 s.
 
 Nurkanović, Sperl, Albrecht and Diehl (2024) make one complementarity problem of a step, with its lengths and modes; here the
-mode comes from the LCPs of `lcpimpact.hybrid.modes`, and restitution is Newton's.
+mode comes from the LCPs of `lcpimpact.hybrid.mode_choice`, and restitution is Newton's.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.burst import Meetings, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
-from lcpimpact.hybrid.modes import Mode, System, refuse_mixed_degrees
+from lcpimpact.hybrid.system import Mode, System, refuse_mixed_degrees
 from lcpimpact.hybrid.transition import coordinates, enter
 from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.integrators.stepping.finite_elements import (
@@ -101,7 +101,7 @@ class RadauFESD(Integrator):
 
     name: ClassVar[str] = "radau-fesd"
     family: ClassVar[str] = "Radau IIA"
-    mode_choice: ClassVar[str] = "modes.py"
+    mode_choice: ClassVar[str] = "mode_choice.py"
     declared: ClassVar[Declared] = Declared(
         summary="Radau IIA on finite elements that end where the contact mode does",
         order_smooth=5,
@@ -275,7 +275,7 @@ class ElementChain(EventLoop):
         if short and t < self.end:
             status, mode, after = self._burst(t, mode, after, short)
         self.X, self.elements, self.entered = after.hi, self._elements(mode), t
-        self.zeros = np.minimum(self.system.watched(mode)[2], K)
+        self.zeros = np.minimum(self.system.watch(mode).order, K)
         self.scale, self.stride = np.maximum(self.scale, np.abs(self.X)), 1
         return status
 
@@ -309,7 +309,7 @@ class ElementChain(EventLoop):
     def _elements(self, mode: Mode) -> Elements:
         """Return the elements of a mode."""
         system = self.system
-        _, ends, _ = system.watched(mode)
+        ends = system.watch(mode).rows
         key = (mode.key, tuple(order < 0 for order in mode.order))
         if key not in self.modes:
             flow, F = system.mode(mode)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.runge_kutta import HANDLES, ExplicitRungeKutta
+from lcpimpact.integrators.stepping.runge_kutta import ExplicitRungeKutta, declare
 from lcpimpact.integrators.stepping.tableau import Tableau
 
 
@@ -34,18 +34,8 @@ class RK4(ExplicitRungeKutta):
     )
 
     name: ClassVar[str] = "rk4"
-    declared: ClassVar[Declared] = Declared(
+    declared: ClassVar[Declared] = declare(
         summary="the classical method, an LCP at each stage",
         order_smooth=4,
-        order_force_jump=2,
-        order_force_kink=2,
-        order_impact=1,
-        order_penetration=float("inf"),
-        level="acceleration in a step, position and velocity at its end",
-        relative_degrees=(0, 1, 2),
-        handles=HANDLES,
-        reaction_lives="at t, right limit",
-        energy="no rule; grows without bound beyond the limit of stability",
-        dissipates=False,
         source="Kutta (1901)",
     )

@@ -12,12 +12,12 @@ after the first flight is never met again.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.compiled import compiled, f8, i8, matrix, named_tuple, vector
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.problems import load_problem
@@ -31,7 +31,9 @@ PROJECT, SIGN, EQUAL = RULES.index("project"), RULES.index("sign"), RULES.index(
 CLOSED_GAP = 1e-9
 """Gap in m below which a contact is closed: far above the rounding that gathers there, far below any gap of interest."""
 
-COORDINATES = {"system-1": ("x", "z"), "system-2": ("x", "y", "z"), "system-3": ("x", "y", "z")}
+COORDINATES = {"system-1": [0, 3], "system-2": [0, 2, 3], "system-3": [0, 2, 3]}
+"""Which of (x, x', y, z) are the coordinates of a system."""
+
 CONSTANTS = ("m", "g", "k", "c", "k_o", "c_o")
 
 
@@ -76,20 +78,22 @@ def right_side(system: int, rule: int, s: Array, p: Array, ds: Array) -> float:
     return R
 
 
-@compiled(i8(i8, i8, i8, i8, f8, vector, vector, matrix, matrix, vector))
-def steps(
-    system: int,
-    rule: int,
-    first: int,
-    last: int,
-    h: float,
-    p: Array,
-    s: Array,
-    motion: Array,
-    rates: Array,
-    reaction: Array,
-) -> int:
-    """Take the steps first ... last of the classical Runge-Kutta method from s, which is overwritten."""
+class Run(NamedTuple):
+    """What travels from block to block: the system, h, its constants, s now, and s, s' and R on the grid."""
+
+    system: int
+    h: float
+    constants: Array
+    s: Array
+    motion: Array
+    rates: Array
+    reaction: Array
+
+
+@compiled(i8(named_tuple((i8, f8, vector, vector, matrix, matrix, vector), Run), i8, i8, i8))
+def steps(run: Run, rule: int, first: int, last: int) -> int:
+    """Take the steps first ... last of the classical Runge-Kutta method."""
+    system, h, p, s, motion, rates, reaction = run
     d1, d2, d3, d4 = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
     for i in range(first, last):
         right_side(system, rule, s, p, d1)
@@ -108,20 +112,6 @@ def steps(
         if not abs(s[0]) < np.inf:
             return i
     return last
-
-
-@dataclass
-class Run:
-    """What travels from block to block."""
-
-    system: int
-    h: float
-    constants: Array
-    s: Array
-    columns: list[int]
-    motion: Array
-    rates: Array
-    reaction: Array
 
 
 @dataclass(frozen=True)
@@ -178,9 +168,8 @@ class RK4Paper(Integrator):
         p = np.array([paper.parameters.get(name, np.nan) for name in CONSTANTS])
         x0, y0, z0 = (float(problem.q0.get(node, 0.0)) for node in "xyz")
         s = np.array([x0, float(problem.v0.get("x", 0.0)), y0, z0])
-        columns = [{"x": 0, "y": 2, "z": 3}[name] for name in COORDINATES[problem.name]]
         motion, rates, reaction = (np.empty((grid.steps + 1, *shape)) for shape in ((4,), (4,), ()))
-        run = Run(int(problem.name[-1]), grid.h, p, s, columns, motion, rates, reaction)
+        run = Run(int(problem.name[-1]), grid.h, p, s, motion, rates, reaction)
         motion[0] = s
         reaction[0] = right_side(run.system, RULES.index(self.contact), s, p, rates[0])
         _write(run, record, 0, 0)
@@ -188,26 +177,13 @@ class RK4Paper(Integrator):
 
     def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block."""
-        rule = RULES.index(self.contact)
-        reached = steps(
-            carry.system,
-            rule,
-            first,
-            last,
-            carry.h,
-            carry.constants,
-            carry.s,
-            carry.motion,
-            carry.rates,
-            carry.reaction,
-        )
+        reached = steps(carry, RULES.index(self.contact), first, last)
         record.stats.evaluations += 5 * (reached - first)
         _write(carry, record, first + 1, reached)
         return (Status.SOLVED if reached == last else Status.NON_FINITE), reached
 
 
 def _write(run: Run, record: Record, first: int, last: int) -> None:
-    here = slice(first, last + 1)
-    record.q[here] = run.motion[here][:, run.columns]
-    record.v[here] = run.rates[here][:, run.columns]
+    here, columns = slice(first, last + 1), COORDINATES[f"system-{run.system}"]
+    record.q[here], record.v[here] = run.motion[here][:, columns], run.rates[here][:, columns]
     record.reaction[here, 0] = run.reaction[here]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.runge_kutta import HANDLES, ExplicitRungeKutta
+from lcpimpact.integrators.stepping.runge_kutta import ExplicitRungeKutta, declare
 from lcpimpact.integrators.stepping.tableau import Tableau
 
 
@@ -34,19 +34,9 @@ class SSPRK3(ExplicitRungeKutta):
     )
 
     name: ClassVar[str] = "ssprk3"
-    declared: ClassVar[Declared] = Declared(
+    declared: ClassVar[Declared] = declare(
         summary="means of Euler steps, an LCP at each stage",
         order_smooth=3,
-        order_force_jump=2,
-        order_force_kink=2,
-        order_impact=1,
-        order_penetration=float("inf"),
-        level="acceleration in a step, position and velocity at its end",
-        relative_degrees=(0, 1, 2),
-        handles=HANDLES,
-        reaction_lives="at t, right limit",
-        energy="no rule; grows without bound beyond the limit of stability",
         slack=6.0,  # 3 where a plate without mass comes to rest within few steps
-        dissipates=False,
         source="Shu and Osher (1988)",
     )

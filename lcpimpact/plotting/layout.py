@@ -374,6 +374,11 @@ class Layout:
     def _across(self) -> tuple[dict[int, float], dict[str, list[float]], dict[int, tuple[float, Side]]]:
         """The middle of each arm, what each node must reach, and the place of each load and the side of its label."""
         taken: list[Box] = []
+        middle, touched = self._stand_arms(taken)
+        return middle, touched, self._stand_loads(middle, touched, taken)
+
+    def _stand_arms(self, taken: list[Box]) -> tuple[dict[int, float], dict[str, list[float]]]:
+        """Return the middle of each arm and what each node must reach, and add to the places that are taken."""
         middle: dict[int, float] = {}
         touched: dict[str, list[float]] = {}
 
@@ -418,6 +423,12 @@ class Layout:
             # Where it was put to begin with binds a node no more once links lead to it.
             if not self._half(node):
                 touched[node] = touched[node][1:] or touched[node]
+        return middle, touched
+
+    def _stand_loads(
+        self, middle: dict[int, float], touched: dict[str, list[float]], taken: list[Box]
+    ) -> dict[int, tuple[float, Side]]:
+        """Return the place of each load and the side of its label, and add to what nodes must reach."""
         loads: dict[int, tuple[float, Side]] = {}
         for node in self.nodes:
             above = [
@@ -436,7 +447,7 @@ class Layout:
                 loads[id(load)] = x, side
                 touched[node].append(x)
                 taken.append(Box(x - left, x + right, box.low, box.high))
-        return middle, touched, loads
+        return loads
 
     def _half(self, node: str) -> float:
         return BODY_WIDTH / 2.0 if self.bodies(node) else PLATE if self.motions(node) else 0.0

@@ -194,31 +194,17 @@ def bouncing_bar(
 
     total = P * (2.0 if repeats else 1.0)
     coarse = 4.0 / bar.elements
-    facts: tuple[Fact, ...] = (
+    ended = partial(_switch, kind="open", earliest=t_1, latest=t_1 + 1.5 * τ, which=-1)
+    again = partial(_switch, kind="close", earliest=t_2 - 0.5 * τ, latest=last, which=0)
+    second = (Fact("t_2", "second contact begins", t_2, "s", again, coarse),) if repeats else ()
+    error = partial(_force_error, force=force, unit=total)
+    facts = (
         Fact("t_1", "first contact begins", t_1, "s", partial(instant, kind="close")),
-        Fact(
-            "t_1 + τ",
-            "first contact ends",
-            t_1 + τ,
-            "s",
-            partial(_switch, kind="open", earliest=t_1, latest=t_1 + 1.5 * τ, which=-1),
-            coarse,
-        ),
+        Fact("t_1 + τ", "first contact ends", t_1 + τ, "s", ended, coarse),
+        *second,
         Fact("∫R dt", "impulse", total, "N s", _impulse, coarse),
-        Fact(
-            "ε_R", "error of R, in L1 over ∫R dt", 0.0, "", partial(_force_error, force=force, unit=total), coarse, 1.0
-        ),
+        Fact("ε_R", "error of R, in L1 over ∫R dt", 0.0, "", error, coarse, 1.0),
     )
-    if repeats:
-        second = Fact(
-            "t_2",
-            "second contact begins",
-            t_2,
-            "s",
-            partial(_switch, kind="close", earliest=t_2 - 0.5 * τ, latest=last, which=0),
-            coarse,
-        )
-        facts = (*facts[:2], second, *facts[2:])
     return Problem(
         name,
         scheme,

@@ -9,7 +9,7 @@ COMPILED_PARTS = (
     ),
     (
         "lcpimpact.double_double",
-        "lcpimpact.hybrid.modes",
+        "lcpimpact.hybrid.mode_choice",
         "lcpimpact.hybrid.flow",
         "lcpimpact.certificate",
         "lcpimpact.study.accuracy.graphs",

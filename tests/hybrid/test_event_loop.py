@@ -11,7 +11,7 @@ import pytest
 import lcpimpact as li
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, Unresolved, follow, read_segments
-from lcpimpact.hybrid.modes import System
+from lcpimpact.hybrid.system import System
 
 
 @dataclass(eq=False)

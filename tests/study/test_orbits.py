@@ -15,8 +15,8 @@ from scipy.optimize import brentq
 import lcpimpact as li
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.event_loop import follow
-from lcpimpact.hybrid.modes import System
 from lcpimpact.hybrid.motion import begin, begin_problem, state_before
+from lcpimpact.hybrid.system import System
 from lcpimpact.hybrid.tangent import tangent
 from lcpimpact.study.dynamics.grazing import least_gap
 from lcpimpact.study.dynamics.shooting import force_period

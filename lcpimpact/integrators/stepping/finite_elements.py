@@ -15,7 +15,7 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.hybrid.event_loop import read_segments
 from lcpimpact.hybrid.flow import balance
-from lcpimpact.hybrid.modes import Mode, System
+from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.hybrid.transition import coordinates
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA
 

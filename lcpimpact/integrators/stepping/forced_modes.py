@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.hybrid.modes import Mode, System
+from lcpimpact.hybrid.system import Mode, System
 from lcpimpact.record import State
 from lcpimpact.scheme import power_law
 from lcpimpact.scheme.first_order import Inputs
@@ -165,13 +165,11 @@ class ForcedSystem:
         Fw = system.input_response(mode)
         E = system.input_matrices[0] + system.matrices[1] @ Fw
         # What is zero for ever in a linear system need not stay so under an input.
-        contacts, ends, zeros = system.watched(
-            replace(mode, order=tuple(max(m, 0) for m in mode.order)) if inputs.count else mode
-        )
-        zeros = np.where(np.array(mode.order, dtype=np.int64)[contacts] >= 0, zeros, ZERO_FOR_EVER)
+        watch = system.watch(replace(mode, order=tuple(max(m, 0) for m in mode.order)) if inputs.count else mode)
+        zeros = np.where(np.array(mode.order, dtype=np.int64)[watch.contacts] >= 0, watch.order, ZERO_FOR_EVER)
         ns = len(inputs.law)
         springs: tuple[tuple[int, int], ...] = ()
-        rows, order = [np.pad(row, (0, ns)) for row in ends.hi], zeros.tolist()
+        rows, order = [np.pad(row, (0, ns)) for row in watch.rows.hi], zeros.tolist()
         if forces.phase is not None:
             springs, falls = _spring_ends(inputs, forces.phase, len(flow.A))
             rows += falls

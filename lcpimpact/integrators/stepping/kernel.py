@@ -27,6 +27,7 @@ from lcpimpact.integrators.stepping.law import (
     SOLVING,
     SPRING_SOLVER,
     SPRINGS,
+    ContactProblem,
     Solving,
     Springs,
     SpringSolver,
@@ -151,10 +152,10 @@ def add_column(sums: Array, x: float, columns: Array, j: int, first: int) -> Non
 @compiled(types.Tuple((i8, i8, f8))(TABLE, i8, vector, i8, ROOM, SOLVING), inline="always", allocates=False)
 def solve_rows(table: Table, law: int, q: Array, na: int, room: Room, solving: Solving) -> tuple[int, int, float]:
     """Solve a law on its ``na`` active rows, from the guess in the room: status, iterations, residual."""
-    W, lower, upper = table.W[law], table.lower[law], table.upper[law]
+    rows = ContactProblem(table.W[law], q, table.lower[law], table.upper[law])
     if na < len(q):
-        return solve_active(W, q, lower, upper, room.active[:na], room.z[:na], solving)
-    return solve_law(W, q, lower, upper, room.z, solving.tol, solving.max_iter, solving.solve)
+        return solve_active(rows, room.active[:na], room.z[:na], solving)
+    return solve_law(rows, room.z, solving)
 
 
 @compiled(types.void(TABLE, i8, i8, i8, ROOM, vector), inline="always", allocates=False)
@@ -204,7 +205,7 @@ def solve_features(
     nc, ns, n = table.W.shape[1], len(springs.law), paths.H.shape[1]
     first, active, z = law * 2 * (nc + ns) + nc, room.active[:na], room.z[:na]
     q = room.sums[first : first + nc]
-    rows = restrict(table.W[law], q, table.lower[law], table.upper[law], active)
+    rows = restrict(ContactProblem(table.W[law], q, table.lower[law], table.upper[law]), active)
     closed, shift = np.zeros(len(paths.lines), np.bool_), np.zeros(nc)
     iterations, newton = 0, 0
     while True:
@@ -214,9 +215,7 @@ def solve_features(
             status, count, tried, residual = solve_springs(rows, coupled, y_free, δ, z, y_free.copy(), room.s, solving)
             newton += tried
         else:
-            status, count, residual = solve_law(
-                rows.W, rows.q, rows.lower, rows.upper, z, solving.tol, solving.max_iter, solving.solve
-            )
+            status, count, residual = solve_law(rows, z, solving)
         iterations += count
         if status != SOLVED or not closes(paths.lines, closed, active, z):
             return status, iterations, newton, residual

@@ -83,13 +83,10 @@ def examine(status: int, W: Array, q: Array, lower: Array, upper: Array, z: Arra
     return status, residual
 
 
-@compiled(
-    types.Tuple((i8, i8, f8))(matrix, vector, vector, vector, vector, f8, i8, KERNEL), inline="always", allocates=False
-)
-def solve_law(
-    W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int, solve: Kernel
-) -> tuple[int, int, float]:
+@compiled(types.Tuple((i8, i8, f8))(PROBLEM, vector, SOLVING), inline="always", allocates=False)
+def solve_law(rows: ContactProblem, z: Array, solving: Solving) -> tuple[int, int, float]:
     """Solve a contact problem from the guess z, and judge the answer outside the solver: status, iterations, residual."""
+    (W, q, lower, upper), (tol, max_iter, solve) = rows, solving
     status, count = solve(W, q, lower, upper, z, tol, max_iter)
     residual = clear_residual(W, q, lower, upper, z, tol)
     if residual == np.inf:
@@ -107,23 +104,17 @@ def submatrix(W: Array, rows: Indices) -> Array:
     return part
 
 
-@compiled(PROBLEM(matrix, vector, vector, vector, indices))
-def restrict(W: Array, q: Array, lower: Array, upper: Array, active: Indices) -> ContactProblem:
+@compiled(PROBLEM(PROBLEM, indices))
+def restrict(rows: ContactProblem, active: Indices) -> ContactProblem:
     """Return the contact problem of the active rows alone."""
-    na = len(active)
-    rows = ContactProblem(submatrix(W, active), np.empty(na), np.empty(na), np.empty(na))
-    for a in range(na):
-        rows.q[a], rows.lower[a], rows.upper[a] = q[active[a]], lower[active[a]], upper[active[a]]
-    return rows
+    W, q, lower, upper = rows
+    return ContactProblem(submatrix(W, active), q[active], lower[active], upper[active])
 
 
-@compiled(types.Tuple((i8, i8, f8))(matrix, vector, vector, vector, indices, vector, SOLVING))
-def solve_active(
-    W: Array, q: Array, lower: Array, upper: Array, active: Indices, z: Array, solving: Solving
-) -> tuple[int, int, float]:
+@compiled(types.Tuple((i8, i8, f8))(PROBLEM, indices, vector, SOLVING))
+def solve_active(rows: ContactProblem, active: Indices, z: Array, solving: Solving) -> tuple[int, int, float]:
     """Solve the contact problem of the active rows alone, from the guess z of these: status, iterations, residual."""
-    rows = restrict(W, q, lower, upper, active)
-    return solve_law(rows.W, rows.q, rows.lower, rows.upper, z, solving.tol, solving.max_iter, solving.solve)
+    return solve_law(restrict(rows, active), z, solving)
 
 
 @compiled(SPRING_SIGNATURE)

@@ -278,7 +278,8 @@ class LinearStep(TimeStepping[Tabulated]):
         loads = {c: constant + np.eye(n)[:, varying] @ next(blocks) for c in self.instants}
         prescribed = Prescribed(*(np.eye(n)[:, d.driven] @ next(blocks) for _ in range(3)))
         P, s = (tuple(next(blocks) for _ in range(self.laws)) for _ in range(2))
-        return Symbols(d, q, v, Named("remembers", memory), one, Named("instants", loads), prescribed, P, s)
+        memory, loads = Named("remembers", memory), Named("instants", loads)
+        return Symbols(d, q, v, memory, one, loads, prescribed, P=P, s=s)
 
     def _loads(self, d: Dynamics, h: float) -> Callable[[Array], Array]:
         """Return the function that lists what varies in the steps between instants: loads, and prescribed motion."""

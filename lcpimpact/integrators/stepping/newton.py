@@ -27,6 +27,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, matrix, named_tuple, vector
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.law import (
+    PROBLEM,
     SPRING_SIGNATURE,
     SPRINGS,
     ContactProblem,
@@ -132,6 +133,19 @@ def eliminate_springs(springs: Springs, y_free: Array, y: Array, F: Array, J: Ar
     return True
 
 
+@compiled(types.void(PROBLEM, matrix, vector, matrix, matrix, vector), inline="always", allocates=False)
+def add_springs(rows: ContactProblem, HGs: Array, s_0: Array, S: Array, W_s: Array, q_s: Array) -> None:
+    """Write W_s and q_s of the LCP in which the springs push with s_0 + S z."""
+    for i in range(len(q_s)):
+        q_s[i] = rows.q[i]
+        for j in range(len(s_0)):
+            q_s[i] += HGs[i, j] * s_0[j]
+        for c in range(len(q_s)):
+            W_s[i, c] = rows.W[i, c]
+            for j in range(len(s_0)):
+                W_s[i, c] += HGs[i, j] * S[j, c]
+
+
 @compiled(SPRING_SIGNATURE)
 def solve_with_springs(
     rows: ContactProblem, springs: Springs, y_free: Array, δ: Array, z: Array, y: Array, s: Array, solving: Solving
@@ -152,19 +166,10 @@ def solve_with_springs(
             return SOLVED, total, newton, residual
         if not eliminate_springs(springs, y_free, y, F, J, s_0, S):
             return SINGULAR, total, newton, residual
-        for i in range(nc):
-            q_s[i] = rows.q[i]
-            for j in range(ns):
-                q_s[i] += springs.HGs[i, j] * s_0[j]
-            for c in range(nc):
-                W_s[i, c] = rows.W[i, c]
-                for j in range(ns):
-                    W_s[i, c] += springs.HGs[i, j] * S[j, c]
+        add_springs(rows, springs.HGs, s_0, S, W_s, q_s)
         old = Iterate(z.copy(), s.copy(), y.copy())
         if nc > 0:
-            status, count, residual = solve_law(
-                W_s, q_s, rows.lower, rows.upper, z, solving.tol, solving.max_iter, solving.solve
-            )
+            status, count, residual = solve_law(ContactProblem(W_s, q_s, rows.lower, rows.upper), z, solving)
             total += count
             if status != SOLVED:
                 return status, total, newton, residual

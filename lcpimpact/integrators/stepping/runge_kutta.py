@@ -29,6 +29,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -37,10 +38,19 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, interpreted, matrix, named_tuple, vector
 from lcpimpact.errors import InputError, Status
-from lcpimpact.hybrid.modes import System, refuse_mixed_degrees, refuse_velocity_jumps
-from lcpimpact.integrators.base import Integrator, Limits
+from lcpimpact.hybrid.impacts import refuse_velocity_jumps
+from lcpimpact.hybrid.system import System, refuse_mixed_degrees
+from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.integrators.stepping.kernel import copy
-from lcpimpact.integrators.stepping.law import SOLVING, Solving, solve_active, solve_law, submatrix, with_fallbacks
+from lcpimpact.integrators.stepping.law import (
+    SOLVING,
+    ContactProblem,
+    Solving,
+    solve_active,
+    solve_law,
+    submatrix,
+    with_fallbacks,
+)
 from lcpimpact.integrators.stepping.tableau import Tableau
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
@@ -75,8 +85,21 @@ SCALE_FLOOR = 1e-3
 SAMPLED = np.linspace(0.0, 1.0, 17)[1:-1]
 """Positions in a step at which gaps are sampled, in units of its length."""
 
-HANDLES = (Feature.POWER_LAWS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION)
-"""Features these methods handle: all but sliders, whose force jumps as the velocity turns."""
+declare = partial(
+    Declared,
+    order_force_jump=2,
+    order_force_kink=2,
+    order_impact=1,
+    order_penetration=math.inf,
+    level="acceleration in a step, position and velocity at its end",
+    relative_degrees=(0, 1, 2),
+    # All but sliders, whose force jumps as the velocity turns.
+    handles=(Feature.POWER_LAWS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION),
+    reaction_lives="at t, right limit",
+    energy="no rule; grows without bound beyond the limit of stability",
+    dissipates=False,
+)
+"""Declared properties of an explicit Runge-Kutta method: what all share, and what is given here."""
 
 
 class Matrices(NamedTuple):
@@ -183,10 +206,10 @@ def room_for(system: Matrices, stages: int) -> Room:
     ny, nc, ns = len(system.A), len(system.C), len(system.law)
     q, z, lower = np.zeros((3, nc))
     touches, together = np.zeros((2, nc), bool)
-    upper, moves = np.full(nc, np.inf), np.zeros(ny)
     return Room(
-        np.zeros((stages, ny)), np.zeros(nc, np.int64), q, z, lower, upper, np.zeros(ns), touches, together, moves
-    )
+        K=np.zeros((stages, ny)), active=np.zeros(nc, np.int64), q=q, z=z, lower=lower, upper=np.full(nc, np.inf),
+        s=np.zeros(ns), touches=touches, together=together, moves=np.zeros(ny),
+    )  # fmt: skip
 
 
 @compiled(f8(matrix, i8, vector), inline="always", allocates=False)
@@ -242,14 +265,11 @@ def right_side(x: Array, system: Matrices, r: Array, dy: Array, room: Room, solv
             na += 1
         r[i] = 0.0
     status, count, residual = SOLVED, 0, 0.0
+    rows = ContactProblem(system.G, room.q, room.lower, room.upper)
     if na == nc > 0:
-        status, count, residual = solve_law(
-            system.G, room.q, room.lower, room.upper, room.z, solving.tol, solving.max_iter, solving.solve
-        )
+        status, count, residual = solve_law(rows, room.z, solving)
     elif na > 0:
-        status, count, residual = solve_active(
-            system.G, room.q, room.lower, room.upper, room.active[:na], room.z[:na], solving
-        )
+        status, count, residual = solve_active(rows, room.active[:na], room.z[:na], solving)
     for a in range(na):
         r[room.active[a]] = room.z[a]
     for j in range(len(dy)):
@@ -274,6 +294,88 @@ def violates(x: Array, system: Matrices, scale: Array, r: Array, room: Room) -> 
     return violated
 
 
+class Landing(NamedTuple):
+    """Contacts that violate their constraints at the end of a step.
+
+    Attributes
+    ----------
+    rows : (na,) indices            which
+    gap, speed, free : (nc,) arrays u, U of degree 2, and u^(ρ)
+    meets : (nc,) flags             where U < 0
+    e : (nc,) array                 coefficients of restitution, 0 where a rebound counts as none
+    """
+
+    rows: Indices
+    gap: Array
+    speed: Array
+    free: Array
+    meets: Flags
+    e: Array
+
+
+LANDING: Any = named_tuple((indices, vector, vector, vector, flags, vector), Landing)
+
+
+@compiled(LANDING(POINT, MATRICES, vector))
+def land(end: Point, system: Matrices, scale: Array) -> Landing:
+    """Return the contacts that violate their constraints at the end of a step, ``free`` not yet written."""
+    nc, na = len(end.r), 0
+    rows, meets = np.empty(nc, np.int64), np.zeros(nc, np.bool_)
+    gap, speed = np.zeros(nc), np.zeros(nc)
+    for i in range(nc):
+        gap[i] = term(system.C, i, end.x)
+        if system.degree[i] > 0 and gap[i] <= held(end.r[i]) * rounding(system.C, i, scale):
+            rows[na] = i
+            na += 1
+            if system.degree[i] == 2:
+                speed[i] = term(system.U, i, end.x)
+                meets[i] = speed[i] < -held(end.r[i]) * rounding(system.U, i, scale)
+    return Landing(rows[:na], gap, speed, np.zeros(nc), meets, system.e.copy())
+
+
+@compiled(f8(MATRICES, i8, vector, vector, vector), inline="always", allocates=False)
+def derivative(system: Matrices, i: int, x: Array, s: Array, r: Array) -> float:
+    """Return u^(ρ) of row i."""
+    return term(system.O, i, x) + term(system.O_s, i, s) + term(system.G, i, r)
+
+
+@compiled(types.void(LANDING, MATRICES, f8, vector, vector, vector), allocates=False)
+def trace_back(landing: Landing, system: Matrices, h: float, since: Array, ago: Array, q: Array) -> None:
+    """Write q of the impulses, how long ago each gap closed within the step, and for how long the impulses act."""
+    gap, speed, free, e, earliest = landing.gap, landing.speed, landing.free, landing.e, 0.0
+    for a, i in enumerate(landing.rows):
+        ago[i] = since[i] = 0.0
+        q[a] = gap[i] if system.degree[i] < 2 else speed[i]
+        if system.degree[i] == 1 and free[i] < 0.0:
+            since[i] = min(max(gap[i] / free[i], 0.0), h)
+        if landing.meets[i]:
+            # The speed at which the gap closed, and how long ago: u = τ (U + U_c)/2, and U² = U_c² + 2 u'' u.
+            closing, square = speed[i], speed[i] ** 2 - 2.0 * free[i] * gap[i]
+            if square <= 0.0:
+                # It falls back before it has left the penetration of an earlier impact.
+                e[i] = 0.0
+            if e[i] > 0.0:
+                closing = -np.sqrt(square)
+            ago[i] = since[i] = min(max(2.0 * gap[i] / (speed[i] + closing), 0.0), h)
+            q[a] = (1.0 + e[i]) * closing
+            earliest = max(earliest, ago[i])
+    for i in landing.rows:
+        if system.degree[i] == 2 and ago[i] == 0.0:
+            ago[i] = earliest
+
+
+@compiled(types.boolean(POINT, LANDING, MATRICES, vector, f8), allocates=False)
+def falls_back(end: Point, landing: Landing, system: Matrices, s: Array, shortest: float) -> bool:
+    """Set e to zero where the flight after a rebound ends sooner than the shortest that counts; return whether any does."""
+    found = False
+    for i in landing.rows:
+        if landing.e[i] > 0.0 and (landing.meets[i] or end.P[i] > 0.0) and system.degree[i] == 2:
+            acceleration = derivative(system, i, end.x, s, end.r)
+            if 2.0 * (term(system.U, i, end.x) - acceleration * end.since[i]) <= -acceleration * shortest:
+                landing.e[i], found = 0.0, True
+    return found
+
+
 @compiled(types.Tuple((i8, i8, f8))(POINT, MATRICES, vector, types.UniTuple(f8, 2), ROOM, SOLVING))
 def correct(
     end: Point, system: Matrices, scale: Array, lengths: tuple[float, float], room: Room, solving: Solving
@@ -283,56 +385,23 @@ def correct(
     ``lengths`` are that of the step and that of the shortest flight that counts: a rebound that would end sooner is none.
     ``since`` is left as the time that has passed since each gap closed, and zero where none did.
     """
-    (x, dy, r, P, since), (h, shortest) = end, lengths
-    nc, ny = len(r), len(dy)
-    active, na = np.empty(nc, np.int64), 0
-    gap, speed, meets = np.zeros(nc), np.zeros(nc), np.zeros(nc, np.bool_)
-    for i in range(nc):
-        gap[i] = term(system.C, i, x)
-        if system.degree[i] > 0 and gap[i] <= held(r[i]) * rounding(system.C, i, scale):
-            active[na] = i
-            na += 1
-            if system.degree[i] == 2:
-                speed[i] = term(system.U, i, x)
-                meets[i] = speed[i] < -held(r[i]) * rounding(system.U, i, scale)
+    (x, dy, r, P, since), (h, shortest), landing = end, lengths, land(end, system, scale)
+    rows, nc, ny = landing.rows, len(r), len(dy)
     status, total, worst = right_side(x, system, r, dy, room, solving)
     if status != SOLVED:
         return status, total, worst
-    before, e, W = x.copy(), system.e.copy(), submatrix(system.G, active[:na])
-    q, z, lower, upper = np.empty(na), np.empty(na), np.zeros(na), np.full(na, np.inf)
-    free, ago, drift = np.zeros(nc), np.zeros(nc), np.zeros(len(x))
-    spring_forces(x, system, room.s)
     for i in range(nc):
-        free[i] = term(system.O, i, x) + term(system.O_s, i, room.s) + term(system.G, i, r)
+        landing.free[i] = derivative(system, i, x, room.s, r)
+    before, W, lower, upper = x.copy(), submatrix(system.G, rows), np.zeros(len(rows)), np.full(len(rows), np.inf)
+    q, z, ago, drift = np.empty(len(rows)), np.empty(len(rows)), np.zeros(nc), np.zeros(len(x))
     for _attempt in range(nc + 1):
-        earliest = 0.0
-        for a in range(na):
-            i = active[a]
-            ago[i] = since[i] = 0.0
-            q[a] = gap[i] if system.degree[i] < 2 else speed[i]
-            if system.degree[i] == 1 and free[i] < 0.0:
-                since[i] = min(max(gap[i] / free[i], 0.0), h)
-            if meets[i]:
-                # The speed at which the gap closed, and how long ago: u = τ (U + U_c)/2, and U² = U_c² + 2 u'' u.
-                closing, square = speed[i], speed[i] ** 2 - 2.0 * free[i] * gap[i]
-                if square <= 0.0:
-                    # It falls back before it has left the penetration of an earlier impact.
-                    e[i] = 0.0
-                if e[i] > 0.0:
-                    closing = -np.sqrt(square)
-                ago[i] = since[i] = min(max(2.0 * gap[i] / (speed[i] + closing), 0.0), h)
-                q[a] = (1.0 + e[i]) * closing
-                earliest = max(earliest, ago[i])
-        for a in range(na):
-            z[a] = 0.0
-            if system.degree[active[a]] == 2 and ago[active[a]] == 0.0:
-                ago[active[a]] = earliest
-        status, count, residual = solve_law(W, q, lower, upper, z, solving.tol, solving.max_iter, solving.solve)
+        trace_back(landing, system, h, since, ago, q)
+        z[:] = 0.0
+        status, count, residual = solve_law(ContactProblem(W, q, lower, upper), z, solving)
         total, worst = total + count, max(worst, residual)
         if status != SOLVED:
             return status, total, worst
-        for a in range(na):
-            P[active[a]] = z[a]
+        P[rows] = z
         for j in range(ny):
             drift[j] = term(system.B, j, ago * P)
         for j in range(ny):
@@ -342,15 +411,7 @@ def correct(
         total, worst = total + count, max(worst, residual)
         if status != SOLVED:
             return status, total, worst
-        again = False
-        spring_forces(x, system, room.s)
-        for a in range(na):
-            i = active[a]
-            if e[i] > 0.0 and (meets[i] or P[i] > 0.0) and system.degree[i] == 2:
-                acceleration = term(system.O, i, x) + term(system.O_s, i, room.s) + term(system.G, i, r)
-                if 2.0 * (term(system.U, i, x) - acceleration * since[i]) <= -acceleration * shortest:
-                    e[i], again = 0.0, True
-        if not again:
+        if not falls_back(end, landing, system, room.s, shortest):
             break
     return SOLVED, total, worst
 
@@ -602,8 +663,9 @@ class ExplicitRungeKutta(Integrator):
         X = form.state(problem.initial_coordinates, problem.initial_velocities)
         x = np.concatenate([X, [load(0.0) for load in inputs.loads]])
         run = Run(
-            grid, form, inputs, system, matrices, motion, np.abs(x), contacts, solver.init(contacts),
-            tol, max_iter, np.array([grid.h]), np.abs(X[:ny]), np.zeros(1), _metric(d, form),
+            grid=grid, form=form, inputs=inputs, system=system, matrices=matrices, motion=motion, scale=np.abs(x),
+            contacts=contacts, solver=solver.init(contacts), tol=tol, max_iter=max_iter, step=np.array([grid.h]),
+            largest=np.abs(X[:ny]), energy=np.zeros(1), metric=_metric(d, form),
         )  # fmt: skip
 
         def begin(state: Solver, first: int, last: int) -> tuple[Status, int]:
@@ -715,11 +777,9 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         """Step from t_k to t_k+1, with as many steps as it takes."""
         tableau, grid = self.tableau, carry.grid
         c, ny = np.append(tableau.c, 1.0), carry.motion.y.shape[1]
-        exponent = 1.0 / (tableau.order_embedded + 1.0)
         t, end = grid.t_end * k / grid.steps, grid.t_end * (k + 1) / grid.steps
         motion = Motion(*(np.repeat(each[k : k + 1], 2, axis=0) for each in carry.motion))
-        y, dy, r, P, _ = motion
-        C = carry.matrices.C[carry.system.degree > 0]
+        y, _, r, P, _ = motion
         ahead, scale, inertia = np.zeros((2, ny)), carry.scale.copy(), carry.system.degree == 2
         assert record.events is not None
         while t < end:
@@ -740,32 +800,15 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
                 carry.scale[:] = scale
                 if status is not Status.NON_FINITE:
                     return status
-                shrink = 0.1
+                factor = 0.1
             else:
-                before, error = ahead
-                allowed = carry.allowed(before, h, STEP_TOLERANCE * rtol, STEP_TOLERANCE * atol)
-                size = max(carry.error(np.append(before, given[0, -1]), error, allowed, STEP_TOLERANCE * rtol), 1e-10)
-                shrink = float(np.clip(0.9 * size**-exponent, 0.2, 5.0))
-                if size <= 1.0:
-                    shrink = max(shrink, 1.0)
-                    # An overlap beyond the tolerance: back to where the line through both gaps is zero.
-                    u, overlap = C @ np.append(y[0], given[0, 0]), C @ np.append(before, given[0, -1])
-                    bound = np.abs(C[:, :ny]) @ allowed + ACTIVE_GAP_FACTOR * ZERO_RTOL * (np.abs(C) @ carry.scale)
-                    begun = (overlap < -bound) & (u > bound)
-                    if begun.any():
-                        shrink = float((u[begun] / (u[begun] - overlap[begun])).min())
-                    elif (overlap < -bound).any():
-                        shrink = 0.5
-                    elif not P[1].any():
-                        lowest = _lowest(h, u, overlap, *(dy @ C[:, :ny].T))
-                        if ((u > bound) & (overlap > bound) & (lowest < -bound)).any():
-                            shrink = 0.5
-            if shrink < 1.0:
+                factor = self._factor(carry, motion, given[0], ahead, h, (rtol, atol))
+            if factor < 1.0:
                 carry.scale[:] = scale
-                carry.step[0] = shrink * h
+                carry.step[0] = factor * h
                 record.stats.rejected += 1
                 continue
-            carry.step[0] = max(shrink * h, carry.step[0] if h < carry.step[0] else 0.0)
+            carry.step[0] = max(factor * h, carry.step[0] if h < carry.step[0] else 0.0)
             record.stats.steps += 1
             if (P[1, inertia] > 0.0).any() or ((r[0] > 0.0) != (r[1] > 0.0)).any():
                 record.events += _happened(carry, np.array([t, t + h]), motion)
@@ -777,6 +820,32 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         for each, of in zip(carry.motion, motion, strict=True):
             each[k + 1] = of[0]
         return Status.SOLVED
+
+    def _factor(
+        self, carry: Run, motion: Motion, given: Array, ahead: Array, h: float, tolerances: tuple[float, float]
+    ) -> float:
+        """Return the length of the next step in units of h; below 1 the step of h is to be taken again."""
+        (y, dy, _, P, _), (before, error), ny = motion, ahead, ahead.shape[1]
+        rtol, atol = (STEP_TOLERANCE * each for each in tolerances)
+        allowed = carry.allowed(before, h, rtol, atol)
+        size = max(carry.error(np.append(before, given[-1]), error, allowed, rtol), 1e-10)
+        factor = float(np.clip(0.9 * size ** (-1.0 / (self.tableau.order_embedded + 1.0)), 0.2, 5.0))
+        if size > 1.0:
+            return factor
+        # An overlap beyond the tolerance: back to where the line through both gaps is zero.
+        C = carry.matrices.C[carry.system.degree > 0]
+        u, overlap = C @ np.append(y[0], given[0]), C @ np.append(before, given[-1])
+        bound = np.abs(C[:, :ny]) @ allowed + ACTIVE_GAP_FACTOR * ZERO_RTOL * (np.abs(C) @ carry.scale)
+        begun = (overlap < -bound) & (u > bound)
+        if begun.any():
+            return float((u[begun] / (u[begun] - overlap[begun])).min())
+        if (overlap < -bound).any():
+            return 0.5
+        if not P[1].any():
+            lowest = _lowest(h, u, overlap, *(dy @ C[:, :ny].T))
+            if ((u > bound) & (overlap > bound) & (lowest < -bound)).any():
+                return 0.5
+        return max(factor, 1.0)
 
 
 def _metric(d: Dynamics, form: FirstOrderForm) -> Array:

@@ -7,13 +7,13 @@ there is none, that direction proves that no solution exists.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, vector
+from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.basis import row_roots
 from lcpimpact.lcp.lapack import EPS
@@ -50,7 +50,7 @@ class ActiveSet(NamedTuple):
 active_type = types.NamedTuple((indices, flags, indices, matrix, matrix, flags), ActiveSet)
 
 
-@compiled(types.boolean(matrix, i8, indices, vector, i8))
+@compiled(types.boolean(matrix, i8, indices, vector, i8), allocates=False)
 def append(L: Array, k: int, rows: Indices, column: Array, j: int) -> bool:
     """Append to L, L Lᵀ = M_αα, the row of j, by M_·j; return False if j depends on α.
 
@@ -69,7 +69,7 @@ def append(L: Array, k: int, rows: Indices, column: Array, j: int) -> bool:
     return True
 
 
-@compiled(types.void(matrix, i8, i8))
+@compiled(types.void(matrix, i8, i8), allocates=False)
 def remove(L: Array, k: int, p: int) -> None:
     """Take row and column p out of L Lᵀ of order k, by rotations of neighbouring columns."""
     for a in range(p, k - 1):
@@ -85,7 +85,7 @@ def remove(L: Array, k: int, p: int) -> None:
             L[b, a], L[b, a + 1] = cos * x + sin * y, cos * y - sin * x
 
 
-@compiled(types.void(matrix, i8, vector))
+@compiled(types.void(matrix, i8, vector), allocates=False)
 def back_substitute(L: Array, k: int, y: Array) -> None:
     """Overwrite y with L⁻ᵀ y."""
     for a in range(k - 1, -1, -1):
@@ -94,7 +94,7 @@ def back_substitute(L: Array, k: int, y: Array) -> None:
             y[c] -= L[a, c] * y[a]
 
 
-@compiled(types.void(matrix, i8, vector))
+@compiled(types.void(matrix, i8, vector), allocates=False)
 def forward_substitute(L: Array, k: int, y: Array) -> None:
     """Overwrite y with L⁻¹ y."""
     for a in range(k):
@@ -103,15 +103,15 @@ def forward_substitute(L: Array, k: int, y: Array) -> None:
         y[a] /= L[a, a]
 
 
-@compiled(f8(f8, f8, f8, f8))
-def room(z: float, d: float, lower: float, upper: float) -> float:
+@compiled(f8(f8, f8, f8, f8), allocates=False)
+def freedom(z: float, d: float, lower: float, upper: float) -> float:
     """Return how far z may go along d before it meets a bound."""
     if d > 0.0:
         return max(upper - z, 0.0) / d
     return max(z - lower, 0.0) / -d if d < 0.0 else np.inf
 
 
-@compiled(types.boolean(active_type, i8, i8), inline="always")
+@compiled(types.boolean(active_type, i8, i8), inline="always", allocates=False)
 def enter(active: ActiveSet, k: int, j: int) -> bool:
     """Let row j, whose column is loaded, be free beside k others; return False if it depends on them."""
     rows, free, basis, L, C, _ = active
@@ -121,7 +121,7 @@ def enter(active: ActiveSet, k: int, j: int) -> bool:
     return independent
 
 
-@compiled(types.void(active_type, i8, i8), inline="always")
+@compiled(types.void(active_type, i8, i8), inline="always", allocates=False)
 def drop(active: ActiveSet, k: int, a: int) -> None:
     """Take the a-th of k free rows out."""
     rows, free, basis, L, _, _ = active
@@ -132,7 +132,57 @@ def drop(active: ActiveSet, k: int, a: int) -> None:
         rows[c] = rows[c + 1]
 
 
-@compiled(types.Tuple((f8, i8))(matrix, indices, vector, vector, vector, vector, vector), inline="always")
+@compiled(types.void(active_type, matrix, i8), inline="always", allocates=False)
+def load(active: ActiveSet, W: Array, j: int) -> None:
+    """Read column j of M, if it was not read before."""
+    if not active.loaded[j]:
+        column(W, j, active.C[j])
+        active.loaded[j] = True
+
+
+@compiled(i8(active_type, matrix, vector, vector, vector), inline="always", allocates=False)
+def begin(active: ActiveSet, W: Array, lower: Array, upper: Array, z: Array) -> int:
+    """Let the rows of the guess be free that lie between their bounds; return how many there are."""
+    k = 0
+    for i in range(len(z)):
+        z[i] = min(max(z[i], lower[i]), upper[i])
+        inside = lower[i] < z[i] < upper[i]
+        if z[i] != 0.0 or inside:
+            load(active, W, i)
+        if inside and enter(active, k, i):
+            k += 1
+    return k
+
+
+@compiled(types.void(matrix, flags, vector, vector, vector), inline="always", allocates=False)
+def add_bounds(C: Array, free: Flags, q: Array, z: Array, base: Array) -> None:
+    """Write q + M z of the rows at their bounds."""
+    n = len(q)
+    for i in range(n):
+        base[i] = q[i]
+    for j in range(n):
+        if not free[j] and z[j] != 0.0:
+            for i in range(n):
+                base[i] += z[j] * C[j, i]
+
+
+@compiled(f8(matrix, indices, vector, vector, vector, vector), inline="always", allocates=False)
+def add_free(C: Array, rows: Indices, base: Array, z: Array, root: Array, w: Array) -> float:
+    """Write w = base + M z of the free rows; return Σ |z| in units of a unit diagonal."""
+    n, terms = len(w), 0.0
+    for i in range(n):
+        w[i] = base[i]
+        terms += root[i] * abs(z[i])
+    for a in range(len(rows)):
+        j = rows[a]
+        for i in range(n):
+            w[i] += z[j] * C[j, i]
+    return terms
+
+
+@compiled(
+    types.Tuple((f8, i8))(matrix, indices, vector, vector, vector, vector, vector), inline="always", allocates=False
+)
 def minimise(L: Array, rows: Indices, base: Array, lower: Array, upper: Array, z: Array, y: Array) -> tuple[float, int]:
     """Move the free rows towards y = -M_αα⁻¹ base_α until one meets a bound; return the length, and which one or NONE."""
     k = len(rows)
@@ -144,7 +194,7 @@ def minimise(L: Array, rows: Indices, base: Array, lower: Array, upper: Array, z
     for a in range(k):
         i = rows[a]
         if y[a] < lower[i] or y[a] > upper[i]:
-            share = room(z[i], y[a] - z[i], lower[i], upper[i])
+            share = freedom(z[i], y[a] - z[i], lower[i], upper[i])
             if share < length or block == NONE:
                 length, block = min(share, 1.0), a
     for a in range(k):
@@ -153,7 +203,7 @@ def minimise(L: Array, rows: Indices, base: Array, lower: Array, upper: Array, z
     return length, block
 
 
-@compiled(f8(f8, f8, f8, f8))
+@compiled(f8(f8, f8, f8, f8), allocates=False)
 def excess(z: float, w: float, lower: float, upper: float) -> float:
     """Return by how much w has the wrong sign."""
     if w < 0.0:
@@ -161,7 +211,7 @@ def excess(z: float, w: float, lower: float, upper: float) -> float:
     return w if z > lower else 0.0
 
 
-@compiled(i8(flags, vector, vector, vector, vector, vector, f8, types.boolean), inline="always")
+@compiled(i8(flags, vector, vector, vector, vector, vector, f8, types.boolean), inline="always", allocates=False)
 def most_wrong(
     free: Flags, z: Array, w: Array, lower: Array, upper: Array, root: Array, rounding: float, first: bool
 ) -> int:
@@ -177,7 +227,7 @@ def most_wrong(
     return entering
 
 
-@compiled(i8(active_type, vector, vector, vector, vector, vector))
+@compiled(i8(active_type, vector, vector, vector, vector, vector), allocates=False)
 def slightly_wrong(active: ActiveSet, q: Array, z: Array, w: Array, lower: Array, upper: Array) -> int:
     """Return the first row whose w is wrong by more than the rounding of its own terms.
 
@@ -195,7 +245,7 @@ def slightly_wrong(active: ActiveSet, q: Array, z: Array, w: Array, lower: Array
     return NONE
 
 
-@compiled(types.Tuple((f8, i8))(active_type, i8, i8, f8, vector, vector, vector, vector))
+@compiled(types.Tuple((f8, i8))(active_type, i8, i8, f8, vector, vector, vector, vector), allocates=False)
 def slide(
     active: ActiveSet, k: int, e: int, sign: float, lower: Array, upper: Array, z: Array, y: Array
 ) -> tuple[float, int]:
@@ -208,10 +258,10 @@ def slide(
     for a in range(k):
         y[a] = -sign * L[k, a]
     back_substitute(L, k, y)
-    length, block = room(z[e], sign, lower[e], upper[e]), k
+    length, block = freedom(z[e], sign, lower[e], upper[e]), k
     for a in range(k):
         i = rows[a]
-        share = room(z[i], y[a], lower[i], upper[i])
+        share = freedom(z[i], y[a], lower[i], upper[i])
         if share < length:
             length, block = share, a
     if length == np.inf:
@@ -230,37 +280,28 @@ def slide(
     return length, block
 
 
-@compiled(SIGNATURE)
-def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Minimise over the free rows, drop the first that meets a bound, and let in the one whose w is most wrong.
+class Room(NamedTuple):
+    """Room to work in (n,): what rows at their bounds give to w, w itself, the minimum over the free rows, and roots."""
 
-    The rows of a guess that lie between their bounds are free from the start. Thresholds are those of the problem scaled to
-    a unit diagonal, with the rounding of a product added. After n exchanges without progress the first wrong row enters.
-    """
-    n = len(q)
-    rows, basis, free, loaded = np.empty(n, np.int64), np.arange(n), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-    C, L = np.empty((n, n)), np.empty((n, n))
-    # The start and the sums of columns stand here, and not in functions: a call costs some percent of a solve of few rows.
-    active = ActiveSet(rows, free, basis, L, C, loaded)
-    base, w, y, root = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    base: Array
+    w: Array
+    y: Array
+    root: Array
+
+
+room_type: Any = named_tuple((vector,) * 4, Room)
+
+
+@compiled(types.UniTuple(i8, 2)(matrix, vector, vector, vector, vector, i8, active_type, room_type), allocates=False)
+def descend(
+    W: Array, q: Array, lower: Array, upper: Array, z: Array, max_iter: int, active: ActiveSet, room: Room
+) -> tuple[int, int]:
+    """Minimise over the free rows, drop the first that meets a bound, and let in the one whose w is most wrong."""
+    (rows, free, basis, L, C, _), (base, w, y, root), n = active, room, len(q)
     size = row_roots(W, q, root)
-    k, entering, leaving, stalled, fine = 0, NONE, NONE, 0, 2 * n
-    for i in range(n):
-        z[i] = min(max(z[i], lower[i]), upper[i])
-        inside = lower[i] < z[i] < upper[i]
-        if z[i] != 0.0 or inside:
-            column(W, i, C[i])
-            loaded[i] = True
-        if inside and enter(active, k, i):
-            k += 1
-
+    k, entering, leaving, stalled, fine = begin(active, W, lower, upper, z), NONE, NONE, 0, 2 * n
     for step in range(1, max_iter + 1):
-        for i in range(n):
-            base[i] = q[i]
-        for j in range(n):
-            if not free[j] and z[j] != 0.0:
-                for i in range(n):
-                    base[i] += z[j] * C[j, i]
+        add_bounds(C, free, q, z, base)
         length, block = minimise(L, rows[:k], base, lower, upper, z, y)
         if block != NONE:
             i = rows[block]
@@ -270,14 +311,7 @@ def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: fl
             k -= 1
             entering = NONE
             continue
-        terms = 0.0
-        for i in range(n):
-            w[i] = base[i]
-            terms += root[i] * abs(z[i])
-        for a in range(k):
-            j = rows[a]
-            for i in range(n):
-                w[i] += z[j] * C[j, i]
+        terms = add_free(C, rows[:k], base, z, root, w)
         note(z, basis, entering, leaving)
 
         e = most_wrong(free, z, w, lower, upper, root, 1e-14 * size + 8.0 * EPS * terms, stalled > n)
@@ -288,9 +322,7 @@ def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: fl
             return SOLVED, step
         entering, leaving = n + e, e
         stalled = stalled + 1 if length == 0.0 else 0
-        if not loaded[e]:
-            column(W, e, C[e])
-            loaded[e] = True
+        load(active, W, e)
         if enter(active, k, e):
             k += 1
             continue
@@ -305,6 +337,19 @@ def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: fl
             if enter(active, k, e):
                 k += 1
     return MAX_ITER, max_iter
+
+
+@compiled(SIGNATURE)
+def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+    """Make room, and `descend` from the guess.
+
+    The rows of a guess that lie between their bounds are free from the start. Thresholds are those of the problem scaled to
+    a unit diagonal, with the rounding of a product added. After n exchanges without progress the first wrong row enters.
+    """
+    n = len(q)
+    rows, free, basis, loaded = np.empty(n, np.int64), np.zeros(n, np.bool_), np.arange(n), np.zeros(n, np.bool_)
+    active = ActiveSet(rows, free, basis, np.empty((n, n)), np.empty((n, n)), loaded)
+    return descend(W, q, lower, upper, z, max_iter, active, Room(np.empty(n), np.empty(n), np.empty(n), np.empty(n)))
 
 
 SOLVER = CompiledSolver(

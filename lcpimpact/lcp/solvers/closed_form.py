@@ -50,7 +50,7 @@ def both_free(a: float, b: float, c: float, d: float, f: float, g: float) -> tup
 
 
 class TwoRows(NamedTuple):
-    """The rows a x + b y + f and c x + d y + g, with l0 <= x <= u0 and l1 <= y <= u1."""
+    """The rows a x + b y + f and c x + d y + g."""
 
     a: float
     b: float
@@ -58,22 +58,18 @@ class TwoRows(NamedTuple):
     d: float
     f: float
     g: float
-    l0: float
-    l1: float
-    u0: float
-    u1: float
 
 
-two_rows_type = types.NamedUniTuple(f8, 10, TwoRows)
+two_rows_type = types.NamedUniTuple(f8, 6, TwoRows)
 
 
-@compiled(f8(two_rows_type, f8, f8))
-def two_row_defect(rows: TwoRows, v: float, t: float) -> float:
-    """Return how far x = v, y = t is from a solution, each row in the unit of its terms.
+@compiled(f8(two_rows_type, types.UniTuple(f8, 4), f8, f8))
+def two_row_defect(rows: TwoRows, bounds: tuple[float, float, float, float], v: float, t: float) -> float:
+    """Return how far x = v, y = t is from a solution with l0 <= x <= u0, l1 <= y <= u1, each row in the unit of its terms.
 
     A variable is as far from a bound as what the difference changes in either row.
     """
-    a, b, c, d, f, g, l0, l1, u0, u1 = rows
+    (a, b, c, d, f, g), (l0, l1, u0, u1) = rows, bounds
     first, second = abs(a * v) + abs(b * t) + abs(f), abs(c * v) + abs(d * t) + abs(g)
     first, second = first if first > 0.0 else 1.0, second if second > 0.0 else 1.0
     x, y = (a * v + b * t + f) / first, (c * v + d * t + g) / second
@@ -133,7 +129,7 @@ def closed_form(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: f
     u = s / p
     a, b, c, d, f, g = W[0, 0] / s, W[0, 1] / s, W[1, 0] / s, W[1, 1] / s, q[0] / p, q[1] / p
     l0, l1, u0, u1 = lower[0] * u, lower[1] * u, upper[0] * u, upper[1] * u
-    rows = TwoRows(a, b, c, d, f, g, l0, l1, u0, u1)
+    rows, bounds = TwoRows(a, b, c, d, f, g), (l0, l1, u0, u1)
     x, y, smallest, tried = 0.0, 0.0, np.inf, 0
     for first in (LOWER, FREE, UPPER):
         for second in (LOWER, FREE, UPPER):
@@ -149,7 +145,7 @@ def closed_form(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: f
                 continue
             tried += 1
             v, t = min(max(v, l0), u0), min(max(t, l1), u1)
-            residual = two_row_defect(rows, v, t)
+            residual = two_row_defect(rows, bounds, v, t)
             if residual < smallest:
                 x, y, smallest = v, t, residual
     z[0], z[1] = min(max(x / u, lower[0]), upper[0]), min(max(y / u, lower[1]), upper[1])

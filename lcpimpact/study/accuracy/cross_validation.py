@@ -664,7 +664,7 @@ class Judge:
             if not any(self._choose_apart(p["a"], p["b"]) for p in confirming if p["quantity"] == quantity):
                 alike = dict.fromkeys(label for pair in confirming for label in (pair["a"], pair["b"]))
                 yield (
-                    f"{', '.join(map(repr, alike))} take the contact mode from one source, lcpimpact.hybrid.modes, "
+                    f"{', '.join(map(repr, alike))} take the contact mode from one source, lcpimpact.hybrid.mode_choice, "
                     "and would share its mistakes: add a route that steps, as 'moreau-jean', with a dt that shows its order"
                 )
                 yield from (f"{label!r}: {doubt}" for label in self.estimates for doubt in self._said(label))

@@ -2,7 +2,7 @@
 
 Routes are of one *family* if they advance the state by the same rule: θ-steps with different LCP solvers or different θ, and
 Siconos's θ-step too. They would make the same mistake, so they do not confirm each other. `exact`, `event-driven` and
-`radau-fesd` are of three families, but all take the contact mode from `lcpimpact.hybrid.modes`; what happens at an
+`radau-fesd` are of three families, but all take the contact mode from `lcpimpact.hybrid.mode_choice`; what happens at an
 impact or a switch they know from one source.
 """
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from typing import ClassVar
 
@@ -154,68 +155,85 @@ def _jacobi(n: float) -> tuple[Array, Array]:
 
 def _integrated(a: float, γ: float, n: float) -> Rebound:
     """Return the contact with weight by DOP853, up to where δ = 0 or, on the way down again, to where it stays."""
-    K = 0.5 * (n + 1.0)
+    contact = _Contact(a, γ, n)
+    contact.follow((0.0, 0.0, 1.0), MAX_TIME, contact.visit)
+    # What is stationary in time need not be sharp in it.
+    deepest, strongest = contact.fall(lambda _, v: v, 1e-9), contact.fall(contact.force_rate, 1e-9)
+    left = contact.fall(lambda δ, _: δ, 1e-15)
+    peak = contact.force(*(strongest or contact.steps[-1])[1:])
+    way = deepest[1] if deepest else contact.rest
+    if left is None:
+        # What never leaves comes to rest under its weight.
+        return Rebound(0.0, math.inf, max(peak, γ), max(way, contact.rest))
+    return Rebound(-left[2], left[0], peak, way)
 
-    def force(δ: float, v: float) -> float:
-        return spring_force(K, n, a, 0.0, δ, v)[0]
 
-    def rate(t: float, state: Array) -> list[float]:
-        δ, v = state
-        return [v, γ - force(δ, v)]
+@dataclass(eq=False)
+class _Contact:
+    """The contact with weight: the initial value problem δ'' = γ - F(δ, δ'), and the steps of its solution."""
 
-    def force_rate(δ: float, v: float) -> float:
-        return n * v * (1.0 + a * v) + a * δ * (γ - force(δ, v))
+    a: float
+    γ: float
+    n: float
+    steps: list[State] = field(default_factory=list)
 
-    def energy(δ: float, v: float) -> float:
-        # It falls, and at δ = 0 it is v²/2: a mass that has less than none of it never leaves.
-        return 0.5 * v * v + spring_energy(K, n, δ) - γ * δ
+    @property
+    def K(self) -> float:
+        return 0.5 * (self.n + 1.0)
 
-    rest = math.pow(γ / K, 1.0 / n)
+    @property
+    def rest(self) -> float:
+        """δ at rest under the weight."""
+        return math.pow(self.γ / self.K, 1.0 / self.n)
 
-    def creeps(δ: float, v: float) -> bool:
+    def law(self, δ: float, v: float) -> tuple[float, float, float]:
+        """Return F and its derivatives by δ and δ'."""
+        return spring_force(self.K, self.n, self.a, 0.0, δ, v)
+
+    def force(self, δ: float, v: float) -> float:
+        return self.law(δ, v)[0]
+
+    def force_rate(self, δ: float, v: float) -> float:
+        return self.n * v * (1.0 + self.a * v) + self.a * δ * (self.γ - self.force(δ, v))
+
+    def settles(self, δ: float, v: float) -> bool:
+        """Whether the mass never leaves: its energy, which falls and at δ = 0 is v²/2, is below zero, or it creeps."""
+        energy = 0.5 * v * v + spring_energy(self.K, self.n, δ) - self.γ * δ
+        return (v <= 0.0 and energy < 0.0) or self.creeps(δ, v)
+
+    def creeps(self, δ: float, v: float) -> bool:
         # With v below μ (rest - δ) once, it is so ever after, and the mass does not pass its place of rest.
-        if not 0.0 < δ < rest or v <= 0.0 or force_rate(δ, v) > 0.0:
+        if not 0.0 < δ < self.rest or v <= 0.0 or self.force_rate(δ, v) > 0.0:
             return False
-        μ = v / (rest - δ)
-        return spring_force(K, n, a, 0.0, rest, 0.0)[1] + μ * μ <= spring_force(K, n, a, 0.0, δ, v)[2] * μ
+        μ = v / (self.rest - δ)
+        return self.law(self.rest, 0.0)[1] + μ * μ <= self.law(δ, v)[2] * μ
 
-    steps: list[State] = []
-
-    def visit(t: float, state: Array) -> int:
+    def visit(self, t: float, state: Array) -> int:
+        """Note a step; return -1 if it is the last."""
         δ, v = map(float, state)
-        steps.append((t, δ, v))
-        settled = (v <= 0.0 and energy(δ, v) < 0.0) or creeps(δ, v)
-        return -1 if settled or (t > 0.0 and δ <= 0.0) else 0
+        self.steps.append((t, δ, v))
+        return -1 if self.settles(δ, v) or (t > 0.0 and δ <= 0.0) else 0
 
-    def follow(start: State, t: float, visited: Callable[[float, Array], int] | None = None) -> State:
-        solver = ode(rate).set_integrator("dop853", rtol=RTOL, atol=ATOL, nsteps=100_000)
+    def follow(self, start: State, t: float, visited: Callable[[float, Array], int] | None = None) -> State:
+        """Return the state at t after another."""
+        rate = ode(lambda _, state: [state[1], self.γ - self.force(*state)])
+        solver = rate.set_integrator("dop853", rtol=RTOL, atol=ATOL, nsteps=100_000)
         if visited:
             solver.set_solout(visited)
         δ, v = solver.set_initial_value(start[1:], start[0]).integrate(t)
         return t, float(δ), float(v)
 
-    def zero(g: Callable[[float, float], float], xtol: float) -> State | None:
+    def fall(self, g: Callable[[float, float], float], xtol: float) -> State | None:
         """Return the first state in which g has fallen to zero."""
-        signs = [g(δ, v) for _, δ, v in steps]
-        falls = [i for i in range(2, len(steps)) if signs[i - 1] > 0.0 >= signs[i]]
+        signs = [g(δ, v) for _, δ, v in self.steps]
+        falls = [i for i in range(2, len(signs)) if signs[i - 1] > 0.0 >= signs[i]]
         if not falls:
             return None
-        before, after = steps[falls[0] - 1], steps[falls[0]]
+        before, after = self.steps[falls[0] - 1], self.steps[falls[0]]
 
         def value(t: float) -> float:
-            return g(*(before if t == before[0] else follow(before, t))[1:])
+            return g(*(before if t == before[0] else self.follow(before, t))[1:])
 
         if value(after[0]) > 0.0:
             return after
-        return follow(before, float(brentq(value, before[0], after[0], xtol=xtol, rtol=1e-15)))
-
-    follow((0.0, 0.0, 1.0), MAX_TIME, visit)
-    # What is stationary in time need not be sharp in it.
-    deepest, strongest = zero(lambda _, v: v, 1e-9), zero(force_rate, 1e-9)
-    left = zero(lambda δ, _: δ, 1e-15)
-    peak = force(*(strongest or steps[-1])[1:])
-    way = deepest[1] if deepest else rest
-    if left is None:
-        # What never leaves comes to rest under its weight.
-        return Rebound(0.0, math.inf, max(peak, γ), max(way, rest))
-    return Rebound(-left[2], left[0], peak, way)
+        return self.follow(before, float(brentq(value, before[0], after[0], xtol=xtol, rtol=1e-15)))

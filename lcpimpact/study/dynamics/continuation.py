@@ -12,7 +12,7 @@ import pandas as pd
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, LcpImpactError
-from lcpimpact.hybrid.modes import System
+from lcpimpact.hybrid.system import System
 from lcpimpact.problems.base import Problem
 from lcpimpact.study.dynamics.grazing import least_gap
 from lcpimpact.study.dynamics.shooting import (

@@ -14,8 +14,8 @@ import pandas as pd
 from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, LcpImpactError
-from lcpimpact.hybrid.modes import ZERO, System
 from lcpimpact.hybrid.motion import Motion, read
+from lcpimpact.hybrid.system import ZERO, System
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import count, is_real, positive
 from lcpimpact.problems.base import Problem

@@ -21,8 +21,8 @@ from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, UnsupportedError
 from lcpimpact.hybrid.event_loop import follow
-from lcpimpact.hybrid.modes import System
 from lcpimpact.hybrid.motion import Motion, begin, begin_problem, read, state_before
+from lcpimpact.hybrid.system import System
 from lcpimpact.hybrid.tangent import place_derivative, tangent
 from lcpimpact.numbers import count, positive
 from lcpimpact.problems.base import Problem

@@ -1,0 +1,90 @@
+r"""Newton's law of impact, as an LCP of its own where plates that both have mass meet with U < 0.
+
+.. math:: 0 \le P \perp U^+ + e U^- \ge 0, \qquad U^+ = U^- + C A B P .
+
+Over massless nodes impulses act on impulse paths, by the law of `lcpimpact.hybrid.impact_law`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lcpimpact.arrays import Array, Flags
+from lcpimpact.double_double import DoubleDouble
+from lcpimpact.errors import UnsupportedError
+from lcpimpact.hybrid.complementarity import Meeting, approach, at_rest, rebound
+from lcpimpact.hybrid.gaps import openings_and_rates, path_rates, still, touching_paths
+from lcpimpact.hybrid.impact_law import restitution as path_restitution
+from lcpimpact.hybrid.system import ZERO, Still, System
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.signals import PiecewisePolynomial
+
+NO_PATHS = np.zeros((0, 0))
+
+
+def impact(
+    system: System,
+    X: ArrayLike | DoubleDouble,
+    scale: Array,
+    solver: str,
+    restitution: Array | None = None,
+    held: Still | None = None,
+    zero: float = ZERO,
+    among: Flags | None = None,
+    left: DoubleDouble | None = None,
+    rates: ArrayLike | DoubleDouble | None = None,
+) -> tuple[DoubleDouble, Array, Still]:
+    """Return X after the impacts at this instant, the impulses (nc,), and what is held at zero after them.
+
+    Newton's law is 0 <= P ⟂ U⁺ + e U⁻ >= 0; where plates part already it only forbids that they meet. The coefficients e
+    are those of the rows, or ``restitution`` (nc,). The rows ``among`` (nc,) meet, or else all that touch. Where a
+    prescribed velocity jumps, X has its right limit, and ``left`` (N,) the left one, of which U⁻ is made. The left limits
+    ``rates`` (nc,) of U, with those of massless nodes, which are no part of X, tell where the impulse paths of
+    `lcpimpact.hybrid.impact_law` rebound.
+    """
+    e = system.restitution if restitution is None else restitution
+    state, held = DoubleDouble.of(X), held or still(system, None)
+    u, U = openings_and_rates(system, state, scale, held, zero)
+    before = U if left is None else openings_and_rates(system, left, scale, held, zero)[1]
+    if among is None:
+        meeting, bounce, q, meet = approach(u, U, before, e, system.meets)
+    else:
+        meeting, bounce, q, meet = approach(np.zeros_like(u), U, before, e, system.meets & among)
+    lines, (G, B), toward, back = NO_PATHS, (system.fine.G, system.fine.B), U, before
+    if len(system.lines) and rates is not None and among is None:
+        lines = touching_paths(system, DoubleDouble(u), held, scale, zero)
+        speeds, known = path_rates(system, lines, state, scale, zero), DoubleDouble.of(rates)
+        rebounds = path_restitution(lines, known.hi, e)
+        G, B = system.path_matrices(lines)
+        toward, back = (
+            np.concatenate([each, more.parts], 1) for each, more in ((U, speeds), (before, DoubleDouble.of(rebounds)))
+        )
+        meeting = np.append(meeting, len(e) + np.arange(len(lines)))
+        bounce = np.append(bounce, np.ones(len(lines)))
+        q = toward[0, meeting] + bounce * back[0, meeting]
+        meet = bool((q < 0.0).any())
+    if not meet:
+        return state, np.zeros(len(system.degree)), held
+    z = system.impact_lcp(G, lines, meeting, solver).solve(q).z
+    parts = np.ascontiguousarray(state.parts)
+    after, impulses, ended = rebound(G.parts, B.parts, parts, Meeting(meeting, bounce, toward, back), z, zero)
+    if not ended:
+        raise np.linalg.LinAlgError("no complementary basis")
+    P = impulses[0] if len(lines) == 0 else impulses[0, : len(e)] + impulses[0, len(e) :] @ lines
+    rests = at_rest(P, before, e, system.G, held.U, system.degree)
+    return DoubleDouble(after), P, Still(held.u, rests, held.closed)
+
+
+def refuse_velocity_jumps(dynamics: Dynamics, t_end: float, method: str) -> None:
+    """Refuse a bumper with e > 0 on a node whose given velocity jumps, for methods that know only the right limit of U."""
+    for i, motion in dynamics.motions.items():
+        rows = np.flatnonzero(
+            (dynamics.H[:, i] != 0.0) & (dynamics.relative_degree == 2) & (dynamics.restitution > 0.0)
+        )
+        if len(rows) and isinstance(motion, PiecewisePolynomial) and len(motion.breakpoints(0.0, t_end)):
+            raise UnsupportedError(
+                f"the velocity of the node {dynamics.nodes[i]!r} jumps, and the contact {dynamics.contacts[rows[0]].name!r} "
+                f"there has a coefficient of restitution, which {method!r} does not handle: take method='exact' or "
+                "'moreau-jean'"
+            )

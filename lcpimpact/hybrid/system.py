@@ -1,0 +1,502 @@
+r"""The linear complementarity system of a scheme, its contact modes, and the motion in each.
+
+In first-order form (see `lcpimpact.scheme.first_order`) the system is X' = A X + B r, u = C X + D r, 0 <= u ⟂ r >= 0. A
+*mode* is the set of closed rows, on which u ≡ 0. With ρ_i the relative degree of row i,
+
+.. math:: u_i^{(ρ_i)} = O_i X + G_i r, \qquad O_i = C_i A^{ρ_i}, \qquad G_i = D_i,\; C_i B,\; C_i A B \quad (ρ_i = 0, 1, 2),
+
+so the closed rows give r = F X, and the mode moves by X' = (A + B F) X.
+
+*Rows whose relative degree depends on others.* Closed rows that share a massless node have combinations T u in which it
+cancels, and whose relative degree is higher than theirs: bodies that ride on one plate, or a body on a plate that is stopped
+(see `lcpimpact.scheme.decomposition.degrees_together`). A mode then holds each combination at its own level,
+
+.. math:: (T u)_k^{(ρ_k)} = (T C)_k A^{ρ_k} X + (T G)_k r = 0 .
+
+A slider is a row too: it sticks, with u constant and -r_0 < r < r_0, or slips with r = -r_0 sign U. Where a spring alone
+gives way to it (ρ = 0), the place p where it sticks is a state of its own, and u counts from there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import null_space
+
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.double_double import DoubleDouble, solve, stacked
+from lcpimpact.errors import UnsupportedError
+from lcpimpact.hybrid.flow import Flow, Sparse, sparse
+from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp
+from lcpimpact.scheme.decomposition import degrees_together
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
+
+ZERO = 1e-12
+"""Tolerance for zero in a state of floats, relative to the terms of the sum at their largest so far: a root found to
+rounding leaves about 1e-15 of them."""
+
+FINE_ZERO = 2.0**-95
+"""Tolerance for zero in a state of double-doubles, likewise: a root leaves about 1e-31."""
+
+
+@dataclass(frozen=True)
+class Mode:
+    """What each row does, and how it begins.
+
+    Attributes
+    ----------
+    closed : tuple of int       the rows with u ≡ 0: closed contacts and sticking sliders
+    slips : tuple of (int, int) the sliders that slip, with the sign of U
+    order : tuple of int        order of the zero with which what ends the mode leaves it, -1 if it is zero for ever
+    side : tuple of int         sign of r of a slider that begins to stick with its force at a threshold, else 0
+    """
+
+    closed: tuple[int, ...]
+    slips: tuple[tuple[int, int], ...]
+    order: tuple[int, ...]
+    side: tuple[int, ...]
+
+    @property
+    def key(self) -> tuple[tuple[int, ...], tuple[tuple[int, int], ...]]:
+        """What its flow depends on."""
+        return self.closed, self.slips
+
+
+@dataclass(frozen=True, eq=False)
+class Still:
+    """Which openings u and which rates U are zero by what the mode before, or an impact, has made of them.
+
+    What is closed stays closed, whatever rounding makes of its gap, until its own force ends that.
+
+    Attributes
+    ----------
+    u, U : (nc,) arrays of bool
+    closed : (nc,) array of bool    rows of any degree that are closed, so that sums of their gaps alone are zero too
+    """
+
+    u: Flags
+    U: Flags
+    closed: Flags
+
+    @cached_property
+    def none(self) -> bool:
+        """Whether no opening and no rate is."""
+        return not (self.u.any() or self.U.any())
+
+
+class Watch(NamedTuple):
+    """What ends a mode, and what it holds.
+
+    Attributes
+    ----------
+    contacts : (k,) array       the row of H of each
+    rows : DoubleDouble         rows c (k, N + nw), where c·(X, w) turning negative ends the mode
+    entries : Sparse            the same
+    order : (k,) array          the order of the zero with which it begins
+    held : Still                what is zero as long as the mode lasts
+    """
+
+    contacts: Indices
+    rows: DoubleDouble
+    entries: Sparse
+    order: Indices
+    held: Still
+
+
+class Coordinates(NamedTuple):
+    """How q, v and r are read off the state in a mode.
+
+    Attributes
+    ----------
+    rows : DoubleDouble     (2 n + nc, N)
+    entries : Sparse        the same
+    """
+
+    rows: DoubleDouble
+    entries: Sparse
+
+
+class Together(NamedTuple):
+    """How rows that are closed together are held: T u = 0, each combination at its own relative degree.
+
+    Attributes
+    ----------
+    T : (k, k) array            the combinations, one a row, of the lowest degree first
+    degree : (k,) array         the relative degree of each
+    C, CA, O : DoubleDouble     T C, T C A, and row by row T C A^ρ (k, N)
+    G : DoubleDouble            row by row T D, T C B or T C A B (k, nc)
+    """
+
+    T: Array
+    degree: Indices
+    C: DoubleDouble
+    CA: DoubleDouble
+    O: DoubleDouble  # noqa: E741
+    G: DoubleDouble
+
+
+class Fine(NamedTuple):
+    """The matrices of a system as double-doubles: A (N, N), B (N, nc), C and C A (nc, N), D (nc, nc), O, G."""
+
+    A: DoubleDouble
+    B: DoubleDouble
+    C: DoubleDouble
+    D: DoubleDouble
+    CA: DoubleDouble
+    O: DoubleDouble  # noqa: E741
+    G: DoubleDouble
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """The first-order form with its Markov parameters, and the flow of each mode.
+
+    Attributes
+    ----------
+    dynamics : Dynamics
+    given : FirstOrderForm, optional
+        The form, where it is not that of ``dynamics`` alone: linear about one instant, or with inputs beside r.
+    inputs : pair of (N, nw) and (nc, nw) arrays, optional
+        E and D_w with X' = A X + B r + E w, u = C X + D r + D_w w.
+    """
+
+    dynamics: Dynamics
+    given: FirstOrderForm | None = None
+    inputs: tuple[Array, Array] | None = None
+    flows: dict[object, tuple[Flow, DoubleDouble]] = field(default_factory=dict)
+    switches: dict[object, tuple[Indices, Indices, DoubleDouble]] = field(default_factory=dict)
+    readings: dict[object, Coordinates] = field(default_factory=dict)
+    known: dict[Mode, Watch] = field(default_factory=dict)
+    lcps: dict[object, PreparedLCP] = field(default_factory=dict)
+    combinations: dict[tuple[int, ...], Together] = field(default_factory=dict)
+
+    @cached_property
+    def form(self) -> FirstOrderForm:
+        """The first-order form."""
+        return self.given or first_order_form(self.dynamics)
+
+    @cached_property
+    def input_matrices(self) -> tuple[Array, Array]:
+        """E (N, nw), with rows for the states p, and D_w (nc, nw)."""
+        E, Dw = self.inputs or (np.zeros((len(self.form.A), 0)), np.zeros((len(self.degree), 0)))
+        return np.pad(E, ((0, len(self.remembered)), (0, 0))), Dw
+
+    @cached_property
+    def degree(self) -> Indices:
+        """ρ (nc,)."""
+        return self.dynamics.relative_degree
+
+    @cached_property
+    def remembered(self) -> Indices:
+        """The sliders of degree 0, whose places p are states, the last of X."""
+        return np.flatnonzero(self.slides & (self.degree == 0))
+
+    @cached_property
+    def fine(self) -> Fine:
+        """The matrices as double-doubles, with the states p, p' = 0, and u - p in the rows of the sliders they belong to."""
+        A, B, C, D, _, _ = self.form.double_doubles
+        N, memory, nc = len(A), len(self.remembered), len(self.degree)
+        places = np.zeros((nc, memory))
+        places[self.remembered, np.arange(memory)] = -1.0
+        A = stacked([[A, np.zeros((N, memory))], [np.zeros((memory, N + memory))]])
+        B, C = stacked([[B], [np.zeros((memory, nc))]]), stacked([[C, places]])
+        CA = C @ A
+        O, G = at_degree(self.degree, C, CA, CA @ A), at_degree(self.degree, D, C @ B, CA @ B)  # noqa: E741
+        return Fine(*(DoubleDouble(np.ascontiguousarray(each.parts)) for each in (A, B, C, D, CA, O, G)))
+
+    @cached_property
+    def matrices(self) -> tuple[Array, Array, Array]:
+        """A, B and C in floats."""
+        return self.fine.A.hi, self.fine.B.hi, self.fine.C.hi
+
+    @cached_property
+    def read(self) -> tuple[Array, Array]:
+        """Q and Qr with q = Q X + Qr r."""
+        return np.pad(self.form.Q, ((0, 0), (0, len(self.remembered)))), self.form.Qr
+
+    def state(self, q: Array, v: Array) -> Array:
+        """Return X at t = 0; a slider of degree 0 begins where the coordinates have it."""
+        return np.concatenate([self.form.state(q, v), self.dynamics.gap(q)[self.remembered]])
+
+    def put(self, X: DoubleDouble, i: int, u: DoubleDouble) -> DoubleDouble:
+        """Return X with the place of slider i, which has degree 0, moved by u."""
+        move = np.zeros(len(X))
+        move[len(self.form.A) :] = self.remembered == i
+        return X + move * u
+
+    @cached_property
+    def derivatives(self) -> Array:
+        """C, C A, C A²: (3, nc, N)."""
+        A, _, C = self.matrices
+        return np.array([C, C @ A, C @ A @ A])
+
+    @property
+    def O(self) -> Array:  # noqa: E743
+        """The row C_i A^ρ_i of each contact (nc, N)."""
+        return self.fine.O.hi
+
+    @property
+    def G(self) -> Array:
+        """The row D_i, C_i B or C_i A B of each contact (nc, nc)."""
+        return self.fine.G.hi
+
+    def reaction(self, mode: Mode) -> tuple[Flow, DoubleDouble]:
+        """Return the flow of a mode, and the F with r = F X."""
+        if mode.key not in self.flows:
+            A, B, *_ = self.fine
+            F = np.zeros((2, len(self.degree), len(A)))
+            for i, sign in mode.slips:
+                F[0, i, self.form.constant] = -sign * self.dynamics.r_max[i]
+            rows = list(mode.closed)
+            if rows:
+                O, G = self._held(mode)  # noqa: E741
+                terms = np.abs(O.hi) + np.abs(G.hi) @ np.abs(F[0])
+                F[:, rows] = -solve_regular(G[:, rows], O + G @ DoubleDouble(F)).parts
+                if self.mixed:
+                    cancels = np.abs(F[0, rows]) <= FINE_ZERO * (np.abs(np.linalg.inv(G.hi[:, rows])) @ terms)
+                    F[:, rows] = np.where(cancels, 0.0, F[:, rows])
+            # What cancels in A + B F is zero: nothing moves where forces balance.
+            closed = round_to_zero(A + B @ DoubleDouble(F), np.abs(A.hi) + np.abs(B.hi) @ np.abs(F[0]))
+            self.flows[mode.key] = Flow(closed), DoubleDouble(F)
+        return self.flows[mode.key]
+
+    def _held(self, mode: Mode) -> tuple[DoubleDouble, DoubleDouble]:
+        """Return O (k, N) and G (k, nc) of what a mode holds at zero, O X + G r = 0."""
+        if self.mixed:
+            held = self.together(mode.closed)
+            return held.O, held.G
+        rows = list(mode.closed)
+        return self.fine.O[rows], self.fine.G[rows]
+
+    @cached_property
+    def mixed_degrees(self) -> list[str]:
+        """Contacts that can be closed together while a combination of their gaps has a higher degree than each."""
+        H = self.dynamics.H
+        for degree in np.unique(self.degree):
+            rows = np.flatnonzero(self.degree == degree)
+            for combination in null_space(self.G[np.ix_(rows, rows)], rcond=1e-12).T:
+                # A combination of gaps that no motion changes is not zero (assembly saw to it): its rows never close
+                # together.
+                if np.abs(combination @ H[rows]).max() > 1e-9:
+                    return [self.dynamics.contacts[i].name for i in rows[np.abs(combination) > 1e-9]]
+        return []
+
+    @property
+    def mixed(self) -> bool:
+        """Whether contacts can be closed together that hold combinations of their gaps at higher degrees than their own."""
+        return bool(self.mixed_degrees)
+
+    def together(self, rows: tuple[int, ...]) -> Together:
+        """Return how contacts are held that are closed together."""
+        if rows not in self.combinations:
+            A, B, C, D, *_ = self.fine
+            at = list(rows)
+            T, degree = degrees_together(self.dynamics.H[at], self.form.parts)
+            TC, TD = combined(T, C[at]), combined(T, D[at])
+            TCA = rounded_product(TC, A)
+            O = at_degree(degree, TC, TCA, rounded_product(TCA, A))  # noqa: E741
+            G = at_degree(degree, TD, rounded_product(TC, B), rounded_product(TCA, B))
+            self.combinations[rows] = Together(T, degree, TC, TCA, O, G)
+        return self.combinations[rows]
+
+    @cached_property
+    def lines(self) -> Array:
+        """The impulse paths that lead over massless nodes (np, nc)."""
+        return self.dynamics.impulse_lines if self.mixed else np.zeros((0, len(self.degree)))
+
+    def openings(self, F: DoubleDouble) -> DoubleDouble:
+        """Return C + D F (nc, N), by which u = C X + D r is read off X, with what cancels set to zero."""
+        _, _, C, D, *_ = self.fine
+        return round_to_zero(C + D @ F, np.abs(C.hi) + np.abs(D.hi) @ np.abs(F.hi))
+
+    def rates(self, mode: Mode) -> DoubleDouble:
+        """Return the rows (nc, N) by which a mode has the opening rates U, those of massless nodes included."""
+        flow, F = self.reaction(mode)
+        U = rounded_product(self.openings(F), flow.generator)
+        U.parts[:, list(mode.closed)] = 0.0
+        return U
+
+    def mode(self, mode: Mode) -> tuple[Flow, Array]:
+        """Return the flow of a mode, and the F with r = F X in floats."""
+        flow, F = self.reaction(mode)
+        return flow, F.hi
+
+    def coordinates(self, mode: Mode) -> Coordinates:
+        """Return the rows by which q, v and r are read off the state in a mode."""
+        if mode.key not in self.readings:
+            (flow, F), (_, _, _, _, Q, Qr) = self.reaction(mode), self.form.double_doubles
+            # Where springs hold a plate that is stopped, their forces cancel.
+            place = stacked([[Q, np.zeros((len(Q), len(self.remembered)))]]) + Qr @ F
+            place = round_to_zero(place, np.abs(self.read[0]) + np.abs(Qr.hi) @ np.abs(F.hi))
+            rows = stacked([[place], [place @ flow.generator], [F]])
+            self.readings[mode.key] = Coordinates(rows, sparse(rows))
+        return self.readings[mode.key]
+
+    @cached_property
+    def pushes(self) -> Array:
+        """|B| (N, nc): what impulses do to X."""
+        return np.abs(self.fine.B.hi)
+
+    @cached_property
+    def reach(self) -> Array:
+        """What each component of X does to the others within a window, without contact forces (N, N).
+
+        Where forces balance, what is left of them is rounding relative to this, however little moves there.
+        """
+        return np.abs(self.fine.A.hi) * self.mode(Mode((), (), (), ()))[0].window
+
+    @cached_property
+    def names(self) -> dict[str, int]:
+        """The row of each contact by its name."""
+        return {contact.name: i for i, contact in enumerate(self.dynamics.contacts)}
+
+    @cached_property
+    def restitution(self) -> Array:
+        """Coefficient of restitution of each row (nc,)."""
+        return self.dynamics.restitution
+
+    @cached_property
+    def slides(self) -> Flags:
+        """Which rows are sliders (nc,)."""
+        return self.dynamics.slides
+
+    @cached_property
+    def meets(self) -> Flags:
+        """Which rows are contacts at which impulses act (nc,)."""
+        return np.asarray((self.degree == 2) & ~self.slides)
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """r_min and r_max (nc,)."""
+        return self.dynamics.r_min, self.dynamics.r_max
+
+    def impact_lcp(self, G: DoubleDouble, lines: Array, meeting: Indices, solver: str) -> PreparedLCP:
+        """Return the LCP of the impulses of those that meet, rows of G for contacts and ``lines``, made ready."""
+        key = meeting.tobytes(), lines.tobytes() if len(lines) else b"", solver
+        if key not in self.lcps:
+            self.lcps[key] = prepare_lcp(G.hi[np.ix_(meeting, meeting)], solver)
+        return self.lcps[key]
+
+    def path_matrices(self, lines: Array) -> tuple[DoubleDouble, DoubleDouble]:
+        """Return R C A B Rᵀ and B Rᵀ, where the rows R are those of the contacts, and after them the impulse paths."""
+        R = np.vstack([np.eye(len(self.degree)), lines])
+        A, B, C, *_ = self.fine
+        G = rounded_product(rounded_product(rounded_product(combined(R, C), A), B), DoubleDouble.of(R.T))
+        return G, rounded_product(B, DoubleDouble.of(R.T))
+
+    @cached_property
+    def O_w(self) -> Array:
+        """The rows D_w, C_i E or C_i A E of each contact (nc, nw)."""
+        A, _, C = self.matrices
+        E, Dw = self.input_matrices
+        return np.asarray(np.array([Dw, C @ E, C @ A @ E])[self.degree, np.arange(len(self.degree))])
+
+    def input_response(self, mode: Mode) -> Array:
+        """Return F_w (nc, nw), by which the reactions of a mode, r = F X + F_w w, answer to the inputs."""
+        rows, found = list(mode.closed), np.zeros_like(self.O_w)
+        if found.size:
+            (E, Dw), O_w = self.input_matrices, self.O_w[rows]
+            if self.mixed:
+                held = self.together(mode.closed)
+                levels = np.array([held.T @ Dw[rows], held.C.hi @ E, held.CA.hi @ E])
+                O_w = levels[held.degree, np.arange(len(rows))]
+            found[rows] = -solve_regular(self._held(mode)[1][:, rows], DoubleDouble.of(O_w)).hi
+        return found
+
+    def ends(self, mode: Mode) -> tuple[Indices, Indices, DoubleDouble]:
+        """Return what ends a mode where it turns negative: for each the row of H, its side, and the row c of c·(X, w).
+
+        The side is that of the threshold of a slider that sticks, and 0 for all others; without inputs it is c·X.
+        """
+        if mode.key not in self.switches:
+            (flow, F), Fw = self.reaction(mode), self.input_response(mode)
+            E, Dw = self.input_matrices
+            D, B = self.fine.D, self.matrices[1]
+            gap = self.openings(F)
+            # A slider that slips has degree 1 or 2, or no input acts on it: then u' holds no rate of an input.
+            U = stacked([[gap @ flow.generator, gap @ (E + B @ Fw)]]).parts
+            u, r = stacked([[gap, Dw + D @ Fw]]).parts, stacked([[F, Fw]]).parts
+            slips, found = dict(mode.slips), []
+            for i, contact in enumerate(self.dynamics.contacts):
+                if contact.r0 is None:
+                    found.append((i, 0, r[:, i] if i in mode.closed else u[:, i]))
+                elif i in slips:
+                    found.append((i, 0, slips[i] * U[:, i]))
+                else:
+                    for side in (1, -1):
+                        room = DoubleDouble(-side * r[:, i])
+                        threshold = np.zeros(len(room))
+                        threshold[self.form.constant] = contact.r0
+                        found.append((i, side, (room + threshold).parts))
+            rows = np.array([row for _, _, row in found]).reshape(len(found), 2, u.shape[2])
+            self.switches[mode.key] = (
+                np.array([i for i, _, _ in found], dtype=np.int64),
+                np.array([side for _, side, _ in found], dtype=np.int64),
+                DoubleDouble(np.ascontiguousarray(rows.transpose(1, 0, 2))),
+            )
+        return self.switches[mode.key]
+
+    def watch(self, mode: Mode) -> Watch:
+        """Return what ends a mode, and what it holds at zero."""
+        if mode not in self.known:
+            contacts, side, rows = self.ends(mode)
+            order = np.array(mode.order, dtype=np.int64)[contacts]
+            kept = np.flatnonzero(order >= 0)
+            order = np.where((side != 0) & (side != np.array(mode.side, dtype=np.int64)[contacts]), 0, order)
+            nc = len(self.degree)
+            closed = np.isin(np.arange(nc), mode.closed)
+            held = closed | ((np.array(mode.order, dtype=np.int64) < 0) & ~self.slides)
+            still = Still(held & ~self.slides & (self.degree > 0), held & (self.degree == 2), closed)
+            self.known[mode] = Watch(contacts[kept], rows[kept], sparse(rows[kept]), order[kept], still)
+        return self.known[mode]
+
+
+def at_degree(degree: Indices, *levels: DoubleDouble) -> DoubleDouble:
+    """Return the matrix whose row i is that of the level of its degree."""
+    parts = np.stack([level.parts for level in levels], 1)
+    return DoubleDouble(np.ascontiguousarray(parts[:, degree, np.arange(len(degree))]))
+
+
+def solve_regular(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
+    """Solve with a block of G; where it is singular, the contact forces are not uniquely determined."""
+    if len(G) > 1:
+        # Springs and masses give rows of other units, which are not dependent for that.
+        rows = np.abs(G.hi).max(axis=1, keepdims=True)
+        balanced = G.hi / np.where(rows > 0.0, rows, 1.0)
+        columns = np.abs(balanced).max(axis=0)
+        if not np.linalg.cond(balanced / np.where(columns > 0.0, columns, 1.0)) < 1e13:
+            raise np.linalg.LinAlgError
+    return solve(G, right)
+
+
+def round_to_zero(found: DoubleDouble, terms: Array, zero: float = FINE_ZERO) -> DoubleDouble:
+    """Set to zero what is rounding beside the ``terms`` of its sum, and return it."""
+    found.parts[:, np.abs(found.hi) <= zero * terms] = 0.0
+    return found
+
+
+def rounded_product(a: DoubleDouble, b: DoubleDouble) -> DoubleDouble:
+    """Return a b, with what cancels set to zero."""
+    return round_to_zero(a @ b, np.abs(a.hi) @ np.abs(b.hi))
+
+
+def combined(T: Array, b: DoubleDouble) -> DoubleDouble:
+    """Return T b, with what cancels set to zero."""
+    return rounded_product(DoubleDouble.of(T), b)
+
+
+def refuse_mixed_degrees(system: System, method: str, except_schemes: bool = False) -> None:
+    """Refuse contacts without a common relative degree; with ``except_schemes`` only beside sliders and in systems."""
+    names = system.mixed_degrees
+    if not names or (except_schemes and system.dynamics.stores_energy and not system.slides.any()):
+        return
+    beside = " beside sliders" if except_schemes and system.dynamics.stores_energy else ""
+    others = "'moreau-jean'" if except_schemes else "'exact' or 'moreau-jean'"
+    raise UnsupportedError(
+        f"the contacts {', '.join(map(repr, names))} have no common relative degree when all are closed, and {method!r} "
+        f"does not handle that{beside}: take method={others}"
+    )
