@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -39,6 +40,9 @@ ACCUMULATION_RTOL = 1e-9
 
 MAX_ALTERNATIVES = 4
 """Maximum number of alternative methods listed in an error."""
+
+RUN_ARGUMENTS = ("dt", "t_end", "lcp_solver", "progress")
+"""Arguments of every function that runs one method, beside the options of the method."""
 
 
 def simulate(
@@ -105,9 +109,9 @@ def simulate(
         raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
     for name, value in (("throw", throw), ("progress", progress)):
         check_kind(name, value, bool)
-    integrator = make_integrator(method, method_options)
+    integrator = make_integrator(method, method_options, RUN_ARGUMENTS)
     grid = _grid(dt, problem.t_end if t_end is None else t_end)
-    _check_lcp_solver(integrator, lcp_solver)
+    check_lcp_solver(integrator, lcp_solver)
     _check_handled(integrator, problem)
 
     started = time.perf_counter()
@@ -220,20 +224,38 @@ def _not_finite(d: Dynamics, reached: float, grid: Grid) -> str:
     return ""
 
 
-def make_integrator(method: str | Integrator, options: dict[str, Any]) -> Integrator:
-    """Return the method of a name with its options, refusing those that it does not have, or the object that was given."""
+def make_integrator(
+    method: str | Integrator, method_options: Mapping[str, Any], arguments: Sequence[str] = ()
+) -> Integrator:
+    """Return the method of a name with its options, or the object that was given.
+
+    Parameters
+    ----------
+    method : str or Integrator
+    method_options : mapping of str to value
+        Only for a name.
+    arguments : sequence of str
+        Arguments of the caller beside the options, which an unknown option may be meant for.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, and for options that the method does not have.
+    """
     if isinstance(method, Integrator):
-        if options:
-            raise InputError(f"{', '.join(options)}: options belong in the integrator object that was passed as method")
+        if method_options:
+            raise InputError(
+                f"{', '.join(method_options)}: options belong in the integrator object that was passed as method"
+            )
         return method
     if not isinstance(method, str):
         raise InputError(f"method = {method!r} must be a name or an Integrator object")
     kind = METHODS[method]
     known = [each.name for each in fields(kind)]  # type: ignore[arg-type]
-    for key in options:
+    for key in method_options:
         if key not in known:
-            raise InputError(nearest(key, known, f"option of {method}"))
-    return kind(**options)
+            raise InputError(nearest(key, known, f"option of {method}", arguments))
+    return kind(**method_options)
 
 
 def _grid(dt: float, t_end: float) -> Grid:
@@ -254,7 +276,8 @@ def _check_memory(grid: Grid, n: int, nc: int) -> None:
     check_memory(MEMORY_FACTOR * record, f"{grid.steps:,} steps do", FEWER_STEPS)
 
 
-def _check_lcp_solver(integrator: Integrator, lcp_solver: str) -> None:
+def check_lcp_solver(integrator: Integrator, lcp_solver: str) -> None:
+    """Refuse an unknown LCP solver, and one for a method that solves no LCP."""
     SOLVERS[lcp_solver]
     if not integrator.solves_lcp and lcp_solver != "auto":
         raise InputError(f"{integrator.name} solves no LCP, so lcp_solver = {lcp_solver!r} means nothing: leave it out")

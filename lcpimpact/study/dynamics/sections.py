@@ -21,10 +21,11 @@ from lcpimpact.numbers import count, is_real, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event
 from lcpimpact.registry import nearest
-from lcpimpact.simulation import make_integrator, simulate
+from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator, simulate
 from lcpimpact.study.dynamics.period import period_of
 from lcpimpact.study.dynamics.shooting import follow_exactly, force_period, refuse_power_laws
 from lcpimpact.study.result import Study, table_lines
+from lcpimpact.trajectory import Trajectory
 
 BLOCK_PERIODS = 8
 """Periods simulated at a time until enough points are found."""
@@ -215,6 +216,7 @@ def poincare(
     t_end: float | None = None,
     method: str | Integrator = "exact",
     dt: float | None = None,
+    lcp_solver: str = "auto",
     **method_options: Any,
 ) -> PoincareSection:
     """Return the points at which a motion meets a section.
@@ -236,6 +238,8 @@ def poincare(
         ``exact``, or any method that steps.
     dt : float, optional
         Step in s of such a method; by default 200 a period.
+    lcp_solver : str
+        A name of ``lcpimpact list solvers``, for the LCPs of the method.
     **method_options
         Options of the method.
 
@@ -259,13 +263,9 @@ def poincare(
     [0.5006725, 0.5006725]
     """
     where = section_of(section)
-    found, force = find_points(problem, where, skip, points, t_end, method, dt, method_options)
-    return PoincareSection(table_of(problem, found, force), problem, where, method_name(method))
-
-
-def method_name(method: str | Integrator) -> str:
-    """Return the name of a method."""
-    return method if isinstance(method, str) else method.name
+    integrator = make_integrator(method, method_options, RUN_ARGUMENTS)
+    found, force = find_points(problem, where, skip, points, t_end, integrator, dt, lcp_solver)
+    return PoincareSection(table_of(problem, found, force), problem, where, integrator.name)
 
 
 def find_points(
@@ -274,9 +274,9 @@ def find_points(
     skip: int,
     points: int,
     t_end: float | None,
-    method: str | Integrator,
+    integrator: Integrator,
     dt: float | None,
-    options: dict[str, Any],
+    lcp_solver: str,
 ) -> tuple[Points, float | None]:
     """Return the points that are kept, and the period of the force."""
     force = _checked(problem, where)
@@ -285,12 +285,16 @@ def find_points(
     need = skip + points
     end = t_end if t_end is not None else _latest(problem, where, force, need)
     positive("t_end", end, "s")
-    integrator = make_integrator(method, options)
+    check_lcp_solver(integrator, lcp_solver)
     if integrator.declared.is_exact:
         refuse_power_laws(problem)
-    motion = integrator.motion(problem, end)
+    motion = integrator.motion(problem, end, lcp_solver)
     if motion is None:
-        found = _by_steps(problem, where, force, need, end, integrator, dt)
+        h = (force or problem.t_end / 100.0) / STEPS_PER_PERIOD if dt is None else dt
+        positive("dt", h, "s")
+        steps = max(1, math.ceil(end / h * (1.0 - 1e-12)))
+        run = simulate(problem, integrator, dt=end / steps, t_end=end, lcp_solver=lcp_solver, progress=False)
+        found = _on_grid(run, where, force, need, end)
     else:
         found = _on_motion(motion, problem, where, force, need)
     return found.after(skip), force
@@ -431,21 +435,9 @@ def _sign(c: Array, A: Array, X: Array, scale: Array) -> tuple[float, int]:
     return 0.0, 0
 
 
-def _by_steps(
-    problem: Problem,
-    where: Section,
-    force: float | None,
-    need: int,
-    end: float,
-    method: Integrator,
-    dt: float | None,
-) -> Points:
-    """Run a method that steps, and read its grid."""
-    h = (force or problem.t_end / 100.0) / STEPS_PER_PERIOD if dt is None else dt
-    positive("dt", h, "s")
-    steps = max(1, math.ceil(end / h * (1.0 - 1e-12)))
-    run = simulate(problem, method, dt=end / steps, t_end=end, progress=False)
-    side = "right"
+def _on_grid(run: Trajectory, where: Section, force: float | None, need: int, end: float) -> Points:
+    """Read the points off the grid of a run."""
+    dynamics, side = run.problem.dynamics, "right"
     if isinstance(where, Stroboscope):
         times = np.minimum(_instants(where, float(force or 0.0), need, end), run.t[-1])
     elif isinstance(where, Impacts):
@@ -457,18 +449,18 @@ def _by_steps(
         )
         times = np.array([event.t for event in hits])
         last = run.sample(min(_whole_period(times, force), float(run.t[-1])))
-        return Points(times, q, v, impact_speeds(problem.dynamics, run.events, times), np.concatenate([last.q, last.v]))
+        return Points(times, q, v, impact_speeds(dynamics, run.events, times), np.concatenate([last.q, last.v]))
     else:
-        names = [contact.name for contact in problem.dynamics.contacts]
+        names = [contact.name for contact in dynamics.contacts]
         gap = where.series in names
-        y = problem.dynamics.gap(run.q)[:, names.index(where.series)] if gap else run[where.series]
+        y = dynamics.gap(run.q)[:, names.index(where.series)] if gap else run[where.series]
         y = y - where.level
         up, down = (y[:-1] < 0.0) & (y[1:] >= 0.0), (y[:-1] > 0.0) & (y[1:] <= 0.0)
         j = np.flatnonzero({1: up, -1: down, 0: up | down}[where.direction])
         times = run.t[j] + y[j] / (y[j] - y[j + 1]) * np.diff(run.t)[j]
     times = times[:need]
     state, last = run.sample(times, side), run.sample(min(_whole_period(times, force), float(run.t[-1])))
-    speed = impact_speeds(problem.dynamics, run.events, times)
+    speed = impact_speeds(dynamics, run.events, times)
     return Points(times, state.q, state.v, speed, np.concatenate([last.q, last.v]))
 
 
