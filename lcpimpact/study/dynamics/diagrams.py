@@ -143,7 +143,8 @@ def bifurcation(
             problem = family(value)
             if last:
                 problem = _continued(problem, last.pop())
-            found, force = find_points(problem, where, skip, points, None, integrator, dt, lcp_solver)
+            met, force = find_points(problem, where, skip + points, None, integrator, dt, lcp_solver)
+            found = met.after(skip)
         except LcpImpactError as error:
             return pd.DataFrame({"value": [value], "failure": [str(error)]})
         if continue_from:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -24,6 +24,7 @@ from lcpimpact.registry import nearest
 from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator, simulate
 from lcpimpact.study.dynamics.period import period_of
 from lcpimpact.study.dynamics.shooting import follow_exactly, force_period, refuse_power_laws
+from lcpimpact.study.progress import Progress, counted, unseen
 from lcpimpact.study.result import Study, table_lines
 from lcpimpact.trajectory import Trajectory
 
@@ -217,6 +218,7 @@ def poincare(
     method: str | Integrator = "exact",
     dt: float | None = None,
     lcp_solver: str = "auto",
+    progress: Progress = True,
     **method_options: Any,
 ) -> PoincareSection:
     """Return the points at which a motion meets a section.
@@ -240,6 +242,8 @@ def poincare(
         Step in s of such a method; by default 200 a period.
     lcp_solver : str
         A name of ``lcpimpact list solvers``, for the LCPs of the method.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
     **method_options
         Options of the method.
 
@@ -264,25 +268,25 @@ def poincare(
     """
     where = section_of(section)
     integrator = make_integrator(method, method_options, RUN_ARGUMENTS)
-    found, force = find_points(problem, where, skip, points, t_end, integrator, dt, lcp_solver)
-    return PoincareSection(table_of(problem, found, force), problem, where, integrator.name)
+    count("skip", skip, least=0)
+    count("points", points)
+    with counted(skip + points, "points", progress) as done:
+        found, force = find_points(problem, where, skip + points, t_end, integrator, dt, lcp_solver, done)
+    return PoincareSection(table_of(problem, found.after(skip), force), problem, where, integrator.name)
 
 
 def find_points(
     problem: Problem,
     where: Section,
-    skip: int,
-    points: int,
+    need: int,
     t_end: float | None,
     integrator: Integrator,
     dt: float | None,
     lcp_solver: str,
+    done: Callable[[int], None] = unseen,
 ) -> tuple[Points, float | None]:
-    """Return the points that are kept, and the period of the force."""
+    """Return so many points, or those before the end, and the period of the force."""
     force = _checked(problem, where)
-    count("skip", skip, least=0)
-    count("points", points)
-    need = skip + points
     end = t_end if t_end is not None else _latest(problem, where, force, need)
     positive("t_end", end, "s")
     check_lcp_solver(integrator, lcp_solver)
@@ -296,8 +300,9 @@ def find_points(
         run = simulate(problem, integrator, dt=end / steps, t_end=end, lcp_solver=lcp_solver, progress=False)
         found = _on_grid(run, where, force, need, end)
     else:
-        found = _on_motion(motion, problem, where, force, need)
-    return found.after(skip), force
+        found = _on_motion(motion, problem, where, force, need, done)
+    done(len(found.t))
+    return found, force
 
 
 def _whole_period(times: Array, force: float | None) -> float:
@@ -345,13 +350,18 @@ def _instants(where: Stroboscope, force: float, need: int, end: float) -> Array:
     return np.asarray(t[t <= end * (1.0 + 1e-12)])
 
 
-def _on_motion(motion: Motion, problem: Problem, where: Section, force: float | None, need: int) -> Points:
+def _on_motion(
+    motion: Motion, problem: Problem, where: Section, force: float | None, need: int, done: Callable[[int], None]
+) -> Points:
     """Follow the exact motion until it has met the section often enough, or to the end."""
     end = motion.end
     block = BLOCK_PERIODS * (force or problem.t_end)
     reached = 0.0
     if isinstance(where, Stroboscope):
         times = np.minimum(_instants(where, float(force or 0.0), need, end), end)
+        for number in range(0, len(times), BLOCK_PERIODS):
+            follow_exactly(motion, problem, float(times[number]))
+            done(number)
         follow_exactly(motion, problem, end)
         return _read_at(motion, times, "right", force)
     times = np.zeros(0)
@@ -363,6 +373,7 @@ def _on_motion(motion: Motion, problem: Problem, where: Section, force: float | 
             times = np.array([event.t for event in hits])
         else:
             times = _crossings(motion, where, reached)
+        done(min(len(times), need))
         block *= 2.0
     return _read_at(motion, times[:need], where.side if isinstance(where, Impacts) else "right", force)
 
