@@ -169,7 +169,7 @@ def basins(
         lambda a, b: family({one: a, other: b}),
         first,
         second,
-        names=(one, other),
+        parameters=(one, other),
         longest=longest,
         workers=workers,
     )

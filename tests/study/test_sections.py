@@ -236,7 +236,7 @@ def between(x0, v0):
 
 @pytest.fixture(scope="module")
 def basins():
-    return li.basins(between, [-1.5, -0.9, -0.268, 0.1], [0.01, 1.0], names=("x0", "v0"), longest=240)
+    return li.basins(between, [-1.5, -0.9, -0.268, 0.1], [0.01, 1.0], parameters=("x0", "v0"), longest=240)
 
 
 def test_starts_are_told_by_where_they_lead(basins):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
@@ -39,7 +39,7 @@ def observed_order(
     counts: Sequence[int] = COUNTS,
     t_end: float | None = None,
     norm: str = "sup_q",
-    reference: Trajectory | Reference | None = None,
+    reference: Trajectory | Reference | Literal["auto"] = "auto",
     lcp_solver: str = "auto",
     **method_options: Any,
 ) -> Order:
@@ -57,7 +57,7 @@ def observed_order(
         End in s; by default that of the problem.
     norm : str
         A name of `lcpimpact.study.accuracy.norms.NORMS`.
-    reference : Trajectory or Reference, optional
+    reference : Trajectory, Reference or "auto"
         The reference, as of `lcpimpact.convergence`.
     lcp_solver : str
         A name of ``lcpimpact list solvers``, for the LCPs of the method.
