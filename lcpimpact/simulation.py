@@ -105,10 +105,8 @@ def simulate(
     ----------
     Acary and Brogliato, *Numerical Methods for Nonsmooth Dynamical Systems* (2008).
     """
-    if not isinstance(problem, Problem):
-        raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
-    for name, value in (("throw", throw), ("progress", progress)):
-        check_kind(name, value, bool)
+    for name, value, kind in (("problem", problem, Problem), ("throw", throw, bool), ("progress", progress, bool)):
+        check_kind(name, value, kind)
     integrator = make_integrator(method, method_options, RUN_ARGUMENTS)
     grid = _grid(dt, problem.t_end if t_end is None else t_end)
     check_lcp_solver(integrator, lcp_solver)

@@ -37,7 +37,7 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.files import reading, word_of
 from lcpimpact.integrators.base import Integrator
-from lcpimpact.numbers import count, is_real, positive
+from lcpimpact.numbers import count, finite, is_real, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.reading import read
 from lcpimpact.registry import nearest
@@ -97,8 +97,7 @@ class Target:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if not is_real(self.value):
-            raise InputError(f"Target: value = {self.value!r} must be a finite number")
+        finite("Target: value", self.value)
         if self.sigma is not None:
             positive("Target: sigma", self.sigma)
 
@@ -507,8 +506,7 @@ class _Parameters:
         for name in names:
             low, high = bounds.get(name, (-math.inf, math.inf))
             value = start[name]
-            if not is_real(value):
-                raise InputError(f"fit: the start {name} = {value!r} must be a finite number")
+            finite(f"fit: the start {name}", value)
             if not low < high or not low <= value <= high:
                 raise InputError(
                     f"fit: {name} starts at {value:g}, which must lie within its bounds {low:g} ... {high:g}; change one"
