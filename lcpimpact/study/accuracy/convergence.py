@@ -372,9 +372,10 @@ def convergence(
     >>> [f"{row.steps} {row.sup_q:.0e}" for row in study.table.itertuples()]
     ['307 9e-04', '3001 2e-05']
     """
-    return Convergence(
-        **_run_all(problem, methods, dts, (), t_end, norms, penalties, reference, repeats, lcp_solver, progress)
-    )
+    return Convergence(**_run_all(
+        problem, methods, dts, rtols=(), t_end=t_end, norms=norms, penalties=penalties, reference=reference,
+        repeats=repeats, lcp_solver=lcp_solver, progress=progress,
+    ))  # fmt: skip
 
 
 @checked
@@ -419,15 +420,17 @@ def work_precision(
     >>> list(study.table["method"]), list(study.table["rtol"].dropna())
     (['moreau-jean', 'moreau-jean', 'event-driven', 'event-driven'], [0.0001, 1e-08])
     """
-    return WorkPrecision(
-        **_run_all(problem, methods, dts, rtols, t_end, norms, penalties, reference, repeats, lcp_solver, progress)
-    )
+    return WorkPrecision(**_run_all(
+        problem, methods, dts, rtols=rtols, t_end=t_end, norms=norms, penalties=penalties, reference=reference,
+        repeats=repeats, lcp_solver=lcp_solver, progress=progress,
+    ))  # fmt: skip
 
 
 def _run_all(
     problem: Problem,
     methods: Methods,
     dts: Sequence[float],
+    *,
     rtols: Sequence[float],
     t_end: float | None,
     norms: Sequence[str] | None,
