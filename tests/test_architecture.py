@@ -457,7 +457,9 @@ def test_one_more_element_is_a_file_and_a_line(python, tmp_path):
         "with contextlib.redirect_stdout(shown), contextlib.suppress(SystemExit):\n"
         "    main(['list', 'elements'])\n"
         f"scheme = li.read_scheme_file({str(scheme)!r}).problem.scheme\n"
-        "print(json.dumps(['Inerter' in li.__all__ and li.Inerter.__module__, shown.getvalue(), str(scheme.elements)]))"
+        "print(json.dumps(['Inerter' in li.__all__ and li.Inerter.__module__, shown.getvalue(), str(scheme.elements)]))",
+        PYTHONPATH=str(tmp_path),
+        NUMBA_DISABLE_JIT="1",
     )
     assert offered == "lcpimpact.scheme.elements.inerter"
     assert "Inerter" in printed
