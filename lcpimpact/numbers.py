@@ -32,6 +32,19 @@ def positive(name: str, value: Any, unit: str = "") -> None:
         raise InputError(f"{name} = {value!r} must be a positive finite number{f' in {unit}' if unit else ''}")
 
 
+def finite(name: str, value: Any, unit: str = "", least: float = -math.inf) -> None:
+    """Refuse what is no finite number, or one below the ``least``."""
+    if not is_real(value) or value < least:
+        above = f", at least {least:g}" if least > -math.inf else ""
+        raise InputError(f"{name} = {value!r} must be a finite number{f' in {unit}' if unit else ''}{above}")
+
+
+def between(name: str, value: Any, low: float, high: float) -> None:
+    """Refuse what is no number from ``low`` to ``high``."""
+    if not is_real(value) or not low <= value <= high:
+        raise InputError(f"{name} = {value!r} must lie between {low:g} and {high:g}")
+
+
 def count(name: str, value: Any, least: int = 1) -> None:
     """Refuse what is no whole number, or one below the ``least``, which is 1 or 0."""
     if not (is_count(value) or (least == 0 and is_real(value) and value == 0)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from functools import cached_property
@@ -27,9 +27,10 @@ def load(location: str) -> Any:
     return getattr(import_module(module), attribute)
 
 
-def nearest(name: str, known: list[str], kind: str) -> str:
-    """Return the sentence for an unknown ``name``: the nearest match first, then all that is known."""
-    close = get_close_matches(name, known, n=1, cutoff=0.5)
+def nearest(name: str, known: list[str], kind: str, also: Sequence[str] = ()) -> str:
+    """Return the sentence for an unknown ``name``: the nearest match, of others ``also``, then all that is known."""
+    close = [each for each in also if each.startswith(f"{name}_")]
+    close = close or get_close_matches(name, [*known, *also], n=1, cutoff=0.5)
     hint = f"did you mean {close[0]!r}? " if close else ""
     more = f" and {len(known) - SHOWN} more" if len(known) > SHOWN else ""
     return f"unknown {kind} {name!r}: {hint}known are {', '.join(known[:SHOWN]) if known else 'none'}{more}"

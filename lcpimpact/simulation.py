@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -39,6 +40,9 @@ ACCUMULATION_RTOL = 1e-9
 
 MAX_ALTERNATIVES = 4
 """Maximum number of alternative methods listed in an error."""
+
+RUN_ARGUMENTS = ("dt", "t_end", "lcp_solver", "progress")
+"""Arguments of every function that runs one method, beside the options of the method."""
 
 
 def simulate(
@@ -101,32 +105,19 @@ def simulate(
     ----------
     Acary and Brogliato, *Numerical Methods for Nonsmooth Dynamical Systems* (2008).
     """
-    if not isinstance(problem, Problem):
-        raise InputError(f"{problem!r} is not a Problem: get one from load_problem(...), or make one of a Scheme")
-    for name, value in (("throw", throw), ("progress", progress)):
-        check_kind(name, value, bool)
-    integrator = make_integrator(method, method_options)
+    for name, value, kind in (("problem", problem, Problem), ("throw", throw, bool), ("progress", progress, bool)):
+        check_kind(name, value, kind)
+    integrator = make_integrator(method, method_options, RUN_ARGUMENTS)
     grid = _grid(dt, problem.t_end if t_end is None else t_end)
-    _check_lcp_solver(integrator, lcp_solver)
+    check_lcp_solver(integrator, lcp_solver)
     _check_handled(integrator, problem)
 
     started = time.perf_counter()
     inside, jump = enter_constraint(problem)
-    n, nc = len(problem.dynamics.nodes), len(problem.dynamics.contacts)
-    _check_memory(grid, n, nc)
-    try:
-        t, q, v = grid.times(0, grid.steps), np.empty((grid.steps + 1, n)), np.empty((grid.steps + 1, n))
-        t_reaction = integrator.reaction_times(grid)
-        record = Record(t, q, v, t_reaction, np.empty((len(t_reaction), nc)))
-    except MemoryError:
-        raise InputError(f"{grid.steps:,} steps do not fit in memory: {FEWER_STEPS}") from None
-    per_step = len(t_reaction) == grid.steps
+    record = _empty_record(integrator, problem.dynamics, grid)
     carry = integrator.start(inside, grid, lcp_solver, record)
     status, reached = _run(integrator, carry, record, grid, progress)
-    if reached < grid.steps:
-        record.t, record.q, record.v = (a[: reached + 1] for a in (record.t, record.q, record.v))
-        nr = reached if per_step else reached + 1
-        record.t_reaction, record.reaction = record.t_reaction[:nr], record.reaction[:nr]
+    _cut(record, grid, reached)
     integrator.finish(carry, record)
 
     dense = integrator.dense(carry)
@@ -140,42 +131,47 @@ def simulate(
     events = tuple(sorted((*events, *events_of_springs(problem.dynamics, record, dense)), key=lambda event: event.t))
     if jump.any():
         events = (*jump_events(problem, jump, State(record.q[0], record.v[0], record.reaction[0])), *events)
-    message = status.sentence
     if status is not Status.SOLVED:
-        if given := _not_finite(problem.dynamics, float(record.t[-1]), grid):
-            status = Status.NON_FINITE
-            message = f"{status.sentence} {given}"
-        elif status is Status.ACCUMULATION:
-            message += f" The impacts are those of {_last_to_meet(problem.dynamics, events)}."
-        message = f"{integrator.name} stopped after step {reached} (t = {record.t[-1]:g} s): {message}"
-    elif not certificate.holds:
-        status = Status.VIOLATED
-        others = [name for name in _able(problem.dynamics) if METHODS[name].family != integrator.family]
-        named = f" such as {' or '.join(map(repr, others[:MAX_ALTERNATIVES]))}" if others else ""
-        message = f"{integrator.name}: {'; '.join(certificate.failures)}. {status.sentence.rstrip('.')}{named}."
+        status, why = _why_it_stopped(problem.dynamics, status, float(record.t[-1]), grid, events)
+        message = f"{integrator.name} stopped after step {reached} (t = {record.t[-1]:g} s): {why}"
+    elif certificate.holds:
+        message = status.sentence
+    else:
+        status, remedy = Status.VIOLATED, _violation_remedy(integrator, problem.dynamics)
+        message = f"{integrator.name}: {'; '.join(certificate.failures)}. {remedy}"
     record.stats.steps = record.stats.steps or len(record.t) - 1
     record.stats.seconds = time.perf_counter() - started
     trajectory = Trajectory(
-        problem,
-        _describe(integrator, lcp_solver),
-        record.t,
-        record.q,
-        record.v,
-        record.t_reaction,
-        record.reaction,
-        events,
-        status,
-        message,
-        certificate,
-        record.stats,
-        dense,
-        integrator,
-    )
+        problem=problem, method=_describe(integrator, lcp_solver), t=record.t, q=record.q, v=record.v,
+        t_reaction=record.t_reaction, reaction=record.reaction, events=events, status=status, message=message,
+        certificate=certificate, stats=record.stats, dense=dense, integrator=integrator,
+    )  # fmt: skip
     if throw and not trajectory.success:
         if status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         raise FailureError(message, trajectory)
     return trajectory
+
+
+def _empty_record(integrator: Integrator, dynamics: Dynamics, grid: Grid) -> Record:
+    """Return the arrays of a run, refusing before they are allocated what does not fit in memory."""
+    n, nc = len(dynamics.nodes), len(dynamics.contacts)
+    size = 8.0 * (grid.steps + 1) * (1 + 2 * n + 1 + nc)  # t, q, v, and t and r of the reactions
+    check_memory(MEMORY_FACTOR * size, f"{grid.steps:,} steps do", FEWER_STEPS)
+    try:
+        t, q, v = grid.times(0, grid.steps), np.empty((grid.steps + 1, n)), np.empty((grid.steps + 1, n))
+        t_reaction = integrator.reaction_times(grid)
+        return Record(t, q, v, t_reaction, np.empty((len(t_reaction), nc)))
+    except MemoryError:
+        raise InputError(f"{grid.steps:,} steps do not fit in memory: {FEWER_STEPS}") from None
+
+
+def _cut(record: Record, grid: Grid, reached: int) -> None:
+    """Cut the record of a run that ended early to the steps that it reached."""
+    if reached < grid.steps:
+        nr = reached if len(record.t_reaction) == grid.steps else reached + 1
+        record.t, record.q, record.v = (a[: reached + 1] for a in (record.t, record.q, record.v))
+        record.t_reaction, record.reaction = record.t_reaction[:nr], record.reaction[:nr]
 
 
 def _run(integrator: Integrator, carry: Any, record: Record, grid: Grid, progress: bool) -> tuple[Status, int]:
@@ -199,6 +195,22 @@ def _run(integrator: Integrator, carry: Any, record: Record, grid: Grid, progres
     return Status.SOLVED, reached
 
 
+def _why_it_stopped(d: Dynamics, status: Status, t: float, grid: Grid, events: tuple[Event, ...]) -> tuple[Status, str]:
+    """Return the status of a run that stopped at t, and its reason: the signal that is not finite, or who accumulates."""
+    if given := _not_finite(d, t, grid):
+        return Status.NON_FINITE, f"{Status.NON_FINITE.sentence} {given}"
+    if status is Status.ACCUMULATION:
+        return status, f"{status.sentence} The impacts are those of {_last_to_meet(d, events)}."
+    return status, status.sentence
+
+
+def _violation_remedy(integrator: Integrator, dynamics: Dynamics) -> str:
+    """Return what to do about a run whose certificate fails, with methods of other families that handle the system."""
+    others = [name for name in _able(dynamics) if METHODS[name].family != integrator.family]
+    named = f" such as {' or '.join(map(repr, others[:MAX_ALTERNATIVES]))}" if others else ""
+    return f"{Status.VIOLATED.sentence.rstrip('.')}{named}."
+
+
 def _last_to_meet(d: Dynamics, events: tuple[Event, ...]) -> str:
     """Return the contacts, and their nodes, whose impacts came within `ACCUMULATION_RTOL` of the last one."""
     impacts = [event for event in events if event.kind == "impact"]
@@ -220,20 +232,38 @@ def _not_finite(d: Dynamics, reached: float, grid: Grid) -> str:
     return ""
 
 
-def make_integrator(method: str | Integrator, options: dict[str, Any]) -> Integrator:
-    """Return the method of a name with its options, refusing those that it does not have, or the object that was given."""
+def make_integrator(
+    method: str | Integrator, method_options: Mapping[str, Any], arguments: Sequence[str] = ()
+) -> Integrator:
+    """Return the method of a name with its options, or the object that was given.
+
+    Parameters
+    ----------
+    method : str or Integrator
+    method_options : mapping of str to value
+        Only for a name.
+    arguments : sequence of str
+        Arguments of the caller beside the options, which an unknown option may be meant for.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, and for options that the method does not have.
+    """
     if isinstance(method, Integrator):
-        if options:
-            raise InputError(f"{', '.join(options)}: options belong in the integrator object that was passed as method")
+        if method_options:
+            raise InputError(
+                f"{', '.join(method_options)}: options belong in the integrator object that was passed as method"
+            )
         return method
     if not isinstance(method, str):
         raise InputError(f"method = {method!r} must be a name or an Integrator object")
     kind = METHODS[method]
     known = [each.name for each in fields(kind)]  # type: ignore[arg-type]
-    for key in options:
+    for key in method_options:
         if key not in known:
-            raise InputError(nearest(key, known, f"option of {method}"))
-    return kind(**options)
+            raise InputError(nearest(key, known, f"option of {method}", arguments))
+    return kind(**method_options)
 
 
 def _grid(dt: float, t_end: float) -> Grid:
@@ -248,13 +278,8 @@ def _grid(dt: float, t_end: float) -> Grid:
     return Grid(float(t_end), steps)
 
 
-def _check_memory(grid: Grid, n: int, nc: int) -> None:
-    """Refuse, before anything is allocated, a run that does not fit in memory."""
-    record = 8.0 * (grid.steps + 1) * (1 + 2 * n + 1 + nc)  # t, q, v, and t and r of the reactions
-    check_memory(MEMORY_FACTOR * record, f"{grid.steps:,} steps do", FEWER_STEPS)
-
-
-def _check_lcp_solver(integrator: Integrator, lcp_solver: str) -> None:
+def check_lcp_solver(integrator: Integrator, lcp_solver: str) -> None:
+    """Refuse an unknown LCP solver, and one for a method that solves no LCP."""
     SOLVERS[lcp_solver]
     if not integrator.solves_lcp and lcp_solver != "auto":
         raise InputError(f"{integrator.name} solves no LCP, so lcp_solver = {lcp_solver!r} means nothing: leave it out")

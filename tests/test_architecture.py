@@ -6,6 +6,7 @@ import ast
 import dataclasses
 import inspect
 import re
+import shutil
 import warnings
 from pathlib import Path
 
@@ -27,13 +28,25 @@ from lcpimpact.scheme.elements.base import Element
 PACKAGE = Path(lcpimpact.__file__).parent
 FILES = sorted(PACKAGE.rglob("*.py"))
 
-BASE = {"errors", "arguments", "memory", "registry", "arrays", "numbers", "files", "compiled", "double_double"}
+BASE = {
+    "errors",
+    "exports",
+    "arguments",
+    "memory",
+    "registry",
+    "arrays",
+    "numbers",
+    "files",
+    "compiled",
+    "double_double",
+}
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "record", "hybrid", "integrators"}
 RUN = METHOD | {"events", "certificate", "trajectory", "simulation"}
 STUDY = RUN | {"study"}
 MAY_IMPORT = {
     "errors": set(),
+    "exports": set(),
     "arguments": {"errors"},
     "memory": {"errors"},
     "registry": {"errors"},
@@ -392,6 +405,64 @@ def test_every_file_of_a_method_problem_or_element_is_registered():
         files = {file.stem for file in (PACKAGE / folder).glob("*.py")} - {"__init__"} - others
         registered = {location.split(":")[0].rsplit(".", 1)[1] for location in registry._own.values()}
         assert files == registered, folder
+
+
+INERTER = '''
+"""An inerter: a force in proportion to the relative acceleration of its ends."""
+
+from dataclasses import dataclass
+
+from lcpimpact.scheme.elements.base import MISSING, Element, positive
+
+
+@dataclass(frozen=True)
+class Inerter(Element):
+    """An inerter."""
+
+    a: str
+    b: str
+    B: float = MISSING
+    symbols: tuple[str, ...] = ("B",)
+
+    def __post_init__(self):
+        positive(self, "B", self.B, "kg")
+
+    @property
+    def nodes(self):
+        return self.a, self.b
+
+    def contribute(self, terms):
+        terms.link(terms.M, self.a, self.b, self.B)
+'''
+
+
+def test_one_more_element_is_a_file_and_a_line(python, tmp_path):
+    copy = shutil.copytree(PACKAGE, tmp_path / "lcpimpact", ignore=shutil.ignore_patterns("__pycache__"))
+    elements = copy / "scheme" / "elements"
+    (elements / "inerter.py").write_text(INERTER, encoding="utf-8")
+    with (elements / "registry.pyi").open("a", encoding="utf-8") as registry:
+        registry.write("from lcpimpact.scheme.elements.inerter import Inerter as Inerter\n")
+    scheme = tmp_path / "inerter.toml"
+    scheme.write_text(
+        'name = "one"\nt_end = 1.0\n[[elements]]\ntype = "Mass"\nnode = "x"\nm = 1.0\n'
+        '[[elements]]\ntype = "Inerter"\na = "x"\nb = "ground"\nB = 2.0\n',
+        encoding="utf-8",
+    )
+    offered, printed, read = python(
+        f"import sys\nsys.path.insert(0, {str(tmp_path)!r})\n"
+        "import contextlib, io, json, lcpimpact as li\n"
+        "from lcpimpact.cli.main import main\n"
+        "shown = io.StringIO()\n"
+        "with contextlib.redirect_stdout(shown), contextlib.suppress(SystemExit):\n"
+        "    main(['list', 'elements'])\n"
+        f"scheme = li.read_scheme_file({str(scheme)!r}).problem.scheme\n"
+        "print(json.dumps(['Inerter' in li.__all__ and li.Inerter.__module__, shown.getvalue(), str(scheme.elements)]))",
+        PYTHONPATH=str(tmp_path),
+        NUMBA_DISABLE_JIT="1",
+    )
+    assert offered == "lcpimpact.scheme.elements.inerter"
+    assert "Inerter" in printed
+    assert "Inerter(a='x', b='ground', B=2.0" in read
 
 
 def test_nearest_offers_only_what_is_near():

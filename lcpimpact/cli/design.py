@@ -124,13 +124,13 @@ def fit(
     from lcpimpact.study.design.parameters import value_at
 
     given = {name: value_at(spec.problem, name) if start is None else start for name, start in _free(free)}
-    options = {**spec.run.options, **({} if spec.run.solver == "auto" else {"lcp_solver": spec.run.solver})}
     # What the file says of another run is not meant.
     step, end = (dt, t_end) if method is None else (spec.run.dt, spec.run.t_end)
     found = search(
         spec.problem, given, to, column=column.split(",") if column else None, sigma=sigma,
         bounds=dict(map(_bound, bounds or [])), sampling=sampling, loss=loss, method=spec.run.method, dt=step, t_end=end,
-        starts=starts, seed=seed, level=level, progress=starts > 1, **options,
+        starts=starts, seed=seed, level=level, progress=starts > 1,
+        lcp_solver=spec.run.solver, **spec.run.options,
     )  # fmt: skip
     finish(found, out, plot, report, scheme=(found.problem, spec.run))
     raise typer.Exit(0 if found.success else 1)

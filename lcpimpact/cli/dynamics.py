@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from lcpimpact.cli.finish import check_study, finish
-from lcpimpact.cli.options import End, Named, Plot, Report, Set, Table, resolve_run
+from lcpimpact.cli.options import End, Named, Plot, Report, Set, Solver, Table, resolve_run
 from lcpimpact.errors import FailureError, InputError
 
 if TYPE_CHECKING:
@@ -48,6 +48,7 @@ def poincare(
     points: Annotated[int, typer.Option(min=1, help="Points that are kept.")] = 1000,
     method: Long = None,
     dt: ShortStep = None,
+    solver: Solver = None,
     t_end: End = None,
     out: Table = None,
     plot: Plot = None,
@@ -58,7 +59,7 @@ def poincare(
     Example: lcpimpact poincare shaw-holmes --set omega=2.9 --section impact --plot section.pdf
     """
     check_study((problem,), (out,), plot, report)
-    spec = _spec(problem, set_, method)
+    spec = _spec(problem, set_, method, solver=solver)
     from lcpimpact.study.dynamics.sections import poincare as points_of
 
     study = points_of(
@@ -69,6 +70,7 @@ def poincare(
         t_end=t_end,
         method=spec.run.method,
         dt=dt,
+        lcp_solver=spec.run.solver,
         **spec.run.options,
     )
     finish(study, out, plot, report)
@@ -91,6 +93,7 @@ def bifurcation(
     y: Annotated[str | None, typer.Option(help="Column that is drawn.", show_default=False)] = None,
     method: Long = None,
     dt: ShortStep = None,
+    solver: Solver = None,
     workers: Workers = 1,
     out: Table = None,
     plot: Plot = None,
@@ -102,7 +105,7 @@ def bifurcation(
     """
     check_study((problem,), (out,), plot, report)
     name, values = _range(over)
-    spec = _spec(problem, set_, method, name)
+    spec = _spec(problem, set_, method, name, solver=solver)
     family = _family(problem, set_, method)
     from lcpimpact.study.dynamics.continuation import continue_orbit
     from lcpimpact.study.dynamics.diagrams import bifurcation as diagram
@@ -118,6 +121,7 @@ def bifurcation(
         points=points,
         method=spec.run.method,
         dt=dt,
+        lcp_solver=spec.run.solver,
         continue_from=follow,
         workers=workers,
         parameter=name,
@@ -165,7 +169,7 @@ def basins(
         lambda a, b: family({one: a, other: b}),
         first,
         second,
-        names=(one, other),
+        parameters=(one, other),
         longest=longest,
         workers=workers,
     )
@@ -210,11 +214,13 @@ def orbit(
     finish(study, out, plot, report)
 
 
-def _spec(problem: str, set_: list[str] | None, method: str | None, *names: str) -> SchemeFile:
+def _spec(
+    problem: str, set_: list[str] | None, method: str | None, *names: str, solver: str | None = None
+) -> SchemeFile:
     """Return the problem and the run, after a look at whether the parameters that vary are its own."""
     from lcpimpact.registry import nearest
 
-    spec = resolve_run(problem, set_, method or "exact")
+    spec = resolve_run(problem, set_, method or "exact", solver=solver)
     for name in names:
         if spec.registered is None:
             raise InputError(f"--over {name}: the constants of a scheme file are changed in the file itself")

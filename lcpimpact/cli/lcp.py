@@ -16,6 +16,7 @@ from lcpimpact.errors import FailureError, InputError
 from lcpimpact.files import check_outputs, whole_file
 
 if TYPE_CHECKING:
+    from lcpimpact.lcp.files import LCPFile
     from lcpimpact.lcp.operators import Delassus
     from lcpimpact.lcp.problem import LCPSolution
 
@@ -79,15 +80,7 @@ def solve(
         throw=False, trace=trace or tableau is not None,
     )  # fmt: skip
     side = _sides(solution, problem.q, low, high)
-    lines = [
-        f"LCP {problem.name} of order {n} by {solution.solver}: {solution.status.name.lower().replace('_', '-')}",
-        f"  M           {M.storage}; {_properties(M)}",
-        f"  bounds      {_bounds(low, high)}",
-        f"  solver      {solution.explanation}",
-        f"  status      {solution.message}",
-        "",
-        *(_answer(solution, side) if solution.ray is None else _certificate(M, problem.q, low, high, solution.ray)),
-    ]
+    lines = _description(problem, solution, side, low, high)
     if trace:
         lines += ["", str(solution.trace)]
     if tableau is not None:
@@ -106,6 +99,20 @@ def solve(
     if not solution.success:
         unwritten = f" ({str(out)!r} was not written)" if out is not None else ""
         raise FailureError(f"{problem.name} by {solution.solver}: {solution.message}{unwritten}", solution)
+
+
+def _description(problem: LCPFile, solution: LCPSolution, side: list[str], lower: Array, upper: Array) -> list[str]:
+    """Return the problem, how it was solved, and z and w, or the proof that there are none."""
+    M, q = problem.M, problem.q
+    return [
+        f"LCP {problem.name} of order {M.n} by {solution.solver}: {solution.status.name.lower().replace('_', '-')}",
+        f"  M           {M.storage}; {_properties(M)}",
+        f"  bounds      {_bounds(lower, upper)}",
+        f"  solver      {solution.explanation}",
+        f"  status      {solution.message}",
+        "",
+        *(_answer(solution, side) if solution.ray is None else _certificate(M, q, lower, upper, solution.ray)),
+    ]
 
 
 def _numbers(option: str, text: str, n: int) -> Array:

@@ -196,7 +196,7 @@ class Integrator(ABC):
         changed: Self = replace(cast(Any, self), rtol=rtol, **scaled)
         return changed
 
-    def motion(self, problem: Problem, end: float) -> Motion | None:
+    def motion(self, problem: Problem, end: float, lcp_solver: str) -> Motion | None:
         """Return the exact motion up to an instant, to be followed as far as is wanted; None of a method that steps."""
         return None
 

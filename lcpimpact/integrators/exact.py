@@ -64,13 +64,13 @@ class Exact(Integrator):
     def __post_init__(self) -> None:
         count("max_events", self.max_events)
 
-    def motion(self, problem: Problem, end: float) -> Motion:
+    def motion(self, problem: Problem, end: float, lcp_solver: str) -> Motion:
         """Return the motion up to an instant."""
-        return begin_problem(problem, "exact", end, max_events=self.max_events)
+        return begin_problem(problem, self.name, end, lcp_solver, self.max_events)
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Motion:
         """Choose the first mode and write the initial values; impacts at t = 0 come before them."""
-        motion = begin_problem(problem, self.name, grid.t_end, lcp_solver, self.max_events)
+        motion = self.motion(problem, grid.t_end, lcp_solver)
         record.events = []
         _sample(motion, record, 0, 0)
         return motion

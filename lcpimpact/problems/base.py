@@ -14,7 +14,7 @@ import numpy as np
 from lcpimpact.arguments import is_name
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.numbers import is_count, is_real
+from lcpimpact.numbers import between, finite, is_count
 from lcpimpact.problems.facts import Fact
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.assembly import LARGEST
@@ -92,8 +92,7 @@ class Problem:
             for node, value in values.items():
                 if node not in nodes:
                     raise InputError(f"{kind} of problem {self.name!r}: {nearest(str(node), list(nodes), 'node')}")
-                if not is_real(value):
-                    raise InputError(f"{kind}[{node!r}] = {value!r} of problem {self.name!r} must be a finite number")
+                finite(f"problem {self.name!r}: {kind}[{node!r}]", value)
                 if nodes.index(node) in self.dynamics.motions:
                     raise InputError(
                         f"{kind}[{node!r}] of problem {self.name!r}: the motion of that node is given, and begins as it "
@@ -149,8 +148,7 @@ def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, A
     for key, value in parameters.items():
         if key not in known:
             raise InputError(nearest(key, known, f"parameter of {name}"))
-        if not is_real(value):
-            raise InputError(f"parameter {key} = {value!r} of {name} must be a finite number")
+        finite(f"{name}: {key}", value)
     try:
         return builder(**{key: float(value) for key, value in parameters.items()})
     except InputError:
@@ -178,8 +176,7 @@ def above_zero(name: str, **values: float) -> None:
 
 def restitution(name: str, e: float) -> None:
     """Refuse a coefficient of restitution that is none."""
-    if not 0.0 <= e <= 1.0:
-        raise InputError(f"{name}: e = {e:g} must lie between 0 and 1")
+    between(f"{name}: e", e, 0.0, 1.0)
 
 
 def whole(name: str, symbol: str, value: float, least: int = 1) -> int:

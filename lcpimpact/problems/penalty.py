@@ -16,7 +16,7 @@ from scipy.optimize import brentq
 
 from lcpimpact.arguments import check_kind
 from lcpimpact.errors import InputError, UnsupportedError
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import between, finite
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.free_vibration import angle
 from lcpimpact.registry import nearest
@@ -153,8 +153,7 @@ def _check(law: str, given: dict[str, float | None]) -> None:
         if symbol not in ("k", "e", *LAWS[law]):
             takes = ", ".join(("k", "e", *LAWS[law]))
             raise InputError(f"penalized: the law {law!r} has no {symbol}; leave it out (it takes {takes})")
-        if not is_real(value):
-            raise InputError(f"penalized: {symbol} = {value!r} must be a finite number")
+        finite(f"penalized: {symbol}", value)
     for symbol in ("k", "v0"):
         value = given[symbol]
         if value is not None and not value > 0.0:
@@ -169,8 +168,8 @@ def _check(law: str, given: dict[str, float | None]) -> None:
             raise InputError(f"penalized: {symbol} and e both tell the loss; leave one of them out")
     if given["n"] is not None and given["n"] < 1.0:
         raise InputError(f"penalized: n = {given['n']:g} must be at least 1")
-    if given["e"] is not None and not 0.0 <= given["e"] <= 1.0:
-        raise InputError(f"penalized: e = {given['e']:g} must lie between 0 and 1")
+    if given["e"] is not None:
+        between("penalized: e", given["e"], 0.0, 1.0)
 
 
 def _replaced(element: Element, compliant: Callable[[Bumper], Element]) -> Iterator[Element]:

@@ -665,7 +665,7 @@ def calls():
                 "family": lambda a, b: family(x0=a, v0=b),
                 "first": [-0.1],
                 "second": [0.1],
-                "names": ("x0", "v0"),
+                "parameters": ("x0", "v0"),
                 "longest": 2,
                 "workers": 1,
             },

@@ -123,7 +123,7 @@ def test_the_force_of_the_stop_its_energy_and_its_loss():
         ({"k": None}, "k is missing"),
         ({"c": None}, "c is missing; give a number in N s/m, 0 for a stop without loss"),
         ({"k": 0.0}, "k = 0.0 must be a positive"),
-        ({"c": -1.0}, "c = -1.0 must be a finite number in N s/m, not below 0"),
+        ({"c": -1.0}, "c = -1.0 must be a finite number in N s/m, at least 0"),
         ({"c": math.inf}, "c = inf must"),
         ({"gap": "0"}, "gap = '0' must be a finite number in m"),
         ({"lower": "x"}, "both ends are one node"),

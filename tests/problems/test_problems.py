@@ -374,7 +374,7 @@ BAD = [
     ("shaw-holmes", {"x0": 0.5}, "x0 = 0.5 must not lie beyond the stop s = 0"),
     ("shaw-holmes", {"zeta": 0.0}, "zeta = 0 must be above zero"),
     ("thrown-ball", {"h": -0.5}, "h = -0.5 is below the table"),
-    ("oscillator-stop", {"e": 2.0}, "e = 2 must lie between 0 and 1"),
+    ("oscillator-stop", {"e": 2.0}, "e = 2.0 must lie between 0 and 1"),
     ("bilinear-oscillator", {"k_1": 0.0}, "k_1 = 0.0 must be a positive"),
     ("three-balls", {"delta": -1e-3}, "delta = -0.001 must not be negative"),
     ("three-balls", {"d": 0.0}, "d = 0 must be above zero"),

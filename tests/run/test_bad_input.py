@@ -79,7 +79,7 @@ def test_a_constant_of_a_problem_that_is_not_positive(name, key, unit, value):
 )
 @pytest.mark.parametrize("key", ["m", "k_o", "c_o", "g", "h_o", "v_o"])
 def test_a_parameter_that_is_no_finite_number(key, value):
-    with pytest.raises(InputError, match=rf"parameter {key} = .*system-1.*finite number"):
+    with pytest.raises(InputError, match=rf"system-1: {key} = .*finite number"):
         load_problem("system-1", **{key: value})
 
 
@@ -147,7 +147,7 @@ def test_an_initial_value_for_an_unknown_node(kind):
 @pytest.mark.parametrize("value", [math.nan, math.inf, "0", None, True, 10**400], ids=lambda v: repr(v)[:8])
 @pytest.mark.parametrize("kind", ["q0", "v0"])
 def test_an_initial_value_that_is_no_number(kind, value):
-    with pytest.raises(InputError, match=rf"{kind}\['ball'\] = .*'mine' must be a finite number"):
+    with pytest.raises(InputError, match=rf"problem 'mine': {kind}\['ball'\] = .* must be a finite number"):
         Problem("mine", BALL, **{kind: {"ball": value}})
 
 
@@ -333,7 +333,7 @@ def test_dt_has_no_default():
 
 @pytest.mark.parametrize("wrong", ["system-1", None, BALL, Problem], ids=lambda v: repr(v)[:10])
 def test_what_is_no_problem(wrong):
-    with pytest.raises(InputError, match="is not a Problem: get one from load_problem"):
+    with pytest.raises(InputError, match=r"problem = .* must be a Problem: get one from load_problem"):
         simulate(wrong, dt=1e-2, t_end=1e-1)
 
 

@@ -602,7 +602,7 @@ def test_ends_and_names_that_are_none_are_refused(kind):
 @pytest.mark.parametrize(
     ("kind", "changed", "says"),
     [
-        ("GeneralizedMaxwell", {"k_inf": -1.0}, "k_inf = -1.0 must be a finite number in N/m, not below 0"),
+        ("GeneralizedMaxwell", {"k_inf": -1.0}, "k_inf = -1.0 must be a finite number in N/m, at least 0"),
         ("GeneralizedMaxwell", {"k_inf": "1"}, "k_inf = '1' must"),
         ("GeneralizedMaxwell", {"k": 1.0}, "k must hold a positive finite number in N/m for each arm"),
         ("GeneralizedMaxwell", {"k": ()}, "k must hold"),

@@ -146,7 +146,11 @@ def test_a_wrong_run_shows():
         (["moreau-jean"], {"dt": {"rk4": 1e-2}}, "dt: there is no step for 'moreau-jean'"),
         (["moreau-jean"], {"dt": {"moreau-jean": 1e-2, "rk4": 1e-2}}, "dt: there is no method 'rk4'"),
         (["moreau-jean"], {"dt": 1e-2, "t_end": 0.0}, "t_end = 0.0 must be a positive"),
-        (["moreau-jean"], {"dt": 1e-2, "reference": "exact"}, "reference = 'exact' must be a Reference"),
+        (
+            ["moreau-jean"],
+            {"dt": 1e-2, "reference": "exact"},
+            "reference = 'exact' must be a Trajectory or a Reference or 'auto'",
+        ),
         ({"reference": "rk4"}, {"dt": 1e-2}, "label 'reference' is that of the reference"),
     ],
 )

@@ -348,14 +348,26 @@ def test_the_multiplier_of_a_free_phase_is_left_out():
 
 def test_exponents_of_an_orbit_are_those_of_its_multipliers():
     orbit = li.periodic_orbit(oscillator(omega=2.65), transient=60)
-    λ = li.lyapunov(oscillator(omega=2.65), t_end=300 * orbit.T, t_start=150 * orbit.T).exponents
+    λ = li.lyapunov(oscillator(omega=2.65), t_end=450 * orbit.T, t_start=150 * orbit.T).exponents
     assert_allclose(λ.sum(), (2.0 * math.log(e) / orbit.T) - 2.0 * ζ, rtol=1e-9)
     assert_allclose(λ, np.log(np.abs(orbit.floquet)) / orbit.T, rtol=0.02)
 
 
+def test_exponents_are_averaged_from_t_start_to_t_end():
+    problem = oscillator(omega=2.8)
+    study = li.lyapunov(problem, t_end=40.0, t_start=10.0, progress=False)
+    assert study.table["t"].iloc[0] > 10.0
+    assert study.table["t"].iloc[-1] == 40.0
+    contraction = -0.1 + 2.0 * math.log(0.8) * (len(study.table) - 1) / 30.0
+    assert study.exponents.sum() == pytest.approx(contraction, rel=1e-9)
+    assert li.lyapunov(problem, progress=False).table["t"].iloc[-1] == problem.t_end
+    with pytest.raises(li.InputError, match=r"t_start = 3 s must lie before t_end = 3 s"):
+        li.lyapunov(problem, t_end=3.0, t_start=3.0)
+
+
 def test_chaos_has_an_exponent_above_zero():
     T = 2.0 * math.pi / 2.8
-    λ = li.lyapunov(oscillator(omega=2.8), t_end=150 * T, t_start=50 * T).exponents
+    λ = li.lyapunov(oscillator(omega=2.8), t_end=200 * T, t_start=50 * T).exponents
     assert λ[0] > 0.05
     assert λ[1] < 0.0
 

@@ -236,7 +236,7 @@ def between(x0, v0):
 
 @pytest.fixture(scope="module")
 def basins():
-    return li.basins(between, [-1.5, -0.9, -0.268, 0.1], [0.01, 1.0], names=("x0", "v0"), longest=240)
+    return li.basins(between, [-1.5, -0.9, -0.268, 0.1], [0.01, 1.0], parameters=("x0", "v0"), longest=240)
 
 
 def test_starts_are_told_by_where_they_lead(basins):
@@ -375,6 +375,12 @@ def test_the_commands_say_draw_and_write(capsys, tmp_path):
     ("arguments", "message"),
     [
         (("poincare", "shaw-holmes", "--section", "fource"), "must read force"),
+        (("poincare", "shaw-holmes", "--solver", "lemk"), "did you mean 'lemke'"),
+        (("poincare", "system-1", "--section", "x>0", "--method", "rk4-paper", "--solver", "lemke"), "solves no LCP"),
+        (
+            ("bifurcation", "system-1", "--over", "k_o=1:2:2", "--method", "rk4-paper", "--solver", "lemke"),
+            "solves no LCP",
+        ),
         (("bifurcation", "shaw-holmes", "--over", "omega=1:2"), "must read NAME=LOW:HIGH:COUNT"),
         (("bifurcation", "shaw-holmes", "--over", "omga=1:2:3"), "did you mean 'omega'"),
         (("basins", "shaw-holmes", "--over", "x0=-1:0:2"), "a plane needs two"),

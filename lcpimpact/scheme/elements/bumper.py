@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from lcpimpact.errors import InputError
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import between, finite
 from lcpimpact.scheme.elements.base import Element, Polyline, distinct, named
 from lcpimpact.scheme.terms import Row, Terms
 
@@ -75,10 +74,9 @@ class Bumper(Element):
     def __post_init__(self) -> None:
         distinct(self)
         named(self)
-        if not is_real(self.gap):
-            raise InputError(f"{self}: gap = {self.gap!r} must be a finite number in m")
-        if self.e is not None and not (is_real(self.e) and 0.0 <= self.e <= 1.0):
-            raise InputError(f"{self}: e = {self.e!r} must lie between 0 and 1")
+        finite(f"{self}: gap", self.gap, "m")
+        if self.e is not None:
+            between(f"{self}: e", self.e, 0.0, 1.0)
 
     @property
     def nodes(self) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import finite, is_real
 from lcpimpact.scheme.elements.base import MISSING, Compound, Element, Polyline, distinct, named
 from lcpimpact.scheme.elements.maxwell import inner_nodes, maxwell_arm, relaxation_modulus
 from lcpimpact.scheme.elements.spring import Spring
@@ -101,8 +101,7 @@ class GeneralizedMaxwell(Compound):
             named(self)
         if self.k_inf is MISSING:
             raise InputError(f"{self}: k_inf is missing; give a number in N/m, or 0 for an element that flows")
-        if not is_real(self.k_inf) or self.k_inf < 0.0:
-            raise InputError(f"{self}: k_inf = {self.k_inf!r} must be a finite number in N/m, not below 0")
+        finite(f"{self}: k_inf", self.k_inf, "N/m", least=0.0)
         for (symbol, values), unit in zip(arms.items(), ("N/m", "s"), strict=True):
             if not values or not all(is_real(value) and value > 0.0 for value in values):
                 raise InputError(f"{self}: {symbol} must hold a positive finite number in {unit} for each arm")

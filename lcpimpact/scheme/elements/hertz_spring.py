@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from lcpimpact.errors import InputError
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import finite
 from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, named, positive
 from lcpimpact.scheme.terms import PowerLaw, Terms
 
@@ -93,7 +92,5 @@ class HertzSpring(Element):
 def power_law_shape(element: Any, n: float, gap: float) -> None:
     """Refuse an exponent below 1, whose stiffness at δ = 0 is infinite, a gap that is no number, and a name that is none."""
     named(element)
-    if not is_real(n) or n < 1.0:
-        raise InputError(f"{element}: n = {n!r} must be a finite number, at least 1")
-    if not is_real(gap):
-        raise InputError(f"{element}: gap = {gap!r} must be a finite number in m")
+    finite(f"{element}: n", n, least=1.0)
+    finite(f"{element}: gap", gap, "m")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.errors import InputError
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import finite
 from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
 from lcpimpact.scheme.elements.hertz_spring import power_law_shape
 from lcpimpact.scheme.terms import PowerLaw, Terms
@@ -89,8 +89,7 @@ class KelvinVoigtStop(Element):
         positive(self, "k", self.k, "N/m")
         if self.c is MISSING:
             raise InputError(f"{self}: c is missing; give a number in N s/m, 0 for a stop without loss")
-        if not is_real(self.c) or self.c < 0.0:
-            raise InputError(f"{self}: c = {self.c!r} must be a finite number in N s/m, not below 0")
+        finite(f"{self}: c", self.c, "N s/m", least=0.0)
         power_law_shape(self, 1.0, self.gap)
 
     @property

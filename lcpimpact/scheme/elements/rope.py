@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.errors import InputError
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import between, finite
 from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, named
 from lcpimpact.scheme.terms import Row, Terms
 
@@ -72,10 +72,9 @@ class Rope(Element):
         named(self)
         if self.slack is MISSING:
             raise InputError(f"{self}: slack is missing; give a number in m, 0 for a rope that is just taut")
-        if not is_real(self.slack):
-            raise InputError(f"{self}: slack = {self.slack!r} must be a finite number in m")
-        if self.e is not None and not (is_real(self.e) and 0.0 <= self.e <= 1.0):
-            raise InputError(f"{self}: e = {self.e!r} must lie between 0 and 1")
+        finite(f"{self}: slack", self.slack, "m")
+        if self.e is not None:
+            between(f"{self}: e", self.e, 0.0, 1.0)
 
     @property
     def nodes(self) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -186,7 +187,7 @@ def compare(
     *,
     dt: float | Mapping[str, float],
     t_end: float | None = None,
-    reference: Reference | Trajectory | str | None = "auto",
+    reference: Trajectory | Reference | Literal["auto"] | None = "auto",
     lcp_solver: str = "auto",
     progress: Progress = True,
 ) -> Comparison:
@@ -202,7 +203,7 @@ def compare(
         Step in s of all methods, or of each by its label; shortened so that a whole number of them makes t_end.
     t_end : float, optional
         End in s; by default that of the problem.
-    reference : Reference, Trajectory, "auto" or None
+    reference : Trajectory, Reference, "auto" or None
         What the runs are compared with. "auto" is `lcpimpact.study.accuracy.reference.reference`, by a method that is
         none of them, if there is one; None compares them with each other.
     lcp_solver : str
@@ -266,14 +267,12 @@ def _steps(label: str, dt: float | Mapping[str, float], t_end: float) -> int:
 
 
 def _reference(
-    problem: Problem, t_end: float, compared: set[str], given: Reference | Trajectory | str | None
+    problem: Problem, t_end: float, compared: set[str], given: Trajectory | Reference | Literal["auto"] | None
 ) -> Reference | None:
     if given is None:
         return None
-    if isinstance(given, (Reference, Trajectory)):
-        return given_reference(given, t_end)
     if given != "auto":
-        raise InputError(f"reference = {given!r} must be a Reference, a Trajectory, 'auto', or None for none")
+        return given_reference(given, t_end)
     try:
         return find_reference(problem, t_end, unlike=compared)
     except UnsupportedError:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -309,7 +309,7 @@ def convergence(
     t_end: float | None = None,
     norms: Sequence[str] | None = None,
     penalties: Sequence[Penalty] = (),
-    reference: Trajectory | Reference | None = None,
+    reference: Trajectory | Reference | Literal["auto"] = "auto",
     repeats: int = 1,
     lcp_solver: str = "auto",
     progress: Progress = True,
@@ -331,8 +331,9 @@ def convergence(
     penalties : sequence of tuples
         ``(law, k)`` or ``(law, k, {"v0": ...})`` for each compliant variant, as of `penalized`. Their errors are those
         against the rigid motion: of the method and of the model together.
-    reference : Trajectory or Reference, optional
-        The truth; by default `lcpimpact.study.accuracy.reference.reference`, which is never by the method under study.
+    reference : Trajectory, Reference or "auto"
+        What errors are measured against. "auto" is `lcpimpact.study.accuracy.reference.reference`, which is never by the
+        method under study.
     repeats : int
         Runs of each row, in turn; the time is their minimum. What compiles is compiled before.
     lcp_solver : str
@@ -371,9 +372,10 @@ def convergence(
     >>> [f"{row.steps} {row.sup_q:.0e}" for row in study.table.itertuples()]
     ['307 9e-04', '3001 2e-05']
     """
-    return Convergence(
-        **_run_all(problem, methods, dts, (), t_end, norms, penalties, reference, repeats, lcp_solver, progress)
-    )
+    return Convergence(**_run_all(
+        problem, methods, dts, rtols=(), t_end=t_end, norms=norms, penalties=penalties, reference=reference,
+        repeats=repeats, lcp_solver=lcp_solver, progress=progress,
+    ))  # fmt: skip
 
 
 @checked
@@ -386,7 +388,7 @@ def work_precision(
     t_end: float | None = None,
     norms: Sequence[str] | None = None,
     penalties: Sequence[Penalty] = (),
-    reference: Trajectory | Reference | None = None,
+    reference: Trajectory | Reference | Literal["auto"] = "auto",
     repeats: int = 5,
     lcp_solver: str = "auto",
     progress: Progress = True,
@@ -418,20 +420,22 @@ def work_precision(
     >>> list(study.table["method"]), list(study.table["rtol"].dropna())
     (['moreau-jean', 'moreau-jean', 'event-driven', 'event-driven'], [0.0001, 1e-08])
     """
-    return WorkPrecision(
-        **_run_all(problem, methods, dts, rtols, t_end, norms, penalties, reference, repeats, lcp_solver, progress)
-    )
+    return WorkPrecision(**_run_all(
+        problem, methods, dts, rtols=rtols, t_end=t_end, norms=norms, penalties=penalties, reference=reference,
+        repeats=repeats, lcp_solver=lcp_solver, progress=progress,
+    ))  # fmt: skip
 
 
 def _run_all(
     problem: Problem,
     methods: Methods,
     dts: Sequence[float],
+    *,
     rtols: Sequence[float],
     t_end: float | None,
     norms: Sequence[str] | None,
     penalties: Sequence[Penalty],
-    reference: Trajectory | Reference | None,
+    reference: Trajectory | Reference | Literal["auto"],
     repeats: int,
     lcp_solver: str,
     progress: Progress,
@@ -483,10 +487,10 @@ def _columns(norms: Sequence[str]) -> list[str]:
 
 
 def _truths(
-    problem: Problem, t_end: float, methods: Mapping[str, Integrator], given: Trajectory | Reference | None
+    problem: Problem, t_end: float, methods: Mapping[str, Integrator], given: Trajectory | Reference | Literal["auto"]
 ) -> dict[str, Reference | str]:
     """Return by the name of each method what it is measured against, or why there is nothing."""
-    if given is not None:
+    if given != "auto":
         return dict.fromkeys((integrator.name for integrator in methods.values()), given_reference(given, t_end))
     best = _truth(problem, t_end, ())
     found = {}

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
-from lcpimpact.simulation import make_integrator
+from lcpimpact.simulation import check_lcp_solver, make_integrator
 from lcpimpact.study.accuracy.convergence import convergence
 from lcpimpact.study.accuracy.fitted_order import Order, fit
 from lcpimpact.study.accuracy.limits import floor_of
@@ -39,8 +39,9 @@ def observed_order(
     counts: Sequence[int] = COUNTS,
     t_end: float | None = None,
     norm: str = "sup_q",
-    reference: Trajectory | Reference | None = None,
-    **options: Any,
+    reference: Trajectory | Reference | Literal["auto"] = "auto",
+    lcp_solver: str = "auto",
+    **method_options: Any,
 ) -> Order:
     """Run a method with several step counts, and fit the order of its errors.
 
@@ -56,9 +57,11 @@ def observed_order(
         End in s; by default that of the problem.
     norm : str
         A name of `lcpimpact.study.accuracy.norms.NORMS`.
-    reference : Trajectory or Reference, optional
+    reference : Trajectory, Reference or "auto"
         The reference, as of `lcpimpact.convergence`.
-    **options
+    lcp_solver : str
+        A name of ``lcpimpact list solvers``, for the LCPs of the method.
+    **method_options
         Options of the method.
 
     Raises
@@ -76,7 +79,8 @@ def observed_order(
     if len(counts) < 2:
         raise InputError(f"counts = {counts!r} must hold at least two step counts, better six that are primes")
     end = problem.t_end if t_end is None else t_end
-    integrator = make_integrator(method, options)
+    integrator = make_integrator(method, method_options, ("t_end", "lcp_solver"))
+    check_lcp_solver(integrator, lcp_solver)
     study = convergence(
         problem,
         [integrator],
@@ -84,6 +88,7 @@ def observed_order(
         t_end=end,
         norms=[norm],
         reference=reference,
+        lcp_solver=lcp_solver,
         progress=False,
     )
     table = study.table

@@ -36,12 +36,12 @@ from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.files import reading, word_of
-from lcpimpact.integrators import METHODS
-from lcpimpact.numbers import count, is_real, positive
+from lcpimpact.integrators.base import Integrator
+from lcpimpact.numbers import count, finite, is_real, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.reading import read
 from lcpimpact.registry import nearest
-from lcpimpact.simulation import simulate
+from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator, simulate
 from lcpimpact.study.design.parameters import value_at, with_values
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, failed_rows
@@ -97,8 +97,7 @@ class Target:
 
     def __post_init__(self) -> None:
         check_fields(self)
-        if not is_real(self.value):
-            raise InputError(f"Target: value = {self.value!r} must be a finite number")
+        finite("Target: value", self.value)
         if self.sigma is not None:
             positive("Target: sigma", self.sigma)
 
@@ -186,14 +185,15 @@ def fit(
     bounds: Mapping[str, tuple[float, float]] | None = None,
     sampling: str = "point",
     loss: str = "linear",
-    method: str = "exact",
+    method: str | Integrator = "exact",
     dt: float | None = None,
     t_end: float | None = None,
+    lcp_solver: str = "auto",
     starts: int = 1,
     seed: int = 0,
     level: float = 0.95,
     progress: Progress = True,
-    **options: Any,
+    **method_options: Any,
 ) -> Fit:
     r"""Fit parameters of a problem to a measured curve, to wanted outputs, or to both, by least squares.
 
@@ -219,7 +219,7 @@ def fit(
         Compare the run at the samples, or its mean over the cell about each, for forces that jump.
     loss : {"linear", "soft_l1", "huber", "cauchy", "arctan"}
         Other than linear: residuals beyond the median one count less; intervals are then approximate.
-    method, dt, t_end, options
+    method, dt, t_end, lcp_solver, **method_options
         How the problem is run; by default by ``exact`` to the end of the data. A coarse step of ``moreau-jean`` is quicker.
     starts : int
         Searches: the first from the start values, others from random ones, log-normal about them or uniform in the bounds.
@@ -260,74 +260,41 @@ def fit(
     Bates and Watts, *Nonlinear Regression Analysis and Its Applications* (1988), chapter 2.
     """
     _check_settings(sampling, loss, starts, level, sigma)
+    integrator = make_integrator(method, method_options, RUN_ARGUMENTS)
+    check_lcp_solver(integrator, lcp_solver)
     parameters = _Parameters.of(problem, free, bounds or {})
     try:
         first = parameters.problem(parameters.start)
     except InputError as error:
         raise InputError(f"fit: the start values make no problem: {error}") from None
     measured = _Measured.of(first, data, column, outputs or {}, sampling, sigma)
-    if len(measured.values) < len(parameters.names):
-        raise InputError(
-            f"fit: {len(measured.values)} numbers cannot determine {len(parameters.names)} parameters: give more data, or "
-            "free fewer"
-        )
     end = t_end or measured.last or first.t_end
-    if measured.last > end:
-        raise InputError(
-            f"fit: the data last until {measured.last:g} s, and t_end = {end:g} s: run longer, or cut the data"
-        )
-    dt = dt or end / (SAMPLES if math.isinf(METHODS[method].declared.order_smooth) else STEPS)
-    counted = [0]
+    _check_measured(measured, parameters, end)
+    h = dt or end / (SAMPLES if math.isinf(integrator.declared.order_smooth) else STEPS)
 
-    def model(θ: Array) -> Array:
-        counted[0] += 1
-        run = simulate(parameters.problem(θ), method, dt=dt, t_end=end, progress=False, **options)
-        return measured.shown_by(run)
+    def run(problem: Problem) -> Trajectory:
+        return simulate(problem, integrator, dt=h, t_end=end, lcp_solver=lcp_solver, progress=False)
 
-    def residuals(θ: Array) -> Array:
-        try:
-            return (model(θ) - measured.values) / measured.scales
-        except (InputError, FailureError):
-            return np.full(len(measured.values), FAILURE_RESIDUAL)
-
-    try:
-        model(parameters.start)
-    except (InputError, FailureError) as error:
-        raise InputError(f"fit: the run at the start values fails: {error}") from None
-    results, rows = [], []
-    for θ in watched(parameters.starts(starts, seed), starts, "searches", progress):
-        found = _search(residuals, θ, parameters.limits, loss)
-        results.append(found)
-        broken = np.abs(found.fun).max() >= FAILURE_RESIDUAL
-        failed = "the run fails" if broken else "" if found.success else str(found.message)
-        rows.append(
-            {**dict(zip(parameters.names, parameters.values(θ), strict=True)), "cost": found.cost, "failure": failed}
-        )
-    best = min(results, key=lambda each: float(each.cost))
-    begun = results.index(best)
+    model = _Model(parameters, measured, run)
+    model.check_start()
+    begun = parameters.starts(starts, seed)
+    results = [model.search(θ, loss) for θ in watched(begun, starts, "searches", progress)]
+    rows = [model.row(θ, found) for θ, found in zip(begun, results, strict=True)]
+    number = int(np.argmin([float(each.cost) for each in results]))
+    best = results[number]
     if len(measured.curves) > 1 and sigma is None:
         # Each series has a noise of its own, which the first search tells.
-        measured = measured.weighed(best.fun)
-        best = _search(residuals, best.x, parameters.limits, loss)
+        model.measured = measured = measured.weighed(best.fun)
+        best = model.search(best.x, loss)
     fitted = parameters.problem(best.x)
-    run = simulate(fitted, method, dt=dt, t_end=end, progress=False, **options)
+    last = run(fitted)
     errors = _Errors.of(best, parameters, measured.known, level, loss)
-    shown = measured.shown_by(run)
-    left = measured.labels.assign(measured=measured.values, fitted=shown, residual=shown - measured.values)
     return Fit(
-        fitted,
-        run,
-        errors.table,
-        errors.correlation,
-        left,
-        pd.DataFrame(rows),
-        level,
-        len(shown) - len(best.x),
-        bool(best.success) and rows[begun]["failure"] == "",
-        f"{str(best.message).rstrip('.')}.".replace("`", ""),
-        errors.notes,
-        counted[0],
-    )
+        problem=fitted, run=last, table=errors.table, correlation=errors.correlation, residuals=measured.compared(last),
+        starts=pd.DataFrame(rows), level=level, freedom=len(measured.values) - len(best.x),
+        success=bool(best.success) and rows[number]["failure"] == "",
+        message=f"{str(best.message).rstrip('.')}.".replace("`", ""), notes=errors.notes, evaluations=model.evaluations,
+    )  # fmt: skip
 
 
 @checked
@@ -407,19 +374,67 @@ def _check_settings(sampling: str, loss: str, starts: int, level: float, sigma: 
         positive("fit: sigma", sigma)
 
 
-def _search(residuals: Callable[[Array], Array], θ: Array, limits: tuple[Array, Array], loss: str) -> Any:
-    def jacobian(θ: Array) -> Array:
-        return jacobian_by_differences(residuals, θ, limits)
+def _check_measured(measured: _Measured, parameters: _Parameters, t_end: float) -> None:
+    """Refuse fewer numbers than parameters, and a run that ends before the data."""
+    if len(measured.values) < len(parameters.names):
+        raise InputError(
+            f"fit: {len(measured.values)} numbers cannot determine {len(parameters.names)} parameters: give more data, or "
+            "free fewer"
+        )
+    if measured.last > t_end:
+        raise InputError(
+            f"fit: the data last until {measured.last:g} s, and t_end = {t_end:g} s: run longer, or cut the data"
+        )
 
-    settings: dict[str, Any] = {
-        "jac": jacobian, "bounds": limits, "x_scale": np.maximum(np.abs(θ), 1.0),
-        "ftol": XTOL, "xtol": XTOL, "gtol": XTOL, "max_nfev": MAX_STEPS,
-    }  # fmt: skip
-    found = least_squares(residuals, θ, **settings)
-    if loss == "linear":
-        return found
-    usual = 1.4826 * float(np.median(np.abs(found.fun)))
-    return least_squares(residuals, found.x, loss=loss, f_scale=max(usual, 1e-12), **settings)
+
+@dataclass(eq=False)
+class _Model:
+    """What is measured as a function of θ, by runs, which it counts."""
+
+    parameters: _Parameters
+    measured: _Measured
+    run: Callable[[Problem], Trajectory]
+    evaluations: int = 0
+
+    def shown(self, θ: Array) -> Array:
+        """Return the measured numbers as the run with these parameters shows them (N,)."""
+        self.evaluations += 1
+        return self.measured.shown_by(self.run(self.parameters.problem(θ)))
+
+    def residuals(self, θ: Array) -> Array:
+        """Return r (N,), large where the run fails."""
+        try:
+            return (self.shown(θ) - self.measured.values) / self.measured.scales
+        except (InputError, FailureError):
+            return np.full(len(self.measured.values), FAILURE_RESIDUAL)
+
+    def check_start(self) -> None:
+        """Refuse start values with which the run fails."""
+        try:
+            self.shown(self.parameters.start)
+        except (InputError, FailureError) as error:
+            raise InputError(f"fit: the run at the start values fails: {error}") from None
+
+    def search(self, θ: Array, loss: str) -> Any:
+        """Return SciPy's result of the least-squares search from θ."""
+        limits = self.parameters.limits
+        settings: dict[str, Any] = {
+            "jac": lambda θ: jacobian_by_differences(self.residuals, θ, limits), "bounds": limits,
+            "x_scale": np.maximum(np.abs(θ), 1.0), "ftol": XTOL, "xtol": XTOL, "gtol": XTOL, "max_nfev": MAX_STEPS,
+        }  # fmt: skip
+        found = least_squares(self.residuals, θ, **settings)
+        if loss == "linear":
+            return found
+        usual = 1.4826 * float(np.median(np.abs(found.fun)))
+        return least_squares(self.residuals, found.x, loss=loss, f_scale=max(usual, 1e-12), **settings)
+
+    def row(self, θ: Array, found: Any) -> dict[str, Any]:
+        """Return what a search from θ found as a row: the start, the cost, and why it failed."""
+        failure = "" if found.success else str(found.message)
+        if np.abs(found.fun).max() >= FAILURE_RESIDUAL:
+            failure = "the run fails"
+        start = dict(zip(self.parameters.names, self.parameters.values(θ), strict=True))
+        return {**start, "cost": found.cost, "failure": failure}
 
 
 def jacobian_by_differences(residuals: Callable[[Array], Array], θ: Array, limits: tuple[Array, Array]) -> Array:
@@ -491,8 +506,7 @@ class _Parameters:
         for name in names:
             low, high = bounds.get(name, (-math.inf, math.inf))
             value = start[name]
-            if not is_real(value):
-                raise InputError(f"fit: the start {name} = {value!r} must be a finite number")
+            finite(f"fit: the start {name}", value)
             if not low < high or not low <= value <= high:
                 raise InputError(
                     f"fit: {name} starts at {value:g}, which must lie within its bounds {low:g} ... {high:g}; change one"
@@ -523,7 +537,7 @@ class _Parameters:
         """Return the problem with these parameters."""
         return self.make(dict(zip(self.names, self.values(θ), strict=True)))
 
-    def starts(self, number: int, seed: int) -> Iterable[Array]:
+    def starts(self, number: int, seed: int) -> list[Array]:
         """Return the start, and random ones besides."""
         random = np.random.default_rng(seed)
         low, high = self.limits
@@ -605,6 +619,11 @@ class _Measured:
         value = _means if self.sampling == "mean" else read
         curves = [value(run, series, t) for series, t in self.curves]
         return np.concatenate([*curves, [float(target.measure(run)) for target in self.targets]])
+
+    def compared(self, run: Trajectory) -> pd.DataFrame:
+        """Return the numbers beside those of a run."""
+        fitted = self.shown_by(run)
+        return self.labels.assign(measured=self.values, fitted=fitted, residual=fitted - self.values)
 
 
 def _curves(

@@ -23,7 +23,7 @@ from scipy.optimize import brentq
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
-from lcpimpact.numbers import is_real, positive
+from lcpimpact.numbers import finite, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.reading import Series
 from lcpimpact.registry import nearest
@@ -270,12 +270,11 @@ def _checked(
     """Return the quantities that were given, refusing values that cannot be, and too few or too many."""
     positive("design: m", m)
     positive("design: v0", v0)
-    if not is_real(g) or not g >= 0.0:
-        raise InputError(f"design: g = {g!r} must be a finite number in m/s², zero or above")
+    finite("design: g", g, "m/s²", least=0.0)
     if n is not None and kind.n is not None:
         raise InputError(f"design: the law {kind.name!r} has no n; leave it out")
-    if n is not None and (not is_real(n) or not n >= 1.0):
-        raise InputError(f"design: n = {n!r} must be a finite number, at least 1")
+    if n is not None:
+        finite("design: n", n, least=1.0)
     constants = ["k", *[kind.loss] * bool(kind.loss)]
     wanted = {name: value for name, value in given.items() if value is not None}
     for name, value in wanted.items():

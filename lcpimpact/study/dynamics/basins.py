@@ -68,7 +68,7 @@ def basins(
     first: Iterable[float],
     second: Iterable[float],
     *,
-    names: tuple[str, str] = ("first", "second"),
+    parameters: tuple[str, str] = ("first", "second"),
     longest: int = 400,
     tol: float = 1e-5,
     workers: int | None = None,
@@ -85,8 +85,8 @@ def basins(
         Takes the two values and returns a Problem with a periodic force.
     first, second : iterable of float
         The grid.
-    names : pair of str
-        How the table calls the two values.
+    parameters : pair of str
+        How the two values are called.
     longest : int
         Periods after which a start is left as 0.
     tol : float
@@ -123,7 +123,7 @@ def basins(
         return cycle, run, "", problem
 
     ended = list(watched(each_of(one, starts, workers), len(starts), "basins", progress))
-    table = pd.DataFrame(starts, columns=list(names))
+    table = pd.DataFrame(starts, columns=list(parameters))
     labels, attractors = _named([cycle for cycle, *_ in ended])
     table = table.assign(
         attractor=labels,

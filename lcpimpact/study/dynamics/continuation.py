@@ -18,10 +18,11 @@ from lcpimpact.study.dynamics.grazing import least_gap
 from lcpimpact.study.dynamics.shooting import (
     MAX_HALVINGS,
     MAX_NEWTON_STEPS,
+    Guess,
     PeriodicOrbit,
     away_from_events,
+    find_orbit,
     force_period,
-    periodic_orbit,
     shoot,
 )
 from lcpimpact.study.progress import Progress, watched
@@ -68,6 +69,7 @@ def continue_orbit(
     periods: int = 1,
     T: float | None = None,
     transient: int = 0,
+    max_iter: int = MAX_NEWTON_STEPS,
     parameter: str = "value",
     progress: Progress = True,
 ) -> Branch:
@@ -84,6 +86,8 @@ def continue_orbit(
         In the order in which they are to be reached.
     periods, T, transient
         As of `periodic_orbit`, for the first value.
+    max_iter : int
+        Limit of Newton's steps, for each orbit.
     parameter : str
         How the parameter is called.
     progress : bool or callable
@@ -109,7 +113,7 @@ def continue_orbit(
     targets = [float(value) for value in values]
     if not targets:
         raise InputError("values is empty: give those that the parameter is to take")
-    first = periodic_orbit(family(targets[0]), periods=periods, T=T, transient=transient)
+    first = find_orbit(family(targets[0]), None, periods, T, transient, max_iter)
     orbits, found, ended = [first], [(targets[0], first)], ""
     events = _sequence(first)
     for target in watched(targets[1:], len(targets) - 1, "orbits", progress):
@@ -119,7 +123,7 @@ def continue_orbit(
                 here = found[-1][0]
                 value = target if share == 1.0 else here + share * (target - here)
                 try:
-                    orbit = _next_orbit(family(value), value, found)
+                    orbit = _next_orbit(family(value), value, found, max_iter)
                 except (LcpImpactError, np.linalg.LinAlgError) as error:
                     reason = str(error)
                 else:
@@ -146,7 +150,9 @@ def _words(events: tuple[tuple[str, str], ...]) -> str:
     return ", ".join(f"{kind} {contact}" for contact, kind in events) or "none"
 
 
-def _next_orbit(problem: Problem, value: float, found: list[tuple[float, PeriodicOrbit]]) -> PeriodicOrbit:
+def _next_orbit(
+    problem: Problem, value: float, found: list[tuple[float, PeriodicOrbit]], max_iter: int
+) -> PeriodicOrbit:
     """Find an orbit from one or two earlier ones, by the line through them."""
     a, last = found[-1]
     b, other = found[-2] if len(found) > 1 else (a, last)
@@ -164,16 +170,8 @@ def _next_orbit(problem: Problem, value: float, found: list[tuple[float, Periodi
             raise InputError(f"the problem at {value:g} has no force with a period, as the one before has")
         whole = force_period(last.problem.dynamics) or last.T
         T = force * round(last.T / whole)
-    return shoot(
-        problem,
-        system,
-        X + slope * (X - before),
-        start * T / last.T,
-        T,
-        last.forced,
-        last.motion.scale,
-        MAX_NEWTON_STEPS,
-    )
+    guess = Guess(X + slope * (X - before), start * T / last.T, T, last.forced, last.motion.scale)
+    return shoot(problem, system, guess, max_iter)
 
 
 def _state_at(orbit: PeriodicOrbit, t: float) -> Array:

@@ -16,9 +16,10 @@ from lcpimpact.errors import InputError, LcpImpactError
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
+from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator
 from lcpimpact.study.dynamics.continuation import Branch
 from lcpimpact.study.dynamics.period import period_of
-from lcpimpact.study.dynamics.sections import Section, find_points, method_name, section_of, table_of
+from lcpimpact.study.dynamics.sections import Section, find_points, section_of, table_of
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, failure_lines
 
@@ -82,6 +83,7 @@ def bifurcation(
     points: int = 50,
     method: str | Integrator = "exact",
     dt: float | None = None,
+    lcp_solver: str = "auto",
     continue_from: bool = False,
     tol: float = 1e-6,
     workers: int | None = None,
@@ -97,7 +99,7 @@ def bifurcation(
         Takes a value and returns a Problem.
     values : iterable of float
         In the order in which they are run.
-    section, method, dt, **method_options
+    section, method, dt, lcp_solver, **method_options
         As of `poincare`.
     skip, points : int
         Points that are left out first, and that are kept, for each value.
@@ -132,6 +134,8 @@ def bifurcation(
         raise InputError("values is empty: give those that the parameter is to take")
     count("skip", skip, least=0)
     count("points", points)
+    integrator = make_integrator(method, method_options, RUN_ARGUMENTS)
+    check_lcp_solver(integrator, lcp_solver)
     last: list[Array] = []
 
     def one(value: float) -> pd.DataFrame:
@@ -139,7 +143,8 @@ def bifurcation(
             problem = family(value)
             if last:
                 problem = _continued(problem, last.pop())
-            found, force = find_points(problem, where, skip, points, None, method, dt, method_options)
+            met, force = find_points(problem, where, skip + points, None, integrator, dt, lcp_solver)
+            found = met.after(skip)
         except LcpImpactError as error:
             return pd.DataFrame({"value": [value], "failure": [str(error)]})
         if continue_from:
@@ -156,7 +161,7 @@ def bifurcation(
     columns = max((list(table.columns) for table in tables), key=len)
     columns = [*(name for name in columns if name not in ("period", "failure")), "period", "failure"]
     table = pd.concat([each.reindex(columns=columns) for each in tables], ignore_index=True)
-    return BifurcationDiagram(table, _name(family, chosen[0]), where, method_name(method), parameter)
+    return BifurcationDiagram(table, _name(family, chosen[0]), where, integrator.name, parameter)
 
 
 def _name(family: Callable[[float], Problem], value: float) -> str:

@@ -18,10 +18,14 @@ from lcpimpact.hybrid.motion import Motion
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import nearest
 from lcpimpact.study.dynamics.shooting import MAX_NEWTON_STEPS, PeriodicOrbit, find_orbit
+from lcpimpact.study.progress import Progress, counted
 from lcpimpact.study.result import Study
 
 FAR_GAPS = 1e3
 """Gap of a stop that is removed, in units of the largest gap of the scheme plus one metre."""
+
+MAX_ORBITS = 100
+"""Maximum number of orbits among which the one that grazes is sought; some ten are enough."""
 
 
 @checked
@@ -137,6 +141,8 @@ def grazing(
     periods: int = 1,
     T: float | None = None,
     transient: int = 0,
+    max_iter: int = MAX_NEWTON_STEPS,
+    progress: Progress = True,
 ) -> Grazing:
     r"""Find the value of a parameter at which a periodic orbit just touches a stop that it does not strike.
 
@@ -151,8 +157,10 @@ def grazing(
         Two values, with the stop out of reach at one of them and within reach at the other.
     contact : str, optional
         Name of the stop; by default the only one.
-    periods, T, transient
+    periods, T, transient, max_iter
         As of `periodic_orbit`.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Raises
     ------
@@ -185,19 +193,21 @@ def grazing(
         dynamics = problem.dynamics
         u0 = dynamics.u0.copy()
         u0[i] += FAR_GAPS * (1.0 + np.abs(u0).max())
-        orbit = find_orbit(problem, replace(dynamics, u0=u0), periods, T, transient, MAX_NEWTON_STEPS)
+        orbit = find_orbit(problem, replace(dynamics, u0=u0), periods, T, transient, max_iter)
         least, t = _least(orbit.motion, orbit.start + orbit.T, i, float(dynamics.u0[i]))
         orbits[value] = orbit, least, t
+        done(len(orbits))
         return least
 
-    ends = gap(low), gap(high)
     name = family(low).dynamics.contacts[i].name
-    if ends[0] * ends[1] > 0.0:
-        raise InputError(
-            f"the least gap of {name!r} is {ends[0]:.3g} m at {low:g} and {ends[1]:.3g} m at {high:g}: "
-            "a bracket must hold the stop out of reach at one end and within reach at the other"
-        )
-    value = float(brentq(gap, low, high, xtol=1e-300, rtol=4.0 * np.finfo(float).eps))
-    gap(value)
+    with counted(MAX_ORBITS, "orbits", progress) as done:
+        ends = gap(low), gap(high)
+        if ends[0] * ends[1] > 0.0:
+            raise InputError(
+                f"the least gap of {name!r} is {ends[0]:.3g} m at {low:g} and {ends[1]:.3g} m at {high:g}: "
+                "a bracket must hold the stop out of reach at one end and within reach at the other"
+            )
+        value = float(brentq(gap, low, high, xtol=1e-300, rtol=4.0 * np.finfo(float).eps, maxiter=MAX_ORBITS))
+        gap(value)
     orbit, least, t = orbits[value]
     return Grazing(value, name, t, least, orbit)

@@ -9,6 +9,7 @@ import pandas as pd
 
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError
 from lcpimpact.hybrid.motion import begin, begin_problem, state_before
 from lcpimpact.hybrid.tangent import factors
 from lcpimpact.numbers import positive
@@ -44,10 +45,12 @@ class LyapunovExponents(Study):
 
 
 @checked
-def lyapunov(problem: Problem, *, t_end: float, t_start: float = 0.0, progress: Progress = True) -> LyapunovExponents:
+def lyapunov(
+    problem: Problem, *, t_end: float | None = None, t_start: float = 0.0, progress: Progress = True
+) -> LyapunovExponents:
     r"""Return the Lyapunov exponents of a motion in 1/s, the largest first.
 
-    .. math:: λ_i = \lim_{t → ∞} \frac{1}{t} \sum \ln |R_{ii}|
+    .. math:: λ_i = \lim_{t → ∞} \frac{1}{t - t_\mathrm{start}} \sum \ln |R_{ii}|
 
     with the derivative along the motion, flows and saltation matrices in turn, kept as Q R. A largest exponent above zero
     means chaos; where a contact stays closed or a slider sticks, directions are lost for ever and their exponent is -inf.
@@ -56,15 +59,17 @@ def lyapunov(problem: Problem, *, t_end: float, t_start: float = 0.0, progress: 
     ----------
     problem : Problem
         One that the method ``exact`` handles.
-    t_end : float
-        Length of the average in s.
+    t_end : float, optional
+        End in s; by default that of the problem.
     t_start : float
-        Time before it in s.
+        Instant in s from which on the average is taken, after what is transient.
     progress : bool or callable
         As of `lcpimpact.study.progress`.
 
     Raises
     ------
+    InputError
+        For times that are none, or a start that is not before the end.
     UnsupportedError
         If the motion grazes, or two events happen at once.
 
@@ -73,7 +78,7 @@ def lyapunov(problem: Problem, *, t_end: float, t_start: float = 0.0, progress: 
     >>> import math
     >>> from lcpimpact import load_problem, lyapunov
     >>> T = 2.0 * math.pi / 2.6
-    >>> λ = lyapunov(load_problem("impact-oscillator"), t_end=100 * T, t_start=0.5 * T).exponents
+    >>> λ = lyapunov(load_problem("impact-oscillator"), t_end=100.5 * T, t_start=0.5 * T).exponents
     >>> bool(abs(λ.sum() - (2.0 * math.log(0.8) / T - 0.1)) < 1e-9)
     True
 
@@ -81,15 +86,18 @@ def lyapunov(problem: Problem, *, t_end: float, t_start: float = 0.0, progress: 
     ----------
     Müller, Calculation of Lyapunov exponents for dynamic systems with discontinuities (1995).
     """
-    positive("t_end", t_end, "s")
+    end = problem.t_end if t_end is None else t_end
+    positive("t_end", end, "s")
     if t_start != 0.0:
         positive("t_start", t_start, "s")
+    if t_start >= end:
+        raise InputError(f"t_start = {t_start:g} s must lie before t_end = {end:g} s: run longer, or begin earlier")
     refuse_power_laws(problem)
-    first = begin_problem(problem, "exact", t_start + t_end)
+    first = begin_problem(problem, "exact", end)
     follow_exactly(first, problem, t_start)
     motion = first
     if t_start > 0.0:
-        motion = begin(first.system, state_before(first, t_start), t_start + t_end, t_start, scale=first.scale)
+        motion = begin(first.system, state_before(first, t_start), end, t_start, scale=first.scale)
     follow_exactly(motion, problem, motion.end)
     free = free_coordinates(motion.system)
     Q, total, totals = np.eye(len(free)), np.zeros(len(free)), []
@@ -103,4 +111,4 @@ def lyapunov(problem: Problem, *, t_end: float, t_start: float = 0.0, progress: 
     averages = np.array(totals[::2]) / (t - t_start)[:, None]
     averages = averages[:, np.argsort(-total, kind="stable")]
     columns = {str(k): average for k, average in enumerate(averages.T, start=1)}
-    return LyapunovExponents(problem, pd.DataFrame({"t": t, **columns}), np.sort(total / t_end)[::-1])
+    return LyapunovExponents(problem, pd.DataFrame({"t": t, **columns}), np.sort(total / (end - t_start))[::-1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -21,10 +21,12 @@ from lcpimpact.numbers import count, is_real, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event
 from lcpimpact.registry import nearest
-from lcpimpact.simulation import make_integrator, simulate
+from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator, simulate
 from lcpimpact.study.dynamics.period import period_of
 from lcpimpact.study.dynamics.shooting import follow_exactly, force_period, refuse_power_laws
+from lcpimpact.study.progress import Progress, counted, unseen
 from lcpimpact.study.result import Study, table_lines
+from lcpimpact.trajectory import Trajectory
 
 BLOCK_PERIODS = 8
 """Periods simulated at a time until enough points are found."""
@@ -215,6 +217,8 @@ def poincare(
     t_end: float | None = None,
     method: str | Integrator = "exact",
     dt: float | None = None,
+    lcp_solver: str = "auto",
+    progress: Progress = True,
     **method_options: Any,
 ) -> PoincareSection:
     """Return the points at which a motion meets a section.
@@ -236,6 +240,10 @@ def poincare(
         ``exact``, or any method that steps.
     dt : float, optional
         Step in s of such a method; by default 200 a period.
+    lcp_solver : str
+        A name of ``lcpimpact list solvers``, for the LCPs of the method.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
     **method_options
         Options of the method.
 
@@ -259,41 +267,42 @@ def poincare(
     [0.5006725, 0.5006725]
     """
     where = section_of(section)
-    found, force = find_points(problem, where, skip, points, t_end, method, dt, method_options)
-    return PoincareSection(table_of(problem, found, force), problem, where, method_name(method))
-
-
-def method_name(method: str | Integrator) -> str:
-    """Return the name of a method."""
-    return method if isinstance(method, str) else method.name
+    integrator = make_integrator(method, method_options, RUN_ARGUMENTS)
+    count("skip", skip, least=0)
+    count("points", points)
+    with counted(skip + points, "points", progress) as done:
+        found, force = find_points(problem, where, skip + points, t_end, integrator, dt, lcp_solver, done)
+    return PoincareSection(table_of(problem, found.after(skip), force), problem, where, integrator.name)
 
 
 def find_points(
     problem: Problem,
     where: Section,
-    skip: int,
-    points: int,
+    need: int,
     t_end: float | None,
-    method: str | Integrator,
+    integrator: Integrator,
     dt: float | None,
-    options: dict[str, Any],
+    lcp_solver: str,
+    done: Callable[[int], None] = unseen,
 ) -> tuple[Points, float | None]:
-    """Return the points that are kept, and the period of the force."""
+    """Return so many points, or those before the end, and the period of the force."""
     force = _checked(problem, where)
-    count("skip", skip, least=0)
-    count("points", points)
-    need = skip + points
     end = t_end if t_end is not None else _latest(problem, where, force, need)
     positive("t_end", end, "s")
-    integrator = make_integrator(method, options)
+    check_lcp_solver(integrator, lcp_solver)
     if integrator.declared.is_exact:
         refuse_power_laws(problem)
-    motion = integrator.motion(problem, end)
+    motion = integrator.motion(problem, end, lcp_solver)
     if motion is None:
-        found = _by_steps(problem, where, force, need, end, integrator, dt)
+        h = (force or problem.t_end / 100.0) / STEPS_PER_PERIOD if dt is None else dt
+        positive("dt", h, "s")
+        steps = max(1, math.ceil(end / h * (1.0 - 1e-12)))
+        run = simulate(problem, integrator, dt=end / steps, t_end=end, lcp_solver=lcp_solver, progress=False)
+        found = _on_grid(run, where, force, need, end)
     else:
-        found = _on_motion(motion, problem, where, force, need)
-    return found.after(skip), force
+        found = _on_motion(motion, problem, where, force, need, done)
+    done(len(found.t))
+    return found, force
 
 
 def _whole_period(times: Array, force: float | None) -> float:
@@ -341,13 +350,18 @@ def _instants(where: Stroboscope, force: float, need: int, end: float) -> Array:
     return np.asarray(t[t <= end * (1.0 + 1e-12)])
 
 
-def _on_motion(motion: Motion, problem: Problem, where: Section, force: float | None, need: int) -> Points:
+def _on_motion(
+    motion: Motion, problem: Problem, where: Section, force: float | None, need: int, done: Callable[[int], None]
+) -> Points:
     """Follow the exact motion until it has met the section often enough, or to the end."""
     end = motion.end
     block = BLOCK_PERIODS * (force or problem.t_end)
     reached = 0.0
     if isinstance(where, Stroboscope):
         times = np.minimum(_instants(where, float(force or 0.0), need, end), end)
+        for number in range(0, len(times), BLOCK_PERIODS):
+            follow_exactly(motion, problem, float(times[number]))
+            done(number)
         follow_exactly(motion, problem, end)
         return _read_at(motion, times, "right", force)
     times = np.zeros(0)
@@ -359,6 +373,7 @@ def _on_motion(motion: Motion, problem: Problem, where: Section, force: float | 
             times = np.array([event.t for event in hits])
         else:
             times = _crossings(motion, where, reached)
+        done(min(len(times), need))
         block *= 2.0
     return _read_at(motion, times[:need], where.side if isinstance(where, Impacts) else "right", force)
 
@@ -431,21 +446,9 @@ def _sign(c: Array, A: Array, X: Array, scale: Array) -> tuple[float, int]:
     return 0.0, 0
 
 
-def _by_steps(
-    problem: Problem,
-    where: Section,
-    force: float | None,
-    need: int,
-    end: float,
-    method: Integrator,
-    dt: float | None,
-) -> Points:
-    """Run a method that steps, and read its grid."""
-    h = (force or problem.t_end / 100.0) / STEPS_PER_PERIOD if dt is None else dt
-    positive("dt", h, "s")
-    steps = max(1, math.ceil(end / h * (1.0 - 1e-12)))
-    run = simulate(problem, method, dt=end / steps, t_end=end, progress=False)
-    side = "right"
+def _on_grid(run: Trajectory, where: Section, force: float | None, need: int, end: float) -> Points:
+    """Read the points off the grid of a run."""
+    dynamics, side = run.problem.dynamics, "right"
     if isinstance(where, Stroboscope):
         times = np.minimum(_instants(where, float(force or 0.0), need, end), run.t[-1])
     elif isinstance(where, Impacts):
@@ -457,18 +460,18 @@ def _by_steps(
         )
         times = np.array([event.t for event in hits])
         last = run.sample(min(_whole_period(times, force), float(run.t[-1])))
-        return Points(times, q, v, impact_speeds(problem.dynamics, run.events, times), np.concatenate([last.q, last.v]))
+        return Points(times, q, v, impact_speeds(dynamics, run.events, times), np.concatenate([last.q, last.v]))
     else:
-        names = [contact.name for contact in problem.dynamics.contacts]
+        names = [contact.name for contact in dynamics.contacts]
         gap = where.series in names
-        y = problem.dynamics.gap(run.q)[:, names.index(where.series)] if gap else run[where.series]
+        y = dynamics.gap(run.q)[:, names.index(where.series)] if gap else run[where.series]
         y = y - where.level
         up, down = (y[:-1] < 0.0) & (y[1:] >= 0.0), (y[:-1] > 0.0) & (y[1:] <= 0.0)
         j = np.flatnonzero({1: up, -1: down, 0: up | down}[where.direction])
         times = run.t[j] + y[j] / (y[j] - y[j + 1]) * np.diff(run.t)[j]
     times = times[:need]
     state, last = run.sample(times, side), run.sample(min(_whole_period(times, force), float(run.t[-1])))
-    speed = impact_speeds(problem.dynamics, run.events, times)
+    speed = impact_speeds(dynamics, run.events, times)
     return Points(times, state.q, state.v, speed, np.concatenate([last.q, last.v]))
 
 

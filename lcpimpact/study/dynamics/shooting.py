@@ -8,8 +8,10 @@ derivative of P, the *monodromy matrix*, which is the product of the modes' flow
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +31,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, State
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.signals import Harmonic, Square
+from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study
 
 CLOSURE_RTOL = 1e-10
@@ -192,6 +195,7 @@ def periodic_orbit(
     T: float | None = None,
     transient: int = 0,
     max_iter: int = MAX_NEWTON_STEPS,
+    progress: Progress = True,
 ) -> PeriodicOrbit:
     r"""Find a periodic orbit near the motion from a problem's initial state, with its Floquet multipliers.
 
@@ -211,6 +215,8 @@ def periodic_orbit(
         Periods to run before the search begins: an orbit that attracts is then near.
     max_iter : int
         Limit of Newton's steps.
+    progress : bool or callable
+        As of `lcpimpact.study.progress`.
 
     Returns
     -------
@@ -239,11 +245,17 @@ def periodic_orbit(
     ----------
     Parker and Chua, *Practical Numerical Algorithms for Chaotic Systems* (1989), on shooting; Leine and Nijmeijer (2004).
     """
-    return find_orbit(problem, None, periods, T, transient, max_iter)
+    return find_orbit(problem, None, periods, T, transient, max_iter, progress)
 
 
 def find_orbit(
-    problem: Problem, dynamics: Dynamics | None, periods: int, T: float | None, transient: int, max_iter: int
+    problem: Problem,
+    dynamics: Dynamics | None,
+    periods: int,
+    T: float | None,
+    transient: int,
+    max_iter: int,
+    progress: Progress = False,
 ) -> PeriodicOrbit:
     """Find an orbit of a problem, or of the problem with other dynamics."""
     count("periods", periods, 1)
@@ -263,7 +275,8 @@ def find_orbit(
     start, X = away_from_events(motion, transient * length, (transient + 1) * length)
     if force is None:
         length = _closest_return(motion, start, X, length)
-    return shoot(problem, motion.system, X, start, length, force is not None, motion.scale, max_iter)
+    guess = Guess(X, start, length, force is not None, motion.scale)
+    return shoot(problem, motion.system, guess, max_iter, progress)
 
 
 def refuse_power_laws(problem: Problem) -> None:
@@ -356,80 +369,123 @@ def free_coordinates(system: System) -> Array:
     return np.array([*range(form.constant), *range(len(form.A), len(system.O.T))], dtype=np.int64)
 
 
-def _one_period(problem: Problem, system: System, X: Array, start: float, T: float, scale: Array) -> Period:
-    X = X.copy()
-    X[system.form.constant : len(system.form.A)] = system.form.signals_at(np.array(start))
-    motion = begin(system, X, start + T, start, scale=scale.copy())
-    follow_exactly(motion, problem, start + T)
-    last = motion.segments[-1]
-    # A slider of degree 0 that slips at the end has no place yet: it is put where it is, as at the start.
-    settle = place_derivative(system, last.mode)
-    end = settle @ state_before(motion, start + T)
-    velocity = settle @ (system.mode(last.mode)[0].A @ state_before(motion, start + T))
-    M = settle @ tangent(motion, start + T)
-    return Period(motion, motion.segments[0].X, end - motion.segments[0].X, M, velocity)
+class Guess(NamedTuple):
+    """Where the search for an orbit begins.
+
+    The state X at the instant ``start`` (N,), the period T, whether that is the period of a force, and the largest value of
+    each state (N,).
+    """
+
+    X: Array
+    start: float
+    T: float
+    forced: bool
+    scale: Array
 
 
-def shoot(
-    problem: Problem, system: System, X: Array, start: float, T: float, forced: bool, scale: Array, max_iter: int
-) -> PeriodicOrbit:
-    """Find an orbit by Newton's method from the state X at ``start``, with steps shortened where they lead away."""
-    free = free_coordinates(system)
-    k = len(free)
-    unit = np.maximum(scale[free], 1e-12 * max(scale[free].max(initial=0.0), 1e-300))
+class _Newton:
+    """Newton's method for P(X) - X = 0, in units of the largest value of each state."""
 
-    def size(period: Period) -> float:
-        return float(np.abs(period.miss[free] / unit).max(initial=0.0))
+    def __init__(self, problem: Problem, system: System, guess: Guess) -> None:
+        self.problem, self.system, self.start, self.forced, self.scale = (
+            problem,
+            system,
+            guess.start,
+            guess.forced,
+            guess.scale,
+        )
+        self.free = free_coordinates(system)
+        size = guess.scale[self.free]
+        self.unit = np.maximum(size, 1e-12 * max(size.max(initial=0.0), 1e-300))
 
-    here = _one_period(problem, system, X, start, T, scale)
-    steps = 0
-    while steps < max_iter and size(here) > NEWTON_RTOL:
-        matrix = here.M[np.ix_(free, free)] - np.eye(k)
+    def period(self, X: Array, T: float) -> Period:
+        """Follow the motion from X over one period."""
+        system, end = self.system, self.start + T
+        X = X.copy()
+        X[system.form.constant : len(system.form.A)] = system.form.signals_at(np.array(self.start))
+        motion = begin(system, X, end, self.start, scale=self.scale.copy())
+        follow_exactly(motion, self.problem, end)
+        last = motion.segments[-1]
+        # A slider of degree 0 that slips at the end has no place yet: it is put where it is, as at the start.
+        settle = place_derivative(system, last.mode)
+        reached = state_before(motion, end)
+        velocity = settle @ (system.mode(last.mode)[0].A @ reached)
+        first = motion.segments[0].X
+        return Period(motion, first, settle @ reached - first, settle @ tangent(motion, end), velocity)
+
+    def residual(self, period: Period) -> float:
+        """Return how far a motion misses itself after the period."""
+        return float(np.abs(period.miss[self.free] / self.unit).max(initial=0.0))
+
+    def step(self, here: Period, T: float) -> Array:
+        """Return the step of the free states, and of T where no force gives it, relative to their sizes (k,) or (k + 1,)."""
+        free, unit = self.free, self.unit
+        matrix = (here.M[np.ix_(free, free)] - np.eye(len(free))) * unit / unit[:, None]
         right = -here.miss[free] / unit
-        matrix = matrix * unit / unit[:, None]
-        if not forced:
+        if not self.forced:
             # One more unknown, T, and one more equation: the step is taken across the motion.
             with np.errstate(over="ignore"):
-                along = (system.mode(here.motion.segments[0].mode)[0].A @ here.X)[free] / unit
+                along = (self.system.mode(here.motion.segments[0].mode)[0].A @ here.X)[free] / unit
                 across = here.velocity[free] / unit * T
             matrix = np.block([[matrix, across[:, None]], [along[None, :], np.zeros((1, 1))]])
             right = np.append(right, 0.0)
         if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
             raise FailureError(
-                f"{problem.name}: no periodic orbit found from this state: the derivative of the motion over T = {T:g} s is "
-                "not finite; begin nearer to an orbit",
+                f"{self.problem.name}: no periodic orbit found from this state: the derivative of the motion over "
+                f"T = {T:g} s is not finite; begin nearer to an orbit",
                 None,
             )
-        step = np.linalg.lstsq(matrix, right, rcond=SINGULAR_RTOL)[0]
-        better, share = None, 1.0
-        for _ in range(MAX_HALVINGS):
-            moved, length = here.X.copy(), T
-            moved[free] += share * step[:k] * unit
-            if not forced:
+        return np.asarray(np.linalg.lstsq(matrix, right, rcond=SINGULAR_RTOL)[0])
+
+    def shortened(self, here: Period, T: float, step: Array) -> tuple[Period, float] | None:
+        """Return the motion after the step, halved until it misses itself by less, and its period; None if it never does."""
+        k = len(self.free)
+        for halvings in range(MAX_HALVINGS):
+            share = 0.5**halvings
+            X, length = here.X.copy(), T
+            X[self.free] += share * step[:k] * self.unit
+            if not self.forced:
                 length = T * (1.0 + share * float(step[k]))
             try:
-                there = _one_period(problem, system, moved, start, length, scale) if length > 0.0 else None
+                there = self.period(X, length) if length > 0.0 else None
             except (LcpImpactError, np.linalg.LinAlgError) as error:
-                there, refused = None, error
-                if share <= 2.0 ** (1 - MAX_HALVINGS):
-                    if isinstance(refused, LcpImpactError):
-                        raise refused from None
-                    raise FailureError(
-                        f"{problem.name}: no periodic orbit found from this state ({refused}): begin nearer to one",
-                        None,
-                    ) from None
-            if there is not None and size(there) < size(here):
-                better = there, length
-                break
-            share *= 0.5
-        if better is None:
-            break
-        here, T = better
-        steps += 1
-    if not size(here) <= CLOSURE_RTOL:
+                if halvings < MAX_HALVINGS - 1:
+                    continue
+                if isinstance(error, LcpImpactError):
+                    raise
+                raise FailureError(
+                    f"{self.problem.name}: no periodic orbit found from this state ({error}): begin nearer to one", None
+                ) from None
+            if there is not None and self.residual(there) < self.residual(here):
+                return there, length
+        return None
+
+    def iterates(self, here: Period, T: float) -> Iterator[tuple[Period, float]]:
+        """Yield the motion and its period after each step, until it closes or no step makes it better."""
+        while self.residual(here) > NEWTON_RTOL:
+            better = self.shortened(here, T, self.step(here, T))
+            if better is None:
+                return
+            here, T = better
+            yield better
+
+
+def shoot(
+    problem: Problem, system: System, guess: Guess, max_iter: int = MAX_NEWTON_STEPS, progress: Progress = False
+) -> PeriodicOrbit:
+    """Find an orbit by Newton's method, with steps shortened where they lead away."""
+    newton = _Newton(problem, system, guess)
+    first = newton.period(guess.X, guess.T)
+    iterates = islice(newton.iterates(first, guess.T), max_iter)
+    found = [(first, guess.T), *watched(iterates, max_iter, "Newton steps", progress)]
+    here, T = found[-1]
+    steps = len(found) - 1
+    residual = newton.residual(here)
+    if not residual <= CLOSURE_RTOL:
         raise FailureError(
             f"{problem.name}: no periodic orbit found from this state; after {steps} steps of Newton's method it misses "
-            f"itself by {size(here):.1e} of its size: begin nearer to an orbit, or with a longer transient",
+            f"itself by {residual:.1e} of its size: begin nearer to an orbit, or with a longer transient",
             None,
         )
-    return PeriodicOrbit(problem, T, forced, start, here.motion, here.M[np.ix_(free, free)], size(here), steps)
+    monodromy = here.M[np.ix_(newton.free, newton.free)]
+    return PeriodicOrbit(problem, T, guess.forced, guess.start, here.motion, monodromy, residual, steps)

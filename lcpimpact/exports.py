@@ -1,0 +1,12 @@
+"""Names that are imported when they are first used, read from the stubs that show them to type checkers."""
+
+from __future__ import annotations
+
+from os import PathLike
+
+
+def exports(stub: str | PathLike[str]) -> dict[str, str]:
+    """Return where the names of a stub come from: ``"module:name"`` for each line ``from module import name as name``."""
+    with open(stub, encoding="utf-8") as file:
+        lines = [line.split() for line in file if line.startswith("from ") and " as " in line]
+    return {name: f"{module}:{name}" for _, module, _, name, _, _ in lines}

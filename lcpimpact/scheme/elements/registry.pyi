@@ -1,0 +1,23 @@
+# The registry of elements: an element is a line here, in the order of `lcpimpact list elements`, and so has its name in
+# scheme files and in the package itself.
+# isort: skip_file
+
+from lcpimpact.scheme.elements.mass import Mass as Mass
+from lcpimpact.scheme.elements.spring import Spring as Spring
+from lcpimpact.scheme.elements.negative_spring import NegativeSpring as NegativeSpring
+from lcpimpact.scheme.elements.dashpot import Dashpot as Dashpot
+from lcpimpact.scheme.elements.kelvin_voigt import KelvinVoigt as KelvinVoigt
+from lcpimpact.scheme.elements.maxwell import Maxwell as Maxwell
+from lcpimpact.scheme.elements.zener import Zener as Zener
+from lcpimpact.scheme.elements.generalized_maxwell import GeneralizedMaxwell as GeneralizedMaxwell
+from lcpimpact.scheme.elements.spring_pot import SpringPot as SpringPot
+from lcpimpact.scheme.elements.jenkins import Jenkins as Jenkins
+from lcpimpact.scheme.elements.hertz_spring import HertzSpring as HertzSpring
+from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley as HuntCrossley
+from lcpimpact.scheme.elements.kelvin_voigt_stop import KelvinVoigtStop as KelvinVoigtStop
+from lcpimpact.scheme.elements.slider import Slider as Slider
+from lcpimpact.scheme.elements.bumper import Bumper as Bumper
+from lcpimpact.scheme.elements.rope import Rope as Rope
+from lcpimpact.scheme.elements.bar import Bar as Bar
+from lcpimpact.scheme.elements.load import Load as Load
+from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion as PrescribedMotion
