@@ -33,7 +33,7 @@ TINY = float(np.finfo(float).tiny)
 
 
 @dataclass
-class Meetings:
+class ImpactHistory:
     """When each contact met last, and the longest time in which none did.
 
     Attributes
@@ -50,7 +50,7 @@ class Meetings:
     latest: float = 0.0
 
     @classmethod
-    def none(cls, contacts: int) -> Meetings:
+    def none(cls, contacts: int) -> ImpactHistory:
         """Return that no contact has met anything."""
         return cls(np.full(contacts, -np.inf), np.zeros(contacts, dtype=np.int64))
 

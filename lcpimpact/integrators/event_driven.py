@@ -46,7 +46,7 @@ from scipy import integrate
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status, UnsupportedError
-from lcpimpact.hybrid.burst import SHORT_FLIGHT, Meetings, follow_burst, passed
+from lcpimpact.hybrid.burst import SHORT_FLIGHT, ImpactHistory, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
 from lcpimpact.hybrid.modes import Mode, Still, System, choose_mode, gaps, impact, refuse_mixed_degrees, settled, still
 from lcpimpact.hybrid.transition import arrive, happened
@@ -57,15 +57,15 @@ from lcpimpact.integrators.stepping.dense_output import (
     SINGLE_STEP_DEGREE,
     TINY,
     AtRest,
+    EventDrivenSolution,
     InBurst,
     Piece,
     Samples,
-    Solution,
     first_root,
     root_at_end,
     samples_of,
 )
-from lcpimpact.integrators.stepping.forced_modes import APART, PUSHES, SLACK, ForcedSystem, Forces, Segment
+from lcpimpact.integrators.stepping.forced_modes import APART, PUSHES, SLACK, ForcedSegment, ForcedSystem, Forces
 from lcpimpact.numbers import count, is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Grid, Record, Stats
@@ -213,9 +213,9 @@ class EventDriven(Integrator):
         low = not inputs.count and issubclass(self.solver_class, SINGLE_STEP)
         motion = SolverMotion(
             system, grid.t_end, lcp_solver, self.max_events, form.breakpoints(0.0, grid.t_end), np.abs(X),
-            method=self, events=record.events, stats=record.stats, forced=forced, solution=Solution(forced),
+            method=self, events=record.events, stats=record.stats, forced=forced, solution=EventDrivenSolution(forced),
             samples=samples_of(SINGLE_STEP_DEGREE if low else DENSE_DEGREE),
-            meetings=Meetings.none(len(d.contacts)), sizes=np.zeros(inputs.count),
+            impact_history=ImpactHistory.none(len(d.contacts)), sizes=np.zeros(inputs.count),
         )  # fmt: skip
         with refuse_undetermined(problem, self.name):
             motion.begin_segment(0.0, X, v=problem.initial_velocities)
@@ -265,18 +265,18 @@ class SolverMotion(EventLoop):
     events: list[Event]
     stats: Stats
     forced: ForcedSystem
-    solution: Solution
+    solution: EventDrivenSolution
     samples: Samples
-    meetings: Meetings
+    impact_history: ImpactHistory
     sizes: Array
     """Largest forces |w| so far (nw,)."""
-    last_segment: Segment | None = None
+    last_segment: ForcedSegment | None = None
     begun: Array = field(init=False)
     steps: Any = None
     first_step: float | None = None
 
     @property
-    def segment(self) -> Segment:
+    def segment(self) -> ForcedSegment:
         """The segment that goes on."""
         assert self.last_segment is not None
         return self.last_segment
@@ -396,8 +396,8 @@ class SolverMotion(EventLoop):
 
         Where their impacts have accumulated e is zero, and they stay closed.
         """
-        system, meetings, short = self.system, self.meetings, self.method.zeno * self.end
-        quick = meetings.quick(system, t, landing, U, self.scale, short)
+        system, impact_history, short = self.system, self.impact_history, self.method.zeno * self.end
+        quick = impact_history.quick(system, t, landing, U, self.scale, short)
         restitution = system.restitution
         if not len(landing):
             return state, restitution, quick
@@ -408,13 +408,13 @@ class SolverMotion(EventLoop):
             met = kept.u.copy()
             met[landing] = True
             state = settled(system, None, state, self.scale, replace(kept, u=met))
-        meetings.land(t, landing, short, lost)
+        impact_history.land(t, landing, short, lost)
         if not quick:
-            over = (meetings.short >= MIN_FLIGHTS) & (restitution < 1.0)
+            over = (impact_history.short >= MIN_FLIGHTS) & (restitution < 1.0)
             restitution = np.where(over, 0.0, restitution)
         return state, restitution, quick
 
-    def _burst(self, first: Segment, X: Array, short: float) -> tuple[Status, Segment, Array]:
+    def _burst(self, first: ForcedSegment, X: Array, short: float) -> tuple[Status, ForcedSegment, Array]:
         """Follow impacts that come in quick succession after X, with the forces made linear: what goes on, and its state."""
         t, forces, forced = first.t0, first.forces, self.forced
         system, grown, scale = self._linearized(t, X, forces)
@@ -425,7 +425,7 @@ class SolverMotion(EventLoop):
             self.solution.pieces.append(Piece(self._segment(each.t0, each.mode, forces), each.t0, end, dense))
         self.events += burst.events
         self.switches += len({event.t for event in burst.events})
-        self.meetings.take(burst)
+        self.impact_history.take(burst)
         self.scale = np.maximum(self.scale, forced.without_inputs(burst.scale))
         last = burst.segments[-1]
         there = forced.without_inputs(last.X)
@@ -445,7 +445,7 @@ class SolverMotion(EventLoop):
         self.sizes = np.maximum(self.sizes, np.abs(forces(t, X)))
         return self.forced.linearized(t, X, forces, self.scale, self.sizes)
 
-    def _segment(self, t: float, mode: Mode, forces: Forces) -> Segment:
+    def _segment(self, t: float, mode: Mode, forces: Forces) -> ForcedSegment:
         """Return the segment of a mode that begins at t."""
         stop = self.next_breakpoint(t)
         return self.forced.segment(mode, forces, t, min(stop, self.end), stop < math.inf)
@@ -468,7 +468,7 @@ class SolverMotion(EventLoop):
             phase[turned[0]] = turned[1]
         return phase
 
-    def _solver(self, segment: Segment, X: Array) -> Any:
+    def _solver(self, segment: ForcedSegment, X: Array) -> Any:
         """Return a solver that starts from X."""
         method, kind = self.method, self.method.solver_class
         length, A, begun = segment.end - segment.t0, segment.A, False

@@ -35,9 +35,9 @@ from lcpimpact.integrators.stepping.kernel import (
     ROOM,
     TABLE,
     Block,
-    Path,
-    Room,
-    Table,
+    StepOutput,
+    StepTable,
+    Workspace,
     add_impulses,
     add_knowns,
     choose_rows,
@@ -51,7 +51,7 @@ from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits, solve_lcp
-from lcpimpact.lcp.solver import Kernel, State
+from lcpimpact.lcp.solver import Kernel, SolverState
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, Record
 from lcpimpact.scheme.dynamics import Dynamics, Feature
@@ -60,7 +60,7 @@ from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
 
-class Impacts(NamedTuple):
+class ImpactMatrices(NamedTuple):
     """What Newton's law of impact reads, with u = C X, U = C A X, U' = C A A X + G r.
 
     Attributes
@@ -99,7 +99,7 @@ class Start(NamedTuple):
     closed: Flags
 
 
-IMPACTS: Any = named_tuple((matrix, matrix, matrix, matrix, matrix, vector, flags, f8), Impacts)
+IMPACTS: Any = named_tuple((matrix, matrix, matrix, matrix, matrix, vector, flags, f8), ImpactMatrices)
 RADAU_STATE: Any = named_tuple((vector, matrix, vector), RadauState)
 START: Any = named_tuple((vector, vector, flags), Start)
 
@@ -115,7 +115,7 @@ def row_of(M: Array, i: int, x: Array, scale: Array) -> tuple[float, float]:
 
 
 @compiled(types.boolean(IMPACTS, vector, START), allocates=False)
-def approaches(impacts: Impacts, scale: Array, start: Start) -> bool:
+def approaches(impacts: ImpactMatrices, scale: Array, start: Start) -> bool:
     """Write which contacts of relative degree 2 are closed and do not part; return whether any of them approaches."""
     approach = False
     for i in range(len(impacts.e)):
@@ -130,7 +130,7 @@ def approaches(impacts: Impacts, scale: Array, start: Start) -> bool:
 
 
 @compiled(f8(IMPACTS, i8, vector, vector))
-def fall(impacts: Impacts, i: int, x: Array, r: Array) -> float:
+def fall(impacts: ImpactMatrices, i: int, x: Array, r: Array) -> float:
     """Return U' of a contact by all forces but its own."""
     rate = 0.0
     for j in range(impacts.CAA.shape[1]):
@@ -141,7 +141,7 @@ def fall(impacts: Impacts, i: int, x: Array, r: Array) -> float:
 
 
 @compiled(types.Tuple((i8, i8, f8))(IMPACTS, vector, START, SOLVING))
-def apply_impacts(impacts: Impacts, scale: Array, start: Start, solving: Solving) -> tuple[int, int, float]:
+def apply_impacts(impacts: ImpactMatrices, scale: Array, start: Start, solving: Solving) -> tuple[int, int, float]:
     """Apply Newton's law of impact to the contacts that touch: status, iterations, residual.
 
     Changes X to that after the impacts, and writes the impulses and which contacts are closed then. A rebound that gravity
@@ -191,11 +191,11 @@ def apply_impacts(impacts: Impacts, scale: Array, start: Start, solving: Solving
 )
 def steps(
     block: Block,
-    table: Table,
-    impacts: Impacts,
+    table: StepTable,
+    impacts: ImpactMatrices,
     state: RadauState,
-    path: Path,
-    room: Room,
+    path: StepOutput,
+    room: Workspace,
     start: Start,
     solve: Kernel,
 ) -> tuple[int, int, int, int, float]:
@@ -246,17 +246,17 @@ def steps(
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class RadauRun:
     """What travels from block to block: the tabulated step, and the state that it stands at."""
 
     grid: Grid
     form: FirstOrderForm
     breakpoints: Array
-    table: Table
-    impacts: Impacts
+    table: StepTable
+    impacts: ImpactMatrices
     state: RadauState
     contacts: Dense
-    solver: State
+    solver: SolverState
     tol: float
     max_iter: int
 
@@ -326,7 +326,7 @@ class Radau(Integrator):
         """Return t_k + h, one for each step."""
         return grid.times(1, grid.steps)
 
-    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> RadauRun:
         """Write the initial state, and tabulate the step."""
         d, radau = problem.dynamics, radau_iia(self.stages)
         refuse_velocity_jumps(d, grid.t_end, self.name)
@@ -341,7 +341,9 @@ class Radau(Integrator):
         scale = moves @ moves @ scale
         solver, bounces = SOLVERS[lcp_solver], (d.relative_degree == 2) & ~d.slides
         CA, CAA = np.array(C @ A, order="C"), np.array(C @ A @ A, order="C")
-        impacts = Impacts(C.copy(), CA, CAA, np.array(CA @ B, order="C"), B.copy(), d.restitution, bounces, grid.h)
+        impacts = ImpactMatrices(
+            C.copy(), CA, CAA, np.array(CA @ B, order="C"), B.copy(), d.restitution, bounces, grid.h
+        )
         table = _tabulate(radau, d, form, grid.h)
         contacts = Dense(np.eye(1))
         if len(d.contacts):
@@ -350,7 +352,7 @@ class Radau(Integrator):
             contacts = Dense(W[np.ix_(always, always)].copy() if always.any() else W.copy())
             for each in (contacts, Dense(W.copy())):
                 solver.check(each, bool(d.slides.any()))
-        return Run(
+        return RadauRun(
             grid,
             form,
             form.breakpoints(0.0, grid.t_end),
@@ -362,10 +364,10 @@ class Radau(Integrator):
             *limits(solver, self.tol, self.max_iter),
         )
 
-    def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
+    def advance(self, carry: RadauRun, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block; after those that hold breakpoints of the signals, these are read anew."""
 
-        def run(solver: State, first: int, last: int) -> tuple[Status, int]:
+        def run(solver: SolverState, first: int, last: int) -> tuple[Status, int]:
             return self._run(carry, solver, record, first, last)
 
         t = record.t[first : last + 1]
@@ -378,7 +380,7 @@ class Radau(Integrator):
             _read_signals(carry, record, first)
         return with_fallbacks(run, carry.solver, carry.contacts, first, last) if first < last else (Status.SOLVED, last)
 
-    def _run(self, carry: Run, solver: State, record: Record, first: int, last: int) -> tuple[Status, int]:
+    def _run(self, carry: RadauRun, solver: SolverState, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take steps in compiled code, or in the interpreter where the solver lives there."""
         run: Callable[..., tuple[int, int, int, int, float]] = steps
         if not solver.compiled:
@@ -389,7 +391,7 @@ class Radau(Integrator):
             carry.table,
             carry.impacts,
             carry.state,
-            Path(record.q, record.v, record.reaction),
+            StepOutput(record.q, record.v, record.reaction),
             room_for(carry.table, 0),
             Start(np.empty(N + nc), np.empty(nc), np.empty(nc, bool)),
             solver.kernel,
@@ -398,7 +400,7 @@ class Radau(Integrator):
         return Status(code), reached
 
 
-def _read_signals(run: Run, record: Record, k: int) -> None:
+def _read_signals(run: RadauRun, record: Record, k: int) -> None:
     """Put the signals at t_k in the place of those that the last step has carried on."""
     form, N = run.form, len(run.form.A)
     X = run.state.y[:N]
@@ -418,7 +420,7 @@ def _first_forces(d: Dynamics, form: FirstOrderForm, X: Array, u: Array, lcp_sol
     return r
 
 
-def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> Table:
+def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> StepTable:
     """Return the table of a step, over what it starts from (X, the last r, 1) and r of its stages, which are one law."""
     A, B, C, D = form.A, form.B, form.C, form.D
     s, N, nc = len(radau.c), len(A), len(d.contacts)
@@ -450,7 +452,7 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> T
     # The kernel overwrites this for contacts of relative degree 2.
     one[0, : s * nc] = -1.0
     upper = np.tile(d.r_max, (1, s))
-    return Table(
+    return StepTable(
         np.vstack([known, one]),
         unknown,
         unknown[None, :, s * nc : 2 * s * nc].transpose(0, 2, 1).copy(),

@@ -37,7 +37,7 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status
-from lcpimpact.hybrid.burst import Meetings, follow_burst, passed
+from lcpimpact.hybrid.burst import ImpactHistory, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
 from lcpimpact.hybrid.modes import Mode, System, refuse_mixed_degrees
 from lcpimpact.hybrid.transition import coordinates, enter
@@ -45,9 +45,9 @@ from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.integrators.stepping.finite_elements import (
     EPS,
     Elements,
+    ElementSolution,
+    ElementTable,
     K,
-    Solution,
-    Table,
     first_crossing,
 )
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
@@ -147,7 +147,7 @@ class RadauFESD(Integrator):
         chain = ElementChain(
             system, grid.t_end, lcp_solver, self.max_events, breakpoints, np.abs(X),
             method=self, radau=radau_iia(self.stages), grid=grid, events=record.events, stats=record.stats,
-            meetings=Meetings.none(len(system.degree)),
+            impact_history=ImpactHistory.none(len(system.degree)),
         )  # fmt: skip
         with refuse_undetermined(problem, self.name):
             chain.begin_mode(0.0, X, v=problem.initial_velocities)
@@ -187,7 +187,7 @@ class RadauFESD(Integrator):
         kind = np.repeat([kinds.index(each) for each in carry.owners], [len(each) for each in carry.starts])
         kind = np.append(kind, kinds.index(carry.elements)).astype(np.int64)
         return ContinuousSolution(
-            Solution(carry.system, tuple(kinds), starts, states, kind, 8.0 * EPS * carry.end), starts
+            ElementSolution(carry.system, tuple(kinds), starts, states, kind, 8.0 * EPS * carry.end), starts
         )
 
 
@@ -205,7 +205,7 @@ class ElementChain(EventLoop):
     grid: Grid
     events: list[Event]
     stats: Stats
-    meetings: Meetings
+    impact_history: ImpactHistory
     passed: int = 0
     t: float = 0.0
     step: float = 0.0
@@ -288,7 +288,7 @@ class ElementChain(EventLoop):
             self.owners.append(self._elements(segment.mode))
         self.events += burst.events
         self.switches += burst.switches
-        self.meetings.take(burst)
+        self.impact_history.take(burst)
         self.scale = np.maximum(self.scale, burst.scale)
         last = burst.segments[-1]
         self.t = last.t0
@@ -302,8 +302,8 @@ class ElementChain(EventLoop):
         rates = self.system.dynamics.gap_rate(hits[0].left.v)
         rows = np.array([self.system.names[event.contact] for event in hits], dtype=np.int64)
         rows = rows[rates[rows] < 0.0]
-        short = self.meetings.quick(self.system, t, rows, rates, self.scale)
-        self.meetings.note(t, rows)
+        short = self.impact_history.quick(self.system, t, rows, rates, self.scale)
+        self.impact_history.note(t, rows)
         return short
 
     def _elements(self, mode: Mode) -> Elements:
@@ -400,14 +400,14 @@ class ElementChain(EventLoop):
             return Status.SOLVED, 0.0, False
         return self._accept(t, root, table), root, True
 
-    def _accurate(self, table: Table, X: Array) -> Flags:
+    def _accurate(self, table: ElementTable, X: Array) -> Flags:
         """Return whether the error estimate of elements from X (nt, N) is below rtol (nt,)."""
         if table.estimate is None or self.method.rtol is None:
             return np.ones(len(X), dtype=np.bool_)
         largest = np.maximum(np.maximum(self.scale, np.abs(X)), np.abs(X @ table.end.T))
         return np.asarray((np.abs(X @ table.estimate.T) <= self.method.rtol * largest).all(axis=1))
 
-    def _accept(self, t: float, length: float, table: Table) -> Status:
+    def _accept(self, t: float, length: float, table: ElementTable) -> Status:
         """Make an element part of the run, if its equations hold."""
         stages = table.stages @ self.X
         scale = np.maximum(self.scale, np.abs(stages[-1]))

@@ -111,7 +111,7 @@ def steps(
 
 
 @dataclass
-class Run:
+class PaperRun:
     """What travels from block to block."""
 
     system: int
@@ -162,7 +162,7 @@ class RK4Paper(Integrator):
         if self.contact not in RULES:
             raise InputError(nearest(str(self.contact), list(RULES), "contact rule"))
 
-    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> PaperRun:
         """Write the initial values, Eqs (3d), (5e), (7e)."""
         if problem.name not in COORDINATES:
             raise UnsupportedError(
@@ -180,13 +180,13 @@ class RK4Paper(Integrator):
         s = np.array([x0, float(problem.v0.get("x", 0.0)), y0, z0])
         columns = [{"x": 0, "y": 2, "z": 3}[name] for name in COORDINATES[problem.name]]
         motion, rates, reaction = (np.empty((grid.steps + 1, *shape)) for shape in ((4,), (4,), ()))
-        run = Run(int(problem.name[-1]), grid.h, p, s, columns, motion, rates, reaction)
+        run = PaperRun(int(problem.name[-1]), grid.h, p, s, columns, motion, rates, reaction)
         motion[0] = s
         reaction[0] = right_side(run.system, RULES.index(self.contact), s, p, rates[0])
         _write(run, record, 0, 0)
         return run
 
-    def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
+    def advance(self, carry: PaperRun, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block."""
         rule = RULES.index(self.contact)
         reached = steps(
@@ -206,7 +206,7 @@ class RK4Paper(Integrator):
         return (Status.SOLVED if reached == last else Status.NON_FINITE), reached
 
 
-def _write(run: Run, record: Record, first: int, last: int) -> None:
+def _write(run: PaperRun, record: Record, first: int, last: int) -> None:
     here = slice(first, last + 1)
     record.q[here] = run.motion[here][:, run.columns]
     record.v[here] = run.rates[here][:, run.columns]

@@ -15,7 +15,7 @@ from lcpimpact.lcp import SOLVERS, judge, rational
 from lcpimpact.lcp.farkas import infeasibility
 from lcpimpact.lcp.operators import Delassus, Dense, Factored, as_operator, finite_array, real_array
 from lcpimpact.lcp.problem import LCPSolution, bounds, is_plain
-from lcpimpact.lcp.solver import LCPSolver, State, matrix_free
+from lcpimpact.lcp.solver import LCPSolver, SolverState, matrix_free
 from lcpimpact.lcp.trace import Trace, traced
 from lcpimpact.numbers import count, positive
 
@@ -42,14 +42,14 @@ class PreparedLCP(NamedTuple):
     solver : LCPSolver
     operator : Delassus
     lower, upper : (n,) arrays
-    state : State               what the solver's init returned
+    state : SolverState               what the solver's init returned
     """
 
     solver: LCPSolver
     operator: Delassus
     lower: Array
     upper: Array
-    state: State
+    state: SolverState
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle what the solver was made ready for: compiled code cannot travel to another process, so it is made anew."""
@@ -91,7 +91,7 @@ class PreparedLCP(NamedTuple):
             )
         return solution
 
-    def _attempt(self, state: State, q: Array, guess: Array | None, tol: float, max_iter: int) -> LCPSolution:
+    def _attempt(self, state: SolverState, q: Array, guess: Array | None, tol: float, max_iter: int) -> LCPSolution:
         """Run one method and judge its answer."""
         W, lower, upper = state.W, self.lower, self.upper
         z, w = np.zeros(len(q)) if guess is None else guess.copy(), np.empty(len(q))

@@ -21,7 +21,7 @@ direction that proves that there is none.
 """
 
 
-class State(NamedTuple):
+class SolverState(NamedTuple):
     """A solver made ready for one matrix, as `LCPSolver.init` returns it.
 
     Attributes
@@ -71,7 +71,7 @@ class LCPSolver(ABC):
     largest: int | None = None
 
     @abstractmethod
-    def init(self, M: Delassus) -> State:
+    def init(self, M: Delassus) -> SolverState:
         """Do once what depends on M alone: choose its storage, scale it, factor it."""
 
     def check(self, M: Delassus, boxed: bool = False) -> None:
@@ -104,12 +104,12 @@ class CompiledSolver(LCPSolver):
 
     kernel: Kernel
 
-    def init(self, M: Delassus) -> State:
+    def init(self, M: Delassus) -> SolverState:
         """Return the kernel, run by the interpreter with the operator's own products where M is by its factors."""
         if M.storage == "factored" and M.storage in self.storages:
-            return State(M, matrix_free(self.kernel), False, self.name)
+            return SolverState(M, matrix_free(self.kernel), False, self.name)
         W = M.W if M.storage in self.storages else Dense(M.array()).W
-        return State(W, self.kernel, COMPILING, self.name)
+        return SolverState(W, self.kernel, COMPILING, self.name)
 
 
 @cache

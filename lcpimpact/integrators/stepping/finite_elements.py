@@ -71,7 +71,7 @@ SAMPLES = [_bernstein(DEGREE - m) for m in range(K + 1)]
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class ElementTable:
     """What an element of one length in one mode makes of the state at its start.
 
     Attributes
@@ -127,7 +127,7 @@ class Elements:
     terms: Array
     h: float
     estimated: bool
-    kept: dict[float, Table] = field(default_factory=dict)
+    kept: dict[float, ElementTable] = field(default_factory=dict)
 
     @cached_property
     def units(self) -> Array:
@@ -142,7 +142,7 @@ class Elements:
             found.append(found[-1] @ self.A)
         return np.array(found)
 
-    def table(self, length: float) -> Table:
+    def table(self, length: float) -> ElementTable:
         """Return the table of one length."""
         if length in self.kept:
             return self.kept[length]
@@ -151,7 +151,7 @@ class Elements:
             self.kept[length] = made
         return made
 
-    def _make(self, length: float) -> Table:
+    def _make(self, length: float) -> ElementTable:
         stages = self._propagators(np.array([length]))[0]
         powers = length ** np.arange(2 * K + 1)
         scaled = self.derivatives * powers[:, None, None]
@@ -164,7 +164,7 @@ class Elements:
         if self.estimated:
             half = self._propagators(np.array([0.5 * length]))[0, -1]
             estimate = stages[-1] - half @ half
-        return Table(stages, hull, size, highest, estimate)
+        return ElementTable(stages, hull, size, highest, estimate)
 
     def _propagators(self, lengths: Array) -> Array:
         """Return the matrices of the stages (nt, s, N, N)."""
@@ -186,7 +186,9 @@ class Elements:
             found[mine] = np.einsum("tij,tj->ti", ends[which[mine] - begin], X[mine])
         return found
 
-    def safe(self, table: Table, X: Array, scale: Array, zeros: Indices, ends: Indices) -> tuple[Flags, Array, Array]:
+    def safe(
+        self, table: ElementTable, X: Array, scale: Array, zeros: Indices, ends: Indices
+    ) -> tuple[Flags, Array, Array]:
         """Return whether each watched row stays positive on elements from the states X (nt, N): (nt, nw).
 
         ``zeros`` (nw,) is the order of the zero at the start, at most K, and ``ends`` (nw,) is 1 for a row with a zero at
@@ -265,7 +267,7 @@ def first_crossing(b: Array, reduced: Array, safe: Flags, zeros: Indices, noise:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class ElementSolution:
     """What elements give at any time: each begins at a state (N,), is of a kind (a mode), and ends wherever it is read."""
 
     system: System

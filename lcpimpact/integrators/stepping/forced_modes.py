@@ -86,7 +86,7 @@ class Forces:
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
+class ForcedSegment:
     """One mode from t0 on: X' = A X + E w(t0 + τ, X), with the rows c of c·(X, w, s) whose fall below zero ends it.
 
     It ends at ``end`` at the latest, which is that of the run or, where it ``breaks``, a breakpoint of the signals.
@@ -139,7 +139,7 @@ class ForcedSystem:
     system: System
     inputs: Inputs
     difference_step: float
-    known: dict[object, Segment] = field(default_factory=dict)
+    known: dict[object, ForcedSegment] = field(default_factory=dict)
 
     @property
     def added(self) -> slice:
@@ -151,14 +151,14 @@ class ForcedSystem:
         """Return a state of the system made linear without them."""
         return np.delete(X, self.added) if self.inputs.count else X
 
-    def segment(self, mode: Mode, forces: Forces, t0: float, end: float, breaks: bool) -> Segment:
+    def segment(self, mode: Mode, forces: Forces, t0: float, end: float, breaks: bool) -> ForcedSegment:
         """Return the segment of a mode that begins at t0."""
         key = mode, None if forces.phase is None else tuple(forces.phase.tolist())
         if key not in self.known:
             self.known[key] = self.course(mode, forces)
         return replace(self.known[key], t0=t0, end=end, breaks=breaks)
 
-    def course(self, mode: Mode, forces: Forces) -> Segment:
+    def course(self, mode: Mode, forces: Forces) -> ForcedSegment:
         """Return a segment of a mode, at no instant yet."""
         system, inputs = self.system, self.inputs
         flow, F = system.mode(mode)
@@ -178,7 +178,7 @@ class ForcedSystem:
             order += [0] * len(falls)
         n, reading = len(system.dynamics.nodes), system.coordinates(mode).rows.hi
         weights = np.array(rows).reshape(len(rows), len(flow.A) + inputs.count + ns)
-        return Segment(
+        return ForcedSegment(
             mode=mode, A=flow.A, E=E, forces=forces, rows=weights, order=np.array(order, dtype=np.int64), phases=springs,
             place=(reading[:n], inputs.Q + system.read[1] @ Fw), reaction=(F, Fw), velocity=reading[n : 2 * n],
         )  # fmt: skip
@@ -205,7 +205,7 @@ class ForcedSystem:
         grown = np.concatenate([X[:N], w - slope @ X[:N], X[N:]])
         return System(system.dynamics, linear), grown, np.concatenate([scale[:N], sizes, scale[N:]])
 
-    def coordinates(self, segment: Segment, τ: Array, X: Array) -> tuple[Array, Array, Array]:
+    def coordinates(self, segment: ForcedSegment, τ: Array, X: Array) -> tuple[Array, Array, Array]:
         """Return q, v and r for the states X (nt, N) at t0 + τ."""
         (place, place_w), (F, Fw), (low, high) = segment.place, segment.reaction, self.system.bounds
         if not self.inputs.count:
@@ -218,7 +218,7 @@ class ForcedSystem:
             v += np.array(rates).reshape(len(τ), -1) @ loads.T
         return q, v, np.minimum(np.maximum(X @ F.T + w @ Fw.T, low), high)
 
-    def state(self, segment: Segment, τ: float, X: Array) -> State:
+    def state(self, segment: ForcedSegment, τ: float, X: Array) -> State:
         """Return what one state means in the coordinates of the scheme."""
         q, v, r = self.coordinates(segment, np.array([τ]), X[None, :])
         return State(q[0], v[0], r[0])

@@ -44,7 +44,7 @@ SWITCHES = -1
 """Status of steps that stop where other contacts push than in the step before."""
 
 
-class Table(NamedTuple):
+class StepTable(NamedTuple):
     """A step of one length.
 
     Attributes
@@ -82,8 +82,8 @@ class StepState(NamedTuple):
     P: Array
 
 
-class Path(NamedTuple):
-    """What the steps write: q[k + 1] and v[k + 1] (n,), and the mean forces r[k] (nc,)."""
+class StepOutput(NamedTuple):
+    """Results of the steps: q[k + 1] and v[k + 1] (n,), and the mean forces r[k] (nc,)."""
 
     q: Array
     v: Array
@@ -109,8 +109,8 @@ class Block(NamedTuple):
     stops: bool
 
 
-class Room(NamedTuple):
-    """Room for what a step finds: the sums (rows,), which contacts take part in a law (nc,), their z (nc,), and s (ns,)."""
+class Workspace(NamedTuple):
+    """Arrays a step works in: sums (rows,), the active contacts of a law (nc,), their z (nc,), spring forces s (ns,)."""
 
     sums: Array
     active: Indices
@@ -118,18 +118,18 @@ class Room(NamedTuple):
     s: Array
 
 
-def room_for(table: Table, ns: int) -> Room:
+def room_for(table: StepTable, ns: int) -> Workspace:
     """Return room for the steps of a table with ns springs."""
     nc = table.W.shape[1]
-    return Room(np.zeros(table.known.shape[1]), np.zeros(nc, np.int64), np.zeros(nc), np.zeros(ns))
+    return Workspace(np.zeros(table.known.shape[1]), np.zeros(nc, np.int64), np.zeros(nc), np.zeros(ns))
 
 
-TABLE: Any = named_tuple((matrix, matrix, cube, matrix, matrix, flags, matrix), Table)
+TABLE: Any = named_tuple((matrix, matrix, cube, matrix, matrix, flags, matrix), StepTable)
 STEP_SPRINGS: Any = named_tuple((matrix, vector, f8), StepSprings)
 STEP_STATE: Any = named_tuple((vector, matrix), StepState)
-PATH: Any = named_tuple((matrix, matrix, matrix), Path)
+PATH: Any = named_tuple((matrix, matrix, matrix), StepOutput)
 BLOCK: Any = named_tuple((i8, i8, matrix, f8, i8, types.boolean), Block)
-ROOM: Any = named_tuple((vector, indices, vector, vector), Room)
+ROOM: Any = named_tuple((vector, indices, vector, vector), Workspace)
 FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC))
 
 
@@ -149,7 +149,9 @@ def add_column(sums: Array, x: float, columns: Array, j: int, first: int) -> Non
 
 
 @compiled(types.Tuple((i8, i8, f8))(TABLE, i8, vector, i8, ROOM, SOLVING), inline="always", allocates=False)
-def solve_rows(table: Table, law: int, q: Array, na: int, room: Room, solving: Solving) -> tuple[int, int, float]:
+def solve_rows(
+    table: StepTable, law: int, q: Array, na: int, room: Workspace, solving: Solving
+) -> tuple[int, int, float]:
     """Solve a law on its ``na`` active rows, from the guess in the room: status, iterations, residual."""
     W, lower, upper = table.W[law], table.lower[law], table.upper[law]
     if na < len(q):
@@ -158,7 +160,7 @@ def solve_rows(table: Table, law: int, q: Array, na: int, room: Room, solving: S
 
 
 @compiled(types.void(TABLE, i8, i8, i8, ROOM, vector), inline="always", allocates=False)
-def add_impulses(table: Table, column: int, na: int, first: int, room: Room, P: Array) -> None:
+def add_impulses(table: StepTable, column: int, na: int, first: int, room: Workspace, P: Array) -> None:
     """Add the columns of the ``na`` impulses in the room, from a row on, and keep them in P."""
     for i in range(len(P)):
         P[i] = 0.0
@@ -169,7 +171,7 @@ def add_impulses(table: Table, column: int, na: int, first: int, room: Room, P: 
 
 @compiled(types.Tuple((SPRINGS, vector, vector))(TABLE, STEP_SPRINGS, vector, i8, indices))
 def coupled_springs(
-    table: Table, springs: StepSprings, sums: Array, law: int, active: Indices
+    table: StepTable, springs: StepSprings, sums: Array, law: int, active: Indices
 ) -> tuple[Springs, Array, Array]:
     """Return the springs in a law as the active rows move them, their rates without these, and their approaches."""
     na, nc, ns = len(active), table.W.shape[1], len(springs.law)
@@ -191,10 +193,10 @@ def coupled_springs(
     types.Tuple((i8, i8, i8, f8))(TABLE, FEATURES, STEP_STATE, ROOM, types.UniTuple(i8, 2), SOLVING, SPRING_SOLVER)
 )
 def solve_features(
-    table: Table,
+    table: StepTable,
     features: tuple[StepSprings, Paths, Static],
     state: StepState,
-    room: Room,
+    room: Workspace,
     which: tuple[int, int],
     solving: Solving,
     solve_springs: SpringSolver,
@@ -238,7 +240,7 @@ def add_knowns(columns: Array, y: Array, loads: Array, k: int, sums: Array) -> N
 
 
 @compiled(i8(TABLE, i8, i8, vector, ROOM), inline="always", allocates=False)
-def choose_rows(table: Table, law: int, first: int, P: Array, room: Room) -> int:
+def choose_rows(table: StepTable, law: int, first: int, P: Array, room: Workspace) -> int:
     """Write which contacts take part in a law whose rows begin at ``first``, with P as a guess of z; return their number."""
     na, strictly = 0, table.strictly[law]
     for i in range(len(P)):
@@ -264,11 +266,11 @@ def switches(active: Indices, z: Array, P: Array) -> bool:
 )
 def steps(
     block: Block,
-    table: Table,
+    table: StepTable,
     features: tuple[StepSprings, Paths, Static],
     state: StepState,
-    path: Path,
-    room: Room,
+    path: StepOutput,
+    room: Workspace,
     solve: Kernel,
     solve_springs: SpringSolver,
 ) -> tuple[int, int, int, int, float]:

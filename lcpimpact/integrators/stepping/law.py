@@ -15,7 +15,7 @@ from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual, holds, measure
 from lcpimpact.lcp.operators import Delassus
 from lcpimpact.lcp.problem import KERNEL
-from lcpimpact.lcp.solver import Kernel, State
+from lcpimpact.lcp.solver import Kernel, SolverState
 
 SOLVED, INACCURATE, NON_FINITE = int(Status.SOLVED), int(Status.INACCURATE), int(Status.NON_FINITE)
 
@@ -135,7 +135,11 @@ def no_springs(
 
 
 def with_fallbacks(
-    run: Callable[[State, int, int], tuple[Status, int]], solver: State, contacts: Delassus, first: int, last: int
+    run: Callable[[SolverState, int, int], tuple[Status, int]],
+    solver: SolverState,
+    contacts: Delassus,
+    first: int,
+    last: int,
 ) -> tuple[Status, int]:
     """Take steps by ``run(solver, first, last)``; one whose LCP is not solved is tried by those the solver falls back on."""
     status, reached = run(solver, first, last)

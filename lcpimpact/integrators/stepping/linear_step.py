@@ -27,14 +27,23 @@ from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import interpreted
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
-from lcpimpact.integrators.stepping.kernel import SWITCHES, Block, Path, StepSprings, StepState, Table, room_for, steps
+from lcpimpact.integrators.stepping.kernel import (
+    SWITCHES,
+    Block,
+    StepOutput,
+    StepSprings,
+    StepState,
+    StepTable,
+    room_for,
+    steps,
+)
 from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_law
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits, solve_lcp
-from lcpimpact.lcp.solver import State
+from lcpimpact.lcp.solver import SolverState
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics
 
@@ -179,22 +188,22 @@ class Tabulated:
 
     Attributes
     ----------
-    table : Table                       what the kernel reads
+    table : StepTable                       what the kernel reads
     features : tuple                    springs, impulse paths and static coordinates
     springs : callable                  the Newton solver of the springs
     loads : callable                    the loads of the steps between instants, one row a step
     contacts : Dense                    the matrix of the first law
-    solver : State                      the LCP solver that was made ready for it
+    solver : SolverState                      the LCP solver that was made ready for it
     tol, max_iter : float, int          its tolerance and limit of iterations
     at_switches : Tabulated, optional   the step to take in place of one in which contacts begin or cease to push
     """
 
-    table: Table
+    table: StepTable
     features: tuple[StepSprings, Paths, Static]
     springs: SpringSolver
     loads: Callable[[Array], Array]
     contacts: Dense
-    solver: State
+    solver: SolverState
     tol: float
     max_iter: int
     at_switches: Tabulated | None
@@ -300,7 +309,7 @@ class LinearStep(TimeStepping[Tabulated]):
         return np.diff(y, axis=0) / h
 
     def run(
-        self, step: Tabulated, solver: State, record: Record, times: Array, first: int, state: StepState
+        self, step: Tabulated, solver: SolverState, record: Record, times: Array, first: int, state: StepState
     ) -> tuple[Status, int]:
         """Take steps, and those in which contacts begin or cease to push by the other method, where there is one."""
         k, last = first, first + len(times) - 1
@@ -313,7 +322,7 @@ class LinearStep(TimeStepping[Tabulated]):
         return Status.SOLVED, last
 
     def _steps(
-        self, step: Tabulated, solver: State, record: Record, times: Array, first: int, state: StepState
+        self, step: Tabulated, solver: SolverState, record: Record, times: Array, first: int, state: StepState
     ) -> tuple[int, int]:
         """Take steps in compiled code, or in the interpreter where the solver lives there."""
         kernel: Callable[..., tuple[int, int, int, int, float]] = steps
@@ -323,7 +332,7 @@ class LinearStep(TimeStepping[Tabulated]):
             kernel, springs = interpreted(steps, solve_law=law), interpreted(springs, solve_law=law)
         last, stops = first + len(times) - 1, step.at_switches is not None
         block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops)
-        path, room = Path(record.q, record.v, record.reaction), room_for(step.table, len(step.features[0].law))
+        path, room = StepOutput(record.q, record.v, record.reaction), room_for(step.table, len(step.features[0].law))
         code, reached, iterations, newton, residual = kernel(
             block, step.table, step.features, state, path, room, solver.kernel, springs
         )
@@ -345,7 +354,7 @@ def varying_loads(d: Dynamics) -> Flags:
     return np.isin(np.arange(len(d.nodes)), [i for i, load in d.loads if callable(load)])
 
 
-def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tuple[Table, StepSprings]:
+def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tuple[StepTable, StepSprings]:
     """Return what the kernel reads of a step."""
     d, N = y.dynamics, y.dynamics.directions
     threshold = np.where(d.slides, d.r_max, 0.0)
@@ -368,7 +377,7 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
     unknown = np.vstack([each for pair in zip(y.P, y.s, strict=True) for each in pair])
     W = np.array([law.L @ P.T for law, P in zip(step.laws, y.P, strict=True)])
     near = np.array([REST_GAP * h * np.diag(each) * (not law.strictly) for each, law in zip(W, step.laws, strict=True)])
-    table = Table(
+    table = StepTable(
         columns[:known],
         unknown @ columns,
         W,

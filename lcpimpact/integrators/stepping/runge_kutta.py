@@ -47,7 +47,7 @@ from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits
 from lcpimpact.lcp.solver import Kernel
-from lcpimpact.lcp.solver import State as Solver
+from lcpimpact.lcp.solver import SolverState as Solver
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Grid, Record, State, Stats

@@ -17,7 +17,7 @@ from lcpimpact.integrators.stepping.law import with_fallbacks
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits
-from lcpimpact.lcp.solver import State
+from lcpimpact.lcp.solver import SolverState
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, Record, Stats
@@ -35,7 +35,7 @@ class Prepared(Protocol):
         """The matrix of the LCP."""
 
     @property
-    def solver(self) -> State:
+    def solver(self) -> SolverState:
         """The solver that was made ready for it."""
 
 
@@ -43,7 +43,7 @@ S = TypeVar("S", bound=Prepared)
 
 
 @dataclass(frozen=True, eq=False)
-class Run(Generic[S]):
+class SteppingRun(Generic[S]):
     """What travels from block to block: the state, the steps by how often dt is halved, and who halves them."""
 
     dynamics: Dynamics
@@ -112,7 +112,7 @@ class TimeStepping(Integrator, Generic[S]):
 
     @abstractmethod
     def run(
-        self, step: S, solver: State, record: Record, times: Array, first: int, state: StepState
+        self, step: S, solver: SolverState, record: Record, times: Array, first: int, state: StepState
     ) -> tuple[Status, int]:
         """Take the steps between the times, the first of which has the index ``first`` in the record; leave the state."""
 
@@ -122,7 +122,7 @@ class TimeStepping(Integrator, Generic[S]):
         t += self.reaction_at * grid.h
         return t
 
-    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run[S]:
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> SteppingRun[S]:
         """Write the initial state and the motions that are given, and prepare the step."""
         if grid.h > LONGEST_STEP:
             raise InputError(
@@ -132,7 +132,9 @@ class TimeStepping(Integrator, Generic[S]):
         record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
         record.q[0, d.driven], record.v[0, d.driven] = d.motion(0.0)
         y = self.begin(d, record.q[0], record.v[0], grid.h)
-        run = Run(d, grid, lcp_solver, self.first_state(d, y, grid.h), {0: self.prepare(d, grid.h, lcp_solver)}, None)
+        run = SteppingRun(
+            d, grid, lcp_solver, self.first_state(d, y, grid.h), {0: self.prepare(d, grid.h, lcp_solver)}, None
+        )
         if self.rtol is None:
             return run
 
@@ -141,18 +143,18 @@ class TimeStepping(Integrator, Generic[S]):
 
         return replace(run, halving=Halving(take, grid.h, self.rtol, d.massive, overlap(d), y))
 
-    def advance(self, carry: Run[S], record: Record, first: int, last: int) -> tuple[Status, int]:
+    def advance(self, carry: SteppingRun[S], record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block."""
         if carry.halving:
             return carry.halving.advance(carry.grid, first, last)
         return self._block(carry.steps[0], record, carry.grid.times(first, last), first, carry.state)
 
-    def finish(self, carry: Run[S], record: Record) -> None:
+    def finish(self, carry: SteppingRun[S], record: Record) -> None:
         """Put the steps that were halved in place of the grid."""
         if carry.halving:
             carry.halving.write(record, self.reaction_at)
 
-    def _take(self, carry: Run[S], stats: Stats, level: int, t: float, y: Array) -> tuple[Status, Array, Array]:
+    def _take(self, carry: SteppingRun[S], stats: Stats, level: int, t: float, y: Array) -> tuple[Status, Array, Array]:
         """Take one step of length h/2^level from y at t."""
         d, h = carry.dynamics, carry.grid.h / 2**level
         if level not in carry.steps:
@@ -166,7 +168,7 @@ class TimeStepping(Integrator, Generic[S]):
     def _block(self, step: S, record: Record, times: Array, first: int, state: StepState) -> tuple[Status, int]:
         """Take the steps between the times; one whose LCP is not solved is tried by the solvers to fall back on."""
 
-        def run(solver: State, begin: int, end: int) -> tuple[Status, int]:
+        def run(solver: SolverState, begin: int, end: int) -> tuple[Status, int]:
             return self.run(step, solver, record, times[begin - first : end - first + 1], begin, state)
 
         return with_fallbacks(run, step.solver, step.contacts, first, first + len(times) - 1)

@@ -21,7 +21,7 @@ from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.pivoting import (
     REFRESHES,
     THRESHOLD,
-    Tableau,
+    PivotTableau,
     advance,
     direction_of,
     ends_before,
@@ -133,7 +133,7 @@ def next_row(rows: Rows) -> int:
 
 
 @compiled(types.boolean(tableau_type, rows_type, f8))
-def all_settled(tableau: Tableau, rows: Rows, tiny: float) -> bool:
+def all_settled(tableau: PivotTableau, rows: Rows, tiny: float) -> bool:
     """Find out anew which rows are settled, and return whether all are."""
     _, x, y, free, _, _, _ = tableau
     low, high, settled, _, _ = rows
@@ -146,7 +146,7 @@ def all_settled(tableau: Tableau, rows: Rows, tiny: float) -> bool:
 
 
 @compiled(types.void(tableau_type, rows_type, i8), inline="always")
-def settle(tableau: Tableau, rows: Rows, r: int) -> None:
+def settle(tableau: PivotTableau, rows: Rows, r: int) -> None:
     """Make row r, which is on its staircase to rounding, free between its bounds, and put it there without it."""
     T, x, y, free, _, _, _ = tableau
     if T[r, r] > THRESHOLD and free[r] != (rows.low[r] < pair(x[r], y[r], free[r])[0] < rows.high[r]):
@@ -156,7 +156,7 @@ def settle(tableau: Tableau, rows: Rows, r: int) -> None:
 
 
 @compiled(types.void(tableau_type, rows_type, types.boolean, f8), inline="always")
-def guard(tableau: Tableau, rows: Rows, everyone: bool, tiny: float) -> None:
+def guard(tableau: PivotTableau, rows: Rows, everyone: bool, tiny: float) -> None:
     """Set the staircases of the settled rows, or of everyone, each at the height where it is."""
     _, x, y, free, _, _, _ = tableau
     low, high, settled, _, step = rows
@@ -170,7 +170,7 @@ def guard(tableau: Tableau, rows: Rows, everyone: bool, tiny: float) -> None:
 
 
 @compiled(types.Tuple((f8, i8, i8))(tableau_type, rows_type, i8, i8, types.boolean), inline="always")
-def next_event(tableau: Tableau, rows: Rows, r: int, sign: int, first: bool) -> tuple[float, int, int]:
+def next_event(tableau: PivotTableau, rows: Rows, r: int, sign: int, first: bool) -> tuple[float, int, int]:
     """Return how far x_r moves along ``sign``, the row that ends this or NONE, and where row r meets its staircase.
 
     A row that follows no staircase but is free has its w fixed, and z within bounds. Of rows that end the motion together
@@ -197,7 +197,7 @@ def next_event(tableau: Tableau, rows: Rows, r: int, sign: int, first: bool) -> 
 
 
 @compiled(i8(tableau_type, rows_type, i8, i8), inline="always")
-def meet(tableau: Tableau, rows: Rows, r: int, end: int) -> int:
+def meet(tableau: PivotTableau, rows: Rows, r: int, end: int) -> int:
     """Put row r on its staircase, at a bound or between them; return how many pairs were exchanged for it."""
     T, x, y, free, _, _, _ = tableau
     bound = rows.low[r] if end == LOWER else rows.high[r]
@@ -210,7 +210,7 @@ def meet(tableau: Tableau, rows: Rows, r: int, end: int) -> int:
 
 @compiled(types.UniTuple(i8, 2)(tableau_type, rows_type, i8, i8, vector, indices, i8, i8), inline="always")
 def drive(
-    tableau: Tableau, rows: Rows, r: int, sign: int, z: Array, basis: Indices, count: int, max_iter: int
+    tableau: PivotTableau, rows: Rows, r: int, sign: int, z: Array, basis: Indices, count: int, max_iter: int
 ) -> tuple[int, int]:
     """Move x_r along ``sign`` until row r meets its staircase; rows that come to a corner on the way change sides.
 

@@ -65,7 +65,7 @@ class Slacks(NamedTuple):
 slacks_type = types.NamedTuple((indices, vector, vector, vector, vector, vector), Slacks)
 
 
-class System(NamedTuple):
+class NewtonSystem(NamedTuple):
     """K = N + diag(barrier), a barrier of inf fixing its row, and its factor.
 
     Attributes
@@ -81,7 +81,7 @@ class System(NamedTuple):
     barrier: Array
 
 
-system_type = types.NamedTuple((types.boolean, matrix, vector, vector), System)
+system_type = types.NamedTuple((types.boolean, matrix, vector, vector), NewtonSystem)
 
 
 @compiled(slacks_type(vector, vector, vector))
@@ -139,7 +139,7 @@ def read(problem: Scaled, slacks: Slacks, lower: Array, upper: Array, x: Array, 
 
 
 @compiled(types.boolean(matrix, system_type, vector), inline="always")
-def factor_solve(N: Array, system: System, d: Array) -> bool:
+def factor_solve(N: Array, system: NewtonSystem, d: Array) -> bool:
     """Overwrite d with K⁻¹ d, and A with the factor of K; return False if it is singular.
 
     A rounding is added to the diagonal, so that redundant rows do no harm.
@@ -201,7 +201,14 @@ def mean_product(s: Array, force: Array, ds: Array, df: Array, length: float) ->
 
 @compiled(types.boolean(scaled_type, slacks_type, system_type, vector, vector, f8, f8, types.boolean), inline="always")
 def newton_step(
-    problem: Scaled, slacks: Slacks, system: System, r: Array, d: Array, target: float, correction: float, first: bool
+    problem: Scaled,
+    slacks: Slacks,
+    system: NewtonSystem,
+    r: Array,
+    d: Array,
+    target: float,
+    correction: float,
+    first: bool,
 ) -> bool:
     """Set d, ds and df to the step towards s λ = target, less ``correction`` times the product of the steps before.
 
@@ -230,7 +237,7 @@ def newton_step(
 
 @compiled(f8(scaled_type, slacks_type, system_type, vector, vector, f8, f8), inline="always")
 def predict_correct(
-    problem: Scaled, slacks: Slacks, system: System, r: Array, d: Array, mu: float, error: float
+    problem: Scaled, slacks: Slacks, system: NewtonSystem, r: Array, d: Array, mu: float, error: float
 ) -> float:
     """Set d, ds and df to the step from μ and |r| = error, and return its length, -1 if K is singular."""
     _, _, s, force, ds, df = slacks
@@ -276,7 +283,7 @@ def interior_point(
     N, p, low, high, unit = problem
     slacks = start(low, high, x)
     _, _, s, force, ds, df = slacks
-    system = System(is_symmetric(W), np.empty((n, n)), np.empty(n), np.empty(n))
+    system = NewtonSystem(is_symmetric(W), np.empty((n, n)), np.empty(n), np.empty(n))
     length = 1.0
     for step in range(1, max_iter + 1):
         error = residual(problem, slacks, x, r)

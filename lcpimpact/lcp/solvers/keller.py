@@ -16,7 +16,7 @@ from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.pivoting import (
     REFRESHES,
     THRESHOLD,
-    Tableau,
+    PivotTableau,
     advance,
     direction_of,
     ends_before,
@@ -40,7 +40,7 @@ HELD = -2.0
 
 
 @compiled(i8(tableau_type, f8))
-def most_negative(tableau: Tableau, tiny: float) -> int:
+def most_negative(tableau: PivotTableau, tiny: float) -> int:
     """Return the pair with the most negative member, or NONE if none is negative beyond rounding."""
     r, least = NONE, -tiny
     for i in range(len(tableau.x)):
@@ -76,7 +76,7 @@ def ratio_test(T: Array, x: Array, y: Array, r: int, tiny: float, first: bool) -
 
 @compiled(types.UniTuple(i8, 2)(tableau_type, i8, f8, vector, indices, i8, i8))
 def drive(
-    tableau: Tableau, r: int, tiny: float, z: Array, basis: Indices, count: int, max_iter: int
+    tableau: PivotTableau, r: int, tiny: float, z: Array, basis: Indices, count: int, max_iter: int
 ) -> tuple[int, int]:
     """Let x_r grow until the negative member of its pair is zero; pairs whose y ends this on the way are exchanged.
 

@@ -22,7 +22,7 @@ from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.operators import Delassus, Dense, Property
 from lcpimpact.lcp.polish import polish
 from lcpimpact.lcp.problem import FREE, LOWER
-from lcpimpact.lcp.solver import Kernel, LCPSolver, State
+from lcpimpact.lcp.solver import Kernel, LCPSolver, SolverState
 
 SOLVED, RAY, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.MAX_ITER)
 
@@ -35,9 +35,9 @@ unsolvable; for the basis that is found it is taken away again."""
 class NNLS(LCPSolver):
     """Least squares with a factor of M."""
 
-    def init(self, M: Delassus) -> State:
+    def init(self, M: Delassus) -> SolverState:
         """Scale M to a unit diagonal and factor it, by Cholesky or, if it is singular, by its eigenvalues."""
-        return State(M.W, self._kernel(M), False, self.name)
+        return SolverState(M.W, self._kernel(M), False, self.name)
 
     def _kernel(self, operator: Delassus) -> Kernel:
         from scipy.linalg import solve_triangular

@@ -25,7 +25,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
 from lcpimpact.lcp.operators import Delassus, Dense, Property
 from lcpimpact.lcp.problem import is_plain
-from lcpimpact.lcp.solver import Kernel, LCPSolver, State
+from lcpimpact.lcp.solver import Kernel, LCPSolver, SolverState
 from lcpimpact.registry import nearest
 
 SOLVED, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.UNDECIDED), int(Status.MAX_ITER)
@@ -99,9 +99,9 @@ class QPSolver(LCPSolver):
     form: str
     call: Backend
 
-    def init(self, M: Delassus) -> State:
+    def init(self, M: Delassus) -> SolverState:
         """Scale the matrices once, and return a kernel for many q."""
-        return State(M.W, self._kernel(M), False, self.name)
+        return SolverState(M.W, self._kernel(M), False, self.name)
 
     def _kernel(self, operator: Delassus) -> Kernel:
         dual = self.form == "dual"

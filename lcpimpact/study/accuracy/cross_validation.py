@@ -44,10 +44,10 @@ from lcpimpact.study.accuracy.limits import FRICTION, IMPACT, JUMP, declared_ord
 from lcpimpact.study.accuracy.paired_events import Pairing, farthest, pair_events
 from lcpimpact.study.accuracy.routes import (
     RATIO,
-    Found,
     Given,
     Reading,
     Route,
+    RouteResult,
     by_label,
     default_routes,
     make_route,
@@ -230,7 +230,7 @@ def cross_validate(
         raise InputError(f"tol = {tol!r} must be a number between 0 and 1, relative to the size of the motion")
     counts = step_counts(float(end), dt)
     given = by_label(default_routes(problem) if routes is None else routes)
-    found: dict[str, Found] = {}
+    found: dict[str, RouteResult] = {}
     missing: dict[str, Missing] = {}
     for label, what in watched(given.items(), len(given), "routes", progress):
         route = make_route(problem, label, what, counts, float(end))
@@ -253,7 +253,7 @@ class Missing:
 def _judged(
     problem: Problem,
     given: Mapping[str, Given],
-    found: Mapping[str, Found],
+    found: Mapping[str, RouteResult],
     missing: Mapping[str, Missing],
     t_end: float,
     tol: float,
@@ -295,14 +295,14 @@ class Judge:
     Parameters
     ----------
     problem : Problem
-    found : mapping of str to Found
+    found : mapping of str to RouteResult
     t_end : float
         In s.
     tol : float
         Relative to the size of the motion.
     """
 
-    def __init__(self, problem: Problem, found: Mapping[str, Found], t_end: float, tol: float) -> None:
+    def __init__(self, problem: Problem, found: Mapping[str, RouteResult], t_end: float, tol: float) -> None:
         self.problem, self.t_end, self.found = problem, t_end, found
         massive = problem.dynamics.massive
         self.judged: Flags = massive if massive.any() else ~massive
@@ -384,19 +384,19 @@ class Judge:
             jumps = len(self.limits) > 1 and not self.problem.dynamics.massive.any()
         return min(order, 1.0 if jumps else 2.0)
 
-    def _estimates(self, found: Found) -> dict[str, float]:
+    def _estimates(self, found: RouteResult) -> dict[str, float]:
         """Return E, the error that the runs of a route tell of the finest, for each quantity."""
         E = {quantity: self._estimate(found, quantity) for quantity in (COORDINATES, VELOCITIES, FORCES)}
         if found.finest.events is not None:
             E |= self._event_estimates(found)
         return {quantity: E[quantity] for quantity in self.quantities if not math.isnan(E.get(quantity, math.nan))}
 
-    def _differences(self, found: Found, quantity: str) -> Array:
+    def _differences(self, found: RouteResult, quantity: str) -> Array:
         """Return what each run differs by from the next finer one."""
         pairs = zip(found.readings, found.readings[1:], strict=False)
         return np.array([self.apart(quantity, coarse, fine) for coarse, fine in pairs])
 
-    def _estimate(self, found: Found, quantity: str) -> float:
+    def _estimate(self, found: RouteResult, quantity: str) -> float:
         """Return E for coordinates, velocities or forces, NaN where the route does not tell them."""
         if found.route.kind == "exact":
             return self.apart(quantity, found.finest, found.finest)
@@ -415,7 +415,7 @@ class Judge:
         C = max(d / (a**p - b**p) for d, a, b in zip(D, h, h[1:], strict=False))
         return float(C * h[-1] ** p)
 
-    def _event_estimates(self, found: Found) -> dict[str, float]:
+    def _event_estimates(self, found: RouteResult) -> dict[str, float]:
         """Return E for the times of events and for impulses, of the last two runs.
 
         A run that does not locate events knows them to the step, and across impacts with the order 1.
@@ -435,7 +435,7 @@ class Judge:
         window = FACTOR * (1.0 + RATIO) * E
         return {TIMES: E, IMPULSES: _first_order([pair_events(*p, window, self.t_end, 0.0).impulse for p in pairs], h)}
 
-    def observed(self, found: Found, quantity: str = COORDINATES) -> float:
+    def observed(self, found: RouteResult, quantity: str = COORDINATES) -> float:
         """Return the slope of log D over log h in a route's own refinement, NaN where it tells none.
 
         Left out are differences that are rounding, and steps that are long beside the fastest vibration: half of a bar's
@@ -454,10 +454,10 @@ class Judge:
         last = 2 if high else len(D)
         return float(np.polyfit(np.log(h[clear][-last:]), np.log(D[clear][-last:]), 1)[0])
 
-    def _expected(self, found: Found) -> float:
+    def _expected(self, found: RouteResult) -> float:
         return self.declared(found.route) if found.route.kind == "steps" else math.nan
 
-    def slow(self, found: Found, quantity: str) -> bool:
+    def slow(self, found: RouteResult, quantity: str) -> bool:
         """Whether a route converges more slowly than it declares; if it declares nothing, whether it converges at all."""
         declared = self.declared(found.route, quantity)
         declared = 1.0 if math.isnan(declared) else declared
@@ -494,7 +494,7 @@ class Judge:
             and bool(self._doubtful_order(found, COORDINATES))
         )
 
-    def _doubtful_order(self, found: Found, quantity: str) -> str:
+    def _doubtful_order(self, found: RouteResult, quantity: str) -> str:
         """Return why the refinement of a route does not bear out its estimate, "" where it does."""
         D, observed = self._differences(found, quantity), self.observed(found, quantity)
         if self.slow(found, quantity):
@@ -697,7 +697,7 @@ class Judge:
             told = f"told by one family alone, {families.pop()}"
         return f"{quantity} are {told}" + (f"; not by {', '.join(doubted)}" if doubted else "")
 
-    def _same_steps(self, found: Found) -> dict[str, Any]:
+    def _same_steps(self, found: RouteResult) -> dict[str, Any]:
         """Compare a solver with the same steps by another."""
         route = found.route
         for label, other in self.found.items():

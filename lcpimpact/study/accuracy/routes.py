@@ -102,7 +102,7 @@ class Route:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class RouteResult:
     """What the runs of a route gave: a reading of each level that ran, and the finest trajectory."""
 
     route: Route
@@ -190,7 +190,7 @@ def make_route(problem: Problem, label: str, what: Given, counts: tuple[int, ...
     return _by_closed_form(problem, label, what, counts, t_end)
 
 
-def take(route: Route) -> Found:
+def take(route: Route) -> RouteResult:
     """Run a route with all its levels; coarse ones may fail, and the finest may not.
 
     Raises
@@ -217,7 +217,7 @@ def take(route: Route) -> Found:
             readings.append(reading)
         elif last:
             raise FailureError(f"{route.label!r} grew beyond all bounds: take a smaller dt", finest)
-    return Found(route, tuple(levels), tuple(readings), finest)
+    return RouteResult(route, tuple(levels), tuple(readings), finest)
 
 
 def _by_closed_form(problem: Problem, label: str, motion: ClosedForm, counts: tuple[int, ...], t_end: float) -> Route:
