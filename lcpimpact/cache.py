@@ -25,11 +25,11 @@ SIGNATURE = (
 
 DAY = 86_400.0
 
-KEPT = 3
-"""Number of folders of other sources that are kept, however old."""
+MAX_FOLDERS = 3
+"""Number of folders of other versions that are kept, however old."""
 
-UNUSED = 30.0 * DAY
-"""Time without use after which a folder may go [s]: no process still needs it."""
+MAX_IDLE = 30.0 * DAY
+"""Time without use after which a folder is removed [s]."""
 
 
 def base() -> Path:
@@ -88,9 +88,9 @@ def folders() -> list[Path]:
 def remove_unused() -> None:
     """Remove folders of other sources that were not used for long, but for the newest few."""
     others = [each for each in folders() if each != folder()]
-    for each in others[KEPT:]:
+    for each in others[MAX_FOLDERS:]:
         with suppress(OSError):  # gone meanwhile, or not ours to remove
-            if time.time() - (each / TAG).stat().st_mtime > UNUSED:
+            if time.time() - (each / TAG).stat().st_mtime > MAX_IDLE:
                 remove(each)
 
 

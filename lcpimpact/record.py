@@ -10,7 +10,7 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags
 
 SLIPS = 1e-6
-"""A slider whose force is this near its threshold, relative to it, slips: a solver that iterates ends near it."""
+"""Distance of a slider force from its threshold, relative to it, below which the slider slips."""
 
 
 @dataclass(frozen=True)

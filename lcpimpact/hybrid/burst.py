@@ -20,14 +20,16 @@ from lcpimpact.errors import Status
 from lcpimpact.hybrid.event_loop import EventLoop, follow
 from lcpimpact.hybrid.modes import ZERO, Mode, System, settled
 from lcpimpact.hybrid.motion import Motion, Segment, begin
-from lcpimpact.problems.base import GIVEN_ZERO
+from lcpimpact.problems.base import GIVEN_ZERO_RTOL
 
-SHORT_FLIGHT = 1e-6
-"""Flights shorter than this part of the longest one of the run are short."""
+SHORT_FLIGHT_RTOL = 1e-6
+"""Duration below which a flight is short, relative to the longest of the run."""
 
-GAP_RESOLUTION, LONG_FLIGHT = 1e8 * float(np.finfo(float).eps), 0.1
-"""They are so, too, where less than eight digits of a gap are known; but above that part of the longest one they are not."""
+GAP_RTOL = 1e8 * float(np.finfo(float).eps)
+"""Gap, relative to its terms, known to eight digits; flights too low for it are short, too."""
 
+LONG_FLIGHT_RTOL = 0.1
+"""Duration above which no flight is short, relative to the longest of the run."""
 
 TINY = float(np.finfo(float).tiny)
 
@@ -81,8 +83,10 @@ class ImpactHistory:
         others[rows] = False
         if not len(rows) or not others.any():
             return 0.0
-        rounding = GAP_RESOLUTION * (np.abs(system.matrices[2][rows]) @ scale) / np.maximum(-rates[rows], TINY)
-        short = max(least, SHORT_FLIGHT * self.longest, min(float(rounding.min()), LONG_FLIGHT * self.longest))
+        rounding = GAP_RTOL * (np.abs(system.matrices[2][rows]) @ scale) / np.maximum(-rates[rows], TINY)
+        short = max(
+            least, SHORT_FLIGHT_RTOL * self.longest, min(float(rounding.min()), LONG_FLIGHT_RTOL * self.longest)
+        )
         return short if (t - self.last[others] < short).any() else 0.0
 
 
@@ -102,7 +106,7 @@ def follow_burst(
     """
     state = settled(system, mode, X, scale)
     # What is zero in these floats is so to their rounding, and not to that of a root.
-    size = np.maximum(np.abs(X.hi), GIVEN_ZERO / ZERO * scale)
+    size = np.maximum(np.abs(X.hi), GIVEN_ZERO_RTOL / ZERO * scale)
     end, left = min(t + 2.0 * short, run.end), max(run.max_events - run.switches, 1)
     motion = begin(system, state.hi, end, t, run.solver, left, scale=size)
     motion.scale = np.maximum(motion.scale, scale)

@@ -34,32 +34,36 @@ from lcpimpact.hybrid.modes import (
 )
 from lcpimpact.hybrid.state_jump import enter_constraint
 from lcpimpact.hybrid.transition import enter, parted, state_of
-from lcpimpact.problems.base import GIVEN_ZERO, Problem
+from lcpimpact.problems.base import GIVEN_ZERO_RTOL, Problem
 from lcpimpact.record import Event
 from lcpimpact.scheme.dynamics import Dynamics
 
 END_RTOL = 4.0 * float(np.finfo(float).eps)
-"""An event this little after the end, relative to it, is one at the end, which is a float."""
+"""Delay of an event after the end, relative to it, below which the event is at the end."""
 
-COLLAPSE_RTOL, GAP_RESOLUTION, REST_RTOL, BENDING_RTOL, MAX_COLLAPSE_IMPACTS = (
-    2.0**-40,
-    2.0**-65,
-    2.0**-76,
-    1e-6,
-    10_000,
-)
-"""For impacts whose order is lost in rounding: the distance in time to the impact before, relative to the time, below which
-they are followed although forces bend the flights; the gap, relative to its terms, below which it has fewer than nine
-digits; the rate, likewise, below which plates are at rest; the change of a rate by forces, relative to it, above which
-forces bend the flights; and the maximum number of impacts."""
+COLLAPSE_RTOL = 2.0**-40
+"""Time since the last impact, relative to the time, below which impacts of unresolved order are followed even if forces
+deflect the flights."""
+
+GAP_RESOLUTION = 2.0**-65
+"""Gap, relative to its terms, below which it has fewer than nine digits."""
+
+REST_RTOL = 2.0**-76
+"""Gap rate, relative to its terms, below which a contact is at rest."""
+
+DEFLECTION_RTOL = 1e-6
+"""Relative change of a gap rate by forces above which they deflect a flight."""
+
+MAX_COLLAPSE_IMPACTS = 10_000
+"""Maximum number of impacts of unresolved order."""
 
 MIN_CUTS, MAX_CUTS = 4_000, 100_000
-"""Numbers of instants that resolve each segment, and the whole motion, well enough for its balances."""
+"""Numbers of instants at which a segment, and the whole motion, is sampled for the energy balance."""
 
-RECENT_FLIGHTS, MIN_FLIGHTS, SHORT_FLIGHT, SLOW_IMPACT = 64, 3, 2.0**-52, 1e-12
-"""Impacts accumulate after MIN_FLIGHTS consecutive flights, each shorter than SHORT_FLIGHT times the time passed, with
-approach rates below SLOW_IMPACT times the largest velocities. Contacts that met within RECENT_FLIGHTS such flights
-accumulate together."""
+RECENT_FLIGHTS, MIN_FLIGHTS, LAST_FLIGHT_RTOL, SLOW_IMPACT_RTOL = 64, 3, 2.0**-52, 1e-12
+"""Impacts accumulate after MIN_FLIGHTS consecutive flights, each shorter than LAST_FLIGHT_RTOL times the time passed, with
+approach rates below SLOW_IMPACT_RTOL times the largest velocities. Contacts with an impact within RECENT_FLIGHTS such
+flights accumulate together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +143,7 @@ class Motion(EventLoop):
         """Begin the next segment, with all digits of the next event."""
         t, row, X = self.next_event
         # At a breakpoint the signals are floats anew, and so is what they decide.
-        _begin_segment(self, t, X, row, GIVEN_ZERO if ending.breakpoint else FINE_ZERO)
+        _begin_segment(self, t, X, row, GIVEN_ZERO_RTOL if ending.breakpoint else FINE_ZERO)
         return Status.SOLVED
 
 
@@ -164,7 +168,7 @@ def begin(
     X = np.where(np.arange(len(X)) == system.form.constant, 1.0, X)
     next_event = (DoubleDouble.of(np.inf), none, DoubleDouble.of(X))
     motion = Motion(system, end, solver, max_events, breakpoints, size, next_event, impacts=never, short=short)
-    _begin_segment(motion, t, DoubleDouble.of(X), none, GIVEN_ZERO if scale is None else ZERO, v)
+    _begin_segment(motion, t, DoubleDouble.of(X), none, GIVEN_ZERO_RTOL if scale is None else ZERO, v)
     return motion
 
 
@@ -210,7 +214,7 @@ def _begin_segment(
         first, known = resolved
         motion.switches -= len(motion.segments)
         del motion.segments[first + 1 :]
-        t, X, held = _collapse(motion, t, REST_RTOL if known else SLOW_IMPACT)
+        t, X, held = _collapse(motion, t, REST_RTOL if known else SLOW_IMPACT_RTOL)
         motion.collapsed, zero = len(motion.segments), FINE_ZERO
         motion.switches += len(motion.segments)
     before = motion.segments[-1].mode if motion.segments else None
@@ -249,7 +253,7 @@ def _find_end(motion: Motion) -> None:
 
 def _accumulated(motion: Motion, t: DoubleDouble, events: tuple[Event, ...]) -> Flags | None:
     """Note the impacts at t, and return the rows whose impacts have accumulated (nc,), if any: they meet without end."""
-    system, shortest = motion.system, SHORT_FLIGHT * abs(float(t.hi))
+    system, shortest = motion.system, LAST_FLIGHT_RTOL * abs(float(t.hi))
     hit = [event for event in events if event.impulse > 0.0]
     if not hit:
         return None
@@ -268,7 +272,7 @@ def _accumulated(motion: Motion, t: DoubleDouble, events: tuple[Event, ...]) -> 
             tired.append(i)
     if not tired:
         return None
-    slow = SLOW_IMPACT * (np.abs(system.fine.CA.hi) @ motion.scale)
+    slow = SLOW_IMPACT_RTOL * (np.abs(system.fine.CA.hi) @ motion.scale)
     before, after = (system.dynamics.gap_rate(v) for v in (hit[0].left.v, hit[0].right.v))
     if not (np.abs(before) <= slow)[tired].any():
         return None
@@ -311,7 +315,7 @@ def _resolved(motion: Motion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bo
     while unknown.any():
         before = segments[first - 1]
         bends = np.abs((system.fine.O @ before.state).hi[landing]) * float((t - before.start).hi)
-        if first - 1 < motion.collapsed or (bends > BENDING_RTOL * speed).any():
+        if first - 1 < motion.collapsed or (bends > DEFLECTION_RTOL * speed).any():
             near = segments[-1].t0 >= float(t.hi) * (1.0 - COLLAPSE_RTOL)
             return (first, False) if near else None
         first -= 1
@@ -341,7 +345,7 @@ def _collapse(motion: Motion, t: DoubleDouble, rest: float) -> tuple[DoubleDoubl
     held = still(system, mode)
     u, U = _opening(motion, mode, X)
     size, slow = np.abs(system.fine.C.hi) @ motion.scale, rest * (np.abs(system.fine.CA.hi) @ motion.scale)
-    latest = t + RECENT_FLIGHTS * max(float((t - now).hi), SHORT_FLIGHT * float(now.hi))
+    latest = t + RECENT_FLIGHTS * max(float((t - now).hi), LAST_FLIGHT_RTOL * float(now.hi))
     for _ in range(MAX_COLLAPSE_IMPACTS):
         closing = rows & (U < 0.0)
         δ = (u[closing] / -U[closing]).min(initial=np.inf)

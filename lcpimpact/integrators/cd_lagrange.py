@@ -24,7 +24,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.integrators.base import Declared
 from lcpimpact.integrators.stepping.kernel import StepState
 from lcpimpact.integrators.stepping.linear_step import (
-    REST_GAP,
+    REST_GAP_FACTOR,
     Law,
     LinearStep,
     Step,
@@ -96,7 +96,7 @@ class CDLagrange(LinearStep):
         v = 0.5 * (V + V_next) + solve(d.M, y.push(p))
         impact = Law(
             L=y.gap_rate(V_next) + d.restitution[:, None] * y.gap_rate(V),
-            touching=y.gap(q + REST_GAP * h**2 * solve(d.M, y.force(1.0, q, V))),
+            touching=y.gap(q + REST_GAP_FACTOR * h**2 * solve(d.M, y.force(1.0, q, V))),
             springs_at=(q, 0.5 * (V + V_next)),
         )
         reading = Law(L=y.gap_rate(v - V_next), touching=-P, strictly=True, springs_at=(q, V), weight=0.0)

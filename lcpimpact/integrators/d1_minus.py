@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.linear_step import REST_GAP, Law, LinearStep, Step, Symbols, solve
+from lcpimpact.integrators.stepping.linear_step import REST_GAP_FACTOR, Law, LinearStep, Step, Symbols, solve
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 
@@ -69,7 +69,7 @@ class D1Minus(LinearStep):
         change_again = kick_again + solve(d.M, y.push(y.P[1]))
         v_minus = y.v + 0.5 * (change + change_again)
         v = v_minus + solve(d.M, y.push(y.P[2]))
-        at_start, at_end = y.gap(y.q + REST_GAP * h * kick), y.gap(q + REST_GAP * h * kick_again)
+        at_start, at_end = y.gap(y.q + REST_GAP_FACTOR * h * kick), y.gap(q + REST_GAP_FACTOR * h * kick_again)
         after = Law(L=y.gap_rate(v_1) + e * U, touching=at_start, springs_at=(y.q, y.v))
         before = Law(L=y.gap_rate(v_minus) + e * U, touching=at_start, springs_at=(q, v_1))
         impact = Law(L=y.gap_rate(v) + e * y.gap_rate(v_minus), touching=at_end, springs_at=(q, v_1), weight=0.0)

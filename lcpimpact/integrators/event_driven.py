@@ -46,7 +46,7 @@ from scipy import integrate
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status, UnsupportedError
-from lcpimpact.hybrid.burst import SHORT_FLIGHT, ImpactHistory, follow_burst, passed
+from lcpimpact.hybrid.burst import SHORT_FLIGHT_RTOL, ImpactHistory, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
 from lcpimpact.hybrid.modes import Mode, Still, System, choose_mode, gaps, impact, refuse_mixed_degrees, settled, still
 from lcpimpact.hybrid.transition import arrive, happened
@@ -72,7 +72,7 @@ from lcpimpact.record import ContinuousSolution, Event, Grid, Record, Stats
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Feature
 from lcpimpact.scheme.first_order import forced_form
-from lcpimpact.scheme.signals import NAMED
+from lcpimpact.scheme.signals import SIGNAL_NAMES
 
 SCIPY_SOLVERS = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
 
@@ -82,8 +82,8 @@ WORK_PARTS = 4
 MAX_BURST_FLIGHTS = 10.0
 """Maximum duration of a burst of impacts, in short flights, where there are nonlinear forces."""
 
-SINGLE_STEP = (integrate.RK23, integrate.RK45, integrate.DOP853)
-"""Solvers that need no small steps to begin with."""
+ONE_STEP_SOLVERS = (integrate.RK23, integrate.RK45, integrate.DOP853)
+"""One-step methods, which need no small first step."""
 
 MIN_TIME_RTOL, MAX_TIME_RTOL = 1e-12, 1e-9
 """Bounds of the accuracy of instants, relative to the run, whatever rtol is."""
@@ -205,12 +205,12 @@ class EventDriven(Integrator):
             slider = d.contacts[system.remembered[0]].name
             raise UnsupportedError(
                 f"the slider {slider!r} of {problem.name!r} moves a spring under a load that is a function of time, which "
-                f"{self.name!r} does not handle: give the load as {NAMED}, or take method='moreau-jean'"
+                f"{self.name!r} does not handle: give the load as {SIGNAL_NAMES}, or take method='moreau-jean'"
             )
         X = system.state(problem.initial_coordinates, problem.initial_velocities)
         record.events = []
         forced = ForcedSystem(system, inputs, 1e-6 * grid.t_end)
-        low = not inputs.count and issubclass(self.solver_class, SINGLE_STEP)
+        low = not inputs.count and issubclass(self.solver_class, ONE_STEP_SOLVERS)
         motion = SolverMotion(
             system, grid.t_end, lcp_solver, self.max_events, form.breakpoints(0.0, grid.t_end), np.abs(X),
             method=self, events=record.events, stats=record.stats, forced=forced, solution=EventDrivenSolution(forced),
@@ -434,7 +434,7 @@ class SolverMotion(EventLoop):
                 Forces(forced.inputs, None)(last.t0, there)
                 - forces.linear(t, X, last.t0, there, forced.difference_step)
             )
-            if (bent > MAX_BURST_FLIGHTS * SHORT_FLIGHT * self.sizes).any():
+            if (bent > MAX_BURST_FLIGHTS * SHORT_FLIGHT_RTOL * self.sizes).any():
                 status = Status.ACCUMULATION
         return status, self._segment(last.t0, last.mode, forces), there
 
@@ -485,14 +485,14 @@ class SolverMotion(EventLoop):
         if _takes_jacobian(kind):
             options["jac"] = segment.jacobian
         # What bends away from zero is seen well in a short step only.
-        if self.first_step and issubclass(kind, SINGLE_STEP) and (segment.order < 2).all():
+        if self.first_step and issubclass(kind, ONE_STEP_SOLVERS) and (segment.order < 2).all():
             # The step before is as good a guess as SciPy's, and costs nothing: the error of the step is judged all the same.
             options["first_step"] = min(self.first_step, length)
         try:
             solver = kind(rate, 0.0, X, length, **options)
         except FloatingPointError:
             # What fails may lie ahead: a step that is short enough does not come upon it.
-            solver = kind(rate, 0.0, X, length, **options, first_step=SHORT_FLIGHT * length)
+            solver = kind(rate, 0.0, X, length, **options, first_step=SHORT_FLIGHT_RTOL * length)
         begun = True
         return solver
 

@@ -30,11 +30,11 @@ from lcpimpact.lcp.trace import NONE, note
 
 SOLVED, MAX_ITER = int(Status.SOLVED), int(Status.MAX_ITER)
 
-THRESHOLD = 1e-11
-"""Least rate, in a problem of unit diagonal, that is no rounding."""
+PIVOT_TOL = 1e-11
+"""Smallest rate above rounding, in a problem of unit diagonal."""
 
-REFRESHES = 4
-"""How often the point may be computed anew before its residual is taken as it is."""
+MAX_REFRESHES = 4
+"""Maximum number of times the point is recomputed to reduce its residual."""
 
 
 class PivotTableau(NamedTuple):
@@ -166,9 +166,9 @@ def relieve(tableau: PivotTableau, r: int, s: int) -> int:
     """
     T = tableau.T
     across = T[r, s] * T[s, r]
-    if T[s, s] > THRESHOLD and T[s, s] * T[s, s] > 1e-10 * abs(across):
+    if T[s, s] > PIVOT_TOL and T[s, s] * T[s, s] > 1e-10 * abs(across):
         return pivot(tableau, s)
-    if T[r, r] * T[s, s] - across > THRESHOLD * THRESHOLD:
+    if T[r, r] * T[s, s] - across > PIVOT_TOL * PIVOT_TOL:
         exchange_two(T, r, s)
         swap(tableau, r)
         swap(tableau, s)
@@ -223,7 +223,7 @@ def direction_of(tableau: PivotTableau, r: int, sign: int, v: Array) -> None:
     """Set v to how z changes as x_r moves along ``sign``: if nothing ends this it may prove that there is no solution."""
     T, _, _, free, z_unit, _, size = tableau
     for i in range(len(v)):
-        v[i] = sign * T[i, r] * z_unit[i] / size if free[i] and abs(T[i, r]) > THRESHOLD else 0.0
+        v[i] = sign * T[i, r] * z_unit[i] / size if free[i] and abs(T[i, r]) > PIVOT_TOL else 0.0
     if not free[r]:
         v[r] = sign * z_unit[r] / size
 

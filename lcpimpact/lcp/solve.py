@@ -25,11 +25,11 @@ SOLVED = Status.SOLVED
 PROVEN = Status.SOLVED, Status.RAY, Status.INFEASIBLE
 """Statuses after which no other method need be tried."""
 
-LARGEST_EXACT = 200
-"""Order up to which an answer in doubt is judged in rational arithmetic."""
+MAX_EXACT_ORDER = 200
+"""Largest order at which a doubtful answer is judged in rational arithmetic."""
 
-LARGEST_PROGRAM = 1_000
-"""Order up to which a proof of infeasibility is looked for by a linear program."""
+MAX_PROGRAM_ORDER = 1_000
+"""Largest order at which a linear program searches for a proof of infeasibility."""
 
 
 class PreparedLCP(NamedTuple):
@@ -146,8 +146,8 @@ class PreparedLCP(NamedTuple):
 
     def _in_doubt(self, rounding: float, tol: float) -> bool:
         """Return whether it is rounding that hides whether an answer holds, and rational arithmetic can tell."""
-        small = self.operator.n <= LARGEST_EXACT and not isinstance(self.operator, Factored)
-        return small and not rounding <= max(tol, judge.WRONG)
+        small = self.operator.n <= MAX_EXACT_ORDER and not isinstance(self.operator, Factored)
+        return small and not rounding <= max(tol, judge.PROOF_RTOL)
 
     def _without_rounding(self, q: Array, z: Array) -> tuple[Array, float, float]:
         """Return w, computed in rational arithmetic, and the residuals with it, scaled and natural."""
@@ -174,7 +174,7 @@ class PreparedLCP(NamedTuple):
 
     def _prove(self, solution: LCPSolution, q: Array) -> LCPSolution:
         """Look for a proof that there is no solution by a linear program."""
-        if self.operator.n > LARGEST_PROGRAM:
+        if self.operator.n > MAX_PROGRAM_ORDER:
             return solution
         found = infeasibility(self.operator.array(), q, self.lower, self.upper)
         ray = None if found is None else rational.proof(self.operator, q, self.lower, self.upper, found)

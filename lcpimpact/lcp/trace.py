@@ -13,7 +13,7 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, i8, indices, interpreted, vector
 
 NONE = -1
-"""No single variable entered or left."""
+"""No single variable entered or left the basis."""
 
 
 @compiled(types.void(vector, indices, i8, i8))

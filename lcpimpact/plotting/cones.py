@@ -36,12 +36,12 @@ COLORS = PALETTE[5], PALETTE[4], PALETTE[2], PALETTE[3]
 RADII = 1.0, 0.84, 0.68, 0.52
 """A radius for each cone, so that each shows its own rim where several overlap."""
 
-PARALLEL = 1e-12
+PARALLEL_TOL = 1e-12
 """Sine of an angle below which two columns span no plane."""
 
 COLUMN, RIGHT_SIDE = LCP, RK4
-SIZE = 1.32
-"""Half of the picture's width, in units of the largest radius."""
+HALF_WIDTH = 1.32
+"""Half of the width of the picture, in units of the largest radius."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class Cone:
         a, b = (each / (np.hypot(*each) or 1.0) for each in self.columns)
         if not (a.any() or b.any()):
             return "origin"
-        if abs(a[0] * b[1] - a[1] * b[0]) > PARALLEL:
+        if abs(a[0] * b[1] - a[1] * b[0]) > PARALLEL_TOL:
             return "wedge"
         return "line" if a @ b < 0.0 else "ray"
 
@@ -174,7 +174,7 @@ def plot_cones(
 
     drawn = cones(full)
     parts = sectors(drawn)
-    panel.set(xlim=(-SIZE, SIZE), ylim=(-SIZE, SIZE), aspect="equal")
+    panel.set(xlim=(-HALF_WIDTH, HALF_WIDTH), ylim=(-HALF_WIDTH, HALF_WIDTH), aspect="equal")
     panel.set_axis_off()
     gaps = _draw_gaps(panel, parts)
     for cone, color, radius in zip(drawn, COLORS, RADII, strict=True):

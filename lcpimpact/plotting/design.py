@@ -17,8 +17,8 @@ from lcpimpact.problems.reading import read
 from lcpimpact.study.design.fit import Fit
 from lcpimpact.study.design.sizing import UNITS, Design
 
-FINE = 1200
-"""Points of a curve."""
+POINTS = 1200
+"""Number of points of a curve."""
 
 WANTED, SHOWN = PALETTE[1], SOFT
 """What was asked for, and what came of it."""
@@ -50,7 +50,7 @@ def plot_design(design: Design) -> Figure:
     """
     run = design.simulate()
     end = min(design.contact_time, float(run.t[-1]))
-    t = np.linspace(0.0, end, FINE)
+    t = np.linspace(0.0, end, POINTS)
     force, way = read(run, design.force(run), t, "left"), read(run, "x", t)
     force[0] = read(run, design.force(run), [0.0])[0]
     if math.isfinite(design.contact_time):
@@ -156,7 +156,7 @@ def plot_fit(fit: Fit) -> Figure:
     axes = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
     end = float(fit.run.t[-1])
     fine = np.unique(
-        np.concatenate([np.linspace(0.0, end, FINE), [each.t for each in fit.run.events if each.t <= end]])
+        np.concatenate([np.linspace(0.0, end, POINTS), [each.t for each in fit.run.events if each.t <= end]])
     )
     for i, (name, rows) in enumerate(curves):
         above, below = axes[2 * i], axes[2 * i + 1]

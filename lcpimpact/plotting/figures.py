@@ -16,10 +16,10 @@ from lcpimpact.plotting.timeline import contact_intervals, curves, mark_events, 
 from lcpimpact.trajectory import Trajectory
 
 MARKERS = 60
-"""About so many LCP markers lie on a curve: enough to follow it, few enough to leave it visible."""
+"""Approximate number of LCP markers on a curve."""
 
 DECADES = 8.0
-"""Errors further than this below the largest are not drawn."""
+"""Number of decades below the largest error that are drawn."""
 
 HOLLOW: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
 

@@ -25,7 +25,7 @@ from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion
 from lcpimpact.scheme.elements.rope import Rope
 
 CEILING = "\0ceiling"
-"""The ground once more, above everything: from it hangs what names the ground as its upper end."""
+"""A second ground at the top, for elements whose upper end is the ground."""
 
 LINK = 2.1
 """Height of a link."""
@@ -42,7 +42,7 @@ BREADTH = 0.75
 BODY_HEIGHT, BODY_WIDTH = 1.1, 2.6
 
 PLATE = 1.0
-"""Half of the width of a plate whose motion is given."""
+"""Half of the width of a plate with prescribed motion."""
 
 LOAD = 0.75
 """Height of a load's arrow above its node."""
@@ -51,19 +51,19 @@ COORDINATE = 0.75
 """Length of a coordinate's arrow below its node."""
 
 CLEAR = 0.2
-"""Between a symbol and its label."""
+"""Distance between a symbol and its label."""
 
 LETTER = 0.29
-"""About the width of a letter."""
+"""Approximate width of a letter."""
 
 ROW = 1.15
-"""Between two rows of nodes that no link joins."""
+"""Distance between two rows of nodes without a link."""
 
 CROSSING = 6.0
-"""What a bar that crosses a link costs, in units of a detour."""
+"""Cost of a bar that crosses a link, in units of a detour."""
 
 OPENING = 0.12
-"""How far the strokes of a bumper stand apart, in parts of its height."""
+"""Distance between the strokes of a bumper, relative to its height."""
 
 Side = Literal[-1, 1]
 

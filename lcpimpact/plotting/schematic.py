@@ -41,10 +41,10 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 INCH = 0.42
-"""Inches in the unit of the layout, as long as the picture is no taller than `TALL`."""
+"""Inches per unit of the layout, for pictures no taller than `MAX_HEIGHT`."""
 
-TALL = 9.0
-"""Inches from which on a picture is drawn smaller."""
+MAX_HEIGHT = 9.0
+"""Height in inches above which a picture is scaled down."""
 
 FORCE, MOVES = PALETTE[1], PALETTE[0]
 
@@ -170,7 +170,7 @@ def draw_scheme(
         pieces = list(picture(layout, at_rest(layout), coordinates=coordinates))
         left, right, low, high = extent(pieces)
         pieces_width, pieces_height = right - left, high - low
-        size = 1.0 if figure is None else min(1.0, TALL / (pieces_height * INCH))
+        size = 1.0 if figure is None else min(1.0, MAX_HEIGHT / (pieces_height * INCH))
         paint(panel, pieces, size)
         panel.set(xlim=(left, right), ylim=(low, high), aspect="equal")
         panel.set_axis_off()

@@ -15,7 +15,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.integrators import METHODS
 from lcpimpact.plotting.style import save, style
 from lcpimpact.plotting.timeline import (
-    MANY,
+    MAX_NAMED_EVENTS,
     curves,
     mark_events,
     math_text,
@@ -136,7 +136,7 @@ def title_of(trajectory: Trajectory) -> str:
     title = plain_text(f"{trajectory.problem.name} by {_method(trajectory.method)}")
     if not trajectory.success:
         title += f": {trajectory.status.name.lower().replace('_', '-')} at t = {trajectory.t[-1]:g} s"
-    if (events := len(shown_events(trajectory))) >= MANY:
+    if (events := len(shown_events(trajectory))) >= MAX_NAMED_EVENTS:
         title += f", {events} events"
     return title
 

@@ -17,13 +17,13 @@ from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_count, is_real
 from lcpimpact.problems.facts import Fact
 from lcpimpact.registry import nearest
-from lcpimpact.scheme.assembly import LARGEST
+from lcpimpact.scheme.assembly import MAX_NODES
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
-GIVEN_ZERO = 8.0 * float(np.finfo(float).eps)
-"""What counts as zero in a gap at the start, whose numbers are floats, relative to its terms."""
+GIVEN_ZERO_RTOL = 8.0 * float(np.finfo(float).eps)
+"""Tolerance for zero in an initial gap, whose data are floats, relative to its terms."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Problem:
         for path in d.gap_paths:
             # Places at which a run has ended may overlap by rounding.
             u, rows = float(path @ gaps), np.flatnonzero(path)
-            if u >= -GIVEN_ZERO * (path @ terms):
+            if u >= -GIVEN_ZERO_RTOL * (path @ terms):
                 continue
             first = self.dynamics.contacts[rows[0]]
             if len(rows) == 1:
@@ -184,8 +184,8 @@ def restitution(name: str, e: float) -> None:
 
 def whole(name: str, symbol: str, value: float, least: int = 1) -> int:
     """Return a parameter that counts bodies as an int, and refuse one that is no whole number, too small, or too large."""
-    if not is_count(value) or not least <= value <= LARGEST:
+    if not is_count(value) or not least <= value <= MAX_NODES:
         raise InputError(
-            f"{name}: {symbol} = {value:g} must be a whole number, at least {least} and at most {LARGEST:,}"
+            f"{name}: {symbol} = {value:g} must be a whole number, at least {least} and at most {MAX_NODES:,}"
         )
     return int(value)

@@ -140,11 +140,11 @@ def _knots(run: Any) -> Array:
     return np.asarray(knots[knots <= run.t[-1]])
 
 
-BELOW = 0.125
-"""Part of the range of a series by which a knot may lie below its peak, since motion turns by a radian between knots."""
+KNOT_MARGIN = 0.125
+"""Largest distance of a knot below the peak beside it, relative to the range of the series."""
 
-PEAKS = 16
-"""Number of local maxima that are searched at most."""
+MAX_PEAKS = 16
+"""Maximum number of local maxima that are searched."""
 
 
 def _exact_peak(value: Callable[[ArrayLike, str], Array], knots: Array) -> float:
@@ -152,9 +152,9 @@ def _exact_peak(value: Callable[[ArrayLike, str], Array], knots: Array) -> float
     highest = np.maximum(value(knots, "left"), value(knots, "right"))
     beside = np.concatenate([[-np.inf], highest, [-np.inf]])
     best = float(highest.max())
-    enough = best - BELOW * (best - float(highest.min()))
+    enough = best - KNOT_MARGIN * (best - float(highest.min()))
     tops = np.flatnonzero((highest >= beside[:-2]) & (highest >= beside[2:]) & (highest >= enough))
-    tops = tops[np.argsort(-highest[tops], kind="stable")][:PEAKS]
+    tops = tops[np.argsort(-highest[tops], kind="stable")][:MAX_PEAKS]
     return max(best, *(_peak_beside(value, knots, int(j)) for j in tops))
 
 

@@ -14,8 +14,8 @@ from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.signals import PiecewisePolynomial
 from lcpimpact.scheme.terms import PowerLaw, Row, Terms
 
-LARGEST = 10_000
-"""Maximum number of nodes: a full matrix has 800 MB."""
+MAX_NODES = 10_000
+"""Maximum number of nodes: a full matrix takes 800 MB."""
 
 
 def assemble(elements: Sequence[Element]) -> Dynamics:
@@ -35,9 +35,9 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     nodes = list(dict.fromkeys(node for element in elements for node in element.nodes if node != GROUND))
     if not nodes:
         raise InputError("the scheme has no element yet: add a Mass, a Spring, ... before it is assembled")
-    if len(nodes) > LARGEST:
+    if len(nodes) > MAX_NODES:
         raise InputError(
-            f"the scheme has {len(nodes):,} nodes, and full matrices are kept of {LARGEST:,}: model it coarser"
+            f"the scheme has {len(nodes):,} nodes, and full matrices are kept of {MAX_NODES:,}: model it coarser"
         )
     _refuse_shared_inner_nodes(elements)
     terms = Terms(nodes)

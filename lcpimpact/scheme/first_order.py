@@ -26,7 +26,7 @@ from lcpimpact.double_double import DoubleDouble, solve, stacked
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.scheme.decomposition import Decomposition
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.signals import NAMED, Described, Harmonic, PiecewisePolynomial
+from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, Harmonic, PiecewisePolynomial
 
 
 @dataclass(frozen=True)
@@ -281,7 +281,7 @@ def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Descr
             what, node = ("load on", i) if i < n else ("motion of", driven[i - n])
             raise UnsupportedError(
                 f"the {what} {dynamics.nodes[node]!r} is a function of time, which has no exact solution here: "
-                f"give it as {NAMED}, or take method='moreau-jean'"
+                f"give it as {SIGNAL_NAMES}, or take method='moreau-jean'"
             )
         else:
             constant[i] += signal

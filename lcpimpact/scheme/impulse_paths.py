@@ -20,8 +20,8 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 
-MOST_PATHS = 4_096
-"""Maximum number of impulse paths through one node, more than any scheme of bumpers has."""
+MAX_PATHS = 4_096
+"""Maximum number of impulse paths through one node."""
 
 
 def extreme_rays(balance: Array) -> Array:
@@ -53,9 +53,9 @@ def extreme_rays(balance: Array) -> Array:
     for equation in balance:
         value = rays @ equation
         positive, negative = np.flatnonzero(value > 0.0), np.flatnonzero(value < 0.0)
-        if len(positive) * len(negative) > MOST_PATHS:
+        if len(positive) * len(negative) > MAX_PATHS:
             raise InputError(
-                f"impulses have more than {MOST_PATHS:,} ways over massless nodes: give some of them a Mass"
+                f"impulses have more than {MAX_PATHS:,} ways over massless nodes: give some of them a Mass"
             )
         sums = [rays[i] * -value[j] + rays[j] * value[i] for i, j in product(positive, negative)]
         rays = np.vstack([rays[value == 0.0], *sums])

@@ -32,7 +32,7 @@ ROOT_RTOL, INTERPOLATION_RTOL, NEWTON_STEPS = 4.0 * EPS, 1e-9, 6
 simple root."""
 
 LOOK_BACK = 0.1
-"""Part of the last step over which a row must fall."""
+"""Fraction of the last step over which a row must decrease."""
 
 MAX_ORDER = 7
 """Highest order of the zero with which a row begins; higher ones count as this less one."""

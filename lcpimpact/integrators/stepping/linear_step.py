@@ -47,9 +47,8 @@ from lcpimpact.lcp.solver import SolverState
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics
 
-REST_GAP = 1e-6
-"""What closes a gap that rounding has opened, in parts of what a force does in a step: a smooth force that leads a gap
-further, by c h² times its acceleration, or the contact force of the step before, by as much as it has moved."""
+REST_GAP_FACTOR = 1e-6
+"""Opening below which a resting contact is closed, as a fraction of the displacement that its force causes in a step."""
 
 
 class Named(dict[Any, Array]):
@@ -376,7 +375,9 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
     known = len(columns) - sum(map(len, (*y.P, *y.s)))
     unknown = np.vstack([each for pair in zip(y.P, y.s, strict=True) for each in pair])
     W = np.array([law.L @ P.T for law, P in zip(step.laws, y.P, strict=True)])
-    near = np.array([REST_GAP * h * np.diag(each) * (not law.strictly) for each, law in zip(W, step.laws, strict=True)])
+    near = np.array(
+        [REST_GAP_FACTOR * h * np.diag(each) * (not law.strictly) for each, law in zip(W, step.laws, strict=True)]
+    )
     table = StepTable(
         columns[:known],
         unknown @ columns,

@@ -23,7 +23,8 @@ from lcpimpact.errors import InputError
 Tree: TypeAlias = tuple["Tree", ...]
 """A rooted tree: its subtrees, in an order that makes equal trees equal."""
 
-ROUNDING = 1e-14
+ORDER_CONDITION_TOL = 1e-14
+"""Tolerance of the order conditions."""
 
 
 @cache
@@ -101,7 +102,7 @@ class Tableau:
                 f"a tableau of {s} stages has rows of 0 ... {s - 1} coefficients a, and as many instants c"
             )
         for i, (row, c) in enumerate(zip(self.a, self.c, strict=True)):
-            if abs(sum(row) - c) > ROUNDING:
+            if abs(sum(row) - c) > ORDER_CONDITION_TOL:
                 raise InputError(f"row {i + 1} of a sums to {sum(row):.15g} and not to c = {c:.15g}")
         self._check("b", self.b, self.order)
         if self.b_embedded is not None:
@@ -116,7 +117,7 @@ class Tableau:
         for nodes in range(1, order + 1):
             for tree in trees(nodes):
                 found, wanted = float(np.dot(b, self._weight(tree))), 1.0 / _density(tree)
-                if abs(found - wanted) > ROUNDING * self.stages:
+                if abs(found - wanted) > ORDER_CONDITION_TOL * self.stages:
                     raise InputError(
                         f"{name} is not of order {order}: a condition of order {nodes} asks for {wanted:.15g}, and the "
                         f"coefficients give {found:.15g}"

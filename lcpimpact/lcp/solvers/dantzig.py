@@ -19,8 +19,8 @@ from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.pivoting import (
-    REFRESHES,
-    THRESHOLD,
+    MAX_REFRESHES,
+    PIVOT_TOL,
     PivotTableau,
     advance,
     direction_of,
@@ -61,7 +61,7 @@ def reach(x: float, rate: float, end: float) -> float:
     """Return when x gets to ``end``: at once if it is there or beyond, never if it does not move."""
     if x >= end:
         return 0.0
-    return (end - x) / rate if rate > THRESHOLD else np.inf
+    return (end - x) / rate if rate > PIVOT_TOL else np.inf
 
 
 @compiled(types.Tuple((f8, i8))(f8, f8, f8, f8, f8, f8))
@@ -78,7 +78,7 @@ def meeting(z: float, w: float, dz: float, dw: float, lower: float, upper: float
 @compiled(f8(f8, f8, f8, f8, f8, types.boolean))
 def room(x: float, y: float, rate: float, lower: float, upper: float, free: bool) -> float:
     """Return how far a row can follow its staircase before it comes to a corner; x = z and y = w, or the reverse if free."""
-    if abs(rate) <= THRESHOLD or lower == upper:
+    if abs(rate) <= PIVOT_TOL or lower == upper:
         return np.inf
     if free:
         return max(upper - y if rate > 0.0 else y - lower, 0.0) / abs(rate)
@@ -149,7 +149,7 @@ def all_settled(tableau: PivotTableau, rows: Rows, tiny: float) -> bool:
 def settle(tableau: PivotTableau, rows: Rows, r: int) -> None:
     """Make row r, which is on its staircase to rounding, free between its bounds, and put it there without it."""
     T, x, y, free, _, _, _ = tableau
-    if T[r, r] > THRESHOLD and free[r] != (rows.low[r] < pair(x[r], y[r], free[r])[0] < rows.high[r]):
+    if T[r, r] > PIVOT_TOL and free[r] != (rows.low[r] < pair(x[r], y[r], free[r])[0] < rows.high[r]):
         pivot(tableau, r)
     x[r] = 0.0 if free[r] else min(max(x[r], rows.low[r]), rows.high[r])
     rows.settled[r] = True
@@ -178,7 +178,7 @@ def next_event(tableau: PivotTableau, rows: Rows, r: int, sign: int, first: bool
     """
     T, x, y, free, _, _, _ = tableau
     low, high, _, _, step = rows
-    rate = T[r, r] if T[r, r] > THRESHOLD else 0.0
+    rate = T[r, r] if T[r, r] > PIVOT_TOL else 0.0
     z, w = pair(x[r], y[r], free[r])
     dz, dw = (rate, 1.0) if free[r] else (1.0, rate)
     if sign > 0:
@@ -205,7 +205,7 @@ def meet(tableau: PivotTableau, rows: Rows, r: int, end: int) -> int:
         x[r] = 0.0 if free[r] else bound
         return 0
     y[r] = bound if free[r] else 0.0
-    return pivot(tableau, r) if T[r, r] > THRESHOLD else 0
+    return pivot(tableau, r) if T[r, r] > PIVOT_TOL else 0
 
 
 @compiled(types.UniTuple(i8, 2)(tableau_type, rows_type, i8, i8, vector, indices, i8, i8), inline="always")
@@ -249,12 +249,12 @@ def dantzig(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float
         return SOLVED, 0
     rows, basis = rows_of(lower, upper, tableau.z_unit), np.arange(len(q))
     note(z, basis, NONE, NONE)
-    status, count, refreshes, tiny, phase = UNDECIDED, 0, 0, THRESHOLD, ALONE
+    status, count, refreshes, tiny, phase = UNDECIDED, 0, 0, PIVOT_TOL, ALONE
     while True:
         r = next_row(rows)
         if r == ALL_SETTLED:
             status = INACCURATE
-            if refreshes == REFRESHES:
+            if refreshes == MAX_REFRESHES:
                 break
             refreshes += 1
             tiny = refresh(W, q, tableau)

@@ -32,17 +32,17 @@ SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Stat
 
 PREDICTOR, CORRECTOR, CENTRING = 0, 1, 2
 
-LOWEST = 0.01
-"""Share of μ by which a full step must lower it."""
+MIN_DECREASE = 0.01
+"""Fraction of μ by which a full step must decrease it."""
 
-SHORTEST = 1e-10
-"""Least length of a step."""
+MIN_STEP = 1e-10
+"""Smallest step length."""
 
-LARGEST = 1e25
-"""Scaled size from which an iterate is taken to have left for infinity."""
+MAX_SIZE = 1e25
+"""Scaled size above which the iterates diverge."""
 
-LEAST = 1e-60
-"""Least μ: what rounding leaves cannot be cut further."""
+MIN_MU = 1e-60
+"""Smallest μ, below which rounding admits no decrease."""
 
 
 class Slacks(NamedTuple):
@@ -247,11 +247,11 @@ def predict_correct(
             return -1.0
         length = min(1.0, max(0.995, 1.0 - mu) * room(s, ds, room(force, df, 2.0)))
         after = mean_product(s, force, ds, df, length)
-        if attempt == CORRECTOR and (error > mu or after <= (1.0 - LOWEST * length) * mu):
+        if attempt == CORRECTOR and (error > mu or after <= (1.0 - MIN_DECREASE * length) * mu):
             break
         ratio = after / mu if mu > 0.0 else 0.0
         target, correction = (mu * ratio * ratio * ratio, 1.0) if attempt == PREDICTOR else (0.5 * mu, 0.0)
-    while error <= mu and after > (1.0 - LOWEST * length) * mu and length > SHORTEST:
+    while error <= mu and after > (1.0 - MIN_DECREASE * length) * mu and length > MIN_STEP:
         length *= 0.5
         after = mean_product(s, force, ds, df, length)
     return length
@@ -296,7 +296,7 @@ def interior_point(
         note(z, basis, NONE, NONE)
         if identified(W, q, lower, upper, sides, z, tol):
             return SOLVED, step
-        if not size < LARGEST or (len(s) > 0 and not mu > LEAST) or not length > SHORTEST:
+        if not size < MAX_SIZE or (len(s) > 0 and not mu > MIN_MU) or not length > MIN_STEP:
             return UNDECIDED, step
         length = predict_correct(problem, slacks, system, r, d, mu, error)
         if length < 0.0:

@@ -11,7 +11,7 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
-from lcpimpact.lcp.pivoting import THRESHOLD, exchange
+from lcpimpact.lcp.pivoting import PIVOT_TOL, exchange
 from lcpimpact.lcp.polish import polish
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, is_plain
 from lcpimpact.lcp.reduction import from_lcp, to_lcp
@@ -21,13 +21,13 @@ from lcpimpact.lcp.trace import NONE, note_covered
 
 SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED), int(Status.MAX_ITER)
 
-COVERINGS = 4
-"""Covering vectors to try in each of the two units, one after another, while the path proves nothing."""
+MAX_COVERINGS = 4
+"""Maximum number of covering vectors tried in each of the two scalings, while no path ends in a proof."""
 
 GOLDEN = 0.6180339887498949
 
-TIE = 1e-10
-"""Relative distance of two ratios that counts as none: after hundreds of pivots rounding has grown to this."""
+TIE_RTOL = 1e-10
+"""Relative difference of two ratios below which they are a tie: rounding grows to it in hundreds of pivots."""
 
 
 class LemkePath(NamedTuple):
@@ -68,7 +68,7 @@ def precedes(path: LemkePath, i: int, k: int, c: int) -> bool:
         else:
             new = -1.0 / T[i, c] if inside[i] == j else 0.0
             old = -1.0 / T[k, c] if inside[k] == j else 0.0
-        if abs(new - old) > TIE * max(abs(new), abs(old)) + 1e-3 * TIE:
+        if abs(new - old) > TIE_RTOL * max(abs(new), abs(old)) + 1e-3 * TIE_RTOL:
             return bool(new < old)
     return False
 
@@ -85,13 +85,13 @@ def blocking_row(path: LemkePath, c: int) -> int:
     covering, right = 2 * n, n + 1
     best = NONE
     for i in range(n):
-        if T[i, c] >= -THRESHOLD:
+        if T[i, c] >= -PIVOT_TOL:
             continue
         if best == NONE:
             best = i
             continue
         new, old = T[i, right] / -T[i, c], T[best, right] / -T[best, c]
-        margin = TIE * max(abs(new), abs(old)) + 1e-3 * TIE
+        margin = TIE_RTOL * max(abs(new), abs(old)) + 1e-3 * TIE_RTOL
         if new < old - margin or (
             new <= old + margin and inside[best] != covering and (inside[i] == covering or precedes(path, i, best, c))
         ):
@@ -107,7 +107,7 @@ def cover(N: Array, p: Array, path: LemkePath, attempt: int) -> tuple[float, int
     if attempt == 1:
         units(N, p, w_unit)
         z_unit[:] = w_unit
-    elif attempt == COVERINGS + 1:
+    elif attempt == MAX_COVERINGS + 1:
         equilibrate(N, w_unit, z_unit)
     size, widest, r = 0.0, 0.0, 0
     for i in range(n):
@@ -206,7 +206,7 @@ def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
     status, count, attempt = SOLVED, 0, 0
     for i in range(n):
         status = UNDECIDED if p[i] < 0.0 else status
-    while status == UNDECIDED and attempt < 2 * COVERINGS:
+    while status == UNDECIDED and attempt < 2 * MAX_COVERINGS:
         attempt += 1
         size, r = cover(N, p, path, attempt)
         status, count, c = follow(path, r, size, y, count, max_iter)
@@ -216,7 +216,7 @@ def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
                 if k >= n:
                     side[k - n] = FREE
             holds = polish(N, p, zero, infinite, side, y, tol)
-            status = SOLVED if holds or attempt == 2 * COVERINGS else UNDECIDED
+            status = SOLVED if holds or attempt == 2 * MAX_COVERINGS else UNDECIDED
         elif status == RAY:
             ray_direction(path, c, y)
             status = RAY if proves_infeasible(N, p, zero, infinite, y) else UNDECIDED

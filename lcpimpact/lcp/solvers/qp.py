@@ -33,10 +33,10 @@ SOLVED, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.UNDECIDED), int(Sta
 FORMS = ("dual", "primal")
 
 OSQP_RHO = 0.1
-"""The ρ with which OSQP begins."""
+"""OSQP's initial ρ."""
 
-NOISE = 0.1
-"""Share of the tolerance up to which a force, in units of max |q| = 1, is noise."""
+NOISE_FRACTION = 0.1
+"""Fraction of the tolerance below which a force, in units of max |q| = 1, is noise."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class QPSolver(LCPSolver):
                 x, status, iterations = self._solve(P, zero, {"G": G, "h": b}, max_iter)
             if x is not None:
                 # A backend leaves noise where there is nothing, and a row of which nothing is given has no other measure.
-                z[:] = np.where(np.abs(x) > NOISE * self.call.tol, x, 0.0) * scale
+                z[:] = np.where(np.abs(x) > NOISE_FRACTION * self.call.tol, x, 0.0) * scale
             np.maximum(z, lower, out=z)
             np.minimum(z, upper, out=z)
             return status, iterations

@@ -57,24 +57,23 @@ from lcpimpact.study.accuracy.routes import (
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, table_lines
 
-ASYMPTOTIC = 1e-3
-"""Errors below this, relative to the size of the motion, show an order above 2; before, steps are too long for it."""
+ASYMPTOTIC_RTOL = 1e-3
+"""Error, relative to the size of the motion, below which an order above 2 shows."""
 
-FACTOR = 5.0
-"""Largest difference of two routes, in units of the sum of their error estimates."""
+AGREEMENT_FACTOR = 5.0
+"""Largest difference of two routes that agree, in units of the sum of their error estimates."""
 
-SLACK = 0.35
-"""An observed order may be lower than the declared one by so much of it, and by twice as much where it is 1."""
+ORDER_SLACK = 0.35
+"""Largest shortfall of an observed order, relative to the declared one, or to 2 where that is less."""
 
-ROUGH = 0.2
-"""A route whose errors, times FACTOR, are larger than this relative to the size of the motion is too rough to judge by."""
+ROUGH_RTOL = 0.2
+"""AGREEMENT_FACTOR times the error, relative to the size of the motion, above which a route is too inaccurate."""
 
-ROUNDING = 1e-9
-"""Differences this small, relative to the size of the motion, are rounding, or a solver's tolerance."""
+ROUNDING_RTOL = 1e-9
+"""Difference, relative to the size of the motion, that is rounding or a solver's tolerance."""
 
-ACCUMULATED = 1e-6
-"""Times of events are known to so much of the length of a run, and impulses to so much of the largest: where impacts
-accumulate, routes do not end them at the same one."""
+ACCUMULATION_RTOL = 1e-6
+"""Tolerance of times and impulses, relative to the largest: routes end accumulating impacts at different ones."""
 
 SOLVER_FACTOR = 100.0
 """Largest error of a run, relative to the size of the motion, in units of the tolerance of its solver."""
@@ -83,7 +82,7 @@ COORDINATES, VELOCITIES, FORCES = "coordinates", "velocities", "forces"
 IMPULSES, TIMES = "impulses", "times of events"
 
 UNITS = {COORDINATES: "m", VELOCITIES: "m", FORCES: "N s", IMPULSES: "N s", TIMES: "s"}
-"""Of the difference of two routes: of velocities and forces it is the integral over time."""
+"""Units of differences; those of velocities and forces are integrals over time."""
 
 
 class Outcome(Enum):
@@ -238,7 +237,7 @@ def cross_validate(
             found[label] = take(route)
         except LcpImpactError as error:
             missing[label] = Missing(route, str(error), isinstance(error, FailureError))
-    return _judged(problem, given, found, missing, float(end), ROUNDING if tol is None else tol)
+    return _judged(problem, given, found, missing, float(end), ROUNDING_RTOL if tol is None else tol)
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,7 +321,7 @@ class Judge:
         }
         self.floor = {quantity: tol * self.scale[quantity] for quantity in self.quantities}
         self.floor |= {
-            quantity: max(tol, ACCUMULATED) * self.scale[quantity]
+            quantity: max(tol, ACCUMULATION_RTOL) * self.scale[quantity]
             for quantity in (TIMES, IMPULSES)
             if quantity in self.scale
         }
@@ -428,11 +427,11 @@ class Judge:
         pairs = list(pairwise(events))
         if found.trajectory is None or found.trajectory.dense is not None:
             E = farthest(*pairs[-1], self.t_end)
-            return {TIMES: E, IMPULSES: pair_events(*pairs[-1], 2.0 * FACTOR * E, self.t_end, 0.0).impulse}
+            return {TIMES: E, IMPULSES: pair_events(*pairs[-1], 2.0 * AGREEMENT_FACTOR * E, self.t_end, 0.0).impulse}
         # In what the coarsest runs have, events may be missing.
         pairs, h = pairs[-2:], self.t_end / np.array(found.levels)
         E = max(float(h[-1]), _first_order([farthest(*pair, self.t_end) for pair in pairs], h))
-        window = FACTOR * (1.0 + RATIO) * E
+        window = AGREEMENT_FACTOR * (1.0 + RATIO) * E
         return {TIMES: E, IMPULSES: _first_order([pair_events(*p, window, self.t_end, 0.0).impulse for p in pairs], h)}
 
     def observed(self, found: RouteResult, quantity: str = COORDINATES) -> float:
@@ -448,7 +447,7 @@ class Judge:
         clear = (10.0 * self.floor[quantity] < D) & (h * self.fastest < 1.0)
         high = self.declared(found.route, quantity) > 2.0
         if high:
-            clear &= ASYMPTOTIC * self.scale[quantity] > D
+            clear &= ASYMPTOTIC_RTOL * self.scale[quantity] > D
         if clear.sum() < 2:
             return math.nan
         last = 2 if high else len(D)
@@ -461,16 +460,16 @@ class Judge:
         """Whether a route converges more slowly than it declares; if it declares nothing, whether it converges at all."""
         declared = self.declared(found.route, quantity)
         declared = 1.0 if math.isnan(declared) else declared
-        return self.observed(found, quantity) < declared - SLACK * max(declared, 2.0)
+        return self.observed(found, quantity) < declared - ORDER_SLACK * max(declared, 2.0)
 
     def _doubts(self, label: str) -> dict[str, str]:
         """Return for each quantity why a route cannot confirm it, "" where it can."""
         found, E = self.found[label], self.estimates[label]
         doubts = {}
         for quantity in E:
-            allowed = FACTOR * E[quantity]
+            allowed = AGREEMENT_FACTOR * E[quantity]
             doubts[quantity] = ""
-            if allowed > ROUGH * self.scale[quantity] and allowed > self.floor[quantity]:
+            if allowed > ROUGH_RTOL * self.scale[quantity] and allowed > self.floor[quantity]:
                 size = f"{allowed / self.scale[quantity]:.0%}" if self.scale[quantity] > 0.0 else "all"
                 doubts[quantity] = f"too rough: its {quantity} may be off by {size} of their size; take a smaller dt"
         if found.route.kind == "steps":
@@ -511,7 +510,7 @@ class Judge:
 
     def allowed(self, a: str, b: str, quantity: str) -> float:
         """Return what two routes may differ by."""
-        return FACTOR * (self.estimates[a][quantity] + self.estimates[b][quantity]) + self.floor[quantity]
+        return AGREEMENT_FACTOR * (self.estimates[a][quantity] + self.estimates[b][quantity]) + self.floor[quantity]
 
     def compared(self, a: str, b: str) -> Iterator[dict[str, Any]]:
         """Yield how two routes compare in each quantity that both tell."""
@@ -628,7 +627,7 @@ class Judge:
                     continue
                 steps = found.route.kind == "steps"
                 E = _first_order(apart, 1.0 / np.array(found.levels)) if steps else float(apart[-1])
-                allowed += FACTOR * E + (self._relative_error(label) + ACCUMULATED) * size
+                allowed += AGREEMENT_FACTOR * E + (self._relative_error(label) + ACCUMULATION_RTOL) * size
             if not abs(shown[-1] - fact.value) <= allowed:
                 told = "cannot be read" if math.isnan(shown[-1]) else f"is {shown[-1]:.9g} {fact.unit}".rstrip()
                 yield f"{fact.symbol} ({fact.what}) {told}, and must be {fact.value:.9g} {fact.unit}".rstrip()
@@ -637,7 +636,7 @@ class Judge:
         """Return the largest of the routes' own error estimates in motion and times, relative to their size."""
         E = self.estimates[label]
         told = [each for each in (COORDINATES, VELOCITIES, TIMES) if each in E and self.scale[each] > 0.0]
-        return max((FACTOR * E[each] / self.scale[each] for each in told), default=0.0)
+        return max((AGREEMENT_FACTOR * E[each] / self.scale[each] for each in told), default=0.0)
 
     def lacking(self, pairs: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         """Yield what is missing for a verdict."""
