@@ -162,7 +162,7 @@ def _methods() -> Table:
         lines = (
             f"orders: {orders}",
             f"relative degrees {degrees}; {handles}",
-            f"contacts at level: {d.level}; overlap after impacts: {d.penetration}; force {d.reaction_lives}",
+            f"contacts at level: {d.level}; penetration after impacts: {d.penetration}; force {d.reaction_time}",
             f"energy: {d.energy}" + ("; impacts never add any" if d.dissipates else ""),
             *[f"steps: {d.adaptive}"] * bool(d.adaptive),
             f"options: {options or 'none'}",

@@ -1,4 +1,4 @@
-"""Bogacki and Shampine's pair of the orders 3 and 2."""
+"""The Bogacki-Shampine pair of orders 3 and 2."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lcpimpact.integrators.stepping.tableau import Tableau
 
 @dataclass(frozen=True)
 class BogackiShampine(EmbeddedRungeKutta):
-    """The pair of the orders 3 and 2.
+    """The Bogacki-Shampine pair of orders 3 and 2.
 
     Parameters
     ----------
@@ -37,12 +37,12 @@ class BogackiShampine(EmbeddedRungeKutta):
         order_force_kink=2,
         order_impact=1,
         order_penetration=float("inf"),
-        level="acceleration in a step, position and velocity at its end",
+        level="acceleration within a step, position and velocity at its end",
         relative_degrees=(0, 1, 2),
         handles=HANDLES,
-        reaction_lives="at t, right limit",
-        energy="no rule; grows without bound beyond the limit of stability",
-        slack=6.0,  # 3 where a plate without mass comes to rest within few steps
+        reaction_time="at t, right limit",
+        energy="no bound; grows beyond the stability limit",
+        slack=6.0,  # 3 where a massless plate comes to rest within few steps
         dissipates=False,
         source="Bogacki and Shampine (1989)",
         adaptive="with rtol, steps within each dt by the embedded method",

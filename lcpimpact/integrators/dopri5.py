@@ -1,4 +1,4 @@
-"""Dormand and Prince's pair of the orders 5 and 4."""
+"""The Dormand-Prince pair of orders 5 and 4."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lcpimpact.integrators.stepping.tableau import Tableau
 
 @dataclass(frozen=True)
 class DormandPrince(EmbeddedRungeKutta):
-    """The pair of the orders 5 and 4.
+    """The Dormand-Prince pair of orders 5 and 4.
 
     Parameters
     ----------
@@ -45,11 +45,11 @@ class DormandPrince(EmbeddedRungeKutta):
         order_force_kink=2,
         order_impact=1,
         order_penetration=float("inf"),
-        level="acceleration in a step, position and velocity at its end",
+        level="acceleration within a step, position and velocity at its end",
         relative_degrees=(0, 1, 2),
         handles=HANDLES,
-        reaction_lives="at t, right limit",
-        energy="no rule; grows without bound beyond the limit of stability",
+        reaction_time="at t, right limit",
+        energy="no bound; grows beyond the stability limit",
         dissipates=False,
         source="Dormand and Prince (1980)",
         adaptive="with rtol, steps within each dt by the embedded method",

@@ -33,12 +33,12 @@ class Heun(ExplicitRungeKutta):
         order_force_kink=2,
         order_impact=1,
         order_penetration=float("inf"),
-        level="acceleration in a step, position and velocity at its end",
+        level="acceleration within a step, position and velocity at its end",
         relative_degrees=(0, 1, 2),
         handles=HANDLES,
-        reaction_lives="at t, right limit",
-        energy="no rule; grows without bound beyond the limit of stability",
-        step=5.0,  # 2.5 where a plate without mass comes to rest within few steps
+        reaction_time="at t, right limit",
+        energy="no bound; grows beyond the stability limit",
+        step=5.0,  # 2.5 where a massless plate comes to rest within few steps
         dissipates=False,
         source="Heun (1900); Hairer, Nørsett and Wanner (1993), section II.1",
     )

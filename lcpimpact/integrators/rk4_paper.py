@@ -1,12 +1,12 @@
-"""Eqs (3), (6) and (8) of the paper, case splits and all, by the classical Runge-Kutta method: the witness.
+"""The paper's own method: Eqs (3), (6) and (8), with their case distinctions, by classical Runge-Kutta.
 
-It shares no code with the LCP path: it reads the constants of the paper's systems and nothing of the assembled scheme.
+It is independent of the LCP methods: it uses the constants of the paper's systems, not the assembled scheme.
 
-"z - x = 0" means nothing in floating point, so each stage needs a rule for it. ``contact="project"``, the default, takes
-z - x <= CLOSED_GAP for contact and, after each step, puts the massless side back where the plates overlap; ``"clip"`` does
-not put it back, so that the overlap of the step in which the gap closed stays for the whole contact; ``"sign"`` takes
-z - x <= 0, so that a gap of one rounding error opens the contact for a stage; ``"equal"`` is the printed equality, which
-after the first flight is never met again.
+"z - x = 0" needs a tolerance in floating point. ``contact="project"``, the default, closes the contact for
+z - x <= CLOSED_GAP and, after each step, projects the massless side onto the other where they penetrate; ``"clip"`` does not
+project, so that the penetration of the closing step stays for the whole contact; ``"sign"`` requires z - x <= 0, so that a
+gap of one rounding error opens the contact for a stage; ``"equal"`` is the printed equality, which never holds again after
+the first flight.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from lcpimpact.scheme.dynamics import Feature
 RULES = ("project", "clip", "sign", "equal")
 PROJECT, SIGN, EQUAL = RULES.index("project"), RULES.index("sign"), RULES.index("equal")
 CLOSED_GAP = 1e-9
-"""Gap in m below which a contact is closed: far above the rounding that gathers there, far below any gap of interest."""
+"""Gap in m below which a contact is closed: far above accumulated rounding, far below any gap of interest."""
 
 COORDINATES = {"system-1": ("x", "z"), "system-2": ("x", "y", "z"), "system-3": ("x", "y", "z")}
 CONSTANTS = ("m", "g", "k", "c", "k_o", "c_o")
@@ -112,7 +112,7 @@ def steps(
 
 @dataclass
 class PaperRun:
-    """What travels from block to block."""
+    """State carried from block to block."""
 
     system: int
     h: float
@@ -148,11 +148,11 @@ class RK4Paper(Integrator):
         level="position",
         relative_degrees=(0, 1),
         handles=(Feature.MASSLESS,),
-        reaction_lives="at t",
-        energy="no rule",
+        reaction_time="at t",
+        energy="no bound",
         kick=1.0,
         slack=6.0,
-        step=300.0,  # 130 on the systems of the paper, whose plates are moved by hand
+        step=300.0,  # 130 on the systems of the paper, whose plates are projected
         drift=1.0,
         dissipates=False,
         source="Grzesikiewicz and Zbiciak, Eqs (3), (6), (8)",

@@ -1,9 +1,9 @@
-r"""The method of Shu and Osher: three stages, each a mean of Euler steps.
+r"""The method of Shu and Osher: three stages, each a convex combination of Euler steps.
 
 .. math:: X_1 = X + h F(X), \qquad X_2 = \tfrac34 X + \tfrac14 (X_1 + h F(X_1)), \qquad
           X^+ = \tfrac13 X + \tfrac23 (X_2 + h F(X_2)) .
 
-What no Euler step of length h increases, this step does not increase either.
+A convex functional that no Euler step of length h increases does not increase in this step either.
 """
 
 from __future__ import annotations
@@ -35,18 +35,18 @@ class SSPRK3(ExplicitRungeKutta):
 
     name: ClassVar[str] = "ssprk3"
     declared: ClassVar[Declared] = Declared(
-        summary="means of Euler steps, an LCP at each stage",
+        summary="convex combinations of Euler steps, an LCP at each stage",
         order_smooth=3,
         order_force_jump=2,
         order_force_kink=2,
         order_impact=1,
         order_penetration=float("inf"),
-        level="acceleration in a step, position and velocity at its end",
+        level="acceleration within a step, position and velocity at its end",
         relative_degrees=(0, 1, 2),
         handles=HANDLES,
-        reaction_lives="at t, right limit",
-        energy="no rule; grows without bound beyond the limit of stability",
-        slack=6.0,  # 3 where a plate without mass comes to rest within few steps
+        reaction_time="at t, right limit",
+        energy="no bound; grows beyond the stability limit",
+        slack=6.0,  # 3 where a massless plate comes to rest within few steps
         dissipates=False,
         source="Shu and Osher (1988)",
     )

@@ -256,7 +256,7 @@ class Layout:
         return [part for part in self.parts if isinstance(part, Mass) and part.node == node]
 
     def motions(self, node: str) -> list[PrescribedMotion]:
-        """Return the motions that are given to a node."""
+        """Return the prescribed motions of a node."""
         return [part for part in self.parts if isinstance(part, PrescribedMotion) and part.node == node]
 
     def loads(self, node: str) -> list[Element]:

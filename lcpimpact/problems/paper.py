@@ -38,7 +38,7 @@ def system_1(
 
     ``m x'' = m g - R``, ``c_o z' + k_o z = R``, ``0 <= z - x ⟂ R >= 0``: Eqs (2), of relative degree 1.
 
-    The body drives a plate without mass. R is a function and no impulse, yet it jumps to ``R(0+) = c_o v_o`` at first
+    The body drives a massless plate. R is a function and no impulse, yet it jumps to ``R(0+) = c_o v_o`` at first
     touch. Contact ends while the block is still pressed together, the plate creeps back, and the body, which gravity
     returns, meets it again on its way: four switches in 3 s with Table 1. The trap is the first-order form x' = A x + B R
     with R weighted by 1/2: R then rings for ever, and its peak comes out 43 % too high.

@@ -89,7 +89,7 @@ def _refuse_driven_masses(terms: Terms, nodes: Sequence[str]) -> None:
     for i in terms.motions:
         if terms.M.value[i].any():
             raise InputError(
-                f"node {nodes[i]!r} has a mass, and a motion that is given, which the mass cannot change: "
+                f"node {nodes[i]!r} has a mass and a prescribed motion, which the mass cannot change: "
                 "leave out the Mass or the PrescribedMotion"
             )
 

@@ -1,4 +1,4 @@
-r"""The kinds of coordinates: with mass, with a dashpot only, with a spring only, and with a motion that is given.
+r"""The kinds of coordinates: with mass, with a dashpot only, with a spring only, and with a prescribed motion.
 
 A massless node moves by a first-order equation where a dashpot holds it, and has no equation of motion at all, only a
 balance of forces, where nothing but springs hold it. Which is which follows from the graph of the elements: massless
@@ -24,7 +24,7 @@ class Decomposition:
     massive : (n, nm) array     unit vectors of the nodes with mass
     damped : (n, nd) array      massless, and C is positive definite on them
     static : (n, ns) array      massless, and C vanishes on them: each column moves a dashpot-joined group as one
-    driven : (n, np) array      unit vectors of the nodes whose motion is given, in the order of their indices
+    driven : (n, np) array      unit vectors of the nodes with prescribed motion, in the order of their indices
     """
 
     massive: Array
@@ -39,7 +39,7 @@ def loose_groups(massless: Flags, *links: Array) -> list[Indices]:
     Parameters
     ----------
     massless : (n,) array of bool
-        The nodes without mass.
+        The massless nodes.
     *links : (n, n) arrays
         Sums of links, as C and K: a row sums to what ties the node to the ground. A tie counts whatever its sign.
     """
@@ -66,7 +66,7 @@ def decompose(M: Array, C: Array, driven: Flags) -> Decomposition:
     M, C : (n, n) arrays
         Mass and damping matrix of a scheme.
     driven : (n,) array of bool
-        The nodes whose motion is given.
+        The nodes with prescribed motion.
     """
     identity = np.eye(len(M))
     massive = (np.diag(M) > 0.0) & ~driven

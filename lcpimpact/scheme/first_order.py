@@ -121,7 +121,7 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
     Parameters
     ----------
     dynamics : Dynamics
-        The system; its springs must be linear, and its loads and given motions constant or described signals.
+        The system; its springs must be linear, and its loads and prescribed motions constant or described signals.
 
     Raises
     ------
@@ -218,7 +218,7 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     Parameters
     ----------
     dynamics : Dynamics
-        The system; motions that are given must be described signals.
+        The system; prescribed motion must be described signals.
     method : str
         Who asks, for messages.
 
@@ -226,7 +226,7 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     ------
     UnsupportedError
         If a non-linear spring stands at a node that only springs hold, where its force would be the solution of an
-        equation; if one with loss stands at a node without mass, whose velocity its force is part of; or if a motion that
+        equation; if one with loss stands at a massless node, whose velocity its force is part of; or if a motion that
         is given is another function of time.
     """
     d, n, nc = dynamics, len(dynamics.nodes), len(dynamics.contacts)
@@ -234,7 +234,7 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     for spring, direction in zip(d.springs, d.directions, strict=True):
         for basis, where, hinders in (
             (parts.static, "held by springs only", True),
-            (parts.damped, "without mass, and it has a loss", spring.b + spring.c > 0.0),
+            (parts.damped, "massless, and it has a loss", spring.b + spring.c > 0.0),
         ):
             moved = (direction @ basis != 0.0) & hinders
             if moved.any():

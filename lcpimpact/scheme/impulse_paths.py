@@ -84,7 +84,7 @@ def impulse_paths(B_massive: Array, B_massless: Array) -> Array:
 
     Examples
     --------
-    A body on a plate without mass, which a stop can catch: body-plate and plate-ground.
+    A body on a massless plate, which a stop can catch: body-plate and plate-ground.
 
     >>> impulse_paths(np.array([[-1.0, 0.0]]), np.array([[1.0, -1.0]]))
     array([[1., 1.]])

@@ -33,7 +33,7 @@ MAX_BREAKPOINTS = 1_000_000
 
 
 class Signal(Protocol):
-    """A motion that is given: its place and its velocity at any time."""
+    """A prescribed motion: its place and its velocity at any time."""
 
     def __call__(self, t: float, /) -> float:
         """Return the value at time t."""

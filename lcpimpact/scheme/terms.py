@@ -102,7 +102,7 @@ class Terms:
     loads : list                    index of the node and the load
     rows : list of Row              the rows of H, in this order
     springs : list of PowerLaw      the non-linear springs
-    motions : dict                  index of each node whose motion is given, and its motion
+    motions : dict                  index of each node with prescribed motion, and its motion
     """
 
     def __init__(self, nodes: Sequence[str]) -> None:

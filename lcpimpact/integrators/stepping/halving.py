@@ -125,6 +125,6 @@ class Halving:
 
 
 def overlap(dynamics: Dynamics) -> Callable[[Array], float]:
-    """Return the function of q that is the greatest overlap along impulse paths in m, at least 0."""
+    """Return the function of q that is the largest penetration along impulse paths in m, at least 0."""
     H, u0 = dynamics.impulse_paths @ dynamics.H, dynamics.impulse_paths @ dynamics.u0
     return lambda q: float(-(H @ q + u0).min(initial=0.0))

@@ -32,7 +32,7 @@ class Paths(NamedTuple):
     order : (nc,) array             contacts at masses first: they close exactly, and those at the ground take the shift
     H : (nc, n) array               constraint matrix
     u0, e : (nc,) arrays            gaps at rest, coefficients of restitution
-    massless : (n,) array           nodes without mass whose motion is not prescribed
+    massless : (n,) array           massless nodes whose motion is not prescribed
     θ, h : float                    of the step
     """
 

@@ -76,7 +76,7 @@ class StepSprings(NamedTuple):
 
 
 class StepState(NamedTuple):
-    """What travels from step to step: y (N,), and the impulses of each law (m, nc), 0 where a contact took no part."""
+    """State carried from step to step: y (N,), and the impulses of each law (m, nc), 0 where a contact took no part."""
 
     y: Array
     P: Array

@@ -219,7 +219,7 @@ class LinearStep(TimeStepping[Tabulated]):
     """The c for which the equations use the loads at t + c h."""
 
     remembers: ClassVar[tuple[str, ...]] = ()
-    """What travels from step to step beside q and v, one vector (n,) each."""
+    """State carried from step to step beside q and v, one vector (n,) each."""
 
     @property
     def reaction_at(self) -> float:
@@ -323,7 +323,7 @@ class LinearStep(TimeStepping[Tabulated]):
     def _steps(
         self, step: Tabulated, solver: SolverState, record: Record, times: Array, first: int, state: StepState
     ) -> tuple[int, int]:
-        """Take steps in compiled code, or in the interpreter where the solver lives there."""
+        """Take steps in compiled code, or in the interpreter where the solver is written in Python."""
         kernel: Callable[..., tuple[int, int, int, int, float]] = steps
         springs = step.springs
         if not solver.compiled:

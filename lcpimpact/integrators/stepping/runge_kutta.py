@@ -470,7 +470,7 @@ def steps(
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What travels from block to block: the matrices, and the states, rates, forces and impulses on the grid."""
+    """State carried from block to block: the matrices, and the states, rates, forces and impulses on the grid."""
 
     grid: Grid
     form: FirstOrderForm

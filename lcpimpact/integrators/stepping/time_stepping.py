@@ -44,7 +44,7 @@ S = TypeVar("S", bound=Prepared)
 
 @dataclass(frozen=True, eq=False)
 class SteppingRun(Generic[S]):
-    """What travels from block to block: the state, the steps by how often dt is halved, and who halves them."""
+    """State carried from block to block: the state, the steps by how often dt is halved, and who halves them."""
 
     dynamics: Dynamics
     grid: Grid
@@ -123,7 +123,7 @@ class TimeStepping(Integrator, Generic[S]):
         return t
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> SteppingRun[S]:
-        """Write the initial state and the motions that are given, and prepare the step."""
+        """Write the initial state and the prescribed motion, and prepare the step."""
         if grid.h > LONGEST_STEP:
             raise InputError(
                 f"dt = {grid.h:g} s is longer than {LONGEST_STEP:g} s, and dt² no number: take a smaller dt"

@@ -65,7 +65,7 @@ class Bar(Element):
     mass : str or float
         "lumped", "consistent", "higher-order", or μ itself, 0 <= μ <= 1/4; see `for_step`.
     massless : str or sequence of str
-        The ends without mass: their element leaves its mass to the next node, and nothing of the total is lost. A contact
+        The massless ends: their element leaves its mass to the next node, and nothing of the total is lost. A contact
         there has relative degree 0: no impact, no coefficient of restitution, and its force is a function of time.
     sigma_y : float, optional
         Yield stress in Pa, positive; without it the bar is elastic.

@@ -1,4 +1,4 @@
-r"""A node whose motion is given."""
+r"""A node with prescribed motion."""
 
 from __future__ import annotations
 
@@ -78,5 +78,5 @@ class PrescribedMotion(Element):
         """Give the node its motion."""
         i = terms.index[self.node]
         if i in terms.motions:
-            raise InputError(f"node {self.node!r} has two motions that are given: leave one out")
+            raise InputError(f"node {self.node!r} has two prescribed motions: leave one out")
         terms.motions[i] = checked(f"{self}: y", self.y, "m", moves=True)

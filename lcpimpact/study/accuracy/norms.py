@@ -8,7 +8,7 @@ rounding. Integrals and suprema are those of the series: no sample is passed ove
 Across impacts the sup of v - v* converges for no method: an impact that comes late by δ leaves the whole jump as an error
 for the time δ. Its integral is of the order δ, and so is the distance of the graphs; docs/norms.md shows it.
 
-Nodes without mass are left out of the norms of q and v: they follow the others by a balance of forces, and in the step in
+Massless nodes are left out of the norms of q and v: they follow the others by a balance of forces, and in the step in
 which a contact opens a method that holds it to the end of the step leaves a node on a spring O(h) off for that one instant.
 """
 
@@ -398,7 +398,7 @@ def energy(run: Trajectory, truth: Trajectory) -> float:
 
 
 def penetration(run: Trajectory, truth: Trajectory) -> float:
-    r"""Return :math:`\sup_t \max_i (-u_i)^+` in m, the greatest overlap of the bumpers of the truth.
+    r"""Return :math:`\sup_t \max_i (-u_i)^+` in m, the largest penetration of the bumpers of the truth.
 
     At all times or on the grid, as for q. A method that corrects velocities alone leaves O(h) after an impact.
     """
@@ -449,7 +449,7 @@ NORMS = {
     "event_times": Norm(r"\max |t_k - t_k^*|", "s", "greatest error of the instants of events", "", event_times),
     "impulses": Norm(r"\max |P_k - P_k^*|", "N s", "greatest error of the impulses", "", impulses),
     "energy": Norm(r"\overline{|E - E^*|}", "J", "mean error of the stored energy", "", energy),
-    "penetration": Norm(r"\max (-u)^+", "m", "greatest overlap", "", penetration),
+    "penetration": Norm(r"\max (-u)^+", "m", "largest penetration", "", penetration),
     "complementarity": Norm(r"\max |r\,u|", "J", "largest product of the laws", "", complementarity),
 }
 
