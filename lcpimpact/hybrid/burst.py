@@ -1,10 +1,9 @@
 """Impacts of several bodies in quick succession, followed in double-doubles.
 
-Where impacts of several contacts accumulate, gaps fall below the rounding of places while bodies still approach, and floats
-cannot tell which plates meet next. Before that, when two contacts have met within a time that is short against the flights
-of the run, such methods as know places in floats leave the motion to `lcpimpact.hybrid.motion`, which goes on to the
-limit, or until the flights are long again. From impact to impact the state that it begins from is as good as any other: what
-is lost in it is the rounding of gaps that are still large.
+Where impacts of several contacts accumulate, gaps fall below the rounding of positions while bodies still approach, and
+floats do not determine the next impact. Before that, when two contacts have had impacts within a time that is short against
+the flights of the run, methods with states in floats leave the motion to `lcpimpact.hybrid.motion`, which follows it to the
+limit, or until the flights are long again. Its initial state has the rounding error of gaps that are still large.
 """
 
 from __future__ import annotations
@@ -36,14 +35,14 @@ TINY = float(np.finfo(float).tiny)
 
 @dataclass
 class ImpactHistory:
-    """When each contact met last, and the longest time in which none did.
+    """The last impact of each contact, and the longest time without an impact.
 
     Attributes
     ----------
     last : (nc,) array      the last impact of each row
     longest : float         longest time without an impact so far, in s
     latest : float          the last impact of all
-    short : (nc,) array     how many flights of each row before its last impact were short, one after the other
+    short : (nc,) array     number of consecutive short flights of each row before its last impact
     """
 
     last: Array
@@ -53,29 +52,29 @@ class ImpactHistory:
 
     @classmethod
     def none(cls, contacts: int) -> ImpactHistory:
-        """Return that no contact has met anything."""
+        """Return the history before any impact."""
         return cls(np.full(contacts, -np.inf), np.zeros(contacts, dtype=np.int64))
 
     def note(self, t: float, rows: Indices) -> None:
-        """Note an impact of these rows at t."""
+        """Record an impact of these rows at t."""
         self.longest, self.latest = max(self.longest, t - self.latest), t
         self.last[rows] = t
 
     def land(self, t: float, rows: Indices, short: float, low: Array) -> None:
-        """Note an impact of these rows at t; a flight is short below one length, or below one of its own for each row."""
+        """Record an impact of these rows at t; a flight is short below ``short``, or below ``low`` of its row."""
         flight = t - self.last[rows]
         self.short[rows] = np.where((flight < short) | (flight < low), self.short[rows] + 1, 0)
         self.note(t, rows)
 
     def take(self, burst: Motion) -> None:
-        """Note the impacts of a burst: what meets on after it meets for the first time."""
+        """Record the impacts of a burst; the counts of short flights start again."""
         self.short[:] = 0
         for event in burst.events:
             if event.impulse > 0.0:
                 self.last[burst.system.names[event.contact]] = self.latest = event.t
 
     def quick(self, system: System, t: float, rows: Indices, rates: Array, scale: Array, least: float = 0.0) -> float:
-        """Return what a short flight is, where these rows, which meet at t at ``rates`` (nc,), follow others; else 0.
+        """Return the duration of a short flight, if impacts of these rows at t, at ``rates`` (nc,), follow others; else 0.
 
         A flight below ``least`` is short in any case.
         """
@@ -102,10 +101,10 @@ def follow_burst(
 ) -> tuple[Status, Motion]:
     """Follow impacts from the state X (N,) after those at t in a mode, until a flight is longer than ``short``.
 
-    They are followed to the end of the run, or for ``most`` seconds. The last segment of the motion goes on in floats.
+    They are followed to the end of the run, or for ``most`` seconds. The last segment of the motion continues in floats.
     """
     state = settled(system, mode, X, scale)
-    # What is zero in these floats is so to their rounding, and not to that of a root.
+    # Zeros of these floats have their rounding error, and not that of a root.
     size = np.maximum(np.abs(X.hi), GIVEN_ZERO_RTOL / ZERO * scale)
     end, left = min(t + 2.0 * short, run.end), max(run.max_events - run.switches, 1)
     motion = begin(system, state.hi, end, t, run.solver, left, scale=size)
@@ -114,7 +113,7 @@ def follow_burst(
     while status is Status.SOLVED and (following := _next(motion)) - motion.segments[-1].t0 <= min(short, most):
         if following - t > most:
             break
-        # The next flight is looked at for as long as it may be short.
+        # The next flight is followed for as long as it may be short.
         motion.end = min(following + 2.0 * short, run.end)
         motion.breakpoints = system.form.breakpoints(t, motion.end)
         status = follow(motion, following)
@@ -127,6 +126,6 @@ def passed(motion: Motion) -> list[tuple[Segment, float]]:
 
 
 def _next(motion: Motion) -> float:
-    """Return when the next event is, or inf where it is a breakpoint of the signals."""
+    """Return the instant of the next event, or inf if it is a breakpoint of the signals."""
     when, row, _ = motion.next_event
     return float(when.hi) if row.any() else np.inf

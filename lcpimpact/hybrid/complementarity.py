@@ -1,7 +1,7 @@
 r"""Linear complementarity problems in double-doubles, from solutions in floats: of modes, and of impacts.
 
-Floats tell which rows lie between their bounds; those are solved for in double-doubles, and rows whose signs then are wrong
-are exchanged by Murty's rule. Newton's law of impact is the LCP
+Floats determine which rows lie between their bounds; these are solved in double-doubles, and rows with wrong signs are
+exchanged by Murty's rule. Newton's law of impact is the LCP
 
 .. math:: 0 \le P \perp U^+ + e U^- \ge 0, \qquad U^+ = U^- + G P, \qquad G = C A B .
 """
@@ -23,8 +23,8 @@ FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
 def exchange(W: Array, q: Array, z: Array, lower: Array, upper: Array, tiny: Array) -> tuple[Array, Array, bool]:
     """Return z and w = W z + q, complementary within bounds, as double-doubles, from a solution z in floats.
 
-    The rows that lie between their bounds in floats are solved for; where a sign then is wrong by more than ``tiny`` (in the
-    unit of q), the last such row is exchanged (Murty's rule) until none is; the flag says whether that came to an end.
+    The rows between their bounds in floats are solved; the last row with a sign wrong by more than ``tiny`` (in the unit
+    of q) is exchanged (Murty's rule) until there is none; the flag says whether the exchanges end.
     """
     n = len(z)
     free, high, slack = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n)
@@ -35,7 +35,7 @@ def exchange(W: Array, q: Array, z: Array, lower: Array, upper: Array, tiny: Arr
         w0 = q[0, i]
         for j in range(n):
             w0 += W[0, i, j] * z[j]
-        # A float that lies at its bound but for rounding begins there: two rows that share a force must not both be free.
+        # A float within rounding of its bound starts there: two redundant rows must not both be free.
         near = max(slack[i], FLOAT_ZERO * abs(z[i]))
         free[i] = z[i] - lower[i] > near and upper[i] - z[i] > near and (z[i] - lower[i]) * unit > w0
         high[i] = not free[i] and upper[i] - z[i] < z[i] - lower[i]
@@ -79,7 +79,7 @@ def complementary(
     Raises
     ------
     numpy.linalg.LinAlgError
-        If no exchange of rows leads to signs that are right.
+        If the exchanges of rows do not end.
     """
     found, w, ended = exchange(
         np.ascontiguousarray(W.parts), np.ascontiguousarray(q.parts), *(np.asarray(a) for a in (z, lower, upper, tiny))
@@ -91,9 +91,9 @@ def complementary(
 
 @compiled(types.Tuple((indices, vector, vector, types.boolean))(matrix, matrix, matrix, vector, flags))
 def approach(u: Array, U: Array, before: Array, e: Array, meets: Flags) -> tuple[Indices, Array, Array, bool]:
-    """Return the rows that meet, e on each, or 0 where plates part already, and U + e U⁻ in floats; U⁻ is ``before``.
+    """Return the rows with impacts, e of each, or 0 where they open already, and U + e U⁻ in floats; U⁻ is ``before``.
 
-    They are those of ``meets`` that touch, u <= 0. The flag says whether any U + e U⁻ is negative: then there are impulses.
+    These are the rows of ``meets`` with u <= 0. The flag says whether any U + e U⁻ is negative: then there are impulses.
     """
     rows = np.flatnonzero(meets & (u[0] <= 0.0))
     bounce, q = np.empty(len(rows)), np.empty(len(rows))
@@ -107,9 +107,9 @@ def approach(u: Array, U: Array, before: Array, e: Array, meets: Flags) -> tuple
 def rebound(
     G: Array, B: Array, X: Array, U: Array, before: Array, bounce: Array, rows: Indices, z: Array, zero: float
 ) -> tuple[Array, Array, bool]:
-    """Return X + B P and P, double-doubles, where 0 <= P ⟂ G P + U + e U⁻ >= 0 on the rows that meet; U⁻ is ``before``.
+    """Return X + B P and P, double-doubles, where 0 <= P ⟂ G P + U + e U⁻ >= 0 on the rows with impacts; U⁻ is ``before``.
 
-    ``bounce`` is e on the rows that meet, and z the impulses in floats (see `exchange`).
+    ``bounce`` is e of these rows, and z the impulses in floats (see `exchange`).
     """
     n = len(rows)
     W, q, tiny, P = np.empty((2, n, n)), np.empty((2, n)), np.empty(n), np.zeros((2, G.shape[1]))
@@ -129,7 +129,7 @@ def rebound(
 
 @compiled(flags(vector, matrix, vector, matrix, flags, indices))
 def at_rest(P: Array, before: Array, e: Array, G: Array, held: Flags, degree: Indices) -> Flags:
-    """Return which rows of degree 2 have no rate after the impulses P: no rebound, or ``held`` and not moved by P."""
+    """Return the rows of degree 2 with U = 0 after the impulses P: no rebound, or ``held`` and not affected by P."""
     found = np.empty(len(P), np.bool_)
     for i in range(len(P)):
         change = 0.0

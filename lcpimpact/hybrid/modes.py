@@ -1,4 +1,4 @@
-r"""The contact modes of a linear system, and which one comes next.
+r"""The contact modes of a linear system, and the choice of the next one by LCPs.
 
 In first-order form (see `lcpimpact.scheme.first_order`) the system is X' = A X + B r, u = C X + D r, 0 <= u ⟂ r >= 0. A
 *mode* is the set of closed rows, on which u ≡ 0. With ρ_i the relative degree of row i,
@@ -7,23 +7,23 @@ In first-order form (see `lcpimpact.scheme.first_order`) the system is X' = A X 
 
 so the closed rows give r = F X, and the mode moves by X' = (A + B F) X. The mode is chosen, at the start and after every
 event, by LCPs on the one-sided derivatives: first 0 <= r ⟂ O X + G r >= 0 on the rows that touch, then, for the rows
-that it leaves undecided (both sides zero: grazing, and every switch that is not a jump), the same for the next derivatives
-of r and u, until each is decided. Where plates that both have mass meet with U < 0, Newton's law of impact is an LCP of its
-own: 0 <= P ⟂ U⁺ + e U⁻ >= 0 with U⁺ = U⁻ + C A B P.
+that it leaves undecided (both sides zero: grazing, and every switch without a jump), the same for the next derivatives
+of r and u, until each is decided. At contacts of relative degree 2 that close with U < 0, Newton's law of impact is another
+LCP: 0 <= P ⟂ U⁺ + e U⁻ >= 0 with U⁺ = U⁻ + C A B P.
 
-*Rows whose relative degree depends on others.* Closed rows that share a massless node have combinations T u in which it
+*Joint relative degree.* Closed rows with a common massless node have combinations T u in which it
 cancels, and whose relative degree is higher than theirs: bodies that ride on one plate, or a body on a plate that is stopped
-(see `lcpimpact.scheme.decomposition.degrees_together`). A mode then holds each combination at its own level,
+(see `lcpimpact.scheme.decomposition.degrees_together`). A mode then imposes each combination at its own level,
 
 .. math:: (T u)_k^{(ρ_k)} = (T C)_k A^{ρ_k} X + (T G)_k r = 0 ,
 
-and since no order of LCPs can say beforehand which rows that will be, the mode is the one of all sets of rows for which the
-first derivatives of r and u that are not zero are positive, found by Murty's exchange of one row at a time. Impulses act on
+and since these rows are not known beforehand, the mode is the set of closed rows for which the first nonzero derivatives of
+r and u are positive, found by Murty's least-index exchanges. Impulses act on
 impulse paths, by the law of `lcpimpact.hybrid.impact_law`.
 
 A slider is a row too: it sticks, with u constant and -r_0 < r < r_0, or slips with r = -r_0 sign U. The LCPs are the same,
-within bounds: -r_0 <= r <= r_0 at first, and for the derivatives r' >= 0 where r = -r_0, r' <= 0 where r = r_0. Where a
-spring alone gives way to it (ρ = 0), the place p where it sticks is a state of its own, and u counts from there.
+within bounds: -r_0 <= r <= r_0 at first, and for the derivatives r' >= 0 where r = -r_0, r' <= 0 where r = r_0. On a
+spring only (ρ = 0), the position p at which it sticks is an additional state, and u counts from there.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
 from lcpimpact.scheme.signals import PiecewisePolynomial
 
 ZERO = 1e-12
-"""Tolerance for zero in a state of floats, relative to the terms of the sum at their largest so far: a root found to
-rounding leaves about 1e-15 of them."""
+"""Tolerance for zero in a state of floats, relative to the terms of the sum at their largest so far: a root located
+to rounding leaves about 1e-15 of them."""
 
 REFINEMENTS = 2
 """Number of corrections in floats, which give the digits of double-doubles."""
@@ -68,13 +68,13 @@ FINE_ZERO = 2.0**-95
 
 @dataclass(frozen=True)
 class Mode:
-    """What each row does, and how it begins.
+    """The contact mode: the state of each row, and how it begins.
 
     Attributes
     ----------
     closed : tuple of int       the rows with u ≡ 0: closed contacts and sticking sliders
     slips : tuple of (int, int) the sliders that slip, with the sign of U
-    order : tuple of int        order of the zero with which what ends the mode leaves it, -1 if it is zero for ever
+    order : tuple of int        initial order of the zero of its event function, -1 if it is zero for ever
     side : tuple of int         sign of r of a slider that begins to stick with its force at a threshold, else 0
     """
 
@@ -85,15 +85,15 @@ class Mode:
 
     @property
     def key(self) -> tuple[tuple[int, ...], tuple[tuple[int, int], ...]]:
-        """What its flow depends on."""
+        """The part that determines the flow."""
         return self.closed, self.slips
 
 
 @dataclass(frozen=True, eq=False)
 class Still:
-    """Which openings u and which rates U are zero by what the mode before, or an impact, has made of them.
+    """The openings u and rates U that are zero by the last mode or an impact.
 
-    What is closed stays closed, whatever rounding makes of its gap, until its own force ends that.
+    A closed contact stays closed, whatever the rounding of its gap, until its own force ends that.
 
     Attributes
     ----------
@@ -107,20 +107,20 @@ class Still:
 
     @cached_property
     def none(self) -> bool:
-        """Whether no opening and no rate is."""
+        """Whether there are none."""
         return not (self.u.any() or self.U.any())
 
 
 class Watch(NamedTuple):
-    """What ends a mode, and what it holds.
+    """The event functions of a mode, and its zeros.
 
     Attributes
     ----------
     contacts : (k,) array       the row of H of each
-    rows : DoubleDouble         rows c (k, N + nw), where c·(X, w) turning negative ends the mode
+    rows : DoubleDouble         rows c (k, N + nw); the mode ends when c·(X, w) turns negative
     entries : Sparse            the same
     order : (k,) array          the order of the zero with which it begins
-    held : Still                what is zero as long as the mode lasts
+    held : Still                zeros as long as the mode lasts
     """
 
     contacts: Indices
@@ -131,7 +131,7 @@ class Watch(NamedTuple):
 
 
 class Coordinates(NamedTuple):
-    """How q, v and r are read off the state in a mode.
+    """Rows that give q, v and r in terms of the state in a mode.
 
     Attributes
     ----------
@@ -144,11 +144,11 @@ class Coordinates(NamedTuple):
 
 
 class Together(NamedTuple):
-    """How rows that are closed together are held: T u = 0, each combination at its own relative degree.
+    """Constraints of jointly closed rows: T u = 0, each combination at its own relative degree.
 
     Attributes
     ----------
-    T : (k, k) array            the combinations, one a row, of the lowest degree first
+    T : (k, k) array            the combinations, the lowest degree first
     degree : (k,) array         the relative degree of each
     C, CA, O : DoubleDouble     T C, T C A, and row by row T C A^ρ (k, N)
     G : DoubleDouble            row by row T D, T C B or T C A B (k, nc)
@@ -182,7 +182,7 @@ class System:
     ----------
     dynamics : Dynamics
     given : FirstOrderForm, optional
-        The form, where it is not that of ``dynamics`` alone: linear about one instant, or with inputs beside r.
+        The form, if not that of ``dynamics``: linearised about an instant, or with inputs beside r.
     inputs : pair of (N, nw) and (nc, nw) arrays, optional
         E and D_w with X' = A X + B r + E w, u = C X + D r + D_w w.
     """
@@ -215,7 +215,7 @@ class System:
 
     @cached_property
     def remembered(self) -> Indices:
-        """The sliders of degree 0, whose places p are states, the last of X."""
+        """The sliders of degree 0, whose positions p are the last states of X."""
         return np.flatnonzero(self.slides & (self.degree == 0))
 
     @cached_property
@@ -246,11 +246,11 @@ class System:
         return np.pad(self.form.Q, ((0, 0), (0, len(self.remembered)))), self.form.Qr
 
     def state(self, q: Array, v: Array) -> Array:
-        """Return X at t = 0; a slider of degree 0 begins where the coordinates have it."""
+        """Return X at t = 0; a slider of degree 0 begins at the initial coordinates."""
         return np.concatenate([self.form.state(q, v), self.dynamics.gap(q)[self.remembered]])
 
     def put(self, X: DoubleDouble, i: int, u: DoubleDouble) -> DoubleDouble:
-        """Return X with the place of slider i, which has degree 0, moved by u."""
+        """Return X with the position of slider i, of degree 0, moved by u."""
         move = np.zeros(len(X))
         move[len(self.form.A) :] = self.remembered == i
         return X + move * u
@@ -286,14 +286,14 @@ class System:
                 if self.mixed:
                     cancels = np.abs(F[0, rows]) <= FINE_ZERO * (np.abs(np.linalg.inv(G.hi[:, rows])) @ terms)
                     F[:, rows] = np.where(cancels, 0.0, F[:, rows])
-            # What cancels in A + B F is zero: nothing moves where forces balance.
+            # Cancellation in A + B F is set to zero: balanced forces cause no motion.
             closed = A + B @ DoubleDouble(F)
             closed.parts[:, np.abs(closed.hi) <= FINE_ZERO * (np.abs(A.hi) + np.abs(B.hi) @ np.abs(F[0]))] = 0.0
             self.flows[mode.key] = Flow(closed), DoubleDouble(F)
         return self.flows[mode.key]
 
     def _held(self, mode: Mode) -> tuple[DoubleDouble, DoubleDouble]:
-        """Return O (k, N) and G (k, nc) of what a mode holds at zero, O X + G r = 0."""
+        """Return O (k, N) and G (k, nc) of the constraints of a mode, O X + G r = 0."""
         if self.mixed:
             held = self.together(mode.closed)
             return held.O, held.G
@@ -315,11 +315,11 @@ class System:
 
     @property
     def mixed(self) -> bool:
-        """Whether contacts can be closed together that hold combinations of their gaps at higher degrees than their own."""
+        """Whether contacts can be closed together with combinations of a higher degree than their own."""
         return bool(self.mixed_degrees)
 
     def together(self, rows: tuple[int, ...]) -> Together:
-        """Return how contacts are held that are closed together."""
+        """Return the constraints of jointly closed contacts."""
         if rows not in self.combinations:
             A, B, C, D, *_ = self.fine
             at = list(rows)
@@ -341,14 +341,14 @@ class System:
         return self.dynamics.impulse_lines if self.mixed else np.zeros((0, len(self.degree)))
 
     def openings(self, F: DoubleDouble) -> DoubleDouble:
-        """Return C + D F (nc, N), by which u = C X + D r is read off X, with what cancels set to zero."""
+        """Return C + D F (nc, N), of u = C X + D r in a mode, with cancellation set to zero."""
         _, _, C, D, *_ = self.fine
         found = C + D @ F
         found.parts[:, np.abs(found.hi) <= FINE_ZERO * (np.abs(C.hi) + np.abs(D.hi) @ np.abs(F.hi))] = 0.0
         return found
 
     def rates(self, mode: Mode) -> DoubleDouble:
-        """Return the rows (nc, N) by which a mode has the opening rates U, those of massless nodes included."""
+        """Return the rows (nc, N) of the opening rates U in a mode, those of massless nodes included."""
         flow, F = self.reaction(mode)
         U = _product(self.openings(F), flow.generator)
         U.parts[:, list(mode.closed)] = 0.0
@@ -360,10 +360,10 @@ class System:
         return flow, F.hi
 
     def coordinates(self, mode: Mode) -> Coordinates:
-        """Return the rows by which q, v and r are read off the state in a mode."""
+        """Return the rows of q, v and r in terms of the state in a mode."""
         if mode.key not in self.readings:
             (flow, F), (_, _, _, _, Q, Qr) = self.reaction(mode), self.form.double_doubles
-            # Where springs hold a plate that is stopped, their forces cancel.
+            # The forces of springs at a stopped plate cancel.
             place = stacked([[Q, np.zeros((len(Q), len(self.remembered)))]]) + Qr @ F
             terms = np.abs(self.read[0]) + np.abs(Qr.hi) @ np.abs(F.hi)
             place.parts[:, np.abs(place.hi) <= FINE_ZERO * terms] = 0.0
@@ -373,14 +373,14 @@ class System:
 
     @cached_property
     def pushes(self) -> Array:
-        """|B| (N, nc): what impulses do to X."""
+        """|B| (N, nc): the change of X by impulses."""
         return np.abs(self.fine.B.hi)
 
     @cached_property
     def reach(self) -> Array:
-        """What each component of X does to the others within a window, without contact forces (N, N).
+        """Effect of each component of X on the others within a window, without contact forces (N, N).
 
-        Where forces balance, what is left of them is rounding relative to this, however little moves there.
+        The residual of balanced forces is rounding relative to this.
         """
         return np.abs(self.fine.A.hi) * self.mode(Mode((), (), (), ()))[0].window
 
@@ -410,7 +410,7 @@ class System:
         return self.dynamics.r_min, self.dynamics.r_max
 
     def impact_lcp(self, G: DoubleDouble, lines: Array, meeting: Indices, solver: str) -> PreparedLCP:
-        """Return the LCP of the impulses of those that meet, rows of G for contacts and ``lines``, made ready."""
+        """Return the prepared LCP of the impulses at the rows ``meeting`` and ``lines`` of G."""
         key = meeting.tobytes(), lines.tobytes() if len(lines) else b"", solver
         if key not in self.lcps:
             self.lcps[key] = prepare_lcp(G.hi[np.ix_(meeting, meeting)], solver)
@@ -431,7 +431,7 @@ class System:
         return np.asarray(np.array([Dw, C @ E, C @ A @ E])[self.degree, np.arange(len(self.degree))])
 
     def input_response(self, mode: Mode) -> Array:
-        """Return F_w (nc, nw), by which the reactions of a mode, r = F X + F_w w, answer to the inputs."""
+        """Return F_w (nc, nw) of the reactions r = F X + F_w w of a mode."""
         rows, found = list(mode.closed), np.zeros_like(self.O_w)
         if found.size:
             E, Dw = self.input_matrices
@@ -444,7 +444,7 @@ class System:
         return found
 
     def ends(self, mode: Mode) -> tuple[Indices, Indices, DoubleDouble]:
-        """Return what ends a mode where it turns negative: for each the row of H, its side, and the row c of c·(X, w).
+        """Return the event functions of a mode: for each the row of H, its side, and the row c of c·(X, w).
 
         The side is that of the threshold of a slider that sticks, and 0 for all others; without inputs it is c·X.
         """
@@ -477,7 +477,7 @@ class System:
         return self.switches[mode.key]
 
     def watch(self, mode: Mode) -> Watch:
-        """Return what ends a mode, and what it holds at zero."""
+        """Return the event functions of a mode, and its zeros."""
         if mode not in self.known:
             contacts, side, rows = self.ends(mode)
             order = np.array(mode.order, dtype=np.int64)[contacts]
@@ -504,7 +504,7 @@ def block(G: DoubleDouble, rows: list[int], columns: list[int]) -> DoubleDouble:
 def _solve(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
     """Solve with a block of G; where it is singular, the contact forces are not uniquely determined."""
     if len(G) > 1:
-        # Springs and masses give rows of other units, which are not dependent for that.
+        # Rows of springs and of masses have different units, which must not make them look dependent.
         rows = np.abs(G.hi).max(axis=1, keepdims=True)
         balanced = G.hi / np.where(rows > 0.0, rows, 1.0)
         columns = np.abs(balanced).max(axis=0)
@@ -514,19 +514,19 @@ def _solve(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
 
 
 def _product(a: DoubleDouble, b: DoubleDouble) -> DoubleDouble:
-    """Return a b, with what cancels set to zero."""
+    """Return a b, with cancellation set to zero."""
     found = a @ b
     found.parts[:, np.abs(found.hi) <= FINE_ZERO * (np.abs(a.hi) @ np.abs(b.hi))] = 0.0
     return found
 
 
 def _combined(T: Array, b: DoubleDouble) -> DoubleDouble:
-    """Return T b, with what cancels set to zero."""
+    """Return T b, with cancellation set to zero."""
     return _product(DoubleDouble.of(T), b)
 
 
 def still(system: System, mode: Mode | None) -> Still:
-    """Return what a mode holds at zero."""
+    """Return the zeros of a mode."""
     if mode is not None:
         return system.watch(mode).held
     none = np.zeros(len(system.degree), dtype=np.bool_)
@@ -536,7 +536,7 @@ def still(system: System, mode: Mode | None) -> Still:
 def settled(
     system: System, mode: Mode | None, X: DoubleDouble, scale: Array, held: Still | None = None
 ) -> DoubleDouble:
-    """Return X with the gaps and rates put back to zero that a mode, or what is ``held``, keeps at zero."""
+    """Return X projected onto the zero gaps and rates of a mode, or of ``held``."""
     held = held or still(system, mode)
     C, CA = system.fine.C, system.fine.CA
     if held.none and not system.mixed:
@@ -551,13 +551,13 @@ def settled(
 
 
 def scale_after(system: System, scale: Array, P: Array) -> Array:
-    """Return the scale (N,) with what impulses P (nc,) have done: where they balance, what is left of them is rounding."""
+    """Return the scale (N,) with the effect of impulses P (nc,): the residual of balanced ones is rounding."""
     return np.maximum(scale, system.pushes @ P) if P.any() else scale
 
 
 def _put_to_zero(system: System, constraint: DoubleDouble, X: DoubleDouble, scale: Array) -> DoubleDouble:
-    """Return X with these rows of it put to zero."""
-    # What is given, the constant and the signals, stays what it is; the rest moves in proportion to its size.
+    """Return X projected so that these rows of it are zero."""
+    # The constant and the signals stay; the other states move in proportion to their size.
     moves = np.where(np.arange(len(X)) < system.form.constant, scale, 0.0)
     for _ in range(REFINEMENTS):
         rest = (constraint @ X).hi
@@ -570,7 +570,7 @@ def _put_to_zero(system: System, constraint: DoubleDouble, X: DoubleDouble, scal
 
 @compiled(cube(cube, cube, matrix, vector, flags, flags, f8))
 def reading(C: Array, CA: Array, X: Array, scale: Array, no_gap: Flags, no_rate: Flags, zero: float) -> Array:
-    """Return C X and C A X (2, 2, nc) of X (2, N), with what is held at zero and what is rounding set to zero."""
+    """Return C X and C A X (2, 2, nc) of X (2, N), with held values and rounding set to zero."""
     found = np.zeros((2, 2, C.shape[1]))
     for k, (rows, at_zero) in enumerate(((C, no_gap), (CA, no_rate))):
         for i in range(C.shape[1]):
@@ -588,7 +588,7 @@ def reading(C: Array, CA: Array, X: Array, scale: Array, no_gap: Flags, no_rate:
 def gaps(
     system: System, X: ArrayLike | DoubleDouble, scale: Array, held: Still | None = None, zero: float = ZERO
 ) -> tuple[DoubleDouble, DoubleDouble]:
-    """Return u and U of the rows (nc,), for r = 0, with what is held and what is rounding set to zero."""
+    """Return u and U of the rows (nc,), for r = 0, with held values and rounding set to zero."""
     u, U = openings_and_rates(system, DoubleDouble.of(X), scale, held or still(system, None), zero)
     return DoubleDouble(u), DoubleDouble(U)
 
@@ -601,9 +601,9 @@ def openings_and_rates(system: System, X: DoubleDouble, scale: Array, held: Stil
 
 @compiled(types.int64[:, ::1](cube, indices, flags))
 def motions(opening: Array, degree: Indices, slides: Flags) -> Indices:
-    """Return whether a force is sought on each row, the sign of U of sliders that move, and the order of the zero (3, nc).
+    """Return whether a force is unknown in each row, the sign of U of slipping sliders, and the order of the zero (3, nc).
 
-    A force is sought on rows of degree 0, on those that touch and do not open, and on sliders that do not move. ``opening``
+    A force is unknown in rows of degree 0, at closed contacts that do not open, and at sliders that do not slip. ``opening``
     holds u and U.
     """
     found = np.zeros((3, len(degree)), np.int64)
@@ -625,9 +625,9 @@ def choose_mode(
     held: Still | None = None,
     zero: float = ZERO,
 ) -> tuple[Mode, DoubleDouble]:
-    """Return the mode in which the motion goes on from X, by LCPs on the one-sided derivatives, and X.
+    """Return the next mode from X, by LCPs on the one-sided derivatives, and X.
 
-    X differs only in the places of sliders of degree 0, which have slipped, or begin with a force beyond their threshold.
+    X differs only in the positions of sliders of degree 0, which have slipped, or begin beyond their threshold.
 
     Parameters
     ----------
@@ -635,8 +635,8 @@ def choose_mode(
     X : (N,) array or DoubleDouble
     scale : (N,) array          largest |X| of the run so far
     solver : str                name of an LCP solver
-    held : Still, optional      what is zero by definition
-    zero : float                what counts as zero, relative to the terms that gave it
+    held : Still, optional      exact zeros
+    zero : float                tolerance for zero, relative to the terms of a sum
     """
     if system.mixed:
         return _exchanged_mode(system, DoubleDouble.of(X), scale, held or still(system, None), zero)
@@ -709,13 +709,13 @@ def _exchanged_mode(
 ) -> tuple[Mode, DoubleDouble]:
     """Return the mode of contacts without common relative degrees, and X.
 
-    A number at the very border of rounding may count as zero in one combination and not in another, and then no mode fits:
-    what is a little above the border is rounding too.
+    A number near the tolerance may count as zero in one combination and not in another, and then no mode fits: so larger
+    tolerances are tried, too.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        If no mode fits, or the one that does needs an impulse.
+        If no mode fits without an impulse.
     """
     for wider in ZERO_FACTORS:
         found = _exchanged(system, X, scale, held, wider * zero)
@@ -727,10 +727,10 @@ def _exchanged_mode(
 def _exchanged(
     system: System, X: DoubleDouble, scale: Array, held: Still, zero: float
 ) -> tuple[Mode, DoubleDouble] | None:
-    """Return the mode, by exchanges of the last row whose sign is wrong, and X; None if the exchanges come back.
+    """Return the mode, by exchanges of the last row with a wrong sign, and X; None if the exchanges cycle.
 
-    They do not, since the rows depend on their forces by a P-matrix of rational functions, which those that are large enough
-    order as the first terms of their series do; but for rounding. X differs only by that: it is put to zero beforehand.
+    They do not, but for rounding, since the rows depend on their forces by a P-matrix of rational functions, ordered by the
+    first terms of their series. X differs only by rounding, which is set to zero beforehand.
     """
     degree, nc = system.degree, len(system.degree)
     u, U = gaps(system, X, scale, held, zero)
@@ -761,7 +761,7 @@ def _at_rest(
     scale: Array,
     zero: float,
 ) -> DoubleDouble:
-    """Return X with the combinations of these rows at zero that are closed, and the rates of those that are slow.
+    """Return X projected onto closed combinations of these rows, and onto zero rates of the slow ones.
 
     ``opening`` holds u, and the rate that is slow.
     """
@@ -784,9 +784,9 @@ def _first_terms(
     zero: float,
     slow: float,
 ) -> tuple[Indices, Array, bool]:
-    """Return the order and the sign of the first term of r on closed ``rows``, and of u on others, that is not zero.
+    """Return the order and the sign of the first nonzero term of r on closed ``rows``, and of u on others.
 
-    The order is -1 where all are. Rows that do not fit the state, whose ``opening`` is (u, U), go to it by impulses,
+    The order is -1 if there is none. Rows inconsistent with the state, whose ``opening`` is (u, U), need impulses,
     r = p' δ' + p δ + ..., whose signs come first; the flag says whether there are any. Combinations of degree 2 that open no
     faster than ``slow`` are at rest.
     """
@@ -797,7 +797,7 @@ def _first_terms(
     impulsive, state, sizes = False, X, scale
 
     def push(lacks: DoubleDouble) -> DoubleDouble:
-        """Return B p, where the impulses p make up for what the combinations lack, and note the signs of p."""
+        """Return B p of the impulses p that make the combinations consistent, and write the signs of p."""
         p = np.zeros((2, len(sign)))
         p[:, at] = _solve(together.G[:, at], -lacks).parts
         size = np.zeros(len(sign))
@@ -809,7 +809,7 @@ def _first_terms(
     gap = _openings(system, rows, u, held, scale, zero)
     if gap.hi.any():
         impulsive = True
-        # By δ' masses go where their gaps close; by δ all else does, and the masses stop.
+        # δ' displaces the masses to close their gaps; δ displaces the rest and stops the masses.
         state = state + A @ push(DoubleDouble(np.where(together.degree == 2, gap.parts, 0.0)))
         sizes = np.maximum(sizes, np.abs(state.hi))
     rate = together.CA @ state
@@ -840,7 +840,7 @@ def _first_terms(
 
 
 def _bounds(system: System, rows: list[int], side: list[int], level: int) -> tuple[Array, Array]:
-    """Return the bounds of r, and for a higher level those of its derivative, for rows that are undecided."""
+    """Return the bounds of r, and at a higher level those of its derivative, for undecided rows."""
     slides = system.slides[rows]
     if level == 0:
         return system.bounds[0][rows], system.bounds[1][rows]
@@ -860,13 +860,13 @@ def impact(
     left: DoubleDouble | None = None,
     rates: ArrayLike | DoubleDouble | None = None,
 ) -> tuple[DoubleDouble, Array, Still]:
-    """Return X after the impacts at this instant, the impulses (nc,), and what is held at zero after them.
+    """Return X after the impacts at this instant, the impulses (nc,), and the zeros after them.
 
-    Newton's law is 0 <= P ⟂ U⁺ + e U⁻ >= 0; where plates part already it only forbids that they meet. The coefficients e
-    are those of the rows, or ``restitution`` (nc,). The rows ``among`` (nc,) meet, or else all that touch. Where a
-    prescribed velocity jumps, X has its right limit, and ``left`` (N,) the left one, of which U⁻ is made. The left limits
-    ``rates`` (nc,) of U, with those of massless nodes, which are no part of X, tell where the impulse paths of
-    `lcpimpact.hybrid.impact_law` rebound.
+    Newton's law is 0 <= P ⟂ U⁺ + e U⁻ >= 0; at contacts that open already e is 0. The coefficients e
+    are those of the rows, or ``restitution`` (nc,). The rows ``among`` (nc,), or else all closed ones, undergo impacts. If a
+    prescribed velocity jumps, X has its right limit, and ``left`` (N,), which gives U⁻, its left limit. The left limits
+    ``rates`` (nc,) of U, with those of massless nodes, which are not in X, determine the rebound of the impulse paths of
+    `lcpimpact.hybrid.impact_law`.
     """
     e = system.restitution if restitution is None else restitution
     state, held = DoubleDouble.of(X), held or still(system, None)
@@ -902,7 +902,7 @@ def impact(
 
 
 def _touching(system: System, u: DoubleDouble, held: Still, scale: Array, zero: float) -> Array:
-    """Return the impulse paths (np, nc) over massless nodes on which all contacts touch, whose openings are ``u``."""
+    """Return the impulse paths (np, nc) over massless nodes whose contacts, with the openings ``u``, are all closed."""
     found = [
         not (_openings(system, tuple(map(int, np.flatnonzero(line))), u, held, scale, zero).hi > 0.0).any()
         for line in system.lines
@@ -923,7 +923,7 @@ def _openings(
 
 
 def _line_rates(system: System, lines: Array, X: DoubleDouble, scale: Array, zero: float) -> DoubleDouble:
-    """Return the opening rates of impulse paths, which massless nodes do not change, with what is rounding set to zero."""
+    """Return the opening rates of impulse paths, which do not depend on massless nodes, with rounding set to zero."""
     rates = _product(_combined(lines, system.fine.C), system.fine.A)
     found = rates @ X
     found.parts[:, np.abs(found.hi) <= zero * (np.abs(rates.hi) @ scale)] = 0.0
@@ -931,7 +931,7 @@ def _line_rates(system: System, lines: Array, X: DoubleDouble, scale: Array, zer
 
 
 def refuse_velocity_jumps(dynamics: Dynamics, t_end: float, method: str) -> None:
-    """Refuse a bumper with e > 0 on a node whose given velocity jumps, for methods that know only the right limit of U."""
+    """Refuse a bumper with e > 0 on a node whose prescribed velocity jumps, for methods with the right limit of U only."""
     for i, motion in dynamics.motions.items():
         rows = np.flatnonzero(
             (dynamics.H[:, i] != 0.0) & (dynamics.relative_degree == 2) & (dynamics.restitution > 0.0)

@@ -243,7 +243,7 @@ def _report_tables(found: PaperRuns, checks: tuple[Check, ...]) -> list[Section]
             "Cross-validation",
             "Errors of the θ-step (with Lemke's method) and of the paper's RK4 against the exact solution; "
             "t<sub>1</sub> ... t<sub>4</sub> are errors of the switching times, and mean|R| is the L1 error of R over the "
-            f"length of the run, read where the force lives (mid-step for θ = 1/2). {tables.compared_with_rk4(found)} "
+            f"length of the run, at the instants of the force (mid-step for θ = 1/2). {tables.compared_with_rk4(found)} "
             f"{' '.join(f'{escape(line)}.' for verdict in found.verdicts.values() for line in verdict.head())}",
             tables.CROSS_VALIDATION_HEADER[:-4],
             [row[:-4] for row in shown],

@@ -61,7 +61,7 @@ class CaseResult:
     ----------
     case : Case
     sup_x, sup_v : float        sup |x - exact| in m and sup |x' - exact| in m/s on the grid
-    mean_R : float              L1 norm of R - exact over the length of the run, in N, read where the force lives
+    mean_R : float              L1 norm of R - exact over the length of the run, in N, at the instants of the recorded force
     switch_errors : tuple       error of each switching time in s; NaN where the switch is missing
     extra_switches : int        switches that the exact solution does not have
     peak : float                greatest R in N

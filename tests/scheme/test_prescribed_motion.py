@@ -99,7 +99,7 @@ def test_driven_nodes_are_no_coordinates_of_their_own():
         (lambda: PrescribedMotion("b", math.sin), r"must be a motion that knows its velocity"),
         (
             lambda: Scheme(PrescribedMotion("b", Harmonic(1.0, 1.0)), Mass("b", 1.0)).assemble(),
-            r"'b' has a mass, and a motion",
+            r"'b' has a mass and a prescribed motion",
         ),
         (
             lambda: Scheme(
