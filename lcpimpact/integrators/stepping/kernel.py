@@ -1,15 +1,15 @@
-r"""The compiled loop that all methods with linear steps share.
+r"""The compiled loop of all methods with linear steps.
 
-What a step starts from are the *knowns*: the state y, the constant 1 and the loads. What it solves for are the *unknowns*:
-for each of its laws the impulses P of the contacts and the forces s of the non-linear springs. Every quantity of the step
-is a row of a table with one column for each of these numbers: in turn for each law
+The *knowns* of a step are the state y, the constant 1 and the loads. Its *unknowns* are, for each contact law, the
+impulses P of the contacts and the forces s of the non-linear springs. Every quantity of the step is a row of a table with
+one column for each of these numbers: in turn for each law
 
-- whether a contact takes part, where this is negative (nc rows),
+- the activation, a contact being active where it is negative (nc rows),
 - L of the law 0 <= P ⟂ L >= 0 (nc rows),
-- the rates of the springs and their approaches, where they stand in this law (ns rows each),
+- the rates and the penetrations of the springs in this law (ns rows each),
 
-then the new state (N rows), the reactions (nc rows), and the forces out of balance on the static coordinates. The loop adds
-the columns of the knowns, and those of the unknowns as it finds them.
+then the new state (N rows), the reactions (nc rows), and the residual forces at the static coordinates. The loop adds the
+columns of the knowns, and those of the unknowns once they are solved.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ from lcpimpact.lcp.solver import Kernel
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
 SWITCHES = -1
-"""Status of steps that stop where other contacts push than in the step before."""
+"""Status of steps that stop at a change of the active contacts."""
 
 
 class StepTable(NamedTuple):
-    """A step of one length.
+    """The coefficients of a step of one length.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class StepTable(NamedTuple):
     unknown : (m (nc + ns), rows) array     columns of P and s of each law
     W : (m, nc, nc) array                   L by P of each law
     lower, upper : (m, nc) arrays           bounds of P
-    strictly : (m,) array                   whether a contact that is just closed takes no part
+    strictly : (m,) array                   whether a contact needs a negative activation, zero not being enough
     near : (m, nc) array                    gap by P up to which a contact that has just pushed takes part, as rounding
                                             may have opened it
     """
@@ -76,7 +76,7 @@ class StepSprings(NamedTuple):
 
 
 class StepState(NamedTuple):
-    """State carried from step to step: y (N,), and the impulses of each law (m, nc), 0 where a contact took no part."""
+    """State carried from step to step: y (N,), and the impulses of each law (m, nc), 0 at inactive contacts."""
 
     y: Array
     P: Array
@@ -91,14 +91,14 @@ class StepOutput(NamedTuple):
 
 
 class Block(NamedTuple):
-    """The steps to take.
+    """The steps of a block.
 
     Attributes
     ----------
-    first, last : int       from which instant to which
-    loads : (steps, nl)     what varies, one row a step
+    first, last : int       indices of the first and the last instant
+    loads : (steps, nl)     variable loads, one row a step
     tol, max_iter           tolerance of the LCP solver, and its limit of iterations
-    stops : bool            whether to stop before a step in which other contacts push than in the one before
+    stops : bool            whether to stop before a step with other active contacts than the last one
     """
 
     first: int
@@ -119,7 +119,7 @@ class Workspace(NamedTuple):
 
 
 def room_for(table: StepTable, ns: int) -> Workspace:
-    """Return room for the steps of a table with ns springs."""
+    """Return arrays for the steps of a table with ns springs."""
     nc = table.W.shape[1]
     return Workspace(np.zeros(table.known.shape[1]), np.zeros(nc, np.int64), np.zeros(nc), np.zeros(ns))
 
@@ -142,7 +142,7 @@ def copy(source: Array, target: Array) -> None:
 
 @compiled(types.void(vector, f8, matrix, i8, i8), inline="always", allocates=False)
 def add_column(sums: Array, x: float, columns: Array, j: int, first: int) -> None:
-    """Add x times column j, from a row on."""
+    """Add x times column j, from a given row."""
     if x != 0.0:
         for i in range(first, len(sums)):
             sums[i] += x * columns[j, i]
@@ -152,7 +152,7 @@ def add_column(sums: Array, x: float, columns: Array, j: int, first: int) -> Non
 def solve_rows(
     table: StepTable, law: int, q: Array, na: int, room: Workspace, solving: Solving
 ) -> tuple[int, int, float]:
-    """Solve a law on its ``na`` active rows, from the guess in the room: status, iterations, residual."""
+    """Solve a law on its ``na`` active rows, from the guess in the workspace: status, iterations, residual."""
     W, lower, upper = table.W[law], table.lower[law], table.upper[law]
     if na < len(q):
         return solve_active(W, q, lower, upper, room.active[:na], room.z[:na], solving)
@@ -161,7 +161,7 @@ def solve_rows(
 
 @compiled(types.void(TABLE, i8, i8, i8, ROOM, vector), inline="always", allocates=False)
 def add_impulses(table: StepTable, column: int, na: int, first: int, room: Workspace, P: Array) -> None:
-    """Add the columns of the ``na`` impulses in the room, from a row on, and keep them in P."""
+    """Add the columns of the ``na`` impulses in the workspace, from a given row, and store them in P."""
     for i in range(len(P)):
         P[i] = 0.0
     for a in range(na):
@@ -173,7 +173,7 @@ def add_impulses(table: StepTable, column: int, na: int, first: int, room: Works
 def coupled_springs(
     table: StepTable, springs: StepSprings, sums: Array, law: int, active: Indices
 ) -> tuple[Springs, Array, Array]:
-    """Return the springs in a law as the active rows move them, their rates without these, and their approaches."""
+    """Return the springs in a law with the active rows, and their free rates and penetrations."""
     na, nc, ns = len(active), table.W.shape[1], len(springs.law)
     rates, P, at_s = law * 2 * (nc + ns) + 2 * nc, law * (nc + ns), law * (nc + ns) + nc
     y_free, δ = np.empty(ns), np.empty(ns)
@@ -201,7 +201,7 @@ def solve_features(
     solving: Solving,
     solve_springs: SpringSolver,
 ) -> tuple[int, int, int, float]:
-    """Solve law ``which[0]`` on its ``which[1]`` active rows with the springs, and again while impulse paths close in it."""
+    """Solve law ``which[0]`` on its ``which[1]`` active rows with the springs, and again while impulse paths close."""
     (springs, paths, _), (law, na) = features, which
     nc, ns, n = table.W.shape[1], len(springs.law), paths.H.shape[1]
     first, active, z = law * 2 * (nc + ns) + nc, room.active[:na], room.z[:na]
@@ -241,7 +241,7 @@ def add_knowns(columns: Array, y: Array, loads: Array, k: int, sums: Array) -> N
 
 @compiled(i8(TABLE, i8, i8, vector, ROOM), inline="always", allocates=False)
 def choose_rows(table: StepTable, law: int, first: int, P: Array, room: Workspace) -> int:
-    """Write which contacts take part in a law whose rows begin at ``first``, with P as a guess of z; return their number."""
+    """Write the active contacts of a law whose rows begin at ``first``, with P as a guess of z; return their number."""
     na, strictly = 0, table.strictly[law]
     for i in range(len(P)):
         touching = room.sums[first + i]
@@ -253,7 +253,7 @@ def choose_rows(table: StepTable, law: int, first: int, P: Array, room: Workspac
 
 @compiled(types.boolean(indices, vector, vector), inline="always", allocates=False)
 def switches(active: Indices, z: Array, P: Array) -> bool:
-    """Return whether a contact begins or ceases to push, between impulses P and z of the active ones."""
+    """Return whether a contact becomes active or inactive between impulses P and z of the active ones."""
     changed = False
     for a in range(len(active)):
         changed = changed or (z[a] > 0.0) != (P[active[a]] > 0.0)
@@ -274,10 +274,10 @@ def steps(
     solve: Kernel,
     solve_springs: SpringSolver,
 ) -> tuple[int, int, int, int, float]:
-    """Take a block of steps, and leave the state after them.
+    """Take a block of steps and overwrite the state.
 
-    Returns the status, SWITCHES where the block stops for that, the step reached, the sums of the LCP and Newton iterations,
-    and the largest residual, found outside the solver.
+    Returns the status, SWITCHES at a change of the active contacts, the step reached, the sums of the LCP and Newton
+    iterations, and the largest independent residual.
     """
     (springs, paths, static), sums, active, z = features, room.sums, room.active, room.z
     n, nc, ns, N, m = path.q.shape[1], table.W.shape[1], len(springs.law), len(state.y), len(table.W)

@@ -11,7 +11,7 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Integrator
-from lcpimpact.integrators.stepping.halving import Halving, overlap
+from lcpimpact.integrators.stepping.halving import Halving, penetration
 from lcpimpact.integrators.stepping.kernel import StepState
 from lcpimpact.integrators.stepping.law import with_fallbacks
 from lcpimpact.lcp import SOLVERS
@@ -28,7 +28,7 @@ LONGEST_STEP = 1e150
 
 
 class Prepared(Protocol):
-    """A step of one length, with the solver of its LCP."""
+    """A prepared step of one length, with the solver of its LCP."""
 
     @property
     def contacts(self) -> Dense:
@@ -36,7 +36,7 @@ class Prepared(Protocol):
 
     @property
     def solver(self) -> SolverState:
-        """The solver that was made ready for it."""
+        """The solver prepared for it."""
 
 
 S = TypeVar("S", bound=Prepared)
@@ -44,7 +44,7 @@ S = TypeVar("S", bound=Prepared)
 
 @dataclass(frozen=True, eq=False)
 class SteppingRun(Generic[S]):
-    """State carried from block to block: the state, the steps by how often dt is halved, and who halves them."""
+    """State carried from block to block: the motion, the prepared steps by halving level, and the step control."""
 
     dynamics: Dynamics
     grid: Grid
@@ -56,7 +56,7 @@ class SteppingRun(Generic[S]):
 
 @dataclass(frozen=True)
 class TimeStepping(Integrator, Generic[S]):
-    """A method that solves LCPs in each step.
+    """A time-stepping method: one LCP or more in each step.
 
     Parameters
     ----------
@@ -66,8 +66,7 @@ class TimeStepping(Integrator, Generic[S]):
         Limit of LCP iterations in a step; by default what the LCP solver declares.
     rtol : float, optional
         Halve steps until two halves agree with the whole to rtol max |q|; see
-        `lcpimpact.integrators.stepping.halving`. Then dt is the longest step, and the trajectory holds the steps that
-        were taken.
+        `lcpimpact.integrators.stepping.halving`. Then dt is the longest step, and the trajectory holds the accepted ones.
 
     Raises
     ------
@@ -81,7 +80,7 @@ class TimeStepping(Integrator, Generic[S]):
 
     family: ClassVar[str] = "Moreau time stepping"
     halves: ClassVar[bool] = True
-    """Whether a step may follow one of another length: not where what is remembered belongs to h."""
+    """Whether steps of different length may follow each other: not if the memory depends on h."""
 
     def __post_init__(self) -> None:
         limits(SOLVERS["auto"], self.tol, self.max_iter)
@@ -96,19 +95,19 @@ class TimeStepping(Integrator, Generic[S]):
     @property
     @abstractmethod
     def reaction_at(self) -> float:
-        """The instant in its step at which a mean force is best read, in units of the step."""
+        """Instant of the mean force of a step, in units of the step."""
 
     @abstractmethod
     def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> S:
-        """Return a step of length h, with all that does not change from step to step."""
+        """Return the constant data of steps of length h."""
 
     @abstractmethod
     def begin(self, d: Dynamics, q: Array, v: Array, h: float) -> Array:
-        """Return the state at t = 0: q, v and what else is remembered (N,)."""
+        """Return the state at t = 0: q, v and other memory (N,)."""
 
     @abstractmethod
     def first_state(self, d: Dynamics, y: Array, h: float) -> StepState:
-        """Return what travels from step to step, with y."""
+        """Return the initial state of the steps, with y."""
 
     @abstractmethod
     def run(
@@ -141,7 +140,7 @@ class TimeStepping(Integrator, Generic[S]):
         def take(level: int, t: float, y: Array) -> tuple[Status, Array, Array]:
             return self._take(run, record.stats, level, t, y)
 
-        return replace(run, halving=Halving(take, grid.h, self.rtol, d.massive, overlap(d), y))
+        return replace(run, halving=Halving(take, grid.h, self.rtol, d.massive, penetration(d), y))
 
     def advance(self, carry: SteppingRun[S], record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block."""
@@ -150,7 +149,7 @@ class TimeStepping(Integrator, Generic[S]):
         return self._block(carry.steps[0], record, carry.grid.times(first, last), first, carry.state)
 
     def finish(self, carry: SteppingRun[S], record: Record) -> None:
-        """Put the steps that were halved in place of the grid."""
+        """Replace the grid by the accepted steps."""
         if carry.halving:
             carry.halving.write(record, self.reaction_at)
 
@@ -166,7 +165,7 @@ class TimeStepping(Integrator, Generic[S]):
         return status, state.y, one.reaction[0]
 
     def _block(self, step: S, record: Record, times: Array, first: int, state: StepState) -> tuple[Status, int]:
-        """Take the steps between the times; one whose LCP is not solved is tried by the solvers to fall back on."""
+        """Take the steps between the times; one whose LCP is not solved is repeated with the fallback solvers."""
 
         def run(solver: SolverState, begin: int, end: int) -> tuple[Status, int]:
             return self.run(step, solver, record, times[begin - first : end - first + 1], begin, state)
