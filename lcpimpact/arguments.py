@@ -1,4 +1,4 @@
-"""Arguments of public functions are checked once, by their annotations, and what is wrong is said in one sentence."""
+"""Argument checks of public functions by their annotations, with one-sentence errors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The folder of compiled code: a folder for each state of the package's source, and those long unused are removed.
+"""The cache of compiled code: one folder for each version of the source; old ones are removed.
 
 Each bears a ``CACHEDIR.TAG``, by which it is known as ours and backups pass it over, and whose time is that of last use.
 """

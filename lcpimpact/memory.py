@@ -1,4 +1,4 @@
-"""What is free of the memory, so that what does not fit is refused before it is taken."""
+"""Free memory, so that problems that do not fit are refused before allocation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers in the input: what counts as one, and the sentences that refuse what does not."""
+"""Checks of numbers in the input."""
 
 from __future__ import annotations
 

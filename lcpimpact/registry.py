@@ -1,4 +1,4 @@
-"""Names: every solver, method, problem and element is found by its name here, and loaded only when it is asked for."""
+"""Registries of solvers, methods, problems and elements by name, loaded on first use."""
 
 from __future__ import annotations
 

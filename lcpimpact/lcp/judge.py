@@ -1,4 +1,4 @@
-r"""The judge of every answer: it stands outside the solvers, and shares nothing with them but M and q.
+r"""Independent checks of solutions and rays: residuals and certificates from M and q only.
 
 A solution of the boxed LCP is a zero of the natural residual
 

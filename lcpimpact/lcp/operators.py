@@ -1,4 +1,4 @@
-"""What stands for M: a dense array, the bands of a symmetric one, or the factors of H A⁻¹ Hᵀ."""
+"""Forms of M: a dense array, the bands of a symmetric one, or the factors of H A⁻¹ Hᵀ."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The last step of a method: its basis is solved anew, so that rounding does not accumulate over pivots or iterates."""
+"""Final refinement: the basis is solved again, without the accumulated rounding of pivots or iterates."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ KERNEL = types.FunctionType(SIGNATURE)
 
 
 class LCPSolution(NamedTuple):
-    """What a solver found, judged from outside.
+    """The solution of an LCP, checked independently of the solver.
 
     Attributes
     ----------

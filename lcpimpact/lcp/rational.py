@@ -1,4 +1,4 @@
-r"""The problem in rational arithmetic: every float is a fraction, so what is decided here no rounding can have decided.
+r"""The problem in rational arithmetic: every float is a fraction, so the decision is exact.
 
 A proof that there is no solution is checked here, and found again where rounding has spoilt it. For a few unknowns the
 problem is decided outright: the complementary pairs branch, and a linear program in whole numbers bounds.

@@ -1,4 +1,4 @@
-"""The units in which a method works: those that give M a unit diagonal, or entries near one."""
+"""Scaling of problems: to a unit diagonal of M, or to entries near one."""
 
 from __future__ import annotations
 

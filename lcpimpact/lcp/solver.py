@@ -1,4 +1,4 @@
-"""What an LCP solver declares, and the small interface that it is called through."""
+"""The interface of LCP solvers, and their declared properties."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ direction that proves that there is none.
 
 
 class SolverState(NamedTuple):
-    """A solver made ready for one matrix, as `LCPSolver.init` returns it.
+    """A solver prepared for one matrix, as `LCPSolver.init` returns it.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class SolverState(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class LCPSolver(ABC):
-    """A method for LCPs: what it is called, what it needs, how exact it is.
+    """An LCP solver: its name, requirements and accuracy.
 
     To write a new solver: put its method in a file of its own as one compiled kernel, declare it as a `CompiledSolver`,
     and add a line to the registry.
@@ -54,7 +54,7 @@ class LCPSolver(ABC):
     requires : tuple of Property    properties of M that it relies on
     storages : tuple of str         forms of M that it reads: "dense", "banded", "factored"; others are made dense
     boxed : bool                    whether it takes bounds other than lower = 0, upper = inf
-    tol : float                     the relative residual that it reaches, and is judged by, unless told otherwise
+    tol : float                     the relative residual that it reaches, its default tolerance
     max_iter : int                  default limit of pivots, sweeps or backend iterations
     source : str                    where the method is from
     largest : int, optional         largest n that it takes

@@ -1,4 +1,4 @@
-"""The two storages of M that compiled solvers read, told apart by their shape.
+"""The two storages of M in compiled solvers, dense and banded, distinguished by their shape.
 
 dense    (n, n)        any matrix
 banded   (b + 1, n)    a symmetric one by its lower bands, b + 1 < n: W[k, j] = M[j + k, j]

@@ -1,4 +1,4 @@
-"""What a solver did: its pivots or iterates, one by one, and the tableau of each."""
+"""Traces of solvers: pivots or iterates one by one, with the tableau of each."""
 
 from __future__ import annotations
 

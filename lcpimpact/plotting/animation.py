@@ -1,4 +1,4 @@
-"""A run as a moving picture: springs stretch, plates part, and the curves grow beside the scheme."""
+"""Animation of a run: the moving scheme beside its curves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of runs side by side, of an energy ledger, and of routes that are to agree."""
+"""Plots of comparisons, energy ledgers and cross-validations."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ NEGLIGIBLE_RTOL = 1e-9
 def plot_comparison(comparison: Comparison) -> Figure:
     """Draw all runs on one page: coordinates, forces or impulses, and the largest difference from the reference.
 
-    The reference is wide and pale and lies beneath. Forces are drawn where they live, as points: one for each step, or on
+    The reference is wide and pale and lies beneath. Forces are drawn at their instants, as points: one for each step, or on
     the grid. Of many coordinates and contacts the first three are shown.
 
     Parameters
@@ -200,7 +200,7 @@ def _draw_differences(ax: Axes, truth: Trajectory, runs: Mapping[str, Trajectory
 @style()
 @checked
 def plot_ledger(ledger: Ledger) -> Figure:
-    """Draw where the energy is: what is stored and what has been dissipated, one on the other, and below the balance.
+    """Draw the energy ledger: stored and dissipated energies, stacked, and below the balance.
 
     The potential of constant loads counts from the lowest value in the run, so that every layer is positive. The black line
     is what there was at the start and what loads and motions brought in since: the top of the layers, but for the balance.
@@ -251,7 +251,7 @@ def plot_ledger(ledger: Ledger) -> Figure:
 
 
 def _layers(table: pd.DataFrame, dissipated: Sequence[str]) -> dict[str, Array]:
-    """Return the energies to stack, from below: what is stored, then what was lost, the greatest losses first."""
+    """Return the energies to stack, from below: the stored ones, then the losses, largest first."""
     stored = {name: table[name].to_numpy() for name in STORED}
     # Any constant may be added to a potential; with this one no layer is negative.
     stored = {name: values - min(0.0, float(values.min())) for name, values in stored.items()}

@@ -1,4 +1,4 @@
-r"""The complementary cones of an LCP in two unknowns: which q has how many solutions, seen at once.
+r"""The complementary cones of an LCP in two unknowns, and the number of solutions for each q.
 
 .. math:: q = I w - M z, \qquad z, w \ge 0, \quad z_i w_i = 0
 

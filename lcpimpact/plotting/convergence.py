@@ -1,4 +1,4 @@
-"""Pictures of errors: over the step, with the slopes of the orders that are seen, and over what they cost."""
+"""Plots of convergence, with slope triangles of the observed orders, and of work against precision."""
 
 from __future__ import annotations
 

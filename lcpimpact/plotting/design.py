@@ -1,4 +1,4 @@
-"""Pictures of a designed impact and of a fit."""
+"""Plots of a designed impact and of a fit."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ POINTS = 1200
 """Number of points of a curve."""
 
 WANTED, SHOWN = PALETTE[1], SOFT
-"""What was asked for, and what came of it."""
+"""Colours of required and resulting values."""
 
 SYMBOLS = {
     "e": "$e$", "contact_time": "$t_c$", "peak_force": "$F_\\mathrm{max}$", "deflection": "$x_\\mathrm{max}$",
@@ -32,7 +32,7 @@ SYMBOLS = {
 @style()
 @checked
 def plot_design(design: Design) -> Figure:
-    """Draw the force over time and over the way of the mass, with what was wanted marked.
+    """Draw the force over time and over the way of the mass, with the required values marked.
 
     The area within the loop is the energy that the block takes. Wanted values are drawn in colour, others grey.
 
@@ -112,7 +112,7 @@ def _mark(ax: Axes, design: Design, name: str, *, horizontal: bool = False) -> N
 
 
 def _words(design: Design) -> str:
-    """Return the title: the law, its constants, the restitution, and what was wanted."""
+    """Return the title: the law, its constants, the restitution, and the required values."""
     constants = [f"{SYMBOLS[name]} = {getattr(design, name):.6g} {_unit(design, name)}" for name in ("k", "c", "b")
                  if getattr(design, name) is not None]  # fmt: skip
     outcome = f"$e$ = {design.e:.4g}" if math.isfinite(design.contact_time) else "the mass stays"

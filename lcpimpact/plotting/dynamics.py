@@ -1,4 +1,4 @@
-"""Pictures of non-smooth dynamics: sections, bifurcation diagrams, basins of attraction, orbits and their multipliers."""
+"""Plots of nonsmooth dynamics: sections, bifurcation diagrams, basins of attraction, orbits and their multipliers."""
 
 from __future__ import annotations
 

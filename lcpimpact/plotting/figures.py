@@ -111,7 +111,7 @@ def _draw_corner(text: Corner) -> Figure:
 def force_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number: int) -> Figure:
     """Draw Fig. 6, 7 or 8: R(t) of one system by three methods, and below it the errors of two.
 
-    The LCP's force is the mean over a step and stands at its middle; each error is taken where its force lives.
+    The LCP's force is the mean over a step, drawn at its middle; each error is that at the instant of the force.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Where the elements of a scheme stand in its picture; this knows nothing of how they are painted.
+"""Layout of the elements in the drawing of a scheme.
 
 Nodes are stacked in levels above the ground and every link is upright, so that a node moves along the links that it
 stretches. What several elements do between the same two nodes is an arm: links side by side, in series, or both.

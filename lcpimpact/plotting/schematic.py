@@ -1,4 +1,4 @@
-"""Schemes drawn in the usual symbols of engineering, from the strokes that the elements themselves carry."""
+"""Drawings of schemes in the usual engineering symbols, from the strokes of the elements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How every picture looks, and how it reaches the disk."""
+"""The common style of the plots, and their output."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every picture over time shares: curves broken at jumps, marks of the events, and times in contact."""
+"""Common parts of plots over time: curves broken at jumps, event marks, and contact intervals."""
 
 from __future__ import annotations
 

@@ -39,13 +39,13 @@ class Problem:
     q0, v0 : mapping of str to float
         Initial coordinates (m) and velocities (m/s) by node; a node that is left out starts at zero.
     t_end : float
-        A time (s) by which the interesting part has happened; a suggestion for drivers.
+        Suggested end time in s.
     parameters : mapping of str to float
         The values that the scheme was built from.
     source : str
         Where it is from.
     facts : tuple of Fact
-        What is known of it in closed form.
+        Its closed-form values.
     motion : callable, optional
         The closed form of the motion: takes times (nt,) and returns q and v (nt, n), right limits.
 
@@ -106,7 +106,7 @@ class Problem:
         q, d = self.initial_coordinates, self.dynamics
         gaps, terms = d.gap(q), np.abs(d.H) @ np.abs(q) + np.abs(d.u0)
         for path in d.gap_paths:
-            # Places at which a run has ended may overlap by rounding.
+            # Final positions of another run may penetrate by rounding.
             u, rows = float(path @ gaps), np.flatnonzero(path)
             if u >= -GIVEN_ZERO_RTOL * (path @ terms):
                 continue

@@ -1,4 +1,4 @@
-r"""Bodies that touch in a point: non-linear springs, and the contact that begins softly."""
+r"""Hertzian point contact: non-linear springs with and without loss."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def hunt_crossley_impact(
 ) -> Problem:
     r"""The same ball with Hunt and Crossley's loss: a restitution that falls with the speed, in closed form.
 
-    ``m δ'' = -K δⁿ (1 + b δ')`` while δ > 0. With ``a = b v0`` the velocity as a function of the overlap integrates to
+    ``m δ'' = -K δⁿ (1 + b δ')`` while δ > 0. With ``a = b v0`` the velocity as a function of the penetration integrates to
     ``b δ' - ln(1 + b δ') = a - ln(1 + a) - K b² δⁿ⁺¹/((n + 1) m)``, so
 
     - ``δ_maxⁿ⁺¹ = (n + 1) m (a - ln(1 + a))/(K b²)``,

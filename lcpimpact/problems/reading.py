@@ -1,4 +1,4 @@
-"""How a number is read off a run: its events, peaks and crossings; to rounding where the run is exact.
+"""Measurements on a run: events, peaks and crossings; to rounding on an exact run.
 
 What is read is a series by its name, or a function of a `State` of samples (q and v of shape (nt, n), reaction (nt, nc)).
 The runs of step methods are read at the order of a good step: parabolas through peaks, lines through crossings.

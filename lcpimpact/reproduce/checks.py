@@ -1,4 +1,4 @@
-"""The tolerances that the report states; it is a success only if every one of them holds."""
+"""The tolerances stated in the report; all of them must hold."""
 
 from __future__ import annotations
 

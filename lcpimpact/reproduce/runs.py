@@ -55,7 +55,7 @@ class Case:
 
 @dataclass(frozen=True)
 class CaseResult:
-    """What one run showed against the exact solution.
+    """Errors of one run against the exact solution.
 
     Attributes
     ----------
@@ -106,7 +106,7 @@ class Orders:
 
 @dataclass(frozen=True)
 class PaperRuns:
-    """What the runs of the paper's systems showed.
+    """The results of the runs of the paper's systems.
 
     Attributes
     ----------

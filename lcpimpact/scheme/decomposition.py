@@ -59,7 +59,7 @@ def loose_groups(massless: Flags, *links: Array) -> list[Indices]:
 
 
 def decompose(M: Array, C: Array, driven: Flags) -> Decomposition:
-    """Split the coordinates by what holds them.
+    """Split the coordinates into those with mass, damped, static and driven ones.
 
     Parameters
     ----------
@@ -90,8 +90,8 @@ def relative_degrees(H: Array, parts: Decomposition) -> list[int]:
 def degrees_together(H: Array, parts: Decomposition) -> tuple[Array, Indices]:
     """Return independent combinations T of rows of H that are closed together, and the relative degree of each.
 
-    Rows on one massless node share its coordinate: of their openings all combinations but one do without it, and have a
-    higher relative degree than any of the rows.
+    Rows on one massless node have its coordinate in common: all combinations of their openings but one can be formed without
+    it, and have a higher relative degree than any of the rows.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def degrees_together(H: Array, parts: Decomposition) -> tuple[Array, Indices]:
 
     Examples
     --------
-    A body on a damped plate on its stop: the body meets the ground.
+    A body on a damped plate on its stop: together the contacts support the body on the ground.
 
     >>> none = np.zeros((2, 0))
     >>> parts = Decomposition(np.array([[1.0], [0.0]]), np.array([[0.0], [1.0]]), none, none)

@@ -1,4 +1,4 @@
-"""What a scheme assembles to: M q'' + C q' + K q = f(t) + s(q, q') + Hᵀ r, u = H q + u0, one law for each row of r."""
+"""The equations of motion: M q'' + C q' + K q = f(t) + s(q, q') + Hᵀ r, u = H q + u0, with a law for each row of r."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DEGREE_REASON = {
 
 
 class Feature(StrEnum):
-    """What a system may hold beyond masses, springs, dashpots and bumpers, and a method may or may not handle."""
+    """Features of a system beyond masses, springs, dashpots and bumpers, which not every method handles."""
 
     SLIDERS = "sliders"
     POWER_LAWS = "non-linear springs"
@@ -65,7 +65,7 @@ class Contact:
 
     @property
     def sentence(self) -> str:
-        """Say what the relative degree is and why."""
+        """The relative degree and its reason, in words."""
         reason = DEGREE_REASON[self.relative_degree]
         if self.r0 is not None:
             reason = reason.replace("and impulses act", "but no impulse acts, since friction is bounded")
@@ -85,7 +85,7 @@ class Dynamics:
 
     with one law for each row: 0 <= u ⟂ r >= 0, or -r0 <= r <= r0 ⟂ u' for a slider. In a scheme B = Hᵀ and D = 0; a
     complementarity system that is given directly has both of its own. The rows of nodes with prescribed motion, q_i = y(t),
-    are no equations of motion: what they lack in balance is the force that drives the node.
+    are no equations of motion: their residual is the force that drives the node.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class Dynamics:
 
     @property
     def features(self) -> dict[Feature, str]:
-        """What it holds that not every method handles, and the element or name that brings it in."""
+        """Its features that not every method handles, with the element or name that causes each."""
         found: dict[Feature, str] = {}
         if sliders := [contact.name for contact in self.contacts if contact.r0 is not None]:
             found[Feature.SLIDERS] = f"slider {sliders[0]!r}"

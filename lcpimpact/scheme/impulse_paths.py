@@ -1,4 +1,4 @@
-r"""Through which contacts impulses can act: one between two masses, or several in line with massless nodes between them.
+r"""Impulse paths: a contact between two masses, or a line of contacts over massless nodes between them.
 
 An impulse on a massless node must be balanced at the same instant, since no mass takes it up. So the impulses P of contacts
 that touch form the cone
@@ -34,7 +34,7 @@ def extreme_rays(balance: Array) -> Array:
 
     Examples
     --------
-    Two contacts push the same plate from above and one from below:
+    Two contacts act on the same plate from above and one from below:
 
     >>> extreme_rays(np.array([[1.0, 1.0, -1.0]]))
     array([[1., 0., 1.],
@@ -55,7 +55,7 @@ def extreme_rays(balance: Array) -> Array:
         positive, negative = np.flatnonzero(value > 0.0), np.flatnonzero(value < 0.0)
         if len(positive) * len(negative) > MAX_PATHS:
             raise InputError(
-                f"impulses have more than {MAX_PATHS:,} ways over massless nodes: give some of them a Mass"
+                f"there are more than {MAX_PATHS:,} impulse paths over massless nodes: give some of them a Mass"
             )
         sums = [rays[i] * -value[j] + rays[j] * value[i] for i, j in product(positive, negative)]
         rays = np.vstack([rays[value == 0.0], *sums])

@@ -33,7 +33,7 @@ MAX_BREAKPOINTS = 1_000_000
 
 
 class Signal(Protocol):
-    """A prescribed motion: its place and its velocity at any time."""
+    """A prescribed motion: position and velocity at any time."""
 
     def __call__(self, t: float, /) -> float:
         """Return the value at time t."""
@@ -439,7 +439,7 @@ class Square(PiecewisePolynomial):
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion from two functions of your own: the place y(t) and the velocity y'(t).
+    """A motion from two functions: the position y(t) and the velocity y'(t).
 
     Parameters
     ----------
@@ -456,7 +456,7 @@ class Motion:
     velocity: Callable[[float], float]
 
     def __call__(self, t: float) -> float:
-        """Return the place at time t."""
+        """Return the position at time t."""
         return _number("place", self.place, t, "m")
 
     def rate(self, t: float) -> float:

@@ -1,4 +1,4 @@
-"""Accelerated projected gradient: Nesterov's steps with a restart, as granular codes take them."""
+"""Accelerated projected gradient descent (Nesterov) with restarts, as in granular codes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The choice of a solver when none is named: by size and structure, with others to fall back on."""
+"""Automatic choice of a solver by size and structure, with fallbacks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every complementary basis in turn: slow, certain, and the oracle for small problems."""
+"""Enumeration of all complementary bases: slow but certain, a reference for small problems."""
 
 from __future__ import annotations
 

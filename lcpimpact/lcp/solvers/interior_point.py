@@ -1,4 +1,4 @@
-r"""Mehrotra's predictor-corrector method for monotone problems: through the inside of the box, not along its edges.
+r"""Mehrotra's predictor-corrector interior-point method for monotone problems.
 
 Each finite bound is a side c of its row i, with the sign σ = 1 below and -1 above, a slack s = σ (z_i - bound) and a force
 λ, both kept positive. As μ falls to zero the path

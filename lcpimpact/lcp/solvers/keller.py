@@ -1,4 +1,4 @@
-"""Keller's principal pivoting: one negative w after another is driven up to zero, and what is not negative stays so.
+"""Keller's principal pivoting: one negative w after another is driven to zero, and the others stay nonnegative.
 
 It takes positive semidefinite M, symmetric or not: where a pivot of the diagonal vanishes, two pairs are exchanged at once.
 """

@@ -1,4 +1,4 @@
-"""Projected successive over-relaxation: Gauss-Seidel sweeps that go too far on purpose, by a factor found on the way.
+"""Projected successive over-relaxation, with a relaxation factor adapted during the iteration.
 
 For symmetric semidefinite M with positive diagonal each relaxed step lowers ½ zᵀ M z + qᵀ z, whatever 0 < ω < 2, so ω may
 change between sweeps at no risk. Young's relation between the contraction of the sweeps and the best ω is exact where M is

@@ -215,7 +215,7 @@ class Bar(Element):
     def plastic(self) -> range:
         """The numbers, from 1, of the elements that can yield.
 
-        That of a massless end stays elastic: past a perfectly plastic slider its place would be undetermined.
+        That of a massless end stays elastic: behind a perfectly plastic slider its position would be undetermined.
         """
         if self.sigma_y is None:
             return range(0)
@@ -237,7 +237,7 @@ class Bar(Element):
 
     @property
     def mu(self) -> float:
-        """μ, the share of an element's mass that couples its two ends."""
+        """μ, the coupling mass of an element as a fraction of its mass."""
         return COUPLING_MASSES[self.mass] if isinstance(self.mass, str) else float(self.mass)
 
     @property

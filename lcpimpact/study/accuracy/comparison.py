@@ -1,4 +1,4 @@
-"""Methods side by side on one problem: what separates them, their events, their forces and their energies."""
+"""Comparison of methods on one problem: errors, events, forces and energies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-r"""How far a run is from the truth, in the norms in which methods with impacts converge, and in those that tell why.
+r"""Norms of the error of a run: those in which methods with impacts converge, and those that show the cause.
 
 A trajectory is a function of time: what `Trajectory.sample` returns. Where a method has its solution at all times (exact,
 radau-fesd, event-driven) that is meant; otherwise q and v are lines between the points of the grid. Between all the instants

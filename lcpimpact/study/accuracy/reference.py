@@ -1,4 +1,4 @@
-"""What a run is judged against: the exact solution, or else the best independent one, and which of them it is."""
+"""Reference solutions: the exact one, or else the most accurate independent one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-r"""What a law of contact is to a design: the first contact as a function of two numbers, the loss λ and the weight γ.
+r"""Base class of the contact laws of a design: the first contact as a function of the loss λ and the weight γ.
 
 A mass m strikes with v0, and its weight m g goes on acting. Measured in v0 and in the length
 

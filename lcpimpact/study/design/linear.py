@@ -1,4 +1,4 @@
-r"""Blocks of one spring and one dashpot: the motion in contact is a damped oscillation about the place of rest.
+r"""Blocks of one spring and one dashpot: the motion in contact is a damped oscillation about equilibrium.
 
 With S, C of `lcpimpact.problems.free_vibration` at ω = 1, τ = ω t and ξ = x/L,
 
