@@ -1,25 +1,25 @@
 r"""Cross-validation: one motion by several independent routes, and a verdict whether they agree.
 
-A route brings its own estimate of its error, for each quantity that it tells. One that steps runs with the steps
-h_0 > h_1 > ..., each a third of the last; with the order p that the method declares for what happens in the motion,
-neighbours differ by about :math:`D_j = C (h_j^p - h_{j+1}^p)`, and so with the largest such C its finest run errs by
+A route estimates its own error in each quantity that it provides. A time-stepping route runs with the steps
+h_0 > h_1 > ..., each a third of the last; with the declared order p of the method for the events of the motion,
+neighbours differ by about :math:`D_j = C (h_j^p - h_{j+1}^p)`, and so with the largest such C the error of its finest run is
 
 .. math:: E = C h_m^p.
 
-One with a tolerance errs by less than what its last two tolerances differ by; the exact solution and a closed form by
-rounding. Two routes agree if none of their coordinates, velocities, forces, impulses and times of events differ by more than
-a factor times the sum of their estimates, and each has the events that the other has. The route that all are judged by is
-the better of the two that agree most closely.
+For a route with a tolerance E is the difference between its last two tolerances; for the exact solution and a closed form
+it is rounding. Two routes agree if none of their coordinates, velocities, forces, impulses and times of events differ by
+more than a factor times the sum of their estimates, and each has the events that the other has. All are compared with the
+more accurate of the two that agree most closely.
 
-That is evidence only where a common mistake is unlikely and a mistake would be seen. Routes confirm each other if
+That is evidence only if a common mistake is unlikely and a mistake would be detected. Routes confirm each other if
 
-- they are of different families (`lcpimpact.study.accuracy.routes`), and where there are contacts at least one pair of
-  them does not take the contact mode from one source;
+- they are of different families (`lcpimpact.study.accuracy.routes`), and if there are contacts, at least one pair of
+  them chooses the contact mode independently;
 - the differences of their own runs fall with the order that each declares;
-- the errors that they own up to are small against the motion.
+- their error estimates are small against the motion.
 
-Where no such pair agrees on each quantity, the verdict is that there is nothing to judge by. A route that breaks off has no
-motion, and then there is no agreement either. What is known of the problem in closed form is asked of each route.
+If no such pair agrees on each quantity, the verdict is that there is nothing to judge by. A route that breaks off has no
+motion, and then there is no agreement either. The closed-form values of the problem are checked on each route.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ UNITS = {COORDINATES: "m", VELOCITIES: "m", FORCES: "N s", IMPULSES: "N s", TIME
 
 
 class Outcome(Enum):
-    """What a cross-validation came to, in words."""
+    """The outcome of a cross-validation, in words."""
 
     AGREE = "the routes agree"
     DISAGREE = "the routes do not agree"
@@ -102,9 +102,9 @@ class CrossValidation(Study):
     problem : Problem
     table : DataFrame
         One row a route: ``route``; ``kind`` ("steps", "tolerance", "exact" or "solver"); ``family``, the rule of its step;
-        ``against``, the route that it was judged by; ``difference`` (m), the largest of the coordinates at 195 instants;
-        ``allowed`` (m), what it may be; ``estimate`` (m), the route's own error E; ``observed`` and ``declared`` order of
-        the coordinates, NaN where none is judged; ``events``, how many it has; ``agrees``, in everything that it tells;
+        ``against``, the route it is compared with; ``difference`` (m), the largest of the coordinates at 195 instants;
+        ``allowed`` (m), its limit; ``estimate`` (m), the route's own error E; ``observed`` and ``declared`` order of
+        the coordinates, NaN where none is judged; ``events``, how many it has; ``agrees``, in all its quantities;
         ``doubt``, why it cannot confirm another, else ""; ``failure``, why there is no motion, else "".
     pairs : DataFrame
         One row a pair of routes and quantity: ``a``, ``b``, ``quantity``, ``difference``, ``allowed``, ``scale`` (size of
@@ -116,8 +116,8 @@ class CrossValidation(Study):
     outcome : Outcome
         AGREE, DISAGREE, or NOTHING to judge by.
     resolution : float
-        Relative to the size of the motion: a mistake below this may hide behind the errors that routes own up to. Of each
-        quantity it is the least that a confirming pair allows, and of these the largest. NaN without agreement.
+        Relative to the size of the motion: an error smaller than the routes' own error estimates cannot be detected. The
+        smallest limit of a confirming pair in each quantity, and of these the largest. NaN without agreement.
     t_end : float
         s
     scale : float
@@ -138,7 +138,7 @@ class CrossValidation(Study):
 
     @property
     def agree(self) -> bool:
-        """Whether independent routes were taken, and all that were taken agree."""
+        """Whether there are independent routes, and all routes agree."""
         return self.outcome is Outcome.AGREE
 
     def __str__(self) -> str:
@@ -171,7 +171,7 @@ def cross_validate(
     tol: float | None = None,
     progress: Progress = True,
 ) -> CrossValidation:
-    """Take several independent routes to one motion, and judge whether they lead to the same.
+    """Compute one motion by several independent routes, and judge whether they agree.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def cross_validate(
     t_end : float, optional
         End in s; by default that of the problem, for which its facts are known.
     tol : float, optional
-        Relative to the size of the motion: a difference that is forgiven whatever the estimates say; 1e-9 by default.
+        Relative to the size of the motion: tolerance of differences, whatever the estimates; 1e-9 by default.
     progress : bool or callable
         As of `lcpimpact.study.progress`.
 
@@ -207,7 +207,7 @@ def cross_validate(
     >>> verdict.agree
     True
 
-    Against a wrong closed form they speak up:
+    A wrong closed form is detected:
 
     >>> import numpy as np
     >>> spring = load_problem("kelvin-voigt-tension")
@@ -242,7 +242,7 @@ def cross_validate(
 
 @dataclass(frozen=True, eq=False)
 class Missing:
-    """A route without a motion: why, and whether it set out and broke off, rather than refused."""
+    """A route without a motion: the reason, and whether it broke off or was refused."""
 
     route: Route
     why: str
@@ -257,7 +257,7 @@ def _judged(
     t_end: float,
     tol: float,
 ) -> CrossValidation:
-    """Compare what was found, and say what it means."""
+    """Compare the results, and return the verdict."""
     judge = Judge(problem, found, t_end, tol)
     pairs = list(judge.pairs())
     leader = judge.leader(pairs)
@@ -289,7 +289,7 @@ def _judged(
 
 
 class Judge:
-    """What the routes to one motion found, and how it compares.
+    """The results of the routes to one motion, and their comparison.
 
     Parameters
     ----------
@@ -331,7 +331,7 @@ class Judge:
     # ---- what a run says, and how two differ -----------------------------------------------------------------------
 
     def _sizes(self, reading: Reading) -> dict[str, float]:
-        """Return the size of the motion in each quantity that a run tells."""
+        """Return the size of the motion in each quantity of a run."""
         sizes = {COORDINATES: float(np.abs(reading.q[:, self.judged]).max()), TIMES: self.t_end}
         if reading.v is not None:
             sizes[VELOCITIES] = self._integral(reading.v[:, self.judged])
@@ -342,11 +342,11 @@ class Judge:
         return sizes
 
     def _integral(self, values: Array) -> float:
-        """Return the integral over time of the sum of |values| (nf, m), met once in each of equal steps."""
+        """Return the integral over time of the sum of |values| (nf, m), sampled once in each of equal steps."""
         return float(np.abs(values).sum(axis=1).mean() * self.t_end)
 
     def apart(self, quantity: str, a: Reading, b: Reading) -> float:
-        """Return the difference of two runs in coordinates, velocities or forces, NaN where one does not tell it."""
+        """Return the difference of two runs in coordinates, velocities or forces, NaN if one lacks them."""
         if quantity == COORDINATES:
             step = (len(b.q) - 1) / (len(a.q) - 1)
             p, q = (a.q, b.q[:: round(step)]) if step >= 1.0 else (a.q[:: round(1.0 / step)], b.q)
@@ -358,7 +358,7 @@ class Judge:
         return float(np.abs(a.r - b.r).mean(axis=0).max() * self.t_end)
 
     def paired(self, a: Reading, b: Reading, window: float, least: float) -> Pairing | None:
-        """Return how the events of two runs differ, None where one does not tell them."""
+        """Return how the events of two runs differ, None if one lacks them."""
         if a.events is None or b.events is None:
             return None
         return pair_events(a.events, b.events, window, self.t_end, least)
@@ -366,7 +366,7 @@ class Judge:
     # ---- what a route says of its own error -------------------------------------------------------------------------
 
     def declared(self, route: Route, quantity: str = COORDINATES) -> float:
-        """Return the order to be expected of a route for what happens in the motion; NaN where none is declared.
+        """Return the expected order of a route for the events of the motion; NaN if none is declared.
 
         Velocities and forces that are known at points only lie on lines between them, which are of order 2; a force that
         jumps between two of them is wrong by the jump for a step.
@@ -384,19 +384,19 @@ class Judge:
         return min(order, 1.0 if jumps else 2.0)
 
     def _estimates(self, found: RouteResult) -> dict[str, float]:
-        """Return E, the error that the runs of a route tell of the finest, for each quantity."""
+        """Return E, the estimated error of the finest run of a route, for each quantity."""
         E = {quantity: self._estimate(found, quantity) for quantity in (COORDINATES, VELOCITIES, FORCES)}
         if found.finest.events is not None:
             E |= self._event_estimates(found)
         return {quantity: E[quantity] for quantity in self.quantities if not math.isnan(E.get(quantity, math.nan))}
 
     def _differences(self, found: RouteResult, quantity: str) -> Array:
-        """Return what each run differs by from the next finer one."""
+        """Return the difference of each run from the next finer one."""
         pairs = zip(found.readings, found.readings[1:], strict=False)
         return np.array([self.apart(quantity, coarse, fine) for coarse, fine in pairs])
 
     def _estimate(self, found: RouteResult, quantity: str) -> float:
-        """Return E for coordinates, velocities or forces, NaN where the route does not tell them."""
+        """Return E for coordinates, velocities or forces, NaN if the route lacks them."""
         if found.route.kind == "exact":
             return self.apart(quantity, found.finest, found.finest)
         D = self._differences(found, quantity)
@@ -435,7 +435,7 @@ class Judge:
         return {TIMES: E, IMPULSES: _first_order([pair_events(*p, window, self.t_end, 0.0).impulse for p in pairs], h)}
 
     def observed(self, found: RouteResult, quantity: str = COORDINATES) -> float:
-        """Return the slope of log D over log h in a route's own refinement, NaN where it tells none.
+        """Return the slope of log D over log h in a route's own refinement, NaN if there is none.
 
         Left out are differences that are rounding, and steps that are long beside the fastest vibration: half of a bar's
         waves are not in such a run.
@@ -485,7 +485,7 @@ class Judge:
         return list(dict.fromkeys(doubt for doubt in self.doubts[label].values() if doubt))
 
     def undecided(self, label: str) -> bool:
-        """Whether the runs of a route tell no order of its coordinates."""
+        """Whether the runs of a route show no order of its coordinates."""
         found = self.found[label]
         return (
             found.route.kind == "steps"
@@ -494,7 +494,7 @@ class Judge:
         )
 
     def _doubtful_order(self, found: RouteResult, quantity: str) -> str:
-        """Return why the refinement of a route does not bear out its estimate, "" where it does."""
+        """Return why the refinement of a route does not support its estimate, "" if it does."""
         D, observed = self._differences(found, quantity), self.observed(found, quantity)
         if self.slow(found, quantity):
             declared = self.declared(found.route, quantity)
@@ -509,11 +509,11 @@ class Judge:
     # ---- pairs ----------------------------------------------------------------------------------------------------------
 
     def allowed(self, a: str, b: str, quantity: str) -> float:
-        """Return what two routes may differ by."""
+        """Return the allowed difference of two routes."""
         return AGREEMENT_FACTOR * (self.estimates[a][quantity] + self.estimates[b][quantity]) + self.floor[quantity]
 
     def compared(self, a: str, b: str) -> Iterator[dict[str, Any]]:
-        """Yield how two routes compare in each quantity that both tell."""
+        """Yield the comparison of two routes in each common quantity."""
         one, other = self.found[a].finest, self.found[b].finest
         both = [each for each in self.quantities if each in self.estimates[a] and each in self.estimates[b]]
         pairing = None
@@ -544,10 +544,10 @@ class Judge:
                 yield from self.compared(a, b)
 
     def leader(self, pairs: Sequence[Mapping[str, Any]]) -> str | None:
-        """Return the better of the two routes that agree most closely, so that each bears the other out.
+        """Return the more accurate of the two routes that agree most closely.
 
-        Where no two agree it is the one that errs least by its own account; a closed form, of which nothing is known but
-        what it says, yields to a method.
+        If no two agree it is the one with the least estimated error; a method comes before a closed form, which has no
+        estimate.
         """
 
         def trust(label: str) -> tuple[float, bool]:
@@ -563,7 +563,7 @@ class Judge:
     # ---- the verdict ------------------------------------------------------------------------------------------------
 
     def against(self, label: str, leader: str | None) -> str | None:
-        """Return the route that one is judged by: the leader, or for the leader the best of the rest."""
+        """Return the route that one is compared with: the leader, or for the leader the best of the rest."""
         if label != leader:
             return leader
         others = [each for each in self.estimates if each != label]
@@ -591,7 +591,7 @@ class Judge:
         }  # fmt: skip
 
     def reasons(self, label: str, leader: str | None) -> list[str]:
-        """Return why a route is held to be wrong, in sentences."""
+        """Return why a route is judged wrong, in sentences."""
         found = self.found[label]
         if found.route.kind == "solver":
             return _solver_reason(label, self._same_steps(found))
@@ -599,7 +599,7 @@ class Judge:
         if label == leader or leader is None:
             return reasons
         apart = [each for each in self.compared(label, leader) if not each["agrees"]]
-        # Where steps are too long to show an order, what they own up to is no bound of anything.
+        # If steps are too long to show an order, the estimates are no bounds.
         if apart and not any(self.undecided(each) for each in (label, leader)):
             reasons.insert(0, f"{label!r} disagrees with {leader!r}: {_in_words(apart)}")
         elif self.slow(found, COORDINATES) and self.declared(found.route) > 1.0:
@@ -607,7 +607,7 @@ class Judge:
         return reasons
 
     def facts(self, label: str) -> list[str]:
-        """Return in a sentence what a route shows otherwise than it is known in closed form, if there is any."""
+        """Return in a sentence where a route contradicts the closed-form values, if it does."""
         wrong = list(self._wrong_facts(label))
         more = f", and {len(wrong) - 1} more" if len(wrong) > 1 else ""
         return [f"{label!r} is wrong by a closed form: {wrong[0]}{more}"] if wrong else []
@@ -670,7 +670,7 @@ class Judge:
                 return
 
     def resolution(self, pairs: Sequence[Mapping[str, Any]]) -> float:
-        """Return the largest of what confirming pairs allow, each quantity by its best pair, relative to the motion."""
+        """Return the largest limit of confirming pairs, each quantity by its best pair, relative to the motion."""
         best = dict.fromkeys(self.quantities, math.inf)
         for pair in pairs:
             asked = pair["quantity"] in (COORDINATES, VELOCITIES) and self.problem.dynamics.contacts
@@ -729,7 +729,7 @@ def _highest_frequency(problem: Problem) -> float:
 
 
 def _in_words(apart: Sequence[Mapping[str, Any]]) -> str:
-    """Return what two routes differ in, the first of it with numbers."""
+    """Return the quantities in which two routes differ, the first with numbers."""
     first = apart[0]
     quantity, unit = first["quantity"], UNITS[first["quantity"]]
     if first["missing"]:

@@ -1,9 +1,9 @@
 r"""Norms of the error of a run: those in which methods with impacts converge, and those that show the cause.
 
 A trajectory is a function of time: what `Trajectory.sample` returns. Where a method has its solution at all times (exact,
-radau-fesd, event-driven) that is meant; otherwise q and v are lines between the points of the grid. Between all the instants
-at which either of two runs turns a corner or jumps, their difference is smooth, and is held as a Chebyshev series to
-rounding. Integrals and suprema are those of the series: no sample is passed over, and no point of a grid is favoured.
+radau-fesd, event-driven) that is meant; otherwise q and v are linear between the grid points. Between all the instants
+at which either of two runs has a kink or a jump, their difference is smooth, and is held as a Chebyshev series to
+rounding. Integrals and suprema are those of the series: nothing is missed between samples, and no grid point is favoured.
 
 Across impacts the sup of v - v* converges for no method: an impact that comes late by δ leaves the whole jump as an error
 for the time δ. Its integral is of the order δ, and so is the distance of the graphs; docs/norms.md shows it.
