@@ -29,7 +29,7 @@ from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.scheme.elements import ELEMENTS
 
 SHOWN = 3
-"""Of more contacts than these, only the first are listed."""
+"""Maximum number of contacts listed."""
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -105,7 +105,7 @@ for command in (
 
 
 class Kind(StrEnum):
-    """What can be listed."""
+    """Registries that can be listed."""
 
     problems = "problems"
     methods = "methods"

@@ -1,4 +1,4 @@
-"""The commands that go from what is wanted or measured to the constants: design and fit."""
+"""The commands design and fit."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ def fit(
 
     given = {name: value_at(spec.problem, name) if start is None else start for name, start in _free(free)}
     options = {**spec.run.options, **({} if spec.run.solver == "auto" else {"lcp_solver": spec.run.solver})}
-    # What the file says of another run is not meant.
+    # The [run] table of the file does not apply.
     step, end = (dt, t_end) if method is None else (spec.run.dt, spec.run.t_end)
     found = search(
         spec.problem, given, to, column=column.split(",") if column else None, sigma=sigma,

@@ -49,7 +49,7 @@ REMEDY = "give a sparse .mtx, or factors"
 """Remedy for an LCP that does not fit in memory."""
 
 LARGE, PACKED = 1e9, 100.0
-"""Arrays of more bytes than this, and packed to a smaller part of it, are a slip or a trap."""
+"""Size in bytes and compression ratio beyond which an array is a mistake or a decompression bomb."""
 
 COPIES = 2.0
 """Copies of a matrix while it is read and checked."""
@@ -187,7 +187,7 @@ def write_lcp(
 
 
 def _parts(path: Path) -> dict[str, Any]:
-    """Return what a file holds, by name; [M | q], or a lone q, is called M."""
+    """Return the arrays of a file by name; [M | q], or a lone q, is called M."""
     ending = path.suffix.lower()
     if ending not in READERS:
         raise InputError(f"the ending {path.suffix!r} tells no format: known are {', '.join(READERS)}")
@@ -219,7 +219,7 @@ def _split(parts: dict[str, Any]) -> dict[str, Any]:
 
 
 def _lone_vector(parts: Mapping[str, Any]) -> Any:
-    """Return the q of a file of its own: what is called q, or one row or column."""
+    """Return the q of a separate file: the array named q, or one row or column."""
     if set(parts) == {"q"}:
         return parts["q"]
     if set(parts) == {"M"} and 1 in parts["M"].shape:
@@ -362,7 +362,7 @@ def _read_numpy(path: Path) -> dict[str, Array]:
 
 
 def _check_unpacked(data: BytesIO) -> None:
-    """Refuse a .npz that unpacks to more than there is memory for, or to so much more than it holds that it is a trap."""
+    """Refuse a .npz that unpacks to more than the free memory, or is a decompression bomb."""
     try:
         with ZipFile(data) as archive:
             unpacked = float(sum(each.file_size for each in archive.infolist()))

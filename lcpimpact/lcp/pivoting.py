@@ -178,7 +178,7 @@ def relieve(tableau: PivotTableau, r: int, s: int) -> int:
 
 @compiled(types.void(tableau_type, i8, i8, vector, indices), inline="always")
 def record(tableau: PivotTableau, s: int, exchanged: int, z: Array, basis: Indices) -> None:
-    """Set z and the basis, and take note of them after so many pairs, s among them, were exchanged."""
+    """Set z and the basis, and record them for a trace after an exchange of pairs, s among them."""
     _, x, y, free, z_unit, _, _ = tableau
     n = len(z)
     for i in range(n):
@@ -192,7 +192,7 @@ def record(tableau: PivotTableau, s: int, exchanged: int, z: Array, basis: Indic
 
 @compiled(f8(matrix, vector, tableau_type), inline="always")
 def refresh(W: Array, q: Array, tableau: PivotTableau) -> float:
-    """Compute the basic variables anew from M and q, and return what is rounding in them.
+    """Recompute the basic variables from M and q, and return their rounding error.
 
     Twice, for T⁻¹ is known only as well as the exchanges have kept it.
     """

@@ -34,7 +34,7 @@ DENOMINATORS = (1, 12, 1000)
 
 
 class Decision(NamedTuple):
-    """What is true of a problem.
+    """The decision on a problem.
 
     Attributes
     ----------
@@ -242,7 +242,7 @@ class _Dictionary(NamedTuple):
 
 
 def decide(M: Delassus, q: Array, lower: Array, upper: Array) -> Decision | None:
-    """Return what is true of a problem of a few rows, or None if that takes too long or M is not given by its entries.
+    """Decide a problem of a few rows; None if that takes too long or M is not given by its entries.
 
     Branch and bound: the pairs of the reduced LCP are bound by y >= 0, s >= 0 alone at first. Where no point fulfils that,
     a ray proves it. Where the point found has a pair with both positive, one and then the other is set to zero.

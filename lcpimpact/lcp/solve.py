@@ -52,7 +52,7 @@ class PreparedLCP(NamedTuple):
     state: SolverState
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle what the solver was made ready for: compiled code cannot travel to another process, so it is made anew."""
+        """Pickle the arguments: compiled code cannot be sent to another process, so the solver is prepared again there."""
         registered = SOLVERS.get(self.solver.name) == self.solver
         return _prepare, (self.operator, self.solver.name if registered else self.solver, self.lower, self.upper)
 

@@ -34,7 +34,7 @@ BASES = ((), (0,), (1,), (0, 1))
 
 COLORS = PALETTE[5], PALETTE[4], PALETTE[2], PALETTE[3]
 RADII = 1.0, 0.84, 0.68, 0.52
-"""A radius for each cone, so that each shows its own rim where several overlap."""
+"""A radius for each cone, so that the rims of overlapping cones are visible."""
 
 PARALLEL_TOL = 1e-12
 """Sine of an angle below which two columns span no plane."""
@@ -74,7 +74,7 @@ class Cone:
 
     @cached_property
     def kind(self) -> str:
-        """What the cone is: a "wedge", or if its columns do not span the plane a "line", a "ray" or the "origin"."""
+        """The kind of cone: a "wedge", or if its columns do not span the plane a "line", a "ray" or the "origin"."""
         a, b = (each / (np.hypot(*each) or 1.0) for each in self.columns)
         if not (a.any() or b.any()):
             return "origin"

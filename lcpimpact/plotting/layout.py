@@ -136,7 +136,7 @@ def in_series(upper: Arm, lower: Arm) -> Arm:
 
 
 def arms_between(elements: Sequence[Element]) -> list[Arm]:
-    """Return an arm for each pair of nodes that are joined, with the inner nodes of elements taken up in the arms."""
+    """Return an arm for each pair of joined nodes, including the inner nodes of elements."""
     inner = [node for element in elements for node in element.nodes[1:-1]]
     outer = {node for element in elements for node in (element.nodes[0], element.nodes[-1])}
     arms = [Arm(*ends(p), p) for e in elements for p in e.drawn() if len(p.nodes) > 1]
@@ -189,7 +189,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Box:
-    """A part of the picture that is taken: x from left to right, and levels from low to high."""
+    """An occupied part of the picture: x from left to right, and levels from low to high."""
 
     left: float
     right: float
@@ -237,7 +237,7 @@ class Layout:
 
     @cached_property
     def given(self) -> list[Arm]:
-        """The arms, not yet told what is up."""
+        """The arms, without an orientation."""
         return arms_between(self.elements)
 
     @cached_property
@@ -372,7 +372,7 @@ class Layout:
 
     @cached_property
     def _across(self) -> tuple[dict[int, float], dict[str, list[float]], dict[int, tuple[float, Side]]]:
-        """The middle of each arm, what each node must reach, and the place of each load and the side of its label."""
+        """The middle of each arm, the extent of each node, and the position of each load and the side of its label."""
         taken: list[Box] = []
         middle: dict[int, float] = {}
         touched: dict[str, list[float]] = {}
@@ -452,7 +452,7 @@ class Layout:
         self, wish: float, boxes: Sequence[Box], taken: Sequence[Box], bars: Mapping[int, tuple[float, float]],
         own: Sequence[str],
     ) -> float:  # fmt: skip
-        """Return the x nearest to a wish at which boxes, given relative to it, meet none that is taken.
+        """Return the x nearest to a wish at which boxes, given relative to it, overlap no occupied one.
 
         A node's own box is no obstacle to its arms. Bars, level to span, would have to be drawn out to the new place: to
         cross others with them costs as much as a long detour.
@@ -477,7 +477,7 @@ class Layout:
     # --- up ------------------------------------------------------------------------------------------------------------
 
     def need(self, link: Element, top: str, bottom: str, *, piece: bool) -> tuple[float, float, float, float]:
-        """Return what a link needs upright: its height at rest, its symbol's height, and what it opens and closes by."""
+        """Return the vertical extent of a link: its height at rest, its symbol's height, and what it opens and closes by."""
         body = BAR if isinstance(link, Bar) else PIECE if piece else LINK
         low, high = self.travel(top, bottom)
         opens, closes = max(high, 0.0), max(-low, 0.0)
@@ -546,7 +546,7 @@ class Layout:
         return y | dict(self._inner(y))
 
     def edge(self, y: Mapping[str, float], node: str, side: Side) -> float:
-        """Return where links meet a node: the upper (1) or the lower (-1) edge of its body."""
+        """Return where links join a node: the upper (1) or the lower (-1) edge of its body."""
         return y[node] + side * self.thickness(node) / 2.0
 
     def _inner(self, y: Mapping[str, float]) -> Iterator[tuple[str, float]]:
@@ -677,7 +677,7 @@ class Layout:
 
 
 def _soft(link: Element) -> bool:
-    """Return whether two bodies meet in the link and give way."""
+    """Return whether the link is compliant contact between two bodies."""
     return isinstance(link, (HertzSpring, HuntCrossley, KelvinVoigtStop))
 
 

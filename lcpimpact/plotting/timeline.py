@@ -28,7 +28,7 @@ WORDS = {"open": "opens", "close": "closes", "impact": "impact", "stick": "stick
 
 
 def plain_text(text: str) -> str:
-    r"""Return words of somebody else's, as the name of a problem, so that no $ in them begins a formula.
+    r"""Return foreign text, as the name of a problem, with every $ escaped.
 
     Examples
     --------

@@ -105,7 +105,7 @@ def forward_substitute(L: Array, k: int, y: Array) -> None:
 
 @compiled(f8(f8, f8, f8, f8))
 def room(z: float, d: float, lower: float, upper: float) -> float:
-    """Return how far z may go along d before it meets a bound."""
+    """Return how far z may go along d before it reaches a bound."""
     if d > 0.0:
         return max(upper - z, 0.0) / d
     return max(z - lower, 0.0) / -d if d < 0.0 else np.inf
@@ -134,7 +134,7 @@ def drop(active: ActiveSet, k: int, a: int) -> None:
 
 @compiled(types.Tuple((f8, i8))(matrix, indices, vector, vector, vector, vector, vector), inline="always")
 def minimise(L: Array, rows: Indices, base: Array, lower: Array, upper: Array, z: Array, y: Array) -> tuple[float, int]:
-    """Move the free rows towards y = -M_αα⁻¹ base_α until one meets a bound; return the length, and which one or NONE."""
+    """Move the free rows towards y = -M_αα⁻¹ base_α until one reaches a bound; return the length, and which one or NONE."""
     k = len(rows)
     for a in range(k):
         y[a] = -base[rows[a]]
@@ -199,7 +199,7 @@ def slightly_wrong(active: ActiveSet, q: Array, z: Array, w: Array, lower: Array
 def slide(
     active: ActiveSet, k: int, e: int, sign: float, lower: Array, upper: Array, z: Array, y: Array
 ) -> tuple[float, int]:
-    """Move row e along ``sign``, and the free rows along y so that M d = 0, until one meets a bound.
+    """Move row e along ``sign``, and the free rows along y so that M d = 0, until one reaches a bound.
 
     Returns the length and which one, k for e itself. There is no curvature along d, and the objective falls; if nothing
     ends that, z is set to d.
@@ -232,7 +232,7 @@ def slide(
 
 @compiled(SIGNATURE)
 def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Minimise over the free rows, drop the first that meets a bound, and let in the one whose w is most wrong.
+    """Minimise over the free rows, drop the first that reaches a bound, and add the one with the largest violation in w.
 
     The rows of a guess that lie between their bounds are free from the start. Thresholds are those of the problem scaled to
     a unit diagonal, with the rounding of a product added. After n exchanges without progress the first wrong row enters.

@@ -1,9 +1,8 @@
-r"""Dantzig's principal pivoting between bounds, as physics engines do it: the rows are brought in one at a time.
+r"""Dantzig's principal pivoting between bounds, as in physics engines: the rows are added one at a time.
 
 The points (z_i, w_i) that a row allows form a staircase: down along z = lower, across w = 0, down along z = upper. A row
-that lies below its own is driven up, one above it down, until it meets it; the rows already brought in stay on theirs, and
-change sides where they come to a corner. For semidefinite M and for P-matrices z_r and w_r rise together, so that they do
-meet it.
+below its own is driven up, one above it down, until it reaches it; the rows already added stay on theirs, and change sides
+at corners. For semidefinite M and for P-matrices z_r and w_r increase together, so that they do reach it.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ def reach(x: float, rate: float, end: float) -> float:
 
 @compiled(types.Tuple((f8, i8))(f8, f8, f8, f8, f8, f8))
 def meeting(z: float, w: float, dz: float, dw: float, lower: float, upper: float) -> tuple[float, int]:
-    """Return when and where a point that moves up meets the staircase: at a bound, or between them with w = 0."""
+    """Return when and where an upward moving point reaches the staircase: at a bound, or between them with w = 0."""
     ceiling, ground, crossing = reach(z, dz, upper), reach(z, dz, lower), reach(w, dw, 0.0)
     if ceiling <= max(ground, crossing):
         return ceiling, UPPER
@@ -134,7 +133,7 @@ def next_row(rows: Rows) -> int:
 
 @compiled(types.boolean(tableau_type, rows_type, f8))
 def all_settled(tableau: PivotTableau, rows: Rows, tiny: float) -> bool:
-    """Find out anew which rows are settled, and return whether all are."""
+    """Determine the settled rows again, and return whether all are."""
     _, x, y, free, _, _, _ = tableau
     low, high, settled, _, _ = rows
     complete = True
@@ -171,7 +170,7 @@ def guard(tableau: PivotTableau, rows: Rows, everyone: bool, tiny: float) -> Non
 
 @compiled(types.Tuple((f8, i8, i8))(tableau_type, rows_type, i8, i8, types.boolean), inline="always")
 def next_event(tableau: PivotTableau, rows: Rows, r: int, sign: int, first: bool) -> tuple[float, int, int]:
-    """Return how far x_r moves along ``sign``, the row that ends this or NONE, and where row r meets its staircase.
+    """Return how far x_r moves along ``sign``, the row that ends this or NONE, and where row r reaches its staircase.
 
     A row that follows no staircase but is free has its w fixed, and z within bounds. Of rows that end the motion together
     the one that changes fastest is taken, or the first.
@@ -212,7 +211,7 @@ def meet(tableau: PivotTableau, rows: Rows, r: int, end: int) -> int:
 def drive(
     tableau: PivotTableau, rows: Rows, r: int, sign: int, z: Array, basis: Indices, count: int, max_iter: int
 ) -> tuple[int, int]:
-    """Move x_r along ``sign`` until row r meets its staircase; rows that come to a corner on the way change sides.
+    """Move x_r along ``sign`` until row r reaches its staircase; rows that reach a corner on the way change sides.
 
     Returns SOLVED, RAY if nothing ends the motion, SINGULAR or MAX_ITER, and the count of moves.
     """

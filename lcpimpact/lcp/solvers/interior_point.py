@@ -261,7 +261,7 @@ def predict_correct(
 def interior_point(
     W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
 ) -> tuple[int, int]:
-    """Predict how far μ would fall, aim as low as that allows, and correct for what the linear model left out.
+    """Predict the decrease of μ, choose the target, and correct for the second-order terms.
 
     Once the equation holds to within μ each step must lower μ. Where M is far from symmetric this one may not; then it aims
     at half of μ, is not corrected, and is made short enough.

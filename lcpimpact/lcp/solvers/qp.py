@@ -41,7 +41,7 @@ NOISE_FRACTION = 0.1
 
 @dataclass(frozen=True)
 class Backend:
-    """How a backend of qpsolvers is called, and what it reaches.
+    """The call of a backend of qpsolvers, and its accuracy.
 
     Attributes
     ----------
