@@ -236,8 +236,8 @@ class Elements:
     ) -> tuple[float | None, int]:
         """Solve for the stages and the length of the element at whose end a row vanishes; return it, and the iterations.
 
-        Newton's method from ``guess``, kept in the bracket [0, length]; None where it does not converge. ``zero`` is what
-        the row has where it vanishes: the rounding that it began with, if it began at zero.
+        Newton's method from ``guess``, kept in the bracket [0, length]; None if it does not converge. ``zero`` is the
+        value of the row at its zero: its initial rounding error, if it began at zero.
         """
         c, low, high, h = self.rows[row], 0.0, length, guess
         enough = 4.0 * EPS * float(np.abs(c) @ np.maximum(scale, np.abs(X)))

@@ -4,7 +4,7 @@ A mass m strikes with v0, and its weight m g goes on acting. Measured in v0 and 
 
 .. math:: L = \Bigl(\frac{(n+1)\, m v_0^2}{2 k}\Bigr)^{1/(n+1)}, \qquad n = 1: \quad L = v_0 \sqrt{m/k},
 
-how far a lossless spring k δⁿ would give way without weight, the contact depends on the loss number λ of its law and on
+the largest deflection of a lossless spring k δⁿ without gravity, the contact depends on the loss number λ of its law and on
 ``γ = g L/v0²`` alone. Times scale with L/v0, forces with m v0²/L, and the constants of the law likewise;
 so what is wanted of an impact is an equation in λ and L.
 """
