@@ -31,21 +31,21 @@ FEATURES = (
 
 WISHES: tuple[tuple[str, Callable[[Declared], bool]], ...] = (
     (
-        "It should run whatever a scheme can hold",
+        "All elements and relative degrees",
         lambda d: set(d.relative_degrees) == {0, 1, 2} and set(d.handles) >= set(Feature),
     ),
-    ("A reference that is exact but for rounding", lambda d: math.isinf(d.order_smooth) and not d.adaptive),
-    ("Order 2 or more although forces jump (Systems 1 and 3)", lambda d: d.order_force_jump >= 2),
-    ("More than order 1 across impacts", lambda d: d.order_impact > 1),
-    ("Plates never overlap after an impact", lambda d: 2 in d.relative_degrees and math.isinf(d.order_penetration)),
-    ("Impacts never add energy, for as long as it runs", lambda d: d.dissipates),
-    ("It chooses its own steps", lambda d: bool(d.adaptive)),
+    ("A reference, exact to rounding", lambda d: math.isinf(d.order_smooth) and not d.adaptive),
+    ("Order 2 or more across force jumps (Systems 1 and 3)", lambda d: d.order_force_jump >= 2),
+    ("Order above 1 across impacts", lambda d: d.order_impact > 1),
+    ("No penetration after an impact", lambda d: 2 in d.relative_degrees and math.isinf(d.order_penetration)),
+    ("Impacts never add energy", lambda d: d.dissipates),
+    ("Adaptive steps", lambda d: bool(d.adaptive)),
     ("Dry friction on bodies with mass", lambda d: d.order_friction > 0),
     (
         "Compliant contact by non-linear springs (see [penalty.md](penalty.md))",
         lambda d: Feature.POWER_LAWS in d.handles,
     ),
-    ("Given motions, as a shaken table", lambda d: Feature.MOTIONS in d.handles),
+    ("Prescribed motion, as of a shaking table", lambda d: Feature.MOTIONS in d.handles),
     ("Complementarity systems by their matrices", lambda d: Feature.SYSTEMS in d.handles),
 )
 
@@ -61,15 +61,15 @@ def page() -> str:
     lines = [
         "# How to choose an integrator",
         "",
-        "All that stands here is what the methods declare of themselves, written down by `docs/choose.py`; tests measure",
-        "it over the whole registry. `lcpimpact list methods` shows the same. `simulate` refuses what a method does not",
+        "This page lists the declared properties of the methods, written by `docs/choose.py`; tests measure them",
+        "over the whole registry. `lcpimpact list methods` shows the same. `simulate` refuses what a method does not",
         "declare, before the first step, and names those that can. Measured orders with their scatter, errors and costs are",
         "in [table.md](table.md), what a step costs in [benchmarks](../benchmarks/README.md). To add a method:",
         "[new-method.md](new-method.md).",
         "",
-        "## What is wanted, and who offers it",
+        "## Methods by requirement",
         "",
-        "| wanted | methods |",
+        "| requirement | methods |",
         "|---|---|",
     ]
     for wish, offers in WISHES:
@@ -77,11 +77,11 @@ def page() -> str:
         lines.append(f"| {wish} | {', '.join(f'[{name}](#{name})' for name in able) or 'none'} |")
     lines += [
         "",
-        "Without a wish of that kind: `moreau-jean` for studies, `exact` for truth, `event-driven` for a smooth method of",
+        "Otherwise: `moreau-jean` for studies, `exact` as the reference, `event-driven` for a smooth method of",
         "high order between few events, `radau-fesd` for many digits at large steps, and a penalised problem to see what",
         "smoothing costs.",
         "",
-        "## What each handles",
+        "## Features by method",
         "",
         "Relative degree 0: the contact plate is massless on a spring, 1: on a dashpot, 2: both sides have mass, and",
         "velocities jump.",
@@ -99,12 +99,12 @@ def page() -> str:
         "",
         "In the coordinates with mass (sup norm), across impacts in the velocities (L1 norm; their sup norm converges",
         "for no method; what is declared is a median: [slopes scatter](convergence.md#the-order-across-many-impacts)).",
-        "*r bends*: relative degree 0; *r jumps*: degree 1; *friction*: where a body on a slider turns",
-        "or stops.",
+        "*force kink*: relative degree 0; *force jump*: degree 1; *friction*: reversal or sticking of a body",
+        "on a slider.",
         "",
         "| method | "
         + " | ".join(next(iter(methods.values())).orders)
-        + " | overlap after impacts | adds no energy | steps |",
+        + " | penetration after impacts | adds no energy | steps |",
         "|---|" + "---|" * 8,
     ]
     for name, d in methods.items():
@@ -127,7 +127,7 @@ def section(name: str, d: Declared) -> list[str]:
         markdown(module),
         "",
         f"- Contacts at level: {d.level}.",
-        f"- Force: {d.reaction_lives}.",
+        f"- Force: {d.reaction_time}.",
         f"- Energy: {d.energy}.",
         f"- Options: {options or 'none'}.",
         f"- Source: {d.source}.",

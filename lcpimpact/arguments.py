@@ -1,4 +1,4 @@
-"""Arguments of public functions are checked once, by their annotations, and what is wrong is said in one sentence."""
+"""Argument checks of public functions by their annotations, with one-sentence errors."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from lcpimpact.errors import InputError
 P = ParamSpec("P")
 R = TypeVar("R")
 
-HIDDEN = ("Cc", "Cf", "Cs")
-"""Unicode's categories of control characters, of marks that are not seen, and of halves of characters."""
+HIDDEN_CATEGORIES = ("Cc", "Cf", "Cs")
+"""Unicode categories of control and format characters and of surrogates."""
 
 WORDS: dict[Any, str] = {
     float: "a number", int: "a whole number", bool: "True or False", str: "a string", Path: "a path", type(None): "None",
@@ -34,9 +34,10 @@ REMEDY = {
     "Trajectory": "get one from simulate(...)",
     "DataFrame": "get one from a study, as convergence(...), or make one of your data",
 }
-"""Where things come from that a function wants, by the name of their type."""
+"""How to get an object of a type, by the name of the type."""
 
-LONGEST = 60
+MAX_REPR_LENGTH = 60
+"""Maximum number of characters of a value in an error."""
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
@@ -141,12 +142,17 @@ def is_name(value: Any) -> bool:
     >>> is_name("θ_1"), is_name("free end"), is_name(""), is_name("a" + chr(27)), is_name(3)
     (True, True, False, False, False)
     """
-    return isinstance(value, str) and value != "" and not any(unicodedata.category(each) in HIDDEN for each in value)
+    return isinstance(value, str) and value != "" and not any(map(_is_hidden, value))
 
 
 def is_sequence(value: Any) -> bool:
     """Return whether a value has a length and things in it, and is no string."""
     return _is_kind(value, Sequence)
+
+
+def _is_hidden(character: str) -> bool:
+    """Return whether a character is not shown."""
+    return unicodedata.category(character) in HIDDEN_CATEGORIES
 
 
 def visible(text: str) -> str:
@@ -157,7 +163,7 @@ def visible(text: str) -> str:
     >>> print(visible("a" + chr(27) + "[31m"))
     a\x1b[31m
     """
-    hidden = (each != "\n" and unicodedata.category(each) in HIDDEN for each in text)
+    hidden = (each != "\n" and _is_hidden(each) for each in text)
     return "".join(repr(each)[1:-1] if hides else each for each, hides in zip(text, hidden, strict=True))
 
 
@@ -167,9 +173,9 @@ def short(value: Any) -> str:
         text = repr(value)
     except Exception:  # noqa: BLE001 - a repr of somebody else's may fail by anything
         text = "\n"
-    if len(text) <= LONGEST and "\n" not in text:
+    if len(text) <= MAX_REPR_LENGTH and "\n" not in text:
         return text
-    return repr(value[: LONGEST // 2] + "...") if isinstance(value, str) else f"a {type(value).__name__}"
+    return repr(value[: MAX_REPR_LENGTH // 2] + "...") if isinstance(value, str) else f"a {type(value).__name__}"
 
 
 def _wrong(name: str, value: Any, hint: Any) -> str | None:

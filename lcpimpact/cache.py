@@ -1,4 +1,4 @@
-"""The folder of compiled code: a folder for each state of the package's source, and those long unused are removed.
+"""The cache of compiled code: one folder for each version of the source; old ones are removed.
 
 Each bears a ``CACHEDIR.TAG``, by which it is known as ours and backups pass it over, and whose time is that of last use.
 """
@@ -25,11 +25,11 @@ SIGNATURE = (
 
 DAY = 86_400.0
 
-KEPT = 3
-"""Number of folders of other sources that are kept, however old."""
+MAX_FOLDERS = 3
+"""Number of folders of other versions that are kept, however old."""
 
-UNUSED = 30.0 * DAY
-"""Time without use after which a folder may go [s]: no process still needs it."""
+MAX_IDLE = 30.0 * DAY
+"""Time without use after which a folder is removed [s]."""
 
 
 def base() -> Path:
@@ -88,9 +88,9 @@ def folders() -> list[Path]:
 def remove_unused() -> None:
     """Remove folders of other sources that were not used for long, but for the newest few."""
     others = [each for each in folders() if each != folder()]
-    for each in others[KEPT:]:
+    for each in others[MAX_FOLDERS:]:
         with suppress(OSError):  # gone meanwhile, or not ours to remove
-            if time.time() - (each / TAG).stat().st_mtime > UNUSED:
+            if time.time() - (each / TAG).stat().st_mtime > MAX_IDLE:
                 remove(each)
 
 

@@ -22,10 +22,10 @@ from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, cube, f8, matrix
 
 EPS = 2.0**-100
-"""Relative rounding of a few sums and products."""
+"""Relative rounding error of a few sums and products."""
 
 SPLIT = 134217729.0
-"""2²⁷ + 1, by which a float is split into two halves whose products are exact."""
+"""2²⁷ + 1, the factor that splits a float into two halves with exact products (Dekker)."""
 
 pair = types.UniTuple(f8, 2)
 

@@ -1,4 +1,4 @@
-"""Where the contact mode changed, read off the steps of a method that does not locate it itself, and where springs push."""
+"""Events of methods without event location, from their recorded steps, and contact intervals of springs."""
 
 from __future__ import annotations
 

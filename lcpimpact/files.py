@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Atomic file output: files appear whole or not at all."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from typing import Any
 
 from lcpimpact.errors import InputError
 
-LONGEST = 60
-"""Of the name of a file so many letters begin the name of its part, which must not be too long either."""
+MAX_STEM_LENGTH = 60
+"""Maximum number of characters that a part file takes over from the name of its file."""
 
 
 def check_output(path: Path, endings: Iterable[str]) -> None:
@@ -309,7 +309,7 @@ def _followed(path: Path) -> Path:
 
 def _name_beside(path: Path) -> Path:
     """Return a new name in the folder of ``path``, which is hidden until it is removed."""
-    name = path.with_name(f".{path.stem[:LONGEST]}.{secrets.token_hex(6)}{path.suffix}")
+    name = path.with_name(f".{path.stem[:MAX_STEM_LENGTH]}.{secrets.token_hex(6)}{path.suffix}")
     _hidden.add(name)
     return name
 

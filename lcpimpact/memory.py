@@ -1,4 +1,4 @@
-"""What is free of the memory, so that what does not fit is refused before it is taken."""
+"""Free memory, so that problems that do not fit are refused before allocation."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from pathlib import Path
 
 from lcpimpact.errors import InputError
 
-SHARE = 0.9
-"""Of the memory that is free so much may be taken by one thing."""
+FREE_FRACTION = 0.9
+"""Largest fraction of the free memory that one object may take."""
 
-GROUP = Path("/sys/fs/cgroup")
-"""Where Linux says what a container, or a job of a cluster, may take."""
+CGROUP = Path("/sys/fs/cgroup")
+"""Folder in which Linux states the memory limits of a container or a job."""
 
 
 def free_memory() -> float:
@@ -37,7 +37,7 @@ def check_memory(wanted: float, what: str, remedy: str) -> None:
         With both numbers and the remedy.
     """
     free = free_memory()
-    if wanted > SHARE * free:
+    if wanted > FREE_FRACTION * free:
         raise InputError(
             f"{what} not fit in memory: about {wanted / 1e9:.3g} GB are needed, and {free / 1e9:.3g} GB are free; {remedy}"
         )
@@ -60,7 +60,7 @@ def _of_machine() -> float:
 
 def _of_group() -> float:
     try:
-        most, taken = ((GROUP / name).read_text(encoding="ascii") for name in ("memory.max", "memory.current"))
+        most, taken = ((CGROUP / name).read_text(encoding="ascii") for name in ("memory.max", "memory.current"))
         return max(0.0, float(most) - float(taken))
     except (OSError, ValueError):  # "max" where there is no limit
         return float("inf")

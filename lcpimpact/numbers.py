@@ -1,4 +1,4 @@
-"""Numbers in the input: what counts as one, and the sentences that refuse what does not."""
+"""Checks of numbers in the input."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from lcpimpact.errors import InputError
 
 NUMBERS = (int, float, np.integer, np.floating)
-"""Others, as decimals and fractions, make arrays of objects."""
+"""Accepted types; others, as decimals and fractions, make arrays of objects."""
 
 
 def is_real(value: Any) -> bool:

@@ -1,4 +1,4 @@
-"""The words of a result: grid, state, event, record, and the solution as a function of time."""
+"""Parts of a result: grid, state, event, record, and continuous solution."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags
 
 SLIPS = 1e-6
-"""A slider whose force is this near its threshold, relative to it, slips: a solver that iterates ends near it."""
+"""Distance of a slider force from its threshold, relative to it, below which the slider slips."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,9 @@ class Event:
     ----------
     t : float               the instant in s
     contact : str           the name of the reaction
-    kind : str              "close", "open" or "impact"; "stick" or "slip" of a slider, which slips anew where it turns;
-                            "jump" where a system that starts outside its constraint enters it
-    left, right : State     the limits from before and from after; at the start only q has one from before
+    kind : str              "close", "open" or "impact"; "stick" or "slip" of a slider, the latter also at a
+                            reversal; "jump" of a system with an inconsistent initial state
+    left, right : State     left and right limits; at the start only q has a left one
     impulse : float         N s; zero unless an impact or a jump
     """
 
@@ -68,12 +68,12 @@ class Event:
 
 @dataclass(eq=False)
 class Stats(Mapping[str, float]):
-    """What a run has cost; ``stats["seconds"]`` and ``stats.seconds`` are the same.
+    """The cost of a run; ``stats["seconds"]`` and ``stats.seconds`` are the same.
 
     Attributes
     ----------
-    steps : int                 steps taken, those of its own choice where the method chooses them
-    rejected : int              steps tried and taken again with another length
+    steps : int                 accepted steps
+    rejected : int              rejected steps
     lcp_solves : int            linear complementarity problems
     lcp_iterations : int        iterations of their solver
     newton_iterations : int     iterations of Newton's method
@@ -119,9 +119,9 @@ class Record:
     Attributes
     ----------
     t (nt,), q (nt, n), v (nt, n)               the grid and the motion on it
-    t_reaction (nr,), reaction (nr, nc)         the reactions, where they live
-    events                                      those that the method itself located
-    stats                                       what it has cost so far
+    t_reaction (nr,), reaction (nr, nc)         the reactions and their instants
+    events                                      events located by the method
+    stats                                       cost so far
     """
 
     t: Array
@@ -140,9 +140,9 @@ class ContinuousSolution:
     Attributes
     ----------
     read : callable         read(t, side) -> q, v, reaction at the sorted times t (nt,), on one side of the events
-    cuts : (nk,) array      times from 0 to the end between which the solution is smooth and turns little
+    cuts : (nk,) array      times from 0 to the end between which the solution is smooth and resolved
     resolved : (nk - 1,) array of bool, optional
-        Whether it turns little between two cuts, where it does not between all: there are too many oscillations.
+        Whether it is resolved between two cuts, if not between all, as with too many oscillations.
     """
 
     read: Callable[[Array, str], tuple[Array, Array, Array]]
@@ -150,7 +150,7 @@ class ContinuousSolution:
     resolved: Flags | None = None
 
     def resolves(self, cuts: Array) -> Flags:
-        """Return whether the solution turns little between other cuts, finer than its own (nk - 1,)."""
+        """Return whether the solution is resolved between other, finer cuts (nk - 1,)."""
         if self.resolved is None or len(self.resolved) == 0:
             return np.ones(len(cuts) - 1, np.bool_)
         own = np.searchsorted(self.cuts, cuts[:-1], side="right") - 1

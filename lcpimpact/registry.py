@@ -1,4 +1,4 @@
-"""Names: every solver, method, problem and element is found by its name here, and loaded only when it is asked for."""
+"""Registries of solvers, methods, problems and elements by name, loaded on first use."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from lcpimpact.errors import InputError, UnknownNameError
 
 T = TypeVar("T")
 
-LONGEST = 200
+MAX_ERROR_LENGTH = 200
 """Maximum number of characters shown of another package's error."""
 
-SHOWN = 50
+MAX_NAMES = 50
 """Maximum number of names in a message; a bar has more nodes."""
 
 
@@ -32,8 +32,8 @@ def nearest(name: str, known: list[str], kind: str, also: Sequence[str] = ()) ->
     close = [each for each in also if each.startswith(f"{name}_")]
     close = close or get_close_matches(name, [*known, *also], n=1, cutoff=0.5)
     hint = f"did you mean {close[0]!r}? " if close else ""
-    more = f" and {len(known) - SHOWN} more" if len(known) > SHOWN else ""
-    return f"unknown {kind} {name!r}: {hint}known are {', '.join(known[:SHOWN]) if known else 'none'}{more}"
+    more = f" and {len(known) - MAX_NAMES} more" if len(known) > MAX_NAMES else ""
+    return f"unknown {kind} {name!r}: {hint}known are {', '.join(known[:MAX_NAMES]) if known else 'none'}{more}"
 
 
 class Registry(Mapping[str, T], Generic[T]):
@@ -118,7 +118,7 @@ class Registry(Mapping[str, T], Generic[T]):
                     load(self._check)(entry)
             except (Exception, SystemExit) as error:  # noqa: BLE001 (a stranger's code may raise anything)
                 said = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-                self._broken[name] = shorten(said, LONGEST, placeholder=" ...")
+                self._broken[name] = shorten(said, MAX_ERROR_LENGTH, placeholder=" ...")
             else:
                 return entry
         raise InputError(

@@ -59,7 +59,7 @@ from lcpimpact.registry import nearest
 from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.scheme import Scheme
-from lcpimpact.scheme.signals import NAMED, SIGNALS, Signal
+from lcpimpact.scheme.signals import SIGNAL_NAMES, SIGNALS, Signal
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 if TYPE_CHECKING:
@@ -70,25 +70,25 @@ T = TypeVar("T")
 ENDING = ".toml"
 
 DT, STEPS = 1e-3, 1000
-"""The step in s of a run for which nobody gave one, and the least number of steps."""
+"""Default step in s, and minimum number of steps of a run without a step of its own."""
 
-LARGEST = 4_000_000
-"""Bytes; what is longer than this is no scheme that anybody wrote."""
+MAX_BYTES = 4_000_000
+"""Maximum size of a scheme file in bytes."""
 
-SMALLER = "give a smaller scheme"
+REMEDY = "give a smaller scheme"
 
-DEEPEST = 10
-"""Tables and brackets are nested less than this: a row of a matrix of a system is at 3."""
+MAX_DEPTH = 10
+"""Maximum depth of nested tables and brackets; a row of a matrix of a system is at 3."""
 
-LONGEST = 1_000
-"""Characters of a name or another string."""
+MAX_STRING_LENGTH = 1_000
+"""Maximum number of characters of a name or another string."""
 
 KEYS = {
     "elements": ["name", "source", "t_end", "built_from", "elements", "initial", "run"],
     "system": ["name", "source", "t_end", "built_from", "system", "initial", "run"],
     "problem": ["problem", "parameters", "run"],
 }
-"""The three ways to state a problem, and what may stand beside each."""
+"""Keys of a file, for each of the three ways to state a problem."""
 
 NUMBERS = tuple[float, ...]
 MATRIX = tuple[NUMBERS, ...]
@@ -96,7 +96,7 @@ NAMES = tuple[str, ...]
 SYSTEM: dict[str, Any] = {
     **dict.fromkeys("ABCD", MATRIX), "a": tuple[float | Signal, ...], "c": NUMBERS, "states": NAMES, "multipliers": NAMES
 }  # fmt: skip
-"""What the arrays of a system hold."""
+"""Types of the entries of a system."""
 
 HOLDS = {tuple: "array", Sequence: "array", Mapping: "table", Literal: "word"}
 
@@ -106,7 +106,7 @@ WORDS = {
 }  # fmt: skip
 
 DOTTED = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){50}""")
-"""A key that tomllib would take hours over, if it is long enough."""
+"""Long dotted keys, on which tomllib takes hours."""
 
 ELEMENT_HEADER = re.compile(r"\s*\[\[\s*(elements|'elements'|\"elements\")\s*\]\]")
 
@@ -274,7 +274,7 @@ def read_scheme_file(path: str | Path) -> SchemeFile:
     TOML 1.0.0, toml.io.
     """
     path = Path(path)
-    with reading(path, SMALLER):
+    with reading(path, REMEDY):
         return _parse(_text(path), path.stem)
 
 
@@ -330,8 +330,8 @@ def write_scheme_file(problem: Problem, path: str | Path, run: Run | None = None
 def _text(path: Path) -> str:
     if path.exists() and not path.is_file():
         raise InputError("it is no file; name one that holds a scheme")
-    if (size := path.stat().st_size) > LARGEST:
-        raise InputError(f"it has {size:,} bytes, and a scheme file at most {LARGEST:,}; is it another file?")
+    if (size := path.stat().st_size) > MAX_BYTES:
+        raise InputError(f"it has {size:,} bytes, and a scheme file at most {MAX_BYTES:,}; is it another file?")
     data = path.read_bytes()
     try:
         # Some editors begin a file with a byte order mark.
@@ -384,13 +384,13 @@ def _parse(text: str, stem: str) -> SchemeFile:
 
 def _check_size(value: Any, depth: int = 0) -> None:
     """Refuse what cannot be right, and cannot even be shown: endless nesting and strings, numbers beyond all floats."""
-    if depth > DEEPEST:
+    if depth > MAX_DEPTH:
         raise InputError("its tables are nested too deeply; a scheme needs three of them")
     if type(value) is int and not is_real(value):
         raise InputError("a whole number has too many digits; write it as 1e9")
-    if isinstance(value, str) and len(value) > LONGEST:
+    if isinstance(value, str) and len(value) > MAX_STRING_LENGTH:
         raise InputError(
-            f"{value[:20]!r}... has {len(value):,} characters, and a string at most {LONGEST:,}; shorten it"
+            f"{value[:20]!r}... has {len(value):,} characters, and a string at most {MAX_STRING_LENGTH:,}; shorten it"
         )
     for key in value if isinstance(value, dict) else ():
         _check_size(key, depth)
@@ -646,6 +646,6 @@ def _item(value: Any, place: str) -> Any:
         return int(value) if isinstance(value, Integral) else float(value)
     if callable(value):
         raise InputError(
-            f"{place} is a Python function, which a file cannot hold; give a number, {NAMED}, or keep the scheme in Python"
+            f"{place} is a Python function, which a file cannot hold: give a number, {SIGNAL_NAMES}, or stay in Python"
         )
     raise InputError(f"{place} = {value!r} cannot stand in a file; give a number, a string or a signal")

@@ -1,4 +1,4 @@
-"""The driver: the time grid, the record, progress, and what happens when a method fails."""
+"""The driver: time grid, record, progress, and failures of a method."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.trajectory import Trajectory
 
 BLOCK_SECONDS = 0.1
-"""Duration to which blocks of steps grow: short enough for progress and Ctrl-C, long enough to cost nothing."""
+"""Target duration of a block of steps in s: short for progress and Ctrl-C, long enough to cost nothing."""
 
 MEMORY_FACTOR = 2.0
 """Memory of a run in units of that of its record; the rest is for the sampling and the certificate."""
@@ -73,8 +73,8 @@ def simulate(
     lcp_solver : str
         A name of ``lcpimpact list solvers``.
     throw : bool
-        Raise when the run does not reach its end, instead of returning what it reached; so too for Ctrl-C, which with
-        ``throw=False`` returns the finished steps with the status INTERRUPTED.
+        Raise if the run does not reach its end, instead of returning the finished steps; so too for Ctrl-C, which with
+        ``throw=False`` returns them with the status INTERRUPTED.
     progress : bool
         Show a progress bar on a terminal when the run takes more than a second.
     **method_options
@@ -286,7 +286,7 @@ def check_lcp_solver(integrator: Integrator, lcp_solver: str) -> None:
 
 
 def _check_handled(integrator: Integrator, problem: Problem) -> None:
-    """Refuse, before the first step, what the method does not declare, naming it and the methods that do."""
+    """Refuse undeclared features before the first step, naming them and the methods that handle them."""
     dynamics = problem.dynamics
     missing = _missing(integrator.declared, dynamics)
     if missing:
@@ -304,13 +304,13 @@ def _check_handled(integrator: Integrator, problem: Problem) -> None:
 
 
 def _able(dynamics: Dynamics) -> list[str]:
-    """Return the methods that handle a system by what they declare, those that do most first."""
+    """Return the methods that handle a system, by their declarations, the most general first."""
     able = [name for name, kind in METHODS.items() if not _missing(kind.declared, dynamics)]
     return sorted(able, key=lambda name: -len(METHODS[name].declared.handles))
 
 
 def _missing(declared: Declared, dynamics: Dynamics) -> str:
-    """Return the first thing of a system that a method does not declare to handle, and who brings it in, or ""."""
+    """Return the first undeclared feature of a system and the element that causes it, or ""."""
     for contact in dynamics.contacts:
         if contact.relative_degree not in declared.relative_degrees:
             return f"relative degree {contact.relative_degree} (contact {contact.name!r})"

@@ -40,24 +40,24 @@ MAX_SHOWN = 8
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """What a simulation found.
+    """The result of a simulation.
 
     Attributes
     ----------
     problem : Problem
-        What was simulated; ``problem.dynamics`` has the matrices and the names.
+        The problem; ``problem.dynamics`` has the matrices and the names.
     method : str
         The method and its options.
     t : (nt,) array                 grid in s
     q, v : (nt, n) arrays           coordinates in m and velocities in m/s (right limits)
-    t_reaction : (nr,) array        where the forces live, in s
-    reaction : (nr, nc) array       reactions of the contacts in N; impulses stand in the events
+    t_reaction : (nr,) array        instants of the forces in s
+    reaction : (nr, nc) array       reactions of the contacts in N; impulses are in the events
     push : (nr, ns) array           forces of the non-linear springs in N, which follow from q and v
     events : tuple of Event         changes of the contact mode, with both limits
     status : Status                 SOLVED, VIOLATED where the certificate fails, or why the run ended early
     message : str                   the status in words, with the remedy
-    certificate : Certificate       how far the run is from the laws that it should obey, and what is allowed
-    stats : Stats                   what the run has cost: steps, LCPs, iterations, seconds
+    certificate : Certificate       violations of the laws, and their limits
+    stats : Stats                   cost of the run: steps, LCPs, iterations, seconds
     dense : ContinuousSolution or None           the solution as a function of time, where the method has one
     integrator : Integrator or None the method as an object, with what it declares
     """
@@ -143,7 +143,7 @@ class Trajectory:
         t : array_like
             Times in s, within the run.
         side : {"right", "left"}
-            Which limit is meant where a value jumps.
+            The limit at a jump.
 
         Returns
         -------
@@ -180,12 +180,12 @@ class Trajectory:
 
     @checked
     def certify(self, problem: Problem | None = None) -> Certificate:
-        """Judge the run from what it holds: by the laws of its own problem, or of another one.
+        """Certify the run by the laws of its own problem, or of another one.
 
         Parameters
         ----------
         problem : Problem, optional
-            Whose laws, parameters and initial state are meant; its nodes and contacts must have the same names.
+            The problem that gives laws, parameters and initial state; its nodes and contacts must have the same names.
 
         Returns
         -------
@@ -231,7 +231,7 @@ class Trajectory:
 
     @checked
     def animate(self, path: str | Path, **options: Any) -> Path:
-        """Write the run as a moving picture, .gif, .html or .mp4; options as of `lcpimpact.plotting.animation.animate`."""
+        """Write the run as an animation, .gif, .html or .mp4; options as of `lcpimpact.plotting.animation.animate`."""
         written: Path = load("lcpimpact.plotting.animation:animate")(self, path, **options)
         return written
 

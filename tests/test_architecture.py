@@ -316,7 +316,7 @@ def test_methods_declare_what_they_are(name):
     declared = method.declared
     assert isinstance(declared, Declared)
     assert declared.summary
-    assert declared.reaction_lives
+    assert declared.reaction_time
     assert declared.energy
     assert declared.source
     assert set(declared.relative_degrees) <= {0, 1, 2}

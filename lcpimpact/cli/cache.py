@@ -1,4 +1,4 @@
-"""The command cache: where compiled code lies, how much there is, and its removal."""
+"""The command cache: location, size and removal of compiled code."""
 
 from __future__ import annotations
 

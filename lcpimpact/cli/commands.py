@@ -29,7 +29,7 @@ from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.scheme.elements import ELEMENTS
 
 SHOWN = 3
-"""Of more contacts than these, only the first are listed."""
+"""Maximum number of contacts listed."""
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -105,7 +105,7 @@ for command in (
 
 
 class Kind(StrEnum):
-    """What can be listed."""
+    """Registries that can be listed."""
 
     problems = "problems"
     methods = "methods"
@@ -162,7 +162,7 @@ def _methods() -> Table:
         lines = (
             f"orders: {orders}",
             f"relative degrees {degrees}; {handles}",
-            f"contacts at level: {d.level}; overlap after impacts: {d.penetration}; force {d.reaction_lives}",
+            f"contacts at level: {d.level}; penetration after impacts: {d.penetration}; force {d.reaction_time}",
             f"energy: {d.energy}" + ("; impacts never add any" if d.dissipates else ""),
             *[f"steps: {d.adaptive}"] * bool(d.adaptive),
             f"options: {options or 'none'}",

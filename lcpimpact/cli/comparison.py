@@ -1,4 +1,4 @@
-"""The commands about several ways to one motion: compare, and cross-validate."""
+"""The commands compare and cross-validate."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def compare(
         Path | None, typer.Option(help="File for the events side by side: .csv or .tex.", show_default=False)
     ] = None,
     forces: Annotated[
-        Path | None, typer.Option(help="File for the forces, where they live: .csv or .tex.", show_default=False)
+        Path | None, typer.Option(help="File for the forces at their instants: .csv or .tex.", show_default=False)
     ] = None,
     energies: Annotated[
         Path | None, typer.Option(help="File for the energies at the end: .csv or .tex.", show_default=False)

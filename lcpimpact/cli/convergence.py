@@ -1,4 +1,4 @@
-"""The commands about errors: converge, over the step, and work-precision, over what runs cost."""
+"""The commands converge and work-precision."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from lcpimpact.problems.base import Problem
 
 USUAL = ("moreau-jean", "generalized-alpha", "rattle-ns", "heun", "rk4", "radau-fesd")
-"""The methods that take part where none are named, if they handle the problem."""
+"""Default methods, if they handle the problem."""
 
 STEPS, FIRST, FINER = 6, 100, 1.6
 """Default number of step counts, the first of them, and the ratio of consecutive ones."""

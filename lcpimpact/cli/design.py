@@ -1,4 +1,4 @@
-"""The commands that go from what is wanted or measured to the constants: design and fit."""
+"""The commands design and fit."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def fit(
     from lcpimpact.study.design.parameters import value_at
 
     given = {name: value_at(spec.problem, name) if start is None else start for name, start in _free(free)}
-    # What the file says of another run is not meant.
+    # The [run] table of the file does not apply.
     step, end = (dt, t_end) if method is None else (spec.run.dt, spec.run.t_end)
     found = search(
         spec.problem, given, to, column=column.split(",") if column else None, sigma=sigma,

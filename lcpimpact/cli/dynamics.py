@@ -1,4 +1,4 @@
-"""The commands about long motions: poincare, bifurcation, basins and orbit."""
+"""The commands poincare, bifurcation, basins and orbit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The end of a command: files are written, and what was found is said."""
+"""The end of a command: output files and the summary."""
 
 from __future__ import annotations
 

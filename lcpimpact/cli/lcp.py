@@ -1,4 +1,4 @@
-"""The command solve: one LCP from a file, and everything that can be said about it."""
+"""The command solve: one LCP from a file, with its solution, trace and properties."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from lcpimpact.lcp.problem import LCPSolution
 
 ROWS = 20
-"""Of more rows than these, only the first and the last are shown."""
+"""Maximum number of rows shown; of more, the first and the last."""
 
 MOST_BASES = 3**10
 """Largest order at which all complementary bases are tried, which takes seconds."""

@@ -1,4 +1,4 @@
-"""The entry point: run a command, and turn what went wrong into one line and an exit code."""
+"""The entry point: run a command, and turn errors into one line and an exit code."""
 
 from __future__ import annotations
 

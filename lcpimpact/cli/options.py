@@ -1,4 +1,4 @@
-"""What commands share: the options about a problem and its run, what they tell together, progress, and what is said."""
+"""Common options of the commands, the resolved run, progress, and the summary."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands about one problem, of the registry or of a scheme file: simulate, draw, animate, export."""
+"""The commands simulate, draw, animate and export."""
 
 from __future__ import annotations
 

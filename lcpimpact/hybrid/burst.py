@@ -1,10 +1,9 @@
 """Impacts of several bodies in quick succession, followed in double-doubles.
 
-Where impacts of several contacts accumulate, gaps fall below the rounding of places while bodies still approach, and floats
-cannot tell which plates meet next. Before that, when two contacts have met within a time that is short against the flights
-of the run, such methods as know places in floats leave the motion to `lcpimpact.hybrid.motion`, which goes on to the
-limit, or until the flights are long again. From impact to impact the state that it begins from is as good as any other: what
-is lost in it is the rounding of gaps that are still large.
+Where impacts of several contacts accumulate, gaps fall below the rounding of positions while bodies still approach, and
+floats do not determine the next impact. Before that, when two contacts have had impacts within a time that is short against
+the flights of the run, methods with states in floats leave the motion to `lcpimpact.hybrid.motion`, which follows it to the
+limit, or until the flights are long again. Its initial state has the rounding error of gaps that are still large.
 """
 
 from __future__ import annotations
@@ -21,28 +20,30 @@ from lcpimpact.hybrid.event_loop import EventLoop, follow
 from lcpimpact.hybrid.gaps import settled
 from lcpimpact.hybrid.motion import Motion, Segment, begin
 from lcpimpact.hybrid.system import ZERO, Mode, System
-from lcpimpact.problems.base import GIVEN_ZERO
+from lcpimpact.problems.base import GIVEN_ZERO_RTOL
 
-SHORT_FLIGHT = 1e-6
-"""Flights shorter than this part of the longest one of the run are short."""
+SHORT_FLIGHT_RTOL = 1e-6
+"""Duration below which a flight is short, relative to the longest of the run."""
 
-GAP_RESOLUTION, LONG_FLIGHT = 1e8 * float(np.finfo(float).eps), 0.1
-"""They are so, too, where less than eight digits of a gap are known; but above that part of the longest one they are not."""
+GAP_RTOL = 1e8 * float(np.finfo(float).eps)
+"""Gap, relative to its terms, known to eight digits; flights too low for it are short, too."""
 
+LONG_FLIGHT_RTOL = 0.1
+"""Duration above which no flight is short, relative to the longest of the run."""
 
 TINY = float(np.finfo(float).tiny)
 
 
 @dataclass
-class Meetings:
-    """When each contact met last, and the longest time in which none did.
+class ImpactHistory:
+    """The last impact of each contact, and the longest time without an impact.
 
     Attributes
     ----------
     last : (nc,) array      the last impact of each row
     longest : float         longest time without an impact so far, in s
     latest : float          the last impact of all
-    short : (nc,) array     how many flights of each row before its last impact were short, one after the other
+    short : (nc,) array     number of consecutive short flights of each row before its last impact
     """
 
     last: Array
@@ -51,30 +52,30 @@ class Meetings:
     latest: float = 0.0
 
     @classmethod
-    def none(cls, contacts: int) -> Meetings:
-        """Return that no contact has met anything."""
+    def none(cls, contacts: int) -> ImpactHistory:
+        """Return the history before any impact."""
         return cls(np.full(contacts, -np.inf), np.zeros(contacts, dtype=np.int64))
 
     def note(self, t: float, rows: Indices) -> None:
-        """Note an impact of these rows at t."""
+        """Record an impact of these rows at t."""
         self.longest, self.latest = max(self.longest, t - self.latest), t
         self.last[rows] = t
 
     def land(self, t: float, rows: Indices, short: float, low: Array) -> None:
-        """Note an impact of these rows at t; a flight is short below one length, or below one of its own for each row."""
+        """Record an impact of these rows at t; a flight is short below ``short``, or below ``low`` of its row."""
         flight = t - self.last[rows]
         self.short[rows] = np.where((flight < short) | (flight < low), self.short[rows] + 1, 0)
         self.note(t, rows)
 
     def take(self, burst: Motion) -> None:
-        """Note the impacts of a burst: what meets on after it meets for the first time."""
+        """Record the impacts of a burst; the counts of short flights start again."""
         self.short[:] = 0
         for event in burst.events:
             if event.impulse > 0.0:
                 self.last[burst.system.names[event.contact]] = self.latest = event.t
 
     def quick(self, system: System, t: float, rows: Indices, rates: Array, scale: Array, least: float = 0.0) -> float:
-        """Return what a short flight is, where these rows, which meet at t at ``rates`` (nc,), follow others; else 0.
+        """Return the duration of a short flight, if impacts of these rows at t, at ``rates`` (nc,), follow others; else 0.
 
         A flight below ``least`` is short in any case.
         """
@@ -82,8 +83,10 @@ class Meetings:
         others[rows] = False
         if not len(rows) or not others.any():
             return 0.0
-        rounding = GAP_RESOLUTION * (np.abs(system.matrices[2][rows]) @ scale) / np.maximum(-rates[rows], TINY)
-        short = max(least, SHORT_FLIGHT * self.longest, min(float(rounding.min()), LONG_FLIGHT * self.longest))
+        rounding = GAP_RTOL * (np.abs(system.matrices[2][rows]) @ scale) / np.maximum(-rates[rows], TINY)
+        short = max(
+            least, SHORT_FLIGHT_RTOL * self.longest, min(float(rounding.min()), LONG_FLIGHT_RTOL * self.longest)
+        )
         return short if (t - self.last[others] < short).any() else 0.0
 
 
@@ -99,11 +102,11 @@ def follow_burst(
 ) -> tuple[Status, Motion]:
     """Follow impacts from the state X (N,) after those at t in a mode, until a flight is longer than ``short``.
 
-    They are followed to the end of the run, or for ``most`` seconds. The last segment of the motion goes on in floats.
+    They are followed to the end of the run, or for ``most`` seconds. The last segment of the motion continues in floats.
     """
     state = settled(system, mode, X, scale)
-    # What is zero in these floats is so to their rounding, and not to that of a root.
-    size = np.maximum(np.abs(X.hi), GIVEN_ZERO / ZERO * scale)
+    # Zeros of these floats have their rounding error, and not that of a root.
+    size = np.maximum(np.abs(X.hi), GIVEN_ZERO_RTOL / ZERO * scale)
     end, left = min(t + 2.0 * short, run.end), max(run.max_events - run.switches, 1)
     motion = begin(system, state.hi, end, t, run.solver, left, scale=size)
     motion.scale = np.maximum(motion.scale, scale)
@@ -111,7 +114,7 @@ def follow_burst(
     while status is Status.SOLVED and (following := _next(motion)) - motion.segments[-1].t0 <= min(short, most):
         if following - t > most:
             break
-        # The next flight is looked at for as long as it may be short.
+        # The next flight is followed for as long as it may be short.
         motion.end = min(following + 2.0 * short, run.end)
         motion.breakpoints = system.form.breakpoints(t, motion.end)
         status = follow(motion, following)
@@ -124,6 +127,6 @@ def passed(motion: Motion) -> list[tuple[Segment, float]]:
 
 
 def _next(motion: Motion) -> float:
-    """Return when the next event is, or inf where it is a breakpoint of the signals."""
+    """Return the instant of the next event, or inf if it is a breakpoint of the signals."""
     when, row, _ = motion.next_event
     return float(when.hi) if row.any() else np.inf

@@ -1,7 +1,7 @@
 r"""Linear complementarity problems in double-doubles, from solutions in floats: of modes, and of impacts.
 
-Floats tell which rows lie between their bounds; those are solved for in double-doubles, and rows whose signs then are wrong
-are exchanged by Murty's rule. Newton's law of impact is the LCP
+Floats determine which rows lie between their bounds; these are solved in double-doubles, and rows with wrong signs are
+exchanged by Murty's rule. Newton's law of impact is the LCP
 
 .. math:: 0 \le P \perp U^+ + e U^- \ge 0, \qquad U^+ = U^- + G P, \qquad G = C A B .
 """
@@ -25,8 +25,8 @@ FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
 def exchange(W: Array, q: Array, z: Array, lower: Array, upper: Array, tiny: Array) -> tuple[Array, Array, bool]:
     """Return z and w = W z + q, complementary within bounds, as double-doubles, from a solution z in floats.
 
-    The rows that lie between their bounds in floats are solved for; where a sign then is wrong by more than ``tiny`` (in the
-    unit of q), the last such row is exchanged (Murty's rule) until none is; the flag says whether that came to an end.
+    The rows between their bounds in floats are solved; the last row with a sign wrong by more than ``tiny`` (in the unit
+    of q) is exchanged (Murty's rule) until there is none; the flag says whether the exchanges end.
     """
     n = len(z)
     free, high, slack = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n)
@@ -37,7 +37,7 @@ def exchange(W: Array, q: Array, z: Array, lower: Array, upper: Array, tiny: Arr
         w0 = q[0, i]
         for j in range(n):
             w0 += W[0, i, j] * z[j]
-        # A float that lies at its bound but for rounding begins there: two rows that share a force must not both be free.
+        # A float within rounding of its bound starts there: two redundant rows must not both be free.
         near = max(slack[i], FLOAT_ZERO * abs(z[i]))
         free[i] = z[i] - lower[i] > near and upper[i] - z[i] > near and (z[i] - lower[i]) * unit > w0
         high[i] = not free[i] and upper[i] - z[i] < z[i] - lower[i]
@@ -81,7 +81,7 @@ def complementary(
     Raises
     ------
     numpy.linalg.LinAlgError
-        If no exchange of rows leads to signs that are right.
+        If the exchanges of rows do not end.
     """
     found, w, ended = exchange(
         np.ascontiguousarray(W.parts), np.ascontiguousarray(q.parts), *(np.asarray(a) for a in (z, lower, upper, tiny))
@@ -93,9 +93,9 @@ def complementary(
 
 @compiled(types.Tuple((indices, vector, vector, types.boolean))(matrix, matrix, matrix, vector, flags))
 def approach(u: Array, U: Array, before: Array, e: Array, meets: Flags) -> tuple[Indices, Array, Array, bool]:
-    """Return the rows that meet, e on each, or 0 where plates part already, and U + e U⁻ in floats; U⁻ is ``before``.
+    """Return the rows with impacts, e of each, or 0 where they open already, and U + e U⁻ in floats; U⁻ is ``before``.
 
-    They are those of ``meets`` that touch, u <= 0. The flag says whether any U + e U⁻ is negative: then there are impulses.
+    These are the rows of ``meets`` with u <= 0. The flag says whether any U + e U⁻ is negative: then there are impulses.
     """
     rows = np.flatnonzero(meets & (u[0] <= 0.0))
     bounce, q = np.empty(len(rows)), np.empty(len(rows))
@@ -106,7 +106,7 @@ def approach(u: Array, U: Array, before: Array, e: Array, meets: Flags) -> tuple
 
 
 class Meeting(NamedTuple):
-    """Rows that meet: which (k,), e on each, or 0 where plates part already, and U and U⁻ of all rows, double-doubles."""
+    """Rows with impacts (k,), e of each, or 0 where a contact opens already, and U and U⁻ of all rows, double-doubles."""
 
     rows: Indices
     e: Array
@@ -119,7 +119,7 @@ meeting_type = types.NamedTuple((indices, vector, matrix, matrix), Meeting)
 
 @compiled(types.Tuple((matrix, matrix, types.boolean))(cube, cube, matrix, meeting_type, vector, f8))
 def rebound(G: Array, B: Array, X: Array, meeting: Meeting, z: Array, zero: float) -> tuple[Array, Array, bool]:
-    """Return X + B P and P, double-doubles, where 0 <= P ⟂ G P + U + e U⁻ >= 0 on the rows that meet.
+    """Return X + B P and P, double-doubles, where 0 <= P ⟂ G P + U + e U⁻ >= 0 on the rows with impacts.
 
     z are the impulses in floats (see `exchange`).
     """
@@ -142,7 +142,7 @@ def rebound(G: Array, B: Array, X: Array, meeting: Meeting, z: Array, zero: floa
 
 @compiled(flags(vector, matrix, vector, matrix, flags, indices))
 def at_rest(P: Array, before: Array, e: Array, G: Array, held: Flags, degree: Indices) -> Flags:
-    """Return which rows of degree 2 have no rate after the impulses P: no rebound, or ``held`` and not moved by P."""
+    """Return the rows of degree 2 with U = 0 after the impulses P: no rebound, or ``held`` and not affected by P."""
     found = np.empty(len(P), np.bool_)
     for i in range(len(P)):
         change = 0.0

@@ -1,7 +1,7 @@
-"""The event loop: a motion is integrated up to the event that ends its mode, enters the next mode there, and goes on.
+"""The event loop: a motion is integrated to the event that ends its mode, enters the next mode there, and continues.
 
-What `exact`, `event-driven` and `radau-fesd` share: limits of the number of events, failures as statuses, and the reading
-of the motion on either side of an event. How the motion between two events is found, and its end, is each method's own.
+Common to `exact`, `event-driven` and `radau-fesd`: limits of the number of events, failures as statuses, and one-sided
+limits at events. Each method has its own integration between events and its own event location.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from lcpimpact.problems.base import Problem
 
 
 class Unresolved(Exception):
-    """Impacts of several bodies follow each other within an instant and come to no end."""
+    """Impacts of several bodies that follow each other within an instant without end."""
 
 
 class Ending(NamedTuple):
-    """The instant at which a mode ends, or at which signals in the state jump or bend.
+    """The instant at which a mode ends, or a breakpoint of the signals.
 
     Attributes
     ----------
     t : float                   the instant in s
-    duration : float            length in s of the last piece of the motion that led there; 0: none since the event before
+    duration : float            length in s of the last piece of the motion before it; 0: none since the last event
     X : (N,) array              the left limit of the state
-    row : int                   which of the watched rows falls below zero, for the method itself; -1 where none does
+    row : int                   event function that turns negative, in the numbering of the method; -1 if none
     breakpoint : bool           whether it is a breakpoint of the signals
     """
 
@@ -46,7 +46,7 @@ class Ending(NamedTuple):
 
 @dataclass(eq=False)
 class EventLoop(ABC):
-    """A hybrid motion up to where it has been followed.
+    """A hybrid motion up to the present instant.
 
     Attributes
     ----------
@@ -55,9 +55,9 @@ class EventLoop(ABC):
     solver : str                    name of an LCP solver
     max_events : int                limit of events
     breakpoints : (nb,) array       those of the signals, from the start to the end
-    scale : (N,) array              largest |X| so far, to which rounding is relative
+    scale : (N,) array              largest |X| so far, the scale of rounding
     switches : int                  events so far
-    at_once : int                   how many of the last events are at one instant
+    at_once : int                   number of the last events at one instant
     """
 
     system: System
@@ -76,11 +76,11 @@ class EventLoop(ABC):
 
     @abstractmethod
     def integrate(self, until: float) -> Ending | Status:
-        """Follow the mode to its end, or to ``until``: then the status is SOLVED."""
+        """Integrate the mode to its end, or to ``until``: then the status is SOLVED."""
 
     @abstractmethod
     def enter(self, ending: Ending) -> Status:
-        """Begin the next mode, after the impacts and with the events that lead to it."""
+        """Enter the next mode, after the impacts and with the events between."""
 
     def next_breakpoint(self, t: float) -> float:
         """Return the first breakpoint of the signals after t, or inf."""
@@ -114,7 +114,7 @@ def follow(motion: EventLoop, until: float) -> Status:
 
 @contextmanager
 def refuse_undetermined(problem: Problem, method: str) -> Iterator[None]:
-    """Refuse a problem that begins in a way that leaves contact forces undetermined.
+    """Refuse a problem whose initial state leaves contact forces undetermined.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def read_segments(
 ) -> tuple[Array, Array, Array]:
     """Return q (nt, n), v (nt, n) and r (nt, nc) at the sorted times t (nt,), on one side of the events.
 
-    A segment is of a ``kind`` (ns,), and lasts from its ``starts`` (ns,) to that of the next. ``read(owner, mine)`` returns
+    Segment i has the ``kind[i]`` and lasts from ``starts[i]`` to the start of the next. ``read(owner, mine)`` returns
     q, v and r at the times t[mine], which are in the segments ``owner`` of one kind.
     """
     owner = np.maximum(np.searchsorted(starts, t, side="right" if side == "right" else "left") - 1, 0)

@@ -1,18 +1,18 @@
-r"""The flow X(s) = exp(A s) X(0) of one contact mode, and the first instant at which a row c·X turns negative.
+r"""The flow X(s) = exp(A s) X(0) of one contact mode, and the first instant at which an event function c·X turns negative.
 
 The time is cut into windows of length δ with ‖A‖ δ <= 1 (A balanced). On a window, a row is the polynomial
 
 .. math:: c \cdot X(t_j + s δ) = \sum_{i=0}^{p} \frac{c (A δ)^i X(t_j)}{i!} s^i + ρ, \qquad
           |ρ| \le \frac{e}{(p+1)!} \, ‖c‖ ‖X(t_j)‖ ,
 
-with p so large that the remainder is below rounding. Written in Bernstein's basis, a polynomial lies in the convex hull
-of its coefficients: a window is passed over only if all of them are positive, which proves that there is no root in it;
-otherwise it is halved (de Casteljau) until the first sign change is found to rounding. So no event is missed, however
+with p so large that the remainder is below rounding. In the Bernstein basis, a polynomial lies in the convex hull of
+its coefficients: a window is free of events only if all of them are positive, which proves that there is no root in it;
+otherwise it is halved (de Casteljau) until the first sign change is located to rounding. So no event is missed, however
 short the excursion.
 
-States are double-doubles (see `lcpimpact.double_double`), since floats do not keep rigid motions: rounding ε in exp(A δ) is
-a small force, by which a body that flies for a time T is off by about ‖A‖ T³ ε. Floats decide in which windows nothing
-happens.
+States are double-doubles (see `lcpimpact.double_double`), since floats do not preserve rigid motions: rounding ε in exp(A
+δ) is a small force, by which a body that flies for a time T is off by about ‖A‖ T³ ε. Floats decide which windows are
+free of events.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ DEGREE = 30
 """Degree of the Taylor polynomial of a window: e/31! = 3e-34 is below the rounding of double-doubles."""
 
 FIRST_WINDOWS, WINDOWS_PER_CALL = 64, 20_000
-"""Numbers of windows examined in the first and in each later call of compiled code; Ctrl-C is heard between calls."""
+"""Numbers of windows examined in the first and in each later call of compiled code; Ctrl-C acts between calls."""
 
 SPECTRAL_GAP = 8.0
 """Smallest ratio of consecutive decay rates at which the faster ones are split off once they have decayed."""
@@ -104,13 +104,13 @@ def only_root(b: Array) -> float:
 def first_fall(b: Array, floor: float) -> float:
     """Return where a polynomial first falls below ``floor`` <= 0, or NaN if it does not.
 
-    Intervals that lie above the floor by the convex hull are passed over; the leftmost other one is halved, until its
+    Intervals above the floor by the convex hull are skipped; the leftmost other one is halved, until its
     coefficients change their sign once: then it has one root (variation diminishing).
 
     Parameters
     ----------
     b : (2, p + 1) array        its Bernstein coefficients on [0, 1], double-doubles
-    floor : float               what is negative by less counts as zero
+    floor : float               negative values above it count as zero
     """
     n = b.shape[1]
     stack = np.empty((128, 2, n))
@@ -163,7 +163,7 @@ def polish(a: Array, s: float) -> tuple[float, float]:
 
 
 def balance(A: Array) -> tuple[Array, Array]:
-    """Return D⁻¹ A D with rows and columns of like size, and the diagonal of D, of powers of two."""
+    """Return the balanced matrix D⁻¹ A D, and the diagonal of D, of powers of two."""
     if not A.any():
         return A, np.ones(len(A))
     with np.errstate(
@@ -189,7 +189,7 @@ class Sparse(NamedTuple):
 
 
 def sparse(A: DoubleDouble) -> Sparse:
-    """Return the entries of a matrix that are not zero."""
+    """Return the nonzero entries of a matrix."""
     kept = A.hi != 0.0
     starts = np.concatenate([[0], np.cumsum(kept.sum(axis=1))])
     return Sparse(np.ascontiguousarray(A.parts[:, kept]), starts, np.ascontiguousarray(np.nonzero(kept)[1]))
@@ -211,7 +211,7 @@ def on_row(A: Sparse, m: int, X: Array) -> tuple[float, float]:
 
 @compiled(matrix(sparse_type, f8, vector, i8))
 def expand(A: Sparse, δ: float, X: Array, degree: int) -> Array:
-    """Return (A δ)^i X/i! in floats, up to the last that is not zero: (at most degree + 1, N)."""
+    """Return (A δ)^i X/i! in floats, up to the last nonzero one: (at most degree + 1, N)."""
     Y = np.empty((degree + 1, len(X)))
     Y[0] = X
     for i in range(1, degree + 1):
@@ -227,7 +227,7 @@ def expand(A: Sparse, δ: float, X: Array, degree: int) -> Array:
 
 @compiled(cube(sparse_type, f8, matrix, i8))
 def expand_finely(A: Sparse, δ: float, X: Array, degree: int) -> Array:
-    """Return (A δ)^i X/i!, up to the last that is not zero, double-doubles (at most degree + 1, 2, N).
+    """Return (A δ)^i X/i!, up to the last nonzero one, double-doubles (at most degree + 1, 2, N).
 
     δ is a power of two.
     """
@@ -353,8 +353,8 @@ def sample(
 ) -> Array:
     """Return R exp(A t) X in floats at the times t >= 0 (nt,) after ``start`` (nt,) of the ``starts`` X (ns, 2, N): (nt, m).
 
-    What cancels in R X, as a stiff force does, cancels in the coefficients of a window, which are double-doubles; ``powers``
-    are exp(2ᵏ A δ).
+    Cancellation in R X, as in a stiff force, happens in the coefficients of a window, which are double-doubles;
+    ``powers`` are exp(2ᵏ A δ).
     """
     n, m = starts.shape[2], len(R.starts) - 1
     found, a = np.zeros((len(times), m)), np.zeros((degree + 1, m))
@@ -383,14 +383,14 @@ def sample(
 
 
 class Crossing(NamedTuple):
-    """The first row that turns negative.
+    """The first event: the row that turns negative first.
 
     Attributes
     ----------
-    row : int               which; -1 if none does
-    t : DoubleDouble        when, from the start; the horizon if none does
+    row : int               its number; -1 if there is none
+    t : DoubleDouble        the instant, from the start; the horizon if there is none
     scale : (N,) array      the largest |X| up to there
-    state : DoubleDouble    X there; what it is at the last window where no row turns negative
+    state : DoubleDouble    X there; without an event that of the last window
     """
 
     row: int
@@ -401,7 +401,7 @@ class Crossing(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Flow:
-    """X' = A X.
+    """The flow of X' = A X.
 
     Attributes
     ----------
@@ -433,7 +433,7 @@ class Flow:
 
     @cached_property
     def squares(self) -> list[DoubleDouble]:
-        """exp(A δ), exp(2 A δ), exp(4 A δ) ...: as many as were asked for so far."""
+        """exp(A δ), exp(2 A δ), exp(4 A δ) ...: the powers computed so far."""
         units = np.zeros((len(self.A), 2, len(self.A)))
         units[:, 0] = np.eye(len(self.A))
         columns = [horner(expand_finely(self.sparse, self.window, unit, DEGREE), 1.0, 0.0) for unit in units]
@@ -511,7 +511,7 @@ class Flow:
 
     @cached_property
     def settling(self) -> float:
-        """How long the fastest rates, those that `slower` leaves out, take to decay, in s; inf if they do not."""
+        """Time in s in which the fastest modes, omitted by `slower`, decay; inf if they do not."""
         if self.slower is None:
             return math.inf
         rates = np.linalg.eigvals(balance(self.A)[0])
@@ -520,10 +520,10 @@ class Flow:
         return DECAY_EXPONENT / slowest if slowest > 0.0 else math.inf
 
     def cuts(self, length: float, most: int) -> tuple[Array, Flags]:
-        """Return times from 0 on, ``length`` not included, and whether exp(A t) turns little from each to the next.
+        """Return times in [0, ``length``), and whether exp(A t) is resolved between them.
 
-        They are the windows, and where there are more than ``most``, those of the slower rates from where the fastest
-        have decayed. Where they do not decay, they are some of the windows, with what lies between them as one piece.
+        They are the windows, and if there are more than ``most``, those of the slower modes after the decay of the fastest
+        ones. Without a decay they are some of the windows, each with the gap behind it as one piece.
         """
         windows = math.ceil(length / self.window)
         if windows <= max(most, 1):
@@ -551,11 +551,11 @@ class Flow:
         Parameters
         ----------
         X : (N,) array or DoubleDouble      state at the start
-        scale : (N,) array                  largest |X| of the run so far, to which rounding is relative
+        scale : (N,) array                  largest |X| of the run so far, the scale of rounding
         rows : (k, N) array or DoubleDouble rows c; c·X is zero or positive right after the start
         order : (k,) array                  order of the zero of c·X at the start, which is factored out of the first window
         horizon : float                     length of time in s
-        entries : Sparse, optional          those of the rows, where they are known
+        entries : Sparse, optional          those of the rows, if known
 
         """
         δ, lines = self.window, DoubleDouble.of(rows)

@@ -1,4 +1,4 @@
-"""The exact motion of a linear system as a chain of segments, each a mode with the state that it begins from.
+"""The exact motion of a linear system as a chain of segments, each a mode with its initial state.
 
 `lcpimpact.integrators.exact` samples it on a grid; the studies of periodic orbits follow it without one, and
 `lcpimpact.hybrid.tangent` differentiates it.
@@ -26,32 +26,36 @@ from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.state_jump import enter_constraint
 from lcpimpact.hybrid.system import FINE_ZERO, ZERO, Mode, Still, System, refuse_mixed_degrees
 from lcpimpact.hybrid.transition import enter, parted, state_of
-from lcpimpact.problems.base import GIVEN_ZERO, Problem
+from lcpimpact.problems.base import GIVEN_ZERO_RTOL, Problem
 from lcpimpact.record import Event
 from lcpimpact.scheme.dynamics import Dynamics
 
 END_RTOL = 4.0 * float(np.finfo(float).eps)
-"""An event this little after the end, relative to it, is one at the end, which is a float."""
+"""Delay of an event after the end, relative to it, below which the event is at the end."""
 
-COLLAPSE_RTOL, GAP_RESOLUTION, REST_RTOL, BENDING_RTOL, MAX_COLLAPSE_IMPACTS = (
-    2.0**-40,
-    2.0**-65,
-    2.0**-76,
-    1e-6,
-    10_000,
-)
-"""For impacts whose order is lost in rounding: the distance in time to the impact before, relative to the time, below which
-they are followed although forces bend the flights; the gap, relative to its terms, below which it has fewer than nine
-digits; the rate, likewise, below which plates are at rest; the change of a rate by forces, relative to it, above which
-forces bend the flights; and the maximum number of impacts."""
+COLLAPSE_RTOL = 2.0**-40
+"""Time since the last impact, relative to the time, below which impacts of unresolved order are followed even if forces
+deflect the flights."""
+
+GAP_RESOLUTION = 2.0**-65
+"""Gap, relative to its terms, below which it has fewer than nine digits."""
+
+REST_RTOL = 2.0**-76
+"""Gap rate, relative to its terms, below which a contact is at rest."""
+
+DEFLECTION_RTOL = 1e-6
+"""Relative change of a gap rate by forces above which they deflect a flight."""
+
+MAX_COLLAPSE_IMPACTS = 10_000
+"""Maximum number of impacts of unresolved order."""
 
 MIN_CUTS, MAX_CUTS = 4_000, 100_000
-"""Numbers of instants that resolve each segment, and the whole motion, well enough for its balances."""
+"""Numbers of instants at which a segment, and the whole motion, is sampled for the energy balance."""
 
-RECENT_FLIGHTS, MIN_FLIGHTS, SHORT_FLIGHT, SLOW_IMPACT = 64, 3, 2.0**-52, 1e-12
-"""Impacts accumulate after MIN_FLIGHTS consecutive flights, each shorter than SHORT_FLIGHT times the time passed, with
-approach rates below SLOW_IMPACT times the largest velocities. Contacts that met within RECENT_FLIGHTS such flights
-accumulate together."""
+RECENT_FLIGHTS, MIN_FLIGHTS, LAST_FLIGHT_RTOL, SLOW_IMPACT_RTOL = 64, 3, 2.0**-52, 1e-12
+"""Impacts accumulate after MIN_FLIGHTS consecutive flights, each shorter than LAST_FLIGHT_RTOL times the time passed, with
+approach rates below SLOW_IMPACT_RTOL times the largest velocities. Contacts with an impact within RECENT_FLIGHTS such
+flights accumulate together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,13 +64,13 @@ class Segment:
 
     Attributes
     ----------
-    start : DoubleDouble    the instant at which it begins, in s
-    before : (N,) array     the left limit of the state there; of the first segment what it was given
+    start : DoubleDouble    its initial instant, in s
+    before : (N,) array     the left limit of the state there; of the first segment the given state
     state : DoubleDouble    the right limit (N,)
-    mode : Mode             what each row does
-    ended : (N,) array      the row c of the segment before whose fall through zero began this one; zero of the first, and of
-                            one that begins at a breakpoint of the signals
-    events : tuple          what happened at t0
+    mode : Mode             the contact mode
+    ended : (N,) array      the row c of the last segment whose zero began this one; zero for the first, and after a
+                            breakpoint of the signals
+    events : tuple          the events at t0
     """
 
     start: DoubleDouble
@@ -78,7 +82,7 @@ class Segment:
 
     @property
     def t0(self) -> float:
-        """The instant at which it begins, as a float."""
+        """The initial instant as a float."""
         return float(self.start.hi)
 
     @property
@@ -87,21 +91,21 @@ class Segment:
         return self.state.hi
 
     def since(self, t: Array) -> Array:
-        """Return how long after its beginning the times t are."""
+        """Return the times t relative to its start."""
         return np.asarray((t - self.t0) - float(self.start.lo))
 
 
 @dataclass(eq=False)
 class Motion(EventLoop):
-    """What travels along the motion: the segments found so far, and the next event (inf: none before the end).
+    """The exact motion so far: its segments, and the next event (inf: none before the end).
 
     Attributes
     ----------
     next_event : (DoubleDouble, array, DoubleDouble)
-        When it is, the row that falls through zero, and X there; at a breakpoint of the signals no row does.
+        Its instant, the row that falls through zero, and X there; at a breakpoint of the signals the row is zero.
     impacts : list of DoubleDouble          the last impact of each row
-    short : (nc,) array                     how many flights of each row were short, one after the other
-    collapsed : int                         the last segment that a collapse began
+    short : (nc,) array                     number of consecutive short flights of each row
+    collapsed : int                         the last segment that began by a collapse
     segments : list of Segment
     """
 
@@ -115,11 +119,11 @@ class Motion(EventLoop):
 
     @property
     def events(self) -> list[Event]:
-        """What has happened so far."""
+        """The events so far."""
         return [event for segment in self.segments for event in segment.events]
 
     def integrate(self, until: float) -> Ending | Status:
-        """Return the next event; it is known since the segment began."""
+        """Return the next event, which is known since the start of the segment."""
         t, row, X = self.next_event
         if not t.hi <= until:
             return Status.SOLVED
@@ -128,10 +132,10 @@ class Motion(EventLoop):
         return Ending(float(t.hi), since, X.hi, 0 if falls else -1, not falls)
 
     def enter(self, ending: Ending) -> Status:
-        """Begin the next segment, with all digits of the next event."""
+        """Begin the next segment, with the next event in double-doubles."""
         t, row, X = self.next_event
-        # At a breakpoint the signals are floats anew, and so is what they decide.
-        _begin_segment(self, t, X, row, GIVEN_ZERO if ending.breakpoint else FINE_ZERO)
+        # At a breakpoint the signals are floats again, with their rounding.
+        _begin_segment(self, t, X, row, GIVEN_ZERO_RTOL if ending.breakpoint else FINE_ZERO)
         return Status.SOLVED
 
 
@@ -145,10 +149,10 @@ def begin(
     scale: Array | None = None,
     v: Array | None = None,
 ) -> Motion:
-    """Return the motion from the state X (N,) at ``start``, where impacts come first and the mode is chosen.
+    """Return the motion from the state X (N,) at ``start``, after impacts there and the choice of the mode.
 
-    Where X was itself found by a motion, its ``scale`` says what in X is rounding. The velocities v (n,) before the
-    start hold those of massless nodes, which are no part of X.
+    If X was computed by a motion, its ``scale`` is the scale of the rounding in X. The velocities v (n,) before the start
+    include those of massless nodes, which are not in X.
     """
     none, nc, t = np.zeros(len(X)), len(system.degree), DoubleDouble.of(start)
     never, short = [DoubleDouble.of(-np.inf)] * nc, np.zeros(nc, dtype=np.int64)
@@ -156,7 +160,7 @@ def begin(
     X = np.where(np.arange(len(X)) == system.form.constant, 1.0, X)
     next_event = (DoubleDouble.of(np.inf), none, DoubleDouble.of(X))
     motion = Motion(system, end, solver, max_events, breakpoints, size, next_event, impacts=never, short=short)
-    _begin_segment(motion, t, DoubleDouble.of(X), none, GIVEN_ZERO if scale is None else ZERO, v)
+    _begin_segment(motion, t, DoubleDouble.of(X), none, GIVEN_ZERO_RTOL if scale is None else ZERO, v)
     return motion
 
 
@@ -173,7 +177,7 @@ def begin_problem(
     Raises
     ------
     UnsupportedError
-        If contacts have no common relative degree, or begin in a way that leaves their forces open.
+        If contacts have no common relative degree, or the initial state leaves their forces undetermined.
     """
     problem, _ = enter_constraint(problem, solver)
     system = System(dynamics or problem.dynamics)
@@ -193,7 +197,7 @@ def state_before(motion: Motion, t: float) -> Array:
 def _begin_segment(
     motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero: float, v: Array | None = None
 ) -> None:
-    """Begin a segment at t: impacts, the mode, the events that this makes, and the next switch."""
+    """Begin a segment at t: impacts, the mode, the events, and the next switch."""
     system = motion.system
     motion.scale, held = np.maximum(motion.scale, np.abs(X.hi)), None
     breakpoint = bool(motion.segments) and not ended.any()
@@ -202,7 +206,7 @@ def _begin_segment(
         first, known = resolved
         motion.switches -= len(motion.segments)
         del motion.segments[first + 1 :]
-        t, X, held = _collapse(motion, t, REST_RTOL if known else SLOW_IMPACT)
+        t, X, held = _collapse(motion, t, REST_RTOL if known else SLOW_IMPACT_RTOL)
         motion.collapsed, zero = len(motion.segments), FINE_ZERO
         motion.switches += len(motion.segments)
     before = motion.segments[-1].mode if motion.segments else None
@@ -240,13 +244,13 @@ def _find_end(motion: Motion) -> None:
 
 
 def _accumulated(motion: Motion, t: DoubleDouble, events: tuple[Event, ...]) -> Flags | None:
-    """Note the impacts at t, and return the rows whose impacts have accumulated (nc,), if any: they meet without end."""
-    system, shortest = motion.system, SHORT_FLIGHT * abs(float(t.hi))
+    """Record the impacts at t, and return the rows whose impacts have accumulated (nc,), if any."""
+    system, shortest = motion.system, LAST_FLIGHT_RTOL * abs(float(t.hi))
     hit = [event for event in events if event.impulse > 0.0]
     if not hit:
         return None
     rows = [system.names[event.contact] for event in hit]
-    # Contacts that were closed do not meet: impulses only pass through them.
+    # Contacts that were closed have no impact: they only transmit impulses.
     passes_on = still(system, motion.segments[-1].mode if motion.segments else None).U
     tired = []
     for i in rows:
@@ -260,7 +264,7 @@ def _accumulated(motion: Motion, t: DoubleDouble, events: tuple[Event, ...]) -> 
             tired.append(i)
     if not tired:
         return None
-    slow = SLOW_IMPACT * (np.abs(system.fine.CA.hi) @ motion.scale)
+    slow = SLOW_IMPACT_RTOL * (np.abs(system.fine.CA.hi) @ motion.scale)
     before, after = (system.dynamics.gap_rate(v) for v in (hit[0].left.v, hit[0].right.v))
     if not (np.abs(before) <= slow)[tired].any():
         return None
@@ -271,16 +275,16 @@ def _accumulated(motion: Motion, t: DoubleDouble, events: tuple[Event, ...]) -> 
 
 
 def _opening(motion: Motion, mode: Mode, X: DoubleDouble) -> tuple[Array, Array]:
-    """Return u and U (nc,) in floats, with what the mode holds and what is rounding set to zero."""
+    """Return u and U (nc,) in floats, with constrained values and rounding set to zero."""
     u, U = gaps(motion.system, X, motion.scale, still(motion.system, mode), FINE_ZERO)
     return u.hi, U.hi
 
 
 def _resolved(motion: Motion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bool] | None:
-    """Return from which segment on impacts follow each other too fast for double-doubles to tell which plates meet next.
+    """Return the segment from which impacts follow each other too fast for double-doubles to order them.
 
-    Two rows or more land at t, and the gap of one has too few digits to tell whether it lands first; so the motion goes back
-    to where all gaps are known, unless forces bend the flights since: then the flag is False. None where all is resolved.
+    Two or more contacts close at t, and the gap of one has too few digits to order them; so the motion goes back to where
+    all gaps are known, unless forces deflect the flights since: then the flag is False. None if all is resolved.
     """
     system, segments = motion.system, motion.segments
     if len(segments) <= motion.collapsed or np.count_nonzero(system.meets) < 2:
@@ -288,7 +292,7 @@ def _resolved(motion: Motion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bo
     size = np.abs(system.fine.C.hi) @ motion.scale
 
     def opening(segment: Segment) -> tuple[Array, Flags]:
-        """Return U, and which gaps have too few digits, where a segment begins."""
+        """Return U, and which gaps have too few digits, at the start of a segment."""
         u, U = _opening(motion, segment.mode, segment.state)
         return U, system.meets & (u > 0.0) & (u < GAP_RESOLUTION * size)
 
@@ -303,7 +307,7 @@ def _resolved(motion: Motion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bo
     while unknown.any():
         before = segments[first - 1]
         bends = np.abs((system.fine.O @ before.state).hi[landing]) * float((t - before.start).hi)
-        if first - 1 < motion.collapsed or (bends > BENDING_RTOL * speed).any():
+        if first - 1 < motion.collapsed or (bends > DEFLECTION_RTOL * speed).any():
             near = segments[-1].t0 >= float(t.hi) * (1.0 - COLLAPSE_RTOL)
             return (first, False) if near else None
         first -= 1
@@ -313,14 +317,14 @@ def _resolved(motion: Motion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bo
 
 
 def _collapse(motion: Motion, t: DoubleDouble, rest: float) -> tuple[DoubleDouble, DoubleDouble, Still]:
-    r"""Append a segment for each impact after the last segment begins: return when they end, X, and what then is at zero.
+    r"""Append a segment for each impact after the start of the last one; return their end, X, and the zeros there.
 
-    The gaps u go on as numbers of their own, which keep their digits however small they become, with
+    The gaps u are integrated as separate numbers, which keep their digits however small they become, with
 
     .. math:: u ← u + U δ, \qquad δ = \min_{U_i < 0} \frac{u_i}{-U_i} ,
 
-    and the impacts at u = 0, until no plates meet soon, the time since the segment begins being the measure. Those slower
-    than the part ``rest`` of the largest velocities are at rest. Forces do not bend flights that are so short.
+    and the impacts at u = 0, until the next flight is long compared with the time since the start. Contacts slower than
+    ``rest`` times the largest velocities are at rest. Forces do not deflect such short flights.
 
     Raises
     ------
@@ -333,7 +337,7 @@ def _collapse(motion: Motion, t: DoubleDouble, rest: float) -> tuple[DoubleDoubl
     held = still(system, mode)
     u, U = _opening(motion, mode, X)
     size, slow = np.abs(system.fine.C.hi) @ motion.scale, rest * (np.abs(system.fine.CA.hi) @ motion.scale)
-    latest = t + RECENT_FLIGHTS * max(float((t - now).hi), SHORT_FLIGHT * float(now.hi))
+    latest = t + RECENT_FLIGHTS * max(float((t - now).hi), LAST_FLIGHT_RTOL * float(now.hi))
     for _ in range(MAX_COLLAPSE_IMPACTS):
         closing = rows & (U < 0.0)
         δ = (u[closing] / -U[closing]).min(initial=np.inf)
@@ -356,7 +360,7 @@ def _collapse(motion: Motion, t: DoubleDouble, rest: float) -> tuple[DoubleDoubl
 
 
 def cuts(motion: Motion) -> tuple[Array, Flags]:
-    """Return times from the start to the end (nk,), and whether the motion turns little from each to the next (nk - 1,)."""
+    """Return times from the start to the end (nk,), and whether the motion is resolved between them (nk - 1,)."""
     ends = [*(segment.t0 for segment in motion.segments[1:]), motion.end]
     most = max(MIN_CUTS, MAX_CUTS // len(motion.segments))
     found = []
@@ -368,7 +372,7 @@ def cuts(motion: Motion) -> tuple[Array, Flags]:
 
 
 def read(system: System, segments: tuple[Segment, ...], t: Array, side: str) -> tuple[Array, Array, Array]:
-    """Return q, v and r at the times t, which must be sorted; ``side`` tells which limit is meant at an event."""
+    """Return q, v and r at the sorted times t; ``side`` selects the limit at an event."""
     starts = np.array([segment.start.parts for segment in segments])
     states = np.array([segment.state.parts for segment in segments])
     kinds: dict[object, int] = {}

@@ -1,14 +1,14 @@
-r"""The jump by which a linear complementarity system that starts outside its constraint enters it.
+r"""The state jump of a linear complementarity system with an inconsistent initial state.
 
-Where no λ solves 0 <= λ ⟂ C x⁻ + c + D λ >= 0, the multipliers are impulses at first, λ = p δ(t), and the state jumps,
+Where no λ solves 0 <= λ ⟂ C x⁻ + c + D λ >= 0, the multipliers contain impulses, λ = p δ(t), and the state jumps,
 
 .. math:: x^+ = x^- + B p, \qquad Q \ni p \perp C x^+ + c \in Q^*, \qquad
           Q = \{ p : 0 \le p \perp D p \ge 0 \} = \{ p \ge 0 : D p \ge 0, \; (D + D^T) p = 0 \},
 
-the latter for D positive semidefinite; Q* is the dual cone, of all C x + c from which the motion can go on without a jump.
-For D = 0 this is the LCP 0 <= p ⟂ C x⁺ + c >= 0. In a passive system x⁺ is the point of the constraint that is nearest to x⁻
-in the metric of the storage function, and it is what steps of backward Euler tend to. In a circuit the jump is the charge
-that flows at once where a voltage is put on a capacitor through diodes.
+the latter for D positive semidefinite; Q* is the dual cone, of all C x + c from which the motion continues without a jump.
+For D = 0 this is the LCP 0 <= p ⟂ C x⁺ + c >= 0. In a passive system x⁺ is the consistent state nearest to x⁻ in the
+metric of the storage function, and the limit of backward Euler steps. In a circuit the jump is the charge that flows at once
+when a voltage is applied to a capacitor through diodes.
 
 With the multipliers μ >= 0 of D p >= 0 and ν of (D + Dᵀ) p = 0 it is one mixed LCP,
 
@@ -35,7 +35,7 @@ SINGULAR_RTOL = 1e-12
 
 
 def state_jump(B: Array, C: Array, D: Array, u: Array, solver: str = "auto") -> Array | None:
-    """Return the impulses p (m,) of the jump x⁺ = x⁻ + B p; zero where the state need not jump, None where none is known.
+    """Return the impulses p (m,) of the jump x⁺ = x⁻ + B p; zero if the state is consistent, None if undetermined.
 
     Parameters
     ----------
@@ -49,13 +49,13 @@ def state_jump(B: Array, C: Array, D: Array, u: Array, solver: str = "auto") -> 
     Returns
     -------
     p : (m,) array or None
-        None where D is not positive semidefinite, where the law has no solution, or where it does not make x⁺ unique: it
-        does if C B is positive semidefinite on (D + Dᵀ) p = 0 and singular only where B p = 0 (as in passive systems), or
-        D = 0 and C B is a P-matrix.
+        None if D is not positive semidefinite, the law has no solution, or x⁺ is not unique: it is unique if C B is
+        positive semidefinite on (D + Dᵀ) p = 0 and singular only where B p = 0 (as in passive systems), or D = 0 and C B
+        is a P-matrix.
 
     Examples
     --------
-    A capacitor at -1 V that a diode keeps from going below zero takes 1 C:
+    A capacitor at -1 V that a diode keeps at or above zero receives 1 C:
 
     >>> state_jump(np.eye(1), np.eye(1), np.zeros((1, 1)), np.array([-1.0]))
     array([1.])
@@ -81,7 +81,7 @@ def state_jump(B: Array, C: Array, D: Array, u: Array, solver: str = "auto") -> 
 
 
 def _rounded(u: Array, W: Array, p: Array) -> Array:
-    """Return u + W p, with what is rounding set to zero."""
+    """Return u + W p, with rounding set to zero."""
     terms = np.abs(u) + np.abs(W) @ np.abs(p)
     after = u + W @ p
     return np.where(np.abs(after) <= SINGULAR_RTOL * terms, 0.0, after)
@@ -102,12 +102,12 @@ def _unique(B: Array, W: Array, symmetric: Array) -> bool:
 
 
 def enter_constraint(problem: Problem, solver: str = "auto") -> tuple[Problem, Array]:
-    """Return the problem as it goes on after the jump at t = 0, and the impulses p (nc,); a scheme never jumps.
+    """Return the problem after the jump at t = 0, and the impulses p (nc,); a scheme never jumps.
 
     Raises
     ------
     UnsupportedError
-        If a system starts outside its constraint, and its matrices do not determine how it enters.
+        If the initial state is inconsistent, and the matrices do not determine the jump.
     """
     d = problem.dynamics
     if d.stores_energy:
@@ -126,7 +126,7 @@ def enter_constraint(problem: Problem, solver: str = "auto") -> tuple[Problem, A
 
 
 def jump_events(problem: Problem, p: Array, after: State) -> tuple[Event, ...]:
-    """Return the events "jump" at t = 0 with the impulses p (nc,), by which a problem goes over to the state ``after``."""
+    """Return the events "jump" at t = 0 with the impulses p (nc,), by which a problem jumps to the state ``after``."""
     before = replace(after, q=problem.initial_coordinates)
     return tuple(
         Event(0.0, contact.name, "jump", before, after, float(impulse))

@@ -7,14 +7,14 @@ In first-order form (see `lcpimpact.scheme.first_order`) the system is X' = A X 
 
 so the closed rows give r = F X, and the mode moves by X' = (A + B F) X.
 
-*Rows whose relative degree depends on others.* Closed rows that share a massless node have combinations T u in which it
+*Joint relative degree.* Closed rows with a common massless node have combinations T u in which it
 cancels, and whose relative degree is higher than theirs: bodies that ride on one plate, or a body on a plate that is stopped
-(see `lcpimpact.scheme.decomposition.degrees_together`). A mode then holds each combination at its own level,
+(see `lcpimpact.scheme.decomposition.degrees_together`). A mode then imposes each combination at its own level,
 
 .. math:: (T u)_k^{(ρ_k)} = (T C)_k A^{ρ_k} X + (T G)_k r = 0 .
 
-A slider is a row too: it sticks, with u constant and -r_0 < r < r_0, or slips with r = -r_0 sign U. Where a spring alone
-gives way to it (ρ = 0), the place p where it sticks is a state of its own, and u counts from there.
+A slider is a row too: it sticks, with u constant and -r_0 < r < r_0, or slips with r = -r_0 sign U. On a
+spring only (ρ = 0), the position p at which it sticks is an additional state, and u counts from there.
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
 
 ZERO = 1e-12
-"""Tolerance for zero in a state of floats, relative to the terms of the sum at their largest so far: a root found to
-rounding leaves about 1e-15 of them."""
+"""Tolerance for zero in a state of floats, relative to the terms of the sum at their largest so far: a root located
+to rounding leaves about 1e-15 of them."""
 
 FINE_ZERO = 2.0**-95
 """Tolerance for zero in a state of double-doubles, likewise: a root leaves about 1e-31."""
@@ -45,13 +45,13 @@ FINE_ZERO = 2.0**-95
 
 @dataclass(frozen=True)
 class Mode:
-    """What each row does, and how it begins.
+    """The contact mode: the state of each row, and how it begins.
 
     Attributes
     ----------
     closed : tuple of int       the rows with u ≡ 0: closed contacts and sticking sliders
     slips : tuple of (int, int) the sliders that slip, with the sign of U
-    order : tuple of int        order of the zero with which what ends the mode leaves it, -1 if it is zero for ever
+    order : tuple of int        initial order of the zero of its event function, -1 if it is zero for ever
     side : tuple of int         sign of r of a slider that begins to stick with its force at a threshold, else 0
     """
 
@@ -62,15 +62,15 @@ class Mode:
 
     @property
     def key(self) -> tuple[tuple[int, ...], tuple[tuple[int, int], ...]]:
-        """What its flow depends on."""
+        """The part that determines the flow."""
         return self.closed, self.slips
 
 
 @dataclass(frozen=True, eq=False)
 class Still:
-    """Which openings u and which rates U are zero by what the mode before, or an impact, has made of them.
+    """The openings u and rates U that are zero by the last mode or an impact.
 
-    What is closed stays closed, whatever rounding makes of its gap, until its own force ends that.
+    A closed contact stays closed, whatever the rounding of its gap, until its own force ends that.
 
     Attributes
     ----------
@@ -84,20 +84,20 @@ class Still:
 
     @cached_property
     def none(self) -> bool:
-        """Whether no opening and no rate is."""
+        """Whether there are none."""
         return not (self.u.any() or self.U.any())
 
 
 class Watch(NamedTuple):
-    """What ends a mode, and what it holds.
+    """The event functions of a mode, and its zeros.
 
     Attributes
     ----------
     contacts : (k,) array       the row of H of each
-    rows : DoubleDouble         rows c (k, N + nw), where c·(X, w) turning negative ends the mode
+    rows : DoubleDouble         rows c (k, N + nw); the mode ends when c·(X, w) turns negative
     entries : Sparse            the same
     order : (k,) array          the order of the zero with which it begins
-    held : Still                what is zero as long as the mode lasts
+    held : Still                zeros as long as the mode lasts
     """
 
     contacts: Indices
@@ -108,7 +108,7 @@ class Watch(NamedTuple):
 
 
 class Coordinates(NamedTuple):
-    """How q, v and r are read off the state in a mode.
+    """Rows that give q, v and r in terms of the state in a mode.
 
     Attributes
     ----------
@@ -121,11 +121,11 @@ class Coordinates(NamedTuple):
 
 
 class Together(NamedTuple):
-    """How rows that are closed together are held: T u = 0, each combination at its own relative degree.
+    """Constraints of jointly closed rows: T u = 0, each combination at its own relative degree.
 
     Attributes
     ----------
-    T : (k, k) array            the combinations, one a row, of the lowest degree first
+    T : (k, k) array            the combinations, the lowest degree first
     degree : (k,) array         the relative degree of each
     C, CA, O : DoubleDouble     T C, T C A, and row by row T C A^ρ (k, N)
     G : DoubleDouble            row by row T D, T C B or T C A B (k, nc)
@@ -159,7 +159,7 @@ class System:
     ----------
     dynamics : Dynamics
     given : FirstOrderForm, optional
-        The form, where it is not that of ``dynamics`` alone: linear about one instant, or with inputs beside r.
+        The form, if not that of ``dynamics``: linearised about an instant, or with inputs beside r.
     inputs : pair of (N, nw) and (nc, nw) arrays, optional
         E and D_w with X' = A X + B r + E w, u = C X + D r + D_w w.
     """
@@ -192,7 +192,7 @@ class System:
 
     @cached_property
     def remembered(self) -> Indices:
-        """The sliders of degree 0, whose places p are states, the last of X."""
+        """The sliders of degree 0, whose positions p are the last states of X."""
         return np.flatnonzero(self.slides & (self.degree == 0))
 
     @cached_property
@@ -219,11 +219,11 @@ class System:
         return np.pad(self.form.Q, ((0, 0), (0, len(self.remembered)))), self.form.Qr
 
     def state(self, q: Array, v: Array) -> Array:
-        """Return X at t = 0; a slider of degree 0 begins where the coordinates have it."""
+        """Return X at t = 0; a slider of degree 0 begins at the initial coordinates."""
         return np.concatenate([self.form.state(q, v), self.dynamics.gap(q)[self.remembered]])
 
     def put(self, X: DoubleDouble, i: int, u: DoubleDouble) -> DoubleDouble:
-        """Return X with the place of slider i, which has degree 0, moved by u."""
+        """Return X with the position of slider i, of degree 0, moved by u."""
         move = np.zeros(len(X))
         move[len(self.form.A) :] = self.remembered == i
         return X + move * u
@@ -259,13 +259,13 @@ class System:
                 if self.mixed:
                     cancels = np.abs(F[0, rows]) <= FINE_ZERO * (np.abs(np.linalg.inv(G.hi[:, rows])) @ terms)
                     F[:, rows] = np.where(cancels, 0.0, F[:, rows])
-            # What cancels in A + B F is zero: nothing moves where forces balance.
+            # Cancellation in A + B F is set to zero: balanced forces cause no motion.
             closed = round_to_zero(A + B @ DoubleDouble(F), np.abs(A.hi) + np.abs(B.hi) @ np.abs(F[0]))
             self.flows[mode.key] = Flow(closed), DoubleDouble(F)
         return self.flows[mode.key]
 
     def _held(self, mode: Mode) -> tuple[DoubleDouble, DoubleDouble]:
-        """Return O (k, N) and G (k, nc) of what a mode holds at zero, O X + G r = 0."""
+        """Return O (k, N) and G (k, nc) of the constraints of a mode, O X + G r = 0."""
         if self.mixed:
             held = self.together(mode.closed)
             return held.O, held.G
@@ -287,11 +287,11 @@ class System:
 
     @property
     def mixed(self) -> bool:
-        """Whether contacts can be closed together that hold combinations of their gaps at higher degrees than their own."""
+        """Whether contacts can be closed together with combinations of a higher degree than their own."""
         return bool(self.mixed_degrees)
 
     def together(self, rows: tuple[int, ...]) -> Together:
-        """Return how contacts are held that are closed together."""
+        """Return the constraints of jointly closed contacts."""
         if rows not in self.combinations:
             A, B, C, D, *_ = self.fine
             at = list(rows)
@@ -309,12 +309,12 @@ class System:
         return self.dynamics.impulse_lines if self.mixed else np.zeros((0, len(self.degree)))
 
     def openings(self, F: DoubleDouble) -> DoubleDouble:
-        """Return C + D F (nc, N), by which u = C X + D r is read off X, with what cancels set to zero."""
+        """Return C + D F (nc, N), of u = C X + D r in a mode, with cancellation set to zero."""
         _, _, C, D, *_ = self.fine
         return round_to_zero(C + D @ F, np.abs(C.hi) + np.abs(D.hi) @ np.abs(F.hi))
 
     def rates(self, mode: Mode) -> DoubleDouble:
-        """Return the rows (nc, N) by which a mode has the opening rates U, those of massless nodes included."""
+        """Return the rows (nc, N) of the opening rates U in a mode, those of massless nodes included."""
         flow, F = self.reaction(mode)
         U = rounded_product(self.openings(F), flow.generator)
         U.parts[:, list(mode.closed)] = 0.0
@@ -326,10 +326,10 @@ class System:
         return flow, F.hi
 
     def coordinates(self, mode: Mode) -> Coordinates:
-        """Return the rows by which q, v and r are read off the state in a mode."""
+        """Return the rows of q, v and r in terms of the state in a mode."""
         if mode.key not in self.readings:
             (flow, F), (_, _, _, _, Q, Qr) = self.reaction(mode), self.form.double_doubles
-            # Where springs hold a plate that is stopped, their forces cancel.
+            # The forces of springs at a stopped plate cancel.
             place = stacked([[Q, np.zeros((len(Q), len(self.remembered)))]]) + Qr @ F
             place = round_to_zero(place, np.abs(self.read[0]) + np.abs(Qr.hi) @ np.abs(F.hi))
             rows = stacked([[place], [place @ flow.generator], [F]])
@@ -338,14 +338,14 @@ class System:
 
     @cached_property
     def pushes(self) -> Array:
-        """|B| (N, nc): what impulses do to X."""
+        """|B| (N, nc): the change of X by impulses."""
         return np.abs(self.fine.B.hi)
 
     @cached_property
     def reach(self) -> Array:
-        """What each component of X does to the others within a window, without contact forces (N, N).
+        """Effect of each component of X on the others within a window, without contact forces (N, N).
 
-        Where forces balance, what is left of them is rounding relative to this, however little moves there.
+        The residual of balanced forces is rounding relative to this.
         """
         return np.abs(self.fine.A.hi) * self.mode(Mode((), (), (), ()))[0].window
 
@@ -375,7 +375,7 @@ class System:
         return self.dynamics.r_min, self.dynamics.r_max
 
     def impact_lcp(self, G: DoubleDouble, lines: Array, meeting: Indices, solver: str) -> PreparedLCP:
-        """Return the LCP of the impulses of those that meet, rows of G for contacts and ``lines``, made ready."""
+        """Return the prepared LCP of the impulses at the rows ``meeting`` and ``lines`` of G."""
         key = meeting.tobytes(), lines.tobytes() if len(lines) else b"", solver
         if key not in self.lcps:
             self.lcps[key] = prepare_lcp(G.hi[np.ix_(meeting, meeting)], solver)
@@ -396,7 +396,7 @@ class System:
         return np.asarray(np.array([Dw, C @ E, C @ A @ E])[self.degree, np.arange(len(self.degree))])
 
     def input_response(self, mode: Mode) -> Array:
-        """Return F_w (nc, nw), by which the reactions of a mode, r = F X + F_w w, answer to the inputs."""
+        """Return F_w (nc, nw) of the reactions r = F X + F_w w of a mode."""
         rows, found = list(mode.closed), np.zeros_like(self.O_w)
         if found.size:
             (E, Dw), O_w = self.input_matrices, self.O_w[rows]
@@ -408,7 +408,7 @@ class System:
         return found
 
     def ends(self, mode: Mode) -> tuple[Indices, Indices, DoubleDouble]:
-        """Return what ends a mode where it turns negative: for each the row of H, its side, and the row c of c·(X, w).
+        """Return the event functions of a mode: for each the row of H, its side, and the row c of c·(X, w).
 
         The side is that of the threshold of a slider that sticks, and 0 for all others; without inputs it is c·X.
         """
@@ -441,7 +441,7 @@ class System:
         return self.switches[mode.key]
 
     def watch(self, mode: Mode) -> Watch:
-        """Return what ends a mode, and what it holds at zero."""
+        """Return the event functions of a mode, and its zeros."""
         if mode not in self.known:
             contacts, side, rows = self.ends(mode)
             order = np.array(mode.order, dtype=np.int64)[contacts]
@@ -464,7 +464,7 @@ def at_degree(degree: Indices, *levels: DoubleDouble) -> DoubleDouble:
 def solve_regular(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
     """Solve with a block of G; where it is singular, the contact forces are not uniquely determined."""
     if len(G) > 1:
-        # Springs and masses give rows of other units, which are not dependent for that.
+        # Rows of springs and of masses have different units, which must not make them look dependent.
         rows = np.abs(G.hi).max(axis=1, keepdims=True)
         balanced = G.hi / np.where(rows > 0.0, rows, 1.0)
         columns = np.abs(balanced).max(axis=0)
@@ -474,18 +474,18 @@ def solve_regular(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
 
 
 def round_to_zero(found: DoubleDouble, terms: Array, zero: float = FINE_ZERO) -> DoubleDouble:
-    """Set to zero what is rounding beside the ``terms`` of its sum, and return it."""
+    """Set to zero what is within the rounding of the ``terms`` of its sum, and return it."""
     found.parts[:, np.abs(found.hi) <= zero * terms] = 0.0
     return found
 
 
 def rounded_product(a: DoubleDouble, b: DoubleDouble) -> DoubleDouble:
-    """Return a b, with what cancels set to zero."""
+    """Return a b, with cancellation set to zero."""
     return round_to_zero(a @ b, np.abs(a.hi) @ np.abs(b.hi))
 
 
 def combined(T: Array, b: DoubleDouble) -> DoubleDouble:
-    """Return T b, with what cancels set to zero."""
+    """Return T b, with cancellation set to zero."""
     return rounded_product(DoubleDouble.of(T), b)
 
 

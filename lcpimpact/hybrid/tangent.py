@@ -1,24 +1,24 @@
-r"""How an exact motion answers to a small change of the state that it begins from.
+r"""The derivative of an exact motion with respect to its initial state: flows and saltation matrices.
 
-Within a mode a change moves by the mode's own flow. Across an event it does not, because the event comes a little earlier
-or later: with the row c that falls through zero, the state X⁻ before, the state X⁺ = R(X⁻) after, and the velocities
-f⁻ = A⁻ X⁻ and f⁺ = A⁺ X⁺ of the two modes, the change is multiplied by the *saltation matrix*
+Within a mode a perturbation follows the flow. Across an event it does not, because the event is shifted in time: with the
+row c that falls through zero, the state X⁻ before, the state X⁺ = R(X⁻) after, and the velocities f⁻ = A⁻ X⁻ and f⁺ = A⁺
+X⁺ of the two modes, the perturbation is multiplied by the *saltation matrix*
 
 .. math:: S = R_X + \frac{(f^+ - R_X f^-)\, c}{c \cdot f^-} .
 
-At a breakpoint of the signals, whose instant nothing changes, S = R_X. R is the identity where forces only switch; where
-impulses act, the rows a that push give
+At a breakpoint of the signals, whose instant is fixed, S = R_X. R is the identity if there are no impulses; otherwise the
+active rows a give
 
 .. math:: R_X = I - B_a G_{aa}^{-1} (1 + e_a)\, (C A)_a , \qquad G = C A B ;
 
-where they pass through massless nodes, the rows are sums along the impulse paths (see `lcpimpact.hybrid.impact_law`).
+where impulses pass through massless nodes, the rows are sums along the impulse paths (see `lcpimpact.hybrid.impact_law`).
 
-The derivative over a time is the product of the flows and of these matrices in their order. It does not exist where the row
-only touches zero (c·f⁻ = 0, a grazing), nor where two rows fall through zero at once.
+The derivative over a time is the product of the flows and of these matrices in their order. It does not exist at a grazing
+(c·f⁻ = 0), nor if two rows fall through zero at once.
 
-It is that of changes which stay in the mode of the start: closed rows stay closed, and a slider that came to rest at the
-limit of its force stays there. (Out of it the slider slips back, within it sticks where it is; so along its place the motion
-has one-sided derivatives only.)
+It holds for perturbations within the initial mode: closed rows stay closed, and a slider that came to rest at its threshold
+stays there. (Beyond it the slider slips back, below it sticks; so with respect to its position the motion has one-sided
+derivatives only.)
 
 References: Aizerman and Gantmacher (1958); Leine and Nijmeijer, *Dynamics and Bifurcations of Non-Smooth Mechanical Systems*
 (2004), chapter 7.
@@ -44,9 +44,9 @@ SIMULTANEOUS_RTOL = 1e-10
 
 
 def place_derivative(system: System, mode: Mode) -> Array:
-    """Return the derivative (N, N) of what the end of a mode does to the places of sliders of degree 0.
+    """Return the derivative (N, N) of the change of positions of sliders of degree 0 at the end of a mode.
 
-    A slider that has slipped sticks, or turns, where it then is: its place p moves by u = (C + D F) X.
+    A slider that has slipped sticks or reverses at its present position: p changes by u = (C + D F) X.
     """
     _, F = system.mode(mode)
     change = np.eye(len(F.T))
@@ -57,16 +57,16 @@ def place_derivative(system: System, mode: Mode) -> Array:
 
 
 def impact_derivative(system: System, mode: Mode, X: Array, P: Array, scale: Array) -> Array:
-    """Return the derivative (N, N) at X of the state after the impacts that end a mode, whose impulses are P (nc,)."""
+    """Return the derivative (N, N) at X of the state after impacts with the impulses P (nc,) that end a mode."""
     pushed = P > 0.0
     if not pushed.any():
         return np.eye(len(X))
     U, closing = gaps(system, X, scale)[1].hi, system.derivatives[1]
     if len(system.lines):
-        # The rates of massless nodes are those of the mode before.
+        # The velocities of massless nodes are those of the last mode.
         closing = system.rates(mode).hi
         U = closing @ X
-    # Along an impulse path all contacts push.
+    # All contacts of an impulse path are active.
     lines = system.lines[~((system.lines > 0.0) & ~pushed).any(axis=1)]
     paths = np.vstack([np.eye(len(P))[pushed & system.meets], lines])
     rebound = (np.where(U < 0.0, system.dynamics.restitution, 0.0) * paths) @ closing
@@ -81,7 +81,7 @@ def saltation(motion: Motion, before: Segment, after: Segment) -> Array:
     Raises
     ------
     UnsupportedError
-        If the event is a grazing, or two happen at once.
+        If the event is a grazing, or two events coincide.
     """
     system = motion.system
     names = [contact.name for contact in system.dynamics.contacts]
@@ -112,7 +112,7 @@ def saltation(motion: Motion, before: Segment, after: Segment) -> Array:
 
 
 def factors(motion: Motion, until: float) -> Iterator[Array]:
-    """Yield, in the order of time, the factors of the derivative of X(until) by the state at the start."""
+    """Yield, in order of time, the factors of the derivative of X(until) with respect to the initial state."""
     segments = [each for each in motion.segments if each.t0 <= until]
     ends = [*(each.t0 for each in segments[1:]), until]
     for k, (segment, end) in enumerate(zip(segments, ends, strict=True)):
@@ -122,12 +122,12 @@ def factors(motion: Motion, until: float) -> Iterator[Array]:
 
 
 def tangent(motion: Motion, until: float) -> Array:
-    """Return the derivative (N, N) of X(until) by the state right after the start.
+    """Return the derivative (N, N) of X(until) with respect to the right limit of the initial state.
 
     Raises
     ------
     UnsupportedError
-        If the motion grazes, or two events happen at once.
+        If the motion grazes, or two events coincide.
     """
     change = np.eye(len(motion.scale))
     for factor in factors(motion, until):

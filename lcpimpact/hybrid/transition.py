@@ -1,4 +1,4 @@
-"""Where one contact mode ends: impacts, the mode that follows, and the events that this makes."""
+"""Transitions between contact modes: impacts, the next mode, and the events."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lcpimpact.record import Event, State
 
 
 def parted(system: System, found: Array) -> tuple[Array, Array, Array]:
-    """Return q, v and r, within its bounds, from what the rows of `System.coordinates` give (..., 2 n + nc)."""
+    """Return q, v and r, clipped to its bounds, from the values of the rows of `System.coordinates` (..., 2 n + nc)."""
     n = len(system.dynamics.nodes)
     r_min, r_max = system.bounds
     return found[..., :n], found[..., n : 2 * n], np.minimum(np.maximum(found[..., 2 * n :], r_min), r_max)
@@ -31,21 +31,21 @@ def coordinates(system: System, mode: Mode, X: Array) -> tuple[Array, Array, Arr
 
 
 def state_of(system: System, mode: Mode, X: ArrayLike | DoubleDouble) -> State:
-    """Return what one state X (N,) means in the coordinates of the scheme."""
+    """Return the state X (N,) in the coordinates of the scheme."""
     parts = np.ascontiguousarray(DoubleDouble.of(X).parts)
     return State(*parted(system, on_rows(system.coordinates(mode).entries, parts)))
 
 
 class Transition(NamedTuple):
-    """How one mode goes over to the next.
+    """The transition from one mode to the next.
 
     Attributes
     ----------
-    mode : Mode                     the mode in which the motion goes on
+    mode : Mode                     the next mode
     state : DoubleDouble            the state after the impacts (N,)
     left : DoubleDouble             the state before them (N,): at a breakpoint of the signals their left limits
-    events : tuple of Event         what happened
-    scale : (N,) array              the scale of the motion, with what the impulses have done
+    events : tuple of Event         the events
+    scale : (N,) array              the scale of the motion, including the effect of the impulses
     """
 
     mode: Mode
@@ -58,9 +58,9 @@ class Transition(NamedTuple):
 def arrive(
     system: System, t: float, before: Mode | None, X: DoubleDouble, scale: Array, held: Still, breakpoint: bool
 ) -> tuple[DoubleDouble, DoubleDouble | None, Still]:
-    """Return the state at t with what the mode before holds at zero, its left limit at a breakpoint, and what is held.
+    """Return the state at t with the constraints of the last mode at zero, its left limit at a breakpoint, and the zeros.
 
-    At a ``breakpoint`` the signals in X are left limits, and go over to the right ones; a prescribed velocity may jump.
+    At a ``breakpoint`` the signals in X are left limits, replaced by right limits; a prescribed velocity may jump.
     """
     state = settled(system, before, X, scale, held)
     if not breakpoint:
@@ -82,12 +82,12 @@ def enter(
     breakpoint: bool = False,
     v: Array | None = None,
 ) -> Transition:
-    """Return the transition at t from the mode before, in which X is reached, to the next one.
+    """Return the transition at t from the last mode, in which X is reached, to the next one.
 
-    Without a mode before, at the start of a run, the right limit stands for both. What the mode before holds closed stays so
-    unless an impulse, its own force or a jump of a prescribed velocity ends it. The rows ``together`` (nc,) touch, and meet
-    without restitution: where impacts have accumulated; ``held`` is what is at zero where the mode before does not tell.
-    v (n,) are the velocities before the start of a run, with those of massless nodes, which are no part of X.
+    At the start of a run, without a last mode, the right limit serves as both. Closed contacts stay closed unless an
+    impulse, their own force or a jump of a prescribed velocity opens them. The rows ``together`` (nc,), where impacts
+    have accumulated, close without restitution; ``held`` are the zeros that the last mode does not determine. v (n,) are
+    the velocities before the start of a run, with those of massless nodes, which are not in X.
     """
     held, restitution, given = held or still(system, before), system.restitution, DoubleDouble.of(X)
     if together is not None:
@@ -109,7 +109,7 @@ def enter(
 
 
 def happened(system: System, t: float, before: Mode, after: Mode, P: Array, left: State, right: State) -> list[Event]:
-    """Return the events that lead from one mode to another, with the impulses P (nc,)."""
+    """Return the events between two modes, with the impulses P (nc,)."""
     found = []
     for i, contact in enumerate(system.dynamics.contacts):
         if P[i] > 0.0:
@@ -120,7 +120,7 @@ def happened(system: System, t: float, before: Mode, after: Mode, P: Array, left
 
 
 def _change(before: Mode, after: Mode, i: int, slider: bool) -> str | None:
-    """Return what happens to row i between two modes, if anything."""
+    """Return the kind of event of row i between two modes, if any."""
     if slider:
         slips = dict(after.slips)
         if i in slips:

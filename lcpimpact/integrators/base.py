@@ -1,4 +1,4 @@
-"""What every integrator is: declared properties, a start, and a block of steps."""
+"""Base class of the integrators: declared properties, a start, and blocks of steps."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """How far from its laws a run may be, in units of the scales of its motion; see `lcpimpact.certificate.Certificate`.
+    """Tolerances of a certificate, in units of the scales of the motion; see `lcpimpact.certificate.Certificate`.
 
     Attributes
     ----------
-    precision : float           to what part of the largest terms those laws hold that are solved for
-    order : float               order in smooth motion: what its steps leave out of the momentum and the way (inf: nothing)
+    precision : float           residual of the laws that are solved for, relative to their largest terms
+    order : float               order of momentum and displacement in smooth motion (inf: exact)
     penetration : float         largest penetration after an impact, in units of h |U|
-    rest : float                a rebound whose flight is shorter than this part of the run counts as none
-    balances_energy : bool      whether the balance of energy is promised
-    kick : float                part of h times the force that recorded velocities or forces may lack
+    rest : float                flight time of a rebound, relative to the run, below which there is none
+    balances_energy : bool      whether the energy balance is declared
+    kick : float                part of h times the force that is missing in recorded velocities or forces
     slack : float               error of the steps in units of that of their rule, estimated by second differences
     step : float                error of a step away from events, in units of the second differences around it
     drift : float               largest displacement of massless nodes by a projection, in units of the change in a step
@@ -56,26 +56,26 @@ class Declared:
     ----------
     summary : str                   one line
     order_smooth : float            order in smooth motion, in the coordinates (inf: to rounding)
-    order_force_kink : float        order in q across switches at which r only bends (relative degree 0); 0 if refused
-    order_force_jump : float        order in q across switches at which r jumps (relative degree 1); 0 if refused
-    order_impact : float            order in the L1 norm of v across impacts (relative degree 2), the median over
-                                    problems, since where in its step an impact falls is luck; 0 if refused
-    order_friction : float          order in the coordinates where sliders of relative degree 2 turn or stop; 0 if refused
-    order_penetration : float       order in h of the greatest overlap after impacts (inf: none beyond rounding)
-    level : str                     where contacts are imposed: "position", "velocity", "acceleration" or several of them
+    order_force_kink : float        order in q across kinks of r (relative degree 0); 0 if refused
+    order_force_jump : float        order in q across jumps of r (relative degree 1); 0 if refused
+    order_impact : float            order in the L1 norm of v across impacts (relative degree 2): the median over
+                                    problems, since it depends on where in the step an impact falls; 0 if refused
+    order_friction : float          order in q where sliders of relative degree 2 reverse or stick; 0 if refused
+    order_penetration : float       order in h of the largest penetration after impacts (inf: none beyond rounding)
+    level : str                     level of the contact law: "position", "velocity", "acceleration" or several of them
     relative_degrees : tuple        the relative degrees that it handles
     handles : tuple of Feature      what else it handles
-    reaction_lives : str            where its force is to be read
-    energy : str                    what is true of its energy
-    balances_energy : bool          whether the balance of energy closes, to its precision or its order
-    precision : float               to what part of the largest terms the laws hold that it solves for
-    kick : float                    part of h times the force that the velocities or forces of its record may lack
+    reaction_time : str            instant to which the recorded force refers
+    energy : str                    behaviour of the energy, in words
+    balances_energy : bool          whether the energy balance closes, to its precision or its order
+    precision : float               residual of the laws that it solves for, relative to their largest terms
+    kick : float                    part of h times the force that is missing in recorded velocities or forces
     slack : float                   error of the steps in units of that of their rule, estimated by second differences
     step : float                    error of a step away from events, in units of the second differences around it: twice the
                                     largest that registered problems and random schemes show, which is 0.9 for most
     drift : float                   largest displacement of massless nodes by a projection, in units of the change in a step
-    dissipates : bool               whether impacts never leave a system with more energy than it began with
-    adaptive : str                  how it chooses its steps, "" where they are those of dt
+    dissipates : bool               whether the energy after impacts never exceeds the initial energy
+    adaptive : str                  step control, "" for steps of dt
     accuracy : float                relative error of a run with its finest settings, as a reference for others
     source : str                    where it is from
     """
@@ -90,7 +90,7 @@ class Declared:
     level: str
     relative_degrees: tuple[int, ...]
     handles: tuple[Feature, ...]
-    reaction_lives: str
+    reaction_time: str
     energy: str
     balances_energy: bool = False
     precision: float = 1e-9
@@ -110,12 +110,12 @@ class Declared:
 
     @property
     def orders(self) -> dict[str, str]:
-        """The orders in words: "exact" or "to rtol" for what is no matter of steps, "-" for what is refused."""
+        """The orders in words: "exact" or "to rtol" if independent of dt, "-" if refused."""
         limit = "to rtol" if self.adaptive else "exact"
         orders = {
             "smooth": self.order_smooth,
-            "r bends": self.order_force_kink,
-            "r jumps": self.order_force_jump,
+            "force kink": self.order_force_kink,
+            "force jump": self.order_force_jump,
             "impacts": self.order_impact,
             "friction": self.order_friction,
         }
@@ -123,7 +123,7 @@ class Declared:
 
     @property
     def penetration(self) -> str:
-        """The greatest overlap after impacts, in words."""
+        """The largest penetration after impacts, in words."""
         if 2 not in self.relative_degrees:
             return "-"
         if math.isinf(self.order_penetration):
@@ -143,21 +143,21 @@ class Integrator(ABC):
     declared: ClassVar[Declared]
     solves_lcp: ClassVar[bool] = True
     impact_steps: ClassVar[int] = 1
-    """Steps over which the impulse of one impact spreads."""
+    """Steps over which the impulse of one impact is spread."""
     reaction_is_mean: ClassVar[bool] = True
-    """Whether a reaction that is recorded for each step is its mean there, which h times it makes the impulse."""
+    """Whether the reaction recorded for a step is its mean there, so that h r is the impulse."""
     family: ClassVar[str] = ""
-    """The rule of the step, by name: methods of one family do not confirm each other. "" for a rule of its own."""
+    """Name of the step rule; methods of one family do not confirm each other. "" for a rule of its own."""
     mode_choice: ClassVar[str] = ""
-    """What chooses the contact mode, where methods of several families share it; "" where the step itself does."""
+    """Module that chooses the contact mode, if several families share it; "" if the step itself does."""
     tolerances: ClassVar[tuple[str, ...]] = ("tol", "max_iter", "max_events", "max_newton", "rtol", "atol")
-    """Options that do not change the orders that are declared."""
+    """Options that do not change the declared orders."""
     rtol: float | None = None
-    """The tolerance by which it chooses its steps, None where they are those of dt; an option of adaptive methods."""
+    """Relative tolerance of the step control, an option of adaptive methods; None for steps of dt."""
     atol: float | None = None
 
     def reaction_times(self, grid: Grid) -> Array:
-        """Return the instants at which the reactions of a run on ``grid`` live: those of the grid, unless overridden."""
+        """Return the instants of the recorded reactions of a run on ``grid``: those of the grid, unless overridden."""
         return grid.times(0, grid.steps)
 
     @abstractmethod
@@ -169,14 +169,14 @@ class Integrator(ABC):
         """Take the steps from t_first to t_last; return the status and the last step that was reached."""
 
     def finish(self, carry: Any, record: Record) -> None:  # noqa: B027
-        """Put steps of the method's own choice in place of the grid, where it has chosen any."""
+        """Replace the grid by the accepted steps of an adaptive method."""
 
     def balance_point(self) -> float | None:
-        """Return θ where the forces of a step balance at t + θ h, so that its energy can be balanced to rounding."""
+        """Return θ if the forces of a step balance at t + θ h, so that its energy balance is exact."""
         return None
 
     def limits(self) -> Limits:
-        """Return how far from its laws a run may be, by what is declared."""
+        """Return the tolerances of the certificate that follow from the declared properties."""
         declared = self.declared
         return Limits(
             precision=declared.precision,
@@ -191,13 +191,13 @@ class Integrator(ABC):
         )
 
     def with_tolerance(self, rtol: float) -> Self:
-        """Return the method with another rtol, and with an atol that keeps its ratio to it."""
+        """Return the method with another rtol, and an atol in the same ratio to it."""
         scaled = {} if self.atol is None or self.rtol is None else {"atol": self.atol * rtol / self.rtol}
         changed: Self = replace(cast(Any, self), rtol=rtol, **scaled)
         return changed
 
     def motion(self, problem: Problem, end: float, lcp_solver: str) -> Motion | None:
-        """Return the exact motion up to an instant, to be followed as far as is wanted; None of a method that steps."""
+        """Return the exact motion, which can be continued up to an instant; None of time-stepping methods."""
         return None
 
     def dense(self, carry: Any) -> ContinuousSolution | None:
@@ -206,12 +206,12 @@ class Integrator(ABC):
 
 
 def check_method(thing: Any) -> None:
-    """Check that what another package registers is a class of integrators that declares its properties.
+    """Check that a class registered by another package is an integrator that declares its properties.
 
     Raises
     ------
     InputError
-        If it is not; the message says what is missing.
+        If it is not.
     """
     if not (isinstance(thing, type) and issubclass(thing, Integrator)):
         raise InputError(f"{thing!r} is no class derived from lcpimpact.integrators.base.Integrator")

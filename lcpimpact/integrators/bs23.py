@@ -1,4 +1,4 @@
-"""Bogacki and Shampine's pair of the orders 3 and 2."""
+"""The Bogacki-Shampine pair of orders 3 and 2."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lcpimpact.integrators.stepping.tableau import Tableau
 
 @dataclass(frozen=True)
 class BogackiShampine(EmbeddedRungeKutta):
-    """The pair of the orders 3 and 2.
+    """The Bogacki-Shampine pair of orders 3 and 2.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class BogackiShampine(EmbeddedRungeKutta):
     declared: ClassVar[Declared] = declare(
         summary="Bogacki and Shampine's pair 3(2), an LCP at each stage",
         order_smooth=3,
-        slack=6.0,  # 3 where a plate without mass comes to rest within few steps
+        slack=6.0,  # 3 where a massless plate comes to rest within few steps
         source="Bogacki and Shampine (1989)",
         adaptive="with rtol, steps within each dt by the embedded method",
     )

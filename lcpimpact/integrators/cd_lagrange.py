@@ -1,6 +1,6 @@
-r"""CD-Lagrange: central differences, with an impulse for each contact that a place on the grid finds closed.
+r"""CD-Lagrange: central differences, with an impulse for each contact that is closed at a grid point.
 
-Velocities V live halfway between the grid points,
+Velocities V belong to the midpoints of the steps,
 
 .. math:: q^+ = q + h V, \qquad M (V^+ - V) = h F\bigl(t^+, q^+, \tfrac12 (V + V^+)\bigr) + H^T P,
 
@@ -8,7 +8,7 @@ with Newton's law on the rows with u(q⁺) <= 0:
 
 .. math:: 0 \le P \perp U(V^+) + e U(V) \ge 0 .
 
-The velocity that is recorded on the grid is the mean of both, where a contact pushed not below the one after it:
+The velocity recorded on the grid is the mean of both, at an active contact not below the later one:
 
 .. math:: v^+ = \tfrac12 (V + V^+) + M^{-1} H^T p, \qquad 0 \le p \perp U^+ - U(V^+) \ge 0 \quad (P > 0).
 """
@@ -24,7 +24,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.integrators.base import Declared
 from lcpimpact.integrators.stepping.kernel import StepState
 from lcpimpact.integrators.stepping.linear_step import (
-    REST_GAP,
+    REST_GAP_FACTOR,
     Law,
     LinearStep,
     Step,
@@ -43,11 +43,11 @@ class CDLagrange(LinearStep):
     Parameters
     ----------
     tol, max_iter : optional
-        As of `TimeStepping`; rtol is refused, as what it remembers belongs to the step.
+        As of `TimeStepping`; rtol is refused, since V belongs to the step length.
 
     Notes
     -----
-    The record holds v⁺; the method itself goes on from V⁺.
+    The record holds v⁺; the next step starts from V⁺.
     """
 
     laws: ClassVar[int] = 2
@@ -64,8 +64,8 @@ class CDLagrange(LinearStep):
         level="velocity",
         relative_degrees=(2,),
         handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
-        reaction_lives="at t + h, one for each step",
-        energy="near its value for ever, where h is below 2/ω; what is recorded at an impact is off by half a kick",
+        reaction_time="at t + h, one for each step",
+        energy="near its value for ever, where h is below 2/ω; recorded energies at impacts are less accurate",
         kick=1.0,
         dissipates=False,
         source="Fekak, Brun, Gravouil and Depale (2017); Di Stasio et al. (2019)",
@@ -76,7 +76,7 @@ class CDLagrange(LinearStep):
         return {"V": v + 0.5 * h * first_acceleration(d, q, v, h)}
 
     def first_state(self, d: Dynamics, y: Array, h: float) -> StepState:
-        """Return the state with the impulses that the velocity after half a step holds."""
+        """Return the state with the impulses in the velocity after half a step."""
         state, (q, v, _) = super().first_state(d, y, h), np.split(y, 3)
         state.P[0] = h * first_reactions(d, q, v, h)
         return state
@@ -90,13 +90,13 @@ class CDLagrange(LinearStep):
         """Write the step."""
         V, (P, p) = y.memory["V"], y.P
         q = y.q + h * V
-        # F holds C (V + V⁺)/2, of which C V⁺/2 stands on the left.
+        # F contains C (V + V⁺)/2, of which C V⁺/2 is on the left-hand side.
         kick = d.M @ V + h * y.force(1.0, q, 0.5 * V) + y.push(P)
         V_next = solve(d.M + 0.5 * h * d.C, kick)
         v = 0.5 * (V + V_next) + solve(d.M, y.push(p))
         impact = Law(
             L=y.gap_rate(V_next) + d.restitution[:, None] * y.gap_rate(V),
-            touching=y.gap(q + REST_GAP * h**2 * solve(d.M, y.force(1.0, q, V))),
+            touching=y.gap(q + REST_GAP_FACTOR * h**2 * solve(d.M, y.force(1.0, q, V))),
             springs_at=(q, 0.5 * (V + V_next)),
         )
         reading = Law(L=y.gap_rate(v - V_next), touching=-P, strictly=True, springs_at=(q, V), weight=0.0)

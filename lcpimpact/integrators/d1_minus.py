@@ -1,19 +1,19 @@
 r"""The half-explicit D1⁻ method: forces on both sides of the step, and the impact at its end.
 
-The velocity is a straight line within the step and jumps at its end. Its slope is the mean of the accelerations after the
-beginning and before the end,
+The velocity is linear within the step and jumps at its end. Its slope is the mean of the accelerations at the right
+limit of the start and the left limit of the end,
 
 .. math:: M a_+ = F(t, q, v) + H^T λ_+, \qquad v_1 = v + h a_+, \qquad q^+ = q + \tfrac h2 (v + v_1),
 
 .. math:: M a_- = F(t^+, q^+, v_1) + H^T λ_-, \qquad v_- = v + \tfrac h2 (a_+ + a_-), \qquad M (v^+ - v_-) = H^T P,
 
-with the forces of the rows that are closed when the step begins, u(q) <= 0, and the impulses of those that its end finds
-closed, u(q⁺) <= 0:
+with forces of the contacts that are closed at the start of the step, u(q) <= 0, and impulses of those that are closed at
+its end, u(q⁺) <= 0:
 
 .. math:: 0 \le λ_+ \perp U(v_1) + e U \ge 0, \qquad 0 \le λ_- \perp U_- + e U \ge 0, \qquad
           0 \le P \perp U^+ + e U_- \ge 0 .
 
-On a row that stays closed U is zero, and e does not enter the first two; it does where a motion begins with an impact.
+At a persistent contact U is zero, so e does not enter the first two; it does if the motion begins with an impact.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.linear_step import REST_GAP, Law, LinearStep, Step, Symbols, solve
+from lcpimpact.integrators.stepping.linear_step import REST_GAP_FACTOR, Law, LinearStep, Step, Symbols, solve
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 
 @dataclass(frozen=True)
 class D1Minus(LinearStep):
-    """Half-explicit D1⁻ on velocity level: explicit in springs and dashpots.
+    """Half-explicit D1⁻ at velocity level, explicit in springs and dashpots.
 
     Parameters
     ----------
@@ -49,8 +49,8 @@ class D1Minus(LinearStep):
         level="velocity",
         relative_degrees=(2,),
         handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
-        reaction_lives="at t + h/2, one for each step",
-        energy="without dashpots near its value for ever in smooth motion, where h is below 2/ω; impacts never gain",
+        reaction_time="at t + h/2, one for each step",
+        energy="without dashpots bounded error in smooth motion for h < 2/ω; impacts never gain",
         slack=3.0,
         kick=0.1,
         dissipates=True,
@@ -69,7 +69,7 @@ class D1Minus(LinearStep):
         change_again = kick_again + solve(d.M, y.push(y.P[1]))
         v_minus = y.v + 0.5 * (change + change_again)
         v = v_minus + solve(d.M, y.push(y.P[2]))
-        at_start, at_end = y.gap(y.q + REST_GAP * h * kick), y.gap(q + REST_GAP * h * kick_again)
+        at_start, at_end = y.gap(y.q + REST_GAP_FACTOR * h * kick), y.gap(q + REST_GAP_FACTOR * h * kick_again)
         after = Law(L=y.gap_rate(v_1) + e * U, touching=at_start, springs_at=(y.q, y.v))
         before = Law(L=y.gap_rate(v_minus) + e * U, touching=at_start, springs_at=(q, v_1))
         impact = Law(L=y.gap_rate(v) + e * y.gap_rate(v_minus), touching=at_end, springs_at=(q, v_1), weight=0.0)

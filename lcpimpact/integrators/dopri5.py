@@ -1,4 +1,4 @@
-"""Dormand and Prince's pair of the orders 5 and 4."""
+"""The Dormand-Prince pair of orders 5 and 4."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lcpimpact.integrators.stepping.tableau import Tableau
 
 @dataclass(frozen=True)
 class DormandPrince(EmbeddedRungeKutta):
-    """The pair of the orders 5 and 4.
+    """The Dormand-Prince pair of orders 5 and 4.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-r"""SciPy's adaptive solvers between events: the mode by LCPs, the event on the dense output, and a fresh start after it.
+r"""Event-driven integration by SciPy's adaptive solvers: modes by LCPs, events on the dense output, a restart after each.
 
 In a contact mode r = F X + F_w w, and the motion is a smooth initial value problem,
 
@@ -8,27 +8,27 @@ with w the forces of the non-linear springs and the loads that are arbitrary fun
 `lcpimpact.scheme.first_order`). Any solver of `scipy.integrate` may follow it. The modes, their ends and the impacts are
 those of `lcpimpact.hybrid`; where w is present they are chosen for the system made linear about the event.
 
-*Events.* The dense output of a step is a polynomial. It is sampled at Chebyshev points and written in Bernstein's basis,
-whose coefficients bound it; a step is passed over only if they are all positive. So two sign changes within a step are seen,
-however close, down to the rounding of the samples. The root is then found on the dense output itself.
+*Events.* The dense output of a step is a polynomial. It is sampled at Chebyshev points and written in the Bernstein basis,
+whose coefficients bound it; a step is free of events only if they are all positive. So two sign changes within a step are
+detected, however close, down to rounding. The root is then located on the dense output itself.
 
 *Accumulating impacts.* When three flights in a row of a contact with e < 1 are each shorter than ``zeno`` times the length
-of the run, or so low that they are lost in the rounding of the gap, its next impact has e = 0 and the contact stays closed.
-A flight of T then leaves out a rest of e T/(1 - e), which is the error of the end of the accumulation. (That each is shorter
-than the one before is not asked: among many bodies they shrink by fits and starts.)
+of the run, or lost in the rounding of the gap, its next impact has e = 0 and the contact stays closed.
+A flight of T omits e T/(1 - e), which is the error of the end of the accumulation. (Flights need not shrink
+monotonically: with several bodies they do not.)
 
-*Several bodies.* When a second contact meets within a time that is short against the flights of the run, the impacts that
-follow are those of `lcpimpact.hybrid.motion` in double-doubles, with the forces w made linear, until flights are long
-again or the bodies have ended together (see `lcpimpact.hybrid.burst`). If forces bend too much for that meanwhile,
-the run ends with the status ACCUMULATION.
+*Several bodies.* If a second contact has an impact within a time that is short against the flights of the run, the impacts
+that follow are computed by `lcpimpact.hybrid.motion` in double-doubles, with linearised forces w, until flights are long
+again or the bodies stay in contact (see `lcpimpact.hybrid.burst`). If the forces are too nonlinear for that, the run ends
+with the status ACCUMULATION.
 
-*Long runs.* A free flight of 1e5 s of bodies joined by springs keeps 1e-12 of its length; every vibration of what is stiff
-costs steps all the same, and at ``max_steps`` the run ends with a sentence.
+*Long runs.* A free flight of 1e5 s of bodies joined by springs is accurate to 1e-12 of its length; stiff vibrations still
+cost steps, and at ``max_steps`` the run ends with a message.
 
-*Closed contacts* are held by their accelerations. What rounding adds to their gaps is taken out at each event.
+*Closed contacts* are imposed at acceleration level. The drift of their gaps by rounding is removed at each event.
 
-*The last instant.* An event is known to about rtol. One that is found nearer than that after the end of the run, and nearer
-than 1e-9 of its length, is at its end, and is kept.
+*The last instant.* An event is known to about rtol. One that is found after the end of the run by less than that, and by
+less than 1e-9 of its length, is at its end, and is kept.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from scipy import integrate
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status, UnsupportedError
-from lcpimpact.hybrid.burst import SHORT_FLIGHT, Meetings, follow_burst, passed
+from lcpimpact.hybrid.burst import SHORT_FLIGHT_RTOL, ImpactHistory, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
 from lcpimpact.hybrid.gaps import gaps, settled, still
 from lcpimpact.hybrid.impacts import impact
@@ -60,33 +60,33 @@ from lcpimpact.integrators.stepping.dense_output import (
     SINGLE_STEP_DEGREE,
     TINY,
     AtRest,
+    EventDrivenSolution,
     InBurst,
     Piece,
     Samples,
-    Solution,
     first_root,
     root_at_end,
     samples_of,
 )
-from lcpimpact.integrators.stepping.forced_modes import APART, PUSHES, SLACK, ForcedSystem, Forces, Segment
+from lcpimpact.integrators.stepping.forced_modes import APART, PUSHES, SLACK, ForcedSegment, ForcedSystem, Forces
 from lcpimpact.numbers import count, is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Grid, Record, Stats
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Feature
 from lcpimpact.scheme.first_order import forced_form
-from lcpimpact.scheme.signals import NAMED
+from lcpimpact.scheme.signals import SIGNAL_NAMES
 
 SCIPY_SOLVERS = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
 
 WORK_PARTS = 4
-"""Number of parts of a step over which its work is integrated."""
+"""Number of subintervals of a step in the quadrature of its work."""
 
 MAX_BURST_FLIGHTS = 10.0
 """Maximum duration of a burst of impacts, in short flights, where there are nonlinear forces."""
 
-SINGLE_STEP = (integrate.RK23, integrate.RK45, integrate.DOP853)
-"""Solvers that need no small steps to begin with."""
+ONE_STEP_SOLVERS = (integrate.RK23, integrate.RK45, integrate.DOP853)
+"""One-step methods, which need no small first step."""
 
 MIN_TIME_RTOL, MAX_TIME_RTOL = 1e-12, 1e-9
 """Bounds of the accuracy of instants, relative to the run, whatever rtol is."""
@@ -94,7 +94,7 @@ MIN_TIME_RTOL, MAX_TIME_RTOL = 1e-12, 1e-9
 ZERO_RTOL = 4.0 * EPS
 
 UNRESOLVED_KINK_RTOL = 1e-6
-"""Least relative tolerance to which a run is judged whose steps reach across kinks."""
+"""Smallest relative tolerance of the certificate for steps across kinks."""
 
 NO_PHASE = np.zeros(0, dtype=np.int64)
 
@@ -115,15 +115,15 @@ class EventDriven(Integrator):
     atol : float
         Absolute tolerance in the units of each state: lower it for motions of micrometres.
     max_step : float
-        Longest step in s, for loads that a long step might pass over.
+        Longest step in s, for loads that a longer step might miss.
     max_events : int
-        Limit of events.
+        Maximum number of events.
     max_steps : int
-        Limit of steps of the solver, for motions that are stiff or vibrate fast for their length.
+        Maximum number of steps of the solver, for stiff motions.
     zeno : float
-        Impacts that accumulate are over when flights are shorter than this part of the run; 0 follows them to rounding.
+        Duration of a flight, relative to the run, below which accumulating impacts end; 0 follows them to rounding.
     kinks : bool
-        Whether the solver starts anew where a non-linear spring closes or opens.
+        Whether the solver restarts where a non-linear spring closes or opens.
 
     Raises
     ------
@@ -133,8 +133,8 @@ class EventDriven(Integrator):
     Notes
     -----
     dt is the spacing of the output, and changes nothing else. The reaction is the force at each instant of the grid (its
-    right limit at an event); impulses stand in the events. Where the dense output of a solver is of lower order than its
-    steps, what is read between the steps, and so the instants of events, has the lower one.
+    right limit at an event); impulses are in the events. If the dense output of a solver is of lower order than its steps,
+    so are the values between steps and the instants of events.
 
     Examples
     --------
@@ -157,7 +157,7 @@ class EventDriven(Integrator):
     family: ClassVar[str] = "SciPy between events"
     mode_choice: ClassVar[str] = "mode_choice.py"
     declared: ClassVar[Declared] = Declared(
-        summary="SciPy's solvers between events, the mode by LCPs, and a fresh start after each event",
+        summary="SciPy's solvers between events, modes by LCPs, a restart after each event",
         order_smooth=math.inf,
         order_force_jump=math.inf,
         order_force_kink=math.inf,
@@ -167,7 +167,7 @@ class EventDriven(Integrator):
         level="position and velocity at events, acceleration between them",
         relative_degrees=(0, 1, 2),
         handles=tuple(Feature),
-        reaction_lives="at t, right limit",
+        reaction_time="at t, right limit",
         energy="to the tolerance",
         balances_energy=True,
         dissipates=True,
@@ -208,17 +208,17 @@ class EventDriven(Integrator):
             slider = d.contacts[system.remembered[0]].name
             raise UnsupportedError(
                 f"the slider {slider!r} of {problem.name!r} moves a spring under a load that is a function of time, which "
-                f"{self.name!r} does not handle: give the load as {NAMED}, or take method='moreau-jean'"
+                f"{self.name!r} does not handle: give the load as {SIGNAL_NAMES}, or take method='moreau-jean'"
             )
         X = system.state(problem.initial_coordinates, problem.initial_velocities)
         record.events = []
         forced = ForcedSystem(system, inputs, 1e-6 * grid.t_end)
-        low = not inputs.count and issubclass(self.solver_class, SINGLE_STEP)
+        low = not inputs.count and issubclass(self.solver_class, ONE_STEP_SOLVERS)
         motion = SolverMotion(
             system, grid.t_end, lcp_solver, self.max_events, form.breakpoints(0.0, grid.t_end), np.abs(X),
-            method=self, events=record.events, stats=record.stats, forced=forced, solution=Solution(forced),
+            method=self, events=record.events, stats=record.stats, forced=forced, solution=EventDrivenSolution(forced),
             samples=samples_of(SINGLE_STEP_DEGREE if low else DENSE_DEGREE),
-            meetings=Meetings.none(len(d.contacts)), sizes=np.zeros(inputs.count),
+            impact_history=ImpactHistory.none(len(d.contacts)), sizes=np.zeros(inputs.count),
         )  # fmt: skip
         with refuse_undetermined(problem, self.name):
             motion.begin_segment(0.0, X, v=problem.initial_velocities)
@@ -239,7 +239,7 @@ class EventDriven(Integrator):
         return status, last
 
     def limits(self) -> Limits:
-        """Return those of the tolerance; rebounds shorter than ``zeno`` times the run count as none."""
+        """Return the limits that follow from rtol; rebounds shorter than ``zeno`` times the run are suppressed."""
         # The dense output of a solver is of lower order than its steps, 7 beside 8 for DOP853: with a slack of 3, registered
         # problems show up to 20 rtol at 1e-6, random ones with sliders 1,000 rtol at 1e-8, and System No. 2 with a stiff
         # spring needs a slack of 24 at 1e-11.
@@ -262,25 +262,25 @@ class EventDriven(Integrator):
 
 @dataclass(eq=False, kw_only=True)
 class SolverMotion(EventLoop):
-    """The pieces so far, the segment that goes on after them from the state ``begun``, and its solver."""
+    """The pieces so far, the current segment, which starts from the state ``begun``, and its solver."""
 
     method: EventDriven
     events: list[Event]
     stats: Stats
     forced: ForcedSystem
-    solution: Solution
+    solution: EventDrivenSolution
     samples: Samples
-    meetings: Meetings
+    impact_history: ImpactHistory
     sizes: Array
     """Largest forces |w| so far (nw,)."""
-    last_segment: Segment | None = None
+    last_segment: ForcedSegment | None = None
     begun: Array = field(init=False)
     steps: Any = None
     first_step: float | None = None
 
     @property
-    def segment(self) -> Segment:
-        """The segment that goes on."""
+    def segment(self) -> ForcedSegment:
+        """The current segment."""
         assert self.last_segment is not None
         return self.last_segment
 
@@ -319,7 +319,7 @@ class SolverMotion(EventLoop):
         return Ending(t, t - segment.t0, X, row, breakpoint) if found or breakpoint else Status.SOLVED
 
     def _advance_solver(self) -> Status:
-        """Let the solver take a step, and say what fails."""
+        """Take a step of the solver, and report a failure."""
         try:
             if self.steps is None:
                 self.steps = self._solver(self.segment, self.begun)
@@ -349,7 +349,7 @@ class SolverMotion(EventLoop):
     ) -> Status:
         """Begin a segment at t: impacts, the mode, the events that this makes, and a solver for what follows.
 
-        ``turned`` is the spring that goes over to another phase. Before the start of the run the velocities are v (n,).
+        ``turned`` is the spring that enters another phase. Before the start of the run the velocities are v (n,).
         """
         system, forced, old = self.system, self.forced, self.last_segment
         before = old.mode if old else None
@@ -375,7 +375,7 @@ class SolverMotion(EventLoop):
             status, new, after = self._burst(new, after, quick)
         self.last_segment = new
         if new.t0 >= self.end:
-            # What follows an event at the very end is its right limit.
+            # An event at the very end is followed by its right limit.
             self.solution.pieces.append(Piece(new, new.t0, new.t0, AtRest(after)))
         else:
             self.steps, self.begun = None, after
@@ -384,7 +384,7 @@ class SolverMotion(EventLoop):
     def _meeting(
         self, state: DoubleDouble, left: DoubleDouble | None, kept: Still, rates: Array | None
     ) -> tuple[Flags, Array]:
-        """Return which contacts meet (nc,), and the opening rates before the impact (nc,)."""
+        """Return the contacts that undergo an impact (nc,), and the opening rates before it (nc,)."""
         system = self.system
         u, U = (each.hi for each in gaps(system, state, self.scale, kept))
         if not len(system.lines) or rates is None:
@@ -395,30 +395,30 @@ class SolverMotion(EventLoop):
     def _land(
         self, t: float, state: DoubleDouble, kept: Still, landing: Indices, U: Array
     ) -> tuple[DoubleDouble, Array, float]:
-        """Note the contacts that meet, ``landing`` (k,): the state, their e, and what a short flight is in quick succession.
+        """Record the impacts of the contacts ``landing`` (k,): the state, their e, and the duration of a short flight.
 
         Where their impacts have accumulated e is zero, and they stay closed.
         """
-        system, meetings, short = self.system, self.meetings, self.method.zeno * self.end
-        quick = meetings.quick(system, t, landing, U, self.scale, short)
+        system, impact_history, short = self.system, self.impact_history, self.method.zeno * self.end
+        quick = impact_history.quick(system, t, landing, U, self.scale, short)
         restitution = system.restitution
         if not len(landing):
             return state, restitution, quick
         rounding = ZERO_RTOL * (np.abs(system.matrices[2][landing]) @ self.scale)
         lost = rounding / np.maximum(-U[landing], TINY)
         if not system.mixed and (np.abs((system.fine.C[landing] @ state).hi) > rounding).any():
-            # A root is found to the rounding of a dense output; from impact to impact that would add up.
+            # Roots have the rounding error of the dense output, which would accumulate from impact to impact.
             met = kept.u.copy()
             met[landing] = True
             state = settled(system, None, state, self.scale, replace(kept, u=met))
-        meetings.land(t, landing, short, lost)
+        impact_history.land(t, landing, short, lost)
         if not quick:
-            over = (meetings.short >= MIN_FLIGHTS) & (restitution < 1.0)
+            over = (impact_history.short >= MIN_FLIGHTS) & (restitution < 1.0)
             restitution = np.where(over, 0.0, restitution)
         return state, restitution, quick
 
-    def _burst(self, first: Segment, X: Array, short: float) -> tuple[Status, Segment, Array]:
-        """Follow impacts that come in quick succession after X, with the forces made linear: what goes on, and its state."""
+    def _burst(self, first: ForcedSegment, X: Array, short: float) -> tuple[Status, ForcedSegment, Array]:
+        """Follow a burst of impacts from X, with linearised forces: the segment after it, and its state."""
         t, forces, forced = first.t0, first.forces, self.forced
         system, grown, scale = self._linearized(t, X, forces)
         most = MAX_BURST_FLIGHTS * short if forced.inputs.count else math.inf
@@ -428,7 +428,7 @@ class SolverMotion(EventLoop):
             self.solution.pieces.append(Piece(self._segment(each.t0, each.mode, forces), each.t0, end, dense))
         self.events += burst.events
         self.switches += len({event.t for event in burst.events})
-        self.meetings.take(burst)
+        self.impact_history.take(burst)
         self.scale = np.maximum(self.scale, forced.without_inputs(burst.scale))
         last = burst.segments[-1]
         there = forced.without_inputs(last.X)
@@ -437,24 +437,24 @@ class SolverMotion(EventLoop):
                 Forces(forced.inputs, None)(last.t0, there)
                 - forces.linear(t, X, last.t0, there, forced.difference_step)
             )
-            if (bent > MAX_BURST_FLIGHTS * SHORT_FLIGHT * self.sizes).any():
+            if (bent > MAX_BURST_FLIGHTS * SHORT_FLIGHT_RTOL * self.sizes).any():
                 status = Status.ACCUMULATION
         return status, self._segment(last.t0, last.mode, forces), there
 
     def _linearized(self, t: float, X: Array, forces: Forces) -> tuple[System, Array, Array]:
-        """Return the system made linear about t and X, and X and its scale in it."""
+        """Return the system linearised about t and X, and X and its scale in it."""
         if not self.forced.inputs.count:
             return self.system, X, self.scale
         self.sizes = np.maximum(self.sizes, np.abs(forces(t, X)))
         return self.forced.linearized(t, X, forces, self.scale, self.sizes)
 
-    def _segment(self, t: float, mode: Mode, forces: Forces) -> Segment:
+    def _segment(self, t: float, mode: Mode, forces: Forces) -> ForcedSegment:
         """Return the segment of a mode that begins at t."""
         stop = self.next_breakpoint(t)
         return self.forced.segment(mode, forces, t, min(stop, self.end), stop < math.inf)
 
     def _phase(self, X: Array, turned: tuple[int, int] | None) -> Indices | None:
-        """Return what each spring does from X on; ``turned`` is one that has just gone over to another phase."""
+        """Return the phase of each spring from X on; ``turned`` is one that has just entered another phase."""
         inputs, old = self.forced.inputs, self.last_segment
         if not self.method.kinks or not len(inputs.law):
             return NO_PHASE if self.method.kinks else None
@@ -471,13 +471,13 @@ class SolverMotion(EventLoop):
             phase[turned[0]] = turned[1]
         return phase
 
-    def _solver(self, segment: Segment, X: Array) -> Any:
+    def _solver(self, segment: ForcedSegment, X: Array) -> Any:
         """Return a solver that starts from X."""
         method, kind = self.method, self.method.solver_class
         length, A, begun = segment.end - segment.t0, segment.A, False
 
         def forced_rate(τ: float, X: Array) -> Array:
-            """Return X' (N,), which must be finite before the solver has begun: SciPy looks for a first step for ever."""
+            """Return X' (N,), which must be finite before the first step: SciPy would search for one for ever."""
             found = segment.rate(τ, X)
             if not begun and not np.isfinite(found).all():
                 raise FloatingPointError
@@ -487,15 +487,15 @@ class SolverMotion(EventLoop):
         options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol, "max_step": method.max_step}
         if _takes_jacobian(kind):
             options["jac"] = segment.jacobian
-        # What bends away from zero is seen well in a short step only.
-        if self.first_step and issubclass(kind, SINGLE_STEP) and (segment.order < 2).all():
-            # The step before is as good a guess as SciPy's, and costs nothing: the error of the step is judged all the same.
+        # A row that leaves zero with curvature is resolved in a short step only.
+        if self.first_step and issubclass(kind, ONE_STEP_SOLVERS) and (segment.order < 2).all():
+            # The last step is as good a guess as SciPy's, and costs nothing: the error control checks it anyway.
             options["first_step"] = min(self.first_step, length)
         try:
             solver = kind(rate, 0.0, X, length, **options)
         except FloatingPointError:
-            # What fails may lie ahead: a step that is short enough does not come upon it.
-            solver = kind(rate, 0.0, X, length, **options, first_step=SHORT_FLIGHT * length)
+            # The failure may lie ahead: a shorter step avoids it.
+            solver = kind(rate, 0.0, X, length, **options, first_step=SHORT_FLIGHT_RTOL * length)
         begun = True
         return solver
 

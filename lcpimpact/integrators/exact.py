@@ -1,7 +1,7 @@
-"""The exact solution of a linear scheme: a matrix exponential for each contact mode, joined at events found to rounding.
+"""The exact solution of a linear scheme: a matrix exponential for each contact mode, with events located to rounding.
 
 `lcpimpact.hybrid.motion` follows it from event to event, `lcpimpact.hybrid.mode_choice` chooses the mode at the start
-and after each, and `lcpimpact.hybrid.flow` finds where it ends, and misses none.
+and after each event, and `lcpimpact.hybrid.flow` finds the end of each mode and misses none.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ class Exact(Integrator):
     Parameters
     ----------
     max_events : int
-        Limit of events, for runs in which impacts go on without end.
+        Maximum number of events.
 
     Notes
     -----
     Handles constant loads and signals, whose breakpoints end a segment. The reaction is the force at each instant of the
-    grid (its right limit at an event); impulses stand in the events.
+    grid (its right limit at an event); impulses are in the events.
     """
 
     max_events: int = 100_000
@@ -53,7 +53,7 @@ class Exact(Integrator):
         level="position and velocity",
         relative_degrees=(0, 1, 2),
         handles=tuple(each for each in Feature if each is not Feature.POWER_LAWS),
-        reaction_lives="at t, right limit",
+        reaction_time="at t, right limit",
         energy="exact",
         balances_energy=True,
         dissipates=True,

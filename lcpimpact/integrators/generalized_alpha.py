@@ -1,4 +1,4 @@
-r"""The nonsmooth generalized-α method: smooth forces at order 2, impulses beside them, contact at both levels.
+r"""The nonsmooth generalized-α method: smooth forces at order 2, separate impulses, contact at both levels.
 
 The smooth part is that of Chung and Hulbert, with a that follows the acceleration d of the smooth forces alone,
 
@@ -6,18 +6,18 @@ The smooth part is that of Chung and Hulbert, with a that follows the accelerati
           \tilde v = v + h \bigl((1 - γ) a + γ a^+\bigr), \qquad
           \tilde q = q + h v + h^2 \bigl((\tfrac12 - β) a + β a^+\bigr),
 
-and all four numbers follow from ρ∞, the factor by which a step multiplies the highest frequencies:
+and all four parameters follow from ρ∞, the spectral radius at infinite frequency:
 
 .. math:: α_m = \frac{2 ρ_\infty - 1}{ρ_\infty + 1}, \qquad α_f = \frac{ρ_\infty}{ρ_\infty + 1}, \qquad
           γ = \tfrac12 + α_f - α_m, \qquad β = \tfrac14 \bigl(γ + \tfrac12\bigr)^2 .
 
-Contacts first correct the place, so that none overlaps, and then the velocity on the rows that this pushed:
+A projection removes the penetration, and an impulse corrects the velocity of the contacts that it activates:
 
 .. math:: q^+ = \tilde q + D, \quad (M + c γ h C) D = H^T ν, \quad 0 \le ν \perp u(q^+) \ge 0, \qquad
           v^+ = \tilde v + w, \quad M w = H^T P, \quad 0 \le P \perp U^+ + e U \ge 0,
 
-with c = (1 - α_f)/(1 - α_m). The smooth forces are met where the step ends, M d⁺ = F(t⁺, q⁺, v⁺); the place is found with
-an acceleration that does not know w yet, and those of non-linear springs there not D either.
+with c = (1 - α_f)/(1 - α_m). The smooth forces are those at the end of the step, M d⁺ = F(t⁺, q⁺, v⁺); the position is
+computed with an acceleration without w, and with forces of non-linear springs without D.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ class GeneralizedAlpha(LinearStep):
 
     Notes
     -----
-    A body that would end a step below the ground is put on the ground, and rebounds with e times the speed that it had when
-    the step began. Forces that push it from the ground did work on the way that its speed does not know of. So where e is
-    near 1 an impact may add up to h times their power.
+    A body that would end a step below the ground is projected onto it, and rebounds with e times its speed at the start of
+    the step, in which the work of repelling forces during the step is missing. So for e near 1 an impact may add up to
+    h times their power.
     """
 
     rho_inf: float = 0.8
@@ -63,15 +63,15 @@ class GeneralizedAlpha(LinearStep):
 
     name: ClassVar[str] = "generalized-alpha"
     declared: ClassVar[Declared] = Declared(
-        summary="tunable damping of high frequencies; contact in place and velocity, no overlap",
+        summary="tunable damping of high frequencies; contact at position and velocity level, no penetration",
         order_smooth=2,
         order_impact=1,
         order_penetration=float("inf"),
         level="position and velocity",
         relative_degrees=(2,),
         handles=(Feature.POWER_LAWS, Feature.RESTITUTION),
-        reaction_lives="at t + h/2, one for each step",
-        energy="ρ∞ = 1 keeps it in smooth motion, less damps; impacts with e near 1 may add what forces do in a step",
+        reaction_time="at t + h/2, one for each step",
+        energy="ρ∞ = 1 keeps it in smooth motion, less damps; impacts with e near 1 may add the work of a step",
         dissipates=False,
         source="Chung and Hulbert (1993); with impulses Brüls, Acary and Cardona (2014)",
         adaptive="dt, or halved where rtol is given",
@@ -103,7 +103,7 @@ class GeneralizedAlpha(LinearStep):
         D, w = solve(A, y.push(y.P[0])), solve(d.M, y.push(y.P[1]))
         a = solve(S, y.force(1.0, q_0 + D, v_0))
         q = q_0 + D + c * β * h**2 * a
-        # What w and the springs change at this place; K q would be rounded to nothing of use where h is far above 2/ω.
+        # The changes by w and the springs; K q would be lost in rounding for h far above 2/ω.
         a = a + solve(A, y.force(1.0, q, v_0 + w, law=1) - y.force(1.0, q, v_0))
         v = v_0 + w + c * γ * h * a
         place = Law(L=y.gap(q), touching=None, springs_at=(q_0 + c * β * h**2 * free, v_0 + c * γ * h * free))

@@ -1,29 +1,29 @@
-r"""The Moreau-Jean θ-step: one linear solve and one LCP a step, the same lines for relative degree 0, 1 and 2.
+r"""The Moreau-Jean θ-step: one linear solve and one LCP a step, the same for relative degree 0, 1 and 2.
 
-With w the mean velocity of the step, q⁺ = q + h w and v⁺ = v + (w - v)/θ on the nodes with mass, the balance of forces
+With w the mean velocity of the step, q⁺ = q + h w and v⁺ = v + (w - v)/θ at the nodes with mass, the equation of motion
 at t_θ reads
 
 .. math:: A w = f_θ - K q + \frac{1}{θ h} M v + H^T r, \qquad A = \frac{1}{θ h} M + C + θ h K .
 
-Massless nodes stay unknowns. The law of a row is imposed where its relative degree puts it,
+Massless nodes stay unknowns. The contact law is imposed at the level of its relative degree,
 
 .. math:: 0 \le r \perp \frac{u^+}{h} = H w + \frac{u}{h} \ge 0 \quad (0, 1), \qquad
           0 \le r \perp θ (U^+ + e U) = H w + (θ e - (1 - θ)) U \ge 0 \quad (2),
 
-the latter only on rows whose gap is predicted to close, u + h U/2 <= 0. With w = w_free + A⁻¹ Hᵀ r this is an LCP with
+the latter only at contacts predicted to close, u + h U/2 <= 0. With w = w_free + A⁻¹ Hᵀ r this is an LCP with
 the Delassus matrix W = H A⁻¹ Hᵀ.
 
-Through massless nodes impacts obey their law by `lcpimpact.integrators.stepping.impulse_paths`, and massless nodes that only
-springs hold are put where the forces balance, by `lcpimpact.integrators.stepping.static_balance`.
+Impacts through massless nodes are treated in `lcpimpact.integrators.stepping.impulse_paths`; massless nodes held by springs
+only are projected onto equilibrium in `lcpimpact.integrators.stepping.static_balance`.
 
-A slider's law stands on rates instead: -r_0 <= r <= r_0 is complementary to H w (0, 1) or to θ U⁺ (2). So the LCP has
-bounds, and is otherwise the same. A system given directly, u = C x + D λ + c, is met at t_θ in the rows of D that are not
-zero, as λ is a mean of the step; in the other rows u closes at its end. Where such rows can bind x itself, as diodes without
-resistance bind the voltage of a capacitor to a source, x would alternate about that for ever with θ < 1: there a step in
-which rows begin or cease to push is taken with θ = 1.
+A slider's law is at velocity level: -r_0 <= r <= r_0 is complementary to H w (0, 1) or to θ U⁺ (2), so the LCP has
+bounds and is otherwise the same. A system given directly, u = C x + D λ + c, is imposed at t_θ in the nonzero rows of D,
+since λ is a mean of the step, and at the end of the step in the others. If such rows can constrain x itself, as ideal diodes
+tie the voltage of a capacitor to a source, x would oscillate for ever with θ < 1: there a step in which rows become active
+or inactive uses θ = 1.
 
-A node whose motion is given takes its place from that: its row of A is that of the identity. Non-linear springs are met
-at t_θ by Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`.
+The row of A of a node with prescribed motion is that of the identity. Forces of non-linear springs are evaluated at t_θ, by
+Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`.
 """
 
 from __future__ import annotations
@@ -60,14 +60,13 @@ class MoreauJean(LinearStep):
     Raises
     ------
     InputError
-        If θ lies outside [1/2, 1]: an undamped vibration ω grows in each step by the factor
-        sqrt((1 + (1 - θ)² ω² h²)/(1 + θ² ω² h²)), which is above 1 for θ < 1/2 however small h is.
+        If θ lies outside [1/2, 1]: an undamped vibration ω grows by the factor
+        sqrt((1 + (1 - θ)² ω² h²)/(1 + θ² ω² h²)) a step, which is above 1 for θ < 1/2 and any h.
 
     Notes
     -----
-    Velocities of massless nodes are means of the step. The reaction is the mean force that balances at t + θ h, and is
-    to be read there. Where both sides of a contact have mass, the step that closes it holds an impact, whose impulse stands
-    in the event and not among the reactions.
+    Velocities of massless nodes are means of the step. The reaction is the mean force of the step, which refers to t + θ h.
+    A contact of relative degree 2 closes by an impact, whose impulse is in the event and not among the reactions.
     """
 
     theta: float = 0.5
@@ -86,8 +85,8 @@ class MoreauJean(LinearStep):
         level="velocity; position where r does not impact",
         relative_degrees=(0, 1, 2),
         handles=tuple(Feature),
-        reaction_lives="at t + θ h, one for each step",
-        energy="θ = 1/2 keeps it in smooth motion; approaching bodies never gain for 1/2 <= θ <= 1/(1 + e)",
+        reaction_time="at t + θ h, one for each step",
+        energy="conserved in smooth motion for θ = 1/2; impacts of approaching bodies never gain for θ <= 1/(1 + e)",
         balances_energy=True,
         dissipates=True,
         source="Moreau (1988); Jean (1999); Acary and Brogliato (2008), chapter 10",
@@ -127,7 +126,7 @@ class MoreauJean(LinearStep):
         q[driven], v[driven] = y.prescribed.place[driven], y.prescribed.rate[driven]
 
         slides, impacts = d.slides[:, None], (d.relative_degree == 2)[:, None]
-        # u counts at the end of the step, or at t_θ where r, a mean of the step, enters it; a slider's place does not count.
+        # u is that at the end of the step, or at t_θ if it depends on r, a mean of the step; a slider has none.
         at = np.where(d.D.any(axis=1), θ * h, h)[:, None]
         position = y.gap_rate(w) + np.where(slides, 0.0, (y.gap(y.q) + d.D @ r) / at)
         velocity = y.gap_rate(w) + (θ * d.restitution[:, None] - (1.0 - θ)) * y.gap_rate(y.v)
@@ -147,11 +146,11 @@ class MoreauJean(LinearStep):
         return Dense(W, A=self.matrix(d, h)[np.ix_(free, free)], H=d.H[:, free] / np.sqrt(h))
 
     def at_switches(self, d: Dynamics) -> LinearStep | None:
-        """Return the step with θ = 1, which a system asks for that can jump."""
+        """Return the step with θ = 1, for systems whose state can jump."""
         return replace(self, theta=1.0) if self.theta < 1.0 and can_jump(d) else None
 
     def mean_rates(self, d: Dynamics, h: float, t: Array, y: Array, rate: Array) -> Array:
-        """Return the mean rates; where y' jumps in a step, that with which U⁺ of its impacts has y' at its end."""
+        """Return the mean rates; if y' jumps in a step, the rate for which U⁺ of its impacts contains y' at its end."""
         mean = super().mean_rates(d, h, t, y, rate)
         struck = (d.H[d.relative_degree == 2] != 0.0).any(axis=0)
         for k, (i, motion) in enumerate(sorted(d.motions.items())):
@@ -164,7 +163,7 @@ class MoreauJean(LinearStep):
 def can_jump(d: Dynamics) -> bool:
     """Return whether rows with D ≠ 0 can take impulses, p >= 0 with D p >= 0 and (D + Dᵀ) p = 0.
 
-    Their u = 0 binds x; met at t_θ with θ < 1, x would alternate about that binding for ever.
+    Their u = 0 constrains x; imposed at t_θ with θ < 1, x would oscillate about it for ever.
     """
     direct, symmetric = d.D.any(axis=1), d.D + d.D.T
     if not direct.any():

@@ -1,14 +1,14 @@
-r"""Moreau's midpoint rule: half a step of the coordinates, the velocities with their impulses, the other half.
+r"""Moreau's midpoint rule: half a step of the coordinates, the velocities with impulses, the other half.
 
 .. math:: q_M = q + \tfrac h2 v, \qquad
           M (v^+ - v) = h \, F\bigl(t_M, q_M, \tfrac12 (v + v^+)\bigr) + H^T P, \qquad q^+ = q_M + \tfrac h2 v^+,
 
-with Newton's law on the rows that the midpoint finds closed, u(q_M) <= 0:
+with Newton's law on the contacts that are closed at the midpoint, u(q_M) <= 0:
 
 .. math:: 0 \le P \perp U^+ + e U \ge 0 .
 
-Springs are met at q_M, which is known, so only M and C are factored. The dashpots are met by the mean velocity, which keeps
-order 2.
+Spring forces are those at q_M, which is known, so only M and C are factored. The dashpots see the mean velocity, which
+keeps order 2.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.linear_step import REST_GAP, Law, LinearStep, Step, Symbols, solve
+from lcpimpact.integrators.stepping.linear_step import REST_GAP_FACTOR, Law, LinearStep, Step, Symbols, solve
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 
@@ -35,7 +35,7 @@ class MoreauMidpoint(LinearStep):
 
     name: ClassVar[str] = "moreau-midpoint"
     declared: ClassVar[Declared] = Declared(
-        summary="half a step, impulses on the rows closed there, the other half",
+        summary="half a step, impulses at the contacts closed there, the other half",
         order_smooth=2,
         order_impact=1,
         order_friction=1,
@@ -43,8 +43,8 @@ class MoreauMidpoint(LinearStep):
         level="velocity",
         relative_degrees=(2,),
         handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
-        reaction_lives="at t + h/2, one for each step",
-        energy="near its value for ever in smooth motion, where h is below 2/ω",
+        reaction_time="at t + h/2, one for each step",
+        energy="bounded error in smooth motion for h < 2/ω",
         dissipates=True,
         source="Moreau (1988); Studer (2009), section 4.2",
         adaptive="dt, or halved where rtol is given",
@@ -53,12 +53,12 @@ class MoreauMidpoint(LinearStep):
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
         q_M = y.q + 0.5 * h * y.v
-        # F holds C (v + v⁺)/2, of which C v⁺/2 stands on the left.
+        # F contains C (v + v⁺)/2, of which C v⁺/2 is on the left-hand side.
         kick = d.M @ y.v + h * y.force(0.5, q_M, 0.5 * y.v) + y.push(y.P[0])
         v = solve(d.M + 0.5 * h * d.C, kick)
         impact = Law(
             L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
-            touching=y.gap(q_M + REST_GAP * h**2 * solve(d.M, y.force(0.5, q_M, y.v))),
+            touching=y.gap(q_M + REST_GAP_FACTOR * h**2 * solve(d.M, y.force(0.5, q_M, y.v))),
             springs_at=(q_M, 0.5 * (y.v + v)),
         )
         return Step(q=q_M + 0.5 * h * v, v=v, impulse=y.P[0], laws=(impact,))

@@ -1,4 +1,4 @@
-r"""Newmark's method with impulses, and its damped kin of Hilber, Hughes and Taylor.
+r"""Newmark's method with impulses, and its damped variant by Hilber, Hughes and Taylor (HHT).
 
 .. math:: v^+ = v + h \bigl((1 - γ) a + γ a^+\bigr) + w, \qquad
           q^+ = q + h v + h^2 \bigl((\tfrac12 - β) a + β a^+\bigr) + \tfrac h2 w, \qquad M w = H^T P,
@@ -7,7 +7,7 @@ where the acceleration a is that of the smooth forces alone,
 
 .. math:: M a^+ = (1 + α) F(t^+, q^+, v^+) - α F(t, q, v),
 
-with Newton's law on the rows that the smooth motion closes by mid-step, u(q + h v/2 + h² a/8) <= 0:
+with Newton's law on the contacts that the smooth motion closes by mid-step, u(q + h v/2 + h² a/8) <= 0:
 
 .. math:: 0 \le P \perp U^+ + e U \ge 0 .
 """
@@ -32,11 +32,11 @@ class NewmarkNS(LinearStep):
     Parameters
     ----------
     alpha : float
-        α from -1/3 to 0: how much of the highest frequencies HHT damps, 0 for Newmark.
+        α from -1/3 to 0: the numerical damping of HHT; 0 for Newmark.
     beta : float, optional
-        β >= 0; by default that of order 2 for the α, (1 - α)²/4.
+        β >= 0; by default (1 - α)²/4, for order 2.
     gamma : float, optional
-        γ >= 1/2; by default that of order 2 for the α, 1/2 - α.
+        γ >= 1/2; by default 1/2 - α, for order 2.
     tol, max_iter, rtol : optional
         As of `TimeStepping`.
 
@@ -47,7 +47,7 @@ class NewmarkNS(LinearStep):
 
     Notes
     -----
-    At α = 0 the defaults are β = 1/4 and γ = 1/2, the average acceleration; with them a step is that of moreau-jean at
+    At α = 0 the defaults are β = 1/4 and γ = 1/2, the average acceleration; then a step is that of moreau-jean at
     θ = 1/2. γ > 1/2 damps and is of order 1. With 2 β = γ and α = 0 impacts of approaching bodies never gain energy.
     """
 
@@ -67,7 +67,7 @@ class NewmarkNS(LinearStep):
         level="velocity",
         relative_degrees=(2,),
         handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
-        reaction_lives="at t + h/2, one for each step",
+        reaction_time="at t + h/2, one for each step",
         energy="α = 0 keeps it in smooth motion, α < 0 damps; impacts of approaching bodies never gain",
         dissipates=True,
         source="Hilber, Hughes and Taylor (1977); with impulses Acary (2016)",
@@ -106,7 +106,7 @@ class NewmarkNS(LinearStep):
         w = solve(d.M, y.push(y.P[0]))
         q_0 = y.q + h * y.v + (0.5 - β) * h**2 * a + 0.5 * h * w
         v_0 = y.v + (1.0 - γ) * h * a + w
-        # What F holds of a⁺ stands on the left.
+        # The part of F in a⁺ is on the left-hand side.
         S = d.M + (1.0 + α) * (γ * h * d.C + β * h**2 * d.K)
         a = solve(S, (1.0 + α) * y.force(1.0, q_0, v_0) - α * y.memory["F"])
         q, v = q_0 + β * h**2 * a, v_0 + γ * h * a

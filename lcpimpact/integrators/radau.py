@@ -1,18 +1,17 @@
-r"""Radau IIA with the law imposed at every stage and no detection of switches, for contrast with `radau-fesd`.
+r"""Radau IIA with the contact law imposed at every stage and no detection of switches, for contrast with `radau-fesd`.
 
 In first-order form (see `lcpimpact.scheme.first_order`) a step solves
 
 .. math:: X_i = X + h \sum_j a_{ij} (A X_j + B r_j), \qquad 0 \le r_i \perp L_i \ge 0, \qquad X^+ = X_s ,
 
-one LCP for all stages, with L = u where the relative degree is 0 or 1, and L = U where it is 2, on the rows that are closed
-at the start of the step. A slider's law stands on U, within its bounds; where a spring alone gives way to it, U_i is the
-derivative of the collocation polynomial. Contacts with mass on both sides that touch with U < 0
-have an impact at once:
+one LCP for all stages, with L = u for relative degree 0 or 1, and L = U for 2, on the contacts that are closed at the start
+of the step. A slider's law is imposed on U; at relative degree 0, U_i is the derivative of the collocation polynomial.
+Closed contacts of relative degree 2 with U < 0 undergo an impact first:
 
 .. math:: 0 \le P \perp U^+ + e U \ge 0, \qquad X \to X + B P .
 
-The step is of order 2 s - 1 only where the mode does not change within it. What a switch costs is of the order of the step,
-however many stages there are: that is what `radau-fesd` is for.
+The order is 2 s - 1 only in steps without a change of mode. The error of a switch is of order 1 for any number of stages,
+which is why `radau-fesd` locates switches.
 """
 
 from __future__ import annotations
@@ -36,9 +35,9 @@ from lcpimpact.integrators.stepping.kernel import (
     ROOM,
     TABLE,
     Block,
-    Path,
-    Room,
-    Table,
+    StepOutput,
+    StepTable,
+    Workspace,
     add_impulses,
     add_knowns,
     choose_rows,
@@ -52,7 +51,7 @@ from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits, solve_lcp
-from lcpimpact.lcp.solver import Kernel, State
+from lcpimpact.lcp.solver import Kernel, SolverState
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, Record
 from lcpimpact.scheme.dynamics import Dynamics, Feature
@@ -61,17 +60,17 @@ from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
 
-class Impacts(NamedTuple):
-    """What Newton's law of impact reads, with u = C X, U = C A X, U' = C A A X + G r.
+class ImpactMatrices(NamedTuple):
+    """Matrices of Newton's law of impact, with u = C X, U = C A X, U' = C A A X + G r.
 
     Attributes
     ----------
     C, CA, CAA : (nc, N) arrays     C, C A, C A A
     G : (nc, nc) array              C A B
-    B : (N, nc) array               what an impulse does to the state
+    B : (N, nc) array               change of the state by unit impulses
     e : (nc,) array                 coefficients of restitution
     bounces : (nc,) array           the contacts of relative degree 2
-    h : float                       the step in s
+    h : float                       step in s
     """
 
     C: Array
@@ -85,7 +84,7 @@ class Impacts(NamedTuple):
 
 
 class RadauState(NamedTuple):
-    """What travels from step to step: X and the last r (N + nc,), r of the last stages (1, s nc), and the size of X (N,)."""
+    """State carried from step to step: X and the last r (N + nc,), r of all stages (1, s nc), and the size of X (N,)."""
 
     y: Array
     stages: Array
@@ -100,14 +99,14 @@ class Start(NamedTuple):
     closed: Flags
 
 
-IMPACTS: Any = named_tuple((matrix, matrix, matrix, matrix, matrix, vector, flags, f8), Impacts)
+IMPACTS: Any = named_tuple((matrix, matrix, matrix, matrix, matrix, vector, flags, f8), ImpactMatrices)
 RADAU_STATE: Any = named_tuple((vector, matrix, vector), RadauState)
 START: Any = named_tuple((vector, vector, flags), Start)
 
 
 @compiled(types.UniTuple(f8, 2)(matrix, i8, vector, vector), inline="always", allocates=False)
 def row_of(M: Array, i: int, x: Array, scale: Array) -> tuple[float, float]:
-    """Return row i of M x, and what counts as zero there."""
+    """Return row i of M x, and its tolerance for zero."""
     value, rounding = 0.0, 0.0
     for j in range(len(scale)):
         value += M[i, j] * x[j]
@@ -116,8 +115,8 @@ def row_of(M: Array, i: int, x: Array, scale: Array) -> tuple[float, float]:
 
 
 @compiled(types.boolean(IMPACTS, vector, START), allocates=False)
-def approaches(impacts: Impacts, scale: Array, start: Start) -> bool:
-    """Write which contacts of relative degree 2 are closed and do not part; return whether any of them approaches."""
+def approaches(impacts: ImpactMatrices, scale: Array, start: Start) -> bool:
+    """Write which contacts of relative degree 2 are closed and do not open; return whether any of them approaches."""
     approach = False
     for i in range(len(impacts.e)):
         start.closed[i] = False
@@ -131,8 +130,8 @@ def approaches(impacts: Impacts, scale: Array, start: Start) -> bool:
 
 
 @compiled(f8(IMPACTS, i8, vector, vector))
-def fall(impacts: Impacts, i: int, x: Array, r: Array) -> float:
-    """Return U' of a contact by all forces but its own."""
+def fall(impacts: ImpactMatrices, i: int, x: Array, r: Array) -> float:
+    """Return U' of a contact without its own force."""
     rate = 0.0
     for j in range(impacts.CAA.shape[1]):
         rate += impacts.CAA[i, j] * x[j]
@@ -142,11 +141,11 @@ def fall(impacts: Impacts, i: int, x: Array, r: Array) -> float:
 
 
 @compiled(types.Tuple((i8, i8, f8))(IMPACTS, vector, START, SOLVING))
-def apply_impacts(impacts: Impacts, scale: Array, start: Start, solving: Solving) -> tuple[int, int, float]:
+def apply_impacts(impacts: ImpactMatrices, scale: Array, start: Start, solving: Solving) -> tuple[int, int, float]:
     """Apply Newton's law of impact to the contacts that touch: status, iterations, residual.
 
-    Changes X to that after the impacts, and writes the impulses and which contacts are closed then. A rebound that gravity
-    and the forces r of the last step would end within this one counts as none: so a body comes to rest.
+    Overwrites X by its right limit, and writes the impulses and the contacts that are closed then. A rebound that gravity
+    and the forces r of the last step would end within this step is suppressed, so that a body comes to rest.
     """
     nc, N = len(impacts.e), len(scale)
     r, touching, U = start.x[N:], np.zeros(nc, np.bool_), np.empty(nc)
@@ -192,19 +191,18 @@ def apply_impacts(impacts: Impacts, scale: Array, start: Start, solving: Solving
 )
 def steps(
     block: Block,
-    table: Table,
-    impacts: Impacts,
+    table: StepTable,
+    impacts: ImpactMatrices,
     state: RadauState,
-    path: Path,
-    room: Room,
+    path: StepOutput,
+    room: Workspace,
     start: Start,
     solve: Kernel,
 ) -> tuple[int, int, int, int, float]:
-    """Take a block of steps, and leave the state after them.
+    """Take a block of steps and overwrite the state.
 
     The knowns of the table are X and the last r, its law is that of all stages, and its results are the new y, q and v.
-    Returns the status, the step reached, the LCPs solved, the sum of their iterations, and the largest residual, found
-    outside the solver.
+    Returns the status, the step reached, the LCPs solved, the sum of their iterations, and the largest independent residual.
     """
     N, nc, n, rows = len(state.scale), len(impacts.e), path.q.shape[1], state.stages.shape[1]
     sums, r_last = room.sums, state.stages[0]
@@ -247,17 +245,17 @@ def steps(
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
-    """What travels from block to block: the tabulated step, and the state that it stands at."""
+class RadauRun:
+    """State carried from block to block: the tabulated step and the state of the motion."""
 
     grid: Grid
     form: FirstOrderForm
     breakpoints: Array
-    table: Table
-    impacts: Impacts
+    table: StepTable
+    impacts: ImpactMatrices
     state: RadauState
     contacts: Dense
-    solver: State
+    solver: SolverState
     tol: float
     max_iter: int
 
@@ -282,10 +280,9 @@ class Radau(Integrator):
 
     Notes
     -----
-    Handles constant loads and signals; a breakpoint inside a step is felt from its end on, at order 1. The declared orders
-    are those of three stages. The reaction is that of the last stage, at the end of the step. The step that begins with an
-    impact holds its impulse, which stands in the event and not among the reactions. A rebound that would end within a step
-    counts as none.
+    Handles constant loads and signals; a breakpoint inside a step takes effect at its end, at order 1. The declared orders
+    are those of three stages. The reaction is that of the last stage, at the end of the step. The impulse
+    of an impact is in the event and not among the reactions. A rebound that would end within a step is suppressed.
     """
 
     stages: int = 3
@@ -303,10 +300,10 @@ class Radau(Integrator):
         order_impact=1,
         order_friction=1,
         order_penetration=1,
-        level="velocity where r impacts, else position",
+        level="velocity at relative degree 2, else position",
         relative_degrees=(0, 1, 2),
         handles=(Feature.SLIDERS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION),
-        reaction_lives="at t + h, one for each step",
+        reaction_time="at t + h, one for each step",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",
         precision=1e-7,
         slack=3.0,
@@ -327,8 +324,8 @@ class Radau(Integrator):
         """Return t_k + h, one for each step."""
         return grid.times(1, grid.steps)
 
-    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
-        """Write the initial state, and tabulate the step."""
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> RadauRun:
+        """Write the initial state and tabulate the step."""
         d, radau = problem.dynamics, radau_iia(self.stages)
         refuse_velocity_jumps(d, grid.t_end, self.name)
         form = first_order_form(d)
@@ -336,32 +333,34 @@ class Radau(Integrator):
         X = form.state(record.q[0], record.v[0])
         y = np.concatenate([X, _first_forces(d, form, X, d.gap(record.q[0]), lcp_solver)])
         A, B, C = form.A, form.B, form.C
-        # What is rounding is so beside what a step moves, too, as a body may begin at rest.
+        # The scale includes the displacement of a step, since a body may begin at rest.
         scale, moves = np.abs(X), np.eye(len(A)) + grid.h * np.abs(A)
         scale[form.constant :] = form.signal_sizes
         scale = moves @ moves @ scale
         solver, bounces = SOLVERS[lcp_solver], (d.relative_degree == 2) & ~d.slides
         CA, CAA = np.array(C @ A, order="C"), np.array(C @ A @ A, order="C")
-        impacts = Impacts(C.copy(), CA, CAA, np.array(CA @ B, order="C"), B.copy(), d.restitution, bounces, grid.h)
+        impacts = ImpactMatrices(
+            C.copy(), CA, CAA, np.array(CA @ B, order="C"), B.copy(), d.restitution, bounces, grid.h
+        )
         table = _tabulate(radau, d, form, grid.h)
         contacts = Dense(np.eye(1))
         if len(d.contacts):
             always, W = np.tile(~bounces, len(radau.c)), table.W[0]
-            # The LCP of a step has the rows that always stand in it, and those that touch.
+            # The LCP of a step has the rows that are always active, and the closed contacts.
             contacts = Dense(W[np.ix_(always, always)].copy() if always.any() else W.copy())
             for each in (contacts, Dense(W.copy())):
                 solver.check(each, bool(d.slides.any()))
         state, solving = RadauState(y, np.zeros((1, table.W.shape[1])), scale), solver.init(contacts)
         tol, max_iter = limits(solver, self.tol, self.max_iter)
-        return Run(
+        return RadauRun(
             grid=grid, form=form, breakpoints=form.breakpoints(0.0, grid.t_end), table=table, impacts=impacts,
             state=state, contacts=contacts, solver=solving, tol=tol, max_iter=max_iter,
         )  # fmt: skip
 
-    def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
-        """Take the steps of the block; after those that hold breakpoints of the signals, these are read anew."""
+    def advance(self, carry: RadauRun, record: Record, first: int, last: int) -> tuple[Status, int]:
+        """Take the steps of the block; after a breakpoint the signals are read anew."""
 
-        def run(solver: State, first: int, last: int) -> tuple[Status, int]:
+        def run(solver: SolverState, first: int, last: int) -> tuple[Status, int]:
             return self._run(carry, solver, record, first, last)
 
         t = record.t[first : last + 1]
@@ -374,8 +373,8 @@ class Radau(Integrator):
             _read_signals(carry, record, first)
         return with_fallbacks(run, carry.solver, carry.contacts, first, last) if first < last else (Status.SOLVED, last)
 
-    def _run(self, carry: Run, solver: State, record: Record, first: int, last: int) -> tuple[Status, int]:
-        """Take steps in compiled code, or in the interpreter where the solver lives there."""
+    def _run(self, carry: RadauRun, solver: SolverState, record: Record, first: int, last: int) -> tuple[Status, int]:
+        """Take steps in compiled code, or in the interpreter where the solver is written in Python."""
         run: Callable[..., tuple[int, int, int, int, float]] = steps
         if not solver.compiled:
             run = interpreted(steps, solve_law=interpreted(solve_law))
@@ -385,7 +384,7 @@ class Radau(Integrator):
             carry.table,
             carry.impacts,
             carry.state,
-            Path(record.q, record.v, record.reaction),
+            StepOutput(record.q, record.v, record.reaction),
             room_for(carry.table, 0),
             Start(np.empty(N + nc), np.empty(nc), np.empty(nc, bool)),
             solver.kernel,
@@ -394,8 +393,8 @@ class Radau(Integrator):
         return Status(code), reached
 
 
-def _read_signals(run: Run, record: Record, k: int) -> None:
-    """Put the signals at t_k in the place of those that the last step has carried on."""
+def _read_signals(run: RadauRun, record: Record, k: int) -> None:
+    """Replace the signals in the state by their values at t_k."""
     form, N = run.form, len(run.form.A)
     X = run.state.y[:N]
     moved = form.right_of(float(record.t[k]), X, run.state.scale).hi - X
@@ -405,7 +404,7 @@ def _read_signals(run: Run, record: Record, k: int) -> None:
 
 
 def _first_forces(d: Dynamics, form: FirstOrderForm, X: Array, u: Array, lcp_solver: str) -> Array:
-    """Return r at t = 0 of the rows to which a spring alone gives way; a slider of them begins where the coordinates are."""
+    """Return r at t = 0 of the rows of relative degree 0; a slider of them begins at the initial coordinates."""
     r, rows = np.zeros(len(d.contacts)), np.flatnonzero(d.relative_degree == 0)
     if len(rows):
         place = np.where(d.slides, u, 0.0)[rows]
@@ -414,8 +413,8 @@ def _first_forces(d: Dynamics, form: FirstOrderForm, X: Array, u: Array, lcp_sol
     return r
 
 
-def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> Table:
-    """Return the table of a step, over what it starts from (X, the last r, 1) and r of its stages, which are one law."""
+def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> StepTable:
+    """Return the table of a step in the knowns (X, the last r, 1) and r of its stages, which form one law."""
     A, B, C, D = form.A, form.B, form.C, form.D
     s, N, nc = len(radau.c), len(A), len(d.contacts)
     columns = np.eye(N + nc + s * nc)
@@ -435,7 +434,7 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> T
     degree = d.relative_degree[:, None]
     L = np.where(degree == 2, U, np.where(d.slides[:, None], np.where(degree == 0, slid, U), u / h))
 
-    # The places of static nodes hold r, so their velocities hold its rate.
+    # The positions of static nodes depend on r, so their velocities depend on its rate.
     r_rate = np.einsum("j,jcm->cm", radau.inverse[-1] / h, r - r_last)
     q = form.Q @ stages[-1] + form.Qr @ r[-1]
     v = form.Q @ (A @ stages[-1] + B @ r[-1]) + form.Qr @ r_rate
@@ -446,7 +445,7 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> T
     # The kernel overwrites this for contacts of relative degree 2.
     one[0, : s * nc] = -1.0
     upper = np.tile(d.r_max, (1, s))
-    return Table(
+    return StepTable(
         np.vstack([known, one]),
         unknown,
         unknown[None, :, s * nc : 2 * s * nc].transpose(0, 2, 1).copy(),

@@ -9,14 +9,14 @@ stage), and where a mode ends the row c that ends it vanishes:
 With the length free these are as many equations as unknowns, and Newton's method solves them; the stages are eliminated,
 which leaves φ(h_n) = c·R(h_n A_m) X = 0. So no order is lost: 2 s - 1 in smooth motion and across switches.
 
-What may end a mode is watched on the whole element, not at its stages. With k derivatives at each end (A_m^j X is known)
+Events are detected on the whole element, not at its stages. With k derivatives at each end (A_m^j X is known)
 a row is a polynomial of degree 2 k - 1, whose error is
 
 .. math:: |g - g_{2k-1}| \le \max |g^{(2k)}| \frac{(τ (h_n - τ))^k}{(2k)!} ,
 
 and which lies in the hull of its Bernstein coefficients. An element is accepted where they exceed that error; where one
-turns negative at the end, Newton finds where; and where neither can be said, or the estimate of the error is above rtol,
-it is halved. What is accepted has been checked again with the length that Newton gave.
+turns negative at the end, Newton's method locates the zero; if neither is certain, or the error estimate is above rtol, the
+element is halved. A located switch is checked again with the final length.
 
 Impacts of several bodies in quick succession are followed in double-doubles (see `lcpimpact.hybrid.burst`), and to
 their limit where they accumulate. A row that falls to zero within 1e-12 of the run at its end makes a switch there. The
@@ -37,7 +37,7 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status
-from lcpimpact.hybrid.burst import Meetings, follow_burst, passed
+from lcpimpact.hybrid.burst import ImpactHistory, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
 from lcpimpact.hybrid.system import Mode, System, refuse_mixed_degrees
 from lcpimpact.hybrid.transition import coordinates, enter
@@ -45,9 +45,9 @@ from lcpimpact.integrators.base import Declared, Integrator, Limits
 from lcpimpact.integrators.stepping.finite_elements import (
     EPS,
     Elements,
+    ElementSolution,
+    ElementTable,
     K,
-    Solution,
-    Table,
     first_crossing,
 )
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
@@ -64,7 +64,7 @@ END_RTOL, LOOK_BACK = 1e-12, 0.1
 the part LOOK_BACK of the last element."""
 
 MAX_STRIDE = 256
-"""Maximum number of whole steps taken at once."""
+"""Maximum number of whole steps in a batch."""
 
 
 @dataclass(frozen=True)
@@ -79,9 +79,9 @@ class RadauFESD(Integrator):
         Halve elements until the error estimate of each state is below rtol times its largest value so far; None for
         elements as long as the step and the switches allow.
     max_newton : int
-        Limit of Newton's iterations for one switch.
+        Maximum number of Newton iterations for one switch.
     max_events : int
-        Limit of switches, for runs in which impacts go on without end.
+        Maximum number of switches.
 
     Raises
     ------
@@ -91,7 +91,7 @@ class RadauFESD(Integrator):
     Notes
     -----
     Handles constant loads and signals, whose breakpoints end an element. The declared orders are those of three stages. The
-    reaction is the force at each instant of the grid (its right limit at a switch); impulses stand in the events.
+    reaction is the force at each instant of the grid (its right limit at a switch); impulses are in the events.
     """
 
     stages: int = 3
@@ -103,7 +103,7 @@ class RadauFESD(Integrator):
     family: ClassVar[str] = "Radau IIA"
     mode_choice: ClassVar[str] = "mode_choice.py"
     declared: ClassVar[Declared] = Declared(
-        summary="Radau IIA on finite elements that end where the contact mode does",
+        summary="Radau IIA on finite elements that end at the switches",
         order_smooth=5,
         order_force_jump=5,
         order_force_kink=5,
@@ -113,7 +113,7 @@ class RadauFESD(Integrator):
         level="position and velocity",
         relative_degrees=(0, 1, 2),
         handles=tuple(each for each in Feature if each is not Feature.POWER_LAWS),
-        reaction_lives="at t, right limit",
+        reaction_time="at t, right limit",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",
         balances_energy=True,
         precision=1e-7,
@@ -147,7 +147,7 @@ class RadauFESD(Integrator):
         chain = ElementChain(
             system, grid.t_end, lcp_solver, self.max_events, breakpoints, np.abs(X),
             method=self, radau=radau_iia(self.stages), grid=grid, events=record.events, stats=record.stats,
-            meetings=Meetings.none(len(system.degree)),
+            impact_history=ImpactHistory.none(len(system.degree)),
         )  # fmt: skip
         with refuse_undetermined(problem, self.name):
             chain.begin_mode(0.0, X, v=problem.initial_velocities)
@@ -155,11 +155,11 @@ class RadauFESD(Integrator):
         return chain
 
     def advance(self, carry: ElementChain, record: Record, first: int, last: int) -> tuple[Status, int]:
-        """Take whole steps together where nothing is in doubt, and the others element by element."""
+        """Take steps without a switch in batches, and the others element by element."""
         k = first
         while k < last:
             ahead = carry.breakpoints[carry.passed : carry.passed + 1]
-            # The last step is taken by itself, for what may happen at its end.
+            # The last step is taken alone, since an event may fall on its end.
             clear = min([last - k, carry.grid.steps - 1 - k, *(np.searchsorted(record.t[k : last + 1], ahead) - 1)])
             clear = clear if carry.t <= record.t[k] else 0
             taken = carry.whole_steps(record, k, min(carry.stride, clear)) if clear else 0
@@ -180,14 +180,14 @@ class RadauFESD(Integrator):
         return Status.SOLVED, last
 
     def dense(self, carry: ElementChain) -> ContinuousSolution:
-        """Return the solution at any times of the run, by elements that end there instead."""
+        """Return the continuous solution, by elements that end at the requested times."""
         kinds = list(carry.modes.values())
         starts = np.concatenate([*carry.starts, [carry.t]])
         states = np.concatenate([*carry.states, carry.X[None, :]])
         kind = np.repeat([kinds.index(each) for each in carry.owners], [len(each) for each in carry.starts])
         kind = np.append(kind, kinds.index(carry.elements)).astype(np.int64)
         return ContinuousSolution(
-            Solution(carry.system, tuple(kinds), starts, states, kind, 8.0 * EPS * carry.end), starts
+            ElementSolution(carry.system, tuple(kinds), starts, states, kind, 8.0 * EPS * carry.end), starts
         )
 
 
@@ -195,9 +195,9 @@ class RadauFESD(Integrator):
 class ElementChain(EventLoop):
     """The elements so far, the state at the end of the last one, and the mode in which the motion goes on.
 
-    ``zeros`` are the orders of the zeros with which the watched rows begin, where a mode has just begun; of the
-    ``breakpoints`` of the signals so many are ``passed``. The grid step that is being taken begins at ``step``, and elements
-    fill it up to ``offset`` after that. ``entered`` is when the mode began.
+    ``zeros`` are the orders of the zeros with which the event functions of a new mode begin; ``passed`` counts the
+    ``breakpoints`` of the signals so far. The current grid step begins at ``step``, and elements fill it up to ``offset``
+    after that. ``entered`` is the start of the mode.
     """
 
     method: RadauFESD
@@ -205,7 +205,7 @@ class ElementChain(EventLoop):
     grid: Grid
     events: list[Event]
     stats: Stats
-    meetings: Meetings
+    impact_history: ImpactHistory
     passed: int = 0
     t: float = 0.0
     step: float = 0.0
@@ -223,7 +223,7 @@ class ElementChain(EventLoop):
     instant_rtol: ClassVar[float] = 2.0 * EPS
 
     def integrate(self, until: float) -> Ending | Status:
-        """Fill a step of the grid with as many elements as it needs, up to the first that a switch or a breakpoint ends."""
+        """Fill a step of the grid with elements, up to the first that a switch or a breakpoint ends."""
         if self.entered == until == self.end:
             return Status.SOLVED
         t, h = self.step, self.grid.h
@@ -232,7 +232,7 @@ class ElementChain(EventLoop):
             begin, end, breaks = waiting.pop()
             status, length, switches = Status.SOLVED, 0.0, False
             if end > begin:
-                # What begins at a breakpoint begins at its very instant, as its events do.
+                # A piece after a breakpoint begins exactly there, as its events do.
                 last = self.breakpoints[self.passed - 1] if self.passed else -np.inf
                 start = last if abs(t + begin - last) <= 4.0 * EPS * (t + h) else self.t
                 status, length, switches = self._element(start, end - begin)
@@ -258,12 +258,12 @@ class ElementChain(EventLoop):
         return Status.SOLVED
 
     def enter(self, ending: Ending) -> Status:
-        """Pass into the next mode."""
+        """Enter the next mode."""
         self.passed += ending.breakpoint
         return self.begin_mode(ending.t, ending.X, ending.breakpoint)
 
     def begin_mode(self, t: float, X: Array, breakpoint: bool = False, v: Array | None = None) -> Status:
-        """Pass into the next mode at t, with the impacts before it, and those that come in quick succession after it.
+        """Enter the next mode at t, with the impacts before it and a burst of impacts after it.
 
         v (n,) are the velocities before the start of the run.
         """
@@ -280,7 +280,7 @@ class ElementChain(EventLoop):
         return status
 
     def _burst(self, t: float, mode: Mode, X: DoubleDouble, short: float) -> tuple[Status, Mode, DoubleDouble]:
-        """Follow impacts that come in quick succession after X: the mode that goes on, and its state."""
+        """Follow a burst of impacts from X: the mode after it, and its state."""
         status, burst = follow_burst(self, self.system, t, X, mode, self.scale, short)
         for segment, _ in passed(burst):
             self.starts.append(np.array([segment.t0]))
@@ -288,22 +288,22 @@ class ElementChain(EventLoop):
             self.owners.append(self._elements(segment.mode))
         self.events += burst.events
         self.switches += burst.switches
-        self.meetings.take(burst)
+        self.impact_history.take(burst)
         self.scale = np.maximum(self.scale, burst.scale)
         last = burst.segments[-1]
         self.t = last.t0
         return status, last.mode, last.state
 
     def _land(self, t: float, events: tuple[Event, ...]) -> float:
-        """Note the impacts at t, and return what a short flight is where they follow others, else 0."""
+        """Record the impacts at t; return the duration of a short flight if they may begin a burst, else 0."""
         hits = [event for event in events if event.impulse > 0.0]
         if not hits:
             return 0.0
         rates = self.system.dynamics.gap_rate(hits[0].left.v)
         rows = np.array([self.system.names[event.contact] for event in hits], dtype=np.int64)
         rows = rows[rates[rows] < 0.0]
-        short = self.meetings.quick(self.system, t, rows, rates, self.scale)
-        self.meetings.note(t, rows)
+        short = self.impact_history.quick(self.system, t, rows, rates, self.scale)
+        self.impact_history.note(t, rows)
         return short
 
     def _elements(self, mode: Mode) -> Elements:
@@ -322,7 +322,7 @@ class ElementChain(EventLoop):
         return self.modes[key]
 
     def at(self, t: float) -> tuple[Elements, Array]:
-        """Return the state at one instant, at most that which has been reached, and the elements that it belongs to."""
+        """Return the state at an instant up to the present, and its elements."""
         if t >= self.t:
             return self.elements, self.X
         for starts, states, elements in zip(
@@ -334,17 +334,17 @@ class ElementChain(EventLoop):
         raise ValueError(f"t = {t} lies before the run")
 
     def pieces(self, t: float, begin: float, h: float) -> list[tuple[float, float, bool]]:
-        """Return what is left of a step from t on: begin, end, and whether that is a breakpoint; the first piece last."""
+        """Return the remaining pieces of a step, the first one last: start, end, and whether that is a breakpoint."""
         later = self.breakpoints[self.passed :]
         offsets = later[later <= t + h * (1.0 + 4.0 * EPS) + 4.0 * EPS * t] - t
-        # A breakpoint on the grid is no piece of its own.
+        # A breakpoint on the grid makes no piece of its own.
         offsets = np.where(h - offsets <= 4.0 * EPS * (t + h), h, np.maximum(offsets, begin))
         edges = [begin, *offsets.tolist(), h]
         breaks = [True] * len(offsets) + [False]
         return list(zip(edges[:-1], edges[1:], breaks, strict=True))[::-1]
 
     def whole_steps(self, record: Record, k: int, count: int) -> int:
-        """Take up to ``count`` steps of one element each, as many as are beyond doubt, and return how many."""
+        """Take up to ``count`` steps of one element each, while all tests pass; return their number."""
         elements, h = self.elements, self.grid.h
         table = elements.table(h)
         states = table.states(self.X, count)
@@ -370,7 +370,7 @@ class ElementChain(EventLoop):
     def _element(self, t: float, length: float) -> tuple[Status, float, bool]:
         """Take one element: the status, its length, and whether a switch ends it.
 
-        The length is zero without a switch where something is in doubt, and with one where the mode has ended already.
+        The length is zero without a switch if the element must be shorter, and with one if the mode has ended already.
         """
         elements, none = self.elements, np.zeros_like(self.zeros)
         table = elements.table(length)
@@ -400,15 +400,15 @@ class ElementChain(EventLoop):
             return Status.SOLVED, 0.0, False
         return self._accept(t, root, table), root, True
 
-    def _accurate(self, table: Table, X: Array) -> Flags:
+    def _accurate(self, table: ElementTable, X: Array) -> Flags:
         """Return whether the error estimate of elements from X (nt, N) is below rtol (nt,)."""
         if table.estimate is None or self.method.rtol is None:
             return np.ones(len(X), dtype=np.bool_)
         largest = np.maximum(np.maximum(self.scale, np.abs(X)), np.abs(X @ table.end.T))
         return np.asarray((np.abs(X @ table.estimate.T) <= self.method.rtol * largest).all(axis=1))
 
-    def _accept(self, t: float, length: float, table: Table) -> Status:
-        """Make an element part of the run, if its equations hold."""
+    def _accept(self, t: float, length: float, table: ElementTable) -> Status:
+        """Append an element to the run, if its equations hold."""
         stages = table.stages @ self.X
         scale = np.maximum(self.scale, np.abs(stages[-1]))
         residual = self.elements.judge(stages[None], self.X[None, :], length, scale)
@@ -418,7 +418,7 @@ class ElementChain(EventLoop):
         return Status.SOLVED
 
     def _append(self, starts: Array, states: Array, end: float, residual: float) -> None:
-        """Make elements that start at ``starts`` from all but the last of the ``states`` part of the chain."""
+        """Append the elements that start at ``starts`` from all but the last of the ``states``."""
         self.starts.append(starts)
         self.states.append(states[:-1])
         self.owners.append(self.elements)
@@ -429,12 +429,12 @@ class ElementChain(EventLoop):
         self.stats.residual = max(self.stats.residual, residual)
 
     def write(self, record: Record, first: int, states: Array, elements: Elements | None = None) -> None:
-        """Write states of this mode, or of that of other elements, to the grid from ``first`` on."""
+        """Write states of this mode, or of that of other elements, to the grid from ``first``."""
         here, mode = slice(first, first + len(states)), (elements or self.elements).mode
         record.q[here], record.v[here], record.reaction[here] = coordinates(self.system, mode, states)
 
     def _ends(self) -> bool:
-        """Return whether a row falls to zero at the end of the last element, which is that of the run."""
+        """Return whether a row falls to zero at the end of the run."""
         elements, length = self.elements, self.t - float(self.starts[-1][-1])
         if elements is not self.owners[-1] or not length > 0.0:
             return False

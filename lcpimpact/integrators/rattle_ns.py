@@ -1,10 +1,10 @@
-r"""Nonsmooth RATTLE: two half kicks about a drift; the first keeps the places apart, the second obeys the impact law.
+r"""Nonsmooth RATTLE: two half kicks and a drift; the first prevents penetration, the second obeys the impact law.
 
 .. math:: M (v_½ - v) = \tfrac h2 F(t, q, v_½) + H^T P_1, \qquad q^+ = q + h v_½, \qquad 0 \le P_1 \perp u(q^+) \ge 0,
 
 .. math:: M (v^+ - v_½) = \tfrac h2 F(t^+, q^+, v_½) + H^T (P - P_1),
 
-with Newton's law for the impulse P of the whole step on the rows that the first half pushed:
+with Newton's law for the impulse P of the whole step at the contacts activated by the first half:
 
 .. math:: 0 \le P \perp U^+ + e U \ge 0 .
 """
@@ -23,16 +23,16 @@ from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 @dataclass(frozen=True)
 class RattleNS(LinearStep):
-    """Nonsmooth RATTLE, explicit in the springs; no overlap.
+    """Nonsmooth RATTLE, explicit in the springs, without penetration.
 
     Parameters
     ----------
     tol, max_iter : optional
-        As of `TimeStepping`; rtol is refused, as no overlap tells that a step met an impact late.
+        As of `TimeStepping`; rtol is refused, since no penetration shows that an impact was late.
 
     Notes
     -----
-    A slider's law stands on rates in both halves: on U(v½), where it may take half of its impulse, and on U⁺.
+    A slider's law is imposed on U(v½), for half of its impulse, and on U⁺.
     """
 
     halves: ClassVar[bool] = False
@@ -41,7 +41,7 @@ class RattleNS(LinearStep):
 
     name: ClassVar[str] = "rattle-ns"
     declared: ClassVar[Declared] = Declared(
-        summary="kick, drift, kick; contact in place and velocity, no overlap",
+        summary="kick, drift, kick; contact at position and velocity level, no penetration",
         order_smooth=2,
         order_impact=1,
         order_friction=1,
@@ -49,8 +49,8 @@ class RattleNS(LinearStep):
         level="position and velocity",
         relative_degrees=(2,),
         handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
-        reaction_lives="at t + h/2, one for each step",
-        energy="near its value for ever in smooth motion; impacts with e near 1 may add what forces do in a step",
+        reaction_time="at t + h/2, one for each step",
+        energy="bounded error in smooth motion; impacts with e near 1 may add the work of the forces in a step",
         dissipates=False,
         source="Breuling, Capobianco, Eugster and Leine (2024)",
     )
@@ -58,7 +58,7 @@ class RattleNS(LinearStep):
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
         P_1, P = y.P
-        # F holds C v½, which stands on the left.
+        # F contains C v½, which is on the left-hand side.
         kick = d.M @ y.v + 0.5 * h * y.force(0.0, y.q, 0.0 * y.v) + y.push(P_1)
         v_half = solve(d.M + 0.5 * h * d.C, kick)
         q = y.q + h * v_half

@@ -1,9 +1,9 @@
-r"""The classical Runge-Kutta method, by which the paper solved its equations.
+r"""The classical Runge-Kutta method, used by the paper.
 
 .. math:: k_1 = F(t, X), \quad k_2 = F(t + \tfrac h2, X + \tfrac h2 k_1), \quad k_3 = F(t + \tfrac h2, X + \tfrac h2 k_2),
           \quad k_4 = F(t + h, X + h k_3), \quad X^+ = X + \tfrac h6 (k_1 + 2 k_2 + 2 k_3 + k_4) .
 
-Where `rk4_paper` knows the case splits of three systems by heart, this one finds them by LCPs, for any scheme.
+`rk4_paper` contains the case distinctions of three systems; this method finds them by LCPs, for any scheme.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""Eqs (3), (6) and (8) of the paper, case splits and all, by the classical Runge-Kutta method: the witness.
+"""The paper's own method: Eqs (3), (6) and (8), with their case distinctions, by classical Runge-Kutta.
 
-It shares no code with the LCP path: it reads the constants of the paper's systems and nothing of the assembled scheme.
+It is independent of the LCP methods: it uses the constants of the paper's systems, not the assembled scheme.
 
-"z - x = 0" means nothing in floating point, so each stage needs a rule for it. ``contact="project"``, the default, takes
-z - x <= CLOSED_GAP for contact and, after each step, puts the massless side back where the plates overlap; ``"clip"`` does
-not put it back, so that the overlap of the step in which the gap closed stays for the whole contact; ``"sign"`` takes
-z - x <= 0, so that a gap of one rounding error opens the contact for a stage; ``"equal"`` is the printed equality, which
-after the first flight is never met again.
+"z - x = 0" needs a tolerance in floating point. ``contact="project"``, the default, closes the contact for
+z - x <= CLOSED_GAP and, after each step, projects the massless side onto the other where they penetrate; ``"clip"`` does not
+project, so that the penetration of the closing step stays for the whole contact; ``"sign"`` requires z - x <= 0, so that a
+gap of one rounding error opens the contact for a stage; ``"equal"`` is the printed equality, which never holds again after
+the first flight.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from lcpimpact.scheme.dynamics import Feature
 RULES = ("project", "clip", "sign", "equal")
 PROJECT, SIGN, EQUAL = RULES.index("project"), RULES.index("sign"), RULES.index("equal")
 CLOSED_GAP = 1e-9
-"""Gap in m below which a contact is closed: far above the rounding that gathers there, far below any gap of interest."""
+"""Gap in m below which a contact is closed: far above accumulated rounding, far below any gap of interest."""
 
 COORDINATES = {"system-1": [0, 3], "system-2": [0, 2, 3], "system-3": [0, 2, 3]}
 """Which of (x, x', y, z) are the coordinates of a system."""
@@ -78,7 +78,7 @@ def right_side(system: int, rule: int, s: Array, p: Array, ds: Array) -> float:
     return R
 
 
-class Run(NamedTuple):
+class PaperRun(NamedTuple):
     """What travels from block to block: the system, h, its constants, s now, and s, s' and R on the grid."""
 
     system: int
@@ -90,8 +90,8 @@ class Run(NamedTuple):
     reaction: Array
 
 
-@compiled(i8(named_tuple((i8, f8, vector, vector, matrix, matrix, vector), Run), i8, i8, i8))
-def steps(run: Run, rule: int, first: int, last: int) -> int:
+@compiled(i8(named_tuple((i8, f8, vector, vector, matrix, matrix, vector), PaperRun), i8, i8, i8))
+def steps(run: PaperRun, rule: int, first: int, last: int) -> int:
     """Take the steps first ... last of the classical Runge-Kutta method."""
     system, h, p, s, motion, rates, reaction = run
     d1, d2, d3, d4 = np.empty(4), np.empty(4), np.empty(4), np.empty(4)
@@ -138,11 +138,11 @@ class RK4Paper(Integrator):
         level="position",
         relative_degrees=(0, 1),
         handles=(Feature.MASSLESS,),
-        reaction_lives="at t",
-        energy="no rule",
+        reaction_time="at t",
+        energy="no bound",
         kick=1.0,
         slack=6.0,
-        step=300.0,  # 130 on the systems of the paper, whose plates are moved by hand
+        step=300.0,  # 130 on the systems of the paper, whose plates are projected
         drift=1.0,
         dissipates=False,
         source="Grzesikiewicz and Zbiciak, Eqs (3), (6), (8)",
@@ -152,7 +152,7 @@ class RK4Paper(Integrator):
         if self.contact not in RULES:
             raise InputError(nearest(str(self.contact), list(RULES), "contact rule"))
 
-    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> PaperRun:
         """Write the initial values, Eqs (3d), (5e), (7e)."""
         if problem.name not in COORDINATES:
             raise UnsupportedError(
@@ -169,13 +169,13 @@ class RK4Paper(Integrator):
         x0, y0, z0 = (float(problem.q0.get(node, 0.0)) for node in "xyz")
         s = np.array([x0, float(problem.v0.get("x", 0.0)), y0, z0])
         motion, rates, reaction = (np.empty((grid.steps + 1, *shape)) for shape in ((4,), (4,), ()))
-        run = Run(int(problem.name[-1]), grid.h, p, s, motion, rates, reaction)
+        run = PaperRun(int(problem.name[-1]), grid.h, p, s, motion, rates, reaction)
         motion[0] = s
         reaction[0] = right_side(run.system, RULES.index(self.contact), s, p, rates[0])
         _write(run, record, 0, 0)
         return run
 
-    def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
+    def advance(self, carry: PaperRun, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block."""
         reached = steps(carry, RULES.index(self.contact), first, last)
         record.stats.evaluations += 5 * (reached - first)
@@ -183,7 +183,7 @@ class RK4Paper(Integrator):
         return (Status.SOLVED if reached == last else Status.NON_FINITE), reached
 
 
-def _write(run: Run, record: Record, first: int, last: int) -> None:
+def _write(run: PaperRun, record: Record, first: int, last: int) -> None:
     here, columns = slice(first, last + 1), COORDINATES[f"system-{run.system}"]
     record.q[here], record.v[here] = run.motion[here][:, columns], run.rates[here][:, columns]
     record.reaction[here, 0] = run.reaction[here]

@@ -1,11 +1,11 @@
-r"""The scheme of Schatzman and Paoli: central differences of places, with the restitution in the law of the places.
+r"""The scheme of Schatzman and Paoli: central differences of positions, with restitution at position level.
 
 .. math:: M \frac{q^+ - 2 q + q_-}{h^2} = F\Bigl(t, q, \frac{q^+ - q_-}{2 h}\Bigr) + H^T r, \qquad
           0 \le r \perp u\Bigl(\frac{q^+ + e q_-}{1 + e}\Bigr) \ge 0 .
 
-The place before, reflected with the factor e, is what the next may not pass: so a body that came with V leaves with -e V.
-Row i is multiplied by 1 + e_i. The velocity that is recorded is V⁺ = (q⁺ - q)/h and half of what the smooth forces do from
-there, free of what would enter a contact that pushes:
+The constraint is on q⁺ plus e times the previous position, so a body that arrives with V leaves with -e V.
+Row i is multiplied by 1 + e_i. The recorded velocity is V⁺ = (q⁺ - q)/h plus half a step of the smooth forces, projected on
+U⁺ >= 0 at active contacts:
 
 .. math:: M (v^+ - V^+) = \tfrac h2 F(t^+, q^+, V^+) + H^T p, \qquad 0 \le p \perp U^+ \ge 0 \quad (r > 0).
 """
@@ -25,16 +25,16 @@ from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 @dataclass(frozen=True)
 class SchatzmanPaoli(LinearStep):
-    """The two-step scheme on places, explicit in the springs.
+    """The two-step scheme at position level, explicit in the springs.
 
     Parameters
     ----------
     tol, max_iter : optional
-        As of `TimeStepping`; rtol is refused, as what it remembers belongs to the step.
+        As of `TimeStepping`; rtol is refused, since the previous position belongs to the step length.
 
     Notes
     -----
-    The record holds v⁺; the method itself knows places only. A slider's law stands on V⁺.
+    The record holds v⁺; the method itself uses positions only. A slider's law is imposed on V⁺.
     """
 
     laws: ClassVar[int] = 2
@@ -46,7 +46,7 @@ class SchatzmanPaoli(LinearStep):
     name: ClassVar[str] = "schatzman-paoli"
     family: ClassVar[str] = "Schatzman-Paoli"
     declared: ClassVar[Declared] = Declared(
-        summary="two-step scheme on places, restitution through the place before",
+        summary="two-step scheme on positions, restitution through the previous position",
         order_smooth=2,
         order_impact=1,
         order_friction=1,
@@ -54,8 +54,8 @@ class SchatzmanPaoli(LinearStep):
         level="position",
         relative_degrees=(2,),
         handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
-        reaction_lives="at t, one for each step",
-        energy="near its value for ever in smooth motion, where h is below 2/ω; no rule at impacts",
+        reaction_time="at t, one for each step",
+        energy="bounded error in smooth motion for h < 2/ω; no rule at impacts",
         kick=1.0,
         slack=4.0,
         dissipates=False,
@@ -63,7 +63,7 @@ class SchatzmanPaoli(LinearStep):
     )
 
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
-        """Return the place before the start."""
+        """Return the position one step before the start."""
         return {"q_before": q - h * v + 0.5 * h**2 * first_acceleration(d, q, v, h)}
 
     @property
@@ -75,7 +75,7 @@ class SchatzmanPaoli(LinearStep):
         """Write the step; the unknown of its first law is h r."""
         q_before, (P, p) = y.memory["q_before"], y.P
         slides = d.slides[:, None]
-        # F holds C (q⁺ - q₋)/2h, of which C q⁺/2h stands on the left.
+        # F contains C (q⁺ - q₋)/2h, of which C q⁺/2h is on the left-hand side.
         drive = d.M @ (2.0 * y.q - q_before) + h**2 * y.force(0.0, y.q, -q_before / (2.0 * h)) + h * y.push(P)
         q = solve(d.M + 0.5 * h * d.C, drive)
         V = (q - y.q) / h

@@ -1,9 +1,9 @@
-r"""The method of Shu and Osher: three stages, each a mean of Euler steps.
+r"""The method of Shu and Osher: three stages, each a convex combination of Euler steps.
 
 .. math:: X_1 = X + h F(X), \qquad X_2 = \tfrac34 X + \tfrac14 (X_1 + h F(X_1)), \qquad
           X^+ = \tfrac13 X + \tfrac23 (X_2 + h F(X_2)) .
 
-What no Euler step of length h increases, this step does not increase either.
+A convex functional that no Euler step of length h increases does not increase in this step either.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class SSPRK3(ExplicitRungeKutta):
 
     name: ClassVar[str] = "ssprk3"
     declared: ClassVar[Declared] = declare(
-        summary="means of Euler steps, an LCP at each stage",
+        summary="convex combinations of Euler steps, an LCP at each stage",
         order_smooth=3,
-        slack=6.0,  # 3 where a plate without mass comes to rest within few steps
+        slack=6.0,  # 3 where a massless plate comes to rest within few steps
         source="Shu and Osher (1988)",
     )

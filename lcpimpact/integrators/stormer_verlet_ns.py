@@ -3,13 +3,13 @@ r"""Störmer-Verlet with impulses: kick, drift, kick, and half of each impulse i
 .. math:: M (v_½ - v) = \tfrac h2 F(t, q, v_½) + \tfrac12 H^T P, \qquad q^+ = q + h v_½, \qquad
           M (v^+ - v_½) = \tfrac h2 F(t^+, q^+, v_½) + \tfrac12 H^T P,
 
-with Newton's law on the rows that the drift without impulses closes by mid-step:
+with Newton's law on the contacts that the drift without impulses closes by mid-step:
 
 .. math:: 0 \le P \perp U^+ + e U \ge 0 .
 
 The dual method, drift, kick, drift, is moreau-midpoint: where the mass matrix is constant, the dual Störmer-Verlet and the
-symmetric Moreau-type scheme of the literature are that rule. Here springs are met at q⁺, which an impulse moves; so the
-Delassus matrix knows K, and is positive definite where the method is stable, h < 2/ω.
+symmetric Moreau-type scheme of the literature are that rule. Here spring forces are those at q⁺, which depends on the
+impulses; so the Delassus matrix contains K, and is positive definite if the method is stable, h < 2/ω.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ class StormerVerletNS(LinearStep):
         level="velocity",
         relative_degrees=(2,),
         handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
-        reaction_lives="at t + h/2, one for each step",
-        energy="near its value for ever in smooth motion, where h is below 2/ω; impacts of approaching bodies never gain",
+        reaction_time="at t + h/2, one for each step",
+        energy="bounded error in smooth motion for h < 2/ω; impacts of approaching bodies never gain",
         dissipates=True,
         source="Hairer, Lubich and Wanner (2003); impulses as in Capobianco and Eugster (2018)",
         adaptive="dt, or halved where rtol is given",
@@ -54,13 +54,13 @@ class StormerVerletNS(LinearStep):
 
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
-        # F holds C v½, which stands on the left.
+        # F contains C v½, which is on the left-hand side.
         A, P = d.M + 0.5 * h * d.C, y.P[1]
         v_free = solve(A, d.M @ y.v + 0.5 * h * y.force(0.0, y.q, 0.0 * y.v))
         v_half = v_free + solve(A, 0.5 * y.push(P))
         q = y.q + h * v_half
         v = v_half + solve(d.M, 0.5 * h * y.force(1.0, q, v_half, law=1) + 0.5 * y.push(P))
-        # Without rows: it only meets the non-linear springs of the first kick, before the impulses.
+        # A law without contacts, for the non-linear springs of the first kick, before the impulses.
         springs = Law(L=y.P[0], touching=0.0 * y.P[0] + y.one, springs_at=(y.q, v_free), weight=0.0)
         impact = Law(
             L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),

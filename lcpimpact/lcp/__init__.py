@@ -1,4 +1,4 @@
-"""Linear complementarity problems: statement, solvers and the judge of their answers. It knows no mechanics.
+"""Linear complementarity problems: statement, solvers and independent checks of their solutions. It knows no mechanics.
 
 From the call to the answer:
 

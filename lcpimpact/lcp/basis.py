@@ -1,4 +1,4 @@
-"""Complementary bases: which rows lie at a bound and which are free, and the point that such a choice means."""
+"""Complementary bases: the rows at a bound and the free ones, and the basic solution."""
 
 from __future__ import annotations
 

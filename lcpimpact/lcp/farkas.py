@@ -1,4 +1,4 @@
-"""The proof that a problem has no feasible point, found as a linear program where the methods were left undecided."""
+"""Proofs of infeasibility by a linear program (Farkas)."""
 
 from __future__ import annotations
 

@@ -45,14 +45,14 @@ from lcpimpact.lcp.problem import bounds
 from lcpimpact.memory import check_memory
 from lcpimpact.registry import nearest
 
-SMALLER = "give a sparse .mtx, or factors"
-"""The remedy for an LCP that does not fit in memory."""
+REMEDY = "give a sparse .mtx, or factors"
+"""Remedy for an LCP that does not fit in memory."""
 
 LARGE, PACKED = 1e9, 100.0
-"""Arrays of more bytes than this, and packed to a smaller part of it, are a slip or a trap."""
+"""Size in bytes and compression ratio beyond which an array is a mistake or a decompression bomb."""
 
 COPIES = 2.0
-"""A matrix is checked and copied when it is read."""
+"""Copies of a matrix while it is read and checked."""
 
 LABELS = ["M", "q", "lower", "upper"]
 ARRAYS = ["M", "A", "H", "bands", "q", "lower", "upper"]
@@ -64,14 +64,14 @@ HEADER = (
     ("real", "double", "integer"),
     ("general", "symmetric", "skew-symmetric"),
 )
-"""What the five words of a Matrix Market file may be."""
+"""Permitted words of a Matrix Market header."""
 
 SIGNS = {"general": 0.0, "symmetric": 1.0, "skew-symmetric": -1.0}
-"""The sign of M_ji as M_ij is given, or zero where both are."""
+"""Sign of M_ji for a given M_ij; zero where both are given."""
 
 LABEL = re.compile(r"([^\W\d]\w*)\s*:(.*)")
 
-BROKEN = (
+FILE_ERRORS = (
     OSError,
     ValueError,
     TypeError,
@@ -85,7 +85,7 @@ BROKEN = (
     ZlibError,
     StructError,
 )
-"""What NumPy and zipfile raise for what is no file of theirs, or half of one."""
+"""Errors of NumPy and zipfile for files that are damaged or of another kind."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,14 +133,14 @@ def read_lcp(path: str | Path, q: str | Path | None = None) -> LCPFile:
            [1., 2.]]), array([-5., -6.]))
     """
     path = Path(path)
-    with reading(path, SMALLER):
+    with reading(path, REMEDY):
         parts = _split(_parts(path))
         if q is not None and "q" in parts:
             raise InputError("q stands in it already: leave it out there, or give no second file")
     if q is not None:
-        with reading(Path(q), SMALLER):
+        with reading(Path(q), REMEDY):
             parts["q"] = _lone_vector(_parts(Path(q)))
-    with reading(path, SMALLER):
+    with reading(path, REMEDY):
         if "q" not in parts:
             raise InputError("it holds no q: add a row 'q: ...' to text or an array q, or give q in a file of its own")
         M = _operator(parts)
@@ -187,7 +187,7 @@ def write_lcp(
 
 
 def _parts(path: Path) -> dict[str, Any]:
-    """Return what a file holds, by name; [M | q], or a lone q, is called M."""
+    """Return the arrays of a file by name; [M | q], or a lone q, is called M."""
     ending = path.suffix.lower()
     if ending not in READERS:
         raise InputError(f"the ending {path.suffix!r} tells no format: known are {', '.join(READERS)}")
@@ -219,7 +219,7 @@ def _split(parts: dict[str, Any]) -> dict[str, Any]:
 
 
 def _lone_vector(parts: Mapping[str, Any]) -> Any:
-    """Return the q of a file of its own: what is called q, or one row or column."""
+    """Return the q of a separate file: the array named q, or one row or column."""
     if set(parts) == {"q"}:
         return parts["q"]
     if set(parts) == {"M"} and 1 in parts["M"].shape:
@@ -350,7 +350,7 @@ def _read_numpy(path: Path) -> dict[str, Array]:
             warnings.simplefilter("ignore")
             loaded = np.load(data, allow_pickle=False)
             found = {"M": loaded} if isinstance(loaded, np.ndarray) else {name: loaded[name] for name in loaded.files}
-    except BROKEN:
+    except FILE_ERRORS:
         raise InputError("it is no whole NumPy file of plain numbers: write it anew with np.savez or np.save") from None
     for name, array in found.items():
         if name not in ARRAYS:
@@ -362,20 +362,20 @@ def _read_numpy(path: Path) -> dict[str, Array]:
 
 
 def _check_unpacked(data: BytesIO) -> None:
-    """Refuse a .npz that unpacks to more than there is memory for, or to so much more than it holds that it is a trap."""
+    """Refuse a .npz that unpacks to more than the free memory, or is a decompression bomb."""
     try:
         with ZipFile(data) as archive:
             unpacked = float(sum(each.file_size for each in archive.infolist()))
-    except BROKEN:
+    except FILE_ERRORS:
         return  # a lone array, or what NumPy says more of
     finally:
         data.seek(0)
     packed = len(data.getbuffer())
     if unpacked > LARGE and unpacked > PACKED * packed:
         raise InputError(
-            f"it unpacks to {unpacked / 1e9:.3g} GB from {packed / 1e9:.3g} GB, nearly all of it the same: {SMALLER}"
+            f"it unpacks to {unpacked / 1e9:.3g} GB from {packed / 1e9:.3g} GB, nearly all of it the same: {REMEDY}"
         )
-    check_memory(COPIES * unpacked, "its arrays do", SMALLER)
+    check_memory(COPIES * unpacked, "its arrays do", REMEDY)
 
 
 def _write_numpy(path: Path, M: Delassus, vectors: Mapping[str, Array]) -> None:

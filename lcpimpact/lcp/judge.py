@@ -1,4 +1,4 @@
-r"""The judge of every answer: it stands outside the solvers, and shares nothing with them but M and q.
+r"""Independent checks of solutions and rays: residuals and certificates from M and q only.
 
 A solution of the boxed LCP is a zero of the natural residual
 
@@ -24,22 +24,22 @@ from lcpimpact.lcp.storage import (
     weight,
 )
 
-WRONG = 1e-6
-"""Largest rounding of a row, relative to its size, with which the check shows anything."""
+PROOF_RTOL = 1e-6
+"""Largest rounding error of a row, relative to its size, at which a check is conclusive."""
 
 
 @compiled(types.void(matrix, vector, vector, vector, vector, vector, vector, f8))
 def sizes(W: Array, q: Array, lower: Array, upper: Array, z: Array, terms: Array, size: Array, rounding: float) -> None:
-    """Take out of ``size`` the terms of those z_j that nothing given explains.
+    """Remove from ``size`` the terms of those z_j that the data do not determine.
 
-    Given are q and the z_j at a bound. They explain the z_j of a row that they are no rounding of, |q_j| > ε/WRONG terms_j,
-    and a z_j that is explained explains in its turn. What is left has the size of a cancellation: it may be anything.
+    The data are q and the z_j at a bound. They determine the z_j of a row in which they exceed rounding,
+    |q_j| > ε/PROOF_RTOL terms_j, and such z_j determine others in turn. The rest has the size of a cancellation.
     """
     n = len(q)
     known, unknown, left = np.empty(n), np.zeros(n, np.bool_), 0
     for i in range(n):
         known[i] = z[i]
-        if lower[i] < z[i] < upper[i] and not rounding * terms[i] <= WRONG * size[i]:
+        if lower[i] < z[i] < upper[i] and not rounding * terms[i] <= PROOF_RTOL * size[i]:
             known[i], unknown[i] = 0.0, True
             left += 1
     absolute_product(W, known, size)
@@ -50,7 +50,7 @@ def sizes(W: Array, q: Array, lower: Array, upper: Array, z: Array, terms: Array
         before = left
         for k in range(n):
             i = k if forward else n - 1 - k
-            if unknown[i] and rounding * terms[i] <= WRONG * size[i]:
+            if unknown[i] and rounding * terms[i] <= PROOF_RTOL * size[i]:
                 unknown[i] = False
                 left -= 1
                 spread(W, i, z[i], size)
@@ -94,7 +94,7 @@ def row_defect(
             return np.inf, 0.0
         if lower[i] < z[i] < upper[i]:
             share = max(share, size[i] / terms[i] if terms[i] > 0.0 else 0.0)
-            lost = lost or not max(rounding, EPS) * terms[i] <= WRONG * size[i]
+            lost = lost or not max(rounding, EPS) * terms[i] <= PROOF_RTOL * size[i]
     share = 1.0 if share < 0.0 else share
     if lost:
         sizes(W, q, lower, upper, z, terms, size, max(rounding, EPS))
@@ -175,7 +175,7 @@ def clear_residual(M: Array, q: Array, lower: Array, upper: Array, z: Array, tol
 @compiled(types.boolean(f8, f8, f8))
 def holds(scaled: float, rounding: float, tol: float) -> bool:
     """Return whether an answer may be called solved: its rows are within ``tol``, and the check is no mere rounding."""
-    return rounding <= max(tol, WRONG) and scaled <= tol
+    return rounding <= max(tol, PROOF_RTOL) and scaled <= tol
 
 
 @compiled(types.boolean(matrix, vector, vector, vector, vector))

@@ -19,13 +19,13 @@ from lcpimpact.arrays import Array
 from lcpimpact.compiled import COMPILING, compiled, f8, i8, matrix, vector
 from lcpimpact.lcp.scaling import equilibrate
 
-SMALL = 20
+MAX_LOOP_ORDER = 20
 """Order up to which loops are faster than a call of LAPACK."""
 
 EPS = 2.0**-52
 
-SINGULAR = 1e-14
-"""Largest pivot that is rounding, where the entries are near one."""
+PIVOT_TOL = 1e-14
+"""Largest pivot that is rounding, for entries near one."""
 
 
 def _routine(module: str, name: str, arguments: int, returns: Any = types.void) -> Any:
@@ -61,7 +61,7 @@ LETTER_L, LETTER_T = ord("L"), ord("T")  # the low byte of an integer is what Fo
 def multiply(A: Array, x: Array, y: Array) -> None:
     """Set y = A x for a matrix of any shape."""
     rows, columns = A.shape
-    if rows * columns <= SMALL * SMALL:
+    if rows * columns <= MAX_LOOP_ORDER * MAX_LOOP_ORDER:
         for i in range(rows):
             total = 0.0
             for j in range(columns):
@@ -82,7 +82,7 @@ def largest(A: Array) -> float:
     """Return max |A|, of finite numbers."""
     rows, columns = A.shape
     found: float = 0.0
-    if rows * columns > SMALL * SMALL:
+    if rows * columns > MAX_LOOP_ORDER * MAX_LOOP_ORDER:
         size, one = pointed(rows * columns), pointed(1)
         at = _idamax(size.ctypes, A.ctypes, one.ctypes) - 1
         found = abs(A[at // columns, at % columns])
@@ -96,7 +96,7 @@ def largest(A: Array) -> float:
 @compiled(f8(vector))
 def absolute_sum(x: Array) -> float:
     """Return Σ |x_i|, NaN if one is."""
-    if len(x) > SMALL * SMALL:
+    if len(x) > MAX_LOOP_ORDER * MAX_LOOP_ORDER:
         size, one = pointed(len(x)), pointed(1)
         total: float = _dasum(size.ctypes, x.ctypes, one.ctypes)
         return total
@@ -116,7 +116,7 @@ def cholesky_solve(A: Array, b: Array) -> bool:
     least = np.empty(n)
     for k in range(n):
         least[k] = 4.0 * n * EPS * A[k, k]
-    if n > SMALL:
+    if n > MAX_LOOP_ORDER:
         # The lower triangle is the upper one in C order.
         lower, order, one, info = pointed(LETTER_L), pointed(n), pointed(1), pointed(0)
         _dposv(
@@ -153,7 +153,7 @@ def cholesky_solve(A: Array, b: Array) -> bool:
 def eliminate(A: Array, b: Array) -> bool:
     """Overwrite b with A⁻¹ b, and A with its elimination; return False if A is singular, its entries being near one."""
     n = len(b)
-    if n > SMALL:
+    if n > MAX_LOOP_ORDER:
         columns = A.T.copy()
         order, one, info = pointed(n), pointed(1), pointed(0)
         swaps = np.empty(n, np.int32)
@@ -163,13 +163,13 @@ def eliminate(A: Array, b: Array) -> bool:
         least = np.inf
         for k in range(n):
             least = min(least, abs(columns[k, k]))
-        return info[0] == 0 and least > SINGULAR
+        return info[0] == 0 and least > PIVOT_TOL
     for k in range(n):
         p = k
         for i in range(k + 1, n):
             if abs(A[i, k]) > abs(A[p, k]):
                 p = i
-        if not abs(A[p, k]) > SINGULAR:
+        if not abs(A[p, k]) > PIVOT_TOL:
             return False
         if p != k:
             for j in range(k, n):

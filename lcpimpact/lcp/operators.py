@@ -1,4 +1,4 @@
-"""What stands for M: a dense array, the bands of a symmetric one, or the factors of H A⁻¹ Hᵀ."""
+"""Forms of M: a dense array, the bands of a symmetric one, or the factors of H A⁻¹ Hᵀ."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ UNTAGGED: frozenset[Property] = frozenset()
 
 
 def real_array(name: str, values: ArrayLike, copy: bool = True) -> Array:
-    """Return a C-ordered writable array in float64, refusing what is no array of real numbers.
+    """Return a C-ordered writable array in float64, refusing other than real numbers.
 
     With ``copy=False`` an array that is such already is returned as it is.
     """
@@ -105,7 +105,7 @@ class Delassus(ABC):
     @property
     @abstractmethod
     def W(self) -> Any:
-        """What a kernel reads: an array in one of the two storages, or the operator itself."""
+        """The form for kernels: an array in one of the two storages, or the operator itself."""
 
     @abstractmethod
     def product(self, z: Array, w: Array) -> None:
@@ -248,7 +248,7 @@ class Banded(Delassus):
 
     @property
     def W(self) -> Array:
-        """The bands; M itself where they are so many that the two storages have one shape."""
+        """The bands; M itself if the two storages have the same shape."""
         return self.bands if len(self.bands) < self.n else self.array()
 
     def product(self, z: Array, w: Array) -> None:
@@ -309,7 +309,7 @@ class Factored(Delassus):
         self._H: Any = H.tocsr() if _is_sparse(H) else self.H
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle A and H alone: a factor made by SuperLU cannot travel to another process, so A is factored anew there."""
+        """Pickle A and H alone: a factor by SuperLU cannot be sent to another process, so A is factored again there."""
         return type(self), (self.A, self.H, [each.name.lower() for each in self.tags])
 
     @property

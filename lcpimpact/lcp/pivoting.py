@@ -30,14 +30,14 @@ from lcpimpact.lcp.trace import NONE, note
 
 SOLVED, MAX_ITER = int(Status.SOLVED), int(Status.MAX_ITER)
 
-THRESHOLD = 1e-11
-"""Least rate, in a problem of unit diagonal, that is no rounding."""
+PIVOT_TOL = 1e-11
+"""Smallest rate above rounding, in a problem of unit diagonal."""
 
-REFRESHES = 4
-"""How often the point may be computed anew before its residual is taken as it is."""
+MAX_REFRESHES = 4
+"""Maximum number of times the point is recomputed to reduce its residual."""
 
 
-class Tableau(NamedTuple):
+class PivotTableau(NamedTuple):
     """A point of w = M z + q, in units where M has a unit diagonal and max |M z + q| = 1 at the start.
 
     Attributes
@@ -58,11 +58,11 @@ class Tableau(NamedTuple):
     size: float
 
 
-tableau_type = types.NamedTuple((matrix, vector, vector, flags, vector, vector, f8), Tableau)
+tableau_type = types.NamedTuple((matrix, vector, vector, flags, vector, vector, f8), PivotTableau)
 
 
 @compiled(tableau_type(matrix, vector, vector, vector, vector))
-def scaled_tableau(W: Array, q: Array, lower: Array, upper: Array, z: Array) -> Tableau:
+def scaled_tableau(W: Array, q: Array, lower: Array, upper: Array, z: Array) -> PivotTableau:
     """Set z to the point of the box nearest to zero, and return the tableau there, with x = z; size = 0 if q = w = 0."""
     n = len(q)
     T, x, y, z_unit, w_unit = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -83,7 +83,7 @@ def scaled_tableau(W: Array, q: Array, lower: Array, upper: Array, z: Array) -> 
             w_unit[i] = size / z_unit[i]
             z_unit[i] *= size
             x[i] = min(max(0.0, lower[i] / z_unit[i]), upper[i] / z_unit[i])
-    return Tableau(T, x, y, free, z_unit, w_unit, size)
+    return PivotTableau(T, x, y, free, z_unit, w_unit, size)
 
 
 @compiled(types.UniTuple(f8, 2)(f8, f8, types.boolean))
@@ -93,7 +93,7 @@ def pair(x: float, y: float, free: bool) -> tuple[float, float]:
 
 
 @compiled(types.void(tableau_type, i8, f8), inline="always")
-def advance(tableau: Tableau, r: int, length: float) -> None:
+def advance(tableau: PivotTableau, r: int, length: float) -> None:
     """Move x_r by a length, and y with it."""
     T, x, y, _, _, _, _ = tableau
     x[r] += length
@@ -143,7 +143,7 @@ def exchange_two(T: Array, r: int, s: int) -> None:
 
 
 @compiled(types.void(tableau_type, i8), inline="always")
-def swap(tableau: Tableau, i: int) -> None:
+def swap(tableau: PivotTableau, i: int) -> None:
     """Exchange the values of pair i."""
     _, x, y, free, _, _, _ = tableau
     x[i], y[i] = y[i], x[i]
@@ -151,7 +151,7 @@ def swap(tableau: Tableau, i: int) -> None:
 
 
 @compiled(i8(tableau_type, i8), inline="always")
-def pivot(tableau: Tableau, r: int) -> int:
+def pivot(tableau: PivotTableau, r: int) -> int:
     """Exchange pair r; return 1, the number of pairs exchanged."""
     exchange(tableau.T, r, r)
     swap(tableau, r)
@@ -159,16 +159,16 @@ def pivot(tableau: Tableau, r: int) -> int:
 
 
 @compiled(i8(tableau_type, i8, i8), inline="always")
-def relieve(tableau: Tableau, r: int, s: int) -> int:
+def relieve(tableau: PivotTableau, r: int, s: int) -> int:
     """Exchange pair s, which has stopped x_r, or r with it where T_ss is too small; return how many were exchanged.
 
     The path on which x_r moves is the same either way. 0 means that neither can be done.
     """
     T = tableau.T
     across = T[r, s] * T[s, r]
-    if T[s, s] > THRESHOLD and T[s, s] * T[s, s] > 1e-10 * abs(across):
+    if T[s, s] > PIVOT_TOL and T[s, s] * T[s, s] > 1e-10 * abs(across):
         return pivot(tableau, s)
-    if T[r, r] * T[s, s] - across > THRESHOLD * THRESHOLD:
+    if T[r, r] * T[s, s] - across > PIVOT_TOL * PIVOT_TOL:
         exchange_two(T, r, s)
         swap(tableau, r)
         swap(tableau, s)
@@ -177,8 +177,8 @@ def relieve(tableau: Tableau, r: int, s: int) -> int:
 
 
 @compiled(types.void(tableau_type, i8, i8, vector, indices), inline="always")
-def record(tableau: Tableau, s: int, exchanged: int, z: Array, basis: Indices) -> None:
-    """Set z and the basis, and take note of them after so many pairs, s among them, were exchanged."""
+def record(tableau: PivotTableau, s: int, exchanged: int, z: Array, basis: Indices) -> None:
+    """Set z and the basis, and record them for a trace after an exchange of pairs, s among them."""
     _, x, y, free, z_unit, _, _ = tableau
     n = len(z)
     for i in range(n):
@@ -191,8 +191,8 @@ def record(tableau: Tableau, s: int, exchanged: int, z: Array, basis: Indices) -
 
 
 @compiled(f8(matrix, vector, tableau_type), inline="always")
-def refresh(W: Array, q: Array, tableau: Tableau) -> float:
-    """Compute the basic variables anew from M and q, and return what is rounding in them.
+def refresh(W: Array, q: Array, tableau: PivotTableau) -> float:
+    """Recompute the basic variables from M and q, and return their rounding error.
 
     Twice, for T⁻¹ is known only as well as the exchanges have kept it.
     """
@@ -219,17 +219,19 @@ def refresh(W: Array, q: Array, tableau: Tableau) -> float:
 
 
 @compiled(types.void(tableau_type, i8, i8, vector))
-def direction_of(tableau: Tableau, r: int, sign: int, v: Array) -> None:
+def direction_of(tableau: PivotTableau, r: int, sign: int, v: Array) -> None:
     """Set v to how z changes as x_r moves along ``sign``: if nothing ends this it may prove that there is no solution."""
     T, _, _, free, z_unit, _, size = tableau
     for i in range(len(v)):
-        v[i] = sign * T[i, r] * z_unit[i] / size if free[i] and abs(T[i, r]) > THRESHOLD else 0.0
+        v[i] = sign * T[i, r] * z_unit[i] / size if free[i] and abs(T[i, r]) > PIVOT_TOL else 0.0
     if not free[r]:
         v[r] = sign * z_unit[r] / size
 
 
 @compiled(i8(matrix, vector, vector, vector, tableau_type, vector, f8, i8))
-def finish(W: Array, q: Array, lower: Array, upper: Array, tableau: Tableau, z: Array, tol: float, status: int) -> int:
+def finish(
+    W: Array, q: Array, lower: Array, upper: Array, tableau: PivotTableau, z: Array, tol: float, status: int
+) -> int:
     """Set z to the point, polished if all nonbasic variables are at a bound; return SOLVED if it holds, else ``status``."""
     _, x, y, free, z_unit, _, _ = tableau
     n = len(q)

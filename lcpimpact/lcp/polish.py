@@ -1,4 +1,4 @@
-"""The last step of a method: its basis is solved anew, so that rounding does not accumulate over pivots or iterates."""
+"""Final refinement: the basis is solved again, without the accumulated rounding of pivots or iterates."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ class Sides(NamedTuple):
 
 sides_type = types.NamedUniTuple(indices, 3, Sides)
 
-UNKNOWN = 2
-"""No side of a row."""
+UNKNOWN_SIDE = 2
+"""Side of a row that is not known yet."""
 
 
 @compiled(sides_type(i8))
 def unknown_sides(n: int) -> Sides:
     """Return the sides at the start."""
-    return Sides(np.empty(n, np.int64), np.full(n, UNKNOWN), np.full(n, UNKNOWN))
+    return Sides(np.empty(n, np.int64), np.full(n, UNKNOWN_SIDE), np.full(n, UNKNOWN_SIDE))
 
 
 @compiled(types.boolean(matrix, vector, vector, vector, sides_type, vector, f8))

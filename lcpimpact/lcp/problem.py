@@ -23,7 +23,7 @@ from lcpimpact.lcp.operators import real_array
 from lcpimpact.lcp.trace import Trace
 
 SIGNATURE = types.UniTuple(i8, 2)(matrix, vector, vector, vector, vector, f8, i8)
-"""Types of a solver's kernel(W, q, lower, upper, z, tol, max_iter) -> (status, iterations)."""
+"""Signature of a solver's kernel(W, q, lower, upper, z, tol, max_iter) -> (status, iterations)."""
 
 LOWER, FREE, UPPER = -1, 0, 1
 """Sides of a row in a complementary basis: at a bound, or between them with w = 0."""
@@ -33,7 +33,7 @@ KERNEL = types.FunctionType(SIGNATURE)
 
 
 class LCPSolution(NamedTuple):
-    """What a solver found, judged from outside.
+    """The solution of an LCP, checked independently of the solver.
 
     Attributes
     ----------

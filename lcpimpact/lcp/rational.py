@@ -1,4 +1,4 @@
-r"""The problem in rational arithmetic: every float is a fraction, so what is decided here no rounding can have decided.
+r"""The problem in rational arithmetic: every float is a fraction, so the decision is exact.
 
 A proof that there is no solution is checked here, and found again where rounding has spoilt it. For a few unknowns the
 problem is decided outright: the complementary pairs branch, and a linear program in whole numbers bounds.
@@ -20,21 +20,21 @@ from lcpimpact.lcp.reduction import to_lcp
 Whole: TypeAlias = Any
 """An array of Python's integers."""
 
-LARGEST = 30
-"""Order up to which a problem is decided."""
+MAX_ORDER = 30
+"""Largest order of a problem decided in rational arithmetic."""
 
-PIVOTS = 2_000
-"""Exchanges that deciding one problem may take: some seconds for the largest."""
+MAX_PIVOTS = 2_000
+"""Maximum number of pivots for one problem, some seconds at the largest order."""
 
-LARGEST_SUPPORT = 60
-"""Rows of a ray up to which its equations are solved in fractions."""
+MAX_SUPPORT = 60
+"""Largest support of a ray whose equations are solved in fractions."""
 
 DENOMINATORS = (1, 12, 1000)
-"""Largest denominators with which the entries of a ray are tried, in units of the largest."""
+"""Largest denominators tried for the entries of a ray, in units of the largest entry."""
 
 
 class Decision(NamedTuple):
-    """What is true of a problem.
+    """The decision on a problem.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ def _neighbours(M: Delassus, v: Array) -> Iterator[Array]:
         return
     yield v
     rows = np.flatnonzero(v)
-    if len(rows) > 2 * LARGEST_SUPPORT:
+    if len(rows) > 2 * MAX_SUPPORT:
         for digits in (0, 3, 9):
             yield np.round(v / size, digits)
         return
@@ -145,7 +145,7 @@ def _neighbours(M: Delassus, v: Array) -> Iterator[Array]:
     kept, x, N, unit = rows[x != 0.0], x[x != 0.0], N[x != 0.0], unit[x != 0.0]
     short = [[Fraction(a).limit_denominator(most) for a in x / np.abs(x).max()] for most in DENOMINATORS]
     found = [[a / Fraction(b) for a, b in zip(values, unit, strict=True)] for values in short]
-    if 0 < len(kept) <= LARGEST_SUPPORT:
+    if 0 < len(kept) <= MAX_SUPPORT:
         guess = [a / Fraction(b) for a, b in zip(short[-1], unit, strict=True)]
         found.append(_nearest_null_vector(N[:, tight], guess))
     for values in found:
@@ -242,17 +242,17 @@ class _Dictionary(NamedTuple):
 
 
 def decide(M: Delassus, q: Array, lower: Array, upper: Array) -> Decision | None:
-    """Return what is true of a problem of a few rows, or None if that takes too long or M is not given by its entries.
+    """Decide a problem of a few rows; None if that takes too long or M is not given by its entries.
 
     Branch and bound: the pairs of the reduced LCP are bound by y >= 0, s >= 0 alone at first. Where no point fulfils that,
     a ray proves it. Where the point found has a pair with both positive, one and then the other is set to zero.
     """
-    if M.n > LARGEST or isinstance(M, Factored):
+    if M.n > MAX_ORDER or isinstance(M, Factored):
         return None
     N, p, row, sign, base, unit = _reduced(M, q, lower, upper)
     n = len(p)
     start = _Dictionary(np.column_stack([N, p]), 1, list(range(n, 2 * n)), list(range(n)), frozenset())
-    left = PIVOTS
+    left = MAX_PIVOTS
     stack: list[tuple[_Dictionary, int | None]] = [(start, None)]
     while stack:
         (A, D, basic, nonbasic, zero), fixed = stack.pop()

@@ -1,4 +1,4 @@
-"""A problem with bounds as a plain LCP in more unknowns, for methods that know no bounds."""
+"""Reduction of a problem with bounds to a plain LCP in more unknowns, for methods without bounds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The units in which a method works: those that give M a unit diagonal, or entries near one."""
+"""Scaling of problems: to a unit diagonal of M, or to entries near one."""
 
 from __future__ import annotations
 
@@ -67,8 +67,8 @@ def scaled(M: Array, q: Array, lower: Array, upper: Array) -> Scaled:
     return Scaled(N, p, low, high, unit)
 
 
-SWEEPS = 4
-"""Passes over rows and columns, after which their entries hardly come nearer to one."""
+SCALING_SWEEPS = 4
+"""Number of passes over rows and columns; more hardly bring the entries nearer to one."""
 
 
 @compiled(types.void(matrix, vector, vector))
@@ -80,7 +80,7 @@ def equilibrate(M: Array, row: Array, column: Array) -> None:
     n = len(M)
     row[:] = 1.0
     column[:] = 1.0
-    for sweep in range(2 * SWEEPS):
+    for sweep in range(2 * SCALING_SWEEPS):
         by_rows = sweep % 2 == 0
         for i in range(n):
             most, least = 0.0, np.inf

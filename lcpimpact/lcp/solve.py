@@ -15,7 +15,7 @@ from lcpimpact.lcp import SOLVERS, judge, rational
 from lcpimpact.lcp.farkas import infeasibility
 from lcpimpact.lcp.operators import Delassus, Dense, Factored, as_operator, finite_array, real_array
 from lcpimpact.lcp.problem import LCPSolution, bounds, is_plain
-from lcpimpact.lcp.solver import LCPSolver, State, matrix_free
+from lcpimpact.lcp.solver import LCPSolver, SolverState, matrix_free
 from lcpimpact.lcp.trace import Trace, traced
 from lcpimpact.numbers import count, positive
 
@@ -25,11 +25,11 @@ SOLVED = Status.SOLVED
 PROVEN = Status.SOLVED, Status.RAY, Status.INFEASIBLE
 """Statuses after which no other method need be tried."""
 
-LARGEST_EXACT = 200
-"""Order up to which an answer in doubt is judged in rational arithmetic."""
+MAX_EXACT_ORDER = 200
+"""Largest order at which a doubtful answer is judged in rational arithmetic."""
 
-LARGEST_PROGRAM = 1_000
-"""Order up to which a proof of infeasibility is looked for by a linear program."""
+MAX_PROGRAM_ORDER = 1_000
+"""Largest order at which a linear program searches for a proof of infeasibility."""
 
 
 class PreparedLCP(NamedTuple):
@@ -42,17 +42,17 @@ class PreparedLCP(NamedTuple):
     solver : LCPSolver
     operator : Delassus
     lower, upper : (n,) arrays
-    state : State               what the solver's init returned
+    state : SolverState               what the solver's init returned
     """
 
     solver: LCPSolver
     operator: Delassus
     lower: Array
     upper: Array
-    state: State
+    state: SolverState
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle what the solver was made ready for: compiled code cannot travel to another process, so it is made anew."""
+        """Pickle the arguments: compiled code cannot be sent to another process, so the solver is prepared again there."""
         registered = SOLVERS.get(self.solver.name) == self.solver
         return _prepare, (self.operator, self.solver.name if registered else self.solver, self.lower, self.upper)
 
@@ -91,7 +91,7 @@ class PreparedLCP(NamedTuple):
             )
         return solution
 
-    def _attempt(self, state: State, q: Array, guess: Array | None, tol: float, max_iter: int) -> LCPSolution:
+    def _attempt(self, state: SolverState, q: Array, guess: Array | None, tol: float, max_iter: int) -> LCPSolution:
         """Run one method and judge its answer."""
         W, lower, upper = state.W, self.lower, self.upper
         z, w = np.zeros(len(q)) if guess is None else guess.copy(), np.empty(len(q))
@@ -146,8 +146,8 @@ class PreparedLCP(NamedTuple):
 
     def _in_doubt(self, rounding: float, tol: float) -> bool:
         """Return whether it is rounding that hides whether an answer holds, and rational arithmetic can tell."""
-        small = self.operator.n <= LARGEST_EXACT and not isinstance(self.operator, Factored)
-        return small and not rounding <= max(tol, judge.WRONG)
+        small = self.operator.n <= MAX_EXACT_ORDER and not isinstance(self.operator, Factored)
+        return small and not rounding <= max(tol, judge.PROOF_RTOL)
 
     def _without_rounding(self, q: Array, z: Array) -> tuple[Array, float, float]:
         """Return w, computed in rational arithmetic, and the residuals with it, scaled and natural."""
@@ -174,7 +174,7 @@ class PreparedLCP(NamedTuple):
 
     def _prove(self, solution: LCPSolution, q: Array) -> LCPSolution:
         """Look for a proof that there is no solution by a linear program."""
-        if self.operator.n > LARGEST_PROGRAM:
+        if self.operator.n > MAX_PROGRAM_ORDER:
             return solution
         found = infeasibility(self.operator.array(), q, self.lower, self.upper)
         ray = None if found is None else rational.proof(self.operator, q, self.lower, self.upper, found)

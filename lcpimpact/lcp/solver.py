@@ -1,4 +1,4 @@
-"""What an LCP solver declares, and the small interface that it is called through."""
+"""The interface of LCP solvers, and their declared properties."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ direction that proves that there is none.
 """
 
 
-class State(NamedTuple):
-    """A solver made ready for one matrix, as `LCPSolver.init` returns it.
+class SolverState(NamedTuple):
+    """A solver prepared for one matrix, as `LCPSolver.init` returns it.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class State(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class LCPSolver(ABC):
-    """A method for LCPs: what it is called, what it needs, how exact it is.
+    """An LCP solver: its name, requirements and accuracy.
 
     To write a new solver: put its method in a file of its own as one compiled kernel, declare it as a `CompiledSolver`,
     and add a line to the registry.
@@ -54,7 +54,7 @@ class LCPSolver(ABC):
     requires : tuple of Property    properties of M that it relies on
     storages : tuple of str         forms of M that it reads: "dense", "banded", "factored"; others are made dense
     boxed : bool                    whether it takes bounds other than lower = 0, upper = inf
-    tol : float                     the relative residual that it reaches, and is judged by, unless told otherwise
+    tol : float                     the relative residual that it reaches, its default tolerance
     max_iter : int                  default limit of pivots, sweeps or backend iterations
     source : str                    where the method is from
     largest : int, optional         largest n that it takes
@@ -71,7 +71,7 @@ class LCPSolver(ABC):
     largest: int | None = None
 
     @abstractmethod
-    def init(self, M: Delassus) -> State:
+    def init(self, M: Delassus) -> SolverState:
         """Do once what depends on M alone: choose its storage, scale it, factor it."""
 
     def check(self, M: Delassus, boxed: bool = False) -> None:
@@ -104,12 +104,12 @@ class CompiledSolver(LCPSolver):
 
     kernel: Kernel
 
-    def init(self, M: Delassus) -> State:
+    def init(self, M: Delassus) -> SolverState:
         """Return the kernel, run by the interpreter with the operator's own products where M is by its factors."""
         if M.storage == "factored" and M.storage in self.storages:
-            return State(M, matrix_free(self.kernel), False, self.name)
+            return SolverState(M, matrix_free(self.kernel), False, self.name)
         W = M.W if M.storage in self.storages else Dense(M.array()).W
-        return State(W, self.kernel, COMPILING, self.name)
+        return SolverState(W, self.kernel, COMPILING, self.name)
 
 
 @cache

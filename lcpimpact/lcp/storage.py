@@ -1,4 +1,4 @@
-"""The two storages of M that compiled solvers read, told apart by their shape.
+"""The two storages of M in compiled solvers, dense and banded, distinguished by their shape.
 
 dense    (n, n)        any matrix
 banded   (b + 1, n)    a symmetric one by its lower bands, b + 1 < n: W[k, j] = M[j + k, j]
@@ -102,7 +102,7 @@ def spread(W: Array, j: int, x: float, c: Array) -> None:
 
 @compiled(f8(matrix, i8, vector))
 def weight(W: Array, j: int, size: Array) -> float:
-    """Return max_i |M_ij| / size_i: what a change of z_j by one changes in any row, relative to the size of the row."""
+    """Return max_i |M_ij| / size_i: the largest effect of a unit change of z_j on a row, relative to its size."""
     bands, n = W.shape
     found: float = 0.0
     for i in range(0 if bands == n else max(0, j - bands + 1), n if bands == n else min(n, j + bands)):

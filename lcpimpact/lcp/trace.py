@@ -1,4 +1,4 @@
-"""What a solver did: its pivots or iterates, one by one, and the tableau of each."""
+"""Traces of solvers: pivots or iterates one by one, with the tableau of each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, i8, indices, interpreted, vector
 
 NONE = -1
-"""No single variable entered or left."""
+"""No single variable entered or left the basis."""
 
 
 @compiled(types.void(vector, indices, i8, i8))
@@ -30,7 +30,7 @@ def note_covered(z: Array, basis: Indices, entering: int, leaving: int, shift: A
 
 
 @dataclass(frozen=True)
-class Step:
+class TraceStep:
     """One basis or iterate.
 
     Attributes
@@ -60,7 +60,7 @@ class Trace:
     M : (n, n) array
     q : (n,) array
     solver : str
-    steps : tuple of Step
+    steps : tuple of TraceStep
 
     Examples
     --------
@@ -76,7 +76,7 @@ class Trace:
     M: Array
     q: Array
     solver: str
-    steps: tuple[Step, ...]
+    steps: tuple[TraceStep, ...]
 
     def ending(self, z: Array) -> Trace:
         """Return the trace with the answer z as its last step: some methods take no note of it, or improve on it.
@@ -88,7 +88,7 @@ class Trace:
         if self.steps and np.abs(self.steps[-1].z - z).max() <= 1e-12 * np.abs(z).max():
             return self
         basis = tuple(f"z{i + 1}" if z[i] != 0.0 else f"w{i + 1}" for i in range(len(z)))
-        return replace(self, steps=(*self.steps, Step(z, self.M @ z + self.q, 0.0, basis, "", "")))
+        return replace(self, steps=(*self.steps, TraceStep(z, self.M @ z + self.q, 0.0, basis, "", "")))
 
     def __len__(self) -> int:
         return len(self.steps)
@@ -144,7 +144,7 @@ def traced(
 
     A method that knows no bounds works on the LCP of `to_lcp`, and the notes are of that.
     """
-    steps: list[Step] = []
+    steps: list[TraceStep] = []
     problem = [M, q]
 
     def take(z: Array, basis: Indices, entering: int, leaving: int, shift: Array | None = None) -> None:
@@ -157,6 +157,6 @@ def traced(
         covered = np.zeros(n) if shift is None else shift
         w = problem[0] @ z + problem[1] + covered
         inside = tuple(names[i] for i in basis)
-        steps.append(Step(z.copy(), w, float(covered.max()), inside, names[entering], names[leaving]))
+        steps.append(TraceStep(z.copy(), w, float(covered.max()), inside, names[entering], names[leaving]))
 
     return interpreted(kernel, note=take, note_covered=take), lambda: Trace(problem[0], problem[1], name, tuple(steps))

@@ -1,4 +1,4 @@
-"""A run as a moving picture: springs stretch, plates part, and the curves grow beside the scheme."""
+"""Animation of a run: the moving scheme beside its curves."""
 
 from __future__ import annotations
 
@@ -41,22 +41,22 @@ from lcpimpact.trajectory import Trajectory
 FORMATS = (".gif", ".mp4", ".html")
 
 SECONDS = 8.0
-"""How long an animation takes unless told otherwise."""
+"""Default duration of an animation in s."""
 
-HOLD = 1.0
-"""How long the last picture of a GIF stands, in s."""
+HOLD_SECONDS = 1.0
+"""Duration of the last frame of a GIF in s."""
 
 TRAVEL = 3.6
-"""What the largest relative displacement becomes, in units of the layout."""
+"""Largest relative displacement in the picture, in units of the layout."""
 
-FLASH = 0.15
-"""How long an impact shows, in s of the animation."""
+FLASH_SECONDS = 0.15
+"""Duration for which an impact is marked, in s of the animation."""
 
 COLORS = 96
-"""Colours of a GIF or of a picture in HTML, anti-aliasing included."""
+"""Number of colours of a GIF or of a frame in HTML, anti-aliasing included."""
 
-MOST = 10_000
-"""Frames that an animation may have."""
+MAX_FRAMES = 10_000
+"""Maximum number of frames of an animation."""
 
 DPI = 100.0
 LOWEST, HIGHEST, WIDEST, CURVES = 3.8, 6.4, 5.0, 5.6
@@ -112,9 +112,9 @@ def animate(trajectory: Trajectory, path: str | Path, *, seconds: float | None =
     positive("seconds", length, "s")
     count("fps", fps)
     frames = round(length * fps)
-    if not 2 <= frames <= MOST:
+    if not 2 <= frames <= MAX_FRAMES:
         raise InputError(
-            f"seconds = {length:g} at fps = {fps} make {frames} frames, and 2 to {MOST} are possible: change one of them"
+            f"seconds = {length:g} at fps = {fps} make {frames} frames; 2 to {MAX_FRAMES} are possible: change one of them"
         )
     if len(trajectory.t) < 2:
         raise InputError("a run without steps does not move: simulate it further before it is animated")
@@ -284,8 +284,8 @@ def _pressed(trajectory: Trajectory, times: Array, force: Array) -> dict[str, Ar
     r = np.nan_to_num(force)
     largest = max(float(np.abs(r).max(initial=0.0)), float(np.abs(np.nan_to_num(trajectory.forces)).max(initial=0.0)))
     found = {name: np.abs(column) / (largest or 1.0) for name, column in zip(names, r.T, strict=True)}
-    # A frame stands for FLASH/SECONDS of the run at least.
-    instant = FLASH / SECONDS * (times[-1] - times[0])
+    # A frame stands for FLASH_SECONDS/SECONDS of the run at least.
+    instant = FLASH_SECONDS / SECONDS * (times[-1] - times[0])
     for event in shown_events(trajectory):
         if event.impulse > 0.0:
             found[event.contact][(times >= event.t) & (times < event.t + instant)] = 1.0
@@ -401,7 +401,7 @@ def _write_gif(film: Film, path: Path, fps: int) -> None:
     # A GIF counts in hundredths of a second, so that frames of 1/30 s take 3, 3 and 4 of them.
     ends = [round(100.0 * i / fps) for i in range(len(film.times) + 1)]
     lasts = [10 * max(2, after - before) for before, after in pairwise(ends)]
-    lasts[-1] = round(1000.0 * HOLD)
+    lasts[-1] = round(1000.0 * HOLD_SECONDS)
     first.save(path, format="GIF", save_all=True, append_images=others, duration=lasts, loop=0, optimize=False)
 
 

@@ -15,8 +15,8 @@ from lcpimpact.scheme.system import LinearComplementaritySystem
 
 SIGNAL = PALETTE[1]
 
-MANY = 4
-"""From more names than this on, only the first and the last are written."""
+MAX_NAMES = 4
+"""Maximum number of names written; of more, the first and the last."""
 
 
 def draw_system(ax: Axes, system: LinearComplementaritySystem) -> tuple[float, float]:
@@ -67,7 +67,7 @@ def draw_system(ax: Axes, system: LinearComplementaritySystem) -> tuple[float, f
 
 def _some(names: Sequence[str]) -> str:
     shown = [math_text(name) for name in names]
-    return ", ".join(shown if len(shown) <= MANY else [*shown[:2], "…", shown[-1]])
+    return ", ".join(shown if len(shown) <= MAX_NAMES else [*shown[:2], "…", shown[-1]])
 
 
 def _box(ax: Axes, half: float, low: float, height: float) -> None:

@@ -1,4 +1,4 @@
-"""Pictures of runs side by side, of an energy ledger, and of routes that are to agree."""
+"""Plots of comparisons, energy ledgers and cross-validations."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ MARKS = "os^Dv<>"
 """One for each method."""
 
 MARKERS = 40
-"""About so many markers lie on a curve of forces."""
+"""Approximate number of markers on a curve of forces."""
 
 DECADES = 9.0
-"""Differences further than this below the largest are not drawn."""
+"""Number of decades below the largest difference that are drawn."""
 
-LAYERS = 5
-"""Of more elements than these that dissipate, the others share one layer."""
+MAX_LAYERS = 5
+"""Maximum number of dissipating elements with a layer of their own; the others share one."""
 
-FEW = 3
-"""Of more coordinates than these, the first are drawn."""
+MAX_COORDINATES = 3
+"""Maximum number of coordinates and of contacts drawn."""
 
-NOTHING = 1e-9
-"""What stays below this share of the largest energy has no layer."""
+NEGLIGIBLE_RTOL = 1e-9
+"""Energy, relative to the largest, below which a layer is left out."""
 
 
 @style()
@@ -53,7 +53,7 @@ NOTHING = 1e-9
 def plot_comparison(comparison: Comparison) -> Figure:
     """Draw all runs on one page: coordinates, forces or impulses, and the largest difference from the reference.
 
-    The reference is wide and pale and lies beneath. Forces are drawn where they live, as points: one for each step, or on
+    The reference is wide and pale and lies beneath. Forces are drawn at their instants, as points: one for each step, or on
     the grid. Of many coordinates and contacts the first three are shown.
 
     Parameters
@@ -75,7 +75,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
         figure = Figure(figsize=(7.0, 1.5), layout="constrained")
         figure.text(0.5, 0.5, "no method reached the end", ha="center", va="center", color=SOFT)
         return figure
-    nodes, contacts = shown_nodes(first)[:FEW], shown_forces(first)[:FEW]
+    nodes, contacts = shown_nodes(first)[:MAX_COORDINATES], shown_forces(first)[:MAX_COORDINATES]
     impulsive = any(event.impulse > 0.0 for event in shown_events(first))
     forces = bool(contacts) and not (impulsive and not np.nan_to_num(first.forces[:, contacts]).any())
     heights = [2.8, *[1.9] * forces, *[1.3] * impulsive, 1.6]
@@ -201,7 +201,7 @@ def _draw_differences(ax: Axes, truth: Trajectory, runs: Mapping[str, Trajectory
 @style()
 @checked
 def plot_ledger(ledger: Ledger) -> Figure:
-    """Draw where the energy is: what is stored and what has been dissipated, one on the other, and below the balance.
+    """Draw the energy ledger: stored and dissipated energies, stacked, and below the balance.
 
     The potential of constant loads counts from the lowest value in the run, so that every layer is positive. The black line
     is what there was at the start and what loads and motions brought in since: the top of the layers, but for the balance.
@@ -252,18 +252,18 @@ def plot_ledger(ledger: Ledger) -> Figure:
 
 
 def _layers(table: pd.DataFrame, dissipated: Sequence[str]) -> dict[str, Array]:
-    """Return the energies to stack, from below: what is stored, then what was lost, the greatest losses first."""
+    """Return the energies to stack, from below: the stored ones, then the losses, largest first."""
     stored = {name: table[name].to_numpy() for name in STORED}
     # Any constant may be added to a potential; with this one no layer is negative.
     stored = {name: values - min(0.0, float(values.min())) for name, values in stored.items()}
     lost = {name: np.maximum(table[name].to_numpy(), 0.0) for name in dissipated}
     ranked = sorted(lost, key=lambda name: -float(lost[name][-1]))
-    kept = ranked[:LAYERS]
-    rest = {"others": np.sum([lost[name] for name in ranked[LAYERS:]], axis=0)} if ranked[LAYERS:] else {}
+    kept = ranked[:MAX_LAYERS]
+    rest = {"others": np.sum([lost[name] for name in ranked[MAX_LAYERS:]], axis=0)} if ranked[MAX_LAYERS:] else {}
     layers = {**{name: lost[name] for name in kept}, **rest}
     largest = max((float(values.max()) for values in [*stored.values(), *layers.values()]), default=0.0)
     # Heat never leaves: it lies at the bottom, where its layers only grow.
-    return {name: values for name, values in {**layers, **stored}.items() if values.max() > NOTHING * largest}
+    return {name: values for name, values in {**layers, **stored}.items() if values.max() > NEGLIGIBLE_RTOL * largest}
 
 
 def _layer_name(name: str) -> str:

@@ -1,4 +1,4 @@
-r"""The complementary cones of an LCP in two unknowns: which q has how many solutions, seen at once.
+r"""The complementary cones of an LCP in two unknowns, and the number of solutions for each q.
 
 .. math:: q = I w - M z, \qquad z, w \ge 0, \quad z_i w_i = 0
 
@@ -34,14 +34,14 @@ BASES = ((), (0,), (1,), (0, 1))
 
 COLORS = PALETTE[5], PALETTE[4], PALETTE[2], PALETTE[3]
 RADII = 1.0, 0.84, 0.68, 0.52
-"""A radius for each cone, so that each shows its own rim where several overlap."""
+"""A radius for each cone, so that the rims of overlapping cones are visible."""
 
-PARALLEL = 1e-12
+PARALLEL_TOL = 1e-12
 """Sine of an angle below which two columns span no plane."""
 
 COLUMN, RIGHT_SIDE = LCP, RK4
-SIZE = 1.32
-"""Half of the picture's width, in units of the largest radius."""
+HALF_WIDTH = 1.32
+"""Half of the width of the picture, in units of the largest radius."""
 
 
 @dataclass(frozen=True)
@@ -74,11 +74,11 @@ class Cone:
 
     @cached_property
     def kind(self) -> str:
-        """What the cone is: a "wedge", or if its columns do not span the plane a "line", a "ray" or the "origin"."""
+        """The kind of cone: a "wedge", or if its columns do not span the plane a "line", a "ray" or the "origin"."""
         a, b = (each / (np.hypot(*each) or 1.0) for each in self.columns)
         if not (a.any() or b.any()):
             return "origin"
-        if abs(a[0] * b[1] - a[1] * b[0]) > PARALLEL:
+        if abs(a[0] * b[1] - a[1] * b[0]) > PARALLEL_TOL:
             return "wedge"
         return "line" if a @ b < 0.0 else "ray"
 
@@ -174,7 +174,7 @@ def plot_cones(
 
     drawn = cones(full)
     parts = sectors(drawn)
-    panel.set(xlim=(-SIZE, SIZE), ylim=(-SIZE, SIZE), aspect="equal")
+    panel.set(xlim=(-HALF_WIDTH, HALF_WIDTH), ylim=(-HALF_WIDTH, HALF_WIDTH), aspect="equal")
     panel.set_axis_off()
     gaps = _draw_gaps(panel, parts)
     for cone, color, radius in zip(drawn, COLORS, RADII, strict=True):

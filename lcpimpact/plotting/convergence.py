@@ -1,4 +1,4 @@
-"""Pictures of errors: over the step, with the slopes of the orders that are seen, and over what they cost."""
+"""Plots of convergence, with slope triangles of the observed orders, and of work against precision."""
 
 from __future__ import annotations
 
@@ -36,23 +36,23 @@ COST_LABELS = {
     "seconds": "time [s]",
 }
 
-WIDTH = 0.16
-"""Of a slope triangle, in widths of the axes; a steep one is narrower."""
+TRIANGLE_WIDTH = 0.16
+"""Largest width of a slope triangle, in widths of the axes."""
 
-TALLEST = 0.22
-"""Of a slope triangle, in heights of the axes."""
+TRIANGLE_HEIGHT = 0.22
+"""Largest height of a slope triangle, in heights of the axes."""
 
-CLEAR = 0.15
-"""An order is drawn as a triangle if it is known to this, and as near to a half or a whole number."""
+ORDER_TOL = 0.15
+"""Largest standard error of an order, and distance from a multiple of 1/2, at which a slope triangle is drawn."""
 
-BEYOND = 30.0
-"""Largest error drawn, in units of the scale of its norm: a run that grows without bound would flatten the others."""
+MAX_ERROR = 30.0
+"""Largest error drawn, in units of the scale of its norm."""
 
-LONG = 28
-"""Labels of more letters stand below the picture."""
+MAX_LABEL_LENGTH = 28
+"""Maximum number of characters of a label inside the picture; longer ones are written below."""
 
-AIR = 0.03
-"""Around a slope triangle, in widths and heights of the axes."""
+TRIANGLE_MARGIN = 0.03
+"""Margin around a slope triangle, in widths and heights of the axes."""
 
 
 @style()
@@ -95,7 +95,7 @@ def plot_convergence(study: Convergence, *, norm: str | None = None) -> Figure:
         ax.plot(good["dt"], good[norm], label=f"{_named(key)}:  {_order(row, runs)}", **look)
         telling += list(good[norm])
         if len(good):
-            known = row["standard_error"] < CLEAR and abs(row["order"] - _half(row["order"])) < CLEAR
+            known = row["standard_error"] < ORDER_TOL and abs(row["order"] - _half(row["order"])) < ORDER_TOL
             lines.append(np.log10(np.column_stack([good["dt"], good[norm]]).astype(float)))
             slopes.append(_half(row["order"]) if known else 0.0)
         if len(good):
@@ -230,13 +230,13 @@ def _limit(ax: Axes, scale: float, telling: Sequence[float]) -> None:
     if telling:
         low = max(low, min(telling) / 4.0)
     if scale > 0.0:
-        high = max(min(high, BEYOND * scale), 10.0 * low)
+        high = max(min(high, MAX_ERROR * scale), 10.0 * low)
     ax.set_ylim(low, high)
 
 
 def _draw_legend(figure: Figure, ax: Axes, title: str | None) -> None:
     labels = [str(line.get_label()) for line in ax.get_lines() if not str(line.get_label()).startswith("_")]
-    if max(map(len, labels), default=0) <= LONG:
+    if max(map(len, labels), default=0) <= MAX_LABEL_LENGTH:
         figure.legend(loc="outside right center", title=title, alignment="left")
         return
     figure.legend(loc="outside lower center", title=title, ncols=2)
@@ -283,7 +283,7 @@ def _draw_triangles(ax: Axes, lines: Sequence[Array], slopes: Sequence[float]) -
         steepness = order * size[0] / size[1]
         if order <= 0.0:
             continue
-        width = min(WIDTH, TALLEST / steepness)
+        width = min(TRIANGLE_WIDTH, TRIANGLE_HEIGHT / steepness)
         corners = _place(own, taken, width, steepness * width)
         if corners is None:
             continue
@@ -304,10 +304,10 @@ def _place(own: Sequence[Array], taken: Sequence[Array], width: float, height: f
     for x in np.linspace(0.05, 0.93 - width, 45):
         for y in np.linspace(0.08, 0.95 - height, 45):
             inside = (
-                (obstacles[:, 0] > x - AIR)
-                & (obstacles[:, 0] < x + width + 2.0 * AIR)
-                & (obstacles[:, 1] > y - 2.0 * AIR)
-                & (obstacles[:, 1] < y + height + AIR)
+                (obstacles[:, 0] > x - TRIANGLE_MARGIN)
+                & (obstacles[:, 0] < x + width + 2.0 * TRIANGLE_MARGIN)
+                & (obstacles[:, 1] > y - 2.0 * TRIANGLE_MARGIN)
+                & (obstacles[:, 1] < y + height + TRIANGLE_MARGIN)
             )
             if inside.any():
                 continue

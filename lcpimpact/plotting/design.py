@@ -1,4 +1,4 @@
-"""Pictures of a designed impact and of a fit."""
+"""Plots of a designed impact and of a fit."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from lcpimpact.problems.reading import read
 from lcpimpact.study.design.fit import Fit
 from lcpimpact.study.design.sizing import UNITS, Design
 
-FINE = 1200
-"""Points of a curve."""
+POINTS = 1200
+"""Number of points of a curve."""
 
 WANTED, SHOWN = PALETTE[1], SOFT
-"""What was asked for, and what came of it."""
+"""Colours of required and resulting values."""
 
 SYMBOLS = {
     "e": "$e$", "contact_time": "$t_c$", "peak_force": "$F_\\mathrm{max}$", "deflection": "$x_\\mathrm{max}$",
@@ -32,7 +32,7 @@ SYMBOLS = {
 @style()
 @checked
 def plot_design(design: Design) -> Figure:
-    """Draw the force over time and over the way of the mass, with what was wanted marked.
+    """Draw the force over time and over the way of the mass, with the required values marked.
 
     The area within the loop is the energy that the block takes. Wanted values are drawn in colour, others grey.
 
@@ -50,7 +50,7 @@ def plot_design(design: Design) -> Figure:
     """
     run = design.simulate()
     end = min(design.contact_time, float(run.t[-1]))
-    t = np.linspace(0.0, end, FINE)
+    t = np.linspace(0.0, end, POINTS)
     force, way = read(run, design.force(run), t, "left"), read(run, "x", t)
     force[0] = read(run, design.force(run), [0.0])[0]
     if math.isfinite(design.contact_time):
@@ -112,7 +112,7 @@ def _mark(ax: Axes, design: Design, name: str, *, horizontal: bool = False) -> N
 
 
 def _words(design: Design) -> str:
-    """Return the title: the law, its constants, the restitution, and what was wanted."""
+    """Return the title: the law, its constants, the restitution, and the required values."""
     constants = [f"{SYMBOLS[name]} = {getattr(design, name):.6g} {_unit(design, name)}" for name in ("k", "c", "b")
                  if getattr(design, name) is not None]  # fmt: skip
     outcome = f"$e$ = {design.e:.4g}" if math.isfinite(design.contact_time) else "the mass stays"
@@ -156,7 +156,7 @@ def plot_fit(fit: Fit) -> Figure:
     axes = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
     end = float(fit.run.t[-1])
     fine = np.unique(
-        np.concatenate([np.linspace(0.0, end, FINE), [each.t for each in fit.run.events if each.t <= end]])
+        np.concatenate([np.linspace(0.0, end, POINTS), [each.t for each in fit.run.events if each.t <= end]])
     )
     for i, (name, rows) in enumerate(curves):
         above, below = axes[2 * i], axes[2 * i + 1]

@@ -1,4 +1,4 @@
-"""Pictures of non-smooth dynamics: sections, bifurcation diagrams, basins of attraction, orbits and their multipliers."""
+"""Plots of nonsmooth dynamics: sections, bifurcation diagrams, basins of attraction, orbits and their multipliers."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from lcpimpact.study.dynamics.sections import Impacts, PoincareSection
 from lcpimpact.study.dynamics.shooting import PeriodicOrbit
 
 BASINS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442")
-"""Colours of Okabe and Ito for areas; what leads to no attractor that was found is grey."""
+"""Colours of Okabe and Ito for basins; starts that reach no known attractor are grey."""
 
 UNSETTLED = "#8d95a1"
 
-FINE = 2000
-"""Points of an orbit."""
+POINTS = 2000
+"""Number of points of an orbit."""
 
-FEW = 12
-"""Up to so many points of a section are drawn large."""
+MAX_LARGE_POINTS = 12
+"""Maximum number of points of a section that are drawn large."""
 
 _STABILITY = [
     Line2D([], [], color=PALETTE[0], label="stable orbit"),
@@ -71,7 +71,7 @@ def plot_poincare(study: PoincareSection, *, x: str | None = None, y: str | None
     _check(table, across, up)
     figure = Figure(figsize=(5.2, 4.2), layout="constrained")
     ax = figure.add_subplot()
-    few = len(np.unique(np.round(table[[across, up]].to_numpy(), 6), axis=0)) <= FEW
+    few = len(np.unique(np.round(table[[across, up]].to_numpy(), 6), axis=0)) <= MAX_LARGE_POINTS
     ax.plot(table[across], table[up], "o", color=PALETTE[0], ms=5.0 if few else 1.8, mew=0.0)
     ax.margins(0.12 if few else 0.05)
     if across == "phase":
@@ -308,7 +308,7 @@ def plot_orbit(orbit: PeriodicOrbit, *, node: str | None = None) -> Figure:
     phase, circle = figure.subplots(1, 2)
 
     joins = np.array(sorted({event.t for event in orbit.events}))
-    fine = np.union1d(np.linspace(orbit.start, orbit.start + orbit.T, FINE, endpoint=False), joins)
+    fine = np.union1d(np.linspace(orbit.start, orbit.start + orbit.T, POINTS, endpoint=False), joins)
     left, right = orbit.sample(joins, "left"), orbit.sample(joins, "right")
     now = orbit.sample(fine)
     # At an event stand the left limit, a break, and the right limit.

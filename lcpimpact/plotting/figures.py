@@ -16,10 +16,10 @@ from lcpimpact.plotting.timeline import contact_intervals, curves, mark_events, 
 from lcpimpact.trajectory import Trajectory
 
 MARKERS = 60
-"""About so many LCP markers lie on a curve: enough to follow it, few enough to leave it visible."""
+"""Approximate number of LCP markers on a curve."""
 
 DECADES = 8.0
-"""Errors further than this below the largest are not drawn."""
+"""Number of decades below the largest error that are drawn."""
 
 HOLLOW: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
 
@@ -111,7 +111,7 @@ def _draw_corner(text: Corner) -> Figure:
 def force_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number: int) -> Figure:
     """Draw Fig. 6, 7 or 8: R(t) of one system by three methods, and below it the errors of two.
 
-    The LCP's force is the mean over a step and stands at its middle; each error is taken where its force lives.
+    The LCP's force is the mean over a step, drawn at its middle; each error is that at the instant of the force.
 
     Parameters
     ----------

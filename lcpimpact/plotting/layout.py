@@ -1,4 +1,4 @@
-"""Where the elements of a scheme stand in its picture; this knows nothing of how they are painted.
+"""Layout of the elements in the drawing of a scheme.
 
 Nodes are stacked in levels above the ground and every link is upright, so that a node moves along the links that it
 stretches. What several elements do between the same two nodes is an arm: links side by side, in series, or both.
@@ -25,7 +25,7 @@ from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion
 from lcpimpact.scheme.elements.rope import Rope
 
 CEILING = "\0ceiling"
-"""The ground once more, above everything: from it hangs what names the ground as its upper end."""
+"""A second ground at the top, for elements whose upper end is the ground."""
 
 LINK = 2.1
 """Height of a link."""
@@ -42,7 +42,7 @@ BREADTH = 0.75
 BODY_HEIGHT, BODY_WIDTH = 1.1, 2.6
 
 PLATE = 1.0
-"""Half of the width of a plate whose motion is given."""
+"""Half of the width of a plate with prescribed motion."""
 
 LOAD = 0.75
 """Height of a load's arrow above its node."""
@@ -51,19 +51,19 @@ COORDINATE = 0.75
 """Length of a coordinate's arrow below its node."""
 
 CLEAR = 0.2
-"""Between a symbol and its label."""
+"""Distance between a symbol and its label."""
 
 LETTER = 0.29
-"""About the width of a letter."""
+"""Approximate width of a letter."""
 
 ROW = 1.15
-"""Between two rows of nodes that no link joins."""
+"""Distance between two rows of nodes without a link."""
 
 CROSSING = 6.0
-"""What a bar that crosses a link costs, in units of a detour."""
+"""Cost of a bar that crosses a link, in units of a detour."""
 
 OPENING = 0.12
-"""How far the strokes of a bumper stand apart, in parts of its height."""
+"""Distance between the strokes of a bumper, relative to its height."""
 
 Side = Literal[-1, 1]
 
@@ -136,7 +136,7 @@ def in_series(upper: Arm, lower: Arm) -> Arm:
 
 
 def arms_between(elements: Sequence[Element]) -> list[Arm]:
-    """Return an arm for each pair of nodes that are joined, with the inner nodes of elements taken up in the arms."""
+    """Return an arm for each pair of joined nodes, including the inner nodes of elements."""
     inner = [node for element in elements for node in element.nodes[1:-1]]
     outer = {node for element in elements for node in (element.nodes[0], element.nodes[-1])}
     arms = [Arm(*ends(p), p) for e in elements for p in e.drawn() if len(p.nodes) > 1]
@@ -189,7 +189,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Box:
-    """A part of the picture that is taken: x from left to right, and levels from low to high."""
+    """An occupied part of the picture: x from left to right, and levels from low to high."""
 
     left: float
     right: float
@@ -237,7 +237,7 @@ class Layout:
 
     @cached_property
     def given(self) -> list[Arm]:
-        """The arms, not yet told what is up."""
+        """The arms, without an orientation."""
         return arms_between(self.elements)
 
     @cached_property
@@ -256,7 +256,7 @@ class Layout:
         return [part for part in self.parts if isinstance(part, Mass) and part.node == node]
 
     def motions(self, node: str) -> list[PrescribedMotion]:
-        """Return the motions that are given to a node."""
+        """Return the prescribed motions of a node."""
         return [part for part in self.parts if isinstance(part, PrescribedMotion) and part.node == node]
 
     def loads(self, node: str) -> list[Element]:
@@ -372,7 +372,7 @@ class Layout:
 
     @cached_property
     def _across(self) -> tuple[dict[int, float], dict[str, list[float]], dict[int, tuple[float, Side]]]:
-        """The middle of each arm, what each node must reach, and the place of each load and the side of its label."""
+        """The middle of each arm, the extent of each node, and the position of each load and the side of its label."""
         taken: list[Box] = []
         middle, touched = self._stand_arms(taken)
         return middle, touched, self._stand_loads(middle, touched, taken)
@@ -463,7 +463,7 @@ class Layout:
         self, wish: float, boxes: Sequence[Box], taken: Sequence[Box], bars: Mapping[int, tuple[float, float]],
         own: Sequence[str],
     ) -> float:  # fmt: skip
-        """Return the x nearest to a wish at which boxes, given relative to it, meet none that is taken.
+        """Return the x nearest to a wish at which boxes, given relative to it, overlap no occupied one.
 
         A node's own box is no obstacle to its arms. Bars, level to span, would have to be drawn out to the new place: to
         cross others with them costs as much as a long detour.
@@ -488,7 +488,7 @@ class Layout:
     # --- up ------------------------------------------------------------------------------------------------------------
 
     def need(self, link: Element, top: str, bottom: str, *, piece: bool) -> tuple[float, float, float, float]:
-        """Return what a link needs upright: its height at rest, its symbol's height, and what it opens and closes by."""
+        """Return the vertical extent of a link: its height at rest, its symbol's height, and what it opens and closes by."""
         body = BAR if isinstance(link, Bar) else PIECE if piece else LINK
         low, high = self.travel(top, bottom)
         opens, closes = max(high, 0.0), max(-low, 0.0)
@@ -557,7 +557,7 @@ class Layout:
         return y | dict(self._inner(y))
 
     def edge(self, y: Mapping[str, float], node: str, side: Side) -> float:
-        """Return where links meet a node: the upper (1) or the lower (-1) edge of its body."""
+        """Return where links join a node: the upper (1) or the lower (-1) edge of its body."""
         return y[node] + side * self.thickness(node) / 2.0
 
     def _inner(self, y: Mapping[str, float]) -> Iterator[tuple[str, float]]:
@@ -688,7 +688,7 @@ class Layout:
 
 
 def _soft(link: Element) -> bool:
-    """Return whether two bodies meet in the link and give way."""
+    """Return whether the link is compliant contact between two bodies."""
     return isinstance(link, (HertzSpring, HuntCrossley, KelvinVoigtStop))
 
 

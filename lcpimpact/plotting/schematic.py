@@ -1,4 +1,4 @@
-"""Schemes drawn in the usual symbols of engineering, from the strokes that the elements themselves carry."""
+"""Drawings of schemes in the usual engineering symbols, from the strokes of the elements."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 INCH = 0.42
-"""Inches in the unit of the layout, as long as the picture is no taller than `TALL`."""
+"""Inches per unit of the layout, for pictures no taller than `MAX_HEIGHT`."""
 
-TALL = 9.0
-"""Inches from which on a picture is drawn smaller."""
+MAX_HEIGHT = 9.0
+"""Height in inches above which a picture is scaled down."""
 
 FORCE, MOVES = PALETTE[1], PALETTE[0]
 
@@ -76,7 +76,7 @@ class Line:
 
 
 @dataclass(frozen=True, eq=False)
-class Words:
+class Label:
     """A text of the picture; ``side`` is the direction in which it stands beside its point."""
 
     text: str
@@ -91,7 +91,7 @@ class Words:
         return np.asarray(self.point + CLEAR * self.side)
 
 
-Piece = Line | Words
+Piece = Line | Label
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +170,7 @@ def draw_scheme(
         pieces = list(picture(layout, at_rest(layout), coordinates=coordinates))
         left, right, low, high = extent(pieces)
         pieces_width, pieces_height = right - left, high - low
-        size = 1.0 if figure is None else min(1.0, TALL / (pieces_height * INCH))
+        size = 1.0 if figure is None else min(1.0, MAX_HEIGHT / (pieces_height * INCH))
         paint(panel, pieces, size)
         panel.set(xlim=(left, right), ylim=(low, high), aspect="equal")
         panel.set_axis_off()
@@ -257,7 +257,7 @@ def _paint_line(ax: Axes, line: Line, size: float) -> tuple[Any, Any]:
     return drawn, filled
 
 
-def _paint_words(ax: Axes, words: Words, size: float) -> Any:
+def _paint_words(ax: Axes, words: Label, size: float) -> Any:
     ha = "left" if words.side[0] > 0.5 else "right" if words.side[0] < -0.5 else "center"
     x, y = words.place
     return ax.text(
@@ -325,7 +325,7 @@ def _link(layout: Layout, link: Link, posture: Posture) -> Iterator[Piece]:
         # Beside the symbol, which its leads may keep from the middle.
         wide = [y for points in placed for x, y in points.tolist() if abs(x - link.x) > 1e-9]
         middle = (min(wide) + max(wide)) / 2.0 if wide else (top + bottom) / 2.0
-        yield Words(label(part), np.array([link.x, middle]) + half_breadth(part) * side, side)
+        yield Label(label(part), np.array([link.x, middle]) + half_breadth(part) * side, side)
         return
     # R acts on the upper plate upwards and on the lower plate downwards; a cage has both between its plates.
     plates = sorted({float(line[0, 1]) for line in placed if abs(line[0, 1] - line[-1, 1]) < 1e-9 and len(line) == 2})
@@ -373,7 +373,7 @@ def _reaction(link: Link, middle: float, pressed: float, side: Array, cage: bool
         tip = tail + 0.27 * LINK * pressed * direction
         yield from _arrow(tail, tip, FORCE)
         at = tail + 0.135 * LINK * direction
-        yield Words(label(link.part) if pressed else "", at, side, FORCE)
+        yield Label(label(link.part) if pressed else "", at, side, FORCE)
 
 
 def _node(layout: Layout, node: str, y: Mapping[str, float]) -> Iterator[Piece]:
@@ -384,7 +384,7 @@ def _node(layout: Layout, node: str, y: Mapping[str, float]) -> Iterator[Piece]:
         frame = np.array([layout.thickness(node) * DOWN, (right - left) * RIGHT])
         yield from _strokes(body, [middle + np.asarray(stroke) @ frame for stroke in body.strokes])
     if bodies:
-        yield Words(" + ".join(map(label, bodies)), middle, np.zeros(2), size=14.0)
+        yield Label(" + ".join(map(label, bodies)), middle, np.zeros(2), size=14.0)
     elif not layout.motions(node):
         yield from _bar(left, right, y[node])
         if left == right:
@@ -395,7 +395,7 @@ def _node(layout: Layout, node: str, y: Mapping[str, float]) -> Iterator[Piece]:
         foot = np.array([left - 0.4, y[node]])
         for direction in (DOWN, -DOWN):
             yield from _arrow(foot, foot + 0.55 * direction, MOVES)
-        yield Words(f"{label(motion)[:-1]}(t)$" if label(motion).endswith("$") else label(motion), foot, -RIGHT, MOVES)
+        yield Label(f"{label(motion)[:-1]}(t)$" if label(motion).endswith("$") else label(motion), foot, -RIGHT, MOVES)
     top = layout.edge(y, node, 1)
     for load in layout.loads(node):
         x, side = layout.load_place(load)
@@ -403,7 +403,7 @@ def _node(layout: Layout, node: str, y: Mapping[str, float]) -> Iterator[Piece]:
         # In a load's frame its arrow has half of the unit's length.
         frame = 2.0 * LOAD * np.array([DOWN, RIGHT])
         yield from _strokes(load, [tip + np.asarray(stroke) @ frame for stroke in load.strokes])
-        yield Words(label(load), tip - 0.6 * LOAD * DOWN, side * RIGHT, FORCE)
+        yield Label(label(load), tip - 0.6 * LOAD * DOWN, side * RIGHT, FORCE)
 
 
 def _dot(middle: Array) -> Array:
@@ -418,4 +418,4 @@ def _coordinate(layout: Layout, node: str, y: float) -> Iterator[Piece]:
     ends = np.array([[edge + 0.5 * side * CLEAR, y], [x + side * CLEAR, y]])
     yield Line(ends, MOVES, 0.7, zorder=2.0)
     yield from _arrow(np.array([x, y]), np.array([x, y - COORDINATE]), MOVES)
-    yield Words(math_text(node), np.array([x, y - 0.45]), side * RIGHT, MOVES)
+    yield Label(math_text(node), np.array([x, y - 0.45]), side * RIGHT, MOVES)

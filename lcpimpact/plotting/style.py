@@ -1,4 +1,4 @@
-"""How every picture looks, and how it reaches the disk."""
+"""The common style of the plots, and their output."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SOFT = "#6b7685"
 FAINT = "#eef1f5"
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
-"""The colours of Okabe and Ito, which the colour-blind tell apart; yellow, too pale for a line, is left out."""
+"""Okabe and Ito's colours for colour-blind readers, without yellow, which is too pale for a line."""
 
 EXACT, LCP, RK4 = "#b9c6d6", PALETTE[0], PALETTE[1]
 """One colour for each way to solve a system: exact (wide and light), LCP (markers), RK4 (thin and dotted)."""
@@ -29,7 +29,7 @@ METADATA: dict[str, dict[str, Any]] = {
     ".svg": {"Date": None, "Creator": None},
     ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
-"""The formats, and what they would otherwise say about the day and the machine."""
+"""Formats, with the metadata cleared so that files do not depend on the day and the machine."""
 
 RC: dict[Any, Any] = {
     "axes.axisbelow": True,

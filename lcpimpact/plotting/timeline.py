@@ -1,4 +1,4 @@
-"""What every picture over time shares: curves broken at jumps, marks of the events, and times in contact."""
+"""Common parts of plots over time: curves broken at jumps, event marks, and contact intervals."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.trajectory import Trajectory
 
-FINE = 2000
-"""Points of a smooth curve: more than a page resolves."""
+POINTS = 2000
+"""Number of points of a smooth curve: more than a page resolves."""
 
-MANY = 12
-"""From so many events on, they are marked but no longer named."""
+MAX_NAMED_EVENTS = 12
+"""Number of events from which on they are marked but not named."""
 
 FORMULA = re.compile(r"([^\W_](_[^\W_]+)?|[ ()+=,.'-])+")
-"""Letters, each with an index or without, and what stands between them."""
+"""Letters with or without a subscript, and the operators between them."""
 
 WORDS = {"open": "opens", "close": "closes", "impact": "impact", "stick": "sticks", "slip": "slips"}
 
 
 def plain_text(text: str) -> str:
-    r"""Return words of somebody else's, as the name of a problem, so that no $ in them begins a formula.
+    r"""Return foreign text, as the name of a problem, with every $ escaped.
 
     Examples
     --------
@@ -89,7 +89,7 @@ def curves(trajectory: Trajectory) -> tuple[Array, Array, Array, Array]:
         return trajectory.t, trajectory.q, trajectory.t_reaction, trajectory.forces
     start, end = trajectory.t[0], trajectory.t[-1]
     inner = np.unique([event.t for event in trajectory.events if start < event.t < end])
-    fine = np.union1d(trajectory.t, np.linspace(start, end, FINE + 1))
+    fine = np.union1d(trajectory.t, np.linspace(start, end, POINTS + 1))
     begins, ends = np.union1d(inner, fine[:-1]), np.append(inner, end)
     after, before = trajectory.sample(begins, "right"), trajectory.sample(ends, "left")
     d = trajectory.problem.dynamics
@@ -132,7 +132,7 @@ def mark_events(axes: Sequence[Axes], events: Sequence[Event]) -> None:
     if not events:
         return
     times = sorted({event.t for event in events})
-    few = len(times) < MANY
+    few = len(times) < MAX_NAMED_EVENTS
     for ax in axes:
         # Many lines side by side would bury the curves, so they shrink to a rug along the axis.
         ax.vlines(

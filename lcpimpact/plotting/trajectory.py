@@ -1,4 +1,4 @@
-"""The picture of one run."""
+"""The plot of one run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.integrators import METHODS
 from lcpimpact.plotting.style import save, style
 from lcpimpact.plotting.timeline import (
-    MANY,
+    MAX_NAMED_EVENTS,
     curves,
     mark_events,
     math_text,
@@ -97,7 +97,7 @@ def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> F
 
 
 def panels(trajectory: Trajectory) -> list[Panel]:
-    """Return what is to be seen of a run: its coordinates, and its forces unless there are none or only impulses."""
+    """Return the panels of a run: its coordinates, and its forces unless there are none or only impulses."""
     dynamics = trajectory.problem.dynamics
     t, q, t_force, force = curves(trajectory)
     nodes, forces = shown_nodes(trajectory), shown_forces(trajectory)
@@ -132,11 +132,11 @@ def draw_panel(ax: Axes, panel: Panel, *, faint: bool = False) -> None:
 
 
 def title_of(trajectory: Trajectory) -> str:
-    """Return what a picture of a run is called."""
+    """Return the title of a plot."""
     title = plain_text(f"{trajectory.problem.name} by {_method(trajectory.method)}")
     if not trajectory.success:
         title += f": {trajectory.status.name.lower().replace('_', '-')} at t = {trajectory.t[-1]:g} s"
-    if (events := len(shown_events(trajectory))) >= MANY:
+    if (events := len(shown_events(trajectory))) >= MAX_NAMED_EVENTS:
         title += f", {events} events"
     return title
 

@@ -1,4 +1,4 @@
-r"""Balls that strike each other: impacts at once or one after the other, and what a law of restitution cannot know.
+r"""Colliding balls: simultaneous and sequential impacts, and the limits of a restitution law.
 
 Coordinates are positive downwards (to the right, for balls in a row), and count from where each ball starts.
 """
@@ -100,7 +100,7 @@ def newtons_cradle(
 ) -> Problem:
     r"""A row of N equal balls, struck at one end: the toy on the desk, as a chain of impacts.
 
-    With a gap δ > 0 between neighbours each impact is alone and passes the share ``(1 + e)/2`` of the speed on, so
+    With a gap δ > 0 between neighbours each impact is alone and transmits ``(1 + e)/2`` of the speed, so
 
     - the last ball leaves with ``v_N = v0 ((1 + e)/2)^(N-1)`` at ``t_N = d/v0 + Σ_j δ/(v0 ((1 + e)/2)^j)``, 0 < j < N-1.
 
@@ -222,7 +222,7 @@ def two_ball_drop(
 ) -> Problem:
     r"""Two balls dropped one above the other: the light one flies off higher than it came from.
 
-    Ball 1 is the lower. It meets the ground at ``t_1 = sqrt(2 H/g)`` with ``v = sqrt(2 g H)``, turns round, and meets
+    Ball 1 is the lower. It hits the ground at ``t_1 = sqrt(2 H/g)`` with ``v = sqrt(2 g H)``, turns round, and meets
     ball 2, which still falls δ above it; both fall alike meanwhile, so that takes ``τ = δ/((1 + e) v)``. The two velocities
     just before are ``g τ - e v`` and ``g τ + v``, and momentum with Newton's law gives
 

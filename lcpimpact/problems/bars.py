@@ -45,7 +45,7 @@ def bar_impact(
     - contact for ``2 L/c``, at the constant force ``R = ρ c A v0``, which is a rectangle in time,
     - momentum ``∫ R dt = 2 m v0``: the bar rebounds with v0, though no coefficient of restitution is in the scheme.
 
-    The front node carries no mass (its share went to its neighbour), so the force is a function and not a train of impulses.
+    The front node carries no mass (it went to its neighbour), so the force is a function and not a train of impulses.
     With mass in that node each step of a time-stepping method is a small impact, R chatters and energy leaks; with a
     coefficient e > 0 on it, worse. What remains is the ripple of the elements; it goes down with Δx, but its greatest value
     does not (Gibbs). The trap is to judge by that value: the error is to be measured in L1.
@@ -67,8 +67,8 @@ def bar_impact(
     elements : int
         Number of finite elements, at least 4.
     mu : float
-        Share of an element's mass that couples its ends, up to 1/4. ``1/12 + (c dt/Δx)²/6`` suits a step dt of moreau-jean;
-        the default is for dt = Δx/(2 c).
+        Coupling mass μ as a fraction of an element's mass, up to 1/4. ``1/12 + (c dt/Δx)²/6`` suits a step dt of
+        moreau-jean; the default is for dt = Δx/(2 c).
 
     Raises
     ------
@@ -131,7 +131,7 @@ def bouncing_bar(
 ) -> Problem:
     r"""The same bar dropped under gravity: an elastic body that bounces, and a run that shows whether energy is kept.
 
-    It meets the ground at ``t_1 = sqrt(2 gap/g)`` with ``v_1 = g t_1``, stays for ``τ = 2 L/c``, and all the while its waves
+    It hits the ground at ``t_1 = sqrt(2 gap/g)`` with ``v_1 = g t_1``, stays for ``τ = 2 L/c``, and all the while its waves
     feel gravity:
 
     - ``R = ρ c A (v_1 + g (t - t_1))`` in the first contact, with the defaults from 300 to 500 N,
@@ -160,8 +160,8 @@ def bouncing_bar(
     elements : int
         Number of finite elements, at least 4.
     mu : float
-        Share of an element's mass that couples its ends, up to 1/4. ``1/12 + (c dt/Δx)²/6`` suits a step dt of moreau-jean;
-        the default is for dt = Δx/(2 c).
+        Coupling mass μ as a fraction of an element's mass, up to 1/4. ``1/12 + (c dt/Δx)²/6`` suits a step dt of
+        moreau-jean; the default is for dt = Δx/(2 c).
 
     Raises
     ------

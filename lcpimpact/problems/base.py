@@ -17,13 +17,13 @@ from lcpimpact.errors import InputError
 from lcpimpact.numbers import between, finite, is_count
 from lcpimpact.problems.facts import Fact
 from lcpimpact.registry import nearest
-from lcpimpact.scheme.assembly import LARGEST
+from lcpimpact.scheme.assembly import MAX_NODES
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
-GIVEN_ZERO = 8.0 * float(np.finfo(float).eps)
-"""What counts as zero in a gap at the start, whose numbers are floats, relative to its terms."""
+GIVEN_ZERO_RTOL = 8.0 * float(np.finfo(float).eps)
+"""Tolerance for zero in an initial gap, whose data are floats, relative to its terms."""
 
 
 @dataclass(frozen=True)
@@ -39,13 +39,13 @@ class Problem:
     q0, v0 : mapping of str to float
         Initial coordinates (m) and velocities (m/s) by node; a node that is left out starts at zero.
     t_end : float
-        A time (s) by which the interesting part has happened; a suggestion for drivers.
+        Suggested end time in s.
     parameters : mapping of str to float
         The values that the scheme was built from.
     source : str
         Where it is from.
     facts : tuple of Fact
-        What is known of it in closed form.
+        Its closed-form values.
     motion : callable, optional
         The closed form of the motion: takes times (nt,) and returns q and v (nt, n), right limits.
 
@@ -105,9 +105,9 @@ class Problem:
         q, d = self.initial_coordinates, self.dynamics
         gaps, terms = d.gap(q), np.abs(d.H) @ np.abs(q) + np.abs(d.u0)
         for path in d.gap_paths:
-            # Places at which a run has ended may overlap by rounding.
+            # Final positions of another run may penetrate by rounding.
             u, rows = float(path @ gaps), np.flatnonzero(path)
-            if u >= -GIVEN_ZERO * (path @ terms):
+            if u >= -GIVEN_ZERO_RTOL * (path @ terms):
                 continue
             first = self.dynamics.contacts[rows[0]]
             if len(rows) == 1:
@@ -181,8 +181,8 @@ def restitution(name: str, e: float) -> None:
 
 def whole(name: str, symbol: str, value: float, least: int = 1) -> int:
     """Return a parameter that counts bodies as an int, and refuse one that is no whole number, too small, or too large."""
-    if not is_count(value) or not least <= value <= LARGEST:
+    if not is_count(value) or not least <= value <= MAX_NODES:
         raise InputError(
-            f"{name}: {symbol} = {value:g} must be a whole number, at least {least} and at most {LARGEST:,}"
+            f"{name}: {symbol} = {value:g} must be a whole number, at least {least} and at most {MAX_NODES:,}"
         )
     return int(value)

@@ -1,4 +1,4 @@
-"""What is known of a problem in closed form, and how a run is asked for the same number."""
+"""Closed-form values of a problem, and their measurement on a run."""
 
 from __future__ import annotations
 

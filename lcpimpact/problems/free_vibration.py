@@ -1,4 +1,4 @@
-r"""The free vibration of a damped oscillator, for any damping: what many closed forms here are made of."""
+r"""The free vibration of a damped oscillator, for any damping."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-r"""Dry friction: a force that is bounded, and what it leaves behind."""
+r"""Dry friction: bounded forces and permanent displacements."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def coulomb_oscillator(m: float = 1.0, k: float = 100.0, F: float = 5.0, x0: flo
     - and stops for good at the first n with ``|x_n| <= F/k``, where the spring can no longer overcome the friction.
 
     Amplitudes fall along a straight line (viscous damping makes an exponential of it), motion ends in finite time, and
-    any place in |x| <= F/k is a possible end: the rest is a set. The trap is ``sign x'`` in a smooth integrator: it chatters
-    about x' = 0 for ever, or with sign 0 = 0 lets the stopped mass creep back to the centre.
+    any position in |x| <= F/k is an equilibrium: equilibria form a set. The trap is ``sign x'`` in a smooth integrator:
+    it chatters about x' = 0 for ever, or with sign 0 = 0 lets the stopped mass creep back to the centre.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def coulomb_oscillator(m: float = 1.0, k: float = 100.0, F: float = 5.0, x0: flo
     F : float
         Friction in N.
     x0 : float
-        Place in m from which it is let go.
+        Initial position in m.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def coulomb_oscillator(m: float = 1.0, k: float = 100.0, F: float = 5.0, x0: flo
 
     motion = partial(_coulomb_oscillator_motion, halves=halves, loss=loss, rest=rest, x0=x0, ω=ω)
 
-    place = Fact("x_∞", "where it stays", rest, "m", partial(final, series="x"), scale=x0)
+    place = Fact("x_∞", "final position", rest, "m", partial(final, series="x"), scale=x0)
     facts: tuple[Fact, ...] = (place,)
     if halves:
         facts = (

@@ -1,4 +1,4 @@
-r"""Bodies that touch in a point: non-linear springs, and the contact that begins softly."""
+r"""Hertzian point contact: non-linear springs with and without loss."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def hertz_impact(m: float = 0.0327, K: float = 1.54e10, n: float = 1.5, v0: floa
 
     ``m δ'' = -K δⁿ`` while δ > 0, with n = 3/2 for smooth bodies. The energy gives the rest:
 
-    - greatest overlap ``δ_max = ((n + 1) m v0²/(2 K))^(1/(n + 1))``, for n = 3/2 ``(5 m v0²/(4 K))^(2/5)``,
+    - largest penetration ``δ_max = ((n + 1) m v0²/(2 K))^(1/(n + 1))``, for n = 3/2 ``(5 m v0²/(4 K))^(2/5)``,
     - contact time ``T = 2/(n + 1) B(1/(n + 1), 1/2) δ_max/v0``, for n = 3/2 ``2.94327518 δ_max/v0``,
     - greatest force ``F_max = K δ_maxⁿ``, and the ball returns with v0.
 
@@ -66,7 +66,7 @@ def hertz_impact(m: float = 0.0327, K: float = 1.54e10, n: float = 1.5, v0: floa
     δ_max = ((n + 1.0) * m * v0**2 / (2.0 * K)) ** (1.0 / (n + 1.0))
     T = 2.0 / (n + 1.0) * float(beta(1.0 / (n + 1.0), 0.5)) * δ_max / v0
     facts = (
-        Fact("δ_max", "greatest overlap", δ_max, "m", partial(peak, series="x")),
+        Fact("δ_max", "largest penetration", δ_max, "m", partial(peak, series="x")),
         Fact("T", "contact time", T, "s", partial(crossing, series="x", direction=-1.0)),
         Fact("F_max", "greatest force", K * δ_max**n, "N", _greatest_push),
         Fact("e", "restitution", 1.0, "", partial(_rebound, unit=v0)),
@@ -87,7 +87,7 @@ def hunt_crossley_impact(
 ) -> Problem:
     r"""The same ball with Hunt and Crossley's loss: a restitution that falls with the speed, in closed form.
 
-    ``m δ'' = -K δⁿ (1 + b δ')`` while δ > 0. With ``a = b v0`` the velocity as a function of the overlap integrates to
+    ``m δ'' = -K δⁿ (1 + b δ')`` while δ > 0. With ``a = b v0`` the velocity as a function of the penetration integrates to
     ``b δ' - ln(1 + b δ') = a - ln(1 + a) - K b² δⁿ⁺¹/((n + 1) m)``, so
 
     - ``δ_maxⁿ⁺¹ = (n + 1) m (a - ln(1 + a))/(K b²)``,
@@ -137,7 +137,7 @@ def hunt_crossley_impact(
     w = brentq(lambda w: n * w + (n + 1.0) * (w - math.log1p(w) - lost), 0.0, a, xtol=1e-16)
     F_max = n * m * w / b**2 * (1.0 + w) / (n * m * w / (K * b**2)) ** (1.0 / (n + 1.0))
     facts = (
-        Fact("δ_max", "greatest overlap", δ_max, "m", partial(peak, series="x")),
+        Fact("δ_max", "largest penetration", δ_max, "m", partial(peak, series="x")),
         Fact("e", "restitution", e, "", partial(_rebound, unit=v0)),
         Fact("F_max", "greatest force", F_max, "N", _greatest_push),
     )

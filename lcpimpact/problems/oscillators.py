@@ -26,7 +26,7 @@ from lcpimpact.scheme.signals import Harmonic
 
 
 def oscillator_stop(m: float = 1.0, k: float = 100.0, e: float = 0.8, v0: float = 1.0) -> Problem:
-    r"""An oscillator whose stop stands at its place of equilibrium: impacts on the beat.
+    r"""An oscillator with its stop at equilibrium: periodic impacts.
 
     ``m x'' + k x = 0`` for x <= 0, and ``v⁺ = -e v⁻`` at x = 0. The mass leaves the stop at t = 0 with the speed v0. It
     returns after half a period whatever its speed, so with ``ω = sqrt(k/m)``
@@ -79,7 +79,7 @@ def oscillator_stop(m: float = 1.0, k: float = 100.0, e: float = 0.8, v0: float 
             partial(limit, kind="impact", number=3, of="v", i=0, side="right", unit=-1.0),
             scale=v0,
         ),
-        Fact("x_min", "farthest place", v0 / ω, "m", _farthest),
+        Fact("x_min", "farthest position", v0 / ω, "m", _farthest),
     )
     return Problem(
         name,
@@ -152,8 +152,8 @@ def bilinear_oscillator(m: float = 1.0, k: float = 100.0, k_1: float = 800.0, v0
     facts = (
         Fact("T", "period", T, "s", partial(interval, kind="open", first=1, last=2)),
         Fact("π/ω_2", "time in contact", half, "s", partial(instant, kind="open")),
-        Fact("x_max", "farthest place against both springs", v0 / ω_2, "m", partial(peak, series="x")),
-        Fact("x_min", "farthest place against one", -v0 / ω_1, "m", partial(peak, series="x", sign=-1.0)),
+        Fact("x_max", "farthest position against both springs", v0 / ω_2, "m", partial(peak, series="x")),
+        Fact("x_min", "farthest position against one", -v0 / ω_1, "m", partial(peak, series="x", sign=-1.0)),
         Fact("R_max", "greatest force", k_1 * v0 / ω_2, "N", partial(peak, series="R")),
     )
     return Problem(
@@ -190,11 +190,11 @@ def impact_oscillator(
     - ``C s_h + S d_h = s_h`` and ``-S s_h + S' d_h = v⁻ - d``, where ``s_h = s - p`` and ``d_h = -e v⁻ - d``,
     - ``p² + (d/ω)² = f²/((1 - ω²)² + (2 ζ ω)²)``: a quadratic equation in v⁻.
 
-    Orbits are born in pairs, and the faster of the two is taken, which is the one that may be stable. What there is to
-    learn: at ω = 2.6 the oscillator without a stop would follow the force with amplitude 0.17; with the stop it is one of
-    many motions, periodic or chaotic. Raised from small f, the first touch is at ``f* = |s| sqrt((1 - ω²)² + (2 ζ ω)²)``,
-    and there the map from impact to impact has an infinite slope (a square root). That is the trap: no analysis of
-    stability, and no continuation in a parameter, passes a grazing.
+    Orbits are born in pairs; the faster one, which may be stable, is chosen. At ω = 2.6 the oscillator without a stop
+    would follow the force with amplitude 0.17; with the stop it is one of many motions, periodic or chaotic. Raised from
+    small f, the first touch is at ``f* = |s| sqrt((1 - ω²)² + (2 ζ ω)²)``, and there the map from impact to impact has an
+    infinite slope (a square root). That is the trap: no analysis of stability, and no continuation in a parameter, passes
+    a grazing.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def impact_oscillator(
     f : float
         Amplitude of the force over the stiffness.
     s : float
-        Place of the stop.
+        Position of the stop.
     e : float
         Coefficient of restitution.
     n : int
@@ -312,8 +312,8 @@ def shaw_holmes(
       ``p = x_p(0)``, ``d = x_p'(0)``.
 
     For s > 0 the forced motion stays clear of the stop while ``f < f* = s sqrt((1 - ω²)² + (2 ζ ω)²)``. There it grazes: the
-    derivative of the map of one period is infinite on the side of the impacts, and an orbit that attracted may give way at
-    once to chaos. The trap is a large step near it: whether a slow touch is met or stepped over decides what comes after.
+    derivative of the map of one period is infinite on the side of the impacts, and an attracting orbit may be replaced at
+    once by chaos. The trap is a large step near it: whether a slow contact is detected decides the rest of the motion.
 
     Parameters
     ----------
@@ -324,11 +324,11 @@ def shaw_holmes(
     f : float
         Amplitude of the force over the stiffness.
     s : float
-        Place of the stop.
+        Position of the stop.
     e : float
         Coefficient of restitution.
     x0, v0 : float
-        Place and velocity at the start; x0 <= s.
+        Position and velocity at the start; x0 <= s.
 
     Raises
     ------
@@ -369,7 +369,7 @@ def shaw_holmes(
     facts: tuple[Fact, ...] = ()
     if t_1 is None:
         end = float(free(t_end)[0])
-        facts = (Fact("x(T)", "place at the end, clear of the stop", end, "m", partial(final, series="x"), scale=G),)
+        facts = (Fact("x(T)", "position at the end, clear of the stop", end, "m", partial(final, series="x"), scale=G),)
     elif t_1 > 0.0 or v0 > 0.0:
         facts = (
             Fact("t_1", "first impact", t_1, "s", partial(instant, kind="impact"), scale=1.0),

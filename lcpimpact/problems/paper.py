@@ -1,4 +1,4 @@
-r"""Systems No. 1, 2 and 3 of Grzesikiewicz and Zbiciak, as three schemes and nothing else.
+r"""Systems No. 1, 2 and 3 of Grzesikiewicz and Zbiciak as schemes.
 
 Coordinates are positive downwards: x the body, y the lower end of the body's own structure, z the upper plate on the
 ground structure. The defaults are Table 1, and a fall from rest through h_o = 5 m.
@@ -38,9 +38,9 @@ def system_1(
 
     ``m x'' = m g - R``, ``c_o z' + k_o z = R``, ``0 <= z - x ⟂ R >= 0``: Eqs (2), of relative degree 1.
 
-    The body drives a plate without mass. R is a function and no impulse, yet it jumps to ``R(0+) = c_o v_o`` at first
+    The body drives a massless plate. R is a function and no impulse, yet it jumps to ``R(0+) = c_o v_o`` at first
     touch. Contact ends while the block is still pressed together, the plate creeps back, and the body, which gravity
-    returns, meets it again on its way: four switches in 3 s with Table 1. The trap is the first-order form x' = A x + B R
+    returns, hits it again on its way: four switches in 3 s with Table 1. The trap is the first-order form x' = A x + B R
     with R weighted by 1/2: R then rings for ever, and its peak comes out 43 % too high.
 
     Parameters
@@ -102,7 +102,7 @@ def system_2(
 
     A spring between body and bumper takes the jump out of the force: R starts from zero and is continuous, since
     ``u = z - x + R/k`` and so ``R = k [x - z]^+``. The node y has no equation of motion, only a balance of forces; in
-    flight it follows x. The trap is to treat y as a state: with θ = 1/2 it alternates about its place for ever.
+    flight it follows x. The trap is to treat y as a state: with θ = 1/2 it oscillates about equilibrium for ever.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-r"""The smooth side of the comparison: every bumper of a scheme replaced by a compliant law.
+r"""Penalty approximation: every bumper of a scheme replaced by a compliant law.
 
 A rigid bumper becomes a stiff one-sided spring, so that the problem is an ordinary differential equation that any smooth
 method can run. The model errs by the time that the contact takes and by the depth that it needs, both of the order
@@ -51,7 +51,7 @@ def penalized(
 ) -> Problem:
     r"""Return the problem with every bumper, and every rope, replaced by a compliant law of the stiffness k.
 
-    With δ the overlap of the plates, or how far a rope is drawn past its length, the laws are for δ > 0
+    With δ the penetration of the plates, or the elongation of a rope, the laws are for δ > 0
 
     - ``kelvin-voigt``: ``f = max(0, k δ + c δ')``, a `KelvinVoigtStop`;
     - ``hertz``: ``f = k δⁿ``, a `HertzSpring`, which loses nothing;
@@ -63,8 +63,8 @@ def penalized(
               m_{eff} = (H M^{-1} H^T)^{-1}, \qquad\text{or}\qquad
               b = \frac a{v_0}, \quad a - \ln(1 + a) = -e a - \ln(1 - e a).
 
-    So Kelvin and Voigt's e holds at all speeds, and Hunt and Crossley's at the speed v0 that is given. Where a spring or a
-    dashpot gives way under a massless plate, e means nothing and the law has no loss unless one is given.
+    So Kelvin and Voigt's e holds at all speeds, and Hunt and Crossley's at the speed v0 that is given. At a massless
+    plate e has no meaning, and the law has no loss unless one is given.
 
     What rests on the law sinks in by m g/k, or (m g/k)^(1/n); it leaves the ground only where its impacts are strong
     against its weight, so a ball that bounces ever lower comes to rest earlier than on a rigid ground.
@@ -78,7 +78,7 @@ def penalized(
     k : float
         Stiffness in N/m, or K in N/mⁿ.
     c : float, optional
-        Damping of ``kelvin-voigt`` in N s/m, for all bumpers alike, in place of what e tells.
+        Damping of ``kelvin-voigt`` in N s/m, for all bumpers, in place of that from e.
     b : float, optional
         Loss of ``hunt-crossley`` in s/m, likewise.
     n : float, optional

@@ -1,4 +1,4 @@
-"""How a number is read off a run: its events, peaks and crossings; to rounding where the run is exact.
+"""Measurements on a run: events, peaks and crossings; to rounding on an exact run.
 
 What is read is a series by its name, or a function of a `State` of samples (q and v of shape (nt, n), reaction (nt, nc)).
 The runs of step methods are read at the order of a good step: parabolas through peaks, lines through crossings.
@@ -140,11 +140,11 @@ def _knots(run: Any) -> Array:
     return np.asarray(knots[knots <= run.t[-1]])
 
 
-BELOW = 0.125
-"""Part of the range of a series by which a knot may lie below its peak, since motion turns by a radian between knots."""
+KNOT_MARGIN = 0.125
+"""Largest distance of a knot below the peak beside it, relative to the range of the series."""
 
-PEAKS = 16
-"""Number of local maxima that are searched at most."""
+MAX_PEAKS = 16
+"""Maximum number of local maxima that are searched."""
 
 
 def _exact_peak(value: Callable[[ArrayLike, str], Array], knots: Array) -> float:
@@ -152,9 +152,9 @@ def _exact_peak(value: Callable[[ArrayLike, str], Array], knots: Array) -> float
     highest = np.maximum(value(knots, "left"), value(knots, "right"))
     beside = np.concatenate([[-np.inf], highest, [-np.inf]])
     best = float(highest.max())
-    enough = best - BELOW * (best - float(highest.min()))
+    enough = best - KNOT_MARGIN * (best - float(highest.min()))
     tops = np.flatnonzero((highest >= beside[:-2]) & (highest >= beside[2:]) & (highest >= enough))
-    tops = tops[np.argsort(-highest[tops], kind="stable")][:PEAKS]
+    tops = tops[np.argsort(-highest[tops], kind="stable")][:MAX_PEAKS]
     return max(best, *(_peak_beside(value, knots, int(j)) for j in tops))
 
 

@@ -1,4 +1,4 @@
-"""What is known of the paper's systems with Table 1, g = 9.81 and h_o = 5 m, from arithmetic with 40 digits."""
+"""Reference values of the paper's systems with Table 1, g = 9.81 and h_o = 5 m, computed with 40 digits."""
 
 from __future__ import annotations
 

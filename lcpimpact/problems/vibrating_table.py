@@ -1,4 +1,4 @@
-r"""A ball on a vibrating table: the simplest way from a regular motion to chaos."""
+r"""A ball on a vibrating table: from regular motion to chaos."""
 
 from __future__ import annotations
 
@@ -194,7 +194,7 @@ def thrown_ball(
     def gap(t: Array) -> Array:
         return np.asarray(A * np.cos(ω * t) + h - v0 * t - 0.5 * g * t**2)
 
-    # By then the ball has fallen below the lowest place of the table.
+    # By then the ball has fallen below the lowest position of the table.
     latest = (-v0 + math.sqrt(v0**2 + 2.0 * g * (h + A))) / g
     t_1 = first_root(gap, latest * (1.0 + 1e-9), 2.0 * math.pi / ω)
     scheme = Scheme(

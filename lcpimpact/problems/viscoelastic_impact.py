@@ -1,4 +1,4 @@
-r"""A mass strikes a linear viscoelastic block, without gravity: what springs, dashpots and their order do to a rebound.
+r"""Impact of a mass on a linear viscoelastic block, without gravity.
 
 In each problem x is the mass, positive towards the block, and touches it at t = 0 with the speed v0. Restitution is no
 constant of these schemes: e = -v(end)/v0 comes out of them.
@@ -30,7 +30,7 @@ from lcpimpact.scheme.scheme import Scheme
 
 
 def kelvin_voigt_impact(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v0: float = 10.0) -> Problem:
-    r"""A mass on a Kelvin-Voigt block that pushes but does not pull: System No. 1 without its weight.
+    r"""A mass on a Kelvin-Voigt block without tension: System No. 1 without its weight.
 
     In contact ``m x'' = -R`` with ``R = c x' + k x``. Three things are to be learnt from it. The force does not start from
     zero but jumps to ``R(0+) = c v0``. Contact ends where R falls to zero, which is *before* the block has regained its
@@ -39,7 +39,7 @@ def kelvin_voigt_impact(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v
 
     - duration ``t_c = 2 acos ζ/(ω sqrt(1 - ζ²))``, restitution ``e = exp(-2 ζ acos ζ/sqrt(1 - ζ²))``,
     - peak force ``R_max = m ω v0 exp(-ζ ω t_m)`` at ``ω t_m = (3 acos ζ - π)/sqrt(1 - ζ²)`` if ζ < 1/2, else ``R(0+)``,
-    - deepest place ``x_max = v0/ω exp(-ζ acos ζ/sqrt(1 - ζ²))``.
+    - largest deflection ``x_max = v0/ω exp(-ζ acos ζ/sqrt(1 - ζ²))``.
 
     For ζ > 1 read acosh and sqrt(ζ² - 1): even an overdamped block throws the mass back. The trap is
     `kelvin_voigt_tension`, where the block is left only at x = 0.
@@ -85,7 +85,7 @@ def kelvin_voigt_impact(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v
         Fact("t_c", "duration of the contact", t_c, "s", partial(instant, kind="open")),
         Fact("e", "restitution", e, "", partial(limit, kind="open", of="v", i=0, side="right", unit=-v0)),
         Fact("R_max", "greatest force", R_max, "N", partial(peak, series="R")),
-        Fact("x_max", "deepest place", v0 / ω * math.exp(-ζ * φ), "m", partial(peak, series="x")),
+        Fact("x_max", "largest deflection", v0 / ω * math.exp(-ζ * φ), "m", partial(peak, series="x")),
     )
     return Problem(
         name,
@@ -115,7 +115,7 @@ def _kelvin_voigt_impact_motion(
 def kelvin_voigt_tension(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v0: float = 10.0) -> Problem:
     r"""The same mass on the same block, but glued to it: what many particle codes compute instead.
 
-    ``m x'' + c x' + k x = 0``, and contact is taken to end where x returns to zero. Then
+    ``m x'' + c x' + k x = 0``, and contact ends where x returns to zero. Then
 
     - ``t_c = π/(ω sqrt(1 - ζ²))`` and ``e = exp(-π ζ/sqrt(1 - ζ²))``,
     - the force that is left at the end is ``-c e v0``: the block *pulls* at the mass that it is about to release.
@@ -167,7 +167,7 @@ def kelvin_voigt_tension(m: float = 100.0, k: float = 3924.0, c: float = 250.0, 
     else:
         t_c = 2.0 * angle(ζ) / ω
         facts = (
-            Fact("x_max", "deepest place", v0 / ω * math.exp(-ζ * angle(ζ)), "m", partial(peak, series="x")),
+            Fact("x_max", "largest deflection", v0 / ω * math.exp(-ζ * angle(ζ)), "m", partial(peak, series="x")),
             Fact("e", "speed of return over v0", 0.0, "", _returns, scale=1.0),
         )
     return Problem(
@@ -205,7 +205,7 @@ def maxwell_impact(m: float = 100.0, k: float = 3924.0, c: float = 1000.0, v0: f
     In contact ``m x'' = -R`` with ``R'/k + R/c = x'``, so R itself vibrates: with ``a = k/(2 c)`` and
     ``ω_d = sqrt(k/m - a²)``
 
-    - ``R = k v0/ω_d exp(-a t) sin(ω_d t)``, which starts from zero (a spring gives way first: relative degree 0),
+    - ``R = k v0/ω_d exp(-a t) sin(ω_d t)``, which starts from zero (relative degree 0),
     - duration ``t_c = π/ω_d``, restitution ``e = exp(-a π/ω_d)``,
     - permanent dent ``s = m v0 (1 + e)/c``, since the dashpot has taken up the whole momentum, c s = ∫ R dt.
 

@@ -1,1 +1,1 @@
-"""Reports: one page of HTML that holds all it shows."""
+"""Reports: self-contained HTML pages."""

@@ -1,4 +1,4 @@
-"""One page of HTML with text, pictures and tables, which opens offline, since all that it shows is in it."""
+"""A self-contained HTML page of text, pictures and tables."""
 
 from __future__ import annotations
 

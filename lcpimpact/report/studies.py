@@ -1,4 +1,4 @@
-"""The pages of studies: which parts the report of each has."""
+"""The reports of the studies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The tolerances that the report states; it is a success only if every one of them holds."""
+"""The tolerances stated in the report; all of them must hold."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lcpimpact.problems.reference import KNOWN
-from lcpimpact.reproduce.runs import DIRECT_SOLVERS, QP_SOLVERS, STEPS, PaperRuns, Row
+from lcpimpact.reproduce.runs import DIRECT_SOLVERS, QP_SOLVERS, STEPS, CaseResult, PaperRuns
 
 QP_TOLERANCE = 1e-7
 """Relative agreement of a QP backend's trajectory with the direct solvers: OSQP is asked for 1e-11 and scaled."""
@@ -58,7 +58,7 @@ def _worst(values: Iterable[float]) -> float:
     return float(array.max()) if len(array) else float("nan")
 
 
-def _select(found: PaperRuns, method: str, theta: float | None = None, label: str | None = None) -> list[Row]:
+def _select(found: PaperRuns, method: str, theta: float | None = None, label: str | None = None) -> list[CaseResult]:
     return [
         row
         for row in found.rows
@@ -135,7 +135,7 @@ def _solvers_agree(found: PaperRuns) -> list[Check]:
     return checks
 
 
-def _difference(row: Row, reference: Row) -> float:
+def _difference(row: CaseResult, reference: CaseResult) -> float:
     """Return how far apart two runs end, relative to the largest coordinate; NaN if one of them failed."""
     if row.failure or reference.failure:
         return float("nan")

@@ -1,4 +1,4 @@
-"""From nothing to the report: draw the figures, run the paper's systems, check, write."""
+"""The reproduction: draw the figures, run the paper's systems, check the tolerances, write the report."""
 
 from __future__ import annotations
 
@@ -48,8 +48,8 @@ FIGURES = (
         1,
         "schemes",
         "System No. 1",
-        "System No. 1: the body meets, through a bumper, a plate on a Kelvin-Voigt structure. The plate z has no mass and "
-        "gives way through a dashpot, so R has relative degree 1 and jumps to c<sub>o</sub> v<sub>o</sub> at first touch.",
+        "System No. 1: the body hits, through a bumper, a plate on a Kelvin-Voigt structure. The plate z is massless and "
+        "rests on a dashpot, so R has relative degree 1 and jumps to c<sub>o</sub> v<sub>o</sub> at first touch.",
     ),
     FigureText(
         2,
@@ -62,8 +62,8 @@ FIGURES = (
         3,
         "graphs",
         "Its differential succession",
-        "The same corner between R and u', valid while u = 0: the plates stay together under pressure, or part. It is what "
-        "chooses the next contact mode in the exact solution.",
+        "The same corner between R and u', valid while u = 0: the plates stay in contact under pressure, or separate. It "
+        "determines the next contact mode in the exact solution.",
     ),
     FigureText(
         4,
@@ -112,7 +112,7 @@ FIGURES = (
 
 @dataclass(frozen=True)
 class Reproduction:
-    """What was written, and whether every stated tolerance holds.
+    """The written files, and whether every stated tolerance holds.
 
     Attributes
     ----------
@@ -243,7 +243,7 @@ def _report_tables(found: PaperRuns, checks: tuple[Check, ...]) -> list[Section]
             "Cross-validation",
             "Errors of the θ-step (with Lemke's method) and of the paper's RK4 against the exact solution; "
             "t<sub>1</sub> ... t<sub>4</sub> are errors of the switching times, and mean|R| is the L1 error of R over the "
-            f"length of the run, read where the force lives (mid-step for θ = 1/2). {tables.compared_with_rk4(found)} "
+            f"length of the run, at the instants of the force (mid-step for θ = 1/2). {tables.compared_with_rk4(found)} "
             f"{' '.join(f'{escape(line)}.' for verdict in found.verdicts.values() for line in verdict.head())}",
             tables.CROSS_VALIDATION_HEADER[:-4],
             [row[:-4] for row in shown],

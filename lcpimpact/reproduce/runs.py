@@ -54,14 +54,14 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Row:
-    """What one run showed against the exact solution.
+class CaseResult:
+    """Errors of one run against the exact solution.
 
     Attributes
     ----------
     case : Case
     sup_x, sup_v : float        sup |x - exact| in m and sup |x' - exact| in m/s on the grid
-    mean_R : float              L1 norm of R - exact over the length of the run, in N, read where the force lives
+    mean_R : float              L1 norm of R - exact over the length of the run, in N, at the instants of the recorded force
     switch_errors : tuple       error of each switching time in s; NaN where the switch is missing
     extra_switches : int        switches that the exact solution does not have
     peak : float                greatest R in N
@@ -106,18 +106,18 @@ class Orders:
 
 @dataclass(frozen=True)
 class PaperRuns:
-    """What the runs of the paper's systems showed.
+    """The results of the runs of the paper's systems.
 
     Attributes
     ----------
-    rows : tuple of Row
+    rows : tuple of CaseResult
     orders : tuple of Orders
     verdicts : dict             label to the `CrossValidation` of the exact solution, the LCP step and the paper's RK4
     exact_errors : dict         label to the largest error of exact in switching times (s), x, y (m) and R (N)
     peaks : dict                label to the greatest R of exact in N
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[CaseResult, ...]
     orders: tuple[Orders, ...]
     verdicts: dict[str, CrossValidation] = field(default_factory=dict)
     exact_errors: dict[str, dict[str, float]] = field(default_factory=dict)
@@ -159,7 +159,7 @@ def switch_errors(trajectory: Trajectory, exact: Trajectory) -> tuple[tuple[floa
     return tuple(float(errors[i]) for i in order), extra
 
 
-def run_case(case: Case) -> Row:
+def run_case(case: Case) -> CaseResult:
     """Run one case and measure it against the exact solution on the same grid; a failure becomes a row too."""
     try:
         found = simulate(
@@ -172,12 +172,12 @@ def run_case(case: Case) -> Row:
             **dict(case.options),
         )
     except LcpImpactError as error:
-        return Row(case, failure=str(error))
+        return CaseResult(case, failure=str(error))
     exact = exact_solution(case.label, round(T_END / case.h))
     R = exact.sample(found.t_reaction).reaction[:, 0]
     errors, extra = switch_errors(found, exact)
     c = found.certificate
-    return Row(
+    return CaseResult(
         case,
         float(np.abs(found["x"] - exact["x"]).max()),
         float(np.abs(found["v_x"] - exact["v_x"]).max()),

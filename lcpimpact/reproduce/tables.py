@@ -10,7 +10,7 @@ from typing import Any
 
 from lcpimpact.files import whole_file
 from lcpimpact.reproduce.checks import Check
-from lcpimpact.reproduce.runs import STEPS, PaperRuns, Row
+from lcpimpact.reproduce.runs import STEPS, CaseResult, PaperRuns
 
 CROSS_VALIDATION_HEADER = (
     "system", "method", "theta", "lcp_solver", "h [s]", "sup|x| [m]", "sup|x'| [m/s]", "mean|R| [N]",
@@ -27,7 +27,7 @@ def cross_validation_rows(found: PaperRuns) -> list[list[Any]]:
     return [_row(row) for row in found.rows]
 
 
-def _row(row: Row) -> list[Any]:
+def _row(row: CaseResult) -> list[Any]:
     case = row.case
     switches = [*row.switch_errors, *[""] * (4 - len(row.switch_errors))]
     residual, _, penetration, energy = row.certificate or (math.nan,) * 4

@@ -1,1 +1,1 @@
-"""Rheological schemes: elements, assembly, and the equations of motion that they give."""
+"""Rheological schemes: elements, assembly, and equations of motion."""

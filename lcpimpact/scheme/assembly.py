@@ -1,4 +1,4 @@
-"""From a list of elements to the equations of motion, refusing by name what cannot be solved."""
+"""Assembly of elements to the equations of motion, with checks of solvability."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.signals import PiecewisePolynomial
 from lcpimpact.scheme.terms import PowerLaw, Row, Terms
 
-LARGEST = 10_000
-"""Maximum number of nodes: a full matrix has 800 MB."""
+MAX_NODES = 10_000
+"""Maximum number of nodes: a full matrix takes 800 MB."""
 
 
 def assemble(elements: Sequence[Element]) -> Dynamics:
@@ -35,9 +35,9 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     nodes = list(dict.fromkeys(node for element in elements for node in element.nodes if node != GROUND))
     if not nodes:
         raise InputError("the scheme has no element yet: add a Mass, a Spring, ... before it is assembled")
-    if len(nodes) > LARGEST:
+    if len(nodes) > MAX_NODES:
         raise InputError(
-            f"the scheme has {len(nodes):,} nodes, and full matrices are kept of {LARGEST:,}: model it coarser"
+            f"the scheme has {len(nodes):,} nodes, and full matrices are kept of {MAX_NODES:,}: model it coarser"
         )
     _refuse_shared_inner_nodes(elements)
     terms = Terms(nodes)
@@ -89,7 +89,7 @@ def _refuse_driven_masses(terms: Terms, nodes: Sequence[str]) -> None:
     for i in terms.motions:
         if terms.M.value[i].any():
             raise InputError(
-                f"node {nodes[i]!r} has a mass, and a motion that is given, which the mass cannot change: "
+                f"node {nodes[i]!r} has a mass and a prescribed motion, which the mass cannot change: "
                 "leave out the Mass or the PrescribedMotion"
             )
 
@@ -104,7 +104,7 @@ def _refuse_loose_nodes(terms: Terms, nodes: Sequence[str], driven: Flags) -> No
 
 
 def _refuse_falling_nodes(K: Array, static: Array, nodes: Sequence[str]) -> None:
-    """Refuse massless nodes that springs alone hold where negative ones outweigh the others: no balance is stable."""
+    """Refuse static nodes with a stiffness that is not positive: no equilibrium is stable."""
     stiffness = static.T @ K @ static
     scale = np.sqrt(np.abs(np.diag(stiffness)))
     values, vectors = np.linalg.eigh(stiffness / np.outer(scale, scale))
@@ -117,7 +117,7 @@ def _refuse_falling_nodes(K: Array, static: Array, nodes: Sequence[str]) -> None
 
 
 def _refuse_jumps(terms: Terms, static: Array, nodes: Sequence[str]) -> None:
-    """Refuse loads that jump where springs alone hold a node: its place would jump, and the work of that is undetermined."""
+    """Refuse loads that jump at static nodes: their positions would jump, with undetermined work."""
     for i, load in terms.loads:
         if isinstance(load, PiecewisePolynomial) and not load.continuous and static[i].any():
             raise InputError(
@@ -158,7 +158,7 @@ def _refuse_parallel_contacts(bumpers: Sequence[Row]) -> None:
 
 
 def _paths(start: str, end: str, bumpers: Sequence[Row]) -> Iterator[tuple[tuple[Row, ...], float]]:
-    """Yield every way from one node to another over bumpers, with the sum of the gaps, positive from upper to lower."""
+    """Yield every path from one node to another over bumpers, with the sum of the gaps, positive from upper to lower."""
     if start == end:
         yield (), 0.0
         return
@@ -172,7 +172,7 @@ def _paths(start: str, end: str, bumpers: Sequence[Row]) -> Iterator[tuple[tuple
 
 
 def _refuse_loops_of_sliders(H: Array, rows: Sequence[Row]) -> None:
-    """Refuse sliders whose rows of H depend on each other: they can all stick, and then share one force as they like."""
+    """Refuse sliders whose rows of H depend on each other: they can all stick, with undetermined forces."""
     sliders = [i for i, row in enumerate(rows) if row.r0 is not None]
     if not sliders or np.linalg.matrix_rank(H[sliders]) == len(sliders):
         return

@@ -1,4 +1,4 @@
-r"""The kinds of coordinates: with mass, with a dashpot only, with a spring only, and with a motion that is given.
+r"""The kinds of coordinates: with mass, with a dashpot only, with a spring only, and with a prescribed motion.
 
 A massless node moves by a first-order equation where a dashpot holds it, and has no equation of motion at all, only a
 balance of forces, where nothing but springs hold it. Which is which follows from the graph of the elements: massless
@@ -24,7 +24,7 @@ class Decomposition:
     massive : (n, nm) array     unit vectors of the nodes with mass
     damped : (n, nd) array      massless, and C is positive definite on them
     static : (n, ns) array      massless, and C vanishes on them: each column moves a dashpot-joined group as one
-    driven : (n, np) array      unit vectors of the nodes whose motion is given, in the order of their indices
+    driven : (n, np) array      unit vectors of the nodes with prescribed motion, in the order of their indices
     """
 
     massive: Array
@@ -39,7 +39,7 @@ def loose_groups(massless: Flags, *links: Array) -> list[Indices]:
     Parameters
     ----------
     massless : (n,) array of bool
-        The nodes without mass.
+        The massless nodes.
     *links : (n, n) arrays
         Sums of links, as C and K: a row sums to what ties the node to the ground. A tie counts whatever its sign.
     """
@@ -59,14 +59,14 @@ def loose_groups(massless: Flags, *links: Array) -> list[Indices]:
 
 
 def decompose(M: Array, C: Array, driven: Flags) -> Decomposition:
-    """Split the coordinates by what holds them.
+    """Split the coordinates into those with mass, damped, static and driven ones.
 
     Parameters
     ----------
     M, C : (n, n) arrays
         Mass and damping matrix of a scheme.
     driven : (n,) array of bool
-        The nodes whose motion is given.
+        The nodes with prescribed motion.
     """
     identity = np.eye(len(M))
     massive = (np.diag(M) > 0.0) & ~driven
@@ -90,8 +90,8 @@ def relative_degrees(H: Array, parts: Decomposition) -> list[int]:
 def degrees_together(H: Array, parts: Decomposition) -> tuple[Array, Indices]:
     """Return independent combinations T of rows of H that are closed together, and the relative degree of each.
 
-    Rows on one massless node share its coordinate: of their openings all combinations but one do without it, and have a
-    higher relative degree than any of the rows.
+    Rows on one massless node have its coordinate in common: all combinations of their openings but one can be formed without
+    it, and have a higher relative degree than any of the rows.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def degrees_together(H: Array, parts: Decomposition) -> tuple[Array, Indices]:
 
     Examples
     --------
-    A body on a damped plate on its stop: the body meets the ground.
+    A body on a damped plate on its stop: together the contacts support the body on the ground.
 
     >>> none = np.zeros((2, 0))
     >>> parts = Decomposition(np.array([[1.0], [0.0]]), np.array([[0.0], [1.0]]), none, none)

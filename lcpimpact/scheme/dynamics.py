@@ -1,4 +1,4 @@
-"""What a scheme assembles to: M q'' + C q' + K q = f(t) + s(q, q') + Hᵀ r, u = H q + u0, one law for each row of r."""
+"""The equations of motion: M q'' + C q' + K q = f(t) + s(q, q') + Hᵀ r, u = H q + u0, with a law for each row of r."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ DEGREE_REASON = {
 
 
 class Feature(StrEnum):
-    """What a system may hold beyond masses, springs, dashpots and bumpers, and a method may or may not handle."""
+    """Features of a system beyond masses, springs, dashpots and bumpers, which not every method handles."""
 
     SLIDERS = "sliders"
     POWER_LAWS = "non-linear springs"
     MOTIONS = "prescribed motion"
     SYSTEMS = "systems given directly"
-    MASSLESS = "nodes without mass"
+    MASSLESS = "massless nodes"
     RESTITUTION = "restitution"
-    IMPULSE_PATHS = "impulses through nodes without mass"
+    IMPULSE_PATHS = "impulses through massless nodes"
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Contact:
 
     @property
     def sentence(self) -> str:
-        """Say what the relative degree is and why."""
+        """The relative degree and its reason, in words."""
         reason = DEGREE_REASON[self.relative_degree]
         if self.r0 is not None:
             reason = reason.replace("and impulses act", "but no impulse acts, since friction is bounded")
@@ -84,8 +84,8 @@ class Dynamics:
     .. math:: M \ddot q + C \dot q + K q = f(t) + s(q, \dot q) + B r, \qquad u = H q + D r + u_0
 
     with one law for each row: 0 <= u ⟂ r >= 0, or -r0 <= r <= r0 ⟂ u' for a slider. In a scheme B = Hᵀ and D = 0; a
-    complementarity system that is given directly has both of its own. The rows of nodes whose motion is given, q_i = y(t),
-    are no equations of motion: what they lack in balance is the force that drives the node.
+    complementarity system that is given directly has both of its own. The rows of nodes with prescribed motion, q_i = y(t),
+    are no equations of motion: their residual is the force that drives the node.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class Dynamics:
     B : (n, nc) array                   how the reactions act
     D : (nc, nc) array                  how they act on u directly
     springs : tuple of PowerLaw         the non-linear springs, whose forces are s
-    motions : dict of int to Signal     index of each node whose motion is given, and its motion
+    motions : dict of int to Signal     index of each node with prescribed motion, and its motion
     stores_energy : bool                whether ½ vᵀ M v + ½ qᵀ K q is an energy
     residues : tuple of arrays          what rounding has left out of M, C and K, (n, n) each; none where they were given
     """
@@ -120,7 +120,7 @@ class Dynamics:
 
     @property
     def features(self) -> dict[Feature, str]:
-        """What it holds that not every method handles, and the element or name that brings it in."""
+        """Its features that not every method handles, with the element or name that causes each."""
         found: dict[Feature, str] = {}
         if sliders := [contact.name for contact in self.contacts if contact.r0 is not None]:
             found[Feature.SLIDERS] = f"slider {sliders[0]!r}"
@@ -167,7 +167,7 @@ class Dynamics:
 
     @cached_property
     def impulse_lines(self) -> Array:
-        """The impulse paths that lead over nodes without mass, so that no contact on them has relative degree 2 alone."""
+        """The impulse paths that lead over massless nodes, so that no contact on them has relative degree 2 alone."""
         return np.asarray(self.impulse_paths[np.count_nonzero(self.impulse_paths, axis=1) > 1])
 
     @property
@@ -177,7 +177,7 @@ class Dynamics:
 
     @cached_property
     def driven(self) -> Flags:
-        """Which nodes have a motion that is given (n,)."""
+        """Which nodes have a prescribed motion (n,)."""
         return np.isin(np.arange(len(self.nodes)), list(self.motions))
 
     @cached_property
@@ -318,7 +318,7 @@ class Dynamics:
         return np.asarray(linear + self.spring_losses(q, v).sum(axis=-1))
 
     def driving_power(self, t: ArrayLike, q: ArrayLike, v: ArrayLike, r: ArrayLike) -> Array:
-        """Return the power in W of the forces that drive the nodes whose motion is given, which carry no mass."""
+        """Return the power in W of the forces that drive the nodes with prescribed motion, which carry no mass."""
         if not self.motions:
             return np.zeros(np.shape(q)[:-1])
         q, v, r = np.asarray(q), np.asarray(v), np.asarray(r)

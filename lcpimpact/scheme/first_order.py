@@ -1,4 +1,4 @@
-r"""The first-order form of a system, whose state holds no algebraic coordinate.
+r"""The first-order form of a system, without algebraic coordinates.
 
 .. math:: X' = A X + B r, \qquad u = C X + D r
 
@@ -26,7 +26,7 @@ from lcpimpact.double_double import DoubleDouble, solve, stacked
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.scheme.decomposition import Decomposition
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.signals import NAMED, Described, Harmonic, PiecewisePolynomial
+from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, Harmonic, PiecewisePolynomial
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ class FirstOrderForm:
     def right_of(self, t: float, X: ArrayLike | DoubleDouble, scale: Array) -> DoubleDouble:
         """Return the state X at t, or a longer one that begins so, with the right limits of the piecewise polynomials.
 
-        In ``scale``, to which rounding is relative, theirs replace what they were: a steep piece that is over blurs nothing.
+        In ``scale``, the scale of rounding, they replace the old values: a past steep piece causes no rounding.
         """
         parts, at = DoubleDouble.of(X).parts.copy(), self.constant + 1
         for signal in self.sources:
@@ -121,7 +121,7 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
     Parameters
     ----------
     dynamics : Dynamics
-        The system; its springs must be linear, and its loads and given motions constant or described signals.
+        The system; its springs must be linear, and its loads and prescribed motions constant or described signals.
 
     Raises
     ------
@@ -218,23 +218,23 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     Parameters
     ----------
     dynamics : Dynamics
-        The system; motions that are given must be described signals.
+        The system; prescribed motion must be described signals.
     method : str
-        Who asks, for messages.
+        The method, for messages.
 
     Raises
     ------
     UnsupportedError
-        If a non-linear spring stands at a node that only springs hold, where its force would be the solution of an
-        equation; if one with loss stands at a node without mass, whose velocity its force is part of; or if a motion that
-        is given is another function of time.
+        If a non-linear spring acts on a static node, where its force would be the solution of an equation; if one with
+        loss acts on a massless node, whose velocity depends on its force; or if a prescribed motion is another function
+        of time.
     """
     d, n, nc = dynamics, len(dynamics.nodes), len(dynamics.contacts)
     parts = d.decomposition
     for spring, direction in zip(d.springs, d.directions, strict=True):
         for basis, where, hinders in (
             (parts.static, "held by springs only", True),
-            (parts.damped, "without mass, and it has a loss", spring.b + spring.c > 0.0),
+            (parts.damped, "massless, and it has a loss", spring.b + spring.c > 0.0),
         ):
             moved = (direction @ basis != 0.0) & hinders
             if moved.any():
@@ -269,7 +269,7 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
 def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Described, ...]]:
     """Return F, Y, G and the signals with f(t) = F s, y(t) = Y s, s' = G s: s is 1, then the states of each signal.
 
-    Signals that are equal share their states.
+    Equal signals have common states.
     """
     n, driven = len(dynamics.nodes), sorted(dynamics.motions)
     constant = np.zeros(n + len(driven))
@@ -281,7 +281,7 @@ def _signal_states(dynamics: Dynamics) -> tuple[Array, Array, Array, tuple[Descr
             what, node = ("load on", i) if i < n else ("motion of", driven[i - n])
             raise UnsupportedError(
                 f"the {what} {dynamics.nodes[node]!r} is a function of time, which has no exact solution here: "
-                f"give it as {NAMED}, or take method='moreau-jean'"
+                f"give it as {SIGNAL_NAMES}, or take method='moreau-jean'"
             )
         else:
             constant[i] += signal

@@ -1,4 +1,4 @@
-r"""Through which contacts impulses can act: one between two masses, or several in line with massless nodes between them.
+r"""Impulse paths: a contact between two masses, or a line of contacts over massless nodes between them.
 
 An impulse on a massless node must be balanced at the same instant, since no mass takes it up. So the impulses P of contacts
 that touch form the cone
@@ -20,8 +20,8 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 
-MOST_PATHS = 4_096
-"""Maximum number of impulse paths through one node, more than any scheme of bumpers has."""
+MAX_PATHS = 4_096
+"""Maximum number of impulse paths through one node."""
 
 
 def extreme_rays(balance: Array) -> Array:
@@ -34,7 +34,7 @@ def extreme_rays(balance: Array) -> Array:
 
     Examples
     --------
-    Two contacts push the same plate from above and one from below:
+    Two contacts act on the same plate from above and one from below:
 
     >>> extreme_rays(np.array([[1.0, 1.0, -1.0]]))
     array([[1., 0., 1.],
@@ -53,9 +53,9 @@ def extreme_rays(balance: Array) -> Array:
     for equation in balance:
         value = rays @ equation
         positive, negative = np.flatnonzero(value > 0.0), np.flatnonzero(value < 0.0)
-        if len(positive) * len(negative) > MOST_PATHS:
+        if len(positive) * len(negative) > MAX_PATHS:
             raise InputError(
-                f"impulses have more than {MOST_PATHS:,} ways over massless nodes: give some of them a Mass"
+                f"there are more than {MAX_PATHS:,} impulse paths over massless nodes: give some of them a Mass"
             )
         sums = [rays[i] * -value[j] + rays[j] * value[i] for i, j in product(positive, negative)]
         rays = np.vstack([rays[value == 0.0], *sums])
@@ -84,7 +84,7 @@ def impulse_paths(B_massive: Array, B_massless: Array) -> Array:
 
     Examples
     --------
-    A body on a plate without mass, which a stop can catch: body-plate and plate-ground.
+    A body on a massless plate, which a stop can catch: body-plate and plate-ground.
 
     >>> impulse_paths(np.array([[-1.0, 0.0]]), np.array([[1.0, -1.0]]))
     array([[1., 1.]])

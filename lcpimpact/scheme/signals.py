@@ -25,15 +25,15 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 
-HIGHEST_DEGREE = 20
-"""Of a polynomial; beyond it the powers of t lose all digits."""
+MAX_DEGREE = 20
+"""Largest degree of a polynomial; beyond it the powers of t lose all digits."""
 
-MOST_BREAKPOINTS = 1_000_000
-"""Of one periodic signal in a run."""
+MAX_BREAKPOINTS = 1_000_000
+"""Maximum number of breakpoints of one periodic signal in a run."""
 
 
 class Signal(Protocol):
-    """A motion that is given: its place and its velocity at any time."""
+    """A prescribed motion: position and velocity at any time."""
 
     def __call__(self, t: float, /) -> float:
         """Return the value at time t."""
@@ -192,9 +192,9 @@ class Polynomial(PiecewisePolynomial):
 
     def __post_init__(self) -> None:
         c = _numbers(self, "coefficients")
-        if not 1 <= len(c) <= HIGHEST_DEGREE + 1:
+        if not 1 <= len(c) <= MAX_DEGREE + 1:
             raise InputError(
-                f"Polynomial: it has {len(c)} coefficients, and 1 to {HIGHEST_DEGREE + 1} are possible; a longer course of "
+                f"Polynomial: it has {len(c)} coefficients, and 1 to {MAX_DEGREE + 1} are possible; a longer course of "
                 "time is a Table of points"
             )
         if not np.isfinite(self._derivatives).all():
@@ -413,9 +413,9 @@ class Square(PiecewisePolynomial):
     def breakpoints(self, start: float, end: float) -> Array:
         """Return the instants of the jumps in start < t <= end."""
         first, last = (self.omega * t + self.phase for t in (start, end))
-        if not (last - first) / math.pi <= MOST_BREAKPOINTS:
+        if not (last - first) / math.pi <= MAX_BREAKPOINTS:
             raise InputError(
-                f"{self} jumps {(last - first) / math.pi:.1e} times until {end:g} s, and at most {MOST_BREAKPOINTS:,} are "
+                f"{self} jumps {(last - first) / math.pi:.1e} times until {end:g} s, and at most {MAX_BREAKPOINTS:,} are "
                 "followed: shorten the run, or take a lower omega"
             )
         # One more at either side, since first and last are rounded.
@@ -439,7 +439,7 @@ class Square(PiecewisePolynomial):
 
 @dataclass(frozen=True)
 class Motion:
-    """A motion from two functions of your own: the place y(t) and the velocity y'(t).
+    """A motion from two functions: the position y(t) and the velocity y'(t).
 
     Parameters
     ----------
@@ -456,7 +456,7 @@ class Motion:
     velocity: Callable[[float], float]
 
     def __call__(self, t: float) -> float:
-        """Return the place at time t."""
+        """Return the position at time t."""
         return _number("place", self.place, t, "m")
 
     def rate(self, t: float) -> float:
@@ -468,10 +468,10 @@ Described = Harmonic | PiecewisePolynomial
 """The signals that are states of the first-order form; other functions of time are inputs."""
 
 SIGNALS: dict[str, type[Described]] = {each.__name__: each for each in (Harmonic, Polynomial, Ramp, Table, Square)}
-"""Those that a scheme file can hold."""
+"""Signals that a scheme file can hold."""
 
-NAMED = "Harmonic(...), Polynomial(...), Ramp(...), Table(...) or Square(...)"
-"""The same, in messages."""
+SIGNAL_NAMES = "Harmonic(...), Polynomial(...), Ramp(...), Table(...) or Square(...)"
+"""Names of these signals, for errors."""
 
 
 def _check_wave(signal: Any, amplitude: float, omega: float, phase: float) -> None:

@@ -3,7 +3,7 @@ r"""Linear complementarity systems given by their matrices, for circuits, contro
 .. math:: x' = A x + B λ + a(t), \qquad 0 \le λ \perp C x + D λ + c \ge 0
 
 Its coordinates are the states x, its reactions λ. In the terms of a scheme it has no mass, unit damping and the
-stiffness -A, so every integrator that handles it runs it by the same lines as a scheme.
+stiffness -A, so integrators treat it as a scheme.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ class LinearComplementaritySystem:
     Raises
     ------
     InputError
-        If shapes do not fit, a number is not finite, names repeat, or a row of λ meets its own u only after two
-        derivatives or more, where x would jump by a law that the matrices do not state.
+        If shapes do not fit, a number is not finite, names repeat, or a row of λ has a relative degree of two or
+        more, where x would jump by a law that the matrices do not determine.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What elements add their terms to: it knows the nodes, and no kind of element."""
+"""The terms of M, C, K, f and H that elements contribute."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Row:
     upper, lower : str      the nodes
     gap : float             u in m at zero coordinates
     e : float or None       coefficient of restitution, where one is given
-    r0 : float or None      threshold in N of a slider, -r0 <= r <= r0; None for a unilateral row, r >= 0
+    r0 : float or None      threshold in N of a slider, -r0 <= r <= r0; None for a unilateral contact, r >= 0
     """
 
     element: str
@@ -77,7 +77,7 @@ class Sum:
 
     Attributes
     ----------
-    value, residue : (n, n) arrays      the sum, and what it lacks
+    value, residue : (n, n) arrays      the sum, and its rounding error
     """
 
     value: Array
@@ -102,7 +102,7 @@ class Terms:
     loads : list                    index of the node and the load
     rows : list of Row              the rows of H, in this order
     springs : list of PowerLaw      the non-linear springs
-    motions : dict                  index of each node whose motion is given, and its motion
+    motions : dict                  index of each node with prescribed motion, and its motion
     """
 
     def __init__(self, nodes: Sequence[str]) -> None:

@@ -1,1 +1,1 @@
-"""Studies: what is done with many runs."""
+"""Studies of several runs."""

@@ -1,4 +1,4 @@
-"""Progress of a study: its tasks, or its results, pass through a bar, or through a function of the caller."""
+"""Progress of a study: a bar, or a function of the caller."""
 
 from __future__ import annotations
 

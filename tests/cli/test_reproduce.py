@@ -13,7 +13,7 @@ import pytest
 from lcpimpact.problems.reference import KNOWN
 from lcpimpact.reproduce.checks import Check, all_checks
 from lcpimpact.reproduce.run import FIGURES
-from lcpimpact.reproduce.runs import Case, PaperRuns, Row, all_cases, run_all, run_case, switch_errors
+from lcpimpact.reproduce.runs import Case, CaseResult, PaperRuns, all_cases, run_all, run_case, switch_errors
 from lcpimpact.reproduce.tables import compared_with_rk4
 
 
@@ -62,7 +62,7 @@ def test_every_tolerance_can_fail(found):
     assert set().union(*noticed) == {check.what for check in all_checks(found)} - {
         what for what in (check.what for check in all_checks(found)) if "R_2 / R_1" in what or "R_3 / R_2" in what
     }
-    failed = tuple(Row(row.case, failure="x") if row.case.lcp_solver == "pgs" else row for row in rows)
+    failed = tuple(CaseResult(row.case, failure="x") if row.case.lcp_solver == "pgs" else row for row in rows)
     assert {"runs that failed", "pgs ends where lemke ends, relative"} <= failing(rows=failed)
     swapped = dict(zip(found.peaks, [1.0, 2.0, 3.0, 4.0], strict=True))
     assert {what for what in failing(peaks=swapped) if "ranking" in what} == {
@@ -98,7 +98,10 @@ def test_the_sentence_on_rk4_says_what_the_rows_show():
 
     def pair(label, h, R, R_by_rk4):
         step = Case(label, "moreau-jean", (("theta", 0.5),), "lemke", h)
-        return [Row(step, 1e-6, 1e-6, R), Row(Case(label, "rk4-paper", (), "auto", h), 1e-4, 1e-4, R_by_rk4)]
+        return [
+            CaseResult(step, 1e-6, 1e-6, R),
+            CaseResult(Case(label, "rk4-paper", (), "auto", h), 1e-4, 1e-4, R_by_rk4),
+        ]
 
     rows = [
         *pair("System 1", 1e-2, 1.0, 2.0),

@@ -485,7 +485,7 @@ def test_sliders_and_motions():
         ((HertzSpring("x", "y", 1e3), Spring("y", "ground", 1e3)), r"HertzSpring .* 'y', which is held by springs"),
         (
             (HuntCrossley("x", "y", 1e3, 0.2), KelvinVoigt("y", "ground", 1e3, 10.0)),
-            r"'y', which is without mass, and it has a loss.*'event-driven'.*give the node a mass",
+            r"'y', which is massless, and it has a loss.*'event-driven'.*give the node a mass",
         ),
         (
             (PrescribedMotion("b", li.Motion(math.sin, math.cos)), Spring("x", "b", 10.0)),

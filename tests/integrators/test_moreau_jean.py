@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 import lcpimpact as li
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.solver import State
+from lcpimpact.lcp.solver import SolverState
 from lcpimpact.lcp.solvers.auto import Auto
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.problems.reference import KNOWN
@@ -218,7 +218,7 @@ def test_a_step_that_one_method_does_not_solve_is_tried_by_the_next(monkeypatch)
     lemke = SOLVERS["lemke"]
     problem = li.load_problem("system-3")
     expected = run(problem, lcp_solver="lemke", t_end=0.5)
-    monkeypatch.setattr(Auto, "init", lambda self, M: State(M.W, lazy, False, "lazy", ("pgs", "lemke")))
+    monkeypatch.setattr(Auto, "init", lambda self, M: SolverState(M.W, lazy, False, "lazy", ("pgs", "lemke")))
     monkeypatch.setattr(type(SOLVERS["pgs"]), "init", _refusing(type(SOLVERS["pgs"]).init, "pgs"))
     found = run(problem, lcp_solver="auto", t_end=0.5)
     assert len(solves) >= 50
@@ -232,7 +232,7 @@ def _refusing(init, name):
 
     def replaced(self, M):
         state = init(self, M)
-        fails = State(state.W, lambda *_: (int(li.Status.UNDECIDED), 1), False, name)
+        fails = SolverState(state.W, lambda *_: (int(li.Status.UNDECIDED), 1), False, name)
         return fails if self.name == name else state
 
     return replaced
@@ -245,7 +245,7 @@ def test_inaccurate_answers_are_not_accepted(monkeypatch):
 
     import lcpimpact.lcp.solvers.qp as qp
 
-    monkeypatch.setattr(qp.QPSolver, "init", lambda self, M: State(M.W, wrong, False, "wrong"))
+    monkeypatch.setattr(qp.QPSolver, "init", lambda self, M: SolverState(M.W, wrong, False, "wrong"))
     failed = run(li.load_problem("system-1"), lcp_solver="qp:osqp", throw=False)
     assert failed.status is li.Status.INACCURATE
     assert len(failed.t) == 1

@@ -475,7 +475,7 @@ def test_a_tolerance_that_cannot_be_met_is_a_status():
         ((HertzSpring("x", "y", 1e3), Spring("y", "ground", 1e3)), r"'y', which is held by springs only.*moreau-jean"),
         (
             (HuntCrossley("x", "y", 1e3, 0.2), KelvinVoigt("y", "ground", 1e3, 10.0)),
-            r"'y', which is without mass, and it has a loss.*give the node a mass",
+            r"'y', which is massless, and it has a loss.*give the node a mass",
         ),
         (
             (PrescribedMotion("b", li.Motion(math.sin, math.cos)), Spring("x", "b", 10.0)),

@@ -15,7 +15,7 @@ from lcpimpact import InputError, Status, UnsupportedError
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Banded, Dense
 from lcpimpact.lcp.problem import LCPSolution, bounds
-from lcpimpact.lcp.rational import LARGEST, decide
+from lcpimpact.lcp.rational import MAX_ORDER, decide
 from lcpimpact.lcp.solve import solve_lcp
 
 WRONG = 1e-6
@@ -130,7 +130,7 @@ def test_auto_solves_every_family(name):
                 case = family.make(n, np.random.default_rng([n, seed]))
                 solution = solve(case, "auto")
                 # That the floats of a larger problem have no solution is said only if a ray proves it.
-                said = {"right"} if family.solvable or n <= LARGEST else {"right", "undecided"}
+                said = {"right"} if family.solvable or n <= MAX_ORDER else {"right", "undecided"}
                 assert verdict(case, family.solvable, solution) in said, (n, seed, solution.explanation)
                 if case.z is not None and "p" in family.tags:
                     np.testing.assert_allclose(
@@ -177,7 +177,7 @@ def test_auto_on_two_thousand_problems():
                 said = verdict(case, family.solvable, solution)
                 counts[said] += 1
                 # That the floats of a larger problem have no solution is said only if a ray proves it.
-                if said != "right" and (said, n > LARGEST, family.solvable) != ("undecided", True, False):
+                if said != "right" and (said, n > MAX_ORDER, family.solvable) != ("undecided", True, False):
                     bad.append((family.name, n, seed, said, solution.status.name, solution.explanation))
     for name in ("spd", "chain"):
         for seed in range(2):

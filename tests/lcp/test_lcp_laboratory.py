@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from lcpimpact import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import measure, proves_infeasible
-from lcpimpact.lcp.lapack import SMALL, absolute_sum, cholesky_solve, largest, lu_solve, multiply
+from lcpimpact.lcp.lapack import MAX_LOOP_ORDER, absolute_sum, cholesky_solve, largest, lu_solve, multiply
 from lcpimpact.lcp.operators import Banded, Dense, Factored, Property, all_finite, as_operator
 from lcpimpact.lcp.problem import bounds, unbounded_above
 from lcpimpact.lcp.reduction import from_lcp, to_lcp
@@ -205,7 +205,7 @@ def random_bands(rng, n, b):
     return bands
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 7, SMALL + 3, 60])
+@pytest.mark.parametrize("n", [1, 2, 3, 7, MAX_LOOP_ORDER + 3, 60])
 def test_the_two_storages_are_one_matrix(n):
     rng = np.random.default_rng(n)
     b = min(2, n - 1)
@@ -229,7 +229,7 @@ def test_the_two_storages_are_one_matrix(n):
             assert [entry(W, i, j) for j in range(n)] == M[i].tolist()
 
 
-@pytest.mark.parametrize("n", [1, 2, 5, SMALL, SMALL + 1, 70])
+@pytest.mark.parametrize("n", [1, 2, 5, MAX_LOOP_ORDER, MAX_LOOP_ORDER + 1, 70])
 def test_linear_algebra_against_numpy(n):
     """On both sides of the size from which LAPACK is called."""
     rng = np.random.default_rng(n)

@@ -35,7 +35,7 @@ from lcpimpact import (
 from lcpimpact.plotting import animation
 from lcpimpact.plotting.animation import Film, animate, stage
 from lcpimpact.plotting.layout import CEILING
-from lcpimpact.plotting.schematic import Line, Words, extent, picture
+from lcpimpact.plotting.schematic import Label, Line, extent, picture
 from lcpimpact.plotting.style import style
 from lcpimpact.problems import PROBLEMS
 
@@ -323,7 +323,7 @@ def test_labels_keep_to_words_and_lines() -> None:
     assert animation._round_below(0.05) == pytest.approx(0.05)
     assert animation._three(77_400.0) == "77,000"
     assert animation._three(2.667) == "2.67"
-    assert Words("x", np.zeros(2), np.array([1.0, 0.0])).place[0] > 0.0
+    assert Label("x", np.zeros(2), np.array([1.0, 0.0])).place[0] > 0.0
 
 
 # --- the files ---------------------------------------------------------------------------------------------------------

@@ -294,15 +294,15 @@ def test_more_steps_than_fit_in_memory_are_refused_before_any_memory_is_taken(me
 def test_a_run_is_refused_where_its_arrays_take_half_of_what_it_may_take(monkeypatch):
     traj = run(method="exact", dt=1e-3)
     arrays = sum(each.nbytes for each in (traj.t, traj.q, traj.v, traj.t_reaction, traj.reaction))
-    monkeypatch.setattr(memory, "free_memory", lambda: 2.001 * arrays / memory.SHARE)
+    monkeypatch.setattr(memory, "free_memory", lambda: 2.001 * arrays / memory.FREE_FRACTION)
     assert run(method="exact", dt=1e-3).success
-    monkeypatch.setattr(memory, "free_memory", lambda: 1.999 * arrays / memory.SHARE)
+    monkeypatch.setattr(memory, "free_memory", lambda: 1.999 * arrays / memory.FREE_FRACTION)
     with pytest.raises(InputError, match="100 steps do not fit in memory"):
         run(method="exact", dt=1e-3)
 
 
 def test_the_free_memory_is_that_of_the_machine_or_of_the_job_and_unknown_elsewhere(tmp_path, monkeypatch):
-    monkeypatch.setattr(memory, "GROUP", tmp_path)
+    monkeypatch.setattr(memory, "CGROUP", tmp_path)
     machine = memory.free_memory()
     assert 1e7 < machine < 1e15
     for most, free in (("max", machine), ("3000000", 2e6), ("10", 0.0)):

@@ -18,7 +18,7 @@ from scipy.linalg import eigh, expm
 
 import lcpimpact as li
 from lcpimpact.scheme.elements import ELEMENTS
-from lcpimpact.scheme.elements.bar import MASSES
+from lcpimpact.scheme.elements.bar import COUPLING_MASSES
 
 constants = st.integers(1, 4000).map(lambda i: i / 16.0)
 
@@ -351,7 +351,7 @@ def test_bar_by_hand():
 
 
 @pytest.mark.parametrize("massless", [(), "a", "b", ("a", "b")], ids=str)
-@pytest.mark.parametrize("mass", [*MASSES, 0.2])
+@pytest.mark.parametrize("mass", [*COUPLING_MASSES, 0.2])
 def test_a_bar_keeps_its_mass(mass, massless):
     bar = li.Bar("a", "b", **STEEL, elements=5, mass=mass, massless=massless)
     M = bar.mass_matrix()

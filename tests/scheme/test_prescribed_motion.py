@@ -99,13 +99,13 @@ def test_driven_nodes_are_no_coordinates_of_their_own():
         (lambda: PrescribedMotion("b", math.sin), r"must be a motion that knows its velocity"),
         (
             lambda: Scheme(PrescribedMotion("b", Harmonic(1.0, 1.0)), Mass("b", 1.0)).assemble(),
-            r"'b' has a mass, and a motion",
+            r"'b' has a mass and a prescribed motion",
         ),
         (
             lambda: Scheme(
                 PrescribedMotion("b", Harmonic(1.0, 1.0)), PrescribedMotion("b", Harmonic(2.0, 1.0))
             ).assemble(),
-            r"'b' has two motions",
+            r"'b' has two prescribed motions",
         ),
         (
             lambda: li.Problem("shaken", SHAKEN, q0={"b": 1.0}),

@@ -20,7 +20,7 @@ from lcpimpact.cli.main import main
 from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.scheme.signals import SIGNALS
-from lcpimpact.schemefile import DEEPEST, KEYS, LARGEST, LONGEST
+from lcpimpact.schemefile import KEYS, MAX_BYTES, MAX_DEPTH, MAX_STRING_LENGTH
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -482,13 +482,13 @@ WRONG = {
     "step that is none": (RUN + "dt = 0", r"run: dt = 0 must be a positive finite number in s"),
     "step in words": (RUN + "dt = 'fine'", r"run.dt = 'fine' must be a number"),
     "nested without end": (MINIMAL + "x = " + "[" * 5000, r"nested too deeply"),
-    "nested deeply": (MINIMAL + "a." * (DEEPEST + 1) + "a = 1", r"nested too deeply"),
+    "nested deeply": (MINIMAL + "a." * (MAX_DEPTH + 1) + "a = 1", r"nested too deeply"),
     "dots without end": ("a." * 1_000_000 + "a = 1", r"a key has more than 50 dots"),
     "quoted dots without end": ("'a' . " * 500_000 + "a = 1", r"a key has more than 50 dots"),
     "dots in a header": ("[" + '"a". ' * 500_000 + "a]", r"a key has more than 50 dots"),
     "a word without end": ("a" * 3_000_000, r"no TOML"),
-    "endless string": (f"name = '{'n' * (LONGEST + 1)}'\n" + MINIMAL, r"'nnnnnn.*'... has 1,001 characters"),
-    "endless key": ("n" * (LONGEST + 1) + " = 1\n" + MINIMAL, r"'nnnnnn.*'... has 1,001 characters"),
+    "endless string": (f"name = '{'n' * (MAX_STRING_LENGTH + 1)}'\n" + MINIMAL, r"'nnnnnn.*'... has 1,001 characters"),
+    "endless key": ("n" * (MAX_STRING_LENGTH + 1) + " = 1\n" + MINIMAL, r"'nnnnnn.*'... has 1,001 characters"),
     "not UTF-8": (MINIMAL.encode() + b"# caf\xe9\n", r"line 5: it is no text in UTF-8; save it as such"),
     "UTF-16": (MINIMAL.encode("utf-16"), r"line 1: it is no text in UTF-8"),
     "too many elements of a bar": (
@@ -526,7 +526,7 @@ def test_files_that_are_none(tmp_path):
         with pytest.raises(InputError, match=f"(?i)cannot read .*{said}"):
             read_scheme_file(path)
     with (tmp_path / "huge.toml").open("wb") as file:
-        file.truncate(LARGEST + 1)
+        file.truncate(MAX_BYTES + 1)
     with pytest.raises(InputError, match=r"4,000,001 bytes.*is it another file"):
         read_scheme_file(tmp_path / "huge.toml")
 

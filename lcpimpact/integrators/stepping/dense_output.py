@@ -19,7 +19,7 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.hybrid.event_loop import read_segments
 from lcpimpact.hybrid.flow import Flow, casteljau, first_fall
-from lcpimpact.integrators.stepping.forced_modes import ZERO_FOR_EVER, ForcedSystem, Segment
+from lcpimpact.integrators.stepping.forced_modes import ZERO_FOR_EVER, ForcedSegment, ForcedSystem
 
 EPS, TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
 
@@ -32,7 +32,7 @@ ROOT_RTOL, INTERPOLATION_RTOL, NEWTON_STEPS = 4.0 * EPS, 1e-9, 6
 simple root."""
 
 LOOK_BACK = 0.1
-"""Part of the last step over which a row must fall."""
+"""Fraction of the last step over which a row must decrease."""
 
 MAX_ORDER = 7
 """Highest order of the zero with which a row begins; higher ones count as this less one."""
@@ -68,7 +68,7 @@ def samples_of(p: int) -> Samples:
 
 
 def first_root(
-    segment: Segment, samples: Samples, scale: Array, start: float, end: float, dense: Any, atol: float
+    segment: ForcedSegment, samples: Samples, scale: Array, start: float, end: float, dense: Any, atol: float
 ) -> tuple[float, int] | None:
     """Return the first instant in a step at which a watched row falls below zero, and which row."""
     if not len(segment.rows):
@@ -103,7 +103,7 @@ def first_root(
 
 
 def root_at_end(
-    segment: Segment, samples: Samples, scale: Array, start: float, end: float, dense: Any, within: float
+    segment: ForcedSegment, samples: Samples, scale: Array, start: float, end: float, dense: Any, within: float
 ) -> tuple[float, int] | None:
     """Return when a row falls below zero at the end of a step, or less than ``within`` s after it, and which row."""
     if not len(segment.rows):
@@ -123,7 +123,7 @@ def root_at_end(
     return Root(segment, segment.rows[k], dense).near(end + ahead, 0.0, end, end + within), k
 
 
-def _size(segment: Segment, scale: Array, terms: Array) -> Array:
+def _size(segment: ForcedSegment, scale: Array, terms: Array) -> Array:
     """Return the sum of the absolute terms of the watched rows, for samples (nt, ...) of them."""
     size = np.abs(terms).max(axis=0)
     size[: len(scale)] = np.maximum(size[: len(scale)], scale)
@@ -162,7 +162,7 @@ class Root:
     Values below ``rounding`` tell nothing; the polynomial through the samples, whose root is known, differs by ``blurred``.
     """
 
-    segment: Segment
+    segment: ForcedSegment
     row: Array
     dense: Any
     rounding: float = 0.0
@@ -239,14 +239,14 @@ class InBurst:
 class Piece:
     """One step of the solver from ``start`` on, or what an event left of it up to ``end``: X at t0 + τ."""
 
-    segment: Segment
+    segment: ForcedSegment
     start: float
     end: float
     dense: Any
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class EventDrivenSolution:
     """The pieces of a run: the motion at any time."""
 
     forced: ForcedSystem

@@ -1,7 +1,7 @@
-"""Finite elements of Radau IIA in one contact mode: their tables, and the proof that no watched row turns negative on them.
+"""Finite elements of Radau IIA in one contact mode: their tables, and the proof that they are free of events.
 
-An element of the length h takes X to R(h A_m) X. With K derivatives at each end a watched row is a polynomial of degree
-2 K - 1, whose Bernstein coefficients bound it; what it lacks of the row is bounded by the derivative of order 2 K.
+An element of the length h takes X to R(h A_m) X. With K derivatives at each end an event function is interpolated by a
+polynomial of degree 2 K - 1, which its Bernstein coefficients bound; the derivative of order 2 K bounds the error.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from lcpimpact.hybrid.transition import coordinates
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA
 
 K = 3
-"""Number of derivatives, the value included, that interpolate a watched row at each end of an element."""
+"""Number of derivatives, the value included, that interpolate an event function at each end of an element."""
 
 DEGREE = 2 * K - 1
 
@@ -71,16 +71,16 @@ SAMPLES = [_bernstein(DEGREE - m) for m in range(K + 1)]
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
-    """What an element of one length in one mode makes of the state at its start.
+class ElementTable:
+    """The matrices of an element of one length in one mode, applied to its initial state.
 
     Attributes
     ----------
     stages : (s, N, N) array            X_i
-    hull : (nw, 2 K, N) array           Bernstein coefficients of the watched rows
-    size : (nw, 2 K, N) array           the sum of the absolute terms that these are made of
+    hull : (nw, 2 K, N) array           Bernstein coefficients of the event functions
+    size : (nw, 2 K, N) array           the sum of their absolute terms
     highest : (nw, s + 1, N) array      h^2K g^(2K) at the start and the stages
-    estimate : (N, N) array or None     R(h) - R(h/2)², what two elements would do otherwise
+    estimate : (N, N) array or None     R(h) - R(h/2)², the error estimate
     """
 
     stages: Array
@@ -112,11 +112,11 @@ class Elements:
     mode : Mode                 the mode
     radau : RadauIIA            the method
     A : (N, N) array            A + B F
-    rows : (nw, N) array        what ends the mode where it turns negative
+    rows : (nw, N) array        the event functions
     contacts : (nu, N) array    the gaps of the closed rows, which stay zero
-    terms : (nu, N) array       the sum of the absolute terms that these are made of
-    h : float                   the step: tables of h, h/2, h/4, ... are kept
-    estimated : bool            whether the tables hold the estimate of the error
+    terms : (nu, N) array       the sum of their absolute terms
+    h : float                   the step; tables of h, h/2, h/4, ... are cached
+    estimated : bool            whether the tables hold the error estimate
     """
 
     mode: Mode
@@ -127,11 +127,11 @@ class Elements:
     terms: Array
     h: float
     estimated: bool
-    kept: dict[float, Table] = field(default_factory=dict)
+    kept: dict[float, ElementTable] = field(default_factory=dict)
 
     @cached_property
     def units(self) -> Array:
-        """The sizes of the states against one another for which A is balanced (N,)."""
+        """The scales of the states that balance A (N,)."""
         return balance(self.A)[1]
 
     @cached_property
@@ -142,7 +142,7 @@ class Elements:
             found.append(found[-1] @ self.A)
         return np.array(found)
 
-    def table(self, length: float) -> Table:
+    def table(self, length: float) -> ElementTable:
         """Return the table of one length."""
         if length in self.kept:
             return self.kept[length]
@@ -151,7 +151,7 @@ class Elements:
             self.kept[length] = made
         return made
 
-    def _make(self, length: float) -> Table:
+    def _make(self, length: float) -> ElementTable:
         stages = self._propagators(np.array([length]))[0]
         powers = length ** np.arange(2 * K + 1)
         scaled = self.derivatives * powers[:, None, None]
@@ -164,7 +164,7 @@ class Elements:
         if self.estimated:
             half = self._propagators(np.array([0.5 * length]))[0, -1]
             estimate = stages[-1] - half @ half
-        return Table(stages, hull, size, highest, estimate)
+        return ElementTable(stages, hull, size, highest, estimate)
 
     def _propagators(self, lengths: Array) -> Array:
         """Return the matrices of the stages (nt, s, N, N)."""
@@ -186,8 +186,10 @@ class Elements:
             found[mine] = np.einsum("tij,tj->ti", ends[which[mine] - begin], X[mine])
         return found
 
-    def safe(self, table: Table, X: Array, scale: Array, zeros: Indices, ends: Indices) -> tuple[Flags, Array, Array]:
-        """Return whether each watched row stays positive on elements from the states X (nt, N): (nt, nw).
+    def safe(
+        self, table: ElementTable, X: Array, scale: Array, zeros: Indices, ends: Indices
+    ) -> tuple[Flags, Array, Array]:
+        """Return whether each event function stays positive on elements from the states X (nt, N): (nt, nw).
 
         ``zeros`` (nw,) is the order of the zero at the start, at most K, and ``ends`` (nw,) is 1 for a row with a zero at
         the end. Returned too are the Bernstein coefficients without these zeros, and those with them.
@@ -195,7 +197,7 @@ class Elements:
         b = np.einsum("win,tn->twi", table.hull, X)
         b -= np.where(zeros > 0, b[:, :, 0], 0.0)[:, :, None]
         noise = ZERO_RTOL * (table.size @ np.maximum(scale, np.abs(X).max(axis=0)))
-        # The highest derivative is known at the start and the stages; twice the largest stands for what is between.
+        # The highest derivative is known at the start and the stages; twice the largest value bounds it between them.
         D = 2.0 * np.abs(np.einsum("win,tn->twi", table.highest, X)).max(axis=2)
         weights = WEIGHTS[zeros, ends]
         error = D * ERROR[zeros, ends]
@@ -205,7 +207,7 @@ class Elements:
         return clear.all(axis=2) | within.all(axis=2), reduced, b
 
     def noise(self, scale: Array) -> Array:
-        """Return what is rounding in the watched rows (nw,)."""
+        """Return the rounding error of the event functions (nw,)."""
         return np.asarray(ZERO_RTOL * (np.abs(self.rows) @ scale))
 
     def judge(self, stages: Array, X: Array, length: float, scale: Array) -> float:
@@ -218,7 +220,7 @@ class Elements:
         error = np.abs(stages - X[:, None] - length * (self.radau.a @ rates)).max(axis=(0, 1))
         size = np.maximum(np.abs(X).max(axis=0), np.abs(stages).max(axis=(0, 1)))
         terms = size + length * (np.abs(self.A) @ size)
-        # What has hardly begun to move is made of rounding of what moves, in the units in which A is balanced.
+        # States at rest have the rounding error of the others, in the units in which A is balanced.
         terms, scale = (
             np.maximum(each, SMALL_STATE * self.units * (each / self.units).max())
             for each in (terms, np.maximum(scale, size))
@@ -232,10 +234,10 @@ class Elements:
     def root(
         self, X: Array, row: int, zero: float, guess: float, length: float, scale: Array, most: int
     ) -> tuple[float | None, int]:
-        """Solve for the stages and the length of the element that ends where a row vanishes; return it, and the iterations.
+        """Solve for the stages and the length of the element at whose end a row vanishes; return it, and the iterations.
 
-        Newton's method from ``guess``, kept in the bracket [0, length]; None where it does not converge. ``zero`` is what
-        the row has where it vanishes: the rounding that it began with, if it began at zero.
+        Newton's method from ``guess``, kept in the bracket [0, length]; None if it does not converge. ``zero`` is the
+        value of the row at its zero: its initial rounding error, if it began at zero.
         """
         c, low, high, h = self.rows[row], 0.0, length, guess
         enough = 4.0 * EPS * float(np.abs(c) @ np.maximum(scale, np.abs(X)))
@@ -265,8 +267,8 @@ def first_crossing(b: Array, reduced: Array, safe: Flags, zeros: Indices, noise:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
-    """What elements give at any time: each begins at a state (N,), is of a kind (a mode), and ends wherever it is read."""
+class ElementSolution:
+    """Continuous solution by elements, each with an initial state (N,) and a mode, that end at the requested times."""
 
     system: System
     kinds: tuple[Elements, ...]

@@ -1,4 +1,4 @@
-"""Contact modes under forces that are no linear function of the state: non-linear springs, and loads of any kind.
+"""Contact modes with nonlinear forces: non-linear springs, and loads of any kind.
 
 With these forces w as inputs a mode moves by X' = (A + B F) X + (E + B F_w) w(t, X).
 """
@@ -20,7 +20,7 @@ from lcpimpact.scheme.first_order import Inputs
 APART, PUSHES, SLACK = 0, 1, 2
 
 ZERO_FOR_EVER = -1
-"""Order of the zero of a row that is zero until an input makes it something else."""
+"""Order of the zero of a row that only an input can make nonzero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +31,9 @@ class Forces:
     ----------
     inputs : Inputs
     phase : (ns,) array or None
-        What each spring does in this segment: it is APART, it PUSHES, or it is SLACK, since with c > 0 it would pull. One
-        that pushes goes on by K |δ|ⁿ sign δ through its zero, so that the solver sees no kink before the segment ends there.
-        With None the springs follow their law wherever they are.
+        Phase of each spring in this segment: open (APART), active (PUSHES), or SLACK, if with c > 0 it would pull. An active
+        one is extended by K |δ|ⁿ sign δ through its zero, so that the solver sees no kink before the end of the segment.
+        With None the springs follow their law everywhere.
     """
 
     inputs: Inputs
@@ -49,7 +49,7 @@ class Forces:
         return np.column_stack([s, [[load(float(at)) for load in loads] for at in t]])
 
     def extended(self, X: Array) -> Array:
-        """Return K |δ|ⁿ sign δ (1 + b δ') + c δ' (..., ns), whether a spring pushes or not."""
+        """Return K |δ|ⁿ sign δ (1 + b δ') + c δ' (..., ns), whether a spring is active or not."""
         return power_law.forces(self.inputs.law, *self._approach(X), extended=True)
 
     def _springs(self, law: Callable[..., Array], X: Array) -> Array:
@@ -71,7 +71,7 @@ class Forces:
         return slope
 
     def linear(self, t: float, X: Array, later: float, X_later: Array, step: float) -> Array:
-        """Return w at a later state, made linear about the state X at t (nw,)."""
+        """Return w at a later state, linearised about the state X at t (nw,)."""
         w = self(t, X) + self.jacobian(X) @ (X_later - X)
         w[len(self.inputs.law) :] += (later - t) * self.load_rates(t, step, ahead=True)
         return np.asarray(w)
@@ -86,14 +86,14 @@ class Forces:
 
 
 @dataclass(frozen=True, eq=False)
-class Segment:
-    """One mode from t0 on: X' = A X + E w(t0 + τ, X), with the rows c of c·(X, w, s) whose fall below zero ends it.
+class ForcedSegment:
+    """One mode from t0 on: X' = A X + E w(t0 + τ, X), with event functions c·(X, w, s).
 
-    It ends at ``end`` at the latest, which is that of the run or, where it ``breaks``, a breakpoint of the signals.
+    It ends at ``end`` at the latest: the end of the run or, if it ``breaks``, a breakpoint of the signals.
 
-    s are the forces that the springs would have if they pushed. The last rows are theirs: ``phases`` tells which spring goes
-    over to which phase. ``place`` and ``reaction`` hold the matrices by which q and r are read off X and w, ``velocity`` the
-    one by which v is, where there are no inputs.
+    s are the forces that active springs would have. The last rows are theirs: ``phases`` lists the spring and its next
+    phase. ``place`` and ``reaction`` are the matrices that give q and r from X and w, ``velocity`` the one that gives v
+    without inputs.
     """
 
     mode: Mode
@@ -139,32 +139,32 @@ class ForcedSystem:
     system: System
     inputs: Inputs
     difference_step: float
-    known: dict[object, Segment] = field(default_factory=dict)
+    known: dict[object, ForcedSegment] = field(default_factory=dict)
 
     @property
     def added(self) -> slice:
-        """Where in the states of the system made linear those stand that are forces."""
+        """Positions of the forces in the states of the linearised system."""
         N = len(self.system.form.A)
         return slice(N, N + self.inputs.count)
 
     def without_inputs(self, X: Array) -> Array:
-        """Return a state of the system made linear without them."""
+        """Return a state of the linearised system without its forces."""
         return np.delete(X, self.added) if self.inputs.count else X
 
-    def segment(self, mode: Mode, forces: Forces, t0: float, end: float, breaks: bool) -> Segment:
+    def segment(self, mode: Mode, forces: Forces, t0: float, end: float, breaks: bool) -> ForcedSegment:
         """Return the segment of a mode that begins at t0."""
         key = mode, None if forces.phase is None else tuple(forces.phase.tolist())
         if key not in self.known:
             self.known[key] = self.course(mode, forces)
         return replace(self.known[key], t0=t0, end=end, breaks=breaks)
 
-    def course(self, mode: Mode, forces: Forces) -> Segment:
-        """Return a segment of a mode, at no instant yet."""
+    def course(self, mode: Mode, forces: Forces) -> ForcedSegment:
+        """Return a segment of a mode, without an instant."""
         system, inputs = self.system, self.inputs
         flow, F = system.mode(mode)
         Fw = system.input_response(mode)
         E = system.input_matrices[0] + system.matrices[1] @ Fw
-        # What is zero for ever in a linear system need not stay so under an input.
+        # A row that is zero for ever in a linear system may change under an input.
         watch = system.watch(replace(mode, order=tuple(max(m, 0) for m in mode.order)) if inputs.count else mode)
         zeros = np.where(np.array(mode.order, dtype=np.int64)[watch.contacts] >= 0, watch.order, ZERO_FOR_EVER)
         ns = len(inputs.law)
@@ -176,15 +176,16 @@ class ForcedSystem:
             order += [0] * len(falls)
         n, reading = len(system.dynamics.nodes), system.coordinates(mode).rows.hi
         weights = np.array(rows).reshape(len(rows), len(flow.A) + inputs.count + ns)
-        return Segment(
+        return ForcedSegment(
             mode=mode, A=flow.A, E=E, forces=forces, rows=weights, order=np.array(order, dtype=np.int64), phases=springs,
             place=(reading[:n], inputs.Q + system.read[1] @ Fw), reaction=(F, Fw), velocity=reading[n : 2 * n],
         )  # fmt: skip
 
     def linearized(self, t: float, X: Array, forces: Forces, scale: Array, sizes: Array) -> tuple[System, Array, Array]:
-        """Return the system made linear about t and X, with X and its scale in it; ``sizes`` (nw,) are the largest |w|.
+        """Return the system linearised about t and X, with X and its scale in it; ``sizes`` (nw,) are the largest |w|.
 
-        With w = a + S X + a' τ the numbers a are states, the last before the places of sliders, so that each has its scale.
+        With w = a + S X + a' τ the numbers a are states, the last before the positions of sliders, so that each has its
+        scale.
         """
         system, inputs = self.system, self.inputs
         form, N, nw = system.form, len(system.form.A), inputs.count
@@ -203,7 +204,7 @@ class ForcedSystem:
         grown = np.concatenate([X[:N], w - slope @ X[:N], X[N:]])
         return System(system.dynamics, linear), grown, np.concatenate([scale[:N], sizes, scale[N:]])
 
-    def coordinates(self, segment: Segment, τ: Array, X: Array) -> tuple[Array, Array, Array]:
+    def coordinates(self, segment: ForcedSegment, τ: Array, X: Array) -> tuple[Array, Array, Array]:
         """Return q, v and r for the states X (nt, N) at t0 + τ."""
         (place, place_w), (F, Fw), (low, high) = segment.place, segment.reaction, self.system.bounds
         if not self.inputs.count:
@@ -216,14 +217,14 @@ class ForcedSystem:
             v += np.array(rates).reshape(len(τ), -1) @ loads.T
         return q, v, np.minimum(np.maximum(X @ F.T + w @ Fw.T, low), high)
 
-    def state(self, segment: Segment, τ: float, X: Array) -> State:
-        """Return what one state means in the coordinates of the scheme."""
+    def state(self, segment: ForcedSegment, τ: float, X: Array) -> State:
+        """Return a state in the coordinates of the scheme."""
         q, v, r = self.coordinates(segment, np.array([τ]), X[None, :])
         return State(q[0], v[0], r[0])
 
 
 def _spring_ends(inputs: Inputs, phase: Indices, states: int) -> tuple[tuple[tuple[int, int], ...], list[Array]]:
-    """Return how the phases of the springs end: spring and next phase, and the row of (X, w, s) that falls below zero."""
+    """Return the event functions of the springs: spring and next phase, and the row of (X, w, s)."""
     ns, known = len(phase), inputs.approach.shape[1]
     turns: list[tuple[int, int]] = []
     rows: list[Array] = []

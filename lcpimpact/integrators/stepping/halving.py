@@ -1,17 +1,17 @@
-r"""Adaptive steps by halving: a step is taken whole and in two halves, and halved until both agree.
+r"""Adaptive steps by halving: a step is halved until it agrees with two half steps.
 
 With y = (q, v, ...) the state, Φ_h one step of length h <= dt, and ε = rtol max |q|, two halves are accepted where
 
 .. math:: \max\bigl( |Φ_{h/2}^2 q - Φ_h q|, \; dt \, |Φ_{h/2}^2 v - Φ_h v| \bigr) \le ε,
           \qquad -Σ u^+ \le \max(ε, -Σ u) \quad (\text{impulse paths}),
 
-the norms over the nodes with mass, the sums over the contacts of a path, which is mostly one of relative degree 2;
-otherwise each half is treated likewise. In smooth motion the difference is the error of the whole step. About an impact the
-whole and the halves differ by the way that the jump of v makes in a part of the step, and an impact that they both see too
-late shows as an overlap; so the steps there are halved until such a way is below ε, which locates the impact. A step whose
-LCP has no solution, as one too long for an explicit method, is halved, too. The run holds the steps that were taken, and dt
-is the longest. A run in which a step would have to be so short that nothing moves in it but by rounding, as where impacts
-accumulate and rtol is tight, ends with the status STEP_SIZE.
+with norms over the nodes with mass and sums over the contacts of an impulse path, mostly a contact of relative degree 2;
+otherwise each half is treated likewise. In smooth motion the difference is the error of the whole step. Near an impact the
+whole step and the halves differ by the displacement due to the jump of v, and an impact that both detect late shows as a
+penetration; so steps are halved until these are below ε, which locates the impact. A step whose LCP has no solution, as one
+too long for an explicit method, is halved, too. The trajectory holds the accepted steps, of length at most dt. A run that
+needs a step so short that the motion in it is below rounding error, as for accumulating impacts and a tight rtol, ends with
+the status STEP_SIZE.
 """
 
 from __future__ import annotations
@@ -38,15 +38,15 @@ Take = Callable[[int, float, Array], tuple[Status, Array, Array]]
 
 @dataclass
 class Halving:
-    """Takes steps by halving, and keeps those that were accepted.
+    """Step control by halving, with the accepted steps.
 
     Attributes
     ----------
     take : callable         one step of a level
     h : float               the longest step in s
     rtol : float            tolerance of a step, relative to the largest |q| so far
-    massive : (n,) array    the nodes whose q and v are judged; q of all where none has mass
-    overlap : callable      the greatest -Σ u in m along an impulse path, for q (n,)
+    massive : (n,) array    nodes whose q and v are compared; q of all if none has mass
+    penetration : callable      largest -Σ u in m along an impulse path, for q (n,)
     y : (N,) array          the state, q and v first
     """
 
@@ -54,7 +54,7 @@ class Halving:
     h: float
     rtol: float
     massive: Flags
-    overlap: Callable[[Array], float]
+    penetration: Callable[[Array], float]
     y: Array
     scale: float = 0.0
     rejected: int = 0
@@ -75,7 +75,7 @@ class Halving:
         return Status.SOLVED, last
 
     def _halve(self, level: int, t: float, end: float, solved: Status, whole: Array) -> Status:
-        """Go from t to the end in two steps, or in more if these differ from the whole one or any has no solution."""
+        """Integrate from t to the end in two steps, or in more if these differ from the whole one or have no solution."""
         middle = 0.5 * (t + end)
         first, y_1, r_1 = self.take(level + 1, t, self.y)
         status, states = first, [self.y]
@@ -104,7 +104,7 @@ class Halving:
         return self._halve(level + 1, middle, end, *self.take(level + 1, middle, self.y)[:2])
 
     def _agree(self, whole: Array, halves: Array) -> bool:
-        """Say whether the whole step and its two halves end alike, and in no overlap that is new."""
+        """Return whether the whole step and its two halves agree, without additional penetration."""
         n = len(self.massive)
         off = np.abs(halves - whole)
         for y in (self.y, halves):
@@ -112,10 +112,12 @@ class Halving:
         allowed = self.rtol * self.scale
         judged = self.massive if self.massive.any() else ~self.massive
         difference = max(off[:n][judged].max(), self.h * off[n : 2 * n][self.massive].max(initial=0.0))
-        return bool(difference <= allowed and self.overlap(halves[:n]) <= max(allowed, self.overlap(self.y[:n])))
+        return bool(
+            difference <= allowed and self.penetration(halves[:n]) <= max(allowed, self.penetration(self.y[:n]))
+        )
 
     def write(self, record: Record, reaction_at: float) -> None:
-        """Put the steps that were taken in place of the grid; reactions live at t + ``reaction_at`` times the step."""
+        """Replace the grid by the accepted steps; reactions refer to t + ``reaction_at`` times the step."""
         n, nc = len(self.massive), record.reaction.shape[1]
         path = np.array(self.path)
         record.t, record.q, record.v = np.array(self.t), path[:, :n].copy(), path[:, n : 2 * n].copy()
@@ -124,7 +126,7 @@ class Halving:
         record.stats.rejected = self.rejected
 
 
-def overlap(dynamics: Dynamics) -> Callable[[Array], float]:
-    """Return the function of q that is the greatest overlap along impulse paths in m, at least 0."""
+def penetration(dynamics: Dynamics) -> Callable[[Array], float]:
+    """Return the function of q that is the largest penetration along impulse paths in m, at least 0."""
     H, u0 = dynamics.impulse_paths @ dynamics.H, dynamics.impulse_paths @ dynamics.u0
     return lambda q: float(-(H @ q + u0).min(initial=0.0))

@@ -1,14 +1,14 @@
 r"""Impacts through massless nodes in a θ-step.
 
-Where a massless plate is stopped, rows of relative degree 0 and 1 together bind masses (see
-`lcpimpact.scheme.impulse_paths`), and gaps that are closed at the end of the step would make v ring. So where all rows of a
-path push, the contact problem is solved again with gaps that may be negative by amounts s, which are such that
+Where a massless plate is stopped, contacts of relative degree 0 and 1 together constrain masses (see
+`lcpimpact.scheme.impulse_paths`), and gaps imposed at the end of the step would make v oscillate. So if all contacts of a
+path are active, the contact problem is solved again with admissible penetrations s such that
 
 .. math:: Σ (u^+ + s) = θ h Σ (U^+ + ρ e \min(U, 0)) \ge 0,
           \qquad ρ Σ \min(U, 0) = Σ U \text{ where that is negative, else } ρ = 0 .
 
-Together the rows obey Newton's law as one row of relative degree 2, each with its own restitution. ρ is 1 for left limits;
-the rates of massless nodes, which are means of steps, are none after an impact.
+Together they obey Newton's law as one contact of relative degree 2, each with its own restitution. ρ is 1 for left limits;
+velocities of massless nodes, which are means of steps, are none after an impact.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ class Paths(NamedTuple):
     Attributes
     ----------
     lines : (np, nc) array          weights of the contacts of each path
-    order : (nc,) array             contacts at masses first: they close exactly, and those at the ground take the shift
+    order : (nc,) array             contacts at masses first: they close exactly, and those at the ground are shifted
     H : (nc, n) array               constraint matrix
     u0, e : (nc,) arrays            gaps at rest, coefficients of restitution
-    massless : (n,) array           nodes without mass whose motion is not prescribed
+    massless : (n,) array           massless nodes whose motion is not prescribed
     θ, h : float                    of the step
     """
 
@@ -57,14 +57,14 @@ def impulse_paths(d: Dynamics, θ: float, h: float) -> Paths:
 
 
 def no_paths() -> Paths:
-    """Return the impulse paths of a step that minds none."""
+    """Return no impulse paths, for other steps."""
     nothing = np.zeros((0, 0))
     return Paths(nothing, np.zeros(0, np.int64), nothing, np.zeros(0), np.zeros(0), np.zeros(0, bool), 1.0, 1.0)
 
 
 @compiled(types.boolean(matrix, flags, indices, vector))
 def closes(lines: Array, closed: Flags, active: Indices, z: Array) -> bool:
-    """Add the paths to ``closed`` whose contacts all push; return whether there are any that were not in it."""
+    """Add the paths to ``closed`` whose contacts are all active; return whether any is new."""
     found = False
     for a in range(len(lines)):
         if closed[a]:
@@ -81,7 +81,7 @@ def closes(lines: Array, closed: Flags, active: Indices, z: Array) -> bool:
 
 @compiled(f8(vector, vector))
 def rebounding(line: Array, U: Array) -> float:
-    """Return the ρ in [0, 1] by which the approaches on a path count, so that Σ ρ min(U, 0) = Σ U; 0 where it opens."""
+    """Return the weight ρ in [0, 1] of the approach velocities of a path, so that Σ ρ min(U, 0) = Σ U; 0 if it opens."""
     opening, approach = 0.0, 0.0
     for i in range(len(U)):
         if line[i] > 0.0:
@@ -105,10 +105,10 @@ def rebounds(paths: Paths, closed: Flags, U: Array) -> Array:
 
 @compiled(types.void(PATHS, flags, vector, vector, vector))
 def write_shifts(paths: Paths, closed: Flags, q: Array, v: Array, shift: Array) -> None:
-    """Write by how much each gap may be negative at the end of the step, so that closed paths obey the law of impact.
+    """Write the penetration of each contact at the end of the step with which closed paths obey the law of impact.
 
-    Σ (u⁺ + shift) = θ h Σ (U⁺ + ρ e U) over each of these paths. Of its contacts those that come last in the order take the
-    sum, and the others close exactly: the rates of massless nodes, which cancel in the sum, are eliminated row by row.
+    Σ (u⁺ + shift) = θ h Σ (U⁺ + ρ e U) over each of these paths. The contacts that come last in the order are
+    shifted, and the others close exactly: velocities of massless nodes, which cancel in the sum, are eliminated row by row.
     """
     n, nc, θ, h = len(q), len(shift), paths.θ, paths.h
     U = np.zeros(nc)

@@ -1,15 +1,15 @@
-r"""The compiled loop that all methods with linear steps share.
+r"""The compiled loop of all methods with linear steps.
 
-What a step starts from are the *knowns*: the state y, the constant 1 and the loads. What it solves for are the *unknowns*:
-for each of its laws the impulses P of the contacts and the forces s of the non-linear springs. Every quantity of the step
-is a row of a table with one column for each of these numbers: in turn for each law
+The *knowns* of a step are the state y, the constant 1 and the loads. Its *unknowns* are, for each contact law, the
+impulses P of the contacts and the forces s of the non-linear springs. Every quantity of the step is a row of a table with
+one column for each of these numbers: in turn for each law
 
-- whether a contact takes part, where this is negative (nc rows),
+- the activation, a contact being active where it is negative (nc rows),
 - L of the law 0 <= P ⟂ L >= 0 (nc rows),
-- the rates of the springs and their approaches, where they stand in this law (ns rows each),
+- the rates and the penetrations of the springs in this law (ns rows each),
 
-then the new state (N rows), the reactions (nc rows), and the forces out of balance on the static coordinates. The loop adds
-the columns of the knowns, and those of the unknowns as it finds them.
+then the new state (N rows), the reactions (nc rows), and the residual forces at the static coordinates. The loop adds the
+columns of the knowns, and those of the unknowns once they are solved.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ from lcpimpact.lcp.solver import Kernel
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
 SWITCHES = -1
-"""Status of steps that stop where other contacts push than in the step before."""
+"""Status of steps that stop at a change of the active contacts."""
 
 
-class Table(NamedTuple):
-    """A step of one length.
+class StepTable(NamedTuple):
+    """The coefficients of a step of one length.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Table(NamedTuple):
     unknown : (m (nc + ns), rows) array     columns of P and s of each law
     W : (m, nc, nc) array                   L by P of each law
     lower, upper : (m, nc) arrays           bounds of P
-    strictly : (m,) array                   whether a contact that is just closed takes no part
+    strictly : (m,) array                   whether a contact needs a negative activation, zero not being enough
     near : (m, nc) array                    gap by P up to which a contact that has just pushed takes part, as rounding
                                             may have opened it
     """
@@ -77,14 +77,14 @@ class StepSprings(NamedTuple):
 
 
 class StepState(NamedTuple):
-    """What travels from step to step: y (N,), and the impulses of each law (m, nc), 0 where a contact took no part."""
+    """State carried from step to step: y (N,), and the impulses of each law (m, nc), 0 at inactive contacts."""
 
     y: Array
     P: Array
 
 
-class Path(NamedTuple):
-    """What the steps write: q[k + 1] and v[k + 1] (n,), and the mean forces r[k] (nc,)."""
+class StepOutput(NamedTuple):
+    """Results of the steps: q[k + 1] and v[k + 1] (n,), and the mean forces r[k] (nc,)."""
 
     q: Array
     v: Array
@@ -92,14 +92,14 @@ class Path(NamedTuple):
 
 
 class Block(NamedTuple):
-    """The steps to take.
+    """The steps of a block.
 
     Attributes
     ----------
-    first, last : int       from which instant to which
-    loads : (steps, nl)     what varies, one row a step
+    first, last : int       indices of the first and the last instant
+    loads : (steps, nl)     variable loads, one row a step
     tol, max_iter           tolerance of the LCP solver, and its limit of iterations
-    stops : bool            whether to stop before a step in which other contacts push than in the one before
+    stops : bool            whether to stop before a step with other active contacts than the last one
     """
 
     first: int
@@ -110,8 +110,8 @@ class Block(NamedTuple):
     stops: bool
 
 
-class Room(NamedTuple):
-    """Room for what a step finds: the sums (rows,), which contacts take part in a law (nc,), their z (nc,), and s (ns,)."""
+class Workspace(NamedTuple):
+    """Arrays a step works in: sums (rows,), the active contacts of a law (nc,), their z (nc,), spring forces s (ns,)."""
 
     sums: Array
     active: Indices
@@ -119,18 +119,18 @@ class Room(NamedTuple):
     s: Array
 
 
-def room_for(table: Table, ns: int) -> Room:
-    """Return room for the steps of a table with ns springs."""
+def room_for(table: StepTable, ns: int) -> Workspace:
+    """Return arrays for the steps of a table with ns springs."""
     nc = table.W.shape[1]
-    return Room(np.zeros(table.known.shape[1]), np.zeros(nc, np.int64), np.zeros(nc), np.zeros(ns))
+    return Workspace(np.zeros(table.known.shape[1]), np.zeros(nc, np.int64), np.zeros(nc), np.zeros(ns))
 
 
-TABLE: Any = named_tuple((matrix, matrix, cube, matrix, matrix, flags, matrix), Table)
+TABLE: Any = named_tuple((matrix, matrix, cube, matrix, matrix, flags, matrix), StepTable)
 STEP_SPRINGS: Any = named_tuple((matrix, vector, f8), StepSprings)
 STEP_STATE: Any = named_tuple((vector, matrix), StepState)
-PATH: Any = named_tuple((matrix, matrix, matrix), Path)
+PATH: Any = named_tuple((matrix, matrix, matrix), StepOutput)
 BLOCK: Any = named_tuple((i8, i8, matrix, f8, i8, types.boolean), Block)
-ROOM: Any = named_tuple((vector, indices, vector, vector), Room)
+ROOM: Any = named_tuple((vector, indices, vector, vector), Workspace)
 FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC))
 
 
@@ -143,15 +143,17 @@ def copy(source: Array, target: Array) -> None:
 
 @compiled(types.void(vector, f8, matrix, i8, i8), inline="always", allocates=False)
 def add_column(sums: Array, x: float, columns: Array, j: int, first: int) -> None:
-    """Add x times column j, from a row on."""
+    """Add x times column j, from a given row."""
     if x != 0.0:
         for i in range(first, len(sums)):
             sums[i] += x * columns[j, i]
 
 
 @compiled(types.Tuple((i8, i8, f8))(TABLE, i8, vector, i8, ROOM, SOLVING), inline="always", allocates=False)
-def solve_rows(table: Table, law: int, q: Array, na: int, room: Room, solving: Solving) -> tuple[int, int, float]:
-    """Solve a law on its ``na`` active rows, from the guess in the room: status, iterations, residual."""
+def solve_rows(
+    table: StepTable, law: int, q: Array, na: int, room: Workspace, solving: Solving
+) -> tuple[int, int, float]:
+    """Solve a law on its ``na`` active rows, from the guess in the workspace: status, iterations, residual."""
     rows = ContactProblem(table.W[law], q, table.lower[law], table.upper[law])
     if na < len(q):
         return solve_active(rows, room.active[:na], room.z[:na], solving)
@@ -159,8 +161,8 @@ def solve_rows(table: Table, law: int, q: Array, na: int, room: Room, solving: S
 
 
 @compiled(types.void(TABLE, i8, i8, i8, ROOM, vector), inline="always", allocates=False)
-def add_impulses(table: Table, column: int, na: int, first: int, room: Room, P: Array) -> None:
-    """Add the columns of the ``na`` impulses in the room, from a row on, and keep them in P."""
+def add_impulses(table: StepTable, column: int, na: int, first: int, room: Workspace, P: Array) -> None:
+    """Add the columns of the ``na`` impulses in the workspace, from a given row, and store them in P."""
     for i in range(len(P)):
         P[i] = 0.0
     for a in range(na):
@@ -170,9 +172,9 @@ def add_impulses(table: Table, column: int, na: int, first: int, room: Room, P: 
 
 @compiled(types.Tuple((SPRINGS, vector, vector))(TABLE, STEP_SPRINGS, vector, i8, indices))
 def coupled_springs(
-    table: Table, springs: StepSprings, sums: Array, law: int, active: Indices
+    table: StepTable, springs: StepSprings, sums: Array, law: int, active: Indices
 ) -> tuple[Springs, Array, Array]:
-    """Return the springs in a law as the active rows move them, their rates without these, and their approaches."""
+    """Return the springs in a law with the active rows, and their free rates and penetrations."""
     na, nc, ns = len(active), table.W.shape[1], len(springs.law)
     rates, P, at_s = law * 2 * (nc + ns) + 2 * nc, law * (nc + ns), law * (nc + ns) + nc
     y_free, δ = np.empty(ns), np.empty(ns)
@@ -192,15 +194,15 @@ def coupled_springs(
     types.Tuple((i8, i8, i8, f8))(TABLE, FEATURES, STEP_STATE, ROOM, types.UniTuple(i8, 2), SOLVING, SPRING_SOLVER)
 )
 def solve_features(
-    table: Table,
+    table: StepTable,
     features: tuple[StepSprings, Paths, Static],
     state: StepState,
-    room: Room,
+    room: Workspace,
     which: tuple[int, int],
     solving: Solving,
     solve_springs: SpringSolver,
 ) -> tuple[int, int, int, float]:
-    """Solve law ``which[0]`` on its ``which[1]`` active rows with the springs, and again while impulse paths close in it."""
+    """Solve law ``which[0]`` on its ``which[1]`` active rows with the springs, and again while impulse paths close."""
     (springs, paths, _), (law, na) = features, which
     nc, ns, n = table.W.shape[1], len(springs.law), paths.H.shape[1]
     first, active, z = law * 2 * (nc + ns) + nc, room.active[:na], room.z[:na]
@@ -237,8 +239,8 @@ def add_knowns(columns: Array, y: Array, loads: Array, k: int, sums: Array) -> N
 
 
 @compiled(i8(TABLE, i8, i8, vector, ROOM), inline="always", allocates=False)
-def choose_rows(table: Table, law: int, first: int, P: Array, room: Room) -> int:
-    """Write which contacts take part in a law whose rows begin at ``first``, with P as a guess of z; return their number."""
+def choose_rows(table: StepTable, law: int, first: int, P: Array, room: Workspace) -> int:
+    """Write the active contacts of a law whose rows begin at ``first``, with P as a guess of z; return their number."""
     na, strictly = 0, table.strictly[law]
     for i in range(len(P)):
         touching = room.sums[first + i]
@@ -250,7 +252,7 @@ def choose_rows(table: Table, law: int, first: int, P: Array, room: Room) -> int
 
 @compiled(types.boolean(indices, vector, vector), inline="always", allocates=False)
 def switches(active: Indices, z: Array, P: Array) -> bool:
-    """Return whether a contact begins or ceases to push, between impulses P and z of the active ones."""
+    """Return whether a contact becomes active or inactive between impulses P and z of the active ones."""
     changed = False
     for a in range(len(active)):
         changed = changed or (z[a] > 0.0) != (P[active[a]] > 0.0)
@@ -263,18 +265,18 @@ def switches(active: Indices, z: Array, P: Array) -> bool:
 )
 def steps(
     block: Block,
-    table: Table,
+    table: StepTable,
     features: tuple[StepSprings, Paths, Static],
     state: StepState,
-    path: Path,
-    room: Room,
+    path: StepOutput,
+    room: Workspace,
     solve: Kernel,
     solve_springs: SpringSolver,
 ) -> tuple[int, int, int, int, float]:
-    """Take a block of steps, and leave the state after them.
+    """Take a block of steps and overwrite the state.
 
-    Returns the status, SWITCHES where the block stops for that, the step reached, the sums of the LCP and Newton iterations,
-    and the largest residual, found outside the solver.
+    Returns the status, SWITCHES at a change of the active contacts, the step reached, the sums of the LCP and Newton
+    iterations, and the largest independent residual.
     """
     (springs, paths, static), sums, active, z = features, room.sums, room.active, room.z
     n, nc, ns, N, m = path.q.shape[1], table.W.shape[1], len(springs.law), len(state.y), len(table.W)

@@ -1,4 +1,4 @@
-"""The contact problem of a step: its LCP is solved, judged outside the solver, counted, and tried by other solvers."""
+"""The contact problem of a step: its LCP, an independent check of the solution, and fallback solvers."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual, holds, measure
 from lcpimpact.lcp.operators import Delassus
 from lcpimpact.lcp.problem import KERNEL
-from lcpimpact.lcp.solver import Kernel, State
+from lcpimpact.lcp.solver import Kernel, SolverState
 
 SOLVED, INACCURATE, NON_FINITE = int(Status.SOLVED), int(Status.INACCURATE), int(Status.NON_FINITE)
 
@@ -36,7 +36,7 @@ class ContactProblem(NamedTuple):
 
 
 class Solving(NamedTuple):
-    """How contact problems are solved: the LCP solver's tolerance, its limit of iterations, and its kernel."""
+    """The LCP solver of contact problems: its tolerance, limit of iterations, and kernel."""
 
     tol: float
     max_iter: int
@@ -44,12 +44,12 @@ class Solving(NamedTuple):
 
 
 class Springs(NamedTuple):
-    """Non-linear springs in a law, and how they and its rows move each other.
+    """Non-linear springs in a law, and their coupling with its rows.
 
     Attributes
     ----------
     law : (ns, 5) array     gap, K, n, b, c of each
-    θh, h : float           the time in s after which the law reads their places, and over which it takes their mean
+    θh, h : float           time in s at which the law evaluates their positions, and over which it averages
     HGs : (nc, ns) array    rate of the rows by unit forces of the springs
     NG : (ns, nc) array     rate of the springs by unit impulses of the rows
     NGs : (ns, ns) array    rate of the springs by unit forces of the springs
@@ -69,14 +69,14 @@ SPRINGS: Any = named_tuple((matrix, f8, f8, matrix, matrix, matrix), Springs)
 
 SpringSolver: TypeAlias = Callable[..., tuple[int, int, int, float]]
 SPRING_SIGNATURE: Any = types.Tuple((i8, i8, i8, f8))(PROBLEM, SPRINGS, vector, vector, vector, vector, vector, SOLVING)
-"""Of `newton.solve_with_springs`, the solver for schemes with non-linear springs."""
+"""Signature of `newton.solve_with_springs`."""
 
 SPRING_SOLVER: Any = types.FunctionType(SPRING_SIGNATURE)
 
 
 @compiled(types.Tuple((i8, f8))(i8, matrix, vector, vector, vector, vector, f8))
 def examine(status: int, W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float) -> tuple[int, float]:
-    """Judge an answer that is not clear, outside the solver: status and residual."""
+    """Check a doubtful solution independently of the solver: status and residual."""
     residual, _, rounding = measure(W, q, lower, upper, z, np.empty(len(z)))
     if status == SOLVED and not holds(residual, rounding, tol):
         return INACCURATE if residual < np.inf else NON_FINITE, residual
@@ -85,7 +85,7 @@ def examine(status: int, W: Array, q: Array, lower: Array, upper: Array, z: Arra
 
 @compiled(types.Tuple((i8, i8, f8))(PROBLEM, vector, SOLVING), inline="always", allocates=False)
 def solve_law(rows: ContactProblem, z: Array, solving: Solving) -> tuple[int, int, float]:
-    """Solve a contact problem from the guess z, and judge the answer outside the solver: status, iterations, residual."""
+    """Solve a contact problem from the guess z, and check the solution: status, iterations, residual."""
     (W, q, lower, upper), (tol, max_iter, solve) = rows, solving
     status, count = solve(W, q, lower, upper, z, tol, max_iter)
     residual = clear_residual(W, q, lower, upper, z, tol)
@@ -113,7 +113,7 @@ def restrict(rows: ContactProblem, active: Indices) -> ContactProblem:
 
 @compiled(types.Tuple((i8, i8, f8))(PROBLEM, indices, vector, SOLVING))
 def solve_active(rows: ContactProblem, active: Indices, z: Array, solving: Solving) -> tuple[int, int, float]:
-    """Solve the contact problem of the active rows alone, from the guess z of these: status, iterations, residual."""
+    """Solve the contact problem of the active rows alone, from their guess z: status, iterations, residual."""
     return solve_law(restrict(rows, active), z, solving)
 
 
@@ -121,14 +121,18 @@ def solve_active(rows: ContactProblem, active: Indices, z: Array, solving: Solvi
 def no_springs(
     rows: ContactProblem, springs: Springs, y_free: Array, δ: Array, z: Array, y: Array, s: Array, solving: Solving
 ) -> tuple[int, int, int, float]:
-    """Stand where a scheme has no non-linear springs: it is never called."""
+    """Placeholder for schemes without non-linear springs; never called."""
     return SOLVED, 0, 0, 0.0
 
 
 def with_fallbacks(
-    run: Callable[[State, int, int], tuple[Status, int]], solver: State, contacts: Delassus, first: int, last: int
+    run: Callable[[SolverState, int, int], tuple[Status, int]],
+    solver: SolverState,
+    contacts: Delassus,
+    first: int,
+    last: int,
 ) -> tuple[Status, int]:
-    """Take steps by ``run(solver, first, last)``; one whose LCP is not solved is tried by those the solver falls back on."""
+    """Take steps by ``run(solver, first, last)``; a step whose LCP is not solved is repeated with the fallback solvers."""
     status, reached = run(solver, first, last)
     while status is not Status.SOLVED:
         for name in solver.fallbacks:

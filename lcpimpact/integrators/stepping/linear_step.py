@@ -1,17 +1,17 @@
 r"""Steps that are linear in the state, the loads and the impulses: written as equations, tabulated once, run compiled.
 
-Every quantity of such a step, q⁺ as well as the gap that decides on contact, is a sum
+Every quantity of such a step, q⁺ as well as the gap that activates a contact, is a sum
 
 .. math:: q^+ = A_1 q + A_2 v + A_3 f + A_4 P + \dots
 
-A method writes its equations with *symbols*: matrices whose columns belong to what a step starts from (q, v, what else the
-method remembers, the constant 1, the loads at some instants) and to what it solves for (the impulses P of each of its
-LCPs, the forces s of the non-linear springs). Then ``q + 0.5 * h * v`` is the matrix of that sum, and the rows of a law
+A method writes its equations with *symbols*: matrices whose columns belong to the knowns of a step (q, v, other memory of
+the method, the constant 1, the loads at some instants) and to its unknowns (the impulses P of each of its LCPs, the forces s
+of the non-linear springs). Then ``q + 0.5 * h * v`` is the matrix of that sum, and the rows of a law
 
 .. math:: 0 \le P_j \perp L_j \ge 0
 
-give its LCP: the columns of P_j are the Delassus matrix, and the rest, times what is known, is the free motion. One kernel
-runs all such methods.
+give its LCP: the columns of P_j are the Delassus matrix, and the others, times the knowns, the free motion. One kernel runs
+all such methods.
 """
 
 from __future__ import annotations
@@ -27,24 +27,32 @@ from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import interpreted
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
-from lcpimpact.integrators.stepping.kernel import SWITCHES, Block, Path, StepSprings, StepState, Table, room_for, steps
+from lcpimpact.integrators.stepping.kernel import (
+    SWITCHES,
+    Block,
+    StepOutput,
+    StepSprings,
+    StepState,
+    StepTable,
+    room_for,
+    steps,
+)
 from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_law
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits, solve_lcp
-from lcpimpact.lcp.solver import State
+from lcpimpact.lcp.solver import SolverState
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics
 
-REST_GAP = 1e-6
-"""What closes a gap that rounding has opened, in parts of what a force does in a step: a smooth force that leads a gap
-further, by c h² times its acceleration, or the contact force of the step before, by as much as it has moved."""
+REST_GAP_FACTOR = 1e-6
+"""Opening below which a resting contact is closed, as a fraction of the displacement that its force causes in a step."""
 
 
 class Named(dict[Any, Array]):
-    """Symbols by what names them; what the method has not declared is refused by a sentence."""
+    """Symbols by name; an undeclared one is refused with a message."""
 
     def __init__(self, declared: str, symbols: dict[Any, Array]) -> None:
         super().__init__(symbols)
@@ -60,7 +68,7 @@ class Named(dict[Any, Array]):
 
 @dataclass(frozen=True, eq=False)
 class Prescribed:
-    """Place and rate at t + h of nodes with prescribed motion, and its mean rate in the step; 0 of others (n, size)."""
+    """Position and velocity at t + h of nodes with prescribed motion, and the mean rate; 0 of others (n, size)."""
 
     place: Array
     rate: Array
@@ -69,17 +77,17 @@ class Prescribed:
 
 @dataclass(frozen=True, eq=False)
 class Symbols:
-    """What a step starts from and what it solves for, each as a matrix with one column for each number of them all.
+    """The knowns and unknowns of a step, each as a matrix with one column for each of their components.
 
     Attributes
     ----------
     q, v : (n, size) arrays             coordinates and velocities at t
-    memory : dict                       what else the method remembers, by its name (n, size)
+    memory : dict                       other memory of the method, by name (n, size)
     one : (1, size) array               the constant 1
     loads : dict                        f(t + c h) by c (n, size)
     prescribed : Prescribed             places and rates of the nodes whose motion is prescribed
     P : tuple of (nc, size) arrays      the impulses of each law in N s
-    s : tuple of (ns, size) arrays      the forces of the non-linear springs in N, as they stand in each law
+    s : tuple of (ns, size) arrays      the forces of the non-linear springs in N, in each law
     """
 
     dynamics: Dynamics
@@ -101,11 +109,11 @@ class Symbols:
         return np.asarray(self.dynamics.H @ v)
 
     def push(self, impulse: Array) -> Array:
-        """Return what impulses or forces of the contacts do on the nodes, Hᵀ P (n, size)."""
+        """Return the impulses or forces of the contacts on the nodes, Hᵀ P (n, size)."""
         return np.asarray(self.dynamics.B @ impulse)
 
     def force(self, c: float, q: Array, v: Array, law: int = 0) -> Array:
-        """Return f(t + c h) - K q - C v + s on the nodes (n, size), with the springs' forces of the law of that number.
+        """Return f(t + c h) - K q - C v + s on the nodes (n, size), with the spring forces of a law, by its number.
 
         Raises
         ------
@@ -117,23 +125,23 @@ class Symbols:
 
 
 def pushed(L: Array, P: Array) -> Array:
-    """Return w/W_ii - z for each row of a law with the unknown P: below zero where it pushes, above where it is open.
+    """Return w/W_ii - z for each row of a law with the unknown P: negative if it is active, positive if not.
 
-    Of z and w one is zero, but a solver that iterates leaves both near it.
+    Either z or w is zero, but an iterative solver leaves both near it.
     """
     return np.asarray(L / np.diag(L @ P.T)[:, None] - P)
 
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """0 <= P ⟂ L >= 0 on the rows that touch; bounds instead of 0 and inf for sliders, which always do.
+    """A contact law 0 <= P ⟂ L >= 0 on the active rows; sliders have bounds instead of 0 and inf, and are always active.
 
     Attributes
     ----------
-    L : (nc, size) array                what is complementary to P
-    touching : (nc, size) array         a row takes part where this is <= 0, before P is known; all do where it is None
-    springs_at : pair of (n, size)      the q and v at which the springs' forces s of this law stand
-    strictly : bool                     a row takes part where ``touching`` is < 0, and not where it is 0
+    L : (nc, size) array                complementary to P
+    touching : (nc, size) array         activation: a row is active where it is <= 0; None for all rows
+    springs_at : pair of (n, size)      the q and v at which the spring forces s of this law are evaluated
+    strictly : bool                     a row is active where ``touching`` is < 0, and not where it is 0
     weight : float or None              what a force times it is an impulse of this law, in s; None for the step h, 0 for a
                                         law in which sliders take no part
     """
@@ -147,16 +155,16 @@ class Law:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """Where a step ends.
+    """The end of a step.
 
     Attributes
     ----------
     q, v : (n, size) arrays         coordinates and velocities at t + h
     impulse : (nc, size) array      the impulse of the contacts over the step in N s
-    laws : tuple of Law             in the order in which they are solved; later ones may use the P and s of earlier ones
-    memory : dict                   what else is remembered, by its name (n, size)
+    laws : tuple of Law             in the order of their solution; later ones may use the P and s of earlier ones
+    memory : dict                   other memory of the method, by name (n, size)
     paths : Paths                   impulse paths over massless nodes that obey the law of impact at the end of the step
-    static : Static                 static coordinates that are put where the forces balance at the end of the step
+    static : Static                 static coordinates, projected onto equilibrium at the end of the step
     """
 
     q: Array
@@ -175,26 +183,26 @@ def solve(A: Array, b: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Tabulated:
-    """A step of one length: what a block of steps needs, and no step changes.
+    """The constant data of steps of one length.
 
     Attributes
     ----------
-    table : Table                       what the kernel reads
+    table : StepTable                   the coefficients for the kernel
     features : tuple                    springs, impulse paths and static coordinates
     springs : callable                  the Newton solver of the springs
     loads : callable                    the loads of the steps between instants, one row a step
     contacts : Dense                    the matrix of the first law
-    solver : State                      the LCP solver that was made ready for it
+    solver : SolverState                the LCP solver prepared for it
     tol, max_iter : float, int          its tolerance and limit of iterations
-    at_switches : Tabulated, optional   the step to take in place of one in which contacts begin or cease to push
+    at_switches : Tabulated, optional   the step used instead at a change of the active contacts
     """
 
-    table: Table
+    table: StepTable
     features: tuple[StepSprings, Paths, Static]
     springs: SpringSolver
     loads: Callable[[Array], Array]
     contacts: Dense
-    solver: State
+    solver: SolverState
     tol: float
     max_iter: int
     at_switches: Tabulated | None
@@ -205,13 +213,13 @@ class LinearStep(TimeStepping[Tabulated]):
     """A method whose step is linear; to write one, declare it and write `equations`."""
 
     laws: ClassVar[int] = 1
-    """How many LCPs a step solves."""
+    """Number of LCPs in a step."""
 
     instants: ClassVar[tuple[float, ...]] = (1.0,)
     """The c for which the equations use the loads at t + c h."""
 
     remembers: ClassVar[tuple[str, ...]] = ()
-    """What travels from step to step beside q and v, one vector (n,) each."""
+    """Names of the memory beside q and v, one vector (n,) each."""
 
     @property
     def reaction_at(self) -> float:
@@ -223,20 +231,20 @@ class LinearStep(TimeStepping[Tabulated]):
         """Write one step of length h of the dynamics d, in the symbols y."""
 
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
-        """Return what is remembered at t = 0, by its name (n,)."""
+        """Return the memory at t = 0, by name (n,)."""
         return {}
 
     def begin(self, d: Dynamics, q: Array, v: Array, h: float) -> Array:
-        """Return q, v and what is remembered."""
+        """Return q, v and the memory."""
         memory = self.remember(d, q, v, h)
         return np.concatenate([q, v, *(memory[name] for name in self.remembers)])
 
     def contact_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
-        """Return the matrix W of a law for the LCP solver, with what is known of it."""
+        """Return the matrix W of a law for the LCP solver, with its known properties."""
         return Dense(W)
 
     def at_switches(self, d: Dynamics) -> LinearStep | None:
-        """Return the method whose step is taken where contacts begin or cease to push, None where it is this one."""
+        """Return the method used in steps at a change of the active contacts; None for this one."""
         return None
 
     def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
@@ -262,11 +270,11 @@ class LinearStep(TimeStepping[Tabulated]):
         )
 
     def first_state(self, d: Dynamics, y: Array, h: float) -> StepState:
-        """Return the state y with no impulses before."""
+        """Return the initial state, y without impulses."""
         return StepState(y.copy(), np.zeros((self.laws, len(d.contacts))))
 
     def _symbols(self, d: Dynamics) -> Symbols:
-        """Return one column for each number that a step starts from or solves for; constant loads belong to that of 1."""
+        """Return one column for each known and unknown; constant loads belong to the column of 1."""
         n, nc, ns, varying = len(d.nodes), len(d.contacts), len(d.springs), varying_loads(d)
         sizes = [n] * (2 + len(self.remembers)) + [1] + [varying.sum()] * len(self.instants) + [d.driven.sum()] * 3
         sizes += [nc] * self.laws + [ns] * self.laws
@@ -282,7 +290,7 @@ class LinearStep(TimeStepping[Tabulated]):
         return Symbols(d, q, v, memory, one, loads, prescribed, P=P, s=s)
 
     def _loads(self, d: Dynamics, h: float) -> Callable[[Array], Array]:
-        """Return the function that lists what varies in the steps between instants: loads, and prescribed motion."""
+        """Return the function that lists variable loads and prescribed motion in the steps between instants."""
         varying = varying_loads(d)
 
         def loads(t: Array) -> Array:
@@ -301,9 +309,9 @@ class LinearStep(TimeStepping[Tabulated]):
         return np.diff(y, axis=0) / h
 
     def run(
-        self, step: Tabulated, solver: State, record: Record, times: Array, first: int, state: StepState
+        self, step: Tabulated, solver: SolverState, record: Record, times: Array, first: int, state: StepState
     ) -> tuple[Status, int]:
-        """Take steps, and those in which contacts begin or cease to push by the other method, where there is one."""
+        """Take steps; those at a change of the active contacts by the other method, if there is one."""
         k, last = first, first + len(times) - 1
         while k < last:
             code, k = self._steps(step, solver, record, times[k - first :], k, state)
@@ -314,9 +322,9 @@ class LinearStep(TimeStepping[Tabulated]):
         return Status.SOLVED, last
 
     def _steps(
-        self, step: Tabulated, solver: State, record: Record, times: Array, first: int, state: StepState
+        self, step: Tabulated, solver: SolverState, record: Record, times: Array, first: int, state: StepState
     ) -> tuple[int, int]:
-        """Take steps in compiled code, or in the interpreter where the solver lives there."""
+        """Take steps in compiled code, or in the interpreter where the solver is written in Python."""
         kernel: Callable[..., tuple[int, int, int, int, float]] = steps
         springs = step.springs
         if not solver.compiled:
@@ -324,7 +332,7 @@ class LinearStep(TimeStepping[Tabulated]):
             kernel, springs = interpreted(steps, solve_law=law), interpreted(springs, solve_law=law)
         last, stops = first + len(times) - 1, step.at_switches is not None
         block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops)
-        path, room = Path(record.q, record.v, record.reaction), room_for(step.table, len(step.features[0].law))
+        path, room = StepOutput(record.q, record.v, record.reaction), room_for(step.table, len(step.features[0].law))
         code, reached, iterations, newton, residual = kernel(
             block, step.table, step.features, state, path, room, solver.kernel, springs
         )
@@ -333,7 +341,7 @@ class LinearStep(TimeStepping[Tabulated]):
 
 
 def spring_solver(d: Dynamics) -> SpringSolver:
-    """Return the Newton solver of the non-linear springs, which is compiled only for a scheme that has some."""
+    """Return the Newton solver of the non-linear springs, compiled only if there are any."""
     if not d.springs:
         return no_springs
     from lcpimpact.integrators.stepping.newton import solve_with_springs
@@ -346,8 +354,8 @@ def varying_loads(d: Dynamics) -> Flags:
     return np.isin(np.arange(len(d.nodes)), [i for i, load in d.loads if callable(load)])
 
 
-def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tuple[Table, StepSprings]:
-    """Return what the kernel reads of a step."""
+def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tuple[StepTable, StepSprings]:
+    """Return the coefficients of a step for the kernel."""
     d, N = y.dynamics, y.dynamics.directions
     threshold = np.where(d.slides, d.r_max, 0.0)
     weights = [h if law.weight is None else law.weight for law in step.laws]
@@ -368,8 +376,10 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
     known = len(columns) - sum(map(len, (*y.P, *y.s)))
     unknown = np.vstack([each for pair in zip(y.P, y.s, strict=True) for each in pair])
     W = np.array([law.L @ P.T for law, P in zip(step.laws, y.P, strict=True)])
-    near = np.array([REST_GAP * h * np.diag(each) * (not law.strictly) for each, law in zip(W, step.laws, strict=True)])
-    table = Table(
+    near = np.array(
+        [REST_GAP_FACTOR * h * np.diag(each) * (not law.strictly) for each, law in zip(W, step.laws, strict=True)]
+    )
+    table = StepTable(
         columns[:known],
         unknown @ columns,
         W,
@@ -387,9 +397,9 @@ def smooth_force(d: Dynamics, q: Array, v: Array) -> Array:
 
 
 def first_reactions(d: Dynamics, q: Array, v: Array, h: float) -> Array:
-    """Return at t = 0 the forces of contacts that are closed and do not approach, and of sliders (nc,).
+    """Return at t = 0 the forces of closed contacts that do not approach, and of sliders (nc,).
 
-    They keep the velocity after half a step, v + h/2 q'', within their laws. What approaches is left to the first impact.
+    With them the velocity after half a step, v + h/2 q'', obeys the laws. Approaching contacts are left to the first impact.
     """
     u, U, r = d.gap(q), d.gap_rate(v), np.zeros(len(d.contacts))
     rows = np.flatnonzero(d.slides | ((u <= 0.0) & (U >= 0.0)))
@@ -409,8 +419,8 @@ def first_acceleration(d: Dynamics, q: Array, v: Array, h: float) -> Array:
 def _shared_step(place: Array, rate: Array, P: Array, s: Array) -> float:
     """Return the θh with which what a law solves for moves the springs' ends: place = θh rate in the columns of P and s.
 
-    Newton's iteration has one unknown a spring, its rate; the places follow it. A step in which they do not follow one
-    another, because one is implicit and the other is not, has θh = 0 where the places are those known before.
+    Newton's iteration has one unknown a spring, its rate; the places follow it. If they do not, since only one of them is
+    implicit, θh = 0 and the positions are the known ones.
     """
     unknown = np.vstack([P, s]).T
     moved, rates = place @ unknown, rate @ unknown

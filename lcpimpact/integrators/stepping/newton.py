@@ -1,19 +1,19 @@
 r"""Non-linear springs within a θ-step: Newton's method around the LCP.
 
-Spring j pushes with s_j = F_j(δ_θ, y), y = N w the rate at which its ends part and δ_θ = δ - θ h y their approach at t_θ;
-the law is the mean force of `lcpimpact.scheme.power_law`, with δ' = -y. Along a step
+Spring j pushes with s_j = F_j(δ_θ, y), y = N w the rate of separation of its ends and δ_θ = δ - θ h y the penetration at
+t_θ; the law is the mean force of `lcpimpact.scheme.power_law`, with δ' = -y. Along a step
 
 .. math:: J = \frac{dF}{dy} = \frac{∂F}{∂y} - θ h \frac{∂F}{∂δ} .
 
 The velocities are w = w_free + G r + G_s s with G_s = A⁻¹ Nᵀ, so the linearised law s = F + J (y⁺ - y) and y⁺ = N w⁺ give
 s = s_0 + S r, and what is left is the LCP with the matrix W + H G_s S.
 
-Laws with corners can send Newton's method round in a circle. But where forces fall with y, the step minimises a convex
-function of w, whose slope along the way from one iterate to the next is
+Newton's method may cycle for laws with kinks. But if forces decrease with y, the step minimises a convex function of w,
+whose slope from one iterate to the next is
 
 .. math:: φ'(t) = r \cdot H \dot w + (s - F) \cdot \dot y \;\text{ at }\; r + t \dot r, \; s + t \dot s, \; y + t \dot y .
 
-So after some full steps a line search goes only as far as φ' is not large and positive.
+So after some full steps a line search limits φ' from above.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ FULL_STEPS = 6
 """Newton iterations before the line search starts."""
 
 NEWTON_TOL = 1e-12
-"""How near s must come to F(y), relative to the largest spring force."""
+"""Tolerance of s - F(y), relative to the largest spring force."""
 
 ROUNDING = 8.0 * np.finfo(np.float64).eps
-"""How far F(y) may be off where y is rounded, relative to J and the summands of y: no force is nearer to s than that."""
+"""Rounding error of y, relative to its summands; times J it bounds the accuracy of F(y)."""
 
 
 class Iterate(NamedTuple):
-    """What Newton's method improves: z of the rows, forces s and rates y of the springs."""
+    """The iterate of Newton's method: z of the rows, forces s and rates y of the springs."""
 
     z: Array
     s: Array

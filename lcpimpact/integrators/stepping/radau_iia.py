@@ -1,12 +1,12 @@
 r"""The Radau IIA methods of s = 1 ... 5 stages, which check their own order conditions, and one step of a linear system.
 
-Their nodes are the zeros of P_s - P_{s-1} on [0, 1], P being Legendre's polynomials, so the last is the end of the step.
+Their nodes are the zeros of P_s - P_{s-1} on [0, 1], with Legendre polynomials P, so the last is the end of the step.
 A step of X' = A X is
 
 .. math:: X_i = X + h \sum_j a_{ij} A X_j, \qquad X^+ = X_s = R(h A) X ,
 
-of order 2 s - 1, stiffly accurate and L-stable. With the eigenvalues μ_i of (a_ij) the stages come apart into s systems
-with the matrices 1 - h μ_i A.
+of order 2 s - 1, stiffly accurate and L-stable. With the eigenvalues μ_i of (a_ij) the stages decouple into s systems with
+the matrices 1 - h μ_i A.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class RadauIIA:
     def stages(self, A: Array, h: Array, X: Array) -> Array:
         """Return the stages of steps of the lengths h (nt,) from the states X (nt, N, m): (nt, s, N, m).
 
-        What is solved for are the increments X_i - X, so that a state that does not change keeps its last digit.
+        The unknowns are the increments X_i - X, so that a constant state keeps its last digit.
         """
         μ, T, ones = self.eigen
         hμ = (h[:, None] * μ)[:, :, None, None]

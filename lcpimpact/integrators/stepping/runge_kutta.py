@@ -1,24 +1,24 @@
-r"""Explicit Runge-Kutta methods on the reduced equations, whose right side solves an LCP at each stage.
+r"""Explicit Runge-Kutta methods on the reduced equations, with an LCP at each stage.
 
 The massless coordinates are eliminated (`lcpimpact.scheme.first_order`), so
 
 .. math:: X' = A X + B r + E s(X), \qquad u = C X + D r,
 
-and the right side is a function of X: the reactions obey the law of contact one, two or no derivatives further,
+and the right side is a function of X: the reactions obey the contact law at the level of the relative degree,
 
 .. math:: 0 \le r \perp u^{(ρ)} = O X + G r + O_s s \ge 0 ,
 
-which is the "differential succession" of the paper's Fig. 3. For the relative degree 0 all rows take part; for 1 those with
-u <= 0; for 2 those with u <= 0 and U = 0.
+which is the "differential succession" of the paper's Fig. 3. At relative degree 0 all rows are active; at 1 those with u
+<= 0; at 2 those with u <= 0 and U = 0.
 
 A step that violates a constraint is corrected at its end by impulses, which are one LCP with the same G,
 
 .. math:: 0 \le P \perp G P + \begin{cases} U + e U & (ρ = 2) \\ u & (ρ = 1) \end{cases} \ge 0, \qquad X^+ = X + B P :
 
-for degree 2 Newton's law of impact, for degree 1 the force that was missed between the closing of the gap and the end of the
-step. The impulse of an impact acts at the end of the step and counts from the instant, τ ago, at which the gap closed: U is
-the speed at that instant, and X⁺ moves on by τ A B P. A rebound that would end within the step counts as none, so that what
-lies on the ground stays there.
+for degree 2 Newton's law of impact, for degree 1 the missing force between the closing of the gap and the end of the
+step. The impulse of an impact acts at the end of the step and counts from the instant, τ ago, at which the gap closed: U
+is the speed at that instant, and X⁺ moves on by τ A B P. A rebound that would end within the step is suppressed, so that
+a body at rest stays at rest.
 
 Loads are read at the instants of the stages, and may be any functions of time. "u <= 0" is meant up to rounding, 1e-12 of
 the largest terms of u so far.
@@ -57,7 +57,7 @@ from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits
 from lcpimpact.lcp.solver import Kernel
-from lcpimpact.lcp.solver import State as Solver
+from lcpimpact.lcp.solver import SolverState as Solver
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Grid, Record, State, Stats
@@ -91,19 +91,19 @@ declare = partial(
     order_force_kink=2,
     order_impact=1,
     order_penetration=math.inf,
-    level="acceleration in a step, position and velocity at its end",
+    level="acceleration within a step, position and velocity at its end",
     relative_degrees=(0, 1, 2),
-    # All but sliders, whose force jumps as the velocity turns.
+    # All but sliders, whose force jumps as the velocity reverses.
     handles=(Feature.POWER_LAWS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION),
-    reaction_lives="at t, right limit",
-    energy="no rule; grows without bound beyond the limit of stability",
+    reaction_time="at t, right limit",
+    energy="no bound; grows beyond the stability limit",
     dissipates=False,
 )
 """Declared properties of an explicit Runge-Kutta method: what all share, and what is given here."""
 
 
 class Matrices(NamedTuple):
-    """The right side, over x = (y, signals, loads).
+    """The right-hand side, as matrices over x = (y, signals, loads).
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ class Matrices(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What steps fill, at each instant of the grid: y, y', r, P, and how long ago each gap closed."""
+    """Results of the steps at each instant of the grid: y, y', r, P, and the time since each gap closed."""
 
     y: Array
     dy: Array
@@ -141,7 +141,7 @@ class Motion(NamedTuple):
 
 
 class Point(NamedTuple):
-    """One instant: x, and y', r, P, and how long ago each gap closed, all to be written."""
+    """Results at one instant: x, y', r, P, and the time since each gap closed."""
 
     x: Array
     dy: Array
@@ -159,13 +159,13 @@ class Weights(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """The steps to take.
+    """The steps of a block.
 
     Attributes
     ----------
-    first, last : int               from which instant to which
-    h, shortest : float             their length, and that of the shortest flight that counts, in s
-    given : (steps or 1, s + 1, ng) what is given at the stages and at the end of a step
+    first, last : int               indices of the first and the last instant
+    h, shortest : float             length of the steps, and of the shortest flight, in s
+    given : (steps or 1, s + 1, ng) signals and loads at the stages and at the end of a step
     tol, max_iter                   tolerance of the LCP solver, and its limit of iterations
     """
 
@@ -179,7 +179,7 @@ class Steps(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Room to work in: y' of the stages, the contact problem of a stage, which contacts touch, and what a step moves."""
+    """Workspace: y' of the stages, the contact problem of a stage, the closed contacts, and the displacements of a step."""
 
     K: Array
     active: Indices
@@ -202,7 +202,7 @@ ROOM: Any = named_tuple((matrix, indices, vector, vector, vector, vector, vector
 
 
 def room_for(system: Matrices, stages: int) -> Room:
-    """Return room for a system and a number of stages."""
+    """Return the workspace of a system and a number of stages."""
     ny, nc, ns = len(system.A), len(system.C), len(system.law)
     q, z, lower = np.zeros((3, nc))
     touches, together = np.zeros((2, nc), bool)
@@ -223,7 +223,7 @@ def term(M: Array, i: int, x: Array) -> float:
 
 @compiled(f8(matrix, i8, vector), inline="always", allocates=False)
 def rounding(M: Array, i: int, scale: Array) -> float:
-    """Return what counts as zero in row i of M x."""
+    """Return the tolerance for zero of row i of M x."""
     sum_ = 0.0
     for j in range(len(scale)):
         sum_ += abs(M[i, j]) * scale[j]
@@ -240,13 +240,13 @@ def spring_forces(x: Array, system: Matrices, s: Array) -> None:
 
 @compiled(f8(f8), inline="always", allocates=False)
 def held(r: float) -> float:
-    """Return by how much a contact may be further from closed than rounding: one that pushes drifts in many steps."""
+    """Return the factor on the tolerance for a closed gap: an active contact drifts."""
     return ACTIVE_GAP_FACTOR if r > 0.0 else 1.0
 
 
 @compiled(types.void(vector, MATRICES, vector, vector, flags), allocates=False)
 def touching(x: Array, system: Matrices, scale: Array, r: Array, touches: Flags) -> None:
-    """Write which rows take part in the law: all of degree 0, those with u <= 0 of degree 1, also with U = 0 of degree 2."""
+    """Write the active rows: all of degree 0, those with u <= 0 of degree 1, those with u <= 0 and U = 0 of degree 2."""
     for i in range(len(r)):
         touches[i] = system.degree[i] == 0 or term(system.C, i, x) <= held(r[i]) * rounding(system.C, i, scale)
         if system.degree[i] == 2 and touches[i]:
@@ -255,7 +255,7 @@ def touching(x: Array, system: Matrices, scale: Array, r: Array, touches: Flags)
 
 @compiled(types.Tuple((i8, i8, f8))(vector, MATRICES, vector, vector, ROOM, SOLVING), allocates=False)
 def right_side(x: Array, system: Matrices, r: Array, dy: Array, room: Room, solving: Solving) -> tuple[int, int, float]:
-    """Write r and y' at x, with the contacts that touch by the room; return status, iterations and residual."""
+    """Write r and y' at x, with the active contacts of the workspace; return status, iterations and residual."""
     nc, na = len(r), 0
     spring_forces(x, system, room.s)
     for i in range(nc):
@@ -279,7 +279,7 @@ def right_side(x: Array, system: Matrices, r: Array, dy: Array, room: Room, solv
 
 @compiled(types.boolean(vector, MATRICES, vector, vector, ROOM), allocates=False)
 def violates(x: Array, system: Matrices, scale: Array, r: Array, room: Room) -> bool:
-    """Write which rows take part in the law at the end of a step; return whether any violates its constraint."""
+    """Write the active rows at the end of a step; return whether any violates its constraint."""
     touching(x, system, scale, r, room.touches)
     violated = False
     for i in range(len(r)):
@@ -382,8 +382,8 @@ def correct(
 ) -> tuple[int, int, float]:
     """Correct constraint violations at the end of a step by impulses P, and write r and y' after them.
 
-    ``lengths`` are that of the step and that of the shortest flight that counts: a rebound that would end sooner is none.
-    ``since`` is left as the time that has passed since each gap closed, and zero where none did.
+    ``lengths`` are those of the step and of the shortest flight: a shorter rebound is suppressed. ``since`` becomes the time
+    since each gap closed, and zero if none did.
     """
     (x, dy, r, P, since), (h, shortest), landing = end, lengths, land(end, system, scale)
     rows, nc, ny = landing.rows, len(r), len(dy)
@@ -440,9 +440,9 @@ def end_step(
 
 @compiled(types.void(MATRICES, vector, vector, f8, vector, vector), allocates=False)
 def add_to_scale(system: Matrices, x: Array, r: Array, h: float, scale: Array, moves: Array) -> None:
-    """Raise the scale to what a step moves.
+    """Raise the scale to the displacements of a step.
 
-    What lies still has no velocity to compare with, but forces that cancel, and what a step makes of them.
+    A body at rest has no velocity to compare with, but balanced forces, and their effect in a step.
     """
     ny = len(moves)
     for j in range(ny):
@@ -473,10 +473,10 @@ def steps(
     room: Room,
     solve: Kernel,
 ) -> tuple[int, int, int, float]:
-    """Take a block of steps: fill the motion at [k + 1] from that at [k].
+    """Take a block of steps: compute the motion at [k + 1] from that at [k].
 
-    ``now`` is room for x, and the scale of x so far; ``ahead`` (2, ny) is left as the last state before its correction, and
-    the estimate of its error. Returns the status, the step reached, the sum of the LCP iterations, and the largest residual.
+    ``now`` holds x and its scale so far; ``ahead`` (2, ny) becomes the last state before its correction, and its error
+    estimate. Returns the status, the step reached, the sum of the LCP iterations, and the largest residual.
     """
     (x, scale), h, given, K = now, block.h, block.given, room.K
     s, ny, nc = len(weights.b), motion.y.shape[1], motion.r.shape[1]
@@ -500,7 +500,7 @@ def steps(
             copy(given[p, i], x[ny:])
             touching(x, system, scale, force, room.touches)
             for c in range(nc):
-                # What was apart as the step began stays so until its end, where `end_step` makes up for it.
+                # A contact open at the start of the step stays so until its end, where `end_step` corrects it.
                 room.touches[c] = room.touches[c] and room.together[c]
             status, count, residual = right_side(x, system, force, K[i], room, solving)
             total, worst = total + count, max(worst, residual)
@@ -531,7 +531,7 @@ def steps(
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What travels from block to block: the matrices, and the states, rates, forces and impulses on the grid."""
+    """State carried from block to block: the matrices, and the states, rates, forces and impulses on the grid."""
 
     grid: Grid
     form: FirstOrderForm
@@ -550,7 +550,7 @@ class Run:
     metric: Array
 
     def allowed(self, y: Array, h: float, rtol: float, atol: float) -> Array:
-        """Return by how much each state may err in a step of length h that ends in y (ny,)."""
+        """Return the tolerance of each state in a step of length h that ends in y (ny,)."""
         size = np.maximum(self.largest, np.abs(y))
         places = len(y) - self.form.parts.massive.shape[1]
         speed = size[places:].max(initial=0.0)
@@ -558,7 +558,7 @@ class Run:
         return np.asarray(atol + rtol * np.maximum(size, SCALE_FLOOR * kinds))
 
     def error(self, x: Array, error: Array, allowed: Array, rtol: float) -> float:
-        """Return the estimated error of a step that ends in x = (y, signals, loads), relative to what it may be."""
+        """Return the estimated error of a step that ends in x = (y, signals, loads), relative to its tolerance."""
         δ = self._approach(x)
         _, stiffness, _ = tangents(self.inputs.law, np.maximum(δ, 0.0), np.zeros_like(δ), extended=True)
         moved = self.inputs.approach[:, : len(error)] @ error
@@ -571,7 +571,7 @@ class Run:
         return max(float(single), math.sqrt(max(square, 0.0) / limit) if limit > 0.0 else 0.0)
 
     def energy_of(self, x: Array) -> float:
-        """Return twice the energy of springs and masses at x, as far as it belongs to the states."""
+        """Return twice the energy of springs and masses at x, without signals."""
         y = x[: len(self.metric)]
         return float(y @ self.metric @ y + 2.0 * energies(self.inputs.law, self._approach(x)).sum())
 
@@ -588,7 +588,7 @@ class Run:
 
 
 def _matrices(system: System, inputs: Inputs) -> Matrices:
-    """Return the matrices by which the kernel reads x = (y, signals, loads), y without the signals."""
+    """Return the matrices of the kernel over x = (y, signals, loads), with y without the signals."""
     form, d = system.form, system.dynamics
     ny, ns = form.constant, len(inputs.law)
     loads = len(inputs.loads)
@@ -629,7 +629,7 @@ class ExplicitRungeKutta(Integrator):
     Notes
     -----
     The reaction is the force at each instant of the grid, its right limit at an event. Impulses act at grid points, and the
-    instants of the events are read between them. A step longer than the method is stable for makes the motion grow without
+    instants of the events are read between them. A step beyond the stability limit makes the motion grow without
     bound: the rate of a stiff plate, k_o/c_o, counts as well as ω.
     """
 
@@ -643,7 +643,7 @@ class ExplicitRungeKutta(Integrator):
         limits(SOLVERS["auto"], self.tol, self.max_iter)
 
     def limits(self) -> Limits:
-        """Return those of contacts that are held by their accelerations, and drift within `ACTIVE_GAP_FACTOR`."""
+        """Return the limits for contacts imposed at acceleration level, which drift within `ACTIVE_GAP_FACTOR`."""
         return replace(super().limits(), precision=1e2 * ACTIVE_GAP_FACTOR * ZERO_RTOL)
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
@@ -712,14 +712,14 @@ class ExplicitRungeKutta(Integrator):
 
 @dataclass(frozen=True)
 class EmbeddedRungeKutta(ExplicitRungeKutta):
-    r"""An explicit Runge-Kutta method that can choose its steps within each dt by an embedded one.
+    r"""An embedded Runge-Kutta method, with optional step control within each dt.
 
     Parameters
     ----------
     rtol : float, optional
         Tolerance relative to the motion so far; with None the step is dt.
     atol : float, optional
-        Absolute tolerance in the units of each state, 0 if it is not given: for motions that shall not be resolved.
+        Absolute tolerance in the units of each state, 0 by default: for motions that need not be resolved.
     tol, max_iter : optional
         As of `ExplicitRungeKutta`.
 
@@ -730,19 +730,19 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
 
     Notes
     -----
-    With rtol the estimated error ε of a step must not exceed a tenth of it in either of two measures: each state against the
-    largest value that it has had, and all of them together by the energy of ε against the largest energy,
+    With rtol the estimated error ε of a step must not exceed a tenth of it in either of two measures: each state relative to
+    its largest value so far, and all of them together by the energy of ε relative to the largest energy,
 
     .. math:: |ε_i| \le \tfrac{1}{10} rtol \max |y_i|, \qquad ε^T G ε \le (\tfrac{1}{10} rtol)^2 \max y^T G y, \quad
               \tfrac 12 y^T G y = \tfrac 12 v^T M v + \tfrac 12 q^T K q .
 
-    The energy tells what becomes of an error: one of δ in a place is one of ω δ in a speed a quarter of a period later. A
-    step that ends in an overlap beyond the tolerance is rejected, too, and taken again up to where the gap closes; so is one
-    in which a gap falls below zero and rises again. Rebounds count as none when they are lower than the tolerance, or their
-    flight is shorter than rtol dt.
+    The energy norm relates errors of positions and velocities: δ in a position is ω δ in a velocity a quarter of a period
+    later. A step with a penetration beyond the tolerance is rejected, too, and repeated up to the closing of the gap; so
+    is one in which a gap falls below zero and rises again. Rebounds are suppressed if they are lower than the tolerance,
+    or their flight is shorter than rtol dt.
 
-    The error of a run is then a small multiple of rtol, unless the motion itself multiplies errors, as impacts of several
-    bodies may.
+    The error of a run is then a small multiple of rtol, unless the motion amplifies errors, as impacts of several bodies
+    may.
     """
 
     rtol: float | None = None
@@ -757,12 +757,12 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
             raise InputError(f"atol = {self.atol:g} is given without rtol: give both, or none for steps of dt")
 
     def limits(self) -> Limits:
-        """Return those of the tolerance, where there is one."""
+        """Return the limits that follow from rtol, if it is given."""
         found = super().limits()
         return found if self.rtol is None else replace(found, precision=max(found.precision, self.rtol))
 
     def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
-        """Take the steps of the block, or as many within each as the tolerances ask for."""
+        """Take the steps of the block, or several within each by the step control."""
         if self.rtol is None:
             return super().advance(carry, record, first, last)
         for k in range(first, last):
@@ -774,7 +774,7 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         return Status.SOLVED, last
 
     def _cross(self, carry: Run, record: Record, k: int, rtol: float, atol: float) -> Status:
-        """Step from t_k to t_k+1, with as many steps as it takes."""
+        """Integrate from t_k to t_k+1 with step control."""
         tableau, grid = self.tableau, carry.grid
         c, ny = np.append(tableau.c, 1.0), carry.motion.y.shape[1]
         t, end = grid.t_end * k / grid.steps, grid.t_end * (k + 1) / grid.steps
@@ -867,7 +867,7 @@ def _lowest(h: float, u_0: Array, u_1: Array, rate_0: Array, rate_1: Array) -> A
 
 
 def _functions(solver: Solver) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return `end_step` and `steps`, compiled or, where the solver lives in the interpreter, as Python."""
+    """Return `end_step` and `steps`, compiled or, if the solver is written in Python, interpreted."""
     if solver.compiled:
         return end_step, steps
     law = interpreted(solve_law)
@@ -877,7 +877,7 @@ def _functions(solver: Solver) -> tuple[Callable[..., Any], Callable[..., Any]]:
 def _take(
     run: Run, solver: Solver, stats: Stats, block: Steps, tableau: Tableau, motion: Motion, ahead: Array
 ) -> tuple[Status, int]:
-    """Take steps of one length, and count what they cost."""
+    """Take steps of one length, and count their cost."""
     _, step = _functions(solver)
     weights = Weights(tableau.matrix, np.array(tableau.b), tableau.error)
     now, room = (np.empty(len(run.scale)), run.scale), room_for(run.matrices, tableau.stages)
@@ -940,7 +940,7 @@ def _happened(run: Run, t: Array, motion: Motion) -> list[Event]:
     left, right = State(q[0], v[0], r[0]), State(q[1], v[1], r[1])
     closed = r > 0.0
     if t[0] == 0.0:
-        # Plates that touch at the start are closed even where their force starts from zero.
+        # Contacts closed at the start are so even if their force starts from zero.
         closed[0] |= (gap[0] <= 0.0) & closed[1]
     found = []
     for i, contact in enumerate(d.contacts):

@@ -1,7 +1,7 @@
-r"""Balance of massless coordinates that only springs hold.
+r"""Static coordinates: equilibrium of massless nodes held by springs only.
 
-They have no memory, and θ = 1/2 would let them alternate about their place for ever. So after a step the coordinates s that
-no closed contact and no sticking slider touches are put where the forces balance,
+With θ = 1/2 they would oscillate about equilibrium for ever. So after a step the coordinates s that no closed contact and no
+sticking slider constrains are projected onto equilibrium,
 
 .. math:: S^T \bigl( f(t + h) - K (q^+ + S s) + H^T r \bigr) = 0 .
 """
@@ -26,7 +26,7 @@ class Static(NamedTuple):
 
     Attributes
     ----------
-    S : (n, k) array            the coordinates, one a column
+    S : (n, k) array            the coordinates, as columns
     SKS : (k, k) array          Sᵀ K S
     HS : (nc, k) array          H S
     r_min, r_max : (nc,) arrays bounds of the reactions
@@ -43,20 +43,20 @@ STATIC: Any = named_tuple((matrix, matrix, matrix, vector, vector), Static)
 
 
 def static_coordinates(d: Dynamics) -> Static:
-    """Return the static coordinates of a system, without those that move non-linear springs."""
+    """Return the static coordinates of a system without non-linear springs on them."""
     S = d.decomposition.static
     S = S[:, ~(np.abs(d.directions) @ np.abs(S)).any(axis=0)].copy()
     return Static(S, S.T @ d.K @ S, np.array(d.H @ S, order="C"), d.r_min.copy(), d.r_max.copy())
 
 
 def no_static() -> Static:
-    """Return the static coordinates of a step that minds none."""
+    """Return no static coordinates, for other steps."""
     return Static(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0)), np.zeros(0), np.zeros(0))
 
 
 @compiled(types.boolean(STATIC, i8, vector), allocates=False)
 def is_held(static: Static, s: int, r: Array) -> bool:
-    """Return whether a closed contact or a sticking slider touches a static coordinate."""
+    """Return whether a closed contact or a sticking slider constrains a static coordinate."""
     for i in range(len(r)):
         near = SLIPS * static.r_max[i] if static.r_max[i] < np.inf else 0.0
         if static.HS[i, s] != 0.0 and static.r_min[i] + near < r[i] < static.r_max[i] - near:
@@ -77,7 +77,7 @@ def balance_together(static: Static, unbalanced: Array, r: Array, q: Array) -> N
 
 @compiled(types.void(STATIC, vector, vector, vector), allocates=False)
 def balance(static: Static, unbalanced: Array, r: Array, q: Array) -> None:
-    """Shift q along the static coordinates that nothing holds until the ``unbalanced`` forces Sᵀ(f - K q + Hᵀ r) vanish."""
+    """Shift q along the free static coordinates until the ``unbalanced`` forces Sᵀ(f - K q + Hᵀ r) vanish."""
     if len(unbalanced) > 1:
         balance_together(static, unbalanced, r, q)
     elif static.SKS[0, 0] != 0.0 and not is_held(static, 0, r):

@@ -1,4 +1,4 @@
-r"""Butcher's tableau of an explicit Runge-Kutta method, which checks itself when it is built.
+r"""Butcher tableau of an explicit Runge-Kutta method, with a check of the order conditions.
 
 A method has order p when for every rooted tree τ of at most p nodes
 
@@ -23,17 +23,18 @@ from lcpimpact.errors import InputError
 Tree: TypeAlias = tuple["Tree", ...]
 """A rooted tree: its subtrees, in an order that makes equal trees equal."""
 
-ROUNDING = 1e-14
+ORDER_CONDITION_TOL = 1e-14
+"""Tolerance of the order conditions."""
 
 
 @cache
 def trees(nodes: int) -> tuple[Tree, ...]:
-    """Return the rooted trees of so many nodes."""
+    """Return the rooted trees with a given number of nodes."""
     return tuple(_forests(nodes - 1, nodes - 1))
 
 
 def _forests(nodes: int, largest: int) -> Iterator[Tree]:
-    """Yield each multiset of trees with so many nodes in all, none of more than ``largest``, once."""
+    """Yield each multiset of trees with a given total number of nodes, none above ``largest``, once."""
     if nodes == 0:
         yield ()
         return
@@ -55,7 +56,7 @@ def _density(tree: Tree) -> float:
 
 @dataclass(frozen=True)
 class Tableau:
-    """The coefficients a, b and those of an embedded method.
+    """A Butcher tableau: the coefficients a, b, c and those of an embedded method.
 
     Parameters
     ----------
@@ -68,14 +69,14 @@ class Tableau:
     order : int
         Order p, up to 5.
     b_embedded : tuple, optional
-        Weights of the embedded method, whose difference from the other estimates the error.
+        Weights of the embedded method, for the error estimate.
     order_embedded : int
         Its order.
 
     Raises
     ------
     InputError
-        If the coefficients do not have the shape, the row sums or the order that they should have.
+        If the shape, the row sums or the order of the coefficients are wrong.
 
     Examples
     --------
@@ -101,14 +102,14 @@ class Tableau:
                 f"a tableau of {s} stages has rows of 0 ... {s - 1} coefficients a, and as many instants c"
             )
         for i, (row, c) in enumerate(zip(self.a, self.c, strict=True)):
-            if abs(sum(row) - c) > ROUNDING:
+            if abs(sum(row) - c) > ORDER_CONDITION_TOL:
                 raise InputError(f"row {i + 1} of a sums to {sum(row):.15g} and not to c = {c:.15g}")
         self._check("b", self.b, self.order)
         if self.b_embedded is not None:
             self._check("b_embedded", self.b_embedded, self.order_embedded)
 
     def _check(self, name: str, b: tuple[float, ...], order: int) -> None:
-        """Refuse weights that do not have the order that is claimed."""
+        """Refuse weights without the claimed order."""
         if len(b) != self.stages or not 1 <= order <= 5:
             raise InputError(
                 f"{name} must hold a weight for each of {self.stages} stages, and have an order from 1 to 5"
@@ -116,7 +117,7 @@ class Tableau:
         for nodes in range(1, order + 1):
             for tree in trees(nodes):
                 found, wanted = float(np.dot(b, self._weight(tree))), 1.0 / _density(tree)
-                if abs(found - wanted) > ROUNDING * self.stages:
+                if abs(found - wanted) > ORDER_CONDITION_TOL * self.stages:
                     raise InputError(
                         f"{name} is not of order {order}: a condition of order {nodes} asks for {wanted:.15g}, and the "
                         f"coefficients give {found:.15g}"
@@ -131,7 +132,7 @@ class Tableau:
 
     @property
     def stages(self) -> int:
-        """How many stages there are."""
+        """Number of stages."""
         return len(self.b)
 
     @cached_property
@@ -144,12 +145,12 @@ class Tableau:
 
     @cached_property
     def error(self) -> Array:
-        """The weights of the estimate of the error, b - b_embedded (s,)."""
+        """The weights of the error estimate, b - b_embedded (s,)."""
         return np.subtract(self.b, self.b if self.b_embedded is None else self.b_embedded)
 
     @cached_property
     def fixed(self) -> Tableau:
-        """The method without the last stages that serve its estimate of the error alone."""
+        """The method without the last stages, which only the error estimate uses."""
         s = self.stages
         while self.b[s - 1] == 0.0:
             s -= 1

@@ -11,13 +11,13 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Integrator
-from lcpimpact.integrators.stepping.halving import Halving, overlap
+from lcpimpact.integrators.stepping.halving import Halving, penetration
 from lcpimpact.integrators.stepping.kernel import StepState
 from lcpimpact.integrators.stepping.law import with_fallbacks
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits
-from lcpimpact.lcp.solver import State
+from lcpimpact.lcp.solver import SolverState
 from lcpimpact.numbers import is_real
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, Record, Stats
@@ -28,23 +28,23 @@ LONGEST_STEP = 1e150
 
 
 class Prepared(Protocol):
-    """A step of one length, with the solver of its LCP."""
+    """A prepared step of one length, with the solver of its LCP."""
 
     @property
     def contacts(self) -> Dense:
         """The matrix of the LCP."""
 
     @property
-    def solver(self) -> State:
-        """The solver that was made ready for it."""
+    def solver(self) -> SolverState:
+        """The solver prepared for it."""
 
 
 S = TypeVar("S", bound=Prepared)
 
 
 @dataclass(frozen=True, eq=False)
-class Run(Generic[S]):
-    """What travels from block to block: the state, the steps by how often dt is halved, and who halves them."""
+class SteppingRun(Generic[S]):
+    """State carried from block to block: the motion, the prepared steps by halving level, and the step control."""
 
     dynamics: Dynamics
     grid: Grid
@@ -56,7 +56,7 @@ class Run(Generic[S]):
 
 @dataclass(frozen=True)
 class TimeStepping(Integrator, Generic[S]):
-    """A method that solves LCPs in each step.
+    """A time-stepping method: one LCP or more in each step.
 
     Parameters
     ----------
@@ -66,8 +66,7 @@ class TimeStepping(Integrator, Generic[S]):
         Limit of LCP iterations in a step; by default what the LCP solver declares.
     rtol : float, optional
         Halve steps until two halves agree with the whole to rtol max |q|; see
-        `lcpimpact.integrators.stepping.halving`. Then dt is the longest step, and the trajectory holds the steps that
-        were taken.
+        `lcpimpact.integrators.stepping.halving`. Then dt is the longest step, and the trajectory holds the accepted ones.
 
     Raises
     ------
@@ -81,7 +80,7 @@ class TimeStepping(Integrator, Generic[S]):
 
     family: ClassVar[str] = "Moreau time stepping"
     halves: ClassVar[bool] = True
-    """Whether a step may follow one of another length: not where what is remembered belongs to h."""
+    """Whether steps of different length may follow each other: not if the memory depends on h."""
 
     def __post_init__(self) -> None:
         limits(SOLVERS["auto"], self.tol, self.max_iter)
@@ -96,23 +95,23 @@ class TimeStepping(Integrator, Generic[S]):
     @property
     @abstractmethod
     def reaction_at(self) -> float:
-        """The instant in its step at which a mean force is best read, in units of the step."""
+        """Instant of the mean force of a step, in units of the step."""
 
     @abstractmethod
     def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> S:
-        """Return a step of length h, with all that does not change from step to step."""
+        """Return the constant data of steps of length h."""
 
     @abstractmethod
     def begin(self, d: Dynamics, q: Array, v: Array, h: float) -> Array:
-        """Return the state at t = 0: q, v and what else is remembered (N,)."""
+        """Return the state at t = 0: q, v and other memory (N,)."""
 
     @abstractmethod
     def first_state(self, d: Dynamics, y: Array, h: float) -> StepState:
-        """Return what travels from step to step, with y."""
+        """Return the initial state of the steps, with y."""
 
     @abstractmethod
     def run(
-        self, step: S, solver: State, record: Record, times: Array, first: int, state: StepState
+        self, step: S, solver: SolverState, record: Record, times: Array, first: int, state: StepState
     ) -> tuple[Status, int]:
         """Take the steps between the times, the first of which has the index ``first`` in the record; leave the state."""
 
@@ -122,8 +121,8 @@ class TimeStepping(Integrator, Generic[S]):
         t += self.reaction_at * grid.h
         return t
 
-    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run[S]:
-        """Write the initial state and the motions that are given, and prepare the step."""
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> SteppingRun[S]:
+        """Write the initial state and the prescribed motion, and prepare the step."""
         if grid.h > LONGEST_STEP:
             raise InputError(
                 f"dt = {grid.h:g} s is longer than {LONGEST_STEP:g} s, and dt² no number: take a smaller dt"
@@ -132,27 +131,29 @@ class TimeStepping(Integrator, Generic[S]):
         record.q[0], record.v[0] = problem.initial_coordinates, problem.initial_velocities
         record.q[0, d.driven], record.v[0, d.driven] = d.motion(0.0)
         y = self.begin(d, record.q[0], record.v[0], grid.h)
-        run = Run(d, grid, lcp_solver, self.first_state(d, y, grid.h), {0: self.prepare(d, grid.h, lcp_solver)}, None)
+        run = SteppingRun(
+            d, grid, lcp_solver, self.first_state(d, y, grid.h), {0: self.prepare(d, grid.h, lcp_solver)}, None
+        )
         if self.rtol is None:
             return run
 
         def take(level: int, t: float, y: Array) -> tuple[Status, Array, Array]:
             return self._take(run, record.stats, level, t, y)
 
-        return replace(run, halving=Halving(take, grid.h, self.rtol, d.massive, overlap(d), y))
+        return replace(run, halving=Halving(take, grid.h, self.rtol, d.massive, penetration(d), y))
 
-    def advance(self, carry: Run[S], record: Record, first: int, last: int) -> tuple[Status, int]:
+    def advance(self, carry: SteppingRun[S], record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block."""
         if carry.halving:
             return carry.halving.advance(carry.grid, first, last)
         return self._block(carry.steps[0], record, carry.grid.times(first, last), first, carry.state)
 
-    def finish(self, carry: Run[S], record: Record) -> None:
-        """Put the steps that were halved in place of the grid."""
+    def finish(self, carry: SteppingRun[S], record: Record) -> None:
+        """Replace the grid by the accepted steps."""
         if carry.halving:
             carry.halving.write(record, self.reaction_at)
 
-    def _take(self, carry: Run[S], stats: Stats, level: int, t: float, y: Array) -> tuple[Status, Array, Array]:
+    def _take(self, carry: SteppingRun[S], stats: Stats, level: int, t: float, y: Array) -> tuple[Status, Array, Array]:
         """Take one step of length h/2^level from y at t."""
         d, h = carry.dynamics, carry.grid.h / 2**level
         if level not in carry.steps:
@@ -164,9 +165,9 @@ class TimeStepping(Integrator, Generic[S]):
         return status, state.y, one.reaction[0]
 
     def _block(self, step: S, record: Record, times: Array, first: int, state: StepState) -> tuple[Status, int]:
-        """Take the steps between the times; one whose LCP is not solved is tried by the solvers to fall back on."""
+        """Take the steps between the times; one whose LCP is not solved is repeated with the fallback solvers."""
 
-        def run(solver: State, begin: int, end: int) -> tuple[Status, int]:
+        def run(solver: SolverState, begin: int, end: int) -> tuple[Status, int]:
             return self.run(step, solver, record, times[begin - first : end - first + 1], begin, state)
 
         return with_fallbacks(run, step.solver, step.contacts, first, first + len(times) - 1)

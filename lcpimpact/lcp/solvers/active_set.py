@@ -105,7 +105,7 @@ def forward_substitute(L: Array, k: int, y: Array) -> None:
 
 @compiled(f8(f8, f8, f8, f8), allocates=False)
 def freedom(z: float, d: float, lower: float, upper: float) -> float:
-    """Return how far z may go along d before it meets a bound."""
+    """Return how far z may go along d before it reaches a bound."""
     if d > 0.0:
         return max(upper - z, 0.0) / d
     return max(z - lower, 0.0) / -d if d < 0.0 else np.inf
@@ -184,7 +184,7 @@ def add_free(C: Array, rows: Indices, base: Array, z: Array, root: Array, w: Arr
     types.Tuple((f8, i8))(matrix, indices, vector, vector, vector, vector, vector), inline="always", allocates=False
 )
 def minimise(L: Array, rows: Indices, base: Array, lower: Array, upper: Array, z: Array, y: Array) -> tuple[float, int]:
-    """Move the free rows towards y = -M_αα⁻¹ base_α until one meets a bound; return the length, and which one or NONE."""
+    """Move the free rows towards y = -M_αα⁻¹ base_α until one reaches a bound; return the length, and which one or NONE."""
     k = len(rows)
     for a in range(k):
         y[a] = -base[rows[a]]
@@ -249,7 +249,7 @@ def slightly_wrong(active: ActiveSet, q: Array, z: Array, w: Array, lower: Array
 def slide(
     active: ActiveSet, k: int, e: int, sign: float, lower: Array, upper: Array, z: Array, y: Array
 ) -> tuple[float, int]:
-    """Move row e along ``sign``, and the free rows along y so that M d = 0, until one meets a bound.
+    """Move row e along ``sign``, and the free rows along y so that M d = 0, until one reaches a bound.
 
     Returns the length and which one, k for e itself. There is no curvature along d, and the objective falls; if nothing
     ends that, z is set to d.

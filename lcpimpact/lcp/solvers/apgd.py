@@ -1,4 +1,4 @@
-"""Accelerated projected gradient: Nesterov's steps with a restart, as granular codes take them."""
+"""Accelerated projected gradient descent (Nesterov) with restarts, as in granular codes."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from lcpimpact.lcp.trace import NONE, note
 
 SOLVED, RAY, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.MAX_ITER)
 
-CHECK = 8
-"""Iterations from one look at the residual to the next."""
+CHECK_INTERVAL = 8
+"""Number of iterations between checks of the residual."""
 
 
 @compiled(types.boolean(matrix, vector, vector, vector, vector, vector))
@@ -92,7 +92,7 @@ def apgd(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, m
             z[i], w[i] = min(max(new, lower[i]), upper[i]), gradient
         L *= 0.9 if turn > 0.0 else 1.0
         note(z, basis, NONE, NONE)
-        if step % CHECK == 1 or step == max_iter:
+        if step % CHECK_INTERVAL == 1 or step == max_iter:
             scaled, _, rounding = measure(W, q, lower, upper, z, g)
             if holds(scaled, rounding, tol):
                 return SOLVED, step

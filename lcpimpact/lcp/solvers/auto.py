@@ -1,4 +1,4 @@
-"""The choice of a solver when none is named: by size and structure, with others to fall back on."""
+"""Automatic choice of a solver by size and structure, with fallbacks."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Delassus, Property, narrow
-from lcpimpact.lcp.solver import LCPSolver, State
+from lcpimpact.lcp.solver import LCPSolver, SolverState
 from lcpimpact.lcp.solvers.block_triangular import is_irreducible
 
 LARGEST_TABLEAU = 3_000
@@ -45,7 +45,7 @@ def suits(name: str, M: Delassus) -> bool:
 class Auto(LCPSolver):
     """The choice by the matrix."""
 
-    def init(self, M: Delassus) -> State:
+    def init(self, M: Delassus) -> SolverState:
         """Find bands, and make the first method that suits ready."""
         few = narrow(M.W) if M.storage == "dense" and M.n >= SMALLEST_BAND else None
         chosen = M if few is None else few
@@ -54,7 +54,7 @@ class Auto(LCPSolver):
         while others and not suits(first, chosen):
             first, *others = others
         state = SOLVERS[first].init(chosen)
-        return State(state.W, state.kernel, state.compiled, first, tuple(others))
+        return SolverState(state.W, state.kernel, state.compiled, first, tuple(others))
 
 
 SOLVER = Auto(

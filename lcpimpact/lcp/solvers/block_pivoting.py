@@ -23,14 +23,14 @@ from lcpimpact.lcp.trace import NONE, note
 SOLVED, SINGULAR = int(Status.SOLVED), int(Status.SINGULAR)
 UNDECIDED, MAX_ITER = int(Status.UNDECIDED), int(Status.MAX_ITER)
 
-SWEEPS = 4
-"""Gauss-Seidel sweeps of a start without a guess."""
+START_SWEEPS = 4
+"""Gauss-Seidel sweeps of a cold start."""
 
-NOWHERE = 2
-"""No side of a row."""
+UNKNOWN_SIDE = 2
+"""Side of a row that is not known yet."""
 
 PATIENCE = 5
-"""How often the number of infeasible rows may fail to fall before rows are exchanged one at a time."""
+"""Number of block exchanges without fewer infeasible rows, after which rows are exchanged one at a time."""
 
 
 @compiled(types.void(matrix, vector, vector, vector, vector, vector))
@@ -43,7 +43,7 @@ def guess(M: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array) ->
     product(M, z, w)
     for i in range(n):
         w[i] += q[i]
-    for _ in range(SWEEPS):
+    for _ in range(START_SWEEPS):
         for i in range(n):
             step = min(max(z[i] - w[i] / M[i, i], lower[i]), upper[i]) - z[i]
             if step != 0.0:
@@ -94,7 +94,7 @@ def block_pivoting(
     start(W, q, lower, upper, z, definite, side)
     size = row_roots(W, q, root)
     fewest, patience = n + 1, PATIENCE
-    before, at, power = np.full(n, NOWHERE), 0, 1
+    before, at, power = np.full(n, UNKNOWN_SIDE), 0, 1
     for step in range(1, max_iter + 1):
         if not basic_solution(W, definite, q, lower, upper, side, z):
             return SINGULAR, step
@@ -121,7 +121,7 @@ def block_pivoting(
             return SOLVED, step
         if infeasible < fewest:
             fewest, patience = infeasible, PATIENCE
-            before[:], at, power = NOWHERE, 0, 1
+            before[:], at, power = UNKNOWN_SIDE, 0, 1
         else:
             patience -= 1
         if patience < 0:

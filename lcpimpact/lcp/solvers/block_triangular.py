@@ -1,4 +1,4 @@
-"""Block-triangular matrices by forward substitution: the rows that depend on each other are solved together, and no others.
+"""Block-triangular matrices by forward substitution: only strongly coupled rows are solved together.
 
 Row i depends on row j where M_ij != 0. The strongly connected components of this graph are the diagonal blocks of M in an
 order of the rows in which it is block lower triangular; each is an LCP whose q holds what the blocks before it push with.

@@ -1,9 +1,8 @@
-r"""Dantzig's principal pivoting between bounds, as physics engines do it: the rows are brought in one at a time.
+r"""Dantzig's principal pivoting between bounds, as in physics engines: the rows are added one at a time.
 
 The points (z_i, w_i) that a row allows form a staircase: down along z = lower, across w = 0, down along z = upper. A row
-that lies below its own is driven up, one above it down, until it meets it; the rows already brought in stay on theirs, and
-change sides where they come to a corner. For semidefinite M and for P-matrices z_r and w_r rise together, so that they do
-meet it.
+below its own is driven up, one above it down, until it reaches it; the rows already added stay on theirs, and change sides
+at corners. For semidefinite M and for P-matrices z_r and w_r increase together, so that they do reach it.
 """
 
 from __future__ import annotations
@@ -19,9 +18,9 @@ from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.pivoting import (
-    REFRESHES,
-    THRESHOLD,
-    Tableau,
+    MAX_REFRESHES,
+    PIVOT_TOL,
+    PivotTableau,
     advance,
     direction_of,
     ends_before,
@@ -61,12 +60,12 @@ def reach(x: float, rate: float, end: float) -> float:
     """Return when x gets to ``end``: at once if it is there or beyond, never if it does not move."""
     if x >= end:
         return 0.0
-    return (end - x) / rate if rate > THRESHOLD else np.inf
+    return (end - x) / rate if rate > PIVOT_TOL else np.inf
 
 
 @compiled(types.Tuple((f8, i8))(f8, f8, f8, f8, f8, f8))
 def meeting(z: float, w: float, dz: float, dw: float, lower: float, upper: float) -> tuple[float, int]:
-    """Return when and where a point that moves up meets the staircase: at a bound, or between them with w = 0."""
+    """Return when and where an upward moving point reaches the staircase: at a bound, or between them with w = 0."""
     ceiling, ground, crossing = reach(z, dz, upper), reach(z, dz, lower), reach(w, dw, 0.0)
     if ceiling <= max(ground, crossing):
         return ceiling, UPPER
@@ -78,7 +77,7 @@ def meeting(z: float, w: float, dz: float, dw: float, lower: float, upper: float
 @compiled(f8(f8, f8, f8, f8, f8, types.boolean))
 def room(x: float, y: float, rate: float, lower: float, upper: float, free: bool) -> float:
     """Return how far a row can follow its staircase before it comes to a corner; x = z and y = w, or the reverse if free."""
-    if abs(rate) <= THRESHOLD or lower == upper:
+    if abs(rate) <= PIVOT_TOL or lower == upper:
         return np.inf
     if free:
         return max(upper - y if rate > 0.0 else y - lower, 0.0) / abs(rate)
@@ -133,8 +132,8 @@ def next_row(rows: Rows) -> int:
 
 
 @compiled(types.boolean(tableau_type, rows_type, f8))
-def all_settled(tableau: Tableau, rows: Rows, tiny: float) -> bool:
-    """Find out anew which rows are settled, and return whether all are."""
+def all_settled(tableau: PivotTableau, rows: Rows, tiny: float) -> bool:
+    """Determine the settled rows again, and return whether all are."""
     _, x, y, free, _, _, _ = tableau
     low, high, settled, _, _ = rows
     complete = True
@@ -146,17 +145,17 @@ def all_settled(tableau: Tableau, rows: Rows, tiny: float) -> bool:
 
 
 @compiled(types.void(tableau_type, rows_type, i8), inline="always")
-def settle(tableau: Tableau, rows: Rows, r: int) -> None:
+def settle(tableau: PivotTableau, rows: Rows, r: int) -> None:
     """Make row r, which is on its staircase to rounding, free between its bounds, and put it there without it."""
     T, x, y, free, _, _, _ = tableau
-    if T[r, r] > THRESHOLD and free[r] != (rows.low[r] < pair(x[r], y[r], free[r])[0] < rows.high[r]):
+    if T[r, r] > PIVOT_TOL and free[r] != (rows.low[r] < pair(x[r], y[r], free[r])[0] < rows.high[r]):
         pivot(tableau, r)
     x[r] = 0.0 if free[r] else min(max(x[r], rows.low[r]), rows.high[r])
     rows.settled[r] = True
 
 
 @compiled(types.void(tableau_type, rows_type, types.boolean, f8), inline="always")
-def guard(tableau: Tableau, rows: Rows, everyone: bool, tiny: float) -> None:
+def guard(tableau: PivotTableau, rows: Rows, everyone: bool, tiny: float) -> None:
     """Set the staircases of the settled rows, or of everyone, each at the height where it is."""
     _, x, y, free, _, _, _ = tableau
     low, high, settled, _, step = rows
@@ -170,15 +169,15 @@ def guard(tableau: Tableau, rows: Rows, everyone: bool, tiny: float) -> None:
 
 
 @compiled(types.Tuple((f8, i8, i8))(tableau_type, rows_type, i8, i8, types.boolean), inline="always")
-def next_event(tableau: Tableau, rows: Rows, r: int, sign: int, first: bool) -> tuple[float, int, int]:
-    """Return how far x_r moves along ``sign``, the row that ends this or NONE, and where row r meets its staircase.
+def next_event(tableau: PivotTableau, rows: Rows, r: int, sign: int, first: bool) -> tuple[float, int, int]:
+    """Return how far x_r moves along ``sign``, the row that ends this or NONE, and where row r reaches its staircase.
 
     A row that follows no staircase but is free has its w fixed, and z within bounds. Of rows that end the motion together
     the one that changes fastest is taken, or the first.
     """
     T, x, y, free, _, _, _ = tableau
     low, high, _, _, step = rows
-    rate = T[r, r] if T[r, r] > THRESHOLD else 0.0
+    rate = T[r, r] if T[r, r] > PIVOT_TOL else 0.0
     z, w = pair(x[r], y[r], free[r])
     dz, dw = (rate, 1.0) if free[r] else (1.0, rate)
     if sign > 0:
@@ -197,7 +196,7 @@ def next_event(tableau: Tableau, rows: Rows, r: int, sign: int, first: bool) -> 
 
 
 @compiled(i8(tableau_type, rows_type, i8, i8), inline="always")
-def meet(tableau: Tableau, rows: Rows, r: int, end: int) -> int:
+def meet(tableau: PivotTableau, rows: Rows, r: int, end: int) -> int:
     """Put row r on its staircase, at a bound or between them; return how many pairs were exchanged for it."""
     T, x, y, free, _, _, _ = tableau
     bound = rows.low[r] if end == LOWER else rows.high[r]
@@ -205,14 +204,14 @@ def meet(tableau: Tableau, rows: Rows, r: int, end: int) -> int:
         x[r] = 0.0 if free[r] else bound
         return 0
     y[r] = bound if free[r] else 0.0
-    return pivot(tableau, r) if T[r, r] > THRESHOLD else 0
+    return pivot(tableau, r) if T[r, r] > PIVOT_TOL else 0
 
 
 @compiled(types.UniTuple(i8, 2)(tableau_type, rows_type, i8, i8, vector, indices, i8, i8), inline="always")
 def drive(
-    tableau: Tableau, rows: Rows, r: int, sign: int, z: Array, basis: Indices, count: int, max_iter: int
+    tableau: PivotTableau, rows: Rows, r: int, sign: int, z: Array, basis: Indices, count: int, max_iter: int
 ) -> tuple[int, int]:
-    """Move x_r along ``sign`` until row r meets its staircase; rows that come to a corner on the way change sides.
+    """Move x_r along ``sign`` until row r reaches its staircase; rows that reach a corner on the way change sides.
 
     Returns SOLVED, RAY if nothing ends the motion, SINGULAR or MAX_ITER, and the count of moves.
     """
@@ -249,12 +248,12 @@ def dantzig(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float
         return SOLVED, 0
     rows, basis = rows_of(lower, upper, tableau.z_unit), np.arange(len(q))
     note(z, basis, NONE, NONE)
-    status, count, refreshes, tiny, phase = UNDECIDED, 0, 0, THRESHOLD, ALONE
+    status, count, refreshes, tiny, phase = UNDECIDED, 0, 0, PIVOT_TOL, ALONE
     while True:
         r = next_row(rows)
         if r == ALL_SETTLED:
             status = INACCURATE
-            if refreshes == REFRESHES:
+            if refreshes == MAX_REFRESHES:
                 break
             refreshes += 1
             tiny = refresh(W, q, tableau)

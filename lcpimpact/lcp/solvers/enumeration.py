@@ -1,4 +1,4 @@
-"""Every complementary basis in turn: slow, certain, and the oracle for small problems."""
+"""Enumeration of all complementary bases: slow but certain, a reference for small problems."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ UNDECIDED, MAX_ITER = int(Status.UNDECIDED), int(Status.MAX_ITER)
 
 @compiled(types.boolean(i8, vector, vector, indices))
 def nth_basis(number: int, lower: Array, upper: Array, side: Indices) -> bool:
-    """Set ``side`` to the basis of that number; return False if there are not so many.
+    """Set ``side`` to the basis of that number; return False beyond the last one.
 
     A number has one digit for each row: at its lower bound, free, at its upper bound, of those that it has.
     """

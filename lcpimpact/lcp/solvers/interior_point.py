@@ -1,4 +1,4 @@
-r"""Mehrotra's predictor-corrector method for monotone problems: through the inside of the box, not along its edges.
+r"""Mehrotra's predictor-corrector interior-point method for monotone problems.
 
 Each finite bound is a side c of its row i, with the sign σ = 1 below and -1 above, a slack s = σ (z_i - bound) and a force
 λ, both kept positive. As μ falls to zero the path
@@ -32,17 +32,17 @@ SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Stat
 
 PREDICTOR, CORRECTOR, CENTRING = 0, 1, 2
 
-LOWEST = 0.01
-"""Share of μ by which a full step must lower it."""
+MIN_DECREASE = 0.01
+"""Fraction of μ by which a full step must decrease it."""
 
-SHORTEST = 1e-10
-"""Least length of a step."""
+MIN_STEP = 1e-10
+"""Smallest step length."""
 
-LARGEST = 1e25
-"""Scaled size from which an iterate is taken to have left for infinity."""
+MAX_SIZE = 1e25
+"""Scaled size above which the iterates diverge."""
 
-LEAST = 1e-60
-"""Least μ: what rounding leaves cannot be cut further."""
+MIN_MU = 1e-60
+"""Smallest μ, below which rounding admits no decrease."""
 
 
 class Slacks(NamedTuple):
@@ -65,7 +65,7 @@ class Slacks(NamedTuple):
 slacks_type = types.NamedTuple((indices, vector, vector, vector, vector, vector), Slacks)
 
 
-class System(NamedTuple):
+class NewtonSystem(NamedTuple):
     """K = N + diag(barrier), a barrier of inf fixing its row, and its factor.
 
     Attributes
@@ -81,7 +81,7 @@ class System(NamedTuple):
     barrier: Array
 
 
-system_type = types.NamedTuple((types.boolean, matrix, vector, vector), System)
+system_type = types.NamedTuple((types.boolean, matrix, vector, vector), NewtonSystem)
 
 
 @compiled(slacks_type(vector, vector, vector))
@@ -139,7 +139,7 @@ def read(problem: Scaled, slacks: Slacks, lower: Array, upper: Array, x: Array, 
 
 
 @compiled(types.boolean(matrix, system_type, vector), inline="always")
-def factor_solve(N: Array, system: System, d: Array) -> bool:
+def factor_solve(N: Array, system: NewtonSystem, d: Array) -> bool:
     """Overwrite d with K⁻¹ d, and A with the factor of K; return False if it is singular.
 
     A rounding is added to the diagonal, so that redundant rows do no harm.
@@ -201,7 +201,14 @@ def mean_product(s: Array, force: Array, ds: Array, df: Array, length: float) ->
 
 @compiled(types.boolean(scaled_type, slacks_type, system_type, vector, vector, f8, f8, types.boolean), inline="always")
 def newton_step(
-    problem: Scaled, slacks: Slacks, system: System, r: Array, d: Array, target: float, correction: float, first: bool
+    problem: Scaled,
+    slacks: Slacks,
+    system: NewtonSystem,
+    r: Array,
+    d: Array,
+    target: float,
+    correction: float,
+    first: bool,
 ) -> bool:
     """Set d, ds and df to the step towards s λ = target, less ``correction`` times the product of the steps before.
 
@@ -230,7 +237,7 @@ def newton_step(
 
 @compiled(f8(scaled_type, slacks_type, system_type, vector, vector, f8, f8), inline="always")
 def predict_correct(
-    problem: Scaled, slacks: Slacks, system: System, r: Array, d: Array, mu: float, error: float
+    problem: Scaled, slacks: Slacks, system: NewtonSystem, r: Array, d: Array, mu: float, error: float
 ) -> float:
     """Set d, ds and df to the step from μ and |r| = error, and return its length, -1 if K is singular."""
     _, _, s, force, ds, df = slacks
@@ -240,11 +247,11 @@ def predict_correct(
             return -1.0
         length = min(1.0, max(0.995, 1.0 - mu) * room(s, ds, room(force, df, 2.0)))
         after = mean_product(s, force, ds, df, length)
-        if attempt == CORRECTOR and (error > mu or after <= (1.0 - LOWEST * length) * mu):
+        if attempt == CORRECTOR and (error > mu or after <= (1.0 - MIN_DECREASE * length) * mu):
             break
         ratio = after / mu if mu > 0.0 else 0.0
         target, correction = (mu * ratio * ratio * ratio, 1.0) if attempt == PREDICTOR else (0.5 * mu, 0.0)
-    while error <= mu and after > (1.0 - LOWEST * length) * mu and length > SHORTEST:
+    while error <= mu and after > (1.0 - MIN_DECREASE * length) * mu and length > MIN_STEP:
         length *= 0.5
         after = mean_product(s, force, ds, df, length)
     return length
@@ -254,7 +261,7 @@ def predict_correct(
 def interior_point(
     W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
 ) -> tuple[int, int]:
-    """Predict how far μ would fall, aim as low as that allows, and correct for what the linear model left out.
+    """Predict the decrease of μ, choose the target, and correct for the second-order terms.
 
     Once the equation holds to within μ each step must lower μ. Where M is far from symmetric this one may not; then it aims
     at half of μ, is not corrected, and is made short enough.
@@ -276,7 +283,7 @@ def interior_point(
     N, p, low, high, unit = problem
     slacks = start(low, high, x)
     _, _, s, force, ds, df = slacks
-    system = System(is_symmetric(W), np.empty((n, n)), np.empty(n), np.empty(n))
+    system = NewtonSystem(is_symmetric(W), np.empty((n, n)), np.empty(n), np.empty(n))
     length = 1.0
     for step in range(1, max_iter + 1):
         error = residual(problem, slacks, x, r)
@@ -289,7 +296,7 @@ def interior_point(
         note(z, basis, NONE, NONE)
         if identified(W, q, lower, upper, sides, z, tol):
             return SOLVED, step
-        if not size < LARGEST or (len(s) > 0 and not mu > LEAST) or not length > SHORTEST:
+        if not size < MAX_SIZE or (len(s) > 0 and not mu > MIN_MU) or not length > MIN_STEP:
             return UNDECIDED, step
         length = predict_correct(problem, slacks, system, r, d, mu, error)
         if length < 0.0:

@@ -1,4 +1,4 @@
-"""Keller's principal pivoting: one negative w after another is driven up to zero, and what is not negative stays so.
+"""Keller's principal pivoting: one negative w after another is driven to zero, and the others stay nonnegative.
 
 It takes positive semidefinite M, symmetric or not: where a pivot of the diagonal vanishes, two pairs are exchanged at once.
 """
@@ -14,9 +14,9 @@ from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.operators import Property
 from lcpimpact.lcp.pivoting import (
-    REFRESHES,
-    THRESHOLD,
-    Tableau,
+    MAX_REFRESHES,
+    PIVOT_TOL,
+    PivotTableau,
     advance,
     direction_of,
     ends_before,
@@ -35,12 +35,12 @@ from lcpimpact.lcp.trace import NONE, note
 SOLVED, RAY, UNDECIDED = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED)
 MAX_ITER, SINGULAR, INACCURATE = int(Status.MAX_ITER), int(Status.SINGULAR), int(Status.INACCURATE)
 
-HELD = -2.0
-"""Where a negative variable is held while another is driven: less than any is at first, in units of max |q|."""
+HELD_LEVEL = -2.0
+"""Level at which a negative variable is held while another is driven, in units of max |q|: below any initial value."""
 
 
 @compiled(i8(tableau_type, f8))
-def most_negative(tableau: Tableau, tiny: float) -> int:
+def most_negative(tableau: PivotTableau, tiny: float) -> int:
     """Return the pair with the most negative member, or NONE if none is negative beyond rounding."""
     r, least = NONE, -tiny
     for i in range(len(tableau.x)):
@@ -52,7 +52,7 @@ def most_negative(tableau: Tableau, tiny: float) -> int:
 @compiled(f8(f8, f8))
 def floor(y: float, tiny: float) -> float:
     """Return what y may fall to."""
-    return 0.0 if y >= -tiny else HELD
+    return 0.0 if y >= -tiny else HELD_LEVEL
 
 
 @compiled(types.Tuple((f8, i8))(matrix, vector, vector, i8, f8, types.boolean))
@@ -64,10 +64,10 @@ def ratio_test(T: Array, x: Array, y: Array, r: int, tiny: float, first: bool) -
     length, s, fastest = np.inf, NONE, np.inf
     if y[r] >= 0.0:
         length, s = max(-x[r], 0.0), r
-    elif T[r, r] > THRESHOLD:
+    elif T[r, r] > PIVOT_TOL:
         length, s = -y[r] / T[r, r], r
     for i in range(len(x)):
-        if i != r and T[i, r] < -THRESHOLD:
+        if i != r and T[i, r] < -PIVOT_TOL:
             share = max(y[i] - floor(y[i], tiny), 0.0) / -T[i, r]
             if ends_before(share, length, -T[i, r], fastest):
                 length, s, fastest = share, i, np.inf if first else -T[i, r]
@@ -76,7 +76,7 @@ def ratio_test(T: Array, x: Array, y: Array, r: int, tiny: float, first: bool) -
 
 @compiled(types.UniTuple(i8, 2)(tableau_type, i8, f8, vector, indices, i8, i8))
 def drive(
-    tableau: Tableau, r: int, tiny: float, z: Array, basis: Indices, count: int, max_iter: int
+    tableau: PivotTableau, r: int, tiny: float, z: Array, basis: Indices, count: int, max_iter: int
 ) -> tuple[int, int]:
     """Let x_r grow until the negative member of its pair is zero; pairs whose y ends this on the way are exchanged.
 
@@ -120,11 +120,11 @@ def keller(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float,
         return SOLVED, 0
     basis = np.arange(len(q))
     note(z, basis, NONE, NONE)
-    count, refreshes, tiny = 0, 0, THRESHOLD
+    count, refreshes, tiny = 0, 0, PIVOT_TOL
     while True:
         r = most_negative(tableau, tiny)
         if r == NONE:
-            if refreshes == REFRESHES:
+            if refreshes == MAX_REFRESHES:
                 status = INACCURATE
                 break
             refreshes += 1

@@ -11,7 +11,7 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
-from lcpimpact.lcp.pivoting import THRESHOLD, exchange
+from lcpimpact.lcp.pivoting import PIVOT_TOL, exchange
 from lcpimpact.lcp.polish import polish
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, is_plain
 from lcpimpact.lcp.reduction import from_lcp, to_lcp
@@ -21,16 +21,16 @@ from lcpimpact.lcp.trace import NONE, note_covered
 
 SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED), int(Status.MAX_ITER)
 
-COVERINGS = 4
-"""Covering vectors to try in each of the two units, one after another, while the path proves nothing."""
+MAX_COVERINGS = 4
+"""Maximum number of covering vectors tried in each of the two scalings, while no path ends in a proof."""
 
 GOLDEN = 0.6180339887498949
 
-TIE = 1e-10
-"""Relative distance of two ratios that counts as none: after hundreds of pivots rounding has grown to this."""
+TIE_RTOL = 1e-10
+"""Relative difference of two ratios below which they are a tie: rounding grows to it in hundreds of pivots."""
 
 
-class Path(NamedTuple):
+class LemkePath(NamedTuple):
     """The tableau of an almost complementary path: inside = T (outside, 1), scaled; at first w = N z + d z0 + p.
 
     Attributes
@@ -50,11 +50,11 @@ class Path(NamedTuple):
     z_unit: Array
 
 
-path_type = types.NamedTuple((matrix, indices, indices, vector, vector, vector), Path)
+path_type = types.NamedTuple((matrix, indices, indices, vector, vector, vector), LemkePath)
 
 
 @compiled(types.boolean(path_type, i8, i8, i8))
-def precedes(path: Path, i: int, k: int, c: int) -> bool:
+def precedes(path: LemkePath, i: int, k: int, c: int) -> bool:
     """Return whether row i of the inverse basis over -T_ic is lexicographically less than row k over -T_kc."""
     T, inside, outside, _, _, _ = path
     n = len(T)
@@ -68,13 +68,13 @@ def precedes(path: Path, i: int, k: int, c: int) -> bool:
         else:
             new = -1.0 / T[i, c] if inside[i] == j else 0.0
             old = -1.0 / T[k, c] if inside[k] == j else 0.0
-        if abs(new - old) > TIE * max(abs(new), abs(old)) + 1e-3 * TIE:
+        if abs(new - old) > TIE_RTOL * max(abs(new), abs(old)) + 1e-3 * TIE_RTOL:
             return bool(new < old)
     return False
 
 
 @compiled(i8(path_type, i8))
-def blocking_row(path: Path, c: int) -> int:
+def blocking_row(path: LemkePath, c: int) -> int:
     """Return the row whose variable reaches zero first as that of column c grows, or NONE for a ray.
 
     The ratio test is lexicographic: ties in the right side are broken by the rows of the inverse basis, which stand in
@@ -85,13 +85,13 @@ def blocking_row(path: Path, c: int) -> int:
     covering, right = 2 * n, n + 1
     best = NONE
     for i in range(n):
-        if T[i, c] >= -THRESHOLD:
+        if T[i, c] >= -PIVOT_TOL:
             continue
         if best == NONE:
             best = i
             continue
         new, old = T[i, right] / -T[i, c], T[best, right] / -T[best, c]
-        margin = TIE * max(abs(new), abs(old)) + 1e-3 * TIE
+        margin = TIE_RTOL * max(abs(new), abs(old)) + 1e-3 * TIE_RTOL
         if new < old - margin or (
             new <= old + margin and inside[best] != covering and (inside[i] == covering or precedes(path, i, best, c))
         ):
@@ -100,14 +100,14 @@ def blocking_row(path: Path, c: int) -> int:
 
 
 @compiled(types.Tuple((f8, i8))(matrix, vector, path_type, i8))
-def cover(N: Array, p: Array, path: Path, attempt: int) -> tuple[float, int]:
+def cover(N: Array, p: Array, path: LemkePath, attempt: int) -> tuple[float, int]:
     """Set up the tableau for one of the covering vectors; return the size of -p, made one, and the first row to leave."""
     T, inside, outside, d, w_unit, z_unit = path
     n = len(p)
     if attempt == 1:
         units(N, p, w_unit)
         z_unit[:] = w_unit
-    elif attempt == COVERINGS + 1:
+    elif attempt == MAX_COVERINGS + 1:
         equilibrate(N, w_unit, z_unit)
     size, widest, r = 0.0, 0.0, 0
     for i in range(n):
@@ -129,7 +129,7 @@ def cover(N: Array, p: Array, path: Path, attempt: int) -> tuple[float, int]:
 
 
 @compiled(f8(path_type, f8, vector))
-def basic_point(path: Path, size: float, y: Array) -> float:
+def basic_point(path: LemkePath, size: float, y: Array) -> float:
     """Set y to the point of the basis, and return z0 there."""
     n = len(y)
     y[:] = 0.0
@@ -144,7 +144,7 @@ def basic_point(path: Path, size: float, y: Array) -> float:
 
 
 @compiled(types.void(path_type, i8, vector))
-def ray_direction(path: Path, c: int, y: Array) -> None:
+def ray_direction(path: LemkePath, c: int, y: Array) -> None:
     """Set y to its change as the variable of column c grows, which nothing ends."""
     n = len(y)
     y[:] = 0.0
@@ -158,7 +158,7 @@ def ray_direction(path: Path, c: int, y: Array) -> None:
 
 
 @compiled(types.UniTuple(i8, 3)(path_type, i8, f8, vector, i8, i8))
-def follow(path: Path, r: int, size: float, y: Array, count: int, max_iter: int) -> tuple[int, int, int]:
+def follow(path: LemkePath, r: int, size: float, y: Array, count: int, max_iter: int) -> tuple[int, int, int]:
     """Exchange z0 with row r, and then what left with its complement, until z0 leaves.
 
     Returns SOLVED, RAY if nothing leaves, or MAX_ITER; the count of pivots; and the column that entered last; y at the end.
@@ -202,11 +202,11 @@ def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
     n = len(p)
     zero, infinite, y, side = np.zeros(n), np.full(n, np.inf), np.zeros(n), np.empty(n, np.int64)
     T, inside, outside = np.empty((n, n + 2)), np.empty(n, np.int64), np.empty(n + 1, np.int64)
-    path = Path(T, inside, outside, np.empty(n), np.empty(n), np.empty(n))
+    path = LemkePath(T, inside, outside, np.empty(n), np.empty(n), np.empty(n))
     status, count, attempt = SOLVED, 0, 0
     for i in range(n):
         status = UNDECIDED if p[i] < 0.0 else status
-    while status == UNDECIDED and attempt < 2 * COVERINGS:
+    while status == UNDECIDED and attempt < 2 * MAX_COVERINGS:
         attempt += 1
         size, r = cover(N, p, path, attempt)
         status, count, c = follow(path, r, size, y, count, max_iter)
@@ -216,7 +216,7 @@ def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, 
                 if k >= n:
                     side[k - n] = FREE
             holds = polish(N, p, zero, infinite, side, y, tol)
-            status = SOLVED if holds or attempt == 2 * COVERINGS else UNDECIDED
+            status = SOLVED if holds or attempt == 2 * MAX_COVERINGS else UNDECIDED
         elif status == RAY:
             ray_direction(path, c, y)
             status = RAY if proves_infeasible(N, p, zero, infinite, y) else UNDECIDED

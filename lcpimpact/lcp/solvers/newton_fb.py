@@ -26,13 +26,13 @@ from lcpimpact.lcp.trace import NONE, note
 SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED), int(Status.MAX_ITER)
 
 CORNER = 1.0 - float(np.sqrt(0.5))
-"""Both derivatives of φ at (0, 0), as on the diagonal nearby."""
+"""Both derivatives of φ at (0, 0): their value on the diagonal."""
 
 ARMIJO = 1e-4
-"""Share of the fall that the slope promises which a step must bring."""
+"""Fraction of the predicted decrease that a step must achieve (Armijo)."""
 
-SHORTEST = 2.0**-40
-"""Least length of a step."""
+MIN_STEP = 2.0**-40
+"""Smallest step length."""
 
 LEAST_SHIFT, MOST_SHIFT = 1e-12, 1e-2
 """Range of the ε that is added to a singular M of unit diagonal."""
@@ -120,7 +120,7 @@ def line_search(problem: Scaled, x: Array, y: Array, psi: float, gradient: Array
     fall = dot(gradient, d)
     product(N, d, slope)
     length = 1.0 if fall < -1e-12 * np.sqrt(dot(gradient, gradient)) * np.sqrt(dot(d, d)) else 0.0
-    while length >= SHORTEST:
+    while length >= MIN_STEP:
         for i in range(n):
             trial[i], w[i] = x[i] + length * d[i], y[i] + length * slope[i]
         if merit(trial, w, low, high) <= psi + ARMIJO * length * fall:

@@ -22,22 +22,21 @@ from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.operators import Delassus, Dense, Property
 from lcpimpact.lcp.polish import polish
 from lcpimpact.lcp.problem import FREE, LOWER
-from lcpimpact.lcp.solver import Kernel, LCPSolver, State
+from lcpimpact.lcp.solver import Kernel, LCPSolver, SolverState
 
 SOLVED, RAY, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.MAX_ITER)
 
-NUDGE = 1e-13
-"""What is added to q, in units of max |q|: rounding must not make a row that is zero negative, nor a problem
-unsolvable; for the basis that is found it is taken away again."""
+SHIFT = 1e-13
+"""Shift of q, in units of max |q|, so that rounding makes no zero row negative; undone for the basis that is found."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NNLS(LCPSolver):
     """Least squares with a factor of M."""
 
-    def init(self, M: Delassus) -> State:
+    def init(self, M: Delassus) -> SolverState:
         """Scale M to a unit diagonal and factor it, by Cholesky or, if it is singular, by its eigenvalues."""
-        return State(M.W, self._kernel(M), False, self.name)
+        return SolverState(M.W, self._kernel(M), False, self.name)
 
     def _kernel(self, operator: Delassus) -> Kernel:
         from scipy.linalg import solve_triangular
@@ -58,7 +57,7 @@ class NNLS(LCPSolver):
                 return self._kernel(Dense(W))(W, q, lower, upper, z, tol, max_iter)
             p = q * unit
             size = float(np.abs(p).max()) or 1.0
-            p = p / size + NUDGE
+            p = p / size + SHIFT
             A = B if definite else np.vstack([B, -p])
             b = -solve_triangular(B, p, trans="T") if definite else np.append(np.zeros(len(B)), 1.0)
             try:
@@ -67,7 +66,7 @@ class NNLS(LCPSolver):
                 z[:] = 0.0
                 return MAX_ITER, max_iter
             rest = 1.0 if definite else 1.0 + float(p @ u)
-            if rest <= NUDGE or (not definite and proves_infeasible(N, p, lower, upper, u)):
+            if rest <= SHIFT or (not definite and proves_infeasible(N, p, lower, upper, u)):
                 z[:] = u * unit
                 return RAY, int(np.count_nonzero(u))
             z[:] = u * unit * (size / rest)

@@ -1,4 +1,4 @@
-"""Projected successive over-relaxation: Gauss-Seidel sweeps that go too far on purpose, by a factor found on the way.
+"""Projected successive over-relaxation, with a relaxation factor adapted during the iteration.
 
 For symmetric semidefinite M with positive diagonal each relaxed step lowers ½ zᵀ M z + qᵀ z, whatever 0 < ω < 2, so ω may
 change between sweeps at no risk. Young's relation between the contraction of the sweeps and the best ω is exact where M is
@@ -22,11 +22,11 @@ from lcpimpact.lcp.trace import NONE, note
 
 SOLVED, RAY, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.MAX_ITER)
 
-CHECK = 8
-"""Sweeps from one look at the residual, which costs as much as a sweep, to the next."""
+CHECK_INTERVAL = 8
+"""Number of sweeps between checks of the residual, each of which costs a sweep."""
 
-NEAREST = 1e-4
-"""Least 2 - ω."""
+MIN_DAMPING = 1e-4
+"""Smallest 2 - ω."""
 
 
 @compiled(types.boolean(vector, vector, vector, vector, vector, vector))
@@ -78,7 +78,7 @@ def proposal(best: float, contraction: float, reach: float, direction: int) -> f
         ratio = min(max((2.0 - young(best, contraction)) / (2.0 - best), 1.0 / reach), reach)
     if abs(ratio - 1.0) < 0.05:
         return best
-    return 2.0 - min(max(ratio * (2.0 - best), NEAREST), 1.0)
+    return 2.0 - min(max(ratio * (2.0 - best), MIN_DAMPING), 1.0)
 
 
 @compiled(SIGNATURE)
@@ -107,7 +107,7 @@ def psor(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, m
             fall -= change[i] * (slope + 0.5 * m * change[i])
             basis[i] = n + i if lower[i] < z[i] < upper[i] else i
         note(z, basis, NONE, NONE)
-        if sweep % CHECK == 1 or sweep == max_iter:
+        if sweep % CHECK_INTERVAL == 1 or sweep == max_iter:
             scaled, _, rounding = measure(W, q, lower, upper, z, w)
             if holds(scaled, rounding, tol):
                 return SOLVED, sweep

@@ -25,7 +25,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
 from lcpimpact.lcp.operators import Delassus, Dense, Property
 from lcpimpact.lcp.problem import is_plain
-from lcpimpact.lcp.solver import Kernel, LCPSolver, State
+from lcpimpact.lcp.solver import Kernel, LCPSolver, SolverState
 from lcpimpact.registry import nearest
 
 SOLVED, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.UNDECIDED), int(Status.MAX_ITER)
@@ -33,15 +33,15 @@ SOLVED, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.UNDECIDED), int(Sta
 FORMS = ("dual", "primal")
 
 OSQP_RHO = 0.1
-"""The ρ with which OSQP begins."""
+"""OSQP's initial ρ."""
 
-NOISE = 0.1
-"""Share of the tolerance up to which a force, in units of max |q| = 1, is noise."""
+NOISE_FRACTION = 0.1
+"""Fraction of the tolerance below which a force, in units of max |q| = 1, is noise."""
 
 
 @dataclass(frozen=True)
 class Backend:
-    """How a backend of qpsolvers is called, and what it reaches.
+    """The call of a backend of qpsolvers, and its accuracy.
 
     Attributes
     ----------
@@ -99,9 +99,9 @@ class QPSolver(LCPSolver):
     form: str
     call: Backend
 
-    def init(self, M: Delassus) -> State:
+    def init(self, M: Delassus) -> SolverState:
         """Scale the matrices once, and return a kernel for many q."""
-        return State(M.W, self._kernel(M), False, self.name)
+        return SolverState(M.W, self._kernel(M), False, self.name)
 
     def _kernel(self, operator: Delassus) -> Kernel:
         dual = self.form == "dual"
@@ -136,7 +136,7 @@ class QPSolver(LCPSolver):
                 x, status, iterations = self._solve(P, zero, {"G": G, "h": b}, max_iter)
             if x is not None:
                 # A backend leaves noise where there is nothing, and a row of which nothing is given has no other measure.
-                z[:] = np.where(np.abs(x) > NOISE * self.call.tol, x, 0.0) * scale
+                z[:] = np.where(np.abs(x) > NOISE_FRACTION * self.call.tol, x, 0.0) * scale
             np.maximum(z, lower, out=z)
             np.minimum(z, upper, out=z)
             return status, iterations

@@ -18,10 +18,10 @@ from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.elements.spring import Spring
 from lcpimpact.scheme.terms import Terms
 
-MASSES = {"lumped": 0.0, "higher-order": 1.0 / 12.0, "consistent": 1.0 / 6.0}
-"""Share μ of an element's mass that couples its two ends, by name."""
+COUPLING_MASSES = {"lumped": 0.0, "higher-order": 1.0 / 12.0, "consistent": 1.0 / 6.0}
+"""Coupling mass μ of a bar element, as a fraction of the element's mass, by name."""
 
-LARGEST = 5_000
+MAX_ELEMENTS = 5_000
 """Maximum number of elements of a bar: its full matrices have 200 MB."""
 
 
@@ -65,7 +65,7 @@ class Bar(Element):
     mass : str or float
         "lumped", "consistent", "higher-order", or μ itself, 0 <= μ <= 1/4; see `for_step`.
     massless : str or sequence of str
-        The ends without mass: their element leaves its mass to the next node, and nothing of the total is lost. A contact
+        The massless ends: their element leaves its mass to the next node, and nothing of the total is lost. A contact
         there has relative degree 0: no impact, no coefficient of restitution, and its force is a function of time.
     sigma_y : float, optional
         Yield stress in Pa, positive; without it the bar is elastic.
@@ -157,9 +157,9 @@ class Bar(Element):
             raise InputError(f"{self}: massless = {self.massless!r} must name an end, or be a sequence of its ends")
         for symbol, unit in (("E", "Pa"), ("A", "m²"), ("rho", "kg/m³"), ("L", "m")):
             positive(self, symbol, getattr(self, symbol), unit)
-        if not is_count(self.elements) or self.elements > LARGEST:
+        if not is_count(self.elements) or self.elements > MAX_ELEMENTS:
             raise InputError(
-                f"{self}: elements = {self.elements!r} must be a whole number from 1 to {LARGEST}, since M and K are full"
+                f"{self}: elements = {self.elements!r} must be a whole number from 1 to {MAX_ELEMENTS}: M and K are full"
             )
         object.__setattr__(self, "elements", int(self.elements))
         if self.name is not None:
@@ -176,7 +176,11 @@ class Bar(Element):
             raise InputError(
                 f"{self}: elements = {self.elements} leaves no node to take the mass of a massless end: give more"
             )
-        known = self.mass in MASSES if isinstance(self.mass, str) else is_real(self.mass) and 0.0 <= self.mass <= 0.25
+        known = (
+            self.mass in COUPLING_MASSES
+            if isinstance(self.mass, str)
+            else is_real(self.mass) and 0.0 <= self.mass <= 0.25
+        )
         if not known:
             raise InputError(
                 f"{self}: mass = {self.mass!r} must be 'lumped', 'consistent', 'higher-order', or a number μ from 0 to 1/4"
@@ -211,7 +215,7 @@ class Bar(Element):
     def plastic(self) -> range:
         """The numbers, from 1, of the elements that can yield.
 
-        That of a massless end stays elastic: past a perfectly plastic slider its place would be undetermined.
+        That of a massless end stays elastic: behind a perfectly plastic slider its position would be undetermined.
         """
         if self.sigma_y is None:
             return range(0)
@@ -233,8 +237,8 @@ class Bar(Element):
 
     @property
     def mu(self) -> float:
-        """μ, the share of an element's mass that couples its two ends."""
-        return MASSES[self.mass] if isinstance(self.mass, str) else float(self.mass)
+        """μ, the coupling mass of an element as a fraction of its mass."""
+        return COUPLING_MASSES[self.mass] if isinstance(self.mass, str) else float(self.mass)
 
     @property
     def wave_speed(self) -> float:

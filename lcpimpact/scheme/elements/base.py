@@ -1,4 +1,4 @@
-"""What every element of a rheological scheme is: it joins named nodes and adds its terms to M, C, K, f and H."""
+"""Base class of the elements, which join named nodes and add terms to M, C, K, f and H."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Element(ABC):
     strokes: ClassVar[tuple[Polyline, ...]] = ()
     split: ClassVar[float | None] = None
     reaction: ClassVar[str] = ""
-    """What the reaction of an element without a name is called; a `Scheme` numbers those after the first of one name."""
+    """Default name of the reaction; a `Scheme` numbers further ones of the same name."""
     symbols: tuple[str, ...]
 
     @property

@@ -1,4 +1,4 @@
-r"""The bumper: a unilateral constraint between two plates."""
+r"""The bumper: a unilateral contact between two plates."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ class Bumper(Element):
           =====                               v
             o  lower plate, feels +R
 
-    Between two masses the velocity jumps when the plates meet, by Newton's law U⁺ = -e U⁻ for U = u'; where a
-    plate is massless, on a spring or a dashpot, there is no impulse, and e means nothing, unless another bumper can stop
-    that plate: then impulses pass through both. R does no work; an impact with e < 1 dissipates kinetic energy.
+    Between two masses the velocity jumps at an impact, by Newton's law U⁺ = -e U⁻ for U = u'; if a plate is massless, on
+    a spring or a dashpot, there is no impulse and no e, unless another bumper can stop that plate: then impulses pass
+    through both. R does no work; an impact with e < 1 dissipates kinetic energy.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from lcpimpact.scheme.terms import PowerLaw, Terms
 class HertzSpring(Element):
     r"""Hertz's contact of two elastic bodies, Eq. (1): f = K δ^(3/2), and no force apart.
 
-    δ = q_upper - q_lower - gap is how far the bodies have come together; the force pushes them apart. The energy is
+    δ = q_upper - q_lower - gap is the penetration; the force pushes the bodies apart. The energy is
     2/5 K δ^(5/2), and more generally K δⁿ⁺¹/(n + 1). For two spheres K = 4/3 E* sqrt(R*), 1/E* = Σ (1 - ν²)/E and
     1/R* = Σ 1/R.
 
@@ -22,7 +22,7 @@ class HertzSpring(Element):
 
             o  upper, feels -f
            ( )
-           ( )   δ > 0 where they overlap      | positive downwards
+           ( )   δ > 0 in contact             | positive downwards
             o  lower, feels +f                 v
 
     Parameters

@@ -14,14 +14,14 @@ from lcpimpact.scheme.terms import PowerLaw, Terms
 class HuntCrossley(Element):
     r"""Hunt and Crossley's contact: f = K δⁿ (1 + b δ'), and no force apart.
 
-    The damping grows with the overlap, so the force starts from zero and, in free rebound, ends at zero without tension.
+    The damping grows with the penetration, so the force starts from zero and, in free rebound, ends at zero without tension.
     It stores K δⁿ⁺¹/(n + 1) and dissipates b K δⁿ δ'². Pulled apart faster than 1/b from outside, it would pull.
 
     ::
 
             o  upper, feels -f
            ( )
-           ( )]   δ = q_upper - q_lower - gap > 0 where they overlap     | positive downwards
+           ( )]   δ = q_upper - q_lower - gap > 0 in contact     | positive downwards
             o  lower, feels +f                                           v
 
     Parameters

@@ -1,4 +1,4 @@
-r"""A spring and a dashpot side by side."""
+r"""The Kelvin-Voigt element: a spring and a dashpot in parallel."""
 
 from __future__ import annotations
 

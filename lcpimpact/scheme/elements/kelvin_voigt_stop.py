@@ -1,4 +1,4 @@
-r"""The compliant stop of Kelvin and Voigt: it pushes, and never pulls."""
+r"""The Kelvin-Voigt stop: compliant contact without tension."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-r"""A force on a node, constant or of time."""
+r"""A force on a node, constant or a function of time."""
 
 from __future__ import annotations
 

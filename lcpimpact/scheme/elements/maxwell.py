@@ -17,7 +17,7 @@ from lcpimpact.scheme.elements.spring import Spring
 class Maxwell(Compound):
     r"""A spring in series with a dashpot: a force that relaxes, F' + F/τ = k (v_b - v_a) with τ = c/k.
 
-    The inner node NAME.1 between them has no mass; its place relative to b is the flow, which does not come back. After
+    The inner node NAME.1 between them has no mass; its position relative to b is the flow, which is permanent. After
     a unit step of the elongation the force is the modulus G(t) = k exp(-t/τ). The energy is ½ F²/k; the dashpot
     dissipates F²/c.
 

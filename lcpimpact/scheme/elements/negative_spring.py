@@ -1,4 +1,4 @@
-r"""The negative spring: what pushes away from its middle, as gravity does a pendulum that stands on its head."""
+r"""The negative spring: a repelling linear force, as gravity on an inverted pendulum."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class NegativeSpring(Element):
     a, b : str
         The nodes that it joins; one may be the ground.
     k : float
-        What it takes away from the stiffness, in N/m, positive.
+        Magnitude of the negative stiffness in N/m, positive.
     symbols : tuple of str
         How drawings call the constant.
 

@@ -1,4 +1,4 @@
-r"""A node whose motion is given."""
+r"""A node with prescribed motion."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lcpimpact.scheme.terms import Terms
 
 @dataclass(frozen=True)
 class PrescribedMotion(Element):
-    r"""A node that moves as it is told, q = y(t), whatever pulls at it: a vibrating table, a testing machine.
+    r"""A node with the motion q = y(t), whatever the forces on it: a vibrating table, a testing machine.
 
     The force that this takes balances the node; its power feeds the system, and the certificate counts it.
 
@@ -28,7 +28,7 @@ class PrescribedMotion(Element):
     node : str
         The node; it must carry no mass.
     y : Harmonic, Polynomial, Ramp, Table or Motion
-        Its place in m over time, with the velocity. The place must be continuous; the velocity may jump.
+        Its position in m over time, with the velocity. The position must be continuous; the velocity may jump.
     symbols : tuple of str
         How drawings call the motion.
 
@@ -78,5 +78,5 @@ class PrescribedMotion(Element):
         """Give the node its motion."""
         i = terms.index[self.node]
         if i in terms.motions:
-            raise InputError(f"node {self.node!r} has two motions that are given: leave one out")
+            raise InputError(f"node {self.node!r} has two prescribed motions: leave one out")
         terms.motions[i] = checked(f"{self}: y", self.y, "m", moves=True)

@@ -35,7 +35,7 @@ class Zener(Compound):
     k : float
         Stiffness after a long time in N/m, positive.
     k_1 : float
-        What it is stiffer by at once, in N/m, positive.
+        Additional instantaneous stiffness in N/m, positive.
     c_1 : float
         Damping in N s/m, positive.
     name : str, optional

@@ -1,4 +1,4 @@
-"""Methods side by side on one problem: what separates them, their events, their forces and their energies."""
+"""Comparison of methods on one problem: errors, events, forces and energies."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Comparison(Study):
     runs : dict                 label to Trajectory, of the methods that reached the end, in the order they were given
     reasons : dict              label to the sentence that says why there is no run
     reference : Reference or None
-        What all are compared with; None where they are compared with each other.
+        The common reference; None if they are compared with each other.
     """
 
     problem: Problem
@@ -61,7 +61,7 @@ class Comparison(Study):
 
     @cached_property
     def table(self) -> pd.DataFrame:
-        """How far each run is from the reference, or each from each where there is none.
+        """The errors of each run against the reference, or the differences of each pair without one.
 
         Columns: ``method``, ``against`` (the reference by its name, or another label), ``dt`` (s) and ``steps`` of the run,
         one column a norm of `lcpimpact.study.accuracy.norms.NORMS` in its unit, ``events`` (their number), ``seconds`` of
@@ -136,7 +136,7 @@ class Comparison(Study):
         return table.iloc[order].reset_index(drop=True)
 
     def forces(self) -> pd.DataFrame:
-        """Return the forces of all contacts, compliant ones too, by all methods, each at the instants at which it lives.
+        """Return the forces of all contacts, compliant ones too, by all methods, each at its own instants.
 
         A method whose force belongs to a step has it at one instant of each step, and nothing is interpolated: the force of
         the reference is read at those instants, where it is known at all times, as the right limit.

@@ -1,25 +1,25 @@
 r"""Cross-validation: one motion by several independent routes, and a verdict whether they agree.
 
-A route brings its own estimate of its error, for each quantity that it tells. One that steps runs with the steps
-h_0 > h_1 > ..., each a third of the last; with the order p that the method declares for what happens in the motion,
-neighbours differ by about :math:`D_j = C (h_j^p - h_{j+1}^p)`, and so with the largest such C its finest run errs by
+A route estimates its own error in each quantity that it provides. A time-stepping route runs with the steps
+h_0 > h_1 > ..., each a third of the last; with the declared order p of the method for the events of the motion,
+neighbours differ by about :math:`D_j = C (h_j^p - h_{j+1}^p)`, and so with the largest such C the error of its finest run is
 
 .. math:: E = C h_m^p.
 
-One with a tolerance errs by less than what its last two tolerances differ by; the exact solution and a closed form by
-rounding. Two routes agree if none of their coordinates, velocities, forces, impulses and times of events differ by more than
-a factor times the sum of their estimates, and each has the events that the other has. The route that all are judged by is
-the better of the two that agree most closely.
+For a route with a tolerance E is the difference between its last two tolerances; for the exact solution and a closed form
+it is rounding. Two routes agree if none of their coordinates, velocities, forces, impulses and times of events differ by
+more than a factor times the sum of their estimates, and each has the events that the other has. All are compared with the
+more accurate of the two that agree most closely.
 
-That is evidence only where a common mistake is unlikely and a mistake would be seen. Routes confirm each other if
+That is evidence only if a common mistake is unlikely and a mistake would be detected. Routes confirm each other if
 
-- they are of different families (`lcpimpact.study.accuracy.routes`), and where there are contacts at least one pair of
-  them does not take the contact mode from one source;
+- they are of different families (`lcpimpact.study.accuracy.routes`), and if there are contacts, at least one pair of
+  them chooses the contact mode independently;
 - the differences of their own runs fall with the order that each declares;
-- the errors that they own up to are small against the motion.
+- their error estimates are small against the motion.
 
-Where no such pair agrees on each quantity, the verdict is that there is nothing to judge by. A route that breaks off has no
-motion, and then there is no agreement either. What is known of the problem in closed form is asked of each route.
+If no such pair agrees on each quantity, the verdict is that there is nothing to judge by. A route that breaks off has no
+motion, and then there is no agreement either. The closed-form values of the problem are checked on each route.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ from lcpimpact.study.accuracy.limits import FRICTION, IMPACT, JUMP, declared_ord
 from lcpimpact.study.accuracy.paired_events import Pairing, farthest, pair_events
 from lcpimpact.study.accuracy.routes import (
     RATIO,
-    Found,
     Given,
     Reading,
     Route,
+    RouteResult,
     by_label,
     default_routes,
     make_route,
@@ -57,24 +57,23 @@ from lcpimpact.study.accuracy.routes import (
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, table_lines
 
-ASYMPTOTIC = 1e-3
-"""Errors below this, relative to the size of the motion, show an order above 2; before, steps are too long for it."""
+ASYMPTOTIC_RTOL = 1e-3
+"""Error, relative to the size of the motion, below which an order above 2 shows."""
 
-FACTOR = 5.0
-"""Largest difference of two routes, in units of the sum of their error estimates."""
+AGREEMENT_FACTOR = 5.0
+"""Largest difference of two routes that agree, in units of the sum of their error estimates."""
 
-SLACK = 0.35
-"""An observed order may be lower than the declared one by so much of it, and by twice as much where it is 1."""
+ORDER_SLACK = 0.35
+"""Largest shortfall of an observed order, relative to the declared one, or to 2 where that is less."""
 
-ROUGH = 0.2
-"""A route whose errors, times FACTOR, are larger than this relative to the size of the motion is too rough to judge by."""
+ROUGH_RTOL = 0.2
+"""AGREEMENT_FACTOR times the error, relative to the size of the motion, above which a route is too inaccurate."""
 
-ROUNDING = 1e-9
-"""Differences this small, relative to the size of the motion, are rounding, or a solver's tolerance."""
+ROUNDING_RTOL = 1e-9
+"""Difference, relative to the size of the motion, that is rounding or a solver's tolerance."""
 
-ACCUMULATED = 1e-6
-"""Times of events are known to so much of the length of a run, and impulses to so much of the largest: where impacts
-accumulate, routes do not end them at the same one."""
+ACCUMULATION_RTOL = 1e-6
+"""Tolerance of times and impulses, relative to the largest: routes end accumulating impacts at different ones."""
 
 SOLVER_FACTOR = 100.0
 """Largest error of a run, relative to the size of the motion, in units of the tolerance of its solver."""
@@ -83,11 +82,11 @@ COORDINATES, VELOCITIES, FORCES = "coordinates", "velocities", "forces"
 IMPULSES, TIMES = "impulses", "times of events"
 
 UNITS = {COORDINATES: "m", VELOCITIES: "m", FORCES: "N s", IMPULSES: "N s", TIMES: "s"}
-"""Of the difference of two routes: of velocities and forces it is the integral over time."""
+"""Units of differences; those of velocities and forces are integrals over time."""
 
 
 class Outcome(Enum):
-    """What a cross-validation came to, in words."""
+    """The outcome of a cross-validation, in words."""
 
     AGREE = "the routes agree"
     DISAGREE = "the routes do not agree"
@@ -103,9 +102,9 @@ class CrossValidation(Study):
     problem : Problem
     table : DataFrame
         One row a route: ``route``; ``kind`` ("steps", "tolerance", "exact" or "solver"); ``family``, the rule of its step;
-        ``against``, the route that it was judged by; ``difference`` (m), the largest of the coordinates at 195 instants;
-        ``allowed`` (m), what it may be; ``estimate`` (m), the route's own error E; ``observed`` and ``declared`` order of
-        the coordinates, NaN where none is judged; ``events``, how many it has; ``agrees``, in everything that it tells;
+        ``against``, the route it is compared with; ``difference`` (m), the largest of the coordinates at 195 instants;
+        ``allowed`` (m), its limit; ``estimate`` (m), the route's own error E; ``observed`` and ``declared`` order of
+        the coordinates, NaN where none is judged; ``events``, how many it has; ``agrees``, in all its quantities;
         ``doubt``, why it cannot confirm another, else ""; ``failure``, why there is no motion, else "".
     pairs : DataFrame
         One row a pair of routes and quantity: ``a``, ``b``, ``quantity``, ``difference``, ``allowed``, ``scale`` (size of
@@ -117,8 +116,8 @@ class CrossValidation(Study):
     outcome : Outcome
         AGREE, DISAGREE, or NOTHING to judge by.
     resolution : float
-        Relative to the size of the motion: a mistake below this may hide behind the errors that routes own up to. Of each
-        quantity it is the least that a confirming pair allows, and of these the largest. NaN without agreement.
+        Relative to the size of the motion: an error smaller than the routes' own error estimates cannot be detected. The
+        smallest limit of a confirming pair in each quantity, and of these the largest. NaN without agreement.
     t_end : float
         s
     scale : float
@@ -139,7 +138,7 @@ class CrossValidation(Study):
 
     @property
     def agree(self) -> bool:
-        """Whether independent routes were taken, and all that were taken agree."""
+        """Whether there are independent routes, and all routes agree."""
         return self.outcome is Outcome.AGREE
 
     def __str__(self) -> str:
@@ -172,7 +171,7 @@ def cross_validate(
     tol: float | None = None,
     progress: Progress = True,
 ) -> CrossValidation:
-    """Take several independent routes to one motion, and judge whether they lead to the same.
+    """Compute one motion by several independent routes, and judge whether they agree.
 
     Parameters
     ----------
@@ -187,7 +186,7 @@ def cross_validate(
     t_end : float, optional
         End in s; by default that of the problem, for which its facts are known.
     tol : float, optional
-        Relative to the size of the motion: a difference that is forgiven whatever the estimates say; 1e-9 by default.
+        Relative to the size of the motion: tolerance of differences, whatever the estimates; 1e-9 by default.
     progress : bool or callable
         As of `lcpimpact.study.progress`.
 
@@ -208,7 +207,7 @@ def cross_validate(
     >>> verdict.agree
     True
 
-    Against a wrong closed form they speak up:
+    A wrong closed form is detected:
 
     >>> import numpy as np
     >>> spring = load_problem("kelvin-voigt-tension")
@@ -230,7 +229,7 @@ def cross_validate(
         raise InputError(f"tol = {tol!r} must be a number between 0 and 1, relative to the size of the motion")
     counts = step_counts(float(end), dt)
     given = by_label(default_routes(problem) if routes is None else routes)
-    found: dict[str, Found] = {}
+    found: dict[str, RouteResult] = {}
     missing: dict[str, Missing] = {}
     for label, what in watched(given.items(), len(given), "routes", progress):
         route = make_route(problem, label, what, counts, float(end))
@@ -238,12 +237,12 @@ def cross_validate(
             found[label] = take(route)
         except LcpImpactError as error:
             missing[label] = Missing(route, str(error), isinstance(error, FailureError))
-    return _judged(problem, given, found, missing, float(end), ROUNDING if tol is None else tol)
+    return _judged(problem, given, found, missing, float(end), ROUNDING_RTOL if tol is None else tol)
 
 
 @dataclass(frozen=True, eq=False)
 class Missing:
-    """A route without a motion: why, and whether it set out and broke off, rather than refused."""
+    """A route without a motion: the reason, and whether it broke off or was refused."""
 
     route: Route
     why: str
@@ -253,12 +252,12 @@ class Missing:
 def _judged(
     problem: Problem,
     given: Mapping[str, Given],
-    found: Mapping[str, Found],
+    found: Mapping[str, RouteResult],
     missing: Mapping[str, Missing],
     t_end: float,
     tol: float,
 ) -> CrossValidation:
-    """Compare what was found, and say what it means."""
+    """Compare the results, and return the verdict."""
     judge = Judge(problem, found, t_end, tol)
     pairs = list(judge.pairs())
     leader = judge.leader(pairs)
@@ -290,19 +289,19 @@ def _judged(
 
 
 class Judge:
-    """What the routes to one motion found, and how it compares.
+    """The results of the routes to one motion, and their comparison.
 
     Parameters
     ----------
     problem : Problem
-    found : mapping of str to Found
+    found : mapping of str to RouteResult
     t_end : float
         In s.
     tol : float
         Relative to the size of the motion.
     """
 
-    def __init__(self, problem: Problem, found: Mapping[str, Found], t_end: float, tol: float) -> None:
+    def __init__(self, problem: Problem, found: Mapping[str, RouteResult], t_end: float, tol: float) -> None:
         self.problem, self.t_end, self.found = problem, t_end, found
         massive = problem.dynamics.massive
         self.judged: Flags = massive if massive.any() else ~massive
@@ -322,7 +321,7 @@ class Judge:
         }
         self.floor = {quantity: tol * self.scale[quantity] for quantity in self.quantities}
         self.floor |= {
-            quantity: max(tol, ACCUMULATED) * self.scale[quantity]
+            quantity: max(tol, ACCUMULATION_RTOL) * self.scale[quantity]
             for quantity in (TIMES, IMPULSES)
             if quantity in self.scale
         }
@@ -332,7 +331,7 @@ class Judge:
     # ---- what a run says, and how two differ -----------------------------------------------------------------------
 
     def _sizes(self, reading: Reading) -> dict[str, float]:
-        """Return the size of the motion in each quantity that a run tells."""
+        """Return the size of the motion in each quantity of a run."""
         sizes = {COORDINATES: float(np.abs(reading.q[:, self.judged]).max()), TIMES: self.t_end}
         if reading.v is not None:
             sizes[VELOCITIES] = self._integral(reading.v[:, self.judged])
@@ -343,11 +342,11 @@ class Judge:
         return sizes
 
     def _integral(self, values: Array) -> float:
-        """Return the integral over time of the sum of |values| (nf, m), met once in each of equal steps."""
+        """Return the integral over time of the sum of |values| (nf, m), sampled once in each of equal steps."""
         return float(np.abs(values).sum(axis=1).mean() * self.t_end)
 
     def apart(self, quantity: str, a: Reading, b: Reading) -> float:
-        """Return the difference of two runs in coordinates, velocities or forces, NaN where one does not tell it."""
+        """Return the difference of two runs in coordinates, velocities or forces, NaN if one lacks them."""
         if quantity == COORDINATES:
             step = (len(b.q) - 1) / (len(a.q) - 1)
             p, q = (a.q, b.q[:: round(step)]) if step >= 1.0 else (a.q[:: round(1.0 / step)], b.q)
@@ -359,7 +358,7 @@ class Judge:
         return float(np.abs(a.r - b.r).mean(axis=0).max() * self.t_end)
 
     def paired(self, a: Reading, b: Reading, window: float, least: float) -> Pairing | None:
-        """Return how the events of two runs differ, None where one does not tell them."""
+        """Return how the events of two runs differ, None if one lacks them."""
         if a.events is None or b.events is None:
             return None
         return pair_events(a.events, b.events, window, self.t_end, least)
@@ -367,7 +366,7 @@ class Judge:
     # ---- what a route says of its own error -------------------------------------------------------------------------
 
     def declared(self, route: Route, quantity: str = COORDINATES) -> float:
-        """Return the order to be expected of a route for what happens in the motion; NaN where none is declared.
+        """Return the expected order of a route for the events of the motion; NaN if none is declared.
 
         Velocities and forces that are known at points only lie on lines between them, which are of order 2; a force that
         jumps between two of them is wrong by the jump for a step.
@@ -384,20 +383,20 @@ class Judge:
             jumps = len(self.limits) > 1 and not self.problem.dynamics.massive.any()
         return min(order, 1.0 if jumps else 2.0)
 
-    def _estimates(self, found: Found) -> dict[str, float]:
-        """Return E, the error that the runs of a route tell of the finest, for each quantity."""
+    def _estimates(self, found: RouteResult) -> dict[str, float]:
+        """Return E, the estimated error of the finest run of a route, for each quantity."""
         E = {quantity: self._estimate(found, quantity) for quantity in (COORDINATES, VELOCITIES, FORCES)}
         if found.finest.events is not None:
             E |= self._event_estimates(found)
         return {quantity: E[quantity] for quantity in self.quantities if not math.isnan(E.get(quantity, math.nan))}
 
-    def _differences(self, found: Found, quantity: str) -> Array:
-        """Return what each run differs by from the next finer one."""
+    def _differences(self, found: RouteResult, quantity: str) -> Array:
+        """Return the difference of each run from the next finer one."""
         pairs = zip(found.readings, found.readings[1:], strict=False)
         return np.array([self.apart(quantity, coarse, fine) for coarse, fine in pairs])
 
-    def _estimate(self, found: Found, quantity: str) -> float:
-        """Return E for coordinates, velocities or forces, NaN where the route does not tell them."""
+    def _estimate(self, found: RouteResult, quantity: str) -> float:
+        """Return E for coordinates, velocities or forces, NaN if the route lacks them."""
         if found.route.kind == "exact":
             return self.apart(quantity, found.finest, found.finest)
         D = self._differences(found, quantity)
@@ -415,7 +414,7 @@ class Judge:
         C = max(d / (a**p - b**p) for d, a, b in zip(D, h, h[1:], strict=False))
         return float(C * h[-1] ** p)
 
-    def _event_estimates(self, found: Found) -> dict[str, float]:
+    def _event_estimates(self, found: RouteResult) -> dict[str, float]:
         """Return E for the times of events and for impulses, of the last two runs.
 
         A run that does not locate events knows them to the step, and across impacts with the order 1.
@@ -428,15 +427,15 @@ class Judge:
         pairs = list(pairwise(events))
         if found.trajectory is None or found.trajectory.dense is not None:
             E = farthest(*pairs[-1], self.t_end)
-            return {TIMES: E, IMPULSES: pair_events(*pairs[-1], 2.0 * FACTOR * E, self.t_end, 0.0).impulse}
+            return {TIMES: E, IMPULSES: pair_events(*pairs[-1], 2.0 * AGREEMENT_FACTOR * E, self.t_end, 0.0).impulse}
         # In what the coarsest runs have, events may be missing.
         pairs, h = pairs[-2:], self.t_end / np.array(found.levels)
         E = max(float(h[-1]), _first_order([farthest(*pair, self.t_end) for pair in pairs], h))
-        window = FACTOR * (1.0 + RATIO) * E
+        window = AGREEMENT_FACTOR * (1.0 + RATIO) * E
         return {TIMES: E, IMPULSES: _first_order([pair_events(*p, window, self.t_end, 0.0).impulse for p in pairs], h)}
 
-    def observed(self, found: Found, quantity: str = COORDINATES) -> float:
-        """Return the slope of log D over log h in a route's own refinement, NaN where it tells none.
+    def observed(self, found: RouteResult, quantity: str = COORDINATES) -> float:
+        """Return the slope of log D over log h in a route's own refinement, NaN if there is none.
 
         Left out are differences that are rounding, and steps that are long beside the fastest vibration: half of a bar's
         waves are not in such a run.
@@ -448,29 +447,29 @@ class Judge:
         clear = (10.0 * self.floor[quantity] < D) & (h * self.fastest < 1.0)
         high = self.declared(found.route, quantity) > 2.0
         if high:
-            clear &= ASYMPTOTIC * self.scale[quantity] > D
+            clear &= ASYMPTOTIC_RTOL * self.scale[quantity] > D
         if clear.sum() < 2:
             return math.nan
         last = 2 if high else len(D)
         return float(np.polyfit(np.log(h[clear][-last:]), np.log(D[clear][-last:]), 1)[0])
 
-    def _expected(self, found: Found) -> float:
+    def _expected(self, found: RouteResult) -> float:
         return self.declared(found.route) if found.route.kind == "steps" else math.nan
 
-    def slow(self, found: Found, quantity: str) -> bool:
+    def slow(self, found: RouteResult, quantity: str) -> bool:
         """Whether a route converges more slowly than it declares; if it declares nothing, whether it converges at all."""
         declared = self.declared(found.route, quantity)
         declared = 1.0 if math.isnan(declared) else declared
-        return self.observed(found, quantity) < declared - SLACK * max(declared, 2.0)
+        return self.observed(found, quantity) < declared - ORDER_SLACK * max(declared, 2.0)
 
     def _doubts(self, label: str) -> dict[str, str]:
         """Return for each quantity why a route cannot confirm it, "" where it can."""
         found, E = self.found[label], self.estimates[label]
         doubts = {}
         for quantity in E:
-            allowed = FACTOR * E[quantity]
+            allowed = AGREEMENT_FACTOR * E[quantity]
             doubts[quantity] = ""
-            if allowed > ROUGH * self.scale[quantity] and allowed > self.floor[quantity]:
+            if allowed > ROUGH_RTOL * self.scale[quantity] and allowed > self.floor[quantity]:
                 size = f"{allowed / self.scale[quantity]:.0%}" if self.scale[quantity] > 0.0 else "all"
                 doubts[quantity] = f"too rough: its {quantity} may be off by {size} of their size; take a smaller dt"
         if found.route.kind == "steps":
@@ -486,7 +485,7 @@ class Judge:
         return list(dict.fromkeys(doubt for doubt in self.doubts[label].values() if doubt))
 
     def undecided(self, label: str) -> bool:
-        """Whether the runs of a route tell no order of its coordinates."""
+        """Whether the runs of a route show no order of its coordinates."""
         found = self.found[label]
         return (
             found.route.kind == "steps"
@@ -494,8 +493,8 @@ class Judge:
             and bool(self._doubtful_order(found, COORDINATES))
         )
 
-    def _doubtful_order(self, found: Found, quantity: str) -> str:
-        """Return why the refinement of a route does not bear out its estimate, "" where it does."""
+    def _doubtful_order(self, found: RouteResult, quantity: str) -> str:
+        """Return why the refinement of a route does not support its estimate, "" if it does."""
         D, observed = self._differences(found, quantity), self.observed(found, quantity)
         if self.slow(found, quantity):
             declared = self.declared(found.route, quantity)
@@ -510,11 +509,11 @@ class Judge:
     # ---- pairs ----------------------------------------------------------------------------------------------------------
 
     def allowed(self, a: str, b: str, quantity: str) -> float:
-        """Return what two routes may differ by."""
-        return FACTOR * (self.estimates[a][quantity] + self.estimates[b][quantity]) + self.floor[quantity]
+        """Return the allowed difference of two routes."""
+        return AGREEMENT_FACTOR * (self.estimates[a][quantity] + self.estimates[b][quantity]) + self.floor[quantity]
 
     def compared(self, a: str, b: str) -> Iterator[dict[str, Any]]:
-        """Yield how two routes compare in each quantity that both tell."""
+        """Yield the comparison of two routes in each common quantity."""
         one, other = self.found[a].finest, self.found[b].finest
         both = [each for each in self.quantities if each in self.estimates[a] and each in self.estimates[b]]
         pairing = None
@@ -545,10 +544,10 @@ class Judge:
                 yield from self.compared(a, b)
 
     def leader(self, pairs: Sequence[Mapping[str, Any]]) -> str | None:
-        """Return the better of the two routes that agree most closely, so that each bears the other out.
+        """Return the more accurate of the two routes that agree most closely.
 
-        Where no two agree it is the one that errs least by its own account; a closed form, of which nothing is known but
-        what it says, yields to a method.
+        If no two agree it is the one with the least estimated error; a method comes before a closed form, which has no
+        estimate.
         """
 
         def trust(label: str) -> tuple[float, bool]:
@@ -564,7 +563,7 @@ class Judge:
     # ---- the verdict ------------------------------------------------------------------------------------------------
 
     def against(self, label: str, leader: str | None) -> str | None:
-        """Return the route that one is judged by: the leader, or for the leader the best of the rest."""
+        """Return the route that one is compared with: the leader, or for the leader the best of the rest."""
         if label != leader:
             return leader
         others = [each for each in self.estimates if each != label]
@@ -592,7 +591,7 @@ class Judge:
         }  # fmt: skip
 
     def reasons(self, label: str, leader: str | None) -> list[str]:
-        """Return why a route is held to be wrong, in sentences."""
+        """Return why a route is judged wrong, in sentences."""
         found = self.found[label]
         if found.route.kind == "solver":
             return _solver_reason(label, self._same_steps(found))
@@ -600,7 +599,7 @@ class Judge:
         if label == leader or leader is None:
             return reasons
         apart = [each for each in self.compared(label, leader) if not each["agrees"]]
-        # Where steps are too long to show an order, what they own up to is no bound of anything.
+        # If steps are too long to show an order, the estimates are no bounds.
         if apart and not any(self.undecided(each) for each in (label, leader)):
             reasons.insert(0, f"{label!r} disagrees with {leader!r}: {_in_words(apart)}")
         elif self.slow(found, COORDINATES) and self.declared(found.route) > 1.0:
@@ -608,7 +607,7 @@ class Judge:
         return reasons
 
     def facts(self, label: str) -> list[str]:
-        """Return in a sentence what a route shows otherwise than it is known in closed form, if there is any."""
+        """Return in a sentence where a route contradicts the closed-form values, if it does."""
         wrong = list(self._wrong_facts(label))
         more = f", and {len(wrong) - 1} more" if len(wrong) > 1 else ""
         return [f"{label!r} is wrong by a closed form: {wrong[0]}{more}"] if wrong else []
@@ -628,7 +627,7 @@ class Judge:
                     continue
                 steps = found.route.kind == "steps"
                 E = _first_order(apart, 1.0 / np.array(found.levels)) if steps else float(apart[-1])
-                allowed += FACTOR * E + (self._relative_error(label) + ACCUMULATED) * size
+                allowed += AGREEMENT_FACTOR * E + (self._relative_error(label) + ACCUMULATION_RTOL) * size
             if not abs(shown[-1] - fact.value) <= allowed:
                 told = "cannot be read" if math.isnan(shown[-1]) else f"is {shown[-1]:.9g} {fact.unit}".rstrip()
                 yield f"{fact.symbol} ({fact.what}) {told}, and must be {fact.value:.9g} {fact.unit}".rstrip()
@@ -637,7 +636,7 @@ class Judge:
         """Return the largest of the routes' own error estimates in motion and times, relative to their size."""
         E = self.estimates[label]
         told = [each for each in (COORDINATES, VELOCITIES, TIMES) if each in E and self.scale[each] > 0.0]
-        return max((FACTOR * E[each] / self.scale[each] for each in told), default=0.0)
+        return max((AGREEMENT_FACTOR * E[each] / self.scale[each] for each in told), default=0.0)
 
     def lacking(self, pairs: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         """Yield what is missing for a verdict."""
@@ -671,7 +670,7 @@ class Judge:
                 return
 
     def resolution(self, pairs: Sequence[Mapping[str, Any]]) -> float:
-        """Return the largest of what confirming pairs allow, each quantity by its best pair, relative to the motion."""
+        """Return the largest limit of confirming pairs, each quantity by its best pair, relative to the motion."""
         best = dict.fromkeys(self.quantities, math.inf)
         for pair in pairs:
             asked = pair["quantity"] in (COORDINATES, VELOCITIES) and self.problem.dynamics.contacts
@@ -697,7 +696,7 @@ class Judge:
             told = f"told by one family alone, {families.pop()}"
         return f"{quantity} are {told}" + (f"; not by {', '.join(doubted)}" if doubted else "")
 
-    def _same_steps(self, found: Found) -> dict[str, Any]:
+    def _same_steps(self, found: RouteResult) -> dict[str, Any]:
         """Compare a solver with the same steps by another."""
         route = found.route
         for label, other in self.found.items():
@@ -730,7 +729,7 @@ def _highest_frequency(problem: Problem) -> float:
 
 
 def _in_words(apart: Sequence[Mapping[str, Any]]) -> str:
-    """Return what two routes differ in, the first of it with numbers."""
+    """Return the quantities in which two routes differ, the first with numbers."""
     first = apart[0]
     quantity, unit = first["quantity"], UNITS[first["quantity"]]
     if first["missing"]:

@@ -1,14 +1,14 @@
-r"""How far a run is from the truth, in the norms in which methods with impacts converge, and in those that tell why.
+r"""Norms of the error of a run: those in which methods with impacts converge, and those that show the cause.
 
 A trajectory is a function of time: what `Trajectory.sample` returns. Where a method has its solution at all times (exact,
-radau-fesd, event-driven) that is meant; otherwise q and v are lines between the points of the grid. Between all the instants
-at which either of two runs turns a corner or jumps, their difference is smooth, and is held as a Chebyshev series to
-rounding. Integrals and suprema are those of the series: no sample is passed over, and no point of a grid is favoured.
+radau-fesd, event-driven) that is meant; otherwise q and v are linear between the grid points. Between all the instants
+at which either of two runs has a kink or a jump, their difference is smooth, and is held as a Chebyshev series to
+rounding. Integrals and suprema are those of the series: nothing is missed between samples, and no grid point is favoured.
 
 Across impacts the sup of v - v* converges for no method: an impact that comes late by δ leaves the whole jump as an error
 for the time δ. Its integral is of the order δ, and so is the distance of the graphs; docs/norms.md shows it.
 
-Nodes without mass are left out of the norms of q and v: they follow the others by a balance of forces, and in the step in
+Massless nodes are left out of the norms of q and v: they follow the others by a balance of forces, and in the step in
 which a contact opens a method that holds it to the end of the step leaves a node on a spring O(h) off for that one instant.
 """
 
@@ -398,7 +398,7 @@ def energy(run: Trajectory, truth: Trajectory) -> float:
 
 
 def penetration(run: Trajectory, truth: Trajectory) -> float:
-    r"""Return :math:`\sup_t \max_i (-u_i)^+` in m, the greatest overlap of the bumpers of the truth.
+    r"""Return :math:`\sup_t \max_i (-u_i)^+` in m, the largest penetration of the bumpers of the truth.
 
     At all times or on the grid, as for q. A method that corrects velocities alone leaves O(h) after an impact.
     """
@@ -449,7 +449,7 @@ NORMS = {
     "event_times": Norm(r"\max |t_k - t_k^*|", "s", "greatest error of the instants of events", "", event_times),
     "impulses": Norm(r"\max |P_k - P_k^*|", "N s", "greatest error of the impulses", "", impulses),
     "energy": Norm(r"\overline{|E - E^*|}", "J", "mean error of the stored energy", "", energy),
-    "penetration": Norm(r"\max (-u)^+", "m", "greatest overlap", "", penetration),
+    "penetration": Norm(r"\max (-u)^+", "m", "largest penetration", "", penetration),
     "complementarity": Norm(r"\max |r\,u|", "J", "largest product of the laws", "", complementarity),
 }
 

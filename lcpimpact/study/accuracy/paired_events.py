@@ -1,4 +1,4 @@
-"""The events of two runs side by side, as far as the times of both are known."""
+"""Pairing of the events of two runs, within the accuracy of their times."""
 
 from __future__ import annotations
 

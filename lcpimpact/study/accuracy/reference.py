@@ -1,4 +1,4 @@
-"""What a run is judged against: the exact solution, or else the best independent one, and which of them it is."""
+"""Reference solutions: the exact one, or else the most accurate independent one."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CANDIDATES: tuple[tuple[str, int, dict[str, Any]], ...] = (
 
 @dataclass(frozen=True)
 class Reference:
-    """What runs are judged against.
+    """A reference solution.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ def given_reference(given: Reference | Trajectory, t_end: float) -> Reference:
 
 @checked
 def reference(problem: Problem, t_end: float | None = None, unlike: Collection[str] = ()) -> Reference:
-    """Return the solution that runs are to be judged against.
+    """Return the reference solution of a problem.
 
     It is `exact` where that handles the problem, else `event-driven` at the relative tolerance 1e-12, else `radau-fesd` with
     four stages, else a hundred thousand steps of `moreau-jean`.
@@ -59,11 +59,11 @@ def reference(problem: Problem, t_end: float | None = None, unlike: Collection[s
     Parameters
     ----------
     problem : Problem
-        What is run.
+        Any problem.
     t_end : float, optional
         End in s; by default that of the problem.
     unlike : collection of str
-        Methods that must not be taken, since they are what is judged.
+        Methods excluded as references, since they are under study.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""Routes to one motion for cross-validation: methods, solvers, closed forms and Siconos, with what each run tells.
+"""Routes to one motion for cross-validation: methods, solvers, closed forms and Siconos, with the quantities of each run.
 
 Routes are of one *family* if they advance the state by the same rule: θ-steps with different LCP solvers or different θ, and
-Siconos's θ-step too. They would make the same mistake, so they do not confirm each other. `exact`, `event-driven` and
-`radau-fesd` are of three families, but all take the contact mode from `lcpimpact.hybrid.mode_choice`; what happens at an
-impact or a switch they know from one source.
+Siconos's θ-step too. They could have the same mistake, so they do not confirm each other. `exact`, `event-driven` and
+`radau-fesd` are of three families, but all take the contact mode from `lcpimpact.hybrid.mode_choice`, a common
+source for impacts and switches.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ Given: TypeAlias = str | Integrator | ClosedForm
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What one run tells of the motion; None where it does not.
+    """The quantities of one run; None if it lacks them.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Reading:
     v : (nf, n) array or None       velocities, once in each of the finest steps, in m/s
     r : (nf, nc) array or None      reactions at the same instants, without impulses, in N
     events : tuple or None          its events
-    facts : (k,) array              what it shows for each fact of the problem, NaN where that cannot be read
+    facts : (k,) array              measured value of each fact of the problem, NaN if there is none
     """
 
     q: Array
@@ -77,17 +77,17 @@ class Reading:
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """A way to the motion.
+    """A route to the motion.
 
     Attributes
     ----------
     label : str
-    levels : tuple              what its runs differ in, step counts or tolerances; one where there is one run
-    run : callable              takes a level; returns what the run tells, and the Trajectory or None
+    levels : tuple              step counts or tolerances of its runs; one for a single run
+    run : callable              takes a level; returns the Reading of the run, and the Trajectory or None
     orders : Integrator or None the method whose declared order holds
     kind : str                  "steps", "tolerance", "exact", or "solver": the same steps with another LCP solver
     family : str                the rule by which it advances
-    mode_choice : str           what it shares with other families in choosing the contact mode, "" for nothing
+    mode_choice : str           common source of the contact mode with other families, "" for none
     tol : float                 relative tolerance of a solver
     """
 
@@ -102,8 +102,8 @@ class Route:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
-    """What the runs of a route gave: a reading of each level that ran, and the finest trajectory."""
+class RouteResult:
+    """The results of a route: a reading of each level that ran, and the finest trajectory."""
 
     route: Route
     levels: tuple[float, ...]
@@ -117,7 +117,7 @@ class Found:
 
 
 def default_routes(problem: Problem) -> list[Given]:
-    """Return every route that there is: the closed form if the problem has one, methods, solvers of their LCPs, and Siconos.
+    """Return all available routes: the closed form if the problem has one, methods, solvers of their LCPs, and Siconos.
 
     Examples
     --------
@@ -190,7 +190,7 @@ def make_route(problem: Problem, label: str, what: Given, counts: tuple[int, ...
     return _by_closed_form(problem, label, what, counts, t_end)
 
 
-def take(route: Route) -> Found:
+def take(route: Route) -> RouteResult:
     """Run a route with all its levels; coarse ones may fail, and the finest may not.
 
     Raises
@@ -217,7 +217,7 @@ def take(route: Route) -> Found:
             readings.append(reading)
         elif last:
             raise FailureError(f"{route.label!r} grew beyond all bounds: take a smaller dt", finest)
-    return Found(route, tuple(levels), tuple(readings), finest)
+    return RouteResult(route, tuple(levels), tuple(readings), finest)
 
 
 def _by_closed_form(problem: Problem, label: str, motion: ClosedForm, counts: tuple[int, ...], t_end: float) -> Route:
@@ -299,7 +299,7 @@ def _instants(counts: tuple[int, ...], t_end: float) -> Array:
 
 
 def _reading(problem: Problem, run: Trajectory, q: Array, instants: Array) -> Reading:
-    """Return what a run tells."""
+    """Return the quantities of a run."""
     n = len(problem.dynamics.nodes)
     vr = read(run, lambda state: np.hstack([state.v, state.reaction]), instants)
     facts = _facts(problem, run) if abs(run.t[-1] - problem.t_end) <= 1e-12 * problem.t_end else np.empty(0)

@@ -79,13 +79,13 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
     """Return q at the grid points of a run by Siconos (steps + 1, n); massless nodes are those of its own state.
 
     A scheme whose nodes all have mass runs by MoreauJeanOSI, as `moreau-jean` does; others, and systems given directly, by
-    EulerMoreauOSI in the first-order form, with γ = 1 where r jumps (relative degree 1) and γ = 1/2 where it bends (0).
+    EulerMoreauOSI in the first-order form, with γ = 1 at relative degree 1 and γ = 1/2 at 0.
 
     Raises
     ------
     UnsupportedError
-        If Siconos is not installed, or the problem has sliders, non-linear springs, given motions, loads that are functions
-        of time other than `Harmonic` and `Polynomial`, or contacts of several relative degrees.
+        If Siconos is not installed, or the problem has sliders, non-linear springs, prescribed motions, loads other than
+        constants, `Harmonic` and `Polynomial`, or contacts of several relative degrees.
     """
     problem, _ = enter_constraint(problem)
     d = problem.dynamics
@@ -93,10 +93,10 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
     for present, what in (
         (bool(d.slides.any()), "sliders"),
         (bool(d.springs), "non-linear springs"),
-        (bool(d.motions), "a motion that is given"),
+        (bool(d.motions), "a prescribed motion"),
         (len(degrees) > 1, "contacts of several relative degrees"),
-        (len(d.impulse_lines) > 0, "impulses that pass through nodes without mass"),
-        (2 in degrees and not d.massive.all(), "impacts beside nodes without mass"),
+        (len(d.impulse_lines) > 0, "impulses that pass through massless nodes"),
+        (2 in degrees and not d.massive.all(), "impacts beside massless nodes"),
         (2 in degrees and not d.constant_loads, "impacts under a load that depends on time"),
         (not degrees, "no contact"),
     ):

@@ -1,1 +1,1 @@
-"""From a wanted rebound to the constants of a block, and back."""
+"""Design of a block for a required impact, and fits to measurements."""

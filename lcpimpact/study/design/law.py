@@ -1,10 +1,10 @@
-r"""What a law of contact is to a design: the first contact as a function of two numbers, the loss λ and the weight γ.
+r"""Base class of the contact laws of a design: the first contact as a function of the loss λ and the weight γ.
 
 A mass m strikes with v0, and its weight m g goes on acting. Measured in v0 and in the length
 
 .. math:: L = \Bigl(\frac{(n+1)\, m v_0^2}{2 k}\Bigr)^{1/(n+1)}, \qquad n = 1: \quad L = v_0 \sqrt{m/k},
 
-how far a lossless spring k δⁿ would give way without weight, the contact depends on the loss number λ of its law and on
+the largest deflection of a lossless spring k δⁿ without gravity, the contact depends on the loss number λ of its law and on
 ``γ = g L/v0²`` alone. Times scale with L/v0, forces with m v0²/L, and the constants of the law likewise;
 so what is wanted of an impact is an equation in λ and L.
 """

@@ -1,4 +1,4 @@
-r"""Blocks of one spring and one dashpot: the motion in contact is a damped oscillation about the place of rest.
+r"""Blocks of one spring and one dashpot: the motion in contact is a damped oscillation about equilibrium.
 
 With S, C of `lcpimpact.problems.free_vibration` at ω = 1, τ = ω t and ξ = x/L,
 
@@ -183,7 +183,7 @@ class MaxwellLaw(Law):
         τ_c, turns = motion.return_time(), motion.turns()
         peak_force = max([motion.y(τ) for τ in turns[:1]], default=γ)
         if math.isinf(τ_c):
-            # The dashpot gives way as long as there is a force: to the end of the momentum, or under a weight for ever.
+            # The dashpot yields as long as there is a force: until the momentum is zero, or under gravity for ever.
             return Rebound(0.0, τ_c, max(peak_force, γ), math.inf if γ > 0.0 else 2.0 * ζ)
         τ = float(brentq(rate, 0.0, τ_c, xtol=1e-300, rtol=1e-15)) if rate(τ_c) < 0.0 else τ_c
         return Rebound(-motion.rate(τ_c), τ_c, peak_force, motion.y(τ) + 2.0 * ζ * (1.0 + γ * τ))

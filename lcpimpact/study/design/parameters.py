@@ -1,4 +1,4 @@
-"""The numbers of a problem by address: to change them, to sweep them, to fit them.
+"""The parameters of a problem by address, for changes, sweeps and fits.
 
 An address is
 

@@ -1,4 +1,4 @@
-r"""Laws of a power δⁿ: Hertz's, which loses nothing, and Hunt and Crossley's.
+r"""Power laws δⁿ: Hertz's, without loss, and Hunt and Crossley's.
 
 In the units m = v0 = L = 1 the mass obeys ``δ'' = γ - (n + 1)/2 δⁿ (1 + a δ')`` with a = b v0. Without weight the closed
 forms of `lcpimpact.problems.hertz` hold; only the duration is an integral, which the variable y = ln(1 + a δ') makes

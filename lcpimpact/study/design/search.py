@@ -19,7 +19,7 @@ DOMAIN_RTOL = 1e-10
 
 
 @dataclass(frozen=True)
-class Found:
+class Roots:
     """The solutions in rising order, and the least and the greatest value of f (nan if it has none)."""
 
     solutions: tuple[float, ...]
@@ -27,7 +27,7 @@ class Found:
     high: float
 
 
-def solve(f: Callable[[float], float], grid: Array, goal: float) -> Found:
+def solve(f: Callable[[float], float], grid: Array, goal: float) -> Roots:
     r"""Find every λ in the interval of a grid with f(λ) = goal, where f may be undefined (nan) in parts.
 
     The interval is cut into pieces on which f is monotone: at its extrema, found to rounding between points of the grid, and
@@ -52,14 +52,14 @@ def solve(f: Callable[[float], float], grid: Array, goal: float) -> Found:
     points.sort()
     values = [value for _, value in points if not math.isnan(value)]
     if not values:
-        return Found((), math.nan, math.nan)
+        return Roots((), math.nan, math.nan)
     roots = [λ for λ, value in points if abs(value - goal) <= TANGENCY_RTOL * abs(goal)]
     for (a, f_a), (b, f_b) in pairwise(points):
         if (f_a - goal) * (f_b - goal) < 0.0:
             root = float(brentq(lambda λ: f(λ) - goal, a, b, xtol=1e-300, rtol=1e-14))
             if all(abs(root - other) > 1e-9 * abs(root) for other in roots):
                 roots.append(root)
-    return Found(tuple(sorted(roots)), min(values), max(values))
+    return Roots(tuple(sorted(roots)), min(values), max(values))
 
 
 def _border(f: Callable[[float], float], a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-r"""From what is wanted of an impact to the constants of the block, and back.
+r"""Sizing of a block: its constants from required properties of an impact, and back.
 
 Of the restitution e, the contact time, the peak force, the greatest deflection and the constants themselves, two (one for a
 law without loss) determine the rest. Each is

@@ -25,7 +25,7 @@ from lcpimpact.study.result import Study, failure_lines
 
 
 def each_of(function: Callable[[Any], Any], items: Sequence[Any], workers: int | None) -> Iterator[Any]:
-    """Yield function(item) for each item, in order, by so many threads (None or 1: by none)."""
+    """Yield function(item) for each item, in order, by a number of threads (None or 1: without)."""
     if workers is None or workers == 1:
         yield from map(function, items)
         return

@@ -99,7 +99,7 @@ class Grazing(Study):
     Attributes
     ----------
     value : float           of the parameter
-    contact : str           what is touched
+    contact : str           the grazed contact
     t : float               the instant of the touch, in s
     gap : float             the least gap of ``orbit`` in m; zero but for rounding
     orbit : PeriodicOrbit   the orbit there
@@ -146,7 +146,7 @@ def grazing(
 ) -> Grazing:
     r"""Find the value of a parameter at which a periodic orbit just touches a stop that it does not strike.
 
-    The root of the least gap along the orbit, the stop itself taken away, so that the orbit goes on beyond the touch and the
+    The root of the least gap along the orbit, with the stop removed, so that the orbit continues beyond the grazing and the
     gap changes its sign there. Other contacts act as ever.
 
     Parameters

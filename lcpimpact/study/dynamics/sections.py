@@ -45,7 +45,7 @@ class Stroboscope:
     Parameters
     ----------
     phase : float
-        As a share of the period, from 0 to 1.
+        As a fraction of the period, from 0 to 1.
     period : float, optional
         In s; by default that of the force.
     """
@@ -162,7 +162,7 @@ def _number(text: str) -> float | None:
 
 
 class Points(NamedTuple):
-    """Where a motion meets a section: t (k,), q and v (k, n), and the speed of the impact at or before each point (k,).
+    """Crossings of a section: t (k,), q and v (k, n), and the speed of the impact at or before each point (k,).
 
     ``last`` is q and v (2, n) at the last whole period of the force, or the last point: where another run can go on.
     """
@@ -180,7 +180,7 @@ class Points(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PoincareSection(Study):
-    """The points at which a motion meets a section.
+    """The points of a Poincaré section.
 
     Attributes
     ----------
@@ -221,7 +221,7 @@ def poincare(
     progress: Progress = True,
     **method_options: Any,
 ) -> PoincareSection:
-    """Return the points at which a motion meets a section.
+    """Return the points of a Poincaré section.
 
     With ``exact`` they are found to rounding, and none is missed; a method that steps is read on its own grid, between whose
     points coordinates are lines.
@@ -232,7 +232,7 @@ def poincare(
     section : str or Section
         `Stroboscope`, `Impacts`, `Crossing`, or a text as of `section_of`.
     skip, points : int
-        So many points are left out first, and so many kept.
+        Number of points omitted first, and number kept.
     t_end : float, optional
         Latest time in s; by default four periods of the force a point, or without force the problem's t_end a point. The
         table is shorter where this is not enough.
@@ -250,7 +250,7 @@ def poincare(
     Returns
     -------
     PoincareSection
-        Its ``table`` has one row a point: ``point`` (from 0), ``t`` (s), ``phase`` (share of the period of the force, NaN
+        Its ``table`` has one row a point: ``point`` (from 0), ``t`` (s), ``phase`` (fraction of the period of the force, NaN
         without), the coordinates (m), the velocities (m/s, ``v_NAME``), ``speed`` (m/s, of the impact at the point, or the
         last before).
 
@@ -338,7 +338,7 @@ def _checked(problem: Problem, where: Section) -> float | None:
 
 
 def _latest(problem: Problem, where: Section, force: float | None, need: int) -> float:
-    """Return a time by which so many points should have been met."""
+    """Return an estimated time for a number of points."""
     if isinstance(where, Stroboscope):
         return need * float(force or 0.0) + where.phase * float(force or 0.0)
     return need * (problem.t_end if force is None else 4.0 * force)
@@ -489,6 +489,6 @@ def table_of(problem: Problem, points: Points, force: float | None) -> pd.DataFr
 
 
 def _phase(turns: Array) -> Array:
-    """Return the share of the period, 0 where rounding makes it just less than 1."""
+    """Return the fraction of the period, 0 if rounding makes it just less than 1."""
     share = np.mod(turns, 1.0)
     return np.asarray(np.where(share > 1.0 - 1e-9, 0.0, share))

@@ -2,7 +2,7 @@ r"""Periodic orbits: found by shooting, judged by their multipliers, followed al
 
 An orbit is a zero of P(X) - X, where P takes the state over one period by the exact motion. Newton's method needs the
 derivative of P, the *monodromy matrix*, which is the product of the modes' flows and of the saltation matrices between them
-(`lcpimpact.hybrid.tangent`); no difference quotient is taken. Its eigenvalues are the Floquet multipliers.
+(`lcpimpact.hybrid.tangent`); without difference quotients. Its eigenvalues are the Floquet multipliers.
 """
 
 from __future__ import annotations
