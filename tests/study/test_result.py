@@ -12,6 +12,7 @@ from numpy.testing import assert_array_equal
 
 import lcpimpact as li
 from lcpimpact.plotting.style import save
+from lcpimpact.study.design.fit import CSV_OPTIONS
 
 
 def driven(omega=2.7, **values):
@@ -71,7 +72,7 @@ def test_a_result_has_one_shape(study, tmp_path):
 def test_a_table_read_from_a_csv_file_draws_the_same_picture(name, tmp_path):
     made = STUDIES[name]()
     text = made.table.to_csv(index=False)
-    table = pd.read_csv(StringIO(text), keep_default_na=False, na_values=["nan", ""], float_precision="round_trip")
+    table = pd.read_csv(StringIO(text), keep_default_na=False, na_values=["nan", ""], **CSV_OPTIONS)
     words = [column for column in table if made.table[column].dtype.kind not in "fiub"]
     table[words] = table[words].astype(object).fillna("")
     again = dataclasses.replace(made, table=table)

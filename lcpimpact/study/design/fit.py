@@ -76,8 +76,10 @@ START_SPREAD = math.log(3.0)
 LOSSES = ("linear", "soft_l1", "huber", "cauchy", "arctan")
 SAMPLINGS = ("point", "mean")
 
-ROUND_TRIP: Any = {"encoding": "utf-8-sig", "skipinitialspace": True, "float_precision": "round_trip"}
-"""Options by which every version of pandas reads numbers to their last bit."""
+CSV_OPTIONS: dict[str, Any] = {"encoding": "utf-8-sig", "skipinitialspace": True}
+"""Options of pandas.read_csv by which every version reads numbers to their last bit."""
+if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1):
+    CSV_OPTIONS["float_precision"] = "round_trip"
 
 
 @dataclass(frozen=True)
@@ -328,7 +330,7 @@ def _table(path: Path, **options: Any) -> pd.DataFrame:
     """Return a CSV file of ours, or of a measurement."""
     with reading(path, "cut the curve"):
         try:
-            return pd.read_csv(path, **ROUND_TRIP, **options)
+            return pd.read_csv(path, **CSV_OPTIONS, **options)
         except (ValueError, UnicodeDecodeError) as error:
             raise InputError(f"it is no CSV file with one header and commas between cells: {error}") from None
 
