@@ -75,7 +75,10 @@ class Samples:
         impacts = impacts[impacts.t <= end]
         f, g = forces_on_nodes(d, t, q, v, r)
         at = np.asarray(np.searchsorted(cuts, impacts.t), dtype=np.int64)
-        return cls(pieces, dense.resolves(cuts), t, q, v, r, f, g, right, (q_left, v_left), impacts, at)
+        return cls(
+            pieces=pieces, resolved=dense.resolves(cuts), t=t, q=q, v=v, r=r, f=f, g=g,
+            right=right, left=(q_left, v_left), impacts=impacts, at=at,
+        )  # fmt: skip
 
     def at_cuts(self, values: Array) -> Array:
         """Return the sums of values of the impacts (ni, ...) at each cut (nk, ...)."""

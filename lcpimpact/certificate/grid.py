@@ -115,7 +115,10 @@ class Steps:
             r = r if spread == 1 else r[kept]
             f, g = forces_on_nodes(d, t, q, v, r)
             acting, total, given = g, g, P @ d.B.T
-        return cls(t, q, v, r, f, g, acting, total, given, P, P_end, P_start, step, spread)
+        return cls(
+            t=t, q=q, v=v, r=r, f=f, g=g, acting=acting, total=total, given=given,
+            P=P, P_end=P_end, P_start=P_start, step=step, spread=spread,
+        )  # fmt: skip
 
     def impacts(self, d: Dynamics, events: Sequence[Event]) -> Impacts:
         """Return the impacts: with the values at the ends of their steps where the method takes them so."""

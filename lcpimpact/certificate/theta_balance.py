@@ -175,7 +175,10 @@ def sums_for(contacts: Contacts, n: int) -> Sums:
     on_line, direct = (
         np.asarray((each != 0.0).any(axis=axis)) for each, axis in ((contacts.lines, 0), (contacts.D, 1))
     )
-    return Sums(way, given, impulse, gap, rate, w, total, np.zeros(nc, bool), on_line, direct, np.zeros((4, nc)))
+    return Sums(
+        way=way, given=given, impulse=impulse, gap=gap, rate=rate, w=w, total=total,
+        met=np.zeros(nc, bool), on_line=on_line, direct=direct, of_step=np.zeros((4, nc)),
+    )  # fmt: skip
 
 
 @compiled(f8(SPARSE, vector, i8, vector), inline="always", allocates=False)

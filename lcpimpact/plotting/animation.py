@@ -195,7 +195,7 @@ class Film:
         for artist in moving:
             artist.set_animated(True)
         order = sorted(moving, key=lambda artist: artist.get_zorder())
-        return cls(figure, times, scale, order, title, scenes, artists, growing, clock)
+        return cls(figure, times, scale, order, title, _scenes=scenes, _artists=artists, _growing=growing, _clock=clock)
 
     def show(self, frame: int) -> None:
         """Set everything that moves to a frame."""

@@ -179,15 +179,15 @@ def run_case(case: Case) -> CaseResult:
     c = found.certificate
     return CaseResult(
         case,
-        float(np.abs(found["x"] - exact["x"]).max()),
-        float(np.abs(found["v_x"] - exact["v_x"]).max()),
-        float(np.abs(found["R"] - R).mean()),
-        errors,
-        extra,
-        peak_reaction(found),
-        (c.residual, c.complementarity, c.penetration, c.energy_balance),
-        found.stats.seconds,
-        tuple(float(value) for value in found.q[-1]),
+        sup_x=float(np.abs(found["x"] - exact["x"]).max()),
+        sup_v=float(np.abs(found["v_x"] - exact["v_x"]).max()),
+        mean_R=float(np.abs(found["R"] - R).mean()),
+        switch_errors=errors,
+        extra_switches=extra,
+        peak=peak_reaction(found),
+        certificate=(c.residual, c.complementarity, c.penetration, c.energy_balance),
+        seconds=found.stats.seconds,
+        q_end=tuple(float(value) for value in found.q[-1]),
     )
 
 

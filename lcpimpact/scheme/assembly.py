@@ -66,8 +66,8 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     for array in (M, C, K, H, u0, B, D, *residues):
         array.flags.writeable = False
     dynamics = Dynamics(
-        tuple(nodes), M, C, K, tuple(terms.loads), H, u0, contacts, B, D,
-        tuple(terms.springs), dict(terms.motions), residues=residues,
+        nodes=tuple(nodes), M=M, C=C, K=K, loads=tuple(terms.loads), H=H, u0=u0, contacts=contacts, B=B, D=D,
+        springs=tuple(terms.springs), motions=dict(terms.motions), residues=residues,
     )  # fmt: skip
     _check_restitution(dynamics, terms.rows)
     return dynamics

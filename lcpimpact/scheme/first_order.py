@@ -174,9 +174,9 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
         Q,
         Qr,
     )
-    A, B, output, through, place, place_r = (each.hi for each in found)
+    matrices = dict(zip(("A", "B", "C", "D", "Q", "Qr"), (each.hi for each in found), strict=True))
     low = tuple(each.lo for each in found)
-    return FirstOrderForm(A, B, output, through, place, place_r, parts, signals, sources, low)
+    return FirstOrderForm(**matrices, parts=parts, signals=signals, sources=sources, low=low)
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,7 +132,10 @@ class LinearComplementaritySystem:
         )
         n = len(A)
         zero, identity = np.zeros((n, n)), np.eye(n)
-        return Dynamics(tuple(states), zero, identity, -A, loads, C, c, contacts, B, D, stores_energy=False)
+        return Dynamics(
+            nodes=tuple(states), M=zero, C=identity, K=-A, loads=loads, H=C, u0=c, contacts=contacts, B=B, D=D,
+            stores_energy=False,
+        )  # fmt: skip
 
     def _degree(self, i: int, name: str) -> int:
         B, C, D = np.asarray(self.B), np.asarray(self.C), np.asarray(self.D)
