@@ -9,7 +9,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.record import SLIPS, ContinuousSolution, Event, Record, State
+from lcpimpact.record import SLIP_RTOL, ContinuousSolution, Event, Record, State
 from lcpimpact.scheme.dynamics import Contact, Dynamics
 
 TOUCH_RTOL = 8.0 * np.finfo(float).eps
@@ -181,7 +181,7 @@ def _friction_events(contact: Contact, i: int, record: Record) -> Iterator[Event
     """Yield where a slider stops and where it begins to slip, or to slip the other way: between two forces on both sides."""
     r, t = record.reaction[:, i], record.t_reaction
     assert contact.r0 is not None
-    side = np.where(np.abs(r) < contact.r0 * (1.0 - SLIPS), 0.0, np.sign(r))
+    side = np.where(np.abs(r) < contact.r0 * (1.0 - SLIP_RTOL), 0.0, np.sign(r))
     # A slider that turns is between its thresholds for one step; it does not stop.
     turning = 1 + np.flatnonzero((side[1:-1] == 0.0) & (side[:-2] * side[2:] < 0.0))
     side[turning] = side[turning + 1]

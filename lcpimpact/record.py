@@ -9,7 +9,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 
-SLIPS = 1e-6
+SLIP_RTOL = 1e-6
 """Distance of a slider force from its threshold, relative to it, below which the slider slips."""
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.certificate.energy import Account, Sinks
-from lcpimpact.certificate.impacts import Impacts, judge_impacts, largest_impulses
+from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses
 from lcpimpact.certificate.laws import accelerations, beyond_bounds, forces_on_nodes, missing_friction, node_kinds
 from lcpimpact.certificate.quadrature import Pieces, running_sum
 from lcpimpact.certificate.scales import Found, Scales, worst
@@ -23,7 +23,7 @@ EPS = 64.0 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, eq=False)
-class Samples:
+class SampledMotion:
     """A continuous solution at the nodes of Gauss's rule and on both sides of its cuts.
 
     Attributes
@@ -33,7 +33,7 @@ class Samples:
     t, q, v, r : (nt, ...) arrays           at the nodes of the rule
     f, g : (nt, n) arrays                   the loads, and the sum of the forces on each node
     right, left : tuples                    q, v, r after each cut (nk, ...), and q, v before it
-    impacts : Impacts
+    impacts : RunImpacts
     at : (ni,) array                        the cut of each impact
     """
 
@@ -47,7 +47,7 @@ class Samples:
     g: Array
     right: tuple[Array, Array, Array]
     left: tuple[Array, Array]
-    impacts: Impacts
+    impacts: RunImpacts
     at: Indices
 
     @classmethod
@@ -58,7 +58,7 @@ class Samples:
         end: float,
         dense: ContinuousSolution,
         events: Sequence[Event],
-    ) -> Samples:
+    ) -> SampledMotion:
         """Return the samples up to the end of a run, whose motion begins with q and v of ``start``."""
         inside = dense.cuts[dense.cuts <= end]
         pieces = Pieces(np.unique(np.concatenate([inside, [event.t for event in events if event.t <= end], [end]])))
@@ -71,7 +71,7 @@ class Samples:
         for k, one in zip(np.searchsorted(cuts, instants), first, strict=True):
             if 0 < k < len(cuts):
                 q_left[k], v_left[k] = events[one].left.q, events[one].left.v
-        impacts = Impacts.of(d, events)
+        impacts = RunImpacts.of(d, events)
         impacts = impacts[impacts.t <= end]
         f, g = forces_on_nodes(d, t, q, v, r)
         at = np.asarray(np.searchsorted(cuts, impacts.t), dtype=np.int64)
@@ -105,7 +105,7 @@ def judge_continuous(
     limits: Limits,
 ) -> tuple[Found, Scales, tuple[float, float]]:
     """Judge a solution that is known at all times, piece by piece between its cuts and its events."""
-    run = Samples.of(d, start, float(record.t[-1]), dense, events)
+    run = SampledMotion.of(d, start, float(record.t[-1]), dense, events)
     q, v, r = (np.concatenate(each) for each in zip((run.q, run.v, run.r), run.right, strict=True))
     h = np.where(run.resolved, np.diff(run.pieces.cuts), 0.0)
     scales = Scales.of(d, q, np.concatenate([v, run.left[1]]), r, run.f).at_least(d, float(h.max(initial=0.0)))
@@ -123,7 +123,7 @@ def judge_continuous(
 
 
 def _energy_balance(
-    d: Dynamics, run: Samples, scales: Scales, limits: Limits, elapsed: Array
+    d: Dynamics, run: SampledMotion, scales: Scales, limits: Limits, elapsed: Array
 ) -> tuple[Array, Array, float]:
     """Return the imbalance of energy on both sides of each cut, what is allowed at each, and the scale of the energy."""
     account = Account(d, Sinks.all_as_one(d))
@@ -140,7 +140,7 @@ def _energy_balance(
 
 
 def _judge_nodes(
-    d: Dynamics, run: Samples, scales: Scales, limits: Limits, elapsed: Array, errors: tuple[Array, Array]
+    d: Dynamics, run: SampledMotion, scales: Scales, limits: Limits, elapsed: Array, errors: tuple[Array, Array]
 ) -> Found:
     """Judge momentum, kinematics, and the balance of massless nodes."""
     ε, kind, forces = limits.precision, node_kinds(d), scales.forces(d)
@@ -157,7 +157,9 @@ def _judge_nodes(
     }
 
 
-def _judge_contacts(d: Dynamics, run: Samples, scales: Scales, limits: Limits, largest: Array, opened: Array) -> Found:
+def _judge_contacts(
+    d: Dynamics, run: SampledMotion, scales: Scales, limits: Limits, largest: Array, opened: Array
+) -> Found:
     """Judge complementarity, penetration, bounds and the law of impact; ``opened`` is the error of gaps in m (nc,)."""
     ε, end = limits.precision, float(run.pieces.cuts[-1])
     q_right, _, r_right = run.right

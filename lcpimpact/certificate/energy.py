@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 
 from lcpimpact.arrays import Array
-from lcpimpact.certificate.impacts import Impacts, rows_by_name
+from lcpimpact.certificate.impacts import RunImpacts, rows_by_name
 from lcpimpact.events import step_of
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Record
@@ -148,7 +148,7 @@ class Account:
         flows[:, len(INFLOWS) :] = -(r * d.gap_rate(v)) @ self.sinks.contacts
         return flows
 
-    def of_impacts(self, impacts: Impacts) -> Array:
+    def of_impacts(self, impacts: RunImpacts) -> Array:
         """Return the flows in J of impacts, at the mean of the velocities before and after (ni, 2 + m)."""
         return self.of_contacts(0.5 * (impacts.before + impacts.after), impacts.P)
 
@@ -192,7 +192,7 @@ class Account:
         if in_steps:
             flows += self.of_contacts(mean, h * r + _impulses(d, record, events, impact_steps))
         else:
-            impacts = Impacts.of(d, events)
+            impacts = RunImpacts.of(d, events)
             impacts = impacts[impacts.t > t[0]]
             np.add.at(flows, impacts.steps(t), self.of_impacts(impacts))
             if not d.constant_loads:

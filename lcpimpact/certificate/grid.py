@@ -9,7 +9,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.certificate.energy import Account, Sinks
-from lcpimpact.certificate.impacts import Impacts, judge_impacts, largest_impulses, rows_by_name
+from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import accelerations, beyond_bounds, forces_on_nodes, missing_friction, node_kinds
 from lcpimpact.certificate.scales import SCALE_FLOOR, Found, Scales, worse, worst
 from lcpimpact.certificate.theta_balance import DAMPED, FREE, MASSIVE
@@ -120,12 +120,12 @@ class Steps:
             P=P, P_end=P_end, P_start=P_start, step=step, spread=spread,
         )  # fmt: skip
 
-    def impacts(self, d: Dynamics, events: Sequence[Event]) -> Impacts:
+    def impacts(self, d: Dynamics, events: Sequence[Event]) -> RunImpacts:
         """Return the impacts: with the values at the ends of their steps where the method takes them so."""
         if not self.in_steps:
-            return Impacts.of(d, events)
+            return RunImpacts.of(d, events)
         hit = np.flatnonzero(self.P.any(axis=1))
-        impacts = Impacts(self.t[hit], self.q[hit], self.v[hit], self.v[hit + 1], self.P[hit])
+        impacts = RunImpacts(self.t[hit], self.q[hit], self.v[hit], self.v[hit + 1], self.P[hit])
         if self.spread == 1:
             return impacts
         # An impact that spreads over several steps obeys its law only where no other contact pushes in them.
@@ -164,7 +164,7 @@ def _judge_nodes(
     d: Dynamics,
     start: tuple[Array, Array],
     run: Steps,
-    impacts: Impacts,
+    impacts: RunImpacts,
     scaled: tuple[Scales, Array],
     limits: Limits,
 ) -> tuple[Array, Found]:
@@ -216,7 +216,9 @@ def _kicks(d: Dynamics, run: Steps) -> Array:
     return np.asarray(np.maximum(kicks, links @ passed))
 
 
-def _judge_contacts(d: Dynamics, run: Steps, impacts: Impacts, scales: Scales, largest: Array, limits: Limits) -> Found:
+def _judge_contacts(
+    d: Dynamics, run: Steps, impacts: RunImpacts, scales: Scales, largest: Array, limits: Limits
+) -> Found:
     """Judge complementarity, penetration, bounds and the law of impact; ``largest`` are the largest impulses (nc,)."""
     ε, longest, v, r = limits.precision, run.longest, run.v, run.r
     u = d.gap(run.q[1:] if run.in_steps else run.q) + r @ d.D.T

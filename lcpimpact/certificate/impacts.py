@@ -29,7 +29,7 @@ def largest_impulses(d: Dynamics, events: Sequence[Event]) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Impacts:
+class RunImpacts:
     """The impacts of a run, one of each instant.
 
     Attributes
@@ -46,7 +46,7 @@ class Impacts:
     P: Array
 
     @classmethod
-    def of(cls, d: Dynamics, events: Sequence[Event]) -> Impacts:
+    def of(cls, d: Dynamics, events: Sequence[Event]) -> RunImpacts:
         """Return those of events, where such as have their limits in common are one."""
         rows = rows_by_name(d)
         struck = [event for event in events if event.impulse != 0.0]
@@ -67,12 +67,12 @@ class Impacts:
         """Return the step of the grid t in which each is; one on the grid is in the step before it."""
         return np.clip(np.searchsorted(t, self.t) - 1, 0, len(t) - 2)
 
-    def __getitem__(self, chosen: Any) -> Impacts:
+    def __getitem__(self, chosen: Any) -> RunImpacts:
         """Return some of them."""
-        return Impacts(self.t[chosen], self.q[chosen], self.before[chosen], self.after[chosen], self.P[chosen])
+        return RunImpacts(self.t[chosen], self.q[chosen], self.before[chosen], self.after[chosen], self.P[chosen])
 
 
-def _impact_law(d: Dynamics, impacts: Impacts, touch: Array) -> Array:
+def _impact_law(d: Dynamics, impacts: RunImpacts, touch: Array) -> Array:
     """Return the violation of the law in m/s of each row in each impact (ni, nc); rows with u <= ``touch`` touch.
 
     The rates of nodes without mass after an impact are no states: they are what fits the law best.
@@ -91,7 +91,7 @@ def _impact_law(d: Dynamics, impacts: Impacts, touch: Array) -> Array:
     return np.where(idle, np.maximum(0.0, -(after + e * np.minimum(before, 0.0))), violation)
 
 
-def judge_impacts(d: Dynamics, impacts: Impacts, touch: Array, shortest: float = 0.0) -> tuple[Array, Array]:
+def judge_impacts(d: Dynamics, impacts: RunImpacts, touch: Array, shortest: float = 0.0) -> tuple[Array, Array]:
     """Return the largest violation of the impact law and product of each row (nc,).
 
     A row that has flown for less than ``shortest`` may stay closed: so accumulating impacts are ended.

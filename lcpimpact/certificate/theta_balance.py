@@ -34,7 +34,7 @@ CLOSED_GAP_RTOL = 1e-12
 """Penetration, relative to the terms of the gap, below which a contact is closed."""
 
 
-class Sparse(NamedTuple):
+class SparsityPattern(NamedTuple):
     """Where a matrix is filled, by rows: the first place of each row (rows + 1,), and the column of each place."""
 
     starts: Places
@@ -44,7 +44,7 @@ class Sparse(NamedTuple):
 class Nodes(NamedTuple):
     """The nodes of a system: the values of M, C and K in one sparse pattern, and their kinds (n,)."""
 
-    pattern: Sparse
+    pattern: SparsityPattern
     M: Array
     C: Array
     K: Array
@@ -63,7 +63,7 @@ class Contacts(NamedTuple):
     lines : (np, nc) array              impulse paths over massless nodes
     """
 
-    pattern: Sparse
+    pattern: SparsityPattern
     H: Array
     B: Array
     D: Array
@@ -152,9 +152,11 @@ class Sums(NamedTuple):
     of_step: Array
 
 
-SPARSE: Any = named_tuple((places, places), Sparse)
-NODES: Any = named_tuple((SPARSE, vector, vector, vector, indices), Nodes)
-CONTACTS: Any = named_tuple((SPARSE, vector, matrix, matrix, vector, vector, vector, vector, indices, matrix), Contacts)
+SPARSITY: Any = named_tuple((places, places), SparsityPattern)
+NODES: Any = named_tuple((SPARSITY, vector, vector, vector, indices), Nodes)
+CONTACTS: Any = named_tuple(
+    (SPARSITY, vector, matrix, matrix, vector, vector, vector, vector, indices, matrix), Contacts
+)
 SPRING_LAWS: Any = named_tuple((matrix, matrix), SpringLaws)
 RECORDED: Any = named_tuple((vector, matrix, matrix, matrix, matrix), Recorded)
 IMPULSES: Any = named_tuple((indices, indices, vector), Impulses)
@@ -181,8 +183,8 @@ def sums_for(contacts: Contacts, n: int) -> Sums:
     )  # fmt: skip
 
 
-@compiled(f8(SPARSE, vector, i8, vector), inline="always", allocates=False)
-def row_of(pattern: Sparse, values: Array, i: int, x: Array) -> float:
+@compiled(f8(SPARSITY, vector, i8, vector), inline="always", allocates=False)
+def row_of(pattern: SparsityPattern, values: Array, i: int, x: Array) -> float:
     """Return row i of a sparse matrix times x."""
     sum_ = 0.0
     for p in range(pattern.starts[i], pattern.starts[i + 1]):

@@ -15,7 +15,7 @@ from lcpimpact.certificate.theta_balance import (
     Impulses,
     Nodes,
     Recorded,
-    Sparse,
+    SparsityPattern,
     SpringLaws,
     Violations,
     certify_steps,
@@ -24,7 +24,7 @@ from lcpimpact.certificate.theta_balance import (
 )
 from lcpimpact.events import step_of
 from lcpimpact.integrators.base import Limits
-from lcpimpact.record import SLIPS, Event, Record
+from lcpimpact.record import SLIP_RTOL, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 
 
@@ -78,12 +78,12 @@ def _violations(
     return of, balance, scale, h
 
 
-def _pattern(filled: Array) -> tuple[Sparse, tuple[Places, Places]]:
+def _pattern(filled: Array) -> tuple[SparsityPattern, tuple[Places, Places]]:
     """Return where the filled places of a matrix are, by rows, and their rows and columns."""
     rows, columns = np.nonzero(filled)
     starts = np.append(0, np.cumsum(np.count_nonzero(filled, axis=1)))
     places = rows.astype(np.uint64), columns.astype(np.uint64)
-    return Sparse(starts.astype(np.uint64), places[1]), places
+    return SparsityPattern(starts.astype(np.uint64), places[1]), places
 
 
 def _judge_nodes(
@@ -141,7 +141,7 @@ def _judge_contacts(
 def _crept(d: Dynamics, record: Record) -> Array:
     """Return how far a slider on springs may be moved back in a step, as one that is near its threshold slips, in m (nc,).
 
-    That is by a force of `SLIPS` times its threshold on the springs that hold it; and as a node between springs alone goes
+    That is by `SLIP_RTOL` times its threshold on the springs that hold it; and as a node between springs alone goes
     to its balance at the end of a step whose force is that at t + θ h, by what the way of one step differs from the next.
     """
     static = d.decomposition.static
@@ -151,6 +151,6 @@ def _crept(d: Dynamics, record: Record) -> Array:
     gives = np.abs(moves * np.linalg.lstsq(static.T @ d.K @ static, moves.T, rcond=None)[0].T).sum(axis=1)
     held = d.slides & (d.relative_degree == 0)
     turned = np.abs(np.diff(np.diff(record.q, axis=0) @ d.H[held].T, axis=0)).max(axis=0, initial=0.0)
-    crept = np.asarray(SLIPS * np.where(d.slides, d.r_max, 0.0) * gives)
+    crept = np.asarray(SLIP_RTOL * np.where(d.slides, d.r_max, 0.0) * gives)
     crept[held] += turned
     return crept

@@ -7,7 +7,7 @@ from numba import types
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, flags, matrix, vector
-from lcpimpact.record import SLIPS
+from lcpimpact.record import SLIP_RTOL
 
 SLOPE, JUMP = 0.25, 0.6
 """Differences of a method from the trapezoidal rule, in units of h times a change and of h times a second difference;
@@ -76,7 +76,13 @@ def changes_of_mode(r: Array, r_min: Array, r_max: Array, loud: Flags) -> None:
         slides, before = r_max[i] < np.inf, 0
         for k in range(len(r)):
             if slides:
-                mode = 1 if r[k, i] >= r_max[i] * (1.0 - SLIPS) else -1 if r[k, i] <= r_min[i] * (1.0 - SLIPS) else 0
+                mode = (
+                    1
+                    if r[k, i] >= r_max[i] * (1.0 - SLIP_RTOL)
+                    else -1
+                    if r[k, i] <= r_min[i] * (1.0 - SLIP_RTOL)
+                    else 0
+                )
             else:
                 mode = 1 if r[k, i] != 0.0 else 0
             if k > 0 and mode != before:

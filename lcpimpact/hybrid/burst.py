@@ -18,7 +18,7 @@ from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.event_loop import EventLoop, follow
 from lcpimpact.hybrid.gaps import settled
-from lcpimpact.hybrid.motion import Motion, Segment, begin
+from lcpimpact.hybrid.motion import HybridMotion, Segment, begin
 from lcpimpact.hybrid.system import ZERO, Mode, System
 from lcpimpact.problems.base import GIVEN_ZERO_RTOL
 
@@ -67,7 +67,7 @@ class ImpactHistory:
         self.short[rows] = np.where((flight < short) | (flight < low), self.short[rows] + 1, 0)
         self.note(t, rows)
 
-    def take(self, burst: Motion) -> None:
+    def take(self, burst: HybridMotion) -> None:
         """Record the impacts of a burst; the counts of short flights start again."""
         self.short[:] = 0
         for event in burst.events:
@@ -99,7 +99,7 @@ def follow_burst(
     scale: Array,
     short: float,
     most: float = np.inf,
-) -> tuple[Status, Motion]:
+) -> tuple[Status, HybridMotion]:
     """Follow impacts from the state X (N,) after those at t in a mode, until a flight is longer than ``short``.
 
     They are followed to the end of the run, or for ``most`` seconds. The last segment of the motion continues in floats.
@@ -121,12 +121,12 @@ def follow_burst(
     return status, motion
 
 
-def passed(motion: Motion) -> list[tuple[Segment, float]]:
+def passed(motion: HybridMotion) -> list[tuple[Segment, float]]:
     """Return the segments before the last, with their ends, that last longer than the rounding of time."""
     return [(each, after.t0) for each, after in pairwise(motion.segments) if after.t0 > each.t0]
 
 
-def _next(motion: Motion) -> float:
+def _next(motion: HybridMotion) -> float:
     """Return the instant of the next event, or inf if it is a breakpoint of the signals."""
     when, row, _ = motion.next_event
     return float(when.hi) if row.any() else np.inf

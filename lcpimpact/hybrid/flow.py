@@ -173,7 +173,7 @@ def balance(A: Array) -> tuple[Array, Array]:
     return balanced, scaling
 
 
-class Sparse(NamedTuple):
+class SparseRows(NamedTuple):
     """A sparse matrix of double-doubles, row by row.
 
     Attributes
@@ -188,18 +188,18 @@ class Sparse(NamedTuple):
     columns: Indices
 
 
-def sparse(A: DoubleDouble) -> Sparse:
+def sparse(A: DoubleDouble) -> SparseRows:
     """Return the nonzero entries of a matrix."""
     kept = A.hi != 0.0
     starts = np.concatenate([[0], np.cumsum(kept.sum(axis=1))])
-    return Sparse(np.ascontiguousarray(A.parts[:, kept]), starts, np.ascontiguousarray(np.nonzero(kept)[1]))
+    return SparseRows(np.ascontiguousarray(A.parts[:, kept]), starts, np.ascontiguousarray(np.nonzero(kept)[1]))
 
 
-sparse_type = types.NamedTuple((matrix, indices, indices), Sparse)
+sparse_type = types.NamedTuple((matrix, indices, indices), SparseRows)
 
 
 @compiled(pair(sparse_type, i8, matrix))
-def on_row(A: Sparse, m: int, X: Array) -> tuple[float, float]:
+def on_row(A: SparseRows, m: int, X: Array) -> tuple[float, float]:
     """Return row m of A X, a double-double."""
     x, x_lo = 0.0, 0.0
     for at in range(A.starts[m], A.starts[m + 1]):
@@ -210,7 +210,7 @@ def on_row(A: Sparse, m: int, X: Array) -> tuple[float, float]:
 
 
 @compiled(matrix(sparse_type, f8, vector, i8))
-def expand(A: Sparse, δ: float, X: Array, degree: int) -> Array:
+def expand(A: SparseRows, δ: float, X: Array, degree: int) -> Array:
     """Return (A δ)^i X/i! in floats, up to the last nonzero one: (at most degree + 1, N)."""
     Y = np.empty((degree + 1, len(X)))
     Y[0] = X
@@ -226,7 +226,7 @@ def expand(A: Sparse, δ: float, X: Array, degree: int) -> Array:
 
 
 @compiled(cube(sparse_type, f8, matrix, i8))
-def expand_finely(A: Sparse, δ: float, X: Array, degree: int) -> Array:
+def expand_finely(A: SparseRows, δ: float, X: Array, degree: int) -> Array:
     """Return (A δ)^i X/i!, up to the last nonzero one, double-doubles (at most degree + 1, 2, N).
 
     δ is a power of two.
@@ -246,7 +246,7 @@ def expand_finely(A: Sparse, δ: float, X: Array, degree: int) -> Array:
 
 
 @compiled(types.boolean(sparse_type, i8, matrix, i8, matrix))
-def stays_positive(rows: Sparse, row: int, Y: Array, drop: int, basis: Array) -> bool:
+def stays_positive(rows: SparseRows, row: int, Y: Array, drop: int, basis: Array) -> bool:
     """Return whether floats prove that a row stays positive over a window, without its first ``drop`` powers."""
     a, noise = np.zeros(max(len(Y) - drop, 1)), 0.0
     for i in range(len(Y)):
@@ -268,7 +268,7 @@ def stays_positive(rows: Sparse, row: int, Y: Array, drop: int, basis: Array) ->
 
 
 @compiled(types.UniTuple(f8, 2)(sparse_type, i8, cube, i8, cube, vector))
-def fall(rows: Sparse, row: int, Z: Array, drop: int, basis: Array, scale: Array) -> tuple[float, float]:
+def fall(rows: SparseRows, row: int, Z: Array, drop: int, basis: Array, scale: Array) -> tuple[float, float]:
     """Return where in a window a row falls below zero, a double-double, or NaN; its first ``drop`` powers are zero."""
     a, b, floor = np.zeros((2, max(len(Z) - drop, 1))), np.zeros((2, basis.shape[1])), 0.0
     for i in range(drop, len(Z)):
@@ -297,7 +297,7 @@ def horner(Z: Array, s: float, s_lo: float) -> Array:
 class Window(NamedTuple):
     """How X' = A X moves over one window: its generator A, its length δ, and exp(A δ) (2, N, N)."""
 
-    A: Sparse
+    A: SparseRows
     δ: float
     step: Array
 
@@ -307,7 +307,7 @@ window_type = types.NamedTuple((sparse_type, f8, cube), Window)
 
 @compiled(types.Tuple((i8, i8, f8, f8))(window_type, matrix, sparse_type, indices, cube, i8, vector))
 def scan(
-    window: Window, X: Array, rows: Sparse, order: Indices, basis: Array, count: int, scale: Array
+    window: Window, X: Array, rows: SparseRows, order: Indices, basis: Array, count: int, scale: Array
 ) -> tuple[int, int, float, float]:
     """Return the first window in which a row turns negative, the row, and where in the window, a double-double.
 
@@ -339,7 +339,7 @@ def scan(
 
 
 @compiled(vector(sparse_type, matrix))
-def on_rows(R: Sparse, X: Array) -> Array:
+def on_rows(R: SparseRows, X: Array) -> Array:
     """Return R X in floats, of a double-double X (2, N)."""
     found = np.empty(len(R.starts) - 1)
     for m in range(len(found)):
@@ -349,7 +349,7 @@ def on_rows(R: Sparse, X: Array) -> Array:
 
 @compiled(matrix(sparse_type, f8, cube, types.float64[:, :, :, ::1], vector, indices, sparse_type, i8))
 def sample(
-    A: Sparse, δ: float, starts: Array, powers: Array, times: Array, start: Indices, R: Sparse, degree: int
+    A: SparseRows, δ: float, starts: Array, powers: Array, times: Array, start: Indices, R: SparseRows, degree: int
 ) -> Array:
     """Return R exp(A t) X in floats at the times t >= 0 (nt,) after ``start`` (nt,) of the ``starts`` X (ns, 2, N): (nt, m).
 
@@ -382,7 +382,7 @@ def sample(
     return found
 
 
-class Crossing(NamedTuple):
+class ZeroCrossing(NamedTuple):
     """The first event: the row that turns negative first.
 
     Attributes
@@ -422,7 +422,7 @@ class Flow:
         return float(2.0 ** math.floor(-math.log2(max(np.abs(balanced).sum(axis=0).max(), 1e-3))))
 
     @cached_property
-    def sparse(self) -> Sparse:
+    def sparse(self) -> SparseRows:
         """The entries of A."""
         return sparse(self.generator)
 
@@ -466,7 +466,7 @@ class Flow:
             starts, np.asarray(times, dtype=np.float64), start, sparse(DoubleDouble.of(np.eye(len(self.A))))
         )
 
-    def read(self, starts: Array, times: Array, start: Indices, rows: Sparse) -> Array:
+    def read(self, starts: Array, times: Array, start: Indices, rows: SparseRows) -> Array:
         """Return R exp(A t) X at the times t >= 0 (nt,), each after one of the ``starts`` X, in floats: (nt, m).
 
         Parameters
@@ -474,7 +474,7 @@ class Flow:
         starts : (ns, 2, N) array       states as double-doubles
         times : (nt,) array
         start : (nt,) array of int      which of the starts a time is after
-        rows : Sparse                   R (m, N)
+        rows : SparseRows                   R (m, N)
         """
         last = float(np.max(times, initial=0.0)) / self.window
         self.doubled(max(int(last).bit_length() - 1, 0))
@@ -544,8 +544,8 @@ class Flow:
         rows: ArrayLike | DoubleDouble,
         order: Indices,
         horizon: float,
-        entries: Sparse | None = None,
-    ) -> Crossing:
+        entries: SparseRows | None = None,
+    ) -> ZeroCrossing:
         """Return the first instant up to ``horizon`` at which a row turns negative.
 
         Parameters
@@ -555,7 +555,7 @@ class Flow:
         rows : (k, N) array or DoubleDouble rows c; c·X is zero or positive right after the start
         order : (k,) array                  order of the zero of c·X at the start, which is factored out of the first window
         horizon : float                     length of time in s
-        entries : Sparse, optional          those of the rows, if known
+        entries : SparseRows, optional          those of the rows, if known
 
         """
         δ, lines = self.window, DoubleDouble.of(rows)
@@ -568,7 +568,7 @@ class Flow:
             j, row, s, s_lo = scan(window, state, entries, zeros, BERNSTEIN, count, largest)
             if j >= 0:
                 t = DoubleDouble(np.array(add(s * δ, s_lo * δ, (done + j) * δ, 0.0)))  # δ is a power of two
-                return Crossing(row if t.hi <= horizon else -1, t, largest, DoubleDouble(state))
+                return ZeroCrossing(row if t.hi <= horizon else -1, t, largest, DoubleDouble(state))
             done, count, zeros = done + count, WINDOWS_PER_CALL, np.zeros_like(zeros)
             if total - done > MAX_WINDOWS and self.slower is None:
                 raise InputError(
@@ -581,5 +581,5 @@ class Flow:
                         slow @ DoubleDouble(state), np.abs(slow.hi) @ largest, lines @ back, zeros, horizon - done * δ
                     )
                     largest = np.maximum(largest, np.abs(state[0]))
-                    return Crossing(rest.row, rest.t + done * δ, largest, back @ rest.state)
-        return Crossing(-1, DoubleDouble.of(horizon), largest, DoubleDouble(state))
+                    return ZeroCrossing(rest.row, rest.t + done * δ, largest, back @ rest.state)
+        return ZeroCrossing(-1, DoubleDouble.of(horizon), largest, DoubleDouble(state))

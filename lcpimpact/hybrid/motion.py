@@ -96,7 +96,7 @@ class Segment:
 
 
 @dataclass(eq=False)
-class Motion(EventLoop):
+class HybridMotion(EventLoop):
     """The exact motion so far: its segments, and the next event (inf: none before the end).
 
     Attributes
@@ -148,7 +148,7 @@ def begin(
     max_events: int = 100_000,
     scale: Array | None = None,
     v: Array | None = None,
-) -> Motion:
+) -> HybridMotion:
     """Return the motion from the state X (N,) at ``start``, after impacts there and the choice of the mode.
 
     If X was computed by a motion, its ``scale`` is the scale of the rounding in X. The velocities v (n,) before the start
@@ -159,7 +159,7 @@ def begin(
     size, breakpoints = np.abs(X) if scale is None else scale, system.form.breakpoints(start, end)
     X = np.where(np.arange(len(X)) == system.form.constant, 1.0, X)
     next_event = (DoubleDouble.of(np.inf), none, DoubleDouble.of(X))
-    motion = Motion(system, end, solver, max_events, breakpoints, size, next_event, impacts=never, short=short)
+    motion = HybridMotion(system, end, solver, max_events, breakpoints, size, next_event, impacts=never, short=short)
     _begin_segment(motion, t, DoubleDouble.of(X), none, GIVEN_ZERO_RTOL if scale is None else ZERO, v)
     return motion
 
@@ -171,7 +171,7 @@ def begin_problem(
     solver: str = "auto",
     max_events: int = 100_000,
     dynamics: Dynamics | None = None,
-) -> Motion:
+) -> HybridMotion:
     """Return the motion from the initial state of a problem, by its own dynamics unless others are given.
 
     Raises
@@ -187,7 +187,7 @@ def begin_problem(
         return begin(system, system.state(q, v), end, 0.0, solver, max_events, v=v)
 
 
-def state_before(motion: Motion, t: float) -> Array:
+def state_before(motion: HybridMotion, t: float) -> Array:
     """Return the left limit of X at an instant of the last segment (N,)."""
     segment = motion.segments[-1]
     flow, _ = motion.system.reaction(segment.mode)
@@ -195,7 +195,7 @@ def state_before(motion: Motion, t: float) -> Array:
 
 
 def _begin_segment(
-    motion: Motion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero: float, v: Array | None = None
+    motion: HybridMotion, t: DoubleDouble, X: DoubleDouble, ended: Array, zero: float, v: Array | None = None
 ) -> None:
     """Begin a segment at t: impacts, the mode, the events, and the next switch."""
     system = motion.system
@@ -220,7 +220,7 @@ def _begin_segment(
     _find_end(motion)
 
 
-def _find_end(motion: Motion) -> None:
+def _find_end(motion: HybridMotion) -> None:
     """Find the end of the last segment: an event, a breakpoint of the signals, or none before the end of the run."""
     segment, system = motion.segments[-1], motion.system
     flow, _ = system.reaction(segment.mode)
@@ -243,7 +243,7 @@ def _find_end(motion: Motion) -> None:
         motion.next_event = (DoubleDouble.of(np.inf), never, crossing.state)
 
 
-def _accumulated(motion: Motion, t: DoubleDouble, events: tuple[Event, ...]) -> Flags | None:
+def _accumulated(motion: HybridMotion, t: DoubleDouble, events: tuple[Event, ...]) -> Flags | None:
     """Record the impacts at t, and return the rows whose impacts have accumulated (nc,), if any."""
     system, shortest = motion.system, LAST_FLIGHT_RTOL * abs(float(t.hi))
     hit = [event for event in events if event.impulse > 0.0]
@@ -274,13 +274,13 @@ def _accumulated(motion: Motion, t: DoubleDouble, events: tuple[Event, ...]) -> 
     return np.asarray(together)
 
 
-def _opening(motion: Motion, mode: Mode, X: DoubleDouble) -> tuple[Array, Array]:
+def _opening(motion: HybridMotion, mode: Mode, X: DoubleDouble) -> tuple[Array, Array]:
     """Return u and U (nc,) in floats, with constrained values and rounding set to zero."""
     u, U = gaps(motion.system, X, motion.scale, still(motion.system, mode), FINE_ZERO)
     return u.hi, U.hi
 
 
-def _resolved(motion: Motion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bool] | None:
+def _resolved(motion: HybridMotion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bool] | None:
     """Return the segment from which impacts follow each other too fast for double-doubles to order them.
 
     Two or more contacts close at t, and the gap of one has too few digits to order them; so the motion goes back to where
@@ -316,7 +316,7 @@ def _resolved(motion: Motion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bo
     return first, True
 
 
-def _collapse(motion: Motion, t: DoubleDouble, rest: float) -> tuple[DoubleDouble, DoubleDouble, Still]:
+def _collapse(motion: HybridMotion, t: DoubleDouble, rest: float) -> tuple[DoubleDouble, DoubleDouble, Still]:
     r"""Append a segment for each impact after the start of the last one; return their end, X, and the zeros there.
 
     The gaps u are integrated as separate numbers, which keep their digits however small they become, with
@@ -359,7 +359,7 @@ def _collapse(motion: Motion, t: DoubleDouble, rest: float) -> tuple[DoubleDoubl
     raise Unresolved
 
 
-def cuts(motion: Motion) -> tuple[Array, Flags]:
+def cuts(motion: HybridMotion) -> tuple[Array, Flags]:
     """Return times from the start to the end (nk,), and whether the motion is resolved between them (nk - 1,)."""
     ends = [*(segment.t0 for segment in motion.segments[1:]), motion.end]
     most = max(MIN_CUTS, MAX_CUTS // len(motion.segments))

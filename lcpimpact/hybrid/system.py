@@ -29,7 +29,7 @@ from scipy.linalg import null_space
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble, solve, stacked
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.hybrid.flow import Flow, Sparse, sparse
+from lcpimpact.hybrid.flow import Flow, SparseRows, sparse
 from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp
 from lcpimpact.scheme.decomposition import degrees_together
 from lcpimpact.scheme.dynamics import Dynamics
@@ -95,14 +95,14 @@ class Watch(NamedTuple):
     ----------
     contacts : (k,) array       the row of H of each
     rows : DoubleDouble         rows c (k, N + nw); the mode ends when c·(X, w) turns negative
-    entries : Sparse            the same
+    entries : SparseRows            the same
     order : (k,) array          the order of the zero with which it begins
     held : Still                zeros as long as the mode lasts
     """
 
     contacts: Indices
     rows: DoubleDouble
-    entries: Sparse
+    entries: SparseRows
     order: Indices
     held: Still
 
@@ -113,11 +113,11 @@ class Coordinates(NamedTuple):
     Attributes
     ----------
     rows : DoubleDouble     (2 n + nc, N)
-    entries : Sparse        the same
+    entries : SparseRows        the same
     """
 
     rows: DoubleDouble
-    entries: Sparse
+    entries: SparseRows
 
 
 class Together(NamedTuple):

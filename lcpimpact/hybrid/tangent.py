@@ -33,7 +33,7 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.hybrid.gaps import gaps
-from lcpimpact.hybrid.motion import Motion, Segment
+from lcpimpact.hybrid.motion import HybridMotion, Segment
 from lcpimpact.hybrid.system import Mode, System
 
 GRAZING_RTOL = 1e-10
@@ -75,7 +75,7 @@ def impact_derivative(system: System, mode: Mode, X: Array, P: Array, scale: Arr
     return np.asarray(np.eye(len(X)) - push @ np.linalg.lstsq(rates @ push, rates + rebound, rcond=None)[0])
 
 
-def saltation(motion: Motion, before: Segment, after: Segment) -> Array:
+def saltation(motion: HybridMotion, before: Segment, after: Segment) -> Array:
     """Return the derivative (N, N) across the event between two segments.
 
     Raises
@@ -111,7 +111,7 @@ def saltation(motion: Motion, before: Segment, after: Segment) -> Array:
     return np.asarray(R + np.outer(next_flow.A @ after.X - R @ f, c) / (c @ f))
 
 
-def factors(motion: Motion, until: float) -> Iterator[Array]:
+def factors(motion: HybridMotion, until: float) -> Iterator[Array]:
     """Yield, in order of time, the factors of the derivative of X(until) with respect to the initial state."""
     segments = [each for each in motion.segments if each.t0 <= until]
     ends = [*(each.t0 for each in segments[1:]), until]
@@ -121,7 +121,7 @@ def factors(motion: Motion, until: float) -> Iterator[Array]:
         yield motion.system.mode(segment.mode)[0].over(end - segment.t0)
 
 
-def tangent(motion: Motion, until: float) -> Array:
+def tangent(motion: HybridMotion, until: float) -> Array:
     """Return the derivative (N, N) of X(until) with respect to the right limit of the initial state.
 
     Raises

@@ -15,7 +15,7 @@ from lcpimpact.record import ContinuousSolution, Grid, Record
 from lcpimpact.scheme.dynamics import Feature
 
 if TYPE_CHECKING:
-    from lcpimpact.hybrid.motion import Motion
+    from lcpimpact.hybrid.motion import HybridMotion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,7 +196,7 @@ class Integrator(ABC):
         changed: Self = replace(cast(Any, self), rtol=rtol, **scaled)
         return changed
 
-    def motion(self, problem: Problem, end: float, lcp_solver: str) -> Motion | None:
+    def motion(self, problem: Problem, end: float, lcp_solver: str) -> HybridMotion | None:
         """Return the exact motion, which can be continued up to an instant; None of time-stepping methods."""
         return None
 

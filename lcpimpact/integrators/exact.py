@@ -14,7 +14,7 @@ import numpy as np
 
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.event_loop import follow
-from lcpimpact.hybrid.motion import Motion, begin_problem, cuts, read
+from lcpimpact.hybrid.motion import HybridMotion, begin_problem, cuts, read
 from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
@@ -64,18 +64,18 @@ class Exact(Integrator):
     def __post_init__(self) -> None:
         count("max_events", self.max_events)
 
-    def motion(self, problem: Problem, end: float, lcp_solver: str) -> Motion:
+    def motion(self, problem: Problem, end: float, lcp_solver: str) -> HybridMotion:
         """Return the motion up to an instant."""
         return begin_problem(problem, self.name, end, lcp_solver, self.max_events)
 
-    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Motion:
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> HybridMotion:
         """Choose the first mode and write the initial values; impacts at t = 0 come before them."""
         motion = self.motion(problem, grid.t_end, lcp_solver)
         record.events = []
         _sample(motion, record, 0, 0)
         return motion
 
-    def advance(self, carry: Motion, record: Record, first: int, last: int) -> tuple[Status, int]:
+    def advance(self, carry: HybridMotion, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Follow the events to t_last and sample the block on the grid."""
         status = follow(carry, float(record.t[last]))
         if status is not Status.SOLVED:
@@ -83,16 +83,16 @@ class Exact(Integrator):
         _sample(carry, record, first + 1, last)
         return status, last
 
-    def finish(self, carry: Motion, record: Record) -> None:
+    def finish(self, carry: HybridMotion, record: Record) -> None:
         """Hand over the events."""
         record.events = carry.events
 
-    def dense(self, carry: Motion) -> ContinuousSolution:
+    def dense(self, carry: HybridMotion) -> ContinuousSolution:
         """Return the solution at any times of the run."""
         return ContinuousSolution(partial(read, carry.system, tuple(carry.segments)), *cuts(carry))
 
 
-def _sample(motion: Motion, record: Record, first: int, last: int) -> None:
+def _sample(motion: HybridMotion, record: Record, first: int, last: int) -> None:
     """Write the grid points first ... last to the record."""
     here = slice(first, last + 1)
     record.q[here], record.v[here], record.reaction[here] = read(

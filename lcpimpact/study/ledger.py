@@ -13,7 +13,7 @@ import pandas as pd
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.energy import INFLOWS, STORED, Account, Sinks
-from lcpimpact.certificate.impacts import Impacts
+from lcpimpact.certificate.impacts import RunImpacts
 from lcpimpact.certificate.quadrature import Pieces
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.problems.base import Problem
@@ -160,7 +160,7 @@ def energy_ledger(run: Trajectory) -> Ledger:
 def _between_events(run: Trajectory, dense: ContinuousSolution, account: Account) -> tuple[Array, Array, Array, Array]:
     """Return t, q, v and the flows since the start by Gauss's rule, with two rows for an impact: before and after it."""
     end = run.t[-1]
-    impacts = Impacts.of(account.d, run.events)
+    impacts = RunImpacts.of(account.d, run.events)
     impacts = impacts[impacts.t <= end]
     inside = dense.cuts[(dense.cuts >= run.t[0]) & (dense.cuts <= end)]
     pieces = Pieces(np.unique(np.concatenate([run.t, inside, [event.t for event in run.events if event.t <= end]])))

@@ -19,7 +19,7 @@ from lcpimpact.lcp.judge import measure
 from lcpimpact.lcp.operators import Dense, Factored, Property
 from lcpimpact.lcp.problem import LCPSolution, unbounded_above
 from lcpimpact.lcp.solve import prepare_lcp, verdict
-from lcpimpact.lcp.solver import CompiledSolver, LCPSolver, State
+from lcpimpact.lcp.solver import CompiledSolver, LCPSolver, SolverState
 
 NAMES = list(SOLVERS)
 if "daqp" in qpsolvers.available_solvers:
@@ -693,7 +693,7 @@ class Liar(LCPSolver):
             z[:] = 1.0 if self.says is Status.RAY else z
             return int(self.says), 1
 
-        return State(M.W, kernel, False, self.name)
+        return SolverState(M.W, kernel, False, self.name)
 
 
 LIAR = Liar(

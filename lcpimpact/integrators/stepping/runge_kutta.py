@@ -130,7 +130,7 @@ class Matrices(NamedTuple):
     e: Array
 
 
-class Motion(NamedTuple):
+class GridValues(NamedTuple):
     """Results of the steps at each instant of the grid: y, y', r, P, and the time since each gap closed."""
 
     y: Array
@@ -158,7 +158,7 @@ class Weights(NamedTuple):
     b_error: Array
 
 
-class Steps(NamedTuple):
+class StepBlock(NamedTuple):
     """The steps of a block.
 
     Attributes
@@ -178,7 +178,7 @@ class Steps(NamedTuple):
     max_iter: int
 
 
-class Room(NamedTuple):
+class StageWorkspace(NamedTuple):
     """Workspace: y' of the stages, the contact problem of a stage, the closed contacts, and the displacements of a step."""
 
     K: Array
@@ -194,19 +194,21 @@ class Room(NamedTuple):
 
 
 MATRICES: Any = named_tuple((matrix,) * 11 + (indices, vector), Matrices)
-MOTION: Any = named_tuple((matrix,) * 5, Motion)
+GRID_VALUES: Any = named_tuple((matrix,) * 5, GridValues)
 POINT: Any = named_tuple((vector,) * 5, Point)
 WEIGHTS: Any = named_tuple((matrix, vector, vector), Weights)
-STEPS: Any = named_tuple((i8, i8, f8, f8, cube, f8, i8), Steps)
-ROOM: Any = named_tuple((matrix, indices, vector, vector, vector, vector, vector, flags, flags, vector), Room)
+STEP_BLOCK: Any = named_tuple((i8, i8, f8, f8, cube, f8, i8), StepBlock)
+STAGE_WORKSPACE: Any = named_tuple(
+    (matrix, indices, vector, vector, vector, vector, vector, flags, flags, vector), StageWorkspace
+)
 
 
-def room_for(system: Matrices, stages: int) -> Room:
+def room_for(system: Matrices, stages: int) -> StageWorkspace:
     """Return the workspace of a system and a number of stages."""
     ny, nc, ns = len(system.A), len(system.C), len(system.law)
     q, z, lower = np.zeros((3, nc))
     touches, together = np.zeros((2, nc), bool)
-    return Room(
+    return StageWorkspace(
         K=np.zeros((stages, ny)), active=np.zeros(nc, np.int64), q=q, z=z, lower=lower, upper=np.full(nc, np.inf),
         s=np.zeros(ns), touches=touches, together=together, moves=np.zeros(ny),
     )  # fmt: skip
@@ -253,8 +255,10 @@ def touching(x: Array, system: Matrices, scale: Array, r: Array, touches: Flags)
             touches[i] = abs(term(system.U, i, x)) <= held(r[i]) * rounding(system.U, i, scale)
 
 
-@compiled(types.Tuple((i8, i8, f8))(vector, MATRICES, vector, vector, ROOM, SOLVING), allocates=False)
-def right_side(x: Array, system: Matrices, r: Array, dy: Array, room: Room, solving: Solving) -> tuple[int, int, float]:
+@compiled(types.Tuple((i8, i8, f8))(vector, MATRICES, vector, vector, STAGE_WORKSPACE, SOLVING), allocates=False)
+def right_side(
+    x: Array, system: Matrices, r: Array, dy: Array, room: StageWorkspace, solving: Solving
+) -> tuple[int, int, float]:
     """Write r and y' at x, with the active contacts of the workspace; return status, iterations and residual."""
     nc, na = len(r), 0
     spring_forces(x, system, room.s)
@@ -277,8 +281,8 @@ def right_side(x: Array, system: Matrices, r: Array, dy: Array, room: Room, solv
     return status, count, residual
 
 
-@compiled(types.boolean(vector, MATRICES, vector, vector, ROOM), allocates=False)
-def violates(x: Array, system: Matrices, scale: Array, r: Array, room: Room) -> bool:
+@compiled(types.boolean(vector, MATRICES, vector, vector, STAGE_WORKSPACE), allocates=False)
+def violates(x: Array, system: Matrices, scale: Array, r: Array, room: StageWorkspace) -> bool:
     """Write the active rows at the end of a step; return whether any violates its constraint."""
     touching(x, system, scale, r, room.touches)
     violated = False
@@ -376,9 +380,9 @@ def falls_back(end: Point, landing: Landing, system: Matrices, s: Array, shortes
     return found
 
 
-@compiled(types.Tuple((i8, i8, f8))(POINT, MATRICES, vector, types.UniTuple(f8, 2), ROOM, SOLVING))
+@compiled(types.Tuple((i8, i8, f8))(POINT, MATRICES, vector, types.UniTuple(f8, 2), STAGE_WORKSPACE, SOLVING))
 def correct(
-    end: Point, system: Matrices, scale: Array, lengths: tuple[float, float], room: Room, solving: Solving
+    end: Point, system: Matrices, scale: Array, lengths: tuple[float, float], room: StageWorkspace, solving: Solving
 ) -> tuple[int, int, float]:
     """Correct constraint violations at the end of a step by impulses P, and write r and y' after them.
 
@@ -417,14 +421,15 @@ def correct(
 
 
 @compiled(
-    types.Tuple((i8, i8, f8))(POINT, MATRICES, vector, types.UniTuple(f8, 2), ROOM, f8, i8, KERNEL), allocates=False
+    types.Tuple((i8, i8, f8))(POINT, MATRICES, vector, types.UniTuple(f8, 2), STAGE_WORKSPACE, f8, i8, KERNEL),
+    allocates=False,
 )
 def end_step(
     end: Point,
     system: Matrices,
     scale: Array,
     lengths: tuple[float, float],
-    room: Room,
+    room: StageWorkspace,
     tol: float,
     max_iter: int,
     solve: Kernel,
@@ -460,17 +465,19 @@ def add_to_scale(system: Matrices, x: Array, r: Array, h: float, scale: Array, m
 
 
 @compiled(
-    types.Tuple((i8, i8, i8, f8))(STEPS, MATRICES, WEIGHTS, MOTION, types.UniTuple(vector, 2), matrix, ROOM, KERNEL),
+    types.Tuple((i8, i8, i8, f8))(
+        STEP_BLOCK, MATRICES, WEIGHTS, GRID_VALUES, types.UniTuple(vector, 2), matrix, STAGE_WORKSPACE, KERNEL
+    ),
     allocates=False,
 )
 def steps(
-    block: Steps,
+    block: StepBlock,
     system: Matrices,
     weights: Weights,
-    motion: Motion,
+    motion: GridValues,
     now: tuple[Array, Array],
     ahead: Array,
-    room: Room,
+    room: StageWorkspace,
     solve: Kernel,
 ) -> tuple[int, int, int, float]:
     """Take a block of steps: compute the motion at [k + 1] from that at [k].
@@ -530,7 +537,7 @@ def steps(
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class RungeKuttaRun:
     """State carried from block to block: the matrices, and the states, rates, forces and impulses on the grid."""
 
     grid: Grid
@@ -538,7 +545,7 @@ class Run:
     inputs: Inputs
     system: System
     matrices: Matrices
-    motion: Motion
+    motion: GridValues
     scale: Array
     contacts: Dense
     solver: Solver
@@ -646,7 +653,7 @@ class ExplicitRungeKutta(Integrator):
         """Return the limits for contacts imposed at acceleration level, which drift within `ACTIVE_GAP_FACTOR`."""
         return replace(super().limits(), precision=1e2 * ACTIVE_GAP_FACTOR * ZERO_RTOL)
 
-    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Run:
+    def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> RungeKuttaRun:
         """Eliminate the massless coordinates, and write the initial values; impacts at t = 0 come before them."""
         d, solver = problem.dynamics, SOLVERS[lcp_solver]
         form, inputs = forced_form(d, self.name)
@@ -658,11 +665,11 @@ class ExplicitRungeKutta(Integrator):
         if len(d.contacts):
             solver.check(contacts, False)
         ny, nc = form.constant, len(d.contacts)
-        motion = Motion(*(np.zeros((grid.steps + 1, size)) for size in (ny, ny, nc, nc, nc)))
+        motion = GridValues(*(np.zeros((grid.steps + 1, size)) for size in (ny, ny, nc, nc, nc)))
         tol, max_iter = limits(solver, self.tol, self.max_iter)
         X = form.state(problem.initial_coordinates, problem.initial_velocities)
         x = np.concatenate([X, [load(0.0) for load in inputs.loads]])
-        run = Run(
+        run = RungeKuttaRun(
             grid=grid, form=form, inputs=inputs, system=system, matrices=matrices, motion=motion, scale=np.abs(x),
             contacts=contacts, solver=solver.init(contacts), tol=tol, max_iter=max_iter, step=np.array([grid.h]),
             largest=np.abs(X[:ny]), energy=np.zeros(1), metric=_metric(d, form),
@@ -681,11 +688,11 @@ class ExplicitRungeKutta(Integrator):
         if status is not Status.SOLVED:
             raise InputError(f"the contacts of {problem.name!r} have no reactions at the start: {status.sentence}")
         start = np.array([motion.y[0] - matrices.B @ motion.P[0], motion.y[0]])
-        record.events = _happened(run, np.zeros(2), Motion(*(each[[0, 0]] for each in motion))._replace(y=start))
+        record.events = _happened(run, np.zeros(2), GridValues(*(each[[0, 0]] for each in motion))._replace(y=start))
         _write(run, record, 0, 0)
         return run
 
-    def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
+    def advance(self, carry: RungeKuttaRun, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block."""
         tableau = self.tableau.fixed
         c = np.append(tableau.c, 1.0)
@@ -696,7 +703,7 @@ class ExplicitRungeKutta(Integrator):
         def run(solver: Solver, begin: int, end: int) -> tuple[Status, int]:
             part = given if constant else given[begin - first : end - first]
             h, ahead = carry.grid.h, np.zeros((2, carry.motion.y.shape[1]))
-            block = Steps(begin, end, h, h, part, carry.tol, carry.max_iter)
+            block = StepBlock(begin, end, h, h, part, carry.tol, carry.max_iter)
             return _take(carry, solver, record.stats, block, tableau, carry.motion, ahead)
 
         status, reached = with_fallbacks(run, carry.solver, carry.contacts, first, last)
@@ -705,7 +712,7 @@ class ExplicitRungeKutta(Integrator):
         assert record.events is not None
         for k in first + np.flatnonzero((impacts | (closed[1:] != closed[:-1])).any(axis=1)):
             here = t[k - first : k - first + 2]
-            record.events += _happened(carry, here, Motion(*(each[k : k + 2] for each in carry.motion)))
+            record.events += _happened(carry, here, GridValues(*(each[k : k + 2] for each in carry.motion)))
         _write(carry, record, first + 1, reached)
         return status, reached
 
@@ -761,7 +768,7 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         found = super().limits()
         return found if self.rtol is None else replace(found, precision=max(found.precision, self.rtol))
 
-    def advance(self, carry: Run, record: Record, first: int, last: int) -> tuple[Status, int]:
+    def advance(self, carry: RungeKuttaRun, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block, or several within each by the step control."""
         if self.rtol is None:
             return super().advance(carry, record, first, last)
@@ -773,12 +780,12 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         _write(carry, record, first + 1, last)
         return Status.SOLVED, last
 
-    def _cross(self, carry: Run, record: Record, k: int, rtol: float, atol: float) -> Status:
+    def _cross(self, carry: RungeKuttaRun, record: Record, k: int, rtol: float, atol: float) -> Status:
         """Integrate from t_k to t_k+1 with step control."""
         tableau, grid = self.tableau, carry.grid
         c, ny = np.append(tableau.c, 1.0), carry.motion.y.shape[1]
         t, end = grid.t_end * k / grid.steps, grid.t_end * (k + 1) / grid.steps
-        motion = Motion(*(np.repeat(each[k : k + 1], 2, axis=0) for each in carry.motion))
+        motion = GridValues(*(np.repeat(each[k : k + 1], 2, axis=0) for each in carry.motion))
         y, _, r, P, _ = motion
         ahead, scale, inertia = np.zeros((2, ny)), carry.scale.copy(), carry.system.degree == 2
         assert record.events is not None
@@ -791,7 +798,7 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
             given = carry.given(t + c * h)[None]
 
             def run(solver: Solver, first: int, last: int, h: float = h, given: Array = given) -> tuple[Status, int]:
-                block = Steps(first, last, h, rtol * grid.h, given, carry.tol, carry.max_iter)
+                block = StepBlock(first, last, h, rtol * grid.h, given, carry.tol, carry.max_iter)
                 return _take(carry, solver, record.stats, block, tableau, motion, ahead)
 
             scale[:] = carry.scale
@@ -822,7 +829,13 @@ class EmbeddedRungeKutta(ExplicitRungeKutta):
         return Status.SOLVED
 
     def _factor(
-        self, carry: Run, motion: Motion, given: Array, ahead: Array, h: float, tolerances: tuple[float, float]
+        self,
+        carry: RungeKuttaRun,
+        motion: GridValues,
+        given: Array,
+        ahead: Array,
+        h: float,
+        tolerances: tuple[float, float],
     ) -> float:
         """Return the length of the next step in units of h; below 1 the step of h is to be taken again."""
         (y, dy, _, P, _), (before, error), ny = motion, ahead, ahead.shape[1]
@@ -875,7 +888,13 @@ def _functions(solver: Solver) -> tuple[Callable[..., Any], Callable[..., Any]]:
 
 
 def _take(
-    run: Run, solver: Solver, stats: Stats, block: Steps, tableau: Tableau, motion: Motion, ahead: Array
+    run: RungeKuttaRun,
+    solver: Solver,
+    stats: Stats,
+    block: StepBlock,
+    tableau: Tableau,
+    motion: GridValues,
+    ahead: Array,
 ) -> tuple[Status, int]:
     """Take steps of one length, and count their cost."""
     _, step = _functions(solver)
@@ -886,7 +905,7 @@ def _take(
     return Status(code), reached
 
 
-def _coordinates(run: Run, t: Array, y: Array, dy: Array, r: Array) -> tuple[Array, Array]:
+def _coordinates(run: RungeKuttaRun, t: Array, y: Array, dy: Array, r: Array) -> tuple[Array, Array]:
     """Return q and v (nt, n) from the states, their rates and the forces.
 
     A static node follows the others by its balance of forces; its velocity needs r', which keeps the closed gaps closed.
@@ -913,7 +932,7 @@ def _coordinates(run: Run, t: Array, y: Array, dy: Array, r: Array) -> tuple[Arr
     return q, v
 
 
-def _write(run: Run, record: Record, first: int, last: int) -> None:
+def _write(run: RungeKuttaRun, record: Record, first: int, last: int) -> None:
     """Write the grid points first ... last to the record."""
     if last >= first:
         here = slice(first, last + 1)
@@ -922,7 +941,7 @@ def _write(run: Run, record: Record, first: int, last: int) -> None:
         record.q[here], record.v[here] = _coordinates(run, record.t[here], y, dy, r)
 
 
-def _happened(run: Run, t: Array, motion: Motion) -> list[Event]:
+def _happened(run: RungeKuttaRun, t: Array, motion: GridValues) -> list[Event]:
     """Return the events of a step from the first to the second of two states, with the impulses P of the second.
 
     A contact of degree 0 closes where the line through its gaps is zero, and any contact opens where that of u^(ρ) is, which
@@ -958,7 +977,7 @@ def _happened(run: Run, t: Array, motion: Motion) -> list[Event]:
     return sorted(found, key=lambda event: event.t)
 
 
-def _at_event(run: Run, t: float, y: Array, dy: Array, r: Array) -> State:
+def _at_event(run: RungeKuttaRun, t: float, y: Array, dy: Array, r: Array) -> State:
     """Return one limit of an impact; the velocities of nodes with mass are those of y, and the others those of dy."""
     q, v = _coordinates(run, np.array([t]), y[None], dy[None], r[None])
     massive = run.form.parts.massive

@@ -17,7 +17,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, i8, matrix, named_tuple, vector
 from lcpimpact.integrators.stepping.law import submatrix
 from lcpimpact.lcp.lapack import lu_solve
-from lcpimpact.record import SLIPS
+from lcpimpact.record import SLIP_RTOL
 from lcpimpact.scheme.dynamics import Dynamics
 
 
@@ -58,7 +58,7 @@ def no_static() -> Static:
 def is_held(static: Static, s: int, r: Array) -> bool:
     """Return whether a closed contact or a sticking slider constrains a static coordinate."""
     for i in range(len(r)):
-        near = SLIPS * static.r_max[i] if static.r_max[i] < np.inf else 0.0
+        near = SLIP_RTOL * static.r_max[i] if static.r_max[i] < np.inf else 0.0
         if static.HS[i, s] != 0.0 and static.r_min[i] + near < r[i] < static.r_max[i] - near:
             return True
     return False

@@ -280,8 +280,8 @@ def slide(
     return length, block
 
 
-class Room(NamedTuple):
-    """Room to work in (n,): what rows at their bounds give to w, w itself, the minimum over the free rows, and roots."""
+class DescentWorkspace(NamedTuple):
+    """Vectors (n,): the part of w from rows at their bounds, w, the minimiser over the free rows, and roots."""
 
     base: Array
     w: Array
@@ -289,12 +289,12 @@ class Room(NamedTuple):
     root: Array
 
 
-room_type: Any = named_tuple((vector,) * 4, Room)
+room_type: Any = named_tuple((vector,) * 4, DescentWorkspace)
 
 
 @compiled(types.UniTuple(i8, 2)(matrix, vector, vector, vector, vector, i8, active_type, room_type), allocates=False)
 def descend(
-    W: Array, q: Array, lower: Array, upper: Array, z: Array, max_iter: int, active: ActiveSet, room: Room
+    W: Array, q: Array, lower: Array, upper: Array, z: Array, max_iter: int, active: ActiveSet, room: DescentWorkspace
 ) -> tuple[int, int]:
     """Minimise over the free rows, drop the first that meets a bound, and let in the one whose w is most wrong."""
     (rows, free, basis, L, C, _), (base, w, y, root), n = active, room, len(q)
@@ -349,7 +349,9 @@ def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: fl
     n = len(q)
     rows, free, basis, loaded = np.empty(n, np.int64), np.zeros(n, np.bool_), np.arange(n), np.zeros(n, np.bool_)
     active = ActiveSet(rows, free, basis, np.empty((n, n)), np.empty((n, n)), loaded)
-    return descend(W, q, lower, upper, z, max_iter, active, Room(np.empty(n), np.empty(n), np.empty(n), np.empty(n)))
+    return descend(
+        W, q, lower, upper, z, max_iter, active, DescentWorkspace(np.empty(n), np.empty(n), np.empty(n), np.empty(n))
+    )
 
 
 SOLVER = CompiledSolver(

@@ -41,7 +41,7 @@ class Rebound:
     deflection: float
 
 
-class Law(ABC):
+class ContactLaw(ABC):
     """A law of contact with a stiffness and at most one constant of loss."""
 
     name: ClassVar[str]

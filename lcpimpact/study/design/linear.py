@@ -23,7 +23,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.problems.free_vibration import free_vibration
 from lcpimpact.problems.reading import Series
 from lcpimpact.problems.viscoelastic_impact import kelvin_voigt_impact, kelvin_voigt_tension, maxwell_impact
-from lcpimpact.study.design.law import Law, Rebound, bumped, grounded
+from lcpimpact.study.design.law import ContactLaw, Rebound, bumped, grounded
 from lcpimpact.trajectory import Trajectory
 
 
@@ -112,7 +112,7 @@ def _without_weight(ζ: float) -> Rebound:
     return Rebound(known["e"], known["t_c"], known["R_max"], known["x_max"])
 
 
-class KelvinVoigtLaw(Law):
+class KelvinVoigtLaw(ContactLaw):
     """A spring and a dashpot side by side that push and do not pull: contact ends where the force does."""
 
     name: ClassVar[str] = "kelvin-voigt"
@@ -166,7 +166,7 @@ class TensionLaw(KelvinVoigtLaw):
         return lambda state: np.asarray(k * state.q[:, 0] + c * state.v[:, 0])
 
 
-class MaxwellLaw(Law):
+class MaxwellLaw(ContactLaw):
     """A spring and a dashpot in a row: y is the force, and contact ends at its return."""
 
     name: ClassVar[str] = "maxwell"

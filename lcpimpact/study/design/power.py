@@ -28,7 +28,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.problems.hertz import hertz_impact, hunt_crossley_impact
 from lcpimpact.problems.reading import Series
 from lcpimpact.scheme.power_law import spring_energy, spring_force
-from lcpimpact.study.design.law import Law, Rebound, grounded
+from lcpimpact.study.design.law import ContactLaw, Rebound, grounded
 from lcpimpact.trajectory import Trajectory
 
 NODES = 60
@@ -47,7 +47,7 @@ State = tuple[float, float, float]
 """t, δ and δ'."""
 
 
-class HertzLaw(Law):
+class HertzLaw(ContactLaw):
     """The spring K δⁿ: it returns with v0, with and without weight."""
 
     name: ClassVar[str] = "hertz"

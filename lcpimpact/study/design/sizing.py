@@ -28,14 +28,14 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.problems.reading import Series
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import simulate
-from lcpimpact.study.design.law import Law, Rebound
+from lcpimpact.study.design.law import ContactLaw, Rebound
 from lcpimpact.study.design.linear import KelvinVoigtLaw, MaxwellLaw, TensionLaw
 from lcpimpact.study.design.power import HertzLaw, HuntCrossleyLaw
 from lcpimpact.study.design.search import solve
 from lcpimpact.study.result import Study
 from lcpimpact.trajectory import Trajectory
 
-LAWS: dict[str, Law] = {
+LAWS: dict[str, ContactLaw] = {
     law.name: law for law in (KelvinVoigtLaw(), TensionLaw(), MaxwellLaw(), HertzLaw(), HuntCrossleyLaw())
 }
 
@@ -265,7 +265,7 @@ def design(
 
 
 def _checked(
-    kind: Law, m: float, v0: float, g: float, given: Mapping[str, float | None], n: float | None
+    kind: ContactLaw, m: float, v0: float, g: float, given: Mapping[str, float | None], n: float | None
 ) -> dict[str, float]:
     """Return the quantities that were given, refusing values that cannot be, and too few or too many."""
     positive("design: m", m)
@@ -306,7 +306,7 @@ def _checked(
 class _Case:
     """One law, mass and speed: quantities as functions of λ and L, and the equations that they make."""
 
-    law: Law
+    law: ContactLaw
     m: float
     v0: float
     g: float
@@ -466,5 +466,5 @@ class _Case:
 
 
 @lru_cache(maxsize=4096)
-def _rebound(law: Law, λ: float, γ: float, n: float) -> Rebound:
+def _rebound(law: ContactLaw, λ: float, γ: float, n: float) -> Rebound:
     return law.rebound(λ, γ, n)

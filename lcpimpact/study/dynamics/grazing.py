@@ -14,7 +14,7 @@ from scipy.optimize import brentq
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
-from lcpimpact.hybrid.motion import Motion
+from lcpimpact.hybrid.motion import HybridMotion
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import nearest
 from lcpimpact.study.dynamics.shooting import MAX_NEWTON_STEPS, PeriodicOrbit, find_orbit
@@ -64,7 +64,7 @@ def _stops(problem: Problem, contact: str | None) -> list[int]:
     return [known[contact]]
 
 
-def _least(motion: Motion, until: float, i: int, u0: float) -> tuple[float, float]:
+def _least(motion: HybridMotion, until: float, i: int, u0: float) -> tuple[float, float]:
     """Return the least minimum of the gap of row i with the constant u0, and when, but for its own touches."""
     system, best = motion.system, (math.inf, math.nan)
     name = system.dynamics.contacts[i].name

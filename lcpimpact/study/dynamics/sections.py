@@ -14,7 +14,7 @@ import pandas as pd
 from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, LcpImpactError
-from lcpimpact.hybrid.motion import Motion, read
+from lcpimpact.hybrid.motion import HybridMotion, read
 from lcpimpact.hybrid.system import ZERO, System
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import count, is_real, positive
@@ -351,7 +351,7 @@ def _instants(where: Stroboscope, force: float, need: int, end: float) -> Array:
 
 
 def _on_motion(
-    motion: Motion, problem: Problem, where: Section, force: float | None, need: int, done: Callable[[int], None]
+    motion: HybridMotion, problem: Problem, where: Section, force: float | None, need: int, done: Callable[[int], None]
 ) -> Points:
     """Follow the exact motion until it has met the section often enough, or to the end."""
     end = motion.end
@@ -383,7 +383,7 @@ def impacts_of(events: Iterable[Event], contact: str | None) -> list[Event]:
     return [event for event in events if event.kind == "impact" and contact in (None, event.contact)]
 
 
-def _read_at(motion: Motion, times: Array, side: str, force: float | None) -> Points:
+def _read_at(motion: HybridMotion, times: Array, side: str, force: float | None) -> Points:
     segments = tuple(motion.segments)
     q, v, _ = read(motion.system, segments, times, side)
     q_last, v_last, _ = read(motion.system, segments, np.array([_whole_period(times, force)]), "right")
@@ -400,7 +400,7 @@ def impact_speeds(dynamics: Any, events: Sequence[Event], times: Array) -> Array
     return np.asarray(speed[np.searchsorted(at, times, side="right")])
 
 
-def _crossings(motion: Motion, where: Crossing, until: float) -> Array:
+def _crossings(motion: HybridMotion, where: Crossing, until: float) -> Array:
     """Return the times at which a series passes its level: every one, by the convex hulls of its windows."""
     system, found = motion.system, []
     was = 0.0

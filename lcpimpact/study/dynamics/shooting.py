@@ -23,7 +23,7 @@ from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, UnsupportedError
 from lcpimpact.hybrid.event_loop import follow
-from lcpimpact.hybrid.motion import Motion, begin, begin_problem, read, state_before
+from lcpimpact.hybrid.motion import HybridMotion, begin, begin_problem, read, state_before
 from lcpimpact.hybrid.system import System
 from lcpimpact.hybrid.tangent import place_derivative, tangent
 from lcpimpact.numbers import count, positive
@@ -74,7 +74,7 @@ class PeriodicOrbit(Study):
         Whether T is that of the force, or several of them; else it was found together with the orbit.
     start : float
         An instant in s away from all events; times of the orbit run from it to start + T.
-    motion : Motion
+    motion : HybridMotion
         The orbit itself, over one period.
     monodromy : (k, k) array
         The derivative of the state after a period by the state at ``start``, signals left out.
@@ -88,7 +88,7 @@ class PeriodicOrbit(Study):
     T: float
     forced: bool
     start: float
-    motion: Motion
+    motion: HybridMotion
     monodromy: Array
     residual: float
     iterations: int
@@ -287,7 +287,7 @@ def refuse_power_laws(problem: Problem) -> None:
         )
 
 
-def follow_exactly(motion: Motion, problem: Problem, until: float) -> None:
+def follow_exactly(motion: HybridMotion, problem: Problem, until: float) -> None:
     """Follow the exact motion up to an instant, or say why it ends before."""
     status = follow(motion, until)
     if status is not Status.SOLVED:
@@ -320,7 +320,7 @@ def _guessed_period(problem: Problem) -> float:
     return T
 
 
-def _closest_return(motion: Motion, start: float, X: Array, T: float) -> float:
+def _closest_return(motion: HybridMotion, start: float, X: Array, T: float) -> float:
     """Return the time near T after which a motion comes back nearest to X: where (X(t) - X)·X'(t) turns positive."""
     unit = np.maximum(motion.scale, 1e-12 * motion.scale.max(initial=1e-300))
     joins = np.array([segment.t0 for segment in motion.segments])
@@ -342,7 +342,7 @@ def _closest_return(motion: Motion, start: float, X: Array, T: float) -> float:
     return float(root) - start
 
 
-def away_from_events(motion: Motion, first: float, last: float) -> tuple[float, Array]:
+def away_from_events(motion: HybridMotion, first: float, last: float) -> tuple[float, Array]:
     """Return the middle of the longest stretch without event between two instants, and X there."""
     joins = np.array([segment.t0 for segment in motion.segments])
     edges = np.concatenate([[first], joins[(joins > first) & (joins < last)], [last]])
@@ -356,7 +356,7 @@ def away_from_events(motion: Motion, first: float, last: float) -> tuple[float, 
 class Period(NamedTuple):
     """One period from a state: the motion, the miss P(X) - X, its derivative, and the velocity at the end."""
 
-    motion: Motion
+    motion: HybridMotion
     X: Array
     miss: Array
     M: Array
