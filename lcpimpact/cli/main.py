@@ -7,10 +7,10 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from io import TextIOWrapper
-from types import FrameType, TracebackType
+from types import FrameType
 
 from rich.console import Console
 from typer import Abort
@@ -85,20 +85,19 @@ def _interruptible(interrupts: list[threading.Timer]) -> Iterator[None]:
         interrupts[-1].start()
         raise KeyboardInterrupt
 
-    def print_exception(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
-        if not interrupts:
-            sys.__excepthook__(kind, error, trace)
+    def unless_interrupted(hook: Callable[..., None]) -> Callable[..., None]:
+        return lambda *error: None if interrupts else hook(*error)
 
-    hook = sys.excepthook
+    hooks = sys.excepthook, sys.unraisablehook
     if ours:
         signal.signal(signal.SIGINT, interrupt)
-        sys.excepthook = print_exception
+        sys.excepthook, sys.unraisablehook = unless_interrupted(hooks[0]), unless_interrupted(hooks[1])
     try:
         yield
     finally:
         if ours:
             signal.signal(signal.SIGINT, signal.default_int_handler)
-            sys.excepthook = hook
+            sys.excepthook, sys.unraisablehook = hooks
         for timer in interrupts:
             timer.cancel()
 

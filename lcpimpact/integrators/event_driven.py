@@ -74,7 +74,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Grid, Record, Stats
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Feature
-from lcpimpact.scheme.first_order import forced_form
+from lcpimpact.scheme.first_order import Inputs, forced_form
 from lcpimpact.scheme.signals import SIGNAL_NAMES
 
 SCIPY_SOLVERS = ("RK23", "RK45", "DOP853", "Radau", "BDF", "LSODA")
@@ -92,6 +92,15 @@ MIN_TIME_RTOL, MAX_TIME_RTOL = 1e-12, 1e-9
 """Bounds of the accuracy of instants, relative to the run, whatever rtol is."""
 
 ZERO_RTOL = 4.0 * EPS
+
+ATOL_FACTOR = 1e-4
+"""Absolute tolerance, in units of rtol times the scale of a state."""
+
+SCALE_FLOOR = 1e-6
+"""Smallest scale of a state, relative to the largest of its kind."""
+
+LOAD_SAMPLES = 17
+"""Number of instants at which loads are evaluated for their scale."""
 
 UNRESOLVED_KINK_RTOL = 1e-6
 """Smallest relative tolerance of the certificate for steps across kinks."""
@@ -112,8 +121,8 @@ class EventDriven(Integrator):
         A method of `scipy.integrate.solve_ivp`: RK23, RK45, DOP853, Radau, BDF, LSODA; or a class like those.
     rtol : float
         Relative tolerance of the solver.
-    atol : float
-        Absolute tolerance in the units of each state: lower it for motions of micrometres.
+    atol : float, optional
+        Absolute tolerance in the units of each state; by default rtol / 1000 of the scale that the state has.
     max_step : float
         Longest step in s, for loads that a longer step might miss.
     max_events : int
@@ -146,7 +155,7 @@ class EventDriven(Integrator):
 
     ode_solver: str | type = "DOP853"
     rtol: float = 1e-9
-    atol: float = 1e-12
+    atol: float | None = None
     max_step: float = math.inf
     max_events: int = 100_000
     max_steps: int = 500_000
@@ -187,7 +196,7 @@ class EventDriven(Integrator):
             )
         if not is_real(self.rtol) or not 1e-13 <= self.rtol < 1.0:
             raise InputError(f"rtol = {self.rtol!r} must lie between 1e-13 and 1: 1e-9 for nine digits")
-        if not is_real(self.atol) or not self.atol > 0.0:
+        if self.atol is not None and (not is_real(self.atol) or not self.atol > 0.0):
             raise InputError(f"atol = {self.atol!r} must be above zero, in the units of the states")
         if isinstance(self.max_step, bool) or not isinstance(self.max_step, int | float) or not self.max_step > 0.0:
             raise InputError(f"max_step = {self.max_step!r} must be a time above zero in s, or inf")
@@ -219,6 +228,7 @@ class EventDriven(Integrator):
             method=self, events=record.events, stats=record.stats, forced=forced, solution=EventDrivenSolution(forced),
             samples=samples_of(SINGLE_STEP_DEGREE if low else DENSE_DEGREE),
             impact_history=ImpactHistory.none(len(d.contacts)), sizes=np.zeros(inputs.count),
+            expected=expected_scale(system, inputs, np.abs(X), grid.t_end),
         )  # fmt: skip
         with refuse_undetermined(problem, self.name):
             motion.begin_segment(0.0, X, v=problem.initial_velocities)
@@ -273,6 +283,8 @@ class SolverMotion(EventLoop):
     impact_history: ImpactHistory
     sizes: Array
     """Largest forces |w| so far (nw,)."""
+    expected: Array
+    """Scale of each state that the motion soon has, even where it starts from zero (N,)."""
     last_segment: ForcedSegment | None = None
     begun: Array = field(init=False)
     steps: Any = None
@@ -301,7 +313,7 @@ class SolverMotion(EventLoop):
         segment, steps = self.segment, self.steps
         dense, finished = steps.dense_output(), steps.status == "finished"
         step = segment, self.samples, self.scale, steps.t_old, steps.t, dense
-        found = first_root(*step, self.method.atol)
+        found = first_root(*step, self._absolute_tolerance())
         if finished and not found:
             within = min(max(self.method.rtol, MIN_TIME_RTOL), MAX_TIME_RTOL) * self.end
             found = root_at_end(*step, within)
@@ -317,6 +329,16 @@ class SolverMotion(EventLoop):
             self.first_step = float(getattr(steps, "h_abs", 0.0)) or None
         breakpoint = segment.breaks and t == segment.end
         return Ending(t, t - segment.t0, X, row, breakpoint) if found or breakpoint else Status.SOLVED
+
+    def _absolute_tolerance(self) -> Array:
+        """Return the absolute tolerance of each state (N,), relative to its scale so far if no other is given."""
+        if self.method.atol is not None:
+            return np.full(len(self.scale), self.method.atol)
+        size, constant = np.maximum(self.scale, self.expected), self.system.form.constant
+        speeds = constant - self.system.form.parts.massive.shape[1]
+        for kind in (slice(0, speeds), slice(speeds, constant)):
+            size[kind] = np.maximum(size[kind], SCALE_FLOOR * size[kind].max(initial=0.0))
+        return np.asarray(ATOL_FACTOR * self.method.rtol * np.where((size > 0.0) & (size < math.inf), size, 1.0))
 
     def _advance_solver(self) -> Status:
         """Take a step of the solver, and report a failure."""
@@ -484,7 +506,7 @@ class SolverMotion(EventLoop):
             return found
 
         rate: Any = forced_rate if self.forced.inputs.count else lambda τ, X: A @ X
-        options: dict[str, Any] = {"rtol": method.rtol, "atol": method.atol, "max_step": method.max_step}
+        options: dict[str, Any] = {"rtol": method.rtol, "atol": self._absolute_tolerance(), "max_step": method.max_step}
         if _takes_jacobian(kind):
             options["jac"] = segment.jacobian
         # A row that leaves zero with curvature is resolved in a short step only.
@@ -498,6 +520,20 @@ class SolverMotion(EventLoop):
             solver = kind(rate, 0.0, X, length, **options, first_step=SHORT_FLIGHT_RTOL * length)
         begun = True
         return solver
+
+
+def expected_scale(system: System, inputs: Inputs, size: Array, end: float) -> Array:
+    """Return what states of a size (N,) grow to within the shortest period or decay time of the open contacts (N,)."""
+    A, w = system.form.A, np.zeros(inputs.count)
+    for k, load in enumerate(inputs.loads, len(inputs.law)):
+        sizes = [abs(load(float(t))) for t in np.linspace(0.0, end, LOAD_SAMPLES)]
+        w[k] = np.median(sizes) or max(sizes)
+    time = 1.0 / max(np.abs(np.linalg.eigvals(A)).max(initial=0.0), 1.0 / end)
+    grown = size.copy()
+    for _ in range(2):  # forces move velocities, and these positions
+        states = time * (np.abs(A) @ grown[: len(A)] + np.abs(inputs.E) @ w)
+        grown[: len(A)] = np.maximum(grown[: len(A)], states)
+    return grown
 
 
 @cache

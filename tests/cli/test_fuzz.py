@@ -997,14 +997,15 @@ def test_a_signal_ends_a_command_and_leaves_its_files_as_they_were_or_whole(fold
 
 
 INTERRUPTED_IMPORT = """
-import signal, sys
+import ctypes, signal, sys
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from lcpimpact.cli.main import main
 
 class Interrupted:
-    # As the C macro import_array does: what an import raises is printed, and an ImportError takes its place.
+    # What an import raises is printed, and an ImportError takes its place: so does the C macro import_array.
     def find_spec(self, name, *_):
         if name == "scipy":
+            ctypes.CFUNCTYPE(None)(lambda: signal.raise_signal(signal.SIGINT))()  # as compiled code calls back
             try:
                 signal.raise_signal(signal.SIGINT)
             except KeyboardInterrupt:

@@ -480,6 +480,5 @@ def test_the_size_of_a_motion_raises_no_alarm(name, size):
         li.Bumper("x", "ground", gap=0.05 * size, e=0.5, name="R"),
     )  # fmt: skip
     problem = li.Problem("scaled", scheme, v0={"x": -0.4 * size}, t_end=T_END)
-    atol = {"atol": 1e-12 * size} if name == "event-driven" else {}
-    run = li.simulate(problem, name, dt=T_END / 500, t_end=T_END, progress=False, throw=False, **atol)
+    run = li.simulate(problem, name, dt=T_END / 500, t_end=T_END, progress=False, throw=False)
     assert run.success, run.message

@@ -68,7 +68,7 @@ def samples_of(p: int) -> Samples:
 
 
 def first_root(
-    segment: ForcedSegment, samples: Samples, scale: Array, start: float, end: float, dense: Any, atol: float
+    segment: ForcedSegment, samples: Samples, scale: Array, start: float, end: float, dense: Any, atol: Array
 ) -> tuple[float, int] | None:
     """Return the first instant in a step at which a watched row falls below zero, and which row."""
     if not len(segment.rows):
@@ -86,7 +86,7 @@ def first_root(
         coefficients = (b[m:, k] - zero) * samples.divided[m]
         floor = float(samples.noise * size[k] * samples.divided[m][0])
         if segment.order[k] == ZERO_FOR_EVER:
-            floor += atol * float(np.abs(row).sum())
+            floor += float(np.abs(row[: len(atol)]) @ atol)
         if coefficients.min() >= -floor:
             continue
         s = first_fall(np.array([coefficients, np.zeros_like(coefficients)]), -floor)

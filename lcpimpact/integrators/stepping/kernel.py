@@ -244,7 +244,7 @@ def choose_rows(table: StepTable, law: int, first: int, P: Array, room: Workspac
     na, strictly = 0, table.strictly[law]
     for i in range(len(P)):
         touching = room.sums[first + i]
-        if touching < table.near[law, i] * P[i] or (touching == 0.0 and not strictly):
+        if touching < table.near[law, i] * max(P[i], 0.0) or (touching == 0.0 and not strictly):
             room.active[na], room.z[na] = i, P[i]
             na += 1
     return na

@@ -72,7 +72,7 @@ def floor_of(reference: str, norm: str) -> float:
 
     Examples
     --------
-    >>> floor_of("exact", "sup_q"), floor_of("event-driven (rtol=1e-12, atol=1e-14)", "sup_q"), floor_of("exact", "l2_v")
+    >>> floor_of("exact", "sup_q"), floor_of("event-driven (rtol=1e-12)", "sup_q"), floor_of("exact", "l2_v")
     (1e-12, 1e-09, 1e-06)
     """
     method = METHODS.get(reference.replace("(", " ").split(" ")[0])
