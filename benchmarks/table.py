@@ -137,11 +137,11 @@ def judged(title: str, method: str) -> pd.DataFrame:
     warnings.simplefilter("ignore")
     problem, _ = PROBLEMS[title]
     end = problem.t_end
-    chosen = EventDriven(rtol=1e-12, atol=1e-12) if method == "event-driven" else METHODS[method]()
+    chosen = EventDriven(rtol=1e-12) if method == "event-driven" else METHODS[method]()
     able = convergence(problem, {method: chosen}, [end / 307], norms=["sup_q"])
     order, failure = float(able["declared"].iloc[0]), str(able["failure"].iloc[0])
     norm = "sup_q" if able.limited_by is None else able.limited_by.norm
-    truth = None if failure else reference(problem, end, unlike=(method,))
+    truth = "auto" if failure else reference(problem, end, unlike=(method,))
 
     def observed(counts: Sequence[int], norms: Sequence[str]) -> tuple[Convergence, pd.DataFrame]:
         found = convergence(problem, {method: chosen}, [end / n for n in counts], norms=norms, reference=truth)

@@ -191,7 +191,9 @@ def _wrong(name: str, value: Any, hint: Any) -> str | None:
         inner = [text for text in found if text is not None and not text.startswith(f"{name} = ")]
         return inner[0] if inner else _must_be(name, value, hint)
     if origin is Literal:
-        return None if value in parts else _must_be(name, value, hint)
+        # An array or a table compared with a word is no truth value.
+        known = any(type(value) is type(part) and value == part for part in parts)
+        return None if known else _must_be(name, value, hint)
     if not _is_kind(value, origin):
         return _must_be(name, value, hint)
     if origin is tuple:
