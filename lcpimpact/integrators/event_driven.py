@@ -122,7 +122,7 @@ class EventDriven(Integrator):
     rtol : float
         Relative tolerance of the solver.
     atol : float, optional
-        Absolute tolerance in the units of each state; by default rtol / 1000 of the scale that the state has.
+        Absolute tolerance in the units of each state; by default rtol / 10,000 of the scale that the state has.
     max_step : float
         Longest step in s, for loads that a longer step might miss.
     max_events : int

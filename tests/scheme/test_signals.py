@@ -257,9 +257,15 @@ def test_stick_and_slip_on_a_belt_of_constant_speed(method):
     t_1 = math.asin(v / (ω * F / k)) / ω
     x_1 = F / k * (1.0 - math.cos(ω * t_1))
     t_2 = t_1 + (F / k - x_1) / v
-    assert [event.kind for event in run.events] == ["stick", "slip"]
     tight = method != "event-driven"
-    assert_allclose([event.t for event in run.events], [t_1, t_2], rtol=0, atol=1e-12 if tight else 1e-8)
+    events = run.events
+    if not tight:
+        # In each period the body comes up to the speed of the belt and no further: within its tolerance it sticks there.
+        since = [b.t - a.t for a, b in zip(events[2::2], events[3::2], strict=True)]
+        assert max(since, default=0.0) < 1e-5
+        events = events[:2]
+    assert [event.kind for event in events] == ["stick", "slip"]
+    assert_allclose([event.t for event in events], [t_1, t_2], rtol=0, atol=1e-12 if tight else 1e-8)
     t = run.t
     slides, sticks = F / k * (1.0 - np.cos(ω * t)), x_1 + v * (t - t_1)
     x = np.where(t < t_1, slides, np.where(t < t_2, sticks, F / k + v / ω * np.sin(ω * (t - t_2))))
