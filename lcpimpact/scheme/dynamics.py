@@ -310,25 +310,6 @@ class Dynamics:
         """Return the stored energy, kinetic and elastic, in J."""
         return np.asarray(self.kinetic_energy(v) + self.elastic_energy(q))
 
-    def dissipated_power(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return vᵀ C v + Σ (s - K δⁿ) δ' >= 0, the power that dashpots and non-linear springs dissipate, in W."""
-        linear = _quadratic_form(self.C, v)
-        if not self.springs:
-            return linear
-        return np.asarray(linear + self.spring_losses(q, v).sum(axis=-1))
-
-    def driving_power(self, t: ArrayLike, q: ArrayLike, v: ArrayLike, r: ArrayLike) -> Array:
-        """Return the power in W of the forces that drive the nodes with prescribed motion, which carry no mass."""
-        if not self.motions:
-            return np.zeros(np.shape(q)[:-1])
-        q, v, r = np.asarray(q), np.asarray(v), np.asarray(r)
-        force = q @ self.K.T + v @ self.C.T - r @ self.B.T - self.force(t) - self.spring_force(q, v)
-        return np.asarray((force * v)[..., self.driven].sum(axis=-1))
-
-    def load_power(self, t: ArrayLike, v: ArrayLike) -> Array:
-        """Return f(t)·v, the power of the loads, in W."""
-        return np.asarray((self.force(t) * np.asarray(v)).sum(axis=-1))
-
 
 def _values(function: Callable[[float], float], times: Array) -> Array:
     """Return the values of a function of time, with the shape of the times."""

@@ -106,7 +106,7 @@ def test_the_force_of_the_stop_its_energy_and_its_loss():
         q, v = np.array([x, y]), np.array([vx, vy])
         force = d.spring_force(q, v)
         assert force[1] == -force[0]
-        return -force[0], float(d.elastic_energy(q)), float(d.dissipated_power(q, v))
+        return -force[0], float(d.elastic_energy(q)), float(d.spring_losses(q, v).sum())
 
     # Overlapping by 1.5 and approaching at 2; leaving slowly; leaving faster than the spring follows; apart.
     assert at(2.0, 0.0, 3.0, 1.0) == (8.0 * 1.5 + 3.0 * 2.0, 9.0, 12.0)
