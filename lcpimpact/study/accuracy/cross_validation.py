@@ -367,8 +367,8 @@ class Judge:
     def declared(self, route: Route, quantity: str = COORDINATES) -> float:
         """Return the expected order of a route for the events of the motion; NaN if none is declared.
 
-        Velocities and forces that are known at points only lie on lines between them, which are of order 2; a force that
-        jumps between two of them is wrong by the jump for a step.
+        Velocities and forces known only at grid points are interpolated linearly, which limits the order to 2; across a
+        jump of a force the error equals the jump during one step.
         """
         if route.orders is None:
             return math.nan

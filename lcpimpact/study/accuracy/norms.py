@@ -294,13 +294,13 @@ def sup_v(run: Trajectory, truth: Trajectory) -> float:
 
 
 def hausdorff_v(run: Trajectory, truth: Trajectory) -> float:
-    r"""Return the Hausdorff distance between the filled-in graphs of v and v*, the greatest of the nodes with mass.
+    r"""Return the Hausdorff distance between the filled-in graphs of v and v*, the maximum over the nodes with mass.
 
     A graph is filled in where v jumps by the segment from v⁻ to v⁺. The distance of two points is
     :math:`\max(|Δt|/T, |Δv|/V)`, with the length T of the run and the largest speed V of the truth: a pure number.
 
-    Converges with order 1 across impacts: an impact that comes late by δ is δ/T away, whatever the jump. It sees each impact
-    and each grazing, where an integral sees a sum.
+    Converges with order 1 across impacts: an impact delayed by δ contributes δ/T for any jump. Each impact and each
+    grazing counts separately, in contrast to an integral.
     """
     T = min(run.t[-1], truth.t[-1])
     V = float(np.abs(_v(truth, corners(truth))).max(initial=0.0)) or 1.0
@@ -309,7 +309,7 @@ def hausdorff_v(run: Trajectory, truth: Trajectory) -> float:
 
 
 Graph = Callable[[float], Array]
-"""Takes a tolerance, and returns a polyline (np, 2) that is no farther than that from the graph."""
+"""Function of a tolerance that returns a polyline (np, 2) within this distance of the graph."""
 
 
 def _graphs(run: Trajectory, T: float, V: float) -> list[Graph]:
@@ -327,7 +327,7 @@ def _graphs(run: Trajectory, T: float, V: float) -> list[Graph]:
 
 
 def _distance(a: Graph, b: Graph) -> float:
-    """Return the distance of two graphs, to a thousandth of itself: so near are chords to the curves."""
+    """Return the distance of two graphs to a relative accuracy of 1e-3, that of the chords."""
     tolerance = 1e-2
     while True:
         found = hausdorff(a(tolerance), b(tolerance))
@@ -339,10 +339,10 @@ def _distance(a: Graph, b: Graph) -> float:
 def event_times(run: Trajectory, truth: Trajectory) -> float:
     r"""Return :math:`\max_k |t_k - t_k^*|` in s over the events, the k-th of a contact and kind with the k-th.
 
-    NaN where the runs do not have the same events: past an accumulation of impacts, or where one run grazes. Where a
-    compliant law replaces a bumper of the truth, each of its closings counts as an impact.
+    NaN if the runs have different events, as after an accumulation of impacts, or if one run grazes. If a compliant law
+    replaces a bumper of the reference, each of its closings counts as an impact.
 
-    Converges with the order to which a method knows where it is: 2 where only r changes, 1 across impacts.
+    Converges with the order of q: 2 if only r switches, 1 across impacts.
     """
     return max((abs(a.t - b.t) for a, b in _pairs(run, truth)), default=_none(run, truth))
 
@@ -350,8 +350,8 @@ def event_times(run: Trajectory, truth: Trajectory) -> float:
 def impulses(run: Trajectory, truth: Trajectory) -> float:
     r"""Return :math:`\max_k |P_k - P_k^*|` in N s over the impacts, the k-th of a contact with the k-th.
 
-    NaN where the runs do not have the same events, or a compliant law takes time for an impact. Converges with order 1, as
-    does the speed before an impact.
+    NaN if the runs have different events, or impacts of finite duration by a compliant law. Converges with order 1, like
+    the speed before an impact.
     """
     if run.problem.dynamics.springs != truth.problem.dynamics.springs:
         return np.nan
@@ -359,7 +359,7 @@ def impulses(run: Trajectory, truth: Trajectory) -> float:
 
 
 def _pairs(run: Trajectory, truth: Trajectory) -> list[tuple[Event, Event]]:
-    """Return the events of two runs side by side, none where they do not have the same ones."""
+    """Return the paired events of two runs, none if the runs have different events."""
     inertia = {each.name for each in truth.problem.dynamics.contacts if each.relative_degree == 2}
     inertia &= {each.name for each in run.problem.dynamics.springs}
     kinds = [_by_kind(each, inertia) for each in (run, truth)]
@@ -369,7 +369,7 @@ def _pairs(run: Trajectory, truth: Trajectory) -> list[tuple[Event, Event]]:
 
 
 def _by_kind(run: Trajectory, yielding: set[str]) -> dict[tuple[str, str], list[Event]]:
-    """Return the events by contact and kind; of contacts that yield in one run the closings are impacts."""
+    """Return the events by contact and kind; closings of contacts compliant in one run count as impacts."""
     found: dict[tuple[str, str], list[Event]] = {}
     for event in run.events:
         kind = event.kind
@@ -388,8 +388,8 @@ def _none(run: Trajectory, truth: Trajectory) -> float:
 def energy(run: Trajectory, truth: Trajectory) -> float:
     r"""Return :math:`\frac 1T \int_0^T |E - E^*| \, dt` in J, of the stored energy E, kinetic and elastic.
 
-    Its sup does not converge, nor does that of v, since E jumps at an impact. Converges with order 1 across impacts. NaN for
-    a system given directly, which has no energy.
+    Converges with order 1 across impacts; its sup, like that of v, does not, since E jumps. NaN for a system given
+    directly, which has no energy.
     """
     if not (run.problem.dynamics.stores_energy and truth.problem.dynamics.stores_energy):
         return np.nan
@@ -398,9 +398,9 @@ def energy(run: Trajectory, truth: Trajectory) -> float:
 
 
 def penetration(run: Trajectory, truth: Trajectory) -> float:
-    r"""Return :math:`\sup_t \max_i (-u_i)^+` in m, the largest penetration of the bumpers of the truth.
+    r"""Return :math:`\sup_t \max_i (-u_i)^+` in m, the largest penetration of the bumpers of the reference.
 
-    At all times or on the grid, as for q. A method that corrects velocities alone leaves O(h) after an impact.
+    Over all times or on the grid, as for q. A velocity-level method leaves O(h) after an impact.
     """
     rigid = truth.problem.dynamics
     if rigid.D.any() or not (~rigid.slides).any():
@@ -414,24 +414,24 @@ def penetration(run: Trajectory, truth: Trajectory) -> float:
 
 
 def complementarity(run: Trajectory, truth: Trajectory) -> float:
-    """Return the largest product of the laws in J, as `Certificate.complementarity` defines it: of the run alone.
+    """Return the largest complementarity product in J of the run, as defined by `Certificate.complementarity`.
 
-    Rounding for a method that solves an LCP in each step; for one with a case split what the splits leave.
+    At rounding level for a method that solves an LCP in each step.
     """
     return run.certificate.complementarity
 
 
 @dataclass(frozen=True)
 class Norm:
-    """A measure of what separates a run from the truth.
+    """A measure of the error of a run.
 
     Attributes
     ----------
     symbol : str            in TeX
-    unit : str              "" for a pure number
-    what : str              in words
-    order : str             which of the declared orders of a method it shows: "q", "v" or "" for none
-    measure : callable      takes a run and the truth, and returns a number
+    unit : str              "" for a dimensionless number
+    what : str              description
+    order : str             declared order that applies to it: "q", "v" or "" for none
+    measure : callable      function of the run and the reference that returns a number
     """
 
     symbol: str
@@ -456,21 +456,21 @@ NORMS = {
 
 @checked
 def errors(run: Trajectory, truth: Trajectory, norms: Sequence[str] | None = None) -> dict[str, float]:
-    """Return how far a run is from the truth, in all norms or those that are named.
+    """Return the errors of a run in all norms or the named ones.
 
     Parameters
     ----------
     run : Trajectory
-        The run that is judged; if it ended early, it is judged as far as it came.
+        The run; one that ended early is judged up to its end.
     truth : Trajectory
-        The reference, with the same coordinates: one that has its solution at all times, for preference.
+        The reference with the same coordinates, preferably with a continuous solution.
     norms : sequence of str, optional
         Names of `NORMS`.
 
     Raises
     ------
     InputError
-        For an unknown norm, or runs with other coordinates.
+        For an unknown norm, or runs with different coordinates.
 
     Examples
     --------

@@ -1,9 +1,8 @@
 """Routes to one motion for cross-validation: methods, solvers, closed forms and Siconos, with the quantities of each run.
 
-Routes are of one *family* if they advance the state by the same rule: θ-steps with different LCP solvers or different θ, and
-Siconos's θ-step too. They could have the same mistake, so they do not confirm each other. `exact`, `event-driven` and
-`radau-fesd` are of three families, but all take the contact mode from `lcpimpact.hybrid.mode_choice`, a common
-source for impacts and switches.
+Routes are of one *family* if they use the same integration rule: θ-steps with different LCP solvers or different θ, and
+Siconos's θ-step. They could share an error, so they do not confirm each other. `exact`, `event-driven` and `radau-fesd` are
+of three families, but share the choice of the contact mode by `lcpimpact.hybrid.mode_choice`.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ LEVELS = 4
 """Number of runs of a time-stepping route."""
 
 HIGH_ORDER_COUNTS = (39, 195, 585)
-"""Numbers of steps of a route of an order above 2 that is known between its steps."""
+"""Numbers of steps of a route of order above 2 with a continuous solution."""
 
 RTOLS = (1e-6, 1e-8, 1e-10)
 """Tolerances of a route with a tolerance."""
