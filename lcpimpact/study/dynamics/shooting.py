@@ -423,7 +423,7 @@ class _Newton:
         matrix = (here.M[np.ix_(free, free)] - np.eye(len(free))) * unit / unit[:, None]
         right = -here.miss[free] / unit
         if not self.forced:
-            # One more unknown, T, and one more equation: the step is taken across the motion.
+            # T is an additional unknown; the additional equation makes the step orthogonal to the flow.
             with np.errstate(over="ignore"):
                 along = (self.system.mode(here.motion.segments[0].mode)[0].A @ here.X)[free] / unit
                 across = here.velocity[free] / unit * T
