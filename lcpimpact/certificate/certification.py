@@ -96,7 +96,7 @@ class Certificate:
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """What is beyond its limit, the worst first, each as a sentence with the number and the limit."""
+        """Violations beyond their limits, the worst first, each as a sentence with value and limit."""
         beyond = {
             name: float(getattr(self, name) / limit if limit > 0.0 else np.inf)
             for name, limit in self.limits.items()
@@ -109,7 +109,7 @@ class Certificate:
 
     @property
     def holds(self) -> bool:
-        """Whether nothing is beyond its limit."""
+        """Whether all violations are within their limits."""
         return not self.failures
 
 
@@ -161,7 +161,7 @@ def certify(
     if not limits.balances_energy or not d.stores_energy:
         allowed.pop("energy_balance", None)
     elif allowed and 0.0 < found["energy_balance"][0] < energies[0]:
-        # What is reported is the largest violation, which may be allowed more than the one that is worst beside its limit.
+        # The largest violation is reported; its ratio to its limit need not be the largest.
         allowed["energy_balance"] *= energies[0] / found["energy_balance"][0]
     violations = {name: float(value) for name, (value, _) in found.items() if name != "energy_balance"}
     return Certificate(

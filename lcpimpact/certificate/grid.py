@@ -210,7 +210,7 @@ def _judge_nodes(
 
 
 def _kicks(d: Dynamics, run: Steps) -> Array:
-    """Return the largest force at each node in N, by what a contact passes on, be it as a force or as an impulse (n,)."""
+    """Return the largest force at each node in N, including contact forces and impulses (n,)."""
     kicks, links = np.abs(run.g).max(axis=0), np.abs(d.B)
     passed = np.maximum(np.abs(run.r).max(axis=0, initial=0.0), (links * kicks[:, None]).max(axis=0, initial=0.0))
     return np.asarray(np.maximum(kicks, links @ passed))
@@ -255,7 +255,7 @@ def _judge_contacts(
 def _judge_steps(
     d: Dynamics, run: Steps, events: Sequence[Event], scaled: tuple[Scales, Array], limits: Limits
 ) -> Found:
-    """Judge the momentum and the way of each step alone, away from events, by the second differences around it."""
+    """Judge the momentum and displacement of each single step away from events, by the second differences around it."""
     kind, h, t, (scales, turn) = node_kinds(d), run.h, run.t, scaled
     loud = h[:, 0] > (1.0 + UNIFORM_RTOL) * h.min(initial=np.inf)
     changes_of_mode(run.r, d.r_min, d.r_max, loud)
@@ -278,7 +278,7 @@ def _judge_steps(
 
 
 def _kicks_of_steps(d: Dynamics, run: Steps, limits: Limits) -> Array:
-    """Return what loads, reactions and lossy springs may add to the impulse of each step in N s; no rows for none."""
+    """Return bounds of the impulse errors of each step by loads, reactions and lossy springs in N s; no rows for none."""
     q, v, h, f = run.q, run.v, run.h, run.f
     kicks = np.zeros((0, len(d.nodes)))
     if limits.kick or not d.constant_loads or d.motions:
@@ -299,9 +299,9 @@ def _kicks_of_steps(d: Dynamics, run: Steps, limits: Limits) -> Array:
 def _judge_impulses(
     d: Dynamics, run: Steps, lack: Array, events: Sequence[Event], scales: Scales, limits: Limits
 ) -> tuple[float, float]:
-    """Judge the momentum over the steps around each impact that no other event is near.
+    """Judge the momentum over the steps around each isolated impact.
 
-    When in its step an impact acts is for the method to choose: what jumps there in the forces may count h more or less.
+    The instant of an impact within its step depends on the method, so a jump of the forces there may count h more or less.
     """
     happened, hit = np.searchsorted(run.t, [event.t for event in events]) - 1, np.unique(run.step)
     alone = np.array(

@@ -1,4 +1,4 @@
-"""The scales of a motion, and the violation that is worst beside what is allowed of it."""
+"""The scales of a motion, and the violation with the largest ratio to its limit."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SCALE_FLOOR = 1e-6
 """Smallest scale of a motion, relative to the largest: at a precision of 1e-9 of it, it is rounding."""
 
 Found: TypeAlias = dict[str, tuple[float, float]]
-"""The violation of each law that is worst beside its limit, and that limit."""
+"""Violation of each law with the largest ratio to its limit, and that limit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Scales:
         return cls(q, v, np.abs(d.H) @ q + np.abs(d.u0) + np.abs(d.D) @ r, np.abs(d.H) @ v, r, f)
 
     def at_least(self, d: Dynamics, h: float) -> Scales:
-        """Return scales that a body at rest has, too: what its forces would do in a time h, and a share of the fastest."""
+        """Return scales bounded below for bodies at rest: by the effect of forces in a time h and the largest speed."""
         v = self.v + SCALE_FLOOR * self.v.max(initial=0.0)
         massive = d.massive
         if massive.any():
@@ -58,7 +58,7 @@ class Scales:
 
 
 def worst(values: Array, allowed: Array) -> tuple[float, float]:
-    """Return the violation that is worst beside what is allowed of it, and that limit."""
+    """Return the violation with the largest ratio to its limit, and that limit."""
     values, allowed = np.broadcast_arrays(np.asarray(values, dtype=np.float64), allowed)
     if values.size == 0:
         return 0.0, 0.0
@@ -68,5 +68,5 @@ def worst(values: Array, allowed: Array) -> tuple[float, float]:
 
 
 def worse(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
-    """Return the violation that is worse beside its limit."""
+    """Return the violation with the larger ratio to its limit."""
     return worst(*np.transpose([one, other]))

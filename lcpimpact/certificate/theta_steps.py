@@ -139,10 +139,10 @@ def _judge_contacts(
 
 
 def _crept(d: Dynamics, record: Record) -> Array:
-    """Return how far a slider on springs may be moved back in a step, as one that is near its threshold slips, in m (nc,).
+    """Return the allowed backward slip in m of a slider on springs near its threshold, per step (nc,).
 
-    That is by `SLIP_RTOL` times its threshold on the springs that hold it; and as a node between springs alone goes
-    to its balance at the end of a step whose force is that at t + θ h, by what the way of one step differs from the next.
+    It is `SLIP_RTOL` times its threshold on the springs that hold it, plus, since a node between springs alone is in balance
+    at the end of a step whose force is that at t + θ h, the difference of successive displacements.
     """
     static = d.decomposition.static
     if not static.any() or not d.slides.any():

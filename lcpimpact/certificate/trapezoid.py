@@ -1,4 +1,4 @@
-"""The trapezoidal rule over the steps of a run, and its errors as the second differences of the run bound them."""
+"""The trapezoidal rule over the steps of a run, with error bounds by the second differences of the run."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ NEIGHBOURS = 5
 """Number of points on either side of a step whose second differences bound the error of the step."""
 
 MIN_POINTS = 3
-"""Number of points up to which a run shows no second differences."""
+"""Maximum number of points of a run without usable second differences."""
 
 
 @compiled(matrix(vector, matrix, f8))
 def trapezoid_errors(h: Array, values: Array, order: float) -> Array:
-    """Return what the trapezoidal rule may leave out up to each point but the first, after bends and jumps (nt - 1, n).
+    """Return bounds of the accumulated error of the trapezoidal rule after kinks and jumps (nt - 1, n).
 
-    Where the values are smooth its errors cancel but for h/12 of the change of their slope; where they jump it misses up to
-    h/2 of the jump, which may show only at the end of the next step: of each step and the next the greater change counts.
-    A method of order 1 may miss h times what the values change at all. At up to `MIN_POINTS` points no bend is seen.
+    For smooth values the errors cancel except h/12 times the change of slope; at a jump the error is up to h/2 times the
+    jump, which may appear only at the end of the next step, so the larger change of each step and the next counts. For a
+    method of order 1 the bound is h times the change of the values. Up to `MIN_POINTS` points no kink is detectable.
     """
     steps, n = len(h), values.shape[1]
     left_out = np.empty((steps, n))
@@ -71,7 +71,7 @@ def out_of_balance(h: Array, x: Array, rate: Array, given: Array, start: Array) 
 
 @compiled(types.void(matrix, vector, vector, flags))
 def changes_of_mode(r: Array, r_min: Array, r_max: Array, loud: Flags) -> None:
-    """Mark the steps of ``loud`` (nt - 1,) near which a row of r (nr, nc) begins or ceases to push, or a slider to slip."""
+    """Mark in ``loud`` (nt - 1,) the steps near a change of contact activation or slip, by the rows of r (nr, nc)."""
     for i in range(r.shape[1]):
         slides, before = r_max[i] < np.inf, 0
         for k in range(len(r)):
@@ -95,11 +95,11 @@ def changes_of_mode(r: Array, r_min: Array, r_max: Array, loud: Flags) -> None:
 def worst_steps(
     h: Array, x: Array, rate: Array, given: Array, kicks: Array, loud: Flags, rounding: Array, slack: float
 ) -> Array:
-    """Return |x⁺ - x - ∫ rate dt - given| of the quiet step that is worst beside its limit, and that limit (2, n).
+    """Return |x⁺ - x - ∫ rate dt - given| of the smooth step with the largest ratio to its limit, and that limit (2, n).
 
-    A step is quiet with nothing in ``loud`` (nt - 1,) within `NEIGHBOURS` + 1 of it. Its limit is the rounding, what
-    stands in ``kicks`` (nt - 1, n; none without rows), and ``slack`` h times the second differences of the rate around,
-    but for those that the values at its own ends make, and their mean.
+    A step is smooth if no step within `NEIGHBOURS` + 1 of it is marked in ``loud`` (nt - 1,). Its limit is the sum of the
+    rounding error, ``kicks`` (nt - 1, n; none without rows), and ``slack`` h times the neighbouring second differences of
+    the rate, except those that involve its own end points, and their mean.
     """
     steps, n = len(h), x.shape[1]
     quiet, count, last = np.zeros(steps, np.bool_), 0, -1

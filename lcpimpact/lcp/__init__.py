@@ -1,25 +1,25 @@
 """Linear complementarity problems: statement, solvers and independent checks of their solutions. It knows no mechanics.
 
-From the call to the answer:
+From the call to the solution:
 
-- `solve`         `solve_lcp` and `prepare_lcp`: one problem by one call, fallbacks, the verdict on each answer
-- `operators`     M: dense, banded or by its factors, with its properties
+- `solve`         `solve_lcp` and `prepare_lcp`: solver call, fallbacks and verification of each solution
+- `operators`     M: dense, banded or factored, with its properties
 - `problem`       the problem with bounds, and its solution
-- `solver`        what a solver declares, and the interface that it is called through
-- `solvers/`      the methods, one a file
+- `solver`        the solver interface and the properties that a solver declares
+- `solvers/`      the methods, one per file
 - `judge`         residuals and certificates, computed outside the solvers
-- `rational`      what rounding leaves undecided, in rational arithmetic
-- `farkas`        a proof that there is no solution, by a linear program
-- `files`         problems as files
+- `rational`      exact decision in rational arithmetic where floating point is inconclusive
+- `farkas`        certificates of infeasibility by a linear program
+- `files`         input and output files
 
-What the methods share:
+Shared by the methods:
 
-- `storage`       M as compiled code reads it, dense or banded: entries, products, columns
-- `scaling`       units: a unit diagonal, or entries near one
-- `reduction`     bounds as a plain LCP in more unknowns
-- `basis`         complementary bases and their points
-- `pivoting`      the principal pivotal transform, and the steps of the pivoting methods on it
-- `polish`        the basis at the end, solved anew
+- `storage`       dense and banded storage of M in compiled code: entries, products, columns
+- `scaling`       scaling to a unit diagonal, or to entries near one
+- `reduction`     reduction of bounds to a plain LCP with more unknowns
+- `basis`         complementary bases and basic solutions
+- `pivoting`      the principal pivotal transform, and the steps of the principal pivoting methods
+- `polish`        recomputation of the final basic solution
 - `lapack`        linear systems
 - `trace`         the pivots and iterates of a run
 """

@@ -14,7 +14,7 @@ from lcpimpact.lcp.storage import diagonal, entry, product
 
 @compiled(types.void(vector, vector, vector, indices))
 def sides(z: Array, lower: Array, upper: Array, side: Indices) -> None:
-    """Set ``side`` to where z lies: at a bound, or free between them; a row without bounds is always free."""
+    """Set ``side`` to LOWER, FREE or UPPER according to z; a row without bounds is always free."""
     for i in range(len(z)):
         if lower[i] == -np.inf and upper[i] == np.inf:
             side[i] = FREE
@@ -26,7 +26,7 @@ def sides(z: Array, lower: Array, upper: Array, side: Indices) -> None:
 
 @compiled(f8(matrix, vector, vector))
 def row_roots(W: Array, q: Array, root: Array) -> float:
-    """Set ``root`` to sqrt(M_ii), that of the largest where M_ii <= 0, and return max |q_i| / root_i."""
+    """Set ``root`` to sqrt(M_ii), or to the root of the largest M_ii where M_ii <= 0; return max |q_i| / root_i."""
     diagonal(W, root)
     widest, size = 0.0, 0.0
     for i in range(len(q)):
@@ -39,7 +39,7 @@ def row_roots(W: Array, q: Array, root: Array) -> float:
 
 @compiled(f8(i8, f8, f8, f8, f8, f8))
 def violation(side: int, z: float, w: float, lower: float, upper: float, root: float) -> float:
-    """Return by how much a row of a basic solution is infeasible, in the unit of w; root² = M_ii."""
+    """Return the infeasibility of a row of a basic solution, in the unit of w; root² = M_ii."""
     if side == FREE:
         return max(lower - z, z - upper) * root * root
     return 0.0 if lower == upper else -w if side == LOWER else w
@@ -47,7 +47,7 @@ def violation(side: int, z: float, w: float, lower: float, upper: float, root: f
 
 @compiled(types.boolean(matrix, vector, vector, i8, f8))
 def is_rounding(W: Array, q: Array, z: Array, i: int, value: float) -> bool:
-    """Return whether a value is rounding beside the terms of (M z + q)_i."""
+    """Return whether a value is below the rounding error of (M z + q)_i."""
     bands, n = W.shape
     terms = abs(q[i])
     for j in range(0 if bands == n else max(0, i - bands + 1), n if bands == n else min(n, i + bands)):
@@ -58,9 +58,9 @@ def is_rounding(W: Array, q: Array, z: Array, i: int, value: float) -> bool:
 
 @compiled(types.boolean(matrix, indices, vector))
 def banded_solve(W: Array, rows: Indices, b: Array) -> bool:
-    """Overwrite b with M_αα⁻¹ b for banded M and α = rows in rising order, by L D Lᵀ; return False if not definite.
+    """Overwrite b with M_αα⁻¹ b by L D Lᵀ, for banded M and ascending rows α; return False if M_αα is not definite.
 
-    Leaving rows out only brings the others nearer, so M_αα has no more bands than M.
+    A principal submatrix of a banded matrix has at most the same bandwidth.
     """
     bands, k = W.shape[0], len(rows)
     L, inverse = np.zeros((bands, k)), np.empty(k)  # L[a - c, c] = L_ac, inverse = 1/D
@@ -91,7 +91,7 @@ def banded_solve(W: Array, rows: Indices, b: Array) -> bool:
 
 @compiled(types.boolean(matrix, types.boolean, indices, vector))
 def solve_rows(W: Array, definite: bool, rows: Indices, b: Array) -> bool:
-    """Overwrite b with M_αα⁻¹ b, α = rows in rising order; return False if M_αα is not regular, or not definite as said."""
+    """Overwrite b with M_αα⁻¹ b for ascending rows α; return False if M_αα is singular, or not definite as declared."""
     k = len(rows)
     if W.shape[0] != W.shape[1]:
         return banded_solve(W, rows, b)
@@ -109,9 +109,9 @@ def solve_rows(W: Array, definite: bool, rows: Indices, b: Array) -> bool:
 
 @compiled(types.boolean(matrix, types.boolean, vector, vector, vector, indices, vector))
 def basic_solution(W: Array, definite: bool, q: Array, lower: Array, upper: Array, side: Indices, z: Array) -> bool:
-    """Set z to the bounds β where ``side`` says so, and elsewhere to M_αα z_α = -(q_α + M_αβ z_β).
+    """Set z_β to the bounds given by ``side``, and solve M_αα z_α = -(q_α + M_αβ z_β) for the free rows α.
 
-    Returns False, with z_α = 0, if M_αα is singular; or not definite, where ``definite`` allows a Cholesky factor.
+    Returns False, with z_α = 0, if M_αα is singular, or, with ``definite`` (Cholesky), not positive definite.
     """
     n = len(q)
     rows, k, shifted = np.empty(n, np.int64), 0, False

@@ -1,4 +1,4 @@
-"""LCPs in files: text to write by hand, NumPy arrays, Matrix Market.
+"""LCP files: text, NumPy arrays and Matrix Market.
 
 Text (``.lcp``, ``.txt``, ``.csv``)::
 
@@ -9,13 +9,13 @@ Text (``.lcp``, ``.txt``, ``.csv``)::
     lower: 0 -0.5
     upper: inf 0.5
 
-Numbers are separated by blanks, or by commas; ``#`` begins a comment and blank lines mean nothing. The rows after a label
-belong to it, those before any label to M. Without ``q:`` the right side is the last column of n rows of n + 1 numbers,
-[M | q], or the last of n + 1 rows of n. Bounds are n numbers or one for all; without them this is the LCP 0 <= z ⟂ w >= 0.
+Numbers are separated by blanks or commas; ``#`` begins a comment and blank lines are ignored. Rows belong to the label
+above them, or to M before the first label. Without ``q:`` the right-hand side is the last column of an n by n + 1 array
+[M | q], or the last row of an n + 1 by n array. A bound is n numbers or one for all rows; by default 0 <= z ⟂ w >= 0.
 
-NumPy (``.npz``): arrays M, or A and H of M = H A⁻¹ Hᵀ, or ``bands`` as `Banded` has them; q; lower and upper, if any.
+NumPy (``.npz``): arrays M, or A and H of M = H A⁻¹ Hᵀ, or ``bands`` as in `Banded`; q; optionally lower and upper.
 
-Matrix Market (``.mtx``) and single arrays (``.npy``): M with q in a file of its own, or [M | q].
+Matrix Market (``.mtx``) and single arrays (``.npy``): M with q in a separate file, or [M | q].
 """
 
 from __future__ import annotations
@@ -49,10 +49,10 @@ REMEDY = "give a sparse .mtx, or factors"
 """Remedy for an LCP that does not fit in memory."""
 
 LARGE, PACKED = 1e9, 100.0
-"""Size in bytes and compression ratio beyond which an array is a mistake or a decompression bomb."""
+"""Size in bytes and compression ratio above which an array is rejected as an error or a decompression bomb."""
 
 COPIES = 2.0
-"""Copies of a matrix while it is read and checked."""
+"""Number of copies of a matrix held while it is read and checked."""
 
 LABELS = ["M", "q", "lower", "upper"]
 ARRAYS = ["M", "A", "H", "bands", "q", "lower", "upper"]
@@ -64,10 +64,10 @@ HEADER = (
     ("real", "double", "integer"),
     ("general", "symmetric", "skew-symmetric"),
 )
-"""Permitted words of a Matrix Market header."""
+"""Permitted fields of a Matrix Market header."""
 
 SIGNS = {"general": 0.0, "symmetric": 1.0, "skew-symmetric": -1.0}
-"""Sign of M_ji for a given M_ij; zero where both are given."""
+"""Factor of M_ij in M_ji by Matrix Market symmetry; zero where both entries are stored."""
 
 LABEL = re.compile(r"([^\W\d]\w*)\s*:(.*)")
 
@@ -85,19 +85,19 @@ FILE_ERRORS = (
     ZlibError,
     StructError,
 )
-"""Errors of NumPy and zipfile for files that are damaged or of another kind."""
+"""Exceptions of NumPy and zipfile for damaged files or files of another kind."""
 
 
 @dataclass(frozen=True, eq=False)
 class LCPFile:
-    """An LCP as a file states it.
+    """An LCP read from a file.
 
     Attributes
     ----------
     M : Delassus                            `Dense`, `Banded` or `Factored`
     q : (n,) array
     lower, upper : (n,) array or None       None where the file has no such bound
-    name : str                              of the file, without its folder
+    name : str                              file name without its folder
     """
 
     M: Delassus
@@ -116,7 +116,7 @@ def read_lcp(path: str | Path, q: str | Path | None = None) -> LCPFile:
     path : str or Path
         A file ending in .lcp, .txt, .csv, .npz, .npy or .mtx.
     q : str or Path, optional
-        A file of the same kinds with the right side, if the first has M alone.
+        A file of the same kinds with the right-hand side, if the first contains only M.
 
     Raises
     ------
@@ -154,12 +154,12 @@ def read_lcp(path: str | Path, q: str | Path | None = None) -> LCPFile:
 def write_lcp(
     path: str | Path, M: Any, q: ArrayLike, lower: ArrayLike | None = None, upper: ArrayLike | None = None
 ) -> Path:
-    """Write an LCP to a file that `read_lcp` reads back exactly: whole, or not at all.
+    """Write an LCP to a file that `read_lcp` reads back exactly; the write is atomic.
 
     Parameters
     ----------
     path : str or Path
-        A file ending in .lcp, .txt or .csv for text, in which M is written out; or in .npz, which keeps bands and factors.
+        A file ending in .lcp, .txt or .csv (text, with a dense M), or in .npz, which keeps bands and factors.
     M, q, lower, upper
         As for `solve_lcp`. Declared tags are not kept.
 
@@ -168,7 +168,7 @@ def write_lcp(
     InputError
         For another ending, a folder that cannot be written, or data of the wrong shape or kind.
     UnsupportedError
-        If M would have to be written out and is too large for that.
+        If M would have to be written as a dense matrix and is too large.
     """
     path = Path(path)
     check_output(path, WRITERS)
@@ -187,7 +187,7 @@ def write_lcp(
 
 
 def _parts(path: Path) -> dict[str, Any]:
-    """Return the arrays of a file by name; [M | q], or a lone q, is called M."""
+    """Return the arrays of a file by name; [M | q], or a single q, is called M."""
     ending = path.suffix.lower()
     if ending not in READERS:
         raise InputError(f"the ending {path.suffix!r} tells no format: known are {', '.join(READERS)}")
@@ -197,7 +197,7 @@ def _parts(path: Path) -> dict[str, Any]:
 
 
 def _split(parts: dict[str, Any]) -> dict[str, Any]:
-    """Return the parts with M and q for [M | q], and for M with q below it."""
+    """Return the parts with [M | q], or M with q below it, split into M and q."""
     if "M" not in parts:
         return parts
     M = parts["M"]
@@ -219,7 +219,7 @@ def _split(parts: dict[str, Any]) -> dict[str, Any]:
 
 
 def _lone_vector(parts: Mapping[str, Any]) -> Any:
-    """Return the q of a separate file: the array named q, or one row or column."""
+    """Return q from a separate file: the array named q, or a single row or column."""
     if set(parts) == {"q"}:
         return parts["q"]
     if set(parts) == {"M"} and 1 in parts["M"].shape:
@@ -235,13 +235,13 @@ def _operator(parts: Mapping[str, Any]) -> Delassus:
         return Factored(parts["A"], parts["H"])
     if given != ["M"]:
         raise InputError(f"it must hold M, or A and H, or bands, and it holds {' and '.join(given) or 'none of them'}")
-    # Before a matrix of an absurd order is built, its right side tells.
+    # The length of q is checked first, before a matrix of an absurd order is built.
     _vector("q", parts["q"], parts["M"].shape[0])
     return as_operator(parts["M"])
 
 
 def _vector(name: str, values: Any, n: int) -> Array:
-    """Return n numbers that stand in a row, a column or neither; of a bound, one number stands for all."""
+    """Return n numbers from a row, a column or a flat array; a single number is a bound of all rows."""
     array = np.atleast_1d(_plain(values))
     if name != "q" and array.size == 1:
         array = np.full(n, array.reshape(-1)[0])
@@ -252,7 +252,7 @@ def _vector(name: str, values: Any, n: int) -> Array:
 
 
 def _plain(values: Any) -> Array:
-    """Return an array of real numbers in float64; of a sparse one all entries."""
+    """Return a real float64 array; a sparse one is made dense."""
     array = values if isinstance(values, np.ndarray) else values.toarray()
     return array.astype(np.float64)
 
@@ -301,8 +301,8 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def _row(text: str, number: int) -> list[float]:
-    """Return the numbers of a line: between commas if it has any, else between blanks."""
-    # A spreadsheet writes empty cells before and after.
+    """Return the numbers of a line, separated by commas if it has any, else by blanks."""
+    # Spreadsheets write empty cells before and after.
     text = text.strip(", \t")
     row = []
     # Python would read 1_000 as a thousand.
@@ -342,7 +342,7 @@ def _write_text(path: Path, M: Delassus, vectors: Mapping[str, Array]) -> None:
 
 
 def _read_numpy(path: Path) -> dict[str, Array]:
-    """Return the arrays of a .npz by name, and that of a .npy as M."""
+    """Return the arrays of a .npz file by name, or the array of a .npy file as M."""
     data = BytesIO(path.read_bytes())
     _check_unpacked(data)
     try:
@@ -362,12 +362,12 @@ def _read_numpy(path: Path) -> dict[str, Array]:
 
 
 def _check_unpacked(data: BytesIO) -> None:
-    """Refuse a .npz that unpacks to more than the free memory, or is a decompression bomb."""
+    """Reject a .npz file that unpacks to more than the free memory, or is a decompression bomb."""
     try:
         with ZipFile(data) as archive:
             unpacked = float(sum(each.file_size for each in archive.infolist()))
     except FILE_ERRORS:
-        return  # a lone array, or what NumPy says more of
+        return  # a single array, or an error that NumPy reports in more detail
     finally:
         data.seek(0)
     packed = len(data.getbuffer())
@@ -396,7 +396,7 @@ def _write_numpy(path: Path, M: Delassus, vectors: Mapping[str, Array]) -> None:
 
 
 def _read_matrix_market(path: Path) -> dict[str, Any]:
-    """Return the matrix as M. SciPy's own reader ends the process on some broken files, so it is not asked."""
+    """Return the matrix as M. SciPy's reader is not used: some damaged files make it abort the process."""
     lines = _lines(path)
     _, text = next(lines, (1, ""))
     header = text.lower().split()
@@ -408,7 +408,7 @@ def _read_matrix_market(path: Path) -> dict[str, Any]:
     if len(sizes) != (2 if dense else 3) or not all(x >= 0.0 and x.is_integer() for x in sizes):
         raise InputError(f"line {number} must hold the numbers of rows and columns{'' if dense else ' and entries'}")
     rows, columns = int(sizes[0]), int(sizes[1])
-    # A huge order in a short file is a slip, and would not fit in memory.
+    # A huge order in a short file is an error, and would not fit in memory.
     if max(rows, columns) > max(1_000_000, path.stat().st_size) or (sign and rows != columns):
         raise InputError(f"line {number}: {rows} rows and {columns} columns cannot be right for this file")
     for number, row in found[1:]:
@@ -431,7 +431,7 @@ def _read_matrix_market(path: Path) -> dict[str, Any]:
 
 
 def _from_entries(entries: Array, sign: float, shape: tuple[int, int]) -> Any:
-    """Return the sparse matrix of rows (i, j, M_ij), and M_ji = ± M_ij where the sign says so."""
+    """Return the sparse matrix of the entries (i, j, M_ij), with M_ji = sign M_ij where sign is not zero."""
     from scipy.sparse import coo_matrix
 
     place, x = entries[:, :2].T - 1.0, entries[:, 2]

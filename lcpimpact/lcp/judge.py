@@ -25,15 +25,15 @@ from lcpimpact.lcp.storage import (
 )
 
 PROOF_RTOL = 1e-6
-"""Largest rounding error of a row, relative to its size, at which a check is conclusive."""
+"""Maximum rounding error of a row, relative to its size, at which a check is conclusive."""
 
 
 @compiled(types.void(matrix, vector, vector, vector, vector, vector, vector, f8))
 def sizes(W: Array, q: Array, lower: Array, upper: Array, z: Array, terms: Array, size: Array, rounding: float) -> None:
-    """Remove from ``size`` the terms of those z_j that the data do not determine.
+    """Remove from ``size`` the terms of the z_j that are not determined by the data.
 
-    The data are q and the z_j at a bound. They determine the z_j of a row in which they exceed rounding,
-    |q_j| > ε/PROOF_RTOL terms_j, and such z_j determine others in turn. The rest has the size of a cancellation.
+    The data are q and the z_j at a bound. They determine z_j if they exceed the rounding error in its row,
+    |q_j| > ε/PROOF_RTOL terms_j, and such z_j determine others in turn. The remaining z_j result from cancellation.
     """
     n = len(q)
     known, unknown, left = np.empty(n), np.zeros(n, np.bool_), 0
@@ -61,21 +61,22 @@ def sizes(W: Array, q: Array, lower: Array, upper: Array, z: Array, terms: Array
 def row_defect(
     W: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array, rounding: float
 ) -> tuple[float, float]:
-    """Return how far z with its w is from a solution, each row in its own unit.
+    """Return the largest scaled defect of the point z, w.
 
     Parameters
     ----------
     rounding : float
-        The relative error of each term of w_i; 0 where w was computed without.
+        Relative rounding error of each term of w_i; 0 for an exact w.
 
     Returns
     -------
     scaled : float
-        The largest over the rows of the lesser of two: w_i relative to the size of row i, that is to its terms |q_i| and
-        |M_ij z_j|, times the share that q or a bound has in the terms of a free row; and z_i from its bound, by what
-        that changes in any row. What is rounding counts as zero. Infinite where a number is not finite.
+        Maximum over the rows of the smaller of two defects: w_i relative to the size of row i, its terms |q_i| and
+        |M_ij z_j|, times the fraction of the terms of a free row due to q or a bound; and the distance of z_i from its
+        bound, measured by the change it causes in any row. Values below rounding error count as zero. Infinite if a
+        number is not finite.
     rounding : float
-        The largest bound of the rounding of a w_i, relative to the size of its row.
+        Largest bound of the rounding error of a w_i, relative to the size of its row.
     """
     n = len(q)
     terms, held, size = np.empty(n), np.empty(n), np.empty(n)
@@ -123,23 +124,23 @@ def row_defect(
 
 @compiled(types.UniTuple(f8, 3)(matrix, vector, vector, vector, vector, vector))
 def measure(W: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array) -> tuple[float, float, float]:
-    """Set w = M z + q, and return how far z is from a solution.
+    """Set w = M z + q, and return the residuals of z.
 
     Returns
     -------
     scaled : float
-        The largest defect of a row in its own unit, as `row_defect` defines it; infinite where a number is not finite.
+        Largest scaled defect of a row, as defined by `row_defect`; infinite if a number is not finite.
     natural : float
         ‖z - P(z - w)‖_inf / max(1, ‖q‖_inf), in the units of the data.
     rounding : float
-        A bound of the rounding of w itself, in the units of ``scaled``: where it is large the check shows nothing.
+        Bound of the rounding error of w, in the units of ``scaled``; if it is large the check is inconclusive.
     """
     n = len(q)
     product(W, z, w)
     natural, largest_q = 0.0, 1.0
     for i in range(n):
         w[i] += q[i]
-        # z - P(z - w), in the form in which a large z does not swallow w.
+        # z - P(z - w), in a form without cancellation of w against a large z.
         natural = max(natural, abs(max(min(w[i], z[i] - lower[i]), z[i] - upper[i])))
         largest_q = max(largest_q, abs(q[i]))
     scaled, rounding = row_defect(W, q, lower, upper, z, w, (min(n, 2 * W.shape[0] - 1) + 2) * EPS)
@@ -150,7 +151,7 @@ def measure(W: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array) 
 def clear_residual(M: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float) -> float:
     """Return the scaled residual of an LCP without bounds if each row is within ``tol`` of its own q_i, else infinity.
 
-    It is the first look of a time loop at a few rows; what is not clear is for `measure` and `holds` to judge.
+    A cheap first check of small problems in time loops; otherwise `measure` and `holds` decide.
     """
     n = len(q)
     residual = 0.0
@@ -174,7 +175,7 @@ def clear_residual(M: Array, q: Array, lower: Array, upper: Array, z: Array, tol
 
 @compiled(types.boolean(f8, f8, f8))
 def holds(scaled: float, rounding: float, tol: float) -> bool:
-    """Return whether an answer may be called solved: its rows are within ``tol``, and the check is no mere rounding."""
+    """Return whether a solution is accepted: its rows are within ``tol``, and the check is conclusive."""
     return rounding <= max(tol, PROOF_RTOL) and scaled <= tol
 
 
@@ -183,8 +184,8 @@ def proves_infeasible(W: Array, q: Array, lower: Array, upper: Array, v: Array) 
     r"""Return whether v is a certificate that no z has w of the right signs.
 
     For lower = 0, upper = inf: v >= 0, Mᵀ v <= 0 and q·v < 0, so that v·w = (Mᵀ v)·z + q·v < 0 for every z >= 0, while
-    w >= 0 asks for v·w >= 0 (Farkas). With bounds: v_i >= 0 where only ``lower`` is finite, <= 0 where only ``upper``
-    is, any where neither is, 0 where both are; and the largest value of (Mᵀ v)·z over the box stands for the first term.
+    w >= 0 requires v·w >= 0 (Farkas). With bounds, v_i >= 0 where only ``lower`` is finite, <= 0 where only ``upper`` is,
+    free where neither is, 0 where both are, and the first term is replaced by max (Mᵀ v)·z over the box.
     """
     n = len(q)
     u, c, terms_of = np.empty(n), np.empty(n), np.empty(n)
@@ -196,7 +197,7 @@ def proves_infeasible(W: Array, q: Array, lower: Array, upper: Array, v: Array) 
     total, terms = 0.0, 0.0
     for i in range(n):
         below, above = lower[i] > -np.inf, upper[i] < np.inf
-        # What is rounding has no sign to be wrong; u stands for v without it.
+        # Entries within rounding error have no definite sign; u is v without them.
         u[i] = v[i] if abs(v[i]) > 1e-11 * size else 0.0
         if (below and u[i] < 0.0) or (above and u[i] > 0.0):
             return False

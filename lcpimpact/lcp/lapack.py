@@ -20,16 +20,16 @@ from lcpimpact.compiled import COMPILING, compiled, f8, i8, matrix, vector
 from lcpimpact.lcp.scaling import equilibrate
 
 MAX_LOOP_ORDER = 20
-"""Order up to which loops are faster than a call of LAPACK."""
+"""Maximum order at which loops are faster than a LAPACK call."""
 
 EPS = 2.0**-52
 
 PIVOT_TOL = 1e-14
-"""Largest pivot that is rounding, for entries near one."""
+"""Pivot below which a matrix with entries near one is singular."""
 
 
 def _routine(module: str, name: str, arguments: int, returns: Any = types.void) -> Any:
-    """Return a routine whose arguments are all pointers, callable from compiled code or, without it, from Python."""
+    """Return a routine whose arguments are all pointers, callable from compiled code and from Python."""
     address = get_cython_function_address(f"scipy.linalg.{module}", name)
     if not COMPILING:
         result = {types.void: None, types.int32: ctypes.c_int, types.float64: ctypes.c_double}[returns]
@@ -48,13 +48,13 @@ _dgesv = _routine("cython_lapack", "dgesv", 8)
 
 @compiled(types.int32[::1](i8))
 def pointed(value: int) -> Any:
-    """Return an integer as Fortran takes it: by its address."""
+    """Return an integer by reference, as Fortran expects."""
     cell = np.empty(1, np.int32)
     cell[0] = value
     return cell
 
 
-LETTER_L, LETTER_T = ord("L"), ord("T")  # the low byte of an integer is what Fortran reads of a letter
+LETTER_L, LETTER_T = ord("L"), ord("T")  # Fortran reads the low byte as a character
 
 
 @compiled(types.void(matrix, vector, vector))
@@ -68,7 +68,7 @@ def multiply(A: Array, x: Array, y: Array) -> None:
                 total += A[i, j] * x[j]
             y[i] = total
         return
-    # C order is the transpose of what Fortran sees.
+    # An array in C order is transposed for Fortran.
     transposed, m, n, one = pointed(LETTER_T), pointed(columns), pointed(rows), pointed(1)
     alpha, beta = np.ones(1), np.zeros(1)
     _dgemv(
@@ -79,7 +79,7 @@ def multiply(A: Array, x: Array, y: Array) -> None:
 
 @compiled(f8(matrix))
 def largest(A: Array) -> float:
-    """Return max |A|, of finite numbers."""
+    """Return max |A_ij| of a finite array."""
     rows, columns = A.shape
     found: float = 0.0
     if rows * columns > MAX_LOOP_ORDER * MAX_LOOP_ORDER:
@@ -108,7 +108,7 @@ def absolute_sum(x: Array) -> float:
 
 @compiled(types.boolean(matrix, vector))
 def cholesky_solve(A: Array, b: Array) -> bool:
-    """Overwrite b with A⁻¹ b for symmetric positive definite A; return False if it is not, to rounding.
+    """Overwrite b with A⁻¹ b for symmetric A; return False if A is not positive definite to rounding.
 
     Only the upper triangle of A is read, and it is overwritten by the factor U of A = Uᵀ U.
     """
@@ -151,7 +151,7 @@ def cholesky_solve(A: Array, b: Array) -> bool:
 
 @compiled(types.boolean(matrix, vector))
 def eliminate(A: Array, b: Array) -> bool:
-    """Overwrite b with A⁻¹ b, and A with its elimination; return False if A is singular, its entries being near one."""
+    """Overwrite b with A⁻¹ b, and A with its factors, for A with entries near one; return False if A is singular."""
     n = len(b)
     if n > MAX_LOOP_ORDER:
         columns = A.T.copy()
@@ -190,16 +190,16 @@ def eliminate(A: Array, b: Array) -> bool:
 
 @compiled(f8(f8))
 def unit_of(x: float) -> float:
-    """Return the power of two that brings x between 1/2 and 1, or 1 for zero: it multiplies without rounding."""
+    """Return the power of two that scales x into [1/2, 1], or 1 for zero: the scaling is exact."""
     return math.ldexp(1.0, max(-math.frexp(x)[1], -1000)) if 0.0 < x < np.inf else 1.0
 
 
 @compiled(types.boolean(matrix, vector))
 def lu_solve(A: Array, b: Array) -> bool:
-    """Overwrite b with A⁻¹ b, and A with its elimination; return False if A is singular to rounding.
+    """Overwrite b with A⁻¹ b, and A with its factors; return False if A is singular to rounding.
 
-    The rows and then the columns are first brought to a largest entry near one, so that no unit makes a row look singular.
-    Where one does so still, because rows and columns have units of many sizes, the means of their entries are brought there.
+    Rows and then columns are first scaled to a largest entry near one, so that units do not make A look singular. If A
+    still does, because rows and columns have units of many sizes, the means of their entries are scaled to one.
     """
     n = len(b)
     if n == 1:

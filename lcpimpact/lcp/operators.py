@@ -1,4 +1,4 @@
-"""Forms of M: a dense array, the bands of a symmetric one, or the factors of H A⁻¹ Hᵀ."""
+"""Representations of M: dense, symmetric banded, or factored as H A⁻¹ Hᵀ."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from lcpimpact.registry import nearest
 F8 = np.dtype(np.float64)
 
 DENSE_LIMIT = 20_000
-"""Order from which an operator is not made dense without being asked: 3 GB."""
+"""Order from which an operator is not converted to dense storage (3 GB) implicitly."""
 
 
 class Property(Enum):
-    """A property of M that a solver may rely on; its name in lower case is the tag that declares it."""
+    """A property of M that a solver may require; its name in lower case is the tag that declares it."""
 
     SYMMETRIC = "symmetric"
     PSD = "positive semidefinite"
@@ -38,9 +38,9 @@ UNTAGGED: frozenset[Property] = frozenset()
 
 
 def real_array(name: str, values: ArrayLike, copy: bool = True) -> Array:
-    """Return a C-ordered writable array in float64, refusing other than real numbers.
+    """Return a C-ordered writable float64 array; raise for anything but real numbers.
 
-    With ``copy=False`` an array that is such already is returned as it is.
+    With ``copy=False`` an array that already has this form is returned unchanged.
     """
     try:
         array = (
@@ -68,7 +68,7 @@ def all_finite(x: Array) -> bool:
 
 
 def finite_array(name: str, values: ArrayLike, copy: bool = True) -> Array:
-    """Return `real_array`, refusing NaN and inf."""
+    """Return `real_array`; raise for NaN and inf."""
     array = real_array(name, values, copy)
     if not all_finite(array if array.ndim == 1 else array.reshape(-1)):
         raise InputError(f"{name} has an entry that is not finite: replace NaN and inf before solving")
@@ -93,9 +93,9 @@ class Delassus(ABC):
     n : int
         Order.
     storage : str
-        "dense", "banded" or "factored": a solver lists those that it reads.
+        "dense", "banded" or "factored"; a solver declares those that it accepts.
     tags : frozenset of Property
-        Properties that are declared; those that are not are found where a solver needs them.
+        Declared properties; others are tested numerically where a solver requires them.
     """
 
     storage: str
@@ -105,7 +105,7 @@ class Delassus(ABC):
     @property
     @abstractmethod
     def W(self) -> Any:
-        """The form for kernels: an array in one of the two storages, or the operator itself."""
+        """The form passed to kernels: a dense or banded array, or the operator itself."""
 
     @abstractmethod
     def product(self, z: Array, w: Array) -> None:
@@ -135,9 +135,9 @@ class Delassus(ABC):
         return M
 
     def has(self, wanted: Property) -> bool:
-        """Return whether M is known to have the property: declared, or found to rounding.
+        """Return whether M is known to have the property: declared, or verified to rounding error.
 
-        P is found for positive definite symmetric parts, strict diagonal dominance, and by all minors for n <= 10.
+        P is recognised from a positive definite symmetric part, strict diagonal dominance, or for n <= 10 all minors.
         """
         if wanted in self.tags:
             return True
@@ -145,7 +145,7 @@ class Delassus(ABC):
 
 
 class Dense(Delassus):
-    """A square array.
+    """A dense square matrix.
 
     Parameters
     ----------
@@ -154,14 +154,14 @@ class Dense(Delassus):
     tags : iterable of str
         Declared properties: "symmetric", "psd", "p", "positive_diagonal".
     A, H : arrays, optional
-        Where M = H A⁻¹ Hᵀ came from: (m, m) symmetric positive definite, (n, m). Gauss's principle is stated in them.
+        Factors of M = H A⁻¹ Hᵀ for Gauss's principle: (m, m) symmetric positive definite, (n, m).
     copy : bool
-        Whether M is copied; without it, it must not change while the operator is in use.
+        Whether M is copied; if not, M must not change while the operator is in use.
 
     Raises
     ------
     InputError
-        If M is not square, is empty or holds a number that is not finite.
+        If M is not square, is empty or has a non-finite entry.
 
     Examples
     --------
@@ -212,19 +212,19 @@ class Dense(Delassus):
 
 
 class Banded(Delassus):
-    """A symmetric matrix by its lower bands, as the contacts of a chain or a bar give it.
+    """A symmetric banded matrix given by its lower bands, as for the contacts of a chain or a bar.
 
     Parameters
     ----------
     bands : (b + 1, n) array_like
         bands[k, j] = M[j + k, j]; the last k entries of row k lie outside M and are not read.
     tags : iterable of str
-        Declared properties, as for `Dense`; symmetric is given.
+        Declared properties, as for `Dense`; symmetric is implied.
 
     Raises
     ------
     InputError
-        If the array has not two dimensions, more rows than columns, or a number that is not finite.
+        If the array is not two-dimensional, has more rows than columns, or a non-finite entry.
 
     Examples
     --------
@@ -270,21 +270,21 @@ class Banded(Delassus):
 
 
 class Factored(Delassus):
-    r"""The Delassus operator M = H A⁻¹ Hᵀ by its factors: A is factored once, and M is never formed.
+    r"""The Delassus operator M = H A⁻¹ Hᵀ in factored form: A is factored once, and M is never formed.
 
     Parameters
     ----------
     A : (m, m) array_like or sparse matrix
-        Symmetric positive definite: masses, or the iteration matrix of a time step.
+        Symmetric positive definite: the mass matrix, or the iteration matrix of a time step.
     H : (n, m) array_like or sparse matrix
-        One row for each contact.
+        One row per contact.
     tags : iterable of str
-        Declared properties, as for `Dense`; symmetric and positive semidefinite are given.
+        Declared properties, as for `Dense`; symmetric and positive semidefinite are implied.
 
     Raises
     ------
     InputError
-        If the shapes do not fit, or A is not symmetric positive definite.
+        If the shapes are inconsistent, or A is not symmetric positive definite.
 
     Examples
     --------
@@ -309,7 +309,7 @@ class Factored(Delassus):
         self._H: Any = H.tocsr() if _is_sparse(H) else self.H
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle A and H alone: a factor by SuperLU cannot be sent to another process, so A is factored again there."""
+        """Pickle A and H only: SuperLU factors cannot be pickled, so A is factored again in the other process."""
         return type(self), (self.A, self.H, [each.name.lower() for each in self.tags])
 
     @property
@@ -319,27 +319,27 @@ class Factored(Delassus):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """That of M."""
+        """Shape of M."""
         return self.n, self.n
 
     def _roots(self) -> Array:
-        """Return sqrt(M_ii), with which |M_ij| <= sqrt(M_ii M_jj) for a semidefinite M."""
+        """Return sqrt(M_ii), for the bound |M_ij| <= sqrt(M_ii M_jj) of a semidefinite M."""
         d = np.empty(self.n)
         self.diagonal(d)
         return np.sqrt(d)
 
     def absolute_product(self, v: Array, c: Array) -> None:
-        """Set c to a bound of |M| |v|."""
+        """Set c to an upper bound of |M| |v|."""
         roots = self._roots()
         c[:] = roots * (roots @ np.abs(v))
 
     def spread(self, j: int, x: float, c: Array) -> None:
-        """Add a bound of |M_·j x| to c."""
+        """Add an upper bound of |M_·j x| to c."""
         roots = self._roots()
         c += roots * (roots[j] * abs(x))
 
     def weight(self, j: int, size: Array) -> float:
-        """Return a bound of max_i |M_ij| / size_i."""
+        """Return an upper bound of max_i |M_ij| / size_i."""
         roots = self._roots()
         with np.errstate(divide="ignore", invalid="ignore"):
             return float(np.nanmax(np.append(roots * roots[j] / size, 0.0)))
@@ -354,7 +354,7 @@ class Factored(Delassus):
         c[:] = self._H @ self._solve(row.toarray()[0] if _is_sparse(row) else row[0])
 
     def diagonal(self, d: Array) -> None:
-        """Set d = (H_i A⁻¹ H_i), by one solve for each row, the first time."""
+        """Set d = (H_i A⁻¹ H_i); computed on the first call, by one solve per row."""
         if self._diagonal is None:
             self._diagonal, c = np.empty(self.n), np.empty(self.n)
             for j in range(self.n):
@@ -364,7 +364,7 @@ class Factored(Delassus):
 
 
 def as_operator(M: Any, tags: Iterable[str] = (), copy: bool = True) -> Delassus:
-    """Return M as an operator: one as it is, a sparse symmetric M of few bands as `Banded`, anything else as `Dense`."""
+    """Return M as an operator: unchanged if it is one, `Banded` if sparse, symmetric and narrow-banded, else `Dense`."""
     if isinstance(M, np.ndarray):
         return Dense(M, tags, copy=copy)
     if isinstance(M, Delassus):
@@ -381,7 +381,7 @@ def as_operator(M: Any, tags: Iterable[str] = (), copy: bool = True) -> Delassus
 
 
 def narrow(M: Array) -> Banded | None:
-    """Return a dense symmetric M by its bands where those are few, else None."""
+    """Return a dense symmetric M in banded storage if its bandwidth is small, else None."""
     n = len(M)
     b = storage.bandwidth(M) if n >= 8 else n
     if 4 * (b + 1) > n or not storage.is_symmetric(M):
@@ -415,7 +415,7 @@ def _bands(M: Any) -> Array | None:
 
 
 def _is_sparse(M: Any) -> bool:
-    # Asked of every M, so SciPy is not imported for it: whoever made a sparse one has done so.
+    # Called for every M, so SciPy is not imported here: a sparse M implies that it has been imported.
     return hasattr(M, "tocsr") and not isinstance(M, np.ndarray)
 
 

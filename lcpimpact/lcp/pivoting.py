@@ -1,13 +1,13 @@
-r"""The principal pivotal transform, and the steps of the principal pivoting methods on it.
+r"""The principal pivotal transform, and the steps of the principal pivoting methods.
 
-y = T x + const, where each pair (z_i, w_i) has one member in x and the other in y. At first x = z, y = w and T = M. An
-exchange of the pairs α turns T into
+The dictionary y = T x + const has one variable of each pair (z_i, w_i) in x (nonbasic) and the other in y (basic).
+Initially x = z, y = w and T = M. A block pivot on the pairs α turns T into
 
 .. math:: T'_{αα} = T_{αα}^{-1}, \quad T'_{αβ} = -T_{αα}^{-1} T_{αβ}, \quad T'_{βα} = T_{βα} T_{αα}^{-1}, \quad
           T'_{ββ} = T_{ββ} - T_{βα} T_{αα}^{-1} T_{αβ},
 
-and what M is, positive semidefinite or a P-matrix, T' is too. x and y are kept as values, so a nonbasic variable may stand
-anywhere, and an exchange swaps two numbers.
+which is positive semidefinite or a P-matrix if M is. x and y are stored as values, so nonbasic variables need not be at a
+bound, and an exchange swaps two numbers.
 """
 
 from __future__ import annotations
@@ -31,22 +31,22 @@ from lcpimpact.lcp.trace import NONE, note
 SOLVED, MAX_ITER = int(Status.SOLVED), int(Status.MAX_ITER)
 
 PIVOT_TOL = 1e-11
-"""Smallest rate above rounding, in a problem of unit diagonal."""
+"""Smallest pivot or rate of change above rounding error, for M with a unit diagonal."""
 
 MAX_REFRESHES = 4
-"""Maximum number of times the point is recomputed to reduce its residual."""
+"""Maximum number of recomputations of the point to reduce its residual."""
 
 
 class PivotTableau(NamedTuple):
-    """A point of w = M z + q, in units where M has a unit diagonal and max |M z + q| = 1 at the start.
+    """A point of w = M z + q, scaled so that M has a unit diagonal and initially max |M z + q| = 1.
 
     Attributes
     ----------
     T : (n, n) array        y = T x + const
     x, y : (n,) arrays      nonbasic and basic variables
-    free : (n,) flags       rows of which z is basic
+    free : (n,) flags       rows whose z is basic
     z_unit, w_unit : (n,) arrays
-    size : float            max |M z + q| / w_unit before it was made one
+    size : float            max |M z + q| / w_unit before normalisation
     """
 
     T: Array
@@ -63,7 +63,7 @@ tableau_type = types.NamedTuple((matrix, vector, vector, flags, vector, vector, 
 
 @compiled(tableau_type(matrix, vector, vector, vector, vector))
 def scaled_tableau(W: Array, q: Array, lower: Array, upper: Array, z: Array) -> PivotTableau:
-    """Set z to the point of the box nearest to zero, and return the tableau there, with x = z; size = 0 if q = w = 0."""
+    """Set z to the projection of zero onto the box, and return the tableau there, with x = z; size = 0 if q = w = 0."""
     n = len(q)
     T, x, y, z_unit, w_unit = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     free = np.zeros(n, np.bool_)
@@ -94,7 +94,7 @@ def pair(x: float, y: float, free: bool) -> tuple[float, float]:
 
 @compiled(types.void(tableau_type, i8, f8), inline="always")
 def advance(tableau: PivotTableau, r: int, length: float) -> None:
-    """Move x_r by a length, and y with it."""
+    """Increase x_r by a step length, and update y."""
     T, x, y, _, _, _, _ = tableau
     x[r] += length
     for i in range(len(y)):
@@ -103,14 +103,14 @@ def advance(tableau: PivotTableau, r: int, length: float) -> None:
 
 @compiled(types.boolean(f8, f8, f8, f8))
 def ends_before(length: float, other: float, rate: float, fastest: float) -> bool:
-    """Return whether one pair ends a motion before another, or with it where its rate is higher."""
+    """Return whether one pair wins the ratio test against another; ties go to the faster rate."""
     margin = 1e-12 * length + 1e-15
     return length < other - margin or (length <= other + margin and rate > fastest)
 
 
 @compiled(types.void(matrix, i8, i8))
 def exchange(T: Array, r: int, c: int) -> None:
-    """Exchange the basic variable of row r with the nonbasic one of column c, in a tableau of any shape."""
+    """Pivot on T_rc: exchange the basic variable of row r with the nonbasic one of column c; T may be rectangular."""
     rows, columns = T.shape
     inverse = 1.0 / T[r, c]
     for j in range(columns):
@@ -126,7 +126,7 @@ def exchange(T: Array, r: int, c: int) -> None:
 
 @compiled(types.void(matrix, i8, i8))
 def exchange_two(T: Array, r: int, s: int) -> None:
-    """Exchange the members of the pairs r and s at once."""
+    """Perform the 2 by 2 block pivot on the pairs r and s."""
     n = len(T)
     determinant = T[r, r] * T[s, s] - T[r, s] * T[s, r]
     a, b, c, d = T[s, s] / determinant, -T[r, s] / determinant, -T[s, r] / determinant, T[r, r] / determinant
@@ -144,7 +144,7 @@ def exchange_two(T: Array, r: int, s: int) -> None:
 
 @compiled(types.void(tableau_type, i8), inline="always")
 def swap(tableau: PivotTableau, i: int) -> None:
-    """Exchange the values of pair i."""
+    """Swap the values x_i and y_i."""
     _, x, y, free, _, _, _ = tableau
     x[i], y[i] = y[i], x[i]
     free[i] = not free[i]
@@ -152,7 +152,7 @@ def swap(tableau: PivotTableau, i: int) -> None:
 
 @compiled(i8(tableau_type, i8), inline="always")
 def pivot(tableau: PivotTableau, r: int) -> int:
-    """Exchange pair r; return 1, the number of pairs exchanged."""
+    """Pivot on T_rr; return 1, the number of pairs exchanged."""
     exchange(tableau.T, r, r)
     swap(tableau, r)
     return 1
@@ -160,9 +160,9 @@ def pivot(tableau: PivotTableau, r: int) -> int:
 
 @compiled(i8(tableau_type, i8, i8), inline="always")
 def relieve(tableau: PivotTableau, r: int, s: int) -> int:
-    """Exchange pair s, which has stopped x_r, or r with it where T_ss is too small; return how many were exchanged.
+    """Pivot on the blocking pair s of x_r, or on r and s together if T_ss is too small; return the number exchanged.
 
-    The path on which x_r moves is the same either way. 0 means that neither can be done.
+    x_r follows the same path either way. Returns 0 if neither pivot is possible.
     """
     T = tableau.T
     across = T[r, s] * T[s, r]
@@ -178,7 +178,7 @@ def relieve(tableau: PivotTableau, r: int, s: int) -> int:
 
 @compiled(types.void(tableau_type, i8, i8, vector, indices), inline="always")
 def record(tableau: PivotTableau, s: int, exchanged: int, z: Array, basis: Indices) -> None:
-    """Set z and the basis, and record them for a trace after an exchange of pairs, s among them."""
+    """Set z and the basis, and record them in the trace after an exchange that includes pair s."""
     _, x, y, free, z_unit, _, _ = tableau
     n = len(z)
     for i in range(n):
@@ -194,7 +194,7 @@ def record(tableau: PivotTableau, s: int, exchanged: int, z: Array, basis: Indic
 def refresh(W: Array, q: Array, tableau: PivotTableau) -> float:
     """Recompute the basic variables from M and q, and return their rounding error.
 
-    Twice, for T⁻¹ is known only as well as the exchanges have kept it.
+    The correction is repeated, because T has accumulated the rounding errors of the pivots.
     """
     T, x, y, free, z_unit, w_unit, _ = tableau
     n = len(q)
@@ -220,7 +220,7 @@ def refresh(W: Array, q: Array, tableau: PivotTableau) -> float:
 
 @compiled(types.void(tableau_type, i8, i8, vector))
 def direction_of(tableau: PivotTableau, r: int, sign: int, v: Array) -> None:
-    """Set v to how z changes as x_r moves along ``sign``: if nothing ends this it may prove that there is no solution."""
+    """Set v = dz/dx_r times ``sign``; if the ray is unbounded, v may certify that there is no solution."""
     T, _, _, free, z_unit, _, size = tableau
     for i in range(len(v)):
         v[i] = sign * T[i, r] * z_unit[i] / size if free[i] and abs(T[i, r]) > PIVOT_TOL else 0.0
@@ -232,7 +232,7 @@ def direction_of(tableau: PivotTableau, r: int, sign: int, v: Array) -> None:
 def finish(
     W: Array, q: Array, lower: Array, upper: Array, tableau: PivotTableau, z: Array, tol: float, status: int
 ) -> int:
-    """Set z to the point, polished if all nonbasic variables are at a bound; return SOLVED if it holds, else ``status``."""
+    """Set z, polished if all nonbasic variables are at a bound; return SOLVED if its residual permits, else ``status``."""
     _, x, y, free, z_unit, _, _ = tableau
     n = len(q)
     side, regular = np.empty(n, np.int64), True

@@ -1,4 +1,4 @@
-"""Final refinement: the basis is solved again, without the accumulated rounding of pivots or iterates."""
+"""Final refinement: the basic solution is recomputed from M and q, free of the rounding accumulated over the pivots."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from lcpimpact.lcp.judge import holds, measure
 
 @compiled(types.boolean(matrix, vector, vector, vector, indices, vector, f8))
 def polish(W: Array, q: Array, lower: Array, upper: Array, side: Indices, z: Array, tol: float) -> bool:
-    """Put the basic solution of ``side`` in the place of z if its residual is smaller: what remains then is rounding.
+    """Replace z by the basic solution of ``side`` if its residual is smaller.
 
-    Returns whether what z is then holds.
+    Returns whether the final z meets the tolerance.
     """
     n = len(q)
     exact, w = np.empty(n), np.empty(n)
@@ -33,7 +33,7 @@ def polish(W: Array, q: Array, lower: Array, upper: Array, side: Indices, z: Arr
 
 
 class Sides(NamedTuple):
-    """The sides of an iterate, of the one before, and of the basis that was tried last; (n,) indices."""
+    """Sides of the current iterate, the previous one, and the basis tried last; (n,) indices."""
 
     now: Indices
     before: Indices
@@ -43,20 +43,20 @@ class Sides(NamedTuple):
 sides_type = types.NamedUniTuple(indices, 3, Sides)
 
 UNKNOWN_SIDE = 2
-"""Side of a row that is not known yet."""
+"""Side of a row not yet identified."""
 
 
 @compiled(sides_type(i8))
 def unknown_sides(n: int) -> Sides:
-    """Return the sides at the start."""
+    """Return the initial sides."""
     return Sides(np.empty(n, np.int64), np.full(n, UNKNOWN_SIDE), np.full(n, UNKNOWN_SIDE))
 
 
 @compiled(types.boolean(matrix, vector, vector, vector, sides_type, vector, f8))
 def identified(W: Array, q: Array, lower: Array, upper: Array, sides: Sides, z: Array, tol: float) -> bool:
-    """Return whether z solves the problem, or its basic solution does, which then takes its place.
+    """Return whether z, or else the basic solution of its active set, solves the problem; z is set to the solution.
 
-    A basis is tried once two iterates agree on it, and not twice.
+    A basis is tried once, when two successive iterates agree on it.
     """
     now, before, tried = sides
     scaled, _, rounding = measure(W, q, lower, upper, z, np.empty(len(q)))

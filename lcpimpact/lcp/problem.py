@@ -3,8 +3,8 @@ r"""The linear complementarity problem with bounds, and its solution.
 .. math:: w = M z + q, \qquad lower \le z \le upper, \qquad
           w_i \ge 0 \text{ if } z_i < upper_i, \quad w_i \le 0 \text{ if } z_i > lower_i
 
-lower = 0, upper = inf is the LCP 0 <= z ⟂ w >= 0. Finite bounds make it boxed (a dry-friction slider); a row without
-bounds is free and asks for w_i = 0 (a mixed LCP).
+lower = 0, upper = inf is the LCP 0 <= z ⟂ w >= 0. Finite bounds give a boxed LCP (dry-friction slider); a row without
+bounds is free and requires w_i = 0 (mixed LCP).
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ class LCPSolution(NamedTuple):
 
     Attributes
     ----------
-    z, w : (n,) arrays      the answer and M z + q
+    z, w : (n,) arrays      the solution and w = M z + q
     status : Status
     residual : float        ‖z - P(z - w)‖_inf / max(1, ‖q‖_inf); for an LCP ‖min(z, w)‖_inf / max(1, ‖q‖_inf)
     iterations : int        pivots, sweeps or backend iterations
-    solver : str            the solver that was asked
-    route : tuple of str    the methods that it went through; the last gave the answer
-    ray : (n,) array        with the status RAY: v that proves there is no solution, for an LCP
+    solver : str            name of the requested solver
+    route : tuple of str    the methods run in order; the last gave the solution
+    ray : (n,) array        with the status RAY: certificate v that there is no solution, for an LCP
                             v >= 0, Mᵀ v <= 0, q·v < 0; else None
-    trace : Trace           the pivots or iterates, if asked for; else None
+    trace : Trace           the pivots or iterates, if requested; else None
     """
 
     z: Array
@@ -65,12 +65,12 @@ class LCPSolution(NamedTuple):
 
     @property
     def message(self) -> str:
-        """The status in words, with its remedy."""
+        """Description of the status, with its remedy."""
         return self.status.sentence
 
     @property
     def explanation(self) -> str:
-        """Which method gave the answer, and which were tried before."""
+        """The method that gave the solution, and those that failed before."""
         *failed, last = self.route
         before = f" after {', '.join(failed)} had given no answer that holds" if failed else ""
         return f"{self.solver}: {last}{before} ({self.iterations} iterations, residual {self.residual:.1e})"
@@ -92,12 +92,12 @@ def unbounded_above(n: int) -> tuple[Array, Array]:
 
 
 def bounds(n: int, lower: ArrayLike | None, upper: ArrayLike | None) -> tuple[Array, Array, bool]:
-    """Return the bounds as arrays of length n, 0 and inf where they are None, and whether they differ from these.
+    """Return the bounds as (n,) arrays, by default 0 and inf, and whether they differ from this default.
 
     Raises
     ------
     InputError
-        If a bound is no number or n numbers, is NaN, or a lower one exceeds its upper one.
+        If a bound is neither one number nor n numbers, is NaN, or lower exceeds upper.
     """
     default = unbounded_above(n)
     if lower is None and upper is None:

@@ -1,7 +1,7 @@
-r"""The problem in rational arithmetic: every float is a fraction, so the decision is exact.
+r"""Exact decisions in rational arithmetic: every float is a fraction.
 
-A proof that there is no solution is checked here, and found again where rounding has spoilt it. For a few unknowns the
-problem is decided outright: the complementary pairs branch, and a linear program in whole numbers bounds.
+Certificates of infeasibility are verified here, and recovered where rounding has spoilt them. Problems with few unknowns
+are decided by branch and bound over the complementary pairs, with linear programs in integers.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ Whole: TypeAlias = Any
 """An array of Python's integers."""
 
 MAX_ORDER = 30
-"""Largest order of a problem decided in rational arithmetic."""
+"""Maximum order of a problem decided in rational arithmetic."""
 
 MAX_PIVOTS = 2_000
-"""Maximum number of pivots for one problem, some seconds at the largest order."""
+"""Maximum number of pivots for one problem; a few seconds at the maximum order."""
 
 MAX_SUPPORT = 60
-"""Largest support of a ray whose equations are solved in fractions."""
+"""Maximum support of a ray whose equations are solved in fractions."""
 
 DENOMINATORS = (1, 12, 1000)
 """Largest denominators tried for the entries of a ray, in units of the largest entry."""
@@ -39,9 +39,9 @@ class Decision(NamedTuple):
     Attributes
     ----------
     z : list of Fraction, optional      a solution
-    ray : list of Fraction, optional    a proof that there is none, as `proves_infeasible` takes it
+    ray : list of Fraction, optional    a certificate of infeasibility for `proves_infeasible`
 
-    With neither there is no solution, though no such proof: every complementary basis was found not to fit.
+    With neither there is no solution: every complementary basis is infeasible, but there is no such certificate.
     """
 
     z: list[Fraction] | None = None
@@ -78,7 +78,7 @@ def transposed_product(M: Delassus, v: Array) -> tuple[Whole, int]:
 
 
 def annuls(M: Factored, v: Array) -> bool:
-    """Return whether Hᵀ v = 0, so that M v = H A⁻¹ Hᵀ v = 0 without a rounding of A⁻¹."""
+    """Return whether Hᵀ v = 0, so that M v = H A⁻¹ Hᵀ v = 0 without the rounding error of A⁻¹."""
     rows = np.flatnonzero(v)
     u, _ = whole(v[rows])
     H = M.H.tocsr()[rows].toarray() if hasattr(M.H, "tocsr") else M.H[rows]
@@ -86,9 +86,9 @@ def annuls(M: Factored, v: Array) -> bool:
 
 
 def proves_infeasible(M: Delassus, q: Array, lower: Array, upper: Array, v: Array) -> bool:
-    r"""Return whether v is a certificate that no z between the bounds has w of the right signs, without any rounding.
+    r"""Return whether v certifies, in exact arithmetic, that no z between the bounds has w of the right signs.
 
-    For lower = 0, upper = inf: v >= 0, Mᵀ v <= 0 and q·v < 0 (Farkas). In general as `judge.proves_infeasible` states it.
+    For lower = 0, upper = inf: v >= 0, Mᵀ v <= 0 and q·v < 0 (Farkas); in general see `judge.proves_infeasible`.
     """
     if not np.isfinite(v).all():
         return False
@@ -110,10 +110,10 @@ def proves_infeasible(M: Delassus, q: Array, lower: Array, upper: Array, v: Arra
 
 
 def proof(M: Delassus, q: Array, lower: Array, upper: Array, v: Array) -> Array | None:
-    """Return a ray near v that proves that there is no solution, or None.
+    """Return a ray near v that certifies infeasibility, or None.
 
-    Rounding spoils the equations (Mᵀ v)_j = 0 of a ray, so beside v itself its entries are tried as short fractions, and as
-    what solves these equations.
+    Rounding spoils the equations (Mᵀ v)_j = 0 of a ray, so v is also tried with its entries rounded to fractions of small
+    denominator, and with the exact solution of these equations.
     """
     for each in _neighbours(M, v):
         if proves_infeasible(M, q, lower, upper, each):
@@ -137,7 +137,7 @@ def _neighbours(M: Delassus, v: Array) -> Iterator[Array]:
     else:
         N = M.array()[rows]
         tight = np.abs(v[rows] @ N) <= 1e-7 * (np.abs(v[rows]) @ np.abs(N))
-    # In units in which each row of M is near one, as rows of different units have entries of different size.
+    # Each row of M is scaled to near one, as rows in different units have entries of different size.
     largest = np.abs(N).max(axis=1)
     unit = np.where(largest > 0.0, np.exp2(np.round(np.log2(np.where(largest > 0.0, largest, 1.0)))), 1.0)
     x = v[rows] * unit
@@ -155,7 +155,7 @@ def _neighbours(M: Delassus, v: Array) -> Iterator[Array]:
 
 
 def _nearest_null_vector(N: Array, guess: list[Fraction]) -> list[Fraction]:
-    """Return u with Nᵀ u = 0, whose free entries are those of ``guess``: of dependent rows the largest stay free."""
+    """Return u with Nᵀ u = 0, its free entries taken from ``guess``; among dependent rows the largest stay free."""
     order = sorted(range(len(guess)), key=lambda i: abs(guess[i]))
     rows = [[Fraction(float(N[i, j])) for i in order] for j in range(N.shape[1])]
     pivots: list[tuple[int, list[Fraction]]] = []
@@ -184,7 +184,7 @@ def _nearest_null_vector(N: Array, guess: list[Fraction]) -> list[Fraction]:
 
 
 def nearest_floats(values: list[Fraction]) -> Array:
-    """Return a multiple of the values in floats: as whole numbers without a common factor where these are floats."""
+    """Return a multiple of the values in floats: coprime integers if these are representable."""
     denominator = 1
     for a in values:
         denominator = denominator * a.denominator // gcd(denominator, a.denominator)
@@ -194,7 +194,7 @@ def nearest_floats(values: list[Fraction]) -> Array:
     largest = max(map(abs, numbers), default=0)
     if largest < 2**53:
         return np.array([float(a) for a in numbers])
-    # No longer whole, and no larger than one; the power of two rounds nothing.
+    # No longer integers, and at most one; scaling by a power of two is exact.
     return np.array([float(Fraction(a, 2 ** largest.bit_length())) for a in numbers])
 
 
@@ -204,7 +204,7 @@ def floats(values: list[Fraction]) -> Array:
 
 
 def image(M: Delassus, q: Array, z: Array) -> Array:
-    """Return w = M z + q, rounded once; M dense or by its bands."""
+    """Return w = M z + q, rounded once; M dense or banded."""
     N, p = M.array(), [Fraction(float(a)) for a in q]
     x = [Fraction(float(a)) for a in z]
     rows = [sum((Fraction(float(a)) * b for a, b in zip(row, x, strict=True) if a and b), Fraction(0)) for row in N]
@@ -212,14 +212,14 @@ def image(M: Delassus, q: Array, z: Array) -> Array:
 
 
 class _Dictionary(NamedTuple):
-    """x_B = (b + A x_N) / D in integers, of the pairs (y_k, s_k): y_k has the number k, s_k the number n + k.
+    """The dictionary x_B = (b + A x_N) / D in integers for the pairs (y_k, s_k), numbered k and n + k.
 
     Attributes
     ----------
     A : (n, n + 1) array of int     the last column is b
-    D : int                         above zero
+    D : int                         positive
     basic, nonbasic : list of int
-    zero : set of int               variables that are to be zero
+    zero : set of int               variables fixed at zero
     """
 
     A: Whole
@@ -229,7 +229,7 @@ class _Dictionary(NamedTuple):
     zero: frozenset[int]
 
     def exchange(self, r: int, c: int) -> _Dictionary:
-        """Exchange a basic and a nonbasic variable; the divisions leave no remainder (Edmonds)."""
+        """Exchange a basic and a nonbasic variable; the integer divisions are exact (Edmonds)."""
         A, pivot = self.A, self.A[r, c]
         sign = 1 if pivot > 0 else -1
         new = sign * (A * pivot - np.outer(A[:, c], A[r])) // self.D
@@ -242,10 +242,10 @@ class _Dictionary(NamedTuple):
 
 
 def decide(M: Delassus, q: Array, lower: Array, upper: Array) -> Decision | None:
-    """Decide a problem of a few rows; None if that takes too long or M is not given by its entries.
+    """Decide a problem of few rows; None if that takes too long or M is not given by its entries.
 
-    Branch and bound: the pairs of the reduced LCP are bound by y >= 0, s >= 0 alone at first. Where no point fulfils that,
-    a ray proves it. Where the point found has a pair with both positive, one and then the other is set to zero.
+    Branch and bound: the relaxation keeps only y >= 0, s >= 0 for the pairs of the reduced LCP. If it is infeasible, a ray
+    proves it; if a pair of the feasible point has both variables positive, branch by setting either to zero.
     """
     if M.n > MAX_ORDER or isinstance(M, Factored):
         return None
@@ -282,7 +282,7 @@ def decide(M: Delassus, q: Array, lower: Array, upper: Array) -> Decision | None
 def _reduced(
     M: Delassus, q: Array, lower: Array, upper: Array
 ) -> tuple[Whole, Whole, Indices, Array, list[Fraction], list[Fraction]]:
-    """Return `to_lcp` in integers, with the powers of two that the rows were multiplied by."""
+    """Return `to_lcp` in integers, with the powers of two by which the rows were multiplied."""
     full = M.array()
     _, _, row, sign, start = to_lcp(full, q, lower, upper)
     n = len(row)
@@ -311,7 +311,7 @@ def _reduced(
 
 
 def _set_to_zero(at: _Dictionary, x: int) -> _Dictionary | None:
-    """Return the dictionary with x = 0 as one more condition, or None if x is another number whatever the others are."""
+    """Return the dictionary with the additional equation x = 0, or None if x is a non-zero constant."""
     at = at._replace(zero=at.zero | {x})
     if x in at.nonbasic:
         return at
@@ -323,7 +323,7 @@ def _set_to_zero(at: _Dictionary, x: int) -> _Dictionary | None:
 
 
 def _feasible(at: _Dictionary, left: int) -> tuple[_Dictionary, int | None, int]:
-    """Exchange until none is negative, by the least index (Bland): the dictionary, a row that stays so, pivots left."""
+    """Pivot to feasibility by Bland's least-index rule; return the dictionary, an infeasible row or None, pivots left."""
     n = len(at.basic)
     while left >= 0:
         wrong = [(x, r) for r, x in enumerate(at.basic) if at.A[r, n] < 0]
@@ -339,7 +339,7 @@ def _feasible(at: _Dictionary, left: int) -> tuple[_Dictionary, int | None, int]
 
 
 def _ray(at: _Dictionary, r: int, row: Indices, sign: Array, unit: list[Fraction], n: int) -> list[Fraction]:
-    """Return the v of the row x_r = (b + A x_N) / D with b < 0 and A <= 0: v·s is a sum that is negative whatever y is."""
+    """Return the certificate v of a row x_r = (b + A x_N) / D with b < 0 and A <= 0: then v·s < 0 for every y >= 0."""
     size, v = len(at.basic), [Fraction(0)] * n
     weights = [(x, -at.A[r, c]) for c, x in enumerate(at.nonbasic)] + [(at.basic[r], at.D)]
     for x, weight in weights:

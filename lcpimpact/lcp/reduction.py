@@ -1,4 +1,4 @@
-"""Reduction of a problem with bounds to a plain LCP in more unknowns, for methods without bounds."""
+"""Reduction of a boxed LCP to a plain LCP with more unknowns, for methods without bounds."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from lcpimpact.lcp.storage import product
 
 @compiled(types.Tuple((matrix, vector, indices, vector, vector))(matrix, vector, vector, vector))
 def to_lcp(M: Array, q: Array, lower: Array, upper: Array) -> tuple[Array, Array, Indices, Array, Array]:
-    r"""Return LCP(N, p) in y >= 0, with the row and the sign of each unknown, and z at y = 0.
+    r"""Return LCP(N, p) in y >= 0, the row and the sign of each unknown, and z at y = 0.
 
     .. math:: z_i = lower_i + y_i, \quad z_i = upper_i - y_i, \quad z_i = y_i - y_j
 
-    for a row with a lower bound, with an upper bound only, and without bounds. A row with both bounds has a multiplier μ
-    besides, 0 <= μ ⟂ upper - lower - y >= 0, whose sign is 0 here. A row with lower = upper is no unknown.
+    for a row with a lower bound, with an upper bound only, and without bounds. A row with both bounds also has a multiplier
+    μ, 0 <= μ ⟂ upper - lower - y >= 0, with sign 0 here. A row with lower = upper has no unknown.
     """
     n = len(q)
     row, sign, base = np.empty(2 * n, np.int64), np.empty(2 * n), np.zeros(n)
@@ -53,6 +53,6 @@ def to_lcp(M: Array, q: Array, lower: Array, upper: Array) -> tuple[Array, Array
 
 @compiled(types.void(indices, vector, vector, vector))
 def from_lcp(row: Indices, sign: Array, y: Array, z: Array) -> None:
-    """Add to z what y means: to z at y = 0 for a solution, to 0 for a direction."""
+    """Add the contribution of y to z; on entry z is its value at y = 0 for a solution, 0 for a direction."""
     for a in range(len(y)):
         z[row[a]] += sign[a] * y[a]

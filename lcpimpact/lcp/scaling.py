@@ -13,7 +13,7 @@ from lcpimpact.compiled import compiled, matrix, vector
 
 @compiled(types.void(matrix, vector, vector))
 def units(M: Array, q: Array, unit: Array) -> None:
-    """Set ``unit`` to the D that gives D M D a unit diagonal, or a largest entry near one where M_ii <= 0."""
+    """Set ``unit`` to the D for which D M D has a unit diagonal, or a largest row entry near one where M_ii <= 0."""
     n = len(q)
     for i in range(n):
         size = M[i, i]
@@ -45,7 +45,7 @@ scaled_type = types.NamedTuple((matrix, vector, vector, vector, vector), Scaled)
 
 @compiled(scaled_type(matrix, vector, vector, vector))
 def scaled(M: Array, q: Array, lower: Array, upper: Array) -> Scaled:
-    """Return the problem scaled."""
+    """Return the scaled problem."""
     n = len(q)
     N, p, low, high, unit = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     units(M, q, unit)
@@ -68,14 +68,14 @@ def scaled(M: Array, q: Array, lower: Array, upper: Array) -> Scaled:
 
 
 SCALING_SWEEPS = 4
-"""Number of passes over rows and columns; more hardly bring the entries nearer to one."""
+"""Number of sweeps over rows and columns; further sweeps hardly improve the scaling."""
 
 
 @compiled(types.void(matrix, vector, vector))
 def equilibrate(M: Array, row: Array, column: Array) -> None:
     """Set ``row`` and ``column`` so that the entries of diag(row) M diag(column) are near one.
 
-    In each row and column the largest and the least entry are, as far as can be, inverse to each other.
+    In each row and column the largest and the smallest entry are, as far as possible, reciprocal.
     """
     n = len(M)
     row[:] = 1.0

@@ -1,4 +1,4 @@
-"""One LCP by one call, or one matrix and many right sides."""
+"""Solution of one LCP, or of many right-hand sides with one matrix."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ STATUS = {int(each): each for each in Status}
 
 SOLVED = Status.SOLVED
 PROVEN = Status.SOLVED, Status.RAY, Status.INFEASIBLE
-"""Statuses after which no other method need be tried."""
+"""Conclusive statuses, after which no fallback is tried."""
 
 MAX_EXACT_ORDER = 200
-"""Largest order at which a doubtful answer is judged in rational arithmetic."""
+"""Maximum order at which an inconclusive solution is checked in rational arithmetic."""
 
 MAX_PROGRAM_ORDER = 1_000
-"""Largest order at which a linear program searches for a proof of infeasibility."""
+"""Maximum order at which a linear program searches for a certificate of infeasibility."""
 
 
 class PreparedLCP(NamedTuple):
-    """A solver made ready for one matrix and one pair of bounds; `solve` may be called for many q.
+    """A solver prepared for one matrix and one pair of bounds; `solve` may be called for many q.
 
-    Nothing is carried from one solve to the next but what is passed as the guess z0.
+    Solves are independent of each other; pass z0 for a warm start.
 
     Attributes
     ----------
     solver : LCPSolver
     operator : Delassus
     lower, upper : (n,) arrays
-    state : SolverState               what the solver's init returned
+    state : SolverState               returned by the solver's init
     """
 
     solver: LCPSolver
@@ -52,7 +52,7 @@ class PreparedLCP(NamedTuple):
     state: SolverState
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the arguments: compiled code cannot be sent to another process, so the solver is prepared again there."""
+        """Pickle the arguments: compiled code cannot be pickled, so the solver is prepared again in the other process."""
         registered = SOLVERS.get(self.solver.name) == self.solver
         return _prepare, (self.operator, self.solver.name if registered else self.solver, self.lower, self.upper)
 
@@ -66,7 +66,7 @@ class PreparedLCP(NamedTuple):
         throw: bool = True,
         trace: bool = False,
     ) -> LCPSolution:
-        """Solve for one q; parameters, returns and errors are those of `solve_lcp`."""
+        """Solve for one q; parameters, returns and errors as in `solve_lcp`."""
         n, solver, state = self.operator.n, self.solver, self.state
         right = finite_array("q", q, copy=False)
         if right.shape != (n,):
@@ -92,7 +92,7 @@ class PreparedLCP(NamedTuple):
         return solution
 
     def _attempt(self, state: SolverState, q: Array, guess: Array | None, tol: float, max_iter: int) -> LCPSolution:
-        """Run one method and judge its answer."""
+        """Run one method and judge its solution."""
         W, lower, upper = state.W, self.lower, self.upper
         z, w = np.zeros(len(q)) if guess is None else guess.copy(), np.empty(len(q))
         code, iterations = state.kernel(W, q, lower, upper, z, tol, max_iter)
@@ -108,7 +108,7 @@ class PreparedLCP(NamedTuple):
                 w, scaled, natural = self._without_rounding(q, z)
                 status = verdict(SOLVED, scaled, 0.0, tol)
             if status is not SOLVED:
-                # What a method had reached may lie anywhere; what is handed back lies between the bounds.
+                # An unfinished iterate may lie anywhere; the returned z is projected onto the bounds.
                 z = np.minimum(np.maximum(np.where(np.isfinite(z), z, 0.0), lower), upper)
                 _, natural, _ = measure(W, q, lower, upper, z, w)
         return LCPSolution(z, w, status, natural, iterations, self.solver.name, (state.name,), ray)
@@ -116,7 +116,7 @@ class PreparedLCP(NamedTuple):
     def _fall_back(
         self, name: str, before: LCPSolution, q: Array, guess: Array | None, tol: float, max_iter: int | None
     ) -> LCPSolution:
-        """Run another method after one that failed; it is passed over if the problem is not one for it."""
+        """Run another method after a failure; skip it if it does not accept the problem."""
         method = SOLVERS[name]
         try:
             method.check(self.operator, boxed=not is_plain(self.lower, self.upper))
@@ -124,13 +124,13 @@ class PreparedLCP(NamedTuple):
         except UnsupportedError:
             return before
         after = self._attempt(state, q, guess, tol, limits(method, None, max_iter)[1])
-        # A method that fails does not overrule the nearer answer of one before.
+        # A failing method does not replace an earlier solution with a smaller residual.
         fails = after.status not in PROVEN and not after.residual < before.residual
         better = before if fails else after
         return better._replace(iterations=before.iterations + after.iterations, route=(*before.route, name))
 
     def _disproved(self, q: Array, ray: Array | None) -> tuple[Status, Array | None]:
-        """Return RAY or INFEASIBLE if it is proved in rational arithmetic that there is no solution, else UNDECIDED."""
+        """Return RAY or INFEASIBLE if rational arithmetic proves that there is no solution, else UNDECIDED."""
         problem = self.operator, q, self.lower, self.upper
         found = None if ray is None else rational.proof(*problem, ray)
         if found is not None:
@@ -145,19 +145,19 @@ class PreparedLCP(NamedTuple):
         return Status.INFEASIBLE, None
 
     def _in_doubt(self, rounding: float, tol: float) -> bool:
-        """Return whether it is rounding that hides whether an answer holds, and rational arithmetic can tell."""
+        """Return whether rounding error makes the check inconclusive and rational arithmetic can decide."""
         small = self.operator.n <= MAX_EXACT_ORDER and not isinstance(self.operator, Factored)
         return small and not rounding <= max(tol, judge.PROOF_RTOL)
 
     def _without_rounding(self, q: Array, z: Array) -> tuple[Array, float, float]:
-        """Return w, computed in rational arithmetic, and the residuals with it, scaled and natural."""
+        """Return w computed in rational arithmetic, and its scaled and natural residuals."""
         M, lower, upper = self.operator.array(), self.lower, self.upper
         w = rational.image(self.operator, q, z)
         natural = np.abs(np.maximum(np.minimum(w, z - lower), z - upper)).max() / max(1.0, np.abs(q).max())
         return w, judge.row_defect(M, q, lower, upper, z, w, 0.0)[0], float(natural)
 
     def _decide(self, solution: LCPSolution, q: Array, tol: float) -> LCPSolution:
-        """Decide what every method has left undecided: few rows in rational arithmetic, more by a linear program."""
+        """Decide a problem left undecided by every method: small ones in rational arithmetic, others by a linear program."""
         problem = self.operator, q, self.lower, self.upper
         decision = rational.decide(*problem)
         if decision is None:
@@ -173,7 +173,7 @@ class PreparedLCP(NamedTuple):
         )
 
     def _prove(self, solution: LCPSolution, q: Array) -> LCPSolution:
-        """Look for a proof that there is no solution by a linear program."""
+        """Search for a certificate of infeasibility by a linear program."""
         if self.operator.n > MAX_PROGRAM_ORDER:
             return solution
         found = infeasibility(self.operator.array(), q, self.lower, self.upper)
@@ -183,7 +183,7 @@ class PreparedLCP(NamedTuple):
         return solution._replace(status=Status.RAY, ray=ray, route=(*solution.route, "linear program"))
 
     def _trace(self, solution: LCPSolution, q: Array, guess: Array | None, tol: float, max_iter: int) -> Trace:
-        """Return the trace of the method that gave the solution, run again by the interpreter."""
+        """Return the trace of the method that gave the solution, rerun in the interpreter."""
         M, named = Dense(self.operator.array()), [name for name in solution.route if name in SOLVERS]
         method = SOLVERS[named[-1]] if named else self.solver
         kernel, notes = traced(method.init(M).kernel, M.M, q, self.lower, self.upper, method.name)
@@ -200,7 +200,7 @@ def prepare_lcp(
     upper: ArrayLike | None = None,
     tags: Iterable[str] = (),
 ) -> PreparedLCP:
-    """Make a solver ready for one matrix: what depends on M alone is done here, once.
+    """Prepare a solver for one matrix: all work that depends only on M is done once.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def prepare_lcp(
     Returns
     -------
     PreparedLCP
-        Its `solve` takes one q after another.
+        Call its `solve` for each q.
 
     Raises
     ------
@@ -253,45 +253,44 @@ def solve_lcp(
 ) -> LCPSolution:
     r"""Solve w = M z + q with lower <= z <= upper, w >= 0 where z < upper, w <= 0 where z > lower.
 
-    With lower = 0 and upper = inf, as they are unless given, this is the LCP 0 <= z ⟂ w >= 0. A row with
-    lower = -inf and upper = inf is free: w = 0.
+    With the default lower = 0 and upper = inf this is the LCP 0 <= z ⟂ w >= 0. A row with lower = -inf and
+    upper = inf is free: w = 0.
 
     Parameters
     ----------
     M : (n, n) array_like, sparse matrix, `Dense`, `Banded` or `Factored`
-        Any square matrix; a solver refuses one that it is not made for.
+        Any square matrix; a solver rejects a matrix without the properties that it requires.
     q : (n,) array_like
-        Right side.
+        Right-hand side.
     solver : str or LCPSolver
-        A name of ``lcpimpact list solvers``, or a solver of your own.
+        A name of ``lcpimpact list solvers``, or a user-defined solver.
     lower, upper : float or (n,) array_like, optional
         Bounds of z.
     tags : iterable of str
-        Properties of M that are known and need not be found: "symmetric", "psd", "p", "positive_diagonal".
+        Known properties of M, which are then not tested: "symmetric", "psd", "p", "positive_diagonal".
     tol : float, optional
-        Largest residual, in units where max |M| = max |q| = 1, of an answer that counts as solved; by default what
-        the solver declares. Where the rounding of M z + q is larger, that counts.
+        Tolerance on the residual, scaled so that max |M| = max |q| = 1; by default the solver's. If the rounding
+        error of M z + q is larger, it is the tolerance.
     max_iter : int, optional
-        Limit of pivots, sweeps or backend iterations; by default what the solver declares.
+        Maximum number of pivots, sweeps or backend iterations; by default the solver's.
     z0 : (n,) array_like, optional
-        A guess: the point where an iteration starts, or the rows that are free at first.
+        Warm start: the initial iterate, or the initial set of free rows.
     throw : bool
         Raise when the status is not SOLVED, instead of returning the failed solution.
     trace : bool
-        Run the method that gave the answer again in the interpreter, and keep its pivots or iterates.
+        Rerun the method that gave the solution in the interpreter, and keep its pivots or iterates.
 
     Returns
     -------
     LCPSolution
-        With z, w, status, success, residual, iterations, solver, route and explanation; the residual is computed
-        outside the solver.
+        With z, w, status, success, residual (computed outside the solver), iterations, solver, route and explanation.
 
     Raises
     ------
     InputError
         For data of the wrong shape or kind, or an unknown solver.
     UnsupportedError
-        If the problem lacks a property that the solver declares it needs.
+        If the problem lacks a property that the solver requires.
     FailureError
         If no solution was reached and ``throw`` is set.
 
@@ -311,7 +310,7 @@ def solve_lcp(
 
 
 def verdict(status: Status, scaled: float, rounding: float, tol: float) -> Status:
-    """Return the status that stands: an answer is solved only if its residual, computed outside the solver, says so."""
+    """Return the final status: SOLVED only if the residual, computed outside the solver, is within tolerance."""
     if not scaled < np.inf:
         return Status.NON_FINITE
     if status is SOLVED and not judge.holds(scaled, rounding, tol):
@@ -320,12 +319,12 @@ def verdict(status: Status, scaled: float, rounding: float, tol: float) -> Statu
 
 
 def limits(solver: LCPSolver, tol: float | None, max_iter: int | None) -> tuple[float, int]:
-    """Return tol and max_iter as given, or as the solver declares them where they are None.
+    """Return tol and max_iter, replaced by the solver's defaults where they are None.
 
     Raises
     ------
     InputError
-        If tol is no positive number, or max_iter no whole number above zero.
+        If tol is not a positive number, or max_iter not a positive integer.
     """
     if tol is not None:
         positive("tol", tol)

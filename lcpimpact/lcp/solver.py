@@ -16,8 +16,8 @@ from lcpimpact.lcp.operators import Delassus, Dense, Factored, Property
 Kernel: TypeAlias = Callable[[Any, Array, Array, Array, Array, float, int], tuple[int, int]]
 """kernel(W, q, lower, upper, z, tol, max_iter) -> (status, iterations).
 
-W is M in one of the solver's storages; z (n,) holds a guess on entry and the answer on return, or with the status RAY the
-direction that proves that there is none.
+W is M in one of the solver's storages; z (n,) holds the initial guess on entry, and on return the solution or, with the
+status RAY, a certificate of infeasibility.
 """
 
 
@@ -26,11 +26,11 @@ class SolverState(NamedTuple):
 
     Attributes
     ----------
-    W : array or Factored       what the kernel reads
+    W : array or Factored       matrix argument of the kernel
     kernel : Kernel             may be called for many q, and for other matrices of the same storage
     compiled : bool             whether the kernel can be called from compiled code
-    name : str                  the method that the kernel is
-    fallbacks : tuple of str    methods to try in turn if its answer does not hold, by a solver that chooses
+    name : str                  name of the kernel's method
+    fallbacks : tuple of str    methods to try in order if the kernel fails; set by automatic selection
     """
 
     W: Any
@@ -44,20 +44,20 @@ class SolverState(NamedTuple):
 class LCPSolver(ABC):
     """An LCP solver: its name, requirements and accuracy.
 
-    To write a new solver: put its method in a file of its own as one compiled kernel, declare it as a `CompiledSolver`,
-    and add a line to the registry.
+    To add a solver: write its method as a compiled kernel in its own file, declare it as a `CompiledSolver`, and add a
+    line to the registry.
 
     Attributes
     ----------
     name : str                      the registry name
     summary : str                   one line for tables
-    requires : tuple of Property    properties of M that it relies on
-    storages : tuple of str         forms of M that it reads: "dense", "banded", "factored"; others are made dense
-    boxed : bool                    whether it takes bounds other than lower = 0, upper = inf
-    tol : float                     the relative residual that it reaches, its default tolerance
-    max_iter : int                  default limit of pivots, sweeps or backend iterations
-    source : str                    where the method is from
-    largest : int, optional         largest n that it takes
+    requires : tuple of Property    required properties of M
+    storages : tuple of str         accepted storages of M: "dense", "banded", "factored"; others are converted to dense
+    boxed : bool                    whether bounds other than lower = 0, upper = inf are accepted
+    tol : float                     default tolerance: the attainable relative residual
+    max_iter : int                  default maximum number of pivots, sweeps or backend iterations
+    source : str                    reference of the method
+    largest : int, optional         maximum n
     """
 
     name: str
@@ -72,15 +72,15 @@ class LCPSolver(ABC):
 
     @abstractmethod
     def init(self, M: Delassus) -> SolverState:
-        """Do once what depends on M alone: choose its storage, scale it, factor it."""
+        """Prepare M once: choose its storage, scale it, factor it."""
 
     def check(self, M: Delassus, boxed: bool = False) -> None:
-        """Refuse a problem that lacks a property the solver relies on.
+        """Reject a problem that lacks a property the solver requires.
 
         Raises
         ------
         UnsupportedError
-            Naming the property and a solver that does without it.
+            Naming the property and a solver that does not require it.
         """
         needs = ""
         for each in self.requires:
@@ -100,12 +100,12 @@ class LCPSolver(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class CompiledSolver(LCPSolver):
-    """A solver whose kernel is compiled and needs nothing but M, q and the bounds."""
+    """A solver whose compiled kernel depends only on M, q and the bounds."""
 
     kernel: Kernel
 
     def init(self, M: Delassus) -> SolverState:
-        """Return the kernel, run by the interpreter with the operator's own products where M is by its factors."""
+        """Return the kernel; for a factored M it runs in the interpreter with the operator's products."""
         if M.storage == "factored" and M.storage in self.storages:
             return SolverState(M, matrix_free(self.kernel), False, self.name)
         W = M.W if M.storage in self.storages else Dense(M.array()).W
@@ -114,7 +114,7 @@ class CompiledSolver(LCPSolver):
 
 @cache
 def matrix_free(function: F) -> F:
-    """Return a kernel or judge that asks the operator for its products, columns and size, where it asked an array."""
+    """Return a kernel or judge that takes products, columns and size from the operator instead of an array."""
     asked: dict[str, Any] = {
         "product": Factored.product,
         "transposed_product": Factored.product,

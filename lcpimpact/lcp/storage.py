@@ -1,7 +1,7 @@
-"""The two storages of M in compiled solvers, dense and banded, distinguished by their shape.
+"""Dense and banded storage of M in compiled solvers, distinguished by shape.
 
 dense    (n, n)        any matrix
-banded   (b + 1, n)    a symmetric one by its lower bands, b + 1 < n: W[k, j] = M[j + k, j]
+banded   (b + 1, n)    the lower bands of a symmetric matrix, b + 1 < n: W[k, j] = M[j + k, j]
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def transposed_product(W: Array, v: Array, c: Array) -> None:
 
 @compiled(types.void(matrix, vector, vector))
 def absolute_product(W: Array, z: Array, c: Array) -> None:
-    """Set c = |M| |z|, which times ε bounds the rounding of M z."""
+    """Set c = |M| |z|; ε c bounds the rounding error of M z."""
     bands, n = W.shape
     if bands == n:
         columns, count = np.empty(n, np.int64), 0
@@ -157,11 +157,11 @@ def row_product(W: Array, i: int, z: Array) -> float:
 
 @compiled(types.boolean(matrix))
 def is_symmetric(W: Array) -> bool:
-    """Return whether M is symmetric to rounding: |M_ij - M_ji| <= 1e-12 sqrt(|M_ii M_jj|), or a rounding of M_ij."""
+    """Return whether M is symmetric to |M_ij - M_ji| <= 1e-12 sqrt(|M_ii M_jj|), or to the rounding of M_ij."""
     bands, n = W.shape
     if bands != n:
         return True
-    tile = 32  # so that the transposed half is read while it is near
+    tile = 32  # tile size, so that the transposed half stays in cache
     for rows in range(0, n, tile):
         for columns in range(0, rows + 1, tile):
             for i in range(rows, min(n, rows + tile)):

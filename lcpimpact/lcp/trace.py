@@ -1,4 +1,4 @@
-"""Traces of solvers: pivots or iterates one by one, with the tableau of each."""
+"""Traces of solvers: pivots or iterates with their tableaux."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, i8, indices, interpreted, vector
 
 NONE = -1
-"""No single variable entered or left the basis."""
+"""Index when no single variable entered or left the basis."""
 
 
 @compiled(types.void(vector, indices, i8, i8))
 def note(z: Array, basis: Indices, entering: int, leaving: int) -> None:
-    """Take no note. A traced run puts a note-taker in the place of this function.
+    """Do nothing; a traced run replaces this function by one that records the arguments.
 
-    Variables are numbered w_1 ... w_n, z_1 ... z_n, z0 from 0 to 2n; ``basis[i]`` is the one that stands in row i.
+    Variables are numbered w_1 ... w_n, z_1 ... z_n, z0 from 0 to 2n; ``basis[i]`` is the basic variable of row i.
     """
 
 
 @compiled(types.void(vector, indices, i8, i8, vector))
 def note_covered(z: Array, basis: Indices, entering: int, leaving: int, shift: Array) -> None:
-    """Take no note, as `note`, of a point of Lemke's method, where w = M z + q + shift and shift = d z0."""
+    """Do nothing, like `note`, for a point of Lemke's method: w = M z + q + shift with shift = d z0."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class TraceStep:
     ----------
     z, w : (n,) arrays      the point, with w = M z + q + z0
     z0 : float              the covering variable of Lemke's method, 0 elsewhere
-    basis : (n,) tuple      the variable that stands in each row, by name
-    entering, leaving : str the exchange that led here, "" where several variables changed or none
+    basis : (n,) tuple      name of the basic variable of each row
+    entering, leaving : str the exchange that led here, "" for none or a block pivot
     """
 
     z: Array
@@ -53,7 +53,7 @@ class TraceStep:
 class Trace:
     """The steps of a run on LCP(M, q).
 
-    Printed, it is a table of all steps; `tableau` prints one of them in full.
+    ``print`` shows a table of all steps; `tableau` returns the tableau of one.
 
     Attributes
     ----------
@@ -79,9 +79,9 @@ class Trace:
     steps: tuple[TraceStep, ...]
 
     def ending(self, z: Array) -> Trace:
-        """Return the trace with the answer z as its last step: some methods take no note of it, or improve on it.
+        """Return the trace with the solution z as its last step, which some methods do not record or refine later.
 
-        The notes of a method that knows no bounds are of the LCP that `to_lcp` makes, to which z is no answer.
+        Methods without bounds are traced on the LCP of `to_lcp`, whose unknowns are not z.
         """
         if len(z) != len(self.q):
             return self
@@ -112,7 +112,7 @@ class Trace:
         return "\n".join(lines)
 
     def tableau(self, k: int) -> str:
-        """Return the tableau of step k: each basic variable in terms of those outside the basis.
+        """Return the tableau of step k: each basic variable in terms of the nonbasic ones.
 
         A row reads basic = constant + Σ coefficient · nonbasic.
         """
@@ -120,7 +120,7 @@ class Trace:
         names = [f"w{i + 1}" for i in range(n)] + [f"z{i + 1}" for i in range(n)] + ["z0"]
         full = np.hstack([np.eye(n), -self.M, -np.ones((n, 1))])  # full (w, z, z0) = q
         inside = [names.index(name) for name in basis]
-        # Without Lemke's covering variable there is no column for it.
+        # The column of Lemke's covering variable is dropped if unused.
         outside = [i for i in range(2 * n + ("z0" in basis)) if i not in inside]
         try:
             solved = np.linalg.solve(full[:, inside], np.column_stack([self.q, -full[:, outside]]))
@@ -140,9 +140,9 @@ def _short(value: float) -> str:
 def traced(
     kernel: Callable[..., Any], M: Array, q: Array, lower: Array, upper: Array, name: str
 ) -> tuple[Callable[..., Any], Callable[[], Trace]]:
-    """Return a kernel that runs in the interpreter and takes notes, and the function that gives them as a `Trace`.
+    """Return a recording kernel that runs in the interpreter, and the function that returns its `Trace`.
 
-    A method that knows no bounds works on the LCP of `to_lcp`, and the notes are of that.
+    A method without bounds is traced on the LCP of `to_lcp`.
     """
     steps: list[TraceStep] = []
     problem = [M, q]

@@ -50,7 +50,7 @@ TRAVEL = 3.6
 """Largest relative displacement in the picture, in units of the layout."""
 
 FLASH_SECONDS = 0.15
-"""Duration for which an impact is marked, in s of the animation."""
+"""Duration in s of the animation for which an impact is marked."""
 
 COLORS = 96
 """Number of colours of a GIF or of a frame in HTML, anti-aliasing included."""
@@ -60,40 +60,39 @@ MAX_FRAMES = 10_000
 
 DPI = 100.0
 LOWEST, HIGHEST, WIDEST, CURVES = 3.8, 6.4, 5.0, 5.6
-"""Inches: least and largest height of an animation, and the widths of its scheme, at most, and of its curves."""
+"""Minimum and maximum height of an animation, maximum width of its scheme and width of its curves, in inches."""
 
 
 @style()
 @checked
 def animate(trajectory: Trajectory, path: str | Path, *, seconds: float | None = None, fps: int = 30) -> Path:
-    """Write a run as a moving picture: the scheme on the left, and its coordinates and forces growing on the right.
+    """Animate a run: the moving scheme on the left, and its coordinates and forces over time on the right.
 
-    The frames are evenly spaced in time, from the start to the end of the run; where a value jumps, the right limit is
-    shown. One scale is chosen for all displacements, so that the largest between two ends of an element reads well; a bar
-    in the picture says what it is. Arrows at a bumper are as long as its reaction is large, and an impulse shows for an
-    instant as the largest of them.
+    The frames are evenly spaced in time over the whole run; at a jump the right limit is shown. All displacements have one
+    scale, chosen by the largest elongation of an element and shown by a scale bar. The arrows at a bumper are proportional
+    to its reaction; an impulse is shown briefly as an arrow of maximum length.
 
     Parameters
     ----------
     trajectory : Trajectory
-        Any run of one step or more.
+        Any run of at least one step.
     path : str or Path
-        A file ending in .gif, .html (a player in one file, which needs nothing else) or .mp4 (which needs ffmpeg).
+        A file ending in .gif, .html (self-contained player) or .mp4 (requires ffmpeg).
     seconds : float, optional
-        How long it takes to show, 8 by default.
+        Duration in s, 8 by default.
     fps : int
-        Frames in a second.
+        Frames per second.
 
     Returns
     -------
     Path
-        Where it was written; the file appears whole or not at all.
+        The file, which is written atomically.
 
     Raises
     ------
     InputError
-        For another ending, a folder that cannot be written, a run without steps, or seconds and fps that are no positive
-        numbers, or ask for fewer than 2 or more than 10,000 frames.
+        For another ending, a folder that cannot be written, a run without steps, or seconds and fps that are not positive
+        or give fewer than 2 or more than 10,000 frames.
     UnsupportedError
         For .mp4 where ffmpeg is not installed.
 
@@ -132,11 +131,11 @@ class Film:
 
     Attributes
     ----------
-    figure : Figure             with its moving artists
-    times : (nf,) array         the instant of each frame in s
-    scale : float               units of the layout in a metre of motion
-    moving : list of Artist     what changes from frame to frame, in the order in which it is painted
-    title : str                 what is shown
+    figure : Figure             the figure with its moving artists
+    times : (nf,) array         time of each frame in s
+    scale : float               units of the layout per metre of motion
+    moving : list of Artist     artists that change from frame to frame, in painting order
+    title : str                 title of the figure
     """
 
     figure: Figure
@@ -151,7 +150,7 @@ class Film:
 
     @classmethod
     def of(cls, trajectory: Trajectory, times: Array, seconds: float) -> Film:
-        """Lay out the film of a run: one frame for each of the times."""
+        """Lay out the film of a run with one frame per time."""
         contents = _to_show(trajectory)
         scheme = trajectory.problem.scheme
         scenes: list[list[Piece]] = [[] for _ in times]
@@ -198,7 +197,7 @@ class Film:
         return cls(figure, times, scale, order, title, _scenes=scenes, _artists=artists, _growing=growing, _clock=clock)
 
     def show(self, frame: int) -> None:
-        """Set everything that moves to a frame."""
+        """Set all moving artists to a frame."""
         t = float(self.times[frame])
         for piece, artist in zip(self._scenes[frame], self._artists, strict=True):
             if isinstance(piece, Line):
@@ -221,12 +220,12 @@ class Film:
 
     @property
     def _digits(self) -> int:
-        """Decimals that tell one frame from the next, and no more than needed."""
+        """Smallest number of decimals that distinguishes successive frames."""
         step = (self.times[-1] - self.times[0]) / (len(self.times) - 1)
         return max(0, math.ceil(-math.log10(step)))
 
     def frames(self, chosen: Iterable[int] | None = None) -> Iterator[Image.Image]:
-        """Yield the picture of each frame, or of those that are chosen; what does not move is painted once."""
+        """Yield the image of each frame, or of the chosen ones; the static background is painted once."""
         canvas: Any = FigureCanvasAgg(self.figure)
         canvas.draw()
         still = canvas.copy_from_bbox(self.figure.bbox)
@@ -239,7 +238,7 @@ class Film:
 
 
 def stage(trajectory: Trajectory, times: Array) -> tuple[Layout, list[Posture]]:
-    """Return where everything stands, with room for the run, and the posture at each of the times.
+    """Return the layout, with space for the motion of the run, and the posture at each time.
 
     Parameters
     ----------
@@ -273,13 +272,13 @@ def stage(trajectory: Trajectory, times: Array) -> tuple[Layout, list[Posture]]:
 
 
 def _travel(q: Mapping[str, Array], scale: float, top: str, bottom: str) -> tuple[float, float]:
-    """Return how far, at least and at most, one node comes away from another, in units of the layout."""
+    """Return the minimum and maximum relative displacement of two nodes, in units of the layout."""
     apart = scale * (q[bottom] - q[top])
     return float(apart.min()), float(apart.max())
 
 
 def _pressed(trajectory: Trajectory, times: Array, force: Array) -> dict[str, Array]:
-    """Return how hard each contact is pressed at each time, from 0 to 1, an impulse as 1 for an instant."""
+    """Return the relative force of each contact at each time, from 0 to 1; an impulse is 1 for an instant."""
     names = [each.name for each in trajectory.problem.dynamics.forces]
     r = np.nan_to_num(force)
     largest = max(float(np.abs(r).max(initial=0.0)), float(np.abs(np.nan_to_num(trajectory.forces)).max(initial=0.0)))
@@ -306,14 +305,14 @@ def _to_show(trajectory: Trajectory) -> list[Panel]:
 
 
 def _three(value: float) -> str:
-    """Return a number with three digits or, from a hundred on, as a whole number of two."""
+    """Format a number with three significant digits, or from a hundred on as an integer with two."""
     return f"{value:.3g}" if value < 99.5 else f"{float(f'{value:.2g}'):,.0f}"
 
 
 def _draw_curves(
     figure: Figure, contents: Sequence[Panel], trajectory: Trajectory, start: float
 ) -> list[tuple[Panel, list[Line2D], list[Line2D]]]:
-    """Draw the curves faintly, and return them with the lines that grow over them and the marks that run ahead."""
+    """Draw the curves faintly, and return them with the lines that grow over them and the markers at their ends."""
     width, height = figure.get_size_inches()
     left, right = start + 0.75 / width, 1.0 - 1.0 / width
     low, high = 0.55 / height, 1.0 - 0.5 / height
@@ -349,7 +348,7 @@ def _draw_curves(
 
 
 def _scale_bar(ax: Axes, x: float, y: float, scale: float, size: float) -> None:
-    """Draw a bar of a round length in metres, upright since all motion is, and write how long it is."""
+    """Draw a vertical scale bar of a round length in metres, with its length."""
     metres = _round_below(1.6 / scale)
     long = metres * scale
     ax.plot([x, x], [y, y + long], color=SOFT, linewidth=1.2 * size, linestyle="-", solid_capstyle="butt")
@@ -361,7 +360,7 @@ def _scale_bar(ax: Axes, x: float, y: float, scale: float, size: float) -> None:
 
 
 def _round_below(value: float) -> float:
-    """Return the largest of 1, 2 and 5 times a power of ten that is no larger."""
+    """Return the largest 1, 2 or 5 times a power of ten not above the value."""
     power = 10.0 ** math.floor(math.log10(value))
     return next(digit * power for digit in (5.0, 2.0, 1.0) if digit * power <= value * (1.0 + 1e-12))
 
@@ -374,23 +373,23 @@ def _length(metres: float) -> str:
 
 
 def _even(inches: float) -> float:
-    """Return a length that is an even number of pixels, as video wants it."""
+    """Round a length to an even number of pixels, as video codecs require."""
     return 2.0 * math.ceil(inches * DPI / 2.0) / DPI
 
 
 def few_colors(pictures: Sequence[Image.Image], colors: int = COLORS) -> Image.Image:
-    """Return an image whose palette suits all the pictures, with a white that is white."""
+    """Return an image whose palette suits all the pictures and contains pure white."""
     together = Image.fromarray(np.vstack([np.asarray(picture) for picture in pictures]))
     palette = together.quantize(colors, method=Image.Quantize.MEDIANCUT)
     rgb = np.array(palette.getpalette()).reshape(-1, 3)
-    # The nearest colour is looked up coarsely, so that no other may stand beside white.
+    # Nearest colours are found coarsely, so no other palette colour may be close to white.
     rgb[rgb.min(axis=1) >= 246] = 255
     palette.putpalette(rgb.ravel().tolist())
     return palette
 
 
 def _few_colors(film: Film) -> Iterator[Image.Image]:
-    """Yield the frames in the same colours, which are those of four of them."""
+    """Yield the frames in one palette, computed from four of them."""
     palette = few_colors(list(film.frames(np.linspace(0, len(film.times) - 1, 4).round().astype(int).tolist())))
     for frame in film.frames():
         yield frame.quantize(palette=palette, dither=Image.Dither.NONE)
@@ -398,7 +397,7 @@ def _few_colors(film: Film) -> Iterator[Image.Image]:
 
 def _write_gif(film: Film, path: Path, fps: int) -> None:
     first, *others = _few_colors(film)
-    # A GIF counts in hundredths of a second, so that frames of 1/30 s take 3, 3 and 4 of them.
+    # GIF durations are in hundredths of a second, so frames of 1/30 s last 3, 3 and 4 of them.
     ends = [round(100.0 * i / fps) for i in range(len(film.times) + 1)]
     lasts = [10 * max(2, after - before) for before, after in pairwise(ends)]
     lasts[-1] = round(1000.0 * HOLD_SECONDS)

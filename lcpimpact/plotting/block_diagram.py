@@ -1,4 +1,4 @@
-"""A linear complementarity system as a block diagram: a linear block, and the law that is its feedback."""
+"""Block diagram of a linear complementarity system: a linear block with the complementarity law as feedback."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lcpimpact.scheme.system import LinearComplementaritySystem
 SIGNAL = PALETTE[1]
 
 MAX_NAMES = 4
-"""Maximum number of names written; of more, the first and the last."""
+"""Maximum number of names written in full; otherwise the first and the last."""
 
 
 def draw_system(ax: Axes, system: LinearComplementaritySystem) -> tuple[float, float]:
@@ -42,7 +42,7 @@ def draw_system(ax: Axes, system: LinearComplementaritySystem) -> tuple[float, f
     _words(ax, r"$0 \leq λ \perp w \geq 0$", 1.1, 14.0)
     _words(ax, names[1], 0.45, 11.0)
     outside = half + 1.2
-    # Round the right side runs w, and back on the left runs λ.
+    # w runs around the right side, and λ back on the left.
     for side, name, path in ((1.0, "$w$", (3.75, 0.8)), (-1.0, "$λ$", (0.8, 3.75))):
         start, end = path
         ax.plot(

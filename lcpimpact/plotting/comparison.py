@@ -30,7 +30,7 @@ from lcpimpact.study.ledger import Ledger
 from lcpimpact.trajectory import Trajectory
 
 MARKS = "os^Dv<>"
-"""One for each method."""
+"""Markers of the methods."""
 
 MARKERS = 40
 """Approximate number of markers on a curve of forces."""
@@ -39,7 +39,7 @@ DECADES = 9.0
 """Number of decades below the largest difference that are drawn."""
 
 MAX_LAYERS = 5
-"""Maximum number of dissipating elements with a layer of their own; the others share one."""
+"""Maximum number of dissipating elements with separate layers; the others are summed in one."""
 
 MAX_COORDINATES = 3
 """Maximum number of coordinates and of contacts drawn."""
@@ -53,8 +53,8 @@ NEGLIGIBLE_RTOL = 1e-9
 def plot_comparison(comparison: Comparison) -> Figure:
     """Draw all runs on one page: coordinates, forces or impulses, and the largest difference from the reference.
 
-    The reference is wide and pale and lies beneath. Forces are drawn at their instants, as points: one for each step, or on
-    the grid. Of many coordinates and contacts the first three are shown.
+    The reference is a wide pale line. Forces are drawn as points at their instants: one per step, or on the grid. At most
+    three coordinates and contacts are shown.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def _legend(figure: Figure, comparison: Comparison) -> None:
 
 
 def _name_curves(ax: Axes, run: Trajectory, nodes: Sequence[int]) -> None:
-    """Write the names of the coordinates behind the ends of their curves, together where the curves end together."""
+    """Label the coordinates at the ends of their curves, with one label where curves end together."""
     _write_names(ax, [(math_text(run.problem.dynamics.nodes[i]), float(run.q[-1, i])) for i in nodes])
 
 
@@ -162,7 +162,7 @@ def _write_names(ax: Axes, names: Sequence[tuple[str, float]]) -> None:
 
 
 def _draw_impulses(ax: Axes, truth: Trajectory | None, runs: Mapping[str, Trajectory], contacts: Sequence[str]) -> None:
-    """Draw the impulses as stems: the reference wide and pale, and the methods as their marks."""
+    """Draw the impulses as stems: the reference wide and pale, the methods as markers."""
 
     def impacts(run: Trajectory) -> tuple[list[float], list[float]]:
         found = [(e.t, e.impulse) for e in run.events if e.impulse > 0.0 and e.contact in contacts]
@@ -201,10 +201,10 @@ def _draw_differences(ax: Axes, truth: Trajectory, runs: Mapping[str, Trajectory
 @style()
 @checked
 def plot_ledger(ledger: Ledger) -> Figure:
-    """Draw the energy ledger: stored and dissipated energies, stacked, and below the balance.
+    """Draw the energy ledger: the stacked stored and dissipated energies, and the balance below.
 
-    The potential of constant loads counts from the lowest value in the run, so that every layer is positive. The black line
-    is what there was at the start and what loads and motions brought in since: the top of the layers, but for the balance.
+    The potential of constant loads is relative to its minimum in the run, so that every layer is positive. The black line
+    is the initial energy plus the work of loads and prescribed motions; it differs from the top layer by the balance.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ def plot_ledger(ledger: Ledger) -> Figure:
 def _layers(table: pd.DataFrame, dissipated: Sequence[str]) -> dict[str, Array]:
     """Return the energies to stack, from below: the stored ones, then the losses, largest first."""
     stored = {name: table[name].to_numpy() for name in STORED}
-    # Any constant may be added to a potential; with this one no layer is negative.
+    # The constant of the potential is chosen so that no layer is negative.
     stored = {name: values - min(0.0, float(values.min())) for name, values in stored.items()}
     lost = {name: np.maximum(table[name].to_numpy(), 0.0) for name in dissipated}
     ranked = sorted(lost, key=lambda name: -float(lost[name][-1]))
@@ -262,7 +262,7 @@ def _layers(table: pd.DataFrame, dissipated: Sequence[str]) -> dict[str, Array]:
     rest = {"others": np.sum([lost[name] for name in ranked[MAX_LAYERS:]], axis=0)} if ranked[MAX_LAYERS:] else {}
     layers = {**{name: lost[name] for name in kept}, **rest}
     largest = max((float(values.max()) for values in [*stored.values(), *layers.values()]), default=0.0)
-    # Heat never leaves: it lies at the bottom, where its layers only grow.
+    # Dissipated energies only grow, so they are stacked first.
     return {name: values for name, values in {**layers, **stored}.items() if values.max() > NEGLIGIBLE_RTOL * largest}
 
 
@@ -273,7 +273,7 @@ def _layer_name(name: str) -> str:
 @style()
 @checked
 def plot_cross_validation(verdict: CrossValidation) -> Figure:
-    """Draw for each route how far it is from the one that it was judged by, and how far it may be.
+    """Draw the difference of each route from the one it is compared with, and the allowed difference.
 
     Parameters
     ----------

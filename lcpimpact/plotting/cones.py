@@ -2,8 +2,9 @@ r"""The complementary cones of an LCP in two unknowns, and the number of solutio
 
 .. math:: q = I w - M z, \qquad z, w \ge 0, \quad z_i w_i = 0
 
-says that q lies in a cone spanned by one column of each pair e_i, -M_i. A solution is a cone that holds q: the four cones
-cover the plane once if M is a P-matrix; where they overlap there are several solutions, and in a gap there is none.
+states that q lies in a complementary cone, spanned by one column of each pair e_i, -M_i. Each cone that contains q gives a
+solution: the four cones partition the plane if M is a P-matrix; where they overlap there are several solutions, and in a
+gap there is none.
 """
 
 from __future__ import annotations
@@ -30,14 +31,14 @@ from lcpimpact.lcp.solvers.enumeration import all_solutions
 from lcpimpact.plotting.style import INK, LCP, PALETTE, RK4, save, style
 
 BASES = ((), (0,), (1,), (0, 1))
-"""The rows whose z is basic: w is basic in the others."""
+"""Complementary bases, each as the rows whose z is basic; w is basic in the others."""
 
 COLORS = PALETTE[5], PALETTE[4], PALETTE[2], PALETTE[3]
 RADII = 1.0, 0.84, 0.68, 0.52
-"""A radius for each cone, so that the rims of overlapping cones are visible."""
+"""Radius of each cone, distinct so that the rims of overlapping cones are visible."""
 
 PARALLEL_TOL = 1e-12
-"""Sine of an angle below which two columns span no plane."""
+"""Sine of the angle below which two columns are parallel."""
 
 COLUMN, RIGHT_SIDE = LCP, RK4
 HALF_WIDTH = 1.32
@@ -46,7 +47,7 @@ HALF_WIDTH = 1.32
 
 @dataclass(frozen=True)
 class Cone:
-    """The nonnegative combinations of two columns.
+    """The cone of non-negative combinations of two columns.
 
     Attributes
     ----------
@@ -64,7 +65,7 @@ class Cone:
 
     @cached_property
     def angles(self) -> tuple[float, ...]:
-        """The directions in degrees of the columns that are not zero, of two that span a plane anticlockwise."""
+        """Directions in degrees of the non-zero columns, anticlockwise if two columns span the plane."""
         a, b = self.columns
         found = [_angle(each) for each in (a, b) if each.any()]
         if self.kind == "wedge":
@@ -74,7 +75,7 @@ class Cone:
 
     @cached_property
     def kind(self) -> str:
-        """The kind of cone: a "wedge", or if its columns do not span the plane a "line", a "ray" or the "origin"."""
+        """Kind of the cone: "wedge", or if degenerate "line", "ray" or "origin"."""
         a, b = (each / (np.hypot(*each) or 1.0) for each in self.columns)
         if not (a.any() or b.any()):
             return "origin"
@@ -83,7 +84,7 @@ class Cone:
         return "line" if a @ b < 0.0 else "ray"
 
     def holds_many(self, q: Array) -> bool:
-        """Return whether q lies in the cone in more than one way: the columns span a line at most, and q lies on it."""
+        """Return whether q has several representations in the cone: the columns are dependent and q lies in their span."""
         if self.kind == "wedge":
             return False
         if q.any():
@@ -91,7 +92,7 @@ class Cone:
         return self.kind == "line" or not self.columns.any(axis=1).all()
 
     def holds(self, direction: float) -> bool:
-        """Return whether a direction in degrees lies in the cone."""
+        """Return whether the cone contains a direction in degrees."""
         near = 1e-9
         if self.kind == "wedge":
             return _turn(self.angles[0] - near, direction) <= self.angles[1] - self.angles[0] + 2.0 * near
@@ -105,7 +106,7 @@ def cones(M: Array) -> list[Cone]:
 
 
 def sectors(all_cones: Sequence[Cone]) -> list[tuple[float, float, int]]:
-    """Return the sectors between the edges of wedges: first and last angle, and the number of wedges that hold it."""
+    """Return the sectors between the edges of wedges: first and last angle, and number of wedges that contain it."""
     wedges = [cone for cone in all_cones if cone.kind == "wedge"]
     edges = np.unique(np.round([angle % 360.0 for cone in wedges for angle in cone.angles], 9))
     found = []
@@ -125,22 +126,22 @@ def plot_cones(M: Any, q: ArrayLike | None = None, path: None = None, *, ax: Axe
 def plot_cones(
     M: Any, q: ArrayLike | None = None, path: str | Path | None = None, *, ax: Axes | None = None
 ) -> Figure | Axes:
-    """Draw the complementary cones of LCP(M, q) in the plane of q, with the columns and q by their directions.
+    """Draw the complementary cones of LCP(M, q) in the plane of q, with the directions of the columns and of q.
 
-    Each cone reaches to a radius of its own; lengths mean nothing, since a cone is one at every scale. A cone whose
-    columns do not span the plane is a thick line, on which solutions form a continuum. What no cone covers is hatched. The
-    numbers of solutions in the title are those of q inside the cones, not on their edges.
+    Each cone has its own radius; lengths have no meaning. A degenerate cone is a thick line, on which solutions form a
+    continuum. Regions outside all cones are hatched. The numbers of solutions in the title hold for q in the interior of
+    the cones.
 
     Parameters
     ----------
     M : (2, 2) array_like, sparse matrix or operator
         Any matrix.
     q : (2,) array_like, optional
-        Drawn as an arrow, and its solutions are listed.
+        Right-hand side, drawn as an arrow; its solutions are listed.
     path : str or Path, optional
         A file ending in .png, .svg or .pdf to write.
     ax : Axes, optional
-        Where to draw, instead of in a figure of its own.
+        Axes to draw in; by default a new figure.
 
     Returns
     -------
@@ -202,7 +203,7 @@ def _angle(vector: Array) -> float:
 
 
 def _turn(first: float, last: float) -> float:
-    """Return the angle in degrees from one direction anticlockwise to another."""
+    """Return the anticlockwise angle in degrees from one direction to another."""
     return (last - first) % 360.0
 
 
@@ -251,7 +252,7 @@ def _draw_cone(ax: Axes, cone: Cone, color: str, radius: float) -> None:
 
 
 def _draw_directions(ax: Axes, M: Array, q: Array | None) -> None:
-    """Draw the columns and q as arrows to the rim, with labels that make room for each other."""
+    """Draw the columns and q as arrows to the rim, with labels that do not overlap."""
     named = [("$e_1$", np.array([1.0, 0.0]), INK), ("$e_2$", np.array([0.0, 1.0]), INK)]
     named += [(f"${{-}}M_{i + 1}$", -M[:, i], COLUMN) for i in range(2)]
     named += [] if q is None else [("$q$", q, RIGHT_SIDE)]
@@ -263,7 +264,7 @@ def _draw_directions(ax: Axes, M: Array, q: Array | None) -> None:
         angle = next((other for other in labels if abs(_turn(other - 180.0, angle) - 180.0) < 0.5), angle)
         labels.setdefault(angle, []).append((name, color))
         arrow = {"arrowstyle": "-|>", "color": color, "linewidth": 1.6, "shrinkA": 0.0, "shrinkB": 0.0}
-        # Of two in one direction the one drawn later is shorter, so that both tips show.
+        # Of two arrows in one direction the later one is shorter, so that both tips are visible.
         tip = _at(_angle(vector), 1.06 - 0.1 * (len(labels[angle]) - 1))
         ax.annotate("", (tip[0], tip[1]), (0.0, 0.0), arrowprops=arrow, zorder=3.0)
     for (_, names), place in zip(sorted(labels.items()), _apart(sorted(labels)), strict=True):
@@ -271,13 +272,13 @@ def _draw_directions(ax: Axes, M: Array, q: Array | None) -> None:
         ha = "left" if x > 0.35 else "right" if x < -0.35 else "center"
         va = "bottom" if y > 0.35 else "top" if y < -0.35 else "center"
         color = names[0][1] if len({color for _, color in names}) == 1 else INK
-        # Beside the picture labels of one direction stand in a column, above and below it in a row.
+        # Labels of one direction form a column beside the picture, a row above and below it.
         between = ", " if ha == "center" else "\n"
         ax.text(x, y, between.join(name for name, _ in names), ha=ha, va=va, fontsize=12.0, color=color)
 
 
 def _apart(angles: Sequence[float], least: float = 17.0) -> list[float]:
-    """Return angles in rising order moved, as little as need be, until each is some degrees from the next."""
+    """Return ascending angles moved as little as possible to a minimum spacing in degrees."""
     moved = list(angles)
     for _ in range(50 * (len(moved) > 1)):
         for i in range(len(moved)):
@@ -290,7 +291,7 @@ def _apart(angles: Sequence[float], least: float = 17.0) -> list[float]:
 
 
 def _name_cones(ax: Axes, drawn: Sequence[Cone]) -> None:
-    """Write each basis inside its cone below its rim, where no other stands."""
+    """Label each cone with its basis, inside its rim and clear of other labels."""
     taken: list[Array] = []
     for cone, color, radius in zip(drawn, COLORS, RADII, strict=True):
         places = list(_places(cone, radius - 0.08))
@@ -302,7 +303,7 @@ def _name_cones(ax: Axes, drawn: Sequence[Cone]) -> None:
 
 
 def _places(cone: Cone, radius: float) -> Iterator[Array]:
-    """Yield where the name of a cone may stand, the best place first."""
+    """Yield candidate positions of a cone's label, the best first."""
     if cone.kind == "wedge":
         first, last = cone.angles
         for part in (0.5, 0.35, 0.65, 0.22, 0.78):
@@ -316,7 +317,7 @@ def _places(cone: Cone, radius: float) -> Iterator[Array]:
 
 
 def _clear(one: Array, other: Array) -> float:
-    """Return by how much two names are apart, in the direction in which they are further apart."""
+    """Return the clearance of two labels, in the direction in which it is larger."""
     return float(max(abs(one[0] - other[0]) - 0.24, abs(one[1] - other[1]) - 0.16))
 
 
@@ -331,7 +332,7 @@ def _entry(cone: Cone, color: str) -> Artist:
 
 
 def _answers(M: Array, q: Array, drawn: Sequence[Cone]) -> list[Artist]:
-    """Return the entries that count and list the solutions for q."""
+    """Return the legend entries with the number and list of solutions for q."""
     found = all_solutions(M, q)
     endless = any(cone.holds_many(q) for cone in drawn)
     number = str(len(found)) if found else "no"

@@ -37,31 +37,31 @@ COST_LABELS = {
 }
 
 TRIANGLE_WIDTH = 0.16
-"""Largest width of a slope triangle, in widths of the axes."""
+"""Maximum width of a slope triangle, relative to the axes."""
 
 TRIANGLE_HEIGHT = 0.22
-"""Largest height of a slope triangle, in heights of the axes."""
+"""Maximum height of a slope triangle, relative to the axes."""
 
 ORDER_TOL = 0.15
-"""Largest standard error of an order, and distance from a multiple of 1/2, at which a slope triangle is drawn."""
+"""Maximum standard error of an order, and distance from a multiple of 1/2, for which a slope triangle is drawn."""
 
 MAX_ERROR = 30.0
-"""Largest error drawn, in units of the scale of its norm."""
+"""Maximum error drawn, in units of the scale of its norm."""
 
 MAX_LABEL_LENGTH = 28
-"""Maximum number of characters of a label inside the picture; longer ones are written below."""
+"""Maximum number of characters of a label inside the axes; longer labels are placed below."""
 
 TRIANGLE_MARGIN = 0.03
-"""Margin around a slope triangle, in widths and heights of the axes."""
+"""Margin around a slope triangle, relative to the axes."""
 
 
 @style()
 @checked
 def plot_convergence(study: Convergence, *, norm: str | None = None) -> Figure:
-    """Draw the errors of each method over the step, with a triangle for each order that is seen.
+    """Draw the errors of each method over the step, with a slope triangle for each observed order.
 
-    A cross at the upper edge is a run without a result. The legend has the observed order of each method and its scatter,
-    the standard deviation of log10 of the errors about the line.
+    A cross at the upper edge marks a failed run. The legend shows the observed order of each method and its scatter, the
+    standard deviation of log10 of the errors about the line.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def plot_convergence(study: Convergence, *, norm: str | None = None) -> Figure:
     tells = bool(orders["points"].any())
     for (key, runs), look in zip(_groups(table), _looks(table), strict=True):
         row = orders.loc[key]
-        # Errors that are rounding are drawn only where there are no others.
+        # Errors at rounding level are drawn only if there are no others.
         good = runs[(runs["failure"] == "") & (runs[norm] > 0.0) & bool(row["points"] or not tells)]
         ax.plot(good["dt"], good[norm], label=f"{_named(key)}:  {_order(row, runs)}", **look)
         telling += list(good[norm])
@@ -111,9 +111,9 @@ def plot_convergence(study: Convergence, *, norm: str | None = None) -> Figure:
 @style()
 @checked
 def plot_work_precision(study: WorkPrecision, *, norm: str | None = None, cost: str | None = None) -> Figure:
-    """Draw the errors of each method over what its runs cost: who lies lower and further left is better.
+    """Draw the errors of each method over the cost of its runs; lower and further left is better.
 
-    The legend says how many runs of a method have no result, and which methods have no cost of that kind.
+    The legend shows the number of failed runs of each method, and methods without a cost of that kind.
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ def _groups(table: pd.DataFrame) -> Iterator[tuple[Any, pd.DataFrame]]:
 
 
 def _looks(table: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """Yield a colour and a marker for each method, and a kind of line for each variant of the problem."""
+    """Yield a colour and a marker for each method, and a line style for each variant of the problem."""
     methods = list(dict.fromkeys(table["method"]))
     variants = list(dict.fromkeys(zip(table["law"], table["k"], strict=True)))
     for (method, law, k), _ in _groups(table):
@@ -214,7 +214,7 @@ def _order(row: pd.Series, runs: pd.DataFrame) -> str:
 
 
 def _tick(ax: Axes) -> None:
-    """Label 1, 2 and 5 along an axis of less than two decades, which powers of ten alone leave bare."""
+    """Label 1, 2 and 5 on an axis of less than two decades."""
     low, high = ax.get_xlim()
     if high < 100.0 * low:
         ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -223,7 +223,7 @@ def _tick(ax: Axes) -> None:
 
 
 def _limit(ax: Axes, scale: float, telling: Sequence[float]) -> None:
-    """Leave out errors that are rounding, where others are not, and those of runs that grew without bound."""
+    """Limit the axis to exclude errors at rounding level and those of unbounded runs."""
     ax.autoscale_view()
     _tick(ax)
     low, high = ax.get_ylim()
@@ -271,7 +271,7 @@ def _mark_failures(ax: Axes, dts: Sequence[float], failures: Sequence[str], look
 
 
 def _draw_triangles(ax: Axes, lines: Sequence[Array], slopes: Sequence[float]) -> None:
-    """Draw a triangle for each order that is seen, where it is clear of all lines and of each other."""
+    """Draw a slope triangle for each observed order, clear of all lines and other triangles."""
     if not lines:
         return
     low, high = (np.log10(each) for each in zip(ax.get_xlim(), ax.get_ylim(), strict=True))
@@ -292,13 +292,13 @@ def _draw_triangles(ax: Axes, lines: Sequence[Array], slopes: Sequence[float]) -
 
 
 def _dense(curve: Array) -> Array:
-    """Return points so near each other on a polyline that none of its crossings is overlooked."""
+    """Return points on a polyline dense enough to detect all of its crossings."""
     pieces = [np.linspace(a, b, 60) for a, b in pairwise(curve)]
     return np.vstack(pieces) if pieces else curve
 
 
 def _place(own: Sequence[Array], taken: Sequence[Array], width: float, height: float) -> Array | None:
-    """Return the corners of the triangle, in units of the axes, that is nearest to a line of its order and touches none."""
+    """Return the corners, in axes units, of the triangle nearest to a line of its order that touches no line."""
     obstacles = np.vstack(taken)
     best, nearest_so_far = None, np.inf
     for x in np.linspace(0.05, 0.93 - width, 45):
@@ -319,7 +319,7 @@ def _place(own: Sequence[Array], taken: Sequence[Array], width: float, height: f
 
 
 def _draw_triangle(ax: Axes, corners: Array, order: float) -> None:
-    """Draw a triangle whose corners are given as log10 of dt and of the error, with its order beside it."""
+    """Draw a triangle given by its corners in log10 of dt and of the error, labelled with its order."""
     ax.add_patch(Polygon(10.0**corners, closed=True, facecolor=FAINT, edgecolor=SOFT, linewidth=0.8, zorder=1.2))
     where = 10.0 ** (0.5 * (corners[1] + corners[2]))
     ax.annotate(

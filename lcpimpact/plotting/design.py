@@ -32,14 +32,14 @@ SYMBOLS = {
 @style()
 @checked
 def plot_design(design: Design) -> Figure:
-    """Draw the force over time and over the way of the mass, with the required values marked.
+    """Draw the force over time and over the displacement of the mass, with the required values marked.
 
-    The area within the loop is the energy that the block takes. Wanted values are drawn in colour, others grey.
+    The area of the loop is the dissipated energy. Required values are drawn in colour, others in grey.
 
     Parameters
     ----------
     design : Design
-        Of `lcpimpact.design`; it is run by its method.
+        Result of `lcpimpact.design`, which is simulated.
 
     Examples
     --------
@@ -133,7 +133,7 @@ def _unit(design: Design, name: str) -> str:
 @style()
 @checked
 def plot_fit(fit: Fit) -> Figure:
-    """Draw the data and the fitted curve of each series, and the residuals below; of targets, their relative errors.
+    """Draw the data and the fitted curve of each series with the residuals below, and the relative errors of targets.
 
     Parameters
     ----------
@@ -188,7 +188,7 @@ def plot_fit(fit: Fit) -> Figure:
 
 
 def _fitted(fit: Fit) -> str:
-    """Return the title: the parameters with their intervals, two in a line."""
+    """Return the title: the parameters with their intervals, two per line."""
     parts = []
     for row in fit.table.itertuples():
         name = math_text(row.parameter)

@@ -27,7 +27,7 @@ from lcpimpact.study.dynamics.sections import Impacts, PoincareSection
 from lcpimpact.study.dynamics.shooting import PeriodicOrbit
 
 BASINS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442")
-"""Colours of Okabe and Ito for basins; starts that reach no known attractor are grey."""
+"""Okabe and Ito's colours for basins; initial states that do not converge are grey."""
 
 UNSETTLED = "#8d95a1"
 
@@ -35,7 +35,7 @@ POINTS = 2000
 """Number of points of an orbit."""
 
 MAX_LARGE_POINTS = 12
-"""Maximum number of points of a section that are drawn large."""
+"""Maximum number of section points drawn with large markers."""
 
 _STABILITY = [
     Line2D([], [], color=PALETTE[0], label="stable orbit"),
@@ -53,8 +53,8 @@ def plot_poincare(study: PoincareSection, *, x: str | None = None, y: str | None
     study : PoincareSection
         Of `lcpimpact.poincare`.
     x, y : str, optional
-        Columns; by default the first coordinate and its velocity, or where the section holds that coordinate fixed, as at a
-        stop, the phase of the force and the velocity.
+        Columns; by default the first coordinate and its velocity, or, if that coordinate is constant on the section, as at
+        a stop, the phase of the force and the velocity.
 
     Raises
     ------
@@ -91,19 +91,19 @@ def plot_bifurcation(
     y: str | None = None,
     marks: Sequence[tuple[float, str]] = (),
 ) -> Figure:
-    """Draw the points of a bifurcation diagram, with branches of periodic orbits over them.
+    """Draw the points of a bifurcation diagram and its branches of periodic orbits.
 
-    A branch is a full line where the orbit is stable, and a dashed one where it is not. It is known at the phase 0 of the
-    force, and by the fastest impact of a period.
+    A branch is solid where the orbit is stable, else dashed. It is evaluated at phase 0 of the force, or at the fastest
+    impact of a period.
 
     Parameters
     ----------
     study : BifurcationDiagram
         Of `lcpimpact.bifurcation`.
     y : str, optional
-        Column; by default that of the study, or the first coordinate, or at impacts their speed.
+        Column; by default that of the study, or the first coordinate, or the speed of impacts.
     marks : sequence of (float, str)
-        Values to be marked by a line, with a word, as a grazing.
+        Parameter values to mark by a labelled line, such as a grazing.
 
     Raises
     ------
@@ -147,14 +147,14 @@ def plot_bifurcation(
 @style()
 @checked
 def plot_branch(branch: Branch, *, y: str | None = None) -> Figure:
-    """Draw a branch of periodic orbits along its parameter, dashed where they are not stable.
+    """Draw a branch of periodic orbits along its parameter, dashed where unstable.
 
     Parameters
     ----------
     branch : Branch
         Of `lcpimpact.continue_orbit`.
     y : str, optional
-        Column; by default the speed of the fastest impact, or the first coordinate where there is no impact.
+        Column; by default the speed of the fastest impact, or the first coordinate if there is no impact.
 
     Raises
     ------
@@ -179,7 +179,7 @@ def _draw_branch(ax: Axes, branch: Branch, up: str) -> None:
         raise InputError(nearest(up, [name for name in table.columns if name != "failure"], "column of the branch"))
     stable = table["stable"].to_numpy(dtype=bool)
     x, y = table["value"].to_numpy(dtype=float), table[up].to_numpy(dtype=float)
-    # Each piece reaches to the next point, so that the line does not break where the stability changes.
+    # Each piece extends to the next point, so that the line is not broken at a change of stability.
     for held, color, line in ((stable, PALETTE[0], "-"), (~stable, PALETTE[1], "--")):
         shown = held.copy()
         shown[1:] |= held[:-1]
@@ -189,7 +189,7 @@ def _draw_branch(ax: Axes, branch: Branch, up: str) -> None:
 @style()
 @checked
 def plot_lyapunov(study: LyapunovExponents) -> Figure:
-    """Draw the averages that tend to the Lyapunov exponents, over time.
+    """Draw the finite-time Lyapunov exponents over time.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def plot_lyapunov(study: LyapunovExponents) -> Figure:
 @style()
 @checked
 def plot_basins(result: Basins) -> Figure:
-    """Draw which start leads to which attractor.
+    """Draw the basins of attraction in the plane of initial states.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ def _share(share: float) -> str:
 
 
 def _draw_attractors(ax: Axes, result: Basins, first: str, second: str) -> None:
-    """Mark the points of the attractors, where the grid is that of a coordinate and its velocity."""
+    """Mark the points of the attractors if the grid is a coordinate and its velocity."""
     names = list(result.attractors.columns)
     across, up = first.rstrip("0").rstrip("_"), second.rstrip("0").rstrip("_")
     nodes = [name[2:] for name in names if name.startswith("v_")]
@@ -275,7 +275,7 @@ def _draw_attractors(ax: Axes, result: Basins, first: str, second: str) -> None:
 
 
 def _edges(x: Array) -> Array:
-    """Return the borders of cells around the points of a grid."""
+    """Return the edges of the cells around grid points."""
     if len(x) == 1:
         return np.array([x[0] - 0.5, x[0] + 0.5])
     middle = 0.5 * (x[1:] + x[:-1])
@@ -285,7 +285,7 @@ def _edges(x: Array) -> Array:
 @style()
 @checked
 def plot_orbit(orbit: PeriodicOrbit, *, node: str | None = None) -> Figure:
-    """Draw a periodic orbit in the plane of a coordinate and its velocity, beside its multipliers and the unit circle.
+    """Draw a periodic orbit in the phase plane of a coordinate, beside its Floquet multipliers and the unit circle.
 
     Parameters
     ----------
@@ -311,7 +311,7 @@ def plot_orbit(orbit: PeriodicOrbit, *, node: str | None = None) -> Figure:
     fine = np.union1d(np.linspace(orbit.start, orbit.start + orbit.T, POINTS, endpoint=False), joins)
     left, right = orbit.sample(joins, "left"), orbit.sample(joins, "right")
     now = orbit.sample(fine)
-    # At an event stand the left limit, a break, and the right limit.
+    # An event contributes the left limit, a break, and the right limit.
     gap = np.full(len(joins), np.nan)
     after = np.repeat(np.searchsorted(fine, joins), 2)
     q = np.insert(now.q[:, i], after, np.column_stack([left.q[:, i], gap]).ravel())
@@ -352,7 +352,7 @@ def _impacts(orbit: PeriodicOrbit) -> str:
 
 
 def _first_node(table: pd.DataFrame) -> str:
-    """Return the first node whose place and velocity a table of a section has."""
+    """Return the first node with position and velocity columns in the table of a section."""
     return next(name[2:] for name in map(str, table.columns) if name.startswith("v_"))
 
 
@@ -366,7 +366,7 @@ def _check(table: pd.DataFrame, *columns: str) -> None:
 
 
 def _wide_enough(ax: Axes) -> None:
-    """Show points that differ by rounding as one."""
+    """Widen the axes so that points that differ by rounding error appear as one."""
     for limits, put in ((ax.get_xlim(), ax.set_xlim), (ax.get_ylim(), ax.set_ylim)):
         middle, half = 0.5 * (limits[0] + limits[1]), 0.5 * (limits[1] - limits[0])
         least = 1e-3 * max(abs(middle), 1e-3)

@@ -25,7 +25,7 @@ HOLLOW: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 4.0,
 
 
 class Corner(NamedTuple):
-    """The words in the graph of a complementarity condition between R and an abscissa."""
+    """Labels in the graph of a complementarity condition between R and an abscissa."""
 
     abscissa: str
     closed: str
@@ -58,7 +58,7 @@ def figure_2() -> Figure:
 
 @style()
 def figure_3() -> Figure:
-    """Draw Fig. 3: what Fig. 2 becomes for the rates while u = 0, that is 0 <= u' ⟂ R >= 0.
+    """Draw Fig. 3: the velocity-level graph 0 <= u' ⟂ R >= 0 for u = 0.
 
     Examples
     --------
@@ -109,9 +109,9 @@ def _draw_corner(text: Corner) -> Figure:
 
 @style()
 def force_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number: int) -> Figure:
-    """Draw Fig. 6, 7 or 8: R(t) of one system by three methods, and below it the errors of two.
+    """Draw Fig. 6, 7 or 8: R(t) of one system by three methods, with the errors of two below.
 
-    The LCP's force is the mean over a step, drawn at its middle; each error is that at the instant of the force.
+    The LCP's force is the mean over a step, drawn at its midpoint; errors are taken at the instants of the force.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def force_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number:
 
 @style()
 def motion_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number: int) -> Figure:
-    """Draw Fig. 9: the coordinates of one system by three methods, its times in contact shaded, and the errors below.
+    """Draw Fig. 9: the coordinates of one system by three methods, with contact intervals shaded and the errors below.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def motion_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number
     t, q, _, _ = curves(exact)
     for i, name in enumerate(names):
         color = PALETTE[i % len(PALETTE)]
-        # In contact y and z are one curve: the later line is narrower and leaves a rim of the earlier one.
+        # In contact y and z coincide: the later line is narrower, so that both are visible.
         motion.plot(
             t, q[:, i], color=color, alpha=0.35, linewidth=max(1.5, 6.5 - 2.0 * i), label=f"{math_text(name)} exact"
         )
@@ -202,7 +202,7 @@ def _every(trajectory: Trajectory) -> int:
 
 def _annotate_peak(ax: Axes, t: Array, R: Array) -> None:
     top = int(np.nanargmax(R))
-    # The text stands to the right of the tip, clear of the vertical axis however early the peak is.
+    # The text is to the right of the tip, clear of the vertical axis even for an early peak.
     ax.annotate(
         f"peak {R[top]:.0f} N",
         (t[top], R[top]),
@@ -216,7 +216,7 @@ def _annotate_peak(ax: Axes, t: Array, R: Array) -> None:
 
 
 def _draw_error(ax: Axes, t: Array, difference: Array, line: dict[str, Any]) -> None:
-    """Draw the largest error of each instant on a logarithmic scale; where there is none, the line breaks."""
+    """Draw the largest error at each instant on a logarithmic scale; the line is broken where it is zero."""
     error = np.abs(difference).max(axis=1)
     ax.semilogy(t, np.where(error > 0.0, error, np.nan), linewidth=1.3, **line)
 

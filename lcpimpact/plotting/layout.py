@@ -1,7 +1,7 @@
 """Layout of the elements in the drawing of a scheme.
 
-Nodes are stacked in levels above the ground and every link is upright, so that a node moves along the links that it
-stretches. What several elements do between the same two nodes is an arm: links side by side, in series, or both.
+Nodes are stacked in levels above the ground and every link is vertical, so that a node moves along its links. The elements
+between the same two nodes form an arm: links in parallel, in series, or both.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion
 from lcpimpact.scheme.elements.rope import Rope
 
 CEILING = "\0ceiling"
-"""A second ground at the top, for elements whose upper end is the ground."""
+"""Name of the ground at the top, for elements whose upper end is the ground."""
 
 LINK = 2.1
 """Height of a link."""
@@ -42,7 +42,7 @@ BREADTH = 0.75
 BODY_HEIGHT, BODY_WIDTH = 1.1, 2.6
 
 PLATE = 1.0
-"""Half of the width of a plate with prescribed motion."""
+"""Half-width of a plate with prescribed motion."""
 
 LOAD = 0.75
 """Height of a load's arrow above its node."""
@@ -57,10 +57,10 @@ LETTER = 0.29
 """Approximate width of a letter."""
 
 ROW = 1.15
-"""Distance between two rows of nodes without a link."""
+"""Distance between two unlinked rows of nodes."""
 
 CROSSING = 6.0
-"""Cost of a bar that crosses a link, in units of a detour."""
+"""Cost of a bar that crosses a link, in units of length of a detour."""
 
 OPENING = 0.12
 """Distance between the strokes of a bumper, relative to its height."""
@@ -69,30 +69,30 @@ Side = Literal[-1, 1]
 
 
 def label(part: Element) -> str:
-    """Return what stands beside an element: its symbols."""
+    """Return the label of an element: its symbols."""
     return ", ".join(math_text(symbol) for symbol in part.symbols)
 
 
 def width(text: str) -> float:
-    """Return about how wide a text is."""
+    """Return the approximate width of a text."""
     return LETTER * len(text.translate(str.maketrans("", "", "$_{}\\")))
 
 
 def half_breadth(link: Element) -> float:
-    """Return how far a link's symbol reaches sideways."""
+    """Return the half-width of a link's symbol."""
     return BREADTH * max((abs(t) for stroke in link.strokes for _, t in stroke), default=0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Arm:
-    """What acts between two nodes: one link, or arms in series or side by side.
+    """The elements between two nodes: one link, or arms in series or in parallel.
 
     Attributes
     ----------
     top, bottom : str       the nodes
-    link : Element          where it is one link
-    series : tuple of Arm   from the top to the bottom
-    beside : tuple of Arm   from the left to the right
+    link : Element          the element of a single link
+    series : tuple of Arm   arms in series, from top to bottom
+    beside : tuple of Arm   parallel arms, from left to right
     """
 
     top: str
@@ -102,36 +102,36 @@ class Arm:
     beside: tuple[Arm, ...] = ()
 
     def turned(self) -> Arm:
-        """Return the same arm upside down."""
+        """Return the arm upside down."""
         series = tuple(arm.turned() for arm in reversed(self.series))
         return Arm(self.bottom, self.top, self.link, series, tuple(arm.turned() for arm in self.beside))
 
     def downwards(self, top: str) -> Arm:
-        """Return the arm so that it hangs from the node ``top``."""
+        """Return the arm oriented downwards from the node ``top``."""
         return self if self.top == top else self.turned()
 
     @property
     def links(self) -> list[Element]:
-        """Every link in it."""
+        """All links of the arm."""
         own = [] if self.link is None else [self.link]
         return own + [link for arm in (*self.series, *self.beside) for link in arm.links]
 
 
 def ends(link: Element) -> tuple[str, str]:
-    """Return the two nodes that a link joins in the picture."""
+    """Return the two nodes joined by a link in the drawing."""
     first, last = link.nodes[0], link.nodes[-1]
     return (CEILING if first == GROUND and _told(link) else first), last
 
 
 def side_by_side(arms: Sequence[Arm]) -> Arm:
-    """Return arms between the same two nodes as one."""
+    """Combine arms between the same two nodes in parallel."""
     first = arms[0]
     flat = [each for arm in arms for each in (arm.downwards(first.top).beside or (arm.downwards(first.top),))]
     return flat[0] if len(flat) == 1 else Arm(first.top, first.bottom, beside=tuple(flat))
 
 
 def in_series(upper: Arm, lower: Arm) -> Arm:
-    """Return two arms, of which the one ends where the other begins, as one."""
+    """Combine two consecutive arms in series."""
     return Arm(upper.top, lower.bottom, series=(*(upper.series or (upper,)), *(lower.series or (lower,))))
 
 
@@ -159,17 +159,17 @@ def arms_between(elements: Sequence[Element]) -> list[Arm]:
 
 @dataclass(frozen=True)
 class Link:
-    """A link in its place, upright between two nodes.
+    """A positioned link, vertical between two nodes.
 
     Attributes
     ----------
     part : Element              the element
     top, bottom : str           the nodes at its ends
-    x : float                   where it stands
-    side : 1 or -1              where its label stands, right or left
+    x : float                   horizontal position
+    side : 1 or -1              side of its label, right or left
     body : float                height of its symbol
-    leads : tuple of float      from its first and from its last node to the symbol
-    extra : float               by how much the part that moves with the last node is longer, so that the other stays in it
+    leads : tuple of float      lengths of the leads from its first and last node to the symbol
+    extra : float               extra length of the outer part of a telescoping symbol, which moves with the last node
     """
 
     part: Element
@@ -189,7 +189,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Box:
-    """An occupied part of the picture: x from left to right, and levels from low to high."""
+    """An occupied rectangle of the drawing: range of x, and range of levels."""
 
     left: float
     right: float
@@ -202,7 +202,7 @@ class Box:
         return Box(self.left + x, self.right + x, self.low, self.high, self.owner)
 
     def meets(self, other: Box) -> bool:
-        """Return whether the two share a place."""
+        """Return whether two boxes overlap."""
         return (
             min(self.right, other.right) - max(self.left, other.left) > 1e-9
             and min(self.high, other.high) - max(self.low, other.low) > 1e-9
@@ -211,17 +211,17 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where everything stands; y grows upwards from the ground at zero.
+    """Positions of all parts of the drawing; y points upwards from the ground at zero.
 
     Parameters
     ----------
     elements : tuple of Element
-        Those of a scheme.
+        Elements of a scheme.
     travel : mapping of str to (low, high) of relative motion, optional
-        Called with two nodes, returns how far the lower comes away from the upper in the units of the drawing, at least
-        and at most: links get the room that they need.
+        Called with two nodes, returns the minimum and maximum displacement of the lower relative to the upper, in drawing
+        units; links are sized for it.
     scale : float
-        Units of the drawing in a metre of motion; zero for a picture that stands still.
+        Drawing units per metre of motion; zero for a static drawing.
     """
 
     elements: tuple[Element, ...]
@@ -242,7 +242,7 @@ class Layout:
 
     @cached_property
     def nodes(self) -> list[str]:
-        """The nodes in the order in which they are mentioned, without the ground and without inner ones."""
+        """The nodes in order of first occurrence, without the ground and inner nodes."""
         named = dict.fromkeys(node for part in self.parts for node in (part.nodes[0], part.nodes[-1]))
         taken_up = {node for element in self.elements for node in element.nodes[1:-1]} - {
             end for arm in self.given for end in (arm.top, arm.bottom)
@@ -260,14 +260,14 @@ class Layout:
         return [part for part in self.parts if isinstance(part, PrescribedMotion) and part.node == node]
 
     def loads(self, node: str) -> list[Element]:
-        """Return what acts on a node alone and is neither a mass nor a motion."""
+        """Return the elements on a single node other than masses and prescribed motions."""
         return [p for p in self.parts if p.nodes == (node,) and not isinstance(p, (Mass, PrescribedMotion))]
 
     # --- what is above what --------------------------------------------------------------------------------------------
 
     @cached_property
     def distance(self) -> dict[str, int]:
-        """The number of arms from each node to the ground or, where nothing leads there, to a node that is carried."""
+        """Number of arms from each node to the ground or, if unconnected to it, to a supported node."""
         found: dict[str, int] = {}
         bases = [GROUND]
         while bases:
@@ -289,7 +289,7 @@ class Layout:
 
     @cached_property
     def arms(self) -> list[Arm]:
-        """The arms, each hanging from its upper node; no way leads down and comes back."""
+        """The arms, each oriented downwards from its upper node; the directed graph has no cycle."""
         rank = {node: (self.distance[node], -i) for i, node in enumerate([GROUND, *self.nodes])}
         rank[CEILING] = (len(rank), 0)
         below: dict[str, list[str]] = {node: [] for node in rank}
@@ -299,7 +299,7 @@ class Layout:
 
         found: dict[int, Arm] = {}
 
-        # A plate that is called the upper one stands above the other, wherever the ground leaves a choice.
+        # An upper plate is placed above the lower one unless the path to the ground decides otherwise.
         def urgency(each: tuple[int, Arm]) -> tuple[bool, bool]:
             fixed = {GROUND, CEILING} & {each[1].top, each[1].bottom}
             return not fixed, not any(map(_told, each[1].links))
@@ -316,7 +316,7 @@ class Layout:
 
     @cached_property
     def level(self) -> dict[str, int]:
-        """The longest way down from each node."""
+        """Length of the longest downward path from each node."""
         found = {GROUND: 0}
 
         def measure(node: str) -> int:
@@ -341,7 +341,7 @@ class Layout:
     # --- across --------------------------------------------------------------------------------------------------------
 
     def reach(self, arm: Arm, side: Side = 1) -> tuple[float, float]:
-        """Return how far an arm reaches to the left and to the right of its middle, labels included."""
+        """Return the extent of an arm to the left and right of its middle, labels included."""
         if arm.link is not None:
             half = half_breadth(arm.link)
             beside = half + CLEAR + width(label(arm.link))
@@ -354,7 +354,7 @@ class Layout:
         return first[0] - offsets[0], offsets[-1] + last[1]
 
     def offsets(self, arm: Arm) -> list[float]:
-        """Return where the arms of an arm stand, from its middle; the first has its labels on the left."""
+        """Return the offsets of parallel arms from their common middle; the first has its labels on the left."""
         reaches = [self.reach(each, -1 if i == 0 else 1) for i, each in enumerate(arm.beside)]
         x = [0.0]
         for (_, right), (left, _) in pairwise(reaches):
@@ -362,7 +362,7 @@ class Layout:
         return [each - x[-1] / 2.0 for each in x]
 
     def feet(self, arm: Arm, x: float, end: str) -> list[float]:
-        """Return every x at which an arm with its middle at x touches one of its two nodes."""
+        """Return every x at which an arm with its middle at ``x`` joins the node at one of its ends."""
         if arm.series:
             return self.feet(arm.series[0 if end == arm.top else -1], x, end)
         if arm.beside:
@@ -372,13 +372,13 @@ class Layout:
 
     @cached_property
     def _across(self) -> tuple[dict[int, float], dict[str, list[float]], dict[int, tuple[float, Side]]]:
-        """The middle of each arm, the extent of each node, and the position of each load and the side of its label."""
+        """Middle of each arm, extent of each node, and position and label side of each load."""
         taken: list[Box] = []
         middle, touched = self._stand_arms(taken)
         return middle, touched, self._stand_loads(middle, touched, taken)
 
     def _stand_arms(self, taken: list[Box]) -> tuple[dict[int, float], dict[str, list[float]]]:
-        """Return the middle of each arm and what each node must reach, and add to the places that are taken."""
+        """Return the middle of each arm and the required extent of each node; append to the occupied boxes."""
         middle: dict[int, float] = {}
         touched: dict[str, list[float]] = {}
 
@@ -404,7 +404,7 @@ class Layout:
             if top not in touched and top != CEILING:
                 boxes.append(self._node_box(top, 0.0, (left, right)))
             own = [node for node in (top, bottom) if node not in (GROUND, CEILING)]
-            # Where its feet stand on a node, that node becomes a bar.
+            # A node is extended to a bar below the feet of its arms.
             for node in own:
                 first, last = _span(self.feet(arm, 0.0, node))
                 boxes.append(Box(first - CLEAR, last + CLEAR, self.level[node] - 0.25, self.level[node] + 0.25, node))
@@ -420,7 +420,7 @@ class Layout:
             touched[top] += self.feet(arm, x, top)
             touched.setdefault(bottom, []).extend(self.feet(arm, x, bottom))
         for node in free:
-            # Where it was put to begin with binds a node no more once links lead to it.
+            # The initial position of a node is dropped once links lead to it.
             if not self._half(node):
                 touched[node] = touched[node][1:] or touched[node]
         return middle, touched
@@ -428,7 +428,7 @@ class Layout:
     def _stand_loads(
         self, middle: dict[int, float], touched: dict[str, list[float]], taken: list[Box]
     ) -> dict[int, tuple[float, Side]]:
-        """Return the place of each load and the side of its label, and add to what nodes must reach."""
+        """Return the position and label side of each load, and extend the nodes accordingly."""
         loads: dict[int, tuple[float, Side]] = {}
         for node in self.nodes:
             above = [
@@ -453,7 +453,7 @@ class Layout:
         return BODY_WIDTH / 2.0 if self.bodies(node) else PLATE if self.motions(node) else 0.0
 
     def _node_box(self, node: str, x: float, around: tuple[float, float]) -> Box:
-        """Return the place that a node takes with its coordinate beside it, and with its motion."""
+        """Return the box occupied by a node with its coordinate and prescribed motion."""
         half = self._half(node)
         left = max(half, around[0]) + (0.9 + width("y(t)") if self.motions(node) else 0.0)
         right = max(half, around[1]) + 4.0 * CLEAR + width(math_text(node))
@@ -463,10 +463,10 @@ class Layout:
         self, wish: float, boxes: Sequence[Box], taken: Sequence[Box], bars: Mapping[int, tuple[float, float]],
         own: Sequence[str],
     ) -> float:  # fmt: skip
-        """Return the x nearest to a wish at which boxes, given relative to it, overlap no occupied one.
+        """Return the x nearest to the preferred one at which boxes, given relative to it, overlap no occupied box.
 
-        A node's own box is no obstacle to its arms. Bars, level to span, would have to be drawn out to the new place: to
-        cross others with them costs as much as a long detour.
+        A node's own box is no obstacle to its arms. Bars (level to span) would be extended to the new position; crossing
+        others with them costs as much as a long detour.
         """
         obstacles = [box for box in taken if box.owner not in own]
 
@@ -488,7 +488,7 @@ class Layout:
     # --- up ------------------------------------------------------------------------------------------------------------
 
     def need(self, link: Element, top: str, bottom: str, *, piece: bool) -> tuple[float, float, float, float]:
-        """Return the vertical extent of a link: its height at rest, its symbol's height, and what it opens and closes by."""
+        """Return the height of a link at rest, the height of its symbol, and the distances it opens and closes by."""
         body = BAR if isinstance(link, Bar) else PIECE if piece else LINK
         low, high = self.travel(top, bottom)
         opens, closes = max(high, 0.0), max(-low, 0.0)
@@ -508,7 +508,7 @@ class Layout:
         return body + opens + 2.0 * closes, body, opens, closes
 
     def height(self, arm: Arm, *, piece: bool = False) -> float:
-        """Return the height that an arm needs at rest."""
+        """Return the required height of an arm at rest."""
         if arm.link is not None:
             return self.need(arm.link, arm.top, arm.bottom, piece=piece)[0]
         if arm.series:
@@ -517,7 +517,7 @@ class Layout:
 
     @cached_property
     def rows(self) -> list[list[str]]:
-        """The nodes from the ground up, in rows of one height: those of a level, unless they would stand on each other."""
+        """The nodes from the ground up, in rows of equal height: one per level unless nodes would overlap."""
         found = []
         for level in range(1, self.level[CEILING]):
             rows: list[list[str]] = [[]]
@@ -532,12 +532,12 @@ class Layout:
         return [*found, [CEILING]] if self.hung else found
 
     def thickness(self, node: str) -> float:
-        """Return the height of a node: that of its body, or zero."""
+        """Return the height of a node's body, or zero."""
         return BODY_HEIGHT if self.bodies(node) else 0.0
 
     @cached_property
     def y(self) -> dict[str, float]:
-        """The middle of each node at rest, inner ones included."""
+        """Height of the middle of each node at rest, inner nodes included."""
         y, top, level = {GROUND: 0.0}, 0.0, 0
         for row in self.rows:
             here = self.level[row[0]]
@@ -557,7 +557,7 @@ class Layout:
         return y | dict(self._inner(y))
 
     def edge(self, y: Mapping[str, float], node: str, side: Side) -> float:
-        """Return where links join a node: the upper (1) or the lower (-1) edge of its body."""
+        """Return the y of the upper (1) or lower (-1) edge of a node's body, where links join it."""
         return y[node] + side * self.thickness(node) / 2.0
 
     def _inner(self, y: Mapping[str, float]) -> Iterator[tuple[str, float]]:
@@ -566,7 +566,7 @@ class Layout:
                 yield from walk(each, top, bottom, low=low)
             needs = [self.height(each, piece=True) for each in arm.series]
             for i, (each, need) in enumerate(zip(arm.series, needs, strict=True)):
-                # What the arm is longer than its pieces is shared among them, or goes to the first.
+                # The excess length of the arm is distributed over its pieces, or given to the first.
                 spare = top - bottom - sum(needs[i:])
                 foot = top - need - (spare if low else spare / (len(needs) - i))
                 yield from walk(each, top, foot, low=low)
@@ -579,7 +579,7 @@ class Layout:
 
     @cached_property
     def _crossed(self) -> set[int]:
-        """The arms that run behind a node on their way down: their symbols stand at the foot, below it."""
+        """The arms that pass behind a node; their symbols are placed below it."""
         found = set()
         for i, arm in enumerate(self.arms):
             left, right = (self._across[0][i] + side * out for side, out in zip((-1, 1), self.reach(arm), strict=True))
@@ -606,7 +606,7 @@ class Layout:
                     top_lead, bottom_lead = top_lead + 0.08 * body, bottom_lead + 0.08 * body
                 first_up = ends(arm.link)[0] == arm.top
                 first, last = (top_lead, bottom_lead) if first_up else (bottom_lead, top_lead)
-                # What moves in a case keeps so much of its rod outside that the case never runs into the first node.
+                # The rod of a telescoping symbol is long enough that the case never reaches the first node.
                 extra = opens + closes
                 links.append(Link(arm.link, arm.top, arm.bottom, x, side, body, (first + extra, last), extra))
             for each in arm.series:
@@ -623,20 +623,20 @@ class Layout:
 
     @property
     def links(self) -> list[Link]:
-        """Every link in its place."""
+        """All links with their positions."""
         return self._placed[0]
 
     @property
     def inner_bars(self) -> dict[str, tuple[float, float]]:
-        """From where to where each inner node reaches."""
+        """Horizontal range of each inner node."""
         return self._placed[1]
 
     def load_place(self, load: Element) -> tuple[float, Side]:
-        """Return the x of a load, and the side of its label."""
+        """Return the x of a load and the side of its label."""
         return self._across[2][id(load)]
 
     def span(self, node: str) -> tuple[float, float]:
-        """Return from where to where a node reaches, as a body or as a rigid bar."""
+        """Return the horizontal range of a node, a body or a rigid bar."""
         touched = self._across[1].get(node, [0.0])
         left, right = _span(touched)
         margin = CLEAR if self.bodies(node) and right - left > BODY_WIDTH + 1e-9 else 0.0
@@ -644,7 +644,7 @@ class Layout:
 
     @cached_property
     def coordinate_places(self) -> dict[str, tuple[float, Side]]:
-        """The x of each coordinate's arrow and the side of its name: the nearest free place beside the node."""
+        """The x of each coordinate's arrow and the side of its name, at the nearest free position beside the node."""
         taken = [self._link_box(link) for link in self.links]
         for node in self.nodes:
             left, right = self.span(node)
@@ -688,12 +688,12 @@ class Layout:
 
 
 def _soft(link: Element) -> bool:
-    """Return whether the link is compliant contact between two bodies."""
+    """Return whether the link is a compliant contact between two bodies."""
     return isinstance(link, (HertzSpring, HuntCrossley, KelvinVoigtStop))
 
 
 def _told(link: Element) -> bool:
-    """Return whether the link says by itself which of its ends is the upper one."""
+    """Return whether the link itself defines which of its ends is the upper one."""
     return isinstance(link, (Bumper, HertzSpring, HuntCrossley, KelvinVoigtStop, Rope))
 
 

@@ -1,4 +1,4 @@
-"""Drawings of schemes in the usual engineering symbols, from the strokes of the elements."""
+"""Drawings of schemes with standard engineering symbols, built from the strokes of the elements."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 INCH = 0.42
-"""Inches per unit of the layout, for pictures no taller than `MAX_HEIGHT`."""
+"""Inches per layout unit, for drawings up to `MAX_HEIGHT`."""
 
 MAX_HEIGHT = 9.0
-"""Height in inches above which a picture is scaled down."""
+"""Height in inches above which a drawing is scaled down."""
 
 FORCE, MOVES = PALETTE[1], PALETTE[0]
 
@@ -57,14 +57,14 @@ CAGE: tuple[tuple[tuple[float, float], ...], ...] = (
     ((0.5, -0.2), (0.5, -0.8), (0.8, -0.8), (0.8, 0.8), (0.5, 0.8), (0.5, 0.2)),
     ((0.8, 0.0), (1.0, 0.0)),
 )
-"""A bumper whose upper plate hangs from the node below: a head behind the lips of a cage, from top to bottom."""
+"""Strokes of a bumper whose upper plate hangs from the node below: a head behind the lips of a cage."""
 
 CAGE_SPLIT = 0.62
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A line of the picture, filled where it says with what."""
+    """A line of the drawing, optionally filled."""
 
     points: Array
     color: str
@@ -77,7 +77,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Label:
-    """A text of the picture; ``side`` is the direction in which it stands beside its point."""
+    """A text of the drawing; ``side`` is its direction from its anchor point."""
 
     text: str
     point: Array
@@ -87,7 +87,7 @@ class Label:
 
     @property
     def place(self) -> Array:
-        """Where the text stands."""
+        """Position of the text."""
         return np.asarray(self.point + CLEAR * self.side)
 
 
@@ -96,13 +96,13 @@ Piece = Line | Label
 
 @dataclass(frozen=True, eq=False)
 class Posture:
-    """What moves in a picture.
+    """The moving quantities of a drawing.
 
     Attributes
     ----------
-    y : mapping of str to float             where the nodes are
-    pressed : mapping of str to float       how hard each bumper is pressed, from 0 to 1
-    down : mapping of str to float          how far each node has moved down, those inside a bar included
+    y : mapping of str to float             height of each node
+    pressed : mapping of str to float       relative force of each bumper, from 0 to 1
+    down : mapping of str to float          downward displacement of each node, inner nodes of bars included
     """
 
     y: Mapping[str, float]
@@ -126,18 +126,18 @@ def draw_scheme(
     title: str | None = None,
     coordinates: bool = True,
 ) -> Figure | Axes:
-    """Draw a scheme upright, with the ground at its foot; a system given by its matrices is drawn as a block diagram.
+    """Draw a scheme above the ground, or a system given by its matrices as a block diagram.
 
     Parameters
     ----------
     scheme : Scheme or LinearComplementaritySystem
         Any.
     ax : Axes, optional
-        Where to draw; without it a figure of the right size is made.
+        Axes to draw in; by default a new figure of suitable size.
     title : str, optional
-        Stands above.
+        Title above the drawing.
     coordinates : bool
-        Whether to draw the arrows of the coordinates, positive downwards.
+        Whether to draw the coordinate arrows, positive downwards.
 
     Returns
     -------
@@ -187,12 +187,12 @@ def draw_scheme(
 
 
 def at_rest(layout: Layout) -> Posture:
-    """Return the posture of a picture that stands still: bumpers part, with their reactions as full arrows."""
+    """Return the posture of a static drawing: open bumpers, with reactions as full arrows."""
     return Posture(layout.y)
 
 
 def picture(layout: Layout, posture: Posture, *, coordinates: bool = True) -> Iterator[Piece]:
-    """Yield everything that a picture consists of; the same pieces in the same order for every posture."""
+    """Yield all pieces of a drawing, in the same order for every posture."""
     y = posture.y
     if layout.grounded:
         yield from _ground(*layout.span(GROUND), y[GROUND], reach=0.8)
@@ -209,12 +209,12 @@ def picture(layout: Layout, posture: Posture, *, coordinates: bool = True) -> It
 
 
 def paint(ax: Axes, pieces: list[Piece], size: float = 1.0) -> list[Any]:
-    """Draw the pieces of a picture, with letters and lines of a relative size; return the artists of each."""
+    """Draw the pieces with a relative size of letters and lines; return the artists of each."""
     return [_paint_line(ax, p, size) if isinstance(p, Line) else _paint_words(ax, p, size) for p in pieces]
 
 
 def extent(pieces: list[Piece]) -> tuple[float, float, float, float]:
-    """Return left, right, bottom and top of all that is to be drawn, with a margin."""
+    """Return left, right, bottom and top of all pieces, with a margin."""
     x: list[float] = []
     y: list[float] = []
     for piece in pieces:
@@ -279,7 +279,7 @@ def _bar(left: float, right: float, y: float) -> Iterator[Line]:
 
 
 def _arrow(tail: Array, tip: Array, color: str) -> Iterator[Line]:
-    """Yield a shaft and a head; nothing shows of an arrow that is hardly longer than wide."""
+    """Yield a shaft and a head, or nothing for an arrow hardly longer than wide."""
     length = float(np.hypot(*(tip - tail)))
     if length < 0.08:
         yield Line(np.full((2, 2), np.nan), color, 1.3, cap="butt")
@@ -295,7 +295,7 @@ def _arrow(tail: Array, tip: Array, color: str) -> Iterator[Line]:
 
 
 def _strokes(part: Element, places: list[Array]) -> Iterator[Line]:
-    """Yield an element's strokes, which have their places; fill those that are closed."""
+    """Yield the positioned strokes of an element; closed ones are filled."""
     body = len(part.nodes) > 1 or isinstance(part, Mass)
     color, inside, wide = (INK, FAINT, 1.5) if body else (FORCE, FORCE, 1.1)
     for points in places:
@@ -310,7 +310,7 @@ def _link(layout: Layout, link: Link, posture: Posture) -> Iterator[Piece]:
     cage = isinstance(part, Bumper) and not down
     first = np.array([link.x, top if down or cage else bottom])
     along = DOWN if down or cage else -DOWN
-    # The right of a link stays on the right, whichever way it runs.
+    # The right side of a link stays on the right for either orientation.
     split = CAGE_SPLIT if cage else part.split
     placed = []
     for stroke in CAGE if cage else part.strokes:
@@ -322,7 +322,7 @@ def _link(layout: Layout, link: Link, posture: Posture) -> Iterator[Piece]:
     yield from _strokes(part, placed)
     side = np.array([float(link.side), 0.0])
     if not isinstance(part, Bumper):
-        # Beside the symbol, which its leads may keep from the middle.
+        # Beside the symbol, which may be off the middle of the link.
         wide = [y for points in placed for x, y in points.tolist() if abs(x - link.x) > 1e-9]
         middle = (min(wide) + max(wide)) / 2.0 if wide else (top + bottom) / 2.0
         yield Label(label(part), np.array([link.x, middle]) + half_breadth(part) * side, side)
@@ -334,7 +334,7 @@ def _link(layout: Layout, link: Link, posture: Posture) -> Iterator[Piece]:
 
 
 def _along(s: Array, link: Link, length: float, split: float | None) -> Array:
-    """Return how far from the first end of a link each of the points of a stroke lies."""
+    """Return the distance of each point of a stroke from the first end of its link."""
     first, last = link.leads
     body = link.body
     if split is None:
@@ -348,7 +348,7 @@ def _along(s: Array, link: Link, length: float, split: float | None) -> Array:
 
 
 def _within(s: Array, link: Link, layout: Layout, posture: Posture) -> Array:
-    """Return how far from its first end the points of a bar lie, which move as the nodes inside it do."""
+    """Return the distance of points of a bar from its first end, interpolated between its inner nodes."""
     assert isinstance(link.part, Bar)
     rest = _along(s, link, layout.edge(layout.y, link.top, -1) - layout.edge(layout.y, link.bottom, 1), None)
     block = [s for s, t in chain.from_iterable(link.part.strokes) if t]
@@ -358,7 +358,7 @@ def _within(s: Array, link: Link, layout: Layout, posture: Posture) -> Array:
 
 
 def _sag(t: Array, link: Link, length: float, layout: Layout) -> Array:
-    """Return how far sideways the points of a stroke lie: a rope straightens until it is taut."""
+    """Return the lateral offset of the points of a stroke: a rope straightens until it is taut."""
     if not isinstance(link.part, Rope) or not layout.scale:
         return t
     rest = layout.edge(layout.y, link.top, -1) - layout.edge(layout.y, link.bottom, 1)
@@ -412,7 +412,7 @@ def _dot(middle: Array) -> Array:
 
 
 def _coordinate(layout: Layout, node: str, y: float) -> Iterator[Piece]:
-    """Yield a coordinate's arrow beside its column, and the thin line that says where it is measured."""
+    """Yield a coordinate's arrow, and the thin line to the node whose displacement it measures."""
     x, side = layout.coordinate_places[node]
     edge = layout.span(node)[1 if side > 0 else 0]
     ends = np.array([[edge + 0.5 * side * CLEAR, y], [x + side * CLEAR, y]])

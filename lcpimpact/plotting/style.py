@@ -19,17 +19,17 @@ SOFT = "#6b7685"
 FAINT = "#eef1f5"
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
-"""Okabe and Ito's colours for colour-blind readers, without yellow, which is too pale for a line."""
+"""Okabe and Ito's colour-blind-safe colours, without yellow, which is too pale for lines."""
 
 EXACT, LCP, RK4 = "#b9c6d6", PALETTE[0], PALETTE[1]
-"""One colour for each way to solve a system: exact (wide and light), LCP (markers), RK4 (thin and dotted)."""
+"""Colours of the three solutions of a system: exact (wide and light), LCP (markers), RK4 (thin and dotted)."""
 
 METADATA: dict[str, dict[str, Any]] = {
     ".png": {"Software": None},
     ".svg": {"Date": None, "Creator": None},
     ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
-"""Formats, with the metadata cleared so that files do not depend on the day and the machine."""
+"""File metadata by format, cleared so that files do not depend on date and machine."""
 
 RC: dict[Any, Any] = {
     "axes.axisbelow": True,
@@ -88,9 +88,9 @@ def style() -> Iterator[None]:
 
 @checked
 def save(figure: Figure, path: str | Path) -> Path:
-    """Write a figure to a file whose ending tells the format: .png, .svg or .pdf.
+    """Write a figure to a file ending in .png, .svg or .pdf.
 
-    The file appears whole or not at all, and the same figure gives the same bytes on every day.
+    The write is atomic, and the same figure always gives the same bytes.
 
     Raises
     ------

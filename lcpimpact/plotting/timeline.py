@@ -16,10 +16,10 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.trajectory import Trajectory
 
 POINTS = 2000
-"""Number of points of a smooth curve: more than a page resolves."""
+"""Number of points of a smooth curve, above the resolution of a page."""
 
 MAX_NAMED_EVENTS = 12
-"""Number of events from which on they are marked but not named."""
+"""Maximum number of events that are labelled; more are only marked."""
 
 FORMULA = re.compile(r"([^\W_](_[^\W_]+)?|[ ()+=,.'-])+")
 """Letters with or without a subscript, and the operators between them."""
@@ -28,7 +28,7 @@ WORDS = {"open": "opens", "close": "closes", "impact": "impact", "stick": "stick
 
 
 def plain_text(text: str) -> str:
-    r"""Return foreign text, as the name of a problem, with every $ escaped.
+    r"""Return external text, such as the name of a problem, with every $ escaped.
 
     Examples
     --------
@@ -39,7 +39,7 @@ def plain_text(text: str) -> str:
 
 
 def math_text(symbol: str) -> str:
-    """Return a symbol as math text, or as it is where it is no formula.
+    """Return a symbol as math text, or unchanged if it is not a formula.
 
     Examples
     --------
@@ -55,20 +55,20 @@ def math_text(symbol: str) -> str:
 
 
 def shown_nodes(trajectory: Trajectory) -> list[int]:
-    """Return which coordinates a picture shows: not those of nodes that elements made for themselves."""
+    """Return the coordinates to draw, without those of internal nodes of elements."""
     nodes = trajectory.problem.dynamics.nodes
     inner = {node for element in _elements(trajectory) for node in element.nodes[1:-1]}
     return [i for i, node in enumerate(nodes) if node not in inner] or list(range(len(nodes)))
 
 
 def shown_forces(trajectory: Trajectory) -> list[int]:
-    """Return which of the forces a picture shows: not those within an element that is drawn as one symbol."""
+    """Return the forces to draw, without those inside an element drawn as one symbol."""
     inner = {node for e in _elements(trajectory) if e.drawn()[0] is e for node in e.nodes[1:-1]}
     return [i for i, each in enumerate(trajectory.problem.dynamics.forces) if not {each.upper, each.lower} & inner]
 
 
 def shown_events(trajectory: Trajectory) -> list[Event]:
-    """Return the events of the forces that a picture shows."""
+    """Return the events of the forces to draw."""
     forces = trajectory.problem.dynamics.forces
     names = {forces[i].name for i in shown_forces(trajectory)}
     return [event for event in trajectory.events if event.contact in names]
@@ -80,10 +80,9 @@ def _elements(trajectory: Trajectory) -> Sequence[Element]:
 
 
 def curves(trajectory: Trajectory) -> tuple[Array, Array, Array, Array]:
-    """Return t, q, t_reaction and the forces to draw as lines, with a row of nan wherever a line must break.
+    """Return t, q, t_reaction and the forces to draw as lines, with a row of nan at each break.
 
-    Between its events an exact run is sampled finely, each piece with its own one-sided limits; any other run is drawn
-    as it was recorded.
+    An exact run is sampled finely between its events, with one-sided limits; any other run is drawn as recorded.
     """
     if trajectory.dense is None or len(trajectory.t) < 2:
         return trajectory.t, trajectory.q, trajectory.t_reaction, trajectory.forces
@@ -95,7 +94,7 @@ def curves(trajectory: Trajectory) -> tuple[Array, Array, Array, Array]:
     d = trajectory.problem.dynamics
     forces = (np.hstack([each.reaction, d.push(each.q, each.v)]) for each in (before, after))
 
-    # At an event stand, in this order, the left limit, the break, and the right limit.
+    # An event contributes the left limit, a break, and the right limit, in this order.
     t = np.concatenate([ends, inner, begins])
     order = np.lexsort((np.repeat([0, 1, 2], [len(ends), len(inner), len(begins)]), t))
     q, force = (
@@ -134,7 +133,7 @@ def mark_events(axes: Sequence[Axes], events: Sequence[Event]) -> None:
     times = sorted({event.t for event in events})
     few = len(times) < MAX_NAMED_EVENTS
     for ax in axes:
-        # Many lines side by side would bury the curves, so they shrink to a rug along the axis.
+        # Many lines would hide the curves, so they shrink to ticks along the axis.
         ax.vlines(
             times,
             0.0,
@@ -158,7 +157,7 @@ def _name_events(ax: Axes, events: Sequence[Event]) -> None:
             (f"{math_text(e.contact)} " if several else "") + WORDS.get(e.kind, e.kind) for e in events if e.t == t
         ]
         name = ", ".join(dict.fromkeys(words))
-        # A name takes about 1/90 of the width a letter; where its neighbour stands too near it goes one line up.
+        # A letter is about 1/90 of the width; a name too near its neighbour goes one line up.
         place, half = (t - first) / (last - first), len(name.replace("$", "")) / 180.0
         row = next((i for i, end in enumerate(taken) if place - half > end), None)
         if row is None:

@@ -36,10 +36,10 @@ class Panel:
 
     Attributes
     ----------
-    label : str                 of the axis
-    names : tuple of str        of the curves
-    t : (nt,) array             s
-    values : (nt, n) array      a row of nan where the curves break
+    label : str                 label of the axis
+    names : tuple of str        names of the curves
+    t : (nt,) array             time in s
+    values : (nt, n) array      values, with rows of nan at breaks
     """
 
     label: str
@@ -51,16 +51,14 @@ class Panel:
 @style()
 @checked
 def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> Figure:
-    """Draw coordinates over time, forces below, and impulses below those if there are impacts; mark the events.
+    """Draw coordinates over time, with forces and, if there are impacts, impulses below; mark the events.
 
-    Reactions that are impulses and nothing else have no panel of their own.
-
-    Nodes and forces inside an element that is drawn as one symbol, as those of a `Bar`, are left out.
+    Nodes and forces inside an element drawn as one symbol, such as a `Bar`, and purely impulsive reactions are omitted.
 
     Parameters
     ----------
     trajectory : Trajectory
-        Any run; one that ended early is drawn as far as it came.
+        Any run; one that ended early is drawn up to its end.
     path : str or Path, optional
         A file ending in .png, .svg or .pdf to write.
 
@@ -115,7 +113,7 @@ def panels(trajectory: Trajectory) -> list[Panel]:
 
 
 def force_names(trajectory: Trajectory) -> tuple[str, ...]:
-    """Return the names of the forces that a picture shows."""
+    """Return the names of the forces to draw."""
     forces = trajectory.problem.dynamics.forces
     return tuple(forces[i].name for i in shown_forces(trajectory))
 
@@ -124,7 +122,7 @@ def draw_panel(ax: Axes, panel: Panel, *, faint: bool = False) -> None:
     """Draw the curves of a panel, with their names beside it."""
     n = len(panel.names)
     for i, (name, column) in enumerate(zip(panel.names, panel.values.T, strict=True)):
-        # Where curves coincide, the later and narrower one leaves a rim of the earlier.
+        # Later curves are narrower, so that coincident curves are all visible.
         wide = 1.4 + 0.8 * max(0, min(n, 4) - 1 - i)
         ax.plot(panel.t, column, label=math_text(name), linewidth=wide, alpha=0.25 if faint else 1.0)
     ax.set_ylabel(panel.label)
@@ -142,7 +140,7 @@ def title_of(trajectory: Trajectory) -> str:
 
 
 def _method(method: str) -> str:
-    """Return a method with those of its options that are not the usual ones."""
+    """Return the name of a method with its non-default options."""
     name, _, options = method.removesuffix(")").partition("(")
     known = METHODS.get(name)
     usual = {"lcp_solver=auto"} | {f"{each.name}={each.default}" for each in (fields(known) if known else ())}

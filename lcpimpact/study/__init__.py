@@ -1,1 +1,1 @@
-"""Studies of several runs."""
+"""Studies that combine several runs."""

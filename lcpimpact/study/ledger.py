@@ -1,6 +1,6 @@
-"""The energy ledger: what a run stores, what flowed in, and which element dissipated it.
+"""The energy ledger: stored energy, work done on the system, and dissipation by element.
 
-The account itself, which the certificate judges by its sum, is `lcpimpact.certificate.energy`.
+The energy account is computed by `lcpimpact.certificate.energy`; the certificate checks its sum.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ class Ledger(Study):
     Attributes
     ----------
     table : DataFrame
-        One row an instant; an impact has two, before and after. Columns, all in J but the first: ``t`` (s); what is stored,
+        One row per instant, two for an impact (before and after). Columns in J except ``t`` (s): the stored energies
         ``kinetic``, ``elastic`` (linear and non-linear springs) and ``gravity`` (potential -f·(q - q(0)) of the constant
-        loads); what came in since t = 0, ``loads`` (work of the loads that depend on time) and ``motions`` (work of the
-        forces that drive nodes whose motion is given); what has been dissipated since t = 0, one column an element, see
-        ``dissipated``; and ``balance``, what is stored and dissipated less what came in and was there at t = 0.
+        loads); the work done since t = 0, ``loads`` (of time-dependent loads) and ``motions`` (of the forces on nodes with
+        prescribed motion); the energy dissipated since t = 0, one column per element, see ``dissipated``; and ``balance``,
+        stored plus dissipated energy minus work and initial energy.
     dissipated : tuple of str
-        The columns of what is lost: "dashpot a to b" for each dashpot, also within other elements, "HuntCrossley a to b" or
-        another type for each non-linear spring with a loss, "slider F", and "impact R" for each contact of relative degree
-        2. "contact R" is a contact without impacts: zero in the exact motion, and else what a step loses in which
-        the contact switches. Where a name would stand twice, a number follows.
+        The dissipation columns: "dashpot a to b" for each dashpot, also within other elements, "HuntCrossley a to b" or
+        another type for each dissipative non-linear spring, "slider F", and "impact R" for each contact of relative degree
+        2. "contact R" is a contact without impacts: zero in the exact motion, else the loss of steps in which the contact
+        switches. Duplicate names are numbered.
     promise : str
-        What the method promises about energy.
+        The energy property declared by the method.
     closes : bool
-        Whether it promises a balance that is zero but for rounding, or for the tolerance that it is given.
+        Whether the method declares a balance that vanishes to rounding, or to its tolerance.
     problem : Problem
     method : str
         The method with its options.
@@ -59,11 +59,11 @@ class Ledger(Study):
     title = "{0.problem.name} by {0.method}: energy"
 
     def head(self) -> list[str]:
-        """Return what the method promises, and the largest |balance|."""
+        """Return the declared energy property, and the largest |balance|."""
         return [self.promise, f"The largest |balance| is {self.balance:.1e} J"]
 
     def summary(self) -> str:
-        """Return what the method promises, the balance, and the totals."""
+        """Return the declared energy property, the balance, and the totals."""
         return "\n".join([*self.head(), *table_lines(self.totals, ".5g")])
 
     @property
@@ -73,13 +73,13 @@ class Ledger(Study):
 
     @property
     def scale(self) -> float:
-        """What the balance is to be compared with in J: the largest sum of energies that the run had to do with."""
+        """Scale of the balance in J: the largest sum of energies in the run."""
         stored = self.table[list(STORED[:2])].abs().sum(axis=1) + self.table["gravity"].abs()
         return float((stored + self.table[[*INFLOWS, *self.dissipated]].abs().sum(axis=1)).max())
 
     @property
     def totals(self) -> pd.DataFrame:
-        """What each column came to at the end: ``item``, ``start`` and ``end`` in J, ``change`` in J."""
+        """Initial and final value of each column: ``item``, ``start``, ``end`` and ``change`` in J."""
         first, last = self.table.iloc[0], self.table.iloc[-1]
         items = [*STORED, *INFLOWS, *self.dissipated, "balance"]
         start, end = (np.array([float(row[item]) for item in items]) for row in (first, last))
@@ -90,20 +90,20 @@ class Ledger(Study):
 def energy_ledger(run: Trajectory) -> Ledger:
     r"""Account for the energy of a run, element by element.
 
-    Between impacts the power of each element is integrated: by Gauss's rule where the method knows its motion at all times
-    (``exact``, ``radau-fesd``, ``event-driven``); for a θ-method as h w·(forces at θ) with w = (q⁺ - q)/h, which for θ = 1/2
-    and linear springs is an identity of the step; for others by the trapezoidal rule, whose error then is part of the
-    balance. In an impact a contact takes
+    Between impacts the power of each element is integrated: by Gauss's rule for continuous solutions (``exact``,
+    ``radau-fesd``, ``event-driven``); for a θ-method as h w·(forces at θ) with w = (q⁺ - q)/h, an identity of the step for
+    θ = 1/2 and linear springs; otherwise by the trapezoidal rule, whose error is part of the balance. In an impact a
+    contact dissipates
 
     .. math:: -Λ \tfrac12 (U^- + U^+),
 
-    Λ its impulse and U the rate at which it opens, before and after; summed over the contacts this is the loss of kinetic
-    energy, less what given motions put in.
+    with the impulse Λ and the gap velocities U before and after; the sum over the contacts is the loss of kinetic energy,
+    minus the work of prescribed motions.
 
     Parameters
     ----------
     run : Trajectory
-        Any run of a scheme; one that ended early is accounted for as far as it came.
+        Any run of a scheme; one that ended early is evaluated up to its end.
 
     Returns
     -------
@@ -113,7 +113,7 @@ def energy_ledger(run: Trajectory) -> Ledger:
     Raises
     ------
     UnsupportedError
-        For a system that is given directly, whose matrices say nothing of an energy.
+        For a system given directly, whose matrices define no energy.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Progress of a study: a bar, or a function of the caller."""
+"""Progress of a study: a progress bar, or a function of the caller."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any, TypeAlias
 from tqdm import tqdm
 
 Progress: TypeAlias = bool | Callable[[Iterable[Any], int, str], Iterable[Any]]
-"""Whether a bar is shown on a terminal when a study takes more than a second; or a function in place of the bar, which takes
-things, their number and what they are, and yields the things."""
+"""Whether a progress bar is shown on a terminal after one second; or a function in its place, which takes items, their
+number and their name, and yields the items."""
 
 LAYOUT = "{desc:<17}{bar:30} {n_fmt}/{total_fmt} {elapsed}"
 
 
 def watched(items: Iterable[Any], total: int, what: str, progress: Progress) -> Iterable[Any]:
-    """Return the things, which show the progress as they are taken."""
+    """Return an iterable of the items that shows progress during iteration."""
     if callable(progress):
         return progress(items, total, what)
     shown: Iterable[Any] = tqdm(
@@ -26,12 +26,12 @@ def watched(items: Iterable[Any], total: int, what: str, progress: Progress) -> 
 
 
 def unseen(number: int) -> None:
-    """Show nothing of how many things are done."""
+    """Ignore the number of items done."""
 
 
 @contextmanager
 def counted(total: int, what: str, progress: Progress) -> Iterator[Callable[[int], None]]:
-    """Show the progress of work that is no loop: the function says how many things are done so far.
+    """Show the progress of work that is not a loop: call the yielded function with the number of items done.
 
     Examples
     --------
@@ -43,7 +43,7 @@ def counted(total: int, what: str, progress: Progress) -> Iterator[Callable[[int
 
     def done(number: int) -> None:
         nonlocal shown
-        for _ in range(shown, number + 1):  # a thing is done when the next one is asked for
+        for _ in range(shown, number + 1):  # an item counts as done when the next one is requested
             next(steps, None)
         shown = max(shown, number + 1)
 

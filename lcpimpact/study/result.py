@@ -15,8 +15,8 @@ from lcpimpact.registry import load
 class Study:
     """Base class of the results of studies.
 
-    A result is a frozen dataclass that derives from this class. What its summary, picture and report need are its fields,
-    and the table holds numbers and words only: it may be written to a CSV file and read again without a loss.
+    A result is a frozen dataclass derived from this class. Its summary, plot and report need only its fields, and its table
+    contains only numbers and strings, so that it survives a CSV round trip.
     """
 
     drawn_by: ClassVar[str]
@@ -32,11 +32,11 @@ class Study:
             """The numbers."""
 
     def summary(self) -> str:
-        """Return what was found, in a few lines; the first says of what."""
+        """Return the result in a few lines; the first names the study."""
         raise NotImplementedError
 
     def head(self) -> list[str]:
-        """Return the first lines of the summary: what was studied."""
+        """Return the first lines of the summary, which name the study."""
         return self.summary().split("\n")[:1]
 
     @property
@@ -53,7 +53,7 @@ class Study:
         path : str or Path, optional
             A file ending in .png, .svg or .pdf to write.
         **options
-            Those of the function that ``drawn_by`` names.
+            Options of the function named by ``drawn_by``.
 
         Returns
         -------
@@ -62,7 +62,7 @@ class Study:
         Raises
         ------
         InputError
-            For an option that does not fit, another ending, or a folder that cannot be written.
+            For an invalid option, another ending, or a folder that cannot be written.
         """
         figure = load(self.drawn_by)(self, **options)
         if path is not None:
@@ -76,7 +76,7 @@ class Study:
         Parameters
         ----------
         path : str or Path
-            A file ending in .html; it appears whole or not at all.
+            A file ending in .html, written atomically.
 
         Raises
         ------
@@ -91,7 +91,7 @@ class Study:
 
 
 def failed_rows(table: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of a table whose column ``failure`` is not empty; none where there is no such column."""
+    """Return the rows of a table with a non-empty column ``failure``, or none without such a column."""
     return table[table["failure"].fillna("") != ""] if "failure" in table else table.iloc[:0]
 
 
@@ -120,7 +120,7 @@ def table_lines(table: pd.DataFrame, form: str = ".3g") -> list[str]:
 
 
 def cell(value: Any, form: str = ".3g") -> str:
-    """Return a value as a table for people shows it: a number that is missing as a dash."""
+    """Format a table cell, with a dash for a missing number."""
     if value is pd.NA:
         return "-"
     if isinstance(value, float):

@@ -1,1 +1,1 @@
-"""One method a file; `lcpimpact.lcp.SOLVERS` lists them by name."""
+"""LCP methods, one per file; `lcpimpact.lcp.SOLVERS` lists them by name."""

@@ -1,8 +1,8 @@
-"""Active set with an updated Cholesky factor: one contact enters or leaves at a time.
+"""Primal active-set method with Cholesky updates: one row enters or leaves the free set per iteration.
 
 It minimises ½ zᵀ M z + qᵀ z over the box for symmetric positive semidefinite M. Where a contact would make the factor
 singular (duplicated contacts, more contacts than coordinates) it moves along the null direction to the next bound; if
-there is none, that direction proves that no solution exists.
+there is none, that direction certifies infeasibility.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ class ActiveSet(NamedTuple):
 
     Attributes
     ----------
-    rows : (n,) indices     α in the order in which its rows came, as many as there are
-    free : (n,) flags       whether a row is one of them
-    basis : (n,) indices    the same, as `note` takes it
-    L : (n, n) array        L Lᵀ = M_αα, with one row more where that is singular
-    C : (n, n) array        C_j = M_·j, read when row j first moves
-    loaded : (n,) flags     whether it was read
+    rows : (n,) indices     α in the order of entry
+    free : (n,) flags       whether a row is in α
+    basis : (n,) indices    the basis in the form of `note`
+    L : (n, n) array        L Lᵀ = M_αα, with one more row where that is singular
+    C : (n, n) array        C_j = M_·j, loaded when row j first moves
+    loaded : (n,) flags     whether C_j has been loaded
     """
 
     rows: Indices
@@ -52,9 +52,9 @@ active_type = types.NamedTuple((indices, flags, indices, matrix, matrix, flags),
 
 @compiled(types.boolean(matrix, i8, indices, vector, i8), allocates=False)
 def append(L: Array, k: int, rows: Indices, column: Array, j: int) -> bool:
-    """Append to L, L Lᵀ = M_αα, the row of j, by M_·j; return False if j depends on α.
+    """Append row j, given by M_·j, to the Cholesky factor L of M_αα; return False if it depends linearly on α.
 
-    The row of L is written even then: it holds the direction in which M_αα has no curvature.
+    Even then the row of L is written: it holds the direction of zero curvature.
     """
     pivot = rest = column[j]
     for a in range(k):
@@ -71,7 +71,7 @@ def append(L: Array, k: int, rows: Indices, column: Array, j: int) -> bool:
 
 @compiled(types.void(matrix, i8, i8), allocates=False)
 def remove(L: Array, k: int, p: int) -> None:
-    """Take row and column p out of L Lᵀ of order k, by rotations of neighbouring columns."""
+    """Delete row and column p from L Lᵀ of order k by Givens rotations."""
     for a in range(p, k - 1):
         for c in range(a + 2):
             L[a, c] = L[a + 1, c]
@@ -105,7 +105,7 @@ def forward_substitute(L: Array, k: int, y: Array) -> None:
 
 @compiled(f8(f8, f8, f8, f8), allocates=False)
 def freedom(z: float, d: float, lower: float, upper: float) -> float:
-    """Return how far z may go along d before it reaches a bound."""
+    """Return the step length along d at which z reaches a bound."""
     if d > 0.0:
         return max(upper - z, 0.0) / d
     return max(z - lower, 0.0) / -d if d < 0.0 else np.inf
@@ -113,7 +113,7 @@ def freedom(z: float, d: float, lower: float, upper: float) -> float:
 
 @compiled(types.boolean(active_type, i8, i8), inline="always", allocates=False)
 def enter(active: ActiveSet, k: int, j: int) -> bool:
-    """Let row j, whose column is loaded, be free beside k others; return False if it depends on them."""
+    """Add row j, whose column is loaded, to the k free rows; return False if it depends linearly on them."""
     rows, free, basis, L, C, _ = active
     independent = append(L, k, rows, C[j], j)
     if independent:
@@ -123,7 +123,7 @@ def enter(active: ActiveSet, k: int, j: int) -> bool:
 
 @compiled(types.void(active_type, i8, i8), inline="always", allocates=False)
 def drop(active: ActiveSet, k: int, a: int) -> None:
-    """Take the a-th of k free rows out."""
+    """Remove the a-th of k free rows."""
     rows, free, basis, L, _, _ = active
     i = rows[a]
     free[i], basis[i] = False, i
@@ -134,7 +134,7 @@ def drop(active: ActiveSet, k: int, a: int) -> None:
 
 @compiled(types.void(active_type, matrix, i8), inline="always", allocates=False)
 def load(active: ActiveSet, W: Array, j: int) -> None:
-    """Read column j of M, if it was not read before."""
+    """Load column j of M unless already loaded."""
     if not active.loaded[j]:
         column(W, j, active.C[j])
         active.loaded[j] = True
@@ -142,7 +142,7 @@ def load(active: ActiveSet, W: Array, j: int) -> None:
 
 @compiled(i8(active_type, matrix, vector, vector, vector), inline="always", allocates=False)
 def begin(active: ActiveSet, W: Array, lower: Array, upper: Array, z: Array) -> int:
-    """Let the rows of the guess be free that lie between their bounds; return how many there are."""
+    """Free the rows of the initial guess that lie strictly between their bounds; return their number."""
     k = 0
     for i in range(len(z)):
         z[i] = min(max(z[i], lower[i]), upper[i])
@@ -156,7 +156,7 @@ def begin(active: ActiveSet, W: Array, lower: Array, upper: Array, z: Array) -> 
 
 @compiled(types.void(matrix, flags, vector, vector, vector), inline="always", allocates=False)
 def add_bounds(C: Array, free: Flags, q: Array, z: Array, base: Array) -> None:
-    """Write q + M z of the rows at their bounds."""
+    """Set ``base`` to q plus the contribution to M z of the rows at their bounds."""
     n = len(q)
     for i in range(n):
         base[i] = q[i]
@@ -168,7 +168,7 @@ def add_bounds(C: Array, free: Flags, q: Array, z: Array, base: Array) -> None:
 
 @compiled(f8(matrix, indices, vector, vector, vector, vector), inline="always", allocates=False)
 def add_free(C: Array, rows: Indices, base: Array, z: Array, root: Array, w: Array) -> float:
-    """Write w = base + M z of the free rows; return Σ |z| in units of a unit diagonal."""
+    """Set w to ``base`` plus the contribution of the free rows; return Σ |z| scaled to a unit diagonal."""
     n, terms = len(w), 0.0
     for i in range(n):
         w[i] = base[i]
@@ -184,7 +184,7 @@ def add_free(C: Array, rows: Indices, base: Array, z: Array, root: Array, w: Arr
     types.Tuple((f8, i8))(matrix, indices, vector, vector, vector, vector, vector), inline="always", allocates=False
 )
 def minimise(L: Array, rows: Indices, base: Array, lower: Array, upper: Array, z: Array, y: Array) -> tuple[float, int]:
-    """Move the free rows towards y = -M_αα⁻¹ base_α until one reaches a bound; return the length, and which one or NONE."""
+    """Move z_α towards y = -M_αα⁻¹ base_α until a bound blocks; return the step length and the blocking row or NONE."""
     k = len(rows)
     for a in range(k):
         y[a] = -base[rows[a]]
@@ -205,7 +205,7 @@ def minimise(L: Array, rows: Indices, base: Array, lower: Array, upper: Array, z
 
 @compiled(f8(f8, f8, f8, f8), allocates=False)
 def excess(z: float, w: float, lower: float, upper: float) -> float:
-    """Return by how much w has the wrong sign."""
+    """Return the magnitude by which w violates its sign condition."""
     if w < 0.0:
         return -w if z < upper else 0.0
     return w if z > lower else 0.0
@@ -215,7 +215,7 @@ def excess(z: float, w: float, lower: float, upper: float) -> float:
 def most_wrong(
     free: Flags, z: Array, w: Array, lower: Array, upper: Array, root: Array, rounding: float, first: bool
 ) -> int:
-    """Return the row at a bound whose w is most wrong, in units of a unit diagonal, or the first; NONE within rounding."""
+    """Return the row at a bound with the largest scaled sign violation of w, or the first; NONE within rounding error."""
     entering, worst = NONE, rounding
     for i in range(len(z)):
         if not free[i]:
@@ -229,9 +229,9 @@ def most_wrong(
 
 @compiled(i8(active_type, vector, vector, vector, vector, vector), allocates=False)
 def slightly_wrong(active: ActiveSet, q: Array, z: Array, w: Array, lower: Array, upper: Array) -> int:
-    """Return the first row whose w is wrong by more than the rounding of its own terms.
+    """Return the first row whose w violates its sign by more than the rounding error of its own terms.
 
-    What is rounding beside the largest terms may be all that a row of small ones has.
+    A value below the rounding error of the largest terms may be significant in a row of small ones.
     """
     C = active.C
     for i in range(len(z)):
@@ -249,10 +249,10 @@ def slightly_wrong(active: ActiveSet, q: Array, z: Array, w: Array, lower: Array
 def slide(
     active: ActiveSet, k: int, e: int, sign: float, lower: Array, upper: Array, z: Array, y: Array
 ) -> tuple[float, int]:
-    """Move row e along ``sign``, and the free rows along y so that M d = 0, until one reaches a bound.
+    """Move along the null direction d, d_e = sign and M d = 0, until a bound blocks.
 
-    Returns the length and which one, k for e itself. There is no curvature along d, and the objective falls; if nothing
-    ends that, z is set to d.
+    Returns the step length and the blocking row, k for e itself. The objective decreases linearly along d; if no bound
+    blocks, z is set to d.
     """
     rows, _, _, L, _, _ = active
     for a in range(k):
@@ -281,7 +281,7 @@ def slide(
 
 
 class DescentWorkspace(NamedTuple):
-    """Vectors (n,): the part of w from rows at their bounds, w, the minimiser over the free rows, and roots."""
+    """Vectors (n,): the part of w from rows at their bounds, w, the minimiser over the free rows, and sqrt(M_ii)."""
 
     base: Array
     w: Array
@@ -296,7 +296,7 @@ room_type: Any = named_tuple((vector,) * 4, DescentWorkspace)
 def descend(
     W: Array, q: Array, lower: Array, upper: Array, z: Array, max_iter: int, active: ActiveSet, room: DescentWorkspace
 ) -> tuple[int, int]:
-    """Minimise over the free rows, drop the first that meets a bound, and let in the one whose w is most wrong."""
+    """Minimise over the free rows, drop the first blocking row, and enter the row with the largest violation of w."""
     (rows, free, basis, L, C, _), (base, w, y, root), n = active, room, len(q)
     size = row_roots(W, q, root)
     k, entering, leaving, stalled, fine = begin(active, W, lower, upper, z), NONE, NONE, 0, 2 * n
@@ -341,10 +341,10 @@ def descend(
 
 @compiled(SIGNATURE)
 def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Make room, and `descend` from the guess.
+    """Allocate the workspace and `descend` from the initial guess.
 
-    The rows of a guess that lie between their bounds are free from the start. Thresholds are those of the problem scaled to
-    a unit diagonal, with the rounding of a product added. After n exchanges without progress the first wrong row enters.
+    Rows of the guess strictly between their bounds are free initially. Tolerances refer to the problem scaled to a unit
+    diagonal, plus the rounding error of a product. After n exchanges without decrease the first violated row enters.
     """
     n = len(q)
     rows, free, basis, loaded = np.empty(n, np.int64), np.zeros(n, np.bool_), np.arange(n), np.zeros(n, np.bool_)

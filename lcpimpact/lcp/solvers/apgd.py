@@ -24,9 +24,9 @@ CHECK_INTERVAL = 8
 
 @compiled(types.boolean(matrix, vector, vector, vector, vector, vector))
 def start(W: Array, q: Array, lower: Array, upper: Array, z: Array, d: Array) -> bool:
-    """Set d = diag(M), and z to where the rows with M_ii = 0 ask it to be; return False, with z a ray, if that is nowhere.
+    """Set d = diag(M), and z_i for rows with M_ii = 0; return False, with z a ray, if such a row has no solution.
 
-    Such a row of a semidefinite M is zero, w_i = q_i; its d_i is then that of the largest.
+    Such a row of a semidefinite M is zero, so w_i = q_i; its d_i is set to the largest M_ii.
     """
     diagonal(W, d)
     widest = 0.0
@@ -47,13 +47,13 @@ def start(W: Array, q: Array, lower: Array, upper: Array, z: Array, d: Array) ->
 
 @compiled(SIGNATURE)
 def apgd(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    r"""Step from an extrapolated point y along the gradient v = M y + q, in the metric of D = diag(M).
+    r"""Take projected gradient steps from an extrapolated point y, v = M y + q, in the metric of D = diag(M).
 
     .. math:: z^+ = P(y - D^{-1} v / L), \qquad y^+ = z^+ + \beta (z^+ - z)
 
-    L is raised until sᵀ M s <= L sᵀ D s for the step s, and β begins anew from 0 where a step turns against the one before.
-    One product gives the gradient at every point, those at z and y being sums of others. Steps of one kind may prove that
-    there is no solution.
+    L is increased until sᵀ M s <= L sᵀ D s for the step s, and β restarts from 0 when a step opposes the previous one.
+    Each iteration needs one product; the gradients at z and y are updated by linear combination. Repeating steps may
+    certify infeasibility.
     """
     n = len(q)
     d, y, v, w, s, g = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -99,7 +99,7 @@ def apgd(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, m
             for i in range(n):
                 s[i] = z[i] - mark[i]
                 mark[i] = z[i]
-                # What rounding has added to the sums is taken out of both.
+                # Both gradients are recomputed to remove accumulated rounding errors.
                 v[i] += g[i] - w[i]
                 w[i] = g[i]
             product(W, s, g)

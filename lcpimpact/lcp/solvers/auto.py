@@ -13,19 +13,19 @@ from lcpimpact.lcp.solvers.block_triangular import is_irreducible
 LARGEST_TABLEAU = 3_000
 
 SMALLEST_BAND = 16
-"""Order from which a dense M is looked at for bands."""
+"""Minimum order at which a dense M is examined for bands."""
 
 
 def methods(M: Delassus) -> tuple[str, ...]:
-    """Return the methods to try in turn; those whose requirements M lacks are passed over when it comes to them."""
+    """Return the methods to try in order; those whose requirements M does not meet are skipped."""
     if M.storage == "factored":
         return "active-set", "apgd"
     if M.storage == "banded":
-        # The others need room for n² numbers.
+        # The others need memory for n² numbers.
         return ("banded", "block-pivoting", "active-set", "lemke")[: 4 if M.n <= LARGEST_TABLEAU else 2]
     if M.n <= 2:
         return "closed-form", "lemke", "enumeration"
-    # Who declares M no more than semidefinite may have redundant contacts; else the first factorisation finds that out.
+    # M declared only semidefinite may have redundant contacts; otherwise the first factorisation detects them.
     if Property.PSD in M.tags and not M.has(Property.P):
         return "active-set", "lemke", "enumeration"
     whole = "block-pivoting", "active-set", "lemke", "enumeration"
@@ -33,7 +33,7 @@ def methods(M: Delassus) -> tuple[str, ...]:
 
 
 def suits(name: str, M: Delassus) -> bool:
-    """Return whether M has all that a method requires."""
+    """Return whether M has all properties that a method requires."""
     try:
         SOLVERS[name].check(M)
     except UnsupportedError:
@@ -43,14 +43,14 @@ def suits(name: str, M: Delassus) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class Auto(LCPSolver):
-    """The choice by the matrix."""
+    """Automatic choice by the properties of the matrix."""
 
     def init(self, M: Delassus) -> SolverState:
-        """Find bands, and make the first method that suits ready."""
+        """Detect bands, and prepare the first method suitable for M."""
         few = narrow(M.W) if M.storage == "dense" and M.n >= SMALLEST_BAND else None
         chosen = M if few is None else few
         first, *others = methods(chosen)
-        # What was made ready for one matrix takes many q, so it is the first that must suit; the last takes any M.
+        # A prepared solver serves many q, so the first method must suit M; the last accepts any M.
         while others and not suits(first, chosen):
             first, *others = others
         state = SOLVERS[first].init(chosen)

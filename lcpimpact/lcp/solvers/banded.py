@@ -1,11 +1,11 @@
-"""Chains of contacts in linear time: isotonic regression where M is that of a chain, else block pivoting along the band.
+"""Banded LCPs in linear time: isotonic regression for chains of contacts, else block pivoting with banded factors.
 
-Bodies with the inverse masses c_0, c_1, ... stand in a row, contact i between the bodies i and i + 1. Then
+In a chain of bodies with inverse masses c_0, c_1, ..., contact i is between the bodies i and i + 1. Then
 
     M_ii = c_i + c_{i+1},    M_{i,i+1} = -c_{i+1},    w_i = v_{i+1} - v_i,    v_j = y_j + c_j (z_{j-1} - z_j)
 
-with y the velocities without contact, q_i = y_{i+1} - y_i. So v is the nearest to y, weighted by the masses, among those
-that do not fall along the chain: isotonic regression, which pooling neighbours that violate the order solves in one pass.
+with y the velocities without contact, q_i = y_{i+1} - y_i. So v is the mass-weighted projection of y onto the
+non-decreasing sequences: isotonic regression, which pooling adjacent violators solves in one pass.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ SOLVED, RAY, UNDECIDED = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECID
 
 @compiled(types.boolean(matrix, vector))
 def chain_masses(W: Array, mass: Array) -> bool:
-    """Set ``mass`` (n + 1,) to the bodies of the chain that M belongs to; return False if it belongs to none.
+    """Set ``mass`` (n + 1,) to the body masses if M is that of a chain; else return False.
 
-    The ends may be infinite (ground, wall).
+    The end masses may be infinite (ground, wall).
     """
     bands, n = W.shape
     if bands != 2:
@@ -56,10 +56,10 @@ def chain_masses(W: Array, mass: Array) -> bool:
 def isotonic_chain(mass: Array, q: Array, z: Array) -> int:
     """Set z to the impulses of a chain by pooling adjacent violators.
 
-    A pool moves with one velocity v. It is kept as v - y of its first body and of its last, never as v itself: along a
-    stack that flies y grows, and the small differences that make the impulses would drown in it.
+    A pool moves with one velocity v, stored as v - y of its first and of its last body: y grows along a flying stack, and
+    storing v itself would cancel the small differences that determine the impulses.
 
-    Returns SOLVED; or RAY between two walls that close on each other, with z = 1 as the proof.
+    Returns SOLVED; or RAY between two approaching walls, with the certificate z = 1.
     """
     n = len(q)
     of_first, of_last, weight, end = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1), np.empty(n + 1, np.int64)
@@ -68,7 +68,7 @@ def isotonic_chain(mass: Array, q: Array, z: Array) -> int:
         first, last, m = 0.0, 0.0, mass[j]
         while pools > 0 and of_last[pools - 1] > q[end[pools - 1]] + first:
             pools -= 1
-            # From the first body of the pool before: y of the first body of this one, and of its last.
+            # Relative to the first body of the previous pool: y of the first and last body of this pool.
             start = of_first[pools] - of_last[pools] + q[end[pools]]
             stop = start + (first - last)
             if weight[pools] < np.inf:
@@ -106,7 +106,7 @@ def isotonic_chain(mass: Array, q: Array, z: Array) -> int:
 
 @compiled(SIGNATURE)
 def banded(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Solve by isotonic regression if M is that of a chain and there are no bounds but z >= 0, else by block pivoting."""
+    """Solve by isotonic regression if M is that of a chain and the only bounds are z >= 0, else by block pivoting."""
     mass = np.empty(len(q) + 1)
     if is_plain(lower, upper) and chain_masses(W, mass):
         return isotonic_chain(mass, q, z), 1

@@ -1,7 +1,7 @@
-"""Block principal pivoting: exchange every infeasible row at once, one at a time when that does not help.
+"""Block principal pivoting: exchange all infeasible rows at once, or one at a time when progress stalls.
 
-It is Newton's method for the natural residual, made finite for P-matrices by a fallback on the largest-index rule. Started
-from a guess whose free rows are right it takes one factorisation and one product.
+It is Newton's method for the natural residual, made finite for P-matrices by the largest-index rule as a fallback. A warm
+start with the correct free rows takes one factorisation and one product.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ SOLVED, SINGULAR = int(Status.SOLVED), int(Status.SINGULAR)
 UNDECIDED, MAX_ITER = int(Status.UNDECIDED), int(Status.MAX_ITER)
 
 START_SWEEPS = 4
-"""Gauss-Seidel sweeps of a cold start."""
+"""Number of Gauss-Seidel sweeps of a cold start."""
 
 UNKNOWN_SIDE = 2
-"""Side of a row that is not known yet."""
+"""Side of a row not yet identified."""
 
 PATIENCE = 5
-"""Number of block exchanges without fewer infeasible rows, after which rows are exchanged one at a time."""
+"""Maximum number of successive block exchanges that do not reduce the number of infeasible rows."""
 
 
 @compiled(types.void(matrix, vector, vector, vector, vector, vector))
 def guess(M: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array) -> None:
-    """Move z by a few projected Gauss-Seidel sweeps for symmetric M.
+    """Improve z by a few projected Gauss-Seidel sweeps for symmetric M.
 
-    A sweep costs as much as a product; together they save factorisations.
+    Each costs one product; together they save factorisations.
     """
     n = len(q)
     product(M, z, w)
@@ -54,7 +54,7 @@ def guess(M: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array) ->
 
 @compiled(types.void(matrix, vector, vector, vector, vector, types.boolean, indices))
 def start(W: Array, q: Array, lower: Array, upper: Array, z: Array, definite: bool, side: Indices) -> None:
-    """Set ``side`` by the guess z, or by a few sweeps where z is at its bounds and M symmetric."""
+    """Set ``side`` from the guess z, or from a few sweeps if z is at its bounds and M is symmetric."""
     n = len(z)
     cold = True
     for i in range(n):
@@ -67,7 +67,7 @@ def start(W: Array, q: Array, lower: Array, upper: Array, z: Array, definite: bo
 
 @compiled(types.boolean(indices, indices))
 def equal(a: Indices, b: Indices) -> bool:
-    """Return whether two bases are the same."""
+    """Return whether two bases are equal."""
     same = True
     for i in range(len(a)):
         same = same and a[i] == b[i]
@@ -78,12 +78,12 @@ def equal(a: Indices, b: Indices) -> bool:
 def block_pivoting(
     W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
 ) -> tuple[int, int]:
-    """Exchange the infeasible rows of one complementary basis after another until none is left.
+    """Exchange the infeasible rows of successive complementary bases until none is left.
 
-    A free row has w = 0 and z from M_αα z_α = -(q_α + M_αβ z_β); a row at a bound has the z of the bound and any w. It is
-    infeasible if z lies outside its bounds, or w has the wrong sign; then it changes sides. Thresholds are those of the
-    problem scaled to a unit diagonal, with the rounding of a product added; and those of each row by itself, as long as that
-    brings fewer infeasible rows. Without a positive diagonal there is none, and nothing is tried.
+    A free row has w = 0 and z from M_αα z_α = -(q_α + M_αβ z_β); a row at a bound has z fixed and w free. A row is
+    infeasible if z lies outside its bounds or w has the wrong sign; it then changes sides. Tolerances refer to the problem
+    scaled to a unit diagonal, plus the rounding error of a product; then to each row's own terms, as long as this reduces
+    the number of infeasible rows. The method requires a positive diagonal.
     """
     n = len(q)
     if not has_positive_diagonal(W):
@@ -109,7 +109,7 @@ def block_pivoting(
             basis[i] = n + i if side[i] == FREE else i
             w[i] += q[i]
             excess, tiny = violation(side[i], z[i], w[i], lower[i], upper[i], root[i]), rounding * root[i]
-            # What is rounding beside the largest terms may be all that a row of small ones has.
+            # A value below the rounding error of the largest terms may be significant in a row of small ones.
             feasible = excess <= 0.0 or (excess <= tiny and (patience < 0 or is_rounding(W, q, z, i, excess)))
             if not feasible:
                 wrong[infeasible] = i
@@ -125,7 +125,7 @@ def block_pivoting(
         else:
             patience -= 1
         if patience < 0:
-            # One row at a time never comes back to a basis if M is a P-matrix (Murty); if it is not, it soon may (Brent).
+            # Single exchanges never repeat a basis for a P-matrix (Murty); otherwise Brent's test detects a cycle.
             if equal(before, side):
                 return UNDECIDED, step
             if at == power:

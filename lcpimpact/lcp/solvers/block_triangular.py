@@ -1,7 +1,7 @@
-"""Block-triangular matrices by forward substitution: only strongly coupled rows are solved together.
+"""Block-triangular matrices by block forward substitution.
 
-Row i depends on row j where M_ij != 0. The strongly connected components of this graph are the diagonal blocks of M in an
-order of the rows in which it is block lower triangular; each is an LCP whose q holds what the blocks before it push with.
+Row i depends on row j where M_ij != 0. The strongly connected components of this graph are the diagonal blocks of M
+permuted to block lower triangular form; each is an LCP whose q includes the contributions of the preceding blocks.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SOLVED, UNDECIDED = int(Status.SOLVED), int(Status.UNDECIDED)
 
 @compiled(types.boolean(matrix))
 def is_irreducible(M: Array) -> bool:
-    """Return whether M is one block: whether row 0 depends on every other, and every other on it."""
+    """Return whether M is irreducible: row 0 depends on every other row, and every other row on it."""
     n = len(M)
     queue = np.zeros(n, np.int64)
     for forward in (True, False):
@@ -47,9 +47,9 @@ def is_irreducible(M: Array) -> bool:
 
 @compiled(i8(matrix, indices))
 def components(M: Array, block: Indices) -> int:
-    """Set ``block`` to the number of each row's block, so that none depends on a later one; return how many there are.
+    """Set ``block`` to each row's block number, in topological order; return the number of blocks.
 
-    Tarjan's algorithm: ``lowest`` is the earliest row, in the order of the visits, that a row on the stack leads to.
+    Tarjan's algorithm: ``lowest`` is the earliest visited row on the stack that is reachable from a row.
     """
     n = len(M)
     visit, lowest, column = np.full(n, -1), np.empty(n, np.int64), np.zeros(n, np.int64)
@@ -95,10 +95,10 @@ def components(M: Array, block: Indices) -> int:
 def block_triangular(
     W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
 ) -> tuple[int, int]:
-    """Solve block after block: one or two rows by cases, more by block pivoting, and by Lemke's method where that fails.
+    """Solve block by block: one or two rows in closed form, more by block pivoting, then by Lemke's method if that fails.
 
-    A block with several solutions may send the blocks after it the wrong way. So a block without a solution proves nothing:
-    the problem is left undecided.
+    If an earlier block has several solutions, a later block may be infeasible for the one found. So an infeasible block
+    proves nothing, and the problem is left undecided.
     """
     n = len(q)
     block, basis = np.empty(n, np.int64), np.empty(n, np.int64)

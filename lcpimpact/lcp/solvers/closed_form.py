@@ -1,4 +1,4 @@
-"""The solution of one or two rows by cases: each complementary basis in turn."""
+"""Closed-form solution of one or two rows by enumeration of the complementary bases."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SOLVED, INFEASIBLE, UNDECIDED = int(Status.SOLVED), int(Status.INFEASIBLE), int(
 
 @compiled(types.UniTuple(f8, 2)(f8, f8, f8, f8))
 def one_row(m: float, q: float, lower: float, upper: float) -> tuple[float, float]:
-    """Return z for the row m z + q with m <= 0, and its residual z - P(z - w), the least that a basis gives."""
+    """Return z for the row m z + q with m <= 0 from the basis with the smallest residual z - P(z - w), and this residual."""
     z, smallest = 0.0, np.inf
     for basis in (LOWER, FREE, UPPER):
         trial = lower if basis == LOWER else upper if basis == UPPER else -q / m if m != 0.0 else 0.0
@@ -33,9 +33,9 @@ def one_row(m: float, q: float, lower: float, upper: float) -> tuple[float, floa
 
 @compiled(types.UniTuple(f8, 2)(f8, f8, f8, f8, f8, f8))
 def both_free(a: float, b: float, c: float, d: float, f: float, g: float) -> tuple[float, float]:
-    """Return the (x, y) of a x + b y + f = 0, c x + d y + g = 0, by elimination with the larger pivot; inf if singular.
+    """Solve a x + b y + f = 0, c x + d y + g = 0 by elimination with partial pivoting; return inf if singular.
 
-    Cramer's rule would be shorter, and loses half of the digits at condition 1e8.
+    Cramer's rule would be shorter but loses half of the digits at condition number 1e8.
     """
     if abs(a) < abs(c):
         a, b, f, c, d, g = c, d, g, a, b, f
@@ -65,9 +65,9 @@ two_rows_type = types.NamedUniTuple(f8, 6, TwoRows)
 
 @compiled(f8(two_rows_type, types.UniTuple(f8, 4), f8, f8))
 def two_row_defect(rows: TwoRows, bounds: tuple[float, float, float, float], v: float, t: float) -> float:
-    """Return how far x = v, y = t is from a solution with l0 <= x <= u0, l1 <= y <= u1, each row in the unit of its terms.
+    """Return the defect of x = v, y = t with l0 <= x <= u0, l1 <= y <= u1, each row scaled by its terms.
 
-    A variable is as far from a bound as what the difference changes in either row.
+    The distance of a variable from a bound is measured by the change it causes in either row.
     """
     (a, b, c, d, f, g), (l0, l1, u0, u1) = rows, bounds
     first, second = abs(a * v) + abs(b * t) + abs(f), abs(c * v) + abs(d * t) + abs(g)
@@ -81,7 +81,7 @@ def two_row_defect(rows: TwoRows, bounds: tuple[float, float, float, float], v: 
 
 @compiled(i8(matrix, vector, vector))
 def two_rows(M: Array, q: Array, z: Array) -> int:
-    """Solve a plain LCP of two rows if a basis fits without a doubt about signs; return how many were tried, or 0."""
+    """Solve a plain LCP of two rows if a basis has unambiguous signs; return the number of bases tried, or 0."""
     z[0], z[1] = 0.0, 0.0
     if q[0] >= 0.0 and q[1] >= 0.0:
         return 1
@@ -104,10 +104,10 @@ def two_rows(M: Array, q: Array, z: Array) -> int:
 
 @compiled(SIGNATURE)
 def closed_form(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Solve one or two rows by trying their bases: a row at its lower bound, at its upper one, or free.
+    """Solve one or two rows by enumerating their bases: each row at its lower bound, at its upper bound, or free.
 
-    In units where max |M| = max |q| = 1, so that nothing overflows. Each basis gives a candidate, and the one with the
-    smallest residual stands if it is within tol, so that rounding at a corner decides nothing.
+    The data are scaled to max |M| = max |q| = 1 against overflow. The candidate with the smallest residual is accepted if
+    within tol, so the result does not depend on rounding at a corner.
     """
     if len(q) == 1 and W[0, 0] > 0.0:
         z[0] = min(max(-q[0] / W[0, 0], lower[0]), upper[0])
@@ -151,7 +151,7 @@ def closed_form(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: f
     z[0], z[1] = min(max(x / u, lower[0]), upper[0]), min(max(y / u, lower[1]), upper[1])
     if smallest <= tol:
         return SOLVED, tried
-    # Where rounding hides whether the best candidate fits, that none does is no proof.
+    # If rounding makes the best residual inconclusive, infeasibility is not proved.
     rounding = 8.0 * EPS * (1.0 + abs(x) + abs(y))
     return (UNDECIDED if smallest <= 10.0 * rounding else INFEASIBLE), tried
 

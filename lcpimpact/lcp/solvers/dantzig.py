@@ -1,8 +1,8 @@
-r"""Dantzig's principal pivoting between bounds, as in physics engines: the rows are added one at a time.
+r"""Dantzig's principal pivoting method with bounds, as in physics engines: the rows are added one at a time.
 
-The points (z_i, w_i) that a row allows form a staircase: down along z = lower, across w = 0, down along z = upper. A row
-below its own is driven up, one above it down, until it reaches it; the rows already added stay on theirs, and change sides
-at corners. For semidefinite M and for P-matrices z_r and w_r increase together, so that they do reach it.
+The complementary points (z_i, w_i) of a row form a staircase: down along z = lower, across w = 0, down along z = upper. A
+row below its staircase is driven up, a row above it down, until it is reached; rows already added follow theirs and change
+sides at corners. For semidefinite M and for P-matrices z_r and w_r increase together, so the staircase is reached.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ SOLVED, RAY, UNDECIDED = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECID
 MAX_ITER, SINGULAR, INACCURATE = int(Status.MAX_ITER), int(Status.SINGULAR), int(Status.INACCURATE)
 
 ALL_SETTLED = -2
-"""No row is left to be brought in."""
+"""Return value of `next_row` when every row has been added."""
 
 ALONE, GUARDED, LAST = 0, 1, 2
-"""Phases: the rows not yet brought in are ignored; they may not get worse; they are ignored again, as a last resort."""
+"""Phases: rows not yet added are ignored; they must not move further away; they are ignored again, as a last resort."""
 
 
 @compiled(i8(f8, f8, f8, f8, f8))
 def direction(z: float, w: float, lower: float, upper: float, tiny: float) -> int:
-    """Return the way to the staircase: 1 from a point below it, -1 from one above, 0 on it to rounding."""
+    """Return the direction to the staircase: 1 from below, -1 from above, 0 on it to rounding."""
     if z < lower - tiny or (z < upper - tiny and w < -tiny):
         return 1
     return -1 if z > upper + tiny or (z > lower + tiny and w > tiny) else 0
@@ -57,7 +57,7 @@ def direction(z: float, w: float, lower: float, upper: float, tiny: float) -> in
 
 @compiled(f8(f8, f8, f8))
 def reach(x: float, rate: float, end: float) -> float:
-    """Return when x gets to ``end``: at once if it is there or beyond, never if it does not move."""
+    """Return the step length at which x reaches ``end``: 0 if it is there or beyond, inf if it does not move."""
     if x >= end:
         return 0.0
     return (end - x) / rate if rate > PIVOT_TOL else np.inf
@@ -65,7 +65,7 @@ def reach(x: float, rate: float, end: float) -> float:
 
 @compiled(types.Tuple((f8, i8))(f8, f8, f8, f8, f8, f8))
 def meeting(z: float, w: float, dz: float, dw: float, lower: float, upper: float) -> tuple[float, int]:
-    """Return when and where an upward moving point reaches the staircase: at a bound, or between them with w = 0."""
+    """Return the step length and side at which an upward moving point reaches the staircase."""
     ceiling, ground, crossing = reach(z, dz, upper), reach(z, dz, lower), reach(w, dw, 0.0)
     if ceiling <= max(ground, crossing):
         return ceiling, UPPER
@@ -76,7 +76,7 @@ def meeting(z: float, w: float, dz: float, dw: float, lower: float, upper: float
 
 @compiled(f8(f8, f8, f8, f8, f8, types.boolean))
 def room(x: float, y: float, rate: float, lower: float, upper: float, free: bool) -> float:
-    """Return how far a row can follow its staircase before it comes to a corner; x = z and y = w, or the reverse if free."""
+    """Return the step length to the next corner of a row's staircase; x = z and y = w, or the reverse if free."""
     if abs(rate) <= PIVOT_TOL or lower == upper:
         return np.inf
     if free:
@@ -89,14 +89,14 @@ def room(x: float, y: float, rate: float, lower: float, upper: float, free: bool
 
 
 class Rows(NamedTuple):
-    """The staircases of the rows, and how far they are brought in.
+    """The staircases of the rows, and the state of each row.
 
     Attributes
     ----------
     low, high : (n,) arrays     bounds of z, in its unit
-    settled : (n,) flags        rows that are on their staircase
-    waiting : (n,) flags        rows that nothing ended the motion of, to be tried again after another
-    step : (n,) array           height of the staircase that a row must follow as another moves, inf if it need not
+    settled : (n,) flags        rows on their staircase
+    waiting : (n,) flags        rows whose motion was unbounded, to be tried again after another row
+    step : (n,) array           level of w on the staircase that a row follows, inf if it is not constrained
     """
 
     low: Array
@@ -111,14 +111,14 @@ rows_type = types.NamedTuple((vector, vector, flags, flags, vector), Rows)
 
 @compiled(rows_type(vector, vector, vector), inline="always")
 def rows_of(lower: Array, upper: Array, z_unit: Array) -> Rows:
-    """Return the rows, none brought in."""
+    """Return the rows, none added."""
     n = len(lower)
     return Rows(lower / z_unit, upper / z_unit, np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.empty(n))
 
 
 @compiled(i8(rows_type), inline="always")
 def next_row(rows: Rows) -> int:
-    """Return the first row without bounds to be brought in, else the first with, NONE if all wait, or ALL_SETTLED."""
+    """Return the next row to add, rows without bounds first; NONE if all wait, or ALL_SETTLED."""
     low, high, settled, waiting, _ = rows
     r, found = NONE, ALL_SETTLED
     for i in range(len(low)):
@@ -133,7 +133,7 @@ def next_row(rows: Rows) -> int:
 
 @compiled(types.boolean(tableau_type, rows_type, f8))
 def all_settled(tableau: PivotTableau, rows: Rows, tiny: float) -> bool:
-    """Determine the settled rows again, and return whether all are."""
+    """Recompute the settled rows, and return whether all are."""
     _, x, y, free, _, _, _ = tableau
     low, high, settled, _, _ = rows
     complete = True
@@ -146,7 +146,7 @@ def all_settled(tableau: PivotTableau, rows: Rows, tiny: float) -> bool:
 
 @compiled(types.void(tableau_type, rows_type, i8), inline="always")
 def settle(tableau: PivotTableau, rows: Rows, r: int) -> None:
-    """Make row r, which is on its staircase to rounding, free between its bounds, and put it there without it."""
+    """Place row r, which is on its staircase to rounding, exactly on it, and free it if between its bounds."""
     T, x, y, free, _, _, _ = tableau
     if T[r, r] > PIVOT_TOL and free[r] != (rows.low[r] < pair(x[r], y[r], free[r])[0] < rows.high[r]):
         pivot(tableau, r)
@@ -156,7 +156,7 @@ def settle(tableau: PivotTableau, rows: Rows, r: int) -> None:
 
 @compiled(types.void(tableau_type, rows_type, types.boolean, f8), inline="always")
 def guard(tableau: PivotTableau, rows: Rows, everyone: bool, tiny: float) -> None:
-    """Set the staircases of the settled rows, or of everyone, each at the height where it is."""
+    """Set the staircases of the settled rows, or of all rows, each at its current level."""
     _, x, y, free, _, _, _ = tableau
     low, high, settled, _, step = rows
     for i in range(len(x)):
@@ -170,10 +170,10 @@ def guard(tableau: PivotTableau, rows: Rows, everyone: bool, tiny: float) -> Non
 
 @compiled(types.Tuple((f8, i8, i8))(tableau_type, rows_type, i8, i8, types.boolean), inline="always")
 def next_event(tableau: PivotTableau, rows: Rows, r: int, sign: int, first: bool) -> tuple[float, int, int]:
-    """Return how far x_r moves along ``sign``, the row that ends this or NONE, and where row r reaches its staircase.
+    """Return the step length of x_r along ``sign``, the blocking row or NONE, and the side where row r would settle.
 
-    A row that follows no staircase but is free has its w fixed, and z within bounds. Of rows that end the motion together
-    the one that changes fastest is taken, or the first.
+    A free row without a staircase keeps its w, and its z stays within bounds. Ties are broken by the fastest rate, or with
+    ``first`` by the smallest index.
     """
     T, x, y, free, _, _, _ = tableau
     low, high, _, _, step = rows
@@ -197,7 +197,7 @@ def next_event(tableau: PivotTableau, rows: Rows, r: int, sign: int, first: bool
 
 @compiled(i8(tableau_type, rows_type, i8, i8), inline="always")
 def meet(tableau: PivotTableau, rows: Rows, r: int, end: int) -> int:
-    """Put row r on its staircase, at a bound or between them; return how many pairs were exchanged for it."""
+    """Place row r on its staircase, at a bound or between bounds; return the number of pairs exchanged."""
     T, x, y, free, _, _, _ = tableau
     bound = rows.low[r] if end == LOWER else rows.high[r]
     if (end == FREE) == free[r]:
@@ -211,9 +211,9 @@ def meet(tableau: PivotTableau, rows: Rows, r: int, end: int) -> int:
 def drive(
     tableau: PivotTableau, rows: Rows, r: int, sign: int, z: Array, basis: Indices, count: int, max_iter: int
 ) -> tuple[int, int]:
-    """Move x_r along ``sign`` until row r reaches its staircase; rows that reach a corner on the way change sides.
+    """Move x_r along ``sign`` until row r reaches its staircase; rows that reach a corner change sides.
 
-    Returns SOLVED, RAY if nothing ends the motion, SINGULAR or MAX_ITER, and the count of moves.
+    Returns SOLVED, RAY if the motion is unbounded, SINGULAR or MAX_ITER, and the number of moves.
     """
     T, _, y, free, _, _, _ = tableau
     stalled = 0
@@ -238,10 +238,10 @@ def drive(
 
 @compiled(SIGNATURE)
 def dantzig(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Bring in the rows without bounds, then the others, each from the z nearest to zero.
+    """Add the rows without bounds, then the others, each starting from the z nearest to zero.
 
-    When nothing ends the motion of a row and this proves nothing, because rows not yet brought in would end it, these are
-    kept on staircases of their own height from then on; if that does not help either the row waits for the others.
+    An unbounded motion is inconclusive if rows not yet added would block it. These are then kept on staircases at their
+    current level; if that does not help either, the row waits for the others.
     """
     tableau = scaled_tableau(W, q, lower, upper, z)
     if tableau.size == 0.0:

@@ -1,4 +1,4 @@
-"""Enumeration of all complementary bases: slow but certain, a reference for small problems."""
+"""Enumeration of all complementary bases: a reference method for small problems."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ UNDECIDED, MAX_ITER = int(Status.UNDECIDED), int(Status.MAX_ITER)
 
 @compiled(types.boolean(i8, vector, vector, indices))
 def nth_basis(number: int, lower: Array, upper: Array, side: Indices) -> bool:
-    """Set ``side`` to the basis of that number; return False beyond the last one.
+    """Set ``side`` to the basis of the given number; return False beyond the last one.
 
-    A number has one digit for each row: at its lower bound, free, at its upper bound, of those that it has.
+    The number has one digit per row, which selects its lower bound (if finite), free, or its upper bound (if finite).
     """
     for i in range(len(side)):
         below, above = lower[i] > -np.inf, upper[i] < np.inf
@@ -38,9 +38,9 @@ def nth_basis(number: int, lower: Array, upper: Array, side: Indices) -> bool:
 
 @compiled(types.UniTuple(types.boolean, 2)(matrix, vector, vector, vector, indices, vector, f8))
 def try_basis(W: Array, q: Array, lower: Array, upper: Array, side: Indices, z: Array, tol: float) -> tuple[bool, bool]:
-    """Set z to the basic solution of ``side``; return whether z solves the problem, and whether that is in doubt.
+    """Set z to the basic solution of ``side``; return whether z solves the problem, and whether this is inconclusive.
 
-    It is in doubt if the basis is singular, or so nearly that rounding hides whether z fits.
+    It is inconclusive if the basis is singular, or so nearly singular that rounding exceeds the tolerance.
     """
     regular = basic_solution(W, False, q, lower, upper, side, z)
     scaled, _, rounding = measure(W, q, lower, upper, z, np.empty(len(q)))
@@ -50,9 +50,9 @@ def try_basis(W: Array, q: Array, lower: Array, upper: Array, side: Indices, z: 
 
 @compiled(SIGNATURE)
 def enumeration(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Try the bases in the order of their numbers, and take the first whose residual is within tol.
+    """Return the first basic solution, in the order of the bases, whose residual is within tol.
 
-    When none fits, the problem has no solution, unless a basis was in doubt: then it is undecided.
+    If there is none, the problem is infeasible, or undecided if any basis was inconclusive.
     """
     n = len(q)
     side, basis, trial = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
@@ -100,14 +100,14 @@ def all_solutions(
         n <= 15.
     q : (n,) array_like
     lower, upper : (n,) array_like, optional
-        0 and inf unless given.
+        By default 0 and inf.
     tol : float
         Largest scaled residual of a solution.
 
     Returns
     -------
     list of (n,) arrays
-        Where the solutions are a continuum (singular bases) its corners are among them.
+        If the solutions form a continuum (singular bases), its vertices are included.
 
     Raises
     ------

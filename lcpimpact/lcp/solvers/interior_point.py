@@ -1,11 +1,11 @@
 r"""Mehrotra's predictor-corrector interior-point method for monotone problems.
 
-Each finite bound is a side c of its row i, with the sign σ = 1 below and -1 above, a slack s = σ (z_i - bound) and a force
-λ, both kept positive. As μ falls to zero the path
+Each finite bound c of a row i(c) has the sign σ = 1 (lower) or -1 (upper), a slack s = σ (z_i - bound) > 0 and a
+multiplier λ > 0. As μ decreases to zero the central path
 
 .. math:: M z + q = \sum_c \sigma_c \lambda_c e_{i(c)}, \qquad s_c \lambda_c = \mu
 
-leads to a solution, in a number of iterations that hardly grows with n.
+leads to a solution; the number of iterations hardly grows with n.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ MIN_STEP = 1e-10
 """Smallest step length."""
 
 MAX_SIZE = 1e25
-"""Scaled size above which the iterates diverge."""
+"""Scaled norm above which the iterates are considered divergent."""
 
 MIN_MU = 1e-60
-"""Smallest μ, below which rounding admits no decrease."""
+"""Smallest μ; below it rounding prevents a further decrease."""
 
 
 class Slacks(NamedTuple):
-    """The finite bounds c: row, σ, s and λ, with the steps of the last two.
+    """The finite bounds c: row, σ, s and λ, with the steps ds and df of s and λ.
 
     Attributes
     ----------
@@ -66,12 +66,12 @@ slacks_type = types.NamedTuple((indices, vector, vector, vector, vector, vector)
 
 
 class NewtonSystem(NamedTuple):
-    """K = N + diag(barrier), a barrier of inf fixing its row, and its factor.
+    """K = N + diag(barrier) and its factor; an infinite barrier fixes its row.
 
     Attributes
     ----------
     definite : bool             whether K has a Cholesky factor
-    A : (n, n) array            the factor, in units of the diagonal
+    A : (n, n) array            the factor, scaled to a unit diagonal
     unit, barrier : (n,) arrays
     """
 
@@ -86,7 +86,7 @@ system_type = types.NamedTuple((types.boolean, matrix, vector, vector), NewtonSy
 
 @compiled(slacks_type(vector, vector, vector))
 def start(low: Array, high: Array, x: Array) -> Slacks:
-    """Set x to a point inside the box near zero, and return the slacks there."""
+    """Set x to an interior point of the box near zero, and return its slacks."""
     n = len(x)
     row, sign, s = np.empty(2 * n, np.int64), np.empty(2 * n), np.empty(2 * n)
     m = 0
@@ -107,7 +107,7 @@ def start(low: Array, high: Array, x: Array) -> Slacks:
 
 @compiled(f8(scaled_type, slacks_type, vector, vector), inline="always")
 def residual(problem: Scaled, slacks: Slacks, x: Array, r: Array) -> float:
-    """Set r = N x + p - Σ σ λ, and return the largest |r_i| of a row with lower < upper."""
+    """Set r = N x + p - Σ σ λ, and return max |r_i| over the rows with lower < upper."""
     N, p, low, high, _ = problem
     product(N, x, r)
     for i in range(len(x)):
@@ -123,7 +123,7 @@ def residual(problem: Scaled, slacks: Slacks, x: Array, r: Array) -> float:
 
 @compiled(types.void(scaled_type, slacks_type, vector, vector, vector, vector, indices), inline="always")
 def read(problem: Scaled, slacks: Slacks, lower: Array, upper: Array, x: Array, z: Array, side: Indices) -> None:
-    """Set z to the iterate, and ``side`` to the basis that it suggests: at a bound is a row with λ > s."""
+    """Set z to the iterate, and ``side`` to its active set: a row is at a bound if λ > s."""
     _, _, low, high, unit = problem
     row, sign, s, force, _, _ = slacks
     for i in range(len(x)):
@@ -134,7 +134,7 @@ def read(problem: Scaled, slacks: Slacks, lower: Array, upper: Array, x: Array, 
         if force[c] > s[c]:
             side[i] = LOWER if sign[c] > 0.0 else UPPER
         if c == 0 or row[c - 1] != i or s[c] < s[c - 1]:
-            # Where z is next to its bound the slack is the more exact of the two.
+            # Near a bound the slack is more accurate than z.
             z[i] = (lower[i] if sign[c] > 0.0 else upper[i]) + sign[c] * s[c] * unit[i]
 
 
@@ -142,7 +142,7 @@ def read(problem: Scaled, slacks: Slacks, lower: Array, upper: Array, x: Array, 
 def factor_solve(N: Array, system: NewtonSystem, d: Array) -> bool:
     """Overwrite d with K⁻¹ d, and A with the factor of K; return False if it is singular.
 
-    A rounding is added to the diagonal, so that redundant rows do no harm.
+    A shift of the order of rounding regularises redundant rows.
     """
     definite, A, unit, barrier = system
     n = len(d)
@@ -165,7 +165,7 @@ def factor_solve(N: Array, system: NewtonSystem, d: Array) -> bool:
 
 @compiled(types.void(matrix, vector, vector))
 def solve_again(U: Array, unit: Array, d: Array) -> None:
-    """Overwrite d with K⁻¹ d for the Cholesky factor that `factor_solve` left."""
+    """Overwrite d with K⁻¹ d, using the Cholesky factor of `factor_solve`."""
     n = len(d)
     for k in range(n):
         d[k] = d[k] * unit[k]
@@ -183,7 +183,7 @@ def solve_again(U: Array, unit: Array, d: Array) -> None:
 
 @compiled(f8(vector, vector, f8))
 def room(x: Array, d: Array, most: float) -> float:
-    """Return the largest length <= most for which x + length d >= 0."""
+    """Return the largest step length <= most with x + length d >= 0."""
     for c in range(len(x)):
         if x[c] + most * d[c] < 0.0:
             most = x[c] / -d[c]
@@ -192,7 +192,7 @@ def room(x: Array, d: Array, most: float) -> float:
 
 @compiled(f8(vector, vector, vector, vector, f8))
 def mean_product(s: Array, force: Array, ds: Array, df: Array, length: float) -> float:
-    """Return the mean of the products s λ after a step of that length."""
+    """Return the mean of s λ after a step of the given length."""
     total = 0.0
     for c in range(len(s)):
         total += (s[c] + length * ds[c]) * (force[c] + length * df[c])
@@ -210,9 +210,9 @@ def newton_step(
     correction: float,
     first: bool,
 ) -> bool:
-    """Set d, ds and df to the step towards s λ = target, less ``correction`` times the product of the steps before.
+    """Set d, ds and df to the Newton step towards s λ = target - correction ds df, with the previous ds and df.
 
-    K is factored the first time, and unless symmetric each time. Returns False if it is singular.
+    K is factored the first time, and, unless symmetric, each time. Returns False if it is singular.
     """
     N, _, low, high, _ = problem
     row, sign, s, force, ds, df = slacks
@@ -239,7 +239,7 @@ def newton_step(
 def predict_correct(
     problem: Scaled, slacks: Slacks, system: NewtonSystem, r: Array, d: Array, mu: float, error: float
 ) -> float:
-    """Set d, ds and df to the step from μ and |r| = error, and return its length, -1 if K is singular."""
+    """Set d, ds and df to the predictor-corrector step at μ and |r| = error; return its length, -1 if K is singular."""
     _, _, s, force, ds, df = slacks
     target, correction, length, after = 0.0, 0.0, 0.0, 0.0
     for attempt in (PREDICTOR, CORRECTOR, CENTRING):
@@ -261,15 +261,15 @@ def predict_correct(
 def interior_point(
     W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
 ) -> tuple[int, int]:
-    """Predict the decrease of μ, choose the target, and correct for the second-order terms.
+    """Predict the decrease of μ, choose the centring target, and correct for the second-order terms.
 
-    Once the equation holds to within μ each step must lower μ. Where M is far from symmetric this one may not; then it aims
-    at half of μ, is not corrected, and is made short enough.
+    Once |r| is below μ each step must decrease μ. If the corrected step does not, as may happen for strongly asymmetric M,
+    it is replaced by an uncorrected step towards μ/2, shortened as needed.
 
     The problem is first scaled to a unit diagonal and max |q| = 1. Each iteration factors M + diag(Σ λ/s), for symmetric M
-    once for both steps. The guess is only looked at: the method starts inside the box near z = 0. Once two iterates agree on
-    the free rows these are tried as a basis. Without a solution the iterates leave for infinity, as a rule along a ray that
-    proves it.
+    once for both steps. The guess is not used as a start: the method starts inside the box near z = 0. When two successive
+    iterates have the same free rows, their basic solution is tried. If the problem is infeasible the iterates diverge,
+    usually along a ray that certifies it.
     """
     n = len(q)
     x, r, d, w = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -307,7 +307,7 @@ def interior_point(
         for i in range(n):
             x[i] += length * d[i]
             w[i] = d[i] * unit[i]
-        # In both units: M as it is given may have rows that look like rounding there.
+        # Checked in both scalings: rows of the unscaled M may lie below rounding error.
         if proves_infeasible(N, p, low, high, d) and proves_infeasible(W, q, lower, upper, w):
             z[:] = w
             return RAY, step

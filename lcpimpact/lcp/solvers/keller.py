@@ -1,6 +1,6 @@
-"""Keller's principal pivoting: one negative w after another is driven to zero, and the others stay nonnegative.
+"""Keller's principal pivoting method: each negative w is driven to zero while the others stay non-negative.
 
-It takes positive semidefinite M, symmetric or not: where a pivot of the diagonal vanishes, two pairs are exchanged at once.
+M is positive semidefinite, symmetric or not: where a diagonal pivot vanishes, a 2 by 2 block pivot is made.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ SOLVED, RAY, UNDECIDED = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECID
 MAX_ITER, SINGULAR, INACCURATE = int(Status.MAX_ITER), int(Status.SINGULAR), int(Status.INACCURATE)
 
 HELD_LEVEL = -2.0
-"""Level at which a negative variable is held while another is driven, in units of max |q|: below any initial value."""
+"""Lower bound of negative variables while another is driven, in units of max |q|: below any initial value."""
 
 
 @compiled(i8(tableau_type, f8))
 def most_negative(tableau: PivotTableau, tiny: float) -> int:
-    """Return the pair with the most negative member, or NONE if none is negative beyond rounding."""
+    """Return the pair with the most negative variable, or NONE if all are non-negative to rounding."""
     r, least = NONE, -tiny
     for i in range(len(tableau.x)):
         if min(tableau.x[i], tableau.y[i]) < least:
@@ -51,15 +51,15 @@ def most_negative(tableau: PivotTableau, tiny: float) -> int:
 
 @compiled(f8(f8, f8))
 def floor(y: float, tiny: float) -> float:
-    """Return what y may fall to."""
+    """Return the lower bound of y in the ratio test."""
     return 0.0 if y >= -tiny else HELD_LEVEL
 
 
 @compiled(types.Tuple((f8, i8))(matrix, vector, vector, i8, f8, types.boolean))
 def ratio_test(T: Array, x: Array, y: Array, r: int, tiny: float, first: bool) -> tuple[float, int]:
-    """Return how far x_r grows, and the pair that ends this, r if min(x_r, y_r) = 0 does, or NONE.
+    """Return the increase of x_r and the blocking pair: r if min(x_r, y_r) reaches 0, or NONE.
 
-    Of pairs that end it together the one whose y falls fastest is taken, or the first.
+    Ties are broken by the fastest decrease of y, or with ``first`` by the smallest index.
     """
     length, s, fastest = np.inf, NONE, np.inf
     if y[r] >= 0.0:
@@ -78,9 +78,9 @@ def ratio_test(T: Array, x: Array, y: Array, r: int, tiny: float, first: bool) -
 def drive(
     tableau: PivotTableau, r: int, tiny: float, z: Array, basis: Indices, count: int, max_iter: int
 ) -> tuple[int, int]:
-    """Let x_r grow until the negative member of its pair is zero; pairs whose y ends this on the way are exchanged.
+    """Increase x_r until the negative variable of its pair is zero, pivoting on blocking pairs.
 
-    Returns SOLVED, RAY if nothing ends the growth, SINGULAR or MAX_ITER, and the count of moves.
+    Returns SOLVED, RAY if the increase is unbounded, SINGULAR or MAX_ITER, and the number of moves.
     """
     T, x, y, _, _, _, _ = tableau
     stalled = 0
@@ -110,10 +110,10 @@ def drive(
 
 @compiled(SIGNATURE)
 def keller(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Drive the most negative member of a pair to zero, at first a w_r, until none is negative.
+    """Drive the most negative variable of a pair to zero, at first a w_r, until none is negative.
 
-    After n steps of no length the least index is taken, with which the method cannot cycle. If nothing ends the growth of
-    x_r, that proves that there is no solution.
+    After n degenerate steps the least-index rule is used, with which the method cannot cycle. An unbounded increase of x_r
+    certifies infeasibility.
     """
     tableau = scaled_tableau(W, q, lower, upper, z)
     if tableau.size == 0.0:

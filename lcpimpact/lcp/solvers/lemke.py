@@ -1,4 +1,4 @@
-"""Lemke's complementary pivoting with the lexicographic rule, which cannot cycle."""
+"""Lemke's complementary pivoting method with the lexicographic ratio test, which cannot cycle."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from lcpimpact.lcp.trace import NONE, note_covered
 SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED), int(Status.MAX_ITER)
 
 MAX_COVERINGS = 4
-"""Maximum number of covering vectors tried in each of the two scalings, while no path ends in a proof."""
+"""Maximum number of covering vectors tried in each of the two scalings until a path is conclusive."""
 
 GOLDEN = 0.6180339887498949
 
 TIE_RTOL = 1e-10
-"""Relative difference of two ratios below which they are a tie: rounding grows to it in hundreds of pivots."""
+"""Relative tolerance for ties in the ratio test: the rounding error after hundreds of pivots."""
 
 
 class LemkePath(NamedTuple):
-    """The tableau of an almost complementary path: inside = T (outside, 1), scaled; at first w = N z + d z0 + p.
+    """The scaled tableau of an almost complementary path: inside = T (outside, 1); initially w = N z + d z0 + p.
 
     Attributes
     ----------
     T : (n, n + 2) array
     inside : (n,) indices       basic variables, numbered as in `note`
-    outside : (n + 1,) indices  the others
+    outside : (n + 1,) indices  nonbasic variables
     d : (n,) array              covering vector
     w_unit, z_unit : (n,) arrays    1/unit of w and z, apart from that of p
     """
@@ -75,10 +75,10 @@ def precedes(path: LemkePath, i: int, k: int, c: int) -> bool:
 
 @compiled(i8(path_type, i8))
 def blocking_row(path: LemkePath, c: int) -> int:
-    """Return the row whose variable reaches zero first as that of column c grows, or NONE for a ray.
+    """Return the blocking row as the variable of column c increases, or NONE for a ray.
 
-    The ratio test is lexicographic: ties in the right side are broken by the rows of the inverse basis, which stand in
-    the columns of w. The covering variable leaves whenever it can, since that ends the method.
+    The ratio test is lexicographic: ties are broken by the rows of the inverse basis, stored in the columns of w. The
+    covering variable leaves whenever it can, since that ends the method.
     """
     T, inside, _, _, _, _ = path
     n = len(T)
@@ -101,7 +101,7 @@ def blocking_row(path: LemkePath, c: int) -> int:
 
 @compiled(types.Tuple((f8, i8))(matrix, vector, path_type, i8))
 def cover(N: Array, p: Array, path: LemkePath, attempt: int) -> tuple[float, int]:
-    """Set up the tableau for one of the covering vectors; return the size of -p, made one, and the first row to leave."""
+    """Set up the tableau for a covering vector; return the size of -p before normalisation, and the first row to leave."""
     T, inside, outside, d, w_unit, z_unit = path
     n = len(p)
     if attempt == 1:
@@ -118,11 +118,11 @@ def cover(N: Array, p: Array, path: LemkePath, attempt: int) -> tuple[float, int
         inside[i], outside[i] = i, n + i
         for j in range(n):
             T[i, j] = N[i, j] * w_unit[i] * z_unit[j]
-        # d = (1, ..., 1) in the units of q; later tries spread it between 1 and 2 in those of the scaled problem.
+        # d = (1, ..., 1) in the units of q; later attempts spread it between 1 and 2 in the units of the scaled problem.
         d[i] = w_unit[i] / widest if attempt == 1 else 1.0 + GOLDEN * (i + 1) * attempt % 1.0
         T[i, n] = d[i]
         T[i, n + 1] = p[i] * w_unit[i] / size
-        # The first to leave is the lexicographic minimum of (q, I)/d: the least ratio, and of equals the last.
+        # The lexicographic minimum of (q, I)/d leaves first: the least ratio; the last row of a tie.
         if T[i, n + 1] / d[i] <= T[r, n + 1] / d[r]:
             r = i
     return size, r
@@ -130,7 +130,7 @@ def cover(N: Array, p: Array, path: LemkePath, attempt: int) -> tuple[float, int
 
 @compiled(f8(path_type, f8, vector))
 def basic_point(path: LemkePath, size: float, y: Array) -> float:
-    """Set y to the point of the basis, and return z0 there."""
+    """Set y to the basic solution, and return its z0."""
     n = len(y)
     y[:] = 0.0
     z0: float = 0.0
@@ -145,7 +145,7 @@ def basic_point(path: LemkePath, size: float, y: Array) -> float:
 
 @compiled(types.void(path_type, i8, vector))
 def ray_direction(path: LemkePath, c: int, y: Array) -> None:
-    """Set y to its change as the variable of column c grows, which nothing ends."""
+    """Set y to the direction of the unbounded ray of column c."""
     n = len(y)
     y[:] = 0.0
     for i in range(n):
@@ -159,9 +159,9 @@ def ray_direction(path: LemkePath, c: int, y: Array) -> None:
 
 @compiled(types.UniTuple(i8, 3)(path_type, i8, f8, vector, i8, i8))
 def follow(path: LemkePath, r: int, size: float, y: Array, count: int, max_iter: int) -> tuple[int, int, int]:
-    """Exchange z0 with row r, and then what left with its complement, until z0 leaves.
+    """Pivot z0 into the basis at row r, then the complement of each leaving variable, until z0 leaves; y at the end.
 
-    Returns SOLVED, RAY if nothing leaves, or MAX_ITER; the count of pivots; and the column that entered last; y at the end.
+    Returns SOLVED, RAY if no variable blocks, or MAX_ITER; the number of pivots; and the last entering column.
     """
     T, inside, outside, d, w_unit, _ = path
     n, c = len(y), len(y)
@@ -190,11 +190,11 @@ def follow(path: LemkePath, r: int, size: float, y: Array, count: int, max_iter:
 def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Follow the almost complementary path of w = M z + q + d z0 from a large z0 until z0 leaves the basis.
 
-    The problem is first scaled to a unit diagonal and max |q| = 1. Columns of the tableau: those outside the basis, then
-    the constant; at first z, z0, q. The answer is recomputed from M and q for the final basis, so that rounding does not
-    accumulate over the pivots. A ray whose direction proves that there is no solution ends the method; after any other, or
-    an answer that does not hold, it starts anew with another d, and at last with units of w and z that are not tied by the
-    diagonal. Bounds are turned into more unknowns first.
+    Bounds are first reduced to more unknowns, and the problem is scaled to a unit diagonal and max |q| = 1. The columns of
+    the tableau are the nonbasic variables, initially z and z0, then the constant. The solution is recomputed from M and q
+    for the final basis, so that rounding does not accumulate over the pivots. A ray that certifies infeasibility ends the
+    method; after any other ray, or a residual above tolerance, it restarts with another d, and finally with independent
+    scalings of w and z.
     """
     N, p, row, sign, base = W, q, np.arange(len(q)), np.ones(len(q)), np.zeros(len(q))
     if not is_plain(lower, upper):

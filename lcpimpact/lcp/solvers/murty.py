@@ -1,6 +1,6 @@
-"""Murty's principal pivoting: the first infeasible row is exchanged, one at a time.
+"""Murty's principal pivoting method: exchange the infeasible row of least index.
 
-It is finite for every P-matrix, and the plainest of all pivoting methods, but on some families it visits all 2^n bases.
+It is finite for every P-matrix and the simplest pivoting method, but visits all 2^n bases on some families.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ SOLVED, SINGULAR, MAX_ITER = int(Status.SOLVED), int(Status.SINGULAR), int(Statu
 
 @compiled(SIGNATURE)
 def murty(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Exchange w_i and z_i of the least i whose basic variable is negative, until there is none.
+    """Exchange w_i and z_i for the least i whose basic variable is negative, until there is none.
 
-    The rows of a guess with z > 0 are free at first. Thresholds are those of the problem scaled to a unit diagonal, with the
-    rounding of a product added; ``fine`` times that of the row by itself decides.
+    The rows of the guess with z > 0 are free initially. Tolerances refer to the problem scaled to a unit diagonal, plus the
+    rounding error of a product, and finally to each row's own terms.
     """
     n = len(q)
     definite = is_symmetric(W)

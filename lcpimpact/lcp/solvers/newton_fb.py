@@ -1,9 +1,10 @@
-r"""Newton's method for the Fischer-Burmeister equations, made global by a line search.
+r"""Newton's method for the Fischer-Burmeister equations, globalised by a line search.
 
 .. math:: \varphi(a, b) = a + b - \sqrt{a^2 + b^2} = 0 \iff a \ge 0,\ b \ge 0,\ a b = 0
 
-turns a row of the LCP into the equation φ(z - lower, w) = 0, and a row with two bounds into Billups's nested one,
-φ(z - lower, -φ(upper - z, -w)) = 0. Half the sum of their squares is smooth, and its gradient is what a step falls back on.
+turns a row of the LCP into the equation φ(z - lower, w) = 0, and a row with two bounds into Billups's
+φ(z - lower, -φ(upper - z, -w)) = 0. The merit function, half the sum of squares, is smooth; steepest descent on it is the
+fallback.
 """
 
 from __future__ import annotations
@@ -26,16 +27,16 @@ from lcpimpact.lcp.trace import NONE, note
 SOLVED, RAY, UNDECIDED, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.UNDECIDED), int(Status.MAX_ITER)
 
 CORNER = 1.0 - float(np.sqrt(0.5))
-"""Both derivatives of φ at (0, 0): their value on the diagonal."""
+"""Generalised derivatives of φ at (0, 0): their value on a = b > 0."""
 
 ARMIJO = 1e-4
-"""Fraction of the predicted decrease that a step must achieve (Armijo)."""
+"""Fraction of the predicted decrease required by the Armijo condition."""
 
 MIN_STEP = 2.0**-40
 """Smallest step length."""
 
 LEAST_SHIFT, MOST_SHIFT = 1e-12, 1e-2
-"""Range of the ε that is added to a singular M of unit diagonal."""
+"""Range of the shift ε added to a singular M with a unit diagonal."""
 
 
 @compiled(types.UniTuple(f8, 3)(f8, f8))
@@ -46,7 +47,7 @@ def fischer_burmeister(a: float, b: float) -> tuple[float, float, float]:
         return 0.0, CORNER, CORNER
     x, y = a / size, b / size
     h = np.sqrt(x * x + y * y)
-    # φ = 2 a b / (a + b + h) too: of the two forms the one in which nothing cancels.
+    # Also φ = 2 a b / (a + b + h): the form without cancellation is used.
     value = 2.0 * a * y / (x + y + h) if x + y > 0.0 else size * (x + y - h)
     return value, 1.0 - x / h, 1.0 - y / h
 
@@ -102,7 +103,7 @@ def newton_step(N: Array, phi: Array, by_z: Array, by_w: Array, shift: float, d:
 
 @compiled(types.void(matrix, vector, vector, vector, vector))
 def merit_gradient(N: Array, phi: Array, by_z: Array, by_w: Array, gradient: Array) -> None:
-    """Set ``gradient`` to Jᵀ Φ, that of Ψ."""
+    """Set ``gradient`` to ∇Ψ = Jᵀ Φ."""
     n = len(phi)
     for j in range(n):
         gradient[j] = by_z[j] * phi[j]
@@ -113,7 +114,7 @@ def merit_gradient(N: Array, phi: Array, by_z: Array, by_w: Array, gradient: Arr
 
 @compiled(types.boolean(scaled_type, vector, vector, f8, vector, vector, vector))
 def line_search(problem: Scaled, x: Array, y: Array, psi: float, gradient: Array, d: Array, trial: Array) -> bool:
-    """Set ``trial`` to x + length d, the first of 1, 1/2, 1/4 ... where Ψ falls enough; return False if there is none."""
+    """Set ``trial`` to x + length d by backtracking from 1 to the Armijo condition; return False if none satisfies it."""
     N, _, low, high, _ = problem
     n = len(x)
     slope, w = np.empty(n), np.empty(n)
@@ -131,12 +132,12 @@ def line_search(problem: Scaled, x: Array, y: Array, psi: float, gradient: Array
 
 @compiled(SIGNATURE)
 def newton_fb(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Step along -J⁻¹ Φ as far as Ψ = ½ Φ·Φ falls enough, until the rows that are free are known.
+    """Take damped Newton steps -J⁻¹ Φ that decrease Ψ = ½ Φ·Φ, until the active set is identified.
 
-    The problem is first scaled to a unit diagonal and max |q| = 1. Where J is singular, as it is near the solutions of a
-    singular M, or its step leads nowhere, M + ε I stands for M with a growing ε, and at last the gradient of Ψ for all.
-    Once two iterates agree on the free rows these are tried as a basis. Steps that grow along a ray may prove that there is
-    no solution; where Ψ stops falling without that, it may be a local minimum.
+    The problem is first scaled to a unit diagonal and max |q| = 1. Where J is singular, as near the solutions of a singular
+    M, or its step fails the line search, M is replaced by M + ε I with increasing ε, and finally the step by -∇Ψ. When two
+    successive iterates have the same free rows, their basic solution is tried. Steps that grow along a ray may certify
+    infeasibility; a stationary Ψ > 0 may also be a local minimum.
     """
     n = len(q)
     x, y, d, trial, w = np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n)
@@ -177,7 +178,7 @@ def newton_fb(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: flo
         for i in range(n):
             x[i] = trial[i]
             w[i] = d[i] * unit[i]
-        # In both units: M as it is given may have rows that look like rounding there.
+        # Checked in both scalings: rows of the unscaled M may lie below rounding error.
         if proves_infeasible(N, p, low, high, d) and proves_infeasible(W, q, lower, upper, w):
             z[:] = w
             return RAY, step

@@ -1,12 +1,12 @@
 r"""Non-negative least squares, by SciPy's implementation of Lawson and Hanson.
 
-For definite M the LCP is min ‖U z + U⁻ᵀ q‖ over z >= 0, with M = Uᵀ U. For semidefinite M = Bᵀ B it is the problem of least
-distance, min ½ ‖v‖² over w = Bᵀ v + q >= 0 with v = B z, which is
+For definite M = Uᵀ U the LCP is min ‖U z + U⁻ᵀ q‖ over z >= 0. For semidefinite M = Bᵀ B it is the least-distance problem
+min ½ ‖v‖² over w = Bᵀ v + q >= 0 with v = B z, which is
 
 .. math:: \min_{u \ge 0} \left\| \begin{pmatrix} B \\ -q^T \end{pmatrix} u - \begin{pmatrix} 0 \\ 1 \end{pmatrix} \right\|,
           \qquad z = u / (1 + q^T u);
 
-where its residual is zero, u proves that there is no solution: B u = 0 and q·u < 0.
+where its residual is zero, u certifies infeasibility: B u = 0 and q·u < 0.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from lcpimpact.lcp.solver import Kernel, LCPSolver, SolverState
 SOLVED, RAY, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.MAX_ITER)
 
 SHIFT = 1e-13
-"""Shift of q, in units of max |q|, so that rounding makes no zero row negative; undone for the basis that is found."""
+"""Shift of q, in units of max |q|, against rounding of zero rows to negative values; removed for the final basis."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class NNLS(LCPSolver):
-    """Least squares with a factor of M."""
+    """Non-negative least squares with a factor of M."""
 
     def init(self, M: Delassus) -> SolverState:
-        """Scale M to a unit diagonal and factor it, by Cholesky or, if it is singular, by its eigenvalues."""
+        """Scale M to a unit diagonal and factor it, by Cholesky or, if singular, by eigenvalues."""
         return SolverState(M.W, self._kernel(M), False, self.name)
 
     def _kernel(self, operator: Delassus) -> Kernel:
@@ -51,9 +51,9 @@ class NNLS(LCPSolver):
         def kernel(
             W: Any, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
         ) -> tuple[int, int]:
-            """Minimise in units of a unit diagonal and max |q| = 1."""
+            """Minimise the problem scaled to a unit diagonal and max |q| = 1."""
             if len(q) != operator.n:
-                # A step in which not all contacts act hands over their own matrix.
+                # A step with a subset of the contacts passes its own matrix.
                 return self._kernel(Dense(W))(W, q, lower, upper, z, tol, max_iter)
             p = q * unit
             size = float(np.abs(p).max()) or 1.0
@@ -77,7 +77,7 @@ class NNLS(LCPSolver):
 
 
 def root(N: Array) -> tuple[Array, bool]:
-    """Return B with N = Bᵀ B, and whether it is the triangle of a definite N."""
+    """Return B with N = Bᵀ B, and whether it is the Cholesky factor of a definite N."""
     from scipy.linalg import cholesky
 
     B: Array

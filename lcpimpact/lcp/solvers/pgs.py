@@ -1,4 +1,4 @@
-"""Projected Gauss-Seidel: the iteration that granular and game codes use."""
+"""Projected Gauss-Seidel, as in granular codes and physics engines."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SOLVED, MAX_ITER = int(Status.SOLVED), int(Status.MAX_ITER)
 
 @compiled(SIGNATURE)
 def pgs(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Sweep z_i <- P(z_i - (M z + q)_i / M_ii) until the residual is within tol, or within its rounding."""
+    """Sweep z_i <- P(z_i - (M z + q)_i / M_ii) until the residual is within tol or its rounding error."""
     n = len(q)
     w, basis = np.empty(n), np.empty(n, np.int64)
     for sweep in range(1, max_iter + 1):

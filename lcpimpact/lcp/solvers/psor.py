@@ -1,8 +1,8 @@
 """Projected successive over-relaxation, with a relaxation factor adapted during the iteration.
 
-For symmetric semidefinite M with positive diagonal each relaxed step lowers ½ zᵀ M z + qᵀ z, whatever 0 < ω < 2, so ω may
-change between sweeps at no risk. Young's relation between the contraction of the sweeps and the best ω is exact where M is
-consistently ordered (chains, grids) and a guess elsewhere; so a new ω stays only if it is seen to contract faster.
+For symmetric semidefinite M with positive diagonal each relaxed step decreases ½ zᵀ M z + qᵀ z for every 0 < ω < 2, so ω
+may change between sweeps. Young's relation between the contraction of the sweeps and the best ω is exact for consistently
+ordered M (chains, grids) and heuristic otherwise, so a new ω is kept only if it contracts faster.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from lcpimpact.lcp.trace import NONE, note
 SOLVED, RAY, MAX_ITER = int(Status.SOLVED), int(Status.RAY), int(Status.MAX_ITER)
 
 CHECK_INTERVAL = 8
-"""Number of sweeps between checks of the residual, each of which costs a sweep."""
+"""Number of sweeps between checks of the residual; a check costs one sweep."""
 
 MIN_DAMPING = 1e-4
 """Smallest 2 - ω."""
@@ -31,9 +31,9 @@ MIN_DAMPING = 1e-4
 
 @compiled(types.boolean(vector, vector, vector, vector, vector, vector))
 def recedes(q: Array, lower: Array, upper: Array, d: Array, v: Array, c: Array) -> bool:
-    """Return whether the energy falls without end along v, so that there is no solution; c = M v, d = diag(M).
+    """Return whether the energy is unbounded below along v, so that there is no solution; c = M v, d = diag(M).
 
-    Within 1e-11, and so in units of a unit diagonal too: no small row passes for rounding. The judge says if v is a proof.
+    The tolerance 1e-11 also applies with a unit diagonal, so that small rows count. The judge verifies the certificate.
     """
     size, largest = 0.0, 0.0
     for i in range(len(q)):
@@ -57,11 +57,11 @@ def recedes(q: Array, lower: Array, upper: Array, d: Array, v: Array, c: Array) 
 
 @compiled(f8(f8, f8))
 def young(omega: float, contraction: float) -> float:
-    r"""Return the best ω, if sweeps with this one contract by λ.
+    r"""Return the optimal ω, given the contraction λ of sweeps with the current one.
 
     .. math:: (\lambda + \omega - 1)^2 = \lambda \omega^2 \mu^2, \qquad \omega_{best} = \frac{2}{1 + \sqrt{1 - \mu^2}}
 
-    λ = ω - 1 says no more than that this one is not too small: then it is reduced.
+    λ = ω - 1 shows only that the current ω is not too small; it is then reduced.
     """
     if contraction <= 1.02 * (omega - 1.0):
         return 2.0 - 1.5 * (2.0 - omega)
@@ -72,7 +72,7 @@ def young(omega: float, contraction: float) -> float:
 
 @compiled(f8(f8, f8, f8, i8))
 def proposal(best: float, contraction: float, reach: float, direction: int) -> float:
-    """Return the ω to try next: Young's for direction 0, else one above or below; or the best, if that is as good."""
+    """Return the next trial ω: Young's for direction 0, else one above or below; or the best, if equivalent."""
     ratio = 1.0 / reach if direction > 0 else reach
     if direction == 0:
         ratio = min(max((2.0 - young(best, contraction)) / (2.0 - best), 1.0 / reach), reach)
@@ -83,12 +83,12 @@ def proposal(best: float, contraction: float, reach: float, direction: int) -> f
 
 @compiled(SIGNATURE)
 def psor(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
-    """Sweep z_i <- P(z_i - ω (M z + q)_i / M_ii) until the residual is within tol, or steps of one kind prove it never is.
+    """Sweep z_i <- P(z_i - ω (M z + q)_i / M_ii) until the residual is within tol or repeating steps certify infeasibility.
 
-    An ω is tried for three equal parts of a stage; the first is left out, and λ² per sweep is the ratio of the falls of the
-    energy in the two others. Early sweeps contract faster than later ones, so an ω that seems slower than the best loses
-    only if a new stage of the best is faster. The next to try is Young's, and after a first loss one above or below the
-    best. Stages are long enough for an ω near 2 to show its effect, after a loss also for the contraction that was seen.
+    Each stage tries one ω in three equal parts; the first is discarded, and λ² per sweep is the ratio of the energy
+    decreases in the other two. Early sweeps contract faster than later ones, so a trial ω that seems slower than the best
+    is rejected only if a new stage of the best is faster. The next trial is Young's, after a first rejection one above or
+    below the best. Stages are long enough for the effect of an ω near 2, and after a rejection for the contraction seen.
     """
     n = len(q)
     d, w, change, basis = np.empty(n), np.empty(n), np.empty(n), np.empty(n, np.int64)

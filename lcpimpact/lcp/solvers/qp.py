@@ -5,9 +5,9 @@ For symmetric positive semidefinite M the LCP is the optimality condition of
 .. math:: \text{dual:} \quad \min_{r \ge 0} \; \tfrac12 r^T M r + q^T r, \qquad
           \text{primal:} \quad \min_{H δ + q \ge 0} \; \tfrac12 δ^T A δ ,
 
-with M = H A⁻¹ Hᵀ, δ = w - w_free the deviation from the free motion, and r the multipliers of the gap. Gauss's principle
-of least constraint is the primal one: among the velocities that the contacts admit, the true one is nearest to the free
-one in the metric of A.
+with M = H A⁻¹ Hᵀ, δ = w - w_free the deviation from the free motion, and r the multipliers of the gap. The primal form is
+Gauss's principle of least constraint: the velocity is the projection of the free one onto the admissible velocities in the
+metric of A.
 """
 
 from __future__ import annotations
@@ -36,20 +36,20 @@ OSQP_RHO = 0.1
 """OSQP's initial ρ."""
 
 NOISE_FRACTION = 0.1
-"""Fraction of the tolerance below which a force, in units of max |q| = 1, is noise."""
+"""Fraction of the tolerance below which a force, scaled to max |q| = 1, is set to zero."""
 
 
 @dataclass(frozen=True)
 class Backend:
-    """The call of a backend of qpsolvers, and its accuracy.
+    """Settings and accuracy of a backend of qpsolvers.
 
     Attributes
     ----------
-    tol : float         residual of nine answers in ten or more, over definite, singular and degenerate problems
-    limit : str         its setting for the number of iterations, "" if it has none
+    tol : float         residual achieved in at least 90 % of definite, singular and degenerate problems
+    limit : str         name of its iteration limit, "" if it has none
     max_iter : int
     dense : bool        whether it takes dense matrices; else sparse ones
-    settings : dict     as tight as it can reach
+    settings : dict     tightest attainable tolerances
     """
 
     tol: float
@@ -81,7 +81,7 @@ BACKENDS = {
         "primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10, "qp_regularization_value": 1e-12,
     }),
 }  # fmt: skip
-"""Those that were measured; any other is called with its own defaults."""
+"""Calibrated backends; any other is called with its own defaults."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,7 +92,7 @@ class QPSolver(LCPSolver):
     ----------
     backend : str           its name in qpsolvers
     form : str              "dual" or "primal"
-    call : Backend          how it is called
+    call : Backend          its settings
     """
 
     backend: str
@@ -107,19 +107,19 @@ class QPSolver(LCPSolver):
         dual = self.form == "dual"
         P, G, unit = self._dual(operator) if dual else self._primal(operator)
         zero = np.zeros(P.shape[0])
-        # Bounds would be stacked anew to rows of G at each call.
+        # qpsolvers would convert bounds to rows of G at each call.
         plain = {"G": self._stored(-eye(operator.n)), "h": np.zeros(operator.n)} if dual else {}
         osqp = self._osqp(P, G) if self.backend == "osqp" else None
 
         def kernel(
             W: Any, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
         ) -> tuple[int, int]:
-            """Minimise in units of max |q| = 1; q is the linear cost of the dual form, and the bound of the primal one."""
+            """Minimise the problem scaled to max |q| = 1; q is the linear cost of the dual form, the bound of the primal."""
             if len(q) != operator.n or (W is not operator.W and not np.array_equal(W, operator.W)):
-                # A step in which not all contacts act, or springs act with them, hands over a matrix of its own.
+                # A step with a subset of the contacts, or with springs, passes its own matrix.
                 return self._kernel(Dense(W))(W, q, lower, upper, z, tol, max_iter)
             if q.min() >= 0.0 and not lower.any():
-                # Nothing presses: z = 0, and half of the steps of a rebound need no backend.
+                # q >= 0: z = 0 without a call of the backend, as in half of the steps of a rebound.
                 z[:] = 0.0
                 return SOLVED, 0
             b = q * unit
@@ -135,7 +135,7 @@ class QPSolver(LCPSolver):
             else:
                 x, status, iterations = self._solve(P, zero, {"G": G, "h": b}, max_iter)
             if x is not None:
-                # A backend leaves noise where there is nothing, and a row of which nothing is given has no other measure.
+                # Backends leave noise in zero forces, and a row without data has no other scale.
                 z[:] = np.where(np.abs(x) > NOISE_FRACTION * self.call.tol, x, 0.0) * scale
             np.maximum(z, lower, out=z)
             np.minimum(z, upper, out=z)
@@ -144,16 +144,16 @@ class QPSolver(LCPSolver):
         return kernel
 
     def _dual(self, operator: Delassus) -> tuple[Any, None, Array]:
-        """Return the cost of the form over z with a unit diagonal, and the units of its unknowns for max |q| = 1."""
+        """Return the cost of the dual form scaled to a unit diagonal, and the units of its unknowns for max |q| = 1."""
         M, d = operator.array(), np.empty(operator.n)
         operator.diagonal(d)
         unit = inverse_root(d)
         return self._cost(M * unit[:, None] * unit), None, unit
 
     def _primal(self, operator: Delassus) -> tuple[Any, Any, Array]:
-        """Return P and G of the form over w with a unit diagonal of A and unit rows of H, and the multipliers' units.
+        """Return P and G of the primal form for A with a unit diagonal and unit rows of H, and the multipliers' units.
 
-        Where the operator does not come from A and H, M = H Hᵀ.
+        If the operator has no factors A and H, M = H Hᵀ is factored.
         """
         A, H = getattr(operator, "A", None), getattr(operator, "H", None)
         if A is None or H is None:
@@ -165,17 +165,17 @@ class QPSolver(LCPSolver):
         return self._cost(columns @ csc_matrix(A) @ columns), self._stored(-(diags(unit) @ scaled)), unit
 
     def _cost(self, P: Any) -> Any:
-        """Return the matrix of the cost as the backend wants it: OSQP seeks the upper triangle of a full one each time."""
+        """Return the cost matrix in the backend's form: OSQP would extract the upper triangle at each call."""
         return self._stored(triu(csc_matrix(P)) if self.backend == "osqp" else P)
 
     def _stored(self, matrix: Any) -> Any:
-        """Return a matrix in the storage that the backend takes, so that it need not be converted each time."""
+        """Return a matrix in the backend's storage, to avoid a conversion at each call."""
         if not self.call.dense:
             return csc_matrix(matrix)
         return np.ascontiguousarray(matrix.toarray() if hasattr(matrix, "toarray") else matrix)
 
     def _osqp(self, P: Any, G: Any) -> Callable[[Array, Array, Array, int], tuple[Array | None, int, int]]:
-        """Return OSQP as a function of b, the bounds and max_iter; it is set up once, which costs ten solutions."""
+        """Return OSQP as a function of b, the bounds and max_iter; it is set up once, at the cost of ten solves."""
         import osqp
 
         n, rows = P.shape[0], eye(P.shape[0], format="csc") if G is None else G
@@ -185,7 +185,7 @@ class QPSolver(LCPSolver):
 
         def solve(b: Array, lower: Array, upper: Array, max_iter: int) -> tuple[Array | None, int, int]:
             try:
-                # ρ, which it adapts, would carry over from one problem to the next.
+                # OSQP adapts ρ, which would carry over to the next problem.
                 solver.update_settings(max_iter=max_iter, rho=OSQP_RHO)
                 solver.update(**({"q": b, "l": lower, "u": upper} if G is None else {"u": b}))
                 found = solver.solve(raise_error=False)
@@ -197,7 +197,7 @@ class QPSolver(LCPSolver):
         return solve
 
     def _solve(self, P: Any, q: Array, constraints: dict[str, Any], max_iter: int) -> tuple[Array | None, int, int]:
-        """Return the solution of a backend by qpsolvers, or None, the status and the iterations."""
+        """Return the solution of a backend called by qpsolvers, or None, the status and the iterations."""
         import qpsolvers
 
         settings = dict(self.call.settings)
@@ -205,7 +205,7 @@ class QPSolver(LCPSolver):
             settings[self.call.limit] = max_iter
         try:
             with warnings.catch_warnings():
-                # qpsolvers warns of what the status says.
+                # qpsolvers warns about what the status reports.
                 warnings.simplefilter("ignore", UserWarning)
                 problem = qpsolvers.Problem(P, q, **constraints)
                 solution = qpsolvers.solve_problem(problem, solver=self.backend, **settings)
@@ -219,10 +219,10 @@ class QPSolver(LCPSolver):
         return self._judged(answer, bool(solution.found), said, iterations)
 
     def _judged(self, answer: Array | None, found: bool, said: str, iterations: int) -> tuple[Array | None, int, int]:
-        """Return an answer, or None, with its status.
+        """Return a solution, or None, with its status.
 
-        The settings ask for more than can always be reached, so an answer that a backend itself calls inaccurate is left
-        to the judge. That it calls a problem infeasible is no proof.
+        The tolerances are not always attainable, so a solution that the backend reports as inaccurate is left to the judge.
+        Infeasibility reported by a backend is not a proof.
         """
         if answer is None:
             return None, UNDECIDED, iterations
@@ -237,7 +237,7 @@ class QPSolver(LCPSolver):
 
 
 def inverse_root(d: Array) -> Array:
-    """Return d^-1/2, with the largest of d where it is not positive."""
+    """Return d^-1/2, with max d in place of non-positive entries."""
     widest = float(d.max())
     inverse: Array = 1.0 / np.sqrt(np.where(d > 0.0, d, widest if widest > 0.0 else 1.0))
     return inverse
@@ -245,7 +245,7 @@ def inverse_root(d: Array) -> Array:
 
 @cache
 def failures() -> tuple[type[Exception], ...]:
-    """Return what qpsolvers and the backends raise where they give up."""
+    """Return the exceptions that qpsolvers and the backends raise on failure."""
     import osqp
     import qpsolvers
 

@@ -27,10 +27,10 @@ from lcpimpact.study.result import Study, table_lines
 from lcpimpact.trajectory import Trajectory
 
 REFERENCE = "reference"
-"""The label of the reference in tables."""
+"""Label of the reference in tables."""
 
 SHOWN_NORMS = ("sup_q", "l1_v", "hausdorff_v", "event_times", "impulses", "penetration")
-"""The norms of a summary; the table has all."""
+"""Norms shown in a summary; the table has all."""
 
 SHOWN_EVENTS = 12
 """Maximum number of events in a summary."""
@@ -44,8 +44,8 @@ class Comparison(Study):
     ----------
     problem : Problem
     t_end : float               s
-    runs : dict                 label to Trajectory, of the methods that reached the end, in the order they were given
-    reasons : dict              label to the sentence that says why there is no run
+    runs : dict                 label to Trajectory, for the methods that reached the end, in input order
+    reasons : dict              label to the reason why there is no run
     reference : Reference or None
         The common reference; None if they are compared with each other.
     """
@@ -64,9 +64,9 @@ class Comparison(Study):
         """The errors of each run against the reference, or the differences of each pair without one.
 
         Columns: ``method``, ``against`` (the reference by its name, or another label), ``dt`` (s) and ``steps`` of the run,
-        one column a norm of `lcpimpact.study.accuracy.norms.NORMS` in its unit, ``events`` (their number), ``seconds`` of
-        the run, ``violation``: which of its laws it breaks, by more than its method allows, "" for none, and ``failure``:
-        why there is no run, "" where there is one.
+        one column per norm of `lcpimpact.study.accuracy.norms.NORMS` in its unit, ``events`` (their number), ``seconds``
+        of the run, ``violation``: laws violated beyond the tolerance of the method, "" for none, and ``failure``: why
+        there is no run, else "".
         """
         pairs: list[tuple[str, Trajectory, str, Trajectory]]
         if self.reference is not None:
@@ -109,13 +109,13 @@ class Comparison(Study):
         return "\n".join(lines)
 
     def events(self) -> pd.DataFrame:
-        """Return the events side by side: the k-th of a contact and kind in one row, in the order of time.
+        """Return the events side by side: one row for the k-th of each contact and kind, in order of time.
 
         Returns
         -------
         DataFrame
-            ``contact``, ``kind``, ``k`` (from 1), then a column of times in s for the reference, if there is one, and for
-            each method, NaN where it has no such event, and ``spread``, the latest less the earliest.
+            ``contact``, ``kind``, ``k`` (from 1), then a column of times in s for the reference, if any, and for each
+            method, NaN for a missing event, and ``spread``, the latest minus the earliest.
         """
         runs = self._all()
         found: dict[tuple[str, str, int], dict[str, float]] = {}
@@ -136,16 +136,16 @@ class Comparison(Study):
         return table.iloc[order].reset_index(drop=True)
 
     def forces(self) -> pd.DataFrame:
-        """Return the forces of all contacts, compliant ones too, by all methods, each at its own instants.
+        """Return the forces of all contacts, including compliant ones, by all methods, each at its own instants.
 
-        A method whose force belongs to a step has it at one instant of each step, and nothing is interpolated: the force of
-        the reference is read at those instants, where it is known at all times, as the right limit.
+        A step force refers to one instant of its step and is not interpolated. The reference force, if it is known at all
+        times, is evaluated at these instants as the right limit.
 
         Returns
         -------
         DataFrame
-            ``method``, ``contact``, ``t`` (s), ``r`` (N), ``reference`` (N) and ``difference`` (N), the last two NaN where
-            there is no reference that is known at all times.
+            ``method``, ``contact``, ``t`` (s), ``r`` (N), ``reference`` (N) and ``difference`` (N), the last two NaN
+            without a reference known at all times.
         """
         truth = None if self.reference is None else self.reference.trajectory
         parts = []
@@ -169,13 +169,13 @@ class Comparison(Study):
             return {}
 
     def energies(self) -> pd.DataFrame:
-        """Return what each ledger came to at the end: ``item``, then a column in J for the reference and each method."""
+        """Return the final value of each ledger: ``item``, then a column in J for the reference and each method."""
         ledgers = self.ledgers()
         columns = {label: ledger.totals.set_index("item")["end"] for label, ledger in ledgers.items()}
         return pd.DataFrame(columns).rename_axis("item").reset_index() if columns else pd.DataFrame(columns=["item"])
 
     def _all(self) -> dict[str, Trajectory]:
-        """Return the runs with the reference before them."""
+        """Return the reference followed by the runs."""
         first = {} if self.reference is None else {REFERENCE: self.reference.trajectory}
         return {**first, **self.runs}
 
@@ -191,21 +191,21 @@ def compare(
     lcp_solver: str = "auto",
     progress: Progress = True,
 ) -> Comparison:
-    """Run one problem by several methods, to see what separates them.
+    """Run one problem by several methods and compare the results.
 
     Parameters
     ----------
     problem : Problem
         Any problem.
     methods : sequence or mapping
-        Names of ``lcpimpact list methods`` or `Integrator` objects; a mapping gives them labels of your own.
+        Names of ``lcpimpact list methods`` or `Integrator` objects; the keys of a mapping are their labels.
     dt : float or mapping
-        Step in s of all methods, or of each by its label; shortened so that a whole number of them makes t_end.
+        Step in s of all methods, or of each by label; shortened to divide t_end.
     t_end : float, optional
         End in s; by default that of the problem.
     reference : Trajectory, Reference, "auto" or None
-        What the runs are compared with. "auto" is `lcpimpact.study.accuracy.reference.reference`, by a method that is
-        none of them, if there is one; None compares them with each other.
+        Reference of the errors. "auto" is `lcpimpact.study.accuracy.reference.reference`, by a method not among those
+        compared, if available; None compares the runs with each other.
     lcp_solver : str
         A name of ``lcpimpact list solvers``, for the methods that solve LCPs.
     progress : bool or callable
@@ -214,12 +214,12 @@ def compare(
     Returns
     -------
     Comparison
-        The runs, and why any method has none; its methods make the tables.
+        The runs, and the reasons of those missing; its methods return the tables.
 
     Raises
     ------
     InputError
-        For an unknown method, two of one label, or a step that is none.
+        For an unknown method, a duplicate label, or an invalid step.
 
     Examples
     --------
@@ -280,7 +280,7 @@ def _reference(
 
 
 def _finite(run: Trajectory, truth: Trajectory) -> dict[str, float]:
-    """Return the errors of a run in all norms; NaN where they are beyond all bounds."""
+    """Return the errors of a run in all norms; NaN where they are not finite."""
     with np.errstate(over="ignore", invalid="ignore"):
         found = errors(run, truth)
     return {name: value if math.isfinite(value) else math.nan for name, value in found.items()}

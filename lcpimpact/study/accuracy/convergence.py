@@ -1,8 +1,8 @@
-r"""Errors of methods over steps and tolerances, with what each run cost, in one table.
+r"""Errors of methods over steps and tolerances, with the cost of each run.
 
-The observed order of a method may be luck: where an event of the motion falls on a grid point, or always at the same
-place in its step, errors are smaller than elsewhere. So each step that is asked for becomes t_end/n with n the smallest
-prime, not below t_end/dt, for which no event of the reference lies within 1e-6 of a step of a grid point.
+An observed order may be accidental: errors are smaller if an event falls on a grid point, or always at the same fraction of
+its step. So each requested step becomes t_end/n with the smallest prime n >= t_end/dt for which no event of the reference
+is closer than 1e-6 steps to a grid point.
 
 No method is its own reference: `lcpimpact.study.accuracy.reference` excludes the methods under study, and each row names the
 reference of its errors.
@@ -36,19 +36,19 @@ from lcpimpact.study.result import Study, failure_lines, table_lines
 from lcpimpact.trajectory import Trajectory
 
 Penalty = tuple[str, float] | tuple[str, float, Mapping[str, float]]
-"""A law, its stiffness k, and what else `penalized` is to be given."""
+"""A law, its stiffness k, and further arguments of `penalized`."""
 
 Methods = Sequence[str | Integrator] | Mapping[str, str | Integrator]
-"""Names or objects, or either of them by the label that it shall have."""
+"""Names or objects, or a mapping from labels to either."""
 
 RTOLS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
-"""Tolerances of methods that choose their steps."""
+"""Relative tolerances of methods with adaptive steps."""
 
 EVENT_CLEARANCE = 1e-6
-"""Distance, in steps, that events of the reference keep from grid points."""
+"""Minimum distance of events of the reference from grid points, in steps."""
 
 MAX_PRIMES = 50
-"""Number of primes tried; where none is clear of events, since they stand so dense, the first is used."""
+"""Maximum number of primes tried; if events are so dense that all fail, the first is used."""
 
 SCALES: dict[str, Callable[[Trajectory], float]] = {
     "sup_q": lambda truth: float(np.abs(truth.q).max()),
@@ -67,19 +67,19 @@ COUNTS = (
     *("steps", "closings", "events"),
     *("lcp_solves", "lcp_iterations", "newton_iterations", "evaluations"),
 )
-"""The columns that count."""
+"""Columns of counters."""
 
 COSTS = ("steps", "lcp_solves", "lcp_iterations", "newton_iterations", "evaluations", "seconds")
-"""The columns that say what a run cost."""
+"""Columns of the cost of a run."""
 
 
 def labelled(methods: Methods) -> dict[str, Integrator]:
-    """Return the methods by label: that of the mapping, or the name with those options that are not the usual ones.
+    """Return the methods by label: the key of the mapping, or the name with its non-default options.
 
     Raises
     ------
     InputError
-        For an unknown name, an empty list, and two methods of one label.
+        For an unknown name, an empty list, or a duplicate label.
 
     Examples
     --------
@@ -110,14 +110,14 @@ def _label(integrator: Integrator) -> str:
 
 
 def steps_clear_of(events: Iterable[float], t_end: float, dt: float) -> int:
-    """Return the smallest prime n >= t_end/dt for which no event lies within 1e-6 of a step of a grid point.
+    """Return the smallest prime n >= t_end/dt for which no event is closer than 1e-6 steps to a grid point.
 
     Parameters
     ----------
     events : iterable of float
-        Instants in s; those at 0 and at t_end are on every grid, and do not count.
+        Instants in s; those at 0 and at t_end are on every grid and are ignored.
     t_end, dt : float
-        End and the step that is wanted, in s.
+        End and requested step, in s.
 
     Examples
     --------
@@ -135,7 +135,7 @@ def steps_clear_of(events: Iterable[float], t_end: float, dt: float) -> int:
 
 
 def _prime_from(n: int) -> int:
-    """Return the smallest prime that is not below n."""
+    """Return the smallest prime >= n."""
     n = max(n, 2)
     while any(n % d == 0 for d in range(2, math.isqrt(n) + 1)):
         n += 1
@@ -146,16 +146,16 @@ def _prime_from(n: int) -> int:
 class Convergence(Study):
     """Errors of methods over their steps.
 
-    It reads as its table: ``study["sup_q"]`` is ``study.table["sup_q"]``, and so for all that a DataFrame has.
+    Columns and attributes of its table are accessible directly: ``study["sup_q"]`` is ``study.table["sup_q"]``.
 
     Attributes
     ----------
     problem : Problem
     t_end : float           s
-    table : DataFrame       one row a variant, method and step, see `convergence`
-    norm : str              the norm that summary, picture and report show: that of the declared orders, if it was measured
+    table : DataFrame       one row per variant, method and step, see `convergence`
+    norm : str              norm of the summary, plot and report: that of the declared orders, if measured
     limited_by : Limit      what limits the orders, see `lcpimpact.study.accuracy.limits`; None without a reference
-    scales : mapping        norm to what an error in it is to be compared with
+    scales : mapping        norm to the scale of its errors
     """
 
     problem: Problem
@@ -192,7 +192,7 @@ class Convergence(Study):
         ]
 
     def remarks(self) -> list[str]:
-        """Return a line for each reason why runs have no result, and for each method whose runs break their laws."""
+        """Return a line for each reason of failure, and for each method whose runs violate laws."""
         broken = self.table[self.table["violation"] != ""]
         return failure_lines(self.failures) + [
             f"  {len(runs)} whose certificate fails: {runs['violation'].iloc[0]}"
@@ -200,40 +200,40 @@ class Convergence(Study):
         ]
 
     def summary(self) -> str:
-        """Return the observed order of each method, its scatter and the declared order, and what failed."""
+        """Return the observed order of each method, its scatter, the declared order, and the failures."""
         orders = observed_orders(self, self.norm).to_dict("records")
         return "\n".join([*self.head(), *map(_order_line, orders), *self.remarks()])
 
 
 @checked
 def observed_orders(study: Convergence, norm: str | None = None) -> pd.DataFrame:
-    """Fit the order of each method of a study of convergence, and say whether it is as declared.
+    """Fit the order of each method of a convergence study, and compare it with the declared order.
 
     Parameters
     ----------
     study : Convergence
-        Of `lcpimpact.convergence`.
+        Result of `lcpimpact.convergence`.
     norm : str, optional
         One norm of its table; by default all.
 
     Returns
     -------
     DataFrame
-        One row a method, law, stiffness and norm:
+        One row per method, law, stiffness and norm:
 
         - ``method``, ``law``, ``k``, ``norm``
-        - ``order``: slope of log error against log dt; NaN where fewer than two errors tell one
+        - ``order``: slope of log error against log dt; NaN for fewer than two usable errors
         - ``scatter``: standard deviation of log10 of the errors about the line
-        - ``standard_error``: of the slope
-        - ``points``: number of errors that were fitted
-        - ``rounding``: number of errors left out, because they are rounding or the reference's own
+        - ``standard_error``: standard error of the slope
+        - ``points``: number of fitted errors
+        - ``rounding``: number of errors excluded because they are at the level of rounding or of the reference's error
         - ``failed``: number of runs without a result
-        - ``declared``: what the method declares for this problem, in the norm in which it declares it; else NaN. The
-          events of the reference decide: the least of the orders declared for smooth motion, for kinks and jumps of the
-          force, for friction and for impacts, of those that happen
+        - ``declared``: order declared by the method for this problem, in the norm of the declaration; else NaN. It is the
+          minimum of the orders declared for those of smooth motion, kinks and jumps of the force, friction and impacts
+          that occur in the reference
         - ``verdict``: "as declared" if the order is within 0.2 of the declared one in smooth motion and within 0.35 with
-          events, or if a method that is exact, or follows rtol, has errors that are small enough; else "off". "" where
-          nothing is declared; "rounding" where there is no order to be seen; "failed" where no run has a result
+          events, or if the errors of a method that is exact, or follows rtol, are small enough; else "off". "" if nothing
+          is declared; "rounding" if no order is observable; "failed" if no run has a result
 
     Examples
     --------
@@ -265,13 +265,13 @@ def _order_line(row: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class WorkPrecision(Convergence):
-    """Errors of methods over what their runs cost.
+    """Errors of methods over the cost of their runs.
 
     Attributes
     ----------
     problem, t_end, table, norm, limited_by, scales
-        As of `Convergence`.
-    cost : str              the column of costs that summary, picture and report show
+        As in `Convergence`.
+    cost : str              cost column of the summary, plot and report
     """
 
     cost: str = "seconds"
@@ -280,7 +280,7 @@ class WorkPrecision(Convergence):
     title = "Work and precision on {0.problem.name}"
 
     def summary(self) -> str:
-        """Return the error and the cost of each run, and what failed."""
+        """Return the error and the cost of each run, and the failures."""
         columns = ["method", "law", "k", "rtol", "dt", "steps", self.norm, self.cost]
         rows = self.table.loc[self.table["failure"] == "", list(dict.fromkeys(columns))]
         return "\n".join([*self.head(), *table_lines(rows), *self.remarks()])
@@ -288,7 +288,7 @@ class WorkPrecision(Convergence):
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """One row to be: a method, the problem that it runs (or why there is none), the step, and the tolerance."""
+    """Specification of one row: method, problem (or why there is none), step and tolerance."""
 
     method: str
     integrator: Integrator
@@ -314,28 +314,28 @@ def convergence(
     lcp_solver: str = "auto",
     progress: Progress = True,
 ) -> Convergence:
-    r"""Run a problem, and its compliant variants, by several methods with several steps, and measure every error.
+    r"""Run a problem, and its compliant variants, by several methods with several steps, and measure the errors.
 
     Parameters
     ----------
     problem : Problem
-        Any problem that some reference can be found for.
+        Any problem with an available reference.
     methods : sequence or mapping
         Names or `Integrator` objects, or either by label; each runs every variant.
     dts : sequence of float
-        Steps in s, each shortened to t_end/n as the module says; two that become one are one.
+        Steps in s, each shortened to t_end/n, n a prime chosen to keep events off the grid; duplicates are dropped.
     t_end : float, optional
         End in s; by default that of the problem.
     norms : sequence of str, optional
         Names of `lcpimpact.study.accuracy.norms.NORMS`; by default all.
     penalties : sequence of tuples
-        ``(law, k)`` or ``(law, k, {"v0": ...})`` for each compliant variant, as of `penalized`. Their errors are those
-        against the rigid motion: of the method and of the model together.
+        ``(law, k)`` or ``(law, k, {"v0": ...})`` for each compliant variant, as in `penalized`. Their errors against the
+        rigid motion combine those of method and model.
     reference : Trajectory, Reference or "auto"
-        What errors are measured against. "auto" is `lcpimpact.study.accuracy.reference.reference`, which is never by the
+        Reference of the errors. "auto" is `lcpimpact.study.accuracy.reference.reference`, which is never computed by the
         method under study.
     repeats : int
-        Runs of each row, in turn; the time is their minimum. What compiles is compiled before.
+        Runs of each row, interleaved; the time is their minimum, without compilation.
     lcp_solver : str
         For the methods that solve LCPs.
     progress : bool or callable
@@ -344,26 +344,26 @@ def convergence(
     Returns
     -------
     Convergence
-        Its ``table`` has one row a variant, method and step, in this order:
+        Its ``table`` has one row per variant, method and step, in this order:
 
         - ``method``: label; ``law``, ``k``: "rigid" and inf, or the law and its stiffness in N/m or N/mⁿ
         - ``rtol``: tolerance of a method that has one, else NaN; ``dt``: step in s, t_end/n
-        - ``steps``: steps taken, which are n unless the method chooses its own
-        - one column a norm, in its unit
-        - ``closings``: how often a contact closed, compliant or rigid, as the events tell
+        - ``steps``: number of steps taken, n unless the method is adaptive
+        - one column per norm, in its unit
+        - ``closings``: number of closing events of contacts, compliant or rigid
         - ``events``: number of events of the run
         - ``lcp_solves``, ``lcp_iterations`` (pivots or sweeps), ``newton_iterations``
-        - ``evaluations``: right sides that were set up: stages of explicit methods, LCPs, and Newton iterations
+        - ``evaluations``: number of right-hand sides: stages of explicit methods, LCPs, and Newton iterations
         - ``seconds``: time of the run
-        - ``declared``: the order that the method declares for this problem
-        - ``reference``: what the errors were measured against
-        - ``violation``: which of its laws the run breaks, by more than its method allows, "" for none
-        - ``failure``: why there is no result, "" where there is one; then the numbers are NaN
+        - ``declared``: order declared by the method for this problem
+        - ``reference``: name of the reference of the errors
+        - ``violation``: laws violated beyond the tolerance of the method, "" for none
+        - ``failure``: why there is no result (the numbers are then NaN), else ""
 
     Raises
     ------
     InputError
-        For wrong input. What a method refuses, or a run that fails, is a row.
+        For invalid input. Unsupported problems and failed runs are rows of the table.
 
     Examples
     --------
@@ -393,23 +393,23 @@ def work_precision(
     lcp_solver: str = "auto",
     progress: Progress = True,
 ) -> WorkPrecision:
-    """Measure errors against costs: as `convergence`, with tolerances where a method chooses its steps.
+    """Measure errors against costs: as `convergence`, but over tolerances for adaptive methods.
 
-    A method that has a tolerance (``event-driven``, or an object that was given ``rtol``) runs with each of ``rtols``
-    instead of each of ``dts``; the largest of ``dts`` is then its longest step, or the spacing of its output. ``exact`` is
-    one row. Methods take turns within each repeat, so that a slow minute of the machine falls on all of them.
+    A method with a tolerance (``event-driven``, or an object with ``rtol`` set) runs with each of ``rtols`` instead of each
+    of ``dts``; the largest of ``dts`` is then its maximum step, or the spacing of its output. ``exact`` is one row. The
+    methods alternate within each repeat, so that variations of the machine's speed affect all of them.
 
     Parameters
     ----------
     problem, methods, dts, t_end, norms, penalties, reference, repeats, lcp_solver, progress
-        As of `convergence`.
+        As in `convergence`.
     rtols : sequence of float
-        The tolerances; atol, where a method has it, keeps its ratio to rtol.
+        Relative tolerances; atol, where a method has it, keeps its ratio to rtol.
 
     Returns
     -------
     WorkPrecision
-        With a table as of `convergence`.
+        With a table as in `convergence`.
 
     Examples
     --------
@@ -440,7 +440,7 @@ def _run_all(
     lcp_solver: str,
     progress: Progress,
 ) -> dict[str, Any]:
-    """Check what was given, make the tasks, run them in turn, and return the fields of a `Convergence`."""
+    """Check the arguments, create and run the tasks, and return the fields of a `Convergence`."""
     end = problem.t_end if t_end is None else t_end
     for name, values in (("t_end", [end]), ("dts", dts), ("rtols", rtols)):
         for value in values:
@@ -489,7 +489,7 @@ def _columns(norms: Sequence[str]) -> list[str]:
 def _truths(
     problem: Problem, t_end: float, methods: Mapping[str, Integrator], given: Trajectory | Reference | Literal["auto"]
 ) -> dict[str, Reference | str]:
-    """Return by the name of each method what it is measured against, or why there is nothing."""
+    """Return the reference of each method by name, or why there is none."""
     if given != "auto":
         return dict.fromkeys((integrator.name for integrator in methods.values()), given_reference(given, t_end))
     best = _truth(problem, t_end, ())
@@ -545,7 +545,7 @@ def _simulate(task: Task, lcp_solver: str) -> Trajectory:
     assert isinstance(task.variant, Problem)
     solver = lcp_solver if task.integrator.solves_lcp else "auto"
     h = task.t_end / task.steps
-    # A run that grows beyond all bounds fails; that its certificate is made of infinities is no news.
+    # A run that diverges fails; warnings about infinities in its certificate are redundant.
     with np.errstate(over="ignore", invalid="ignore"):
         return simulate(
             task.variant, task.integrator, dt=h, t_end=task.t_end, lcp_solver=solver, progress=False, throw=False
@@ -603,5 +603,5 @@ def _first(task: Task, norms: Sequence[str], lcp_solver: str) -> dict[str, Any]:
 
 
 def _compile(task: Task, lcp_solver: str) -> None:
-    """Take one step, so that whatever compiles on first use has been compiled when the clock starts."""
+    """Take one step, so that compilation on first use is not timed."""
     _simulate(replace(task, t_end=task.t_end / task.steps, steps=1), lcp_solver)

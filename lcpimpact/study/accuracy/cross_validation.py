@@ -1,25 +1,25 @@
-r"""Cross-validation: one motion by several independent routes, and a verdict whether they agree.
+r"""Cross-validation: one motion computed by several independent routes, and a verdict on their agreement.
 
 A route estimates its own error in each quantity that it provides. A time-stepping route runs with the steps
-h_0 > h_1 > ..., each a third of the last; with the declared order p of the method for the events of the motion,
-neighbours differ by about :math:`D_j = C (h_j^p - h_{j+1}^p)`, and so with the largest such C the error of its finest run is
+h_0 > h_1 > ..., each a third of the previous; with the declared order p of the method for the events of the motion,
+successive runs differ by about :math:`D_j = C (h_j^p - h_{j+1}^p)`, so with the largest such C the error of the finest is
 
 .. math:: E = C h_m^p.
 
-For a route with a tolerance E is the difference between its last two tolerances; for the exact solution and a closed form
-it is rounding. Two routes agree if none of their coordinates, velocities, forces, impulses and times of events differ by
-more than a factor times the sum of their estimates, and each has the events that the other has. All are compared with the
+For a route with a tolerance E is the difference between the runs with its two smallest tolerances; for the exact solution
+and a closed form it is the rounding error. Two routes agree if their coordinates, velocities, forces, impulses and event
+times differ by at most a factor times the sum of their estimates, and both have the same events. All are compared with the
 more accurate of the two that agree most closely.
 
-That is evidence only if a common mistake is unlikely and a mistake would be detected. Routes confirm each other if
+Agreement is evidence only if a common error is unlikely and an error would be detected. Routes confirm each other if
 
 - they are of different families (`lcpimpact.study.accuracy.routes`), and if there are contacts, at least one pair of
   them chooses the contact mode independently;
-- the differences of their own runs fall with the order that each declares;
-- their error estimates are small against the motion.
+- the differences of their own runs decrease with the order that each declares;
+- their error estimates are small compared with the motion.
 
-If no such pair agrees on each quantity, the verdict is that there is nothing to judge by. A route that breaks off has no
-motion, and then there is no agreement either. The closed-form values of the problem are checked on each route.
+If no such pair agrees on each quantity, the verdict is that there is nothing to judge by. If a route fails before the end,
+there is no agreement either. The closed-form values of the problem are checked on each route.
 """
 
 from __future__ import annotations
@@ -58,25 +58,25 @@ from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, table_lines
 
 ASYMPTOTIC_RTOL = 1e-3
-"""Error, relative to the size of the motion, below which an order above 2 shows."""
+"""Error, relative to the size of the motion, below which an order above 2 is observable."""
 
 AGREEMENT_FACTOR = 5.0
-"""Largest difference of two routes that agree, in units of the sum of their error estimates."""
+"""Maximum difference of two agreeing routes, in units of the sum of their error estimates."""
 
 ORDER_SLACK = 0.35
-"""Largest shortfall of an observed order, relative to the declared one, or to 2 where that is less."""
+"""Maximum shortfall of an observed order, relative to the smaller of the declared order and 2."""
 
 ROUGH_RTOL = 0.2
 """AGREEMENT_FACTOR times the error, relative to the size of the motion, above which a route is too inaccurate."""
 
 ROUNDING_RTOL = 1e-9
-"""Difference, relative to the size of the motion, that is rounding or a solver's tolerance."""
+"""Difference, relative to the size of the motion, attributed to rounding or a solver's tolerance."""
 
 ACCUMULATION_RTOL = 1e-6
-"""Tolerance of times and impulses, relative to the largest: routes end accumulating impacts at different ones."""
+"""Tolerance of times and impulses, relative to the largest: routes truncate accumulations of impacts differently."""
 
 SOLVER_FACTOR = 100.0
-"""Largest error of a run, relative to the size of the motion, in units of the tolerance of its solver."""
+"""Maximum error of a run, relative to the size of the motion, in units of the tolerance of its solver."""
 
 COORDINATES, VELOCITIES, FORCES = "coordinates", "velocities", "forces"
 IMPULSES, TIMES = "impulses", "times of events"
@@ -86,7 +86,7 @@ UNITS = {COORDINATES: "m", VELOCITIES: "m", FORCES: "N s", IMPULSES: "N s", TIME
 
 
 class Outcome(Enum):
-    """The outcome of a cross-validation, in words."""
+    """The outcome of a cross-validation."""
 
     AGREE = "the routes agree"
     DISAGREE = "the routes do not agree"
@@ -101,23 +101,22 @@ class CrossValidation(Study):
     ----------
     problem : Problem
     table : DataFrame
-        One row a route: ``route``; ``kind`` ("steps", "tolerance", "exact" or "solver"); ``family``, the rule of its step;
-        ``against``, the route it is compared with; ``difference`` (m), the largest of the coordinates at 195 instants;
-        ``allowed`` (m), its limit; ``estimate`` (m), the route's own error E; ``observed`` and ``declared`` order of
-        the coordinates, NaN where none is judged; ``events``, how many it has; ``agrees``, in all its quantities;
-        ``doubt``, why it cannot confirm another, else ""; ``failure``, why there is no motion, else "".
+        One row per route: ``route``; ``kind`` ("steps", "tolerance", "exact" or "solver"); ``family``, its integration
+        rule; ``against``, the route it is compared with; ``difference`` (m), the largest of the coordinates at 195
+        instants; ``allowed`` (m), its limit; ``estimate`` (m), the route's own error E; ``observed`` and ``declared`` order
+        of the coordinates, NaN if not judged; ``events``, their number; ``agrees``, in all quantities; ``doubt``, why it
+        cannot confirm another, else ""; ``failure``, why there is no motion, else "".
     pairs : DataFrame
-        One row a pair of routes and quantity: ``a``, ``b``, ``quantity``, ``difference``, ``allowed``, ``scale`` (size of
+        One row per pair of routes and quantity: ``a``, ``b``, ``quantity``, ``difference``, ``allowed``, ``scale`` (size of
         the motion), ``agrees``, and ``confirms``: whether they are of different families and free of doubt. Coordinates in m
         at 195 instants; velocities in m and forces in N s, integrated over time; impulses in N s; times of events in s.
     reasons : tuple of str
-        The verdict in sentences: what disagrees with what, by how much; what is missing for a verdict; what was refused or
-        broke off, and why.
+        Reasons of the verdict: disagreements with their size, missing evidence, unsupported and failed routes.
     outcome : Outcome
         AGREE, DISAGREE, or NOTHING to judge by.
     resolution : float
-        Relative to the size of the motion: an error smaller than the routes' own error estimates cannot be detected. The
-        smallest limit of a confirming pair in each quantity, and of these the largest. NaN without agreement.
+        Smallest detectable error, relative to the size of the motion: the maximum over the quantities of the smallest limit
+        of a confirming pair. NaN without agreement.
     t_end : float
         s
     scale : float
@@ -184,9 +183,9 @@ def cross_validate(
     dt : float, optional
         The finest step in s; by default t_end/5265. The coarser ones are 3, 9 and 27 times as long.
     t_end : float, optional
-        End in s; by default that of the problem, for which its facts are known.
+        End in s; by default that of the problem, to which its facts refer.
     tol : float, optional
-        Relative to the size of the motion: tolerance of differences, whatever the estimates; 1e-9 by default.
+        Minimum allowed difference, relative to the size of the motion; 1e-9 by default.
     progress : bool or callable
         As of `lcpimpact.study.progress`.
 
@@ -198,7 +197,7 @@ def cross_validate(
     Raises
     ------
     InputError
-        For an unknown route, two of one label, or numbers that cannot be used.
+        For an unknown route, a duplicate label, or invalid numbers.
 
     Examples
     --------
@@ -242,7 +241,7 @@ def cross_validate(
 
 @dataclass(frozen=True, eq=False)
 class Missing:
-    """A route without a motion: the reason, and whether it broke off or was refused."""
+    """A route without a motion: the reason, and whether it failed or was unsupported."""
 
     route: Route
     why: str
@@ -278,7 +277,7 @@ def _judged(
     broke_off = [f"{label!r} broke off: {each.why}" for label, each in missing.items() if each.broke_off]
     refused = [f"{label!r} was not taken: {each.why}" for label, each in missing.items() if not each.broke_off]
     wrong = [reason for label in found for reason in judge.reasons(label, leader)]
-    # A solver that gives up says nothing of the motion.
+    # A solver failure is no evidence about the motion.
     ended = any(each.broke_off and each.route.kind != "solver" for each in missing.values())
     lacking: list[str] = [] if wrong or ended else list(judge.lacking(pairs))
     outcome = Outcome.DISAGREE if wrong or ended else Outcome.NOTHING if lacking else Outcome.AGREE
@@ -313,7 +312,7 @@ class Judge:
         degrees = [contact.relative_degree for contact in problem.dynamics.contacts if contact.r0 is None]
         self.quantities = [COORDINATES, VELOCITIES, *[FORCES, TIMES] * bool(problem.dynamics.contacts)]
         self.quantities += [IMPULSES] * (2 in degrees)
-        # The median: a route that is wrong beyond all bounds must not make the others small.
+        # The median, so that a divergent route does not dominate the scale.
         sizes = [self._sizes(each.finest) for each in independent.values()]
         self.scale = {
             quantity: float(np.median([size[quantity] for size in sizes if quantity in size] or [0.0]))
@@ -368,8 +367,8 @@ class Judge:
     def declared(self, route: Route, quantity: str = COORDINATES) -> float:
         """Return the expected order of a route for the events of the motion; NaN if none is declared.
 
-        Velocities and forces that are known at points only lie on lines between them, which are of order 2; a force that
-        jumps between two of them is wrong by the jump for a step.
+        Velocities and forces known only at grid points are interpolated linearly, which limits the order to 2; across a
+        jump of a force the error equals the jump during one step.
         """
         if route.orders is None:
             return math.nan
@@ -408,16 +407,16 @@ class Judge:
         p = 1.0 if math.isnan(p) else p
         h = 1.0 / np.array(found.levels)
         if p > 2.0 and len(D) > 1:
-            # Steps that are long beside the fastest period do not show a high order yet.
+            # Steps that are long compared with the shortest period are not yet in the asymptotic range.
             seen = math.log(max(D[-2], 1e-300) / max(D[-1], 1e-300)) / math.log(h[-3] / h[-2])
             p, D, h = min(p, max(seen, 1.0)), D[-1:], h[-2:]
         C = max(d / (a**p - b**p) for d, a, b in zip(D, h, h[1:], strict=False))
         return float(C * h[-1] ** p)
 
     def _event_estimates(self, found: RouteResult) -> dict[str, float]:
-        """Return E for the times of events and for impulses, of the last two runs.
+        """Return E for event times and impulses, from the last two runs.
 
-        A run that does not locate events knows them to the step, and across impacts with the order 1.
+        A run without event location resolves events to one step, with order 1 across impacts.
         """
         if found.route.kind == "exact":
             return {TIMES: 0.0, IMPULSES: 0.0}
@@ -437,8 +436,8 @@ class Judge:
     def observed(self, found: RouteResult, quantity: str = COORDINATES) -> float:
         """Return the slope of log D over log h in a route's own refinement, NaN if there is none.
 
-        Left out are differences that are rounding, and steps that are long beside the fastest vibration: half of a bar's
-        waves are not in such a run.
+        Differences at rounding level are excluded, and steps that are long compared with the shortest vibration period,
+        which do not resolve the waves of a bar.
         """
         if found.route.kind != "steps" or len(found.levels) < 3:
             return math.nan
@@ -457,13 +456,13 @@ class Judge:
         return self.declared(found.route) if found.route.kind == "steps" else math.nan
 
     def slow(self, found: RouteResult, quantity: str) -> bool:
-        """Whether a route converges more slowly than it declares; if it declares nothing, whether it converges at all."""
+        """Whether a route converges more slowly than declared or, without a declared order, does not converge."""
         declared = self.declared(found.route, quantity)
         declared = 1.0 if math.isnan(declared) else declared
         return self.observed(found, quantity) < declared - ORDER_SLACK * max(declared, 2.0)
 
     def _doubts(self, label: str) -> dict[str, str]:
-        """Return for each quantity why a route cannot confirm it, "" where it can."""
+        """Return for each quantity why a route cannot confirm it, else ""."""
         found, E = self.found[label], self.estimates[label]
         doubts = {}
         for quantity in E:
@@ -485,7 +484,7 @@ class Judge:
         return list(dict.fromkeys(doubt for doubt in self.doubts[label].values() if doubt))
 
     def undecided(self, label: str) -> bool:
-        """Whether the runs of a route show no order of its coordinates."""
+        """Whether no order of the coordinates is observable from the runs of a route."""
         found = self.found[label]
         return (
             found.route.kind == "steps"
@@ -537,7 +536,7 @@ class Judge:
             }  # fmt: skip
 
     def pairs(self) -> Iterator[dict[str, Any]]:
-        """Yield how each pair of routes compares, but for solvers, which are compared with the same steps only."""
+        """Yield the comparison of each pair of routes; solvers are compared only with the same steps."""
         labels = list(self.estimates)
         for i, a in enumerate(labels):
             for b in labels[i + 1 :]:
@@ -546,8 +545,8 @@ class Judge:
     def leader(self, pairs: Sequence[Mapping[str, Any]]) -> str | None:
         """Return the more accurate of the two routes that agree most closely.
 
-        If no two agree it is the one with the least estimated error; a method comes before a closed form, which has no
-        estimate.
+        If no two agree it is the one with the smallest estimated error; a method is preferred to a closed form, which has
+        no estimate.
         """
 
         def trust(label: str) -> tuple[float, bool]:
@@ -570,7 +569,7 @@ class Judge:
         return min(others, key=lambda each: self.estimates[each][COORDINATES], default=None)
 
     def row(self, label: str, leader: str | None) -> dict[str, Any]:
-        """Return how a route compares with the leader, and the leader with the best of the rest."""
+        """Return the comparison of a route with the leader, or of the leader with the best of the rest."""
         found = self.found[label]
         events = found.trajectory.events if found.trajectory is not None else None
         row: dict[str, Any] = {
@@ -599,7 +598,7 @@ class Judge:
         if label == leader or leader is None:
             return reasons
         apart = [each for each in self.compared(label, leader) if not each["agrees"]]
-        # If steps are too long to show an order, the estimates are no bounds.
+        # Outside the asymptotic range the estimates are not bounds.
         if apart and not any(self.undecided(each) for each in (label, leader)):
             reasons.insert(0, f"{label!r} disagrees with {leader!r}: {_in_words(apart)}")
         elif self.slow(found, COORDINATES) and self.declared(found.route) > 1.0:
@@ -607,7 +606,7 @@ class Judge:
         return reasons
 
     def facts(self, label: str) -> list[str]:
-        """Return in a sentence where a route contradicts the closed-form values, if it does."""
+        """Return a sentence for each contradiction of a route with the closed-form values."""
         wrong = list(self._wrong_facts(label))
         more = f", and {len(wrong) - 1} more" if len(wrong) > 1 else ""
         return [f"{label!r} is wrong by a closed form: {wrong[0]}{more}"] if wrong else []

@@ -1,11 +1,10 @@
-r"""The observed order of a method: the slope of log error against log dt, with its scatter, beside the declared order.
+r"""The observed order of a method, the slope of log error against log dt, with its scatter and the declared order.
 
-Across impacts the sup norm of v converges for no method, since the computed impact is a little early or late. What does
-converge is the sup norm of q and the L1 norm of v; so it is in these that methods declare their orders.
+Across impacts the sup norm of the error of v converges for no method, since the computed impact is slightly early or late.
+The sup norm of q and the L1 norm of v converge, so methods declare their orders in these.
 
-A slope through two step counts may be luck: an event that falls on a grid point fakes an order. So there should be six steps
-or more, which `lcpimpact.study.accuracy.convergence` keeps clear of events, and the scatter about the line belongs to
-the slope.
+A slope through two steps may be accidental, as when an event falls on a grid point. So at least six steps should be used,
+which `lcpimpact.study.accuracy.convergence` keeps clear of events, and the slope be reported with its scatter.
 """
 
 from __future__ import annotations
@@ -22,24 +21,24 @@ from lcpimpact.errors import InputError
 from lcpimpact.study.accuracy.limits import SMOOTH, Limit, floor_of
 
 EXACT_RTOL = 1e-9
-"""Largest error, relative to the scale, of a method that declares to be exact."""
+"""Maximum error, relative to the scale, of a method declared exact."""
 
 TOLERANCE_FACTOR = 1e3
-"""Largest error, relative to the scale and in units of rtol, of a method that declares to follow rtol."""
+"""Maximum error, relative to the scale and in units of rtol, of a method declared to follow rtol."""
 
 SMOOTH_BAND, EVENT_BAND = 0.2, 0.35
-"""Largest difference of an observed order from the declared one, without events and with them."""
+"""Maximum difference of the observed from the declared order, without and with events."""
 
 
 @dataclass(frozen=True)
 class Order:
-    """What a method was seen to do.
+    """The observed order of a method.
 
     Attributes
     ----------
-    slope : float               of log error against log h, by least squares
+    slope : float               slope of log error against log h, by least squares
     scatter : float             standard deviation of log10 of the errors about the line
-    standard_error : float      of the slope, from the scatter and the spread of the steps; nan of two points
+    standard_error : float      standard error of the slope; nan for two points
     dts : tuple                 the steps in s
     errors : tuple              the error at each of them
     """
@@ -57,7 +56,7 @@ def fit(dts: Sequence[float], errors: Sequence[float]) -> Order:
     Parameters
     ----------
     dts, errors : sequences of float
-        At least two steps, and the error above zero at each.
+        At least two steps, and the positive error at each.
 
     Examples
     --------
@@ -84,7 +83,7 @@ def fit(dts: Sequence[float], errors: Sequence[float]) -> Order:
 def observe(
     runs: pd.DataFrame, norm: str, scale: float, declared: float = math.nan, limited_by: Limit | None = None
 ) -> dict[str, Any]:
-    """Return what the runs of one method show in one norm: the columns of `observed_orders` from ``order`` on.
+    """Return the columns of `observed_orders` from ``order`` on for the runs of one method in one norm.
 
     Parameters
     ----------
@@ -93,9 +92,9 @@ def observe(
     norm : str
         Column of the errors.
     scale : float
-        What the errors are to be compared with; 0 where it is not known, and then no error counts as rounding.
+        Scale of the errors; 0 if unknown, and then no error counts as rounding.
     declared : float
-        The declared order; nan where nothing is declared in this norm.
+        The declared order; nan if nothing is declared in this norm.
     limited_by : Limit, optional
         What limits the order.
     """

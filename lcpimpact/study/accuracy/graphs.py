@@ -1,11 +1,11 @@
-r"""The Hausdorff distance between graphs of functions that jump, filled in at the jumps.
+r"""The Hausdorff distance between filled-in graphs of discontinuous functions.
 
 .. math:: d(A, B) = \max\Bigl(\sup_{a \in A} \inf_{b \in B} |a - b|_\infty,\;
                                \sup_{b \in B} \inf_{a \in A} |a - b|_\infty\Bigr)
 
-A graph is a polyline, upright where the function jumps. The distance of a point from a segment is a convex function of the
-point, so over a piece of the other graph it is at most what it is at the ends of the piece. Pieces for which that is no more
-than what has been reached are passed over, and others halved: the supremum is found, not sampled.
+A graph is a polyline, vertical where the function jumps. The distance of a point from a segment is a convex function of the
+point, so over a piece of the other graph it is bounded by its values at the ends. Branch and bound: pieces whose bound does
+not exceed the value reached are discarded, others halved. The supremum is thus computed, not sampled.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from lcpimpact.compiled import compiled, f8, i8, matrix
 from lcpimpact.errors import FailureError
 
 SUPREMUM_RTOL = 1e-13
-"""Distance of the bounds of a supremum, relative to the size of the graphs, at which it is found."""
+"""Gap between the bounds of a supremum, relative to the size of the graphs, at which it has converged."""
 
 MAX_PIECES = 20_000_000
-"""Maximum number of pieces of a graph: what turns more often is noise, or far too long for a distance."""
+"""Maximum number of pieces of a graph."""
 
 
 def polyline(start: Array, length: Array, c: Array, tolerance: float) -> Array:
-    """Return the points (np, 2) of a polyline that is nowhere farther than ``tolerance`` from a graph.
+    """Return the points (np, 2) of a polyline within ``tolerance`` of a graph.
 
     Parameters
     ----------
@@ -35,10 +35,10 @@ def polyline(start: Array, length: Array, c: Array, tolerance: float) -> Array:
     Raises
     ------
     FailureError
-        If these would be more than `MAX_PIECES`.
+        If it would have more than `MAX_PIECES` pieces.
     """
     k = np.arange(c.shape[1])
-    # |T_k''| <= k² (k² - 1)/3, and a chord over 2/m of [-1, 1] is at most (2/m)²/8 of |f''| away.
+    # |T_k''| <= k² (k² - 1)/3, and a chord of length 2/m on [-1, 1] deviates by at most (2/m)²/8 |f''|.
     bend = np.abs(c) @ (k**2 * (k**2 - 1.0) / 3.0)
     wanted = np.maximum(1.0, np.ceil(np.sqrt(0.5 * bend / tolerance)))
     if not wanted.sum() <= MAX_PIECES:
@@ -58,9 +58,9 @@ def polyline(start: Array, length: Array, c: Array, tolerance: float) -> Array:
 
 @compiled(f8(f8, f8, matrix, i8))
 def to_segment(x: float, y: float, B: Array, j: int) -> float:
-    """Return the distance of a point from the segment j of a polyline, in the norm of the maximum.
+    """Return the distance of a point from the segment j of a polyline, in the maximum norm.
 
-    ``max(|a - b s|, |c - d s|)`` is least at an end, where a side is zero, or where both are equal.
+    ``max(|a - b s|, |c - d s|)`` is minimal at an end, where a term is zero, or where both are equal.
     """
     a, c = x - B[j, 0], y - B[j, 1]
     b, d = B[j + 1, 0] - B[j, 0], B[j + 1, 1] - B[j, 1]
@@ -74,7 +74,7 @@ def to_segment(x: float, y: float, B: Array, j: int) -> float:
 
 @compiled(i8(f8, matrix))
 def segment_at(x: float, B: Array) -> int:
-    """Return a segment of a polyline that begins no later than at x, the last of them."""
+    """Return the last segment of a polyline that begins at or before x."""
     low, high = 0, len(B) - 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -87,7 +87,7 @@ def segment_at(x: float, B: Array) -> int:
 
 @compiled(i8(f8, f8, matrix))
 def nearest_segment(x: float, y: float, B: Array) -> int:
-    """Return the segment of a polyline that is nearest to a point, walking both ways from its time."""
+    """Return the segment of a polyline nearest to a point, searching both ways from its abscissa."""
     here, last = segment_at(x, B), len(B) - 2
     best, least = here, to_segment(x, y, B, here)
     for way in (1, -1):
@@ -107,7 +107,7 @@ def nearest_segment(x: float, y: float, B: Array) -> int:
 def farthest(A: Array, B: Array, reached: float, most: int) -> float:
     """Return the largest distance from B of a point of A, or ``reached`` if that is larger.
 
-    Both are polylines of at least two points that do not go back in time. NaN where this takes more than ``most`` pieces.
+    Both are polylines of at least two points with non-decreasing times. NaN if this takes more than ``most`` pieces.
     """
     stack = np.empty((64, 4))
     pieces = 0
@@ -137,7 +137,7 @@ def farthest(A: Array, B: Array, reached: float, most: int) -> float:
 
 
 def hausdorff(A: Array, B: Array) -> float:
-    """Return the Hausdorff distance of two polylines (na, 2) and (nb, 2), which do not go back in their first column.
+    """Return the Hausdorff distance of two polylines (na, 2) and (nb, 2) with non-decreasing first columns.
 
     Examples
     --------
@@ -159,7 +159,7 @@ def hausdorff(A: Array, B: Array) -> float:
 
 
 def too_many_pieces() -> FailureError:
-    """Return the error for graphs that turn too often to be compared."""
+    """Return the error for graphs with too many oscillations."""
     return FailureError(
         f"the distance of the graphs would take more than {MAX_PIECES:,} pieces: the runs turn too often, or hold noise; "
         "take a shorter t_end, or name other norms",

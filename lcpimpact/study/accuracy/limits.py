@@ -14,13 +14,13 @@ from lcpimpact.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Limit:
-    """What limits the order of a method on a problem, and where its declared order stands.
+    """A limit of the order of a method on a problem, and the field of its declared order.
 
     Attributes
     ----------
     name : str          "smooth", "force kink", "force jump", "friction", "impact", or "compliant law"
-    order : str         field of `Declared`; "" where nothing is declared
-    norm : str          the norm in which it is declared
+    order : str         field of `Declared`; "" if nothing is declared
+    norm : str          norm of the declared order
     """
 
     name: str
@@ -37,12 +37,12 @@ COMPLIANT = Limit("compliant law", "")
 
 
 def limits_of(truth: Trajectory) -> tuple[Limit, ...]:
-    """Return what limits the orders on a motion, by its events; those that happen, the worst last.
+    """Return the limits of the orders given by the events of a motion, the most severe last.
 
-    A contact that opens or closes counts by its relative degree: 0 a kink of the force, 1 a jump, 2 an impact, which may
-    pass through contacts of a lower degree too. The jump at the start of a system is no matter of steps. A slider of
-    degree 2 that sticks or slips is friction; where it has a spring or a dashpot in series, a kink or a jump. About the
-    kinks and jumps of non-linear springs nothing is declared.
+    The opening or closing of a contact counts by its relative degree: 0 a kink of the force, 1 a jump, 2 an impact, which
+    may also act through contacts of lower degree. The initial jump of a system does not depend on steps. Stick and slip of
+    a slider of degree 2 is friction; with a spring or a dashpot in series, a kink or a jump. No order is declared for the
+    kinks and jumps of non-linear springs.
 
     Examples
     --------
@@ -66,9 +66,9 @@ def limits_of(truth: Trajectory) -> tuple[Limit, ...]:
 
 
 def floor_of(reference: str, norm: str) -> float:
-    """Return the error of a reference of that name, relative to the scale of a norm, below which no error is seen.
+    """Return the error of the named reference, relative to the scale of a norm, below which no error is resolved.
 
-    In the L2 norm of v a jump that comes late by δ counts as δ^(1/2).
+    In the L2 norm of v the error of a jump delayed by δ is proportional to δ^(1/2).
 
     Examples
     --------
@@ -81,9 +81,9 @@ def floor_of(reference: str, norm: str) -> float:
 
 
 def declared_order(integrator: Integrator, limits: Sequence[Limit]) -> float:
-    """Return the order that a method declares where these limits hold, the least of them; nan where it declares none.
+    """Return the minimum of the orders that a method declares for these limits; nan if it declares none.
 
-    What is declared holds for the usual options, and for any tolerance.
+    Declared orders hold for the default options, and for any tolerance.
 
     Examples
     --------
@@ -97,6 +97,6 @@ def declared_order(integrator: Integrator, limits: Sequence[Limit]) -> float:
 
 
 def chosen_options(integrator: Integrator) -> dict[str, Any]:
-    """Return the options of a method that are not the usual ones."""
+    """Return the non-default options of a method."""
     values = {each.name: (getattr(integrator, each.name), each.default) for each in fields(integrator)}  # type: ignore[arg-type]
     return {name: value for name, (value, usual) in values.items() if value != usual}

@@ -1,15 +1,15 @@
-r"""Norms of the error of a run: those in which methods with impacts converge, and those that show the cause.
+r"""Norms of the error of a run: those in which methods converge across impacts, and diagnostic ones.
 
-A trajectory is a function of time: what `Trajectory.sample` returns. Where a method has its solution at all times (exact,
-radau-fesd, event-driven) that is meant; otherwise q and v are linear between the grid points. Between all the instants
-at which either of two runs has a kink or a jump, their difference is smooth, and is held as a Chebyshev series to
-rounding. Integrals and suprema are those of the series: nothing is missed between samples, and no grid point is favoured.
+A trajectory is a function of time, as returned by `Trajectory.sample`: the continuous solution of methods that have one
+(exact, radau-fesd, event-driven), else the linear interpolant of q and v on the grid. Between the kinks and jumps of two
+runs their difference is smooth, and is represented by a Chebyshev series to rounding error. Integrals and suprema are those
+of the series, so they do not depend on sampling.
 
-Across impacts the sup of v - v* converges for no method: an impact that comes late by δ leaves the whole jump as an error
-for the time δ. Its integral is of the order δ, and so is the distance of the graphs; docs/norms.md shows it.
+Across impacts the sup of v - v* converges for no method: for an impact delayed by δ the error equals the jump during δ. The
+integral is O(δ), and so is the distance of the graphs; see docs/norms.md.
 
-Massless nodes are left out of the norms of q and v: they follow the others by a balance of forces, and in the step in
-which a contact opens a method that holds it to the end of the step leaves a node on a spring O(h) off for that one instant.
+Massless nodes are excluded from the norms of q and v: they follow the others by force balance, and in the step in which a
+contact opens, a method that keeps it closed to the end of the step has an O(h) error there at that single instant.
 """
 
 from __future__ import annotations
@@ -31,27 +31,27 @@ from lcpimpact.study.accuracy.graphs import hausdorff, polyline
 from lcpimpact.trajectory import Trajectory
 
 DEGREE = 12
-"""Degree of the Chebyshev series: between cuts, where a solution turns little, the remainder is rounding."""
+"""Degree of the Chebyshev series."""
 
 MAX_HALVINGS = 27
-"""Maximum number of halvings of an interval with a zero: the error falls as the square of its length."""
+"""Maximum number of halvings of an interval with a zero; the error is quadratic in its length."""
 
 MAX_PIECES = 2_000_000
-"""Maximum number of intervals: a function that turns more often is noise, or far too long for a norm."""
+"""Maximum number of intervals of a series."""
 
 SERIES_RTOL = 1e-13
-"""Size of the last terms, relative to the largest value, at which a series has converged."""
+"""Magnitude of the last terms, relative to the largest value, at which a series has converged."""
 
 LAST_PLACES = 16.0
 
 NOISE_RTOL = 1e-8
-"""Terms below this, relative to the largest value, that halving does not reduce are noise and no corner."""
+"""Magnitude, relative to the largest value, below which terms that halving does not reduce are noise, not a kink."""
 
 FLAT_RTOL = 1e-14
-"""Excess of a bound over the value reached, relative to it, below which a piece is flat."""
+"""Relative excess of a bound over the value reached below which a piece is discarded."""
 
 CHORD_RTOL = 1e-9
-"""Smallest distance of chords from a curve, relative to the size of its graph."""
+"""Minimum tolerance of chords, relative to the size of the graph."""
 
 NODES = np.cos(np.pi * (np.arange(DEGREE + 1) + 0.5) / (DEGREE + 1))
 FIT = np.linalg.inv(chebyshev.chebvander(NODES, DEGREE))
@@ -67,18 +67,18 @@ Reading = Callable[[Trajectory, Array], Array]
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Smooth functions between cuts.
+    """Piecewise smooth functions as Chebyshev series.
 
     Attributes
     ----------
-    start, length : (nk,) arrays        where each piece begins and how long it is, in s
-    c : (nk, DEGREE + 1, m) array       Chebyshev coefficients of m functions on each
-    scale : float                       the largest value of what was subtracted, to which rounding is relative
+    start, length : (nk,) arrays        start and length of each piece in s
+    c : (nk, DEGREE + 1, m) array       Chebyshev coefficients of m functions on each piece
+    scale : float                       largest value before subtraction, to which rounding is relative
 
     Raises
     ------
     FailureError
-        By its norms, if the series would have to be halved into more than `MAX_PIECES`.
+        By its norms, if more than `MAX_PIECES` pieces were needed.
     """
 
     start: Array
@@ -107,7 +107,7 @@ class Series:
         return np.asarray(np.sqrt(np.einsum("g,igm,i->m", GAUSS_WEIGHTS, values**2, 0.5 * self.length)))
 
     def sup(self) -> float:
-        """Return the largest |f| of all functions: pieces whose bound is below what is reached are passed over."""
+        """Return the largest |f| of all functions, by branch and bound over the pieces."""
         c, _, _ = self._flat()
         return _highest(np.concatenate([c, -c]), self.scale)
 
@@ -125,16 +125,16 @@ class Series:
         return np.asarray(self.c[piece, 0] + s * value - after)
 
     def _flat(self) -> tuple[Array, Array, Any]:
-        """Return each function on each piece as a row: coefficients, length, and which function it is."""
+        """Return one row per function and piece: coefficients, length, and index of the function."""
         pieces, terms, m = self.c.shape
         c = self.c.transpose(0, 2, 1).reshape(pieces * m, terms)
         return c, np.repeat(self.length, m), np.tile(np.arange(m), pieces)
 
 
 def _highest(c: Array, scale: float) -> float:
-    """Return the largest value of series (nk, DEGREE + 1); those whose bound is below what is reached are passed over.
+    """Return the largest value of series (nk, DEGREE + 1), discarding those whose bound is below the value reached.
 
-    What exceeds it by rounding alone, relative to the largest value of what was read, is passed over too.
+    Series that could exceed it only by rounding, relative to ``scale``, are discarded too.
     """
     reached = -np.inf
     for _ in range(MAX_HALVINGS + 1):
@@ -149,7 +149,7 @@ def _highest(c: Array, scale: float) -> float:
 
 
 def check_pieces(count: int) -> None:
-    """Refuse to go on with more intervals than `MAX_PIECES`.
+    """Raise if there are more intervals than `MAX_PIECES`.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def check_pieces(count: int) -> None:
 
 
 def corners(*runs: Trajectory) -> Array:
-    """Return the instants, in order, between which all of some runs are smooth, to the end of the one that ends first."""
+    """Return the ordered instants between which all runs are smooth, up to the earliest end."""
     first, last = max(run.t[0] for run in runs), min(run.t[-1] for run in runs)
     known = [run.t if run.dense is None else run.dense.cuts for run in runs]
     known += [np.array([event.t for event in run.events]) for run in runs if run.dense is not None]
@@ -174,7 +174,7 @@ def corners(*runs: Trajectory) -> Array:
 
 
 def difference(run: Trajectory, truth: Trajectory, read: Reading, scale: float = 0.0) -> Series:
-    """Return what is read of a run less the same of the truth, piece by piece; ``scale`` as for `series`."""
+    """Return the difference of a quantity between a run and the reference as a series; ``scale`` as for `series`."""
     return series(corners(run, truth), lambda t: read(run, t), lambda t: read(truth, t), scale=scale)
 
 
@@ -215,19 +215,19 @@ def series(cuts: Array, *read: Callable[[Array], Array], scale: float = 0.0) -> 
 
 
 def inertial(run: Trajectory) -> Flags:
-    """Return which coordinates are judged (n,): those with mass, or all where none has, as in a system given directly."""
+    """Return the coordinates included in norms (n,): those with mass, or all if none has, as in a system given directly."""
     massive = run.problem.dynamics.massive
     return massive if massive.any() else ~massive
 
 
 @lru_cache(maxsize=16)
 def _known(run: Trajectory, what: str) -> Series:
-    """Return q or v of a run that is known at all times, as a series: quicker to read than the solution itself."""
+    """Return q or v of a continuous solution as a series, which is faster to evaluate."""
     return series(corners(run), lambda t: getattr(run.sample(t), what), scale=slow(run) if what == "v" else 0.0)
 
 
 def slow(run: Trajectory) -> float:
-    """Return the speed that goes the way of a run in its length: speeds at rest are rounding relative to it."""
+    """Return the largest displacement of a run over its duration, a speed scale for the rounding error at rest."""
     return float(np.abs(run.q).max(initial=0.0)) / float(run.t[-1] - run.t[0] or 1.0)
 
 
@@ -251,15 +251,15 @@ def _energy(run: Trajectory, t: Array) -> Array:
 
 @lru_cache(maxsize=1)
 def _error_of_v(run: Trajectory, truth: Trajectory) -> Series:
-    """Return v - v*, which more than one norm asks for."""
+    """Return v - v*, shared by several norms."""
     return difference(run, truth, _v, scale=slow(truth))
 
 
 def sup_q(run: Trajectory, truth: Trajectory) -> float:
     r"""Return :math:`\sup_t \max_i |q_i - q_i^*|` in m, over the nodes with mass.
 
-    At all times where the method has its solution at all times, else on its grid: in between it says nothing of q, and a
-    line there would hide what a method of an order above 2 can do.
+    Over all times if the method has a continuous solution, else on its grid: linear interpolation would limit the order
+    to 2.
 
     Converges with the order of the method where only r changes, and with order 1 across impacts.
     """
@@ -272,7 +272,7 @@ def sup_q(run: Trajectory, truth: Trajectory) -> float:
 def l1_v(run: Trajectory, truth: Trajectory) -> float:
     r"""Return :math:`\int_0^T \sum_i |v_i - v_i^*| \, dt` in m, over the nodes with mass.
 
-    Converges with order 1 across impacts. In smooth motion the line between the points of a grid limits it to order 2.
+    Converges with order 1 across impacts. In smooth motion linear interpolation on the grid limits it to order 2.
     """
     return float(_error_of_v(run, truth).l1().sum())
 
@@ -280,27 +280,27 @@ def l1_v(run: Trajectory, truth: Trajectory) -> float:
 def l2_v(run: Trajectory, truth: Trajectory) -> float:
     r"""Return :math:`\bigl(\int_0^T \sum_i (v_i - v_i^*)^2 \, dt\bigr)^{1/2}` in m/s^(1/2), over the nodes with mass.
 
-    Converges with order 1/2 across impacts: a jump J that comes late by δ leaves J δ^(1/2).
+    Converges with order 1/2 across impacts: a jump J delayed by δ contributes J δ^(1/2).
     """
     return float(np.linalg.norm(_error_of_v(run, truth).l2()))
 
 
 def sup_v(run: Trajectory, truth: Trajectory) -> float:
-    r"""Return :math:`\sup_t \max_i |v_i - v_i^*|` in m/s, over the nodes with mass; to show what it does, not to judge by.
+    r"""Return :math:`\sup_t \max_i |v_i - v_i^*|` in m/s, over the nodes with mass; for illustration.
 
-    Does not converge across impacts: it tends to the largest jump that the run does not have at its very instant.
+    Does not converge across impacts: it tends to the largest jump whose instant is not exact.
     """
     return _error_of_v(run, truth).sup()
 
 
 def hausdorff_v(run: Trajectory, truth: Trajectory) -> float:
-    r"""Return the Hausdorff distance between the filled-in graphs of v and v*, the greatest of the nodes with mass.
+    r"""Return the Hausdorff distance between the filled-in graphs of v and v*, the maximum over the nodes with mass.
 
     A graph is filled in where v jumps by the segment from v⁻ to v⁺. The distance of two points is
     :math:`\max(|Δt|/T, |Δv|/V)`, with the length T of the run and the largest speed V of the truth: a pure number.
 
-    Converges with order 1 across impacts: an impact that comes late by δ is δ/T away, whatever the jump. It sees each impact
-    and each grazing, where an integral sees a sum.
+    Converges with order 1 across impacts: an impact delayed by δ contributes δ/T for any jump. Each impact and each
+    grazing counts separately, in contrast to an integral.
     """
     T = min(run.t[-1], truth.t[-1])
     V = float(np.abs(_v(truth, corners(truth))).max(initial=0.0)) or 1.0
@@ -309,7 +309,7 @@ def hausdorff_v(run: Trajectory, truth: Trajectory) -> float:
 
 
 Graph = Callable[[float], Array]
-"""Takes a tolerance, and returns a polyline (np, 2) that is no farther than that from the graph."""
+"""Function of a tolerance that returns a polyline (np, 2) within this distance of the graph."""
 
 
 def _graphs(run: Trajectory, T: float, V: float) -> list[Graph]:
@@ -327,7 +327,7 @@ def _graphs(run: Trajectory, T: float, V: float) -> list[Graph]:
 
 
 def _distance(a: Graph, b: Graph) -> float:
-    """Return the distance of two graphs, to a thousandth of itself: so near are chords to the curves."""
+    """Return the distance of two graphs to a relative accuracy of 1e-3, that of the chords."""
     tolerance = 1e-2
     while True:
         found = hausdorff(a(tolerance), b(tolerance))
@@ -339,10 +339,10 @@ def _distance(a: Graph, b: Graph) -> float:
 def event_times(run: Trajectory, truth: Trajectory) -> float:
     r"""Return :math:`\max_k |t_k - t_k^*|` in s over the events, the k-th of a contact and kind with the k-th.
 
-    NaN where the runs do not have the same events: past an accumulation of impacts, or where one run grazes. Where a
-    compliant law replaces a bumper of the truth, each of its closings counts as an impact.
+    NaN if the runs have different events, as after an accumulation of impacts, or if one run grazes. If a compliant law
+    replaces a bumper of the reference, each of its closings counts as an impact.
 
-    Converges with the order to which a method knows where it is: 2 where only r changes, 1 across impacts.
+    Converges with the order of q: 2 if only r switches, 1 across impacts.
     """
     return max((abs(a.t - b.t) for a, b in _pairs(run, truth)), default=_none(run, truth))
 
@@ -350,8 +350,8 @@ def event_times(run: Trajectory, truth: Trajectory) -> float:
 def impulses(run: Trajectory, truth: Trajectory) -> float:
     r"""Return :math:`\max_k |P_k - P_k^*|` in N s over the impacts, the k-th of a contact with the k-th.
 
-    NaN where the runs do not have the same events, or a compliant law takes time for an impact. Converges with order 1, as
-    does the speed before an impact.
+    NaN if the runs have different events, or impacts of finite duration by a compliant law. Converges with order 1, like
+    the speed before an impact.
     """
     if run.problem.dynamics.springs != truth.problem.dynamics.springs:
         return np.nan
@@ -359,7 +359,7 @@ def impulses(run: Trajectory, truth: Trajectory) -> float:
 
 
 def _pairs(run: Trajectory, truth: Trajectory) -> list[tuple[Event, Event]]:
-    """Return the events of two runs side by side, none where they do not have the same ones."""
+    """Return the paired events of two runs, none if the runs have different events."""
     inertia = {each.name for each in truth.problem.dynamics.contacts if each.relative_degree == 2}
     inertia &= {each.name for each in run.problem.dynamics.springs}
     kinds = [_by_kind(each, inertia) for each in (run, truth)]
@@ -369,7 +369,7 @@ def _pairs(run: Trajectory, truth: Trajectory) -> list[tuple[Event, Event]]:
 
 
 def _by_kind(run: Trajectory, yielding: set[str]) -> dict[tuple[str, str], list[Event]]:
-    """Return the events by contact and kind; of contacts that yield in one run the closings are impacts."""
+    """Return the events by contact and kind; closings of contacts compliant in one run count as impacts."""
     found: dict[tuple[str, str], list[Event]] = {}
     for event in run.events:
         kind = event.kind
@@ -388,8 +388,8 @@ def _none(run: Trajectory, truth: Trajectory) -> float:
 def energy(run: Trajectory, truth: Trajectory) -> float:
     r"""Return :math:`\frac 1T \int_0^T |E - E^*| \, dt` in J, of the stored energy E, kinetic and elastic.
 
-    Its sup does not converge, nor does that of v, since E jumps at an impact. Converges with order 1 across impacts. NaN for
-    a system given directly, which has no energy.
+    Converges with order 1 across impacts; its sup, like that of v, does not, since E jumps. NaN for a system given
+    directly, which has no energy.
     """
     if not (run.problem.dynamics.stores_energy and truth.problem.dynamics.stores_energy):
         return np.nan
@@ -398,9 +398,9 @@ def energy(run: Trajectory, truth: Trajectory) -> float:
 
 
 def penetration(run: Trajectory, truth: Trajectory) -> float:
-    r"""Return :math:`\sup_t \max_i (-u_i)^+` in m, the largest penetration of the bumpers of the truth.
+    r"""Return :math:`\sup_t \max_i (-u_i)^+` in m, the largest penetration of the bumpers of the reference.
 
-    At all times or on the grid, as for q. A method that corrects velocities alone leaves O(h) after an impact.
+    Over all times or on the grid, as for q. A velocity-level method leaves O(h) after an impact.
     """
     rigid = truth.problem.dynamics
     if rigid.D.any() or not (~rigid.slides).any():
@@ -414,24 +414,24 @@ def penetration(run: Trajectory, truth: Trajectory) -> float:
 
 
 def complementarity(run: Trajectory, truth: Trajectory) -> float:
-    """Return the largest product of the laws in J, as `Certificate.complementarity` defines it: of the run alone.
+    """Return the largest complementarity product in J of the run, as defined by `Certificate.complementarity`.
 
-    Rounding for a method that solves an LCP in each step; for one with a case split what the splits leave.
+    At rounding level for a method that solves an LCP in each step.
     """
     return run.certificate.complementarity
 
 
 @dataclass(frozen=True)
 class Norm:
-    """A measure of what separates a run from the truth.
+    """A measure of the error of a run.
 
     Attributes
     ----------
     symbol : str            in TeX
-    unit : str              "" for a pure number
-    what : str              in words
-    order : str             which of the declared orders of a method it shows: "q", "v" or "" for none
-    measure : callable      takes a run and the truth, and returns a number
+    unit : str              "" for a dimensionless number
+    what : str              description
+    order : str             declared order that applies to it: "q", "v" or "" for none
+    measure : callable      function of the run and the reference that returns a number
     """
 
     symbol: str
@@ -456,21 +456,21 @@ NORMS = {
 
 @checked
 def errors(run: Trajectory, truth: Trajectory, norms: Sequence[str] | None = None) -> dict[str, float]:
-    """Return how far a run is from the truth, in all norms or those that are named.
+    """Return the errors of a run in all norms or the named ones.
 
     Parameters
     ----------
     run : Trajectory
-        The run that is judged; if it ended early, it is judged as far as it came.
+        The run; one that ended early is judged up to its end.
     truth : Trajectory
-        The reference, with the same coordinates: one that has its solution at all times, for preference.
+        The reference with the same coordinates, preferably with a continuous solution.
     norms : sequence of str, optional
         Names of `NORMS`.
 
     Raises
     ------
     InputError
-        For an unknown norm, or runs with other coordinates.
+        For an unknown norm, or runs with different coordinates.
 
     Examples
     --------

@@ -17,7 +17,7 @@ from lcpimpact.study.accuracy.reference import Reference
 from lcpimpact.trajectory import Trajectory
 
 COUNTS = (307, 487, 773, 1229, 1951, 3089)
-"""Numbers of steps: primes, a factor of about 1.6 apart."""
+"""Default numbers of steps: primes with ratios of about 1.6."""
 
 COARSER_COUNTS = (
     (127, 181, 257, 367, 521, 743),
@@ -25,11 +25,11 @@ COARSER_COUNTS = (
     (17, 23, 31, 41, 53, 71),
     (5, 7, 11, 13, 17, 23),
 )
-"""For methods of a high order, whose errors would soon be rounding."""
+"""Default numbers of steps of high-order methods, whose errors soon reach rounding level."""
 
 
 class RoundingError(InputError):
-    """The errors of a method are rounding, and tell no order."""
+    """The errors of a method are at rounding level, so that no order is observable."""
 
 
 @checked
@@ -48,17 +48,17 @@ def observed_order(
     Parameters
     ----------
     problem : Problem
-        What is run.
+        Any problem with a reference.
     method : str or Integrator
         Name or object.
     counts : sequence of int
-        Step counts, primes for preference; each is raised to a prime that keeps clear of events.
+        Step counts; each is increased to a prime for which no event falls on the grid.
     t_end : float, optional
         End in s; by default that of the problem.
     norm : str
         A name of `lcpimpact.study.accuracy.norms.NORMS`.
     reference : Trajectory, Reference or "auto"
-        The reference, as of `lcpimpact.convergence`.
+        The reference, as in `lcpimpact.convergence`.
     lcp_solver : str
         A name of ``lcpimpact list solvers``, for the LCPs of the method.
     **method_options
@@ -67,7 +67,7 @@ def observed_order(
     Raises
     ------
     InputError
-        For another norm, fewer than two counts, a run that fails, or errors that are rounding.
+        For an unknown norm, fewer than two counts, a failed run, or errors at rounding level.
 
     Examples
     --------

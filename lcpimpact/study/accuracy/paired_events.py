@@ -9,21 +9,21 @@ from dataclasses import dataclass
 from lcpimpact.record import Event
 
 END_RTOL = 1e-7
-"""Distance of an event from the end, relative to the run, below which it may lie beyond the end in another run."""
+"""Distance of an event from the end, relative to the duration, within which another run may not contain it."""
 
 CLOSED_AFTER = {"close": True, "stick": True, "open": False, "slip": False}
-"""Whether a contact is closed, or a slider sticks, after an event. After an impact it may be either."""
+"""Whether a contact is closed, or a slider sticks, after an event; undetermined after an impact."""
 
 
 @dataclass(frozen=True)
 class Pairing:
-    """How the events of two runs differ.
+    """Differences between the events of two runs.
 
     Attributes
     ----------
-    time : float            the largest difference of the times of two events that correspond, in s
-    impulse : float         the largest difference of impulses, in N s; of an impact that one run lacks, its impulse
-    missing : tuple of str  what one run has and the other has not, in words
+    time : float            largest time difference of corresponding events, in s
+    impulse : float         largest difference of impulses, in N s; a missing impact has zero impulse
+    missing : tuple of str  descriptions of events missing in one run
     """
 
     time: float
@@ -34,21 +34,20 @@ class Pairing:
 def pair_events(a: Sequence[Event], b: Sequence[Event], window: float, end: float, least: float) -> Pairing:
     """Compare the events of two runs, contact by contact.
 
-    Events of one contact that follow each other within ``window`` are a group, whose order neither run can vouch for. A
-    group of one event from each run must agree in kind; a larger one in the sum of its impulses, and in whether the
-    contact is closed after it; a group in which one run has no event is missing there, unless it consists of impacts that
-    are too slight to be resolved.
+    Events of one contact within ``window`` of each other form a group, whose internal order is not resolved. A group with
+    one event from each run must agree in kind; a larger one in the sum of its impulses and in the contact state after it; a
+    group with events from one run only is missing in the other, unless its impulses are too small to be resolved.
 
     Parameters
     ----------
     a, b : sequence of Event
-        In the order of time.
+        In order of time.
     window : float
-        How far the times of one event may lie apart, in s.
+        Maximum time difference of corresponding events, in s.
     end : float
-        End of the runs in s; what happens within ``window`` of it may fall beyond it in one of them.
+        End of the runs in s; an event within ``window`` of it may be missing in one of them.
     least : float
-        Impulses below this are not resolved, in N s.
+        Resolution of impulses, in N s.
 
     Examples
     --------
@@ -60,7 +59,7 @@ def pair_events(a: Sequence[Event], b: Sequence[Event], window: float, end: floa
     """
     time, impulse, missing = 0.0, 0.0, []
     for mine, others in _groups(a, b, window):
-        # What happens so near the end may fall beyond it in the other run.
+        # An event near the end may lie beyond it in the other run.
         sure = [[event for event in events if event.t <= end - window] for events in (mine, others)]
         at_end = len(sure[0]) + len(sure[1]) < len(mine) + len(others)
         apart = min(abs(_impulse(p) - _impulse(q)) for p in (mine, sure[0]) for q in (others, sure[1]))
@@ -82,9 +81,9 @@ def pair_events(a: Sequence[Event], b: Sequence[Event], window: float, end: floa
 
 
 def farthest(a: Sequence[Event], b: Sequence[Event], end: float) -> float:
-    """Return the largest distance in s from an event of either run to the nearest of its contact in the other.
+    """Return the largest distance in s from an event of either run to the nearest of the same contact in the other.
 
-    Infinite where a contact has events in one run only. What happens at the very ``end`` may fall beyond it in the other.
+    Infinite if a contact has events in one run only. An event at ``end`` may be missing in the other run.
     """
     found = 0.0
     for some, others in ((a, b), (b, a)):
@@ -97,7 +96,7 @@ def farthest(a: Sequence[Event], b: Sequence[Event], end: float) -> float:
 
 
 def _groups(a: Sequence[Event], b: Sequence[Event], window: float) -> Iterator[tuple[list[Event], list[Event]]]:
-    """Yield the events of each run that lie together."""
+    """Yield groups of neighbouring events of both runs."""
     both = sorted([(e.contact, e.t, 0, e) for e in a] + [(e.contact, e.t, 1, e) for e in b], key=lambda each: each[:3])
     group: tuple[list[Event], list[Event]] = ([], [])
     last = ("", -math.inf)

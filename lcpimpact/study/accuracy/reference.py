@@ -1,4 +1,4 @@
-"""Reference solutions: the exact one, or else the most accurate independent one."""
+"""Reference solutions: exact if available, else by the most accurate independent method."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lcpimpact.simulation import simulate
 from lcpimpact.trajectory import Trajectory
 
 POINTS = 1009
-"""Number of points of the grid of a reference, which is known between them too."""
+"""Number of grid points of a reference with a continuous solution."""
 
 CANDIDATES: tuple[tuple[str, int, dict[str, Any]], ...] = (
     ("exact", POINTS, {}),
@@ -32,7 +32,7 @@ class Reference:
     Attributes
     ----------
     trajectory : Trajectory
-    name : str                  method, and how fine where it is not exact
+    name : str                  method, with its resolution if not exact
     """
 
     trajectory: Trajectory
@@ -40,7 +40,7 @@ class Reference:
 
 
 def given_reference(given: Reference | Trajectory, t_end: float) -> Reference:
-    """Return what was given as a reference, which must reach the end."""
+    """Return the argument as a `Reference`, which must reach the end."""
     found = Reference(given, given.method) if isinstance(given, Trajectory) else given
     if found.trajectory.t[-1] < t_end * (1.0 - 1e-9):
         raise InputError(
@@ -53,8 +53,8 @@ def given_reference(given: Reference | Trajectory, t_end: float) -> Reference:
 def reference(problem: Problem, t_end: float | None = None, unlike: Collection[str] = ()) -> Reference:
     """Return the reference solution of a problem.
 
-    It is `exact` where that handles the problem, else `event-driven` at the relative tolerance 1e-12, else `radau-fesd` with
-    four stages, else a hundred thousand steps of `moreau-jean`.
+    It is computed by `exact` if that supports the problem, else `event-driven` with relative tolerance 1e-12, else
+    `radau-fesd` with four stages, else `moreau-jean` with 100,000 steps.
 
     Parameters
     ----------
@@ -63,12 +63,12 @@ def reference(problem: Problem, t_end: float | None = None, unlike: Collection[s
     t_end : float, optional
         End in s; by default that of the problem.
     unlike : collection of str
-        Methods excluded as references, since they are under study.
+        Methods under study, excluded as references.
 
     Raises
     ------
     UnsupportedError
-        If no other method than those reaches the end; it says why each does not.
+        If no other method reaches the end; the message gives the reasons.
 
     Examples
     --------

@@ -1,9 +1,8 @@
 """Routes to one motion for cross-validation: methods, solvers, closed forms and Siconos, with the quantities of each run.
 
-Routes are of one *family* if they advance the state by the same rule: θ-steps with different LCP solvers or different θ, and
-Siconos's θ-step too. They could have the same mistake, so they do not confirm each other. `exact`, `event-driven` and
-`radau-fesd` are of three families, but all take the contact mode from `lcpimpact.hybrid.mode_choice`, a common
-source for impacts and switches.
+Routes are of one *family* if they use the same integration rule: θ-steps with different LCP solvers or different θ, and
+Siconos's θ-step. They could share an error, so they do not confirm each other. `exact`, `event-driven` and `radau-fesd` are
+of three families, but share the choice of the contact mode by `lcpimpact.hybrid.mode_choice`.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ LEVELS = 4
 """Number of runs of a time-stepping route."""
 
 HIGH_ORDER_COUNTS = (39, 195, 585)
-"""Numbers of steps of a route of an order above 2 that is known between its steps."""
+"""Numbers of steps of a route of order above 2 with a continuous solution."""
 
 RTOLS = (1e-6, 1e-8, 1e-10)
 """Tolerances of a route with a tolerance."""
@@ -132,7 +131,7 @@ def default_routes(problem: Problem) -> list[Given]:
 
 
 def by_label(routes: Sequence[Given] | Mapping[str, Given]) -> dict[str, Given]:
-    """Return what was given as routes under the labels that they have in the verdict.
+    """Return the routes by their labels.
 
     Raises
     ------
@@ -154,18 +153,18 @@ def by_label(routes: Sequence[Given] | Mapping[str, Given]) -> dict[str, Given]:
 
 
 def step_counts(t_end: float, dt: float | None) -> tuple[int, ...]:
-    """Return the step counts of a route that steps, the last with steps of at most dt."""
+    """Return the step counts of a time-stepping route, the last with steps of at most dt."""
     coarsest = POINTS if dt is None else POINTS * max(1, math.ceil(t_end / dt / POINTS / RATIO ** (LEVELS - 1)))
     return tuple(coarsest * RATIO**k for k in range(LEVELS))
 
 
 def make_route(problem: Problem, label: str, what: Given, counts: tuple[int, ...], t_end: float) -> Route:
-    """Return what was given as a route.
+    """Return the route for a given specification.
 
     Raises
     ------
     InputError
-        For what is no route.
+        For an invalid specification.
     """
     if what == CLOSED_FORM:
         if problem.motion is None:
@@ -191,14 +190,14 @@ def make_route(problem: Problem, label: str, what: Given, counts: tuple[int, ...
 
 
 def take(route: Route) -> RouteResult:
-    """Run a route with all its levels; coarse ones may fail, and the finest may not.
+    """Run a route at all its levels; only the finest must succeed.
 
     Raises
     ------
     UnsupportedError
         If the route does not handle the problem.
     FailureError
-        If it breaks off.
+        If it fails before the end.
     """
     levels, readings, finest = [], [], None
     for level in route.levels:
@@ -307,7 +306,7 @@ def _reading(problem: Problem, run: Trajectory, q: Array, instants: Array) -> Re
 
 
 def _facts(problem: Problem, run: Trajectory) -> Array:
-    """Return what a run shows for each fact, NaN where that cannot be read, as of an event that it does not have."""
+    """Return the value of each fact in a run, NaN if unavailable, as for a missing event."""
 
     def shown(measure: Callable[[Any], float]) -> float:
         try:
@@ -319,7 +318,7 @@ def _facts(problem: Problem, run: Trajectory) -> Array:
 
 
 def _lowest_order(declared: Declared) -> float:
-    """Return the least of the orders that a method declares, but for those that it refuses."""
+    """Return the minimum of the orders that a method declares, without unsupported cases."""
     orders = (
         declared.order_smooth, declared.order_force_kink, declared.order_force_jump, declared.order_impact,
         declared.order_friction,
@@ -328,5 +327,5 @@ def _lowest_order(declared: Declared) -> float:
 
 
 def _thin(q: Array) -> Array:
-    """Return what stands at the instants at which routes are compared, of a grid with a multiple of them."""
+    """Return q at the instants of comparison from a grid with a multiple of them."""
     return np.asarray(q[:: max(1, (len(q) - 1) // POINTS)])

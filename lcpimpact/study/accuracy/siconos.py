@@ -1,7 +1,7 @@
 """Siconos as an independent route: its time steps on the matrices of a problem, where it is installed.
 
-Siconos belongs to the Python of the system (Debian and Ubuntu: ``apt-get install python3-siconos``), which runs what
-stands in ``siconos_runs.py``. Another Python that has it is named by the environment variable LCPIMPACT_SICONOS_PYTHON.
+Siconos is installed for the system's Python (Debian and Ubuntu: ``apt-get install python3-siconos``), which runs
+``siconos_runs.py``. The environment variable LCPIMPACT_SICONOS_PYTHON selects another Python.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.scheme.first_order import first_order_form
 
 PYTHON = "LCPIMPACT_SICONOS_PYTHON"
-"""The environment variable that names the Python that has Siconos."""
+"""Environment variable with the path of the Python that has Siconos."""
 
 INSTALL = "not installed: apt-get install python3-siconos"
 
 SCRIPT = Path(__file__).with_name("siconos_runs.py")
 
 TIMEOUT = 600.0
-"""Seconds after which a run is given up."""
+"""Maximum duration of a run in s."""
 
 
 @cache
 def python_with_siconos() -> str | None:
-    """Return the Python that has Siconos: the one that LCPIMPACT_SICONOS_PYTHON names, or that of the system, or None."""
+    """Return the Python of LCPIMPACT_SICONOS_PYTHON or of the system if it has Siconos, else None."""
     named = os.environ.get(PYTHON)
     for python in [named] if named else ["/usr/bin/python3", shutil.which("python3")]:
         if python and Path(python).exists():
@@ -56,7 +56,7 @@ def run_siconos(**job: Any) -> dict[str, Array]:
     Raises
     ------
     UnsupportedError
-        If Siconos is not installed, or gives up.
+        If Siconos is not installed, or fails.
     """
     python = python_with_siconos()
     if python is None:
@@ -68,7 +68,7 @@ def run_siconos(**job: Any) -> dict[str, Array]:
             [python, "-c", SCRIPT.read_text(encoding="utf-8")],
             input=json.dumps([job]), capture_output=True, text=True, timeout=TIMEOUT, check=True,
         )  # fmt: skip
-        # Siconos may greet on standard output; the answer is its last line.
+        # Siconos may print messages; the result is the last line of standard output.
         (answer,) = json.loads(done.stdout.splitlines()[-1])
     except (subprocess.SubprocessError, ValueError, IndexError) as error:
         raise UnsupportedError(f"Siconos gave no answer: {type(error).__name__}; take another route") from None
@@ -76,10 +76,10 @@ def run_siconos(**job: Any) -> dict[str, Array]:
 
 
 def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> Array:
-    """Return q at the grid points of a run by Siconos (steps + 1, n); massless nodes are those of its own state.
+    """Return q at the grid points of a run by Siconos (steps + 1, n); massless nodes are taken from its own state.
 
-    A scheme whose nodes all have mass runs by MoreauJeanOSI, as `moreau-jean` does; others, and systems given directly, by
-    EulerMoreauOSI in the first-order form, with γ = 1 at relative degree 1 and γ = 1/2 at 0.
+    A scheme with mass at all nodes uses MoreauJeanOSI, like `moreau-jean`; others, and systems given directly, use
+    EulerMoreauOSI in first-order form, with γ = 1 at relative degree 1 and γ = 1/2 at 0.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Runs by Siconos, for the Python that it belongs to; it needs nothing of lcpimpact.
+"""Runs by Siconos, executed by the Python that has it; independent of lcpimpact.
 
-Standard input holds a list of jobs as JSON, each with the matrices of a system and its step; the last line of standard
-output holds the steps that Siconos took.
+Standard input is a JSON list of jobs, each with the matrices of a system and its step; the last line of standard output
+contains the computed steps.
 """
 
 import json
@@ -36,7 +36,7 @@ def lagrangian(M, C, K, f, H, u0, e, q0, v0, theta, h, steps):  # type: ignore[n
 
 
 def first_order(A, b, B, C, D, x0, theta, gamma, h, steps):  # type: ignore[no-untyped-def]
-    """0 <= λ ⟂ C x + D λ >= 0 with x' = A x + b + B λ, by EulerMoreauOSI; γ weights λ, and u where it is not 1."""
+    """0 <= λ ⟂ C x + D λ >= 0 with x' = A x + b + B λ, by EulerMoreauOSI; γ weights λ, and u if γ is not 1."""
     import siconos.kernel as sk
 
     A, b, B, C, D = (np.array(a, dtype=float) for a in (A, b, B, C, D))

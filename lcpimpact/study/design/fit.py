@@ -1,21 +1,21 @@
-r"""The parameters of any scheme, fitted to a measured curve or to wanted outputs, with what the fit knows of them.
+r"""Parameters of any scheme fitted to a measured curve or to target outputs, with their uncertainty.
 
-Wanted are the parameters p that make the sum of squares of
+The parameters p minimise the sum of squares of
 
 .. math:: r_i = \frac{y(t_i; p) - y_i}{σ}
 
-least, y a coordinate, velocity or reaction of the run. Where σ is not known, it is estimated from what the best fit leaves
-over, ``s² = Σ r²/(N - n)``, and with the Jacobian J of r
+with y a coordinate, velocity or reaction of the run. An unknown σ is estimated from the residuals of the best fit,
+``s² = Σ r²/(N - n)``, and with the Jacobian J of r
 
 .. math:: \operatorname{cov} p = s^2 (J^T J)^{-1}, \qquad p_j \pm t_{N-n} \sqrt{\operatorname{cov}_{jj}},
 
-t being Student's quantile. Parameters that start above zero are fitted by their logarithms, so they and their intervals stay
-above zero. Of several series each is weighed by the scatter that a first fit leaves in it.
+with Student's quantile t. Parameters with positive start values are fitted by their logarithms, so they and their intervals
+stay positive. Each of several series is weighted by its residual scatter in a first fit.
 
-*What jumps.* Where a reaction jumps at an instant that moves with the parameters, the sum of squares jumps too each time
-that instant passes a sample, and its derivative knows nothing of it. So J is made of differences to both sides, and where
-they disagree the smaller counts. With ``sampling="mean"`` the run is averaged over the cell of each sample, which is
-continuous in the parameters: right for a sensor that is no faster than its samples, and a bias for one that is.
+*Jumps.* If a reaction jumps at an instant that depends on the parameters, the sum of squares jumps each time that instant
+passes a sample. So J is computed from one-sided differences to both sides, and where they disagree the smaller is used. With
+``sampling="mean"`` the run is averaged over the cell of each sample, which is continuous in the parameters: appropriate for
+a sensor no faster than its sampling, biased for a faster one.
 """
 
 from __future__ import annotations
@@ -50,19 +50,19 @@ from lcpimpact.trajectory import Trajectory
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(4)
 
 SAMPLES, STEPS = 200, 2000
-"""Default numbers of points of a run whose error does not depend on dt, and of steps of all others."""
+"""Default numbers of output points of methods whose error does not depend on dt, and of steps of all others."""
 
 DIFFERENCE_STEP = 1e-6
 """Relative finite-difference step of the Jacobian (absolute for logarithms of parameters)."""
 
 JUMP_RTOL = 0.1
-"""Relative difference between one-sided differences above which there is a jump between them."""
+"""Relative difference of the one-sided differences above which a jump is assumed."""
 
 XTOL, MAX_STEPS = 1e-10, 100
 """Tolerance of the least-squares search, and its maximum number of steps."""
 
 SINGULAR_RTOL = 1e-6
-"""Singular values of the scaled Jacobian below this, relative to the largest, mean parameters without influence."""
+"""Relative singular value of the scaled Jacobian below which parameters are not identifiable."""
 
 INFLUENCE_RTOL = 1e-8
 """Relative change of the residuals, for a change of a parameter by its own size, below which it has no influence."""
@@ -84,13 +84,13 @@ if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1):
 
 @dataclass(frozen=True)
 class Target:
-    """A number that a run shall show.
+    """A target value of an output of a run.
 
     Attributes
     ----------
     measure : callable      takes a Trajectory and returns the number; `lcpimpact.problems.reading` has the means
-    value : float           what it shall be
-    sigma : float, optional its uncertainty, in its own unit; by default its own size, so that all weigh alike
+    value : float           target value
+    sigma : float, optional its uncertainty in the same unit; by default its magnitude, for equal weights
     """
 
     measure: Callable[[Trajectory], float]
@@ -105,28 +105,28 @@ class Target:
 
     @property
     def scale(self) -> float:
-        """What an error is measured in."""
+        """Scale of the error."""
         return self.sigma or abs(self.value) or 1.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fit(Study):
-    """What a fit found.
+    """The result of a fit.
 
     Attributes
     ----------
     problem : Problem           with the fitted values
     run : Trajectory            of that problem
-    table : DataFrame           a row a parameter: parameter, start, value, standard_error, low, high (SI)
-    correlation : DataFrame     of the parameters, between -1 and 1; nan where nothing is known
-    residuals : DataFrame       a row a number: series, t (s; nan for a target), measured, fitted, residual
-    starts : DataFrame          a row a start: the start values, cost (half the sum of squares), failure
-    level : float               of the intervals low ... high
-    freedom : int               N - n, numbers less parameters
-    success : bool              whether the search came to its end
-    message : str               how it ended, in words
-    notes : tuple of str        what the numbers cannot tell: parameters without influence, intervals that mean nothing
-    evaluations : int           runs
+    table : DataFrame           one row per parameter: parameter, start, value, standard_error, low, high (SI)
+    correlation : DataFrame     correlation of the parameters, between -1 and 1; nan if unknown
+    residuals : DataFrame       one row per data value: series, t (s; nan for a target), measured, fitted, residual
+    starts : DataFrame          one row per start: the start values, cost (half the sum of squares), failure
+    level : float               confidence level of the intervals low ... high
+    freedom : int               degrees of freedom N - n
+    success : bool              whether the search converged
+    message : str               description of the end of the search
+    notes : tuple of str        warnings: parameters without influence, meaningless intervals
+    evaluations : int           number of runs
     """
 
     problem: Problem
@@ -162,12 +162,12 @@ class Fit(Study):
         return failed_rows(self.starts)
 
     def head(self) -> list[str]:
-        """Return what was fitted to how many numbers."""
+        """Return the problem and the number of data values."""
         counts = f"{len(self.residuals)} numbers, {len(self.table)} parameters"
         return [f"Fit of {self.problem.name}: {counts}, {self.level:.0%} intervals"]
 
     def summary(self) -> str:
-        """Return each parameter with its standard error and interval, and what the numbers cannot tell."""
+        """Return each parameter with its standard error and interval, and the warnings."""
         rows = [
             f"  {row.parameter:<16} {row.value:.8g} ± {row.standard_error:.2g}, {row.low:.6g} ... {row.high:.6g}"
             for row in self.table.itertuples()
@@ -197,7 +197,7 @@ def fit(
     progress: Progress = True,
     **method_options: Any,
 ) -> Fit:
-    r"""Fit parameters of a problem to a measured curve, to wanted outputs, or to both, by least squares.
+    r"""Fit parameters of a problem to a measured curve, to target outputs, or to both, by least squares.
 
     Parameters
     ----------
@@ -205,32 +205,33 @@ def fit(
         A problem, or a function that takes the free parameters by name and returns one.
     free : sequence of str, or mapping of str to float
         Addresses of the parameters to fit (`lcpimpact.study.design.parameters`: ``k``, ``KelvinVoigt.c``, ``2.k``,
-        ``v0.x``), which start from what the problem has; or each with its start.
+        ``v0.x``), which start from the values of the problem; or each with its start value.
     data : path or DataFrame, optional
-        A CSV file or table with a column t in s, rising, and columns named as the series of a run (``R``, ``x``, ``v_x``).
-        A file of `Trajectory.save` may be taken as it is: reactions are then read at t_R.
+        A CSV file or table with an increasing column t in s, and columns named like the series of a run (``R``, ``x``,
+        ``v_x``). A file of `Trajectory.save` is accepted: its reactions are read at t_R.
     column : str or sequence of str, optional
-        Which columns; by default all that a run has.
+        Columns to fit; by default all that a run has.
     outputs : mapping of str to Target, optional
-        Wanted outputs.
+        Target outputs.
     sigma : float, optional
         Standard deviation of the noise of the data, in their unit. Without it, it is estimated from the residuals.
     bounds : mapping of str to (float, float), optional
-        Least and greatest value of parameters.
+        Minimum and maximum of parameters.
     sampling : {"point", "mean"}
         Compare the run at the samples, or its mean over the cell about each, for forces that jump.
     loss : {"linear", "soft_l1", "huber", "cauchy", "arctan"}
-        Other than linear: residuals beyond the median one count less; intervals are then approximate.
+        Robust losses reduce the weight of residuals above the median; intervals are then approximate.
     method, dt, t_end, lcp_solver, **method_options
-        How the problem is run; by default by ``exact`` to the end of the data. A coarse step of ``moreau-jean`` is quicker.
+        Arguments of the simulation; by default ``exact`` to the end of the data. Coarse ``moreau-jean`` steps are faster.
     starts : int
-        Searches: the first from the start values, others from random ones, log-normal about them or uniform in the bounds.
+        Number of searches: the first from the start values, others from random ones, log-normal about them or uniform in
+        the bounds.
     seed : int
-        Of the random starts.
+        Seed of the random starts.
     level : float
-        Of the confidence intervals.
+        Confidence level of the intervals.
     progress : bool or callable
-        As of `lcpimpact.study.progress`.
+        As in `lcpimpact.study.progress`.
 
     Returns
     -------
@@ -240,13 +241,13 @@ def fit(
     Raises
     ------
     InputError
-        For parameters, data or settings that cannot be used, each named; if the run at the start values fails.
+        For invalid parameters, data or settings, each named; or if the run at the start values fails.
     UnsupportedError
         If the method does not handle the problem.
 
     Notes
     -----
-    A minimum may be one of several: take some ``starts``. Intervals are those of the linearised problem.
+    There may be several local minima: use several ``starts``. Intervals are those of the linearised problem.
 
     Examples
     --------
@@ -285,7 +286,7 @@ def fit(
     number = int(np.argmin([float(each.cost) for each in results]))
     best = results[number]
     if len(measured.curves) > 1 and sigma is None:
-        # Each series has a noise of its own, which the first search tells.
+        # The noise of each series is estimated by the first search.
         model.measured = measured = measured.weighed(best.fun)
         best = model.search(best.x, loss)
     fitted = parameters.problem(best.x)
@@ -377,7 +378,7 @@ def _check_settings(sampling: str, loss: str, starts: int, level: float, sigma: 
 
 
 def _check_measured(measured: _Measured, parameters: _Parameters, t_end: float) -> None:
-    """Refuse fewer numbers than parameters, and a run that ends before the data."""
+    """Reject fewer data values than parameters, and a run that ends before the data."""
     if len(measured.values) < len(parameters.names):
         raise InputError(
             f"fit: {len(measured.values)} numbers cannot determine {len(parameters.names)} parameters: give more data, or "
@@ -391,7 +392,7 @@ def _check_measured(measured: _Measured, parameters: _Parameters, t_end: float) 
 
 @dataclass(eq=False)
 class _Model:
-    """What is measured as a function of θ, by runs, which it counts."""
+    """The fitted quantities as a function of θ, by counted runs."""
 
     parameters: _Parameters
     measured: _Measured
@@ -399,7 +400,7 @@ class _Model:
     evaluations: int = 0
 
     def shown(self, θ: Array) -> Array:
-        """Return the measured numbers as the run with these parameters shows them (N,)."""
+        """Return the fitted quantities of the run with these parameters (N,)."""
         self.evaluations += 1
         return self.measured.shown_by(self.run(self.parameters.problem(θ)))
 
@@ -411,7 +412,7 @@ class _Model:
             return np.full(len(self.measured.values), FAILURE_RESIDUAL)
 
     def check_start(self) -> None:
-        """Refuse start values with which the run fails."""
+        """Reject start values for which the run fails."""
         try:
             self.shown(self.parameters.start)
         except (InputError, FailureError) as error:
@@ -431,7 +432,7 @@ class _Model:
         return least_squares(self.residuals, found.x, loss=loss, f_scale=max(usual, 1e-12), **settings)
 
     def row(self, θ: Array, found: Any) -> dict[str, Any]:
-        """Return what a search from θ found as a row: the start, the cost, and why it failed."""
+        """Return the result of a search from θ as a row: the start, the cost, and the reason of failure."""
         failure = "" if found.success else str(found.message)
         if np.abs(found.fun).max() >= FAILURE_RESIDUAL:
             failure = "the run fails"
@@ -440,7 +441,7 @@ class _Model:
 
 
 def jacobian_by_differences(residuals: Callable[[Array], Array], θ: Array, limits: tuple[Array, Array]) -> Array:
-    """Return ∂r/∂θ by differences to both sides; where they disagree, one has crossed a jump, and the smaller is taken."""
+    """Return ∂r/∂θ by one-sided differences; where both sides disagree because of a jump, the smaller is used."""
     here, columns = residuals(θ), []
     for j, x in enumerate(θ):
         h = DIFFERENCE_STEP * max(abs(x), 1.0)
@@ -459,7 +460,7 @@ def jacobian_by_differences(residuals: Callable[[Array], Array], θ: Array, limi
 
 @dataclass(frozen=True, eq=False)
 class _Parameters:
-    """The free parameters: θ is the logarithm of those that start above zero, and of the others themselves."""
+    """The free parameters: θ contains the logarithms of those with positive start values, and the others unchanged."""
 
     make: Callable[[dict[str, float]], Problem]
     names: tuple[str, ...]
@@ -529,7 +530,7 @@ class _Parameters:
 
     def values(self, θ: Array) -> list[float]:
         """Return the parameters."""
-        # Logarithms beyond these are no parameters of anything.
+        # Larger logarithms are not meaningful parameters.
         return [
             math.exp(min(max(x, -600.0), 600.0)) if log else float(x)
             for x, log in zip(θ.tolist(), self.logarithmic, strict=True)
@@ -540,7 +541,7 @@ class _Parameters:
         return self.make(dict(zip(self.names, self.values(θ), strict=True)))
 
     def starts(self, number: int, seed: int) -> list[Array]:
-        """Return the start, and random ones besides."""
+        """Return the given start and random starts."""
         random = np.random.default_rng(seed)
         low, high = self.limits
         inner = np.isfinite(low) & np.isfinite(high)
@@ -556,14 +557,14 @@ class _Parameters:
 
 @dataclass(frozen=True, eq=False)
 class _Measured:
-    """The numbers to be met: of curves, and of targets.
+    """The data to fit: values of curves and targets.
 
     Attributes
     ----------
-    values, scales : (N,) arrays        and what an error of each is measured in
-    labels : DataFrame                  series and t of each
+    values, scales : (N,) arrays        values and the scales of their errors
+    labels : DataFrame                  series and t of each value
     curves : tuple                      series and times of each curve
-    targets : tuple                     in the order of the values, behind the curves
+    targets : tuple                     targets, whose values follow those of the curves
     known : bool                        whether the scales are standard deviations
     """
 
@@ -608,7 +609,7 @@ class _Measured:
         )
 
     def weighed(self, residuals: Array) -> _Measured:
-        """Return the same with each series measured in the scatter that is left in it."""
+        """Return the data with each series scaled by the scatter of its residuals."""
         scales, begin = self.scales.copy(), 0
         for _, t in self.curves:
             part = slice(begin, begin + len(t))
@@ -617,13 +618,13 @@ class _Measured:
         return replace(self, scales=scales)
 
     def shown_by(self, run: Trajectory) -> Array:
-        """Return the same numbers as a run shows them."""
+        """Return the corresponding values of a run."""
         value = _means if self.sampling == "mean" else read
         curves = [value(run, series, t) for series, t in self.curves]
         return np.concatenate([*curves, [float(target.measure(run)) for target in self.targets]])
 
     def compared(self, run: Trajectory) -> pd.DataFrame:
-        """Return the numbers beside those of a run."""
+        """Return the data beside the values of a run."""
         fitted = self.shown_by(run)
         return self.labels.assign(measured=self.values, fitted=fitted, residual=fitted - self.values)
 
@@ -665,7 +666,7 @@ def _words(header: Iterable[Any]) -> list[str]:
 
 
 def _own_times(data: str | Path | pd.DataFrame, name: str) -> pd.DataFrame:
-    """Return a reaction of a saved run at the times where it lives, which may be fewer than those of the motion."""
+    """Return a reaction of a saved run at its own times, which may be fewer than those of the motion."""
     table = data if isinstance(data, pd.DataFrame) else _table(Path(data))
     table = table.set_axis(_words(table.columns), axis=1)
     if name not in table.columns:
@@ -689,7 +690,7 @@ def _means(run: Trajectory, series: str, t: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Errors:
-    """What a search knows of the parameters it found."""
+    """Uncertainty of the fitted parameters."""
 
     table: pd.DataFrame
     correlation: pd.DataFrame

@@ -6,7 +6,7 @@ A mass m strikes with v0, and its weight m g goes on acting. Measured in v0 and 
 
 the largest deflection of a lossless spring k δⁿ without gravity, the contact depends on the loss number λ of its law and on
 ``γ = g L/v0²`` alone. Times scale with L/v0, forces with m v0²/L, and the constants of the law likewise;
-so what is wanted of an impact is an equation in λ and L.
+so each required property of an impact is an equation in λ and L.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from lcpimpact.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class Rebound:
-    """What an impact shows from first touch to the end of the first contact.
+    """Outputs of the first contact of an impact.
 
     Attributes
     ----------
     e : float               restitution: speed at which the contact is left over v0; 0 where it never ends
     contact_time : float    s; inf where it never ends
-    peak_force : float      greatest force on the mass in N
-    deflection : float      greatest way of the mass past first touch in m; inf where it sinks in for ever
+    peak_force : float      maximum force on the mass in N
+    deflection : float      maximum displacement after first contact in m; inf if unbounded
     """
 
     e: float
@@ -46,13 +46,13 @@ class ContactLaw(ABC):
 
     name: ClassVar[str]
     loss: ClassVar[str] = "c"
-    """How the constant of loss is called, "" where there is none."""
+    """Name of the damping constant, "" if there is none."""
     losses: ClassVar[tuple[float, float]]
-    """Loss numbers λ among which a design is looked for."""
+    """Range of loss numbers λ of a design."""
     method: ClassVar[str] = "exact"
-    """The method that runs it."""
+    """Method of the simulation."""
     n: ClassVar[float | None] = 1.0
-    """Exponent of the spring, None where it is free."""
+    """Exponent of the spring, None if free."""
 
     @abstractmethod
     def rebound(self, λ: float, γ: float, n: float) -> Rebound:
@@ -72,7 +72,7 @@ class ContactLaw(ABC):
 
     @abstractmethod
     def measured(self, run: Trajectory) -> Rebound:
-        """Return what a run shows of the first contact."""
+        """Return the outputs of the first contact of a run."""
 
     def force(self, run: Trajectory) -> Series:
         """Return the force on the mass in a run of it: of the bumper, for blocks that have one."""

@@ -32,7 +32,7 @@ Place = tuple[str, int, str]
 
 @checked
 def with_values(problem: Problem, values: Mapping[str, float]) -> Problem:
-    """Return the problem with other numbers at these addresses.
+    """Return the problem with changed values at these addresses.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def with_values(problem: Problem, values: Mapping[str, float]) -> Problem:
     Raises
     ------
     InputError
-        For an address that names nothing or several things, or a value that the problem refuses.
+        For an unknown or ambiguous address, or a value that the problem rejects.
 
     Examples
     --------
@@ -132,7 +132,7 @@ def is_registered(problem: Problem) -> bool:
 
 
 def _constants(problem: Problem) -> list[tuple[int, set[str], str]]:
-    """Return the numbers of the elements: which element, what it may be called, and the field."""
+    """Return the constants of the elements: index of the element, its possible names, and the field."""
     if not isinstance(problem.scheme, Scheme):
         return []
     return [

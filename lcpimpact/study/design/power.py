@@ -41,7 +41,7 @@ RTOL, ATOL = 1e-12, 1e-14
 """Tolerances of the integration with weight; all lengths and times are near 1."""
 
 MAX_TIME = 1e6
-"""Time, in units of L/v0, by which all is settled."""
+"""Maximum time, in units of L/v0."""
 
 State = tuple[float, float, float]
 """t, δ and δ'."""
@@ -66,7 +66,7 @@ class HertzLaw(ContactLaw):
         δ_max = float(brentq(lambda δ: 1.0 + 2.0 * γ * δ - δ ** (n + 1.0), 0.5, high, xtol=1e-300, rtol=1e-15))
 
         def slowness(u: float) -> float:
-            # With δ = δ_max (1 - u²) the root of δ'² at the deepest place leaves the integrand.
+            # The substitution δ = δ_max (1 - u²) removes the singularity at maximum penetration.
             w = δ_max ** (n + 1.0) * -math.expm1((n + 1.0) * math.log1p(-u * u)) - 2.0 * γ * δ_max * u * u
             return u / math.sqrt(w) if w > 0.0 else 1.0 / math.sqrt((n + 1.0) * δ_max ** (n + 1.0) - 2.0 * γ * δ_max)
 
@@ -154,7 +154,7 @@ def _jacobi(n: float) -> tuple[Array, Array]:
 
 
 def _integrated(a: float, γ: float, n: float) -> Rebound:
-    """Return the contact with weight by DOP853, up to where δ = 0 or, on the way down again, to where it stays."""
+    """Return the contact with weight by DOP853, up to δ = 0 or until the mass stays in contact."""
     contact = _Contact(a, γ, n)
     contact.follow((0.0, 0.0, 1.0), MAX_TIME, contact.visit)
     # What is stationary in time need not be sharp in it.
@@ -163,7 +163,7 @@ def _integrated(a: float, γ: float, n: float) -> Rebound:
     peak = contact.force(*(strongest or contact.steps[-1])[1:])
     way = deepest[1] if deepest else contact.rest
     if left is None:
-        # What never leaves comes to rest under its weight.
+        # A mass that never leaves comes to rest under its weight.
         return Rebound(0.0, math.inf, max(peak, γ), max(way, contact.rest))
     return Rebound(-left[2], left[0], peak, way)
 
@@ -209,7 +209,7 @@ class _Contact:
         return self.law(self.rest, 0.0)[1] + μ * μ <= self.law(δ, v)[2] * μ
 
     def visit(self, t: float, state: Array) -> int:
-        """Note a step; return -1 if it is the last."""
+        """Record a step; return -1 if it is the last."""
         δ, v = map(float, state)
         self.steps.append((t, δ, v))
         return -1 if self.settles(δ, v) or (t > 0.0 and δ <= 0.0) else 0
@@ -224,7 +224,7 @@ class _Contact:
         return t, float(δ), float(v)
 
     def fall(self, g: Callable[[float, float], float], xtol: float) -> State | None:
-        """Return the first state in which g has fallen to zero."""
+        """Return the first state in which g has decreased to zero."""
         signs = [g(δ, v) for _, δ, v in self.steps]
         falls = [i for i in range(2, len(signs)) if signs[i - 1] > 0.0 >= signs[i]]
         if not falls:

@@ -20,7 +20,7 @@ DOMAIN_RTOL = 1e-10
 
 @dataclass(frozen=True)
 class Roots:
-    """The solutions in rising order, and the least and the greatest value of f (nan if it has none)."""
+    """The solutions in ascending order, and the minimum and maximum of f (nan if undefined)."""
 
     solutions: tuple[float, ...]
     low: float
@@ -63,7 +63,7 @@ def solve(f: Callable[[float], float], grid: Array, goal: float) -> Roots:
 
 
 def _border(f: Callable[[float], float], a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
-    """Return the last point towards the one where f is undefined at which it is still defined."""
+    """Return the last point at which f is defined, towards one where it is not."""
     inside, outside = (b, a[0]) if math.isnan(a[1]) else (a, b[0])
     if math.isnan(inside[1]):
         return inside

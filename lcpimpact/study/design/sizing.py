@@ -1,12 +1,12 @@
-r"""Sizing of a block: its constants from required properties of an impact, and back.
+r"""Sizing of a block: its constants from required properties of an impact, and conversely.
 
-Of the restitution e, the contact time, the peak force, the greatest deflection and the constants themselves, two (one for a
-law without loss) determine the rest. Each is
+Two of the restitution e, contact time, peak force, maximum deflection and the constants (one for a law without loss)
+determine the others. Each is
 
 .. math:: Q = G(λ, γ)\, L^p\, m^i v_0^j, \qquad γ = g L/v_0^2,
 
-with the functions G of the law and a fixed power of its length L (`lcpimpact.study.design.law`). One of the two gives L for
-every loss number λ, the other is then an equation in λ alone, of which `lcpimpact.study.design.search` finds all solutions.
+with functions G of the law and a fixed power of its length L (`lcpimpact.study.design.law`). One of the two gives L for each
+loss number λ; the other is then an equation in λ alone, whose solutions are all found by `lcpimpact.study.design.search`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ WORDS = {
     "e": "restitution", "contact_time": "contact time", "peak_force": "greatest force", "deflection": "greatest deflection",
     "k": "stiffness", "c": "damping", "b": "loss", "n": "exponent",
 }  # fmt: skip
-"""The constants and outputs in words."""
+"""Descriptions of the constants and outputs."""
 
 UNITS = OUTPUTS | {"k": "N/mⁿ", "c": "N s/m", "b": "s/m"}
 
@@ -60,7 +60,7 @@ LOSS_SAMPLES = {True: 25, False: 97}
 """Number of loss numbers at which an equation is sampled: fewer where each needs an integration."""
 
 MAX_GAMMA = 100.0
-"""Largest γ = g L/v0² considered: the weight alone would press the block together by L γ."""
+"""Maximum γ = g L/v0² considered; L γ is the static deflection."""
 
 MAX_LOG, ROOT_TOL = 50.0, 1e-9
 """Largest logarithm considered, and tolerance of a root in the logarithm."""
@@ -69,12 +69,12 @@ MIN_REBOUND = 1e-9
 """Rebound velocity, relative to v0, below which there is no rebound."""
 
 REACH_RTOL = 1e-6
-"""Excess of a range over what is wanted above which only its near end is reported."""
+"""Relative excess of a range over the required value above which only its near end is reported."""
 
 
 @dataclass(frozen=True, repr=False)
 class Design(Study):
-    """An impact with the constants of its block and what it shows.
+    """A designed impact: the constants of its block and its outputs.
 
     Attributes
     ----------
@@ -84,13 +84,13 @@ class Design(Study):
     c : float or None       damping in N s/m, of the laws that have it
     b : float or None       loss in s/m of Hunt and Crossley's law
     n : float or None       exponent of a power law
-    e : float               restitution; 0 where the mass is not thrown back
+    e : float               restitution; 0 without rebound
     contact_time : float    s; inf where the contact never ends
     peak_force : float      N
-    deflection : float      m; inf where the mass sinks in for ever
-    wanted : mapping        what was asked for
-    found : str             how it was found
-    others : tuple          other designs that show the same, from less damping to more
+    deflection : float      m; inf if it is unbounded
+    wanted : mapping        required quantities
+    found : str             how the design was found
+    others : tuple          other designs with the same required quantities, in order of damping
     """
 
     law: str
@@ -113,13 +113,13 @@ class Design(Study):
     title = "Design of an impact"
 
     def head(self) -> list[str]:
-        """Return the case and what was wanted of it."""
+        """Return the case and its required quantities."""
         gravity = f", g = {self.g:g} m/s²" if self.g else ""
         wanted = ", ".join(f"{name} = {value:g}" for name, value in self.wanted.items())
         return [f"{self.law}, m = {self.m:g} kg, v0 = {self.v0:g} m/s{gravity}; wanted: {wanted}"]
 
     def summary(self) -> str:
-        """Return the constants of the block, what it shows, and other blocks that show the same."""
+        """Return the constants of the block, its outputs, and alternative blocks."""
         lines = self.head() + [f"  {name:<13} {value:<20} {words}" for name, value, words in self._rows()]
         lines.append(f"  found by      {self.found}")
         for other in self.others:
@@ -159,12 +159,12 @@ class Design(Study):
         return LAWS[self.law].force(run)
 
     def measured(self) -> Rebound:
-        """Return what the simulated impact shows: e, contact_time, peak_force, deflection."""
+        """Return the outputs of the simulated impact: e, contact_time, peak_force, deflection."""
         return LAWS[self.law].measured(self.simulate())
 
     @property
     def table(self) -> pd.DataFrame:
-        """A row a design (this one first, then the others): law, m, v0, g, constants (SI), outputs (SI), found."""
+        """One row per design (this one, then the others): law, m, v0, g, constants (SI), outputs (SI), found."""
         columns = [name for name in self.__dataclass_fields__ if name not in ("wanted", "others")]
         rows = [{name: getattr(each, name) for name in columns} for each in (self, *self.others)]
         table = pd.DataFrame(rows, columns=columns)
@@ -225,7 +225,7 @@ def design(
     Returns
     -------
     Design
-        With the least damping, if several show what is wanted; the others are its ``others``.
+        The solution with the least damping; further solutions are its ``others``.
 
     Raises
     ------
@@ -265,7 +265,7 @@ def design(
 def _checked(
     kind: ContactLaw, m: float, v0: float, g: float, given: Mapping[str, float | None], n: float | None
 ) -> dict[str, float]:
-    """Return the quantities that were given, refusing values that cannot be, and too few or too many."""
+    """Return the given quantities; raise for invalid values, and for too few or too many."""
     positive("design: m", m)
     positive("design: v0", v0)
     finite("design: g", g, "m/s²", least=0.0)
@@ -339,13 +339,13 @@ class _Case:
         return self.scaled(name, λ, self.Γ * L) * self.unit(name) * math.pow(L, self.power(name))
 
     def sought(self, name: str, λ: float, L: float) -> float:
-        """Return the quantity as a search sees it: a mass that leaves with next to nothing stays."""
+        """Return the quantity for a search, with a negligible rebound counted as none."""
         if name in ("e", "contact_time") and self.scaled("e", λ, self.Γ * L) < MIN_REBOUND:
             return 0.0 if name == "e" else math.inf
         return self.quantity(name, λ, L)
 
     def length(self, name: str, goal: float, λ: float, start: float = math.nan) -> float:
-        """Return the L at which a quantity has its goal, nan if there is none; ``start`` is near it, if it is known."""
+        """Return the L at which a quantity equals its goal, nan if there is none; ``start`` is an optional guess."""
         p, light = self.power(name), self.scaled(name, λ, 0.0)
         if p != 0.0:
             L = (goal / (light * self.unit(name))) ** (1.0 / p)
@@ -374,7 +374,7 @@ class _Case:
         return math.exp(root) if abs(excess(root)) < ROOT_TOL else math.nan
 
     def solutions(self, wanted: Mapping[str, float]) -> list[tuple[float, float]]:
-        """Return every (λ, L) that gives what is wanted."""
+        """Return every (λ, L) with the required quantities."""
         names = sorted(wanted, key=lambda name: GIVES_LENGTH.index(name) if name in GIVES_LENGTH else -1)
         first, second = names[0], names[-1]
         if first == "b" or not self.law.loss:
@@ -412,7 +412,7 @@ class _Case:
         return replace(self, g=0.0).length(name, goal, λ)
 
     def reach(self, name: str, λ: float) -> tuple[float, float]:
-        """Return between what values a quantity lies at one λ."""
+        """Return the range of a quantity at one λ."""
         ends = [self.quantity(name, λ, math.exp(x) * MAX_GAMMA / self.Γ) for x in (-MAX_LOG, 0.0)]
         return min(ends), max(ends)
 
@@ -422,7 +422,7 @@ class _Case:
         return f"{value:.9g} {unit}".strip()
 
     def refuse(self, wanted: Mapping[str, float], name: str, reach: tuple[float, float]) -> None:
-        """Say that nothing gives what is wanted, and what can be had instead."""
+        """Raise the error for unattainable requirements, with the attainable range."""
         others = ", ".join(f"{each} = {self.told(each, value)}" for each, value in wanted.items() if each != name)
         case = f"m = {self.m:g} kg, v0 = {self.v0:g} m/s, g = {self.g:g} m/s²"
         if math.isnan(reach[0]):
@@ -441,7 +441,7 @@ class _Case:
         )
 
     def design(self, λ: float, L: float, wanted: Mapping[str, float]) -> Design:
-        """Return the design of a λ and an L."""
+        """Return the design for a λ and an L."""
         shown: dict[str, Any] = {name: self.quantity(name, λ, L) for name in OUTPUTS}
         shown["k"] = wanted.get("k", self.quantity("k", λ, L))
         if self.law.loss:
@@ -453,7 +453,7 @@ class _Case:
         )
 
     def way(self, wanted: Mapping[str, float]) -> str:
-        """Say how it was found."""
+        """Return how the design was found."""
         if self.g == 0.0:
             direct = "b" in wanted or not self.law.loss or set(wanted) == {"k", self.law.loss}
             return "closed form" if direct else "closed form, and the root of one equation"

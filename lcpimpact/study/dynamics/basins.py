@@ -23,25 +23,25 @@ from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, failure_lines
 
 SAME_ATTRACTOR_RTOL = 1e-2
-"""Distance below which the points of two attractors are the same, relative to the extent of the attractors."""
+"""Distance below which two attractors are identified, relative to their extent."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Basins(Study):
-    """Which start leads where.
+    """Basins of attraction on a grid of initial states.
 
     Attributes
     ----------
     table : DataFrame
-        One row a start: its two values, ``attractor`` (1, 2, ... by how many starts it draws; 0: none found within the
-        longest run), ``period`` (of it, in periods of the force), ``run`` (periods until it was clear) and ``failure``.
+        One row per initial state: its two values, ``attractor`` (numbered by basin size; 0: not converged), its ``period``
+        (in periods of the force), ``run`` (periods until convergence) and ``failure``.
     attractors : DataFrame
-        One row a point of an attractor: ``attractor``, ``period``, ``share`` (of all starts), ``point``, the coordinates and
-        velocities at the phase 0 of the force, and ``speed`` (m/s) of the impact before it.
+        One row per point of an attractor: ``attractor``, ``period``, ``share`` (of all initial states), ``point``, the
+        coordinates and velocities at phase 0 of the force, and ``speed`` (m/s) of the preceding impact.
     name : str
-        Of the problem.
+        Name of the problem.
     longest : int
-        Periods of the force after which a start was given up.
+        Maximum number of periods of the force per run.
     """
 
     table: pd.DataFrame
@@ -53,7 +53,7 @@ class Basins(Study):
     title = "Basins of attraction of {0.name}"
 
     def summary(self) -> str:
-        """Return the period of each attractor with its share of the starts."""
+        """Return the period of each attractor and the fraction of initial states in its basin."""
         lines = [f"{self.name}: {len(self.table)} starts"]
         for row in self.attractors.drop_duplicates("attractor").to_dict("records"):
             lines.append(f"  attractor {row['attractor']}: period {row['period']}, of {row['share']:.1%} of the starts")
@@ -74,10 +74,10 @@ def basins(
     workers: int | None = None,
     progress: Progress = True,
 ) -> Basins:
-    """Return the basins of attraction over two values of the start, by the exact motion seen once a period of the force.
+    """Return the basins of attraction over two initial values, by the exact stroboscopic map of the force.
 
-    Each start is run until its points repeat themselves, after at most 16 periods, or to the longest run. Attractors are one
-    where their points lie within a hundredth of their reach.
+    Each run ends when its points repeat with a period of at most 16, or after ``longest`` periods. Attractors whose points
+    agree within a hundredth of their extent are identified.
 
     Parameters
     ----------
@@ -86,20 +86,20 @@ def basins(
     first, second : iterable of float
         The grid.
     parameters : pair of str
-        How the two values are called.
+        Names of the two values.
     longest : int
-        Periods after which a start is left as 0.
+        Maximum number of periods per run.
     tol : float
-        Relative miss within which points repeat themselves.
+        Relative tolerance for the repetition of points.
     workers : int, optional
-        Threads; one unless more are asked for.
+        Number of threads; one by default.
     progress : bool or callable
-        As of `lcpimpact.study.progress`.
+        As in `lcpimpact.study.progress`.
 
     Raises
     ------
     InputError
-        For an empty grid or counts that are none.
+        For an empty grid or invalid counts.
 
     Examples
     --------
@@ -145,7 +145,7 @@ def basins(
 
 
 def _settled(problem: Problem, longest: int, tol: float) -> tuple[Array, int]:
-    """Return the points of the attractor on which a run ends, in order, and the periods that it took."""
+    """Return the ordered points of the attractor of a run, and the number of periods until convergence."""
     force = force_period(problem.dynamics)
     if force is None:
         raise InputError(f"{problem.name} has no force with a period, so it cannot be seen once in each")
@@ -160,7 +160,7 @@ def _settled(problem: Problem, longest: int, tol: float) -> tuple[Array, int]:
         z = np.hstack([q, v])
         miss = [_miss(z, p) for p in range(1, MAX_PERIOD + 1)]
         if min(miss) <= tol:
-            # Where a slow approach turns by half a circle a period, every other point settles first.
+            # In a slow approach with a negative multiplier every other point converges first.
             p = 1 + next(i for i, each in enumerate(miss) if each <= 100.0 * tol)
             speed = impact_speeds(problem.dynamics, motion.events, times[-p:])
             if not any(event.t > times[-1 - p] for event in impacts_of(motion.events, None)):
@@ -171,7 +171,7 @@ def _settled(problem: Problem, longest: int, tol: float) -> tuple[Array, int]:
 
 
 def _miss(z: Array, p: int) -> float:
-    """Return how far the last points miss those p before, relative to the largest value of each column."""
+    """Return the largest difference between the last points and those p before, relative to each column's maximum."""
     seen = max(p, 4)
     if len(z) < seen + p:
         return math.inf
@@ -179,7 +179,7 @@ def _miss(z: Array, p: int) -> float:
 
 
 def _named(cycles: list[Array]) -> tuple[list[int], list[Array]]:
-    """Return for each cycle the number of its attractor, 1 for the one that is met most, and the attractors."""
+    """Return the attractor number of each cycle, 1 for the most frequent, and the attractors."""
     reach = max((float(np.abs(cycle[:, :-1]).max()) for cycle in cycles if len(cycle)), default=1.0)
     known: list[Array] = []
     found = []
@@ -199,5 +199,5 @@ def _named(cycles: list[Array]) -> tuple[list[int], list[Array]]:
 
 
 def _distance(a: Array, b: Array) -> float:
-    """Return how far two cycles of the same length are apart, over all phases of one to the other."""
+    """Return the distance of two cycles of equal length, minimised over their relative phase."""
     return min(float(np.abs(np.roll(a, shift, axis=0) - b).max()) for shift in range(len(a)))

@@ -31,20 +31,20 @@ from lcpimpact.study.result import Study, table_lines
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Branch(Study):
-    """The orbits of a family of problems, along its parameter.
+    """A branch of periodic orbits of a family of problems.
 
     Attributes
     ----------
     orbits : tuple of PeriodicOrbit
-        One for each value that was reached.
+        One orbit per value reached.
     table : DataFrame
-        One row a value: ``value``, ``T`` (s), the coordinates (m) and velocities (m/s, ``v_NAME``) at t = 0 of the force or
-        at the start of the orbit, ``impacts`` in one period, ``speed`` (m/s, the fastest of them), ``gap`` (m, the least one
-        between touches, NaN where there is none), ``growth`` (the largest |μ|), ``stable`` and ``failure``.
+        One row per value: ``value``, ``T`` (s), the coordinates (m) and velocities (m/s, ``v_NAME``) at t = 0 of the force
+        or at the start of the orbit, number of ``impacts`` per period, ``speed`` (m/s, of the fastest), ``gap`` (m, the
+        minimum between contacts, NaN if none), ``growth`` (the largest |μ|), ``stable`` and ``failure``.
     ended : str
-        Why the branch ends before the last value, "" where it does not.
+        Reason why the branch ends before the last value, else "".
     parameter : str
-        How the picture calls the parameter.
+        Name of the parameter in the plot.
     """
 
     orbits: tuple[PeriodicOrbit, ...]
@@ -56,7 +56,7 @@ class Branch(Study):
     title = "Branch of periodic orbits of {0.orbits[0].problem.name}"
 
     def summary(self) -> str:
-        """Return the last orbit, the orbits along the branch, and why it ended."""
+        """Return the last orbit, the orbits along the branch, and the reason for its end."""
         rows = table_lines(self.table.drop(columns="failure"), ".6g")
         return "\n".join([*self.orbits[-1].head(), *rows, *[self.ended] * bool(self.ended)])
 
@@ -73,25 +73,25 @@ def continue_orbit(
     parameter: str = "value",
     progress: Progress = True,
 ) -> Branch:
-    """Follow a periodic orbit, stable or not, along a parameter, until it grazes a stop or turns back.
+    """Continue a periodic orbit, stable or not, along a parameter up to a grazing or a fold.
 
-    The first orbit is that of `periodic_orbit`; each next one is sought from the two before. Where it is not found, or has
-    other events, the step is halved up to 12 times, and then the branch ends.
+    The first orbit is that of `periodic_orbit`; each next one is predicted by the secant of the previous two. If it is not
+    found, or has other events, the step is halved up to 12 times before the branch ends.
 
     Parameters
     ----------
     family : callable
         Takes a value and returns a Problem; coordinates and contacts must stay the same.
     values : sequence of float
-        In the order in which they are to be reached.
+        Parameter values in the order of continuation.
     periods, T, transient
-        As of `periodic_orbit`, for the first value.
+        As in `periodic_orbit`, for the first value.
     max_iter : int
-        Limit of Newton's steps, for each orbit.
+        Maximum number of Newton iterations per orbit.
     parameter : str
-        How the parameter is called.
+        Name of the parameter.
     progress : bool or callable
-        As of `lcpimpact.study.progress`.
+        As in `lcpimpact.study.progress`.
 
     Returns
     -------
@@ -153,7 +153,7 @@ def _words(events: tuple[tuple[str, str], ...]) -> str:
 def _next_orbit(
     problem: Problem, value: float, found: list[tuple[float, PeriodicOrbit]], max_iter: int
 ) -> PeriodicOrbit:
-    """Find an orbit from one or two earlier ones, by the line through them."""
+    """Find an orbit from one or two previous ones, with the secant as predictor."""
     a, last = found[-1]
     b, other = found[-2] if len(found) > 1 else (a, last)
     slope = (value - a) / (a - b) if a != b else 0.0

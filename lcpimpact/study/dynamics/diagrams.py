@@ -1,4 +1,4 @@
-"""Bifurcation diagrams: where the motions of a family end up, and with what period."""
+"""Bifurcation diagrams: attractors of a family of problems and their periods."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ def each_of(function: Callable[[Any], Any], items: Sequence[Any], workers: int |
 
 @dataclass(frozen=True, eq=False, repr=False)
 class BifurcationDiagram(Study):
-    """Where the motions of a family of problems end up.
+    """The bifurcation diagram of a family of problems.
 
     Attributes
     ----------
-    table : DataFrame           one row a point, see `bifurcation`
-    name : str                  of the problem
-    section : Section           the section that is shown
+    table : DataFrame           one row per point, see `bifurcation`
+    name : str                  name of the problem
+    section : Section           the Poincaré section
     method : str
-    parameter : str             how summary and picture call the parameter
-    branches : tuple of Branch  periodic orbits that the picture shows too
-    y : str or None             the column that the picture shows, if not the usual one
+    parameter : str             name of the parameter in summary and plot
+    branches : tuple of Branch  branches of periodic orbits added to the plot
+    y : str or None             plotted column, if not the default
     """
 
     table: pd.DataFrame
@@ -61,7 +61,7 @@ class BifurcationDiagram(Study):
     title = "Bifurcation diagram of {0.name}"
 
     def summary(self) -> str:
-        """Return how many values show which period, and what failed."""
+        """Return the number of values with each period, and the failures."""
         values = self.table.drop_duplicates("value")
         ends = f"from {values['value'].iloc[0]:g} to {values['value'].iloc[-1]:g}"
         lines = [f"{self.name} by {self.method}: {len(values)} values of {self.parameter} {ends}"]
@@ -91,7 +91,7 @@ def bifurcation(
     progress: Progress = True,
     **method_options: Any,
 ) -> BifurcationDiagram:
-    """Return where motions end up, value by value of a parameter: the points of a bifurcation diagram.
+    """Return the bifurcation diagram: section points of the motion after transients, for each parameter value.
 
     Parameters
     ----------
@@ -102,24 +102,24 @@ def bifurcation(
     section, method, dt, lcp_solver, **method_options
         As of `poincare`.
     skip, points : int
-        Points that are left out first, and that are kept, for each value.
+        Number of points skipped and kept, for each value.
     continue_from : bool
-        Start each run where the one before ended, at a whole period of the force: an attractor is then followed as far as it
-        exists, and a sweep down may show others than a sweep up (hysteresis). Else each starts from its problem's own state.
+        Start each run from the final state of the previous one, at a whole period of the force: an attractor is followed
+        as far as it exists, and sweeps up and down may differ (hysteresis). Else each starts from its initial state.
     tol : float
-        Relative miss within which points repeat themselves, for the column ``period``.
+        Relative tolerance for the repetition of points, for the column ``period``.
     workers : int, optional
-        Threads; one unless more are asked for. Runs that continue each other take none.
+        Number of threads; one by default. Not used with ``continue_from``.
     parameter : str
-        How the parameter is called.
+        Name of the parameter.
     progress : bool or callable
-        As of `lcpimpact.study.progress`.
+        As in `lcpimpact.study.progress`.
 
     Returns
     -------
     BifurcationDiagram
-        Its ``table`` has one row a point: ``value``, then the columns of `poincare`, then ``period`` (points after which
-        they repeat, 0 where they do not) and ``failure``; a run that fails is a row of NaN with the reason.
+        Its ``table`` has one row per point: ``value``, then the columns of `poincare`, then ``period`` (in points, 0 if not
+        periodic) and ``failure``; a failed run is a row of NaN with the reason.
 
     Examples
     --------

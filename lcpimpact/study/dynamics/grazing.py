@@ -1,4 +1,4 @@
-"""Grazing: the value of a parameter at which an orbit comes to touch a stop."""
+"""Grazing: the parameter value at which an orbit becomes tangent to a stop."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ FAR_GAPS = 1e3
 """Gap of a stop that is removed, in units of the largest gap of the scheme plus one metre."""
 
 MAX_ORBITS = 100
-"""Maximum number of orbits among which the one that grazes is sought; some ten are enough."""
+"""Maximum number of orbits computed in the search for the grazing one; about ten suffice."""
 
 
 @checked
 def least_gap(orbit: PeriodicOrbit, contact: str | None = None) -> tuple[float, str, float]:
-    """Return the least gap of an orbit between its touches, in m, of which contact, and when.
+    """Return the minimum gap of an orbit between contacts in m, with its contact and time.
 
-    It is the least of the minima of u(t), each found where u' passes through zero on the exact motion, to rounding.
+    It is the smallest local minimum of u(t), at a zero of u' of the exact motion.
 
     Parameters
     ----------
     orbit : PeriodicOrbit
     contact : str, optional
-        One contact; by default the one that comes nearest. (inf, "", nan) where there is none.
+        One contact; by default the one with the smallest gap. (inf, "", nan) if there is none.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def least_gap(orbit: PeriodicOrbit, contact: str | None = None) -> tuple[float, 
 
 
 def _stops(problem: Problem, contact: str | None) -> list[int]:
-    """Return the rows of the contact that is named, or of all that are no sliders."""
+    """Return the row of the named contact, or the rows of all contacts except sliders."""
     contacts = problem.dynamics.contacts
     known = {each.name: i for i, each in enumerate(contacts) if each.r0 is None}
     if contact is None:
@@ -65,7 +65,7 @@ def _stops(problem: Problem, contact: str | None) -> list[int]:
 
 
 def _least(motion: HybridMotion, until: float, i: int, u0: float) -> tuple[float, float]:
-    """Return the least minimum of the gap of row i with the constant u0, and when, but for its own touches."""
+    """Return the smallest minimum of the gap of row i with the constant u0, and its time, excluding contacts."""
     system, best = motion.system, (math.inf, math.nan)
     name = system.dynamics.contacts[i].name
     segments = motion.segments
@@ -94,15 +94,15 @@ def _least(motion: HybridMotion, until: float, i: int, u0: float) -> tuple[float
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Grazing(Study):
-    """Where an orbit just touches a stop.
+    """A grazing orbit.
 
     Attributes
     ----------
-    value : float           of the parameter
-    contact : str           the grazed contact
-    t : float               the instant of the touch, in s
-    gap : float             the least gap of ``orbit`` in m; zero but for rounding
-    orbit : PeriodicOrbit   the orbit there
+    value : float           parameter value
+    contact : str           grazed contact
+    t : float               time of the grazing in s
+    gap : float             minimum gap of ``orbit`` in m; zero to rounding
+    orbit : PeriodicOrbit   grazing orbit
     """
 
     value: float
@@ -120,7 +120,7 @@ class Grazing(Study):
         return pd.DataFrame([row | {"T": self.orbit.T, "growth": self.orbit.growth}])
 
     def summary(self) -> str:
-        """Return where the orbit touches, and the orbit."""
+        """Return the parameter value, contact and time of the grazing, and the orbit."""
         first = (
             f"{self.orbit.problem.name}: at {self.value:.12g} the orbit touches {self.contact} at t = {self.t:.9g} s"
         )
@@ -128,7 +128,7 @@ class Grazing(Study):
 
     @checked
     def plot(self, path: str | Path | None = None, **options: Any) -> Any:
-        """Draw the orbit, as of `PeriodicOrbit`."""
+        """Draw the orbit, as in `PeriodicOrbit`."""
         return self.orbit.plot(path, **options)
 
 
@@ -144,28 +144,28 @@ def grazing(
     max_iter: int = MAX_NEWTON_STEPS,
     progress: Progress = True,
 ) -> Grazing:
-    r"""Find the value of a parameter at which a periodic orbit just touches a stop that it does not strike.
+    r"""Find the parameter value at which a periodic orbit grazes a stop.
 
-    The root of the least gap along the orbit, with the stop removed, so that the orbit continues beyond the grazing and the
-    gap changes its sign there. Other contacts act as ever.
+    It is the root of the minimum gap along the orbit with the stop removed, so that the orbit continues beyond the grazing
+    and the gap changes sign. Other contacts remain active.
 
     Parameters
     ----------
     family : callable
         Takes a value and returns a Problem.
     bracket : pair of float
-        Two values, with the stop out of reach at one of them and within reach at the other.
+        Two values between which the minimum gap changes sign.
     contact : str, optional
         Name of the stop; by default the only one.
     periods, T, transient, max_iter
-        As of `periodic_orbit`.
+        As in `periodic_orbit`.
     progress : bool or callable
-        As of `lcpimpact.study.progress`.
+        As in `lcpimpact.study.progress`.
 
     Raises
     ------
     InputError
-        If the gap has the same sign at both ends, or the stop is not named where there are several.
+        If the gap has the same sign at both ends, or no stop is named although there are several.
     LcpImpactError
         As `periodic_orbit`.
 

@@ -26,8 +26,8 @@ class LyapunovExponents(Study):
     Attributes
     ----------
     problem : Problem
-    table : DataFrame       one row an event: ``t`` (s) and the average until then of each exponent, ``1``, ``2``, ... (1/s)
-    exponents : (k,) array  at the end, in 1/s, the largest first
+    table : DataFrame       one row per event: ``t`` (s) and the running average of each exponent, ``1``, ``2``, ... (1/s)
+    exponents : (k,) array  final values in 1/s, the largest first
     """
 
     problem: Problem
@@ -52,8 +52,8 @@ def lyapunov(
 
     .. math:: λ_i = \lim_{t → ∞} \frac{1}{t - t_\mathrm{start}} \sum \ln |R_{ii}|
 
-    with the derivative along the motion, flows and saltation matrices in turn, kept as Q R. A largest exponent above zero
-    means chaos; where a contact stays closed or a slider sticks, directions are lost for ever and their exponent is -inf.
+    with the QR factors of the fundamental matrix, the product of flows and saltation matrices. A positive largest exponent
+    means chaos; where a contact stays closed or a slider sticks, directions are lost and their exponent is -inf.
 
     Parameters
     ----------
@@ -62,14 +62,14 @@ def lyapunov(
     t_end : float, optional
         End in s; by default that of the problem.
     t_start : float
-        Instant in s from which on the average is taken, after what is transient.
+        Start of the average in s, after the transient.
     progress : bool or callable
         As of `lcpimpact.study.progress`.
 
     Raises
     ------
     InputError
-        For times that are none, or a start that is not before the end.
+        For invalid times, or a start not before the end.
     UnsupportedError
         If the motion grazes, or two events happen at once.
 
@@ -106,7 +106,7 @@ def lyapunov(
         with np.errstate(divide="ignore"):
             total = total + np.log(np.abs(np.diag(R)))
         totals.append(total)
-    # Flows and saltation matrices take turns; the flows end at the events.
+    # Flows and saltation matrices alternate; each flow ends at an event.
     t = np.array([*(segment.t0 for segment in motion.segments[1:]), motion.end])
     averages = np.array(totals[::2]) / (t - t_start)[:, None]
     averages = averages[:, np.argsort(-total, kind="stable")]

@@ -7,20 +7,20 @@ import numpy as np
 from lcpimpact.arrays import Array
 
 MAX_PERIOD = 16
-"""Longest period sought, in points of the section."""
+"""Maximum period considered, in points of the section."""
 
 
 def period_of(points: Array, tol: float = 1e-6, most: int = MAX_PERIOD) -> int:
-    """Return after how many points a sequence repeats itself, 0 where it does not.
+    """Return the period of a sequence in points, 0 if not periodic.
 
     Parameters
     ----------
     points : (k, d) array
-        Points of a section, the transient left out.
+        Points of a section, without the transient.
     tol : float
-        Largest miss, relative to the largest |value| of each column, or a millionth of the largest of all.
+        Tolerance, relative to the largest |value| of each column, or a millionth of the largest of all.
     most : int
-        Longest period that is looked for; half of the points must show it.
+        Maximum period considered; half of the points must show it.
 
     Examples
     --------
@@ -36,6 +36,6 @@ def period_of(points: Array, tol: float = 1e-6, most: int = MAX_PERIOD) -> int:
 
 
 def extents(points: Array) -> Array:
-    """Return the largest |value| of each column, of which what is far below the others is rounding (d,)."""
+    """Return the largest |value| of each column (d,), bounded below relative to the others against rounding."""
     sizes = np.abs(points).max(axis=0, initial=0.0)
     return np.asarray(np.maximum(sizes, max(1e-6 * sizes.max(initial=0.0), 1e-300)))

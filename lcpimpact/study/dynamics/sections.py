@@ -1,4 +1,4 @@
-"""Poincaré sections: stroboscopic, at impacts, and where a quantity passes a value."""
+"""Poincaré sections: stroboscopic, at impacts, and at level crossings."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ from lcpimpact.study.result import Study, table_lines
 from lcpimpact.trajectory import Trajectory
 
 BLOCK_PERIODS = 8
-"""Periods simulated at a time until enough points are found."""
+"""Number of periods simulated at a time until enough points are found."""
 
 SHOWN = 12
 """Maximum number of points in a summary."""
 
 STEPS_PER_PERIOD = 200
-"""Default number of steps of a time-stepping method in a period of the force, or in t_end/100 without a force."""
+"""Default number of time steps per period of the force, or per t_end/100 without a force."""
 
 
 @dataclass(frozen=True)
@@ -71,9 +71,9 @@ class Impacts:
     Parameters
     ----------
     contact : str, optional
-        Name of one contact; by default every one counts.
+        Name of one contact; by default all.
     side : {"left", "right"}
-        Whether the state right before or right after is meant.
+        State before or after the impact.
     """
 
     contact: str | None = None
@@ -89,12 +89,12 @@ class Impacts:
 
 @dataclass(frozen=True)
 class Crossing:
-    """A section where a coordinate, a velocity or a gap passes a level; a jump over it does not count.
+    """A section where a coordinate, a velocity or a gap crosses a level continuously.
 
     Parameters
     ----------
     series : str
-        A coordinate, a velocity as v_NAME, or a contact, whose gap is meant.
+        A coordinate, a velocity as v_NAME, or a contact (its gap).
     level : float
         In m or m/s.
     direction : {1, -1, 0}
@@ -119,7 +119,7 @@ Section = Stroboscope | Impacts | Crossing
 
 @checked
 def section_of(text: str | Section) -> Section:
-    """Return the section that a text tells, as on the command line.
+    """Return the section specified by a string, as on the command line.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def _number(text: str) -> float | None:
 class Points(NamedTuple):
     """Crossings of a section: t (k,), q and v (k, n), and the speed of the impact at or before each point (k,).
 
-    ``last`` is q and v (2, n) at the last whole period of the force, or the last point: where another run can go on.
+    ``last`` is q and v (2, n) at the last whole period of the force, or the last point, from which a run can continue.
     """
 
     t: Array
@@ -184,7 +184,7 @@ class PoincareSection(Study):
 
     Attributes
     ----------
-    table : DataFrame       one row a point, see `poincare`
+    table : DataFrame       one row per point, see `poincare`
     problem : Problem
     section : Section
     method : str
@@ -199,7 +199,7 @@ class PoincareSection(Study):
     title = "Section of {0.problem.name}"
 
     def summary(self) -> str:
-        """Return after how many points they repeat, and the first of them."""
+        """Return the period of the points, and the first of them."""
         nodes = self.problem.dynamics.nodes
         period = period_of(self.table[[*nodes, *(f"v_{node}" for node in nodes)]].to_numpy()) if len(self.table) else 0
         words = f"they repeat after {period}" if period else "they do not repeat themselves"
@@ -223,23 +223,22 @@ def poincare(
 ) -> PoincareSection:
     """Return the points of a Poincaré section.
 
-    With ``exact`` they are found to rounding, and none is missed; a method that steps is read on its own grid, between whose
-    points coordinates are lines.
+    With ``exact`` all points are found, to rounding error; a time-stepping method is interpolated linearly on its grid.
 
     Parameters
     ----------
     problem : Problem
     section : str or Section
-        `Stroboscope`, `Impacts`, `Crossing`, or a text as of `section_of`.
+        `Stroboscope`, `Impacts`, `Crossing`, or a string as in `section_of`.
     skip, points : int
         Number of points omitted first, and number kept.
     t_end : float, optional
-        Latest time in s; by default four periods of the force a point, or without force the problem's t_end a point. The
-        table is shorter where this is not enough.
+        Latest time in s; by default four periods of the force per point, or without force the problem's t_end per point.
+        The table is shorter if this is not enough.
     method : str or Integrator
-        ``exact``, or any method that steps.
+        ``exact``, or any time-stepping method.
     dt : float, optional
-        Step in s of such a method; by default 200 a period.
+        Step in s of such a method; by default 1/200 of a period.
     lcp_solver : str
         A name of ``lcpimpact list solvers``, for the LCPs of the method.
     progress : bool or callable
@@ -250,9 +249,9 @@ def poincare(
     Returns
     -------
     PoincareSection
-        Its ``table`` has one row a point: ``point`` (from 0), ``t`` (s), ``phase`` (fraction of the period of the force, NaN
-        without), the coordinates (m), the velocities (m/s, ``v_NAME``), ``speed`` (m/s, of the impact at the point, or the
-        last before).
+        Its ``table`` has one row per point: ``point`` (from 0), ``t`` (s), ``phase`` (fraction of the period of the force,
+        NaN without), the coordinates (m), the velocities (m/s, ``v_NAME``), ``speed`` (m/s, of the impact at or before the
+        point).
 
     Raises
     ------
@@ -285,7 +284,7 @@ def find_points(
     lcp_solver: str,
     done: Callable[[int], None] = unseen,
 ) -> tuple[Points, float | None]:
-    """Return so many points, or those before the end, and the period of the force."""
+    """Return the requested number of points, or those before the end, and the period of the force."""
     force = _checked(problem, where)
     end = t_end if t_end is not None else _latest(problem, where, force, need)
     positive("t_end", end, "s")
@@ -312,7 +311,7 @@ def _whole_period(times: Array, force: float | None) -> float:
 
 
 def _checked(problem: Problem, where: Section) -> float | None:
-    """Return the period of the force, after a look at whether the section fits the problem."""
+    """Check that the section is valid for the problem, and return the period of the force."""
     d = problem.dynamics
     names = [contact.name for contact in d.contacts]
     if isinstance(where, Stroboscope):
@@ -345,7 +344,7 @@ def _latest(problem: Problem, where: Section, force: float | None, need: int) ->
 
 
 def _instants(where: Stroboscope, force: float, need: int, end: float) -> Array:
-    """Return the times of a stroboscope; the start of the motion is none of them."""
+    """Return the times of a stroboscope, without the start of the motion."""
     t = (np.arange(need) + (where.phase or 1.0)) * force
     return np.asarray(t[t <= end * (1.0 + 1e-12)])
 
@@ -353,7 +352,7 @@ def _instants(where: Stroboscope, force: float, need: int, end: float) -> Array:
 def _on_motion(
     motion: HybridMotion, problem: Problem, where: Section, force: float | None, need: int, done: Callable[[int], None]
 ) -> Points:
-    """Follow the exact motion until it has met the section often enough, or to the end."""
+    """Follow the exact motion until enough points of the section are found, or to the end."""
     end = motion.end
     block = BLOCK_PERIODS * (force or problem.t_end)
     reached = 0.0
@@ -401,7 +400,7 @@ def impact_speeds(dynamics: Any, events: Sequence[Event], times: Array) -> Array
 
 
 def _crossings(motion: HybridMotion, where: Crossing, until: float) -> Array:
-    """Return the times at which a series passes its level: every one, by the convex hulls of its windows."""
+    """Return all times at which a series crosses its level, by the convex hulls of its polynomials."""
     system, found = motion.system, []
     was = 0.0
     for k, segment in enumerate(motion.segments):
@@ -426,7 +425,7 @@ def _crossings(motion: HybridMotion, where: Crossing, until: float) -> Array:
 
 
 def _row(system: System, series: str, A: Array, F: Array) -> Array:
-    """Return the row that reads a coordinate, a velocity or a gap off the state in a mode (N,)."""
+    """Return the row vector that maps the state in a mode to a coordinate, a velocity or a gap (N,)."""
     nodes = system.dynamics.nodes
     Q, Qr = system.read
     if series in nodes:
@@ -438,7 +437,7 @@ def _row(system: System, series: str, A: Array, F: Array) -> Array:
 
 
 def _sign(c: Array, A: Array, X: Array, scale: Array) -> tuple[float, int]:
-    """Return the sign of c·X right after an instant, and the order of the zero that it has there."""
+    """Return the sign of c·X just after an instant, and the order of its zero there."""
     for order in range(len(X)):
         if abs(c @ X) > ZERO * (np.abs(c) @ scale):
             return float(np.sign(c @ X)), order
@@ -447,7 +446,7 @@ def _sign(c: Array, A: Array, X: Array, scale: Array) -> tuple[float, int]:
 
 
 def _on_grid(run: Trajectory, where: Section, force: float | None, need: int, end: float) -> Points:
-    """Read the points off the grid of a run."""
+    """Return the points by linear interpolation on the grid of a run."""
     dynamics, side = run.problem.dynamics, "right"
     if isinstance(where, Stroboscope):
         times = np.minimum(_instants(where, float(force or 0.0), need, end), run.t[-1])
@@ -476,7 +475,7 @@ def _on_grid(run: Trajectory, where: Section, force: float | None, need: int, en
 
 
 def table_of(problem: Problem, points: Points, force: float | None) -> pd.DataFrame:
-    """Return the points as a table, one row a point."""
+    """Return the points as a table, one row per point."""
     nodes = problem.dynamics.nodes
     columns: dict[str, Any] = {
         "point": np.arange(len(points.t)),

@@ -1,8 +1,8 @@
-r"""Periodic orbits: found by shooting, judged by their multipliers, followed along a parameter up to a grazing.
+r"""Periodic orbits by shooting, and their Floquet multipliers.
 
-An orbit is a zero of P(X) - X, where P takes the state over one period by the exact motion. Newton's method needs the
-derivative of P, the *monodromy matrix*, which is the product of the modes' flows and of the saltation matrices between them
-(`lcpimpact.hybrid.tangent`); without difference quotients. Its eigenvalues are the Floquet multipliers.
+An orbit is a zero of P(X) - X, where P is the period map of the exact motion. Newton's method needs the derivative of P, the
+*monodromy matrix*, computed without difference quotients as the product of the modes' flows and the saltation matrices
+between them (`lcpimpact.hybrid.tangent`). Its eigenvalues are the Floquet multipliers.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study
 
 CLOSURE_RTOL = 1e-10
-"""Largest residual of a closed orbit, relative to the largest value of each state along it."""
+"""Maximum residual of a closed orbit, relative to the largest value of each state along it."""
 
 NEWTON_RTOL = 1e-13
 """Residual at which Newton's method has converged."""
@@ -45,16 +45,16 @@ SINGULAR_RTOL = 1e-9
 of orbits, as that of an oscillator without loss, Newton's method finds the nearest member."""
 
 UNIT_CIRCLE_TOL = 1e-7
-"""Distance from the unit circle below which a multiplier lies on it; double multipliers have half of the digits."""
+"""Distance within which a multiplier counts as on the unit circle; double multipliers have half of the digits."""
 
 ACCUMULATION_RTOL = 1e-6
 """Time between two like events, relative to the run, below which they belong to an accumulation and not to a period."""
 
 RETURN_SAMPLES = 400
-"""Samples of an autonomous motion among which its return is sought."""
+"""Number of samples of an autonomous motion in the search for its return."""
 
 MAX_HALVINGS = 12
-"""Maximum number of times a step of Newton's method, or of the parameter, is halved."""
+"""Maximum number of halvings of a Newton step or a parameter step."""
 
 MAX_NEWTON_STEPS = 40
 """Maximum number of Newton iterations."""
@@ -62,26 +62,26 @@ MAX_NEWTON_STEPS = 40
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PeriodicOrbit(Study):
-    """A motion that repeats itself.
+    """A periodic orbit.
 
     Attributes
     ----------
     problem : Problem
-        Whose motion it is; its initial state was only the guess.
+        The problem; its initial state was the guess.
     T : float
         The period in s.
     forced : bool
-        Whether T is that of the force, or several of them; else it was found together with the orbit.
+        Whether T is a multiple of the period of the force; else it was found together with the orbit.
     start : float
         An instant in s away from all events; times of the orbit run from it to start + T.
     motion : HybridMotion
         The orbit itself, over one period.
     monodromy : (k, k) array
-        The derivative of the state after a period by the state at ``start``, signals left out.
+        The derivative of the state after one period with respect to the state at ``start``, without signals.
     residual : float
-        How far it misses itself after one period, relative to the largest value of each state.
+        |P(X) - X|, relative to the largest value of each state.
     iterations : int
-        Steps of Newton's method.
+        Number of Newton iterations.
     """
 
     problem: Problem
@@ -103,7 +103,7 @@ class PeriodicOrbit(Study):
         return pd.DataFrame({"real": μ.real, "imaginary": μ.imag, "modulus": np.abs(μ)})
 
     def head(self) -> list[str]:
-        """Return the period, whether it is stable, and how well the orbit closes."""
+        """Return the period, the stability, and the residual of the orbit."""
         verdict = "stable" if self.stable else "not stable"
         found = f"found to {self.residual:.1e} in {self.iterations} steps"
         return [f"{self.problem.name}: T = {self.T:.15g} s, {verdict}, {found}"]
@@ -116,18 +116,18 @@ class PeriodicOrbit(Study):
 
     @property
     def floquet(self) -> Array:
-        """The Floquet multipliers, the largest first; one is 1 where the period is not that of a force (k,)."""
+        """The Floquet multipliers (k,), the largest first; one is 1 for an autonomous orbit."""
         found = np.linalg.eigvals(self.monodromy)
         return np.asarray(found[np.lexsort((-found.imag, -found.real, -np.round(np.abs(found), 12)))])
 
     @property
     def stable(self) -> bool:
-        """Whether a small deviation dies out: |μ| < 1, beyond rounding, for every multiplier but the 1 of a free phase."""
+        """Whether |μ| < 1, beyond rounding, for all multipliers except the trivial one of an autonomous orbit."""
         return self.growth < 1.0 - UNIT_CIRCLE_TOL
 
     @property
     def growth(self) -> float:
-        """The largest |μ|, by which a small deviation grows in one period; the 1 of a free phase is left out."""
+        """The largest |μ|, without the trivial multiplier of an autonomous orbit."""
         found = self.floquet
         if not self.forced:
             found = np.delete(found, np.argmin(np.abs(found - 1.0)))
@@ -135,7 +135,7 @@ class PeriodicOrbit(Study):
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """What happens in one period."""
+        """The events of one period."""
         return tuple(event for segment in self.motion.segments[1:] for event in segment.events)
 
     @property
@@ -151,7 +151,7 @@ class PeriodicOrbit(Study):
         return np.array([-dynamics.gap_rate(e.left.v)[names.index(e.contact)] for e in self.impacts])
 
     def sample(self, t: ArrayLike, side: str = "right") -> State:
-        """Return q, v and the reactions of the orbit at any times in s, before or after the period that was computed."""
+        """Return q, v and the reactions of the orbit at any times in s, also outside the computed period."""
         times = np.atleast_1d(np.asarray(t, dtype=np.float64))
         within = self.start + np.mod(times - self.start, self.T)
         order = np.argsort(within, kind="stable")
@@ -161,12 +161,12 @@ class PeriodicOrbit(Study):
 
 
 def force_period(dynamics: Dynamics) -> float | None:
-    """Return the common period of all loads and given motions in s, None where nothing depends on time.
+    """Return the common period of all loads and prescribed motions in s, None for an autonomous system.
 
     Raises
     ------
     UnsupportedError
-        If they have no common period, or one is a function of time that says none.
+        If they have no common period, or one is a function of time without a declared period.
     """
     signals = [*(load for _, load in dynamics.loads), *dynamics.motions.values()]
     ω = []
@@ -201,22 +201,22 @@ def periodic_orbit(
 
     .. math:: (M - I)\, ΔX = X - P(X), \qquad M = P'(X)
 
-    by the exact motion. Without a force the period is unknown too, and the step is taken across the motion.
+    by the exact motion. For an autonomous system the period is also unknown, and the step is orthogonal to the flow.
 
     Parameters
     ----------
     problem : Problem
-        One that the method ``exact`` handles; its initial state is the guess.
+        A problem supported by the method ``exact``; its initial state is the guess.
     periods : int
-        Periods of the force in one period of the orbit.
+        Number of periods of the force in one period of the orbit.
     T : float, optional
-        A guess of the period in s where there is no force; by default the time between two like events of the run.
+        Guess of the period in s without a force; by default the time between two equal events of the run.
     transient : int
-        Periods to run before the search begins: an orbit that attracts is then near.
+        Number of periods simulated before the search, to approach an attracting orbit.
     max_iter : int
-        Limit of Newton's steps.
+        Maximum number of Newton iterations.
     progress : bool or callable
-        As of `lcpimpact.study.progress`.
+        As in `lcpimpact.study.progress`.
 
     Returns
     -------
@@ -226,11 +226,11 @@ def periodic_orbit(
     Raises
     ------
     InputError
-        For counts that are none, or if the period cannot be guessed.
+        For invalid counts, or if the period cannot be guessed.
     UnsupportedError
-        If ``exact`` does not handle the problem, or the orbit grazes or has two events at once.
+        If ``exact`` does not support the problem, or the orbit grazes or has simultaneous events.
     FailureError
-        If Newton's method finds none from this guess.
+        If Newton's method does not converge from this guess.
 
     Examples
     --------
@@ -280,7 +280,7 @@ def find_orbit(
 
 
 def refuse_power_laws(problem: Problem) -> None:
-    """Refuse what has no exact solution."""
+    """Raise for power laws, which have no exact solution."""
     if what := problem.dynamics.features.get(Feature.POWER_LAWS):
         raise UnsupportedError(
             f"{problem.name!r} has non-linear springs ({what}), which 'exact' does not handle: take a method that steps"
@@ -288,7 +288,7 @@ def refuse_power_laws(problem: Problem) -> None:
 
 
 def follow_exactly(motion: HybridMotion, problem: Problem, until: float) -> None:
-    """Follow the exact motion up to an instant, or say why it ends before."""
+    """Follow the exact motion up to an instant; raise with the reason if it ends before."""
     status = follow(motion, until)
     if status is not Status.SOLVED:
         raise FailureError(
@@ -297,7 +297,7 @@ def follow_exactly(motion: HybridMotion, problem: Problem, until: float) -> None
 
 
 def _guessed_period(problem: Problem) -> float:
-    """Return the time between the last two like events of a run."""
+    """Return the time between the last two equal events of a run."""
     motion = begin_problem(problem, "exact", problem.t_end)
     follow_exactly(motion, problem, problem.t_end)
     last: dict[tuple[str, str], float] = {}
@@ -321,7 +321,7 @@ def _guessed_period(problem: Problem) -> float:
 
 
 def _closest_return(motion: HybridMotion, start: float, X: Array, T: float) -> float:
-    """Return the time near T after which a motion comes back nearest to X: where (X(t) - X)·X'(t) turns positive."""
+    """Return the time near T of the closest return of a motion to X: where (X(t) - X)·X'(t) becomes positive."""
     unit = np.maximum(motion.scale, 1e-12 * motion.scale.max(initial=1e-300))
     joins = np.array([segment.t0 for segment in motion.segments])
 
@@ -343,7 +343,7 @@ def _closest_return(motion: HybridMotion, start: float, X: Array, T: float) -> f
 
 
 def away_from_events(motion: HybridMotion, first: float, last: float) -> tuple[float, Array]:
-    """Return the middle of the longest stretch without event between two instants, and X there."""
+    """Return the midpoint of the longest event-free interval between two instants, and X there."""
     joins = np.array([segment.t0 for segment in motion.segments])
     edges = np.concatenate([[first], joins[(joins > first) & (joins < last)], [last]])
     k = int(np.argmax(np.diff(edges)))
@@ -354,7 +354,7 @@ def away_from_events(motion: HybridMotion, first: float, last: float) -> tuple[f
 
 
 class Period(NamedTuple):
-    """One period from a state: the motion, the miss P(X) - X, its derivative, and the velocity at the end."""
+    """One period from a state: the motion, the residual P(X) - X, its derivative, and the final velocity."""
 
     motion: HybridMotion
     X: Array
@@ -364,16 +364,16 @@ class Period(NamedTuple):
 
 
 def free_coordinates(system: System) -> Array:
-    """Return which states are no signals."""
+    """Return the states that are not signals."""
     form = system.form
     return np.array([*range(form.constant), *range(len(form.A), len(system.O.T))], dtype=np.int64)
 
 
 class Guess(NamedTuple):
-    """Where the search for an orbit begins.
+    """Initial guess of an orbit.
 
-    The state X at the instant ``start`` (N,), the period T, whether that is the period of a force, and the largest value of
-    each state (N,).
+    The state X at the instant ``start`` (N,), the period T, whether it is imposed by a force, and the largest value of each
+    state (N,).
     """
 
     X: Array
@@ -406,7 +406,7 @@ class _Newton:
         motion = begin(system, X, end, self.start, scale=self.scale.copy())
         follow_exactly(motion, self.problem, end)
         last = motion.segments[-1]
-        # A slider of degree 0 that slips at the end has no place yet: it is put where it is, as at the start.
+        # The position of a slider of degree 0 that slips at the end is set as at the start.
         settle = place_derivative(system, last.mode)
         reached = state_before(motion, end)
         velocity = settle @ (system.mode(last.mode)[0].A @ reached)
@@ -414,7 +414,7 @@ class _Newton:
         return Period(motion, first, settle @ reached - first, settle @ tangent(motion, end), velocity)
 
     def residual(self, period: Period) -> float:
-        """Return how far a motion misses itself after the period."""
+        """Return the scaled residual of the period map."""
         return float(np.abs(period.miss[self.free] / self.unit).max(initial=0.0))
 
     def step(self, here: Period, T: float) -> Array:
@@ -423,7 +423,7 @@ class _Newton:
         matrix = (here.M[np.ix_(free, free)] - np.eye(len(free))) * unit / unit[:, None]
         right = -here.miss[free] / unit
         if not self.forced:
-            # One more unknown, T, and one more equation: the step is taken across the motion.
+            # T is an additional unknown; the additional equation makes the step orthogonal to the flow.
             with np.errstate(over="ignore"):
                 along = (self.system.mode(here.motion.segments[0].mode)[0].A @ here.X)[free] / unit
                 across = here.velocity[free] / unit * T
@@ -438,7 +438,7 @@ class _Newton:
         return np.asarray(np.linalg.lstsq(matrix, right, rcond=SINGULAR_RTOL)[0])
 
     def shortened(self, here: Period, T: float, step: Array) -> tuple[Period, float] | None:
-        """Return the motion after the step, halved until it misses itself by less, and its period; None if it never does."""
+        """Return the motion and period after the step, halved until the residual decreases; None if it never does."""
         k = len(self.free)
         for halvings in range(MAX_HALVINGS):
             share = 0.5**halvings
@@ -461,7 +461,7 @@ class _Newton:
         return None
 
     def iterates(self, here: Period, T: float) -> Iterator[tuple[Period, float]]:
-        """Yield the motion and its period after each step, until it closes or no step makes it better."""
+        """Yield the motion and its period after each step, until convergence or until no step reduces the residual."""
         while self.residual(here) > NEWTON_RTOL:
             better = self.shortened(here, T, self.step(here, T))
             if better is None:
@@ -473,7 +473,7 @@ class _Newton:
 def shoot(
     problem: Problem, system: System, guess: Guess, max_iter: int = MAX_NEWTON_STEPS, progress: Progress = False
 ) -> PeriodicOrbit:
-    """Find an orbit by Newton's method, with steps shortened where they lead away."""
+    """Find an orbit by Newton's method with step halving."""
     newton = _Newton(problem, system, guess)
     first = newton.period(guess.X, guess.T)
     iterates = islice(newton.iterates(first, guess.T), max_iter)
