@@ -99,6 +99,9 @@ ATOL_FACTOR = 1e-4
 SCALE_FLOOR = 1e-6
 """Smallest scale of a state, relative to the largest of its kind."""
 
+MAX_PHASE = 2.0
+"""Maximum step of explicit solvers in radians of the fastest vibration; error control does not see the dense output."""
+
 LOAD_SAMPLES = 17
 """Number of instants at which loads are evaluated for their scale."""
 
@@ -285,6 +288,8 @@ class SolverMotion(EventLoop):
     """Largest forces |w| so far (nw,)."""
     expected: Array
     """Scale of each state that the motion soon has, even where it starts from zero (N,)."""
+    rates: dict[Any, float] = field(default_factory=dict)
+    """Largest |eigenvalue| of the matrix of each mode so far in 1/s."""
     last_segment: ForcedSegment | None = None
     begun: Array = field(init=False)
     steps: Any = None
@@ -329,6 +334,12 @@ class SolverMotion(EventLoop):
             self.first_step = float(getattr(steps, "h_abs", 0.0)) or None
         breakpoint = segment.breaks and t == segment.end
         return Ending(t, t - segment.t0, X, row, breakpoint) if found or breakpoint else Status.SOLVED
+
+    def _fastest_rate(self, segment: ForcedSegment) -> float:
+        """Return the largest |eigenvalue| of the matrix of a segment in 1/s."""
+        if segment.mode.key not in self.rates:
+            self.rates[segment.mode.key] = float(np.abs(np.linalg.eigvals(segment.A)).max(initial=0.0))
+        return self.rates[segment.mode.key]
 
     def _absolute_tolerance(self) -> Array:
         """Return the absolute tolerance of each state (N,), relative to its scale so far if no other is given."""
@@ -509,6 +520,8 @@ class SolverMotion(EventLoop):
         options: dict[str, Any] = {"rtol": method.rtol, "atol": self._absolute_tolerance(), "max_step": method.max_step}
         if _takes_jacobian(kind):
             options["jac"] = segment.jacobian
+        else:
+            options["max_step"] = min(method.max_step, MAX_PHASE / max(self._fastest_rate(segment), TINY))
         # A row that leaves zero with curvature is resolved in a short step only.
         if self.first_step and issubclass(kind, ONE_STEP_SOLVERS) and (segment.order < 2).all():
             # The last step is as good a guess as SciPy's, and costs nothing: the error control checks it anyway.

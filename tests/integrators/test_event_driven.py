@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from piecewise_ode import solve
-from schemes import column, plate_beside_an_impact
+from schemes import column, plate_beside_an_impact, random_problem
 from scipy import integrate
 
 import lcpimpact as li
@@ -336,6 +336,15 @@ def test_a_stiff_plate_ends_at_the_limit_of_steps_and_names_the_remedy():
     assert "ode_solver='Radau'" in found.message
     implicit, truth = run(problem, t_end=0.2, ode_solver="Radau", max_steps=2000), exact(problem, t_end=0.2)
     assert_allclose(implicit["x"], truth["x"], rtol=0, atol=1e-8)
+
+
+def test_the_dense_output_keeps_the_digits_of_the_steps():
+    """SciPy controls the error at the ends of steps alone: a step of several radians was 1e-5 off between them."""
+    problem = random_problem(124)
+    truth, found = (
+        li.simulate(problem, method, dt=5e-3, t_end=2.0, progress=False) for method in ("exact", "event-driven")
+    )
+    assert np.abs(found.q - truth.q).max() < 1e-8 * np.abs(truth.q).max()
 
 
 # --- non-linear springs, loads, sliders, motions ----------------------------------------------------------------------
