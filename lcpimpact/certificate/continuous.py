@@ -146,7 +146,7 @@ def _judge_nodes(
     ε, kind, forces = limits.precision, node_kinds(d), scales.forces(d)
     (q, v, _), (q_left, v_left) = run.right, run.left
     momentum = run.imbalance(v @ d.M.T, v_left @ d.M.T, run.at_cuts(run.impacts.P @ d.B.T), run.g)
-    way = run.imbalance(q, q_left, q - q_left, run.v) + running_sum(q - q_left, np.zeros_like(q[1:]))
+    way = run.imbalance(q, q_left, np.zeros_like(q), run.v)
     allowed_p = np.repeat(ε * scales.momenta(d) + elapsed[:, None] * forces + errors[0], 2, axis=0)
     allowed_q = np.repeat(ε * scales.q + elapsed[:, None] * scales.v + errors[1], 2, axis=0)
     free, moves, massless = ~d.driven, kind >= DAMPED, np.isin(kind, (DAMPED, FREE))

@@ -203,7 +203,7 @@ class Account:
 def _impulses(d: Dynamics, record: Record, events: Sequence[Event], impact_steps: int) -> Array:
     """Return the impulse of each contact in each step in N s (steps, nc).
 
-    Of an impact over several steps each has the part of the impulse that it has of the change of U.
+    An impact over several steps is distributed over them in proportion to the change of U.
     """
     P, rows = np.zeros((len(record.t) - 1, len(d.contacts))), rows_by_name(d)
     for event in events:

@@ -16,7 +16,7 @@ REFINEMENTS = 2
 
 @compiled(cube(cube, cube, matrix, vector, flags, flags, f8))
 def reading(C: Array, CA: Array, X: Array, scale: Array, no_gap: Flags, no_rate: Flags, zero: float) -> Array:
-    """Return C X and C A X (2, 2, nc) of X (2, N), with what is held at zero and what is rounding set to zero."""
+    """Return C X and C A X (2, 2, nc) of X (2, N), with held values and rounding set to zero."""
     found = np.zeros((2, 2, C.shape[1]))
     for k, (rows, at_zero) in enumerate(((C, no_gap), (CA, no_rate))):
         for i in range(C.shape[1]):
@@ -34,7 +34,7 @@ def reading(C: Array, CA: Array, X: Array, scale: Array, no_gap: Flags, no_rate:
 def gaps(
     system: System, X: ArrayLike | DoubleDouble, scale: Array, held: Still | None = None, zero: float = ZERO
 ) -> tuple[DoubleDouble, DoubleDouble]:
-    """Return u and U of the rows (nc,), for r = 0, with what is held and what is rounding set to zero."""
+    """Return u and U of the rows (nc,), for r = 0, with held values and rounding set to zero."""
     u, U = openings_and_rates(system, DoubleDouble.of(X), scale, held or still(system, None), zero)
     return DoubleDouble(u), DoubleDouble(U)
 
@@ -46,7 +46,7 @@ def openings_and_rates(system: System, X: DoubleDouble, scale: Array, held: Stil
 
 
 def still(system: System, mode: Mode | None) -> Still:
-    """Return what a mode holds at zero."""
+    """Return the zeros of a mode."""
     if mode is not None:
         return system.watch(mode).held
     none = np.zeros(len(system.degree), dtype=np.bool_)
@@ -56,7 +56,7 @@ def still(system: System, mode: Mode | None) -> Still:
 def settled(
     system: System, mode: Mode | None, X: DoubleDouble, scale: Array, held: Still | None = None
 ) -> DoubleDouble:
-    """Return X with the gaps and rates put back to zero that a mode, or what is ``held``, keeps at zero."""
+    """Return X projected onto the zero gaps and rates of a mode, or of ``held``."""
     held = held or still(system, mode)
     C, CA = system.fine.C, system.fine.CA
     if held.none and not system.mixed:
@@ -71,8 +71,8 @@ def settled(
 
 
 def project(system: System, constraint: DoubleDouble, X: DoubleDouble, scale: Array) -> DoubleDouble:
-    """Return X with these rows of it put to zero."""
-    # What is given, the constant and the signals, stays what it is; the rest moves in proportion to its size.
+    """Return X projected so that these rows of it are zero."""
+    # The constant and the signals stay; the other states move in proportion to their size.
     moves = np.where(np.arange(len(X)) < system.form.constant, scale, 0.0)
     for _ in range(REFINEMENTS):
         rest = (constraint @ X).hi
@@ -84,7 +84,7 @@ def project(system: System, constraint: DoubleDouble, X: DoubleDouble, scale: Ar
 
 
 def scale_after(system: System, scale: Array, P: Array) -> Array:
-    """Return the scale (N,) with what impulses P (nc,) have done: where they balance, what is left of them is rounding."""
+    """Return the scale (N,) with the effect of impulses P (nc,): the residual of balanced ones is rounding."""
     return np.maximum(scale, system.pushes @ P) if P.any() else scale
 
 
@@ -101,7 +101,7 @@ def combined_gaps(
 
 
 def touching_paths(system: System, u: DoubleDouble, held: Still, scale: Array, zero: float) -> Array:
-    """Return the impulse paths (np, nc) over massless nodes on which all contacts touch, whose openings are ``u``."""
+    """Return the impulse paths (np, nc) over massless nodes whose contacts, with the openings ``u``, are all closed."""
     found = [
         not (combined_gaps(system, tuple(map(int, np.flatnonzero(line))), u, held, scale, zero).hi > 0.0).any()
         for line in system.lines
@@ -110,6 +110,6 @@ def touching_paths(system: System, u: DoubleDouble, held: Still, scale: Array, z
 
 
 def path_rates(system: System, lines: Array, X: DoubleDouble, scale: Array, zero: float) -> DoubleDouble:
-    """Return the opening rates of impulse paths, which massless nodes do not change, with what is rounding set to zero."""
+    """Return the opening rates of impulse paths, which do not depend on massless nodes, with rounding set to zero."""
     rates = rounded_product(combined(lines, system.fine.C), system.fine.A)
     return round_to_zero(rates @ X, np.abs(rates.hi) @ scale, zero)

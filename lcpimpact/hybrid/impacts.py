@@ -35,13 +35,13 @@ def impact(
     left: DoubleDouble | None = None,
     rates: ArrayLike | DoubleDouble | None = None,
 ) -> tuple[DoubleDouble, Array, Still]:
-    """Return X after the impacts at this instant, the impulses (nc,), and what is held at zero after them.
+    """Return X after the impacts at this instant, the impulses (nc,), and the zeros after them.
 
-    Newton's law is 0 <= P ⟂ U⁺ + e U⁻ >= 0; where plates part already it only forbids that they meet. The coefficients e
-    are those of the rows, or ``restitution`` (nc,). The rows ``among`` (nc,) meet, or else all that touch. Where a
-    prescribed velocity jumps, X has its right limit, and ``left`` (N,) the left one, of which U⁻ is made. The left limits
-    ``rates`` (nc,) of U, with those of massless nodes, which are no part of X, tell where the impulse paths of
-    `lcpimpact.hybrid.impact_law` rebound.
+    Newton's law is 0 <= P ⟂ U⁺ + e U⁻ >= 0; at contacts that open already e is 0. The coefficients e
+    are those of the rows, or ``restitution`` (nc,). The rows ``among`` (nc,), or else all closed ones, undergo impacts. If a
+    prescribed velocity jumps, X has its right limit, and ``left`` (N,), which gives U⁻, its left limit. The left limits
+    ``rates`` (nc,) of U, with those of massless nodes, which are not in X, determine the rebound of the impulse paths of
+    `lcpimpact.hybrid.impact_law`.
     """
     e = system.restitution if restitution is None else restitution
     state, held = DoubleDouble.of(X), held or still(system, None)
@@ -77,7 +77,7 @@ def impact(
 
 
 def refuse_velocity_jumps(dynamics: Dynamics, t_end: float, method: str) -> None:
-    """Refuse a bumper with e > 0 on a node whose given velocity jumps, for methods that know only the right limit of U."""
+    """Refuse a bumper with e > 0 on a node whose prescribed velocity jumps, for methods with the right limit of U only."""
     for i, motion in dynamics.motions.items():
         rows = np.flatnonzero(
             (dynamics.H[:, i] != 0.0) & (dynamics.relative_degree == 2) & (dynamics.restitution > 0.0)

@@ -24,13 +24,13 @@ def exchanged_mode(
 ) -> tuple[Mode, DoubleDouble]:
     """Return the mode of contacts without common relative degrees, and X.
 
-    A number at the very border of rounding may count as zero in one combination and not in another, and then no mode fits:
-    what is a little above the border is rounding too.
+    A number near the tolerance may count as zero in one combination and not in another, and then no mode fits: so larger
+    tolerances are tried, too.
 
     Raises
     ------
     numpy.linalg.LinAlgError
-        If no mode fits, or the one that does needs an impulse.
+        If no mode fits without an impulse.
     """
     for wider in ZERO_FACTORS:
         found = _exchanged(system, X, scale, held, wider * zero)
@@ -42,10 +42,10 @@ def exchanged_mode(
 def _exchanged(
     system: System, X: DoubleDouble, scale: Array, held: Still, zero: float
 ) -> tuple[Mode, DoubleDouble] | None:
-    """Return the mode, by exchanges of the last row whose sign is wrong, and X; None if the exchanges come back.
+    """Return the mode, by exchanges of the last row with a wrong sign, and X; None if the exchanges cycle.
 
-    They do not, since the rows depend on their forces by a P-matrix of rational functions, which those that are large enough
-    order as the first terms of their series do; but for rounding. X differs only by that: it is put to zero beforehand.
+    They do not, but for rounding, since the rows depend on their forces by a P-matrix of rational functions, ordered by the
+    first terms of their series. X differs only by rounding, which is set to zero beforehand.
     """
     degree, nc = system.degree, len(system.degree)
     u, U = gaps(system, X, scale, held, zero)
@@ -76,7 +76,7 @@ def _at_rest(
     scale: Array,
     zero: float,
 ) -> DoubleDouble:
-    """Return X with the combinations of these rows at zero that are closed, and the rates of those that are slow.
+    """Return X projected onto closed combinations of these rows, and onto zero rates of the slow ones.
 
     ``opening`` holds u, and the rate that is slow.
     """
@@ -99,9 +99,9 @@ def _first_terms(
     zero: float,
     slow: float,
 ) -> tuple[Indices, Array, bool]:
-    """Return the order and the sign of the first term of r on closed ``rows``, and of u on others, that is not zero.
+    """Return the order and the sign of the first nonzero term of r on closed ``rows``, and of u on others.
 
-    The order is -1 where all are. Rows that do not fit the state, whose ``opening`` is (u, U), go to it by impulses,
+    The order is -1 if there is none. Rows inconsistent with the state, whose ``opening`` is (u, U), need impulses,
     r = p' δ' + p δ + ..., whose signs come first; the flag says whether there are any. Combinations of degree 2 that open no
     faster than ``slow`` are at rest.
     """
@@ -112,7 +112,7 @@ def _first_terms(
     impulsive, state, sizes = False, X, scale
 
     def push(lacks: DoubleDouble) -> DoubleDouble:
-        """Return B p, where the impulses p make up for what the combinations lack, and note the signs of p."""
+        """Return B p of the impulses p that make the combinations consistent, and write the signs of p."""
         p = np.zeros((2, len(sign)))
         p[:, at] = solve_regular(together.G[:, at], -lacks).parts
         size = np.zeros(len(sign))
@@ -124,7 +124,7 @@ def _first_terms(
     gap = combined_gaps(system, rows, u, held, scale, zero)
     if gap.hi.any():
         impulsive = True
-        # By δ' masses go where their gaps close; by δ all else does, and the masses stop.
+        # δ' displaces the masses to close their gaps; δ displaces the rest and stops the masses.
         state = state + A @ push(DoubleDouble(np.where(together.degree == 2, gap.parts, 0.0)))
         sizes = np.maximum(sizes, np.abs(state.hi))
     rate = together.CA @ state

@@ -29,9 +29,9 @@ from lcpimpact.lcp.solve import solve_lcp
 
 @compiled(types.int64[:, ::1](cube, indices, flags))
 def motions(opening: Array, degree: Indices, slides: Flags) -> Indices:
-    """Return whether a force is sought on each row, the sign of U of sliders that move, and the order of the zero (3, nc).
+    """Return whether a force is unknown in each row, the sign of U of slipping sliders, and the order of the zero (3, nc).
 
-    A force is sought on rows of degree 0, on those that touch and do not open, and on sliders that do not move. ``opening``
+    A force is unknown in rows of degree 0, at closed contacts that do not open, and at sliders that do not slip. ``opening``
     holds u and U.
     """
     found = np.zeros((3, len(degree)), np.int64)
@@ -90,7 +90,7 @@ class Answer(NamedTuple):
     ----------
     r : DoubleDouble        the forces of all rows (nc,)
     z, w : DoubleDouble     forces of the undecided rows, and what is complementary to them (k,)
-    tiny : (k,) array       what counts as zero in w
+    tiny : (k,) array       tolerance for zero in w
     """
 
     r: DoubleDouble
@@ -107,9 +107,9 @@ def choose_mode(
     held: Still | None = None,
     zero: float = ZERO,
 ) -> tuple[Mode, DoubleDouble]:
-    """Return the mode in which the motion goes on from X, by LCPs on the one-sided derivatives, and X.
+    """Return the next mode from X, by LCPs on the one-sided derivatives, and X.
 
-    X differs only in the places of sliders of degree 0, which have slipped, or begin with a force beyond their threshold.
+    X differs only in the positions of sliders of degree 0, which have slipped, or begin beyond their threshold.
 
     Parameters
     ----------
@@ -117,8 +117,8 @@ def choose_mode(
     X : (N,) array or DoubleDouble
     scale : (N,) array          largest |X| of the run so far
     solver : str                name of an LCP solver
-    held : Still, optional      what is zero by definition
-    zero : float                what counts as zero, relative to the terms that gave it
+    held : Still, optional      exact zeros
+    zero : float                tolerance for zero, relative to the terms of a sum
     """
     start, held = DoubleDouble.of(X), held or still(system, None)
     if system.mixed:
@@ -162,7 +162,7 @@ def _solve_derivative(system: System, choice: Choice, at: Derivative, solver: st
 
 
 def _decide(system: System, choice: Choice, level: int, answer: Answer) -> list[tuple[int, DoubleDouble]]:
-    """Decide the rows whose force or opening is not zero; return the sliders of degree 0 that give way, and how far."""
+    """Decide the rows whose force or opening is not zero; return the sliders of degree 0 that slip, and how far."""
     G, degree, slides, r_max = system.G, system.degree, system.slides, system.bounds[1]
     undecided, moved = choice.undecided, []
     choice.undecided = []

@@ -96,8 +96,8 @@ ZERO_RTOL = 4.0 * EPS
 ATOL_FACTOR = 1e-4
 """Absolute tolerance, in units of rtol times the scale of a state."""
 
-SCALE_FLOOR = 1e-6
-"""Smallest scale of a state, relative to the largest of its kind."""
+ATOL_FLOOR = 1e-6
+"""Smallest scale of a state in its tolerance, relative to the largest of its kind."""
 
 MAX_PHASE = 2.0
 """Maximum step of explicit solvers in radians of the fastest vibration; error control does not see the dense output."""
@@ -318,7 +318,7 @@ class SolverMotion(EventLoop):
         segment, steps = self.segment, self.steps
         dense, finished = steps.dense_output(), steps.status == "finished"
         step = segment, self.samples, self.scale, steps.t_old, steps.t, dense
-        found = first_root(*step, self._absolute_tolerance())
+        found = first_root(*step, self._absolute_tolerance)
         if finished and not found:
             within = min(max(self.method.rtol, MIN_TIME_RTOL), MAX_TIME_RTOL) * self.end
             found = root_at_end(*step, within)
@@ -348,7 +348,7 @@ class SolverMotion(EventLoop):
         size, constant = np.maximum(self.scale, self.expected), self.system.form.constant
         speeds = constant - self.system.form.parts.massive.shape[1]
         for kind in (slice(0, speeds), slice(speeds, constant)):
-            size[kind] = np.maximum(size[kind], SCALE_FLOOR * size[kind].max(initial=0.0))
+            size[kind] = np.maximum(size[kind], ATOL_FLOOR * size[kind].max(initial=0.0))
         return np.asarray(ATOL_FACTOR * self.method.rtol * np.where((size > 0.0) & (size < math.inf), size, 1.0))
 
     def _advance_solver(self) -> Status:

@@ -7,6 +7,7 @@ bound it; the root is then found on the dense output itself.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, NamedTuple
@@ -68,9 +69,18 @@ def samples_of(p: int) -> Samples:
 
 
 def first_root(
-    segment: ForcedSegment, samples: Samples, scale: Array, start: float, end: float, dense: Any, atol: Array
+    segment: ForcedSegment,
+    samples: Samples,
+    scale: Array,
+    start: float,
+    end: float,
+    dense: Any,
+    atol: Callable[[], Array],
 ) -> tuple[float, int] | None:
-    """Return the first instant in a step at which a watched row falls below zero, and which row."""
+    """Return the first instant in a step at which a watched row falls below zero, and which row.
+
+    ``atol`` returns the absolute tolerance of each state, which only rows that are zero for ever ask for.
+    """
     if not len(segment.rows):
         return None
     width = end - start
@@ -86,7 +96,8 @@ def first_root(
         coefficients = (b[m:, k] - zero) * samples.divided[m]
         floor = float(samples.noise * size[k] * samples.divided[m][0])
         if segment.order[k] == ZERO_FOR_EVER:
-            floor += float(np.abs(row[: len(atol)]) @ atol)
+            tolerance = atol()
+            floor += float(np.abs(row[: len(tolerance)]) @ tolerance)
         if coefficients.min() >= -floor:
             continue
         s = first_fall(np.array([coefficients, np.zeros_like(coefficients)]), -floor)
