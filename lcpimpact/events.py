@@ -11,6 +11,7 @@ from scipy.optimize import brentq
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.record import SLIP_RTOL, ContinuousSolution, Event, Record, State
 from lcpimpact.scheme.dynamics import Contact, Dynamics
+from lcpimpact.scheme.terms import RowLaw
 
 TOUCH_RTOL = 8.0 * np.finfo(float).eps
 """Approach, relative to the terms of its sum, below which it is rounding."""
@@ -38,7 +39,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     found: list[tuple[float, int, Event]] = []
     for i, contact in enumerate(dynamics.contacts):
         r = record.reaction[:, i]
-        if contact.r0 is not None:
+        if contact.law is RowLaw.SLIDER:
             found += [(event.t, i, event) for event in _friction_events(contact, i, record)]
             continue
         closed = r > 0.0
@@ -180,8 +181,7 @@ def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:
 def _friction_events(contact: Contact, i: int, record: Record) -> Iterator[Event]:
     """Yield where a slider stops and where it begins to slip, or to slip the other way: between two forces on both sides."""
     r, t = record.reaction[:, i], record.t_reaction
-    assert contact.r0 is not None
-    side = np.where(np.abs(r) < contact.r0 * (1.0 - SLIP_RTOL), 0.0, np.sign(r))
+    side = np.where(np.abs(r) < contact.bounds[1] * (1.0 - SLIP_RTOL), 0.0, np.sign(r))
     # A slider that turns is between its thresholds for one step; it does not stop.
     turning = 1 + np.flatnonzero((side[1:-1] == 0.0) & (side[:-2] * side[2:] < 0.0))
     side[turning] = side[turning + 1]

@@ -171,7 +171,7 @@ def _judge_contacts(
     slow = ε * scales.U + limits.rest * end * accelerations(d, run.g)
     for path in d.impulse_lines > 0.0:
         slow[path] = np.maximum(slow[path], slow[path].sum())
-    one_sided, bounds = ~d.slides, np.where(d.slides, d.r_max, 0.0)
+    one_sided, bounds = d.unilateral, d.thresholds
     reach = ε * scales.u + opened
     penetration = np.maximum(0.0, -np.minimum(u.min(axis=0), u_right.min(axis=0)))
     beyond = np.maximum(beyond_bounds(d, run.r).max(axis=0), beyond_bounds(d, r_right).max(axis=0))

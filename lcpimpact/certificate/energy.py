@@ -32,7 +32,7 @@ from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.power_law import mean_forces
 from lcpimpact.scheme.scheme import Scheme
-from lcpimpact.scheme.terms import Terms
+from lcpimpact.scheme.terms import RowLaw, Terms
 
 STORED = ("kinetic", "elastic", "gravity")
 INFLOWS = ("loads", "motions")
@@ -80,7 +80,7 @@ class Sinks:
         for spring in (d.springs[a] for a in lossy):
             names.append(f"{spring.element.split()[0]} {spring.upper} to {spring.lower}")
         for contact in d.contacts:
-            kind = "slider" if contact.r0 is not None else "impact" if contact.relative_degree == 2 else "contact"
+            kind = "slider" if contact.law is RowLaw.SLIDER else "impact" if contact.relative_degree == 2 else "contact"
             names.append(f"{kind} {contact.name}")
         springs, contacts = np.zeros((len(d.springs), len(names))), np.zeros((len(d.contacts), len(names)))
         springs[lossy, len(dashpots) + np.arange(len(lossy))] = 1.0

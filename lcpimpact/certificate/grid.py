@@ -222,7 +222,7 @@ def _judge_contacts(
     """Judge complementarity, penetration, bounds and the law of impact; ``largest`` are the largest impulses (nc,)."""
     ε, longest, v, r = limits.precision, run.longest, run.v, run.r
     u = d.gap(run.q[1:] if run.in_steps else run.q) + r @ d.D.T
-    one_sided, bounds = ~d.slides, np.where(d.slides, d.r_max, 0.0)
+    one_sided, bounds = d.unilateral, d.thresholds
     reach = np.where((d.relative_degree == 2) | (2 not in limits.relative_degrees), limits.penetration, 0.0)
     opened = ε * scales.u + reach * longest * scales.U
     slow = 2.0 * run.spread * min(limits.slack, 3.0) * longest * accelerations(d, run.acting) + ε * scales.U

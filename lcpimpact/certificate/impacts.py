@@ -87,7 +87,7 @@ def _impact_law(d: Dynamics, impacts: RunImpacts, touch: Array) -> Array:
         off[k, rows] -= free[rows] @ np.linalg.lstsq(free[rows], off[k, rows], rcond=None)[0]
     violation = np.where(struck, np.abs(off), 0.0)
     violation = np.where(P < 0.0, np.maximum(violation, np.abs(after - before)), violation)
-    idle = ~struck & ~d.slides & (d.gap(impacts.q) <= touch) & ~free.any(axis=1)
+    idle = ~struck & d.unilateral & (d.gap(impacts.q) <= touch) & ~free.any(axis=1)
     return np.where(idle, np.maximum(0.0, -(after + e * np.minimum(before, 0.0))), violation)
 
 

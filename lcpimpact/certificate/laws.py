@@ -31,8 +31,7 @@ def accelerations(d: Dynamics, g: Array) -> Array:
 
 def missing_friction(d: Dynamics, r: Array, U: Array) -> Array:
     """Return the power r0 |U| + r U in W that sliders should take more than they do; zero for other rows (..., nc)."""
-    bounds = np.where(d.slides, d.r_max, 0.0)
-    return np.asarray(np.where(d.slides, bounds * np.abs(U) + r * U, 0.0))
+    return np.asarray(np.where(d.slides, d.thresholds * np.abs(U) + r * U, 0.0))
 
 
 def beyond_bounds(d: Dynamics, r: Array) -> Array:

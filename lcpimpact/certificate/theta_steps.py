@@ -117,7 +117,7 @@ def _judge_contacts(
 ) -> Found:
     """Judge complementarity, penetration, bounds and the law of impact."""
     (of, scales, h), ε = seen, limits.precision
-    largest, bounds = largest_impulses(d, events), np.where(d.slides, d.r_max, 0.0)
+    largest, bounds = largest_impulses(d, events), d.thresholds
     # A node with prescribed motion has the mean velocity of its step in the law, and its own in the record.
     turned = np.abs(np.diff(record.v[:, d.driven], axis=0)).max(axis=0, initial=0.0)
     slow = ε * scales.U.max(initial=0.0) + np.abs(d.H[:, d.driven]) @ turned
@@ -151,6 +151,6 @@ def _crept(d: Dynamics, record: Record) -> Array:
     gives = np.abs(moves * np.linalg.lstsq(static.T @ d.K @ static, moves.T, rcond=None)[0].T).sum(axis=1)
     held = d.slides & (d.relative_degree == 0)
     turned = np.abs(np.diff(np.diff(record.q, axis=0) @ d.H[held].T, axis=0)).max(axis=0, initial=0.0)
-    crept = np.asarray(SLIP_RTOL * np.where(d.slides, d.r_max, 0.0) * gives)
+    crept = np.asarray(SLIP_RTOL * d.thresholds * gives)
     crept[held] += turned
     return crept

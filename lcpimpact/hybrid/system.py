@@ -34,6 +34,7 @@ from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp
 from lcpimpact.scheme.decomposition import degrees_together
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
+from lcpimpact.scheme.terms import RowLaw
 
 ZERO = 1e-12
 """Tolerance for zero in a state of floats, relative to the terms of the sum at their largest so far: a root located
@@ -367,7 +368,7 @@ class System:
     @cached_property
     def meets(self) -> Flags:
         """Which rows are contacts at which impulses act (nc,)."""
-        return np.asarray((self.degree == 2) & ~self.slides)
+        return np.asarray((self.degree == 2) & self.dynamics.unilateral)
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
@@ -422,7 +423,7 @@ class System:
             u, r = stacked([[gap, Dw + D @ Fw]]).parts, stacked([[F, Fw]]).parts
             slips, found = dict(mode.slips), []
             for i, contact in enumerate(self.dynamics.contacts):
-                if contact.r0 is None:
+                if contact.law is RowLaw.CONTACT:
                     found.append((i, 0, r[:, i] if i in mode.closed else u[:, i]))
                 elif i in slips:
                     found.append((i, 0, slips[i] * U[:, i]))
@@ -430,7 +431,7 @@ class System:
                     for side in (1, -1):
                         room = DoubleDouble(-side * r[:, i])
                         threshold = np.zeros(len(room))
-                        threshold[self.form.constant] = contact.r0
+                        threshold[self.form.constant] = contact.bounds[1]
                         found.append((i, side, (room + threshold).parts))
             rows = np.array([row for _, _, row in found]).reshape(len(found), 2, u.shape[2])
             self.switches[mode.key] = (

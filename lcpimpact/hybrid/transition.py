@@ -16,6 +16,7 @@ from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.mode_choice import choose_mode
 from lcpimpact.hybrid.system import ZERO, Mode, Still, System
 from lcpimpact.record import Event, State
+from lcpimpact.scheme.terms import RowLaw
 
 
 def parted(system: System, found: Array) -> tuple[Array, Array, Array]:
@@ -114,7 +115,7 @@ def happened(system: System, t: float, before: Mode, after: Mode, P: Array, left
     for i, contact in enumerate(system.dynamics.contacts):
         if P[i] > 0.0:
             found.append(Event(t, contact.name, "impact", left, right, float(P[i])))
-        if kind := _change(before, after, i, contact.r0 is not None):
+        if kind := _change(before, after, i, contact.law is RowLaw.SLIDER):
             found.append(Event(t, contact.name, kind, left, right))
     return found
 

@@ -337,7 +337,7 @@ class Radau(Integrator):
         scale, moves = np.abs(X), np.eye(len(A)) + grid.h * np.abs(A)
         scale[form.constant :] = form.signal_sizes
         scale = moves @ moves @ scale
-        solver, bounces = SOLVERS[lcp_solver], (d.relative_degree == 2) & ~d.slides
+        solver, bounces = SOLVERS[lcp_solver], (d.relative_degree == 2) & d.unilateral
         CA, CAA = np.array(C @ A, order="C"), np.array(C @ A @ A, order="C")
         impacts = ImpactMatrices(
             C.copy(), CA, CAA, np.array(CA @ B, order="C"), B.copy(), d.restitution, bounces, grid.h

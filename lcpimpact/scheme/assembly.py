@@ -12,7 +12,7 @@ from lcpimpact.scheme.decomposition import decompose, loose_groups, relative_deg
 from lcpimpact.scheme.dynamics import Contact, Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.signals import PiecewisePolynomial
-from lcpimpact.scheme.terms import PowerLaw, Row, Terms
+from lcpimpact.scheme.terms import PowerLaw, Row, RowLaw, Terms
 
 MAX_NODES = 10_000
 """Maximum number of nodes: a full matrix takes 800 MB."""
@@ -51,14 +51,14 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     rows = [terms.direction(row.upper, row.lower) for row in terms.rows]
     H = np.array(rows).reshape(len(rows), len(nodes))
     u0 = np.array([row.gap for row in terms.rows])
-    _refuse_parallel_contacts([row for row in terms.rows if row.r0 is None])
+    _refuse_parallel_contacts([row for row in terms.rows if row.law is RowLaw.CONTACT])
     _refuse_loops_of_sliders(H, terms.rows)
     parts = decompose(M, C, driven)
     _refuse_falling_nodes(K, parts.static, nodes)
     _refuse_jumps(terms, parts.static, nodes)
     degrees = relative_degrees(H, parts)
     contacts = tuple(
-        Contact(row.name, row.upper, row.lower, row.gap, row.e or 0.0, degree, row.r0)
+        Contact(row.name, row.upper, row.lower, row.gap, row.e or 0.0, degree, row.law, row.bounds)
         for row, degree in zip(terms.rows, degrees, strict=True)
     )
     B, D = H.T.copy(), np.zeros((len(rows), len(rows)))
@@ -173,7 +173,7 @@ def _paths(start: str, end: str, bumpers: Sequence[Row]) -> Iterator[tuple[tuple
 
 def _refuse_loops_of_sliders(H: Array, rows: Sequence[Row]) -> None:
     """Refuse sliders whose rows of H depend on each other: they can all stick, with undetermined forces."""
-    sliders = [i for i, row in enumerate(rows) if row.r0 is not None]
+    sliders = [i for i, row in enumerate(rows) if row.law is RowLaw.SLIDER]
     if not sliders or np.linalg.matrix_rank(H[sliders]) == len(sliders):
         return
     first = next(n for n in range(1, len(sliders) + 1) if np.linalg.matrix_rank(H[sliders[:n]]) < n)
@@ -188,7 +188,7 @@ def _check_restitution(dynamics: Dynamics, rows: Sequence[Row]) -> None:
     """Refuse a contact on an impulse path without e, and e of one that is on none."""
     for i, (row, contact) in enumerate(zip(rows, dynamics.contacts, strict=True)):
         paths = dynamics.impulse_paths[dynamics.impulse_paths[:, i] > 0.0]
-        if row.e is None and row.r0 is None and contact.relative_degree == 2:
+        if row.e is None and row.law is RowLaw.CONTACT and contact.relative_degree == 2:
             raise InputError(f"{row.element}: both sides have mass, so impacts need a restitution coefficient; give e=")
         if row.e is None and len(paths):
             others = ", ".join(repr(rows[j].name) for j in map(int, np.flatnonzero(paths[0])) if j != i)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -14,7 +15,7 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.scheme.decomposition import Decomposition, decompose
 from lcpimpact.scheme.impulse_paths import extreme_rays, impulse_paths
 from lcpimpact.scheme.signals import PiecewisePolynomial, Signal
-from lcpimpact.scheme.terms import PowerLaw, Terms
+from lcpimpact.scheme.terms import PowerLaw, RowLaw, Terms
 
 DEGREE_REASON = {
     0: "the contact plate is massless and carried by a spring only, so the force is continuous",
@@ -51,8 +52,14 @@ class Contact:
         Coefficient of restitution; 0 where no impulse can act and it means nothing.
     relative_degree : int
         How often u must be differentiated before r appears: 0, 1 or 2.
-    r0 : float or None
-        None for a unilateral row, 0 <= u ⟂ r >= 0; for a slider the threshold in N of -r0 <= r <= r0 ⟂ u'.
+    law : RowLaw
+        The law of r.
+    bounds : (float, float)
+        r_min and r_max in N; infinite for friction, which μ r_N bounds.
+    mu : float
+        Coefficient of friction.
+    normal : int
+        The row whose reaction r_N bounds the friction; -1 for other laws.
     """
 
     name: str
@@ -61,13 +68,16 @@ class Contact:
     gap: float
     e: float
     relative_degree: int
-    r0: float | None = None
+    law: RowLaw = RowLaw.CONTACT
+    bounds: tuple[float, float] = (0.0, math.inf)
+    mu: float = 0.0
+    normal: int = -1
 
     @property
     def sentence(self) -> str:
         """The relative degree and its reason, in words."""
         reason = DEGREE_REASON[self.relative_degree]
-        if self.r0 is not None:
+        if self.law is RowLaw.SLIDER:
             reason = reason.replace("and impulses act", "but no impulse acts, since friction is bounded")
         where = f" between {self.upper!r} and {self.lower!r}" if self.upper or self.lower else ""
         if not where:
@@ -122,7 +132,7 @@ class Dynamics:
     def features(self) -> dict[Feature, str]:
         """Its features that not every method handles, with the element or name that causes each."""
         found: dict[Feature, str] = {}
-        if sliders := [contact.name for contact in self.contacts if contact.r0 is not None]:
+        if sliders := [contact.name for contact in self.contacts if contact.law is RowLaw.SLIDER]:
             found[Feature.SLIDERS] = f"slider {sliders[0]!r}"
         if self.springs:
             found[Feature.POWER_LAWS] = self.springs[0].element
@@ -149,7 +159,7 @@ class Dynamics:
         """The contacts through which an impulse can pass from mass to mass or ground, one path a row (np, nc)."""
         paths = np.zeros((0, len(self.contacts)))
         if self.massive.any():
-            parts, rows = self.decomposition, ~self.slides
+            parts, rows = self.decomposition, self.unilateral
             massless = np.column_stack([parts.damped, parts.static])
             found = impulse_paths(parts.massive.T @ self.B[:, rows], massless.T @ self.B[:, rows])
             paths = np.zeros((len(found), len(self.contacts)))
@@ -159,7 +169,7 @@ class Dynamics:
     @cached_property
     def gap_paths(self) -> Array:
         """The contacts whose gaps add up to one that no static node changes, so that it must not be negative (nr, nc)."""
-        rows = ~self.slides
+        rows = self.unilateral
         rays = extreme_rays(self.decomposition.static.T @ self.B[:, rows])
         paths = np.zeros((len(rays), len(self.contacts)))
         paths[:, rows] = rays
@@ -182,18 +192,32 @@ class Dynamics:
 
     @cached_property
     def r_min(self) -> Array:
-        """Lower bound of each reaction in N (nc,): 0, or -r0."""
-        return np.array([0.0 if each.r0 is None else -each.r0 for each in self.contacts])
+        """Lower bound of each reaction in N (nc,)."""
+        return np.array([each.bounds[0] for each in self.contacts], dtype=np.float64)
 
     @cached_property
     def r_max(self) -> Array:
-        """Upper bound of each reaction in N (nc,): inf, or r0."""
-        return np.array([np.inf if each.r0 is None else each.r0 for each in self.contacts])
+        """Upper bound of each reaction in N (nc,)."""
+        return np.array([each.bounds[1] for each in self.contacts], dtype=np.float64)
+
+    @cached_property
+    def unilateral(self) -> Flags:
+        """Which rows are contacts with 0 <= u ⟂ r >= 0 (nc,)."""
+        return self._with_law(RowLaw.CONTACT)
 
     @cached_property
     def slides(self) -> Flags:
         """Which rows are sliders (nc,)."""
-        return np.array([each.r0 is not None for each in self.contacts], dtype=np.bool_)
+        return self._with_law(RowLaw.SLIDER)
+
+    @cached_property
+    def thresholds(self) -> Array:
+        """r0 in N of each slider; 0 of other rows (nc,)."""
+        return np.where(self.slides, self.r_max, 0.0)
+
+    def _with_law(self, law: RowLaw) -> Flags:
+        """Return the rows with a law (nc,)."""
+        return np.array([each.law is law for each in self.contacts], dtype=np.bool_)
 
     @cached_property
     def directions(self) -> Array:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,21 @@ from lcpimpact.scheme.signals import Signal
 
 GROUND = "ground"
 """The name of the node that does not move."""
+
+
+class RowLaw(StrEnum):
+    """The laws of a row: r in an interval, complementary to u or to the rate U = u'."""
+
+    CONTACT = "contact"
+    """0 <= r ⟂ u >= 0."""
+    SLIDER = "slider"
+    """-r0 <= r <= r0, complementary to U."""
+    FRICTION = "friction"
+    """-μ r_N <= r <= μ r_N, complementary to U, with the reaction r_N of another row."""
+    JOINT = "joint"
+    """u = 0, for any r."""
+    RELAY = "relay"
+    """r_min <= r <= r_max, complementary to u."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +43,10 @@ class Row:
     upper, lower : str      the nodes
     gap : float             u in m at zero coordinates
     e : float or None       coefficient of restitution, where one is given
-    r0 : float or None      threshold in N of a slider, -r0 <= r <= r0; None for a unilateral contact, r >= 0
+    law : RowLaw
+    bounds : (float, float) r_min and r_max in N
+    mu : float              coefficient of friction
+    normal : str            name of the row whose reaction bounds the friction
     """
 
     element: str
@@ -35,7 +55,10 @@ class Row:
     lower: str
     gap: float
     e: float | None = None
-    r0: float | None = None
+    law: RowLaw = RowLaw.CONTACT
+    bounds: tuple[float, float] = (0.0, math.inf)
+    mu: float = 0.0
+    normal: str = ""
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from lcpimpact.integrators import METHODS
 from lcpimpact.problems import PROBLEMS, load_problem, reading
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import angle, free_vibration
+from lcpimpact.scheme.terms import RowLaw
 
 BARS = {"bar-impact", "bouncing-bar", "plastic-bar-impact"}
 """Finite elements: their facts are those of the continuum, and `exact` takes long over so many nodes."""
@@ -162,7 +163,7 @@ def declared_order(problem):
     declared = METHODS["moreau-jean"].declared
     orders = [declared.order_force_jump]
     for contact in problem.dynamics.contacts:
-        if contact.r0 is not None:
+        if contact.law is RowLaw.SLIDER:
             # Of a slider on a spring too, the step in which it begins to slip leaves an error of the first order.
             orders.append(declared.order_friction)
         elif contact.relative_degree == 2:

@@ -439,7 +439,7 @@ def test_an_elastic_plastic_bar():
         "a", "rod.F1.1", "rod.1", "rod.F2.1", "rod.2", "rod.F3.1", "rod.3", "rod.F4.1", "b"
     )  # fmt: skip
     assert [contact.name for contact in dynamics.contacts] == ["rod.F1", "rod.F2", "rod.F3", "rod.F4"]
-    assert {contact.r0 for contact in dynamics.contacts} == {6.0}
+    assert {contact.bounds[1] for contact in dynamics.contacts} == {6.0}
 
     def end_stiffness(K):
         """Of b against a, with everything else condensed."""

@@ -177,7 +177,7 @@ def test_dry_friction_takes_4_F_X_a_cycle():
     ω = np.sqrt(p["k"] / p["m"])
     run = li.simulate(problem, "exact", dt=problem.t_end / 1000, t_end=problem.t_end)
     slips = li.energy_ledger(run).table
-    force = problem.dynamics.contacts[0].r0
+    force = problem.dynamics.contacts[0].bounds[1]
     # Half a cycle after another the turning points come nearer by 2 F/k; friction is force times way.
     half = np.pi / ω
     turns = [np.interp(n * half, run.t, run.q[:, 0]) for n in range(3)]

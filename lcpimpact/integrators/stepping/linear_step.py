@@ -357,10 +357,9 @@ def varying_loads(d: Dynamics) -> Flags:
 def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tuple[StepTable, StepSprings]:
     """Return the coefficients of a step for the kernel."""
     d, N = y.dynamics, y.dynamics.directions
-    threshold = np.where(d.slides, d.r_max, 0.0)
     weights = [h if law.weight is None else law.weight for law in step.laws]
-    lower = np.array([-weight * threshold for weight in weights])
-    upper = np.array([weight * threshold + np.where(d.slides, 0.0, d.r_max) for weight in weights])
+    lower = np.array([-weight * d.thresholds for weight in weights])
+    upper = np.array([weight * d.thresholds + np.where(d.slides, 0.0, d.r_max) for weight in weights])
     rows, θh = [], []
     for law, high, P, s in zip(step.laws, upper, y.P, y.s, strict=True):
         rate = N @ law.springs_at[1]

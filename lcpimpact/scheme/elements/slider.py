@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, named, positive
-from lcpimpact.scheme.terms import Row, Terms
+from lcpimpact.scheme.terms import Row, RowLaw, Terms
 
 
 @dataclass(frozen=True)
@@ -79,4 +79,6 @@ class Slider(Element):
 
     def contribute(self, terms: Terms) -> None:
         """Add a row to H, with a box as its law."""
-        terms.rows.append(Row(str(self), self.name or self.reaction, self.a, self.b, 0.0, r0=float(self.r0)))
+        bounds = (-float(self.r0), float(self.r0))
+        name = self.name or self.reaction
+        terms.rows.append(Row(str(self), name, self.a, self.b, 0.0, law=RowLaw.SLIDER, bounds=bounds))

@@ -9,6 +9,7 @@ from typing import Any
 
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Declared, Integrator
+from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.trajectory import Trajectory
 
 
@@ -59,7 +60,7 @@ def limits_of(truth: Trajectory) -> tuple[Limit, ...]:
         if event.contact not in contacts:
             continue
         contact = contacts[event.contact]
-        last = FRICTION if contact.r0 is not None else IMPACT
+        last = FRICTION if contact.law is RowLaw.SLIDER else IMPACT
         if event.kind != "jump":
             happened.add((KINK, JUMP, last)[2 if event.kind == "impact" else contact.relative_degree])
     return tuple(limit for limit in (SMOOTH, KINK, JUMP, FRICTION, IMPACT, COMPLIANT) if limit in happened)

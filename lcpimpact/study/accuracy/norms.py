@@ -403,14 +403,14 @@ def penetration(run: Trajectory, truth: Trajectory) -> float:
     Over all times or on the grid, as for q. A velocity-level method leaves O(h) after an impact.
     """
     rigid = truth.problem.dynamics
-    if rigid.D.any() or not (~rigid.slides).any():
+    if rigid.D.any() or not rigid.unilateral.any():
         return run.certificate.penetration
     if run.dense is None:
         overlap = -rigid.gap(run.q)
     else:
         moved = float(np.abs(run.q).max())
         overlap = series(corners(run), lambda t: -rigid.gap(run.sample(t).q), scale=moved).highest()
-    return float(max(0.0, overlap[..., ~rigid.slides].max()))
+    return float(max(0.0, overlap[..., rigid.unilateral].max()))
 
 
 def complementarity(run: Trajectory, truth: Trajectory) -> float:
