@@ -29,7 +29,8 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     A closing is where the gap, an opening where the reaction, extrapolated from its last two positive values, reaches
     zero, within the step that it must lie in; limits are the neighbouring values on the grid. Where both sides of a contact
     have mass, the step that closes it, or the first ``impact_steps`` of them, holds an impact: its mean force is an impulse
-    over h and belongs to the event. So does the step in which all contacts of an impulse path come to push.
+    over h and belongs to the event. So does the step in which all contacts of an impulse path come to push. Friction has an
+    impulse where its normal force has one.
     """
     impulsive = np.zeros(record.reaction.shape, dtype=bool)
     if len(record.t) < 2:
@@ -39,8 +40,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     found: list[tuple[float, int, Event]] = []
     for i, contact in enumerate(dynamics.contacts):
         r = record.reaction[:, i]
-        if contact.law is RowLaw.SLIDER:
-            found += [(event.t, i, event) for event in _friction_events(contact, i, record)]
+        if contact.law is not RowLaw.CONTACT:
             continue
         closed = r > 0.0
         before = np.append(closed[0], closed[:-1])
@@ -77,6 +77,14 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
             )
             right = State(record.q[last], record.v[last], record.reaction[j])
             found.append((t, i, Event(t, contact.name, kind, left, right, impulse)))
+            for k in np.flatnonzero(dynamics.normals == i) if kind == "impact" else ():
+                impulse = float(record.reaction[j : j + impact_steps, k].sum() * (record.t[last] - record.t[node]))
+                impulsive[j : j + impact_steps, k] = True
+                if impulse != 0.0:
+                    found.append((t, int(k), Event(t, dynamics.contacts[k].name, kind, left, right, impulse)))
+    bounds = np.where(impulsive, 0.0, dynamics.friction_bounds(record.reaction))
+    for i in map(int, np.flatnonzero(dynamics.rubs)):
+        found += [(event.t, i, event) for event in _friction_events(dynamics.contacts[i], i, bounds[:, i], record)]
     return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2])), impulsive
 
 
@@ -178,14 +186,18 @@ def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:
     return struck
 
 
-def _friction_events(contact: Contact, i: int, record: Record) -> Iterator[Event]:
-    """Yield where a slider stops and where it begins to slip, or to slip the other way: between two forces on both sides."""
-    r, t = record.reaction[:, i], record.t_reaction
-    side = np.where(np.abs(r) < contact.bounds[1] * (1.0 - SLIP_RTOL), 0.0, np.sign(r))
+def _friction_events(contact: Contact, i: int, bounds: Array, record: Record) -> Iterator[Event]:
+    """Yield where dry friction stops and where it begins to slip, or to slip the other way: between two forces beside it.
+
+    Without a bound, as where a contact is open, there is no friction.
+    """
+    r, t, acts = record.reaction[:, i], record.t_reaction, bounds > 0.0
+    side = np.where(np.abs(r) < bounds * (1.0 - SLIP_RTOL), 0.0, np.sign(r))
     # A slider that turns is between its thresholds for one step; it does not stop.
-    turning = 1 + np.flatnonzero((side[1:-1] == 0.0) & (side[:-2] * side[2:] < 0.0))
+    turning = 1 + np.flatnonzero((side[1:-1] == 0.0) & (side[:-2] * side[2:] < 0.0) & acts[1:-1])
     side[turning] = side[turning + 1]
-    for j in map(int, np.flatnonzero(np.diff(side)) + 1):
+    changes = acts[1:] & ((side[1:] != side[:-1]) | ~acts[:-1])
+    for j in map(int, np.flatnonzero(changes) + 1):
         before, after = np.searchsorted(record.t, t[j - 1], side="right") - 1, np.searchsorted(record.t, t[j])
         left = State(record.q[before], record.v[before], record.reaction[j - 1])
         right = State(record.q[after], record.v[after], record.reaction[j])

@@ -171,17 +171,19 @@ def _judge_contacts(
     slow = ε * scales.U + limits.rest * end * accelerations(d, run.g)
     for path in d.impulse_lines > 0.0:
         slow[path] = np.maximum(slow[path], slow[path].sum())
-    one_sided, bounds = d.unilateral, d.thresholds
+    one_sided, bounds = d.unilateral, d.friction_bounds(scales.r)
+    largest = np.maximum(largest, d.friction_bounds(largest) * d.frictional)
     reach = ε * scales.u + opened
     penetration = np.maximum(0.0, -np.minimum(u.min(axis=0), u_right.min(axis=0)))
+    penetration = np.where(d.joints, np.maximum(np.abs(u).max(axis=0), np.abs(u_right).max(axis=0)), penetration)
     beyond = np.maximum(beyond_bounds(d, run.r).max(axis=0), beyond_bounds(d, r_right).max(axis=0))
     return {
         "complementarity": worst(
-            np.maximum(np.where(one_sided, product, friction), by_impacts),
+            np.maximum(np.where(one_sided, product, np.where(d.rubs, friction, 0.0)), by_impacts),
             scales.r * reach + largest * slow + bounds * (opened + ε * end * scales.U),
         ),
-        "penetration": worst(penetration[one_sided], reach[one_sided]),
-        "tension": worst(beyond, ε * scales.r),
+        "penetration": worst(penetration[~d.rubs], reach[~d.rubs]),
+        "tension": worst(beyond, ε * (scales.r + bounds * d.frictional)),
         "impact_law": worst(violation, slow),
     }
 

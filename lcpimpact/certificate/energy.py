@@ -80,7 +80,7 @@ class Sinks:
         for spring in (d.springs[a] for a in lossy):
             names.append(f"{spring.element.split()[0]} {spring.upper} to {spring.lower}")
         for contact in d.contacts:
-            kind = "slider" if contact.law is RowLaw.SLIDER else "impact" if contact.relative_degree == 2 else "contact"
+            kind = "impact" if contact.law is RowLaw.CONTACT and contact.relative_degree == 2 else contact.law.value
             names.append(f"{kind} {contact.name}")
         springs, contacts = np.zeros((len(d.springs), len(names))), np.zeros((len(d.contacts), len(names)))
         springs[lossy, len(dashpots) + np.arange(len(lossy))] = 1.0

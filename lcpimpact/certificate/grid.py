@@ -222,7 +222,7 @@ def _judge_contacts(
     """Judge complementarity, penetration, bounds and the law of impact; ``largest`` are the largest impulses (nc,)."""
     ε, longest, v, r = limits.precision, run.longest, run.v, run.r
     u = d.gap(run.q[1:] if run.in_steps else run.q) + r @ d.D.T
-    one_sided, bounds = d.unilateral, d.thresholds
+    one_sided, bounds = d.unilateral, d.friction_bounds(scales.r)
     reach = np.where((d.relative_degree == 2) | (2 not in limits.relative_degrees), limits.penetration, 0.0)
     opened = ε * scales.u + reach * longest * scales.U
     slow = 2.0 * run.spread * min(limits.slack, 3.0) * longest * accelerations(d, run.acting) + ε * scales.U
@@ -232,7 +232,7 @@ def _judge_contacts(
     # A contact may open in the step over which its force is a mean.
     opening = longest * scales.U * ((d.relative_degree == 2) & run.in_steps)
     friction = turned = np.zeros(len(d.contacts))
-    if d.slides.any():
+    if d.rubs.any():
         mean = 0.5 * (v[1:] + v[:-1]) if run.in_steps else v
         duration = run.h if run.in_steps else np.append(run.h, run.h[-1:], axis=0)
         friction = np.abs(duration * missing_friction(d, r, d.gap_rate(mean))).max(axis=0, initial=0.0)
@@ -243,11 +243,13 @@ def _judge_contacts(
         (friction, bounds * longest * (ε * scales.U + 2.0 * turned)),
         (by_impacts, largest * slow),
     ]
+    largest = np.maximum(largest, d.friction_bounds(largest) * d.frictional)
     beyond = beyond_bounds(d, r).max(axis=0, initial=0.0)
+    parted = np.maximum(np.where(d.joints, np.abs(u), -u * one_sided).max(axis=0, initial=0.0), 0.0)
     return {
         "complementarity": worst(*(np.concatenate(each) for each in zip(*products, strict=True))),
-        "penetration": worst(np.maximum(0.0, -u.min(axis=0, initial=0.0))[one_sided], opened[one_sided]),
-        "tension": worst(beyond, ε * (scales.r + largest / float(run.h.max(initial=1e-300)))),
+        "penetration": worst(parted, np.where(d.joints, ε * scales.u, opened)),
+        "tension": worst(beyond, ε * (scales.r + bounds * d.frictional + largest / float(run.h.max(initial=1e-300)))),
         "impact_law": worst(violation, slow),
     }
 
@@ -258,7 +260,7 @@ def _judge_steps(
     """Judge the momentum and displacement of each single step away from events, by the second differences around it."""
     kind, h, t, (scales, turn) = node_kinds(d), run.h, run.t, scaled
     loud = h[:, 0] > (1.0 + UNIFORM_RTOL) * h.min(initial=np.inf)
-    changes_of_mode(run.r, d.r_min, d.r_max, loud)
+    changes_of_mode(run.r, *_bounds(d, run.r), loud)
     near = np.searchsorted(t, [event.t for event in events])[:, None] + np.array([-2, -1, 0])
     loud[np.clip(near, 0, len(h) - 1)] = True
     if d.springs:
@@ -275,6 +277,13 @@ def _judge_steps(
     moved = worst_steps(steps, run.q, run.v, none, moves, loud, rounding, limits.step)
     ways = (kind == MASSIVE) | (kind == DAMPED)
     return {"momentum": worst(*lack[:, kind == MASSIVE]), "kinematics": worst(*moved[:, ways])}
+
+
+def _bounds(d: Dynamics, r: Array) -> tuple[Array, Array]:
+    """Return the bounds of reactions r (nr, nc), infinite where there are none, those of friction by its normal forces."""
+    bounds = d.friction_bounds(r)
+    low, high = np.where(d.frictional, -bounds, d.r_min), np.where(d.frictional, bounds, d.r_max)
+    return np.ascontiguousarray(low), np.ascontiguousarray(high)
 
 
 def _kicks_of_steps(d: Dynamics, run: Steps, limits: Limits) -> Array:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.record import Event
+from lcpimpact.record import SLIP_RTOL, Event
 from lcpimpact.scheme.dynamics import Dynamics
 
 
@@ -80,13 +80,21 @@ def _impact_law(d: Dynamics, impacts: RunImpacts, touch: Array) -> Array:
     before, after, P, e = d.gap_rate(impacts.before), d.gap_rate(impacts.after), impacts.P, d.restitution
     struck, off = P != 0.0, after + e * before
     # A contact that opens already, and is held back by another, may part at any greater rate.
-    off = np.where((before > 0.0) & (np.abs(after) < np.abs(off)), after, off)
+    off = np.where(d.unilateral & (before > 0.0) & (np.abs(after) < np.abs(off)), after, off)
     free = d.H[:, ~d.massive & ~d.driven]
     for k in np.flatnonzero((struck & free.any(axis=1)).any(axis=1)):
         rows = struck[k]
         off[k, rows] -= free[rows] @ np.linalg.lstsq(free[rows], off[k, rows], rcond=None)[0]
     violation = np.where(struck, np.abs(off), 0.0)
-    violation = np.where(P < 0.0, np.maximum(violation, np.abs(after - before)), violation)
+    pulls = d.unilateral & (P < 0.0)
+    violation = np.where(pulls, np.maximum(violation, np.abs(after - before)), violation)
+    if d.frictional.any():
+        bounds = d.friction_bounds(P)
+        sticks, beyond = np.abs(P) < bounds * (1.0 - SLIP_RTOL), np.abs(P) > bounds * (1.0 + SLIP_RTOL)
+        missing = np.where(sticks, np.abs(off), np.maximum(0.0, off * np.sign(P)))
+        missing = np.where(beyond, np.maximum(missing, np.abs(after - before)), missing)
+        violation = np.where(d.frictional, np.where(bounds > 0.0, missing, violation), violation)
+    violation = np.where(d.joints, np.abs(after), violation)
     idle = ~struck & d.unilateral & (d.gap(impacts.q) <= touch) & ~free.any(axis=1)
     return np.where(idle, np.maximum(0.0, -(after + e * np.minimum(before, 0.0))), violation)
 

@@ -30,13 +30,14 @@ def accelerations(d: Dynamics, g: Array) -> Array:
 
 
 def missing_friction(d: Dynamics, r: Array, U: Array) -> Array:
-    """Return the power r0 |U| + r U in W that sliders should take more than they do; zero for other rows (..., nc)."""
-    return np.asarray(np.where(d.slides, d.thresholds * np.abs(U) + r * U, 0.0))
+    """Return the power bound·|U| + r U in W that dry friction should take more than it does; zero for others (..., nc)."""
+    return np.asarray(np.where(d.rubs, d.friction_bounds(r) * np.abs(U) + r * U, 0.0))
 
 
 def beyond_bounds(d: Dynamics, r: Array) -> Array:
     """Return by how much reactions leave their bounds in N (..., nc)."""
-    return np.maximum(np.maximum(d.r_min - r, r - d.r_max), 0.0)
+    beyond = np.maximum(np.maximum(d.r_min - r, r - d.r_max), 0.0)
+    return np.where(d.frictional, np.maximum(np.abs(r) - d.friction_bounds(r), 0.0), beyond)
 
 
 def forces_on_nodes(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) -> tuple[Array, Array]:

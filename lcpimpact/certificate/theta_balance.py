@@ -23,9 +23,12 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices, Places
 from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, named_tuple, places, vector
 from lcpimpact.scheme.power_law import mean_force, spring_energy, spring_force
+from lcpimpact.scheme.terms import RowLaw
 
 MASSIVE, DRIVEN, DAMPED, FREE = 1, 2, 0, -1
 """Kinds of nodes: with mass, prescribed, massless with dashpots, massless with springs only."""
+
+CONTACT, SLIDER, FRICTION, JOINT, RELAY = range(len(RowLaw))
 
 CHECK_INTERVAL = 16
 """Number of steps between looks at the sums over a run: one that is wrong stays wrong."""
@@ -60,6 +63,8 @@ class Contacts(NamedTuple):
     B : (n, nc), D : (nc, nc) arrays    what reactions do to nodes, and to gaps
     u0, e, r_min, r_max : (nc,) arrays  gaps at rest, restitution, bounds of the reactions
     degree : (nc,) array                relative degrees
+    law : (nc,) array                   laws, by their position in `RowLaw`
+    mu, normal : (nc,) arrays           coefficients of friction, and the rows of the normal forces
     lines : (np, nc) array              impulse paths over massless nodes
     """
 
@@ -72,6 +77,9 @@ class Contacts(NamedTuple):
     r_min: Array
     r_max: Array
     degree: Indices
+    law: Indices
+    mu: Array
+    normal: Indices
     lines: Array
 
 
@@ -155,7 +163,7 @@ class Sums(NamedTuple):
 SPARSITY: Any = named_tuple((places, places), SparsityPattern)
 NODES: Any = named_tuple((SPARSITY, vector, vector, vector, indices), Nodes)
 CONTACTS: Any = named_tuple(
-    (SPARSITY, vector, matrix, matrix, vector, vector, vector, vector, indices, matrix), Contacts
+    (SPARSITY, vector, matrix, matrix, *(vector,) * 4, indices, indices, vector, indices, matrix), Contacts
 )
 SPRING_LAWS: Any = named_tuple((matrix, matrix), SpringLaws)
 RECORDED: Any = named_tuple((vector, matrix, matrix, matrix, matrix), Recorded)
@@ -299,7 +307,10 @@ def judge_contact(run: Recorded, contacts: Contacts, i: int, k: int, θ: float, 
     gap = u
     found.stroke[i] = max(found.stroke[i], h * abs(W))
     found.r[i] = max(found.r[i], abs(run.r[k, i]))
-    if force < contacts.r_min[i] or force > r_max:
+    if contacts.law[i] == FRICTION:
+        r_max = contacts.mu[i] * max(sums.total[contacts.normal[i]], 0.0)
+        found.tension[i] = max(found.tension[i], abs(force) - r_max)
+    elif force < contacts.r_min[i] or force > r_max:
         found.tension[i] = max(found.tension[i], contacts.r_min[i] - force, force - r_max)
     if sums.direct[i]:
         for j in range(len(sums.gap)):
@@ -307,9 +318,13 @@ def judge_contact(run: Recorded, contacts: Contacts, i: int, k: int, θ: float, 
         u_θ = u - (1.0 - θ) * h * W
         sums.of_step[0, i], sums.of_step[1, i] = abs(force * u_θ), abs(force * u)
         sums.of_step[2, i], sums.of_step[3, i] = -u_θ, -u
-    if r_max < np.inf:
-        slip = U if contacts.degree[i] == 2 else W
+    if contacts.law[i] == SLIDER or contacts.law[i] == FRICTION:
+        slip = U + contacts.e[i] * sums.rate[i] if contacts.degree[i] == 2 else W
         product = h * (r_max * abs(slip) + force * slip)
+    elif contacts.law[i] == JOINT:
+        product = 0.0
+        found.penetration[i] = max(found.penetration[i], abs(u))
+        found.law[i] = max(found.law[i], abs(U) if contacts.degree[i] == 2 else 0.0)
     elif sums.direct[i]:
         product = 0.0
     else:

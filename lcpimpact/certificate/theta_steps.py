@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lcpimpact.arrays import Array, Places
+from lcpimpact.arrays import Array, Indices, Places
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import node_kinds
 from lcpimpact.certificate.scales import Found, Scales, worst
@@ -26,6 +26,7 @@ from lcpimpact.events import step_of
 from lcpimpact.integrators.base import Limits
 from lcpimpact.record import SLIP_RTOL, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.terms import RowLaw
 
 
 def judge_theta_steps(
@@ -62,7 +63,8 @@ def _violations(
     H_pattern, H_at = _pattern(d.H != 0.0)
     contacts = Contacts(
         *(H_pattern, d.H[H_at], np.array(d.B, order="C"), np.array(d.D, order="C"), d.u0.copy(), d.restitution),
-        *(d.r_min, d.r_max, d.relative_degree, np.array(d.impulse_lines, order="C")),
+        *(d.r_min, d.r_max, d.relative_degree, _codes(d)),
+        *(d.mu, d.normals, np.array(d.impulse_lines, order="C")),
     )
     of = no_violations(len(d.contacts), len(d.nodes))
     balance, scale, h = certify_steps(
@@ -76,6 +78,12 @@ def _violations(
         of,
     )
     return of, balance, scale, h
+
+
+def _codes(d: Dynamics) -> Indices:
+    """Return the law of each row by its position in `RowLaw` (nc,)."""
+    laws = list(RowLaw)
+    return np.array([laws.index(contact.law) for contact in d.contacts], dtype=np.int64)
 
 
 def _pattern(filled: Array) -> tuple[SparsityPattern, tuple[Places, Places]]:
@@ -117,13 +125,15 @@ def _judge_contacts(
 ) -> Found:
     """Judge complementarity, penetration, bounds and the law of impact."""
     (of, scales, h), ε = seen, limits.precision
-    largest, bounds = largest_impulses(d, events), d.thresholds
+    largest, bounds = largest_impulses(d, events), d.friction_bounds(of.r)
+    # Friction is bounded by the normal force, and its impulse by that of the normal row.
+    largest = np.maximum(largest, d.friction_bounds(largest) * d.frictional)
     # A node with prescribed motion has the mean velocity of its step in the law, and its own in the record.
     turned = np.abs(np.diff(record.v[:, d.driven], axis=0)).max(axis=0, initial=0.0)
     slow = ε * scales.U.max(initial=0.0) + np.abs(d.H[:, d.driven]) @ turned
     # Contacts of an impulse path over massless nodes meet at velocity level, and may penetrate as others close.
     at_velocity_level = (d.relative_degree == 2) | (d.impulse_lines > 0.0).any(axis=0)
-    strict = ~at_velocity_level & ~(node_kinds(d) < 0).any()
+    strict = d.joints | (~at_velocity_level & ~(node_kinds(d) < 0).any())
     stroke = np.maximum(of.stroke, h * scales.U)
     for path in d.impulse_lines > 0.0:
         stroke[path] = stroke[path].sum()
@@ -133,7 +143,7 @@ def _judge_contacts(
     return {
         "complementarity": worst(of.product, products),
         "penetration": worst(of.penetration, np.where(strict, 0.0, stroke) + ε * scales.u),
-        "tension": worst(of.tension, ε * (of.r + largest / max(h, 1e-300))),
+        "tension": worst(of.tension, ε * (of.r + bounds * d.frictional + largest / max(h, 1e-300))),
         "impact_law": worst(of.law, slow),
     }
 

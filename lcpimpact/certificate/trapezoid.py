@@ -69,18 +69,18 @@ def out_of_balance(h: Array, x: Array, rate: Array, given: Array, start: Array) 
     return lack
 
 
-@compiled(types.void(matrix, vector, vector, flags))
+@compiled(types.void(matrix, matrix, matrix, flags))
 def changes_of_mode(r: Array, r_min: Array, r_max: Array, loud: Flags) -> None:
-    """Mark in ``loud`` (nt - 1,) the steps near a change of contact activation or slip, by the rows of r (nr, nc)."""
+    """Mark in ``loud`` (nt - 1,) the steps near a change of contact activation or slip, by r and its bounds (nr, nc)."""
     for i in range(r.shape[1]):
-        slides, before = r_max[i] < np.inf, 0
+        before = 0
         for k in range(len(r)):
-            if slides:
+            if r_max[k, i] < np.inf:
                 mode = (
                     1
-                    if r[k, i] >= r_max[i] * (1.0 - SLIP_RTOL)
+                    if r[k, i] >= r_max[k, i] * (1.0 - SLIP_RTOL)
                     else -1
-                    if r[k, i] <= r_min[i] * (1.0 - SLIP_RTOL)
+                    if r[k, i] <= r_min[k, i] * (1.0 - SLIP_RTOL)
                     else 0
                 )
             else:

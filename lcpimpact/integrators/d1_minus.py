@@ -48,7 +48,7 @@ class D1Minus(LinearStep):
         order_penetration=1,
         level="velocity",
         relative_degrees=(2,),
-        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
+        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION, Feature.FRICTION, Feature.JOINTS),
         reaction_time="at t + h/2, one for each step",
         energy="without dashpots bounded error in smooth motion for h < 2/ω; impacts never gain",
         slack=3.0,

@@ -125,7 +125,7 @@ class MoreauJean(LinearStep):
         q, v = y.q + h * w, np.where(d.massive[:, None], y.v + (w - y.v) / θ, w)
         q[driven], v[driven] = y.prescribed.place[driven], y.prescribed.rate[driven]
 
-        slides, impacts = d.slides[:, None], (d.relative_degree == 2)[:, None]
+        slides, impacts = (d.slides | d.frictional)[:, None], (d.relative_degree == 2)[:, None]
         # u is that at the end of the step, or at t_θ if it depends on r, a mean of the step; a slider has none.
         at = np.where(d.D.any(axis=1), θ * h, h)[:, None]
         position = y.gap_rate(w) + np.where(slides, 0.0, (y.gap(y.q) + d.D @ r) / at)

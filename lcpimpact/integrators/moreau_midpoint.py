@@ -42,7 +42,7 @@ class MoreauMidpoint(LinearStep):
         order_penetration=1,
         level="velocity",
         relative_degrees=(2,),
-        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
+        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION, Feature.FRICTION, Feature.JOINTS),
         reaction_time="at t + h/2, one for each step",
         energy="bounded error in smooth motion for h < 2/ω",
         dissipates=True,

@@ -66,7 +66,7 @@ class NewmarkNS(LinearStep):
         order_penetration=1,
         level="velocity",
         relative_degrees=(2,),
-        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION),
+        handles=(Feature.SLIDERS, Feature.POWER_LAWS, Feature.RESTITUTION, Feature.FRICTION, Feature.JOINTS),
         reaction_time="at t + h/2, one for each step",
         energy="α = 0 keeps it in smooth motion, α < 0 damps; impacts of approaching bodies never gain",
         dissipates=True,

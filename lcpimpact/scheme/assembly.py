@@ -12,7 +12,7 @@ from lcpimpact.scheme.decomposition import decompose, loose_groups, relative_deg
 from lcpimpact.scheme.dynamics import Contact, Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.signals import PiecewisePolynomial
-from lcpimpact.scheme.terms import PowerLaw, Row, RowLaw, Terms
+from lcpimpact.scheme.terms import End, PowerLaw, Row, RowLaw, Terms, name_of
 
 MAX_NODES = 10_000
 """Maximum number of nodes: a full matrix takes 800 MB."""
@@ -51,15 +51,28 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     rows = [terms.direction(row.upper, row.lower) for row in terms.rows]
     H = np.array(rows).reshape(len(rows), len(nodes))
     u0 = np.array([row.gap for row in terms.rows])
-    _refuse_parallel_contacts([row for row in terms.rows if row.law is RowLaw.CONTACT])
+    _refuse_parallel_contacts(terms.rows)
+    normals = _normals(terms.rows)
     _refuse_loops_of_sliders(H, terms.rows)
     parts = decompose(M, C, driven)
+    _refuse_levers(H, terms.rows, ~(parts.massive.any(axis=1) | driven), nodes)
     _refuse_falling_nodes(K, parts.static, nodes)
     _refuse_jumps(terms, parts.static, nodes)
     degrees = relative_degrees(H, parts)
     contacts = tuple(
-        Contact(row.name, row.upper, row.lower, row.gap, row.e or 0.0, degree, row.law, row.bounds)
-        for row, degree in zip(terms.rows, degrees, strict=True)
+        Contact(
+            row.name,
+            name_of(row.upper),
+            name_of(row.lower),
+            row.gap,
+            row.e or 0.0,
+            degree,
+            row.law,
+            row.bounds,
+            row.mu,
+            normal,
+        )
+        for row, degree, normal in zip(terms.rows, degrees, normals, strict=True)
     )
     B, D = H.T.copy(), np.zeros((len(rows), len(rows)))
     residues = (terms.M.residue, terms.C.residue, terms.K.residue)
@@ -77,7 +90,7 @@ def _refuse_shared_inner_nodes(elements: Sequence[Element]) -> None:
     """Refuse two elements that make a node of one name: they would be joined there unasked."""
     makers: dict[str, Element] = {}
     for element in elements:
-        for node in element.nodes[1:-1]:
+        for node in element.inner:
             if node in makers:
                 raise InputError(
                     f"{makers[node]} and {element} both make a node {node!r}: give one of them another name="
@@ -140,12 +153,36 @@ def _refuse_ambiguous_names(nodes: Sequence[str], rows: Sequence[Row | PowerLaw]
         taken[name] = what
 
 
-def _refuse_parallel_contacts(bumpers: Sequence[Row]) -> None:
+def _normals(rows: Sequence[Row]) -> list[int]:
+    """Return the row of the normal force of each row; -1 for all but friction."""
+    bumpers = {row.name: i for i, row in enumerate(rows) if row.law is RowLaw.CONTACT}
+    for row in rows:
+        if row.law is RowLaw.FRICTION and row.normal not in bumpers:
+            other = next((each.element for each in rows if each.name == row.normal), "")
+            told = f", which is {other} and no bumper" if other else ""
+            known = f"; the bumpers are {', '.join(map(repr, bumpers))}" if bumpers else "; add a Bumper"
+            raise InputError(f"{row.element}: its normal force is that of {row.normal!r}{told}{known}")
+    return [bumpers[row.normal] if row.law is RowLaw.FRICTION else -1 for row in rows]
+
+
+def _refuse_levers(H: Array, rows: Sequence[Row], massless: Flags, nodes: Sequence[str]) -> None:
+    """Refuse levers at massless nodes, whose balances are sums of forces with whole numbers."""
+    for i, j in np.argwhere((np.abs(H) != 1.0) & (H != 0.0) & massless):
+        raise InputError(
+            f"{rows[i].element}: {nodes[j]!r} has the coefficient {abs(H[i, j]):g} and no mass, so that its forces balance "
+            "by levers: give it a Mass, or the coefficient 1"
+        )
+
+
+def _refuse_parallel_contacts(rows: Sequence[Row]) -> None:
     """Refuse bumpers that can be closed together while their rows of H depend on each other: W would be singular.
 
     Rows of H depend where bumpers form a loop, and around a loop the gaps with their signs add up to zero if all of them
     can be closed at once. A body between two stops is a loop too, but its gaps do not add up to zero.
     """
+    bumpers = [
+        row for row in rows if row.law is RowLaw.CONTACT and isinstance(row.upper, str) and isinstance(row.lower, str)
+    ]
     for i, bumper in enumerate(bumpers):
         for path, opening in _paths(bumper.lower, bumper.upper, bumpers[:i]):
             total = bumper.gap + opening
@@ -157,7 +194,7 @@ def _refuse_parallel_contacts(bumpers: Sequence[Row]) -> None:
                 )
 
 
-def _paths(start: str, end: str, bumpers: Sequence[Row]) -> Iterator[tuple[tuple[Row, ...], float]]:
+def _paths(start: End, end: End, bumpers: Sequence[Row]) -> Iterator[tuple[tuple[Row, ...], float]]:
     """Yield every path from one node to another over bumpers, with the sum of the gaps, positive from upper to lower."""
     if start == end:
         yield (), 0.0
@@ -187,6 +224,13 @@ def _refuse_loops_of_sliders(H: Array, rows: Sequence[Row]) -> None:
 def _check_restitution(dynamics: Dynamics, rows: Sequence[Row]) -> None:
     """Refuse a contact on an impulse path without e, and e of one that is on none."""
     for i, (row, contact) in enumerate(zip(rows, dynamics.contacts, strict=True)):
+        if row.law is RowLaw.FRICTION:
+            if row.e and contact.relative_degree < 2:
+                raise InputError(
+                    f"{row.element}: e_T = {row.e!r} means nothing, since a surface is massless and no impulse acts; leave "
+                    "e_T out"
+                )
+            continue
         paths = dynamics.impulse_paths[dynamics.impulse_paths[:, i] > 0.0]
         if row.e is None and row.law is RowLaw.CONTACT and contact.relative_degree == 2:
             raise InputError(f"{row.element}: both sides have mass, so impacts need a restitution coefficient; give e=")

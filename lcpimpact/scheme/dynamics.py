@@ -34,6 +34,8 @@ class Feature(StrEnum):
     MASSLESS = "massless nodes"
     RESTITUTION = "restitution"
     IMPULSE_PATHS = "impulses through massless nodes"
+    FRICTION = "friction bounded by a normal force"
+    JOINTS = "joints"
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,10 @@ class Dynamics:
         found: dict[Feature, str] = {}
         if sliders := [contact.name for contact in self.contacts if contact.law is RowLaw.SLIDER]:
             found[Feature.SLIDERS] = f"slider {sliders[0]!r}"
+        if rubbing := [contact.name for contact in self.contacts if contact.law is RowLaw.FRICTION]:
+            found[Feature.FRICTION] = f"friction {rubbing[0]!r}"
+        if joined := [contact.name for contact in self.contacts if contact.law is RowLaw.JOINT]:
+            found[Feature.JOINTS] = f"joint {joined[0]!r}"
         if self.springs:
             found[Feature.POWER_LAWS] = self.springs[0].element
         if self.motions:
@@ -142,7 +148,7 @@ class Dynamics:
             found[Feature.SYSTEMS] = "A, B, C, D"
         elif not (self.massive | self.driven).all():
             found[Feature.MASSLESS] = f"node {self.nodes[int(np.argmin(self.massive | self.driven))]!r}"
-        if bouncing := [contact.name for contact in self.contacts if contact.e > 0.0]:
+        if bouncing := [contact.name for contact in self.contacts if contact.e > 0.0 and contact.normal < 0]:
             found[Feature.RESTITUTION] = f"contact {bouncing[0]!r}"
         if len(path := self.impulse_lines[:1]):
             names = ", ".join(repr(self.contacts[i].name) for i in np.flatnonzero(path[0]))
@@ -211,9 +217,38 @@ class Dynamics:
         return self._with_law(RowLaw.SLIDER)
 
     @cached_property
+    def frictional(self) -> Flags:
+        """Which rows have friction that a normal force bounds (nc,)."""
+        return self._with_law(RowLaw.FRICTION)
+
+    @cached_property
+    def joints(self) -> Flags:
+        """Which rows are joints (nc,)."""
+        return self._with_law(RowLaw.JOINT)
+
+    @cached_property
+    def mu(self) -> Array:
+        """Coefficient of friction of each row; 0 of rows with other laws (nc,)."""
+        return np.array([each.mu for each in self.contacts], dtype=np.float64)
+
+    @cached_property
+    def normals(self) -> Indices:
+        """The row whose reaction bounds the friction of each row; -1 of rows with other laws (nc,)."""
+        return np.array([each.normal for each in self.contacts], dtype=np.int64)
+
+    @cached_property
     def thresholds(self) -> Array:
         """r0 in N of each slider; 0 of other rows (nc,)."""
         return np.where(self.slides, self.r_max, 0.0)
+
+    @cached_property
+    def rubs(self) -> Flags:
+        """Which rows have dry friction, sliders and others (nc,)."""
+        return self.slides | self.frictional
+
+    def friction_bounds(self, r: Array) -> Array:
+        """Return the bounds in N of |r| of sliders, r0, and of friction, μ r_N; 0 of other rows (..., nc)."""
+        return np.asarray(self.thresholds + self.mu * np.maximum(r[..., self.normals], 0.0))
 
     def _with_law(self, law: RowLaw) -> Flags:
         """Return the rows with a law (nc,)."""

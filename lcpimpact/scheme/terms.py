@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
@@ -15,6 +15,28 @@ from lcpimpact.scheme.signals import Signal
 
 GROUND = "ground"
 """The name of the node that does not move."""
+
+End = str | Mapping[str, float]
+"""An end of a contact: a node, or a point that moves by a sum of coordinates, as {"x": 1.0, "φ": -0.1}."""
+
+
+def nodes_of(end: End) -> tuple[str, ...]:
+    """Return the nodes of an end."""
+    return (end,) if isinstance(end, str) else tuple(end)
+
+
+def name_of(end: End) -> str:
+    """Return a node's name, or a sum in words.
+
+    Examples
+    --------
+    >>> name_of({"x": 1.0, "φ": -0.1})
+    'x - 0.1 φ'
+    """
+    if isinstance(end, str):
+        return end
+    terms = [f"{'-' if c < 0.0 else '+'} {'' if abs(c) == 1.0 else f'{abs(c):g} '}{node}" for node, c in end.items()]
+    return " ".join(terms).removeprefix("+ ")
 
 
 class RowLaw(StrEnum):
@@ -40,7 +62,7 @@ class Row:
     ----------
     element : str           the element, for messages
     name : str              the name of the reaction
-    upper, lower : str      the nodes
+    upper, lower : End      the nodes, or sums of coordinates
     gap : float             u in m at zero coordinates
     e : float or None       coefficient of restitution, where one is given
     law : RowLaw
@@ -51,8 +73,8 @@ class Row:
 
     element: str
     name: str
-    upper: str
-    lower: str
+    upper: End
+    lower: End
     gap: float
     e: float | None = None
     law: RowLaw = RowLaw.CONTACT
@@ -137,13 +159,13 @@ class Terms:
         self.springs: list[PowerLaw] = []
         self.motions: dict[int, Signal] = {}
 
-    def direction(self, a: str, b: str) -> Array:
+    def direction(self, a: End, b: End) -> Array:
         """Return the row (n,) for which row·q = q_b - q_a; the ground does not move."""
         row = np.zeros(len(self.index))
-        if b != GROUND:
-            row[self.index[b]] += 1.0
-        if a != GROUND:
-            row[self.index[a]] -= 1.0
+        for end, sign in ((b, 1.0), (a, -1.0)):
+            for node, coefficient in ({end: 1.0} if isinstance(end, str) else end).items():
+                if node != GROUND:
+                    row[self.index[node]] += sign * coefficient
         return row
 
     def link(self, matrix: Sum, a: str, b: str, value: float) -> None:

@@ -36,6 +36,7 @@ from lcpimpact.integrators.stepping.law import (
     solve_law,
 )
 from lcpimpact.integrators.stepping.static_balance import STATIC, Static, balance
+from lcpimpact.lcp.friction import FRICTION, FrictionRows, friction_lcp, unknowns
 from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solver import Kernel
 
@@ -131,7 +132,7 @@ STEP_STATE: Any = named_tuple((vector, matrix), StepState)
 PATH: Any = named_tuple((matrix, matrix, matrix), StepOutput)
 BLOCK: Any = named_tuple((i8, i8, matrix, f8, i8, types.boolean), Block)
 ROOM: Any = named_tuple((vector, indices, vector, vector), Workspace)
-FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC))
+FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION))
 
 
 @compiled(types.void(vector, vector), inline="always", allocates=False)
@@ -190,40 +191,60 @@ def coupled_springs(
     return Springs(springs.law, springs.θh[law], springs.h, HGs, NG, NGs), y_free, δ
 
 
+@compiled(FRICTION(FRICTION, indices))
+def active_friction(friction: FrictionRows, active: Indices) -> FrictionRows:
+    """Return the active rows with friction, by their positions among the active rows."""
+    rows, normals = np.full(len(friction.rows), -1), np.full(len(friction.rows), -1)
+    for k in range(len(rows)):
+        for a in range(len(active)):
+            if active[a] == friction.rows[k]:
+                rows[k] = a
+            elif active[a] == friction.normals[k]:
+                normals[k] = a
+    kept = rows >= 0
+    return FrictionRows(rows[kept], normals[kept], friction.mu[kept], friction.formulation)
+
+
 @compiled(
     types.Tuple((i8, i8, i8, f8))(TABLE, FEATURES, STEP_STATE, ROOM, types.UniTuple(i8, 2), SOLVING, SPRING_SOLVER)
 )
 def solve_features(
     table: StepTable,
-    features: tuple[StepSprings, Paths, Static],
+    features: tuple[StepSprings, Paths, Static, FrictionRows],
     state: StepState,
     room: Workspace,
     which: tuple[int, int],
     solving: Solving,
     solve_springs: SpringSolver,
 ) -> tuple[int, int, int, float]:
-    """Solve law ``which[0]`` on its ``which[1]`` active rows with the springs, and again while impulse paths close."""
-    (springs, paths, _), (law, na) = features, which
+    """Solve law ``which[0]`` on its ``which[1]`` active rows with springs and friction; again while impulse paths close."""
+    (springs, paths, _, all_friction), (law, na) = features, which
     nc, ns, n = table.W.shape[1], len(springs.law), paths.H.shape[1]
-    first, active, z = law * 2 * (nc + ns) + nc, room.active[:na], room.z[:na]
+    first, active, P = law * 2 * (nc + ns) + nc, room.active[:na], room.z[:na]
+    friction = active_friction(all_friction, active)
     q = room.sums[first : first + nc]
-    rows = restrict(ContactProblem(table.W[law], q, table.lower[law], table.upper[law]), active)
-    closed, shift = np.zeros(len(paths.lines), np.bool_), np.zeros(nc)
+    given = restrict(ContactProblem(table.W[law], q, table.lower[law], table.upper[law]), active)
+    found = friction_lcp(given.W, given.q, given.lower, given.upper, friction)
+    rows, z = ContactProblem(found.W, found.q, found.lower, found.upper), unknowns(found.T, P, friction)
+    closed, shift, at_active = np.zeros(len(paths.lines), np.bool_), np.zeros(nc), np.zeros(na)
     iterations, newton = 0, 0
     while True:
         if ns > 0:
-            coupled, y_free, δ = coupled_springs(table, springs, room.sums, law, active)
+            by_P, y_free, δ = coupled_springs(table, springs, room.sums, law, active)
+            coupled = Springs(by_P.law, by_P.θh, by_P.h, found.E @ by_P.HGs, by_P.NG @ found.T, by_P.NGs)
             room.s[:] = 0.0
             status, count, tried, residual = solve_springs(rows, coupled, y_free, δ, z, y_free.copy(), room.s, solving)
             newton += tried
         else:
             status, count, residual = solve_law(rows, z, solving)
         iterations += count
-        if status != SOLVED or not closes(paths.lines, closed, active, z):
+        P[:] = found.T @ z
+        if status != SOLVED or not closes(paths.lines, closed, active, P):
             return status, iterations, newton, residual
         write_shifts(paths, closed, state.y[:n], state.y[n : 2 * n], shift)
         for a in range(na):
-            rows.q[a] = q[active[a]] + shift[active[a]] / paths.h
+            at_active[a] = given.q[a] + shift[active[a]] / paths.h
+        rows.q[:] = found.E @ at_active
 
 
 @compiled(types.void(matrix, vector, matrix, i8, vector), inline="always", allocates=False)
@@ -250,6 +271,18 @@ def choose_rows(table: StepTable, law: int, first: int, P: Array, room: Workspac
     return na
 
 
+@compiled(i8(FRICTION, i8, vector, ROOM), inline="always", allocates=False)
+def add_friction_rows(friction: FrictionRows, na: int, P: Array, room: Workspace) -> int:
+    """Add the rows with friction whose normal rows are among the ``na`` active ones; return the number of all."""
+    last = na
+    for k in range(len(friction.rows)):
+        for a in range(na):
+            if room.active[a] == friction.normals[k]:
+                room.active[last], room.z[last] = friction.rows[k], P[friction.rows[k]]
+                last += 1
+    return last
+
+
 @compiled(types.boolean(indices, vector, vector), inline="always", allocates=False)
 def switches(active: Indices, z: Array, P: Array) -> bool:
     """Return whether a contact becomes active or inactive between impulses P and z of the active ones."""
@@ -266,7 +299,7 @@ def switches(active: Indices, z: Array, P: Array) -> bool:
 def steps(
     block: Block,
     table: StepTable,
-    features: tuple[StepSprings, Paths, Static],
+    features: tuple[StepSprings, Paths, Static, FrictionRows],
     state: StepState,
     path: StepOutput,
     room: Workspace,
@@ -278,18 +311,19 @@ def steps(
     Returns the status, SWITCHES at a change of the active contacts, the step reached, the sums of the LCP and Newton
     iterations, and the largest independent residual.
     """
-    (springs, paths, static), sums, active, z = features, room.sums, room.active, room.z
+    (springs, paths, static, friction), sums, active, z = features, room.sums, room.active, room.z
     n, nc, ns, N, m = path.q.shape[1], table.W.shape[1], len(springs.law), len(state.y), len(table.W)
     new = m * 2 * (nc + ns)
     forces = new + N
     simple, solving = ns == 0 and len(paths.lines) == 0, Solving(block.tol, block.max_iter, solve)
+    simple = simple and len(friction.rows) == 0
     iterations, newton, worst = 0, 0, 0.0
     for k in range(block.first, block.last):
         add_knowns(table.known, state.y, block.loads, k - block.first, sums)
         for law in range(m):
             first = law * 2 * (nc + ns)
             after, P = first + 2 * (nc + ns), state.P[law]
-            na = choose_rows(table, law, first, P, room)
+            na = add_friction_rows(friction, choose_rows(table, law, first, P, room), P, room)
             status, count, tried, residual = SOLVED, 0, 0, 0.0
             if simple and na > 0:
                 status, count, residual = solve_rows(table, law, sums[first + nc : after], na, room, solving)

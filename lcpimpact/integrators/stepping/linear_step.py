@@ -41,6 +41,7 @@ from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_l
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
+from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_lcp
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import SolverState
@@ -188,7 +189,7 @@ class Tabulated:
     Attributes
     ----------
     table : StepTable                   the coefficients for the kernel
-    features : tuple                    springs, impulse paths and static coordinates
+    features : tuple                    springs, impulse paths, static coordinates and friction
     springs : callable                  the Newton solver of the springs
     loads : callable                    the loads of the steps between instants, one row a step
     contacts : Dense                    the matrix of the first law
@@ -198,7 +199,7 @@ class Tabulated:
     """
 
     table: StepTable
-    features: tuple[StepSprings, Paths, Static]
+    features: tuple[StepSprings, Paths, Static, FrictionRows]
     springs: SpringSolver
     loads: Callable[[Array], Array]
     contacts: Dense
@@ -243,6 +244,12 @@ class LinearStep(TimeStepping[Tabulated]):
         """Return the matrix W of a law for the LCP solver, with its known properties."""
         return Dense(W)
 
+    def _lcp_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
+        """Return the matrix of a law's LCP: that of its friction, if there is any, has no structure."""
+        if not d.frictional.any():
+            return self.contact_matrix(d, h, W)
+        return Dense(friction_lcp(W, np.zeros(len(W)), d.r_min, d.r_max, friction_rows(d)).W)
+
     def at_switches(self, d: Dynamics) -> LinearStep | None:
         """Return the method used in steps at a change of the active contacts; None for this one."""
         return None
@@ -254,13 +261,13 @@ class LinearStep(TimeStepping[Tabulated]):
         table, springs = tabulate(symbols, step, self.remembers, h)
         solver, contacts = SOLVERS[lcp_solver], [Dense(np.eye(1))]
         if len(d.contacts):
-            contacts = [self.contact_matrix(d, h, W) for W in table.W]
+            contacts = [self._lcp_matrix(d, h, W) for W in table.W]
             for each in contacts:
                 solver.check(each, bool(d.slides.any()))
         other = self.at_switches(d)
         return Tabulated(
             table,
-            (springs, step.paths, step.static),
+            (springs, step.paths, step.static, friction_rows(d)),
             spring_solver(d),
             self._loads(d, h),
             contacts[0],
@@ -349,6 +356,12 @@ def spring_solver(d: Dynamics) -> SpringSolver:
     return solve_with_springs
 
 
+def friction_rows(d: Dynamics) -> FrictionRows:
+    """Return the rows with friction."""
+    rows = np.flatnonzero(d.frictional)
+    return FrictionRows(rows, d.normals[rows], d.mu[rows], GLOCKER)
+
+
 def varying_loads(d: Dynamics) -> Flags:
     """Return the nodes with a load that depends on time (n,)."""
     return np.isin(np.arange(len(d.nodes)), [i for i, load in d.loads if callable(load)])
@@ -358,13 +371,17 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
     """Return the coefficients of a step for the kernel."""
     d, N = y.dynamics, y.dynamics.directions
     weights = [h if law.weight is None else law.weight for law in step.laws]
-    lower = np.array([-weight * d.thresholds for weight in weights])
-    upper = np.array([weight * d.thresholds + np.where(d.slides, 0.0, d.r_max) for weight in weights])
-    rows, θh = [], []
+    # Thresholds of sliders are forces; other bounds are 0 or infinite.
+    lower, upper = (
+        np.array([weight * np.where(d.slides, bound, 0.0) + np.where(d.slides, 0.0, bound) for weight in weights])
+        for bound in (d.r_min, d.r_max)
+    )
+    rows, θh, always = [], [], d.slides | d.joints
     for law, high, P, s in zip(step.laws, upper, y.P, y.s, strict=True):
         rate = N @ law.springs_at[1]
         approach = -(N @ law.springs_at[0] + d.power_laws[:, :1] * y.one)
-        touching = -y.one if law.touching is None else np.where(np.isfinite(high)[:, None], -y.one, law.touching)
+        touching = -y.one if law.touching is None else np.where(always[:, None], -y.one, law.touching)
+        touching = np.where(d.frictional[:, None], y.one, touching)
         rows += [np.where(high[:, None] > 0.0, touching, y.one), law.L, rate, approach]
         θh.append(_shared_step(-approach, rate, P, s))
     rows += [step.q, step.v, *(step.memory[name] for name in remembers), step.impulse / h]

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from lcpimpact.arguments import is_name
 from lcpimpact.errors import InputError
+from lcpimpact.numbers import is_real
 from lcpimpact.numbers import positive as positive_number
-from lcpimpact.scheme.terms import GROUND, Terms
+from lcpimpact.scheme.terms import GROUND, End, Terms, name_of, nodes_of
 
-__all__ = ["GROUND", "MISSING", "Compound", "Element", "Polyline", "distinct", "named", "positive"]
+__all__ = ["GROUND", "MISSING", "Compound", "Element", "Link", "Polyline", "distinct", "named", "positive"]
 
 MISSING: Any = None
 """Default of every physical constant: physics has no default, so an element that is left with it is refused."""
@@ -40,10 +41,12 @@ class Element(ABC):
     @property
     @abstractmethod
     def nodes(self) -> tuple[str, ...]:
-        """The names of the nodes that the element touches: its two ends are the first and the last.
+        """The names of the nodes that the element touches: its two ends are the first and the last."""
 
-        Between them stand the nodes that the element makes for itself, as NAME.1, NAME.2, ..., which no other may use.
-        """
+    @property
+    def inner(self) -> tuple[str, ...]:
+        """The nodes that the element makes for itself, as NAME.1, NAME.2, ..., which no other may use."""
+        return self.nodes[1:-1]
 
     @abstractmethod
     def contribute(self, terms: Terms) -> None:
@@ -61,6 +64,29 @@ class Element(ABC):
         first, last = self.nodes[0], self.nodes[-1]
         where = f"between {first!r} and {last!r}" if len(self.nodes) > 1 else f"at {first!r}"
         return f"{type(self).__name__} {where}"
+
+
+class Link(Element):
+    """An element between two ends, each a node or a sum of coordinates as {"x": 1.0, "φ": -0.1}."""
+
+    @property
+    @abstractmethod
+    def ends(self) -> tuple[End, End]:
+        """The two ends."""
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """The nodes of both ends."""
+        return (*nodes_of(self.ends[0]), *nodes_of(self.ends[1]))
+
+    @property
+    def inner(self) -> tuple[str, ...]:
+        """None."""
+        return ()
+
+    def __str__(self) -> str:
+        first, last = map(name_of, self.ends)
+        return f"{type(self).__name__} between {first!r} and {last!r}"
 
 
 class Compound(Element):
@@ -84,11 +110,24 @@ def positive(element: Element, symbol: str, value: Any, unit: str) -> None:
 
 
 def distinct(element: Element) -> None:
-    """Refuse node names that are no names, an element whose two ends are one node, and symbols for other constants."""
+    """Refuse node names that are no names, an element whose two ends are one node, and symbols for other constants.
+
+    An end that is a sum of coordinates must have finite coefficients other than zero.
+    """
     count, symbols = len(getattr(type(element), "symbols", ())), getattr(element, "symbols", ())
     if not isinstance(symbols, tuple) or len(symbols) != count or not all(map(is_name, symbols)):
         raise InputError(f"symbols = {symbols!r} of a {type(element).__name__} must be a tuple of {count} strings")
     named(element)
+    for end in element.ends if isinstance(element, Link) else ():
+        if isinstance(end, Mapping) and (not end or not all(is_real(c) and c != 0.0 for c in end.values())):
+            raise InputError(
+                f"{type(element).__name__}: an end is a node or maps nodes to finite numbers other than zero, as "
+                f'{{"x": 1.0, "φ": -0.1}}, and {dict(end)!r} does not'
+            )
+        if not isinstance(end, (str, Mapping)):
+            raise InputError(
+                f"{type(element).__name__}: an end is a node or maps nodes to numbers, and {end!r} does not"
+            )
     for node in element.nodes:
         if not is_name(node):
             raise InputError(

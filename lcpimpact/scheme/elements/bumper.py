@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.numbers import between, finite
-from lcpimpact.scheme.elements.base import Element, Polyline, distinct, named
-from lcpimpact.scheme.terms import Row, Terms
+from lcpimpact.scheme.elements.base import Link, Polyline, distinct, named
+from lcpimpact.scheme.terms import End, Row, Terms
 
 
 @dataclass(frozen=True)
-class Bumper(Element):
+class Bumper(Link):
     r"""A bumper: u := q_lower - q_upper + gap, 0 <= u ⟂ R >= 0; R pushes the plates apart.
 
     ::
@@ -28,8 +28,9 @@ class Bumper(Element):
 
     Parameters
     ----------
-    upper, lower : str
-        The nodes of the plates; one may be the ground.
+    upper, lower : str or mapping
+        The nodes of the plates; one may be the ground. A point of a body moves by a sum of coordinates, as
+        {"y": 1.0, "φ": -0.1}; there R acts on y and 0.1 R, in the other sense, on φ.
     gap : float
         Opening in m when both coordinates are zero.
     e : float, optional
@@ -55,8 +56,8 @@ class Bumper(Element):
     Grzesikiewicz and Zbiciak, Eq. (2c); Moreau (1988) for the law of impact.
     """
 
-    upper: str
-    lower: str
+    upper: End
+    lower: End
     gap: float = 0.0
     e: float | None = None
     name: str | None = None
@@ -79,7 +80,7 @@ class Bumper(Element):
             between(f"{self}: e", self.e, 0.0, 1.0)
 
     @property
-    def nodes(self) -> tuple[str, ...]:
+    def ends(self) -> tuple[End, End]:
         """The upper and the lower plate."""
         return (self.upper, self.lower)
 

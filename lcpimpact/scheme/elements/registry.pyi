@@ -17,6 +17,8 @@ from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley as HuntCrossley
 from lcpimpact.scheme.elements.kelvin_voigt_stop import KelvinVoigtStop as KelvinVoigtStop
 from lcpimpact.scheme.elements.slider import Slider as Slider
 from lcpimpact.scheme.elements.bumper import Bumper as Bumper
+from lcpimpact.scheme.elements.friction import Friction as Friction
+from lcpimpact.scheme.elements.rigid_link import RigidLink as RigidLink
 from lcpimpact.scheme.elements.rope import Rope as Rope
 from lcpimpact.scheme.elements.bar import Bar as Bar
 from lcpimpact.scheme.elements.load import Load as Load

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, named, positive
-from lcpimpact.scheme.terms import Row, RowLaw, Terms
+from lcpimpact.scheme.elements.base import MISSING, Link, Polyline, distinct, named, positive
+from lcpimpact.scheme.terms import End, Row, RowLaw, Terms
 
 
 @dataclass(frozen=True)
-class Slider(Element):
+class Slider(Link):
     r"""Dry friction: the force F between -r0 and r0 is what keeps the ends together, or r0 against the sliding.
 
     With U = v_b - v_a, the law is -r0 <= F <= r0, and
@@ -28,8 +28,8 @@ class Slider(Element):
 
     Parameters
     ----------
-    a, b : str
-        The nodes that it joins; one may be the ground.
+    a, b : str or mapping
+        The nodes that it joins, or sums of coordinates as {"x": 1.0, "φ": -0.1}; one may be the ground.
     r0 : float
         Threshold in N, positive: Coulomb's μN, or the yield force of St-Venant's element.
     name : str, optional
@@ -52,8 +52,8 @@ class Slider(Element):
     Acary and Brogliato, *Numerical Methods for Nonsmooth Dynamical Systems* (2008), section 3.9.
     """
 
-    a: str
-    b: str
+    a: End
+    b: End
     r0: float = MISSING
     name: str | None = None
     symbols: tuple[str, ...] = ("r_0",)
@@ -73,7 +73,7 @@ class Slider(Element):
         positive(self, "r0", self.r0, "N")
 
     @property
-    def nodes(self) -> tuple[str, ...]:
+    def ends(self) -> tuple[End, End]:
         """The two ends."""
         return (self.a, self.b)
 

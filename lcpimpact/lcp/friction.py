@@ -1,0 +1,120 @@
+r"""Planar Coulomb friction as a linear complementarity problem, in three formulations.
+
+The rows ξ = W P + q hold normal ones, 0 <= ξ_N ⟂ P_N >= 0, and tangential ones,
+
+.. math:: -μ P_N \le P_T \le μ P_N , \qquad P_T \in -μ P_N \operatorname{Sgn} ξ_T .
+
+*Glocker's* three rows a contact have the unknowns P_N, P_R = μ P_N + P_T and ξ_L, the negative part of ξ_T,
+
+.. math:: 0 \le P_N \perp ξ_N \ge 0, \qquad 0 \le P_R \perp ξ_T + ξ_L \ge 0, \qquad 0 \le ξ_L \perp μ P_N - P_T \ge 0 .
+
+*Stewart and Trinkle* split P_T = β⁺ - β⁻ and have the largest |ξ_T| = λ of four rows,
+
+.. math:: 0 \le P_N \perp ξ_N \ge 0, \qquad 0 \le β^\pm \perp λ \pm ξ_T \ge 0, \qquad
+          0 \le λ \perp μ P_N - β^+ - β^- \ge 0 .
+
+Both have the same solutions; neither matrix is positive semidefinite. With ξ_N - μ λ in place of ξ_N it would be: so do
+*Anitescu and Potra* relax the law to a convex problem that always has a solution, at the price that sliding bodies lift off
+at the rate μ |ξ_T|.
+
+References
+----------
+Glocker, *Set-Valued Force Laws* (2001); Stewart and Trinkle (1996); Anitescu and Potra (1997); Anitescu (2006).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import compiled, i8, indices, matrix, named_tuple, vector
+
+FORMULATIONS = ("glocker", "stewart-trinkle", "anitescu-potra")
+"""Names of the formulations; a `FrictionRows` has the position in this tuple."""
+
+GLOCKER, STEWART_TRINKLE, ANITESCU_POTRA = range(3)
+
+
+class FrictionRows(NamedTuple):
+    """Rows with friction.
+
+    Attributes
+    ----------
+    rows, normals : (nf,) arrays    the tangential row and the normal row of each
+    mu : (nf,) array                coefficients of friction
+    formulation : int               position in `FORMULATIONS`
+    """
+
+    rows: Indices
+    normals: Indices
+    mu: Array
+    formulation: int
+
+
+class FrictionLCP(NamedTuple):
+    """The complementarity problem in the unknowns z with P = T z, whose rows are w = E ξ + V z (m of them).
+
+    Attributes
+    ----------
+    W, q, lower, upper      w = W z + q, complementary to lower <= z <= upper
+    E : (m, n) array        how the rows ξ enter
+    T : (n, m) array        how the unknowns are read
+    """
+
+    W: Array
+    q: Array
+    lower: Array
+    upper: Array
+    E: Array
+    T: Array
+
+
+FRICTION: Any = named_tuple((indices, indices, vector, i8), FrictionRows)
+FRICTION_LCP: Any = named_tuple((matrix, vector, vector, vector, matrix, matrix), FrictionLCP)
+
+
+@compiled(FRICTION_LCP(matrix, vector, vector, vector, FRICTION))
+def friction_lcp(W: Array, q: Array, lower: Array, upper: Array, friction: FrictionRows) -> FrictionLCP:
+    """Return the complementarity problem of rows ξ = W P + q of which some have friction.
+
+    λ and ξ_L are in units of ξ_T/W_TT, so that all entries of the matrix have one unit.
+    """
+    n, nf, split = len(q), len(friction.rows), friction.formulation != GLOCKER
+    m = n + (2 if split else 1) * nf
+    E, T, V = np.zeros((m, n)), np.zeros((n, m)), np.zeros((m, m))
+    low, high = np.zeros(m), np.full(m, np.inf)
+    for i in range(n):
+        E[i, i] = T[i, i] = 1.0
+        low[i], high[i] = lower[i], upper[i]
+    for k in range(nf):
+        t, j, μ = friction.rows[k], friction.normals[k], friction.mu[k]
+        unit, last = W[t, t] if W[t, t] > 0.0 else 1.0, m - nf + k
+        low[t], high[t] = 0.0, np.inf
+        V[t, last] = unit
+        if split:
+            other = n + k
+            E[other, t] = T[t, other] = -1.0
+            V[other, last] = unit
+            V[last, j], V[last, t], V[last, other] = μ * unit, -unit, -unit
+            if friction.formulation == ANITESCU_POTRA:
+                V[j, last] = -μ * unit
+        else:
+            T[t, j] = -μ
+            V[last, j], V[last, t] = 2.0 * μ * unit, -unit
+    return FrictionLCP(E @ W @ T + V, E @ q, low, high, E, T)
+
+
+@compiled(vector(matrix, vector, FRICTION))
+def unknowns(T: Array, P: Array, friction: FrictionRows) -> Array:
+    """Return a guess of the unknowns z from impulses P (n,)."""
+    z = np.zeros(T.shape[1])
+    z[: len(P)] = P
+    for k in range(len(friction.rows)):
+        t = friction.rows[k]
+        if friction.formulation == GLOCKER:
+            z[t] = P[t] + friction.mu[k] * P[friction.normals[k]]
+        else:
+            z[t], z[len(P) + k] = max(P[t], 0.0), max(-P[t], 0.0)
+    return z

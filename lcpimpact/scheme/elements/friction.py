@@ -1,0 +1,124 @@
+r"""Coulomb friction of a contact: bounded by the normal force."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+from lcpimpact.arguments import is_name
+from lcpimpact.errors import InputError
+from lcpimpact.numbers import between, is_real
+from lcpimpact.scheme.elements.base import MISSING, Link, Polyline, distinct
+from lcpimpact.scheme.terms import End, Row, RowLaw, Terms
+
+
+@dataclass(frozen=True)
+class Friction(Link):
+    r"""Dry friction of a contact, bounded by its normal force.
+
+    With U = v_lower - v_upper, the rate at which the surfaces slide, and the reaction r_N of the bumper ``normal``,
+
+    .. math:: -μ r_N \le F \le μ r_N, \qquad F = -μ r_N \text{ where } U > 0, \quad F = μ r_N \text{ where } U < 0 .
+
+    F pushes the ends apart, as the reaction of a bumper does. In an impact the same law holds for the impulses, with the
+    tangential coefficient of restitution e_T,
+
+    .. math:: -μ P_N \le P_F \le μ P_N, \quad\text{complementary to}\quad U^+ + e_T U^- .
+
+    ::
+
+        o  upper, feels -F
+        ===
+        ===  --->  U
+        o  lower, feels +F
+
+    Parameters
+    ----------
+    upper, lower : str or mapping
+        The two surfaces, as the coordinates along which they slide: {"x": 1.0, "φ": 0.1} for the rim of a wheel of 0.1 m.
+    mu : float
+        Coefficient of friction, at least 0.
+    normal : str
+        The name of the bumper whose reaction is the normal force.
+    e_T : float
+        Tangential coefficient of restitution in [0, 1]; 0 is Coulomb's law without one, and the only default of a physical
+        constant.
+    name : str, optional
+        The name of the force F in results; by default F, and F_2, F_3, ... for the next ones of a scheme without a name.
+    symbols : tuple of str
+        How drawings call the coefficient.
+
+    Raises
+    ------
+    InputError
+        If mu is missing, negative or not finite, normal is no name, e_T lies outside [0, 1], or both ends are one.
+
+    Examples
+    --------
+    A ball of radius 0.1 m that is dropped on a rough floor:
+
+    >>> from lcpimpact import Bumper, Load, Mass, Scheme
+    >>> ball = Scheme(Mass("x", m=1.0), Mass("y", m=1.0), Mass("φ", m=0.004), Load("y", f=9.81))
+    >>> ball = ball.add(Bumper("y", "ground", e=0.5, name="N"))
+    >>> ball.add(Friction({"x": 1.0, "φ": 0.1}, "ground", mu=0.2, normal="N")).assemble().contacts[1].mu
+    0.2
+
+    References
+    ----------
+    Moreau (1988); Glocker, *Set-Valued Force Laws* (2001).
+    """
+
+    upper: End
+    lower: End
+    mu: float = MISSING
+    normal: str = MISSING
+    e_T: float = 0.0
+    name: str | None = None
+    symbols: tuple[str, ...] = ("μ",)
+
+    reaction: ClassVar[str] = "F"
+    strokes: ClassVar[tuple[Polyline, ...]] = (
+        ((0.0, 0.0), (0.47, 0.0)),
+        ((0.47, -0.5), (0.47, 0.5)),
+        ((0.53, -0.5), (0.53, 0.5)),
+        ((0.53, -0.5), (0.6, -0.36)),
+        ((0.53, -0.2), (0.6, -0.06)),
+        ((0.53, 0.1), (0.6, 0.24)),
+        ((0.53, 0.0), (1.0, 0.0)),
+    )
+    split: ClassVar[float | None] = 0.5
+
+    def __post_init__(self) -> None:
+        distinct(self)
+        if self.mu is MISSING:
+            raise InputError(f"{self}: mu is missing; give a coefficient of friction, 0 or more")
+        if not is_real(self.mu) or not self.mu >= 0.0:
+            raise InputError(f"{self}: mu = {self.mu!r} must be a finite number, 0 or more")
+        if not is_name(self.normal):
+            raise InputError(
+                f"{self}: normal = {self.normal!r} must be the name of the bumper that bounds the friction"
+            )
+        between(f"{self}: e_T", self.e_T, 0.0, 1.0)
+
+    @property
+    def ends(self) -> tuple[End, End]:
+        """The two surfaces."""
+        return (self.upper, self.lower)
+
+    def contribute(self, terms: Terms) -> None:
+        """Add a row to H, whose bounds are those of another."""
+        terms.rows.append(
+            Row(
+                str(self),
+                self.name or self.reaction,
+                self.upper,
+                self.lower,
+                0.0,
+                e=float(self.e_T),
+                law=RowLaw.FRICTION,
+                bounds=(-math.inf, math.inf),
+                mu=float(self.mu),
+                normal=self.normal,
+            )
+        )
