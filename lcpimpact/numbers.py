@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 
 NUMBERS = (int, float, np.integer, np.floating)
@@ -49,3 +50,14 @@ def count(name: str, value: Any, least: int = 1) -> None:
     """Refuse what is no whole number, or one below the ``least``, which is 1 or 0."""
     if not (is_count(value) or (least == 0 and is_real(value) and value == 0)):
         raise InputError(f"{name} = {value!r} must be a whole number, at least {least}")
+
+
+def finite_array(name: str, value: Any) -> Array:
+    """Return numbers as an array, and refuse what is none, and numbers that are not finite."""
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name} must hold numbers in rows of one length") from None
+    if not np.isfinite(array).all():
+        raise InputError(f"{name} holds a number that is not finite")
+    return array

@@ -51,7 +51,7 @@ MAY_IMPORT = {
     "memory": {"errors"},
     "registry": {"errors"},
     "arrays": set(),
-    "numbers": {"errors"},
+    "numbers": {"errors", "arrays"},
     "files": {"errors"},
     "cache": set(),
     "compiled": {"errors", "arrays", "cache"},

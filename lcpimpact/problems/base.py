@@ -111,9 +111,11 @@ class Problem:
                 continue
             first = self.dynamics.contacts[rows[0]]
             if len(rows) == 1:
+                moves = [f"lower q0[{first.upper!r}]"] * (first.upper in d.nodes)
+                moves += [f"raise q0[{first.lower!r}]"] * (first.lower in d.nodes)
                 raise InputError(
                     f"bumper {first.name!r} of problem {self.name!r} starts penetrated by {-u:g} m: "
-                    f"lower q0[{first.upper!r}], raise q0[{first.lower!r}], or widen its gap"
+                    f"{', '.join(moves) or 'move its sides apart in q0'}, or widen its gap"
                 )
             names = ", ".join(repr(self.dynamics.contacts[i].name) for i in rows)
             raise InputError(

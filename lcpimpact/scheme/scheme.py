@@ -5,12 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
 from itertools import count
-from typing import Any
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from lcpimpact.errors import InputError
+from lcpimpact.numbers import finite_array
 from lcpimpact.scheme.assembly import assemble
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import Element
+from lcpimpact.scheme.elements.bumper import Bumper
+from lcpimpact.scheme.elements.substructure import Substructure
 
 
 class Scheme:
@@ -37,6 +43,74 @@ class Scheme:
     def __init__(self, *elements: Element) -> None:
         self.elements: tuple[Element, ...] = ()
         self.add(*elements)
+
+    @classmethod
+    def of_matrices(
+        cls,
+        M: ArrayLike,
+        C: ArrayLike | None = None,
+        K: ArrayLike | None = None,
+        f: Sequence[Any] | None = None,
+        *,
+        H: ArrayLike = (),
+        gaps: Sequence[float] | None = None,
+        e: Sequence[float | None] | None = None,
+        coordinates: Sequence[str] | None = None,
+        contacts: Sequence[str] | None = None,
+    ) -> Scheme:
+        """Return the scheme M q'' + C q' + K q = f + Hᵀ r, u = H q + gaps, 0 <= u ⟂ r >= 0.
+
+        Other elements, such as `Friction`, may be added to it.
+
+        Parameters
+        ----------
+        M, C, K, f
+            As of `lcpimpact.Substructure`.
+        H : (nc, n) array_like, optional
+            The constraint matrix, a row for each contact.
+        gaps : sequence of nc float, optional
+            Openings in m at q = 0; zero by default.
+        e : sequence of nc float, optional
+            Coefficients of restitution; needed where there are contacts.
+        coordinates : sequence of n str, optional
+            Names; by default q1, q2, ...
+        contacts : sequence of nc str, optional
+            Names of the reactions; by default R, R_2, ...
+
+        Raises
+        ------
+        InputError
+            If shapes do not fit, and for what `Substructure` and `Bumper` refuse.
+
+        Examples
+        --------
+        A body that falls 1 m:
+
+        >>> ball = Scheme.of_matrices([[2.0]], f=[-19.62], H=[[1.0]], gaps=[1.0], e=[0.5], coordinates=["y"])
+        >>> ball.assemble().gap([0.25])
+        array([1.25])
+        """
+        n = len(np.atleast_1d(np.asarray(M, dtype=object)))
+        names = tuple(f"q{i + 1}" for i in range(n)) if coordinates is None else tuple(coordinates)
+        rows = np.atleast_2d(finite_array("H", H)) if np.size(np.asarray(H, dtype=object)) else np.zeros((0, n))
+        if rows.shape[1] != n or len(names) != n:
+            raise InputError(
+                f"M has {n} rows, H the shape {rows.shape}, and there are {len(names)} coordinates: they must fit"
+            )
+        count = len(rows)
+        given: dict[str, Sequence[Any]] = {
+            "gaps": [0.0] * count if gaps is None else gaps,
+            "e": [None] * count if e is None else e,
+        }
+        given["contacts"] = [None] * count if contacts is None else contacts
+        for name, values in given.items():
+            if len(values) != count:
+                raise InputError(f"{name} = {values!r} must hold {count} values, one for each row of H")
+        scheme = cls(Substructure(names, cast(Any, M), cast(Any, C), cast(Any, K), f))
+        for row, gap, each, name in zip(rows, *given.values(), strict=True):
+            point = {node: float(c) for node, c in zip(names, row, strict=True) if c != 0.0}
+            scheme.add(Bumper("ground", point, gap, each, name))
+        return scheme
 
     def add(self, *elements: Element) -> Scheme:
         """Add elements and return the scheme itself.
