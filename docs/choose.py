@@ -24,6 +24,8 @@ FEATURES = (
     Feature.RESTITUTION,
     Feature.IMPULSE_PATHS,
     Feature.SLIDERS,
+    Feature.FRICTION,
+    Feature.JOINTS,
     Feature.POWER_LAWS,
     Feature.MOTIONS,
     Feature.SYSTEMS,

@@ -22,7 +22,7 @@ End = str | Mapping[str, float]
 
 def nodes_of(end: End) -> tuple[str, ...]:
     """Return the nodes of an end."""
-    return (end,) if isinstance(end, str) else tuple(end)
+    return tuple(end) if isinstance(end, Mapping) else (end,)
 
 
 def name_of(end: End) -> str:
@@ -33,7 +33,7 @@ def name_of(end: End) -> str:
     >>> name_of({"x": 1.0, "φ": -0.1})
     'x - 0.1 φ'
     """
-    if isinstance(end, str):
+    if not isinstance(end, Mapping):
         return end
     terms = [f"{'-' if c < 0.0 else '+'} {'' if abs(c) == 1.0 else f'{abs(c):g} '}{node}" for node, c in end.items()]
     return " ".join(terms).removeprefix("+ ")

@@ -83,7 +83,8 @@ def test_every_problem_with_other_parameters_comes_back_equal(name, tmp_path):
 NODES = {"a": "x", "b": "y", "upper": "x", "lower": "y", "node": "x"}
 SIGNAL = li.Harmonic(amplitude=0.3, omega=2.5, phase=-0.1)
 VALUES = {"e": 0.25, "sigma_y": 2.0, "E_t": 0.1, "alpha": 0.5, "t_min": 0.01, "t_max": 1.0, "elements": 3, "mass": "lumped",
-          "massless": ("y",), "k": 0.7, "n": 2.0, "rtol": 0.01, "f": SIGNAL, "y": SIGNAL, "name": "Ñ 1"}  # fmt: skip
+          "massless": ("y",), "normal": "N", "coordinates": ("x", "y"), "k": 0.7,
+          "n": 2.0, "rtol": 0.01, "f": SIGNAL, "y": SIGNAL, "name": "Ñ 1"}  # fmt: skip
 
 
 def example(kind):
@@ -98,6 +99,9 @@ def example(kind):
             values[each.name] = NODES.get(each.name, VALUES.get(each.name, 0.1 + 0.2))
     if "upper" in values and "b" in values:
         values["b"] = 0.25  # Hunt and Crossley's b is no node
+    if kind is li.Substructure:
+        values |= {"M": ((2.0, 0.5), (0.5, 1.0)), "C": ((0.1, 0.0), (0.0, 0.2)), "K": ((3.0, -1.0), (-1.0, 3.0))}
+        values["f"] = (1.5, SIGNAL)
     return kind(**values)
 
 
@@ -105,7 +109,10 @@ def hold(*elements, held=True):
     """A scheme in which both nodes have mass or a motion, so that any element between them is in its place."""
     nodes = [] if not held else ["x", "y"]
     moved = {element.node for element in elements if isinstance(element, li.PrescribedMotion)}
-    return Scheme(*elements, *(li.Mass(node, 0.1) for node in nodes if node not in moved))
+    bounds = [
+        li.Bumper(each.upper, each.lower, e=0.0, name=each.normal) for each in elements if isinstance(each, li.Friction)
+    ]
+    return Scheme(*elements, *bounds, *(li.Mass(node, 0.1) for node in nodes if node not in moved))
 
 
 @pytest.mark.parametrize("name", list(ELEMENTS))
@@ -544,7 +551,8 @@ def test_a_constant_of_the_wrong_kind_is_answered_by_the_right_one(name, tmp_pat
         at = next((i for i in starts if i > lines.index("[[elements]]")), None)
         if at is None:
             continue
-        broken = "\n".join([*lines[:at], f"{each.name} = 1979-05-27", *lines[at + 1 :]])
+        end = lines.index("]", at) if lines[at].endswith("[") else at  # a matrix takes a line a row
+        broken = "\n".join([*lines[:at], f"{each.name} = 1979-05-27", *lines[end + 1 :]])
         with pytest.raises(
             InputError, match=rf"elements\[0\] .*{name}.{each.name} = .* must be (a|an|true|'\w+') ?\w*"
         ):

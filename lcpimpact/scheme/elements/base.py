@@ -124,10 +124,6 @@ def distinct(element: Element) -> None:
                 f"{type(element).__name__}: an end is a node or maps nodes to finite numbers other than zero, as "
                 f'{{"x": 1.0, "φ": -0.1}}, and {dict(end)!r} does not'
             )
-        if not isinstance(end, (str, Mapping)):
-            raise InputError(
-                f"{type(element).__name__}: an end is a node or maps nodes to numbers, and {end!r} does not"
-            )
     for node in element.nodes:
         if not is_name(node):
             raise InputError(

@@ -26,12 +26,14 @@ class Friction(Link):
 
     .. math:: -μ P_N \le P_F \le μ P_N, \quad\text{complementary to}\quad U^+ + e_T U^- .
 
+    It dissipates the energy of sliding, μ r_N |U|; e_T > 0 returns some of that of an impact.
+
     ::
 
-        o  upper, feels -F
+        o upper, feels -F
         ===
-        ===  --->  U
-        o  lower, feels +F
+        ===  ---> U
+        o lower, feels +F
 
     Parameters
     ----------

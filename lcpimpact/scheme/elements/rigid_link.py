@@ -14,7 +14,8 @@ from lcpimpact.scheme.terms import End, Row, RowLaw, Terms
 class RigidLink(Link):
     r"""A rigid link: its ends move together, q_b - q_a = 0, and its force J, which pushes them apart, has any sign.
 
-    In impacts it transmits impulses. Sums of coordinates make it a gear, a lever or a guide.
+    It stores and dissipates no energy; in impacts it transmits impulses. With sums of coordinates
+    it is a gear, a lever or a guide.
 
     ::
 

@@ -23,8 +23,14 @@ SYMMETRY_RTOL = 1e-12
 class Substructure(Element):
     r"""Coordinates with coupled inertia, damping and stiffness: M q'' + C q' + K q = f, by matrices.
 
-    For mechanisms with a mass matrix that is not diagonal, finite elements, and modal models. Any other element may join the
-    same coordinates.
+    ::
+
+        o--+-------+
+           | M C K |     as many nodes as rows
+        o--+-------+
+
+    Its energy is ½ q'ᵀ M q' + ½ qᵀ K q, and it dissipates q'ᵀ C q'. For mechanisms with a mass matrix that is not diagonal,
+    finite elements, and modal models. Any other element may join the same coordinates.
 
     Parameters
     ----------
