@@ -2,7 +2,8 @@ r"""Newton's law of impact, as an LCP of its own where plates that both have mas
 
 .. math:: 0 \le P \perp U^+ + e U^- \ge 0, \qquad U^+ = U^- + C A B P .
 
-Over massless nodes impulses act on impulse paths, by the law of `lcpimpact.hybrid.impact_law`.
+With friction and joints it is that of `lcpimpact.hybrid.friction`. Over massless nodes impulses act on impulse paths, by the
+law of `lcpimpact.hybrid.impact_law`.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from lcpimpact.arrays import Array, Flags
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.hybrid.complementarity import Meeting, approach, at_rest, rebound
+from lcpimpact.hybrid.friction import frictional_impact
 from lcpimpact.hybrid.gaps import openings_and_rates, path_rates, still, touching_paths
 from lcpimpact.hybrid.impact_law import restitution as path_restitution
 from lcpimpact.hybrid.system import ZERO, Still, System
@@ -66,6 +68,12 @@ def impact(
         meet = bool((q < 0.0).any())
     if not meet:
         return state, np.zeros(len(system.degree)), held
+    if system.has_friction_or_joints:
+        law = np.where(system.meets, 0.0, e)
+        law[meeting] = bounce
+        end, pushed, stops = frictional_impact(system, state, meeting, law, U, before, solver, zero)
+        unmoved = held.U & (system.G @ pushed == 0.0) & (system.degree == 2)
+        return end, pushed, Still(held.u, stops | unmoved, held.closed)
     z = system.impact_lcp(G, lines, meeting, solver).solve(q).z
     parts = np.ascontiguousarray(state.parts)
     after, impulses, ended = rebound(G.parts, B.parts, parts, Meeting(meeting, bounce, toward, back), z, zero)

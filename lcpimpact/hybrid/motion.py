@@ -246,7 +246,7 @@ def _find_end(motion: HybridMotion) -> None:
 def _accumulated(motion: HybridMotion, t: DoubleDouble, events: tuple[Event, ...]) -> Flags | None:
     """Record the impacts at t, and return the rows whose impacts have accumulated (nc,), if any."""
     system, shortest = motion.system, LAST_FLIGHT_RTOL * abs(float(t.hi))
-    hit = [event for event in events if event.impulse > 0.0]
+    hit = [event for event in events if event.impulse > 0.0 and system.meets[system.names[event.contact]]]
     if not hit:
         return None
     rows = [system.names[event.contact] for event in hit]
@@ -352,7 +352,7 @@ def _collapse(motion: HybridMotion, t: DoubleDouble, rest: float) -> tuple[Doubl
         left, t0 = state_of(system, mode, X), float(now.hi)
         mode = replace(mode, closed=tuple(i for i in mode.closed if held.U[i] or not rows[i]))
         right, ended = state_of(system, mode, after), system.fine.C.hi[np.argmax(meets)]
-        events = tuple(Event(t0, names[i], "impact", left, right, float(P[i])) for i in np.flatnonzero(P > 0.0))
+        events = tuple(Event(t0, names[i], "impact", left, right, float(P[i])) for i in np.flatnonzero(P))
         motion.segments.append(Segment(now, X.hi, after, mode, ended, events))
         X = after
         U = gaps(system, X, motion.scale, held, FINE_ZERO)[1].hi

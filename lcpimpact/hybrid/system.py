@@ -54,12 +54,14 @@ class Mode:
     slips : tuple of (int, int) the sliders that slip, with the sign of U
     order : tuple of int        initial order of the zero of its event function, -1 if it is zero for ever
     side : tuple of int         sign of r of a slider that begins to stick with its force at a threshold, else 0
+    other_order : tuple of int  of sticking friction, the order of the zero of μ r_N + r_T; ``order`` is that of μ r_N - r_T
     """
 
     closed: tuple[int, ...]
     slips: tuple[tuple[int, int], ...]
     order: tuple[int, ...]
     side: tuple[int, ...]
+    other_order: tuple[int, ...] = ()
 
     @property
     def key(self) -> tuple[tuple[int, ...], tuple[tuple[int, int], ...]]:
@@ -250,16 +252,21 @@ class System:
         if mode.key not in self.flows:
             A, B, *_ = self.fine
             F = np.zeros((2, len(self.degree), len(A)))
-            for i, sign in mode.slips:
+            slips, rubs = mode.slips, [i for i, _ in mode.slips if i in self.friction]
+            for i, sign in (each for each in slips if each[0] not in rubs):
                 F[0, i, self.form.constant] = -sign * self.dynamics.r_max[i]
             rows = list(mode.closed)
             if rows:
                 O, G = self._held(mode)  # noqa: E741
+                if rubs:
+                    G = G @ self.coupling(mode)
                 terms = np.abs(O.hi) + np.abs(G.hi) @ np.abs(F[0])
                 F[:, rows] = -solve_regular(G[:, rows], O + G @ DoubleDouble(F)).parts
                 if self.mixed:
                     cancels = np.abs(F[0, rows]) <= FINE_ZERO * (np.abs(np.linalg.inv(G.hi[:, rows])) @ terms)
                     F[:, rows] = np.where(cancels, 0.0, F[:, rows])
+            if rubs:
+                F[:, rubs] = (DoubleDouble.of(self.coupling(mode)[rubs]) @ DoubleDouble(F)).parts
             # Cancellation in A + B F is set to zero: balanced forces cause no motion.
             closed = round_to_zero(A + B @ DoubleDouble(F), np.abs(A.hi) + np.abs(B.hi) @ np.abs(F[0]))
             self.flows[mode.key] = Flow(closed), DoubleDouble(F)
@@ -366,6 +373,24 @@ class System:
         return self.dynamics.slides
 
     @cached_property
+    def friction(self) -> list[int]:
+        """The rows with friction that a normal force bounds."""
+        return list(map(int, np.flatnonzero(self.dynamics.frictional)))
+
+    @cached_property
+    def has_friction_or_joints(self) -> bool:
+        """Whether any row has friction that a normal force bounds, or is a joint."""
+        return bool(self.friction) or bool(self.dynamics.joints.any())
+
+    def coupling(self, mode: Mode) -> Array:
+        """Return T with r = T r (nc, nc): where friction slips, r_T = -μ sign(U) r_N."""
+        T = np.eye(len(self.degree))
+        for i, sign in mode.slips:
+            if i in self.friction:
+                T[i] = -sign * self.dynamics.mu[i] * T[self.dynamics.normals[i]]
+        return T
+
+    @cached_property
     def meets(self) -> Flags:
         """Which rows are contacts at which impulses act (nc,)."""
         return np.asarray((self.degree == 2) & self.dynamics.unilateral)
@@ -405,7 +430,10 @@ class System:
                 held = self.together(mode.closed)
                 levels = np.array([held.T @ Dw[rows], held.C.hi @ E, held.CA.hi @ E])
                 O_w = levels[held.degree, np.arange(len(rows))]
-            found[rows] = -solve_regular(self._held(mode)[1][:, rows], DoubleDouble.of(O_w)).hi
+            T = self.coupling(mode)
+            G = self._held(mode)[1]
+            found[rows] = -solve_regular((G @ T if self.friction else G)[:, rows], DoubleDouble.of(O_w)).hi
+            found = T @ found
         return found
 
     def ends(self, mode: Mode) -> tuple[Indices, Indices, DoubleDouble]:
@@ -427,7 +455,10 @@ class System:
                     found.append((i, 0, r[:, i] if i in mode.closed else u[:, i]))
                 elif i in slips:
                     found.append((i, 0, slips[i] * U[:, i]))
-                else:
+                elif contact.law is RowLaw.FRICTION and i in mode.closed:
+                    bound = DoubleDouble(r[:, contact.normal]) * contact.mu
+                    found += [(i, side, (bound + DoubleDouble(-side * r[:, i])).parts) for side in (1, -1)]
+                elif contact.law is RowLaw.SLIDER:
                     for side in (1, -1):
                         room = DoubleDouble(-side * r[:, i])
                         threshold = np.zeros(len(room))
@@ -447,7 +478,10 @@ class System:
             contacts, side, rows = self.ends(mode)
             order = np.array(mode.order, dtype=np.int64)[contacts]
             kept = np.flatnonzero(order >= 0)
-            order = np.where((side != 0) & (side != np.array(mode.side, dtype=np.int64)[contacts]), 0, order)
+            rubs = np.isin(contacts, self.friction)
+            order = np.where((side != 0) & ~rubs & (side != np.array(mode.side, dtype=np.int64)[contacts]), 0, order)
+            if rubs.any():
+                order = np.where(rubs & (side < 0), np.array(mode.other_order, dtype=np.int64)[contacts], order)
             nc = len(self.degree)
             closed = np.isin(np.arange(nc), mode.closed)
             held = closed | ((np.array(mode.order, dtype=np.int64) < 0) & ~self.slides)
@@ -493,11 +527,13 @@ def combined(T: Array, b: DoubleDouble) -> DoubleDouble:
 def refuse_mixed_degrees(system: System, method: str, except_schemes: bool = False) -> None:
     """Refuse contacts without a common relative degree; with ``except_schemes`` only beside sliders and in systems."""
     names = system.mixed_degrees
-    if not names or (except_schemes and system.dynamics.stores_energy and not system.slides.any()):
+    others = ((system.slides.any(), "sliders"), (system.friction, "friction"), (system.dynamics.joints.any(), "joints"))
+    beside = next((f" beside {what}" for present, what in others if present), "")
+    if not names or (except_schemes and system.dynamics.stores_energy and not beside):
         return
-    beside = " beside sliders" if except_schemes and system.dynamics.stores_energy else ""
-    others = "'moreau-jean'" if except_schemes else "'exact' or 'moreau-jean'"
+    beside = beside if except_schemes and system.dynamics.stores_energy else ""
+    able = "'moreau-jean'" if except_schemes else "'exact' or 'moreau-jean'"
     raise UnsupportedError(
         f"the contacts {', '.join(map(repr, names))} have no common relative degree when all are closed, and {method!r} "
-        f"does not handle that{beside}: take method={others}"
+        f"does not handle that{beside}: take method={able}"
     )

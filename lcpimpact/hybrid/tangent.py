@@ -35,6 +35,7 @@ from lcpimpact.errors import UnsupportedError
 from lcpimpact.hybrid.gaps import gaps
 from lcpimpact.hybrid.motion import HybridMotion, Segment
 from lcpimpact.hybrid.system import Mode, System
+from lcpimpact.record import SLIP_RTOL
 
 GRAZING_RTOL = 1e-10
 """Slope at a zero, relative to the terms of the row at their largest, below which the row grazes zero."""
@@ -59,8 +60,10 @@ def place_derivative(system: System, mode: Mode) -> Array:
 def impact_derivative(system: System, mode: Mode, X: Array, P: Array, scale: Array) -> Array:
     """Return the derivative (N, N) at X of the state after impacts with the impulses P (nc,) that end a mode."""
     pushed = P > 0.0
-    if not pushed.any():
+    if not P.any():
         return np.eye(len(X))
+    if system.has_friction_or_joints:
+        return _frictional_impact_derivative(system, P)
     U, closing = gaps(system, X, scale)[1].hi, system.derivatives[1]
     if len(system.lines):
         # The velocities of massless nodes are those of the last mode.
@@ -73,6 +76,20 @@ def impact_derivative(system: System, mode: Mode, X: Array, P: Array, scale: Arr
     A, B, C = system.matrices
     rates, push = paths @ C @ A, B @ paths.T
     return np.asarray(np.eye(len(X)) - push @ np.linalg.lstsq(rates @ push, rates + rebound, rcond=None)[0])
+
+
+def _frictional_impact_derivative(system: System, P: Array) -> Array:
+    """Return the derivative of an impact with friction and joints: of what sticks, and of what slips all along."""
+    d, (A, B, C), nc = system.dynamics, system.matrices, len(P)
+    bounds = d.friction_bounds(P)
+    slips = d.frictional & (np.abs(P) >= bounds * (1.0 - SLIP_RTOL))
+    held = np.flatnonzero(((P != 0.0) | d.joints) & ~slips & (d.relative_degree == 2))
+    push = np.eye(nc)
+    for i in np.flatnonzero(slips):
+        push[i] = np.sign(P[i]) * d.mu[i] * push[d.normals[i]]
+    rates = C[held] @ A
+    jump = np.linalg.lstsq(rates @ B @ push[:, held], (1.0 + d.restitution[held])[:, None] * rates, rcond=None)[0]
+    return np.asarray(np.eye(A.shape[0]) - B @ push[:, held] @ jump)
 
 
 def saltation(motion: HybridMotion, before: Segment, after: Segment) -> Array:

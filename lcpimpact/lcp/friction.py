@@ -53,35 +53,35 @@ class FrictionRows(NamedTuple):
     formulation: int
 
 
-class FrictionLCP(NamedTuple):
-    """The complementarity problem in the unknowns z with P = T z, whose rows are w = E ξ + V z (m of them).
+class FrictionMaps(NamedTuple):
+    """The complementarity problem of rows with friction: unknowns z with P = T z, and its rows w = E ξ + V z.
 
     Attributes
     ----------
-    W, q, lower, upper      w = W z + q, complementary to lower <= z <= upper
-    E : (m, n) array        how the rows ξ enter
-    T : (n, m) array        how the unknowns are read
+    E : (m, n) array
+    T : (n, m) array
+    V : (m, m) array
+    lower, upper : (m,) arrays      bounds of z
     """
 
-    W: Array
-    q: Array
-    lower: Array
-    upper: Array
     E: Array
     T: Array
+    V: Array
+    lower: Array
+    upper: Array
 
 
 FRICTION: Any = named_tuple((indices, indices, vector, i8), FrictionRows)
-FRICTION_LCP: Any = named_tuple((matrix, vector, vector, vector, matrix, matrix), FrictionLCP)
+MAPS: Any = named_tuple((matrix, matrix, matrix, vector, vector), FrictionMaps)
 
 
-@compiled(FRICTION_LCP(matrix, vector, vector, vector, FRICTION))
-def friction_lcp(W: Array, q: Array, lower: Array, upper: Array, friction: FrictionRows) -> FrictionLCP:
-    """Return the complementarity problem of rows ξ = W P + q of which some have friction.
+@compiled(MAPS(matrix, vector, vector, FRICTION))
+def friction_maps(W: Array, lower: Array, upper: Array, friction: FrictionRows) -> FrictionMaps:
+    """Return the complementarity problem of rows ξ = W P + q of which some have friction; its matrix is E W T + V.
 
     λ and ξ_L are in units of ξ_T/W_TT, so that all entries of the matrix have one unit.
     """
-    n, nf, split = len(q), len(friction.rows), friction.formulation != GLOCKER
+    n, nf, split = len(lower), len(friction.rows), friction.formulation != GLOCKER
     m = n + (2 if split else 1) * nf
     E, T, V = np.zeros((m, n)), np.zeros((n, m)), np.zeros((m, m))
     low, high = np.zeros(m), np.full(m, np.inf)
@@ -103,7 +103,7 @@ def friction_lcp(W: Array, q: Array, lower: Array, upper: Array, friction: Frict
         else:
             T[t, j] = -μ
             V[last, j], V[last, t] = 2.0 * μ * unit, -unit
-    return FrictionLCP(E @ W @ T + V, E @ q, low, high, E, T)
+    return FrictionMaps(E, T, V, low, high)
 
 
 @compiled(vector(matrix, vector, FRICTION))

@@ -36,7 +36,7 @@ from lcpimpact.integrators.stepping.law import (
     solve_law,
 )
 from lcpimpact.integrators.stepping.static_balance import STATIC, Static, balance
-from lcpimpact.lcp.friction import FRICTION, FrictionRows, friction_lcp, unknowns
+from lcpimpact.lcp.friction import FRICTION, FrictionRows, friction_maps, unknowns
 from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solver import Kernel
 
@@ -224,27 +224,27 @@ def solve_features(
     friction = active_friction(all_friction, active)
     q = room.sums[first : first + nc]
     given = restrict(ContactProblem(table.W[law], q, table.lower[law], table.upper[law]), active)
-    found = friction_lcp(given.W, given.q, given.lower, given.upper, friction)
-    rows, z = ContactProblem(found.W, found.q, found.lower, found.upper), unknowns(found.T, P, friction)
+    E, T, V, lower, upper = friction_maps(given.W, given.lower, given.upper, friction)
+    rows, z = ContactProblem(E @ given.W @ T + V, E @ given.q, lower, upper), unknowns(T, P, friction)
     closed, shift, at_active = np.zeros(len(paths.lines), np.bool_), np.zeros(nc), np.zeros(na)
     iterations, newton = 0, 0
     while True:
         if ns > 0:
             by_P, y_free, δ = coupled_springs(table, springs, room.sums, law, active)
-            coupled = Springs(by_P.law, by_P.θh, by_P.h, found.E @ by_P.HGs, by_P.NG @ found.T, by_P.NGs)
+            coupled = Springs(by_P.law, by_P.θh, by_P.h, E @ by_P.HGs, by_P.NG @ T, by_P.NGs)
             room.s[:] = 0.0
             status, count, tried, residual = solve_springs(rows, coupled, y_free, δ, z, y_free.copy(), room.s, solving)
             newton += tried
         else:
             status, count, residual = solve_law(rows, z, solving)
         iterations += count
-        P[:] = found.T @ z
+        P[:] = T @ z
         if status != SOLVED or not closes(paths.lines, closed, active, P):
             return status, iterations, newton, residual
         write_shifts(paths, closed, state.y[:n], state.y[n : 2 * n], shift)
         for a in range(na):
             at_active[a] = given.q[a] + shift[active[a]] / paths.h
-        rows.q[:] = found.E @ at_active
+        rows.q[:] = E @ at_active
 
 
 @compiled(types.void(matrix, vector, matrix, i8, vector), inline="always", allocates=False)

@@ -41,7 +41,7 @@ from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_l
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_lcp
+from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import SolverState
@@ -248,7 +248,8 @@ class LinearStep(TimeStepping[Tabulated]):
         """Return the matrix of a law's LCP: that of its friction, if there is any, has no structure."""
         if not d.frictional.any():
             return self.contact_matrix(d, h, W)
-        return Dense(friction_lcp(W, np.zeros(len(W)), d.r_min, d.r_max, friction_rows(d)).W)
+        maps = friction_maps(W, d.r_min, d.r_max, friction_rows(d))
+        return Dense(maps.E @ W @ maps.T + maps.V)
 
     def at_switches(self, d: Dynamics) -> LinearStep | None:
         """Return the method used in steps at a change of the active contacts; None for this one."""
