@@ -16,6 +16,9 @@ the Delassus matrix W = H A⁻¹ Hᵀ.
 Impacts through massless nodes are treated in `lcpimpact.integrators.stepping.impulse_paths`; massless nodes held by springs
 only are projected onto equilibrium in `lcpimpact.integrators.stepping.static_balance`.
 
+Friction with -μ r_N <= r_T <= μ r_N is at the level of sliders, with θ (U⁺ + e_T U) at relative degree 2, and in the same
+LCP; a joint has U⁺ = 0 (2), or u⁺ = 0.
+
 A slider's law is at velocity level: -r_0 <= r <= r_0 is complementary to H w (0, 1) or to θ U⁺ (2), so the LCP has
 bounds and is otherwise the same. A system given directly, u = C x + D λ + c, is imposed at t_θ in the nonzero rows of D,
 since λ is a mean of the step, and at the end of the step in the others. If such rows can constrain x itself, as ideal diodes
@@ -40,8 +43,10 @@ from lcpimpact.integrators.base import Declared
 from lcpimpact.integrators.stepping.impulse_paths import impulse_paths
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, solve
 from lcpimpact.integrators.stepping.static_balance import static_coordinates
+from lcpimpact.lcp.friction import FORMULATIONS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.numbers import is_real
+from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.signals import PiecewisePolynomial
 
@@ -54,13 +59,16 @@ class MoreauJean(LinearStep):
     ----------
     theta : float
         θ in [1/2, 1]; 1/2 is of second order and keeps the energy of smooth motion, 1 damps and is of first order.
+    friction : str
+        Formulation of Coulomb friction as an LCP, "glocker", "stewart-trinkle" or "anitescu-potra" (see
+        `lcpimpact.lcp.friction`); the first two have the same solutions, the last is convex, and sliding bodies lift off.
     tol, max_iter, rtol : optional
         As of `lcpimpact.integrators.stepping.time_stepping.TimeStepping`.
 
     Raises
     ------
     InputError
-        If θ lies outside [1/2, 1]: an undamped vibration ω grows by the factor
+        If the formulation is unknown, or θ lies outside [1/2, 1]: an undamped vibration ω grows by the factor
         sqrt((1 + (1 - θ)² ω² h²)/(1 + θ² ω² h²)) a step, which is above 1 for θ < 1/2 and any h.
 
     Notes
@@ -70,6 +78,7 @@ class MoreauJean(LinearStep):
     """
 
     theta: float = 0.5
+    friction: str = "glocker"
 
     instants: ClassVar[tuple[float, ...]] = (0.0, 1.0)
 
@@ -95,11 +104,18 @@ class MoreauJean(LinearStep):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.friction not in FORMULATIONS:
+            raise InputError(nearest(str(self.friction), list(FORMULATIONS), "formulation of friction"))
         if not is_real(self.theta) or not 0.5 <= self.theta <= 1.0:
             raise InputError(
                 f"theta = {self.theta!r} must lie in [0.5, 1]: 0.5 for second order, 1.0 for damping; below 0.5 vibrations "
                 "grow at every dt"
             )
+
+    @property
+    def formulation(self) -> str:  # type: ignore[override]
+        """That of ``friction``."""
+        return self.friction
 
     @property
     def reaction_at(self) -> float:

@@ -41,7 +41,7 @@ from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_l
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
+from lcpimpact.lcp.friction import FORMULATIONS, GLOCKER, FrictionRows, friction_maps
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import SolverState
@@ -219,6 +219,9 @@ class LinearStep(TimeStepping[Tabulated]):
     instants: ClassVar[tuple[float, ...]] = (1.0,)
     """The c for which the equations use the loads at t + c h."""
 
+    formulation: ClassVar[str] = FORMULATIONS[GLOCKER]
+    """Formulation of friction as an LCP, of `lcpimpact.lcp.friction`."""
+
     remembers: ClassVar[tuple[str, ...]] = ()
     """Names of the memory beside q and v, one vector (n,) each."""
 
@@ -248,8 +251,13 @@ class LinearStep(TimeStepping[Tabulated]):
         """Return the matrix of a law's LCP: that of its friction, if there is any, has no structure."""
         if not d.frictional.any():
             return self.contact_matrix(d, h, W)
-        maps = friction_maps(W, d.r_min, d.r_max, friction_rows(d))
+        maps = friction_maps(W, d.r_min, d.r_max, self._friction_rows(d))
         return Dense(maps.E @ W @ maps.T + maps.V)
+
+    def _friction_rows(self, d: Dynamics) -> FrictionRows:
+        """Return the rows with friction."""
+        rows = np.flatnonzero(d.frictional)
+        return FrictionRows(rows, d.normals[rows], d.mu[rows], FORMULATIONS.index(self.formulation))
 
     def at_switches(self, d: Dynamics) -> LinearStep | None:
         """Return the method used in steps at a change of the active contacts; None for this one."""
@@ -268,7 +276,7 @@ class LinearStep(TimeStepping[Tabulated]):
         other = self.at_switches(d)
         return Tabulated(
             table,
-            (springs, step.paths, step.static, friction_rows(d)),
+            (springs, step.paths, step.static, self._friction_rows(d)),
             spring_solver(d),
             self._loads(d, h),
             contacts[0],
@@ -355,12 +363,6 @@ def spring_solver(d: Dynamics) -> SpringSolver:
     from lcpimpact.integrators.stepping.newton import solve_with_springs
 
     return solve_with_springs
-
-
-def friction_rows(d: Dynamics) -> FrictionRows:
-    """Return the rows with friction."""
-    rows = np.flatnonzero(d.frictional)
-    return FrictionRows(rows, d.normals[rows], d.mu[rows], GLOCKER)
 
 
 def varying_loads(d: Dynamics) -> Flags:
