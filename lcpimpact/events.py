@@ -39,8 +39,8 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     found: list[tuple[float, int, Event]] = []
     for i, contact in enumerate(dynamics.contacts):
         r = record.reaction[:, i]
-        if contact.law is RowLaw.SLIDER:
-            found += [(event.t, i, event) for event in _friction_events(contact, i, record)]
+        if contact.law is not RowLaw.CONTACT:
+            found += [(event.t, i, event) for event in _events_of_bounds(contact, i, record)]
             continue
         closed = r > 0.0
         before = np.append(closed[0], closed[:-1])
@@ -178,18 +178,20 @@ def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:
     return struck
 
 
-def _friction_events(contact: Contact, i: int, record: Record) -> Iterator[Event]:
-    """Yield where a slider stops and where it begins to slip, or to slip the other way: between two forces on both sides."""
-    r, t = record.reaction[:, i], record.t_reaction
-    side = np.where(np.abs(r) < contact.bounds[1] * (1.0 - SLIP_RTOL), 0.0, np.sign(r))
-    # A slider that turns is between its thresholds for one step; it does not stop.
+def _events_of_bounds(contact: Contact, i: int, record: Record) -> Iterator[Event]:
+    """Yield where the force of a slider or relay comes to a bound, leaves it, or goes to the other: between two forces."""
+    r, t, (low, high) = record.reaction[:, i], record.t_reaction, contact.bounds
+    near = 0.5 * SLIP_RTOL * (high - low)
+    side = np.where(r >= high - near, 1.0, np.where(r <= low + near, -1.0, 0.0))
+    at_bound, between = ("switch", "slide") if contact.law is RowLaw.RELAY else ("slip", "stick")
+    # What turns is between its bounds for one step; it does not stop.
     turning = 1 + np.flatnonzero((side[1:-1] == 0.0) & (side[:-2] * side[2:] < 0.0))
     side[turning] = side[turning + 1]
     for j in map(int, np.flatnonzero(np.diff(side)) + 1):
         before, after = np.searchsorted(record.t, t[j - 1], side="right") - 1, np.searchsorted(record.t, t[j])
         left = State(record.q[before], record.v[before], record.reaction[j - 1])
         right = State(record.q[after], record.v[after], record.reaction[j])
-        kind = "stick" if side[j] == 0.0 else "slip"
+        kind = between if side[j] == 0.0 else at_bound
         yield Event(float(0.5 * (t[j - 1] + t[j])), contact.name, kind, left, right)
 
 

@@ -94,7 +94,8 @@ NUMBERS = tuple[float, ...]
 MATRIX = tuple[NUMBERS, ...]
 NAMES = tuple[str, ...]
 SYSTEM: dict[str, Any] = {
-    **dict.fromkeys("ABCD", MATRIX), "a": tuple[float | Signal, ...], "c": NUMBERS, "states": NAMES, "multipliers": NAMES
+    **dict.fromkeys("ABCD", MATRIX), **dict.fromkeys("ac", tuple[float | Signal, ...]), "states": NAMES, "multipliers": NAMES,
+    "lower": NUMBERS, "upper": NUMBERS,
 }  # fmt: skip
 """Types of the entries of a system."""
 

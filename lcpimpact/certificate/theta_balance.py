@@ -60,6 +60,7 @@ class Contacts(NamedTuple):
     B : (n, nc), D : (nc, nc) arrays    what reactions do to nodes, and to gaps
     u0, e, r_min, r_max : (nc,) arrays  gaps at rest, restitution, bounds of the reactions
     degree : (nc,) array                relative degrees
+    relays : (nc,) array                rows that are relays, which are not judged here but for their bounds
     lines : (np, nc) array              impulse paths over massless nodes
     """
 
@@ -72,6 +73,7 @@ class Contacts(NamedTuple):
     r_min: Array
     r_max: Array
     degree: Indices
+    relays: Flags
     lines: Array
 
 
@@ -155,7 +157,7 @@ class Sums(NamedTuple):
 SPARSITY: Any = named_tuple((places, places), SparsityPattern)
 NODES: Any = named_tuple((SPARSITY, vector, vector, vector, indices), Nodes)
 CONTACTS: Any = named_tuple(
-    (SPARSITY, vector, matrix, matrix, vector, vector, vector, vector, indices, matrix), Contacts
+    (SPARSITY, vector, matrix, matrix, vector, vector, vector, vector, indices, flags, matrix), Contacts
 )
 SPRING_LAWS: Any = named_tuple((matrix, matrix), SpringLaws)
 RECORDED: Any = named_tuple((vector, matrix, matrix, matrix, matrix), Recorded)
@@ -174,9 +176,8 @@ def sums_for(contacts: Contacts, n: int) -> Sums:
     nc = len(contacts.u0)
     w, way, given = np.zeros((3, n))
     impulse, gap, rate, total = np.zeros((4, nc))
-    on_line, direct = (
-        np.asarray((each != 0.0).any(axis=axis)) for each, axis in ((contacts.lines, 0), (contacts.D, 1))
-    )
+    on_line = np.asarray((contacts.lines != 0.0).any(axis=0))
+    direct = np.asarray((contacts.D != 0.0).any(axis=1) & ~contacts.relays)
     return Sums(
         way=way, given=given, impulse=impulse, gap=gap, rate=rate, w=w, total=total,
         met=np.zeros(nc, bool), on_line=on_line, direct=direct, of_step=np.zeros((4, nc)),
@@ -307,7 +308,9 @@ def judge_contact(run: Recorded, contacts: Contacts, i: int, k: int, θ: float, 
         u_θ = u - (1.0 - θ) * h * W
         sums.of_step[0, i], sums.of_step[1, i] = abs(force * u_θ), abs(force * u)
         sums.of_step[2, i], sums.of_step[3, i] = -u_θ, -u
-    if r_max < np.inf:
+    if contacts.relays[i]:
+        product = 0.0
+    elif r_max < np.inf:
         slip = U if contacts.degree[i] == 2 else W
         product = h * (r_max * abs(slip) + force * slip)
     elif sums.direct[i]:

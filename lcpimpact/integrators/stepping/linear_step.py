@@ -256,7 +256,7 @@ class LinearStep(TimeStepping[Tabulated]):
         if len(d.contacts):
             contacts = [self.contact_matrix(d, h, W) for W in table.W]
             for each in contacts:
-                solver.check(each, bool(d.slides.any()))
+                solver.check(each, not d.unilateral.all())
         other = self.at_switches(d)
         return Tabulated(
             table,
@@ -358,14 +358,16 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
     """Return the coefficients of a step for the kernel."""
     d, N = y.dynamics, y.dynamics.directions
     weights = [h if law.weight is None else law.weight for law in step.laws]
-    lower = np.array([-weight * d.thresholds for weight in weights])
-    upper = np.array([weight * d.thresholds + np.where(d.slides, 0.0, d.r_max) for weight in weights])
+    lower = np.array([weight * d.r_min for weight in weights])
+    upper = np.array(
+        [np.where(d.unilateral, d.r_max, weight * np.where(d.unilateral, 0.0, d.r_max)) for weight in weights]
+    )
     rows, θh = [], []
-    for law, high, P, s in zip(step.laws, upper, y.P, y.s, strict=True):
+    for law, low, high, P, s in zip(step.laws, lower, upper, y.P, y.s, strict=True):
         rate = N @ law.springs_at[1]
         approach = -(N @ law.springs_at[0] + d.power_laws[:, :1] * y.one)
         touching = -y.one if law.touching is None else np.where(np.isfinite(high)[:, None], -y.one, law.touching)
-        rows += [np.where(high[:, None] > 0.0, touching, y.one), law.L, rate, approach]
+        rows += [np.where((high > low)[:, None], touching, y.one), law.L, rate, approach]
         θh.append(_shared_step(-approach, rate, P, s))
     rows += [step.q, step.v, *(step.memory[name] for name in remembers), step.impulse / h]
     static = step.static.S
