@@ -43,6 +43,7 @@ WISHES: tuple[tuple[str, Callable[[Declared], bool]], ...] = (
     ("Impacts never add energy", lambda d: d.dissipates),
     ("Adaptive steps", lambda d: bool(d.adaptive)),
     ("Dry friction on bodies with mass", lambda d: d.order_friction > 0),
+    ("Relays and sliding modes", lambda d: d.order_relay > 0),
     (
         "Compliant contact by non-linear springs (see [penalty.md](penalty.md))",
         lambda d: Feature.POWER_LAWS in d.handles,
@@ -102,12 +103,12 @@ def page() -> str:
         "In the coordinates with mass (sup norm), across impacts in the velocities (L1 norm; their sup norm converges",
         "for no method; what is declared is a median: [slopes scatter](convergence.md#the-order-across-many-impacts)).",
         "*force kink*: relative degree 0; *force jump*: degree 1; *friction*: reversal or sticking of a body",
-        "on a slider.",
+        "on a slider; *relays*: switches, and the start of sliding modes.",
         "",
         "| method | "
         + " | ".join(next(iter(methods.values())).orders)
         + " | penetration after impacts | adds no energy | steps |",
-        "|---|" + "---|" * 8,
+        "|---|" + "---|" * 9,
     ]
     for name, d in methods.items():
         cells = [*d.orders.values(), d.penetration, "yes" if d.dissipates else "", d.adaptive or "dt"]

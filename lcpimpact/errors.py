@@ -27,7 +27,10 @@ class Status(IntEnum):
     SINGULAR = 5, "A matrix that had to be factored is singular: look for redundant contacts, or take solver='lemke'."
     NON_FINITE = 6, "A number overflowed or is not finite: check the data, or take a smaller dt."
     INACCURATE = 7, "The solver's answer failed the check outside it: loosen tol or take a direct solver."
-    MAX_EVENTS = 8, "More events than max_events: impacts may accumulate; raise max_events or take moreau-jean."
+    MAX_EVENTS = (
+        8,
+        "More events than max_events: impacts or switches may accumulate; raise max_events or take moreau-jean.",
+    )
     INTERRUPTED = 9, "Interrupted: the trajectory holds the steps that were finished."
     NEWTON = 10, "The forces of the non-linear springs did not converge: take a smaller dt, and check K, n and b."
     STEP_SIZE = (
@@ -49,6 +52,12 @@ class Status(IntEnum):
         14,
         "Impacts of several bodies accumulate, faster than numbers can tell in which order: the run ends before the limit; "
         "give the bodies a spring between them, or take moreau-jean.",
+    )
+
+    AMBIGUOUS = (
+        16,
+        "Several motions obey the laws of the relays from here on, since the LCP of the mode has several solutions (see "
+        "all_solutions): change the initial state, the bounds or the inputs a little.",
     )
 
     MAX_STEPS = (

@@ -82,9 +82,12 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
                 impulsive[j : j + impact_steps, k] = True
                 if impulse != 0.0:
                     found.append((t, int(k), Event(t, dynamics.contacts[k].name, kind, left, right, impulse)))
-    bounds = np.where(impulsive, 0.0, dynamics.friction_bounds(record.reaction))
-    for i in map(int, np.flatnonzero(dynamics.rubs)):
-        found += [(event.t, i, event) for event in _friction_events(dynamics.contacts[i], i, bounds[:, i], record)]
+    friction = np.where(impulsive, 0.0, dynamics.friction_bounds(record.reaction))
+    low = np.where(dynamics.frictional, -friction, dynamics.r_min)
+    high = np.where(dynamics.frictional, friction, dynamics.r_max)
+    for i in map(int, np.flatnonzero(dynamics.rubs | dynamics.relays)):
+        crossed = _events_of_bounds(dynamics.contacts[i], i, (low[:, i], high[:, i]), record)
+        found += [(event.t, i, event) for event in crossed]
     return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2])), impulsive
 
 
@@ -186,14 +189,16 @@ def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:
     return struck
 
 
-def _friction_events(contact: Contact, i: int, bounds: Array, record: Record) -> Iterator[Event]:
-    """Yield where dry friction stops and where it begins to slip, or to slip the other way: between two forces beside it.
+def _events_of_bounds(contact: Contact, i: int, bounds: tuple[Array, Array], record: Record) -> Iterator[Event]:
+    """Yield where a force comes to a bound, leaves it, or goes to the other: between two forces on both sides.
 
-    Without a bound, as where a contact is open, there is no friction.
+    Without room between the bounds (nr,), as where a contact with friction is open, there are no events.
     """
-    r, t, acts = record.reaction[:, i], record.t_reaction, bounds > 0.0
-    side = np.where(np.abs(r) < bounds * (1.0 - SLIP_RTOL), 0.0, np.sign(r))
-    # A slider that turns is between its thresholds for one step; it does not stop.
+    r, t, (low, high) = record.reaction[:, i], record.t_reaction, bounds
+    near, acts = 0.5 * SLIP_RTOL * (high - low), high > low
+    side = np.where(r >= high - near, 1.0, np.where(r <= low + near, -1.0, 0.0))
+    at_bound, between = ("switch", "slide") if contact.law is RowLaw.RELAY else ("slip", "stick")
+    # What turns is between its bounds for one step; it does not stop.
     turning = 1 + np.flatnonzero((side[1:-1] == 0.0) & (side[:-2] * side[2:] < 0.0) & acts[1:-1])
     side[turning] = side[turning + 1]
     changes = acts[1:] & ((side[1:] != side[:-1]) | ~acts[:-1])
@@ -201,7 +206,7 @@ def _friction_events(contact: Contact, i: int, bounds: Array, record: Record) ->
         before, after = np.searchsorted(record.t, t[j - 1], side="right") - 1, np.searchsorted(record.t, t[j])
         left = State(record.q[before], record.v[before], record.reaction[j - 1])
         right = State(record.q[after], record.v[after], record.reaction[j])
-        kind = "stick" if side[j] == 0.0 else "slip"
+        kind = between if side[j] == 0.0 else at_bound
         yield Event(float(0.5 * (t[j - 1] + t[j])), contact.name, kind, left, right)
 
 

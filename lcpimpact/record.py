@@ -53,7 +53,8 @@ class Event:
     t : float               the instant in s
     contact : str           the name of the reaction
     kind : str              "close", "open" or "impact"; "stick" or "slip" of a slider, the latter also at a
-                            reversal; "jump" of a system with an inconsistent initial state
+                            reversal; "slide" of a relay where a sliding mode begins, "switch" where it goes to a
+                            bound, from the other or from sliding; "jump" of a system with an inconsistent initial state
     left, right : State     left and right limits; at the start only q has a left one
     impulse : float         N s; zero unless an impact or a jump
     """

@@ -94,8 +94,11 @@ NUMBERS = tuple[float, ...]
 MATRIX = tuple[NUMBERS, ...]
 NAMES = tuple[str, ...]
 SYSTEM: dict[str, Any] = {
-    **dict.fromkeys("ABCD", MATRIX), "a": tuple[float | Signal, ...], "c": NUMBERS, "states": NAMES, "multipliers": NAMES
-}  # fmt: skip
+    **dict.fromkeys("ABCD", MATRIX),
+    **dict.fromkeys("ac", tuple[float | Signal, ...]),
+    **dict.fromkeys(("states", "multipliers"), NAMES),
+    **dict.fromkeys(("lower", "upper"), NUMBERS),
+}
 """Types of the entries of a system."""
 
 HOLDS = {tuple: "array", Sequence: "array", Mapping: "table", Literal: "word"}

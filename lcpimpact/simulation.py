@@ -25,6 +25,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Grid, Record, State
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.trajectory import Trajectory
 
 BLOCK_SECONDS = 0.1
@@ -312,7 +313,7 @@ def _able(dynamics: Dynamics) -> list[str]:
 def _missing(declared: Declared, dynamics: Dynamics) -> str:
     """Return the first undeclared feature of a system and the element that causes it, or ""."""
     for contact in dynamics.contacts:
-        if contact.relative_degree not in declared.relative_degrees:
+        if contact.relative_degree not in declared.relative_degrees and contact.law is not RowLaw.RELAY:
             return f"relative degree {contact.relative_degree} (contact {contact.name!r})"
     for feature, what in dynamics.features.items():
         if feature not in declared.handles:

@@ -10,7 +10,14 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.certificate.energy import Account, Sinks
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses
-from lcpimpact.certificate.laws import accelerations, beyond_bounds, forces_on_nodes, missing_friction, node_kinds
+from lcpimpact.certificate.laws import (
+    accelerations,
+    beyond_bounds,
+    forces_on_nodes,
+    missing_friction,
+    missing_switch,
+    node_kinds,
+)
 from lcpimpact.certificate.quadrature import Pieces, running_sum
 from lcpimpact.certificate.scales import Found, Scales, worst
 from lcpimpact.certificate.theta_balance import DAMPED, FREE
@@ -33,6 +40,7 @@ class SampledMotion:
     t, q, v, r : (nt, ...) arrays           at the nodes of the rule
     f, g : (nt, n) arrays                   the loads, and the sum of the forces on each node
     right, left : tuples                    q, v, r after each cut (nk, ...), and q, v before it
+    before : tuple                          q and r before each event
     impacts : RunImpacts
     at : (ni,) array                        the cut of each impact
     """
@@ -47,6 +55,7 @@ class SampledMotion:
     g: Array
     right: tuple[Array, Array, Array]
     left: tuple[Array, Array]
+    before: tuple[Array, Array]
     impacts: RunImpacts
     at: Indices
 
@@ -74,10 +83,11 @@ class SampledMotion:
         impacts = RunImpacts.of(d, events)
         impacts = impacts[impacts.t <= end]
         f, g = forces_on_nodes(d, t, q, v, r)
+        before = np.array([each.left.q for each in events]), np.array([each.left.reaction for each in events])
         at = np.asarray(np.searchsorted(cuts, impacts.t), dtype=np.int64)
         return cls(
             pieces=pieces, resolved=dense.resolves(cuts), t=t, q=q, v=v, r=r, f=f, g=g,
-            right=right, left=(q_left, v_left), impacts=impacts, at=at,
+            right=right, left=(q_left, v_left), before=before, impacts=impacts, at=at,
         )  # fmt: skip
 
     def at_cuts(self, values: Array) -> Array:
@@ -149,7 +159,7 @@ def _judge_nodes(
     way = run.imbalance(q, q_left, np.zeros_like(q), run.v)
     allowed_p = np.repeat(ε * scales.momenta(d) + elapsed[:, None] * forces + errors[0], 2, axis=0)
     allowed_q = np.repeat(ε * scales.q + elapsed[:, None] * scales.v + errors[1], 2, axis=0)
-    free, moves, massless = ~d.driven, kind >= DAMPED, np.isin(kind, (DAMPED, FREE))
+    free, moves, massless = ~d.driven, (kind >= DAMPED) & ~d.jumping, np.isin(kind, (DAMPED, FREE))
     return {
         "momentum": worst(np.abs(momentum[:, free]), allowed_p[:, free]),
         "equilibrium": worst(np.abs(run.g[:, massless]).max(axis=0), ε * forces[massless]),
@@ -165,6 +175,11 @@ def _judge_contacts(
     q_right, _, r_right = run.right
     u, u_right, U = d.gap(run.q) + run.r @ d.D.T, d.gap(q_right) + r_right @ d.D.T, d.gap_rate(run.v)
     product = np.maximum(np.abs(run.r * u).max(axis=0), np.abs(r_right * u_right).max(axis=0))
+    switch = np.maximum(missing_switch(d, run.r, u).max(axis=0), missing_switch(d, r_right, u_right).max(axis=0))
+    if d.relays.any() and len(run.before[0]):
+        q_before, r_before = run.before
+        u_before = d.gap(q_before) + r_before @ d.D.T
+        switch = np.maximum(switch, missing_switch(d, r_before, u_before).max(axis=0))
     friction = np.abs(run.pieces.each(missing_friction(d, run.r, U))).max(axis=0)
     # What touches but for rounding may be one of the next instant.
     violation, by_impacts = judge_impacts(d, run.impacts, -ε * scales.u, limits.rest * end)
@@ -179,10 +194,14 @@ def _judge_contacts(
     beyond = np.maximum(beyond_bounds(d, run.r).max(axis=0), beyond_bounds(d, r_right).max(axis=0))
     return {
         "complementarity": worst(
-            np.maximum(np.where(one_sided, product, np.where(d.rubs, friction, 0.0)), by_impacts),
-            scales.r * reach + largest * slow + bounds * (opened + ε * end * scales.U),
+            np.maximum(
+                np.where(d.relays, switch, np.where(one_sided, product, np.where(d.rubs, friction, 0.0))), by_impacts
+            ),
+            np.where(d.relays, d.r_max - d.r_min, scales.r) * reach
+            + largest * slow
+            + bounds * (opened + ε * end * scales.U),
         ),
-        "penetration": worst(penetration[~d.rubs], reach[~d.rubs]),
+        "penetration": worst(penetration * (one_sided | d.joints), reach),
         "tension": worst(beyond, ε * (scales.r + bounds * d.frictional)),
         "impact_law": worst(violation, slow),
     }

@@ -193,7 +193,7 @@ def _judge_nodes(
         jumps = np.zeros_like(run.q[1:])
         np.add.at(jumps, impacts.steps(run.t), np.abs(impacts.after - impacts.before))
         allowed_q += np.cumsum(h * jumps, axis=0)
-    massive, moves, massless = kind == MASSIVE, kind >= DAMPED, np.isin(kind, (DAMPED, FREE))
+    massive, moves, massless = kind == MASSIVE, (kind >= DAMPED) & ~d.jumping, np.isin(kind, (DAMPED, FREE))
     allowed_f = ε * forces
     if limits.drift:
         # What is projected lags its forces, whose errors add up to those of the way that it goes.

@@ -34,6 +34,12 @@ def missing_friction(d: Dynamics, r: Array, U: Array) -> Array:
     return np.asarray(np.where(d.rubs, d.friction_bounds(r) * np.abs(U) + r * U, 0.0))
 
 
+def missing_switch(d: Dynamics, r: Array, u: Array) -> Array:
+    """Return (r - r_min) u where u > 0 and (r_max - r) |u| where u < 0, of relays; zero for other rows (..., nc)."""
+    room = np.where(d.relays, np.where(u > 0.0, r - d.r_min, d.r_max - r), 0.0)
+    return np.asarray(np.abs(room) * np.where(d.relays, np.abs(u), 0.0))
+
+
 def beyond_bounds(d: Dynamics, r: Array) -> Array:
     """Return by how much reactions leave their bounds in N (..., nc)."""
     beyond = np.maximum(np.maximum(d.r_min - r, r - d.r_max), 0.0)

@@ -182,9 +182,8 @@ def sums_for(contacts: Contacts, n: int) -> Sums:
     nc = len(contacts.u0)
     w, way, given = np.zeros((3, n))
     impulse, gap, rate, total = np.zeros((4, nc))
-    on_line, direct = (
-        np.asarray((each != 0.0).any(axis=axis)) for each, axis in ((contacts.lines, 0), (contacts.D, 1))
-    )
+    on_line = np.asarray((contacts.lines != 0.0).any(axis=0))
+    direct = np.asarray((contacts.D != 0.0).any(axis=1) & ~(contacts.law == RELAY))
     return Sums(
         way=way, given=given, impulse=impulse, gap=gap, rate=rate, w=w, total=total,
         met=np.zeros(nc, bool), on_line=on_line, direct=direct, of_step=np.zeros((4, nc)),
@@ -318,7 +317,9 @@ def judge_contact(run: Recorded, contacts: Contacts, i: int, k: int, θ: float, 
         u_θ = u - (1.0 - θ) * h * W
         sums.of_step[0, i], sums.of_step[1, i] = abs(force * u_θ), abs(force * u)
         sums.of_step[2, i], sums.of_step[3, i] = -u_θ, -u
-    if contacts.law[i] == SLIDER or contacts.law[i] == FRICTION:
+    if contacts.law[i] == RELAY:
+        product = 0.0
+    elif contacts.law[i] == SLIDER or contacts.law[i] == FRICTION:
         slip = U + contacts.e[i] * sums.rate[i] if contacts.degree[i] == 2 else W
         product = h * (r_max * abs(slip) + force * slip)
     elif contacts.law[i] == JOINT:

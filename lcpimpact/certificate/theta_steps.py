@@ -8,7 +8,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Indices, Places
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
-from lcpimpact.certificate.laws import node_kinds
+from lcpimpact.certificate.laws import missing_switch, node_kinds
 from lcpimpact.certificate.scales import Found, Scales, worst
 from lcpimpact.certificate.theta_balance import (
     Contacts,
@@ -38,7 +38,7 @@ def judge_theta_steps(
     scales = Scales.of_largest(d, of.q, of.v, of.r, np.abs(f).max(axis=0)).at_least(d, h)
     found = {
         **_judge_nodes(d, record, events, (of, scales, h), θ, limits),
-        **_judge_contacts(d, record, events, (of, scales, h), limits),
+        **_judge_contacts(d, record, events, (of, scales, h), θ, limits),
     }
     # The balance of a step is an identity for θ = 1/2, but for springs in series and non-linear ones.
     steps, identity = len(record.t) - 1, θ == 0.5 and bool((node_kinds(d) >= 0).all()) and not d.springs
@@ -121,7 +121,12 @@ def _judge_nodes(
 
 
 def _judge_contacts(
-    d: Dynamics, record: Record, events: Sequence[Event], seen: tuple[Violations, Scales, float], limits: Limits
+    d: Dynamics,
+    record: Record,
+    events: Sequence[Event],
+    seen: tuple[Violations, Scales, float],
+    θ: float,
+    limits: Limits,
 ) -> Found:
     """Judge complementarity, penetration, bounds and the law of impact."""
     (of, scales, h), ε = seen, limits.precision
@@ -132,7 +137,7 @@ def _judge_contacts(
     turned = np.abs(np.diff(record.v[:, d.driven], axis=0)).max(axis=0, initial=0.0)
     slow = ε * scales.U.max(initial=0.0) + np.abs(d.H[:, d.driven]) @ turned
     # Contacts of an impulse path over massless nodes meet at velocity level, and may penetrate as others close.
-    at_velocity_level = (d.relative_degree == 2) | (d.impulse_lines > 0.0).any(axis=0)
+    at_velocity_level = ((d.relative_degree == 2) & ~d.relays) | (d.impulse_lines > 0.0).any(axis=0)
     strict = d.joints | (~at_velocity_level & ~(node_kinds(d) < 0).any())
     stroke = np.maximum(of.stroke, h * scales.U)
     for path in d.impulse_lines > 0.0:
@@ -140,12 +145,38 @@ def _judge_contacts(
         slow[path] = np.maximum(slow[path], slow[path].sum())
     by_rounding = ε * (of.r * scales.u + h * bounds * scales.U) + 2.0 * bounds * _crept(d, record)
     products = np.where(at_velocity_level, (h * (of.r + bounds) + largest) * slow, by_rounding)
+    switches = _missing_switches(d, record, θ)
+    products = np.where(d.relays, ε * (d.r_max - d.r_min) * scales.u, products)
     return {
-        "complementarity": worst(of.product, products),
+        "complementarity": worst(np.maximum(of.product, switches), products),
         "penetration": worst(of.penetration, np.where(strict, 0.0, stroke) + ε * scales.u),
         "tension": worst(of.tension, ε * (of.r + bounds * d.frictional + largest / max(h, 1e-300))),
         "impact_law": worst(of.law, slow),
     }
+
+
+def _missing_switches(d: Dynamics, record: Record, θ: float) -> Array:
+    """Return by how much relays miss their law in any step (nc,), with the u of `lcpimpact.integrators.moreau_jean`."""
+    if not d.relays.any():
+        return np.zeros(len(d.contacts))
+    t, q, r = record.t, record.q, record.reaction
+    u = d.gap(q[1:]) + r @ d.D.T
+    u_θ = d.gap((1.0 - θ) * q[:-1] + θ * q[1:]) + r @ d.D.T
+    u = np.where(np.diag(d.D) > 0.0, u_θ, u)
+    late = d.relays & (d.relative_degree > 1)
+    if late.any():
+        h = np.diff(t)
+        level = np.rint(np.log2(h.max() / h))
+        implicit = np.empty_like(q[1:])
+        for k in np.unique(level):
+            here = level == k
+            A = d.C + h[here].mean() * d.K
+            A[d.driven] = np.eye(len(A))[d.driven]
+            right = q[:-1][here] @ d.C.T + h[here, None] * (d.force(t[1:][here]) + r[here] @ d.B.T)
+            right[:, d.driven] = q[1:][here][:, d.driven]
+            implicit[here] = np.linalg.solve(A, right.T).T
+        u = np.where(late, d.gap(implicit), u)
+    return np.asarray(missing_switch(d, r, u).max(axis=0, initial=0.0))
 
 
 def _crept(d: Dynamics, record: Record) -> Array:

@@ -17,6 +17,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, Status, UnsupportedError
+from lcpimpact.hybrid.mode_choice import Ambiguous
 from lcpimpact.hybrid.system import System
 from lcpimpact.problems.base import Problem
 
@@ -103,6 +104,8 @@ def follow(motion: EventLoop, until: float) -> Status:
             status = motion.enter(ending)
         except Unresolved:
             return Status.ACCUMULATION
+        except Ambiguous:
+            return Status.AMBIGUOUS
         except FailureError as failure:
             return Status(failure.result.status)
         except np.linalg.LinAlgError:
@@ -123,6 +126,12 @@ def refuse_undetermined(problem: Problem, method: str) -> Iterator[None]:
     """
     try:
         yield
+    except Ambiguous as several:
+        M, q, lower, upper = (each.tolist() for each in (several.M, several.q, several.lower, several.upper))
+        raise UnsupportedError(
+            f"several motions of {problem.name!r} obey the laws of its relays from the start: all_solutions({M}, {q}, "
+            f"lower={lower}, upper={upper}) lists the solutions of the LCP of its mode; start it beside the surface"
+        ) from None
     except np.linalg.LinAlgError:
         raise UnsupportedError(
             f"some contacts or sliders of {problem.name!r} hold together at the start in a way that leaves their shares "

@@ -4,8 +4,13 @@ The first LCP is 0 <= r ⟂ O X + G r >= 0 on the rows that touch (see `lcpimpac
 undecided (both sides zero: grazing, and every switch that is not a jump), the next one asks the same of the next derivatives
 of r and u, until each is decided.
 
-For sliders the LCPs are the same, within bounds: -r_0 <= r <= r_0 at first, and for the derivatives r' >= 0 where r = -r_0,
-r' <= 0 where r = r_0. Contacts without a common relative degree choose by `lcpimpact.hybrid.mixed_degrees`.
+For sliders and relays the LCPs are the same, within bounds: r_min <= r <= r_max at first, and for the derivatives r' >= 0
+where r = r_min, r' <= 0 where r = r_max. Contacts without a common relative degree choose by
+`lcpimpact.hybrid.mixed_degrees`.
+
+With relays the matrix of an LCP need not be a P-matrix, and then all its solutions are followed (see
+`lcpimpact.all_solutions`). What the next derivatives contradict is dropped; if more than one motion is left, the choice is
+refused.
 """
 
 from __future__ import annotations
@@ -20,22 +25,56 @@ from numpy.typing import ArrayLike
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, flags, indices
 from lcpimpact.double_double import DoubleDouble, stacked
+from lcpimpact.errors import FailureError
 from lcpimpact.hybrid.complementarity import complementary
 from lcpimpact.hybrid.gaps import openings_and_rates, still
 from lcpimpact.hybrid.mixed_degrees import exchanged_mode
 from lcpimpact.hybrid.system import ZERO, Mode, Still, System, round_to_zero, solve_regular
+from lcpimpact.lcp.operators import Dense, Property
 from lcpimpact.lcp.solve import solve_lcp
+from lcpimpact.lcp.solvers.enumeration import SOLVER, all_solutions
+
+LCPData = tuple[Array, Array, Array, Array]
+"""M, q and the bounds of an LCP."""
+
+MAX_ROWS = 10
+"""Maximum number of undecided rows whose LCP is searched for all solutions: it has up to 3ⁿ bases."""
+
+SAME_RTOL = 1e-9
+"""Difference of two derivatives of the state, relative to their terms, below which they are the same."""
 
 
-@compiled(types.int64[:, ::1](cube, indices, flags))
-def motions(opening: Array, degree: Indices, slides: Flags) -> Indices:
-    """Return whether a force is unknown in each row, the sign of U of slipping sliders, and the order of the zero (3, nc).
+class Ambiguous(Exception):
+    """Several motions obey the laws from here on.
 
-    A force is unknown in rows of degree 0, at closed contacts that do not open, and at sliders that do not slip. ``opening``
-    holds u and U.
+    Attributes
+    ----------
+    M, q, lower, upper : arrays     the LCP of the mode with several solutions
+    """
+
+    def __init__(self, M: Array, q: Array, lower: Array, upper: Array) -> None:
+        super().__init__("several motions obey the laws")
+        self.M, self.q, self.lower, self.upper = M, q, lower, upper
+
+
+@compiled(types.int64[:, ::1](cube, indices, flags, flags))
+def motions(opening: Array, degree: Indices, slides: Flags, relays: Flags) -> Indices:
+    """Return whether a force is unknown in each row, the signs of rates and openings, and the order of the zero (3, nc).
+
+    A force is unknown in rows of degree 0, at closed contacts that do not open, at sliders that do not slip, and at relays
+    whose u is zero with all derivatives below the degree. The sign is that of U of slipping sliders and of u of relays that
+    leave zero. ``opening`` holds u, U and the derivatives up to the largest degree.
     """
     found = np.zeros((3, len(degree)), np.int64)
     for i in range(len(degree)):
+        if relays[i]:
+            k = 0
+            while k < degree[i] and opening[k, 0, i] == 0.0:
+                k += 1
+            found[0, i] = k == degree[i]
+            found[1, i] = 0 if k == degree[i] else np.sign(opening[k, 0, i])
+            found[2, i] = k
+            continue
         u, U = opening[0, 0, i], opening[1, 0, i] if degree[i] == 2 else 0.0
         moves = slides[i] and U != 0.0
         opens = not slides[i] and degree[i] > 0 and (u > 0.0 or U > 0.0)
@@ -55,6 +94,10 @@ class Choice:
     side: list[int]
     closed: list[int] = field(default_factory=list)
 
+    def copy(self) -> Choice:
+        """Return a copy to decide upon."""
+        return Choice(list(self.undecided), list(self.slips), list(self.order), list(self.side), list(self.closed))
+
     @property
     def mode(self) -> Mode:
         """The mode, with undecided rows as they are where all derivatives are zero."""
@@ -73,7 +116,7 @@ class Derivative(NamedTuple):
     ----------
     level : int             which one, 0 for X and r themselves
     X : DoubleDouble        that of the state (N,)
-    r : DoubleDouble        that of the forces of sliders that slip (nc,)
+    r : DoubleDouble        that of the forces of rows at a bound (nc,)
     scale : (N,) array      largest |X| of the run so far, likewise
     """
 
@@ -111,6 +154,11 @@ def choose_mode(
 
     X differs only in the positions of sliders of degree 0, which have slipped, or begin beyond their threshold.
 
+    Raises
+    ------
+    Ambiguous
+        If relays leave several motions possible.
+
     Parameters
     ----------
     system : System
@@ -123,24 +171,86 @@ def choose_mode(
     start, held = DoubleDouble.of(X), held or still(system, None)
     if system.mixed:
         return exchanged_mode(system, start, scale, held, zero)
-    (A, B, *_), nc = system.fine, len(system.degree)
+    nc, (low, high) = len(system.degree), system.bounds
     opening = openings_and_rates(system, start, scale, held, zero)
-    sought, sign, order = motions(opening, system.degree, system.slides).tolist()
+    if system.relays.any():
+        opening = _with_higher_derivatives(system, opening, start, scale, held, zero)
+    sought, sign, order = motions(opening, system.degree, system.slides, system.relays).tolist()
     choice = Choice([i for i in range(nc) if sought[i]], [(i, sign[i]) for i in range(nc) if sign[i]], order, [0] * nc)
-    slipping = DoubleDouble.of(-np.array(sign) * np.where(system.slides, system.bounds[1], 0.0))
-    at = Derivative(0, start, slipping, scale)
-    while choice.undecided and at.level <= len(start):
-        answer = _solve_derivative(system, choice, at, solver, zero)
-        state = at.X
-        for i, move in _decide(system, choice, at.level, answer):
-            start, state = system.put(start, i, move), system.put(state, i, move)
-        size = np.abs(A.hi) @ at.scale + np.abs(B.hi) @ np.abs(answer.r.hi)
-        at = Derivative(at.level + 1, A @ state + B @ answer.r, DoubleDouble.of(np.zeros(nc)), size)
-    return choice.mode, start
+    at_bound = DoubleDouble.of([(high[i], 0.0, low[i])[sign[i] + 1] for i in range(nc)])
+    found, lcp = _continuations(system, choice, start, Derivative(0, start, at_bound, scale), solver, zero)
+    if lcp and any(not _same_motion(system, found[0], other, scale) for other in found[1:]):
+        raise Ambiguous(*lcp)
+    return found[0]
 
 
-def _solve_derivative(system: System, choice: Choice, at: Derivative, solver: str, zero: float) -> Answer:
-    """Solve the LCP of one derivative: on closed rows that of u is zero, which gives theirs of r."""
+def _with_higher_derivatives(
+    system: System, opening: Array, X: DoubleDouble, scale: Array, held: Still, zero: float
+) -> Array:
+    """Return u, U and the derivatives of u below the largest degree (k, 2, nc), with rounding set to zero."""
+    level, found = system.fine.CA, list(opening)
+    for _ in range(2, system.degree.max()):
+        level = level @ system.fine.A
+        value = round_to_zero(level @ X, np.abs(level.hi) @ scale, zero)
+        value.parts[:, held.U] = 0.0
+        found.append(value.parts)
+    return np.ascontiguousarray(found)
+
+
+def _continuations(
+    system: System, choice: Choice, start: DoubleDouble, at: Derivative, solver: str, zero: float
+) -> tuple[list[tuple[Mode, DoubleDouble]], LCPData | None]:
+    """Return all modes that no derivative contradicts, with the state, and the first LCP with several solutions."""
+    (A, B, *_), lcp, failure = system.fine, None, None
+    pending, found = [(choice, start, at)], []
+    while pending:
+        choice, start, at = pending.pop()
+        if not choice.undecided or at.level > len(start):
+            found.append((choice.mode, start))
+            continue
+        try:
+            answers, data = _solve_derivative(system, choice, at, solver, zero)
+        except FailureError as none:
+            failure = none
+            continue
+        if len(answers) > 1 and lcp is None:
+            lcp = data
+        for answer in answers:
+            branch, begun, state = choice.copy(), start, at.X
+            for i, move in _decide(system, branch, at.level, answer):
+                begun, state = system.put(begun, i, move), system.put(state, i, move)
+            size = np.abs(A.hi) @ at.scale + np.abs(B.hi) @ np.abs(answer.r.hi)
+            constant = DoubleDouble.of(np.zeros(len(system.degree)))
+            pending.append((branch, begun, Derivative(at.level + 1, A @ state + B @ answer.r, constant, size)))
+    if not found and failure:
+        raise failure
+    return found, lcp
+
+
+def _same_motion(
+    system: System, one: tuple[Mode, DoubleDouble], other: tuple[Mode, DoubleDouble], scale: Array
+) -> bool:
+    """Return whether two modes move a state by the same derivatives, though their forces may differ."""
+    flows = [system.reaction(mode)[0].generator.hi for mode, _ in (one, other)]
+    states, sizes = [one[1].hi, other[1].hi], scale
+    for _ in scale:
+        states = [A @ X for A, X in zip(flows, states, strict=True)]
+        sizes = np.maximum(*(np.abs(A) @ sizes for A in flows))
+        if (np.abs(states[1] - states[0]) > SAME_RTOL * sizes).any():
+            return False
+    return True
+
+
+def _solve_derivative(
+    system: System, choice: Choice, at: Derivative, solver: str, zero: float
+) -> tuple[list[Answer], LCPData]:
+    """Solve the LCP of one derivative: on closed rows that of u is zero, which gives theirs of r.
+
+    Raises
+    ------
+    FailureError
+        If it has no solution.
+    """
     O, G, c, m = system.fine.O, system.fine.G, choice.closed, choice.undecided  # noqa: E741
     g, terms = O @ at.X + G @ at.r, np.abs(O.hi) @ at.scale + np.abs(G.hi) @ np.abs(at.r.hi)
     q, W, summed = g[m], _block(G, m, m), terms[m]
@@ -149,39 +259,55 @@ def _solve_derivative(system: System, choice: Choice, at: Derivative, solver: st
         q = q - _block(G, m, c) @ eliminated[:, 0]
         W = W - _block(G, m, c) @ eliminated[:, 1:]
         summed = summed + np.abs(_block(G, m, c).hi) @ np.abs(eliminated.hi[:, 0])
+        W = round_to_zero(W, np.abs(_block(G, m, c).hi) @ np.abs(eliminated.hi[:, 1:]))
     q = round_to_zero(q, summed, zero)
-    lower, upper = _bounds(system, m, choice.side, at.level)
-    guess = solve_lcp(W.hi, q.hi, solver, lower=lower, upper=upper).z
-    tiny = zero * (summed + np.abs(W.hi) @ np.abs(guess))
-    z, w = complementary(W, q, guess, lower, upper, tiny)
-    force = at.r.parts.copy()
-    force[:, m] = z.parts
-    if c:
-        force[:, c] = (-eliminated[:, 0] - eliminated[:, 1:] @ z).parts
-    return Answer(DoubleDouble(force), z, w, tiny)
+    data = W.hi, q.hi, *_bounds(system, m, choice.side, at.level)
+
+    def answer(guess: Array) -> Answer:
+        """Return the solution in double-doubles, and the forces of all rows."""
+        tiny = zero * (summed + np.abs(W.hi) @ np.abs(guess))
+        z, w = complementary(W, q, guess, *data[2:], tiny)
+        force = at.r.parts.copy()
+        force[:, m] = z.parts
+        if c:
+            force[:, c] = (-eliminated[:, 0] - eliminated[:, 1:] @ z).parts
+        return Answer(DoubleDouble(force), z, w, tiny)
+
+    return [answer(guess) for guess in _solutions(data, solver, bool(system.relays[m].any()))], data
+
+
+def _solutions(data: LCPData, solver: str, several: bool) -> list[Array]:
+    """Return the solution of an LCP, or all basic ones if there may be ``several``."""
+    M, q, lower, upper = data
+    if not several or Dense(M).has(Property.P):
+        return [solve_lcp(M, q, solver, lower=lower, upper=upper).z]
+    if len(q) > MAX_ROWS:
+        raise Ambiguous(*data)
+    found = all_solutions(M, q, lower=lower, upper=upper)
+    return found or [solve_lcp(M, q, SOLVER.name, lower=lower, upper=upper).z]
 
 
 def _decide(system: System, choice: Choice, level: int, answer: Answer) -> list[tuple[int, DoubleDouble]]:
     """Decide the rows whose force or opening is not zero; return the sliders of degree 0 that slip, and how far."""
-    G, degree, slides, r_max = system.G, system.degree, system.slides, system.bounds[1]
+    G, degree, slides, (r_min, r_max) = system.G, system.degree, system.slides, system.bounds
     undecided, moved = choice.undecided, []
     choice.undecided = []
     for k, i in enumerate(undecided):
         unit, z, w = abs(G[i, i]) or np.abs(G[:, i]).max(), float(answer.z.hi[k]), float(answer.w.hi[k])
-        at_threshold = slides[i] and level == 0
-        room = min(z + r_max[i], r_max[i] - z) if at_threshold else abs(z)
+        at_threshold = (slides[i] or system.relays[i]) and level == 0
+        room = min(z - r_min[i], r_max[i] - z) if at_threshold else abs(z)
         if room * unit > answer.tiny[k]:
             choice.closed.append(i)
             choice.order[i] = level
             continue
         if at_threshold:
-            choice.side[i] = 1 if z > 0.0 else -1
-            if degree[i] == 0:
+            choice.side[i] = 1 if r_max[i] - z < z - r_min[i] else -1
+            if slides[i] and degree[i] == 0:
                 moved.append((i, answer.w[k]))
                 w = 0.0
         if abs(w) > answer.tiny[k]:
             choice.order[i] = int(degree[i]) + level - int(slides[i])
-            if slides[i]:
+            if slides[i] or system.relays[i]:
                 choice.slips.append((i, -choice.side[i]))
         else:
             choice.undecided.append(i)
@@ -195,8 +321,8 @@ def _block(G: DoubleDouble, rows: list[int], columns: list[int]) -> DoubleDouble
 
 def _bounds(system: System, rows: list[int], side: list[int], level: int) -> tuple[Array, Array]:
     """Return the bounds of r, and for a higher level those of its derivative, for rows that are undecided."""
-    slides = system.slides[rows]
+    boxed = ~system.dynamics.unilateral[rows]
     if level == 0:
         return system.bounds[0][rows], system.bounds[1][rows]
     at = np.array([side[i] for i in rows])
-    return np.where(slides & (at > 0), -np.inf, 0.0), np.where(slides & (at > 0), 0.0, np.inf)
+    return np.where(boxed & (at > 0), -np.inf, 0.0), np.where(boxed & (at > 0), 0.0, np.inf)

@@ -112,17 +112,24 @@ def enter_constraint(problem: Problem, solver: str = "auto") -> tuple[Problem, A
     d = problem.dynamics
     if d.stores_energy:
         return problem, np.zeros(len(d.contacts))
-    x = problem.initial_coordinates
-    p = state_jump(d.B, d.H, d.D, d.gap(x), solver)
-    if p is None:
+    x, p, c = problem.initial_coordinates, np.zeros(len(d.contacts)), d.unilateral
+    # Relays take no impulses.
+    jump = state_jump(d.B[:, c], d.H[c], d.D[np.ix_(c, c)], d.gap(x)[c], solver)
+    if jump is not None and jump.any() and d.D[np.ix_(c, ~c)].any():
+        jump = None
+    if jump is None:
         names = ", ".join(repr(each.name) for each, u in zip(d.contacts, d.gap(x), strict=True) if u < 0.0)
         raise UnsupportedError(
             f"{problem.name!r} starts outside its constraint (u of {names} is negative, and no finite multiplier makes it "
             "up), and A, B, C, D do not determine a jump into it: start it inside"
         )
+    p[c] = jump
     if not p.any():
         return problem, p
-    return replace(problem, q0=dict(zip(d.nodes, map(float, x + d.B @ p), strict=True))), p
+    after = dict(zip(d.nodes, map(float, x + d.B @ p), strict=True))
+    return replace(
+        problem, q0={node: value for node, value in after.items() if d.nodes.index(node) not in d.motions}
+    ), p
 
 
 def jump_events(problem: Problem, p: Array, after: State) -> tuple[Event, ...]:

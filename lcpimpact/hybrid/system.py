@@ -15,6 +15,9 @@ cancels, and whose relative degree is higher than theirs: bodies that ride on on
 
 A slider is a row too: it sticks, with u constant and -r_0 < r < r_0, or slips with r = -r_0 sign U. On a
 spring only (ρ = 0), the position p at which it sticks is an additional state, and u counts from there.
+
+A relay is the same with u in place of U: it slides, with u ≡ 0 and r_min < r < r_max, or r = r_min where u > 0 and r = r_max
+where u < 0. A sliding mode is Filippov's: r is what keeps u at zero.
 """
 
 from __future__ import annotations
@@ -50,10 +53,10 @@ class Mode:
 
     Attributes
     ----------
-    closed : tuple of int       the rows with u ≡ 0: closed contacts and sticking sliders
-    slips : tuple of (int, int) the sliders that slip, with the sign of U
+    closed : tuple of int       the rows with u ≡ 0: closed contacts, sticking sliders and sliding relays
+    slips : tuple of (int, int) the sliders that slip, with the sign of U, and the relays at a bound, with that of u
     order : tuple of int        initial order of the zero of its event function, -1 if it is zero for ever
-    side : tuple of int         sign of r of a slider that begins to stick with its force at a threshold, else 0
+    side : tuple of int         1 or -1 for a slider or relay that begins to stick or slide with r at r_max or r_min, else 0
     other_order : tuple of int  of sticking friction, the order of the zero of μ r_N + r_T; ``order`` is that of μ r_N - r_T
     """
 
@@ -207,9 +210,12 @@ class System:
         places[self.remembered, np.arange(memory)] = -1.0
         A = stacked([[A, np.zeros((N, memory))], [np.zeros((memory, N + memory))]])
         B, C = stacked([[B], [np.zeros((memory, nc))]]), stacked([[C, places]])
-        CA = C @ A
-        O, G = at_degree(self.degree, C, CA, CA @ A), at_degree(self.degree, D, C @ B, CA @ B)  # noqa: E741
-        return Fine(*(DoubleDouble(np.ascontiguousarray(each.parts)) for each in (A, B, C, D, CA, O, G)))
+        levels = [C, C @ A]
+        for _ in range(1, max(2, self.degree.max(initial=0))):
+            levels.append(levels[-1] @ A)
+        O = at_degree(self.degree, *levels)  # noqa: E741
+        G = at_degree(self.degree, D, *(each @ B for each in levels[:-1]))
+        return Fine(*(DoubleDouble(np.ascontiguousarray(each.parts)) for each in (A, B, C, D, levels[1], O, G)))
 
     @cached_property
     def matrices(self) -> tuple[Array, Array, Array]:
@@ -254,7 +260,7 @@ class System:
             F = np.zeros((2, len(self.degree), len(A)))
             slips, rubs = mode.slips, [i for i, _ in mode.slips if i in self.friction]
             for i, sign in (each for each in slips if each[0] not in rubs):
-                F[0, i, self.form.constant] = -sign * self.dynamics.r_max[i]
+                F[0, i, self.form.constant] = self.bounds[0 if sign > 0 else 1][i]
             rows = list(mode.closed)
             if rows:
                 O, G = self._held(mode)  # noqa: E741
@@ -285,7 +291,7 @@ class System:
         """Contacts that can be closed together while a combination of their gaps has a higher degree than each."""
         H = self.dynamics.H
         for degree in np.unique(self.degree):
-            rows = np.flatnonzero(self.degree == degree)
+            rows = np.flatnonzero((self.degree == degree) & ~self.relays)
             for combination in null_space(self.G[np.ix_(rows, rows)], rcond=1e-12).T:
                 # A combination of gaps that no motion changes is not zero (assembly saw to it): its rows never close
                 # together.
@@ -373,6 +379,11 @@ class System:
         return self.dynamics.slides
 
     @cached_property
+    def relays(self) -> Flags:
+        """Which rows are relays (nc,)."""
+        return self.dynamics.relays
+
+    @cached_property
     def friction(self) -> list[int]:
         """The rows with friction that a normal force bounds."""
         return list(map(int, np.flatnonzero(self.dynamics.frictional)))
@@ -419,7 +430,11 @@ class System:
         """The rows D_w, C_i E or C_i A E of each contact (nc, nw)."""
         A, _, C = self.matrices
         E, Dw = self.input_matrices
-        return np.asarray(np.array([Dw, C @ E, C @ A @ E])[self.degree, np.arange(len(self.degree))])
+        levels = [Dw]
+        for _ in range(max(2, self.degree.max(initial=0))):
+            levels.append(C @ E)
+            C = C @ A
+        return np.asarray(np.array(levels)[self.degree, np.arange(len(self.degree))])
 
     def input_response(self, mode: Mode) -> Array:
         """Return F_w (nc, nw) of the reactions r = F X + F_w w of a mode."""
@@ -439,7 +454,8 @@ class System:
     def ends(self, mode: Mode) -> tuple[Indices, Indices, DoubleDouble]:
         """Return the event functions of a mode: for each the row of H, its side, and the row c of c·(X, w).
 
-        The side is that of the threshold of a slider that sticks, and 0 for all others; without inputs it is c·X.
+        The side is that of the bound of a slider that sticks or a relay that slides, and 0 for all others; without inputs it
+        is c·X.
         """
         if mode.key not in self.switches:
             (flow, F), Fw = self.reaction(mode), self.input_response(mode)
@@ -454,15 +470,15 @@ class System:
                 if contact.law is RowLaw.CONTACT:
                     found.append((i, 0, r[:, i] if i in mode.closed else u[:, i]))
                 elif i in slips:
-                    found.append((i, 0, slips[i] * U[:, i]))
+                    found.append((i, 0, slips[i] * (u if contact.law is RowLaw.RELAY else U)[:, i]))
                 elif contact.law is RowLaw.FRICTION and i in mode.closed:
                     bound = DoubleDouble(r[:, contact.normal]) * contact.mu
                     found += [(i, side, (bound + DoubleDouble(-side * r[:, i])).parts) for side in (1, -1)]
-                elif contact.law is RowLaw.SLIDER:
+                elif contact.law in (RowLaw.SLIDER, RowLaw.RELAY):
                     for side in (1, -1):
                         room = DoubleDouble(-side * r[:, i])
                         threshold = np.zeros(len(room))
-                        threshold[self.form.constant] = contact.bounds[1]
+                        threshold[self.form.constant] = side * contact.bounds[1 if side > 0 else 0]
                         found.append((i, side, (room + threshold).parts))
             rows = np.array([row for _, _, row in found]).reshape(len(found), 2, u.shape[2])
             self.switches[mode.key] = (
@@ -485,7 +501,7 @@ class System:
             nc = len(self.degree)
             closed = np.isin(np.arange(nc), mode.closed)
             held = closed | ((np.array(mode.order, dtype=np.int64) < 0) & ~self.slides)
-            still = Still(held & ~self.slides & (self.degree > 0), held & (self.degree == 2), closed)
+            still = Still(held & ~self.slides & (self.degree > 0), held & (self.degree >= 2), closed)
             self.known[mode] = Watch(contacts[kept], rows[kept], sparse(rows[kept]), order[kept], still)
         return self.known[mode]
 

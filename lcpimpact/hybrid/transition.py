@@ -66,7 +66,9 @@ def arrive(
     state = settled(system, before, X, scale, held)
     if not breakpoint:
         return state, None, held
-    return system.form.right_of(t, state, scale), state, replace(held, U=np.zeros_like(held.U))
+    d = system.dynamics
+    u = held.u & ~(d.H[:, d.jumping] != 0.0).any(axis=1)
+    return system.form.right_of(t, state, scale), state, replace(held, u=u, U=np.zeros_like(held.U))
 
 
 def enter(
@@ -115,18 +117,19 @@ def happened(system: System, t: float, before: Mode, after: Mode, P: Array, left
     for i, contact in enumerate(system.dynamics.contacts):
         if P[i] > 0.0:
             found.append(Event(t, contact.name, "impact", left, right, float(P[i])))
-        if kind := _change(before, after, i, contact.law is RowLaw.SLIDER):
+        if kind := _change(before, after, i, contact.law):
             found.append(Event(t, contact.name, kind, left, right))
     return found
 
 
-def _change(before: Mode, after: Mode, i: int, slider: bool) -> str | None:
+def _change(before: Mode, after: Mode, i: int, law: RowLaw) -> str | None:
     """Return the kind of event of row i between two modes, if any."""
-    if slider:
+    if law is not RowLaw.CONTACT:
+        at_bound, between = ("switch", "slide") if law is RowLaw.RELAY else ("slip", "stick")
         slips = dict(after.slips)
         if i in slips:
-            return "slip" if slips[i] != dict(before.slips).get(i) else None
-        return "stick" if i not in before.closed else None
+            return at_bound if slips[i] != dict(before.slips).get(i) else None
+        return between if i not in before.closed else None
     if (i in before.closed) == (i in after.closed):
         return None
     return "close" if i in after.closed else "open"

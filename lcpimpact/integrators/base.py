@@ -61,6 +61,7 @@ class Declared:
     order_impact : float            order in the L1 norm of v across impacts (relative degree 2): the median over
                                     problems, since it depends on where in the step an impact falls; 0 if refused
     order_friction : float          order in q where sliders of relative degree 2 reverse or stick; 0 if refused
+    order_relay : float             order in q where relays switch or begin to slide; 0 if refused
     order_penetration : float       order in h of the largest penetration after impacts (inf: none beyond rounding)
     level : str                     level of the contact law: "position", "velocity", "acceleration" or several of them
     relative_degrees : tuple        the relative degrees that it handles
@@ -86,6 +87,7 @@ class Declared:
     order_force_jump: float = 0.0
     order_impact: float = 0.0
     order_friction: float = 0.0
+    order_relay: float = 0.0
     order_penetration: float
     level: str
     relative_degrees: tuple[int, ...]
@@ -118,6 +120,7 @@ class Declared:
             "force jump": self.order_force_jump,
             "impacts": self.order_impact,
             "friction": self.order_friction,
+            "relays": self.order_relay,
         }
         return {name: limit if math.isinf(order) else f"{order:g}" if order else "-" for name, order in orders.items()}
 

@@ -175,6 +175,7 @@ class EventDriven(Integrator):
         order_force_kink=math.inf,
         order_impact=math.inf,
         order_friction=math.inf,
+        order_relay=math.inf,
         order_penetration=math.inf,
         level="position and velocity at events, acceleration between them",
         relative_degrees=(0, 1, 2),

@@ -49,6 +49,7 @@ class Exact(Integrator):
         order_force_kink=float("inf"),
         order_impact=float("inf"),
         order_friction=float("inf"),
+        order_relay=float("inf"),
         order_penetration=float("inf"),
         level="position and velocity",
         relative_degrees=(0, 1, 2),

@@ -21,9 +21,18 @@ LCP; a joint has U⁺ = 0 (2), or u⁺ = 0.
 
 A slider's law is at velocity level: -r_0 <= r <= r_0 is complementary to H w (0, 1) or to θ U⁺ (2), so the LCP has
 bounds and is otherwise the same. A system given directly, u = C x + D λ + c, is imposed at t_θ in the nonzero rows of D,
-since λ is a mean of the step, and at the end of the step in the others. If such rows can constrain x itself, as ideal diodes
-tie the voltage of a capacitor to a source, x would oscillate for ever with θ < 1: there a step in which rows become active
-or inactive uses θ = 1.
+since λ is a mean of the step, and at the end of the step in the others. If rows of contacts can constrain x itself, as ideal
+diodes tie the voltage of a capacitor to a source, x would oscillate for ever with θ < 1: there a step in which rows become
+active or inactive uses θ = 1.
+
+A relay is imposed at t_θ where D_ii > 0, and otherwise, since it constrains x while it slides, at the end of the step.
+Where λ does not act on u' itself (relative degree 2 and more) u' would oscillate in a sliding mode with θ = 1/2; there u is
+the one that the same λ gives at the end of a step of the backward Euler method,
+
+.. math:: \hat u = C \hat x + c^+, \qquad \hat x = x + h (A \hat x + B λ + a^+),
+
+which moves a switch by O(h) and takes u and its derivatives to zero in a sliding mode. Across a switch from bound to bound
+the order is 1, for λ is constant in the step; into a sliding mode of relative degree 1 it is 2.
 
 The row of A of a node with prescribed motion is that of the identity. Forces of non-linear springs are evaluated at t_θ, by
 Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`.
@@ -90,6 +99,7 @@ class MoreauJean(LinearStep):
         order_force_kink=2,
         order_impact=1,
         order_friction=1,
+        order_relay=1,
         order_penetration=1,
         level="velocity; position where r does not impact",
         relative_degrees=(0, 1, 2),
@@ -141,10 +151,13 @@ class MoreauJean(LinearStep):
         q, v = y.q + h * w, np.where(d.massive[:, None], y.v + (w - y.v) / θ, w)
         q[driven], v[driven] = y.prescribed.place[driven], y.prescribed.rate[driven]
 
-        slides, impacts = (d.slides | d.frictional)[:, None], (d.relative_degree == 2)[:, None]
+        slides, impacts = (d.slides | d.frictional)[:, None], ((d.relative_degree == 2) & ~d.relays)[:, None]
         # u is that at the end of the step, or at t_θ if it depends on r, a mean of the step; a slider has none.
-        at = np.where(d.D.any(axis=1), θ * h, h)[:, None]
+        middle = np.where(d.relays, np.diag(d.D) > 0.0, d.D.any(axis=1))
+        at = np.where(middle, θ * h, h)[:, None]
         position = y.gap_rate(w) + np.where(slides, 0.0, (y.gap(y.q) + d.D @ r) / at)
+        if (late := d.relays & (d.relative_degree > 1)).any():
+            position[late] = (y.gap(self._backward_euler(y, d, h)) / h)[late]
         velocity = y.gap_rate(w) + (θ * d.restitution[:, None] - (1.0 - θ)) * y.gap_rate(y.v)
         law = Law(
             L=np.where(impacts, velocity, position),
@@ -153,6 +166,13 @@ class MoreauJean(LinearStep):
         )
         paths, static = impulse_paths(d, θ, h), static_coordinates(d)
         return Step(q=q, v=v, impulse=y.P[0], laws=(law,), paths=paths, static=static)
+
+    def _backward_euler(self, y: Symbols, d: Dynamics, h: float) -> Array:
+        """Return the state of a system at the end of a step of the backward Euler method, with the same multipliers."""
+        at_rest, A = 0.0 * y.v, d.C + h * d.K
+        right = d.C @ y.q + h * (y.force(1.0, at_rest, at_rest) + y.push(y.P[0] / h))
+        A[d.driven], right[d.driven] = np.eye(len(A))[d.driven], y.prescribed.place[d.driven]
+        return solve(A, right)
 
     def contact_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
         """Return W = H A⁻¹ Hᵀ/h, with A and H/√h where it has that form."""
@@ -177,14 +197,15 @@ class MoreauJean(LinearStep):
 
 
 def can_jump(d: Dynamics) -> bool:
-    """Return whether rows with D ≠ 0 can take impulses, p >= 0 with D p >= 0 and (D + Dᵀ) p = 0.
+    """Return whether contacts with D ≠ 0 can take impulses, p >= 0 with D p >= 0 and (D + Dᵀ) p = 0.
 
     Their u = 0 constrains x; imposed at t_θ with θ < 1, x would oscillate about it for ever.
     """
-    direct, symmetric = d.D.any(axis=1), d.D + d.D.T
+    D = d.D[np.ix_(d.unilateral, d.unilateral)]
+    direct, symmetric = D.any(axis=1), D + D.T
     if not direct.any():
         return False
-    if np.linalg.eigvalsh(symmetric)[0] < -1e-12 * np.abs(d.D).max():
+    if np.linalg.eigvalsh(symmetric)[0] < -1e-12 * np.abs(D).max():
         return True
-    found = linprog(-direct.astype(float), -d.D, np.zeros(len(d.D)), symmetric, np.zeros(len(d.D)), (0.0, 1.0))
+    found = linprog(-direct.astype(float), -D, np.zeros(len(D)), symmetric, np.zeros(len(D)), (0.0, 1.0))
     return bool(found.fun < -1e-9)

@@ -109,6 +109,7 @@ class RadauFESD(Integrator):
         order_force_kink=5,
         order_impact=5,
         order_friction=5,
+        order_relay=5,
         order_penetration=float("inf"),
         level="position and velocity",
         relative_degrees=(0, 1, 2),

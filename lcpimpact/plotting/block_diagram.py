@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,7 +21,7 @@ MAX_NAMES = 4
 
 
 def draw_system(ax: Axes, system: LinearComplementaritySystem) -> tuple[float, float]:
-    """Draw the block diagram of x' = A x + B λ + a, w = C x + D λ + c, 0 <= λ ⟂ w >= 0; return its width and height."""
+    """Draw the block diagram of x' = A x + B λ + a, w = C x + D λ + c with the law of λ; return its width and height."""
     assert system.states is not None
     assert system.multipliers is not None
     a = system.a or ()
@@ -28,7 +29,7 @@ def draw_system(ax: Axes, system: LinearComplementaritySystem) -> tuple[float, f
     terms = {
         "C\\,x": True,
         "D\\,λ": bool(np.asarray(system.D).any()),
-        "c": bool(np.asarray(system.c).any()),
+        "c(t)" if any(map(callable, system.c or ())) else "c": any(each != 0.0 for each in system.c or ()),
     }
     output = " + ".join(term for term, there in terms.items() if there)
     equations = [f"$\\dot x = A\\,x + B\\,λ{' + a(t)' if forced else ''}$", f"$w = {output}$"]
@@ -39,7 +40,9 @@ def draw_system(ax: Axes, system: LinearComplementaritySystem) -> tuple[float, f
     for line, height in zip((*equations, names[0]), (4.25, 3.55, 2.9), strict=True):
         _words(ax, line, height, 11.0 if line == names[0] else 14.0)
     _box(ax, half, 0.0, 1.6)
-    _words(ax, r"$0 \leq λ \perp w \geq 0$", 1.1, 14.0)
+    relays = any(math.isfinite(high) for _, high in system.bounds)
+    law = r"\underline{λ} \leq λ \leq \overline{λ} \perp w" if relays else r"0 \leq λ \perp w \geq 0"
+    _words(ax, f"${law}$", 1.1, 14.0)
     _words(ax, names[1], 0.45, 11.0)
     outside = half + 1.2
     # w runs around the right side, and λ back on the left.

@@ -24,7 +24,15 @@ MAX_NAMED_EVENTS = 12
 FORMULA = re.compile(r"([^\W_](_[^\W_]+)?|[ ()+=,.'-])+")
 """Letters with or without a subscript, and the operators between them."""
 
-WORDS = {"open": "opens", "close": "closes", "impact": "impact", "stick": "sticks", "slip": "slips"}
+WORDS = {
+    "open": "opens",
+    "close": "closes",
+    "impact": "impact",
+    "stick": "sticks",
+    "slip": "slips",
+    "slide": "slides",
+    "switch": "switches",
+}
 
 
 def plain_text(text: str) -> str:

@@ -28,6 +28,7 @@ class Feature(StrEnum):
     """Features of a system beyond masses, springs, dashpots and bumpers, which not every method handles."""
 
     SLIDERS = "sliders"
+    RELAYS = "relays"
     POWER_LAWS = "non-linear springs"
     MOTIONS = "prescribed motion"
     SYSTEMS = "systems given directly"
@@ -53,7 +54,7 @@ class Contact:
     e : float
         Coefficient of restitution; 0 where no impulse can act and it means nothing.
     relative_degree : int
-        How often u must be differentiated before r appears: 0, 1 or 2.
+        How often u must be differentiated before r appears: 0, 1 or 2, and more for relays.
     law : RowLaw
         The law of r.
     bounds : (float, float)
@@ -83,9 +84,9 @@ class Contact:
             reason = reason.replace("and impulses act", "but no impulse acts, since friction is bounded")
         where = f" between {self.upper!r} and {self.lower!r}" if self.upper or self.lower else ""
         if not where:
-            reason = f"r appears in {('u', 'the first', 'the second')[self.relative_degree]}" + (
-                " derivative of u" if self.relative_degree else ""
-            )
+            k = self.relative_degree
+            names = {0: "u", 1: "the first derivative of u", 2: "the second derivative of u"}
+            reason = f"r appears in {names.get(k, f'the derivative {k} of u, if in any')}"
         return f"{self.name}{where} has relative degree {self.relative_degree}: {reason}."
 
 
@@ -95,7 +96,8 @@ class Dynamics:
 
     .. math:: M \ddot q + C \dot q + K q = f(t) + s(q, \dot q) + B r, \qquad u = H q + D r + u_0
 
-    with one law for each row: 0 <= u ⟂ r >= 0, or -r0 <= r <= r0 ⟂ u' for a slider. In a scheme B = Hᵀ and D = 0; a
+    with one law for each row: 0 <= u ⟂ r >= 0, or -r0 <= r <= r0 ⟂ u' for a slider, or r_min <= r <= r_max ⟂ u for a relay
+    (see `lcpimpact.scheme.terms.RowLaw`). In a scheme B = Hᵀ and D = 0; a
     complementarity system that is given directly has both of its own. The rows of nodes with prescribed motion, q_i = y(t),
     are no equations of motion: their residual is the force that drives the node.
 
@@ -140,6 +142,8 @@ class Dynamics:
             found[Feature.FRICTION] = f"friction {rubbing[0]!r}"
         if joined := [contact.name for contact in self.contacts if contact.law is RowLaw.JOINT]:
             found[Feature.JOINTS] = f"joint {joined[0]!r}"
+        if self.relays.any():
+            found[Feature.RELAYS] = f"multiplier {self.contacts[int(np.argmax(self.relays))].name!r}"
         if self.springs:
             found[Feature.POWER_LAWS] = self.springs[0].element
         if self.motions:
@@ -227,6 +231,11 @@ class Dynamics:
         return self._with_law(RowLaw.JOINT)
 
     @cached_property
+    def relays(self) -> Flags:
+        """Which rows are relays (nc,)."""
+        return self._with_law(RowLaw.RELAY)
+
+    @cached_property
     def mu(self) -> Array:
         """Coefficient of friction of each row; 0 of rows with other laws (nc,)."""
         return np.array([each.mu for each in self.contacts], dtype=np.float64)
@@ -235,6 +244,13 @@ class Dynamics:
     def normals(self) -> Indices:
         """The row whose reaction bounds the friction of each row; -1 of rows with other laws (nc,)."""
         return np.array([each.normal for each in self.contacts], dtype=np.int64)
+
+    @cached_property
+    def jumping(self) -> Flags:
+        """Which nodes have a prescribed motion that jumps, as inputs of relays may (n,)."""
+        motions = self.motions.items()
+        found = [i for i, each in motions if isinstance(each, PiecewisePolynomial) and not each.continuous]
+        return np.isin(np.arange(len(self.nodes)), found)
 
     @cached_property
     def thresholds(self) -> Array:

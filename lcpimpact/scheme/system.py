@@ -1,17 +1,21 @@
 r"""Linear complementarity systems given by their matrices, for circuits, control and tests of theory.
 
-.. math:: x' = A x + B λ + a(t), \qquad 0 \le λ \perp C x + D λ + c \ge 0
+.. math:: x' = A x + B λ + a(t), \qquad y = C x + D λ + c(t), \qquad
+          λ_i = \underline{λ}_i \text{ where } y_i > 0, \quad λ_i = \overline{λ}_i \text{ where } y_i < 0, \quad
+          \underline{λ}_i \le λ_i \le \overline{λ}_i \text{ where } y_i = 0
 
-Its coordinates are the states x, its reactions λ. In the terms of a scheme it has no mass, unit damping and the
-stiffness -A, so integrators treat it as a scheme.
+With the bounds 0 and ∞ a row is the contact law 0 <= λ ⟂ y >= 0; with finite bounds it is a *relay*, whose solution is that
+of Filippov. Its coordinates are the states x, its reactions λ. In the terms of a scheme it has no mass, unit damping and the
+stiffness -A, so integrators treat it as a scheme; a signal c_i(t) is a node with prescribed motion.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,14 +25,17 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.dynamics import Contact, Dynamics
-from lcpimpact.scheme.signals import checked
+from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, PiecewisePolynomial, checked
+from lcpimpact.scheme.terms import RowLaw
 
 Signal = float | Callable[[float], float]
 
 
 @dataclass(frozen=True, eq=False)
 class LinearComplementaritySystem:
-    r"""x' = A x + B λ + a(t), 0 <= λ ⟂ C x + D λ + c >= 0.
+    r"""x' = A x + B λ + a(t), with lower <= λ <= upper complementary to y = C x + D λ + c(t).
+
+    λ_i is lower_i where y_i > 0, upper_i where y_i < 0, and anything between where y_i = 0.
 
     Parameters
     ----------
@@ -39,16 +46,19 @@ class LinearComplementaritySystem:
         Zero by default.
     a : sequence of n numbers, signals or functions of time, optional
         Zero by default.
-    c : (m,) array_like, optional
-        Zero by default.
+    c : sequence of m numbers or described signals, optional
+        Zero by default. A signal is recorded as the coordinate ``c_`` and the name of its multiplier.
+    lower, upper : sequence of m numbers, optional
+        Bounds of λ, by default 0 and inf. Both are finite for a relay: λ in Sgn(σ) has the bounds -1 and 1 and y = -σ.
     states, multipliers : sequence of str, optional
         Names of x and λ in results: by default x1, x2, ... and λ1, λ2, ...
 
     Raises
     ------
     InputError
-        If shapes do not fit, a number is not finite, names repeat, or a row of λ has a relative degree of two or
-        more, where x would jump by a law that the matrices do not determine.
+        If shapes do not fit, a number is not finite, names repeat, a row is neither a contact nor a relay, or a contact row
+        has a relative degree of two or more, where x would jump by a law that the matrices do not determine. Relays may have
+        any relative degree.
 
     Examples
     --------
@@ -58,8 +68,18 @@ class LinearComplementaritySystem:
     >>> system.assemble().contacts[0].relative_degree
     1
 
+    A relay, x' = 1/2 - λ with λ in Sgn(x), reaches x = 0 and slides there with λ = 1/2:
+
+    >>> from lcpimpact import Problem, simulate
+    >>> relay = LinearComplementaritySystem([[0.0]], [[-1.0]], [[-1.0]], a=[0.5], lower=[-1.0], upper=[1.0])
+    >>> run = simulate(Problem("relay", relay, q0={"x1": 1.0}), "exact", dt=0.5, t_end=3.0)
+    >>> run["x1"].tolist(), run["λ1"].tolist()[-1], [event.kind for event in run.events]
+    ([1.0, 0.75, 0.5, 0.25, 0.0, 0.0, 0.0], 0.5, ['slide'])
+
     References
     ----------
+    Filippov, *Differential Equations with Discontinuous Righthand Sides* (1988).
+
     Acary, Bonnefon and Brogliato, *Nonsmooth Modeling and Simulation for Switched Circuits* (2011), chapter 2.
     """
 
@@ -68,45 +88,94 @@ class LinearComplementaritySystem:
     C: ArrayLike
     D: ArrayLike | None = None
     a: Sequence[Signal] | None = None
-    c: ArrayLike | None = None
+    c: Sequence[Signal] | None = None
     states: Sequence[str] | None = None
     multipliers: Sequence[str] | None = None
+    lower: Sequence[float] | None = None
+    upper: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
         A = np.atleast_2d(self._array("A", self.A))
         n = len(A)
         m = np.atleast_2d(self._array("C", self.C)).shape[0]
-        fill = {"D": np.zeros((m, m)), "c": np.zeros(m)}
-        shapes = {"A": (n, n), "B": (n, m), "C": (m, n), "D": (m, m), "c": (m,)}
-        for name, shape in shapes.items():
+        for name, shape in {"A": (n, n), "B": (n, m), "C": (m, n), "D": (m, m)}.items():
             value = getattr(self, name)
-            array = fill[name] if value is None and name in fill else self._array(name, value)
+            array = np.zeros(shape) if name == "D" and value is None else self._array(name, value)
             if array.shape != shape:
                 raise InputError(f"{name} of the system has the shape {array.shape}, and A and C ask for {shape}")
             array.flags.writeable = False
             object.__setattr__(self, name, array)
-        if self.a is not None and not is_sequence(self.a):
-            raise InputError(f"a of the system must be a sequence of {n} numbers or functions of time")
-        a = tuple([0.0] * n if self.a is None else self.a)
-        if len(a) != n or not all(callable(each) or is_real(each) for each in a):
-            raise InputError(f"a of the system must hold {n} finite numbers or functions of time, one for each state")
-        object.__setattr__(self, "a", a)
+        self._check_inputs(n, m)
         for field, letter, count in (("states", "x", n), ("multipliers", "λ", m)):
             names = getattr(self, field)
             names = tuple(f"{letter}{i + 1}" for i in range(count)) if names is None else tuple(names)
             if len(names) != count or not all(map(is_name, names)):
                 raise InputError(f"{field} of the system must hold {count} names")
             object.__setattr__(self, field, names)
-        every = ["t", "t_R", *self.names, *(f"v_{name}" for name in self.states or ())]
+        self._check_bounds()
+        nodes = self.assemble().nodes
+        every = ["t", "t_R", *nodes, *(self.multipliers or ()), *(f"v_{name}" for name in nodes)]
         if len(set(every)) < len(every):
             twice = next(name for name in every if every.count(name) > 1)
             raise InputError(f"the system has two series of the name {twice!r}: rename one by states= or multipliers=")
-        self.assemble()
+
+    def _check_inputs(self, n: int, m: int) -> None:
+        """Make a and c tuples of numbers and functions of time."""
+        for name, count, each_of, kinds in (
+            ("a", n, "state", "numbers or functions of time"),
+            ("c", m, "multiplier", f"numbers or {SIGNAL_NAMES}"),
+        ):
+            given = getattr(self, name)
+            if isinstance(given, np.ndarray) and given.ndim == 1:
+                given = given.tolist()
+            if given is not None and not is_sequence(given):
+                raise InputError(f"{name} of the system must be a sequence of {count} {kinds}")
+            values = tuple([0.0] * count if given is None else given)
+            fits = callable if name == "a" else lambda each: isinstance(each, Described)
+            if len(values) != count or not all(fits(each) or is_real(each) for each in values):
+                raise InputError(f"{name} of the system must hold {count} finite {kinds}, one for each {each_of}")
+            object.__setattr__(self, name, values)
+
+    def _check_bounds(self) -> None:
+        """Make the bounds tuples of numbers, and refuse rows that are neither contacts nor relays."""
+        m = len(self.multipliers or ())
+        for name in ("lower", "upper"):
+            given = getattr(self, name)
+            if given is None:
+                continue
+            if isinstance(given, np.ndarray) and given.ndim == 1:
+                given = given.tolist()
+            if not is_sequence(given) or len(given) != m or not all(map(_is_bound, given)):
+                raise InputError(f"{name} of the system must hold {m} numbers or infinities, one for each multiplier")
+            object.__setattr__(self, name, tuple(map(float, given)))
+        for i, (name, (low, high)) in enumerate(zip(self.multipliers or (), self.bounds, strict=True)):
+            if low > high:
+                raise InputError(f"lower = {low:g} of {name!r} is above upper = {high:g}: exchange them")
+            if low == high:
+                raise InputError(
+                    f"lower and upper of {name!r} are both {low:g}: a λ that is given is an input, part of a"
+                )
+            if low == -math.inf and high == math.inf:
+                raise InputError(
+                    f"{name!r} has no bounds, so y = 0 is an equation: solve it for λ, or give bounds that it does not reach"
+                )
+            if math.isinf(low) or (math.isinf(high) and low != 0.0):
+                raise InputError(
+                    f"{name!r} has the bounds {low:g} and {high:g}, and a row has 0 and inf, or two finite ones: "
+                    "count λ from its finite bound, upwards"
+                )
+            signal = (self.c or ())[i]
+            if math.isinf(high) and isinstance(signal, PiecewisePolynomial) and not signal.continuous:
+                raise InputError(
+                    f"c[{i}] of the system jumps, and so would x, since λ of {name!r} has no upper bound: "
+                    "let it rise over a time by a Ramp or a Table"
+                )
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """The states and the multipliers."""
-        return (*(self.states or ()), *(self.multipliers or ()))
+    def bounds(self) -> tuple[tuple[float, float], ...]:
+        """Lower and upper bound of each multiplier."""
+        m = len(self.multipliers or ())
+        return tuple(zip(self.lower or m * (0.0,), self.upper or m * (math.inf,), strict=True))
 
     def _array(self, name: str, value: Any) -> Array:
         try:
@@ -119,44 +188,65 @@ class LinearComplementaritySystem:
 
     @cached_property
     def _dynamics(self) -> Dynamics:
-        A, B, C, D, c = (np.asarray(each) for each in (self.A, self.B, self.C, self.D, self.c))
-        states, multipliers = self.states or (), self.multipliers or ()
+        A, B, C, D = (np.asarray(each) for each in (self.A, self.B, self.C, self.D))
+        states, multipliers, c = self.states or (), self.multipliers or (), self.c or ()
+        constants = [0.0 if callable(each) else float(each) for each in c]
         contacts = tuple(
-            Contact(name, "", "", float(c[i]), 0.0, self._degree(i, name)) for i, name in enumerate(multipliers)
-        )
+            Contact(
+                name, "", "", constants[i], 0.0, self._degree(i, name),
+                RowLaw.CONTACT if math.isinf(bounds[1]) else RowLaw.RELAY, bounds,
+            )
+            for i, (name, bounds) in enumerate(zip(multipliers, self.bounds, strict=True))
+        )  # fmt: skip
         unit = "the unit of its state per second"
         loads = tuple(
             (i, checked(f"a[{i}] of the system", each, unit) if callable(each) else each)
             for i, each in enumerate(self.a or ())
             if callable(each) or each != 0.0
         )
-        n = len(A)
-        zero, identity = np.zeros((n, n)), np.eye(n)
+        n, driven = len(A), [i for i, each in enumerate(c) if callable(each)]
+        more = len(driven)
         return Dynamics(
-            nodes=tuple(states), M=zero, C=identity, K=-A, loads=loads, H=C, u0=c, contacts=contacts, B=B, D=D,
+            nodes=(*states, *(f"c_{multipliers[i]}" for i in driven)),
+            M=np.zeros((n + more, n + more)), C=np.eye(n + more), K=np.pad(-A, (0, more)), loads=loads,
+            H=np.column_stack([C, np.eye(len(c))[:, driven]]), u0=np.array(constants), contacts=contacts,
+            B=np.pad(B, ((0, more), (0, 0))), D=D, motions={n + k: cast(Described, c[i]) for k, i in enumerate(driven)},
             stores_energy=False,
         )  # fmt: skip
 
     def _degree(self, i: int, name: str) -> int:
-        B, C, D = np.asarray(self.B), np.asarray(self.C), np.asarray(self.D)
+        """Return how often y_i must be differentiated before λ appears; if it never does, the number of states."""
+        A, B, D = (np.asarray(each) for each in (self.A, self.B, self.D))
         if D[i].any():
             return 0
-        terms = np.abs(C[i]) @ np.abs(B)
-        if (np.abs(C[i] @ B) > 1e-12 * terms).any():
-            return 1
-        raise InputError(
-            f"u of {name!r} does not feel λ before its second derivative: x would jump, by a law that A, B, C and D do "
-            "not state; give the system as a Scheme of masses and bumpers"
-        )
+        row, degree = np.asarray(self.C)[i], 1
+        size = np.abs(row)
+        while not (feels := bool((np.abs(row @ B) > 1e-12 * (size @ np.abs(B))).any())) and degree < len(A):
+            row, size, degree = row @ A, size @ np.abs(A), degree + 1
+        if (degree > 1 or not feels) and math.isinf(self.bounds[i][1]):
+            raise InputError(
+                f"u of {name!r} does not feel λ before its second derivative: x would jump, by a law that A, B, C and D do "
+                "not state; give the system as a Scheme of masses and bumpers"
+            )
+        return degree
 
     def assemble(self) -> Dynamics:
         """Return the equations in the form that integrators take."""
         return self._dynamics
 
     def __eq__(self, other: Any) -> bool:
-        return isinstance(other, LinearComplementaritySystem) and all(
-            np.array_equal(np.asarray(getattr(self, name)), np.asarray(getattr(other, name)))
-            for name in ("A", "B", "C", "D", "a", "c", "states", "multipliers")
+        return (
+            isinstance(other, LinearComplementaritySystem)
+            and all(
+                np.array_equal(np.asarray(getattr(self, name)), np.asarray(getattr(other, name)))
+                for name in ("A", "B", "C", "D", "states", "multipliers")
+            )
+            and (self.a, self.c, self.bounds) == (other.a, other.c, other.bounds)
         )
 
     __hash__ = None  # type: ignore[assignment]
+
+
+def _is_bound(value: Any) -> bool:
+    """Return whether a value is a real number or infinite."""
+    return is_real(value) or (isinstance(value, float) and math.isinf(value))

@@ -51,7 +51,7 @@ class RowLaw(StrEnum):
     JOINT = "joint"
     """u = 0, for any r."""
     RELAY = "relay"
-    """r_min <= r <= r_max, complementary to u."""
+    """r_min <= r <= r_max, complementary to u: r_min where u > 0, r_max where u < 0, any between where u = 0."""
 
 
 @dataclass(frozen=True)

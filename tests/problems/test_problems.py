@@ -166,6 +166,8 @@ def declared_order(problem):
         if contact.law is RowLaw.SLIDER:
             # Of a slider on a spring too, the step in which it begins to slip leaves an error of the first order.
             orders.append(declared.order_friction)
+        elif contact.law is RowLaw.RELAY:
+            orders.append(declared.order_relay)
         elif contact.relative_degree == 2:
             orders.append(declared.order_impact)
     return min(orders)

@@ -10,6 +10,8 @@ from scipy.integrate import solve_ivp
 
 import lcpimpact as li
 from lcpimpact import Harmonic, LinearComplementaritySystem
+from lcpimpact.integrators import METHODS
+from lcpimpact.scheme.dynamics import Feature
 from lcpimpact.scheme.first_order import first_order_form
 
 L, C, R = 1e-2, 1e-6, 1e3
@@ -104,6 +106,18 @@ def test_a_diode_against_an_input_of_time():
         ({"a": [1.0, 2.0]}, r"a of the system must hold 1 finite numbers or functions"),
         ({"states": ("x", "y")}, r"states of the system must hold 1 names"),
         ({"states": ("t",)}, r"two series of the name 't'"),
+        ({"lower": [1.0], "upper": [-1.0]}, r"lower = 1 of 'λ1' is above upper = -1: exchange them"),
+        ({"lower": [1.0], "upper": [1.0]}, r"lower and upper of 'λ1' are both 1: a λ that is given is an input"),
+        ({"lower": [-math.inf]}, r"'λ1' has no bounds, so y = 0 is an equation"),
+        ({"lower": [-1.0]}, r"'λ1' has the bounds -1 and inf, and a row has 0 and inf, or two finite ones"),
+        ({"lower": [-math.inf], "upper": [0.0]}, r"'λ1' has the bounds -inf and 0"),
+        ({"lower": [math.nan]}, r"lower of the system must hold 1 numbers or infinities"),
+        ({"upper": [1.0, 1.0]}, r"upper of the system must hold 1 numbers or infinities"),
+        ({"upper": "1"}, r"upper of the system must hold 1 numbers or infinities"),
+        ({"c": [math.sin]}, r"c of the system must hold 1 finite numbers or Harmonic\(...\), Polynomial"),
+        ({"c": [1.0, 2.0]}, r"c of the system must hold 1 finite numbers"),
+        ({"c": [li.Square(1.0, 1.0)]}, r"c\[0\] of the system jumps, and so would x"),
+        ({"c": [Harmonic(1.0, 1.0)], "states": ("c_λ1",)}, r"two series of the name 'c_λ1'"),
         ({"B": [[0.0]]}, r"u of 'λ1' does not feel λ before its second derivative"),
     ],
 )
@@ -111,6 +125,22 @@ def test_matrices_that_do_not_fit_are_refused(arguments, says):
     given = {"A": [[0.0]], "B": [[1.0]], "C": [[1.0]]} | arguments
     with pytest.raises(li.InputError, match=says):
         LinearComplementaritySystem(**given)
+
+
+def test_an_input_of_a_contact_row():
+    """x' = -1 + λ, 0 <= λ ⟂ x - cos t >= 0: x stays on the curve where the curve falls slower than 1, by all methods."""
+    system = LinearComplementaritySystem([[0.0]], [[1.0]], [[1.0]], a=[-1.0], c=[Harmonic(-0.5, 1.0)])
+    for name, kind in METHODS.items():
+        if not {Feature.SYSTEMS, Feature.MOTIONS} <= set(kind.declared.handles):
+            continue
+        run = li.simulate(li.Problem("curve", system, q0={"x1": 1.0}), name, dt=1e-3, t_end=6.0)
+        assert run.success, name
+        on = run.t > 2.0
+        assert run["x1"][on] == pytest.approx(0.5 * np.cos(run.t[on]), abs=2e-3), name
+        assert run["c_λ1"] == pytest.approx(-0.5 * np.cos(run.t), abs=1e-6)
+    # One that starts outside jumps onto it.
+    run = li.simulate(li.Problem("curve", system, q0={"x1": 0.0}), "exact", dt=1e-2, t_end=6.0)
+    assert run["x1"] == pytest.approx(0.5 * np.cos(run.t), abs=1e-12)
 
 
 def test_the_papers_method_refuses_a_system_by_name():

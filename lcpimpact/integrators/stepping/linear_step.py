@@ -272,7 +272,7 @@ class LinearStep(TimeStepping[Tabulated]):
         if len(d.contacts):
             contacts = [self._lcp_matrix(d, h, W) for W in table.W]
             for each in contacts:
-                solver.check(each, bool(d.slides.any()))
+                solver.check(each, not d.unilateral.all())
         other = self.at_switches(d)
         return Tabulated(
             table,
@@ -374,18 +374,19 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
     """Return the coefficients of a step for the kernel."""
     d, N = y.dynamics, y.dynamics.directions
     weights = [h if law.weight is None else law.weight for law in step.laws]
-    # Thresholds of sliders are forces; other bounds are 0 or infinite.
+    # The bounds of sliders and relays are forces; others are 0 or infinite.
+    forces = d.slides | d.relays
     lower, upper = (
-        np.array([weight * np.where(d.slides, bound, 0.0) + np.where(d.slides, 0.0, bound) for weight in weights])
+        np.array([weight * np.where(forces, bound, 0.0) + np.where(forces, 0.0, bound) for weight in weights])
         for bound in (d.r_min, d.r_max)
     )
-    rows, θh, always = [], [], d.slides | d.joints
-    for law, high, P, s in zip(step.laws, upper, y.P, y.s, strict=True):
+    rows, θh, always = [], [], forces | d.joints
+    for law, low, high, P, s in zip(step.laws, lower, upper, y.P, y.s, strict=True):
         rate = N @ law.springs_at[1]
         approach = -(N @ law.springs_at[0] + d.power_laws[:, :1] * y.one)
         touching = -y.one if law.touching is None else np.where(always[:, None], -y.one, law.touching)
         touching = np.where(d.frictional[:, None], y.one, touching)
-        rows += [np.where(high[:, None] > 0.0, touching, y.one), law.L, rate, approach]
+        rows += [np.where((high > low)[:, None], touching, y.one), law.L, rate, approach]
         θh.append(_shared_step(-approach, rate, P, s))
     rows += [step.q, step.v, *(step.memory[name] for name in remembers), step.impulse / h]
     static = step.static.S

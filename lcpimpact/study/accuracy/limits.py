@@ -19,7 +19,7 @@ class Limit:
 
     Attributes
     ----------
-    name : str          "smooth", "force kink", "force jump", "friction", "impact", or "compliant law"
+    name : str          "smooth", "force kink", "force jump", "friction", "relay", "impact", or "compliant law"
     order : str         field of `Declared`; "" if nothing is declared
     norm : str          norm of the declared order
     """
@@ -33,6 +33,7 @@ SMOOTH = Limit("smooth", "order_smooth")
 KINK = Limit("force kink", "order_force_kink")
 JUMP = Limit("force jump", "order_force_jump")
 FRICTION = Limit("friction", "order_friction")
+RELAY = Limit("relay", "order_relay")
 IMPACT = Limit("impact", "order_impact", "l1_v")
 COMPLIANT = Limit("compliant law", "")
 
@@ -43,7 +44,7 @@ def limits_of(truth: Trajectory) -> tuple[Limit, ...]:
     The opening or closing of a contact counts by its relative degree: 0 a kink of the force, 1 a jump, 2 an impact, which
     may also act through contacts of lower degree. The initial jump of a system does not depend on steps. Stick and slip of
     a slider of degree 2 is friction; with a spring or a dashpot in series, a kink or a jump. No order is declared for the
-    kinks and jumps of non-linear springs.
+    kinks and jumps of non-linear springs. Relays switch with a jump of λ, except those of degree 0, with a kink.
 
     Examples
     --------
@@ -61,9 +62,12 @@ def limits_of(truth: Trajectory) -> tuple[Limit, ...]:
             continue
         contact = contacts[event.contact]
         last = FRICTION if contact.law is RowLaw.SLIDER else IMPACT
-        if event.kind != "jump":
+        if contact.law is RowLaw.RELAY:
+            # The λ of a relay of degree 0 that slides is continuous.
+            happened.add(KINK if contact.relative_degree == 0 else RELAY)
+        elif event.kind != "jump":
             happened.add((KINK, JUMP, last)[2 if event.kind == "impact" else contact.relative_degree])
-    return tuple(limit for limit in (SMOOTH, KINK, JUMP, FRICTION, IMPACT, COMPLIANT) if limit in happened)
+    return tuple(limit for limit in (SMOOTH, KINK, JUMP, FRICTION, RELAY, IMPACT, COMPLIANT) if limit in happened)
 
 
 def floor_of(reference: str, norm: str) -> float:

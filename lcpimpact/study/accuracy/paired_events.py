@@ -11,8 +11,8 @@ from lcpimpact.record import Event
 END_RTOL = 1e-7
 """Distance of an event from the end, relative to the duration, within which another run may not contain it."""
 
-CLOSED_AFTER = {"close": True, "stick": True, "open": False, "slip": False}
-"""Whether a contact is closed, or a slider sticks, after an event; undetermined after an impact."""
+CLOSED_AFTER = {"close": True, "stick": True, "open": False, "slip": False, "slide": True, "switch": False}
+"""Whether a contact is closed, a slider sticks or a relay slides, after an event; undetermined after an impact."""
 
 
 @dataclass(frozen=True)

@@ -321,7 +321,7 @@ def _lowest_order(declared: Declared) -> float:
     """Return the minimum of the orders that a method declares, without unsupported cases."""
     orders = (
         declared.order_smooth, declared.order_force_kink, declared.order_force_jump, declared.order_impact,
-        declared.order_friction,
+        declared.order_friction, declared.order_relay,
     )  # fmt: skip
     return min(order for order in orders if order > 0.0)
 
