@@ -1,4 +1,4 @@
-"""What the laws of a system make of given states: forces on nodes, accelerations of gaps, friction, and bounds."""
+"""Forces on nodes, accelerations of gaps, and violations of friction and bounds, for given states of a system."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lcpimpact.scheme.dynamics import Dynamics
 
 
 def node_kinds(d: Dynamics) -> Indices:
-    """Return the kinds of the nodes: 1 with mass, 2 with a given motion, 0 with dashpots, -1 held by springs only (n,)."""
+    """Return the kinds of the nodes: 1 with mass, 2 with prescribed motion, 0 massless with dashpots, -1 without (n,)."""
     driven, massive = d.driven, d.massive
     loose: Flags = np.zeros(len(massive), dtype=np.bool_)
     if not (driven | massive).all():
@@ -19,7 +19,7 @@ def node_kinds(d: Dynamics) -> Indices:
 
 
 def accelerations(d: Dynamics, g: Array) -> Array:
-    """Return what the forces g on the nodes with mass may change U by, in m/s², of each row (nc,)."""
+    """Return bounds of the acceleration U' of each row in m/s² by the forces g on the nodes with mass (nc,)."""
     massive = d.massive
     M = d.M[np.ix_(massive, massive)]
     if np.count_nonzero(M) == len(M):
@@ -29,19 +29,19 @@ def accelerations(d: Dynamics, g: Array) -> Array:
     return np.asarray(np.abs(d.H[:, massive]) @ largest)
 
 
-def missing_friction(d: Dynamics, r: Array, U: Array) -> Array:
-    """Return the power r0 |U| + r U in W that sliders should take more than they do; zero for other rows (..., nc)."""
+def friction_residual(d: Dynamics, r: Array, U: Array) -> Array:
+    """Return the power r0 |U| + r U in W by which sliders dissipate too little; zero for other rows (..., nc)."""
     bounds = np.where(d.slides, d.r_max, 0.0)
     return np.asarray(np.where(d.slides, bounds * np.abs(U) + r * U, 0.0))
 
 
-def beyond_bounds(d: Dynamics, r: Array) -> Array:
-    """Return by how much reactions leave their bounds in N (..., nc)."""
+def bound_violation(d: Dynamics, r: Array) -> Array:
+    """Return the violation of the bounds of the reactions in N (..., nc)."""
     return np.maximum(np.maximum(d.r_min - r, r - d.r_max), 0.0)
 
 
 def forces_on_nodes(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) -> tuple[Array, Array]:
-    """Return the loads f, and the forces f + s - K q - C v + B r on the nodes (nt, n); without r those that are smooth."""
+    """Return the loads f, and the forces f + s - K q - C v + B r on the nodes (nt, n); with r None, without reactions."""
     f = np.broadcast_to(d.force(0.0), q.shape) if d.constant_loads else d.force(t)
     g = f - q @ d.K.T - v @ d.C.T
     if d.springs:
