@@ -493,9 +493,9 @@ def test_work_precision_says_and_writes(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("told", "says"),
     [
-        (("--dts", "0.1,b"), "must be numbers with commas"),
-        (("--dts", "0.1", "--counts", "3"), "give one of them"),
-        (("--counts", "0"), "from 1 on"),
+        (("--dts", "0.1,b"), "must be numbers separated by commas"),
+        (("--dts", "0.1", "--counts", "3"), "give only one of them"),
+        (("--counts", "0"), "must be step counts of at least 1"),
         (("--methods", "rk5"), "unknown method 'rk5'"),
         (("--methods", "rk4:theta=1"), "theta"),
         (("--methods", ","), "names no method"),
