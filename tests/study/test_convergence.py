@@ -344,7 +344,7 @@ def test_a_compliant_run_ends_at_the_error_of_its_model():
     [
         (("moreau-jean", [0.1]), r"methods = 'moreau-jean' must be a sequence: write \['moreau-jean'\]"),
         (([], [0.1]), r"methods is empty"),
-        ((["rk4", "rk4"], [0.1]), r"methods: 'rk4' stands there twice"),
+        ((["rk4", "rk4"], [0.1]), r"methods: 'rk4' is listed twice"),
         ((["rk5"], [0.1]), r"unknown method 'rk5': did you mean 'rk4'"),
         ((["rk4"], []), r"dts is empty"),
         ((["rk4"], [0.1, -0.1]), r"dts = -0.1 must be a positive finite number"),
