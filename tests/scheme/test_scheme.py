@@ -516,7 +516,7 @@ def test_two_reactions_of_one_name_are_refused():
     with pytest.raises(InputError, match=r"same name 'A'.*name="):
         Scheme(*BODY, Mass("y", m=1.0), *two_bumpers(x="A", y="A")).assemble()
     named = Scheme(*BODY, Mass("y", m=1.0), *two_bumpers()).add(Mass("z", m=1.0))
-    with pytest.raises(InputError, match=r"one name, 'R_2'.*name="):
+    with pytest.raises(InputError, match=r"same name 'R_2'.*name="):
         named.add(Bumper("z", "ground", e=0.0, name="R_2")).assemble()
 
 
