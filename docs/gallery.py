@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from lcpimpact import UnsupportedError, load_problem, simulate
-from lcpimpact.plotting.animation import few_colors
+from lcpimpact.plotting.animation import common_palette
 from lcpimpact.plotting.schematic import draw_scheme
 from lcpimpact.plotting.style import style
 from lcpimpact.problems import PROBLEMS
@@ -63,7 +63,7 @@ def write(figure: Figure, path: Path) -> None:
     with style():
         figure.savefig(data, format="png", dpi=DPI, metadata={"Software": None})
     picture = Image.open(data).convert("RGB")
-    picture = picture.quantize(palette=few_colors([picture], COLORS), dither=Image.Dither.NONE)
+    picture = picture.quantize(palette=common_palette([picture], COLORS), dither=Image.Dither.NONE)
     picture.save(path, format="PNG", optimize=True)
 
 

@@ -29,7 +29,7 @@ WORDS: dict[Any, str] = {
     Callable: "a function", np.ndarray: "an array of numbers",
 }  # fmt: skip
 
-REMEDY = {
+REMEDIES = {
     "Problem": "get one from load_problem(...), or make one of a Scheme",
     "Trajectory": "get one from simulate(...)",
     "DataFrame": "get one from a study, as convergence(...), or make one of your data",
@@ -41,15 +41,15 @@ MAX_REPR_LENGTH = 60
 
 
 def checked(function: Callable[P, R]) -> Callable[P, R]:
-    """Refuse arguments of a function that are not of the kinds that it is annotated with.
+    """Check the types of the arguments of a function against its annotations.
 
-    Whole numbers and those of NumPy are numbers, and a bool is none; lists, tuples and arrays are sequences, and a string is
-    none. What the values mean is left to the function.
+    Integers and NumPy numbers are numbers, a bool is not; lists, tuples and arrays are sequences, a string is not. The
+    function itself checks the values.
 
     Raises
     ------
     InputError
-        By the function: it names the argument, what it is, and what it must be.
+        By the decorated function, naming the argument, its value and the required type.
 
     Examples
     --------
@@ -74,7 +74,7 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     @functools.cache
     def kinds() -> dict[str, tuple[frozenset[type], Any]]:
         hints = get_type_hints(function)
-        return {name: (_at_once(hints[name]), hints[name]) for name in names if _says_much(hints.get(name, Any))}
+        return {name: (_types_of(hints[name]), hints[name]) for name in names if _is_restrictive(hints.get(name, Any))}
 
     @functools.wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
@@ -87,36 +87,36 @@ def checked(function: Callable[P, R]) -> Callable[P, R]:
     return call
 
 
-def _says_much(hint: Any) -> bool:
-    """Return whether a hint excludes anything; what NumPy makes an array of is known to NumPy alone."""
+def _is_restrictive(hint: Any) -> bool:
+    """Return whether a hint excludes any value; array-like arguments are left to NumPy."""
     arrays = any(getattr(get_origin(part), "__name__", "") == "_SupportsArray" for part in get_args(hint))
     return hint is not Any and not isinstance(hint, TypeVar) and not arrays
 
 
-def _at_once(hint: Any) -> frozenset[type]:
-    """Return classes whose things are of the kind of a hint, whatever they hold."""
+def _types_of(hint: Any) -> frozenset[type]:
+    """Return classes whose instances satisfy a hint without a check of their items."""
     if get_origin(hint) in (Union, types.UnionType):
-        return frozenset().union(*map(_at_once, get_args(hint)))
+        return frozenset().union(*map(_types_of, get_args(hint)))
     return {float: frozenset((float, int, np.float64)), int: frozenset((int,))}.get(
         hint, frozenset((hint,)) if type(hint) is type and hint is not np.ndarray else frozenset()
     )
 
 
 def check_kind(name: str, value: Any, hint: Any) -> None:
-    """Refuse a value that is not of the kind of a type hint.
+    """Check a value against a type hint.
 
     Raises
     ------
     InputError
-        Naming the value, or the part of it that is wrong.
+        Naming the value, or the invalid part of it.
     """
-    wrong = _wrong(name, value, hint)
-    if wrong is not None:
-        raise InputError(wrong)
+    error = _find_error(name, value, hint)
+    if error is not None:
+        raise InputError(error)
 
 
 def check_fields(thing: Any) -> None:
-    """Refuse a dataclass whose fields are not of the kinds that it declares, as `checked` does arguments.
+    """Check the fields of a dataclass against their annotations, as `checked` does for arguments.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def _field_hints(kind: Any) -> dict[str, Any]:
 
 
 def is_name(value: Any) -> bool:
-    """Return whether a value is a string that is not empty and holds nothing that a reader cannot see.
+    """Return whether a value is a non-empty string without control or format characters.
 
     Examples
     --------
@@ -146,17 +146,17 @@ def is_name(value: Any) -> bool:
 
 
 def is_sequence(value: Any) -> bool:
-    """Return whether a value has a length and things in it, and is no string."""
+    """Return whether a value is a sequence and no string."""
     return _is_kind(value, Sequence)
 
 
 def _is_hidden(character: str) -> bool:
-    """Return whether a character is not shown."""
+    """Return whether a character is invisible."""
     return unicodedata.category(character) in HIDDEN_CATEGORIES
 
 
 def visible(text: str) -> str:
-    r"""Return a text whose hidden characters, but for ends of lines, are written as Python writes them.
+    r"""Return a text with its hidden characters, except line ends, as Python escape sequences.
 
     Examples
     --------
@@ -168,46 +168,46 @@ def visible(text: str) -> str:
 
 
 def short(value: Any) -> str:
-    """Return how a message shows a value: as Python writes it, or its type where that is long."""
+    """Return the representation of a value in a message: its repr, or its type if that is long."""
     try:
         text = repr(value)
-    except Exception:  # noqa: BLE001 - a repr of somebody else's may fail by anything
+    except Exception:  # noqa: BLE001 - a foreign __repr__ may raise anything
         text = "\n"
     if len(text) <= MAX_REPR_LENGTH and "\n" not in text:
         return text
     return repr(value[: MAX_REPR_LENGTH // 2] + "...") if isinstance(value, str) else f"a {type(value).__name__}"
 
 
-def _wrong(name: str, value: Any, hint: Any) -> str | None:
-    """Return what is wrong with a value, or None."""
-    if not _says_much(hint):
+def _find_error(name: str, value: Any, hint: Any) -> str | None:
+    """Return the error message for a value, or None."""
+    if not _is_restrictive(hint):
         return None
     origin, parts = get_origin(hint) or hint, get_args(hint)
     if origin in (Union, types.UnionType):
-        found = [_wrong(name, value, part) for part in parts]
+        found = [_find_error(name, value, part) for part in parts]
         if None in found:
             return None
-        # Of a list of wrong things the wrong one is named, if the list itself could be meant.
-        inner = [text for text in found if text is not None and not text.startswith(f"{name} = ")]
-        return inner[0] if inner else _must_be(name, value, hint)
+        # If the container fits one of the alternatives, its invalid item is named.
+        part_errors = [text for text in found if text is not None and not text.startswith(f"{name} = ")]
+        return part_errors[0] if part_errors else _must_be(name, value, hint)
     if origin is Literal:
-        # An array or a table compared with a word is no truth value.
+        # Comparing an array or a table with a string does not give a bool.
         known = any(type(value) is type(part) and value == part for part in parts)
         return None if known else _must_be(name, value, hint)
     if not _is_kind(value, origin):
         return _must_be(name, value, hint)
     if origin is tuple:
         if parts and parts[-1] is not ... and len(parts) != len(value):
-            return f"{name} = {short(value)} must hold {len(parts)} things, and holds {len(value)}"
+            return f"{name} = {short(value)} must have {len(parts)} items, and has {len(value)}"
         each = [parts[0]] * len(value) if parts and parts[-1] is ... else parts
         return _first(
-            _wrong(f"{name}[{i}]", part, kind) for i, (part, kind) in enumerate(zip(value, each, strict=False))
+            _find_error(f"{name}[{i}]", part, kind) for i, (part, kind) in enumerate(zip(value, each, strict=False))
         )
     if origin in (Sequence, Collection, Iterable, list) and parts and _is_sized(value):
-        return _first(_wrong(f"{name}[{i}]", part, parts[0]) for i, part in enumerate(value))
+        return _first(_find_error(f"{name}[{i}]", part, parts[0]) for i, part in enumerate(value))
     if origin in (Mapping, dict) and parts:
         return _first(
-            _wrong(f"a key of {name}", key, parts[0]) or _wrong(f"{name}[{short(key)}]", part, parts[1])
+            _find_error(f"a key of {name}", key, parts[0]) or _find_error(f"{name}[{short(key)}]", part, parts[1])
             for key, part in value.items()
         )
     return None
@@ -243,25 +243,25 @@ def _is_kind(value: Any, kind: Any) -> bool:
 def _is_sized(value: Any) -> bool:
     try:
         return len(value) >= 0
-    except TypeError:  # an array without a dimension has no length
+    except TypeError:  # a zero-dimensional array has no length
         return False
 
 
 def _must_be(name: str, value: Any, hint: Any) -> str:
-    if isinstance(value, str) and any((get_origin(each) or each) is Sequence for each in _kinds(hint)):
+    if isinstance(value, str) and any((get_origin(each) or each) is Sequence for each in _alternatives(hint)):
         return f"{name} = {short(value)} must be a sequence: write [{value!r}]"
-    remedies = [REMEDY[each.__name__] for each in _kinds(hint) if getattr(each, "__name__", "") in REMEDY]
-    words = " or ".join(dict.fromkeys(_words(each) for each in _kinds(hint)))
-    return f"{name} = {short(value)} must be {words}" + (f": {remedies[0]}" if remedies else "")
+    remedies = [REMEDIES[each.__name__] for each in _alternatives(hint) if getattr(each, "__name__", "") in REMEDIES]
+    descriptions = " or ".join(dict.fromkeys(_describe(each) for each in _alternatives(hint)))
+    return f"{name} = {short(value)} must be {descriptions}" + (f": {remedies[0]}" if remedies else "")
 
 
-def _kinds(hint: Any) -> list[Any]:
+def _alternatives(hint: Any) -> list[Any]:
     if get_origin(hint) in (Union, types.UnionType):
-        return [kind for part in get_args(hint) for kind in _kinds(part)]
+        return [kind for part in get_args(hint) for kind in _alternatives(part)]
     return [hint]
 
 
-def _words(hint: Any) -> str:
+def _describe(hint: Any) -> str:
     origin = get_origin(hint) or hint
     if origin is Literal:
         return " or ".join(map(repr, get_args(hint)))

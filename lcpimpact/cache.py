@@ -1,6 +1,6 @@
-"""The cache of compiled code: one folder for each version of the source; old ones are removed.
+"""The cache of compiled code: one folder for each version of the source; unused ones are removed.
 
-Each bears a ``CACHEDIR.TAG``, by which it is known as ours and backups pass it over, and whose time is that of last use.
+Each folder has a ``CACHEDIR.TAG``, which identifies it, excludes it from backups, and stores the time of last use.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ SIGNATURE = (
 DAY = 86_400.0
 
 MAX_FOLDERS = 3
-"""Number of folders of other versions that are kept, however old."""
+"""Number of folders of other versions that are kept regardless of their age."""
 
 MAX_IDLE = 30.0 * DAY
 """Time without use after which a folder is removed [s]."""
 
 
 def base() -> Path:
-    """Return the folder under which the compiled code of every source lies."""
+    """Return the parent folder of the compiled code of all versions of the source."""
     return Path(os.environ.get("NUMBA_CACHE_DIR") or user_cache_path("lcpimpact"))
 
 
 @cache
 def folder() -> Path:
-    """Return the folder of the compiled code of exactly this source; it need not exist.
+    """Return the folder of the compiled code of this version of the source; it need not exist.
 
-    numba's own cache does not notice that a function called from another file has changed, so the name is a hash of all
-    files of the package.
+    numba's own cache does not detect changes of a function called from another file, so the name is a hash of all files of
+    the package.
     """
     digest = hashlib.sha256()
     package = Path(__file__).parent
@@ -52,13 +52,13 @@ def folder() -> Path:
     return base() / digest.hexdigest()[:16]
 
 
-def note_use() -> None:
-    """Make the folder of this source, or mark it as used today; a new one lets those long unused go.
+def mark_used() -> None:
+    """Make the folder of this source and remove unused ones, or mark the existing one as used today.
 
     Raises
     ------
     OSError
-        If it can be neither found nor made.
+        If it can neither be found nor made.
     """
     tag = folder() / TAG
     try:
@@ -70,32 +70,32 @@ def note_use() -> None:
         tag.write_text(SIGNATURE)
         remove_unused()
     except PermissionError:
-        pass  # a folder of somebody else's may be read all the same
+        pass  # a folder of another user can still be read
 
 
 def folders() -> list[Path]:
-    """Return the folders of compiled code of all sources, those used last first."""
+    """Return the folders of all versions of the source, the most recently used first."""
     found = []
     for tag in base().glob(f"*/{TAG}"):
         try:
             if tag.read_text() == SIGNATURE:
                 found.append((tag.stat().st_mtime, tag.parent))
         except (OSError, ValueError):
-            continue  # gone meanwhile, or not ours
+            continue  # removed meanwhile, or not a folder of lcpimpact
     return [each for _, each in sorted(found, reverse=True)]
 
 
 def remove_unused() -> None:
-    """Remove folders of other sources that were not used for long, but for the newest few."""
+    """Remove long unused folders of other versions, except the newest few."""
     others = [each for each in folders() if each != folder()]
     for each in others[MAX_FOLDERS:]:
-        with suppress(OSError):  # gone meanwhile, or not ours to remove
+        with suppress(OSError):  # removed meanwhile, or without permission
             if time.time() - (each / TAG).stat().st_mtime > MAX_IDLE:
                 remove(each)
 
 
 def remove(path: Path) -> None:
-    """Remove a folder of compiled code: renamed first, so that no process finds half of it."""
+    """Remove a folder of compiled code; it is renamed first, so that no process reads an incomplete one."""
     doomed = path.with_name(f"{path.name}.{uuid.uuid4().hex[:8]}.removed")
     with suppress(FileNotFoundError):  # another process was faster
         path.rename(doomed)
@@ -103,9 +103,9 @@ def remove(path: Path) -> None:
 
 
 def size(path: Path) -> int:
-    """Return the bytes of all files in a folder."""
+    """Return the size of all files in a folder in bytes."""
     total = 0
     for file in path.rglob("*"):
-        with suppress(OSError):  # gone meanwhile
+        with suppress(OSError):  # removed meanwhile
             total += file.stat().st_size
     return total

@@ -1,8 +1,8 @@
-"""Compilation: hot loops are plain Python functions, compiled ahead of their first call for stated types.
+"""Compilation: hot loops are plain Python functions, compiled ahead of their first call for given types.
 
-With the environment variable ``NUMBA_DISABLE_JIT=1`` the same lines run in the interpreter, with the same bits
-(no fast-math, no reordering). Compiled code is cached on disk in the `folder` of exactly this source. A cache that cannot
-be read or written costs a compilation and a sentence, and nothing else.
+With the environment variable ``NUMBA_DISABLE_JIT=1`` the same code runs in the interpreter, with bitwise equal results
+(no fast-math, no reordering). Compiled code is cached on disk in the `folder` of this version of the source. If the cache
+cannot be read or written, the code is compiled again, with a warning.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ import numba
 from numba import types
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 
-from lcpimpact.cache import folder, note_use
+from lcpimpact.cache import folder, mark_used
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -34,9 +34,9 @@ flags = types.boolean[::1]
 cube = types.float64[:, :, ::1]
 indices = types.int64[::1]
 places = types.uint64[::1]
-"""Indices that never count from the end: what compiled code need not ask of each."""
+"""Unsigned indices, for which compiled code need not check for a count from the end."""
 named_tuple: Any = types.BaseTuple.from_types
-"""named_tuple(types, NamedTuple): the type of such a tuple."""
+"""named_tuple(types, NamedTuple): the numba type of a NamedTuple."""
 
 
 CONFIG: Any = numba.config
@@ -51,7 +51,7 @@ DIGEST = 32
 
 
 class Locator(_CacheLocator):
-    """The place of one function's compiled code: in the `folder` of this source, and nowhere else."""
+    """Location of one function's compiled code, in the `folder` of this source."""
 
     def __init__(self, file: str, line: int) -> None:
         self._path = str(folder() / self.get_suitable_cache_subpath(file))
@@ -59,7 +59,7 @@ class Locator(_CacheLocator):
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> Locator:
-        """Return the place for a function of a file."""
+        """Return the location for a function of a file."""
         return cls(py_file, py_func.__code__.co_firstlineno)
 
     def get_cache_path(self) -> str:
@@ -67,22 +67,22 @@ class Locator(_CacheLocator):
         return self._path
 
     def get_source_stamp(self) -> str:
-        """Return a hash of the function's file, which need not be one of this package."""
+        """Return a hash of the function's file, which may belong to another package."""
         return file_hash(self._file)
 
     def get_disambiguator(self) -> str:
-        """Return what tells apart functions of one name in one file."""
+        """Return a string that distinguishes functions of the same name in one file."""
         return str(self._line)
 
 
 class Place(CompileResultCacheImpl):
-    """How numba turns compiled code to bytes, with our own place for them."""
+    """Serialisation of compiled code by numba, with our own location."""
 
-    _locator_classes = [Locator]  # noqa: RUF012 (as numba has it)
+    _locator_classes = [Locator]  # noqa: RUF012 (as in numba)
 
 
 class CheckedFiles(IndexDataCacheFile):
-    """Files of compiled code that begin with a hash, so that a damaged one, or one of another function, is never run."""
+    """Files of compiled code that begin with a hash, so that a damaged or wrong one is never run."""
 
     def _save_data(self, name: str, data: Any) -> None:
         code = self._dump(data)
@@ -103,9 +103,9 @@ class CheckedFiles(IndexDataCacheFile):
 
 
 class CheckedCache(FunctionCache):
-    """numba's cache of one function, which nothing on the disk can stop.
+    """numba's cache of one function, robust against damaged files.
 
-    A file that cannot be read is compiled and written anew; if that fails too, the code just made is used without it.
+    If a file cannot be read, the function is compiled and saved again; if it cannot be saved, it is used without a cache.
     """
 
     _impl_class = Place
@@ -120,19 +120,19 @@ class CheckedCache(FunctionCache):
         """Return the compiled code for a signature, or None."""
         try:
             return super().load_overload(sig, target_context)
-        except Exception as error:  # noqa: BLE001 (what is read may be anything)
+        except Exception as error:  # noqa: BLE001 (a damaged file may raise anything)
             self._damaged = True
-            say_once(f"cannot be read ({reason(error)}) and is made anew")
+            warn_once(f"cannot be read ({reason(error)}) and is compiled again")
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Save compiled code, over what was damaged."""
+        """Save compiled code, replacing a damaged file."""
         try:
             if self._damaged:
                 self.flush()
             super().save_overload(sig, data)
-        except Exception as error:  # noqa: BLE001 (the code is there, only not on the disk)
-            say_once(f"cannot be saved ({reason(error)}) and is made anew in each run")
+        except Exception as error:  # noqa: BLE001 (the code is compiled, only not saved)
+            warn_once(f"cannot be saved ({reason(error)}) and is compiled again in each run")
 
 
 @cache
@@ -142,35 +142,35 @@ def file_hash(file: str) -> str:
 
 
 def reason(error: Exception) -> str:
-    """Return in few words what went wrong."""
+    """Return the reason of an error in few words."""
     return (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
 
 
-said: list[str] = []
-"""What was said of the cache in this process."""
+warned: list[str] = []
+"""Warnings about the cache in this process."""
 
 
-def say_once(what: str) -> None:
-    """Say what is wrong with the cache, once in a program: neither for each function, nor again in each worker."""
+def warn_once(what: str) -> None:
+    """Warn about the cache, once in a program: not for each function, and not in each worker."""
     from multiprocessing import parent_process
 
-    if not said and parent_process() is None:
+    if not warned and parent_process() is None:
         LOG.warning(
             "lcpimpact: the compiled code in %s %s; `lcpimpact cache --clear` empties the folder, and the environment "
             "variable NUMBA_CACHE_DIR names another",
             folder(),
             what,
         )
-    said.append(what)
+    warned.append(what)
 
 
 @cache
 def usable() -> bool:
-    """Return whether there is a folder for compiled code, and note that it is used."""
+    """Return whether there is a folder for compiled code, and mark it as used."""
     try:
-        note_use()
+        mark_used()
     except OSError as error:
-        say_once(f"has no place ({reason(error)}) and is made anew in each run")
+        warn_once(f"has no folder ({reason(error)}) and is compiled again in each run")
         return False
     return True
 
@@ -184,15 +184,15 @@ def compiled(signature: Any, inline: Literal["never", "always"] = "never", alloc
         Argument and return types; an argument may itself be a compiled function (``types.FunctionType``), which,
         unlike an inferred one, does not defeat the cache.
     inline : {"never", "always"}
-        Whether its lines are put in the place of each call, as for what an inner loop calls in each step.
+        Whether its code replaces each call, as for functions called in inner loops.
     allocates : bool
-        Whether it makes arrays. Code that makes none counts no references to those that it is given, which costs more than
-        the arithmetic of a few rows.
+        Whether it allocates arrays. Otherwise reference counting is switched off, which costs more than the arithmetic of a
+        few rows.
     """
 
     def decorate(function: F) -> F:
         if not COMPILING:
-            cast(Any, function).py_func = function  # as a compiled one has it
+            cast(Any, function).py_func = function  # as for a compiled function
             return function
         options: dict[str, Any] = {"error_model": "numpy", "inline": inline, "_nrt": allocates}
         decorated: Any = numba.njit(**options)(function)
@@ -206,12 +206,12 @@ def compiled(signature: Any, inline: Literal["never", "always"] = "never", alloc
 
 
 def compile_ahead(*parts: Sequence[str]) -> None:
-    """Compile modules into the cache, once for a source, each part of them in a process of its own.
+    """Compile modules into the cache, once for each version of the source, each part in its own process.
 
     Parameters
     ----------
     *parts
-        Names of modules, those first that others import; a part should import little that another one compiles.
+        Names of modules in the order of their imports; a part should import little that another part compiles.
     """
     done = folder() / hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
     if not COMPILING or not usable() or done.exists():
@@ -223,23 +223,22 @@ def compile_ahead(*parts: Sequence[str]) -> None:
         if not any(codes):
             done.touch()
     except OSError as error:
-        say_once(f"cannot be written ({reason(error)}) and is made anew in each run")
+        warn_once(f"cannot be written ({reason(error)}) and is compiled again in each run")
     finally:
         for process in running:
             process.kill()
 
 
 def interpreted(function: F, **names: Any) -> F:
-    """Return the Python function behind a compiled one: the same lines, run by the interpreter.
+    """Return the Python function of a compiled one, to be run by the interpreter.
 
     Parameters
     ----------
     function : compiled function
-        With compilation switched off, the function itself.
+        If compilation is switched off, the function itself.
     **names
-        Functions to stand under global names of ``function`` and of the functions that it calls, in place of what their
-        modules have there: an operator's own product in place of that of an array, or a note-taker in place of one that
-        takes none.
+        Functions that replace the global names of ``function`` and of the functions that it calls, such as the product of an
+        operator in place of that of an array, or a recording of iterates.
     """
     python: Any = getattr(function, "py_func", function)
     changed = {}

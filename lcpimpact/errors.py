@@ -1,7 +1,7 @@
 """The errors that lcpimpact raises and the statuses that its results carry.
 
-Failure is data: a solver or an integrator that does not succeed says so with a `Status`, whose sentence names the
-remedy. Only what a caller got wrong, and a failure with ``throw=True``, becomes an exception.
+A failure is data: a solver or an integrator that does not succeed returns a `Status`, whose sentence names the remedy.
+Only invalid input, and a failure with ``throw=True``, raise an exception.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 
 
 class Status(IntEnum):
-    """How a solve or a simulation ended; ``status.sentence`` says it in words and names the remedy."""
+    """Outcome of a solve or a simulation; ``status.sentence`` states it in words and names the remedy."""
 
     SOLVED = 0, "Solved: the answer was checked outside the solver."
     RAY = (
@@ -77,11 +77,11 @@ class Status(IntEnum):
 
 
 class LcpImpactError(Exception):
-    """Base of every error that lcpimpact raises on purpose."""
+    """Base class of the errors of lcpimpact."""
 
 
 class InputError(LcpImpactError, ValueError):
-    """A value that cannot be used; the message names it and says what to give instead."""
+    """An invalid value; the message names it and the remedy."""
 
 
 class UnknownNameError(InputError):
@@ -89,7 +89,7 @@ class UnknownNameError(InputError):
 
 
 class UnsupportedError(LcpImpactError):
-    """A method was asked for something that it does not handle; the message says which one does."""
+    """A feature that a method does not handle; the message names methods that do."""
 
 
 class FailureError(LcpImpactError):
@@ -98,7 +98,7 @@ class FailureError(LcpImpactError):
     Attributes
     ----------
     result : LCPSolution or Trajectory
-        What had been reached; the same object that ``throw=False`` returns.
+        The result up to the failure, the same object that ``throw=False`` returns.
     """
 
     def __init__(self, message: str, result: Any) -> None:

@@ -46,10 +46,10 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
         before = np.append(closed[0], closed[:-1])
         u, U = dynamics.gap(record.q[0])[i], dynamics.gap_rate(record.v[0])[i]
         if steps_of_force:
-            # The first step closes a contact that is open, or that meets with both sides massive, when it begins.
+            # The first step closes a contact that is initially open, or that closes with an impact between two masses.
             before[0] &= u <= 0.0 and (contact.relative_degree < 2 or U >= 0.0)
         elif u <= 0.0 and closed[1]:
-            # Plates that touch at the start are closed even where their force starts from zero.
+            # Plates in contact at the start are closed, even if their force starts from zero.
             before[0] = before[1] = closed[0] = True
         hit = {step for step, row in struck if row == i}
         for j in sorted({*map(int, np.flatnonzero(closed != before)), *hit}):
@@ -59,11 +59,11 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
             if before[j] and j not in hit:
                 t = _zero(record.t_reaction[j - 2 : j], r[j - 2 : j], record.t_reaction[j - 1], record.t_reaction[j])
                 kind = "open"
-                meets = contact.relative_degree == 2 or j - 1 in hit
-                if meets and not before[max(j - impact_steps, 0) : j].all():
+                impacts = contact.relative_degree == 2 or j - 1 in hit
+                if impacts and not before[max(j - impact_steps, 0) : j].all():
                     continue
             else:
-                # Where D r counts in u, the gaps of the grid say nothing.
+                # With a feedthrough D r, the gaps on the grid do not show the switch.
                 gaps = dynamics.gap(record.q[node - 1 : node + 1])[:, i] if not dynamics.D[i].any() else np.zeros(0)
                 t = _zero(record.t[node - 1 : node + 1], gaps, record.t[node], record.t[last])
                 kind = "impact" if contact.relative_degree == 2 or j in hit else "close"
@@ -92,11 +92,11 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
 
 
 def events_of_springs(dynamics: Dynamics, record: Record, dense: ContinuousSolution | None) -> list[Event]:
-    """Return where each non-linear spring begins to push, "close", and where it ceases to, "open".
+    """Return the activations, "close", and deactivations, "open", of each non-linear spring.
 
-    A spring pushes where δ > 0 and, with c > 0, its force is above zero. The instant is found on the solution, where the
-    method has it at all times, and otherwise on the cubic through q and v at both ends of the step, whose ends are then the
-    limits. As of any contact, one that is touched at the start is closed there.
+    A spring is active if δ > 0 and, with c > 0, its force is positive. The instant is located on the continuous solution of
+    the method, or otherwise on the cubic Hermite interpolant of the step, whose ends are then the limits. A spring in
+    contact at the start is closed there, as any contact is.
     """
     t, found = record.t, list[Event]()
     if not dynamics.springs or len(t) < 2:
@@ -104,7 +104,7 @@ def events_of_springs(dynamics: Dynamics, record: Record, dense: ContinuousSolut
     if dense is None:
         samples, q, v = t, record.q, record.v
     else:
-        # A solver starts anew where a spring changes, so between the cuts none does; at the cuts the sign is rounding.
+        # The solution has a cut at each activation, so no spring changes between the cuts; at the cuts the sign is rounding.
         cuts = np.unique(np.concatenate([t, dense.cuts[(dense.cuts > t[0]) & (dense.cuts < t[-1])]]))
         samples = np.concatenate([cuts[:1], 0.5 * (cuts[1:] + cuts[:-1]), cuts[-1:]])
         q, v, _ = dense.read(samples, "right")
@@ -128,21 +128,17 @@ def events_of_springs(dynamics: Dynamics, record: Record, dense: ContinuousSolut
 
 
 def _pressed(dynamics: Dynamics, touch: Array, q: Array, v: Array) -> Array:
-    """Return what is above zero where a non-linear spring pushes (nt, ns): δ, or the less of δ and the force where c > 0."""
+    """Return a function that is positive if a non-linear spring is active (nt, ns): δ, or min(δ, force) if c > 0."""
     δ = dynamics.approach(q) - touch
     return np.where(dynamics.power_laws[:, 4] > 0.0, np.minimum(δ, dynamics.push(q, v, extended=True)), δ)
 
 
 def _on_solution(dense: ContinuousSolution) -> Reading:
-    def read(t: float) -> tuple[Array, Array]:
-        q, v, _ = dense.read(np.array([t]), "right")
-        return q, v
-
-    return read
+    return lambda t: dense.read(np.array([t]), "right")[:2]
 
 
 def _on_cubic(record: Record, k: int) -> Reading | None:
-    """Return the cubic through q and v at both ends of a step, with its derivative; None where a run blows up."""
+    """Return the cubic Hermite interpolant of a step and its derivative; None if the step is not finite."""
     t, q, v = (each[k : k + 2] for each in (record.t, record.q, record.v))
     if not (np.isfinite(q).all() and np.isfinite(v).all()):
         return None
@@ -152,7 +148,7 @@ def _on_cubic(record: Record, k: int) -> Reading | None:
 
 
 def _limits(record: Record, k: int) -> tuple[State, State]:
-    """Return the values at both ends of a step, with the reactions there, or those of the step before and of the step."""
+    """Return the states at both ends of a step, with the reactions there, or those of the previous step and of the step."""
     shift = 1 if len(record.reaction) < len(record.t) else 0
     before, after = max(k - shift, 0), k + 1 - shift
     return (
@@ -166,7 +162,7 @@ def _state(dense: ContinuousSolution, t: float, side: str) -> State:
 
 
 def step_of(event: Event, t: Array, q: Array, v: Array) -> int:
-    """Return the grid point at which the step begins that holds an event: the one that has its left limits."""
+    """Return the grid point at the start of the step of an event: the one with its left limits."""
     near = int(np.searchsorted(t, event.t, side="right")) - 1
     candidates = [k for k in (near, near - 1, near + 1) if 0 <= k < len(t)]
     return next(
@@ -176,7 +172,7 @@ def step_of(event: Event, t: Array, q: Array, v: Array) -> int:
 
 
 def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:
-    """Return when contacts on an impulse path over massless nodes meet, by step and contact."""
+    """Return the instants at which contacts of an impulse path over massless nodes close, by step and contact."""
     struck: dict[tuple[int, int], float] = {}
     for line in dynamics.impulse_lines:
         rows, opening = list(map(int, np.flatnonzero(line))), dynamics.gap(record.q) @ line
@@ -211,7 +207,7 @@ def _events_of_bounds(contact: Contact, i: int, bounds: tuple[Array, Array], rec
 
 
 def _zero(t: Array, values: Array, earliest: float, latest: float) -> float:
-    """Return where the line through two falling values reaches zero, kept between ``earliest`` and ``latest``."""
+    """Return the zero of the line through two decreasing values, limited to ``earliest`` ... ``latest``."""
     if len(values) < 2 or not values[0] > values[1]:
         return float(0.5 * (earliest + latest))
     crossing = t[1] + values[1] * (t[1] - t[0]) / (values[0] - values[1])

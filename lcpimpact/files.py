@@ -19,67 +19,69 @@ from typing import Any
 from lcpimpact.errors import InputError
 
 MAX_STEM_LENGTH = 60
-"""Maximum number of characters that a part file takes over from the name of its file."""
+"""Maximum number of characters of a file's name in the name of its temporary file."""
 
 
 def check_output(path: Path, endings: Iterable[str]) -> None:
-    """Refuse, before any work is done, a file whose ending tells no known format, or that cannot be written.
+    """Check, before any computation, that a file has a known ending and can be written.
 
     Raises
     ------
     InputError
-        Naming the file and what to give instead.
+        Naming the file and the remedy.
     """
     if path.suffix not in endings:
         raise InputError(f"cannot write {str(path)!r}: the name must end in one of {', '.join(endings)}")
-    target = _followed(path)
+    target = _resolved(path)
     folder = target.parent
     if target.is_dir():
         raise InputError(f"cannot write {str(path)!r}: a folder has that name; name another")
     if target.exists() and not os.access(target, os.W_OK):
-        raise InputError(f"cannot write {str(path)!r}: the file may not be written to; name another, or allow it")
+        raise InputError(
+            f"cannot write {str(path)!r}: the file is write-protected; name another, or change its permissions"
+        )
     if not folder.is_dir():
         raise InputError(f"cannot write {str(path)!r}: there is no folder {str(folder)!r}; make it, or name another")
     if not os.access(folder, os.W_OK):
-        raise InputError(f"cannot write {str(path)!r}: the folder may not be written to; name another")
+        raise InputError(f"cannot write {str(path)!r}: the folder is write-protected; name another")
 
 
 def check_outputs(outputs: Iterable[tuple[Path | None, Iterable[str]]], inputs: Iterable[Path] = ()) -> None:
-    """Refuse, before any work is done, files of one command that cannot be written, or not beside its inputs.
+    """Check, before any computation, that the output files of a command can be written and do not collide.
 
-    Within `outputs_together` these files are replaced at its end, all of them or none.
+    Within `atomic_outputs` these files are replaced at its end, all of them or none.
 
     Parameters
     ----------
     outputs : iterable of (path or None, endings)
-        As for `check_output`; None is left out.
+        As for `check_output`; None is skipped.
     inputs : iterable of Path
-        What the command reads.
+        Files that the command reads.
 
     Raises
     ------
     InputError
-        Also where an output would replace an input or another output, by whatever name or link.
+        Also if an output would replace an input or another output, directly or through a link.
     """
     named = [(path, endings) for path, endings in outputs if path is not None]
     given = list(inputs)
     for i, (path, endings) in enumerate(named):
         check_output(path, endings)
         for other in given:
-            if _same(path, other):
+            if _is_same_file(path, other):
                 raise InputError(f"cannot write {str(path)!r}: the input {str(other)!r} is that file; name another")
         for other, _ in named[:i]:
-            if _same(path, other):
+            if _is_same_file(path, other):
                 raise InputError(
                     f"cannot write {str(path)!r}: another output, {str(other)!r}, is that file; name another"
                 )
-    together = _together.get()
-    if together is not None:
-        together.targets.update(Path(os.path.realpath(path)) for path, _ in named)
+    batch = _batch.get()
+    if batch is not None:
+        batch.targets.update(Path(os.path.realpath(path)) for path, _ in named)
 
 
-def _same(a: Path, b: Path) -> bool:
-    """Say whether two names are of one file, through links of both kinds, whether it exists or not."""
+def _is_same_file(a: Path, b: Path) -> bool:
+    """Return whether two paths denote the same file, existing or not, also through hard and symbolic links."""
     try:
         return os.path.samefile(a, b)
     except OSError:
@@ -89,32 +91,32 @@ def _same(a: Path, b: Path) -> bool:
 STARTS_FORMULA = ("=", "+", "-", "@")
 
 
-def cell_of(word: str) -> str:
-    """Return how a word stands in a CSV file: behind an apostrophe where a spreadsheet would run it as a formula.
+def escape_cell(text: str) -> str:
+    """Return a text as a cell of a CSV file: with an apostrophe in front if a spreadsheet would read it as a formula.
 
     Examples
     --------
-    >>> [cell_of(word) for word in ("x", "=1+1", "'-x")]
+    >>> [escape_cell(text) for text in ("x", "=1+1", "'-x")]
     ['x', "'=1+1", "''-x"]
-    >>> word_of(cell_of("'-x"))
+    >>> unescape_cell(escape_cell("'-x"))
     "'-x"
     """
-    return f"'{word}" if word.lstrip("'").startswith(STARTS_FORMULA) else word
+    return f"'{text}" if text.lstrip("'").startswith(STARTS_FORMULA) else text
 
 
-def word_of(cell: str) -> str:
-    """Return the word of a cell that `cell_of` wrote."""
+def unescape_cell(cell: str) -> str:
+    """Return the text of a cell that `escape_cell` wrote."""
     return cell[1:] if cell.startswith("'") and cell.lstrip("'").startswith(STARTS_FORMULA) else cell
 
 
 @contextmanager
-def reading(path: Path, smaller: str) -> Iterator[None]:
-    """Say of which file an error is, and of one that does not fit in memory what to give instead.
+def reading(path: Path, remedy: str) -> Iterator[None]:
+    """Name the file in the errors of reading it; ``remedy`` is the advice if it does not fit in memory.
 
     Raises
     ------
     InputError
-        For an InputError, a file that cannot be read, and one that is too large.
+        For an InputError within, a file that cannot be read, or one that is too large.
     """
     try:
         yield
@@ -122,22 +124,22 @@ def reading(path: Path, smaller: str) -> Iterator[None]:
         raise InputError(f"cannot read {str(path)!r}: {error}") from None
     except OSError as error:
         raise InputError(
-            f"cannot read {str(path)!r}: {error.strerror or error}; check the name and the rights"
+            f"cannot read {str(path)!r}: {error.strerror or error}; check the name and the permissions"
         ) from None
     except MemoryError:
-        raise InputError(f"cannot read {str(path)!r}: it does not fit in memory; {smaller}") from None
+        raise InputError(f"cannot read {str(path)!r}: it does not fit in memory; {remedy}") from None
 
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Give a name beside ``path`` to write to, and rename it to ``path`` only when that went well.
+    """Yield a temporary file beside ``path``, which is renamed to ``path`` if the block succeeds.
 
-    Where ``path`` is a symbolic link, the file that it points to is written, and the link stays.
+    If ``path`` is a symbolic link, its target is written, and the link stays.
 
     Raises
     ------
     InputError
-        If the file cannot be written; nothing is left behind.
+        If the file cannot be written; no temporary file remains.
     """
     with whole_files(path) as (part,):
         yield part
@@ -145,12 +147,12 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
-    """Do as `whole_file` for files that belong together: all of them are replaced, or none is.
+    """Yield temporary files as `whole_file` does, for several files: all of them are replaced, or none is.
 
-    Files that existed keep their modes. Ctrl-C and SIGTERM leave nothing behind.
+    Existing files keep their permissions. Ctrl-C and SIGTERM leave no temporary files.
     """
-    targets, parts = [_followed(path) for path in paths], list[Path]()
-    with _terminable():
+    targets, parts = [_resolved(path) for path in paths], list[Path]()
+    with _sigterm_handler():
         try:
             try:
                 for target in targets:
@@ -158,76 +160,76 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
                     parts[-1].touch(0o600, exist_ok=False)
             except OSError as error:
                 raise InputError(
-                    f"cannot write {_names(paths)}: {error.strerror}; name a folder that can be written"
+                    f"cannot write {_quoted(paths)}: {error.strerror}; name a folder that can be written"
                 ) from None
             yield tuple(parts)
             for part, target in zip(parts, targets, strict=True):
                 part.chmod(target.stat().st_mode & 0o7777 if target.exists() else 0o666 & ~_umask())
-            together = _together.get()
-            if together is not None and {Path(os.path.realpath(target)) for target in targets} <= together.targets:
-                together.waiting += zip(parts, targets, strict=True)
+            batch = _batch.get()
+            if batch is not None and {Path(os.path.realpath(target)) for target in targets} <= batch.targets:
+                batch.pending += zip(parts, targets, strict=True)
                 parts = []
             else:
                 _replace(parts, targets)
         except OSError as error:
-            raise InputError(f"cannot write {_names(paths)}: {error.strerror or error}; nothing was changed") from None
+            raise InputError(f"cannot write {_quoted(paths)}: {error.strerror or error}; nothing was changed") from None
         finally:
             _remove(parts)
 
 
 @dataclass
-class _Together:
-    """Outputs that are replaced at one time: which they are, and the parts that wait for it."""
+class _Batch:
+    """Outputs to replace together: their paths, and the pairs of temporary file and target written so far."""
 
     targets: set[Path] = field(default_factory=set)
-    waiting: list[tuple[Path, Path]] = field(default_factory=list)
+    pending: list[tuple[Path, Path]] = field(default_factory=list)
 
 
-_together: ContextVar[_Together | None] = ContextVar("_together", default=None)
+_batch: ContextVar[_Batch | None] = ContextVar("_batch", default=None)
 
 
 @contextmanager
-def outputs_together() -> Iterator[None]:
-    """Replace the files that `check_outputs` is told of within all at the end, or none of them where an error passes.
+def atomic_outputs() -> Iterator[None]:
+    """Replace the files registered by `check_outputs` within the block together at its end, or none if it raises.
 
     Raises
     ------
     InputError
         If one of them cannot be replaced.
     """
-    together = _Together()
-    token = _together.set(together)
-    with _terminable():
+    batch = _Batch()
+    token = _batch.set(batch)
+    with _sigterm_handler():
         try:
             yield
-            parts, targets = [part for part, _ in together.waiting], [target for _, target in together.waiting]
+            parts, targets = [part for part, _ in batch.pending], [target for _, target in batch.pending]
             try:
                 _replace(parts, targets)
             except OSError as error:
-                raise InputError(f"cannot write {_names(targets)}: {error.strerror}; nothing was changed") from None
+                raise InputError(f"cannot write {_quoted(targets)}: {error.strerror}; nothing was changed") from None
         finally:
-            _together.reset(token)
-            _remove(part for part, _ in together.waiting)
+            _batch.reset(token)
+            _remove(part for part, _ in batch.pending)
 
 
 @contextmanager
 def scratch_folder() -> Iterator[Path]:
-    """Give a new folder for what is needed only within, and remove it afterwards, at the latest when SIGTERM comes."""
-    with _terminable(), tempfile.TemporaryDirectory() as folder:
-        _hidden.add(Path(folder))
+    """Yield a new temporary folder, which is removed at the end of the block or on SIGTERM."""
+    with _sigterm_handler(), tempfile.TemporaryDirectory() as folder:
+        _temporaries.add(Path(folder))
         try:
             yield Path(folder)
         finally:
-            _hidden.discard(Path(folder))
+            _temporaries.discard(Path(folder))
 
 
-_hidden: set[Path] = set()
-"""Parts, copies and scratch folders that are there."""
+_temporaries: set[Path] = set()
+"""Existing temporary files, backups and scratch folders of this process."""
 
 
 @contextmanager
-def _terminable(end: Callable[[int, FrameType | None], Any] | None = None) -> Iterator[None]:
-    """Let SIGTERM call ``end`` where it would end the process, by default `_end`."""
+def _sigterm_handler(end: Callable[[int, FrameType | None], Any] | None = None) -> Iterator[None]:
+    """Let SIGTERM call ``end``, by default `_end`, unless the program handles it otherwise."""
     handler = signal.getsignal(signal.SIGTERM)
     ours = threading.current_thread() is threading.main_thread() and handler in (signal.SIG_DFL, _end)
     if ours:
@@ -240,30 +242,30 @@ def _terminable(end: Callable[[int, FrameType | None], Any] | None = None) -> It
 
 
 @contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Let SIGTERM wait until what is within is done."""
-    told: list[int] = []
+def _sigterm_deferred() -> Iterator[None]:
+    """Defer SIGTERM to the end of the block."""
+    received: list[int] = []
     try:
-        with _terminable(lambda number, frame: told.append(number)):
+        with _sigterm_handler(lambda number, frame: received.append(number)):
             yield
     finally:
-        if told:
+        if received:
             signal.raise_signal(signal.SIGTERM)
 
 
 def _end(number: int, frame: FrameType | None) -> None:
-    """Remove what is hidden, and end the process as the signal does by itself.
+    """Remove the temporary files, and end the process as the signal does by default.
 
-    An exception would not do: C code that calls back, as an import or a compiler does, swallows it or raises another.
+    An exception does not suffice: C code with callbacks, such as an import or a compiler, may swallow or replace it.
     """
-    remove_hidden()
+    remove_temporaries()
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.raise_signal(signal.SIGTERM)
 
 
-def remove_hidden() -> None:
-    """Remove the parts of files, copies and scratch folders that this process has made, since it ends."""
-    for path in tuple(_hidden):
+def remove_temporaries() -> None:
+    """Remove the temporary files, backups and scratch folders of this process before it ends."""
+    for path in tuple(_temporaries):
         if path.is_dir():
             shutil.rmtree(path, ignore_errors=True)
         else:
@@ -271,23 +273,23 @@ def remove_hidden() -> None:
 
 
 def _replace(parts: Sequence[Path], targets: Sequence[Path]) -> None:
-    """Rename each part to its target; if one cannot be renamed, those before it are put back as they were.
+    """Rename each part to its target; if one cannot be renamed, restore those before it.
 
-    SIGTERM waits until it is done.
+    SIGTERM is deferred.
     """
-    kept: list[tuple[Path, Path | None]] = []
-    with _undisturbed():
+    backups: list[tuple[Path, Path | None]] = []
+    with _sigterm_deferred():
         try:
             for part, target in zip(parts, targets, strict=True):
-                # What is renamed last needs no copy: nothing can fail after it.
+                # The last target needs no backup, since nothing can fail after it.
                 if part != parts[-1]:
-                    kept.append((target, _name_beside(target) if target.exists() else None))
-                    if kept[-1][1]:
-                        shutil.copy2(target, kept[-1][1])
+                    backups.append((target, _name_beside(target) if target.exists() else None))
+                    if backups[-1][1]:
+                        shutil.copy2(target, backups[-1][1])
                 part.replace(target)
         except BaseException:
-            # Ctrl-C may come after the last of them.
-            for (target, copy), part in zip(kept if parts[-1].exists() else [], parts, strict=False):
+            # Ctrl-C may arrive after the last renaming.
+            for (target, copy), part in zip(backups if parts[-1].exists() else [], parts, strict=False):
                 if part.exists():
                     continue
                 if copy:
@@ -296,11 +298,11 @@ def _replace(parts: Sequence[Path], targets: Sequence[Path]) -> None:
                     target.unlink()
             raise
         finally:
-            _remove([copy for _, copy in kept if copy])
+            _remove([copy for _, copy in backups if copy])
 
 
-def _followed(path: Path) -> Path:
-    """Return the file that a symbolic link points to in the end, whether it exists or not, and else the path itself."""
+def _resolved(path: Path) -> Path:
+    """Return the final target of a symbolic link, existing or not, or the path itself if it is no link."""
     target = Path(os.path.realpath(path)) if path.is_symlink() else path
     if target.is_symlink():
         raise InputError(f"cannot write {str(path)!r}: it is a link to itself; name another")
@@ -308,19 +310,19 @@ def _followed(path: Path) -> Path:
 
 
 def _name_beside(path: Path) -> Path:
-    """Return a new name in the folder of ``path``, which is hidden until it is removed."""
+    """Return a new hidden name in the folder of ``path``, and register it as temporary."""
     name = path.with_name(f".{path.stem[:MAX_STEM_LENGTH]}.{secrets.token_hex(6)}{path.suffix}")
-    _hidden.add(name)
+    _temporaries.add(name)
     return name
 
 
 def _remove(parts: Iterable[Path]) -> None:
     for part in parts:
         part.unlink(missing_ok=True)
-        _hidden.discard(part)
+        _temporaries.discard(part)
 
 
-def _names(paths: Sequence[Path]) -> str:
+def _quoted(paths: Sequence[Path]) -> str:
     return " and ".join(repr(str(path)) for path in paths)
 
 

@@ -8,28 +8,28 @@ from pathlib import Path
 from lcpimpact.errors import InputError
 
 FREE_FRACTION = 0.9
-"""Largest fraction of the free memory that one object may take."""
+"""Largest fraction of the free memory for one object."""
 
 CGROUP = Path("/sys/fs/cgroup")
 """Folder in which Linux states the memory limits of a container or a job."""
 
 
 def free_memory() -> float:
-    """Return the bytes that a process may still take, or inf where the system does not tell."""
+    """Return the memory in bytes that a process may still allocate, or inf if unknown."""
     return min(_of_machine(), _of_group())
 
 
 def check_memory(wanted: float, what: str, remedy: str) -> None:
-    """Refuse what does not fit into the memory that is free.
+    """Raise an error if an object does not fit in the free memory.
 
     Parameters
     ----------
     wanted : float
         Bytes.
     what : str
-        What takes them, with its verb: "1,000 steps do".
+        Subject and verb of the message: "1,000 steps do".
     remedy : str
-        What to do instead.
+        Advice at the end of the message.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def _of_machine() -> float:
 
 def _of_group() -> float:
     try:
-        most, taken = ((CGROUP / name).read_text(encoding="ascii") for name in ("memory.max", "memory.current"))
-        return max(0.0, float(most) - float(taken))
+        most, used = ((CGROUP / name).read_text(encoding="ascii") for name in ("memory.max", "memory.current"))
+        return max(0.0, float(most) - float(used))
     except (OSError, ValueError):  # "max" where there is no limit
         return float("inf")

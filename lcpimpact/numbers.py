@@ -11,7 +11,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 
 NUMBERS = (int, float, np.integer, np.floating)
-"""Accepted types; others, as decimals and fractions, make arrays of objects."""
+"""Accepted types; others, such as decimals and fractions, would give arrays of objects."""
 
 
 def is_real(value: Any) -> bool:
@@ -23,31 +23,31 @@ def is_real(value: Any) -> bool:
 
 
 def is_count(value: Any) -> bool:
-    """Return whether a value is a whole number above zero that a machine counts to."""
+    """Return whether a value is a positive whole number below 2**63."""
     return is_real(value) and 1 <= value < 2**63 and value == int(value)
 
 
 def positive(name: str, value: Any, unit: str = "") -> None:
-    """Refuse what is no finite number above zero."""
+    """Check that a value is a positive finite number."""
     if not is_real(value) or not value > 0.0:
         raise InputError(f"{name} = {value!r} must be a positive finite number{f' in {unit}' if unit else ''}")
 
 
 def finite(name: str, value: Any, unit: str = "", least: float = -math.inf) -> None:
-    """Refuse what is no finite number, or one below the ``least``."""
+    """Check that a value is a finite number, not below ``least``."""
     if not is_real(value) or value < least:
         above = f", at least {least:g}" if least > -math.inf else ""
         raise InputError(f"{name} = {value!r} must be a finite number{f' in {unit}' if unit else ''}{above}")
 
 
 def between(name: str, value: Any, low: float, high: float) -> None:
-    """Refuse what is no number from ``low`` to ``high``."""
+    """Check that a value is a number from ``low`` to ``high``."""
     if not is_real(value) or not low <= value <= high:
         raise InputError(f"{name} = {value!r} must lie between {low:g} and {high:g}")
 
 
 def count(name: str, value: Any, least: int = 1) -> None:
-    """Refuse what is no whole number, or one below the ``least``, which is 1 or 0."""
+    """Check that a value is a whole number, not below ``least``, which is 1 or 0."""
     if not (is_count(value) or (least == 0 and is_real(value) and value == 0)):
         raise InputError(f"{name} = {value!r} must be a whole number, at least {least}")
 

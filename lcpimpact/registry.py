@@ -18,7 +18,7 @@ MAX_ERROR_LENGTH = 200
 """Maximum number of characters shown of another package's error."""
 
 MAX_NAMES = 50
-"""Maximum number of names in a message; a bar has more nodes."""
+"""Maximum number of names in a message."""
 
 
 def load(location: str) -> Any:
@@ -28,7 +28,7 @@ def load(location: str) -> Any:
 
 
 def nearest(name: str, known: list[str], kind: str, also: Sequence[str] = ()) -> str:
-    """Return the sentence for an unknown ``name``: the nearest match, of others ``also``, then all that is known."""
+    """Return the error message for an unknown ``name``: the nearest match of ``known`` and ``also``, and the known names."""
     close = [each for each in also if each.startswith(f"{name}_")]
     close = close or get_close_matches(name, [*known, *also], n=1, cutoff=0.5)
     hint = f"did you mean {close[0]!r}? " if close else ""
@@ -42,17 +42,16 @@ class Registry(Mapping[str, T], Generic[T]):
     Parameters
     ----------
     kind : str
-        What the entries are, for messages: ``"method"``, ``"problem"``, ...
+        Kind of the entries, for messages: ``"method"``, ``"problem"``, ...
     entries : mapping of str to str
         Name to ``"package.module:attribute"``.
     families : mapping of str to str
-        Prefix of a name to the function that makes the entry from the whole name, for what is not listed one by one.
+        Prefix of a name to the function that makes the entry from the whole name, for entries that are not listed.
     group : str
-        Group of entry points by which other packages add entries; a name that is taken here stays what it is. What
-        cannot be loaded is no entry: it is `broken`, and harms no other.
+        Group of entry points by which other packages add entries; they cannot replace existing names. An entry that cannot
+        be loaded is omitted, and listed in `broken`.
     check : str
-        The function, as ``"package.module:attribute"``, that raises `InputError` for what is no such entry; for those
-        that other packages add.
+        The function, as ``"package.module:attribute"``, that raises `InputError` for an invalid entry of another package.
     """
 
     def __init__(
@@ -73,13 +72,13 @@ class Registry(Mapping[str, T], Generic[T]):
 
     @cached_property
     def _added(self) -> dict[str, str]:
-        """Names to locations of what other packages add."""
+        """Name to location of the entries of other packages."""
         found: dict[str, str] = {}
         if self._group:
             from importlib.metadata import distributions
 
             for package in distributions():
-                with suppress(Exception):  # what a package says of itself may be anything
+                with suppress(Exception):  # the metadata of a package may be malformed
                     for each in package.entry_points.select(group=self._group):
                         if each.name not in self._own:
                             found.setdefault(each.name, each.value)
@@ -87,7 +86,7 @@ class Registry(Mapping[str, T], Generic[T]):
 
     @property
     def broken(self) -> dict[str, str]:
-        """What other packages add and cannot be loaded, by name, with the reason."""
+        """Entries of other packages that cannot be loaded: name to reason."""
         list(self)
         return dict(self._broken)
 
@@ -116,14 +115,14 @@ class Registry(Mapping[str, T], Generic[T]):
                 entry: T = load(location)
                 if self._check:
                     load(self._check)(entry)
-            except (Exception, SystemExit) as error:  # noqa: BLE001 (a stranger's code may raise anything)
-                said = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-                self._broken[name] = shorten(said, MAX_ERROR_LENGTH, placeholder=" ...")
+            except (Exception, SystemExit) as error:  # noqa: BLE001 (foreign code may raise anything)
+                text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+                self._broken[name] = shorten(text, MAX_ERROR_LENGTH, placeholder=" ...")
             else:
                 return entry
         raise InputError(
             f"{self.kind} {name!r} is registered by another package as {location!r}, which cannot be "
-            f"loaded ({self._broken[name]}): mend or uninstall that package"
+            f"loaded ({self._broken[name]}): repair or uninstall that package"
         )
 
     def __contains__(self, name: object) -> bool:
@@ -140,7 +139,7 @@ class Registry(Mapping[str, T], Generic[T]):
                 yield name
 
     def get(self, name: str, default: Any = None) -> Any:
-        """Return the entry, or ``default`` where the name is unknown."""
+        """Return the entry, or ``default`` if the name is unknown."""
         try:
             return self[name]
         except InputError:

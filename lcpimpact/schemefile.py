@@ -1,7 +1,7 @@
-"""Schemes and runs in TOML files, to write by hand or to export.
+"""Schemes and runs in TOML files, written by hand or exported.
 
 A file states a problem in one of three ways: by the elements of a scheme, by the matrices of a system, or by the name of a
-registered problem; and, under ``[run]``, how it is to be run::
+registered problem; the table ``[run]`` has the run settings::
 
     name = "my buffer"
     t_end = 3.0
@@ -27,9 +27,8 @@ registered problem; and, under ``[run]``, how it is to be run::
     [run.options]
     theta = 1.0
 
-The keys of an element are its constants as Python has them. A signal is a table { type, ... } of its constants; without a
-type it is a `Harmonic`.
-docs/scheme-files.md has every key.
+The keys of an element are its constants, named as in Python. A signal is a table { type, ... } of its constants; without a
+type it is a `Harmonic`. All keys are listed in docs/scheme-files.md.
 """
 
 from __future__ import annotations
@@ -70,7 +69,7 @@ T = TypeVar("T")
 ENDING = ".toml"
 
 DT, STEPS = 1e-3, 1000
-"""Default step in s, and minimum number of steps of a run without a step of its own."""
+"""Default step in s, and minimum number of steps of a run without a given step."""
 
 MAX_BYTES = 4_000_000
 """Maximum size of a scheme file in bytes."""
@@ -78,10 +77,10 @@ MAX_BYTES = 4_000_000
 REMEDY = "give a smaller scheme"
 
 MAX_DEPTH = 10
-"""Maximum depth of nested tables and brackets; a row of a matrix of a system is at 3."""
+"""Maximum depth of nested tables and brackets; a row of a system matrix has depth 3."""
 
 MAX_STRING_LENGTH = 1_000
-"""Maximum number of characters of a name or another string."""
+"""Maximum number of characters of a string."""
 
 KEYS = {
     "elements": ["name", "source", "t_end", "built_from", "elements", "initial", "run"],
@@ -101,7 +100,7 @@ SYSTEM: dict[str, Any] = {
 }
 """Types of the entries of a system."""
 
-HOLDS = {tuple: "array", Sequence: "array", Mapping: "table", Literal: "word"}
+CONTAINERS = {tuple: "array", Sequence: "array", Mapping: "table", Literal: "word"}
 
 WORDS = {
     float: "a number", int: "a whole number", str: "a string", bool: "true or false", "array": "an array",
@@ -109,14 +108,14 @@ WORDS = {
 }  # fmt: skip
 
 DOTTED = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){50}""")
-"""Long dotted keys, on which tomllib takes hours."""
+"""Long dotted keys, which tomllib parses in hours."""
 
 ELEMENT_HEADER = re.compile(r"\s*\[\[\s*(elements|'elements'|\"elements\")\s*\]\]")
 
 
 @dataclass(frozen=True)
 class Run:
-    """How a problem is to be run: what ``[run]`` of a file holds.
+    """The run settings of a problem, as in the table ``[run]`` of a file.
 
     Parameters
     ----------
@@ -125,7 +124,7 @@ class Run:
     dt : float, optional
         Step in s.
     t_end : float, optional
-        End in s; by default what the problem suggests.
+        End in s; by default that of the problem.
     solver : str
         A name of ``lcpimpact list solvers``.
     options : mapping of str to value
@@ -134,7 +133,7 @@ class Run:
     Raises
     ------
     InputError
-        For an unknown name or option (the nearest is offered), or a value that cannot be used.
+        For an unknown name or option (the message suggests the nearest), or an invalid value.
 
     Examples
     --------
@@ -168,7 +167,7 @@ class Run:
         solver: str | None = None,
         **options: Any,
     ) -> Run:
-        """Return the run with what is given in place of its own; another method keeps neither options nor solver."""
+        """Return the run with the given changes; another method resets the options and the solver."""
         old = self if method in (None, self.method) else Run(dt=self.dt, t_end=self.t_end)
         given = {"method": method, "dt": dt, "t_end": t_end, "solver": solver}
         changes: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
@@ -177,14 +176,14 @@ class Run:
 
 @dataclass(frozen=True)
 class SchemeFile:
-    """What a scheme file states.
+    """The contents of a scheme file.
 
     Attributes
     ----------
     problem : Problem
-    run : Run                       how it is to be run
-    registered : str or None        the name in the registry, where the file gives one instead of a scheme
-    parameters : mapping            the parameters that the file gives to the registered problem
+    run : Run                       the run settings
+    registered : str or None        the name of the registered problem, None if the file states a scheme or a system
+    parameters : mapping            the parameters of the registered problem in the file
 
     Examples
     --------
@@ -199,28 +198,28 @@ class SchemeFile:
     parameters: Mapping[str, float] = field(default_factory=dict)
 
     def with_parameters(self, **parameters: float) -> SchemeFile:
-        """Return the same with other parameters of its registered problem.
+        """Return the contents with changed parameters of the registered problem.
 
         Raises
         ------
         InputError
-            If the file states a scheme or a system, whose constants stand where they are used; for an unknown parameter
-            or a value that the problem refuses.
+            If the file states a scheme or a system, which have no parameters; for an unknown parameter or an invalid
+            value.
         """
         if not parameters:
             return self
         if self.registered is None:
             raise InputError(
                 f"{', '.join(parameters)}: {self.problem.name!r} has its constants in its elements or matrices; change "
-                "them there, since only problems of the registry have parameters"
+                "them there, since only registered problems have parameters"
             )
-        return registered(self.registered, {**self.parameters, **parameters}, self.run)
+        return registered_problem(self.registered, {**self.parameters, **parameters}, self.run)
 
     def simulate(self, **changes: Any) -> Trajectory:
-        """Run the problem as the file says, but for what is given: method, dt, t_end, solver, options of the method.
+        """Run the problem with the settings of the file; arguments override method, dt, t_end, solver and method options.
 
-        Where neither the file nor the caller gives dt, it is 1 ms, or a thousandth of t_end if that is less; where neither
-        gives t_end, it is what the problem suggests, up to a whole step. Errors are those of `lcpimpact.simulate`.
+        Without a dt in the file or the arguments, it is 1 ms, or a thousandth of t_end if smaller; without a t_end, it is
+        that of the problem, rounded up to a whole step. Errors are those of `lcpimpact.simulate`.
         """
         from lcpimpact.simulation import simulate
 
@@ -235,18 +234,18 @@ class SchemeFile:
 
 
 def _steps(number: float) -> int:
-    # More than 1e9 steps are refused anyway, and an infinite number has no ceiling.
+    # Longer runs are rejected later, and infinity has no ceiling.
     return math.ceil(min(number * (1.0 - 1e-12), 1e10))
 
 
-def registered(name: str, parameters: Mapping[str, Any], run: Run | None = None) -> SchemeFile:
-    """Return what a file with ``problem = name`` and these parameters states."""
+def registered_problem(name: str, parameters: Mapping[str, Any], run: Run | None = None) -> SchemeFile:
+    """Return the contents of a file with ``problem = name`` and these parameters."""
     return SchemeFile(build(name, PROBLEMS[name], parameters), run or Run(), name, dict(parameters))
 
 
 @checked
 def read_scheme_file(path: str | Path) -> SchemeFile:
-    """Read a problem, and how it is to be run, from a TOML file.
+    """Read a problem and its run settings from a TOML file.
 
     Parameters
     ----------
@@ -256,13 +255,13 @@ def read_scheme_file(path: str | Path) -> SchemeFile:
     Returns
     -------
     SchemeFile
-        ``problem`` and ``run``; its method `simulate` does what the file says.
+        ``problem`` and ``run``; its method `simulate` runs it.
 
     Raises
     ------
     InputError
-        For a file that cannot be read, and for anything in it that is wrong; the message names the file, the key, and
-        what is known instead. Elements are counted from 0.
+        For a file that cannot be read or is invalid; the message names the file, the key, and the known keys. Elements are
+        counted from 0.
 
     Examples
     --------
@@ -278,27 +277,27 @@ def read_scheme_file(path: str | Path) -> SchemeFile:
     """
     path = Path(path)
     with reading(path, REMEDY):
-        return _parse(_text(path), path.stem)
+        return _parse(_read_text(path), path.stem)
 
 
 @checked
 def write_scheme_file(problem: Problem, path: str | Path, run: Run | None = None) -> Path:
-    """Write a problem to a TOML file that `read_scheme_file` reads back as an equal problem: whole, or not at all.
+    """Write a problem to a TOML file that `read_scheme_file` reads back as an equal problem; the write is atomic.
 
     Parameters
     ----------
     problem : Problem
-        Any problem whose scheme is made of registered elements. Its facts and its closed form stay behind.
+        Any problem whose scheme consists of registered elements. Its facts and closed form are not written.
     path : str or Path
         A file ending in .toml.
     run : Run, optional
-        How it is to be run.
+        Run settings to write.
 
     Raises
     ------
     InputError
-        If the name has another ending, the folder cannot be written, or the problem holds what a file cannot: a Python
-        function, an element of your own.
+        For another ending, a folder that cannot be written, or a problem with a Python function or an element that is not
+        registered.
 
     Examples
     --------
@@ -316,10 +315,10 @@ def write_scheme_file(problem: Problem, path: str | Path, run: Run | None = None
         data = text.encode("utf-8")
         if _parse(text, path.stem) != SchemeFile(problem, run):
             raise InputError(
-                f"problem {problem.name!r} holds values that a file does not keep; make them plain numbers"
+                f"problem {problem.name!r} has values that a file cannot represent; replace them by plain numbers"
             )
     except UnicodeEncodeError:
-        raise InputError(f"cannot write {str(path)!r}: a name holds half a character; write it anew") from None
+        raise InputError(f"cannot write {str(path)!r}: a name contains half a character; rewrite it") from None
     except InputError as error:
         raise InputError(f"cannot write {str(path)!r}: {error}") from None
     with whole_file(path) as part:
@@ -330,18 +329,18 @@ def write_scheme_file(problem: Problem, path: str | Path, run: Run | None = None
 # --- reading -----------------------------------------------------------------------------------------------------------
 
 
-def _text(path: Path) -> str:
+def _read_text(path: Path) -> str:
     if path.exists() and not path.is_file():
-        raise InputError("it is no file; name one that holds a scheme")
+        raise InputError("it is not a file; name a scheme file")
     if (size := path.stat().st_size) > MAX_BYTES:
-        raise InputError(f"it has {size:,} bytes, and a scheme file at most {MAX_BYTES:,}; is it another file?")
+        raise InputError(f"it has {size:,} bytes, and a scheme file at most {MAX_BYTES:,}; check the name")
     data = path.read_bytes()
     try:
-        # Some editors begin a file with a byte order mark.
+        # Some editors write a byte order mark.
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise InputError(f"line {line}: it is no text in UTF-8; save it as such") from None
+        raise InputError(f"line {line}: it is not UTF-8 text; save it in UTF-8") from None
 
 
 def _parse(text: str, stem: str) -> SchemeFile:
@@ -352,43 +351,43 @@ def _parse(text: str, stem: str) -> SchemeFile:
         _check_size(data)
     except tomllib.TOMLDecodeError as error:
         raise InputError(
-            f"it is no TOML: {error}; check the quotes, the brackets, and that no key stands twice"
+            f"it is not TOML: {error}; check the quotes, the brackets, and that no key is repeated"
         ) from None
     except InputError:
         raise
     except ValueError:
         raise InputError("a whole number has too many digits; write it as 1e9") from None
     except RecursionError:
-        raise InputError("its brackets are nested too deeply; a scheme needs three of them") from None
-    way = _way(data)
-    run = _run(data["run"]) if "run" in data else Run()
+        raise InputError("its brackets are nested too deeply; a scheme needs three levels") from None
+    way = _statement_kind(data)
+    run = _read_run(data["run"]) if "run" in data else Run()
     if way == "problem":
-        name = _converted(data["problem"], str, "problem")
-        return registered(name, _numbers(data.get("parameters", {}), "parameters"), run)
+        name = _convert(data["problem"], str, "problem")
+        return registered_problem(name, _read_numbers(data.get("parameters", {}), "parameters"), run)
     scheme: Scheme | LinearComplementaritySystem
     if way == "elements":
-        scheme = _scheme(data["elements"], text)
+        scheme = _read_scheme(data["elements"], text)
         nodes = [node for element in scheme.elements for node in element.nodes if node != GROUND]
     else:
-        scheme = _built(LinearComplementaritySystem, _table(data["system"], "system"), "system", SYSTEM)
+        scheme = _build(LinearComplementaritySystem, _check_table(data["system"], "system"), "system", SYSTEM)
         nodes = list(scheme.states or ())
-    q0, v0 = _initial(_table(data.get("initial", {}), "initial"), list(dict.fromkeys(nodes)))
+    q0, v0 = _read_initial(_check_table(data.get("initial", {}), "initial"), list(dict.fromkeys(nodes)))
     problem = Problem(
-        _converted(data.get("name", stem), str, "name"),
+        _convert(data.get("name", stem), str, "name"),
         scheme,
         q0,
         v0,
         t_end=_check_time("t_end", data.get("t_end", 1.0)),
-        parameters=_numbers(data.get("built_from", {}), "built_from"),
-        source=_converted(data.get("source", "-"), str, "source"),
+        parameters=_read_numbers(data.get("built_from", {}), "built_from"),
+        source=_convert(data.get("source", "-"), str, "source"),
     )
     return SchemeFile(problem, run)
 
 
 def _check_size(value: Any, depth: int = 0) -> None:
-    """Refuse what cannot be right, and cannot even be shown: endless nesting and strings, numbers beyond all floats."""
+    """Check the depth of nesting, the length of strings, and the range of integers."""
     if depth > MAX_DEPTH:
-        raise InputError("its tables are nested too deeply; a scheme needs three of them")
+        raise InputError("its tables are nested too deeply; a scheme needs three levels")
     if type(value) is int and not is_real(value):
         raise InputError("a whole number has too many digits; write it as 1e9")
     if isinstance(value, str) and len(value) > MAX_STRING_LENGTH:
@@ -401,12 +400,12 @@ def _check_size(value: Any, depth: int = 0) -> None:
         _check_size(each, depth + 1)
 
 
-def _way(data: Mapping[str, Any]) -> str:
-    """Return which of the three ways a file takes, refusing keys that are not known or have no meaning in it."""
+def _statement_kind(data: Mapping[str, Any]) -> str:
+    """Return the kind of statement of a file, a key of `KEYS`, after a check of its keys."""
     known = list(dict.fromkeys(key for keys in KEYS.values() for key in keys))
     for key in data:
         if key not in known:
-            place = _place_of(key)
+            place = _hint_for(key)
             hint = f"; {place}" if place else ""
             raise InputError(nearest(key, known, "key") + hint)
     ways = [way for way in KEYS if way in data]
@@ -415,65 +414,65 @@ def _way(data: Mapping[str, Any]) -> str:
         raise InputError(f"it must state a problem by [[elements]], [system] or problem = NAME, and it has {found}")
     for key in data:
         if key not in KEYS[ways[0]]:
-            where = {"parameters": "constants of a scheme stand in its elements", "t_end": "the end stands under [run]"}
-            raise InputError(f"{key} means nothing beside {ways[0]}: {where.get(key, 'leave it out')}")
+            where = {"parameters": "write the constants of a scheme in its elements", "t_end": "write it under [run]"}
+            raise InputError(f"{key} is not allowed with {ways[0]}: {where.get(key, 'leave it out')}")
     return ways[0]
 
 
-def _place_of(key: str) -> str:
-    """Say where a key belongs that stands at the top and should not."""
+def _hint_for(key: str) -> str:
+    """Return the correct place of a misplaced top-level key, "" if unknown."""
     if key in ("q", "v"):
-        return f"initial values stand as {key} under [initial.NODE]"
+        return f"write initial values as {key} under [initial.NODE]"
     if key in (each.name for each in fields(Run)):
-        return f"{key} stands under [run]"
+        return f"write {key} under [run]"
     return ""
 
 
-def _scheme(tables: Any, text: str) -> Scheme:
-    """Return the scheme of an array of tables; where each stands in the text is for the messages."""
+def _read_scheme(tables: Any, text: str) -> Scheme:
+    """Return the scheme of an array of tables; ``text`` gives the line numbers in messages."""
     if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables) or not tables:
         raise InputError("elements must be an array of tables: begin each element with [[elements]]")
     lines = [n for n, line in enumerate(text.split("\n"), 1) if ELEMENT_HEADER.match(line)]
     known = len(lines) == len(tables)
     places = [f"elements[{i}]" + (f" (line {lines[i]})" if known else "") for i in range(len(tables))]
-    return Scheme(*(_element(table, place) for table, place in zip(tables, places, strict=True)))
+    return Scheme(*(_read_element(table, place) for table, place in zip(tables, places, strict=True)))
 
 
-def _element(table: Mapping[str, Any], place: str) -> Element:
+def _read_element(table: Mapping[str, Any], place: str) -> Element:
     if "type" not in table:
         raise InputError(f"{place}: type is missing: give one of {', '.join(ELEMENTS)}")
-    with _at(place):
-        kind = ELEMENTS[_converted(table["type"], str, "type")]
-        return _built(kind, {key: value for key, value in table.items() if key != "type"}, kind.__name__)
+    with _locate_errors(place):
+        kind = ELEMENTS[_convert(table["type"], str, "type")]
+        return _build(kind, {key: value for key, value in table.items() if key != "type"}, kind.__name__)
 
 
-def _initial(tables: Mapping[str, Any], nodes: list[str]) -> tuple[dict[str, float], dict[str, float]]:
+def _read_initial(tables: Mapping[str, Any], nodes: list[str]) -> tuple[dict[str, float], dict[str, float]]:
     """Return q0 and v0."""
     found: dict[str, dict[str, float]] = {"q": {}, "v": {}}
     for node, table in tables.items():
         place = f"initial.{node}"
         inner = [f"{node}.{key}" for key in table] if isinstance(table, dict) else []
         if node not in nodes and (dotted := [name for name in inner if name in nodes]):
-            raise InputError(f'{place}: a node with a dot in its name stands in quotes, as in [initial."{dotted[0]}"]')
+            raise InputError(f'{place}: put a node with a dot in its name in quotes, as in [initial."{dotted[0]}"]')
         if node not in nodes:
             raise InputError(f"initial: {nearest(node, nodes, 'node')}")
-        for key, value in _table(table, place).items():
+        for key, value in _check_table(table, place).items():
             if key not in found:
                 raise InputError(f"{place}: {nearest(key, list(found), 'key')}")
-            found[key][node] = _number(value, f"{place}.{key}")
+            found[key][node] = _read_number(value, f"{place}.{key}")
     return found["q"], found["v"]
 
 
-def _run(value: Any) -> Run:
-    table, known = _table(value, "run"), [each.name for each in fields(Run)]
+def _read_run(value: Any) -> Run:
+    table, known = _check_table(value, "run"), [each.name for each in fields(Run)]
     for key in table:
         if key not in known:
-            raise InputError(f"{nearest(key, known, 'key of run')}; options of the method stand under [run.options]")
-    return _built(Run, table, "run")
+            raise InputError(f"{nearest(key, known, 'key of run')}; write options of the method under [run.options]")
+    return _build(Run, table, "run")
 
 
-def _built(kind: type[T], table: Mapping[str, Any], place: str, hints: Mapping[str, Any] | None = None) -> T:
-    """Return the object of a dataclass whose fields are the keys of a table."""
+def _build(kind: type[T], table: Mapping[str, Any], place: str, hints: Mapping[str, Any] | None = None) -> T:
+    """Return an instance of a dataclass from a table with its fields as keys."""
     known: dict[str, Field[Any]] = {each.name: each for each in fields(kind) if each.init}  # type: ignore[arg-type]
     hints = hints or get_type_hints(kind)
     for key in table:
@@ -482,67 +481,67 @@ def _built(kind: type[T], table: Mapping[str, Any], place: str, hints: Mapping[s
     for key, each in known.items():
         if key not in table and each.default is NO_DEFAULT and each.default_factory is NO_DEFAULT:
             raise InputError(f"{place}: {key} is missing: add it")
-    values = {key: _converted(value, hints[key], f"{place}.{key}") for key, value in table.items()}
-    with _at("" if issubclass(kind, Element) else place):
+    values = {key: _convert(value, hints[key], f"{place}.{key}") for key, value in table.items()}
+    with _locate_errors("" if issubclass(kind, Element) else place):
         return kind(**values)
 
 
-def _converted(value: Any, hint: Any, place: str) -> Any:
-    """Return a value of a file as a field with this type takes it."""
+def _convert(value: Any, hint: Any, place: str) -> Any:
+    """Return a value of a file converted to the type of a field."""
     kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-    held = {_holds(kind): kind for kind in kinds}
+    held = {_container(kind): kind for kind in kinds}
     if isinstance(value, list) and "array" in held:
         inner = get_args(held["array"])[0]
-        return tuple(_converted(each, inner, f"{place}[{i}]") for i, each in enumerate(value))
+        return tuple(_convert(each, inner, f"{place}[{i}]") for i, each in enumerate(value))
     if isinstance(value, dict) and "signal" in held:
-        return _signal(value, place)
+        return _read_signal(value, place)
     if isinstance(value, dict) and "table" in held:
         return value
-    # Whether a whole number is needed is for the element to say.
+    # The element itself checks for whole numbers.
     number = type(value) in (int, float) and not {int, float}.isdisjoint(kinds)
     if number or type(value) in kinds or (type(value) is str and "word" in held):
         return value
-    what = dict.fromkeys(word for word in map(_word, kinds) if word)
+    what = dict.fromkeys(word for word in map(_describe_type, kinds) if word)
     raise InputError(f"{place} = {_short(value)} must be {' or '.join(what)}")
 
 
-def _signal(table: Mapping[str, Any], place: str) -> Any:
+def _read_signal(table: Mapping[str, Any], place: str) -> Any:
     """Return the signal of a table; without a type it is a Harmonic."""
-    name = _converted(table.get("type", "Harmonic"), str, f"{place}.type")
+    name = _convert(table.get("type", "Harmonic"), str, f"{place}.type")
     if name not in SIGNALS:
         raise InputError(f"{place}: {nearest(name, list(SIGNALS), 'signal')}")
-    return _built(SIGNALS[name], {key: value for key, value in table.items() if key != "type"}, place)
+    return _build(SIGNALS[name], {key: value for key, value in table.items() if key != "type"}, place)
 
 
-def _holds(kind: Any) -> str:
-    """Return which of the values of TOML a type takes that are more than numbers and strings."""
+def _container(kind: Any) -> str:
+    """Return the TOML container that a type accepts: "array", "table", "word", "signal", or "" for none."""
     if kind is Signal:
         return "signal"
-    return HOLDS.get(get_origin(kind), "")
+    return CONTAINERS.get(get_origin(kind), "")
 
 
-def _word(kind: Any) -> str:
-    """Say what a type is in a file, where it can be in one."""
+def _describe_type(kind: Any) -> str:
+    """Return the description of a type for messages, "" if it cannot occur in a file."""
     if get_origin(kind) is Literal:
         return " or ".join(map(repr, get_args(kind)))
-    return WORDS.get(_holds(kind) or kind, "")
+    return WORDS.get(_container(kind) or kind, "")
 
 
-def _table(value: Any, place: str) -> dict[str, Any]:
+def _check_table(value: Any, place: str) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise InputError(f"{place} = {_short(value)} must be a table: write [{place}] and its keys below")
     return value
 
 
-def _number(value: Any, place: str) -> float:
-    if not is_real(_converted(value, float, place)):
+def _read_number(value: Any, place: str) -> float:
+    if not is_real(_convert(value, float, place)):
         raise InputError(f"{place} = {_short(value)} must be a finite number")
     number: float = value
     return number
 
 
-def _numbers(value: Any, place: str) -> dict[str, float]:
-    return {key: _number(each, f"{place}.{key}") for key, each in _table(value, place).items()}
+def _read_numbers(value: Any, place: str) -> dict[str, float]:
+    return {key: _read_number(each, f"{place}.{key}") for key, each in _check_table(value, place).items()}
 
 
 def _check_time(name: str, value: Any) -> float:
@@ -558,8 +557,8 @@ def _short(value: Any) -> str:
 
 
 @contextmanager
-def _at(place: str) -> Iterator[None]:
-    """Say at which place of the file an error is."""
+def _locate_errors(place: str) -> Iterator[None]:
+    """Prefix errors with their place in the file."""
     try:
         yield
     except InputError as error:
@@ -607,16 +606,16 @@ def _format(problem: Problem, run: Run) -> str:
 def _element_entries(element: Element) -> dict[str, Any]:
     kind = type(element).__name__
     if ELEMENTS.get(kind) is not type(element):
-        raise InputError(f"{element} is an element of your own, and a file can name only {', '.join(ELEMENTS)}")
+        raise InputError(f"{element} is not a registered element: a file can name only {', '.join(ELEMENTS)}")
     entries = {"type": kind, **_entries(element)}
     if element.reaction and entries["name"] == element.reaction:
-        # Which the scheme gives it again, since all others have names.
+        # The scheme assigns the same name again, since all others have names.
         del entries["name"]
     return entries
 
 
 def _entries(described: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass that were given."""
+    """Return the fields of a dataclass that differ from their defaults."""
     values = {each.name: (getattr(described, each.name), _default(each)) for each in fields(described) if each.init}
     return {name: value for name, (value, default) in values.items() if value is not default and value is not None}
 
@@ -633,7 +632,7 @@ def _table_of(entries: Mapping[str, Any], place: str) -> Any:
 
 
 def _item(value: Any, place: str) -> Any:
-    """Return a value as TOML holds it; a matrix takes a line a row."""
+    """Return a value as a TOML item; a matrix has one line per row."""
     if isinstance(value, (bool, str)):
         return value
     if (kind := type(value).__name__) in SIGNALS and type(value) is SIGNALS[kind]:
@@ -649,6 +648,6 @@ def _item(value: Any, place: str) -> Any:
         return int(value) if isinstance(value, Integral) else float(value)
     if callable(value):
         raise InputError(
-            f"{place} is a Python function, which a file cannot hold: give a number, {SIGNAL_NAMES}, or stay in Python"
+            f"{place} is a Python function, which a file cannot hold: give a number, {SIGNAL_NAMES}, or keep it in Python"
         )
-    raise InputError(f"{place} = {value!r} cannot stand in a file; give a number, a string or a signal")
+    raise InputError(f"{place} = {value!r} cannot be written to a file; give a number, a string or a signal")

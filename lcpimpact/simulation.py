@@ -43,7 +43,7 @@ MAX_ALTERNATIVES = 4
 """Maximum number of alternative methods listed in an error."""
 
 RUN_ARGUMENTS = ("dt", "t_end", "lcp_solver", "progress")
-"""Arguments of every function that runs one method, beside the options of the method."""
+"""Arguments of every function that runs one method, in addition to the options of the method."""
 
 
 def simulate(
@@ -93,7 +93,7 @@ def simulate(
     UnsupportedError
         If the method does not handle the problem; raised before the first step.
     FailureError
-        If the run fails and ``throw`` is set; its ``result`` is the trajectory up to there.
+        If the run fails and ``throw`` is set; its ``result`` is the trajectory up to the failure.
 
     Examples
     --------
@@ -155,7 +155,7 @@ def simulate(
 
 
 def _empty_record(integrator: Integrator, dynamics: Dynamics, grid: Grid) -> Record:
-    """Return the arrays of a run, refusing before they are allocated what does not fit in memory."""
+    """Allocate the arrays of a run, after a check that they fit in memory."""
     n, nc = len(dynamics.nodes), len(dynamics.contacts)
     size = 8.0 * (grid.steps + 1) * (1 + 2 * n + 1 + nc)  # t, q, v, and t and r of the reactions
     check_memory(MEMORY_FACTOR * size, f"{grid.steps:,} steps do", FEWER_STEPS)
@@ -197,7 +197,7 @@ def _run(integrator: Integrator, carry: Any, record: Record, grid: Grid, progres
 
 
 def _why_it_stopped(d: Dynamics, status: Status, t: float, grid: Grid, events: tuple[Event, ...]) -> tuple[Status, str]:
-    """Return the status of a run that stopped at t, and its reason: the signal that is not finite, or who accumulates."""
+    """Return the status of a run that stopped at t, and its reason: a non-finite signal, or accumulating contacts."""
     if given := _not_finite(d, t, grid):
         return Status.NON_FINITE, f"{Status.NON_FINITE.sentence} {given}"
     if status is Status.ACCUMULATION:
@@ -206,21 +206,21 @@ def _why_it_stopped(d: Dynamics, status: Status, t: float, grid: Grid, events: t
 
 
 def _violation_remedy(integrator: Integrator, dynamics: Dynamics) -> str:
-    """Return what to do about a run whose certificate fails, with methods of other families that handle the system."""
+    """Return the advice for a run with a failed certificate, with methods of other families that handle the system."""
     others = [name for name in _able(dynamics) if METHODS[name].family != integrator.family]
     named = f" such as {' or '.join(map(repr, others[:MAX_ALTERNATIVES]))}" if others else ""
     return f"{Status.VIOLATED.sentence.rstrip('.')}{named}."
 
 
 def _last_to_meet(d: Dynamics, events: tuple[Event, ...]) -> str:
-    """Return the contacts, and their nodes, whose impacts came within `ACCUMULATION_RTOL` of the last one."""
+    """Return the contacts, and their nodes, with impacts within `ACCUMULATION_RTOL` of the last one."""
     impacts = [event for event in events if event.kind == "impact"]
     last = {event.contact for event in impacts if event.t >= impacts[-1].t * (1.0 - ACCUMULATION_RTOL)}
     return ", ".join(f"{c.name} ({c.upper} and {c.lower})" for c in d.contacts if c.name in last)
 
 
 def _not_finite(d: Dynamics, reached: float, grid: Grid) -> str:
-    """Say which load or prescribed motion is not finite in the steps after a run that failed, or ""."""
+    """Return the load or prescribed motion that is not finite in the steps after a failed run, or ""."""
     for t in map(float, reached + grid.h * np.linspace(0.0, 2.0, 33)):
         if t > grid.t_end:
             break
@@ -236,7 +236,7 @@ def _not_finite(d: Dynamics, reached: float, grid: Grid) -> str:
 def make_integrator(
     method: str | Integrator, method_options: Mapping[str, Any], arguments: Sequence[str] = ()
 ) -> Integrator:
-    """Return the method of a name with its options, or the object that was given.
+    """Return the method of a name with its options, or a given integrator object.
 
     Parameters
     ----------

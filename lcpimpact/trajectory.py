@@ -16,7 +16,7 @@ from lcpimpact.arguments import checked, short
 from lcpimpact.arrays import Array
 from lcpimpact.certificate import Certificate, certify
 from lcpimpact.errors import InputError, Status, UnsupportedError
-from lcpimpact.files import cell_of, check_output, whole_file, whole_files
+from lcpimpact.files import check_output, escape_cell, whole_file, whole_files
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import ContinuousSolution, Event, Record, State, Stats
@@ -93,12 +93,12 @@ class Trajectory:
 
     @property
     def ended(self) -> bool:
-        """Whether the run reached its end, be it with a certificate that fails: then there is an error to be measured."""
+        """Whether the run reached its end, with or without a valid certificate, so that its error can be measured."""
         return self.status in (Status.SOLVED, Status.VIOLATED)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """What ``traj[name]`` can be asked for: coordinates, velocities (v_NAME), and forces of contacts and of springs."""
+        """Valid names in ``traj[name]``: coordinates, velocities (v_NAME), and forces of contacts and springs."""
         d = self.problem.dynamics
         return (*d.nodes, *(f"v_{node}" for node in d.nodes), *(each.name for each in d.forces))
 
@@ -113,8 +113,8 @@ class Trajectory:
         d, t, h = self.problem.dynamics, self.t_reaction, np.diff(self.t)
         if len(t) == len(self.t):
             return d.push(self.q, self.v)
-        share = ((t - self.t[:-1]) / h)[:, None]
-        q = (1.0 - share) * self.q[:-1] + share * self.q[1:]
+        weight = ((t - self.t[:-1]) / h)[:, None]
+        q = (1.0 - weight) * self.q[:-1] + weight * self.q[1:]
         return mean_forces(d.power_laws, d.approach(q), d.approach_rate(np.diff(self.q, axis=0) / h[:, None]), h)
 
     @property
@@ -237,7 +237,7 @@ class Trajectory:
 
     @checked
     def save(self, path: str | Path) -> Path:
-        """Write the run to a file whose ending tells the format: .csv, .npz, or .nc (with the extra ``xarray``).
+        """Write the run to a file whose ending gives the format: .csv, .npz, or .nc (with the extra ``xarray``).
 
         All hold the events too, each with contact, kind, time, impulse and both limits of q, v and r; a .csv has them in a
         second file, run.events.csv beside run.csv. Files appear whole or not at all, and older ones of the name are replaced
@@ -277,7 +277,7 @@ class Trajectory:
         axes: dict[str, Any] = {"t": self.t, "t_R": self.t_reaction, "event_side": list(SIDES)}
         axes["event_node"] = list(self.names[:n])
         places = {"q": "event_node", "v": "event_node"}
-        if forces:  # netCDF knows no axis of length 0 beside that of the events
+        if forces:  # netCDF has no axis of length 0 except that of the events
             axes["event_row"] = list(forces)
             places["reaction"] = "event_row"
         for name, place in places.items():
@@ -290,7 +290,7 @@ class Trajectory:
         return xarray.Dataset(series | forces | events, coords=axes, attrs=attributes)
 
     def _event_arrays(self) -> dict[str, Any]:
-        """Return what the events hold, one row for each of them (ne, ...)."""
+        """Return the fields of the events as arrays with one row per event (ne, ...)."""
         n, nc = len(self.problem.dynamics.nodes), len(self.problem.dynamics.contacts)
         arrays = {f"event_{name}": np.array([getattr(each, name) for each in self.events]) for name in EVENT_COLUMNS}
         for name in ("contact", "kind"):
@@ -309,19 +309,20 @@ class Trajectory:
         empty = [""] * (1 + self.forces.shape[1])
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow(map(cell_of, header))
+            writer.writerow(map(escape_cell, header))
             writer.writerows(a + b for a, b in zip_longest(motion, forces, fillvalue=empty))
 
     def _write_events(self, path: Path) -> None:
         with path.open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(
-                map(cell_of, [*EVENT_COLUMNS, *(f"{name}_{side}" for side in SIDES for name in self.names)])
+                map(escape_cell, [*EVENT_COLUMNS, *(f"{name}_{side}" for side in SIDES for name in self.names)])
             )
             for event in self.events:
                 limits = [getattr(event, side) for side in SIDES]
                 numbers = [np.concatenate([each.q, each.v, each.reaction]).tolist() for each in limits]
-                writer.writerow([event.t, cell_of(event.contact), event.kind, event.impulse, *numbers[0], *numbers[1]])
+                row = [event.t, escape_cell(event.contact), event.kind, event.impulse]
+                writer.writerow([*row, *numbers[0], *numbers[1]])
 
     def _write_npz(self, path: Path) -> None:
         with path.open("wb") as file:
@@ -383,11 +384,11 @@ def events_beside(path: Path) -> Path:
 
 
 def _for_compiled(array: Array) -> Array:
-    """Return an array that is not to be written to as compiled functions take it, which do not write to it either."""
+    """Return a read-only array as writeable, for compiled functions, which do not write to it."""
     try:
         view = array.view()
         view.flags.writeable = True
-    except ValueError:  # where its owner gave it away like that
+    except ValueError:  # its owner has made it read-only
         return array.copy()
     return view
 

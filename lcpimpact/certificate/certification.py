@@ -1,4 +1,4 @@
-"""The certificate of a run: how far it is from the laws that it should obey, computed from what the run holds alone."""
+"""The certificate of a run: the largest violation of each law of the system, computed from the results of the run alone."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.continuous import judge_continuous
 from lcpimpact.certificate.grid import judge_grid
-from lcpimpact.certificate.scales import Found, Scales, worst
+from lcpimpact.certificate.scales import Judgement, Scales, largest_violation
 from lcpimpact.certificate.theta_steps import judge_theta_steps
 from lcpimpact.certificate.trapezoid import trapezoid_errors
 from lcpimpact.integrators.base import Integrator, Limits
@@ -18,10 +18,10 @@ from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 
 RESIDUAL_FACTOR = 1e3
-"""Violation of the laws, each in its own unit, that an LCP solved to a residual causes, in units of it."""
+"""Violation of a law, in its own unit, per unit of the residual to which the LCPs are solved."""
 
 SENTENCES = {
-    "complementarity": "force and gap, or friction and sliding, are complementary but for {:.3g} J",
+    "complementarity": "force and gap, or friction and sliding, violate complementarity by {:.3g} J",
     "penetration": "bodies penetrate by {:.3g} m",
     "energy_balance": "the energy is out of balance by {:.3g} J",
     "tension": "a reaction is outside its bounds by {:.3g} N",
@@ -29,8 +29,8 @@ SENTENCES = {
     "momentum": "the momentum is out of balance by {:.3g} N s",
     "equilibrium": "a massless node is out of balance by {:.3g} N",
     "kinematics": "coordinates and velocities differ by {:.3g} m",
-    "sampling": "what is recorded differs from the continuous solution by {:.3g} of its scale",
-    "motion": "a node is off its prescribed motion by {:.3g} m",
+    "sampling": "the record differs from the continuous solution by {:.3g} of its scale",
+    "motion": "a node deviates from its prescribed motion by {:.3g} m",
 }
 
 
@@ -41,39 +41,39 @@ class Certificate:
     Attributes
     ----------
     residual : float
-        Largest residual of the LCPs of the steps, in units where max |W| = max |q| = 1; zero where none is solved.
+        Largest residual of the LCPs of the steps, in units where max |W| = max |q| = 1; zero if none is solved.
     complementarity : float
-        Largest product in J: r u while a contact pushes, impulse times U⁺ + e U⁻ in an impact, and what the friction of a
-        slider should dissipate in a step more than it does, r0 |U| + r U.
+        Largest product in J: r u of a closed contact, impulse times U⁺ + e U⁻ in an impact, and r0 |U| + r U of a slider
+        over a step, by which its friction dissipates too little.
     penetration : float
         Largest -u in m.
     energy_balance : float
-        Largest imbalance in J of what is stored, flowed in and was dissipated since t = 0, the sum of the energy ledger
-        (`lcpimpact.energy_ledger`). With the θ-method it is what the method itself adds or takes, zero to rounding for
-        θ = 1/2 and linear springs; a method that corrects positions lifts bodies against their loads. NaN for a system that
-        is given directly, which has no energy to balance.
+        Largest imbalance in J of the stored, supplied and dissipated energies since t = 0, the sum of the energy ledger
+        (`lcpimpact.energy_ledger`). With the θ-method it is the numerical gain or dissipation, zero to rounding for θ = 1/2
+        and linear springs; a method that corrects positions does work against the loads. NaN for a system given by its
+        matrices, which has no energy.
     energy_scale : float
-        Largest size of the stored energy in the run in J, to compare with.
+        Largest stored energy of the run in J, for comparison.
     tension : float
-        By how much a reaction leaves its bounds in N: -r, -P/h for an impulse in a step, or |r| - r0 of a slider.
+        Largest violation of the bounds of a reaction in N: -r, -P/h for an impulse in a step, or |r| - r0 of a slider.
     impact_law : float
         Largest violation in m/s of P >= 0, U⁺ + e U⁻ >= 0, P (U⁺ + e U⁻) = 0: |U⁺ + e U⁻| where an impulse acts.
     momentum : float
         Largest |M v - M v(0) - ∫ (f + s - K q - C v + B r) dt - Σ B P| of a node with mass in N s.
     equilibrium : float
-        Largest |f + s - K q - C v + B r| in N of a node without mass; of the θ-method, the largest impulse that has gone
-        missing there, over the duration.
+        Largest |f + s - K q - C v + B r| in N of a massless node; for the θ-method, the largest imbalance of impulses there,
+        divided by the duration.
     kinematics : float
-        Largest |q - q(0) - ∫ v dt| in m of a node that has a velocity of its own.
+        Largest |q - q(0) - ∫ v dt| in m of a node whose velocity is an independent state.
     motion : float
-        Largest |q_i - y(t)| in m of a node whose motion is given.
+        Largest |q_i - y(t)| in m of a node with prescribed motion.
     sampling : float
-        Largest difference of what is recorded from the continuous solution, relative to the scale of each series.
+        Largest difference between the record and the continuous solution, relative to the scale of each series.
     length_scale, velocity_scale, force_scale, momentum_scale : float
-        Largest opening in m, its rate in m/s, the largest sum of forces at a node in N, and the largest momentum of a node
-        in N s, to compare with.
+        Largest gap in m and gap rate in m/s, largest sum of forces at a node in N, and largest momentum of a node in N s,
+        for comparison.
     limits : mapping of str to float
-        What the method allows of each, where it declares a limit; see `lcpimpact.integrators.base.Limits`.
+        Limit of each violation that the method declares; see `lcpimpact.integrators.base.Limits`.
     """
 
     residual: float
@@ -96,7 +96,7 @@ class Certificate:
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """Violations beyond their limits, the worst first, each as a sentence with value and limit."""
+        """Violations beyond their limits, as sentences with value and limit, in descending order of their ratio."""
         beyond = {
             name: float(getattr(self, name) / limit if limit > 0.0 else np.inf)
             for name, limit in self.limits.items()
@@ -121,23 +121,22 @@ def certify(
     events: Sequence[Event],
     integrator: Integrator | None,
 ) -> Certificate:
-    """Judge a run from what it holds.
+    """Judge a run from its results.
 
     Parameters
     ----------
     dynamics : Dynamics
-        The system whose laws are meant.
+        The system whose laws apply.
     start : pair of (n,) arrays
-        q and v with which its motion begins.
+        Initial q and v.
     record : Record
-        What was recorded. Reactions hold no impulses.
+        The recorded motion; its reactions do not include impulses.
     dense : ContinuousSolution or None
-        The solution as a function of time, where the method has one: then all is judged on it, by Gauss's rule.
+        The solution as a function of time, if the method has one; the laws are then judged on it by Gaussian quadrature.
     events : sequence of Event
-        What happened, with the impulses.
+        The events, with their impulses.
     integrator : Integrator or None
-        The method, which says what it allows, and θ where the forces of its steps balance at t + θ h; without one nothing
-        is beyond a limit.
+        The method, which declares the limits, and θ if the forces of its steps balance at t + θ h; None for no limits.
     """
     d = dynamics
     limits = Limits() if integrator is None else integrator.limits()
@@ -177,8 +176,8 @@ def certify(
     )
 
 
-def _nothing(d: Dynamics, record: Record) -> tuple[Found, Scales, tuple[float, float]]:
-    """Judge a run that ended before its first step."""
+def _nothing(d: Dynamics, record: Record) -> tuple[Judgement, Scales, tuple[float, float]]:
+    """Return the certificate's values of a run that ended before its first step."""
     q, v, r = record.q, record.v, np.zeros((1, len(d.contacts)))
     energy = float(np.abs(d.energy(q, v)).max(initial=0.0))
     laws = ("complementarity", "penetration", "energy_balance")
@@ -186,11 +185,11 @@ def _nothing(d: Dynamics, record: Record) -> tuple[Found, Scales, tuple[float, f
 
 
 def _motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:
-    """Return how far driven nodes are from their motion."""
+    """Return the largest deviation of the nodes with prescribed motion from it, and its limit."""
     if not d.motions:
         return 0.0, 0.0
     y, _ = d.motion(record.t)
     h, v = np.diff(record.t), np.ascontiguousarray(record.v[:, d.driven])
     off = np.abs(record.q[:, d.driven] - y).max(axis=0)
     between = trapezoid_errors(h, v, limits.order).max(axis=0, initial=0.0)
-    return worst(off, limits.precision * np.abs(y).max(axis=0) + between)
+    return largest_violation(off, limits.precision * np.abs(y).max(axis=0) + between)

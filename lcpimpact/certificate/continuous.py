@@ -1,4 +1,4 @@
-"""A continuous solution, judged between its events by Gauss's rule."""
+"""Certificate of a continuous solution, by Gaussian quadrature between its events."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ from lcpimpact.certificate.energy import Account, Sinks
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses
 from lcpimpact.certificate.laws import (
     accelerations,
-    beyond_bounds,
+    bound_violation,
     forces_on_nodes,
-    missing_friction,
-    missing_switch,
+    friction_residual,
     node_kinds,
+    switch_residual,
 )
 from lcpimpact.certificate.quadrature import Pieces, running_sum
-from lcpimpact.certificate.scales import Found, Scales, worst
+from lcpimpact.certificate.scales import Judgement, Scales, largest_violation
 from lcpimpact.certificate.theta_balance import DAMPED, FREE
 from lcpimpact.integrators.base import Limits
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 
-EPS = 64.0 * float(np.finfo(float).eps)
-"""Rounding of sums over a run, relative to the largest of their terms."""
+SUM_RTOL = 64.0 * float(np.finfo(float).eps)
+"""Rounding of sums over a run, relative to the largest term."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampledMotion:
-    """A continuous solution at the nodes of Gauss's rule and on both sides of its cuts.
+    """A continuous solution at the Gauss nodes and on both sides of its cuts.
 
     Attributes
     ----------
     pieces : Pieces
-    resolved : (nk - 1,) array of bool      where the rule can integrate the solution
-    t, q, v, r : (nt, ...) arrays           at the nodes of the rule
+    resolved : (nk - 1,) array of bool      pieces on which the quadrature resolves the solution
+    t, q, v, r : (nt, ...) arrays           at the Gauss nodes
     f, g : (nt, n) arrays                   the loads, and the sum of the forces on each node
     right, left : tuples                    q, v, r after each cut (nk, ...), and q, v before it
     before : tuple                          q and r before each event
@@ -68,7 +68,7 @@ class SampledMotion:
         dense: ContinuousSolution,
         events: Sequence[Event],
     ) -> SampledMotion:
-        """Return the samples up to the end of a run, whose motion begins with q and v of ``start``."""
+        """Return the samples up to the end of a run; ``start`` holds the initial q and v."""
         inside = dense.cuts[dense.cuts <= end]
         pieces = Pieces(np.unique(np.concatenate([inside, [event.t for event in events if event.t <= end], [end]])))
         t, cuts = pieces.times, pieces.cuts
@@ -91,7 +91,7 @@ class SampledMotion:
         )  # fmt: skip
 
     def at_cuts(self, values: Array) -> Array:
-        """Return the sums of values of the impacts (ni, ...) at each cut (nk, ...)."""
+        """Return the sum over the impacts at each cut of given values (ni, ...) as an array (nk, ...)."""
         sums = np.zeros((len(self.pieces.cuts), *values.shape[1:]))
         np.add.at(sums, self.at, values)
         return sums
@@ -99,7 +99,7 @@ class SampledMotion:
     def imbalance(self, right: Array, left: Array, jumps: Array, rate: Array) -> Array:
         """Return right - left(0) - Σ jumps - ∫ rate dt on both sides of each cut (2 nk, ...).
 
-        What the rule cannot integrate is left out.
+        Pieces that the quadrature does not resolve are omitted.
         """
         between = (left[1:] - right[:-1]) - self.pieces.each(rate)
         resolved = self.resolved.reshape(-1, *[1] * (between.ndim - 1))
@@ -113,20 +113,20 @@ def judge_continuous(
     dense: ContinuousSolution,
     events: Sequence[Event],
     limits: Limits,
-) -> tuple[Found, Scales, tuple[float, float]]:
-    """Judge a solution that is known at all times, piece by piece between its cuts and its events."""
+) -> tuple[Judgement, Scales, tuple[float, float]]:
+    """Judge a continuous solution, piece by piece between its cuts and events."""
     run = SampledMotion.of(d, start, float(record.t[-1]), dense, events)
     q, v, r = (np.concatenate(each) for each in zip((run.q, run.v, run.r), run.right, strict=True))
     h = np.where(run.resolved, np.diff(run.pieces.cuts), 0.0)
     scales = Scales.of(d, q, np.concatenate([v, run.left[1]]), r, run.f).at_least(d, float(h.max(initial=0.0)))
-    elapsed = EPS * np.cumsum(np.append(0.0, h))
+    elapsed = SUM_RTOL * np.cumsum(np.append(0.0, h))
     error_p, error_q = (limits.slack * run.pieces.error(each, limits.order) for each in (run.g, run.v))
     energy, allowed_E, scale = _energy_balance(d, run, scales, limits, elapsed)
     allowed_E += error_p @ scales.v + error_q @ scales.forces(d)
     found = {
         **_judge_nodes(d, run, scales, limits, elapsed, (error_p, error_q)),
         **_judge_contacts(d, run, scales, limits, largest_impulses(d, events), np.abs(d.H) @ error_q[-1]),
-        "energy_balance": worst(np.abs(energy), np.repeat(allowed_E, 2)),
+        "energy_balance": largest_violation(np.abs(energy), np.repeat(allowed_E, 2)),
         "sampling": _sampling(record, dense, scales, limits.precision),
     }
     return found, scales, (float(np.abs(energy).max()), scale)
@@ -135,23 +135,23 @@ def judge_continuous(
 def _energy_balance(
     d: Dynamics, run: SampledMotion, scales: Scales, limits: Limits, elapsed: Array
 ) -> tuple[Array, Array, float]:
-    """Return the imbalance of energy on both sides of each cut, what is allowed at each, and the scale of the energy."""
+    """Return the energy imbalance on both sides of each cut, its limit at each, and the scale of the energy."""
     account = Account(d, Sinks.all_as_one(d))
     right, left = (account.stored(*each[:2], run.left[0][0]) for each in (run.right, run.left))
     flows, power = account.of_impacts(run.impacts), account.balance(account.powers(run.t, run.q, run.v, run.r))
     energy = run.imbalance(right.sum(axis=1), left.sum(axis=1), run.at_cuts(account.balance(flows)), power)
-    # What jumps at the very start is judged by the momentum: nodes that springs hold go to their balance.
+    # An initial jump is judged by the momentum: massless nodes between springs jump to equilibrium.
     energy = np.append(0.0, energy[1:] - energy[1])
     scale = float(max(np.abs(each[:, :2].sum(axis=1)).max() for each in (right, left)))
-    # Energies of large terms that cancel are rounding of these.
-    terms = EPS * float(scales.forces(d) @ scales.q + scales.momenta(d) @ scales.v)
+    # An energy of large terms that cancel has their rounding error.
+    terms = SUM_RTOL * float(scales.forces(d) @ scales.q + scales.momenta(d) @ scales.v)
     allowed = limits.precision * scale + terms + elapsed * np.abs(power).max()
     return energy, allowed + limits.slack * run.pieces.error(power[:, None], limits.order)[:, 0], scale
 
 
 def _judge_nodes(
     d: Dynamics, run: SampledMotion, scales: Scales, limits: Limits, elapsed: Array, errors: tuple[Array, Array]
-) -> Found:
+) -> Judgement:
     """Judge momentum, kinematics, and the balance of massless nodes."""
     ε, kind, forces = limits.precision, node_kinds(d), scales.forces(d)
     (q, v, _), (q_left, v_left) = run.right, run.left
@@ -161,26 +161,26 @@ def _judge_nodes(
     allowed_q = np.repeat(ε * scales.q + elapsed[:, None] * scales.v + errors[1], 2, axis=0)
     free, moves, massless = ~d.driven, (kind >= DAMPED) & ~d.jumping, np.isin(kind, (DAMPED, FREE))
     return {
-        "momentum": worst(np.abs(momentum[:, free]), allowed_p[:, free]),
-        "equilibrium": worst(np.abs(run.g[:, massless]).max(axis=0), ε * forces[massless]),
-        "kinematics": worst(np.abs(way[:, moves]), allowed_q[:, moves]),
+        "momentum": largest_violation(np.abs(momentum[:, free]), allowed_p[:, free]),
+        "equilibrium": largest_violation(np.abs(run.g[:, massless]).max(axis=0), ε * forces[massless]),
+        "kinematics": largest_violation(np.abs(way[:, moves]), allowed_q[:, moves]),
     }
 
 
 def _judge_contacts(
-    d: Dynamics, run: SampledMotion, scales: Scales, limits: Limits, largest: Array, opened: Array
-) -> Found:
-    """Judge complementarity, penetration, bounds and the law of impact; ``opened`` is the error of gaps in m (nc,)."""
+    d: Dynamics, run: SampledMotion, scales: Scales, limits: Limits, largest: Array, gap_error: Array
+) -> Judgement:
+    """Judge complementarity, penetration, bounds and the impact law; ``gap_error`` is the error of gaps in m (nc,)."""
     ε, end = limits.precision, float(run.pieces.cuts[-1])
     q_right, _, r_right = run.right
     u, u_right, U = d.gap(run.q) + run.r @ d.D.T, d.gap(q_right) + r_right @ d.D.T, d.gap_rate(run.v)
     product = np.maximum(np.abs(run.r * u).max(axis=0), np.abs(r_right * u_right).max(axis=0))
-    switch = np.maximum(missing_switch(d, run.r, u).max(axis=0), missing_switch(d, r_right, u_right).max(axis=0))
+    switch = np.maximum(switch_residual(d, run.r, u).max(axis=0), switch_residual(d, r_right, u_right).max(axis=0))
     if d.relays.any() and len(run.before[0]):
         q_before, r_before = run.before
         u_before = d.gap(q_before) + r_before @ d.D.T
-        switch = np.maximum(switch, missing_switch(d, r_before, u_before).max(axis=0))
-    friction = np.abs(run.pieces.each(missing_friction(d, run.r, U))).max(axis=0)
+        switch = np.maximum(switch, switch_residual(d, r_before, u_before).max(axis=0))
+    friction = np.abs(run.pieces.each(friction_residual(d, run.r, U))).max(axis=0)
     # What touches but for rounding may be one of the next instant.
     violation, by_impacts = judge_impacts(d, run.impacts, -ε * scales.u, limits.rest * end)
     slow = ε * scales.U + limits.rest * end * accelerations(d, run.g)
@@ -188,37 +188,39 @@ def _judge_contacts(
         slow[path] = np.maximum(slow[path], slow[path].sum())
     one_sided, bounds = d.unilateral, d.friction_bounds(scales.r)
     largest = np.maximum(largest, d.friction_bounds(largest) * d.frictional)
-    reach = ε * scales.u + opened
+    reach = ε * scales.u + gap_error
     penetration = np.maximum(0.0, -np.minimum(u.min(axis=0), u_right.min(axis=0)))
     penetration = np.where(d.joints, np.maximum(np.abs(u).max(axis=0), np.abs(u_right).max(axis=0)), penetration)
-    beyond = np.maximum(beyond_bounds(d, run.r).max(axis=0), beyond_bounds(d, r_right).max(axis=0))
+    beyond = np.maximum(bound_violation(d, run.r).max(axis=0), bound_violation(d, r_right).max(axis=0))
     return {
-        "complementarity": worst(
+        "complementarity": largest_violation(
             np.maximum(
                 np.where(d.relays, switch, np.where(one_sided, product, np.where(d.rubs, friction, 0.0))), by_impacts
             ),
             np.where(d.relays, d.r_max - d.r_min, scales.r) * reach
             + largest * slow
-            + bounds * (opened + ε * end * scales.U),
+            + bounds * (gap_error + ε * end * scales.U),
         ),
-        "penetration": worst(penetration * (one_sided | d.joints), reach),
-        "tension": worst(beyond, ε * (scales.r + bounds * d.frictional)),
-        "impact_law": worst(violation, slow),
+        "penetration": largest_violation(penetration * (one_sided | d.joints), reach),
+        "tension": largest_violation(beyond, ε * (scales.r + bounds * d.frictional)),
+        "impact_law": largest_violation(violation, slow),
     }
 
 
 def _sampling(record: Record, dense: ContinuousSolution, scales: Scales, ε: float) -> tuple[float, float]:
-    """Return by how much the record differs from the continuous solution, in units of each scale; either limit will do."""
-    ours = (record.q, record.v, record.reaction)
-    size = (scales.q, scales.v, scales.r)
-    off = np.array([_relative(a, b, s) for a, b, s in zip(ours, dense.read(record.t, "right"), size, strict=True)])
-    worst_of_all = off.max(axis=0)
-    if (worst_of_all > ε).any():
-        off = np.array([_relative(a, b, s) for a, b, s in zip(ours, dense.read(record.t, "left"), size, strict=True)])
-        worst_of_all = np.minimum(worst_of_all, off.max(axis=0))
-    return float(worst_of_all.max()), ε
+    """Return the largest difference of the record from either limit of the continuous solution, relative to each scale."""
+    ours, sizes = (record.q, record.v, record.reaction), (scales.q, scales.v, scales.r)
+
+    def differences(side: str) -> Array:
+        read = dense.read(record.t, side)
+        return np.asarray(np.max([_relative_difference(*each) for each in zip(ours, read, sizes, strict=True)], axis=0))
+
+    largest = differences("right")
+    if (largest > ε).any():
+        largest = np.minimum(largest, differences("left"))
+    return float(largest.max()), ε
 
 
-def _relative(a: Array, b: Array, size: Array) -> Array:
-    """Return the largest |a - b| of each instant, in units of the size of each column (nt,)."""
+def _relative_difference(a: Array, b: Array, size: Array) -> Array:
+    """Return the largest |a - b| at each instant, relative to the size of each column (nt,)."""
     return np.asarray((np.abs(a - b) / np.where(size > 0.0, size, 1.0)).max(axis=1, initial=0.0))

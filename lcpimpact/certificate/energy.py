@@ -1,4 +1,4 @@
-r"""The account of the energy of a run: what flows in, and what each element dissipates.
+r"""Energy account of a run: the supplied energy, and the dissipation of each element.
 
 .. math::
 
@@ -8,8 +8,8 @@ with T the kinetic energy, V that of the springs, f_0 the constant loads, and P_
 contact or lossy spring dissipates. In an impact a contact dissipates -Λ (U⁻ + U⁺)/2, with its impulse Λ and the limits of
 its opening rate.
 
-Flows are rows (2 + m,): the work of the loads that vary, that of the forces behind prescribed motions, and what each of m
-sinks dissipates. In the ledger each element is a sink; in the certificate all are one.
+Flows are rows (2 + m,): the work of time-dependent loads, that of the forces that drive prescribed motions, and the
+dissipation of each of m sinks. In the ledger each element is a sink; in the certificate there is one sink for all.
 
 Source: Acary and Brogliato, *Numerical Methods for Nonsmooth Dynamical Systems* (2008), section 10.1.
 """
@@ -40,15 +40,15 @@ INFLOWS = ("loads", "motions")
 
 @dataclass(frozen=True, eq=False)
 class Sinks:
-    """What dissipates the energy of a scheme.
+    """The dissipating elements of a scheme.
 
     Attributes
     ----------
     names : tuple of m str
     dashpots : tuple of pairs
-        Nodes and damping matrix of the dashpots of the first sinks.
+        Nodes and damping matrix of each of the first sinks, which are dashpots.
     springs, contacts : (ns, m), (nc, m) arrays
-        1 where a sink holds the loss of a non-linear spring, or of a contact or slider; else 0.
+        1 if a sink includes the loss of a non-linear spring, or of a contact or slider; else 0.
     """
 
     names: tuple[str, ...]
@@ -58,7 +58,7 @@ class Sinks:
 
     @classmethod
     def all_as_one(cls, d: Dynamics) -> Sinks:
-        """Return one sink for all that dissipates."""
+        """Return one sink for all dissipating elements."""
         every = list(range(len(d.nodes)))
         dashpots = ((every, d.C),) if d.C.any() else ()
         return cls(("dissipated",), dashpots, np.ones((len(d.springs), 1)), np.ones((len(d.contacts), 1)))
@@ -89,7 +89,7 @@ class Sinks:
 
 
 def _elementary_parts(element: Element) -> Iterator[Element]:
-    """Yield the elementary parts of an element, however deep they lie."""
+    """Yield the elementary parts of an element, recursively."""
     parts = element.parts()
     if len(parts) == 1 and parts[0] is element:
         yield element
@@ -99,7 +99,7 @@ def _elementary_parts(element: Element) -> Iterator[Element]:
 
 
 def _numbered(names: Sequence[str]) -> Iterator[str]:
-    """Yield the names, with a number after one that comes again."""
+    """Yield the names, with a number after repeated ones."""
     seen = Counter[str]()
     for name in names:
         seen[name] += 1
@@ -108,14 +108,14 @@ def _numbered(names: Sequence[str]) -> Iterator[str]:
 
 @dataclass(frozen=True, eq=False)
 class Account:
-    """The flows of energy of a system into and out of what it stores, and their three quadratures."""
+    """The flows of energy into and out of a system, and their three quadratures."""
 
     d: Dynamics
     sinks: Sinks
 
     @cached_property
     def steady_loads(self) -> Array:
-        """The loads that do not depend on time, f_0 (n,)."""
+        """The constant loads f_0 (n,)."""
         f0 = np.zeros(len(self.d.nodes))
         for i, load in self.d.loads:
             if not callable(load):
@@ -132,16 +132,16 @@ class Account:
         return self._without_contacts(self.d.force(t), q, v, self.d.push(q, v)) + self.of_contacts(v, r)
 
     def balance(self, flows: Array) -> Array:
-        """Return what flows (..., 2 + m) add to the stored energy (...)."""
+        """Return the change of the stored energy (...) by flows (..., 2 + m)."""
         signs = np.repeat([1.0, -1.0], [len(INFLOWS), len(self.sinks.names)])
         return np.asarray(flows @ signs)
 
     def imbalance(self, stored: Array, first: Array, net: Array) -> Array:
-        """Return stored energies (nt, 3) less the first (3,) and the net inflow since (nt,), in J (nt,)."""
+        """Return the imbalance in J (nt,) of stored energies (nt, 3), their initial values (3,) and the net inflow (nt,)."""
         return np.asarray((stored - first) @ np.ones(len(STORED)) - net)
 
     def of_contacts(self, v: Array, r: Array) -> Array:
-        """Return the flows by reactions: in W of forces in N, in J of impulses in N s (nt, 2 + m)."""
+        """Return the flows due to reactions: in W for forces in N, in J for impulses in N s (nt, 2 + m)."""
         d, flows = self.d, np.zeros((len(v), len(INFLOWS) + len(self.sinks.names)))
         if d.motions:
             flows[:, 1] = -((r @ d.B.T) * v)[:, d.driven].sum(axis=1)
@@ -149,11 +149,11 @@ class Account:
         return flows
 
     def of_impacts(self, impacts: RunImpacts) -> Array:
-        """Return the flows in J of impacts, at the mean of the velocities before and after (ni, 2 + m)."""
+        """Return the flows in J due to impacts, with the mean of the velocities before and after (ni, 2 + m)."""
         return self.of_contacts(0.5 * (impacts.before + impacts.after), impacts.P)
 
     def _without_contacts(self, f: Array, q: Array, v: Array, s: Array) -> Array:
-        """Return the flows in W by loads f, prescribed motions, dashpots, and non-linear springs that push by s."""
+        """Return the flows in W due to loads f, prescribed motions, dashpots, and non-linear springs with forces s."""
         d, flows = self.d, np.zeros((len(v), len(INFLOWS) + len(self.sinks.names)))
         if not d.constant_loads:
             flows[:, 0] = np.einsum("ki,ki->k", f - self.steady_loads, v)
@@ -180,8 +180,8 @@ class Account:
     def by_trapezoidal_rule(self, record: Record, events: Sequence[Event], impact_steps: int = 1) -> Array:
         """Return the flows of each step in J, by the powers at its ends (steps, 2 + m).
 
-        Reactions and impulses that belong to steps act at the mean of the velocities at their ends, others at the limits
-        of their event. There loads work along q⁺ - q, which has no jumps.
+        Reactions and impulses of steps act at the mean of the velocities at the ends of the step, other impulses at the
+        limits of their event. In the latter case loads do work along q⁺ - q, which has no jumps.
         """
         d, t, q, v, r = self.d, record.t, record.q, record.v, record.reaction
         h, mean, in_steps, f = np.diff(t)[:, None], 0.5 * (v[1:] + v[:-1]), len(r) < len(t), d.force(t)

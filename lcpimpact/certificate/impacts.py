@@ -1,4 +1,4 @@
-"""The law of impact, judged from the limits before and after each impact and its impulses."""
+"""Violation of the impact law, from the limits before and after each impact and its impulses."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def largest_impulses(d: Dynamics, events: Sequence[Event]) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class RunImpacts:
-    """The impacts of a run, one of each instant.
+    """The impacts of a run; simultaneous ones are merged.
 
     Attributes
     ----------
-    t : (ni,) array                 when
-    q, before, after : (ni, n)      the places, and the limits of the velocities
+    t : (ni,) array                 instants
+    q, before, after : (ni, n)      positions, and the left and right limits of the velocities
     P : (ni, nc)                    the impulses
     """
 
@@ -47,7 +47,7 @@ class RunImpacts:
 
     @classmethod
     def of(cls, d: Dynamics, events: Sequence[Event]) -> RunImpacts:
-        """Return those of events, where such as have their limits in common are one."""
+        """Return the impacts of a list of events; events with common limits are merged."""
         rows = rows_by_name(d)
         struck = [event for event in events if event.impulse != 0.0]
         limits = [(event.t, event.left.v.tobytes(), event.right.v.tobytes()) for event in struck]
@@ -64,18 +64,18 @@ class RunImpacts:
         return cls(t, q, before, after, P)
 
     def steps(self, t: Array) -> Indices:
-        """Return the step of the grid t in which each is; one on the grid is in the step before it."""
+        """Return the step of the grid t that contains each impact; an impact at a grid point belongs to the step before."""
         return np.clip(np.searchsorted(t, self.t) - 1, 0, len(t) - 2)
 
     def __getitem__(self, chosen: Any) -> RunImpacts:
-        """Return some of them."""
+        """Return a subset of the impacts."""
         return RunImpacts(self.t[chosen], self.q[chosen], self.before[chosen], self.after[chosen], self.P[chosen])
 
 
 def _impact_law(d: Dynamics, impacts: RunImpacts, touch: Array) -> Array:
-    """Return the violation of the law in m/s of each row in each impact (ni, nc); rows with u <= ``touch`` touch.
+    """Return the violation of the impact law in m/s of each row and impact (ni, nc); rows with u <= ``touch`` are closed.
 
-    The rates of nodes without mass after an impact are no states: they are what fits the law best.
+    The velocities of massless nodes after an impact are no states: those that fit the law best are used.
     """
     before, after, P, e = d.gap_rate(impacts.before), d.gap_rate(impacts.after), impacts.P, d.restitution
     struck, off = P != 0.0, after + e * before
@@ -102,7 +102,7 @@ def _impact_law(d: Dynamics, impacts: RunImpacts, touch: Array) -> Array:
 def judge_impacts(d: Dynamics, impacts: RunImpacts, touch: Array, shortest: float = 0.0) -> tuple[Array, Array]:
     """Return the largest violation of the impact law and product of each row (nc,).
 
-    A row that has flown for less than ``shortest`` may stay closed: so accumulating impacts are ended.
+    A row that was open for less than ``shortest`` may stay closed, which ends an accumulation of impacts.
     """
     violation, count = _impact_law(d, impacts, touch), np.arange(len(impacts.t))
     flown = np.full(violation.shape, np.inf)

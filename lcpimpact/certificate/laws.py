@@ -1,4 +1,4 @@
-"""What the laws of a system make of given states: forces on nodes, accelerations of gaps, friction, and bounds."""
+"""Forces on nodes, accelerations of gaps, and violations of friction and bounds, for given states of a system."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lcpimpact.scheme.dynamics import Dynamics
 
 
 def node_kinds(d: Dynamics) -> Indices:
-    """Return the kinds of the nodes: 1 with mass, 2 with a given motion, 0 with dashpots, -1 held by springs only (n,)."""
+    """Return the kinds of the nodes: 1 with mass, 2 with prescribed motion, 0 massless with dashpots, -1 without (n,)."""
     driven, massive = d.driven, d.massive
     loose: Flags = np.zeros(len(massive), dtype=np.bool_)
     if not (driven | massive).all():
@@ -19,7 +19,7 @@ def node_kinds(d: Dynamics) -> Indices:
 
 
 def accelerations(d: Dynamics, g: Array) -> Array:
-    """Return what the forces g on the nodes with mass may change U by, in m/s², of each row (nc,)."""
+    """Return bounds of the acceleration U' of each row in m/s² by the forces g on the nodes with mass (nc,)."""
     massive = d.massive
     M = d.M[np.ix_(massive, massive)]
     if np.count_nonzero(M) == len(M):
@@ -29,25 +29,25 @@ def accelerations(d: Dynamics, g: Array) -> Array:
     return np.asarray(np.abs(d.H[:, massive]) @ largest)
 
 
-def missing_friction(d: Dynamics, r: Array, U: Array) -> Array:
+def friction_residual(d: Dynamics, r: Array, U: Array) -> Array:
     """Return the power bound·|U| + r U in W that dry friction should take more than it does; zero for others (..., nc)."""
     return np.asarray(np.where(d.rubs, d.friction_bounds(r) * np.abs(U) + r * U, 0.0))
 
 
-def missing_switch(d: Dynamics, r: Array, u: Array) -> Array:
+def switch_residual(d: Dynamics, r: Array, u: Array) -> Array:
     """Return (r - r_min) u where u > 0 and (r_max - r) |u| where u < 0, of relays; zero for other rows (..., nc)."""
     room = np.where(d.relays, np.where(u > 0.0, r - d.r_min, d.r_max - r), 0.0)
     return np.asarray(np.abs(room) * np.where(d.relays, np.abs(u), 0.0))
 
 
-def beyond_bounds(d: Dynamics, r: Array) -> Array:
+def bound_violation(d: Dynamics, r: Array) -> Array:
     """Return by how much reactions leave their bounds in N (..., nc)."""
     beyond = np.maximum(np.maximum(d.r_min - r, r - d.r_max), 0.0)
     return np.where(d.frictional, np.maximum(np.abs(r) - d.friction_bounds(r), 0.0), beyond)
 
 
 def forces_on_nodes(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) -> tuple[Array, Array]:
-    """Return the loads f, and the forces f + s - K q - C v + B r on the nodes (nt, n); without r those that are smooth."""
+    """Return the loads f, and the forces f + s - K q - C v + B r on the nodes (nt, n); with r None, without reactions."""
     f = np.broadcast_to(d.force(0.0), q.shape) if d.constant_loads else d.force(t)
     g = f - q @ d.K.T - v @ d.C.T
     if d.springs:

@@ -1,4 +1,4 @@
-"""Integrals over the pieces of a continuous solution by Gauss's rule, and what the rule leaves out."""
+"""Gaussian quadrature over the pieces of a continuous solution, with an estimate of its error."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from lcpimpact.arrays import Array
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
 
 LEGENDRE = np.polynomial.legendre.legvander(GAUSS_NODES, 5) * GAUSS_WEIGHTS[:, None] * (np.arange(6) + 0.5)
-"""Matrix from values at Gauss's nodes to the coefficients of Legendre's polynomials."""
+"""Matrix from values at the Gauss nodes to Legendre coefficients."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """The pieces of a motion between cuts (nk,), and integrals over them by Gauss's rule."""
+    """The pieces of a motion between cuts (nk,), and integrals over them by Gaussian quadrature."""
 
     cuts: Array
 
     @property
     def times(self) -> Array:
-        """The nodes of the rule, in the order of time (nt,)."""
+        """The Gauss nodes in ascending order (nt,)."""
         half = 0.5 * np.diff(self.cuts)
         return np.asarray(((self.cuts[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES).ravel())
 
@@ -37,15 +37,15 @@ class Pieces:
         return np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(pieces, axis=0)])
 
     def unresolved(self, values: Array, degree: int) -> Array:
-        """Return h Σ |a_j|, j = ``degree`` ... 5, with Legendre's coefficients a_j on each piece (nk - 1, ...)."""
+        """Return h Σ |a_j|, j = ``degree`` ... 5, with the Legendre coefficients a_j on each piece (nk - 1, ...)."""
         inner = np.asarray(values).reshape(len(self.cuts) - 1, len(GAUSS_NODES), *values.shape[1:])
         a = np.abs(np.einsum("kg...,gj->kj...", inner, LEGENDRE[:, min(degree, 5) :])).sum(axis=1)
         return np.asarray(a * np.diff(self.cuts).reshape(-1, *[1] * (values.ndim - 1)))
 
     def error(self, values: Array, order: float) -> Array:
-        """Return what a rule of an order leaves out of the integral of values (nt, n) up to each cut (nk, n).
+        """Return the estimated error of the integral of values (nt, n) of a solution of given order up to each cut (nk, n).
 
-        It is estimated by the highest parts of the values on each piece, and zero for an exact solution.
+        The estimate uses the highest Legendre coefficients on each piece; it is zero for an exact solution.
         """
         if np.isinf(order):
             return np.zeros((len(self.cuts), values.shape[1]))
@@ -54,7 +54,7 @@ class Pieces:
 
 
 def running_sum(jumps: Array, between: Array) -> Array:
-    """Return the sum of jumps at cuts (nk, ...) and of what is between (nk - 1, ...), on both sides of each (2 nk, ...)."""
+    """Return the sums of jumps at cuts (nk, ...) and changes between them up to either side of each cut (2 nk, ...)."""
     ordered = np.zeros((2 * len(jumps), *jumps.shape[1:]))
     ordered[1::2], ordered[2::2] = jumps, between
     return np.cumsum(ordered, axis=0)

@@ -1,4 +1,4 @@
-"""The scales of a motion, and the violation with the largest ratio to its limit."""
+"""The scales of a motion, and the choice of the violation with the largest ratio to its limit."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from lcpimpact.arrays import Array
 from lcpimpact.scheme.dynamics import Dynamics
 
 SCALE_FLOOR = 1e-6
-"""Smallest scale of a motion, relative to the largest: at a precision of 1e-9 of it, it is rounding."""
+"""Smallest scale of a motion, relative to the largest: at a precision of 1e-9, differences below it are rounding."""
 
-Found: TypeAlias = dict[str, tuple[float, float]]
+Judgement: TypeAlias = dict[str, tuple[float, float]]
 """Violation of each law with the largest ratio to its limit, and that limit."""
 
 
@@ -30,12 +30,12 @@ class Scales:
 
     @classmethod
     def of(cls, d: Dynamics, q: Array, v: Array, r: Array, f: Array) -> Scales:
-        """Return those of arrays over time."""
+        """Return the scales of arrays over time."""
         return cls.of_largest(d, *(np.abs(each).max(axis=0, initial=0.0) for each in (q, v, r, f)))
 
     @classmethod
     def of_largest(cls, d: Dynamics, q: Array, v: Array, r: Array, f: Array) -> Scales:
-        """Return those of the largest |q|, |v|, |r| and |f|."""
+        """Return the scales for given largest |q|, |v|, |r| and |f|."""
         return cls(q, v, np.abs(d.H) @ q + np.abs(d.u0) + np.abs(d.D) @ r, np.abs(d.H) @ v, r, f)
 
     def at_least(self, d: Dynamics, h: float) -> Scales:
@@ -57,7 +57,7 @@ class Scales:
         return np.asarray(np.abs(d.M) @ self.v)
 
 
-def worst(values: Array, allowed: Array) -> tuple[float, float]:
+def largest_violation(values: Array, allowed: Array) -> tuple[float, float]:
     """Return the violation with the largest ratio to its limit, and that limit."""
     values, allowed = np.broadcast_arrays(np.asarray(values, dtype=np.float64), allowed)
     if values.size == 0:
@@ -67,6 +67,6 @@ def worst(values: Array, allowed: Array) -> tuple[float, float]:
     return float(values.ravel()[at]), float(allowed.ravel()[at])
 
 
-def worse(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
+def larger_violation(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
     """Return the violation with the larger ratio to its limit."""
-    return worst(*np.transpose([one, other]))
+    return largest_violation(*np.transpose([one, other]))

@@ -1,16 +1,17 @@
-r"""The laws of steps whose forces balance at t + θ h, summed over a run in one compiled loop.
+r"""Energy balance and laws of θ-steps, whose forces balance at t + θ h, summed over a run in one compiled loop.
 
 With w = (q⁺ - q)/h the work of a step is
 
 .. math:: h w \cdot (f_θ + H^T r - C w),
 
-which is what the θ-method balances with the energy that masses and springs store. On a node with prescribed motion the force
-that drives it balances the others, and leaves K q_θ - s.
+which the θ-method balances with the change of the energy stored in masses and springs. At a node with prescribed motion the
+driving force balances the others, and K q_θ - s remains.
 
-The rows in which D r counts are met at t + θ h, or at t + h in a step that is taken with θ = 1: the better counts. Where all
-contacts of an impulse path over massless nodes push, the law of impact is that of their sum: the product is the force that
-passes through all of them times Σ (U⁺ + ρ e U), with ρ of `lcpimpact.integrators.stepping.impulse_paths`. Where a contact of
-a path overlaps as others close, that counts as penetration alone.
+Rows with a feedthrough, in which D r is not zero, are satisfied at t + θ h, or at t + h in a step with θ = 1; the smaller
+violation counts. If all contacts of an impulse path over massless nodes are active, the impact law holds for their sum: the
+product is the force transmitted by all of them times Σ (U⁺ + ρ e U), with ρ of
+`lcpimpact.integrators.stepping.impulse_paths`. If a contact of a path penetrates when others close, only the penetration is
+counted.
 """
 
 from __future__ import annotations
@@ -31,14 +32,14 @@ MASSIVE, DRIVEN, DAMPED, FREE = 1, 2, 0, -1
 CONTACT, SLIDER, FRICTION, JOINT, RELAY = range(len(RowLaw))
 
 CHECK_INTERVAL = 16
-"""Number of steps between looks at the sums over a run: one that is wrong stays wrong."""
+"""Number of steps between checks of the sums over a run: an imbalance of them persists."""
 
 CLOSED_GAP_RTOL = 1e-12
 """Penetration, relative to the terms of the gap, below which a contact is closed."""
 
 
 class SparsityPattern(NamedTuple):
-    """Where a matrix is filled, by rows: the first place of each row (rows + 1,), and the column of each place."""
+    """Sparsity pattern in compressed rows: the first entry of each row (rows + 1,), and the column of each entry."""
 
     starts: Places
     columns: Places
@@ -60,12 +61,12 @@ class Contacts(NamedTuple):
     Attributes
     ----------
     pattern, H                          the constraint matrix by its pattern and values
-    B : (n, nc), D : (nc, nc) arrays    what reactions do to nodes, and to gaps
-    u0, e, r_min, r_max : (nc,) arrays  gaps at rest, restitution, bounds of the reactions
+    B : (n, nc), D : (nc, nc) arrays    directions of the reactions at the nodes, and compliance of the gaps
+    u0, e, r_min, r_max : (nc,) arrays  gaps at q = 0, restitution, bounds of the reactions
     degree : (nc,) array                relative degrees
     law : (nc,) array                   laws, by their position in `RowLaw`
     mu, normal : (nc,) arrays           coefficients of friction, and the rows of the normal forces
-    lines : (np, nc) array              impulse paths over massless nodes
+    paths : (np, nc) array              impulse paths over massless nodes
     """
 
     pattern: SparsityPattern
@@ -80,7 +81,7 @@ class Contacts(NamedTuple):
     law: Indices
     mu: Array
     normal: Indices
-    lines: Array
+    paths: Array
 
 
 class SpringLaws(NamedTuple):
@@ -91,7 +92,7 @@ class SpringLaws(NamedTuple):
 
 
 class Recorded(NamedTuple):
-    """What a run has recorded: t (nt,), q and v (nt, n), r (nt - 1, nc), and the loads f, (nt, n) or one row for all."""
+    """Recorded run: t (nt,), q and v (nt, n), r (nt - 1, nc), and the loads f (nt, n), or one row if constant."""
 
     t: Array
     q: Array
@@ -109,15 +110,16 @@ class Impulses(NamedTuple):
 
 
 class Violations(NamedTuple):
-    """What the loop finds.
+    """Largest violations of a run.
 
     Attributes
     ----------
     product, penetration, tension, law : (nc,)  complementarity in J, penetration in m, reactions beyond their bounds in N,
-                                                and violation of the law of impact in m/s
-    r, stroke : (nc,) arrays                    the largest |r| and |u⁺ - u|
-    momentum, equilibrium, kinematics : (n,)    lack of momentum in N s, of impulse at nodes without mass, of way in m
-    q, v : (n,) arrays                          about the largest |q| and |v|
+                                                and violation of the impact law in m/s
+    r, gap_change : (nc,) arrays                the largest |r| and |u⁺ - u|
+    momentum, equilibrium, kinematics : (n,)    imbalance of momentum in N s, of impulse at massless nodes in N s, and
+                                                difference between displacement and integrated velocity in m
+    q, v : (n,) arrays                          the largest |q| and |v|
     """
 
     product: Array
@@ -125,7 +127,7 @@ class Violations(NamedTuple):
     tension: Array
     law: Array
     r: Array
-    stroke: Array
+    gap_change: Array
     momentum: Array
     equilibrium: Array
     kinematics: Array
@@ -134,29 +136,30 @@ class Violations(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """What travels from step to step, and room.
+    """Sums carried from step to step, and work arrays.
 
     Attributes
     ----------
-    way, given : (n,) arrays        ∫ q_θ dt, and the impulses of loads and non-linear springs since the start
-    impulse : (nc,) array           ∫ r dt since the start
-    gap, rate : (nc,) arrays        u and U at the start of the step
-    w : (n,) array                  the mean velocity of the step
-    total : (nc,) array             the mean forces of the step, with impulses
-    met, on_line, direct : (nc,)    contacts of paths that push, contacts of any path, rows in which D r counts
-    of_step : (4, nc) array         in rows in which D r counts the product and the penetration, at t + θ h and at t + h
+    q_integral, load_impulse : (n,)     ∫ q_θ dt, and the impulses of loads and non-linear springs since the start
+    impulse : (nc,) array               ∫ r dt since the start
+    gap, rate : (nc,) arrays            u and U at the start of the step
+    w : (n,) array                      the mean velocity of the step
+    total : (nc,) array                 the mean forces of the step, including impulses
+    path_pushes, on_path : (nc,) flags  contacts of active impulse paths, and contacts of any impulse path
+    feedthrough : (nc,) flags           rows in which D is not zero
+    of_step : (4, nc) array             products at t + θ h and at t + h, and penetrations there, in rows with a feedthrough
     """
 
-    way: Array
-    given: Array
+    q_integral: Array
+    load_impulse: Array
     impulse: Array
     gap: Array
     rate: Array
     w: Array
     total: Array
-    met: Flags
-    on_line: Flags
-    direct: Flags
+    path_pushes: Flags
+    on_path: Flags
+    feedthrough: Flags
     of_step: Array
 
 
@@ -173,26 +176,26 @@ SUMS: Any = named_tuple((vector,) * 7 + (flags,) * 3 + (matrix,), Sums)
 
 
 def no_violations(nc: int, n: int) -> Violations:
-    """Return room for the violations of nc contacts and n nodes."""
+    """Return zero violations of nc contacts and n nodes."""
     return Violations(*np.zeros((6, nc)), *np.zeros((5, n)))
 
 
 def sums_for(contacts: Contacts, n: int) -> Sums:
     """Return the sums at the start of a run."""
     nc = len(contacts.u0)
-    w, way, given = np.zeros((3, n))
+    w, q_integral, load_impulse = np.zeros((3, n))
     impulse, gap, rate, total = np.zeros((4, nc))
-    on_line = np.asarray((contacts.lines != 0.0).any(axis=0))
-    direct = np.asarray((contacts.D != 0.0).any(axis=1) & ~(contacts.law == RELAY))
+    on_path = np.asarray((contacts.paths != 0.0).any(axis=0))
+    feedthrough = np.asarray((contacts.D != 0.0).any(axis=1) & ~(contacts.law == RELAY))
     return Sums(
-        way=way, given=given, impulse=impulse, gap=gap, rate=rate, w=w, total=total,
-        met=np.zeros(nc, bool), on_line=on_line, direct=direct, of_step=np.zeros((4, nc)),
+        q_integral=q_integral, load_impulse=load_impulse, impulse=impulse, gap=gap, rate=rate, w=w, total=total,
+        path_pushes=np.zeros(nc, bool), on_path=on_path, feedthrough=feedthrough, of_step=np.zeros((4, nc)),
     )  # fmt: skip
 
 
 @compiled(f8(SPARSITY, vector, i8, vector), inline="always", allocates=False)
 def row_of(pattern: SparsityPattern, values: Array, i: int, x: Array) -> float:
-    """Return row i of a sparse matrix times x."""
+    """Return the product of row i of a sparse matrix with x."""
     sum_ = 0.0
     for p in range(pattern.starts[i], pattern.starts[i + 1]):
         sum_ += values[p] * x[pattern.columns[p]]
@@ -209,8 +212,8 @@ def largest(values: Array) -> float:
 
 
 @compiled(f8(SPRING_LAWS, vector), inline="always", allocates=False)
-def energy_of_springs(springs: SpringLaws, q: Array) -> float:
-    """Return the energy that the non-linear springs store in J."""
+def spring_energies(springs: SpringLaws, q: Array) -> float:
+    """Return the energy stored in the non-linear springs in J."""
     stored = 0.0
     for a in range(len(springs.law)):
         δ = -springs.law[a, 0]
@@ -224,38 +227,38 @@ def energy_of_springs(springs: SpringLaws, q: Array) -> float:
 def judge_paths(contacts: Contacts, h: float, before: Array, after: Array, sums: Sums, product: Array) -> None:
     """Judge the impulse paths over massless nodes in a step, with v before and after it.
 
-    Where all contacts of a path push, the law of impact is that of their sum. Writes which contacts are on such paths.
+    If all contacts of a path are active, the impact law holds for their sum. Marks the contacts of such paths.
     """
-    nc, lines, force, meets = len(contacts.u0), contacts.lines, sums.total, sums.met
-    through, ρ, U, U_after = np.empty(len(lines)), np.zeros(nc), np.zeros(nc), np.zeros(nc)
+    nc, paths, force, path_pushes = len(contacts.u0), contacts.paths, sums.total, sums.path_pushes
+    through, ρ, U, U_after = np.empty(len(paths)), np.zeros(nc), np.zeros(nc), np.zeros(nc)
     for i in range(nc):
-        meets[i] = False
+        path_pushes[i] = False
         U[i] = row_of(contacts.pattern, contacts.H, i, before)
         U_after[i] = row_of(contacts.pattern, contacts.H, i, after)
-    for a in range(len(lines)):
+    for a in range(len(paths)):
         least, opening, approach = np.inf, 0.0, 0.0
         for i in range(nc):
-            if lines[a, i] > 0.0:
+            if paths[a, i] > 0.0:
                 least, opening, approach = min(least, force[i]), opening + U[i], approach + min(U[i], 0.0)
         through[a] = max(least, 0.0)
         for i in range(nc):
-            if lines[a, i] > 0.0 and least > 0.0:
-                meets[i] = True
+            if paths[a, i] > 0.0 and least > 0.0:
+                path_pushes[i] = True
                 if opening < 0.0:
                     ρ[i] = max(ρ[i], opening / approach)
-    for a in range(len(lines)):
-        off = 0.0
+    for a in range(len(paths)):
+        path_defect = 0.0
         for i in range(nc):
-            if lines[a, i] > 0.0:
-                off += U_after[i] + contacts.e[i] * ρ[i] * min(U[i], 0.0)
+            if paths[a, i] > 0.0:
+                path_defect += U_after[i] + contacts.e[i] * ρ[i] * min(U[i], 0.0)
         for i in range(nc):
-            if lines[a, i] > 0.0:
-                product[i] = max(product[i], h * through[a] * abs(off))
+            if paths[a, i] > 0.0:
+                product[i] = max(product[i], h * through[a] * abs(path_defect))
 
 
 @compiled(types.void(RECORDED, NODES, i8, f8, SUMS, VIOLATIONS), inline="always", allocates=False)
 def judge_kinematics(run: Recorded, nodes: Nodes, k: int, θ: float, sums: Sums, found: Violations) -> None:
-    """Judge whether q follows v in step k, write w, and add to the way and to what loads have given."""
+    """Judge the kinematics of step k, write w, and update ∫ q_θ dt and the impulses of the loads."""
     h = run.t[k + 1] - run.t[k]
     per_h = 1.0 / h
     for i in range(len(sums.w)):
@@ -268,28 +271,28 @@ def judge_kinematics(run: Recorded, nodes: Nodes, k: int, θ: float, sums: Sums,
         if nodes.kind[i] != FREE and h * abs(w - rate_θ) > found.kinematics[i]:
             found.kinematics[i] = h * abs(w - rate_θ)
         sums.w[i] = w
-        sums.way[i] += h * (run.q[k, i] + θ * h * rate_θ)
+        sums.q_integral[i] += h * (run.q[k, i] + θ * h * rate_θ)
         if len(run.f) > 1:
-            sums.given[i] += h * ((1.0 - θ) * run.f[k, i] + θ * run.f[k + 1, i])
+            sums.load_impulse[i] += h * ((1.0 - θ) * run.f[k, i] + θ * run.f[k + 1, i])
 
 
 @compiled(f8(CONTACTS, i8, f8, vector, f8, SUMS, VIOLATIONS), inline="always", allocates=False)
 def product_of_impact(contacts: Contacts, i: int, h: float, q: Array, U: float, sums: Sums, found: Violations) -> float:
-    """Judge the law of impact of a contact that has U after a step from q, and return its product in J."""
+    """Judge the impact law of a contact with rate U after a step from q, and return its product in J."""
     before = sums.rate[i]
-    left = U + contacts.e[i] * before
-    if sums.met[i]:
+    impact_defect = U + contacts.e[i] * before
+    if sums.path_pushes[i]:
         return 0.0
     ahead = sums.gap[i] + 0.5 * h * before
     if sums.total[i] > 0.0:
-        found.law[i] = max(found.law[i], abs(left))
-    elif ahead < 0.0 and left < 0.0:
+        found.law[i] = max(found.law[i], abs(impact_defect))
+    elif ahead < 0.0 and impact_defect < 0.0:
         terms = abs(contacts.u0[i])
         for p in range(contacts.pattern.starts[i], contacts.pattern.starts[i + 1]):
             terms += abs(contacts.H[p] * q[contacts.pattern.columns[p]])
         if ahead < -CLOSED_GAP_RTOL * terms:
-            found.law[i] = max(found.law[i], -left)
-    product: float = h * sums.total[i] * left
+            found.law[i] = max(found.law[i], -impact_defect)
+    product: float = h * sums.total[i] * impact_defect
     return product
 
 
@@ -304,14 +307,14 @@ def judge_contact(run: Recorded, contacts: Contacts, i: int, k: int, θ: float, 
         U += H * run.v[k + 1, column]
         W += H * sums.w[column]
     gap = u
-    found.stroke[i] = max(found.stroke[i], h * abs(W))
+    found.gap_change[i] = max(found.gap_change[i], h * abs(W))
     found.r[i] = max(found.r[i], abs(run.r[k, i]))
     if contacts.law[i] == FRICTION:
         r_max = contacts.mu[i] * max(sums.total[contacts.normal[i]], 0.0)
         found.tension[i] = max(found.tension[i], abs(force) - r_max)
     elif force < contacts.r_min[i] or force > r_max:
         found.tension[i] = max(found.tension[i], contacts.r_min[i] - force, force - r_max)
-    if sums.direct[i]:
+    if sums.feedthrough[i]:
         for j in range(len(sums.gap)):
             u += contacts.D[i, j] * run.r[k, j]
         u_θ = u - (1.0 - θ) * h * W
@@ -326,15 +329,15 @@ def judge_contact(run: Recorded, contacts: Contacts, i: int, k: int, θ: float, 
         product = 0.0
         found.penetration[i] = max(found.penetration[i], abs(u))
         found.law[i] = max(found.law[i], abs(U) if contacts.degree[i] == 2 else 0.0)
-    elif sums.direct[i]:
+    elif sums.feedthrough[i]:
         product = 0.0
     else:
         found.penetration[i] = max(found.penetration[i], -u)
         product = force * u
         if contacts.degree[i] == 2:
             product = product_of_impact(contacts, i, h, run.q[k], U, sums, found)
-        if sums.on_line[i]:
-            product = 0.0 if sums.met[i] else max(product, 0.0)
+        if sums.on_path[i]:
+            product = 0.0 if sums.path_pushes[i] else max(product, 0.0)
     found.product[i] = max(found.product[i], abs(product))
     sums.gap[i], sums.rate[i] = gap, U
     power: float = force * W
@@ -342,23 +345,23 @@ def judge_contact(run: Recorded, contacts: Contacts, i: int, k: int, θ: float, 
 
 
 @compiled(f8(RECORDED, i8, f8, f8, SUMS, VIOLATIONS), inline="always", allocates=False)
-def judge_direct(run: Recorded, k: int, θ: float, reach: float, sums: Sums, found: Violations) -> float:
-    """Judge the rows in which D r counts, at t + θ h or at t + h; return the largest penetration so far, of either."""
+def judge_feedthrough(run: Recorded, k: int, θ: float, reach: float, sums: Sums, found: Violations) -> float:
+    """Judge the rows with a feedthrough, at t + θ h or at t + h; return the largest penetration so far."""
     of_step, h, n = sums.of_step, run.t[k + 1] - run.t[k], len(sums.w)
     product_θ, product, open_θ, open_end = largest(of_step[0]), largest(of_step[1]), -np.inf, -np.inf
     for i in range(len(sums.gap)):
         open_θ, open_end = max(open_θ, of_step[2, i]), max(open_end, of_step[3, i])
     reach = max(reach, largest(of_step[3]))
     rounding = CLOSED_GAP_RTOL * reach * largest(found.r)
-    late = product_θ > max(rounding, product) or (
+    at_end = product_θ > max(rounding, product) or (
         product_θ <= rounding and open_θ > max(CLOSED_GAP_RTOL * reach, open_end)
     )
-    if late:
+    if at_end:
         for i in range(n):
-            sums.way[i] += h * (1.0 - θ) * h * sums.w[i]
+            sums.q_integral[i] += h * (1.0 - θ) * h * sums.w[i]
             if len(run.f) > 1:
-                sums.given[i] += h * (1.0 - θ) * (run.f[k + 1, i] - run.f[k, i])
-    level = 1 if late else 0
+                sums.load_impulse[i] += h * (1.0 - θ) * (run.f[k + 1, i] - run.f[k, i])
+    level = 1 if at_end else 0
     for i in range(len(sums.gap)):
         found.product[i] = max(found.product[i], of_step[level, i])
         found.penetration[i] = max(found.penetration[i], of_step[2 + level, i])
@@ -366,27 +369,27 @@ def judge_direct(run: Recorded, k: int, θ: float, reach: float, sums: Sums, fou
 
 
 @compiled(f8(RECORDED, NODES, SPRING_LAWS, i8, f8, SUMS), inline="always", allocates=False)
-def power_of_springs(run: Recorded, nodes: Nodes, springs: SpringLaws, k: int, θ: float, sums: Sums) -> float:
-    """Return the power that non-linear springs dissipate or take from driven nodes in step k; add to what they give."""
+def spring_power(run: Recorded, nodes: Nodes, springs: SpringLaws, k: int, θ: float, sums: Sums) -> float:
+    """Return the power that non-linear springs dissipate or extract at prescribed motions in step k; add their impulses."""
     h, n, power = run.t[k + 1] - run.t[k], len(sums.w), 0.0
     for a in range(len(springs.law)):
         K, exponent, b, c = springs.law[a, 1], springs.law[a, 2], springs.law[a, 3], springs.law[a, 4]
-        δ, parting = -springs.law[a, 0], 0.0
+        δ, opening_rate = -springs.law[a, 0], 0.0
         for j in range(n):
             δ -= springs.N[a, j] * (run.q[k, j] + θ * h * sums.w[j])
-            parting += springs.N[a, j] * sums.w[j]
-        force, _, _ = mean_force(K, exponent, b, c, δ, -parting, h)
+            opening_rate += springs.N[a, j] * sums.w[j]
+        force, _, _ = mean_force(K, exponent, b, c, δ, -opening_rate, h)
         elastic_force, _, _ = spring_force(K, exponent, b, c, δ, 0.0)
-        power += (force - elastic_force) * parting
+        power += (force - elastic_force) * opening_rate
         for j in range(n):
-            sums.given[j] += h * springs.N[a, j] * force
+            sums.load_impulse[j] += h * springs.N[a, j] * force
             if nodes.kind[j] == DRIVEN:
                 power -= springs.N[a, j] * force * sums.w[j]
     return power
 
 
 @compiled(types.UniTuple(f8, 2)(RECORDED, NODES, i8, f8, SUMS), inline="always", allocates=False)
-def energy_of_nodes(run: Recorded, nodes: Nodes, k: int, θ: float, sums: Sums) -> tuple[float, float]:
+def work_and_energy(run: Recorded, nodes: Nodes, k: int, θ: float, sums: Sums) -> tuple[float, float]:
     """Return the power of loads and dashpots in step k, and the energy of masses and linear springs after it."""
     power, stored, varying = 0.0, 0.0, len(run.f) > 1
     for i in range(len(sums.w)):
@@ -407,22 +410,22 @@ def energy_of_nodes(run: Recorded, nodes: Nodes, k: int, θ: float, sums: Sums) 
 
 @compiled(types.void(RECORDED, NODES, matrix, i8, SUMS, VIOLATIONS), inline="always", allocates=False)
 def judge_momentum(run: Recorded, nodes: Nodes, B: Array, k: int, sums: Sums, found: Violations) -> None:
-    """Judge whether impulses explain the momentum of each node from the start to the end of step k."""
+    """Judge the balance of momentum and impulses of each node from the start to the end of step k."""
     elapsed = run.t[k + 1] - run.t[0]
     for i in range(len(sums.w)):
         found.q[i], found.v[i] = max(found.q[i], abs(run.q[k + 1, i])), max(found.v[i], abs(run.v[k + 1, i]))
         if nodes.kind[i] == DRIVEN:
             continue
-        lacking = -sums.given[i] if len(run.f) > 1 else -sums.given[i] - run.f[0, i] * elapsed
+        defect = -sums.load_impulse[i] if len(run.f) > 1 else -sums.load_impulse[i] - run.f[0, i] * elapsed
         for p in range(nodes.pattern.starts[i], nodes.pattern.starts[i + 1]):
             j = nodes.pattern.columns[p]
-            lacking += nodes.M[p] * (run.v[k + 1, j] - run.v[0, j])
-            lacking += nodes.C[p] * (run.q[k + 1, j] - run.q[0, j]) + nodes.K[p] * sums.way[j]
+            defect += nodes.M[p] * (run.v[k + 1, j] - run.v[0, j])
+            defect += nodes.C[p] * (run.q[k + 1, j] - run.q[0, j]) + nodes.K[p] * sums.q_integral[j]
         for j in range(len(sums.impulse)):
-            lacking -= B[i, j] * sums.impulse[j]
-        reached = found.momentum if nodes.kind[i] == MASSIVE else found.equilibrium
-        if not abs(lacking) <= reached[i]:
-            reached[i] = abs(lacking) if abs(lacking) < np.inf else np.inf
+            defect -= B[i, j] * sums.impulse[j]
+        violations = found.momentum if nodes.kind[i] == MASSIVE else found.equilibrium
+        if not abs(defect) <= violations[i]:
+            violations[i] = abs(defect) if abs(defect) < np.inf else np.inf
 
 
 @compiled(
@@ -438,13 +441,13 @@ def certify_steps(
     sums: Sums,
     found: Violations,
 ) -> tuple[float, float, float]:
-    """Judge a run in all its steps: write the violations; return the balance of energy, its scale and the longest h.
+    """Judge all steps of a run: write the violations; return the energy imbalance, its scale and the longest h.
 
-    Nodes that only springs hold may be moved after the step; their v is the mean of the step.
+    Massless nodes between springs may be projected after the step; their v is the mean of the step.
     """
     n, nc, last, at = len(sums.w), len(contacts.u0), len(run.t) - 2, 0
-    drives, any_direct = False, False
-    stored, reach, balance, worst, longest = 0.0, 0.0, 0.0, 0.0, 0.0
+    drives, any_feedthrough = False, False
+    stored, reach, balance, largest_imbalance, longest = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
         drives = drives or nodes.kind[i] == DRIVEN
         inertia = row_of(nodes.pattern, nodes.M, i, run.v[0])
@@ -452,10 +455,10 @@ def certify_steps(
         stored += 0.5 * (run.v[0, i] * inertia + run.q[0, i] * elastic)
         found.q[i], found.v[i] = abs(run.q[0, i]), abs(run.v[0, i])
     for i in range(nc):
-        any_direct = any_direct or sums.direct[i]
+        any_feedthrough = any_feedthrough or sums.feedthrough[i]
         sums.gap[i] = contacts.u0[i] + row_of(contacts.pattern, contacts.H, i, run.q[0])
         sums.rate[i] = row_of(contacts.pattern, contacts.H, i, run.v[0])
-    stored += energy_of_springs(springs, run.q[0])
+    stored += spring_energies(springs, run.q[0])
     scale = abs(stored)
     for k in range(last + 1):
         h, power = run.t[k + 1] - run.t[k], 0.0
@@ -468,7 +471,7 @@ def certify_steps(
             sums.total[impulses.row[at]] += impulses.P[at] / h
             sums.impulse[impulses.row[at]] += impulses.P[at]
             at += 1
-        if len(contacts.lines) > 0:
+        if len(contacts.paths) > 0:
             judge_paths(contacts, h, run.v[k], run.v[k + 1], sums, found.product)
         for i in range(nc):
             power += judge_contact(run, contacts, i, k, θ, sums, found)
@@ -476,13 +479,13 @@ def certify_steps(
                 for j in range(n):
                     if nodes.kind[j] == DRIVEN:
                         power -= sums.total[i] * contacts.B[j, i] * sums.w[j]
-        if any_direct:
-            reach = judge_direct(run, k, θ, reach, sums, found)
-        power += power_of_springs(run, nodes, springs, k, θ, sums)
-        work, after = energy_of_nodes(run, nodes, k, θ, sums)
-        after += energy_of_springs(springs, run.q[k + 1])
+        if any_feedthrough:
+            reach = judge_feedthrough(run, k, θ, reach, sums, found)
+        power += spring_power(run, nodes, springs, k, θ, sums)
+        work, after = work_and_energy(run, nodes, k, θ, sums)
+        after += spring_energies(springs, run.q[k + 1])
         balance += after - stored - h * (power + work)
-        worst, scale, stored = max(worst, abs(balance)), max(scale, abs(after)), after
+        largest_imbalance, scale, stored = max(largest_imbalance, abs(balance)), max(scale, abs(after)), after
         if k % CHECK_INTERVAL == CHECK_INTERVAL - 1 or k == last:
             judge_momentum(run, nodes, contacts.B, k, sums, found)
-    return worst, scale, longest
+    return largest_imbalance, scale, longest

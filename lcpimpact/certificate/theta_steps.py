@@ -1,4 +1,4 @@
-"""Steps whose forces balance at t + θ h, judged there: all but kinks in position is exact."""
+"""Certificate of θ-steps, whose forces balance at t + θ h: exact to rounding except for kinks of positions."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Indices, Places
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
-from lcpimpact.certificate.laws import missing_switch, node_kinds
-from lcpimpact.certificate.scales import Found, Scales, worst
+from lcpimpact.certificate.laws import node_kinds, switch_residual
+from lcpimpact.certificate.scales import Judgement, Scales, largest_violation
 from lcpimpact.certificate.theta_balance import (
     Contacts,
     Impulses,
@@ -31,27 +31,27 @@ from lcpimpact.scheme.terms import RowLaw
 
 def judge_theta_steps(
     d: Dynamics, record: Record, events: Sequence[Event], θ: float, limits: Limits
-) -> tuple[Found, Scales, tuple[float, float]]:
-    """Judge the steps of a θ-method."""
+) -> tuple[Judgement, Scales, tuple[float, float]]:
+    """Judge the run of a θ-method."""
     f = d.force(np.zeros(1) if d.constant_loads else record.t)
-    of, balance, scale, h = _violations(d, record, events, θ, f)
-    scales = Scales.of_largest(d, of.q, of.v, of.r, np.abs(f).max(axis=0)).at_least(d, h)
+    violations, balance, scale, h = _violations(d, record, events, θ, f)
+    scales = Scales.of_largest(d, violations.q, violations.v, violations.r, np.abs(f).max(axis=0)).at_least(d, h)
     found = {
-        **_judge_nodes(d, record, events, (of, scales, h), θ, limits),
-        **_judge_contacts(d, record, events, (of, scales, h), θ, limits),
+        **_judge_nodes(d, record, events, (violations, scales, h), θ, limits),
+        **_judge_contacts(d, record, events, (violations, scales, h), θ, limits),
     }
-    # The balance of a step is an identity for θ = 1/2, but for springs in series and non-linear ones.
+    # The energy balance of a step is an identity for θ = 1/2, except with springs in series and non-linear springs.
     steps, identity = len(record.t) - 1, θ == 0.5 and bool((node_kinds(d) >= 0).all()) and not d.springs
     ε = limits.precision + 8.0 * steps * np.finfo(float).eps
     momenta = scales.momenta(d) + h * scales.forces(d)
-    found["energy_balance"] = (balance, ε * (scale + float(of.v @ momenta)) if identity else np.inf)
+    found["energy_balance"] = (balance, ε * (scale + float(violations.v @ momenta)) if identity else np.inf)
     return found, scales, (balance, scale)
 
 
 def _violations(
     d: Dynamics, record: Record, events: Sequence[Event], θ: float, f: Array
 ) -> tuple[Violations, float, float, float]:
-    """Return the largest violations of each contact and node, the balance of energy, its scale and the longest step."""
+    """Return the largest violations of each contact and node, the energy imbalance, its scale and the longest step."""
     rows = rows_by_name(d)
     acting = sorted(
         (step_of(event, record.t, record.q, record.v), rows[event.contact], event.impulse)
@@ -66,7 +66,7 @@ def _violations(
         *(d.r_min, d.r_max, d.relative_degree, _codes(d)),
         *(d.mu, d.normals, np.array(d.impulse_lines, order="C")),
     )
-    of = no_violations(len(d.contacts), len(d.nodes))
+    violations = no_violations(len(d.contacts), len(d.nodes))
     balance, scale, h = certify_steps(
         Recorded(record.t, record.q, record.v, record.reaction, f),
         Impulses(step, row, np.array([each[2] for each in acting])),
@@ -75,9 +75,9 @@ def _violations(
         contacts,
         SpringLaws(d.directions, d.power_laws),
         sums_for(contacts, len(d.nodes)),
-        of,
+        violations,
     )
-    return of, balance, scale, h
+    return violations, balance, scale, h
 
 
 def _codes(d: Dynamics) -> Indices:
@@ -87,7 +87,7 @@ def _codes(d: Dynamics) -> Indices:
 
 
 def _pattern(filled: Array) -> tuple[SparsityPattern, tuple[Places, Places]]:
-    """Return where the filled places of a matrix are, by rows, and their rows and columns."""
+    """Return the sparsity pattern of a matrix in compressed rows, and the rows and columns of its entries."""
     rows, columns = np.nonzero(filled)
     starts = np.append(0, np.cumsum(np.count_nonzero(filled, axis=1)))
     places = rows.astype(np.uint64), columns.astype(np.uint64)
@@ -98,25 +98,25 @@ def _judge_nodes(
     d: Dynamics,
     record: Record,
     events: Sequence[Event],
-    seen: tuple[Violations, Scales, float],
+    results: tuple[Violations, Scales, float],
     θ: float,
     limits: Limits,
-) -> Found:
+) -> Judgement:
     """Judge momentum, kinematics and the balance of massless nodes."""
-    of, scales, h = seen
+    violations, scales, h = results
     steps, duration = len(record.t) - 1, float(record.t[-1] - record.t[0]) or 1.0
     forces, pushed = scales.forces(d), np.abs(d.B) @ largest_impulses(d, events)
     ε = limits.precision + 8.0 * steps * np.finfo(float).eps
-    # The length of a step is a difference of times, and has their rounding; an impulse is h times a mean force.
+    # A step length is a difference of times and inherits their rounding; an impulse is h times a mean force.
     blur, shortest = 4.0 * np.finfo(float).eps * duration, float(np.diff(record.t).min())
-    # Which steps of a system that can jump were taken with θ = 1 is read off u, and not certain where no row pushes.
+    # In systems with jumps of coordinates, steps with θ = 1 are recognised by u, which is ambiguous if no contact is active.
     late = (1.0 - θ) * h / duration if d.D.any() else 0.0
     allowed_p = ε * (scales.momenta(d) + h * forces) + blur * (steps * forces + pushed / shortest)
     allowed_f = late * forces + ε * (forces + (pushed + scales.momenta(d)) / duration)
     return {
-        "momentum": worst(of.momentum, allowed_p),
-        "equilibrium": worst(of.equilibrium / duration, allowed_f),
-        "kinematics": worst(of.kinematics, limits.precision * (scales.q + h * scales.v)),
+        "momentum": largest_violation(violations.momentum, allowed_p),
+        "equilibrium": largest_violation(violations.equilibrium / duration, allowed_f),
+        "kinematics": largest_violation(violations.kinematics, limits.precision * (scales.q + h * scales.v)),
     }
 
 
@@ -124,13 +124,13 @@ def _judge_contacts(
     d: Dynamics,
     record: Record,
     events: Sequence[Event],
-    seen: tuple[Violations, Scales, float],
+    results: tuple[Violations, Scales, float],
     θ: float,
     limits: Limits,
-) -> Found:
+) -> Judgement:
     """Judge complementarity, penetration, bounds and the law of impact."""
-    (of, scales, h), ε = seen, limits.precision
-    largest, bounds = largest_impulses(d, events), d.friction_bounds(of.r)
+    (violations, scales, h), ε = results, limits.precision
+    largest, bounds = largest_impulses(d, events), d.friction_bounds(violations.r)
     # Friction is bounded by the normal force, and its impulse by that of the normal row.
     largest = np.maximum(largest, d.friction_bounds(largest) * d.frictional)
     # A node with prescribed motion has the mean velocity of its step in the law, and its own in the record.
@@ -139,19 +139,21 @@ def _judge_contacts(
     # Contacts of an impulse path over massless nodes meet at velocity level, and may penetrate as others close.
     at_velocity_level = ((d.relative_degree == 2) & ~d.relays) | (d.impulse_lines > 0.0).any(axis=0)
     strict = d.joints | (~at_velocity_level & ~(node_kinds(d) < 0).any())
-    stroke = np.maximum(of.stroke, h * scales.U)
+    gap_change = np.maximum(violations.gap_change, h * scales.U)
     for path in d.impulse_lines > 0.0:
-        stroke[path] = stroke[path].sum()
+        gap_change[path] = gap_change[path].sum()
         slow[path] = np.maximum(slow[path], slow[path].sum())
-    by_rounding = ε * (of.r * scales.u + h * bounds * scales.U) + 2.0 * bounds * _crept(d, record)
-    products = np.where(at_velocity_level, (h * (of.r + bounds) + largest) * slow, by_rounding)
+    by_rounding = ε * (violations.r * scales.u + h * bounds * scales.U) + 2.0 * bounds * _slip_tolerance(d, record)
+    products = np.where(at_velocity_level, (h * (violations.r + bounds) + largest) * slow, by_rounding)
     switches = _missing_switches(d, record, θ)
     products = np.where(d.relays, ε * (d.r_max - d.r_min) * scales.u, products)
     return {
-        "complementarity": worst(np.maximum(of.product, switches), products),
-        "penetration": worst(of.penetration, np.where(strict, 0.0, stroke) + ε * scales.u),
-        "tension": worst(of.tension, ε * (of.r + bounds * d.frictional + largest / max(h, 1e-300))),
-        "impact_law": worst(of.law, slow),
+        "complementarity": largest_violation(np.maximum(violations.product, switches), products),
+        "penetration": largest_violation(violations.penetration, np.where(strict, 0.0, gap_change) + ε * scales.u),
+        "tension": largest_violation(
+            violations.tension, ε * (violations.r + bounds * d.frictional + largest / max(h, 1e-300))
+        ),
+        "impact_law": largest_violation(violations.law, slow),
     }
 
 
@@ -176,14 +178,14 @@ def _missing_switches(d: Dynamics, record: Record, θ: float) -> Array:
             right[:, d.driven] = q[1:][here][:, d.driven]
             implicit[here] = np.linalg.solve(A, right.T).T
         u = np.where(late, d.gap(implicit), u)
-    return np.asarray(missing_switch(d, r, u).max(axis=0, initial=0.0))
+    return np.asarray(switch_residual(d, r, u).max(axis=0, initial=0.0))
 
 
-def _crept(d: Dynamics, record: Record) -> Array:
+def _slip_tolerance(d: Dynamics, record: Record) -> Array:
     """Return the allowed backward slip in m of a slider on springs near its threshold, per step (nc,).
 
-    It is `SLIP_RTOL` times its threshold on the springs that hold it, plus, since a node between springs alone is in balance
-    at the end of a step whose force is that at t + θ h, the difference of successive displacements.
+    It is `SLIP_RTOL` times the deflection of the adjacent springs at the threshold, plus the difference of successive
+    displacements, since a node between springs is in balance at the end of a step and its force is that at t + θ h.
     """
     static = d.decomposition.static
     if not static.any() or not d.slides.any():
@@ -192,6 +194,6 @@ def _crept(d: Dynamics, record: Record) -> Array:
     gives = np.abs(moves * np.linalg.lstsq(static.T @ d.K @ static, moves.T, rcond=None)[0].T).sum(axis=1)
     held = d.slides & (d.relative_degree == 0)
     turned = np.abs(np.diff(np.diff(record.q, axis=0) @ d.H[held].T, axis=0)).max(axis=0, initial=0.0)
-    crept = np.asarray(SLIP_RTOL * d.thresholds * gives)
-    crept[held] += turned
-    return crept
+    tolerance = np.asarray(SLIP_RTOL * d.thresholds * gives)
+    tolerance[held] += turned
+    return tolerance

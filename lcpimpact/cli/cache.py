@@ -7,16 +7,16 @@ from typing import Annotated
 import typer
 
 from lcpimpact.cache import base, folders, remove, size
-from lcpimpact.cli.finish import say
+from lcpimpact.cli.finish import print_lines
 from lcpimpact.errors import InputError
 
 
 def cache(
-    clear: Annotated[bool, typer.Option("--clear", help="Remove it: the next run compiles anew.")] = False,
+    clear: Annotated[bool, typer.Option("--clear", help="Remove it; the next run compiles again.")] = False,
 ) -> None:
-    """Say where compiled code is kept between runs, and how much; --clear removes it.
+    """Show the folder and the size of the compiled code that is cached between runs; --clear removes it.
 
-    Each version of lcpimpact has a folder there; those of other versions that were not used for a month go by themselves.
+    Each version of lcpimpact has its own folder; those of other versions are removed after a month without use.
     """
     found = folders()
     kept = f"{sum(map(size, found)) / 1e6:.1f} MB of compiled code of {len(found)} version{'s' * (len(found) != 1)}"
@@ -26,4 +26,4 @@ def cache(
                 remove(each)
         except OSError as error:
             raise InputError(f"cannot empty {str(base())!r}: {error.strerror}; remove it by hand") from None
-    say(f"{base()}: {kept}{' removed' if clear else ''}")
+    print_lines(f"{base()}: {kept}{' removed' if clear else ''}")

@@ -1,4 +1,4 @@
-"""The commands, and those that are short: reproduce and list."""
+"""The registration of the commands, and the commands reproduce and list."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.scheme.elements import ELEMENTS
 
-SHOWN = 3
+MAX_CONTACTS = 3
 """Maximum number of contacts listed."""
 
 app = typer.Typer(
@@ -50,21 +50,21 @@ def _version(wanted: bool) -> None:
 @app.callback()
 def common(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Say the version.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
     ] = False,
 ) -> None:
-    """Take the options that stand before a command."""
+    """Handle the options before the command."""
 
 
 @app.command()
 def reproduce(
     out: Annotated[Path, typer.Option(help="Folder for the figures, the tables and report.html.")] = Path("report"),
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes; one a core by default.")] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Number of processes; by default one per core.")] = None,
 ) -> None:
-    """Reproduce the paper: Figures 1-9, the cross-validation tables, and one report that opens offline.
+    """Reproduce the paper: Figures 1-9, the cross-validation tables, and a self-contained report.
 
     Systems 1, 2, 3, and 3 with c = 60, are run by the LCP step with every solver, by the paper's RK4, and exactly. The
-    exit code is 0 only if every tolerance that the report states holds.
+    exit code is 0 only if every stated tolerance holds.
     """
     from lcpimpact.compiled import compile_ahead
     from lcpimpact.reproduce import COMPILED_PARTS
@@ -115,7 +115,7 @@ class Kind(StrEnum):
 
 @app.command("list")
 def list_(kind: Annotated[Kind, typer.Argument(help="problems, methods, solvers or elements.")]) -> None:
-    """List what is registered, with the properties that each declares."""
+    """List the registered problems, methods, solvers or elements with their declared properties."""
     tables = {
         Kind.problems: _problems,
         Kind.methods: _methods,
@@ -145,8 +145,8 @@ def _problems() -> Table:
         problem = load_problem(name)
         parameters = ", ".join(f"{key}={value:.6g}" for key, value in problem.parameters.items())
         contacts = problem.dynamics.contacts
-        more = f" And {len(contacts) - SHOWN} more." if len(contacts) > SHOWN else ""
-        degrees = " ".join(contact.sentence for contact in contacts[:SHOWN]) + more
+        more = f" And {len(contacts) - MAX_CONTACTS} more." if len(contacts) > MAX_CONTACTS else ""
+        degrees = " ".join(contact.sentence for contact in contacts[:MAX_CONTACTS]) + more
         table.add_row(name, parameters, degrees, ", ".join(fact.symbol for fact in problem.facts), problem.source)
     return table
 
@@ -157,20 +157,20 @@ def _methods() -> Table:
         d = kind.declared
         orders = ", ".join(f"{where} {order}" for where, order in d.orders.items())
         degrees = ", ".join(map(str, d.relative_degrees)) or "none"
-        handles = ", ".join(feature.value for feature in d.handles) or "nothing more"
+        handles = ", ".join(feature.value for feature in d.handles) or "no further features"
         options = ", ".join(f"{each.name}={each.default}" for each in fields(kind) if each.default is not NO_DEFAULT)  # type: ignore[arg-type]
         lines = (
             f"orders: {orders}",
             f"relative degrees {degrees}; {handles}",
             f"contacts at level: {d.level}; penetration after impacts: {d.penetration}; force {d.reaction_time}",
-            f"energy: {d.energy}" + ("; impacts never add any" if d.dissipates else ""),
+            f"energy: {d.energy}" + ("; impacts never increase it" if d.dissipates else ""),
             *[f"steps: {d.adaptive}"] * bool(d.adaptive),
             f"options: {options or 'none'}",
             d.source,
         )
         table.add_row(name, _lines(d.summary, *lines))
     for name, reason in METHODS.broken.items():
-        table.add_row(name, _lines("broken: it is registered by another package, and cannot be loaded", reason))
+        table.add_row(name, _lines("broken: registered by another package, and cannot be loaded", reason))
     return table
 
 
@@ -188,9 +188,9 @@ def _solvers() -> Table:
         )
         table.add_row(name, _lines(solver.summary, "; ".join(declared), *[solver.source] * (solver.source != "-")))
     here, elsewhere = _backends()
-    table.add_row("qp:NAME", _lines(f"any backend of qpsolvers, as qp:osqp; also here: {', '.join(here) or 'none'}"))
-    install = f"not here: {', '.join(elsewhere) or 'none'}"
-    table.add_row("", _lines(f"{install}; pip install 'qpsolvers[NAME]' brings one of them"))
+    table.add_row("qp:NAME", _lines(f"any backend of qpsolvers, as qp:osqp; installed: {', '.join(here) or 'none'}"))
+    install = f"not installed: {', '.join(elsewhere) or 'none'}"
+    table.add_row("", _lines(f"{install}; pip install 'qpsolvers[NAME]' installs one of them"))
     return table
 
 
@@ -199,9 +199,9 @@ def _lines(first: str, *others: str) -> Text:
 
 
 def _backends() -> tuple[list[str], list[str]]:
-    """Return the QP backends that pip installs with qpsolvers: those that are here, and the others."""
+    """Return the QP backends that pip can install with qpsolvers: the installed ones, and the others."""
     extras = metadata("qpsolvers").get_all("Provides-Extra") or []
-    # Two of the extras are bundles of others.
+    # Two of the extras are collections of others.
     names = sorted(name for name in extras if "-" not in name and f"qp:{name}" not in list(SOLVERS))
     here = [name for name in names if f"qp:{name}" in SOLVERS]
     return here, [name for name in names if name not in here]

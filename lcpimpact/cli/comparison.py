@@ -8,18 +8,7 @@ from typing import Annotated
 import typer
 
 from lcpimpact.cli.finish import check_study, finish
-from lcpimpact.cli.options import (
-    End,
-    Named,
-    Plot,
-    Report,
-    Set,
-    Solver,
-    Step,
-    Table,
-    parse_methods,
-    resolve_run,
-)
+from lcpimpact.cli.options import End, Named, Plot, Report, Set, Solver, Step, Table, parse_methods, resolve_run
 
 
 def compare(
@@ -28,7 +17,7 @@ def compare(
         str,
         typer.Option(
             metavar="A,B:OPTION=VALUE,...",
-            help="Names of [bold]lcpimpact list methods[/bold], with options or without.",
+            help="Names of [bold]lcpimpact list methods[/bold], optionally with options.",
         ),
     ] = "moreau-jean,exact",
     set_: Set = None,
@@ -48,22 +37,22 @@ def compare(
     plot: Plot = None,
     report: Report = None,
 ) -> None:
-    """Run one problem by several methods, and show what separates them: motion, events, forces and energies.
+    """Run one problem by several methods, and show their differences in motion, events, forces and energies.
 
-    They are compared with the exact solution, or an independent one that none of them computed, which is said.
+    The reference, which is named, is the exact solution or an independent one computed by none of them.
 
     Example: lcpimpact compare system-3 --methods moreau-jean,moreau-jean:theta=1,rk4-paper --dt 1e-2 --plot three.pdf
     """
     check_study((problem,), (out, events, forces, energies), plot, report)
-    taken = parse_methods(methods)
+    parsed = parse_methods(methods)
     spec = resolve_run(problem, set_, None, dt, t_end, solver)
     from lcpimpact.study.accuracy import comparison
 
     end = spec.problem.t_end if spec.run.t_end is None else spec.run.t_end
     step = min(1e-3, end / 1000.0) if spec.run.dt is None else spec.run.dt
-    found = comparison.compare(spec.problem, taken, dt=step, t_end=end, lcp_solver=spec.run.solver)
-    finish(found, out, plot, report, more=[(found.events, events), (found.forces, forces), (found.energies, energies)])
-    raise typer.Exit(0 if found.runs else 1)
+    study = comparison.compare(spec.problem, parsed, dt=step, t_end=end, lcp_solver=spec.run.solver)
+    finish(study, out, plot, report, more=[(study.events, events), (study.forces, forces), (study.energies, energies)])
+    raise typer.Exit(0 if study.runs else 1)
 
 
 def cross_validate(

@@ -9,35 +9,24 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from lcpimpact.cli.finish import check_study, finish
-from lcpimpact.cli.options import (
-    End,
-    Named,
-    Plot,
-    Report,
-    Set,
-    Solver,
-    Table,
-    numbers,
-    parse_methods,
-    resolve_run,
-)
+from lcpimpact.cli.options import End, Named, Plot, Report, Set, Solver, Table, numbers, parse_methods, resolve_run
 from lcpimpact.errors import InputError, UnsupportedError
 
 if TYPE_CHECKING:
     from lcpimpact.integrators.base import Integrator
     from lcpimpact.problems.base import Problem
 
-USUAL = ("moreau-jean", "generalized-alpha", "rattle-ns", "heun", "rk4", "radau-fesd")
-"""Default methods, if they handle the problem."""
+DEFAULT_METHODS = ("moreau-jean", "generalized-alpha", "rattle-ns", "heun", "rk4", "radau-fesd")
+"""Methods run by default, if they handle the problem."""
 
-STEPS, FIRST, FINER = 6, 100, 1.6
-"""Default number of step counts, the first of them, and the ratio of consecutive ones."""
+LEVELS, COARSEST, REFINEMENT = 6, 100, 1.6
+"""Number of default step counts, the smallest of them, and the ratio of consecutive ones."""
 
 Methods = Annotated[
     str | None,
     typer.Option(
         metavar="A,B:OPTION=VALUE,...",
-        help="Names of [bold]lcpimpact list methods[/bold], with options or without; by default a few that handle it.",
+        help="Names of [bold]lcpimpact list methods[/bold], optionally with options; by default a few that handle it.",
         show_default=False,
     ),
 ]
@@ -54,12 +43,12 @@ Penalties = Annotated[
     typer.Option(
         "--penalty",
         metavar="LAW:K[:NAME=VALUE...]",
-        help="A compliant variant too, as kelvin-voigt:1e6 or hertz:1e8:e=1; repeat.",
+        help="Add a compliant variant, as kelvin-voigt:1e6 or hertz:1e8:e=1; repeatable.",
     ),
 ]
 NormName = Annotated[
     str | None,
-    typer.Option(help="The norm that is shown and drawn; by default that of the declared orders.", show_default=False),
+    typer.Option(help="Norm that is printed and drawn; by default that of the declared orders.", show_default=False),
 ]
 
 
@@ -76,7 +65,7 @@ def converge(
     t_end: End = None,
     solver: Solver = None,
     check: Annotated[
-        bool, typer.Option("--check", help="Exit with 1 if an observed order is not as declared.")
+        bool, typer.Option("--check", help="Exit with 1 if an observed order differs from the declared one.")
     ] = False,
     out: Table = None,
     orders: Annotated[
@@ -87,7 +76,7 @@ def converge(
 ) -> None:
     """Run one problem by several methods with several steps, and observe the order of each in every norm.
 
-    The errors are against the exact solution, or an independent one, which is said; steps are kept clear of events.
+    The reference, which is named, is the exact solution or an independent one; the steps avoid events at grid points.
 
     Example: lcpimpact converge system-1 --methods moreau-jean,moreau-jean:theta=1,rk4 --plot orders.pdf --out orders.csv
     """
@@ -95,7 +84,7 @@ def converge(
     spec = resolve_run(problem, set_, t_end=t_end, solver=solver)
     end = spec.problem.t_end if spec.run.t_end is None else spec.run.t_end
     if dts is not None and counts is not None:
-        raise InputError("--dts and --counts tell the same thing: give one of them")
+        raise InputError("--dts and --counts both give the steps: give only one of them")
     steps = _steps(dts, counts, end)
     from lcpimpact.study.accuracy.convergence import convergence, observed_orders
 
@@ -122,14 +111,14 @@ def work_precision(
         str | None,
         typer.Option(
             metavar="R1,R2,...",
-            help="Tolerances of methods that choose their steps; by default 1e-3 to 1e-10.",
+            help="Tolerances of adaptive methods; by default 1e-3 to 1e-10.",
             show_default=False,
         ),
     ] = None,
-    repeats: Annotated[int, typer.Option(min=1, help="Runs of each; the time is the least.")] = 5,
+    repeats: Annotated[int, typer.Option(min=1, help="Runs of each; the shortest time counts.")] = 5,
     norm: NormName = None,
     cost: Annotated[
-        str, typer.Option(help="What is drawn: seconds, steps, evaluations, lcp_solves, lcp_iterations, ...")
+        str, typer.Option(help="Cost to draw: seconds, steps, evaluations, lcp_solves, lcp_iterations, ...")
     ] = "seconds",
     penalty: Penalties = None,
     t_end: End = None,
@@ -140,7 +129,7 @@ def work_precision(
 ) -> None:
     """Measure errors against costs, counted and timed, of smooth and nonsmooth methods on one diagram.
 
-    Methods that choose their steps run with several tolerances instead of several steps.
+    Adaptive methods run with several tolerances instead of several steps.
 
     Example: lcpimpact work-precision bouncing-ball --set e=0.8 --t-end 2 --penalty kelvin-voigt:1e6 --plot cost.pdf
     """
@@ -173,33 +162,33 @@ def _steps(dts: str | None, counts: str | None, end: float) -> list[float]:
     if counts is not None:
         found = numbers(counts, "--counts")
         if any(count < 1 for count in found):
-            raise InputError(f"--counts {counts!r} must be numbers of steps, from 1 on")
+            raise InputError(f"--counts {counts!r} must be step counts of at least 1, as in --counts 100,200")
         return [end / count for count in found]
-    return [end / (FIRST * FINER**i) for i in range(STEPS)]
+    return [end / (COARSEST * REFINEMENT**i) for i in range(LEVELS)]
 
 
 def _methods(
     text: str | None, problem: Problem, end: float, others: tuple[str, ...] = ()
 ) -> dict[str, Integrator] | list[str]:
-    """Return the methods that are named, or those of the usual ones that handle the problem."""
+    """Return the named methods, or the default ones that handle the problem."""
     from lcpimpact.simulation import simulate
 
     if text is not None:
         return parse_methods(text)
-    able = []
-    for name in (*USUAL, *others):
+    supported = []
+    for name in (*DEFAULT_METHODS, *others):
         try:
-            simulate(problem, name, dt=end / FIRST, t_end=end / FIRST, throw=False, progress=False)
+            simulate(problem, name, dt=end / COARSEST, t_end=end / COARSEST, throw=False, progress=False)
         except UnsupportedError:
             continue
-        able.append(name)
-    if not able:
-        raise InputError(f"none of the usual methods handles {problem.name!r}: name some by --methods")
-    return able
+        supported.append(name)
+    if not supported:
+        raise InputError(f"none of the default methods handles {problem.name!r}: name others by --methods")
+    return supported
 
 
 def _penalty(text: str) -> tuple[str, float, dict[str, float]]:
-    """Return law, k and the rest of LAW:K[:NAME=VALUE...]."""
+    """Return the law, k and the other constants of LAW:K[:NAME=VALUE...]."""
     law, *rest = text.split(":")
     try:
         k = float(rest[0])

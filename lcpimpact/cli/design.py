@@ -8,17 +8,7 @@ from typing import Annotated
 import typer
 
 from lcpimpact.cli.finish import SCHEME, TABLES, check_study, finish
-from lcpimpact.cli.options import (
-    End,
-    Method,
-    Named,
-    Plot,
-    Report,
-    Set,
-    Solver,
-    Step,
-    resolve_run,
-)
+from lcpimpact.cli.options import End, Method, Named, Plot, Report, Set, Solver, Step, resolve_run
 from lcpimpact.errors import InputError
 
 Out = Annotated[
@@ -30,14 +20,12 @@ Out = Annotated[
 def design(
     law: Annotated[str, typer.Argument(help="kelvin-voigt, kelvin-voigt-tension, maxwell, hertz or hunt-crossley.")],
     m: Annotated[float, typer.Option("--m", help="Mass in kg.", show_default=False)],
-    v0: Annotated[float, typer.Option("--v0", help="Speed at first touch in m/s.", show_default=False)],
+    v0: Annotated[float, typer.Option("--v0", help="Impact speed in m/s.", show_default=False)],
     g: Annotated[float, typer.Option("--g", help="Gravity in m/s².")] = 0.0,
-    e: Annotated[float | None, typer.Option("--e", help="Wanted restitution.", show_default=False)] = None,
-    contact_time: Annotated[float | None, typer.Option(help="Wanted duration in s.", show_default=False)] = None,
-    peak_force: Annotated[float | None, typer.Option(help="Wanted greatest force in N.", show_default=False)] = None,
-    deflection: Annotated[
-        float | None, typer.Option(help="Wanted greatest deflection in m.", show_default=False)
-    ] = None,
+    e: Annotated[float | None, typer.Option("--e", help="Required restitution.", show_default=False)] = None,
+    contact_time: Annotated[float | None, typer.Option(help="Required contact time in s.", show_default=False)] = None,
+    peak_force: Annotated[float | None, typer.Option(help="Required peak force in N.", show_default=False)] = None,
+    deflection: Annotated[float | None, typer.Option(help="Required peak deflection in m.", show_default=False)] = None,
     k: Annotated[float | None, typer.Option("--k", help="Stiffness in N/m, or N/mⁿ.", show_default=False)] = None,
     c: Annotated[float | None, typer.Option("--c", help="Damping in N s/m.", show_default=False)] = None,
     b: Annotated[float | None, typer.Option("--b", help="Loss of hunt-crossley in s/m.", show_default=False)] = None,
@@ -48,9 +36,9 @@ def design(
     plot: Plot = None,
     report: Report = None,
 ) -> None:
-    """Size a block for a wanted impact, or say what a block does: any two quantities give all others.
+    """Size a block for a required impact, or compute the impact of a given block: any two quantities give all others.
 
-    A file ending in .toml holds the impact as a scheme, to simulate and to change.
+    A file ending in .toml receives the impact as a scheme.
 
     Example: lcpimpact design kelvin-voigt --m 1 --v0 2 --e 0.5 --contact-time 0.01 --plot impact.pdf
     """
@@ -74,35 +62,35 @@ def fit(
         str,
         typer.Option(
             metavar="NAME[=START],...",
-            help="What to fit: parameters, constants as [bold]KelvinVoigt.k[/bold] or [bold]2.k[/bold], "
+            help="Quantities to fit: parameters, constants as [bold]KelvinVoigt.k[/bold] or [bold]2.k[/bold], "
             "initial values as [bold]v0.x[/bold].",
             show_default=False,
         ),
     ],
     to: Annotated[
-        Path, typer.Option("--to", help="CSV file with a column t and one named as a series.", show_default=False)
+        Path, typer.Option("--to", help="CSV file with a column t and others named as series.", show_default=False)
     ],
     column: Annotated[
         str | None,
         typer.Option(
-            metavar="A,B,...", help="Columns to fit to, as R or x; by default all that a run has.", show_default=False
+            metavar="A,B,...", help="Columns to fit to, as R or x; by default all of the run.", show_default=False
         ),
     ] = None,
     set_: Set = None,
     bounds: Annotated[
         list[str] | None,
-        typer.Option("--bound", metavar="NAME=LOW:HIGH", help="Least and greatest value of a parameter; repeat."),
+        typer.Option("--bound", metavar="NAME=LOW:HIGH", help="Lower and upper bound of a parameter; repeatable."),
     ] = None,
     sigma: Annotated[
-        float | None, typer.Option(help="Standard deviation of the noise, if it is known.", show_default=False)
+        float | None, typer.Option(help="Standard deviation of the noise, if known.", show_default=False)
     ] = None,
     sampling: Annotated[
-        str, typer.Option(help="point: compare at the samples; mean: over the cell about each.")
+        str, typer.Option(help="point: compare at the samples; mean: average over the cell around each.")
     ] = "point",
     loss: Annotated[str, typer.Option(help="linear, or soft_l1, huber, cauchy, arctan against outliers.")] = "linear",
-    starts: Annotated[int, typer.Option(min=1, help="Searches, the first from the start values.")] = 1,
-    seed: Annotated[int, typer.Option(help="Of the random starts.")] = 0,
-    level: Annotated[float, typer.Option(help="Of the confidence intervals.")] = 0.95,
+    starts: Annotated[int, typer.Option(min=1, help="Number of searches, the first from the start values.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the random starts.")] = 0,
+    level: Annotated[float, typer.Option(help="Level of the confidence intervals.")] = 0.95,
     method: Method = None,
     dt: Step = None,
     t_end: End = None,
@@ -113,8 +101,8 @@ def fit(
 ) -> None:
     """Fit parameters of a problem to a measured curve, with confidence intervals.
 
-    The problem is run by exact unless a method is named; .toml keeps the fitted scheme. The exit code is 1 if no search came
-    to its end.
+    The default method is exact; a file ending in .toml receives the fitted scheme. The exit code is 1 if no search
+    converged.
 
     Example: lcpimpact fit system-1 --free k_o,c_o --to force.csv --column R --plot fit.pdf
     """
@@ -137,12 +125,12 @@ def fit(
 
 
 def _free(text: str) -> list[tuple[str, float | None]]:
-    """Return the names of NAME[=START],... and their starts."""
+    """Return the names and start values of NAME[=START],..."""
     found: list[tuple[str, float | None]] = []
     for part in text.split(","):
         name, equals, value = (each.strip() for each in part.partition("="))
         if not name or (equals and not value):
-            raise InputError(f"--free {text!r} must read NAME or NAME=START, with commas between, as in --free k=1e3,c")
+            raise InputError(f"--free {text!r} must read NAME or NAME=START, separated by commas, as in --free k=1e3,c")
         found.append((name, _number(value, "--free") if equals else None))
     return found
 
@@ -159,4 +147,4 @@ def _number(text: str, option: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"{option}: {text!r} is no number") from None
+        raise InputError(f"{option}: {text!r} is not a number: write it as in 1e3") from None

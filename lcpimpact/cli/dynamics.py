@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from lcpimpact.schemefile import SchemeFile
     from lcpimpact.study.result import Study
 
-LARGEST = 1_000_000
-"""Maximum number of values of a parameter, or of starts."""
+MAX_VALUES = 1_000_000
+"""Maximum number of values of a parameter, or of initial states."""
 
 SectionName = Annotated[
     str,
@@ -26,17 +26,17 @@ SectionName = Annotated[
         help="force (once a period) or force:PHASE, impact or impact:CONTACT, or a crossing: x=0.1, up x>0.1, down x<0.1."
     ),
 ]
-Long = Annotated[
+ExactMethod = Annotated[
     str | None,
     typer.Option(
         "--method", help="A name of [bold]lcpimpact list methods[/bold]; by default exact.", show_default=False
     ),
 ]
-ShortStep = Annotated[
+SteppingDt = Annotated[
     float | None,
-    typer.Option("--dt", help="Step in s of a method that steps; by default 200 a period.", show_default=False),
+    typer.Option("--dt", help="Step in s of time stepping; by default 1/200 of the period.", show_default=False),
 ]
-Skip = Annotated[int, typer.Option(min=0, help="Points that are left out first.")]
+Skip = Annotated[int, typer.Option(min=0, help="Number of initial points to discard.")]
 Workers = Annotated[int, typer.Option(min=1, help="Threads.")]
 
 
@@ -45,21 +45,21 @@ def poincare(
     set_: Set = None,
     section: SectionName = "force",
     skip: Skip = 100,
-    points: Annotated[int, typer.Option(min=1, help="Points that are kept.")] = 1000,
-    method: Long = None,
-    dt: ShortStep = None,
+    points: Annotated[int, typer.Option(min=1, help="Number of points to record.")] = 1000,
+    method: ExactMethod = None,
+    dt: SteppingDt = None,
     solver: Solver = None,
     t_end: End = None,
     out: Table = None,
     plot: Plot = None,
     report: Report = None,
 ) -> None:
-    """Cut a motion: its state once a period of the force, at each impact, or where a coordinate passes a level.
+    """Compute a Poincaré section: the states once per period of the force, at impacts, or at level crossings.
 
     Example: lcpimpact poincare shaw-holmes --set omega=2.9 --section impact --plot section.pdf
     """
     check_study((problem,), (out,), plot, report)
-    spec = _spec(problem, set_, method, solver=solver)
+    spec = _resolve(problem, set_, method, solver=solver)
     from lcpimpact.study.dynamics.sections import poincare as points_of
 
     study = points_of(
@@ -82,31 +82,31 @@ def bifurcation(
     set_: Set = None,
     section: SectionName = "force",
     skip: Skip = 200,
-    points: Annotated[int, typer.Option(min=1, help="Points that are kept, for each value.")] = 50,
+    points: Annotated[int, typer.Option(min=1, help="Number of points to record for each value.")] = 50,
     follow: Annotated[
-        bool, typer.Option("--follow", help="Start each run where the one before ended; HIGH:LOW sweeps down.")
+        bool, typer.Option("--follow", help="Start each run at the end of the previous one; HIGH:LOW sweeps down.")
     ] = False,
     orbit: Annotated[
-        bool, typer.Option("--orbit", help="Draw the periodic orbit from the first value on, stable or not.")
+        bool, typer.Option("--orbit", help="Draw the branch of periodic orbits from the first value, stable or not.")
     ] = False,
-    periods: Annotated[int, typer.Option(min=1, help="Periods of the force in one of that orbit.")] = 1,
-    y: Annotated[str | None, typer.Option(help="Column that is drawn.", show_default=False)] = None,
-    method: Long = None,
-    dt: ShortStep = None,
+    periods: Annotated[int, typer.Option(min=1, help="Periods of the force per period of that orbit.")] = 1,
+    y: Annotated[str | None, typer.Option(help="Column to draw.", show_default=False)] = None,
+    method: ExactMethod = None,
+    dt: SteppingDt = None,
     solver: Solver = None,
     workers: Workers = 1,
     out: Table = None,
     plot: Plot = None,
     report: Report = None,
 ) -> None:
-    """Show where motions end up, for many values of a parameter.
+    """Compute a bifurcation diagram: the attractors for many values of a parameter.
 
     Example: lcpimpact bifurcation shaw-holmes --over omega=2.5:3.4:200 --section impact --plot diagram.pdf
     """
     check_study((problem,), (out,), plot, report)
-    name, values = _range(over)
-    spec = _spec(problem, set_, method, name, solver=solver)
-    family = _family(problem, set_, method)
+    name, values = _parse_range(over)
+    spec = _resolve(problem, set_, method, name, solver=solver)
+    family = _problem_family(problem, set_, method)
     from lcpimpact.study.dynamics.continuation import continue_orbit
     from lcpimpact.study.dynamics.diagrams import bifurcation as diagram
 
@@ -138,16 +138,16 @@ def bifurcation(
 def basins(
     problem: Named,
     over: Annotated[
-        list[str], typer.Option(metavar="NAME=LOW:HIGH:COUNT", help="Two values of the start; give it twice.")
+        list[str], typer.Option(metavar="NAME=LOW:HIGH:COUNT", help="An initial value and its range; give it twice.")
     ],
     set_: Set = None,
-    longest: Annotated[int, typer.Option(min=1, help="Periods of the force after which a start is given up.")] = 400,
+    longest: Annotated[int, typer.Option(min=1, help="Maximum number of periods of the force to convergence.")] = 400,
     workers: Workers = 1,
     out: Table = None,
     plot: Plot = None,
     report: Report = None,
 ) -> None:
-    """Show which start leads to which attractor, by the exact motion.
+    """Compute basins of attraction in a plane of initial states, by the exact motion.
 
     Example: lcpimpact basins shaw-holmes --set omega=3.2 --over x0=-1:0:40 --over v0=-1:1:40 --plot basins.pdf
     """
@@ -156,13 +156,13 @@ def basins(
         raise InputError(
             f"--over is given {len(over)} times: a plane needs two, as --over x0=-1:0:40 --over v0=-1:1:40"
         )
-    (one, first), (other, second) = map(_range, over)
+    (one, first), (other, second) = map(_parse_range, over)
     if one == other:
-        raise InputError(f"--over {one} is given twice: a plane needs two values of the start")
-    if len(first) * len(second) > LARGEST:
-        raise InputError(f"{len(first) * len(second):,} starts are more than {LARGEST:,}: take fewer")
-    _spec(problem, set_, "exact", one, other)
-    family = _family(problem, set_, "exact")
+        raise InputError(f"--over {one} is given twice: a plane needs two different initial values")
+    if len(first) * len(second) > MAX_VALUES:
+        raise InputError(f"{len(first) * len(second):,} initial states are more than {MAX_VALUES:,}: take fewer")
+    _resolve(problem, set_, "exact", one, other)
+    family = _problem_family(problem, set_, "exact")
     from lcpimpact.study.dynamics.basins import basins as of
 
     study = of(
@@ -179,11 +179,11 @@ def basins(
 def orbit(
     problem: Named,
     set_: Set = None,
-    periods: Annotated[int, typer.Option(min=1, help="Periods of the force in one of the orbit.")] = 1,
+    periods: Annotated[int, typer.Option(min=1, help="Periods of the force per period of the orbit.")] = 1,
     period: Annotated[
-        float | None, typer.Option(help="A guess of the period in s, where there is no force.", show_default=False)
+        float | None, typer.Option(help="Estimate of the period in s, if there is no force.", show_default=False)
     ] = None,
-    transient: Annotated[int, typer.Option(min=0, help="Periods that are run before the search begins.")] = 0,
+    transient: Annotated[int, typer.Option(min=0, help="Periods to simulate before the search.")] = 0,
     over: Annotated[
         str | None,
         typer.Option(metavar="NAME=LOW:HIGH:COUNT", help="Follow the orbit along a parameter.", show_default=False),
@@ -192,9 +192,9 @@ def orbit(
     plot: Plot = None,
     report: Report = None,
 ) -> None:
-    """Find a periodic orbit by shooting, with its Floquet multipliers, and follow it along a parameter if asked.
+    """Find a periodic orbit by shooting, with its Floquet multipliers, and optionally continue it along a parameter.
 
-    Table and picture show the orbit and its multipliers, or the branch that was followed.
+    The table and the picture show the orbit and its multipliers, or the continued branch.
 
     Example: lcpimpact orbit shaw-holmes --set omega=2.7 --transient 5 --plot orbit.pdf
     """
@@ -205,32 +205,32 @@ def orbit(
     shooting: dict[str, Any] = {"periods": periods, "T": period, "transient": transient}
     study: Study
     if over is None:
-        study = periodic_orbit(_spec(problem, set_, "exact").problem, **shooting)
+        study = periodic_orbit(_resolve(problem, set_, "exact").problem, **shooting)
     else:
-        name, values = _range(over)
-        _spec(problem, set_, "exact", name)
-        family = _family(problem, set_, "exact")
+        name, values = _parse_range(over)
+        _resolve(problem, set_, "exact", name)
+        family = _problem_family(problem, set_, "exact")
         study = continue_orbit(lambda value: family({name: value}), values, parameter=name, **shooting)
     finish(study, out, plot, report)
 
 
-def _spec(
+def _resolve(
     problem: str, set_: list[str] | None, method: str | None, *names: str, solver: str | None = None
 ) -> SchemeFile:
-    """Return the problem and the run, after a look at whether the parameters that vary are its own."""
+    """Return the problem and the run, after a check that the varied parameters belong to the problem."""
     from lcpimpact.registry import nearest
 
     spec = resolve_run(problem, set_, method or "exact", solver=solver)
     for name in names:
         if spec.registered is None:
-            raise InputError(f"--over {name}: the constants of a scheme file are changed in the file itself")
+            raise InputError(f"--over {name}: a scheme file has no parameters; change its constants in the file")
         if name not in spec.problem.parameters:
             raise InputError(nearest(name, list(spec.problem.parameters), f"parameter of {spec.problem.name}"))
     return spec
 
 
-def _family(problem: str, set_: list[str] | None, method: str | None) -> Callable[[dict[str, float]], Problem]:
-    """Return how the problem is made anew with other values."""
+def _problem_family(problem: str, set_: list[str] | None, method: str | None) -> Callable[[dict[str, float]], Problem]:
+    """Return the function that makes the problem for given parameter values."""
 
     def family(values: dict[str, float]) -> Problem:
         given = [*(set_ or []), *(f"{name}={value!r}" for name, value in values.items())]
@@ -239,7 +239,7 @@ def _family(problem: str, set_: list[str] | None, method: str | None) -> Callabl
     return family
 
 
-def _range(text: str) -> tuple[str, list[float]]:
+def _parse_range(text: str) -> tuple[str, list[float]]:
     """Return the name and the values of NAME=LOW:HIGH:COUNT."""
     import numpy as np
 
@@ -249,6 +249,6 @@ def _range(text: str) -> tuple[str, list[float]]:
         ends, number = (float(low), float(high)), int(count)
     except ValueError:
         equals = ""
-    if not equals or not name.strip() or not np.isfinite(ends).all() or not 1 <= number <= LARGEST:
+    if not equals or not name.strip() or not np.isfinite(ends).all() or not 1 <= number <= MAX_VALUES:
         raise InputError(f"--over {text!r} must read NAME=LOW:HIGH:COUNT, as in --over f=0.1:0.5:200")
     return name.strip(), [float(value) for value in np.linspace(*ends, number)]

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from lcpimpact.arguments import visible
 from lcpimpact.cli.options import files
-from lcpimpact.files import cell_of, check_outputs, whole_file
+from lcpimpact.files import check_outputs, escape_cell, whole_file
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -30,7 +30,7 @@ def check_study(
     report: Path | None,
     forms: tuple[str, ...] = TABLES,
 ) -> None:
-    """Refuse, before any work is done, files of a study that cannot be written; ``forms`` are the endings of its tables."""
+    """Check, before any computation, that the files of a study can be written; ``forms`` are the endings of its tables."""
     from lcpimpact.plotting.style import METADATA as DRAWN_AS
     from lcpimpact.report.report import ENDINGS
 
@@ -46,17 +46,17 @@ def finish(
     more: Iterable[tuple[Callable[[], DataFrame], Path | None]] = (),
     scheme: tuple[Problem, Run] | None = None,
 ) -> None:
-    """Write the table, the picture and the report that are asked for, and say what was found and written.
+    """Write the requested tables, picture and report, and print the summary and the names of the files.
 
     Parameters
     ----------
     result : Study
     out, plot, report : Path or None
-        The files; None for none.
+        The files, or None.
     more : iterable of (callable, Path or None)
-        Functions that return other tables of the study, with their files.
+        Functions that return further tables of the study, with their files.
     scheme : (Problem, Run), optional
-        What ``out`` holds if it ends in .toml.
+        Contents of ``out`` if it ends in .toml.
     """
     lines = [result.summary()]
     if out is not None and scheme is not None and out.suffix == SCHEME:
@@ -72,11 +72,11 @@ def finish(
         lines.append(f"drew {plot}")
     if report is not None:
         lines.append(f"wrote {result.report(report)}")
-    say(*lines)
+    print_lines(*lines)
 
 
 def write_table(table: DataFrame, path: Path) -> str:
-    """Write a table as CSV, or as a LaTeX table with the rules of booktabs, and return the line that says so."""
+    """Write a table as CSV, or as a LaTeX table with the rules of booktabs, and return the line to print."""
     with whole_file(path) as part:
         if path.suffix == ".csv":
             words = {name: table[name].map(_cell) for name in table.columns if table[name].dtype.kind not in "fiub"}
@@ -88,9 +88,9 @@ def write_table(table: DataFrame, path: Path) -> str:
 
 
 def _cell(value: Any) -> Any:
-    return cell_of(value) if isinstance(value, str) else value
+    return escape_cell(value) if isinstance(value, str) else value
 
 
-def say(*lines: str) -> None:
-    """Print lines as they are."""
+def print_lines(*lines: str) -> None:
+    """Print lines without markup."""
     Console(highlight=False, soft_wrap=True, markup=False, emoji=False).print(visible("\n".join(lines)))

@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 from lcpimpact.arrays import Array
-from lcpimpact.cli.finish import say
+from lcpimpact.cli.finish import print_lines
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.files import check_outputs, whole_file
 
@@ -20,21 +20,21 @@ if TYPE_CHECKING:
     from lcpimpact.lcp.operators import Delassus
     from lcpimpact.lcp.problem import LCPSolution
 
-ROWS = 20
-"""Maximum number of rows shown; of more, the first and the last."""
+MAX_ROWS = 20
+"""Maximum number of rows printed; otherwise the first and the last ones."""
 
-MOST_BASES = 3**10
-"""Largest order at which all complementary bases are tried, which takes seconds."""
+MAX_BASES = 3**10
+"""Maximum number of complementary bases to enumerate, which takes seconds."""
 
-LARGEST_EXAMINED = 2_000
-"""Order up to which a matrix is searched for properties: a factorisation or two."""
+MAX_EXAMINED_ORDER = 2_000
+"""Maximum order of a matrix whose properties are determined, by one or two factorisations."""
 
 SAVED_AS = (".csv", ".npz")
 
 
 def solve(
     file: Annotated[Path, typer.Argument(help="The LCP: .lcp, .txt, .csv, .npz, .npy or .mtx.", show_default=False)],
-    q: Annotated[Path | None, typer.Option(help="File with q, if the first has M alone.")] = None,
+    q: Annotated[Path | None, typer.Option(help="File with q, if the first has only M.")] = None,
     solver: Annotated[str, typer.Option(help="A name of [bold]lcpimpact list solvers[/bold].")] = "auto",
     tol: Annotated[float | None, typer.Option(help="Largest scaled residual; by default the solver's own.")] = None,
     max_iter: Annotated[int | None, typer.Option(help="Limit of iterations; by default the solver's own.")] = None,
@@ -50,10 +50,10 @@ def solve(
         Path | None, typer.Option(help="File for the complementary cones, for n = 2: .png, .svg or .pdf.")
     ] = None,
 ) -> None:
-    """Solve the LCP of a file, w = M z + q, 0 <= z ⟂ w >= 0 or between bounds, and say how it was done.
+    """Solve the LCP of a file, w = M z + q, 0 <= z ⟂ w >= 0 or between bounds, and print the solution and its properties.
 
-    A text file holds the rows of M, and q as one row more. Rows that begin with lower: and upper: are bounds. The exit
-    code is 0 only if the answer holds.
+    A text file holds the rows of M, and q as one further row. Rows that begin with lower: and upper: are bounds. The exit
+    code is 0 only if the solution is verified.
 
     Example: lcpimpact solve three.lcp --solver lemke --trace --tableau 2
     """
@@ -71,7 +71,7 @@ def solve(
         problem.upper if upper is None else _numbers("--upper", upper, n),
     )
     if plot is not None and (n != 2 or bounded):
-        raise InputError("--plot draws the cones of an LCP with n = 2 and without bounds: leave it out for this one")
+        raise InputError("--plot needs an LCP with n = 2 and without bounds, whose cones it draws: leave it out")
     if every:
         _check_bases(low, high)
 
@@ -79,7 +79,7 @@ def solve(
         M, problem.q, solver, lower=low, upper=high, tol=tol, max_iter=max_iter,
         throw=False, trace=trace or tableau is not None,
     )  # fmt: skip
-    side = _sides(solution, problem.q, low, high)
+    side = _row_sides(solution, problem.q, low, high)
     lines = _description(problem, solution, side, low, high)
     if trace:
         lines += ["", str(solution.trace)]
@@ -95,14 +95,14 @@ def solve(
 
         plot_cones(M, problem.q, plot)
         lines += [f"  drew        {plot}"]
-    say(*lines)
+    print_lines(*lines)
     if not solution.success:
         unwritten = f" ({str(out)!r} was not written)" if out is not None else ""
         raise FailureError(f"{problem.name} by {solution.solver}: {solution.message}{unwritten}", solution)
 
 
 def _description(problem: LCPFile, solution: LCPSolution, side: list[str], lower: Array, upper: Array) -> list[str]:
-    """Return the problem, how it was solved, and z and w, or the proof that there are none."""
+    """Return the lines on the problem and its solution: z and w, or a proof that there is no solution."""
     M, q = problem.M, problem.q
     return [
         f"LCP {problem.name} of order {M.n} by {solution.solver}: {solution.status.name.lower().replace('_', '-')}",
@@ -111,7 +111,7 @@ def _description(problem: LCPFile, solution: LCPSolution, side: list[str], lower
         f"  solver      {solution.explanation}",
         f"  status      {solution.message}",
         "",
-        *(_answer(solution, side) if solution.ray is None else _certificate(M, q, lower, upper, solution.ray)),
+        *(_answer(solution, side) if solution.ray is None else _infeasibility_proof(M, q, lower, upper, solution.ray)),
     ]
 
 
@@ -121,74 +121,74 @@ def _numbers(option: str, text: str, n: int) -> Array:
     except ValueError:
         values = np.empty(0)
     if len(values) not in (1, n):
-        raise InputError(f"{option} {text!r} must be one number or {n} with commas between, as in {option} 0 or -inf")
+        raise InputError(f"{option} {text!r} must be one number, or {n} separated by commas, as in {option} 0 or -inf")
     return np.array(np.broadcast_to(values, (n,)))
 
 
 def _check_bases(lower: Array, upper: Array) -> None:
     choices = np.where(lower == upper, 1.0, 1.0 + np.isfinite(lower) + np.isfinite(upper))
-    if (count := float(np.exp(np.log(choices).sum()))) > MOST_BASES * 1.001:
+    if (count := float(np.exp(np.log(choices).sum()))) > MAX_BASES * 1.001:
         raise InputError(
-            f"--all tries every basis, and here there are {count:.2g}: leave it out for n > 15, or n > 10 in a box"
+            f"--all enumerates every basis, and this LCP has {count:.2g}: leave it out for n > 15, or n > 10 with two bounds"
         )
 
 
 def _properties(M: Delassus) -> str:
-    """Say what is found about M: of P-matrices some of more than ten rows escape."""
+    """Describe the properties of M; the P-property may be undecided for more than ten rows."""
     from lcpimpact.lcp.operators import Property
 
-    if M.n > LARGEST_EXAMINED:
+    if M.n > MAX_EXAMINED_ORDER:
         known = ", ".join(each.value for each in Property if each in M.tags)
-        return f"{known or 'no property is declared'} (n > {LARGEST_EXAMINED}: no others were looked for)"
+        return f"{known or 'no property is declared'} (n > {MAX_EXAMINED_ORDER}: others were not checked)"
     holds = {each: M.has(each) for each in Property}
     undecided = M.n > 10 and holds[Property.POSITIVE_DIAGONAL] and not (holds[Property.SYMMETRIC] or holds[Property.P])
     parts = [", ".join(each.value for each in Property if holds[each])]
-    lacking = [each.value for each in Property if not holds[each] and not (undecided and each is Property.P)]
-    parts.append(f"not {', not '.join(lacking)}" if lacking else "")
+    missing = [each.value for each in Property if not holds[each] and not (undecided and each is Property.P)]
+    parts.append(f"not {', not '.join(missing)}" if missing else "")
     parts.append(f"whether {Property.P.value} is not known" if undecided else "")
     return "; ".join(part for part in parts if part)
 
 
 def _bounds(lower: Array, upper: Array) -> str:
-    plain = int(((lower == 0.0) & (upper == np.inf)).sum())
+    unilateral = int(((lower == 0.0) & (upper == np.inf)).sum())
     free = int(((lower == -np.inf) & (upper == np.inf)).sum())
-    other = len(lower) - plain - free
-    counts = ((plain, "with z >= 0"), (free, "free"), (other, "between bounds"))
-    if plain == len(lower):
+    other = len(lower) - unilateral - free
+    counts = ((unilateral, "with z >= 0"), (free, "free"), (other, "between bounds"))
+    if unilateral == len(lower):
         return "z >= 0"
     return ", ".join(f"{count} row{'s' if count > 1 else ''} {kind}" for count, kind in counts if count)
 
 
-def _sides(solution: LCPSolution, q: Array, lower: Array, upper: Array) -> list[str]:
-    """Say for each row where z is; at a bound with w = 0 too the solution is degenerate."""
+def _row_sides(solution: LCPSolution, q: Array, lower: Array, upper: Array) -> list[str]:
+    """Return the position of z in each row; a solution with z at a bound and w = 0 is degenerate."""
     z, w = solution.z, solution.w
-    tiny = 1e-12 * float(np.abs(q).max())
-    words = []
+    tolerance = 1e-12 * float(np.abs(q).max())
+    sides = []
     for i in range(len(z)):
         if lower[i] < z[i] < upper[i]:
-            words.append("between" if np.isfinite(lower[i]) or np.isfinite(upper[i]) else "free")
+            sides.append("between" if np.isfinite(lower[i]) or np.isfinite(upper[i]) else "free")
         else:
             bound = "lower" if z[i] <= lower[i] else "upper"
-            words.append(f"{bound}, w = 0" if abs(w[i]) <= tiny else bound)
-    return words
+            sides.append(f"{bound}, w = 0" if abs(w[i]) <= tolerance else bound)
+    return sides
 
 
 def _answer(solution: LCPSolution, side: list[str]) -> Iterator[str]:
     yield f"{'row':>5} {'z':>14} {'w':>14}  side"
-    for i in _shown(len(solution.z)):
+    for i in _shown_rows(len(solution.z)):
         yield (
             "  ..." if i is None else f"{i + 1:>5} {solution.z[i] + 0.0:>14.6g} {solution.w[i] + 0.0:>14.6g}  {side[i]}"
         )
 
 
-def _shown(n: int) -> Iterator[int | None]:
-    """Yield the rows to show, with None where others are left out."""
-    if n <= ROWS:
+def _shown_rows(n: int) -> Iterator[int | None]:
+    """Yield the rows to print, with None for omitted ones."""
+    if n <= MAX_ROWS:
         yield from range(n)
         return
-    yield from range(ROWS // 2)
+    yield from range(MAX_ROWS // 2)
     yield None
-    yield from range(n - ROWS // 2, n)
+    yield from range(n - MAX_ROWS // 2, n)
 
 
 def _tableau(solution: LCPSolution, step: int) -> str:
@@ -199,17 +199,17 @@ def _tableau(solution: LCPSolution, step: int) -> str:
     return solution.trace.tableau(step - 1)
 
 
-def _certificate(M: Delassus, q: Array, lower: Array, upper: Array, v: Array) -> Iterator[str]:
-    """Say why there is no solution: w·v cannot be as large as the signs of w ask."""
+def _infeasibility_proof(M: Delassus, q: Array, lower: Array, upper: Array, v: Array) -> Iterator[str]:
+    """Yield the lines of the proof of infeasibility: an upper bound of w·v that contradicts the signs of w."""
     v = v / np.abs(v).max()
     full = M.array()
     c = full.T @ v
     c[np.abs(c) <= 1e-11 * np.abs(full).max()] = 0.0
     largest = float(q @ v) + sum(float(c[j] * (upper[j] if c[j] > 0.0 else lower[j])) for j in np.flatnonzero(c))
     yield f"{'row':>5} {'v':>14} {'Mᵀ v':>14} {'q':>14}"
-    for i in _shown(M.n):
+    for i in _shown_rows(M.n):
         yield "  ..." if i is None else f"{i + 1:>5} {v[i]:>14.6g} {c[i]:>14.6g} {q[i]:>14.6g}"
-    yield f"No z has w of the right signs: they ask for v·w >= 0, and v·w = (Mᵀ v)·z + q·v <= {largest:.6g} for all z."
+    yield f"There is no solution: the signs of w require v·w >= 0, but v·w = (Mᵀ v)·z + q·v <= {largest:.6g} for all z."
 
 
 def _all(M: Delassus, q: Array, lower: Array, upper: Array) -> Iterator[str]:

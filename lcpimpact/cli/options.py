@@ -1,4 +1,4 @@
-"""Common options of the commands, the resolved run, progress, and the summary."""
+"""Common options of the commands, and the problem and run that they specify."""
 
 from __future__ import annotations
 
@@ -23,29 +23,30 @@ Named = Annotated[
 ]
 Set = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the problem or an option of the method; repeat."),
+    typer.Option("--set", metavar="NAME=VALUE", help="A parameter of the problem or option of the method; repeatable."),
 ]
 Method = Annotated[
     str | None,
     typer.Option(
-        help="A name of [bold]lcpimpact list methods[/bold]; by default the file's, or moreau-jean.", show_default=False
+        help="A name of [bold]lcpimpact list methods[/bold]; by default as in the file, or moreau-jean.",
+        show_default=False,
     ),
 ]
 Step = Annotated[
     float | None,
     typer.Option(
-        help="Step in s; by default the file's, or 1e-3, or a thousandth of the end if that is less.",
+        help="Step in s; by default that of the file, or 1e-3, or a thousandth of the end if smaller.",
         show_default=False,
     ),
 ]
 End = Annotated[
     float | None,
-    typer.Option(help="End in s; by default the file's, or what the problem suggests.", show_default=False),
+    typer.Option(help="End in s; by default that of the file, or of the problem.", show_default=False),
 ]
 Solver = Annotated[
     str | None,
     typer.Option(
-        help="A name of [bold]lcpimpact list solvers[/bold]; by default the file's, or auto.", show_default=False
+        help="A name of [bold]lcpimpact list solvers[/bold]; by default that of the file, or auto.", show_default=False
     ),
 ]
 Table = Annotated[
@@ -56,7 +57,7 @@ Plot = Annotated[
 ]
 Report = Annotated[
     Path | None,
-    typer.Option("--report", help="File for a report that opens offline: .html.", show_default=False),
+    typer.Option("--report", help="File for a self-contained report: .html.", show_default=False),
 ]
 
 
@@ -68,10 +69,10 @@ def resolve_run(
     t_end: float | None = None,
     solver: str | None = None,
 ) -> SchemeFile:
-    """Return the problem and the run that a file or a name and the options of a command tell together."""
-    from lcpimpact.schemefile import read_scheme_file, registered
+    """Return the problem and the run specified by a name or a file and the options of a command."""
+    from lcpimpact.schemefile import read_scheme_file, registered_problem
 
-    stated = read_scheme_file(name) if _is_file(name) else registered(name, {})
+    stated = read_scheme_file(name) if _is_file(name) else registered_problem(name, {})
     run = stated.run.changed(method=method)
     parameters = [] if stated.registered is None else list(inspect.signature(PROBLEMS[stated.registered]).parameters)
     options = [each.name for each in fields(METHODS[run.method])]  # type: ignore[arg-type]
@@ -80,7 +81,7 @@ def resolve_run(
         key, value = _assignment(text)
         if key not in parameters and key not in options:
             whose = f"parameter of {stated.registered} or " if stated.registered else ""
-            why = "" if stated.registered else "; the constants of a scheme file are changed in the file itself"
+            why = "" if stated.registered else "; change the constants of a scheme file in the file"
             raise InputError(nearest(key, [*parameters, *options], f"{whose}option of {run.method}") + why)
         given[key] = value
     changed = stated.with_parameters(**{key: value for key, value in given.items() if key in parameters})
@@ -93,7 +94,7 @@ def _is_file(name: str) -> bool:
 
 
 def stem(name: str) -> str:
-    """Return the name of a problem, of the registry or of a file, without folder and ending."""
+    """Return the name of a registered problem or of a file, without folder and ending."""
     return Path(name).stem if _is_file(name) else name
 
 
@@ -112,12 +113,12 @@ def _assignment(text: str) -> tuple[str, Any]:
 
 
 def files(*inputs: str | Path) -> list[Path]:
-    """Return the inputs of a command that are files, and no names of registered problems."""
+    """Return the inputs of a command that are files, without names of registered problems."""
     return [Path(each) for each in inputs if isinstance(each, Path) or _is_file(each)]
 
 
 def parse_methods(text: str) -> dict[str, Integrator]:
-    """Return the methods of ``NAME[:OPTION=VALUE...]``, one after another with commas, by that text."""
+    """Return the methods of a list ``NAME[:OPTION=VALUE...],...`` by their text."""
     from lcpimpact.simulation import make_integrator
 
     found: dict[str, Integrator] = {}
@@ -130,10 +131,8 @@ def parse_methods(text: str) -> dict[str, Integrator]:
 
 
 def numbers(text: str, option: str) -> list[float]:
-    """Return the numbers of a list with commas."""
+    """Return the numbers of a list separated by commas."""
     try:
         return [float(each) for each in text.split(",") if each.strip()]
     except ValueError:
-        raise InputError(
-            f"{option} {text!r} must be numbers with commas between them, as in {option} 0.1,0.05"
-        ) from None
+        raise InputError(f"{option} {text!r} must be numbers separated by commas, as in {option} 0.1,0.05") from None

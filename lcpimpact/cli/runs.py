@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from lcpimpact.cli.finish import say
+from lcpimpact.cli.finish import print_lines
 from lcpimpact.cli.options import End, Method, Named, Set, Solver, Step, files, resolve_run, stem
 from lcpimpact.errors import LcpImpactError
 from lcpimpact.files import check_outputs
@@ -26,10 +26,10 @@ def simulate(
     out: Annotated[Path | None, typer.Option(help="File for the run: .csv (events beside it), .npz or .nc.")] = None,
     plot: Annotated[Path | None, typer.Option(help="File for a picture of the run: .png, .svg or .pdf.")] = None,
 ) -> None:
-    """Run one problem by one method, say what came out, and write it to a file if asked.
+    """Run one problem by one method, print the results, and write them to a file if requested.
 
-    What a scheme file says of the run holds where no option says otherwise; another method takes neither the options nor
-    the solver of the file.
+    Options override the run settings of a scheme file; with another method, the options and the solver of the file are
+    ignored.
 
     Example: lcpimpact simulate system-1 --set c_o=300 --set theta=1 --dt 1e-3 --out run.csv --plot run.png
     """
@@ -39,7 +39,7 @@ def simulate(
     beside = events_beside(out) if out is not None and out.suffix == ".csv" else None
     check_outputs(((out, SAVED_AS), (beside, SAVED_AS), (plot, DRAWN_AS)), files(problem))
     trajectory = resolve_run(problem, set_, method, dt, t_end, solver).simulate()
-    lines = [str(trajectory), *_facts(trajectory)]
+    lines = [str(trajectory), *_fact_table(trajectory)]
     if out is not None:
         lines.append(f"  wrote       {trajectory.save(out)}")
         if beside is not None:
@@ -47,7 +47,7 @@ def simulate(
     if plot is not None:
         trajectory.plot(plot)
         lines.append(f"  drew        {plot}")
-    say(*lines)
+    print_lines(*lines)
 
 
 def draw(
@@ -69,7 +69,7 @@ def draw(
     path = Path(f"{stem(problem)}.svg") if out is None else out
     check_outputs([(path, DRAWN_AS)], files(problem))
     save(draw_scheme(resolve_run(problem, set_).problem.scheme), path)
-    say(f"drew {path}")
+    print_lines(f"drew {path}")
 
 
 def animate(
@@ -80,10 +80,10 @@ def animate(
     dt: Step = None,
     t_end: End = None,
     solver: Solver = None,
-    seconds: Annotated[float | None, typer.Option(help="How long the animation lasts.", show_default=False)] = None,
-    fps: Annotated[int | None, typer.Option(help="Pictures a second.", show_default=False)] = None,
+    seconds: Annotated[float | None, typer.Option(help="Duration of the animation in s.", show_default=False)] = None,
+    fps: Annotated[int | None, typer.Option(help="Frames per second.", show_default=False)] = None,
 ) -> None:
-    """Run one problem as simulate does, and show the scheme in motion with the force beside it.
+    """Run one problem as simulate does, and animate the scheme with its curves beside it.
 
     Example: lcpimpact animate system-3 --out system-3.gif
     """
@@ -93,7 +93,7 @@ def animate(
     trajectory = resolve_run(problem, set_, method, dt, t_end, solver).simulate()
     options = {"seconds": seconds, "fps": fps}
     trajectory.animate(out, **{name: value for name, value in options.items() if value is not None})
-    say(str(trajectory), f"  drew        {out}")
+    print_lines(str(trajectory), f"  drew        {out}")
 
 
 def export(
@@ -105,7 +105,7 @@ def export(
     t_end: End = None,
     solver: Solver = None,
 ) -> None:
-    """Write a problem to a scheme file, element by element, to change it there; and how to run it, if options say so.
+    """Write a problem to an editable scheme file, element by element, with the run settings given as options.
 
     Example: lcpimpact export system-3 --set c=60 --out my.toml
     """
@@ -113,11 +113,11 @@ def export(
 
     check_outputs([(out, (ENDING,))], files(problem))
     spec = resolve_run(problem, set_, method, dt, t_end, solver)
-    say(f"wrote {write_scheme_file(spec.problem, out, spec.run)}")
+    print_lines(f"wrote {write_scheme_file(spec.problem, out, spec.run)}")
 
 
-def _facts(trajectory: Trajectory) -> list[str]:
-    """Return a table of what is known of the problem in closed form, and what the run shows; '-' where it does not."""
+def _fact_table(trajectory: Trajectory) -> list[str]:
+    """Return the lines of a table of the closed-form facts and their measured values; '-' if not measurable."""
     rows = [("", "closed form", "measured", "relative error", "")]
     for fact in trajectory.problem.facts:
         try:

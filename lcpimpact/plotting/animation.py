@@ -31,7 +31,7 @@ from lcpimpact.numbers import count, positive
 from lcpimpact.plotting.block_diagram import draw_system
 from lcpimpact.plotting.layout import CEILING, Layout
 from lcpimpact.plotting.schematic import INCH, Line, Piece, Posture, extent, paint, picture
-from lcpimpact.plotting.style import INK, SOFT, style
+from lcpimpact.plotting.style import GREY, INK, style
 from lcpimpact.plotting.timeline import shown_events
 from lcpimpact.plotting.trajectory import Panel, draw_panel, force_names, panels, title_of
 from lcpimpact.scheme.elements.base import GROUND
@@ -40,26 +40,26 @@ from lcpimpact.trajectory import Trajectory
 
 FORMATS = (".gif", ".mp4", ".html")
 
-SECONDS = 8.0
+DEFAULT_SECONDS = 8.0
 """Default duration of an animation in s."""
 
 HOLD_SECONDS = 1.0
 """Duration of the last frame of a GIF in s."""
 
-TRAVEL = 3.6
+MAX_TRAVEL = 3.6
 """Largest relative displacement in the picture, in units of the layout."""
 
 FLASH_SECONDS = 0.15
 """Duration in s of the animation for which an impact is marked."""
 
-COLORS = 96
+COLOR_COUNT = 96
 """Number of colours of a GIF or of a frame in HTML, anti-aliasing included."""
 
 MAX_FRAMES = 10_000
 """Maximum number of frames of an animation."""
 
 DPI = 100.0
-LOWEST, HIGHEST, WIDEST, CURVES = 3.8, 6.4, 5.0, 5.6
+MIN_HEIGHT, MAX_HEIGHT, MAX_SCHEME_WIDTH, CURVES_WIDTH = 3.8, 6.4, 5.0, 5.6
 """Minimum and maximum height of an animation, maximum width of its scheme and width of its curves, in inches."""
 
 
@@ -107,7 +107,7 @@ def animate(trajectory: Trajectory, path: str | Path, *, seconds: float | None =
     """
     path = Path(path)
     check_output(path, FORMATS)
-    length = SECONDS if seconds is None else seconds
+    length = DEFAULT_SECONDS if seconds is None else seconds
     positive("seconds", length, "s")
     count("fps", fps)
     frames = round(length * fps)
@@ -151,12 +151,12 @@ class Film:
     @classmethod
     def of(cls, trajectory: Trajectory, times: Array, seconds: float) -> Film:
         """Lay out the film of a run with one frame per time."""
-        contents = _to_show(trajectory)
+        contents = _panels_with_impulses(trajectory)
         scheme = trajectory.problem.scheme
         scenes: list[list[Piece]] = [[] for _ in times]
         scale, left, right, low, high = 0.0, 0.0, 0.0, 0.0, 0.0
         if isinstance(scheme, Scheme):
-            layout, postures = stage(trajectory, times)
+            layout, postures = lay_out_motion(trajectory, times)
             scale = layout.scale
             scenes = [list(picture(layout, posture, coordinates=True)) for posture in postures]
             sides = np.array([extent(scene) for scene in scenes])
@@ -166,9 +166,9 @@ class Film:
             spare = Figure().add_subplot()
             wide, tall = draw_system(spare, scheme)
             right, high = wide, tall
-        height = _even(min(HIGHEST, max(LOWEST, (high - low) * INCH + 0.8)))
-        unit = min(INCH, (height - 0.8) / (high - low), WIDEST / (right - left))
-        width = _even((right - left) * unit + 0.2 + CURVES)
+        height = _even(min(MAX_HEIGHT, max(MIN_HEIGHT, (high - low) * INCH + 0.8)))
+        unit = min(INCH, (height - 0.8) / (high - low), MAX_SCHEME_WIDTH / (right - left))
+        width = _even((right - left) * unit + 0.2 + CURVES_WIDTH)
         figure = Figure(figsize=(width, height), dpi=DPI)
         drawing = figure.add_axes((0.1 / width, 0.4 / height, (right - left) * unit / width, 1.0 - 0.8 / height))
         artists: list[Any] = []
@@ -184,9 +184,9 @@ class Film:
         title = title_of(trajectory)
         figure.text(0.15 / width, 1.0 - 0.2 / height, title, ha="left", va="center", fontsize=10.5, color=INK)
         ratio = (times[-1] - times[0]) / seconds
-        pace = f"slowed down {_three(1.0 / ratio)} times" if ratio < 1.0 else f"sped up {_three(ratio)} times"
+        pace = f"slowed down {_round3(1.0 / ratio)} times" if ratio < 1.0 else f"sped up {_round3(ratio)} times"
         pace = "as fast as it is" if abs(ratio - 1.0) < 5e-3 else pace
-        figure.text(1.0 - 0.15 / width, 1.0 - 0.2 / height, pace, ha="right", va="center", fontsize=9.0, color=SOFT)
+        figure.text(1.0 - 0.15 / width, 1.0 - 0.2 / height, pace, ha="right", va="center", fontsize=9.0, color=GREY)
         clock = figure.text(0.15 / width, 0.2 / height, "", ha="left", va="center", fontsize=11.0, color=INK)
         moving = [artist for group in artists for artist in (group if isinstance(group, tuple) else (group,)) if artist]
         moving += [line for _, grown, marks in growing for line in (*grown, *marks)]
@@ -237,7 +237,7 @@ class Film:
             yield Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy())
 
 
-def stage(trajectory: Trajectory, times: Array) -> tuple[Layout, list[Posture]]:
+def lay_out_motion(trajectory: Trajectory, times: Array) -> tuple[Layout, list[Posture]]:
     """Return the layout, with space for the motion of the run, and the posture at each time.
 
     Parameters
@@ -257,8 +257,8 @@ def stage(trajectory: Trajectory, times: Array) -> tuple[Layout, list[Posture]]:
     stretched = [np.ptp(q[link.bottom] - q[link.top]) for link in plain.links]
     carried = {arm.top for arm in plain.arms if arm.bottom in (GROUND, *plain.nodes)}
     largest = max([*stretched, *(np.ptp(q[node]) for node in plain.nodes if node not in carried)], default=0.0)
-    scale = TRAVEL / largest if largest > 0.0 else 1.0
-    layout = Layout(problem.scheme.elements, partial(_travel, q, scale), scale)
+    scale = MAX_TRAVEL / largest if largest > 0.0 else 1.0
+    layout = Layout(problem.scheme.elements, partial(_relative_travel, q, scale), scale)
 
     pressed = _pressed(trajectory, times, np.hstack([state.reaction, dynamics.push(state.q, state.v)]))
     rest = layout.y
@@ -271,7 +271,7 @@ def stage(trajectory: Trajectory, times: Array) -> tuple[Layout, list[Posture]]:
     return layout, postures
 
 
-def _travel(q: Mapping[str, Array], scale: float, top: str, bottom: str) -> tuple[float, float]:
+def _relative_travel(q: Mapping[str, Array], scale: float, top: str, bottom: str) -> tuple[float, float]:
     """Return the minimum and maximum relative displacement of two nodes, in units of the layout."""
     apart = scale * (q[bottom] - q[top])
     return float(apart.min()), float(apart.max())
@@ -283,15 +283,15 @@ def _pressed(trajectory: Trajectory, times: Array, force: Array) -> dict[str, Ar
     r = np.nan_to_num(force)
     largest = max(float(np.abs(r).max(initial=0.0)), float(np.abs(np.nan_to_num(trajectory.forces)).max(initial=0.0)))
     found = {name: np.abs(column) / (largest or 1.0) for name, column in zip(names, r.T, strict=True)}
-    # A frame stands for FLASH_SECONDS/SECONDS of the run at least.
-    instant = FLASH_SECONDS / SECONDS * (times[-1] - times[0])
+    # A frame stands for FLASH_SECONDS/DEFAULT_SECONDS of the run at least.
+    instant = FLASH_SECONDS / DEFAULT_SECONDS * (times[-1] - times[0])
     for event in shown_events(trajectory):
         if event.impulse > 0.0:
             found[event.contact][(times >= event.t) & (times < event.t + instant)] = 1.0
     return found
 
 
-def _to_show(trajectory: Trajectory) -> list[Panel]:
+def _panels_with_impulses(trajectory: Trajectory) -> list[Panel]:
     """Return the panels of a run, with impulses as needles."""
     impacts = [event for event in shown_events(trajectory) if event.impulse > 0.0]
     if not impacts:
@@ -304,7 +304,7 @@ def _to_show(trajectory: Trajectory) -> list[Panel]:
     return [*panels(trajectory), Panel("impulse [N s]", names, t, needles)]
 
 
-def _three(value: float) -> str:
+def _round3(value: float) -> str:
     """Format a number with three significant digits, or from a hundred on as an integer with two."""
     return f"{value:.3g}" if value < 99.5 else f"{float(f'{value:.2g}'):,.0f}"
 
@@ -351,11 +351,11 @@ def _scale_bar(ax: Axes, x: float, y: float, scale: float, size: float) -> None:
     """Draw a vertical scale bar of a round length in metres, with its length."""
     metres = _round_below(1.6 / scale)
     long = metres * scale
-    ax.plot([x, x], [y, y + long], color=SOFT, linewidth=1.2 * size, linestyle="-", solid_capstyle="butt")
+    ax.plot([x, x], [y, y + long], color=GREY, linewidth=1.2 * size, linestyle="-", solid_capstyle="butt")
     for end in (y, y + long):
-        ax.plot([x - 0.12, x + 0.12], [end, end], color=SOFT, linewidth=1.2 * size, linestyle="-")
+        ax.plot([x - 0.12, x + 0.12], [end, end], color=GREY, linewidth=1.2 * size, linestyle="-")
     ax.text(
-        x + 0.22, y + long / 2.0, _length(metres), ha="left", va="center_baseline", fontsize=10.0 * size, color=SOFT
+        x + 0.22, y + long / 2.0, _length(metres), ha="left", va="center_baseline", fontsize=10.0 * size, color=GREY
     )
 
 
@@ -377,7 +377,7 @@ def _even(inches: float) -> float:
     return 2.0 * math.ceil(inches * DPI / 2.0) / DPI
 
 
-def few_colors(pictures: Sequence[Image.Image], colors: int = COLORS) -> Image.Image:
+def common_palette(pictures: Sequence[Image.Image], colors: int = COLOR_COUNT) -> Image.Image:
     """Return an image whose palette suits all the pictures and contains pure white."""
     together = Image.fromarray(np.vstack([np.asarray(picture) for picture in pictures]))
     palette = together.quantize(colors, method=Image.Quantize.MEDIANCUT)
@@ -388,15 +388,15 @@ def few_colors(pictures: Sequence[Image.Image], colors: int = COLORS) -> Image.I
     return palette
 
 
-def _few_colors(film: Film) -> Iterator[Image.Image]:
+def _quantized_frames(film: Film) -> Iterator[Image.Image]:
     """Yield the frames in one palette, computed from four of them."""
-    palette = few_colors(list(film.frames(np.linspace(0, len(film.times) - 1, 4).round().astype(int).tolist())))
+    palette = common_palette(list(film.frames(np.linspace(0, len(film.times) - 1, 4).round().astype(int).tolist())))
     for frame in film.frames():
         yield frame.quantize(palette=palette, dither=Image.Dither.NONE)
 
 
 def _write_gif(film: Film, path: Path, fps: int) -> None:
-    first, *others = _few_colors(film)
+    first, *others = _quantized_frames(film)
     # GIF durations are in hundredths of a second, so frames of 1/30 s last 3, 3 and 4 of them.
     ends = [round(100.0 * i / fps) for i in range(len(film.times) + 1)]
     lasts = [10 * max(2, after - before) for before, after in pairwise(ends)]
@@ -419,7 +419,7 @@ def _write_mp4(film: Film, path: Path, fps: int) -> None:
 
 def _write_html(film: Film, path: Path, fps: int) -> None:
     pictures = []
-    for frame in _few_colors(film):
+    for frame in _quantized_frames(film):
         data = io.BytesIO()
         frame.save(data, format="PNG", optimize=False)
         pictures.append(base64.b64encode(data.getvalue()).decode("ascii"))

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 
 from lcpimpact.plotting.layout import width
-from lcpimpact.plotting.style import FAINT, INK, PALETTE
+from lcpimpact.plotting.style import INK, LIGHT_GREY, PALETTE
 from lcpimpact.plotting.timeline import math_text
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
@@ -38,12 +38,12 @@ def draw_system(ax: Axes, system: LinearComplementaritySystem) -> tuple[float, f
 
     _box(ax, half, 2.5, 2.5)
     for line, height in zip((*equations, names[0]), (4.25, 3.55, 2.9), strict=True):
-        _words(ax, line, height, 11.0 if line == names[0] else 14.0)
+        _draw_text(ax, line, height, 11.0 if line == names[0] else 14.0)
     _box(ax, half, 0.0, 1.6)
     relays = any(math.isfinite(high) for _, high in system.bounds)
     law = r"\underline{λ} \leq λ \leq \overline{λ} \perp w" if relays else r"0 \leq λ \perp w \geq 0"
-    _words(ax, f"${law}$", 1.1, 14.0)
-    _words(ax, names[1], 0.45, 11.0)
+    _draw_text(ax, f"${law}$", 1.1, 14.0)
+    _draw_text(ax, names[1], 0.45, 11.0)
     outside = half + 1.2
     # w runs around the right side, and λ back on the left.
     for side, name, path in ((1.0, "$w$", (3.75, 0.8)), (-1.0, "$λ$", (0.8, 3.75))):
@@ -74,8 +74,8 @@ def _some(names: Sequence[str]) -> str:
 
 
 def _box(ax: Axes, half: float, low: float, height: float) -> None:
-    ax.add_patch(Rectangle((-half, low), 2.0 * half, height, facecolor=FAINT, edgecolor=INK, linewidth=1.5))
+    ax.add_patch(Rectangle((-half, low), 2.0 * half, height, facecolor=LIGHT_GREY, edgecolor=INK, linewidth=1.5))
 
 
-def _words(ax: Axes, text: str, height: float, size: float) -> None:
+def _draw_text(ax: Axes, text: str, height: float, size: float) -> None:
     ax.text(0.0, height, text, ha="center", va="center", fontsize=size, color=INK)

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.energy import INFLOWS, STORED
-from lcpimpact.plotting.style import EXACT, INK, PALETTE, SOFT, style
+from lcpimpact.plotting.style import EXACT, GREY, INK, PALETTE, style
 from lcpimpact.plotting.timeline import (
     curves,
     mark_events,
@@ -35,7 +35,7 @@ MARKS = "os^Dv<>"
 MARKERS = 40
 """Approximate number of markers on a curve of forces."""
 
-DECADES = 9.0
+DIFFERENCE_DECADES = 9.0
 """Number of decades below the largest difference that are drawn."""
 
 MAX_LAYERS = 5
@@ -73,7 +73,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
     first = truth if truth is not None else next(iter(runs.values()), None)
     if first is None:
         figure = Figure(figsize=(7.0, 1.5), layout="constrained")
-        figure.text(0.5, 0.5, "no method reached the end", ha="center", va="center", color=SOFT)
+        figure.text(0.5, 0.5, "no method reached the end", ha="center", va="center", color=GREY)
         return figure
     nodes, contacts = shown_nodes(first)[:MAX_COORDINATES], shown_forces(first)[:MAX_COORDINATES]
     impulsive = any(event.impulse > 0.0 for event in shown_events(first))
@@ -89,7 +89,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
         if forces:
             axes[1].plot(t_r, r[:, contacts], color=EXACT, linewidth=5.0, linestyle="-", solid_capstyle="butt")
     for number, run in enumerate(runs.values()):
-        look = _look(number)
+        look = _line_style(number)
         t, q, _, _ = curves(run)
         axes[0].plot(t, q[:, nodes], linewidth=1.2, **look)
         if forces:
@@ -99,7 +99,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
                 run.t_reaction, run.forces[:, contacts], linestyle="none", marker=MARKS[number % 7], markersize=3.6,
                 markerfacecolor="none", markevery=(shift, every), color=look["color"],
             )  # fmt: skip
-    _name_curves(axes[0], first, nodes)
+    _name_coordinates(axes[0], first, nodes)
     axes[0].set_ylabel("coordinates [m]" if units else "states")
     if forces:
         _name_forces(axes[1], first, contacts)
@@ -117,7 +117,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
     return figure
 
 
-def _look(number: int) -> dict[str, str]:
+def _line_style(number: int) -> dict[str, str]:
     lines = ("-", "--", ":", "-.")
     return {"color": PALETTE[number % len(PALETTE)], "linestyle": lines[number % len(lines)]}
 
@@ -129,13 +129,13 @@ def _legend(figure: Figure, comparison: Comparison) -> None:
         handles.append(Line2D([], [], color=EXACT, linewidth=5.0, label=f"{name} (reference)"))
     for number, (label, run) in enumerate(comparison.runs.items()):
         label = plain_text(label)
-        told = label if run.dense is not None else f"{label}, $h={run.t[-1] / (len(run.t) - 1):.3g}$ s"
-        look: Any = {"marker": MARKS[number % 7], "markersize": 3.6, "markerfacecolor": "none", **_look(number)}
-        handles.append(Line2D([], [], label=told, **look))
+        entry = label if run.dense is not None else f"{label}, $h={run.t[-1] / (len(run.t) - 1):.3g}$ s"
+        look: Any = {"marker": MARKS[number % 7], "markersize": 3.6, "markerfacecolor": "none", **_line_style(number)}
+        handles.append(Line2D([], [], label=entry, **look))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(3, len(handles)))
 
 
-def _name_curves(ax: Axes, run: Trajectory, nodes: Sequence[int]) -> None:
+def _name_coordinates(ax: Axes, run: Trajectory, nodes: Sequence[int]) -> None:
     """Label the coordinates at the ends of their curves, with one label where curves end together."""
     _write_names(ax, [(math_text(run.problem.dynamics.nodes[i]), float(run.q[-1, i])) for i in nodes])
 
@@ -154,9 +154,9 @@ def _write_names(ax: Axes, names: Sequence[tuple[str, float]]) -> None:
             ends[-1][1].append(name)
         else:
             ends.append((place, [name]))
-    for place, together in ends:
+    for place, labels in ends:
         ax.annotate(
-            ", ".join(together), (1.0, place), (4.0, 0.0), xycoords="axes fraction", textcoords="offset points",
+            ", ".join(labels), (1.0, place), (4.0, 0.0), xycoords="axes fraction", textcoords="offset points",
             va="center", color=INK, annotation_clip=False,
         )  # fmt: skip
 
@@ -174,7 +174,7 @@ def _draw_impulses(ax: Axes, truth: Trajectory | None, runs: Mapping[str, Trajec
     for number, run in enumerate(runs.values()):
         ax.plot(
             *impacts(run), linestyle="none", marker=MARKS[number % 7], markersize=3.6, markerfacecolor="none",
-            color=_look(number)["color"],
+            color=_line_style(number)["color"],
         )  # fmt: skip
     ax.set_ylim(bottom=0.0)
     ax.set_ylabel("impulse [N s]")
@@ -191,9 +191,9 @@ def _draw_differences(ax: Axes, truth: Trajectory, runs: Mapping[str, Trajectory
         t = run.t[run.t <= truth.t[-1]]
         difference = np.abs(run.q[: len(t)] - truth.sample(t).q)[:, judged].max(axis=1)
         largest = max(largest, float(difference.max()))
-        ax.semilogy(t, np.where(difference > 0.0, difference, np.nan), linewidth=1.1, **_look(number))
+        ax.semilogy(t, np.where(difference > 0.0, difference, np.nan), linewidth=1.1, **_line_style(number))
     if largest > 0.0:
-        ax.set_ylim(largest * 10.0**-DECADES, 4.0 * largest)
+        ax.set_ylim(largest * 10.0**-DIFFERENCE_DECADES, 4.0 * largest)
     base = next((f"from {plain_text(label)}" for label, run in runs.items() if run is truth), "")
     ax.set_ylabel(f"difference {base}" if base else "largest difference [m]" if units else "largest difference")
 
@@ -228,17 +228,17 @@ def plot_ledger(ledger: Ledger) -> Figure:
     warm = iter((PALETTE[1], PALETTE[4], PALETTE[3], PALETTE[2], "#8c6d46", "#b9b2a5"))
     shades = [colors[name] if name in colors else next(warm) for name in layers]
     upper.stackplot(t, list(layers.values()), colors=shades, linewidth=0.0, alpha=0.85)
-    came = table[list(INFLOWS)].sum(axis=1).to_numpy()
-    there = sum(values[0] for values in layers.values())
-    upper.plot(t, there + came, color=INK, linewidth=1.2, linestyle="-")
-    top = float(np.max(there + came))
+    inflow = table[list(INFLOWS)].sum(axis=1).to_numpy()
+    initial = sum(values[0] for values in layers.values())
+    upper.plot(t, initial + inflow, color=INK, linewidth=1.2, linestyle="-")
+    top = float(np.max(initial + inflow))
     upper.set(xlim=(t[0], t[-1] if t[-1] > t[0] else t[0] + 1.0), ylim=(0.0, 1.06 * top if top > 0.0 else 1.0))
     upper.set_ylabel("energy [J]")
     patches = [
         Line2D([], [], color=shade, linewidth=7.0, alpha=0.85, label=_layer_name(name))
         for name, shade in zip(layers, shades, strict=True)
     ]
-    start = "at the start" if not came.any() else "at the start and brought in since"
+    start = "at the start" if not inflow.any() else "at the start and brought in since"
     patches = [*patches[::-1], Line2D([], [], color=INK, linewidth=1.2, label=start)]
     figure.legend(handles=patches, loc="outside right center", fontsize=8.5)
     balance = np.abs(table["balance"].to_numpy())

@@ -83,15 +83,15 @@ class Cone:
             return "wedge"
         return "line" if a @ b < 0.0 else "ray"
 
-    def holds_many(self, q: Array) -> bool:
+    def is_dependent_at(self, q: Array) -> bool:
         """Return whether q has several representations in the cone: the columns are dependent and q lies in their span."""
         if self.kind == "wedge":
             return False
         if q.any():
-            return self.holds(_angle(q))
+            return self.contains(_angle(q))
         return self.kind == "line" or not self.columns.any(axis=1).all()
 
-    def holds(self, direction: float) -> bool:
+    def contains(self, direction: float) -> bool:
         """Return whether the cone contains a direction in degrees."""
         near = 1e-9
         if self.kind == "wedge":
@@ -112,7 +112,7 @@ def sectors(all_cones: Sequence[Cone]) -> list[tuple[float, float, int]]:
     found = []
     for first, last in zip(edges, [*edges[1:], edges[0] + 360.0], strict=True):
         if last - first > 1e-6:
-            count = sum(cone.holds((first + last) / 2.0) for cone in wedges)
+            count = sum(cone.contains((first + last) / 2.0) for cone in wedges)
             found.append((float(first), float(last), count))
     return found
 
@@ -164,7 +164,7 @@ def plot_cones(
     """
     operator = as_operator(M)
     if operator.n != 2:
-        raise InputError(f"cones are drawn in a plane: M must be of order 2, and it is of order {operator.n}")
+        raise InputError(f"M has order {operator.n}; the cones can be drawn for order 2 only: give a matrix of order 2")
     full = operator.array()
     right = None if q is None else finite_array("q", q)
     if right is not None and right.shape != (2,):
@@ -185,7 +185,7 @@ def plot_cones(
     entries = [_entry(cone, color) for cone, color in zip(drawn, COLORS, strict=True)]
     if gaps:
         entries.append(Patch(facecolor="none", edgecolor="#ccd3dc", hatch="////", label="no solution"))
-    entries += [_words(f"${{-}}M_{i + 1} = 0$") for i in range(2) if not full[:, i].any()]
+    entries += [_text_entry(f"${{-}}M_{i + 1} = 0$") for i in range(2) if not full[:, i].any()]
     if right is not None:
         entries += _answers(full, right, drawn)
     panel.legend(handles=entries, loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -292,11 +292,11 @@ def _apart(angles: Sequence[float], least: float = 17.0) -> list[float]:
 
 def _name_cones(ax: Axes, drawn: Sequence[Cone]) -> None:
     """Label each cone with its basis, inside its rim and clear of other labels."""
-    taken: list[Array] = []
+    placed: list[Array] = []
     for cone, color, radius in zip(drawn, COLORS, RADII, strict=True):
         places = list(_places(cone, radius - 0.08))
-        best = max(places, key=lambda place: min((_clear(place, other) for other in taken), default=0.0) > 0.0)
-        taken.append(best)
+        best = max(places, key=lambda place: min((_clear(place, other) for other in placed), default=0.0) > 0.0)
+        placed.append(best)
         name = "$\\{" + cone.name[1:-1] + "\\}$"
         ground = {"facecolor": "white", "edgecolor": color, "boxstyle": "round,pad=0.15", "linewidth": 0.8}
         ax.text(best[0], best[1], name, ha="center", va="center", fontsize=9.0, color=INK, bbox=ground, zorder=4.0)
@@ -334,15 +334,15 @@ def _entry(cone: Cone, color: str) -> Artist:
 def _answers(M: Array, q: Array, drawn: Sequence[Cone]) -> list[Artist]:
     """Return the legend entries with the number and list of solutions for q."""
     found = all_solutions(M, q)
-    endless = any(cone.holds_many(q) for cone in drawn)
+    endless = any(cone.is_dependent_at(q) for cone in drawn)
     number = str(len(found)) if found else "no"
     text = f"$q$ = ({q[0]:.4g}, {q[1]:.4g}): {number} solution{'' if len(found) == 1 else 's'}"
     if endless:
         text = f"$q$ = ({q[0]:.4g}, {q[1]:.4g}): infinitely many, among them"
-    arrow = _words(text)
+    arrow = _text_entry(text)
     arrow.set(marker="$\\rightarrow$", markersize=14.0, color=RIGHT_SIDE)
-    return [arrow, *(_words(f"$z$ = ({z[0]:.4g}, {z[1]:.4g})") for z in found)]
+    return [arrow, *(_text_entry(f"$z$ = ({z[0]:.4g}, {z[1]:.4g})") for z in found)]
 
 
-def _words(text: str) -> Line2D:
+def _text_entry(text: str) -> Line2D:
     return Line2D([], [], linestyle="none", label=text)

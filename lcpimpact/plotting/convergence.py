@@ -18,7 +18,7 @@ from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.plotting.style import FAINT, PALETTE, SOFT, style
+from lcpimpact.plotting.style import GREY, LIGHT_GREY, PALETTE, style
 from lcpimpact.plotting.timeline import plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.accuracy.convergence import COSTS, Convergence, WorkPrecision, observed_orders
@@ -86,23 +86,23 @@ def plot_convergence(study: Convergence, *, norm: str | None = None) -> Figure:
     orders = observed_orders(study, norm).set_index(["method", "law", "k"])
     figure = Figure(figsize=(7.0, 4.2), layout="constrained")
     ax = figure.add_subplot()
-    lines, slopes, telling = [], [], []
-    tells = bool(orders["points"].any())
-    for (key, runs), look in zip(_groups(table), _looks(table), strict=True):
+    lines, slopes, resolved = [], [], []
+    any_resolved = bool(orders["points"].any())
+    for (key, runs), look in zip(_groups(table), _line_styles(table), strict=True):
         row = orders.loc[key]
         # Errors at rounding level are drawn only if there are no others.
-        good = runs[(runs["failure"] == "") & (runs[norm] > 0.0) & bool(row["points"] or not tells)]
-        ax.plot(good["dt"], good[norm], label=f"{_named(key)}:  {_order(row, runs)}", **look)
-        telling += list(good[norm])
+        good = runs[(runs["failure"] == "") & (runs[norm] > 0.0) & bool(row["points"] or not any_resolved)]
+        ax.plot(good["dt"], good[norm], label=f"{_group_name(key)}:  {_order_label(row, runs)}", **look)
+        resolved += list(good[norm])
         if len(good):
-            known = row["standard_error"] < ORDER_TOL and abs(row["order"] - _half(row["order"])) < ORDER_TOL
+            known = row["standard_error"] < ORDER_TOL and abs(row["order"] - _nearest_half(row["order"])) < ORDER_TOL
             lines.append(np.log10(np.column_stack([good["dt"], good[norm]]).astype(float)))
-            slopes.append(_half(row["order"]) if known else 0.0)
+            slopes.append(_nearest_half(row["order"]) if known else 0.0)
         if len(good):
             _mark_failures(ax, runs["dt"], runs["failure"], look)
     ax.set(xscale="log", yscale="log", xlabel="step $h$ [s]", ylabel=_label(norm))
-    _titled(ax, study, norm)
-    _limit(ax, study.scales.get(norm, 0.0), telling)
+    _set_title(ax, study, norm)
+    _limit_errors(ax, study.scales.get(norm, 0.0), resolved)
     _draw_legend(figure, ax, "observed order ± scatter")
     _draw_triangles(ax, lines, slopes)
     return figure
@@ -142,19 +142,19 @@ def plot_work_precision(study: WorkPrecision, *, norm: str | None = None, cost: 
         raise InputError(nearest(str(cost), list(COSTS), "cost"))
     figure = Figure(figsize=(7.0, 4.2), layout="constrained")
     ax = figure.add_subplot()
-    for (key, runs), look in zip(_groups(table), _looks(table), strict=True):
+    for (key, runs), look in zip(_groups(table), _line_styles(table), strict=True):
         solved = runs[runs["failure"] == ""]
         good = solved[(solved[norm] > 0.0) & (solved[cost] > 0)].sort_values(cost)
         failed = len(runs) - len(solved)
-        said = f": {failed} of {len(runs)} runs without a result" if failed else ""
+        note = f": {failed} of {len(runs)} runs without a result" if failed else ""
         if failed == len(runs):
-            said = ": no result"
+            note = ": no result"
         elif len(good) == 0 and len(solved):
-            said = f": no {COST_LABELS[cost]}" if not (solved[cost] > 0).any() else ": no error"
-        ax.plot(good[cost].astype(float), good[norm], label=_named(key) + said, **look)
+            note = f": no {COST_LABELS[cost]}" if not (solved[cost] > 0).any() else ": no error"
+        ax.plot(good[cost].astype(float), good[norm], label=_group_name(key) + note, **look)
     ax.set(xscale="log", yscale="log", xlabel=COST_LABELS[cost], ylabel=_label(norm))
-    _titled(ax, study, norm)
-    _limit(ax, study.scales.get(norm, 0.0), [])
+    _set_title(ax, study, norm)
+    _limit_errors(ax, study.scales.get(norm, 0.0), [])
     _draw_legend(figure, ax, None)
     return figure
 
@@ -170,7 +170,7 @@ def _groups(table: pd.DataFrame) -> Iterator[tuple[Any, pd.DataFrame]]:
     yield from table.groupby(["method", "law", "k"], sort=False)
 
 
-def _looks(table: pd.DataFrame) -> Iterator[dict[str, Any]]:
+def _line_styles(table: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Yield a colour and a marker for each method, and a line style for each variant of the problem."""
     methods = list(dict.fromkeys(table["method"]))
     variants = list(dict.fromkeys(zip(table["law"], table["k"], strict=True)))
@@ -185,7 +185,7 @@ def _looks(table: pd.DataFrame) -> Iterator[dict[str, Any]]:
         }
 
 
-def _named(key: tuple[str, str, float]) -> str:
+def _group_name(key: tuple[str, str, float]) -> str:
     method, law, k = plain_text(key[0]), *key[1:]
     return method if law == "rigid" else f"{method}, {law} {_power(k)}"
 
@@ -199,11 +199,11 @@ def _power(k: float) -> str:
     return f"$k$ = {mantissa}"
 
 
-def _half(order: float) -> float:
+def _nearest_half(order: float) -> float:
     return round(2.0 * order) / 2.0 if np.isfinite(order) else 0.0
 
 
-def _order(row: pd.Series, runs: pd.DataFrame) -> str:
+def _order_label(row: pd.Series, runs: pd.DataFrame) -> str:
     if row["verdict"] == "failed":
         return "no result"
     if runs["rtol"].notna().any():
@@ -213,7 +213,7 @@ def _order(row: pd.Series, runs: pd.DataFrame) -> str:
     return "rounding" if row["rounding"] else "one step"
 
 
-def _tick(ax: Axes) -> None:
+def _set_ticks(ax: Axes) -> None:
     """Label 1, 2 and 5 on an axis of less than two decades."""
     low, high = ax.get_xlim()
     if high < 100.0 * low:
@@ -222,13 +222,13 @@ def _tick(ax: Axes) -> None:
     ax.xaxis.set_minor_formatter(NullFormatter())
 
 
-def _limit(ax: Axes, scale: float, telling: Sequence[float]) -> None:
+def _limit_errors(ax: Axes, scale: float, resolved: Sequence[float]) -> None:
     """Limit the axis to exclude errors at rounding level and those of unbounded runs."""
     ax.autoscale_view()
-    _tick(ax)
+    _set_ticks(ax)
     low, high = ax.get_ylim()
-    if telling:
-        low = max(low, min(telling) / 4.0)
+    if resolved:
+        low = max(low, min(resolved) / 4.0)
     if scale > 0.0:
         high = max(min(high, MAX_ERROR * scale), 10.0 * low)
     ax.set_ylim(low, high)
@@ -249,13 +249,13 @@ def _label(norm: str) -> str:
     return f"${found.symbol}$" + (f"  [{unit}]" if unit else "")
 
 
-def _titled(ax: Axes, study: Convergence, norm: str) -> None:
+def _set_title(ax: Axes, study: Convergence, norm: str) -> None:
     references = plain_text(" or ".join(dict.fromkeys(name for name in study.table["reference"] if name)))
     ax.set_title(f"{plain_text(study.problem.name)}: {NORMS[norm].what}")
     if references:
         ax.annotate(
             f"against {references}", (0.0, 0.0), (0.0, -35.0), xycoords="axes fraction", textcoords="offset points",
-            fontsize=8.0, color=SOFT, va="top",
+            fontsize=8.0, color=GREY, va="top",
         )  # fmt: skip
 
 
@@ -277,29 +277,29 @@ def _draw_triangles(ax: Axes, lines: Sequence[Array], slopes: Sequence[float]) -
     low, high = (np.log10(each) for each in zip(ax.get_xlim(), ax.get_ylim(), strict=True))
     size = high - low
     curves = [(line - low) / size for line in lines]
-    taken = [_dense(curve) for curve in curves]
+    occupied = [_refine(curve) for curve in curves]
     for order in sorted(set(slopes) - {0.0}):
         own = [curve for curve, slope in zip(curves, slopes, strict=True) if slope == order]
         steepness = order * size[0] / size[1]
         if order <= 0.0:
             continue
         width = min(TRIANGLE_WIDTH, TRIANGLE_HEIGHT / steepness)
-        corners = _place(own, taken, width, steepness * width)
+        corners = _place(own, occupied, width, steepness * width)
         if corners is None:
             continue
-        taken.append(_dense(np.vstack([corners, corners[:1]])))
+        occupied.append(_refine(np.vstack([corners, corners[:1]])))
         _draw_triangle(ax, low + corners * size, order)
 
 
-def _dense(curve: Array) -> Array:
+def _refine(curve: Array) -> Array:
     """Return points on a polyline dense enough to detect all of its crossings."""
     pieces = [np.linspace(a, b, 60) for a, b in pairwise(curve)]
     return np.vstack(pieces) if pieces else curve
 
 
-def _place(own: Sequence[Array], taken: Sequence[Array], width: float, height: float) -> Array | None:
+def _place(own: Sequence[Array], occupied: Sequence[Array], width: float, height: float) -> Array | None:
     """Return the corners, in axes units, of the triangle nearest to a line of its order that touches no line."""
-    obstacles = np.vstack(taken)
+    obstacles = np.vstack(occupied)
     best, nearest_so_far = None, np.inf
     for x in np.linspace(0.05, 0.93 - width, 45):
         for y in np.linspace(0.08, 0.95 - height, 45):
@@ -312,7 +312,7 @@ def _place(own: Sequence[Array], taken: Sequence[Array], width: float, height: f
             if inside.any():
                 continue
             middle = np.array([x + 0.5 * width, y + 0.5 * height])
-            distance = min(float(np.hypot(*(_dense(curve) - middle).T).min()) for curve in own)
+            distance = min(float(np.hypot(*(_refine(curve) - middle).T).min()) for curve in own)
             if distance < nearest_so_far:
                 best, nearest_so_far = np.array([[x, y], [x + width, y], [x + width, y + height]]), distance
     return best
@@ -320,12 +320,12 @@ def _place(own: Sequence[Array], taken: Sequence[Array], width: float, height: f
 
 def _draw_triangle(ax: Axes, corners: Array, order: float) -> None:
     """Draw a triangle given by its corners in log10 of dt and of the error, labelled with its order."""
-    ax.add_patch(Polygon(10.0**corners, closed=True, facecolor=FAINT, edgecolor=SOFT, linewidth=0.8, zorder=1.2))
+    ax.add_patch(Polygon(10.0**corners, closed=True, facecolor=LIGHT_GREY, edgecolor=GREY, linewidth=0.8, zorder=1.2))
     where = 10.0 ** (0.5 * (corners[1] + corners[2]))
     ax.annotate(
-        f"{order:g}", tuple(where), (3.0, 0.0), textcoords="offset points", va="center", fontsize=9.0, color=SOFT
+        f"{order:g}", tuple(where), (3.0, 0.0), textcoords="offset points", va="center", fontsize=9.0, color=GREY
     )
     where = 10.0 ** (0.5 * (corners[0] + corners[1]))
     ax.annotate(
-        "1", tuple(where), (0.0, -2.5), textcoords="offset points", ha="center", va="top", fontsize=9.0, color=SOFT
+        "1", tuple(where), (0.0, -2.5), textcoords="offset points", ha="center", va="top", fontsize=9.0, color=GREY
     )

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from lcpimpact.arguments import checked
-from lcpimpact.plotting.style import EXACT, FAINT, INK, PALETTE, SOFT, style
+from lcpimpact.plotting.style import EXACT, GREY, INK, LIGHT_GREY, PALETTE, style
 from lcpimpact.plotting.timeline import math_text, plain_text
 from lcpimpact.problems.reading import read
 from lcpimpact.study.design.fit import Fit
@@ -20,7 +20,7 @@ from lcpimpact.study.design.sizing import UNITS, Design
 POINTS = 1200
 """Number of points of a curve."""
 
-WANTED, SHOWN = PALETTE[1], SOFT
+REQUIRED_COLOR, RESULT_COLOR = PALETTE[1], GREY
 """Colours of required and resulting values."""
 
 SYMBOLS = {
@@ -51,34 +51,34 @@ def plot_design(design: Design) -> Figure:
     run = design.simulate()
     end = min(design.contact_time, float(run.t[-1]))
     t = np.linspace(0.0, end, POINTS)
-    force, way = read(run, design.force(run), t, "left"), read(run, "x", t)
+    force, displacement = read(run, design.force(run), t, "left"), read(run, "x", t)
     force[0] = read(run, design.force(run), [0.0])[0]
     if math.isfinite(design.contact_time):
-        way[-1] = read(run, "x", [end])[0]
+        displacement[-1] = read(run, "x", [end])[0]
     figure = Figure(figsize=(7.0, 3.3), layout="constrained")
-    over_time, over_way = figure.subplots(1, 2, sharey=True)
+    over_time, over_displacement = figure.subplots(1, 2, sharey=True)
     over_time.plot(np.append(0.0, t), np.append(0.0, force), color=PALETTE[0])
-    over_way.fill(np.append(0.0, way), np.append(0.0, force), color=FAINT)
-    over_way.plot(np.append(0.0, way), np.append(0.0, force), color=PALETTE[0])
+    over_displacement.fill(np.append(0.0, displacement), np.append(0.0, force), color=LIGHT_GREY)
+    over_displacement.plot(np.append(0.0, displacement), np.append(0.0, force), color=PALETTE[0])
     over_time.set(xlabel="$t$ [s]", ylabel="force on the mass [N]")
-    over_way.set(xlabel="$x$ [m]")
+    over_displacement.set(xlabel="$x$ [m]")
     low, high = min(0.0, float(force.min())), design.peak_force
     over_time.set_ylim(low - 0.04 * (high - low), high + 0.16 * (high - low))
-    for ax in (over_time, over_way):
+    for ax in (over_time, over_displacement):
         ax.margins(x=0.09)
         ax.xaxis.set_major_locator(MaxNLocator(5))
         ax.axhline(0.0, color=INK, linewidth=0.6)
         if design.g > 0.0:
-            ax.axhline(design.m * design.g, color=SOFT, linewidth=0.7, linestyle=":")
+            ax.axhline(design.m * design.g, color=GREY, linewidth=0.7, linestyle=":")
     if design.g > 0.0:
-        over_way.annotate(
-            "$m g$", (0.0, design.m * design.g), (3.0, 1.5), xycoords=over_way.get_yaxis_transform(),
-            textcoords="offset points", ha="left", color=SOFT, fontsize=8.5,
+        over_displacement.annotate(
+            "$m g$", (0.0, design.m * design.g), (3.0, 1.5), xycoords=over_displacement.get_yaxis_transform(),
+            textcoords="offset points", ha="left", color=GREY, fontsize=8.5,
         )  # fmt: skip
     _mark(over_time, design, "peak_force", horizontal=True)
     _mark(over_time, design, "contact_time")
-    _mark(over_way, design, "deflection")
-    figure.suptitle(_words(design), x=0.01, ha="left", fontsize=10.0)
+    _mark(over_displacement, design, "deflection")
+    figure.suptitle(_title(design), x=0.01, ha="left", fontsize=10.0)
     return figure
 
 
@@ -87,7 +87,7 @@ def _mark(ax: Axes, design: Design, name: str, *, horizontal: bool = False) -> N
     value = getattr(design, name)
     if not math.isfinite(value):
         return
-    color = WANTED if name in design.wanted else SHOWN
+    color = REQUIRED_COLOR if name in design.wanted else RESULT_COLOR
     line: dict[str, Any] = {"color": color, "linewidth": 0.9, "linestyle": "--", "zorder": 1.8}
     text = f"{SYMBOLS[name]} = {value:.4g} {UNITS[name]}"
     ground = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.85}
@@ -111,17 +111,17 @@ def _mark(ax: Axes, design: Design, name: str, *, horizontal: bool = False) -> N
     )  # fmt: skip
 
 
-def _words(design: Design) -> str:
+def _title(design: Design) -> str:
     """Return the title: the law, its constants, the restitution, and the required values."""
     constants = [f"{SYMBOLS[name]} = {getattr(design, name):.6g} {_unit(design, name)}" for name in ("k", "c", "b")
                  if getattr(design, name) is not None]  # fmt: skip
     outcome = f"$e$ = {design.e:.4g}" if math.isfinite(design.contact_time) else "the mass stays"
     first = f"{design.law}: {', '.join(constants)}; {outcome}"
-    asked = [f"{SYMBOLS[name]} = {value:.6g} {_unit(design, name)}".strip() for name, value in design.wanted.items()]
+    required = [f"{SYMBOLS[name]} = {value:.6g} {_unit(design, name)}".strip() for name, value in design.wanted.items()]
     case = f"$m$ = {design.m:.4g} kg, $v_0$ = {design.v0:.4g} m/s" + (
         f", $g$ = {design.g:.4g} m/s²" if design.g else ""
     )
-    return f"{first}\ngiven: {', '.join(asked)}; {case}"
+    return f"{first}\ngiven: {', '.join(required)}; {case}"
 
 
 def _unit(design: Design, name: str) -> str:
@@ -161,7 +161,7 @@ def plot_fit(fit: Fit) -> Figure:
     for i, (name, rows) in enumerate(curves):
         above, below = axes[2 * i], axes[2 * i + 1]
         below.sharex(above)
-        above.plot(rows["t"], rows["measured"], ".", color=SOFT, markersize=3.5, label="measured")
+        above.plot(rows["t"], rows["measured"], ".", color=GREY, markersize=3.5, label="measured")
         above.plot(fine, read(fit.run, str(name), fine), color=PALETTE[0], label="fitted", zorder=2.5)
         above.set_ylabel(f"{math_text(str(name))} {_series_unit(fit, str(name))}")
         above.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -183,11 +183,11 @@ def plot_fit(fit: Fit) -> Figure:
         widest = max(float(relative.abs().max()), 1e-12)
         ax.set(xlabel="(fitted - wanted)/|wanted|", xlim=(-1.15 * widest, 1.15 * widest))
     figure.align_ylabels(axes)
-    figure.suptitle(_fitted(fit), x=0.01, ha="left", fontsize=10.0)
+    figure.suptitle(_fit_title(fit), x=0.01, ha="left", fontsize=10.0)
     return figure
 
 
-def _fitted(fit: Fit) -> str:
+def _fit_title(fit: Fit) -> str:
     """Return the title: the parameters with their intervals, two per line."""
     parts = []
     for row in fit.table.itertuples():

@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.plotting.style import FAINT, INK, PALETTE, SOFT, style
+from lcpimpact.plotting.style import GREY, INK, LIGHT_GREY, PALETTE, style
 from lcpimpact.plotting.timeline import math_text, plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.dynamics.basins import Basins
@@ -26,10 +26,10 @@ from lcpimpact.study.dynamics.lyapunov import LyapunovExponents
 from lcpimpact.study.dynamics.sections import Impacts, PoincareSection
 from lcpimpact.study.dynamics.shooting import PeriodicOrbit
 
-BASINS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442")
+BASIN_COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442")
 """Okabe and Ito's colours for basins; initial states that do not converge are grey."""
 
-UNSETTLED = "#8d95a1"
+NO_ATTRACTOR_COLOR = "#8d95a1"
 
 POINTS = 2000
 """Number of points of an orbit."""
@@ -64,8 +64,8 @@ def plot_poincare(study: PoincareSection, *, x: str | None = None, y: str | None
     table, node = study.table, study.problem.dynamics.nodes[0]
     if len(table) == 0:
         raise InputError("the table has no points: run longer, or take another section")
-    still = np.ptp(table[node]) <= 1e-6 * max(np.ptp(table[f"v_{node}"]), 1e-300)
-    fixed = still or isinstance(study.section, Impacts)
+    constant = np.ptp(table[node]) <= 1e-6 * max(np.ptp(table[f"v_{node}"]), 1e-300)
+    fixed = constant or isinstance(study.section, Impacts)
     across = x or ("phase" if fixed and "phase" in table and table["phase"].notna().all() else node)
     up = y or f"v_{node}"
     _check(table, across, up)
@@ -76,7 +76,7 @@ def plot_poincare(study: PoincareSection, *, x: str | None = None, y: str | None
     ax.margins(0.12 if few else 0.05)
     if across == "phase":
         ax.set_xlim(0.0, 1.0)
-    _wide_enough(ax)
+    _widen(ax)
     ax.set_xlabel(_label(across))
     ax.set_ylabel(_label(up))
     ax.set_title(plain_text(f"{study.problem.name} by {study.method}"))
@@ -124,7 +124,7 @@ def plot_bifurcation(
     for branch in branches:
         _draw_branch(ax, branch, up)
     for value, word in marks:
-        ax.axvline(value, color=SOFT, lw=0.9, ls=":")
+        ax.axvline(value, color=GREY, lw=0.9, ls=":")
         ax.annotate(word, (value, 1.0), (0.0, 3.0), xycoords=("data", "axes fraction"), textcoords="offset points",
                     ha="center", fontsize=9.0, color=INK, annotation_clip=False)  # fmt: skip
     failed = table.loc[table["failure"].fillna("") != "", "value"]
@@ -180,9 +180,9 @@ def _draw_branch(ax: Axes, branch: Branch, up: str) -> None:
     stable = table["stable"].to_numpy(dtype=bool)
     x, y = table["value"].to_numpy(dtype=float), table[up].to_numpy(dtype=float)
     # Each piece extends to the next point, so that the line is not broken at a change of stability.
-    for held, color, line in ((stable, PALETTE[0], "-"), (~stable, PALETTE[1], "--")):
-        shown = held.copy()
-        shown[1:] |= held[:-1]
+    for mask, color, line in ((stable, PALETTE[0], "-"), (~stable, PALETTE[1], "--")):
+        shown = mask.copy()
+        shown[1:] |= mask[:-1]
         ax.plot(x, np.where(shown, y, np.nan), color=color, ls=line, lw=1.6, zorder=3)
 
 
@@ -225,8 +225,8 @@ def plot_basins(result: Basins) -> Figure:
     first, second = table.columns[:2]
     grid = table.pivot(index=second, columns=first, values="attractor")
     count = int(table["attractor"].max())
-    shown = min(count, len(BASINS))
-    colors = ListedColormap([UNSETTLED, *BASINS[:shown]])
+    shown = min(count, len(BASIN_COLORS))
+    colors = ListedColormap([NO_ATTRACTOR_COLOR, *BASIN_COLORS[:shown]])
     figure = Figure(figsize=(6.0, 4.4), layout="constrained")
     ax = figure.add_subplot()
     ax.pcolormesh(
@@ -239,11 +239,12 @@ def plot_basins(result: Basins) -> Figure:
     )
     ax.grid(False)
     _draw_attractors(ax, result, str(first), str(second))
-    handles = [Patch(color=BASINS[k - 1], label=_attractor(result, k, shown < count)) for k in range(1, shown + 1)]
-    lost = float((table["attractor"] == 0).mean())
-    if lost > 0.0:
+    named = enumerate(BASIN_COLORS[:shown], 1)
+    handles = [Patch(color=color, label=_attractor(result, k, shown < count)) for k, color in named]
+    unattracted = float((table["attractor"] == 0).mean())
+    if unattracted > 0.0:
         word = "no period found"
-        handles.append(Patch(color=UNSETTLED, label=f"{word}, {_share(lost)}"))
+        handles.append(Patch(color=NO_ATTRACTOR_COLOR, label=f"{word}, {_percentage(unattracted)}"))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 3), frameon=False)
     ax.set_xlabel(_start_label(str(first)))
     ax.set_ylabel(_start_label(str(second)))
@@ -253,11 +254,11 @@ def plot_basins(result: Basins) -> Figure:
 def _attractor(result: Basins, k: int, more: bool) -> str:
     rows = result.attractors[result.attractors["attractor"] == k]
     period, share = int(rows["period"].iloc[0]), float(rows["share"].iloc[0])
-    others = " and others" if more and k == len(BASINS) else ""
-    return f"period {period}{others}, {_share(share)}"
+    others = " and others" if more and k == len(BASIN_COLORS) else ""
+    return f"period {period}{others}, {_percentage(share)}"
 
 
-def _share(share: float) -> str:
+def _percentage(share: float) -> str:
     return f"{share:.0%}" if share >= 0.01 else "< 1%"
 
 
@@ -328,8 +329,8 @@ def plot_orbit(orbit: PeriodicOrbit, *, node: str | None = None) -> Figure:
     phase.set_title(f"{plain_text(orbit.problem.name)}: T = {orbit.T:.6g} s, {_impacts(orbit)}")
 
     turn = np.linspace(0.0, 2.0 * math.pi, 361)
-    circle.fill(np.cos(turn), np.sin(turn), color=FAINT, zorder=0)
-    circle.plot(np.cos(turn), np.sin(turn), color=SOFT, lw=0.9, ls="-")
+    circle.fill(np.cos(turn), np.sin(turn), color=LIGHT_GREY, zorder=0)
+    circle.plot(np.cos(turn), np.sin(turn), color=GREY, lw=0.9, ls="-")
     μ = orbit.floquet
     inside = np.abs(μ) < 1.0
     for which, color in ((inside, PALETTE[0]), (~inside, PALETTE[1])):
@@ -362,16 +363,16 @@ def _check(table: pd.DataFrame, *columns: str) -> None:
         if name not in numbers:
             raise InputError(nearest(name, numbers, "column"))
         if not pd.api.types.is_numeric_dtype(table[name]):
-            raise InputError(f"column {name!r} holds what is no number")
+            raise InputError(f"column {name!r} is not numeric; choose another")
 
 
-def _wide_enough(ax: Axes) -> None:
+def _widen(ax: Axes) -> None:
     """Widen the axes so that points that differ by rounding error appear as one."""
-    for limits, put in ((ax.get_xlim(), ax.set_xlim), (ax.get_ylim(), ax.set_ylim)):
+    for limits, set_limits in ((ax.get_xlim(), ax.set_xlim), (ax.get_ylim(), ax.set_ylim)):
         middle, half = 0.5 * (limits[0] + limits[1]), 0.5 * (limits[1] - limits[0])
         least = 1e-3 * max(abs(middle), 1e-3)
         if half < least:
-            put(middle - 100.0 * least, middle + 100.0 * least)
+            set_limits(middle - 100.0 * least, middle + 100.0 * least)
 
 
 def _label(name: str) -> str:

@@ -11,17 +11,17 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from lcpimpact.arrays import Array
-from lcpimpact.plotting.style import EXACT, FAINT, INK, LCP, PALETTE, RK4, SOFT, style
+from lcpimpact.plotting.style import EXACT, GREY, INK, LCP, LIGHT_GREY, PALETTE, RK4, style
 from lcpimpact.plotting.timeline import contact_intervals, curves, mark_events, math_text
 from lcpimpact.trajectory import Trajectory
 
-MARKERS = 60
+MARKER_COUNT = 60
 """Approximate number of LCP markers on a curve."""
 
-DECADES = 8.0
+ERROR_DECADES = 8.0
 """Number of decades below the largest error that are drawn."""
 
-HOLLOW: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
+CIRCLES: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
 
 
 class Corner(NamedTuple):
@@ -99,9 +99,9 @@ def _draw_corner(text: Corner) -> Figure:
     ax.text(-0.12, high + 0.2, "$R$", ha="right", va="center", fontsize=12.0)
     ax.text(0.14, 0.85, text.closed, ha="left", va="center", color=LCP)
     ax.text(1.2, -0.22, text.opened, ha="center", va="center", color=LCP, bbox=ground)
-    ax.text(low / 2.0, 1.5, text.left, ha="center", va="center", color=SOFT, bbox=ground, fontsize=9.0)
-    ax.text(1.4, 1.75, text.inside, ha="center", va="center", color=SOFT, fontsize=9.0)
-    ax.text(1.2, -0.7, text.below, ha="center", va="center", color=SOFT, bbox=ground, fontsize=9.0)
+    ax.text(low / 2.0, 1.5, text.left, ha="center", va="center", color=GREY, bbox=ground, fontsize=9.0)
+    ax.text(1.4, 1.75, text.inside, ha="center", va="center", color=GREY, fontsize=9.0)
+    ax.text(1.2, -0.7, text.below, ha="center", va="center", color=GREY, bbox=ground, fontsize=9.0)
     ax.set(xlim=(low - 0.02, high + 0.3), ylim=(low - 0.02, high + 0.4))
     ax.set_axis_off()
     return figure
@@ -125,7 +125,7 @@ def force_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number:
     peak = float(np.nanmax(R)) or 1.0
     force.plot(t, R[:, 0], color=EXACT, linewidth=5.0, solid_capstyle="butt", label="exact")
     force.plot(
-        lcp.t_reaction, lcp.reaction[:, 0], color=LCP, markevery=_every(lcp), label=f"LCP, {_step(lcp)}", **HOLLOW
+        lcp.t_reaction, lcp.reaction[:, 0], color=LCP, markevery=_every(lcp), label=f"LCP, {_step(lcp)}", **CIRCLES
     )
     force.plot(rk4.t_reaction, rk4.reaction[:, 0], ":", color=RK4, linewidth=1.5, label=f"RK4, {_step(rk4)}")
     force.set(xlim=(exact.t[0], exact.t[-1]), ylim=(-0.03 * peak, 1.2 * peak), ylabel="$R$ [N]")
@@ -159,20 +159,20 @@ def motion_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number
         motion.plot(
             t, q[:, i], color=color, alpha=0.35, linewidth=max(1.5, 6.5 - 2.0 * i), label=f"{math_text(name)} exact"
         )
-        motion.plot(lcp.t, lcp.q[:, i], color=color, markevery=_every(lcp), **HOLLOW)
+        motion.plot(lcp.t, lcp.q[:, i], color=color, markevery=_every(lcp), **CIRCLES)
         motion.plot(rk4.t, rk4.q[:, i], ":", color=INK, linewidth=1.2)
     motion.set(xlim=(exact.t[0], exact.t[-1]), ylabel=f"{every} [m] (positive downwards)")
-    shading: dict[str, Any] = {"color": FAINT, "linewidth": 0.0}
+    shading: dict[str, Any] = {"color": LIGHT_GREY, "linewidth": 0.0}
     for contact in exact.problem.dynamics.contacts:
         for start, end in contact_intervals(exact, contact.name):
             motion.axvspan(start, end, zorder=0.5, **shading)
     methods = [
-        Line2D([], [], color=SOFT, label=f"LCP, {_step(lcp)}", **HOLLOW),
+        Line2D([], [], color=GREY, label=f"LCP, {_step(lcp)}", **CIRCLES),
         Line2D([], [], color=INK, linestyle=":", linewidth=1.2, label=f"RK4, {_step(rk4)}"),
         Rectangle((0.0, 0.0), 1.0, 1.0, label="in contact", **shading),
     ]
     figure.legend(handles=[*motion.get_legend_handles_labels()[0], *methods], loc="outside lower center", ncols=6)
-    for run, line in ((lcp, {"color": SOFT, "label": "LCP"}), (rk4, {"color": INK, "linestyle": ":", "label": "RK4"})):
+    for run, line in ((lcp, {"color": GREY, "label": "LCP"}), (rk4, {"color": INK, "linestyle": ":", "label": "RK4"})):
         _draw_error(error, run.t, run.q - exact.sample(run.t).q, line)
     error.legend(loc="lower right", ncols=2)
     _limit_decades(error, "largest error [m]")
@@ -197,7 +197,7 @@ def _step(trajectory: Trajectory) -> str:
 
 
 def _every(trajectory: Trajectory) -> int:
-    return max(1, len(trajectory.t) // MARKERS)
+    return max(1, len(trajectory.t) // MARKER_COUNT)
 
 
 def _annotate_peak(ax: Axes, t: Array, R: Array) -> None:
@@ -223,4 +223,4 @@ def _draw_error(ax: Axes, t: Array, difference: Array, line: dict[str, Any]) -> 
 
 def _limit_decades(ax: Axes, label: str) -> None:
     largest = max(np.nanmax(np.append(line.get_ydata(), 1e-300)) for line in ax.get_lines())
-    ax.set(ylim=(largest * 10.0**-DECADES, 3.0 * largest), ylabel=label)
+    ax.set(ylim=(largest * 10.0**-ERROR_DECADES, 3.0 * largest), ylabel=label)

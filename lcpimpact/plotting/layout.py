@@ -27,42 +27,42 @@ from lcpimpact.scheme.elements.rope import Rope
 CEILING = "\0ceiling"
 """Name of the ground at the top, for elements whose upper end is the ground."""
 
-LINK = 2.1
+LINK_HEIGHT = 2.1
 """Height of a link."""
 
-PIECE = 1.6
+SERIES_LINK_HEIGHT = 1.6
 """Height of a link in series with others."""
 
-BAR = 2.0 * LINK
+BAR_HEIGHT = 2.0 * LINK_HEIGHT
 """Height of a bar."""
 
-BREADTH = 0.75
+SYMBOL_WIDTH = 0.75
 """Width of a link's symbol."""
 
 BODY_HEIGHT, BODY_WIDTH = 1.1, 2.6
 
-PLATE = 1.0
+PLATE_HALF_WIDTH = 1.0
 """Half-width of a plate with prescribed motion."""
 
-LOAD = 0.75
+LOAD_HEIGHT = 0.75
 """Height of a load's arrow above its node."""
 
-COORDINATE = 0.75
+COORDINATE_LENGTH = 0.75
 """Length of a coordinate's arrow below its node."""
 
-CLEAR = 0.2
+CLEARANCE = 0.2
 """Distance between a symbol and its label."""
 
-LETTER = 0.29
+LETTER_WIDTH = 0.29
 """Approximate width of a letter."""
 
-ROW = 1.15
+ROW_SPACING = 1.15
 """Distance between two unlinked rows of nodes."""
 
-CROSSING = 6.0
+CROSSING_COST = 6.0
 """Cost of a bar that crosses a link, in units of length of a detour."""
 
-OPENING = 0.12
+BUMPER_OPENING = 0.12
 """Distance between the strokes of a bumper, relative to its height."""
 
 Side = Literal[-1, 1]
@@ -75,12 +75,12 @@ def label(part: Element) -> str:
 
 def width(text: str) -> float:
     """Return the approximate width of a text."""
-    return LETTER * len(text.translate(str.maketrans("", "", "$_{}\\")))
+    return LETTER_WIDTH * len(text.translate(str.maketrans("", "", "$_{}\\")))
 
 
 def half_breadth(link: Element) -> float:
     """Return the half-width of a link's symbol."""
-    return BREADTH * max((abs(t) for stroke in link.strokes for _, t in stroke), default=0.0)
+    return SYMBOL_WIDTH * max((abs(t) for stroke in link.strokes for _, t in stroke), default=0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ class Arm:
 def ends(link: Element) -> tuple[str, str]:
     """Return the two nodes joined by a link in the drawing."""
     first, last = link.nodes[0], link.nodes[-1]
-    return (CEILING if first == GROUND and _told(link) else first), last
+    return (CEILING if first == GROUND and _has_upper_end(link) else first), last
 
 
 def side_by_side(arms: Sequence[Arm]) -> Arm:
@@ -201,7 +201,7 @@ class Box:
         """Return the box moved to the right."""
         return Box(self.left + x, self.right + x, self.low, self.high, self.owner)
 
-    def meets(self, other: Box) -> bool:
+    def overlaps(self, other: Box) -> bool:
         """Return whether two boxes overlap."""
         return (
             min(self.right, other.right) - max(self.left, other.left) > 1e-9
@@ -228,7 +228,7 @@ class Layout:
     travel: Callable[[str, str], tuple[float, float]] = field(default=lambda top, bottom: (0.0, 0.0))
     scale: float = 0.0
 
-    # --- what there is -------------------------------------------------------------------------------------------------
+    # --- contents ------------------------------------------------------------------------------------------------------
 
     @cached_property
     def parts(self) -> list[Element]:
@@ -236,7 +236,7 @@ class Layout:
         return [part for element in self.elements for part in element.drawn()]
 
     @cached_property
-    def given(self) -> list[Arm]:
+    def undirected_arms(self) -> list[Arm]:
         """The arms, without an orientation."""
         return arms_between(self.elements)
 
@@ -244,11 +244,11 @@ class Layout:
     def nodes(self) -> list[str]:
         """The nodes in order of first occurrence, without the ground and inner nodes."""
         named = dict.fromkeys(node for part in self.parts for node in (part.nodes[0], part.nodes[-1]))
-        taken_up = {node for element in self.elements for node in element.inner} - {
-            end for arm in self.given for end in (arm.top, arm.bottom)
+        merged = {node for element in self.elements for node in element.inner} - {
+            end for arm in self.undirected_arms for end in (arm.top, arm.bottom)
         }
-        named = {node: None for node in named if node not in taken_up}
-        named |= dict.fromkeys(end for arm in self.given for end in (arm.top, arm.bottom))
+        named = {node: None for node in named if node not in merged}
+        named |= dict.fromkeys(end for arm in self.undirected_arms for end in (arm.top, arm.bottom))
         return [node for node in named if node not in (GROUND, CEILING)]
 
     def bodies(self, node: str) -> list[Mass]:
@@ -263,7 +263,7 @@ class Layout:
         """Return the elements on a single node other than masses and prescribed motions."""
         return [p for p in self.parts if p.nodes == (node,) and not isinstance(p, (Mass, PrescribedMotion))]
 
-    # --- what is above what --------------------------------------------------------------------------------------------
+    # --- vertical order ------------------------------------------------------------------------------------------------
 
     @cached_property
     def distance(self) -> dict[str, int]:
@@ -277,14 +277,18 @@ class Layout:
                 found |= dict.fromkeys(new, found[node] + 1)
                 reached.extend(new)
             free = [node for node in self.nodes if node not in found]
-            carries = {link.nodes[0] for arm in self.given for link in arm.links if _told(link)}
+            carries = {link.nodes[0] for arm in self.undirected_arms for link in arm.links if _has_upper_end(link)}
             bases = sorted(free, key=lambda node: (not self.motions(node), node in carries, -self.nodes.index(node)))[
                 :1
             ]
         return found
 
     def _neighbours(self, node: str) -> list[str]:
-        arms = [arm for arm in self.given if node in (arm.top, arm.bottom) and CEILING not in (arm.top, arm.bottom)]
+        arms = [
+            arm
+            for arm in self.undirected_arms
+            if node in (arm.top, arm.bottom) and CEILING not in (arm.top, arm.bottom)
+        ]
         return [arm.bottom if arm.top == node else arm.top for arm in arms]
 
     @cached_property
@@ -302,10 +306,10 @@ class Layout:
         # An upper plate is placed above the lower one unless the path to the ground decides otherwise.
         def urgency(each: tuple[int, Arm]) -> tuple[bool, bool]:
             fixed = {GROUND, CEILING} & {each[1].top, each[1].bottom}
-            return not fixed, not any(map(_told, each[1].links))
+            return not fixed, not any(map(_has_upper_end, each[1].links))
 
-        for i, arm in sorted(enumerate(self.given), key=urgency):
-            top = next((ends(link)[0] for link in arm.links if _told(link)), None)
+        for i, arm in sorted(enumerate(self.undirected_arms), key=urgency):
+            top = next((ends(link)[0] for link in arm.links if _has_upper_end(link)), None)
             if top is None or {GROUND, CEILING} & {arm.top, arm.bottom}:
                 top = max(arm.top, arm.bottom, key=rank.__getitem__)
             if leads(arm.downwards(top).bottom, top):
@@ -338,13 +342,13 @@ class Layout:
         """Whether anything hangs from the ceiling."""
         return any(arm.top == CEILING for arm in self.arms)
 
-    # --- across --------------------------------------------------------------------------------------------------------
+    # --- horizontal positions ------------------------------------------------------------------------------------------
 
     def reach(self, arm: Arm, side: Side = 1) -> tuple[float, float]:
         """Return the extent of an arm to the left and right of its middle, labels included."""
         if arm.link is not None:
             half = half_breadth(arm.link)
-            beside = half + CLEAR + width(label(arm.link))
+            beside = half + CLEARANCE + width(label(arm.link))
             return (half, beside) if side > 0 else (beside, half)
         if arm.series:
             each = [self.reach(piece, side) for piece in arm.series]
@@ -358,7 +362,7 @@ class Layout:
         reaches = [self.reach(each, -1 if i == 0 else 1) for i, each in enumerate(arm.beside)]
         x = [0.0]
         for (_, right), (left, _) in pairwise(reaches):
-            x.append(x[-1] + max(2.1 * BREADTH, right + left + 2.0 * CLEAR))
+            x.append(x[-1] + max(2.1 * SYMBOL_WIDTH, right + left + 2.0 * CLEARANCE))
         return [each - x[-1] / 2.0 for each in x]
 
     def feet(self, arm: Arm, x: float, end: str) -> list[float]:
@@ -373,60 +377,61 @@ class Layout:
     @cached_property
     def _across(self) -> tuple[dict[int, float], dict[str, list[float]], dict[int, tuple[float, Side]]]:
         """Middle of each arm, extent of each node, and position and label side of each load."""
-        taken: list[Box] = []
-        middle, touched = self._stand_arms(taken)
-        return middle, touched, self._stand_loads(middle, touched, taken)
+        occupied: list[Box] = []
+        middle, extents = self._place_arms(occupied)
+        return middle, extents, self._place_loads(middle, extents, occupied)
 
-    def _stand_arms(self, taken: list[Box]) -> tuple[dict[int, float], dict[str, list[float]]]:
+    def _place_arms(self, occupied: list[Box]) -> tuple[dict[int, float], dict[str, list[float]]]:
         """Return the middle of each arm and the required extent of each node; append to the occupied boxes."""
         middle: dict[int, float] = {}
-        touched: dict[str, list[float]] = {}
+        extents: dict[str, list[float]] = {}
 
-        def stand(node: str, x: float) -> None:
-            if node not in touched:
+        def place(node: str, x: float) -> None:
+            if node not in extents:
                 half = self._half(node)
-                touched[node] = [x - half, x + half] if half else [x]
-                taken.append(self._node_box(node, x, (0.0, 0.0)))
+                extents[node] = [x - half, x + half] if half else [x]
+                occupied.append(self._node_box(node, x, (0.0, 0.0)))
 
         order = sorted(range(len(self.arms)), key=lambda i: (self.level[self.arms[i].bottom], i))
         free = [node for node in self.nodes if not any(arm.top == node for arm in self.arms)]
         for node in free:
-            if self.level[node] == 1 and not self.grounded and not touched:
-                stand(node, 0.0)
+            if self.level[node] == 1 and not self.grounded and not extents:
+                place(node, 0.0)
             else:
-                x = self._place(0.0, [self._node_box(node, 0.0, (0.0, 0.0))], taken, {}, [])
-                stand(node, x)
+                x = self._place(0.0, [self._node_box(node, 0.0, (0.0, 0.0))], occupied, {}, [])
+                place(node, x)
         for i in order:
             arm = self.arms[i]
             top, bottom = arm.top, arm.bottom
             left, right = self.reach(arm)
             boxes = [Box(-left, right, self.level[bottom] + 0.25, self.level[top] - 0.25, i)]
-            if top not in touched and top != CEILING:
+            if top not in extents and top != CEILING:
                 boxes.append(self._node_box(top, 0.0, (left, right)))
             own = [node for node in (top, bottom) if node not in (GROUND, CEILING)]
             # A node is extended to a bar below the feet of its arms.
             for node in own:
                 first, last = _span(self.feet(arm, 0.0, node))
-                boxes.append(Box(first - CLEAR, last + CLEAR, self.level[node] - 0.25, self.level[node] + 0.25, node))
-            wish = fmean(_span(touched[bottom])) if bottom in touched else 0.0
-            if bottom == GROUND and top in touched:
-                wish = fmean(_span(touched[top]))
-            bars = {self.level[node]: _span(touched[node]) for node in (top, bottom) if node in touched}
-            x = self._place(wish, boxes, taken, bars, own)
+                level = self.level[node]
+                boxes.append(Box(first - CLEARANCE, last + CLEARANCE, level - 0.25, level + 0.25, node))
+            preferred = fmean(_span(extents[bottom])) if bottom in extents else 0.0
+            if bottom == GROUND and top in extents:
+                preferred = fmean(_span(extents[top]))
+            bars = {self.level[node]: _span(extents[node]) for node in (top, bottom) if node in extents}
+            x = self._place(preferred, boxes, occupied, bars, own)
             middle[i] = x
-            if top not in touched:
-                touched[top] = [x - self._half(top), x + self._half(top)] if self._half(top) else []
-            taken += [box.moved(x) for box in boxes]
-            touched[top] += self.feet(arm, x, top)
-            touched.setdefault(bottom, []).extend(self.feet(arm, x, bottom))
+            if top not in extents:
+                extents[top] = [x - self._half(top), x + self._half(top)] if self._half(top) else []
+            occupied += [box.moved(x) for box in boxes]
+            extents[top] += self.feet(arm, x, top)
+            extents.setdefault(bottom, []).extend(self.feet(arm, x, bottom))
         for node in free:
             # The initial position of a node is dropped once links lead to it.
             if not self._half(node):
-                touched[node] = touched[node][1:] or touched[node]
-        return middle, touched
+                extents[node] = extents[node][1:] or extents[node]
+        return middle, extents
 
-    def _stand_loads(
-        self, middle: dict[int, float], touched: dict[str, list[float]], taken: list[Box]
+    def _place_loads(
+        self, middle: dict[int, float], extents: dict[str, list[float]], occupied: list[Box]
     ) -> dict[int, tuple[float, Side]]:
         """Return the position and label side of each load, and extend the nodes accordingly."""
         loads: dict[int, tuple[float, Side]] = {}
@@ -439,28 +444,28 @@ class Layout:
             ]
             for load in self.loads(node):
                 side: Side = -1 if above else 1
-                text = CLEAR + width(label(load))
+                text = CLEARANCE + width(label(load))
                 left, right = (0.15, 0.15 + text) if side > 0 else (0.15 + text, 0.15)
                 box = Box(-left, right, self.level[node] + 0.25, self.level[node] + 0.6)
-                wish = min(above) - BREADTH if above else fmean(_span(touched[node]))
-                x = self._place(wish, [box], taken, {self.level[node]: _span(touched[node])}, [node])
+                preferred = min(above) - SYMBOL_WIDTH if above else fmean(_span(extents[node]))
+                x = self._place(preferred, [box], occupied, {self.level[node]: _span(extents[node])}, [node])
                 loads[id(load)] = x, side
-                touched[node].append(x)
-                taken.append(Box(x - left, x + right, box.low, box.high))
+                extents[node].append(x)
+                occupied.append(Box(x - left, x + right, box.low, box.high))
         return loads
 
     def _half(self, node: str) -> float:
-        return BODY_WIDTH / 2.0 if self.bodies(node) else PLATE if self.motions(node) else 0.0
+        return BODY_WIDTH / 2.0 if self.bodies(node) else PLATE_HALF_WIDTH if self.motions(node) else 0.0
 
     def _node_box(self, node: str, x: float, around: tuple[float, float]) -> Box:
         """Return the box occupied by a node with its coordinate and prescribed motion."""
         half = self._half(node)
         left = max(half, around[0]) + (0.9 + width("y(t)") if self.motions(node) else 0.0)
-        right = max(half, around[1]) + 4.0 * CLEAR + width(math_text(node))
+        right = max(half, around[1]) + 4.0 * CLEARANCE + width(math_text(node))
         return Box(x - left, x + right, self.level[node] - 0.45, self.level[node] + 0.25, node)
 
     def _place(
-        self, wish: float, boxes: Sequence[Box], taken: Sequence[Box], bars: Mapping[int, tuple[float, float]],
+        self, preferred: float, boxes: Sequence[Box], occupied: Sequence[Box], bars: Mapping[int, tuple[float, float]],
         own: Sequence[str],
     ) -> float:  # fmt: skip
         """Return the x nearest to the preferred one at which boxes, given relative to it, overlap no occupied box.
@@ -468,41 +473,41 @@ class Layout:
         A node's own box is no obstacle to its arms. Bars (level to span) would be extended to the new position; crossing
         others with them costs as much as a long detour.
         """
-        obstacles = [box for box in taken if box.owner not in own]
+        obstacles = [box for box in occupied if box.owner not in own]
 
         def cost(x: float) -> tuple[float, float]:
             crossings = 0
             for level, (left, right) in bars.items():
                 line = Box(min(left, x), max(right, x), level - 0.01, level + 0.01)
                 before = Box(left, right, level - 0.01, level + 0.01)
-                crossings += sum(line.meets(box) and not before.meets(box) for box in obstacles)
-            return abs(x - wish) + CROSSING * crossings, -x
+                crossings += sum(line.overlaps(box) and not before.overlaps(box) for box in obstacles)
+            return abs(x - preferred) + CROSSING_COST * crossings, -x
 
-        candidates = [wish]
+        candidates = [preferred]
         for box in boxes:
             for other in obstacles:
-                candidates += [other.left - box.right - CLEAR, other.right - box.left + CLEAR]
-        clear = [x for x in candidates if not any(b.moved(x).meets(other) for b in boxes for other in obstacles)]
+                candidates += [other.left - box.right - CLEARANCE, other.right - box.left + CLEARANCE]
+        clear = [x for x in candidates if not any(b.moved(x).overlaps(other) for b in boxes for other in obstacles)]
         return min(clear, key=cost)
 
-    # --- up ------------------------------------------------------------------------------------------------------------
+    # --- heights -------------------------------------------------------------------------------------------------------
 
     def need(self, link: Element, top: str, bottom: str, *, piece: bool) -> tuple[float, float, float, float]:
         """Return the height of a link at rest, the height of its symbol, and the distances it opens and closes by."""
-        body = BAR if isinstance(link, Bar) else PIECE if piece else LINK
+        body = BAR_HEIGHT if isinstance(link, Bar) else SERIES_LINK_HEIGHT if piece else LINK_HEIGHT
         low, high = self.travel(top, bottom)
         opens, closes = max(high, 0.0), max(-low, 0.0)
         gap = self.scale * getattr(link, "gap", 0.0)
         if not self.scale:
-            return body + (0.25 * body if _soft(link) else 0.0), body, 0.0, 0.0
+            return body + (0.25 * body if _is_compliant(link) else 0.0), body, 0.0, 0.0
         if isinstance(link, Bumper):
             if ends(link)[0] == top:
-                return (1.0 - OPENING) * body + gap, body, 0.0, 0.0
+                return (1.0 - BUMPER_OPENING) * body + gap, body, 0.0, 0.0
             deep = max(gap - low, 0.0)
-            return (1.0 + OPENING) * body - gap + 2.0 * deep, body, 0.0, deep
-        if _soft(link):
-            overlap = max(-low - gap, 0.0)
-            return body + overlap + gap, body + overlap, 0.0, 0.0
+            return (1.0 + BUMPER_OPENING) * body - gap + 2.0 * deep, body, 0.0, deep
+        if _is_compliant(link):
+            penetration = max(-low - gap, 0.0)
+            return body + penetration + gap, body + penetration, 0.0, 0.0
         if link.split is None:
             return body + closes, body + closes, 0.0, 0.0
         return body + opens + 2.0 * closes, body, opens, closes
@@ -548,7 +553,7 @@ class Layout:
                     for i, arm in enumerate(self.arms)
                     if arm.bottom in y and (arm.top in row or (i in self._crossed))
                 ]
-                lift = ROW if here == level else 0.9 * LINK
+                lift = ROW_SPACING if here == level else 0.9 * LINK_HEIGHT
                 base = max([top + lift, *(self.edge(y, arm.bottom, 1) + self.height(arm) for arm in below)])
             else:
                 base = 0.0
@@ -590,7 +595,7 @@ class Layout:
                     found.add(i)
         return found
 
-    # --- the result ----------------------------------------------------------------------------------------------------
+    # --- result --------------------------------------------------------------------------------------------------------
 
     @cached_property
     def _placed(self) -> tuple[list[Link], dict[str, tuple[float, float]]]:
@@ -602,7 +607,7 @@ class Layout:
                 need, body, opens, closes = self.need(arm.link, arm.top, arm.bottom, piece=piece)
                 spare = self.edge(self.y, arm.top, -1) - self.edge(self.y, arm.bottom, 1) - need
                 top_lead, bottom_lead = (spare, 0.0) if low else (spare / 2.0, spare / 2.0)
-                if not self.scale and _soft(arm.link):
+                if not self.scale and _is_compliant(arm.link):
                     top_lead, bottom_lead = top_lead + 0.08 * body, bottom_lead + 0.08 * body
                 first_up = ends(arm.link)[0] == arm.top
                 first, last = (top_lead, bottom_lead) if first_up else (bottom_lead, top_lead)
@@ -637,62 +642,61 @@ class Layout:
 
     def span(self, node: str) -> tuple[float, float]:
         """Return the horizontal range of a node, a body or a rigid bar."""
-        touched = self._across[1].get(node, [0.0])
-        left, right = _span(touched)
-        margin = CLEAR if self.bodies(node) and right - left > BODY_WIDTH + 1e-9 else 0.0
+        extents = self._across[1].get(node, [0.0])
+        left, right = _span(extents)
+        margin = CLEARANCE if self.bodies(node) and right - left > BODY_WIDTH + 1e-9 else 0.0
         return left - margin, right + margin
 
     @cached_property
     def coordinate_places(self) -> dict[str, tuple[float, Side]]:
         """The x of each coordinate's arrow and the side of its name, at the nearest free position beside the node."""
-        taken = [self._link_box(link) for link in self.links]
+        occupied = [self._link_box(link) for link in self.links]
         for node in self.nodes:
             left, right = self.span(node)
             half = max(self.thickness(node) / 2.0, 0.1)
             motion = 0.9 + width("y(t)") if self.motions(node) else 0.0
-            taken.append(Box(left - motion, right, self.y[node] - half, self.y[node] + half))
+            occupied.append(Box(left - motion, right, self.y[node] - half, self.y[node] + half))
             for load in self.loads(node):
                 x, side = self.load_place(load)
-                text = CLEAR + width(label(load))
+                text = CLEARANCE + width(label(load))
                 top = self.edge(self.y, node, 1)
-                taken.append(
-                    Box(x - (text if side < 0 else 0.15), x + (text if side > 0 else 0.15), top, top + LOAD + 0.1)
-                )
+                left, right = (text, 0.15) if side < 0 else (0.15, text)
+                occupied.append(Box(x - left, x + right, top, top + LOAD_HEIGHT + 0.1))
         found: dict[str, tuple[float, Side]] = {}
         for node in self.nodes:
-            size = 2.0 * CLEAR + width(math_text(node))
-            low, high = self.y[node] - COORDINATE - 0.1, self.y[node] + 0.3
+            size = 2.0 * CLEARANCE + width(math_text(node))
+            low, high = self.y[node] - COORDINATE_LENGTH - 0.1, self.y[node] + 0.3
             best: tuple[float, float, Side, Box] | None = None
             for side, edge in ((1, self.span(node)[1]), (-1, self.span(node)[0])):
-                starts = [edge + side * 2.0 * CLEAR]
-                starts += [(box.right if side > 0 else box.left) + side * CLEAR for box in taken]
+                starts = [edge + side * 2.0 * CLEARANCE]
+                starts += [(box.right if side > 0 else box.left) + side * CLEARANCE for box in occupied]
                 for x in starts:
-                    if side * (x - edge) < CLEAR:
+                    if side * (x - edge) < CLEARANCE:
                         continue
-                    box = Box(min(x - CLEAR, x + side * size), max(x + CLEAR, x + side * size), low, high)
+                    box = Box(min(x - CLEARANCE, x + side * size), max(x + CLEARANCE, x + side * size), low, high)
                     leader = Box(min(edge, x), max(edge, x), self.y[node] - 0.05, self.y[node] + 0.05)
-                    crossings = sum(leader.meets(other) for other in taken)
-                    cost = abs(x - edge) + (0.0 if side > 0 else 2.0) + CROSSING * crossings
-                    if (best is None or cost < best[0]) and not any(box.meets(other) for other in taken):
+                    crossings = sum(leader.overlaps(other) for other in occupied)
+                    cost = abs(x - edge) + (0.0 if side > 0 else 2.0) + CROSSING_COST * crossings
+                    if (best is None or cost < best[0]) and not any(box.overlaps(other) for other in occupied):
                         best = cost, x, side, box
             assert best is not None
             found[node] = best[1], best[2]
-            taken.append(best[3])
+            occupied.append(best[3])
         return found
 
     def _link_box(self, link: Link) -> Box:
         half = half_breadth(link.part)
-        beside = half + CLEAR + width(label(link.part))
+        beside = half + CLEARANCE + width(label(link.part))
         left, right = (half, beside) if link.side > 0 else (beside, half)
         return Box(link.x - left, link.x + right, self.edge(self.y, link.bottom, 1), self.edge(self.y, link.top, -1))
 
 
-def _soft(link: Element) -> bool:
+def _is_compliant(link: Element) -> bool:
     """Return whether the link is a compliant contact between two bodies."""
     return isinstance(link, (HertzSpring, HuntCrossley, KelvinVoigtStop))
 
 
-def _told(link: Element) -> bool:
+def _has_upper_end(link: Element) -> bool:
     """Return whether the link itself defines which of its ends is the upper one."""
     return isinstance(link, (Bumper, HertzSpring, HuntCrossley, KelvinVoigtStop, Rope))
 

@@ -15,19 +15,19 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.plotting.block_diagram import draw_system
 from lcpimpact.plotting.layout import (
-    BREADTH,
     CEILING,
-    CLEAR,
-    COORDINATE,
-    LINK,
-    LOAD,
+    CLEARANCE,
+    COORDINATE_LENGTH,
+    LINK_HEIGHT,
+    LOAD_HEIGHT,
+    SYMBOL_WIDTH,
     Layout,
     Link,
     half_breadth,
     label,
     width,
 )
-from lcpimpact.plotting.style import FAINT, INK, PALETTE, SOFT, style
+from lcpimpact.plotting.style import GREY, INK, LIGHT_GREY, PALETTE, style
 from lcpimpact.plotting.timeline import math_text
 from lcpimpact.scheme.elements.bar import Bar
 from lcpimpact.scheme.elements.base import GROUND, Element
@@ -46,7 +46,7 @@ INCH = 0.42
 MAX_HEIGHT = 9.0
 """Height in inches above which a drawing is scaled down."""
 
-FORCE, MOVES = PALETTE[1], PALETTE[0]
+FORCE_COLOR, MOTION_COLOR = PALETTE[1], PALETTE[0]
 
 DOWN = np.array([0.0, -1.0])
 RIGHT = np.array([1.0, 0.0])
@@ -88,7 +88,7 @@ class Label:
     @property
     def place(self) -> Array:
         """Position of the text."""
-        return np.asarray(self.point + CLEAR * self.side)
+        return np.asarray(self.point + CLEARANCE * self.side)
 
 
 Piece = Line | Label
@@ -271,7 +271,7 @@ def _ground(left: float, right: float, y: float, *, reach: float, above: bool = 
     low = y if above else y - deep
     feet = np.arange(left, right - deep + 1e-9, 0.28)
     hatch = [place for x in feet for place in ((x, low), (x + deep, low + deep), (np.nan, np.nan))]
-    yield Line(np.array(hatch), SOFT, 0.8, zorder=2.0)
+    yield Line(np.array(hatch), GREY, 0.8, zorder=2.0)
 
 
 def _bar(left: float, right: float, y: float) -> Iterator[Line]:
@@ -297,7 +297,7 @@ def _arrow(tail: Array, tip: Array, color: str) -> Iterator[Line]:
 def _strokes(part: Element, places: list[Array]) -> Iterator[Line]:
     """Yield the positioned strokes of an element; closed ones are filled."""
     body = len(part.nodes) > 1 or isinstance(part, Mass)
-    color, inside, wide = (INK, FAINT, 1.5) if body else (FORCE, FORCE, 1.1)
+    color, inside, wide = (INK, LIGHT_GREY, 1.5) if body else (FORCE_COLOR, FORCE_COLOR, 1.1)
     for points in places:
         closed = len(points) > 3 and bool((points[0] == points[-1]).all())
         yield Line(points, color, wide, f"{part} {label(part)}", inside if closed else None)
@@ -318,7 +318,7 @@ def _link(layout: Layout, link: Link, posture: Posture) -> Iterator[Piece]:
         place = _within(s, link, layout, posture) if isinstance(part, Bar) and posture.down else None
         if place is None:
             place = _along(s, link, length, split)
-        placed.append(first + np.outer(place, along) + np.outer(BREADTH * _sag(t, link, length, layout), RIGHT))
+        placed.append(first + np.outer(place, along) + np.outer(SYMBOL_WIDTH * _sag(t, link, length, layout), RIGHT))
     yield from _strokes(part, placed)
     side = np.array([float(link.side), 0.0])
     if not isinstance(part, Bumper):
@@ -363,17 +363,17 @@ def _sag(t: Array, link: Link, length: float, layout: Layout) -> Array:
         return t
     rest = layout.edge(layout.y, link.top, -1) - layout.edge(layout.y, link.bottom, 1)
     slack = layout.scale * link.part.slack - (length - rest)
-    return np.asarray(t * min(1.5, np.sqrt(max(slack, 0.0) / LINK) * 2.0))
+    return np.asarray(t * min(1.5, np.sqrt(max(slack, 0.0) / LINK_HEIGHT) * 2.0))
 
 
 def _reaction(link: Link, middle: float, pressed: float, side: Array, cage: bool) -> Iterator[Piece]:
-    foot = np.array([link.x, middle]) + (half_breadth(link.part) if cage else 0.55 * BREADTH) * side
+    foot = np.array([link.x, middle]) + (half_breadth(link.part) if cage else 0.55 * SYMBOL_WIDTH) * side
     for direction in (-DOWN, DOWN):
-        tail = foot + 0.09 * LINK * direction
-        tip = tail + 0.27 * LINK * pressed * direction
-        yield from _arrow(tail, tip, FORCE)
-        at = tail + 0.135 * LINK * direction
-        yield Label(label(link.part) if pressed else "", at, side, FORCE)
+        tail = foot + 0.09 * LINK_HEIGHT * direction
+        tip = tail + 0.27 * LINK_HEIGHT * pressed * direction
+        yield from _arrow(tail, tip, FORCE_COLOR)
+        at = tail + 0.135 * LINK_HEIGHT * direction
+        yield Label(label(link.part) if pressed else "", at, side, FORCE_COLOR)
 
 
 def _node(layout: Layout, node: str, y: Mapping[str, float]) -> Iterator[Piece]:
@@ -394,16 +394,17 @@ def _node(layout: Layout, node: str, y: Mapping[str, float]) -> Iterator[Piece]:
         yield from _ground(left, right, y[node], reach=0.0, above=below)
         foot = np.array([left - 0.4, y[node]])
         for direction in (DOWN, -DOWN):
-            yield from _arrow(foot, foot + 0.55 * direction, MOVES)
-        yield Label(f"{label(motion)[:-1]}(t)$" if label(motion).endswith("$") else label(motion), foot, -RIGHT, MOVES)
+            yield from _arrow(foot, foot + 0.55 * direction, MOTION_COLOR)
+        text = label(motion)
+        yield Label(f"{text[:-1]}(t)$" if text.endswith("$") else text, foot, -RIGHT, MOTION_COLOR)
     top = layout.edge(y, node, 1)
     for load in layout.loads(node):
         x, side = layout.load_place(load)
         tip = np.array([x, top + 0.08])
         # In a load's frame its arrow has half of the unit's length.
-        frame = 2.0 * LOAD * np.array([DOWN, RIGHT])
+        frame = 2.0 * LOAD_HEIGHT * np.array([DOWN, RIGHT])
         yield from _strokes(load, [tip + np.asarray(stroke) @ frame for stroke in load.strokes])
-        yield Label(label(load), tip - 0.6 * LOAD * DOWN, side * RIGHT, FORCE)
+        yield Label(label(load), tip - 0.6 * LOAD_HEIGHT * DOWN, side * RIGHT, FORCE_COLOR)
 
 
 def _dot(middle: Array) -> Array:
@@ -415,7 +416,7 @@ def _coordinate(layout: Layout, node: str, y: float) -> Iterator[Piece]:
     """Yield a coordinate's arrow, and the thin line to the node whose displacement it measures."""
     x, side = layout.coordinate_places[node]
     edge = layout.span(node)[1 if side > 0 else 0]
-    ends = np.array([[edge + 0.5 * side * CLEAR, y], [x + side * CLEAR, y]])
-    yield Line(ends, MOVES, 0.7, zorder=2.0)
-    yield from _arrow(np.array([x, y]), np.array([x, y - COORDINATE]), MOVES)
-    yield Label(math_text(node), np.array([x, y - 0.45]), side * RIGHT, MOVES)
+    ends = np.array([[edge + 0.5 * side * CLEARANCE, y], [x + side * CLEARANCE, y]])
+    yield Line(ends, MOTION_COLOR, 0.7, zorder=2.0)
+    yield from _arrow(np.array([x, y]), np.array([x, y - COORDINATE_LENGTH]), MOTION_COLOR)
+    yield Label(math_text(node), np.array([x, y - 0.45]), side * RIGHT, MOTION_COLOR)

@@ -15,8 +15,8 @@ from lcpimpact.arguments import checked
 from lcpimpact.files import check_output, whole_file
 
 INK = "#1c2430"
-SOFT = "#6b7685"
-FAINT = "#eef1f5"
+GREY = "#6b7685"
+LIGHT_GREY = "#eef1f5"
 
 PALETTE = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 """Okabe and Ito's colour-blind-safe colours, without yellow, which is too pale for lines."""

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from lcpimpact.arrays import Array
-from lcpimpact.plotting.style import INK, SOFT
+from lcpimpact.plotting.style import GREY, INK
 from lcpimpact.record import Event
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.scheme import Scheme
@@ -147,7 +147,7 @@ def mark_events(axes: Sequence[Axes], events: Sequence[Event]) -> None:
             0.0,
             1.0 if few else 0.04,
             transform=ax.get_xaxis_transform(),
-            colors=SOFT,
+            colors=GREY,
             linewidths=0.7,
             linestyles="dashed" if few else "solid",
             zorder=1.5,
@@ -159,7 +159,7 @@ def mark_events(axes: Sequence[Axes], events: Sequence[Event]) -> None:
 def _name_events(ax: Axes, events: Sequence[Event]) -> None:
     several = len({event.contact for event in events}) > 1
     first, last = ax.get_xlim()
-    taken = [-np.inf] * 3
+    row_ends = [-np.inf] * 3
     for t in sorted({event.t for event in events}):
         words = [
             (f"{math_text(e.contact)} " if several else "") + WORDS.get(e.kind, e.kind) for e in events if e.t == t
@@ -167,10 +167,10 @@ def _name_events(ax: Axes, events: Sequence[Event]) -> None:
         name = ", ".join(dict.fromkeys(words))
         # A letter is about 1/90 of the width; a name too near its neighbour goes one line up.
         place, half = (t - first) / (last - first), len(name.replace("$", "")) / 180.0
-        row = next((i for i, end in enumerate(taken) if place - half > end), None)
+        row = next((i for i, end in enumerate(row_ends) if place - half > end), None)
         if row is None:
             continue
-        taken[row] = place + half
+        row_ends[row] = place + half
         ax.annotate(
             name,
             (place, 1.0),

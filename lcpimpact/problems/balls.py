@@ -148,9 +148,9 @@ def newtons_cradle(
     N = whole(name, "N", N, least=2)
     _check_row(name, v0, e, d, delta)
     last = N - 1
-    share = (1.0 + e) / 2.0
+    fraction = (1.0 + e) / 2.0
     # What does not rebound stays together, and shares its momentum.
-    passed_on = [share**j if e > 0.0 else 1.0 / (j + 1.0) for j in range(N)]
+    passed_on = [fraction**j if e > 0.0 else 1.0 / (j + 1.0) for j in range(N)]
     t_N = d / v0 + sum(delta / (v0 * passed_on[j]) for j in range(1, last))
     momentum = Fact("Σv/v0", "momentum", 1.0, "", partial(_total_velocity, unit=v0))
     arrival = Fact("t_N", "last ball struck", t_N, "s", partial(instant, kind="impact", contact=f"R{last}"))

@@ -145,7 +145,7 @@ class Problem:
 
 
 def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, Any]) -> Problem:
-    """Call a builder of the registry, refusing parameters that it does not have or that are no numbers."""
+    """Call a builder of the registry, after a check of the names and values of the parameters."""
     known = list(inspect.signature(builder).parameters)
     for key, value in parameters.items():
         if key not in known:
@@ -156,12 +156,12 @@ def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, A
     except InputError:
         raise
     except (ArithmeticError, ValueError, MemoryError) as error:
-        told = ", ".join(f"{key} = {value:g}" for key, value in parameters.items())
-        raise InputError(f"{name} cannot be computed with {told} ({error}): take sizes nearer to one") from None
+        text = ", ".join(f"{key} = {value:g}" for key, value in parameters.items())
+        raise InputError(f"{name} cannot be computed with {text} ({error}): take values nearer to 1") from None
 
 
 def falling_speed(name: str, g: float, h_o: float, v_o: float | None) -> float:
-    """Return v_o, or sqrt(2 g h_o) where it is not given: the speed after a fall from rest."""
+    """Return v_o, or if it is None sqrt(2 g h_o), the speed after a fall from rest."""
     if v_o is not None:
         return v_o
     if g * h_o < 0.0:
@@ -170,19 +170,19 @@ def falling_speed(name: str, g: float, h_o: float, v_o: float | None) -> float:
 
 
 def above_zero(name: str, **values: float) -> None:
-    """Refuse parameters of a problem that are not above zero."""
+    """Check that parameters of a problem are positive."""
     for symbol, value in values.items():
         if not value > 0.0:
             raise InputError(f"{name}: {symbol} = {value:g} must be above zero")
 
 
 def restitution(name: str, e: float) -> None:
-    """Refuse a coefficient of restitution that is none."""
+    """Check that a coefficient of restitution is between 0 and 1."""
     between(f"{name}: e", e, 0.0, 1.0)
 
 
 def whole(name: str, symbol: str, value: float, least: int = 1) -> int:
-    """Return a parameter that counts bodies as an int, and refuse one that is no whole number, too small, or too large."""
+    """Return a number of bodies as an int, after a check that it is a whole number within the limits."""
     if not is_count(value) or not least <= value <= MAX_NODES:
         raise InputError(
             f"{name}: {symbol} = {value:g} must be a whole number, at least {least} and at most {MAX_NODES:,}"

@@ -91,9 +91,8 @@ def penalized(
     Returns
     -------
     Problem
-        With the same nodes, initial state, parameters, end and source; what was known of the motion in closed form is left
-        out. The force of each law has the name of the bumper that it replaces, as ``run["R"]``, and its closings and
-        openings are events of the run.
+        With the same nodes, initial state, parameters, end and source, without facts and closed form. The force of each law
+        has the name of the bumper that it replaces, as ``run["R"]``, and its closings and openings are events of the run.
 
     Raises
     ------
@@ -139,7 +138,7 @@ def penalized(
         raise InputError(f"penalized: {problem.name!r} has no bumper that a law could replace")
     scheme = Scheme(*elements)
     if scheme.assemble().nodes != dynamics.nodes:
-        # The plates of a rope stand the other way round in the law: name the nodes in the order of the problem.
+        # The plates of a rope are exchanged in the law, so the nodes are named in the order of the problem.
         place = {node: i for i, node in enumerate((GROUND, *dynamics.nodes))}
         scheme = Scheme(*sorted(elements, key=lambda each: max(place[node] for node in each.nodes)))
     return replace(problem, name=f"{problem.name} ({law})", scheme=scheme, facts=(), motion=None)
@@ -165,7 +164,7 @@ def _check(law: str, given: dict[str, float | None]) -> None:
         if value is not None and value < 0.0:
             raise InputError(f"penalized: {symbol} = {value:g} must not be below zero")
         if value is not None and given["e"] is not None:
-            raise InputError(f"penalized: {symbol} and e both tell the loss; leave one of them out")
+            raise InputError(f"penalized: {symbol} and e both determine the loss; leave one of them out")
     if given["n"] is not None and given["n"] < 1.0:
         raise InputError(f"penalized: n = {given['n']:g} must be at least 1")
     if given["e"] is not None:
@@ -173,7 +172,7 @@ def _check(law: str, given: dict[str, float | None]) -> None:
 
 
 def _replaced(element: Element, compliant: Callable[[Bumper], Element]) -> Iterator[Element]:
-    """Yield an element as it is, or what stands for it: the law for a bumper, and the parts of what holds bumpers."""
+    """Yield an element unchanged, or its replacement: the law for a bumper, and the parts of a compound with bumpers."""
     if isinstance(element, Bumper):
         yield compliant(element)
     elif isinstance(element, Rope):
@@ -198,7 +197,7 @@ def _unilateral(element: Element) -> bool:
 
 
 def _impact(dynamics: Dynamics, bumper: Bumper, e: float | None) -> tuple[float | None, float]:
-    """Return the restitution that the law shall have, None where it means nothing, and m_eff = 1/(H M⁻¹ Hᵀ) in kg."""
+    """Return the required restitution of the law, None if there are no impacts, and m_eff = 1/(H M⁻¹ Hᵀ) in kg."""
     row = [contact.name for contact in dynamics.contacts].index(bumper.name or bumper.reaction)
     contact = dynamics.contacts[row]
     if contact.relative_degree < 2:
@@ -221,17 +220,17 @@ def _compliant(bumper: Bumper, law: str, given: dict[str, float | None], e: floa
     ends = bumper.upper, bumper.lower
     assert k is not None
     n = 1.5 if given["n"] is None else given["n"]
-    told = {"kelvin-voigt": "c", "hunt-crossley": "b"}.get(law, "")
-    loss = given.get(told)
+    symbol = {"kelvin-voigt": "c", "hunt-crossley": "b"}.get(law, "")
+    loss = given.get(symbol)
     if loss is None and e is not None and e < 1.0:
         if law == "hertz":
             raise InputError(
-                f"penalized: bumper {bumper.name!r} has e = {e:g}, and Hertz's law loses nothing: take law='hunt-crossley', "
-                "or say e=1 to run without loss"
+                f"penalized: bumper {bumper.name!r} has e = {e:g}, and Hertz's law is conservative: take "
+                "law='hunt-crossley', or e=1 to run without loss"
             )
         if e == 0.0:
             raise InputError(
-                f"penalized: bumper {bumper.name!r} has e = 0, which no finite {told} reaches: give {told}=, or a small e="
+                f"penalized: bumper {bumper.name!r} has e = 0, which no finite {symbol} reaches: give {symbol}=, or e > 0"
             )
         if law == "kelvin-voigt":
             loss = 2.0 * damping_ratio(e) * math.sqrt(k * m_eff)

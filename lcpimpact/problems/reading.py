@@ -22,7 +22,7 @@ Series = str | Callable[[Any], Array]
 
 
 def read(run: Any, series: Series, t: ArrayLike, side: str = "right") -> Array:
-    """Return a series at the times t (nt,); the mean forces of steps lie on lines between the instants they live at."""
+    """Return a series at the times t (nt,); mean forces of steps are interpolated linearly between their instants."""
     state = run.sample(t, side)
     if run.dense is None and 1 < len(run.t_reaction) < len(run.t):
         forces = _on_lines(np.asarray(t, dtype=np.float64), run.t_reaction, run.forces)
@@ -44,12 +44,12 @@ def at(run: Any, series: Series, t: float, side: str = "right") -> float:
         If the run does not last until then.
     """
     end = float(run.t[-1])
-    # A run that is told its end as a number of steps times dt ends there but for rounding.
+    # The end of a run is a number of steps times dt, with its rounding error.
     return float(read(run, series, [end if end < t < end * (1.0 + 1e-12) else t], side)[0])
 
 
 def event(run: Any, kind: str, number: int = 1, contact: str | None = None) -> Any:
-    """Return the event of a kind with a number, counted from 1; from -1 it is counted from the end.
+    """Return the event of a kind with a number, counted from 1, or from the end if negative.
 
     Raises
     ------
@@ -59,12 +59,12 @@ def event(run: Any, kind: str, number: int = 1, contact: str | None = None) -> A
     found = [each for each in run.events if each.kind == kind and contact in (None, each.contact)]
     if not 1 <= abs(number) <= len(found):
         of = f" of {contact}" if contact else ""
-        raise InputError(f"the run has {len(found)} events {kind!r}{of}, and number {number} is asked for: run longer")
+        raise InputError(f"the run has {len(found)} events {kind!r}{of}, but number {number} is required: run longer")
     return found[number - 1 if number > 0 else number]
 
 
 def instant(run: Any, kind: str, number: int = 1, contact: str | None = None) -> float:
-    """Return when the event of `event` is."""
+    """Return the instant of an event, with the arguments of `event`."""
     return float(event(run, kind, number, contact).t)
 
 
@@ -84,7 +84,7 @@ def limit(
     side: str,
     unit: float = 1.0,
 ) -> float:
-    """Return q_i or v_i before ("left") or after ("right") the event of `event`, in a unit."""
+    """Return q_i or v_i before ("left") or after ("right") an event, in a unit; see `event`."""
     return float(getattr(getattr(event(run, kind, number, contact), side), of)[i]) / unit
 
 
@@ -94,7 +94,7 @@ def final(run: Any, series: str, unit: float = 1.0) -> float:
 
 
 def peak(run: Any, series: Series, sign: float = 1.0, until: float = math.inf) -> float:
-    """Return the greatest value of a series, or the least with ``sign=-1``, between the grid points too, up to a time."""
+    """Return the maximum of a series, or the minimum with ``sign=-1``, also between the grid points, up to a time."""
     if run.dense is not None:
         knots = _knots(run)
         knots = np.append(knots[knots < until], min(until, knots[-1]))
@@ -121,13 +121,11 @@ def crossing(run: Any, series: Series, level: float = 0.0, direction: float = 1.
     values = above(knots)
     found = np.flatnonzero((values[:-1] < 0.0) & (values[1:] >= 0.0))
     if len(found) < number:
-        raise InputError(
-            f"the run crosses {level:g} {len(found)} times, and crossing {number} is asked for: run longer"
-        )
+        raise InputError(f"the run crosses {level:g} {len(found)} times, but crossing {number} is required: run longer")
     j = int(found[number - 1])
     a, b = float(knots[j]), float(knots[j + 1])
     if run.dense is not None:
-        # A crossing at a knot may lie on its other side by rounding, where the sample is taken for itself.
+        # A crossing at a knot may be on either side of it by rounding; then the knot is returned.
         if above([a])[0] >= 0.0 or above([b])[0] < 0.0:
             return a if above([a])[0] >= 0.0 else b
         return float(brentq(lambda t: above([t])[0], a, b, xtol=1e-15 * b, rtol=4.0 * np.finfo(float).eps))
@@ -135,7 +133,7 @@ def crossing(run: Any, series: Series, level: float = 0.0, direction: float = 1.
 
 
 def _knots(run: Any) -> Array:
-    """Return the times between which an exact run is smooth and turns little."""
+    """Return the times between which an exact run is smooth, with few extrema."""
     knots = np.unique(np.concatenate([run.t, run.dense.cuts, [each.t for each in run.events]]))
     return np.asarray(knots[knots <= run.t[-1]])
 
@@ -160,7 +158,7 @@ def _exact_peak(value: Callable[[ArrayLike, str], Array], knots: Array) -> float
 
 def _peak_beside(value: Callable[[ArrayLike, str], Array], knots: Array, j: int) -> float:
     """Return the supremum of a series between knot j and its neighbours."""
-    # Two knots may be one but for rounding; then the next one bounds the search.
+    # Two knots may differ by rounding only; then the next one bounds the search.
     apart = np.abs(knots - knots[j]) > 1e-9 * (knots[-1] - knots[0])
     ends = [*knots[apart & (knots < knots[j])][-1:], *knots[apart & (knots > knots[j])][:1]]
     heights = [-np.inf]
@@ -183,10 +181,10 @@ def _top(t: Array, values: Array) -> float:
 
 
 def _on_lines(t: Array, nodes: Array, values: Array) -> Array:
-    """Return values (nt, nc) at t on the lines between nodes, and on the first and last of them outside."""
+    """Return values (nt, nc) at t by linear interpolation between nodes, and extrapolation outside."""
     j = np.clip(np.searchsorted(nodes, t, side="right") - 1, 0, len(nodes) - 2)
-    share = ((t - nodes[j]) / (nodes[j + 1] - nodes[j]))[:, None]
-    return np.asarray((1.0 - share) * values[j] + share * values[j + 1])
+    weight = ((t - nodes[j]) / (nodes[j + 1] - nodes[j]))[:, None]
+    return np.asarray((1.0 - weight) * values[j] + weight * values[j + 1])
 
 
 def first_root(u: Callable[[Array], Array], until: float, period: float) -> float | None:

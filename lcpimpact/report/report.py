@@ -25,13 +25,13 @@ ENDINGS = (".html",)
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of a report, with what stands below it.
+    """A figure of a report, with its caption.
 
     Attributes
     ----------
     figure : matplotlib Figure, or Path of an SVG file
     caption : str               HTML
-    title : str                 for readers who do not see it
+    title : str                 alternative text
     anchor : str                name that a link may end in
     """
 
@@ -49,10 +49,10 @@ class Section:
     ----------
     title : str
     text : str                      HTML, below the title
-    figures : sequence              figures or `Picture` objects; with ``beside`` they share a row
-    table : DataFrame, optional     its columns are the header; the index is left out
+    figures : sequence              figures or `Picture` objects; with ``beside`` they are in one row
+    table : DataFrame, optional     table with its columns as header, without the index
     form : str                      format specification of its numbers
-    formats : mapping               column to the format specification of its own
+    formats : mapping               column to its own format specification
     verdict : bool, optional        whether what the text states holds, which colours it
     folded : bool                   whether the table opens only on demand
     """
@@ -70,18 +70,18 @@ class Section:
 
 @checked
 def write_report(path: str | Path, title: str, lead: str, sections: Sequence[Section]) -> Path:
-    """Write a report to a file that ends in .html; it appears whole or not at all.
+    """Write a report to a file that ends in .html; the write is atomic.
 
     Parameters
     ----------
     path : str or Path
         The file.
     title : str
-        Of the page.
+        Title of the page.
     lead : str
-        HTML: what was done with what.
+        Introduction, in HTML.
     sections : sequence of Section
-        In their order.
+        The sections in their order.
 
     Raises
     ------

@@ -15,7 +15,7 @@ from lcpimpact.study.design.sizing import Design
 from lcpimpact.study.result import Study
 
 MAX_LINES = 40
-"""Maximum number of lines of a summary that a page repeats."""
+"""Maximum number of lines of a summary on a page."""
 
 
 def report(study: Study, path: str | Path) -> Path:
@@ -32,7 +32,7 @@ def report(study: Study, path: str | Path) -> Path:
 
 @singledispatch
 def parts(study: Study) -> list[Section]:
-    """Return the parts of the page of a study: of any the picture, the summary and the table."""
+    """Return the sections of the page of a study; by default the picture, the summary and the table."""
     lines = study.summary().split("\n")[len(study.head()) :]
     return [
         Section("Picture", figures=[study.plot()]),
@@ -102,8 +102,8 @@ def _(study: Comparison) -> list[Section]:
 @parts.register
 def _(study: CrossValidation) -> list[Section]:
     words = (
-        f"<p>{study.outcome.value.capitalize()}. Each route tells its own error from several steps or tolerances; the "
-        "differences may be no larger than those errors allow, and routes confirm each other only if their families differ "
+        f"<p>{study.outcome.value.capitalize()}. Each route estimates its own error from several steps or tolerances; the "
+        "differences must be within those errors, and routes confirm each other only if their families differ "
         "and their refinement shows the order that they declare.</p>"
     )
     return [
@@ -119,8 +119,8 @@ def _(study: Design) -> list[Section]:
     misses = {
         name: abs(getattr(seen, name) / value - 1.0) for name, value in study.wanted.items() if hasattr(seen, name)
     }
-    lines = [f"Simulated, {name} is off by {miss:.1e} of itself." for name, miss in misses.items()]
-    lines += ["Each row shows what is wanted; the first has the least damping."] * bool(study.others)
+    lines = [f"In the simulation, {name} has a relative error of {miss:.1e}." for name, miss in misses.items()]
+    lines += ["Each row meets the requirements; the first has the least damping."] * bool(study.others)
     return [
         Section("The impact", f"<p>Found by: {escape(study.found)}.</p>", figures=[study.plot()]),
         Section(

@@ -11,7 +11,7 @@ from lcpimpact.problems.reference import KNOWN
 from lcpimpact.reproduce.runs import DIRECT_SOLVERS, QP_SOLVERS, STEPS, CaseResult, PaperRuns
 
 QP_TOLERANCE = 1e-7
-"""Relative agreement of a QP backend's trajectory with the direct solvers: OSQP is asked for 1e-11 and scaled."""
+"""Relative agreement of a QP backend's trajectory with the direct solvers; OSQP has a tolerance of 1e-11, and scaling."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def _orders(found: PaperRuns) -> list[Check]:
 
 
 def _solvers_agree(found: PaperRuns) -> list[Check]:
-    """Compare where each solver ends with where Lemke's does, relative to the largest coordinate."""
+    """Compare the final coordinates of each solver with those of Lemke's method, relative to the largest coordinate."""
     lemke = {
         (row.case.label, row.case.options, row.case.h): row for row in found.rows if row.case.lcp_solver == "lemke"
     }
@@ -136,7 +136,7 @@ def _solvers_agree(found: PaperRuns) -> list[Check]:
 
 
 def _difference(row: CaseResult, reference: CaseResult) -> float:
-    """Return how far apart two runs end, relative to the largest coordinate; NaN if one of them failed."""
+    """Return the difference of the final coordinates of two runs, relative to the largest; NaN if one failed."""
     if row.failure or reference.failure:
         return float("nan")
     expected = np.array(reference.q_end)

@@ -24,7 +24,7 @@ from lcpimpact.simulation import simulate
 from lcpimpact.study.progress import Progress, watched
 
 FIGURE_STEP = 1e-2
-"""Step in s of the runs that the figures show: coarse enough to see where the methods differ."""
+"""Step in s of the runs in the figures: coarse enough to show the differences of the methods."""
 
 
 LEAD = (
@@ -35,7 +35,7 @@ LEAD = (
 
 @dataclass(frozen=True)
 class FigureText:
-    """What stands under a figure: two sentences."""
+    """The caption of a figure: two sentences."""
 
     number: int
     group: str

@@ -147,7 +147,7 @@ def peak_reaction(trajectory: Trajectory) -> float:
 
 
 def switch_errors(trajectory: Trajectory, exact: Trajectory) -> tuple[tuple[float, ...], int]:
-    """Pair the k-th opening with the k-th opening, and so for closings; return the errors, and how many are too many."""
+    """Pair the k-th openings, and the k-th closings, of two runs; return the errors, and the number of unpaired events."""
     errors: list[float] = []
     extra = 0
     for kind in ("open", "close"):
@@ -230,7 +230,7 @@ def all_cases() -> list[Case]:
 
 
 def order_studies() -> list[tuple[str, str, tuple[tuple[str, Any], ...]]]:
-    """Return what `observed_orders` is asked for."""
+    """Return the arguments of `observed_orders`."""
     methods: list[tuple[str, tuple[tuple[str, Any], ...]]] = [
         ("moreau-jean", (("theta", 0.5),)),
         ("moreau-jean", (("theta", 1.0),)),
@@ -281,7 +281,7 @@ def run_all(
 
 
 def _in_processes(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], workers: int) -> Iterator[Any]:
-    """Yield each job with its result, as they come.
+    """Yield each job with its result, in the order of completion.
 
     Processes are spawned, since a fork copies the locks of numerical libraries; each keeps to one thread, since the
     matrices are small and the cores are taken.
@@ -299,7 +299,7 @@ def _in_processes(jobs: Sequence[tuple[Callable[..., Any], tuple[Any, ...]]], wo
 
 @contextmanager
 def _environment(**values: str) -> Iterator[None]:
-    """Set environment variables for the processes that are started meanwhile."""
+    """Set environment variables for processes started within the block."""
     before = {name: os.environ.get(name) for name in values}
     os.environ.update(values)
     try:

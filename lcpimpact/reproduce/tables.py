@@ -83,7 +83,7 @@ def checks_rows(checks: Sequence[Check]) -> list[list[Any]]:
 
 
 def write_csv(path: Path, header: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    """Write a table, whole or not at all."""
+    """Write a table atomically."""
     with whole_file(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(header)

@@ -130,27 +130,27 @@ def _refuse_falling_nodes(K: Array, static: Array, nodes: Sequence[str]) -> None
 
 
 def _refuse_jumps(terms: Terms, static: Array, nodes: Sequence[str]) -> None:
-    """Refuse loads that jump at static nodes: their positions would jump, with undetermined work."""
+    """Raise an error for loads that jump at static nodes: their positions would jump, with undetermined work."""
     for i, load in terms.loads:
         if isinstance(load, PiecewisePolynomial) and not load.continuous and static[i].any():
             raise InputError(
-                f"the load on {nodes[i]!r} jumps, and so would that node, which springs alone hold: give it a Mass or a "
-                "Dashpot, or let the load rise over a time by a Ramp or a Table"
+                f"the load on {nodes[i]!r} jumps, and so would that node, which only springs hold: give it a Mass or a "
+                "Dashpot, or increase the load gradually by a Ramp or a Table"
             )
 
 
 def _refuse_ambiguous_names(nodes: Sequence[str], rows: Sequence[Row | PowerLaw]) -> None:
-    """Refuse two series of one name, since results are read by name: coordinates, v_NAME, reactions, t and t_R."""
-    taken = {"t": "the time", "t_R": "the times of the reactions"}
+    """Raise an error for two series of one name: coordinates, v_NAME, reactions, t and t_R."""
+    owners = {"t": "the time", "t_R": "the times of the reactions"}
     names = [
         *((node, f"node {node!r}") for node in nodes),
         *((f"v_{node}", f"the velocity of {node!r}") for node in nodes),
     ]
     names += [(row.name, f"the {'reaction' if isinstance(row, Row) else 'force'} of {row.element}") for row in rows]
     for name, what in names:
-        if name in taken:
-            raise InputError(f"{what} and {taken[name]} have one name, {name!r}: rename one, a force by name=")
-        taken[name] = what
+        if name in owners:
+            raise InputError(f"{what} and {owners[name]} have the same name {name!r}: rename one, a force by name=")
+        owners[name] = what
 
 
 def _normals(rows: Sequence[Row]) -> list[int]:
@@ -177,8 +177,8 @@ def _refuse_levers(H: Array, rows: Sequence[Row], massless: Flags, nodes: Sequen
 def _refuse_parallel_contacts(rows: Sequence[Row]) -> None:
     """Refuse bumpers that can be closed together while their rows of H depend on each other: W would be singular.
 
-    Rows of H depend where bumpers form a loop, and around a loop the gaps with their signs add up to zero if all of them
-    can be closed at once. A body between two stops is a loop too, but its gaps do not add up to zero.
+    Bumpers in a loop have dependent rows; all of them can be closed at once if their signed gaps around the loop add up to
+    zero. A body between two stops is a loop too, but its gaps do not add up to zero.
     """
     bumpers = [
         row for row in rows if row.law is RowLaw.CONTACT and isinstance(row.upper, str) and isinstance(row.lower, str)
@@ -189,8 +189,8 @@ def _refuse_parallel_contacts(rows: Sequence[Row]) -> None:
             if abs(total) <= 1e-12 * (abs(bumper.gap) + abs(opening)):
                 others = ", ".join(repr(each.name) for each in path)
                 raise InputError(
-                    f"{bumper.element}: bumper {bumper.name!r} acts in parallel with {others}, so the share of each in the "
-                    "reaction is undetermined (W is singular); take one of them out"
+                    f"{bumper.element}: bumper {bumper.name!r} acts in parallel with {others}, so the individual "
+                    "reactions are undetermined (W is singular); remove one of them"
                 )
 
 
@@ -216,13 +216,13 @@ def _refuse_loops_of_sliders(H: Array, rows: Sequence[Row]) -> None:
     first = next(n for n in range(1, len(sliders) + 1) if np.linalg.matrix_rank(H[sliders[:n]]) < n)
     row = rows[sliders[first - 1]]
     raise InputError(
-        f"{row.element}: slider {row.name!r} closes a loop with others, so the share of each in the friction is "
-        "undetermined (W is singular); add its r0 to another and take it out"
+        f"{row.element}: slider {row.name!r} closes a loop with others, so the individual friction forces are "
+        "undetermined (W is singular); add its r0 to another and remove it"
     )
 
 
 def _check_restitution(dynamics: Dynamics, rows: Sequence[Row]) -> None:
-    """Refuse a contact on an impulse path without e, and e of one that is on none."""
+    """Raise an error for a contact on an impulse path without e, and for one off all paths with e."""
     for i, (row, contact) in enumerate(zip(rows, dynamics.contacts, strict=True)):
         if row.law is RowLaw.FRICTION:
             if row.e and contact.relative_degree < 2:

@@ -126,9 +126,9 @@ def degrees_together(H: Array, parts: Decomposition) -> tuple[Array, Indices]:
             free.remove(pivot)
             found.append(pivot)
             for i in free:
-                share = moved[i, j] / moved[pivot, j]
-                moved[i] -= share * moved[pivot]
-                T[i] -= share * T[pivot]
+                factor = moved[i, j] / moved[pivot, j]
+                moved[i] -= factor * moved[pivot]
+                T[i] -= factor * T[pivot]
         kept.append(T[found])
         degree += [level] * len(found)
         T = T[free]

@@ -105,7 +105,7 @@ class FirstOrderForm:
     def state(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return X at t = 0 for the coordinates q and velocities v of the scheme (n,); static ones are not states.
 
-        The basis is made of unit vectors but for the static groups, which shift with their first node.
+        The basis consists of unit vectors, except for the static groups, which move with their first node.
         """
         q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
         parts = self.parts
@@ -191,9 +191,9 @@ class Inputs:
     E : (N, nw), D : (nc, nw), Q : (n, nw) arrays
         How the forces enter.
     approach, rate : (ns, N) arrays
-        Rows that read δ and δ' off the state; the rate is zero where there is no loss.
+        Rows that give δ and δ' from the state; the rate is zero for a spring without loss.
     law : (ns, 5) array
-        Gap, K, n, b and c of each spring; the gap stands in ``approach`` already.
+        Gap, K, n, b and c of each spring; the gap is already included in ``approach``.
     loads : tuple of callable
         Functions of time.
     """

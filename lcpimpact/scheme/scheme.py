@@ -122,7 +122,7 @@ class Scheme:
         Raises
         ------
         InputError
-            If something that is no element is added.
+            If an object that is not an element is added.
         """
         for element in elements:
             if not isinstance(element, Element):
@@ -153,7 +153,7 @@ def _named(before: Sequence[Element], added: Sequence[Element]) -> Iterator[Elem
             continue
         name = next(name for name in _names(element.reaction) if name not in taken)
         taken.add(name)
-        # What a drawing calls the reaction follows, where nothing else was said.
+        # Its symbol in drawings follows, unless given.
         follows = name != element.reaction and element.symbols == (element.reaction,)
         yield replace(element, name=name, symbols=(name,) if follows else element.symbols)  # type: ignore[type-var]
 

@@ -86,12 +86,12 @@ class Checked:
 
 
 def checked(name: str, function: Any, unit: str, moves: bool = False) -> Any:
-    """Return a function of time that refuses what is no number; ``moves`` says that it has a rate.
+    """Return a function of time that checks its values; with ``moves`` it has a rate.
 
     Raises
     ------
     InputError
-        Naming the function and what came out, here if that is no finite number at t = 0, where runs begin.
+        Naming the function and its value, here if that is not a finite number at t = 0.
     """
     sure = Checked(name, function, unit)
     for label, value in ((name, sure(0.0)), *([(f"{name}.rate", sure.rate(0.0))] if moves else [])):
@@ -235,14 +235,14 @@ class Table(PiecewisePolynomial):
     Parameters
     ----------
     times : sequence of float
-        In s, in their order. A time that stands twice is a jump, and the second of its values holds there.
+        In s, in ascending order. A repeated time is a jump, at which the second value applies.
     values : sequence of float
         In N as a load and in m as a motion, one for each time.
 
     Raises
     ------
     InputError
-        If the times go back, stand more than twice, or are not as many as the values.
+        If the times decrease, one is listed more than twice, or there are not as many values.
 
     Examples
     --------
@@ -260,12 +260,10 @@ class Table(PiecewisePolynomial):
             raise InputError(f"Table: it has {len(times)} times and {len(values)} values; give one value for each time")
         back = np.flatnonzero(np.diff(times) < 0.0)
         if len(back):
-            raise InputError(
-                f"Table: the time {times[back[0] + 1]:g} s stands after {times[back[0]]:g} s; sort the points"
-            )
+            raise InputError(f"Table: the time {times[back[0] + 1]:g} s follows {times[back[0]]:g} s; sort the points")
         thrice = [a for a, b in zip(times[:-2], times[2:], strict=True) if a == b]
         if thrice:
-            raise InputError(f"Table: the time {thrice[0]:g} s stands more than twice; two points make a jump")
+            raise InputError(f"Table: the time {thrice[0]:g} s is listed more than twice; two points make a jump")
         if not np.isfinite(self._slopes).all():
             raise InputError(
                 "Table: two points lie so close that their slope is larger than any number; move them apart"
@@ -290,7 +288,7 @@ class Table(PiecewisePolynomial):
 
     @property
     def continuous(self) -> bool:
-        """Whether no time stands twice with two values."""
+        """Whether no time has two different values."""
         values = np.array(self.values)
         return not ((np.diff(self._instants) == 0.0) & (np.diff(values) != 0.0)).any()
 
@@ -356,7 +354,7 @@ class Ramp(PiecewisePolynomial):
 
     @property
     def continuous(self) -> bool:
-        """Whether it is no step."""
+        """Whether it has no jump."""
         return self._table.continuous
 
     def breakpoints(self, start: float, end: float) -> Array:

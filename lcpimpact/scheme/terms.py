@@ -115,7 +115,7 @@ class PowerLaw:
 
 @dataclass(eq=False)
 class Sum:
-    """A matrix as a sum of terms, with what rounding has left out of it.
+    """A matrix as a sum of terms, with its rounding error.
 
     Springs of 1e9 and 1 N/m at one node sum to a float that has lost half the digits of the weaker one, and the rows of a
     stiffness that should cancel in a rigid motion no longer do.

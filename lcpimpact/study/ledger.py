@@ -177,7 +177,7 @@ def _between_events(run: Trajectory, dense: ContinuousSolution, account: Account
 
 
 def _promise(run: Trajectory, θ: float | None) -> tuple[str, bool]:
-    """Say what the method promises, and whether it is a balance that closes."""
+    """Return the declared energy property of the method, and whether it is a balance that closes."""
     declared = run.integrator.declared if run.integrator is not None else None
     text = declared.energy if declared is not None else "nothing is declared"
     if θ is not None:

@@ -25,7 +25,7 @@ def watched(items: Iterable[Any], total: int, what: str, progress: Progress) -> 
     return shown
 
 
-def unseen(number: int) -> None:
+def ignore_count(number: int) -> None:
     """Ignore the number of items done."""
 
 

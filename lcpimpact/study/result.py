@@ -71,7 +71,7 @@ class Study:
 
     @checked
     def report(self, path: str | Path) -> Path:
-        """Write a page that opens offline, with the summary, the picture and the tables.
+        """Write a self-contained page with the summary, the picture and the tables.
 
         Parameters
         ----------

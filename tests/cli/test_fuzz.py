@@ -33,7 +33,7 @@ import pytest
 from schemes import frictional, random_problem
 
 import lcpimpact as li
-from lcpimpact.cli.main import SHOWS_TRACEBACK, main
+from lcpimpact.cli.main import TRACEBACK_VARIABLE, main
 from lcpimpact.integrators import METHODS
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.files import read_lcp, write_lcp
@@ -869,9 +869,9 @@ WRITTEN = {
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder of inputs in which cases run; `SHOWS_TRACEBACK` lets a defect say where it arose."""
+    """A folder of inputs in which cases run; `TRACEBACK_VARIABLE` lets a defect say where it arose."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv(SHOWS_TRACEBACK, "1")
+    monkeypatch.setenv(TRACEBACK_VARIABLE, "1")
     for name, text in WRITTEN.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     np.savez(tmp_path / "two.npz", M=np.eye(2), q=[-1.0, 1.0])
@@ -1033,7 +1033,7 @@ main(["simulate", "system-1"])
 def test_an_interrupted_import_prints_one_sentence():
     done = subprocess.run([sys.executable, "-c", INTERRUPTED_IMPORT], capture_output=True, text=True, timeout=60)
     assert done.returncode == 130
-    assert done.stderr == "lcpimpact: interrupted: files that were finished are whole, and no other was left\n"
+    assert done.stderr == "lcpimpact: interrupted: finished files are complete, and no partial file remains\n"
 
 
 # ---- a soak ---------------------------------------------------------------------------------------------------------

@@ -180,7 +180,7 @@ def test_what_another_package_breaks_is_named_with_its_reason_and_harms_no_other
         assert name not in methods
         with pytest.raises(li.InputError) as refused:
             methods[name]
-        for part in (name, location, reason, "mend or uninstall"):
+        for part in (name, location, reason, "repair or uninstall"):
             assert part in str(refused.value)
     with pytest.raises(li.InputError, match=r"known are moreau-jean, good$"):
         methods["moreau"]

@@ -142,7 +142,7 @@ def test_springs_without_a_name_are_numbered_and_two_of_one_name_are_refused():
     assert [each.name for each in slips.forces] == ["F", "F_2"]
     twice = [li.HertzSpring("x", "ground", K=1e5, name="R"), li.Bumper("x", "ground", gap=1.0, e=0.0, name="R")]
     with pytest.raises(
-        li.InputError, match=r"the force of HertzSpring .* and the reaction of Bumper .* have one name, 'R'"
+        li.InputError, match=r"the force of HertzSpring .* and the reaction of Bumper .* have the same name 'R'"
     ):
         li.Scheme(li.Mass("x", 1.0), *twice).assemble()
     with pytest.raises(li.InputError, match="name = 3 must be a string"):

@@ -508,7 +508,7 @@ def test_solve_says_that_a_P_matrix_of_many_rows_is_not_recognised(capsys, tmp_p
 def test_a_large_matrix_is_not_searched_for_properties(capsys, tmp_path):
     bands = np.array([np.full(2_500, 2.0), np.full(2_500, -1.0)])
     said = call(capsys, "solve", write_lcp(tmp_path / "a.npz", Banded(bands), -np.ones(2_500)))[1]
-    assert "  M           banded; symmetric (n > 2000: no others were looked for)\n" in said
+    assert "  M           banded; symmetric (n > 2000: others were not checked)\n" in said
 
 
 def test_the_sides_of_a_problem_with_bounds(capsys, tmp_path):
@@ -634,15 +634,15 @@ REFUSED = {
     "a property is lacking": (["--solver", "pgs"], "positive semidefinite"),
     "a negative tolerance": (["--tol", "-1"], "tol = -1"),
     "no iterations": (["--max-iter", "0"], "max_iter = 0"),
-    "a word as a bound": (["--lower", "low"], "--lower 'low' must be one number or 2"),
-    "three bounds": (["--upper", "1,2,3"], "--upper '1,2,3' must be one number or 2"),
+    "a word as a bound": (["--lower", "low"], "--lower 'low' must be one number, or 2"),
+    "three bounds": (["--upper", "1,2,3"], "--upper '1,2,3' must be one number, or 2"),
     "bounds that cross": (["--upper", "-1"], "lower[0] = 0 and upper[0] = -1"),
     "a bound that is no number": (["--upper", "nan"], "upper must be"),
     "step zero": (["--tableau", "0", "--solver", "lemke"], "the trace has the steps 1 to 2"),
     "a step too far": (["--tableau", "3", "--solver", "lemke"], "the trace has the steps 1 to 2"),
     "an ending of an answer": (["--out", "z.lcp"], "must end in one of .csv, .npz"),
     "an ending of a picture": (["--plot", "z.jpg"], ".png, .svg, .pdf"),
-    "cones of a box": (["--plot", "z.png", "--upper", "1"], "--plot draws the cones"),
+    "cones of a box": (["--plot", "z.png", "--upper", "1"], "--plot needs an LCP with n = 2"),
     "no folder": (["--out", "nowhere/z.csv"], "there is no folder 'nowhere'"),
     "q twice": (["--q", ROOT / "docs" / "three.lcp"], "q stands in it already"),
     "an unknown option": (["--tabloo", "3"], "--tabloo"),
@@ -671,7 +671,7 @@ def test_a_wrong_name_is_found_before_the_run(capsys, monkeypatch):
 
 def test_what_only_small_problems_can_show_is_refused_for_others(capsys, tmp_path):
     large = write_lcp(tmp_path / "a.lcp", np.eye(16), -np.ones(16))
-    for option, said in (("--all", "--all tries every basis"), ("--plot", "n = 2")):
+    for option, said in (("--all", "--all enumerates every basis"), ("--plot", "n = 2")):
         code, _, error = call(capsys, "solve", large, option, *["a.png"] * (option == "--plot"))
         assert code == 2
         assert said in error
@@ -709,7 +709,9 @@ def test_the_list_of_solvers_says_what_each_declares(capsys):
         assert f"{name} {' '.join(solver.summary.split())} {declared}" in said
         assert solver.source in said
     backends = said[said.index("qp:NAME") :]
-    here, elsewhere = re.search(r"also here: (.*) not here: (.*); pip install 'qpsolvers\[NAME\]'", backends).groups()
+    here, elsewhere = re.search(
+        r"; installed: (.*) not installed: (.*); pip install 'qpsolvers\[NAME\]'", backends
+    ).groups()
     known = {name for name in metadata("qpsolvers").get_all("Provides-Extra") if "-" not in name}
     listed = {name.removeprefix("qp:") for name in SOLVERS if name.startswith("qp:")}
     assert set(here.split(", ")) | set(elsewhere.split(", ")) | listed >= known

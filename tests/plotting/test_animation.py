@@ -33,7 +33,7 @@ from lcpimpact import (
     UnsupportedError,
 )
 from lcpimpact.plotting import animation
-from lcpimpact.plotting.animation import Film, animate, stage
+from lcpimpact.plotting.animation import Film, animate, lay_out_motion
 from lcpimpact.plotting.layout import CEILING
 from lcpimpact.plotting.schematic import Label, Line, extent, picture
 from lcpimpact.plotting.style import style
@@ -68,7 +68,7 @@ def heights(lines: list[np.ndarray]) -> list[float]:
 
 def test_nodes_move_down_by_their_coordinates_at_one_scale(fall: Trajectory) -> None:
     times = np.linspace(0.0, 3.0, 40)
-    layout, postures = stage(fall, times)
+    layout, postures = lay_out_motion(fall, times)
     q = fall.sample(times).q
     for i, node in enumerate(fall.problem.dynamics.nodes):
         y = np.array([posture.y[node] for posture in postures])
@@ -78,7 +78,7 @@ def test_nodes_move_down_by_their_coordinates_at_one_scale(fall: Trajectory) -> 
 
 def test_the_plates_of_a_bumper_are_as_far_apart_as_its_gap_is_open(fall: Trajectory) -> None:
     times = np.linspace(0.0, 3.0, 40)
-    layout, postures = stage(fall, times)
+    layout, postures = lay_out_motion(fall, times)
     u = fall.problem.dynamics.gap(fall.sample(times).q)[:, 0]
     assert u.max() > 1.0
     for posture, opening in zip(postures, u, strict=True):
@@ -93,7 +93,7 @@ def test_a_stop_above_opens_as_the_mass_moves_down() -> None:
     )  # fmt: skip
     trajectory = run(scheme, method="exact", v0={"x": -2.0})
     times = np.linspace(0.0, 2.0, 50)
-    layout, postures = stage(trajectory, times)
+    layout, postures = lay_out_motion(trajectory, times)
     x = trajectory.sample(times).q[:, 0]
     for posture, place in zip(postures, x, strict=True):
         pieces = [p for p in picture(layout, posture) if isinstance(p, Line) and p.label.endswith("$R$")]
@@ -111,7 +111,7 @@ def test_a_stop_above_opens_as_the_mass_moves_down() -> None:
 )
 def test_what_moves_in_a_case_stays_in_it_and_out_of_the_bodies(element: Any) -> None:
     trajectory = run(Scheme(Mass("x", 1.0), Spring("x", "ground", 20.0), element), q0={"x": 1.0})
-    layout, postures = stage(trajectory, np.linspace(0.0, 2.0, 60))
+    layout, postures = lay_out_motion(trajectory, np.linspace(0.0, 2.0, 60))
     depths = []
     for posture in postures:
         pieces = list(picture(layout, posture))
@@ -132,7 +132,7 @@ def test_what_moves_in_a_case_stays_in_it_and_out_of_the_bodies(element: Any) ->
 @pytest.mark.parametrize("name", ["system-1", "system-2", "system-3"])
 def test_springs_never_fold(name: str) -> None:
     trajectory = lcpimpact.simulate(lcpimpact.load_problem(name), "exact", dt=1e-2, t_end=3.0)
-    layout, postures = stage(trajectory, np.linspace(0.0, 3.0, 60))
+    layout, postures = lay_out_motion(trajectory, np.linspace(0.0, 3.0, 60))
     for posture in postures:
         for spring in strokes(list(picture(layout, posture)), "Spring"):
             assert (np.diff(spring[:, 1]) < 0.0).all()
@@ -143,7 +143,7 @@ def test_a_rope_is_straight_when_it_is_taut() -> None:
     scheme = Scheme(Mass("x", 1.0), Load("x", 9.81), Rope("ground", "x", slack=0.5, e=0.0))
     trajectory = run(scheme, 1.0, "exact")
     times = np.linspace(0.0, 1.0, 30)
-    layout, postures = stage(trajectory, times)
+    layout, postures = lay_out_motion(trajectory, times)
     x = trajectory.sample(times).q[:, 0]
     assert x[-1] == pytest.approx(0.5, abs=1e-9)
     for posture, place in zip(postures, x, strict=True):
@@ -161,7 +161,7 @@ def test_a_bar_shows_the_motion_inside_it() -> None:
         Problem("bar", scheme, v0=dict.fromkeys(names, 10.0)), "moreau-jean", dt=5e-3, t_end=0.4
     )
     times = np.linspace(0.0, 0.4, 20)
-    layout, postures = stage(trajectory, times)
+    layout, postures = lay_out_motion(trajectory, times)
     q = dict(zip(names, trajectory.sample(times).q.T, strict=True))
     for i, posture in enumerate(postures):
         lines = strokes(list(picture(layout, posture)), "Bar")
@@ -189,32 +189,32 @@ def test_a_plate_whose_motion_is_given_moves_with_it() -> None:
     )  # fmt: skip
     trajectory = run(scheme, 1.0)
     times = trajectory.t[::4]
-    layout, postures = stage(trajectory, times)
+    layout, postures = lay_out_motion(trajectory, times)
     y = np.array([posture.y["table"] for posture in postures])
     np.testing.assert_allclose(y, layout.y["table"] - layout.scale * 0.05 * np.cos(20.0 * times), rtol=0.0, atol=1e-9)
 
 
 def test_the_largest_relative_displacement_sets_the_scale(fall: Trajectory) -> None:
-    layout, _ = stage(fall, np.linspace(0.0, 3.0, 100))
+    layout, _ = lay_out_motion(fall, np.linspace(0.0, 3.0, 100))
     q = fall.sample(np.linspace(0.0, 3.0, 100)).q
     apart = [np.ptp(q[:, 0] - q[:, 1]), np.ptp(q[:, 1] - q[:, 2]), np.ptp(q[:, 2])]
-    assert layout.scale == pytest.approx(animation.TRAVEL / max(apart), rel=1e-12)
+    assert layout.scale == pytest.approx(animation.MAX_TRAVEL / max(apart), rel=1e-12)
 
 
 def test_a_scheme_at_rest_is_animated_too() -> None:
     trajectory = run(Scheme(Mass("x", 1.0), Spring("x", "ground", 1.0)), 0.1)
-    layout, postures = stage(trajectory, np.linspace(0.0, 0.1, 3))
+    layout, postures = lay_out_motion(trajectory, np.linspace(0.0, 0.1, 3))
     assert layout.scale == 1.0
     assert postures[0].y == postures[-1].y
 
 
 def test_reactions_press_and_impulses_flash(fall: Trajectory, ball: Trajectory) -> None:
     times = np.linspace(0.0, 3.0, 400)
-    pressed = np.array([posture.pressed["R"] for posture in stage(fall, times)[1]])
+    pressed = np.array([posture.pressed["R"] for posture in lay_out_motion(fall, times)[1]])
     R = fall.sample(times).reaction[:, 0]
     np.testing.assert_allclose(pressed, R / max(R.max(), fall["R"].max()), rtol=1e-12, atol=1e-15)
     times = np.linspace(0.0, 1.5, 240)
-    pressed = np.array([posture.pressed["R"] for posture in stage(ball, times)[1]])
+    pressed = np.array([posture.pressed["R"] for posture in lay_out_motion(ball, times)[1]])
     first = next(event.t for event in ball.events)
     assert pressed[times < first].max() == 0.0
     assert pressed[np.searchsorted(times, first)] == 1.0
@@ -275,7 +275,7 @@ def test_the_right_limit_is_shown_where_a_force_jumps(fall: Trajectory) -> None:
     assert panel.label == "reaction [N]"
     assert mark.get_ydata()[0] == pytest.approx(event.right.reaction[0], rel=1e-9)
     assert event.right.reaction[0] > 100.0
-    posture = stage(fall, np.array([0.0, event.t]))[1][1]
+    posture = lay_out_motion(fall, np.array([0.0, event.t]))[1][1]
     assert posture.pressed["R"] == pytest.approx(event.right.reaction[0] / fall["R"].max(), rel=1e-2)
 
 
@@ -298,7 +298,7 @@ def test_what_does_not_move_is_painted_once_and_what_moves_is_painted_anew(fall:
 
 
 def test_impulses_stand_in_the_place_of_a_reaction_that_is_nothing_else(ball: Trajectory) -> None:
-    contents = animation._to_show(ball)
+    contents = animation._panels_with_impulses(ball)
     assert [panel.label for panel in contents] == ["coordinates [m]", "impulse [N s]"]
     needles = contents[1]
     tips = needles.values[1::3, 0]
@@ -321,8 +321,8 @@ def test_labels_keep_to_words_and_lines() -> None:
     assert animation._length(2e-5) == "20 µm"
     assert animation._round_below(3.9) == 2.0
     assert animation._round_below(0.05) == pytest.approx(0.05)
-    assert animation._three(77_400.0) == "77,000"
-    assert animation._three(2.667) == "2.67"
+    assert animation._round3(77_400.0) == "77,000"
+    assert animation._round3(2.667) == "2.67"
     assert Label("x", np.zeros(2), np.array([1.0, 0.0])).place[0] > 0.0
 
 
@@ -347,7 +347,7 @@ def test_few_colors_keep_white_white_and_the_colours_of_the_lines(fall: Trajecto
     with style():
         film = Film.of(fall, np.linspace(0.0, 3.0, 5), 1.0)
         whole = list(film.frames())
-        small = [np.asarray(frame.convert("RGB"), dtype=int) for frame in animation._few_colors(film)]
+        small = [np.asarray(frame.convert("RGB"), dtype=int) for frame in animation._quantized_frames(film)]
     for one, other in zip(whole, small, strict=True):
         full = np.asarray(one, dtype=int)
         assert (other[(full == 255).all(axis=2)] == 255).all()

@@ -46,7 +46,7 @@ from lcpimpact import (
 from lcpimpact.plotting.cones import RADII, Cone, cones, plot_cones, sectors
 from lcpimpact.plotting.figures import figure_2, figure_3, force_figure, motion_figure
 from lcpimpact.plotting.layout import CEILING, Layout, half_breadth
-from lcpimpact.plotting.schematic import FORCE, draw_scheme
+from lcpimpact.plotting.schematic import FORCE_COLOR, draw_scheme
 from lcpimpact.plotting.style import save, style
 from lcpimpact.plotting.timeline import contact_intervals, curves, math_text, shown_events
 from lcpimpact.plotting.trajectory import plot_trajectory
@@ -435,7 +435,7 @@ def test_the_reaction_pushes_the_plates_apart() -> None:
     plates = sorted(line[0, 1] for line in points(ax, "Bumper") if line[0, 1] == pytest.approx(line[1, 1]))
     labels = sorted(text.get_position()[1] for text in ax.texts if text.get_text() == "$R$")
     assert labels[0] < plates[0] < plates[1] < labels[1]
-    heads = [patch.get_xy() for patch in ax.patches if to_hex(patch.get_facecolor()) == FORCE]
+    heads = [patch.get_xy() for patch in ax.patches if to_hex(patch.get_facecolor()) == FORCE_COLOR]
     lower, upper = sorted((head for head in heads if abs(head[0, 0]) > 0.1), key=lambda head: head[0, 1])
     assert upper[0, 1] > upper[1:3, 1].max() > plates[1]
     assert lower[0, 1] < lower[1:3, 1].min() < plates[0]
@@ -736,7 +736,7 @@ def test_every_cone_and_every_column_is_named_and_nothing_overlaps(case: str) ->
     ):
         x, y = text.get_position()
         if cone.kind == "wedge":
-            assert cone.holds(np.degrees(np.arctan2(y, x)) % 360.0)
+            assert cone.contains(np.degrees(np.arctan2(y, x)) % 360.0)
             assert radius - 0.16 < np.hypot(x, y) < radius
     columns = " ".join(written).replace(",", " ").split()
     expected = {"$e_1$", "$e_2$", "$q$"} | {f"${{-}}M_{i + 1}$" for i in range(2) if np.any(np.array(M)[:, i])}
@@ -819,7 +819,7 @@ def test_a_direction_lies_in_as_many_cones_as_the_problem_has_solutions(seed: in
     for angle in rng.uniform(0.0, 360.0, size=20):
         q = np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
         solutions = lcpimpact.all_solutions(M, q)
-        assert sum(cone.holds(angle) for cone in drawn) == len(solutions)
+        assert sum(cone.contains(angle) for cone in drawn) == len(solutions)
         assert sum(count for first, last, count in parts if (angle - first) % 360.0 < last - first) == len(solutions)
 
 
@@ -845,7 +845,7 @@ def test_a_cone_holds_its_edges_and_what_lies_between() -> None:
     cone = Cone((0,), np.array([[-1.0, -1.0], [0.0, 1.0]]))
     assert cone.name == "{1}"
     assert cone.angles == pytest.approx((90.0, 225.0))
-    assert [cone.holds(angle) for angle in (89.9, 90.0, 180.0, 225.0, 225.1, 0.0)] == [
+    assert [cone.contains(angle) for angle in (89.9, 90.0, 180.0, 225.0, 225.1, 0.0)] == [
         False,
         True,
         True,
@@ -854,7 +854,7 @@ def test_a_cone_holds_its_edges_and_what_lies_between() -> None:
         False,
     ]
     across = Cone((0, 1), np.array([[1.0, 1.0], [1.0, -1.0]]))
-    assert [across.holds(angle) for angle in (0.0, 44.0, 46.0, 314.0, 316.0, 180.0)] == [
+    assert [across.contains(angle) for angle in (0.0, 44.0, 46.0, 314.0, 316.0, 180.0)] == [
         True,
         True,
         False,
@@ -878,7 +878,7 @@ def test_cones_are_drawn_into_given_axes_or_a_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("M", "q", "path", "said"),
     [
-        (np.eye(3), None, None, "of order 2, and it is of order 3"),
+        (np.eye(3), None, None, "M has order 3; the cones can be drawn for order 2 only"),
         ([[1.0, np.nan], [0.0, 1.0]], None, None, "not finite"),
         (np.eye(2), [1.0], None, r"q must have shape \(2,\)"),
         (np.eye(2), [1.0, np.inf], None, "q has an entry that is not finite"),
@@ -929,7 +929,7 @@ import json, sys, matplotlib
 before = {key: matplotlib.rcParams[key] for key in matplotlib.rcParams if not key.startswith("backend")}
 import lcpimpact
 from lcpimpact.plotting.figures import figure_2
-from lcpimpact.plotting.schematic import FORCE, draw_scheme
+from lcpimpact.plotting.schematic import FORCE_COLOR, draw_scheme
 figure_2()
 draw_scheme(lcpimpact.load_problem("system-3").scheme)
 lcpimpact.simulate(lcpimpact.load_problem("system-1"), dt=1e-2, t_end=0.1).plot()

@@ -492,12 +492,12 @@ BALL = {"problem": load_problem("bouncing-ball", e=0.5), "law": "kelvin-voigt", 
         ({"k": "1"}, li.InputError, "k = '1' must be a finite number"),
         ({"k": None}, li.InputError, "k is missing"),
         ({"c": -1.0}, li.InputError, "c = -1 must not be below zero"),
-        ({"c": 1.0, "e": 0.5}, li.InputError, "c and e both tell the loss"),
+        ({"c": 1.0, "e": 0.5}, li.InputError, "c and e both determine the loss"),
         ({"b": 1.0}, li.InputError, "the law 'kelvin-voigt' has no b"),
         ({"v0": 1.0}, li.InputError, "the law 'kelvin-voigt' has no v0"),
         ({"e": 1.5}, li.InputError, "e = 1.5 must lie between 0 and 1"),
         ({"e": 0.0}, li.InputError, "bumper 'R' has e = 0, which no finite c reaches: give c="),
-        ({"law": "hertz"}, li.InputError, "e = 0.5, and Hertz's law loses nothing: take law='hunt-crossley'"),
+        ({"law": "hertz"}, li.InputError, "e = 0.5, and Hertz's law is conservative: take law='hunt-crossley'"),
         ({"law": "hertz", "n": 0.5}, li.InputError, "n = 0.5 must be at least 1"),
         ({"law": "hunt-crossley"}, li.InputError, "at one speed: give v0="),
         ({"law": "hunt-crossley", "v0": 0.0}, li.InputError, "v0 = 0 must be above zero"),
@@ -648,7 +648,7 @@ def test_what_fails_is_a_row_with_its_reason():
     assert rows[0].sup_q < 1e-12
     assert rows[0].dt == 1.0 / 37.0
     assert "rk4-paper does not handle relative degree 2" in rows[1].failure
-    assert "Hertz's law loses nothing" in rows[2].failure
+    assert "Hertz's law is conservative" in rows[2].failure
     assert "exact does not handle non-linear springs" in rows[4].failure
     assert math.isnan(rows[4].sup_q)
 

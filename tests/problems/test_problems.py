@@ -435,9 +435,9 @@ def test_reading_a_sine(method, atol):
         assert_allclose(falling, 5 * math.pi / 6 + 2 * math.pi * (number - 1), rtol=0, atol=10 * atol)
     assert_allclose(reading.crossing(found, "v_x"), 3 * math.pi / 2 - 0.0, rtol=0, atol=10 * atol)
     assert_allclose(reading.at(found, "v_x", 1.0), math.cos(1.0), rtol=0, atol=atol)
-    with pytest.raises(InputError, match=r"crosses 0\.5 3 times, and crossing 4 is asked for: run longer"):
+    with pytest.raises(InputError, match=r"crosses 0\.5 3 times, but crossing 4 is required: run longer"):
         reading.crossing(found, "x", 0.5, direction=-1.0, number=4)
-    with pytest.raises(InputError, match="0 events 'open' of R, and number 2"):
+    with pytest.raises(InputError, match="0 events 'open' of R, but number 2"):
         reading.event(found, "open", 2, "R")
 
 

@@ -121,7 +121,7 @@ def test_a_defect_says_that_it_is_one_and_where_to_report_it(monkeypatch, capsys
     def defect(*_, **__):
         raise LookupError("no \x1b[31m key")
 
-    monkeypatch.setattr("lcpimpact.schemefile.registered", defect)
+    monkeypatch.setattr("lcpimpact.schemefile.registered_problem", defect)
     for shown in (False, True):
         if shown:
             monkeypatch.setenv("LCPIMPACT_TRACEBACK", "1")
@@ -138,7 +138,7 @@ def test_a_defect_says_that_it_is_one_and_where_to_report_it(monkeypatch, capsys
 
 def test_sizes_beyond_all_numbers_are_refused_in_words():
     for m, v0, g in ((1e300, 1e-300, 0.0), (1e-300, 1e300, 0.0), (1e160, 1e160, 1e160)):
-        with pytest.raises(li.InputError, match=r"larger or smaller than a machine has|no block"):
+        with pytest.raises(li.InputError, match=r"a number overflows or underflows|no block"):
             li.design("kelvin-voigt", m=m, v0=v0, g=g, k=1e300, c=1e-300)
 
 
@@ -156,7 +156,7 @@ def test_a_file_of_words_is_written_as_words(tmp_path):
         (lambda: li.LinearComplementaritySystem([[1.0]], None, [[1.0]]), "B"),
         (lambda: reference(li.load_problem("bouncing-ball"), 10**400), "t_end = .* must be a finite number"),
         (lambda: li.simulate(li.load_problem("bouncing-ball"), "exact", dt=1e297, t_end=1e300), "shorter t_end"),
-        (lambda: li.load_problem("shaw-holmes", omega=1e300), "omega = 1e\\+300.*nearer to one"),
+        (lambda: li.load_problem("shaw-holmes", omega=1e300), "omega = 1e\\+300.*nearer to 1"),
     ],
 )
 def test_what_a_fuzzer_found_is_refused(call, says):

@@ -29,8 +29,8 @@ def double(x):
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     monkeypatch.setattr(compiled, "folder", lambda: tmp_path / "code")
-    monkeypatch.setattr(compiled, "note_use", lambda: None)
-    monkeypatch.setattr(compiled, "said", [])
+    monkeypatch.setattr(compiled, "mark_used", lambda: None)
+    monkeypatch.setattr(compiled, "warned", [])
     compiled.usable.cache_clear()
     yield tmp_path / "code"
     compiled.usable.cache_clear()
@@ -49,7 +49,7 @@ def file(folder, ending, name="total"):
 
 def test_compiled_code_is_read_again(folder):
     assert [made(total), made(total)] == [(4.0, False), (4.0, True)]
-    assert compiled.said == []
+    assert compiled.warned == []
 
 
 def test_modules_are_compiled_ahead_once_and_again_where_that_failed(folder, monkeypatch):
@@ -104,7 +104,7 @@ def test_the_code_of_another_function_is_not_run(folder):
     made(total), made(double)
     shutil.copy(file(folder, ".nbc", "double"), file(folder, ".nbc", "total"))
     assert made(total) == (4.0, False)
-    assert "damaged" in compiled.said[0]
+    assert "damaged" in compiled.warned[0]
 
 
 def test_a_full_disk_costs_a_compilation_in_each_run(folder, monkeypatch, caplog):
@@ -122,7 +122,7 @@ def test_without_a_folder_nothing_is_saved(folder, monkeypatch, caplog):
     def refuse():
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    monkeypatch.setattr(compiled, "note_use", refuse)
+    monkeypatch.setattr(compiled, "mark_used", refuse)
     assert [made(total), made(total)] == [(4.0, False), (4.0, False)]
     (record,) = caplog.records
     assert "Permission denied" in record.message
@@ -176,24 +176,24 @@ def test_a_new_source_lets_go_of_what_is_long_unused(base):
     for days in (1, 2, 3, 29, 31, 400):
         of_another_source(base, f"d{days}", days)
     (base / "numba-of-others").mkdir()
-    cache.note_use()
+    cache.mark_used()
     assert sorted(each.name for each in base.iterdir()) == ["d1", "d2", "d29", "d3", "numba-of-others", "this"]
 
 
 def test_the_newest_few_stay_however_old(base):
     for days in (100, 200, 300, 400):
         of_another_source(base, f"d{days}", days)
-    cache.note_use()
+    cache.mark_used()
     assert sorted(each.name for each in base.iterdir()) == ["d100", "d200", "d300", "this"]
 
 
 def test_use_is_noted_once_a_day(base):
     of_another_source(base, "this", 10)
-    cache.note_use()
+    cache.mark_used()
     tag = base / "this" / cache.TAG
     assert time.time() - tag.stat().st_mtime < 60
     before = tag.stat().st_mtime_ns
-    cache.note_use()
+    cache.mark_used()
     assert tag.stat().st_mtime_ns == before
 
 
@@ -211,7 +211,7 @@ def test_the_command_shows_and_clears_our_folders_only(base, capsys):
         return capsys.readouterr().out
 
     of_another_source(base, "d1", 1)
-    cache.note_use()
+    cache.mark_used()
     (base / "others").mkdir()
     shown = run("cache")
     assert shown.startswith(f"{base}: 0.0 MB of compiled code of 2 versions")

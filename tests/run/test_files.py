@@ -9,7 +9,7 @@ import pytest
 
 from lcpimpact.cli.main import main
 from lcpimpact.errors import InputError
-from lcpimpact.files import check_output, check_outputs, outputs_together, whole_file, whole_files
+from lcpimpact.files import atomic_outputs, check_output, check_outputs, whole_file, whole_files
 
 linked = pytest.mark.skipif(os.name == "nt", reason="symbolic links need a right on Windows")
 
@@ -143,10 +143,10 @@ def test_outputs_of_a_command_appear_all_or_none(tmp_path):
         assert (a.read_text(), b.exists(), other.read_text()) == ("older a", False, "newer")
         then()
 
-    with pytest.raises(ZeroDivisionError), outputs_together():
+    with pytest.raises(ZeroDivisionError), atomic_outputs():
         write(lambda: 1 / 0)
     assert (a.read_text(), names(tmp_path)) == ("older a", ["a.txt", "other.txt"])
-    with outputs_together():
+    with atomic_outputs():
         write()
     assert (a.read_text(), b.read_text(), names(tmp_path)) == ("newer", "newer", ["a.txt", "b.txt", "other.txt"])
 
@@ -202,13 +202,13 @@ def ended_while_it_writes(folder, program, number):
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no signals to be caught")
-@pytest.mark.parametrize("within", ["whole_file(path)", "outputs_together(), whole_file(path)"])
+@pytest.mark.parametrize("within", ["whole_file(path)", "atomic_outputs(), whole_file(path)"])
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_process_that_is_ended_while_it_writes_leaves_no_part(tmp_path, within, number):
     program = f"""if True:
         import signal, sys, time
         from pathlib import Path
-        from lcpimpact.files import outputs_together, whole_file
+        from lcpimpact.files import atomic_outputs, whole_file
         signal.signal(signal.SIGINT, signal.default_int_handler)
         path = Path({str(tmp_path / "a.txt")!r})
         with {within} as part:

@@ -591,7 +591,7 @@ def test_ends_and_names_that_are_none_are_refused(kind):
     with pytest.raises(li.InputError, match=rf"^{kind} .*both ends are one node"):
         ELEMENTS[kind](a, a, **given_)
     for node in ("", 3, None):
-        with pytest.raises(li.InputError, match=r"node is named by a string"):
+        with pytest.raises(li.InputError, match=r"the node name .* must be a string"):
             ELEMENTS[kind](a, node, **given_)
     if "name" in {field.name for field in dataclasses.fields(ELEMENTS[kind])}:
         for name in ("", 3):

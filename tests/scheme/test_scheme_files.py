@@ -256,8 +256,8 @@ UNWRITABLE = {
     "function in a system": (
         li.LinearComplementaritySystem([[0.0]], [[1.0]], [[1.0]], a=[lambda t: t]), {}, "a of system is a Python function"
     ),
-    "element of one's own": (Scheme(MASS, Own("x", "ground", 1.0)), {}, "Own between.*of your own.*Mass, Spring"),
-    "number that is no float": (Scheme(MASS), {"parameters": {"m": Decimal("0.1")}}, "cannot stand in a file"),
+    "element of one's own": (Scheme(MASS, Own("x", "ground", 1.0)), {}, "Own between.*not a registered.*Mass, Spring"),
+    "number that is no float": (Scheme(MASS), {"parameters": {"m": Decimal("0.1")}}, "cannot be written to a file"),
     "parameter that is no number": (Scheme(MASS), {"parameters": {"m": None}}, "m of parameters = None"),
     "half a character": (Scheme(MASS), {"source": "\ud800"}, "half a character"),
     "endless name": (Scheme(MASS), {"name": "n" * 2000}, "2,000 characters"),
@@ -394,16 +394,16 @@ RUN = MINIMAL + "\n[run]\n"
 
 WRONG = {
     "empty": ("", r"must state a problem by \[\[elements\]\].* none of them: add one"),
-    "no TOML": ("m = \n", r"no TOML: .*line 1, column 5.*check the quotes"),
-    "duplicate key": (MINIMAL + "m = 2.0\n", r"no TOML: .*line 5.*no key stands twice"),
-    "cut off": (SPRING[:-12], r"no TOML: Unterminated string \(at end of document\)"),
+    "no TOML": ("m = \n", r"not TOML: .*line 1, column 5.*check the quotes"),
+    "duplicate key": (MINIMAL + "m = 2.0\n", r"not TOML: .*line 5.*no key is repeated"),
+    "cut off": (SPRING[:-12], r"not TOML: Unterminated string \(at end of document\)"),
     "unknown key": (MINIMAL + "[paramters]\n", r"unknown key 'paramters': did you mean 'parameters'"),
-    "run key at the top": ("dt = 1e-3\n" + MINIMAL, r"unknown key 'dt'.*dt stands under \[run\]"),
+    "run key at the top": ("dt = 1e-3\n" + MINIMAL, r"unknown key 'dt'.*write dt under \[run\]"),
     "initial key at the top": ("v = 1e-3\n" + MINIMAL, r"v under \[initial.NODE\]"),
     "two ways": ('problem = "system-1"\n' + MINIMAL, r"elements and problem: leave all but one out"),
-    "parameters of a scheme": (MINIMAL + "[parameters]\n", r"parameters means nothing beside elements: .*in its elements"),
-    "end of a named problem": ('problem = "system-1"\nt_end = 3.0', r"t_end means nothing beside problem: .*\[run\]"),
-    "initial of a named problem": ('problem = "system-1"\n[initial.x]\nq = 1', r"initial means nothing beside problem"),
+    "parameters of a scheme": (MINIMAL + "[parameters]\n", r"parameters is not allowed with elements: .*in its elements"),
+    "end of a named problem": ('problem = "system-1"\nt_end = 3.0', r"t_end is not allowed with problem: .*\[run\]"),
+    "initial of a named problem": ('problem = "system-1"\n[initial.x]\nq = 1', r"initial is not allowed with problem"),
     "unknown problem": ('problem = "sytem-1"', r"unknown problem 'sytem-1': did you mean 'system-1'"),
     "problem that is no name": ("problem = 1", r"problem = 1 must be a string"),
     "unknown parameter": ('problem = "system-1"\nparameters.co = 1', r"unknown parameter of system-1 'co'.*'c_o'"),
@@ -431,7 +431,7 @@ WRONG = {
     "date for a number": (SPRING.replace("5.0", "1979-05-27"), r"Spring.k = datetime.date.* must be a number$"),
     "number for a node": (SPRING.replace('"ground"', "3"), r"Spring.b = 3 must be a string$"),
     "one node": (SPRING.replace('"ground"', '"x"'), r"elements\[1\] \(line 6\): Spring.*both ends are one node"),
-    "empty node": (SPRING.replace('"ground"', '""'), r"elements\[1\] .* a node is named by a string that is not empty"),
+    "empty node": (SPRING.replace('"ground"', '""'), r"elements\[1\] .* the node name '' must be a string, not empty"),
     "NaN": (SPRING.replace("5.0", "nan"), r"k = nan must be a positive finite number in N/m"),
     "too large": (SPRING.replace("5.0", "9" * 400), r"a whole number has too many digits; write it as 1e9"),
     "far too large": (SPRING.replace("5.0", "9" * 5000), r"a whole number has too many digits"),
@@ -446,7 +446,7 @@ WRONG = {
     "word in a table": (LOAD + 'f = { type = "Table", times = ["a"], values = [1] }',
                         r"Load.f.times\[0\] = 'a' must be a number"),
     "points out of order": (LOAD + 'f = { type = "Table", times = [1, 0], values = [1, 2] }',
-                            r"Load.f: Table: the time 0 s stands after 1 s"),
+                            r"Load.f: Table: the time 0 s follows 1 s"),
     "unknown key of a load": (LOAD + "f = { amplitude = 1, omga = 2 }", r"key of Load.f 'omga': did you mean 'omega'"),
     "missing key of a load": (LOAD + "f = { amplitude = 1 }", r"Load.f: omega is missing: add it"),
     "word in a load": (LOAD + 'f = { amplitude = 1, omega = "a" }', r"Load.f.omega = 'a' must be a number"),
@@ -459,7 +459,7 @@ WRONG = {
     "initial no table": (SPRING + "[initial]\nx = 1", r"initial.x = 1 must be a table: write \[initial.x\]"),
     "initial word": (SPRING + '[initial.x]\nq = "a"', r"initial.x.q = 'a' must be a number"),
     "initial NaN": (SPRING + "[initial.x]\nq = nan", r"initial.x.q = nan must be a finite number"),
-    "inner node without quotes": (JENKINS + "[initial.F.1]\nq = 1", r'stands in quotes, as in \[initial."F.1"\]'),
+    "inner node without quotes": (JENKINS + "[initial.F.1]\nq = 1", r'a dot in its name in quotes, as in \[initial."F.1"\]'),
     "penetrated": (MINIMAL + '[[elements]]\ntype="Bumper"\nupper="x"\nlower="ground"\ne=1\n[initial.x]\nq=1', r"penetrated"),
     "t_end": ("t_end = 0\n" + MINIMAL, r"t_end = 0 must be a positive finite number in s"),
     "name": ("name = 3\n" + MINIMAL, r"name = 3 must be a string"),
@@ -479,7 +479,7 @@ WRONG = {
     "run no table": ("run = 3\n" + MINIMAL, r"run = 3 must be a table"),
     "unknown run key": (RUN + "methd = 'exact'", r"unknown key of run 'methd': did you mean 'method'"),
     "option outside options": (RUN + "theta = 1.0",
-                               r"unknown key of run 'theta'.*options of the method stand under \[run.options\]"),
+                               r"unknown key of run 'theta'.*write options of the method under \[run.options\]"),
     "unknown method": (RUN + "method = 'moreau'", r"run: unknown method 'moreau': did you mean 'moreau-jean'"),
     "unknown solver": (RUN + "solver = 'lemk'", r"run: unknown solver 'lemk': did you mean 'lemke'"),
     "unknown option": (RUN + "options.thta = 1", r"run: unknown option of moreau-jean 'thta': did you mean 'theta'"),
@@ -493,11 +493,11 @@ WRONG = {
     "dots without end": ("a." * 1_000_000 + "a = 1", r"a key has more than 50 dots"),
     "quoted dots without end": ("'a' . " * 500_000 + "a = 1", r"a key has more than 50 dots"),
     "dots in a header": ("[" + '"a". ' * 500_000 + "a]", r"a key has more than 50 dots"),
-    "a word without end": ("a" * 3_000_000, r"no TOML"),
+    "a word without end": ("a" * 3_000_000, r"not TOML"),
     "endless string": (f"name = '{'n' * (MAX_STRING_LENGTH + 1)}'\n" + MINIMAL, r"'nnnnnn.*'... has 1,001 characters"),
     "endless key": ("n" * (MAX_STRING_LENGTH + 1) + " = 1\n" + MINIMAL, r"'nnnnnn.*'... has 1,001 characters"),
-    "not UTF-8": (MINIMAL.encode() + b"# caf\xe9\n", r"line 5: it is no text in UTF-8; save it as such"),
-    "UTF-16": (MINIMAL.encode("utf-16"), r"line 1: it is no text in UTF-8"),
+    "not UTF-8": (MINIMAL.encode() + b"# caf\xe9\n", r"line 5: it is not UTF-8 text; save it in UTF-8"),
+    "UTF-16": (MINIMAL.encode("utf-16"), r"line 1: it is not UTF-8 text"),
     "too many elements of a bar": (
         '[[elements]]\ntype="Bar"\na="x"\nb="ground"\nE=1\nA=1\nrho=1\nL=1\nelements=1_000_000_000',
         r"elements = 1000000000 must be a whole number from 1 to"),
@@ -526,15 +526,15 @@ def test_the_line_of_an_element_is_told_only_where_it_is_known(tmp_path):
 def test_files_that_are_none(tmp_path):
     for path, said in (
         (tmp_path / "my.toml", "No such file or directory; check the name"),
-        (tmp_path, "it is no file; name one that holds a scheme"),
-        (Path("/dev/zero"), "it is no file"),
+        (tmp_path, "it is not a file; name a scheme file"),
+        (Path("/dev/zero"), "it is not a file"),
         (tmp_path / ("n" * 300 + ".toml"), "name too long"),
     ):
         with pytest.raises(InputError, match=f"(?i)cannot read .*{said}"):
             read_scheme_file(path)
     with (tmp_path / "huge.toml").open("wb") as file:
         file.truncate(MAX_BYTES + 1)
-    with pytest.raises(InputError, match=r"4,000,001 bytes.*is it another file"):
+    with pytest.raises(InputError, match=r"4,000,001 bytes.*check the name"):
         read_scheme_file(tmp_path / "huge.toml")
 
 
@@ -803,7 +803,7 @@ def test_a_scheme_file_has_only_options_to_set(capsys, tmp_path):
     assert call(capsys, "simulate", path, "--set", "theta=1", "--dt", "0.1")[0] == 0
     error = refused(capsys, "simulate", path, "--set", "k=3")
     assert "unknown option of moreau-jean 'k'" in error
-    assert "changed in the file itself" in error
+    assert "change the constants of a scheme file in the file" in error
     assert "did you mean 'c_o'" in refused(capsys, "simulate", written(tmp_path, NAMED), "--set", "co=3")
 
 

@@ -141,7 +141,7 @@ def test_a_wrong_run_shows():
     ("methods", "options", "match"),
     [
         (["no-such"], {"dt": 1e-2}, "unknown method 'no-such'"),
-        (["moreau-jean", "moreau-jean"], {"dt": 1e-2}, "stands there twice"),
+        (["moreau-jean", "moreau-jean"], {"dt": 1e-2}, "is listed twice"),
         (["moreau-jean"], {"dt": -1.0}, "moreau-jean: dt = -1.0 must be a positive"),
         (["moreau-jean"], {"dt": {"rk4": 1e-2}}, "dt: there is no step for 'moreau-jean'"),
         (["moreau-jean"], {"dt": {"moreau-jean": 1e-2, "rk4": 1e-2}}, "dt: there is no method 'rk4'"),

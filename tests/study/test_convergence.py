@@ -344,7 +344,7 @@ def test_a_compliant_run_ends_at_the_error_of_its_model():
     [
         (("moreau-jean", [0.1]), r"methods = 'moreau-jean' must be a sequence: write \['moreau-jean'\]"),
         (([], [0.1]), r"methods is empty"),
-        ((["rk4", "rk4"], [0.1]), r"methods: 'rk4' stands there twice"),
+        ((["rk4", "rk4"], [0.1]), r"methods: 'rk4' is listed twice"),
         ((["rk5"], [0.1]), r"unknown method 'rk5': did you mean 'rk4'"),
         ((["rk4"], []), r"dts is empty"),
         ((["rk4"], [0.1, -0.1]), r"dts = -0.1 must be a positive finite number"),
@@ -493,9 +493,9 @@ def test_work_precision_says_and_writes(capsys, tmp_path):
 @pytest.mark.parametrize(
     ("told", "says"),
     [
-        (("--dts", "0.1,b"), "must be numbers with commas"),
-        (("--dts", "0.1", "--counts", "3"), "give one of them"),
-        (("--counts", "0"), "from 1 on"),
+        (("--dts", "0.1,b"), "must be numbers separated by commas"),
+        (("--dts", "0.1", "--counts", "3"), "give only one of them"),
+        (("--counts", "0"), "must be step counts of at least 1"),
         (("--methods", "rk5"), "unknown method 'rk5'"),
         (("--methods", "rk4:theta=1"), "theta"),
         (("--methods", ","), "names no method"),

@@ -251,7 +251,7 @@ def test_a_solver_that_errs_is_found_out(monkeypatch):
     )
     judged = verdict.table.set_index("route")["agrees"]
     assert judged.to_dict() == {"exact": True, "moreau-jean": True, "moreau-jean:pgs": False, "moreau-jean:lemke": True}
-    assert "solver's tolerance" in verdict.reasons[0]
+    assert "the tolerance of the solver allows" in verdict.reasons[0]
 
 
 # ---- what a route tells beside its coordinates ------------------------------------------------------------------------
@@ -376,7 +376,7 @@ def test_variants_of_one_method_do_not_confirm_each_other():
         assert not li.cross_validate(problem, routes).agree
     verdict = li.cross_validate(li.load_problem("system-1"), ["moreau-jean", "moreau-jean:lemke", "moreau-jean:pgs"])
     assert verdict.outcome is Outcome.NOTHING
-    assert verdict.reasons[0].startswith("fewer than two routes were taken")
+    assert verdict.reasons[0].startswith("fewer than two routes were run")
     verdict = li.cross_validate(li.load_problem("impact-oscillator"), ["moreau-jean", "moreau-midpoint", "newmark-ns"])
     assert verdict.outcome is Outcome.NOTHING
     assert "are of one family, Moreau time stepping" in verdict.reasons[0]
@@ -402,7 +402,7 @@ def test_one_choice_of_modes_is_one_source_where_there_are_contacts():
 def test_forces_and_events_that_one_route_alone_tells_are_not_confirmed():
     verdict = li.cross_validate(li.load_problem("kelvin-voigt-impact"), ["exact", "closed form"])
     assert verdict.outcome is Outcome.NOTHING
-    assert verdict.reasons == ("forces are told by 'exact' alone", "times of events are told by 'exact' alone")
+    assert verdict.reasons == ("forces are computed by 'exact' alone", "times of events are computed by 'exact' alone")
 
 
 def test_a_route_that_errs_as_much_as_the_motion_is_large_confirms_nothing(monkeypatch):
@@ -417,7 +417,7 @@ def test_a_route_that_errs_as_much_as_the_motion_is_large_confirms_nothing(monke
     verdict = li.cross_validate(li.load_problem("system-1"), {"exact": "exact", "blurred": Told(theta=1.0)})
     assert verdict.outcome is Outcome.NOTHING
     assert verdict.table["agrees"].all()
-    assert "coordinates are told by 'exact' alone; not by 'blurred' (too rough: " in verdict.reasons[0]
+    assert "coordinates are computed by 'exact' alone; not by 'blurred' (too rough: " in verdict.reasons[0]
     assert "too rough" in verdict.table["doubt"][1]
 
 
@@ -433,7 +433,7 @@ def test_an_estimate_is_trusted_only_of_a_route_that_converges(monkeypatch):
     monkeypatch.setattr(routes_module, "simulate", ring)
     verdict = li.cross_validate(li.load_problem("system-1"), {"exact": "exact", "rings": Told()})
     assert not verdict.agree
-    assert "and declares 2 for such a motion" in verdict.table["doubt"][1]
+    assert "and it declares 2 for such a motion" in verdict.table["doubt"][1]
 
 
 def test_a_reference_that_breaks_off_is_no_agreement():
@@ -503,7 +503,7 @@ def test_a_refusal_is_a_reason_but_no_disagreement():
     problem = li.load_problem("hertz-impact")
     verdict = li.cross_validate(problem, ["exact", "moreau-jean", "event-driven"])
     assert verdict.agree
-    assert verdict.reasons == (f"'exact' was not taken: {verdict.table['failure'][0]}",)
+    assert verdict.reasons == (f"'exact' was not run: {verdict.table['failure'][0]}",)
     assert "does not handle non-linear springs" in verdict.reasons[0]
     assert str(verdict).startswith(
         "hertz-impact: 2 routes of 2 families agree, to 3e-05 of the motion\n  'exact' was not"
@@ -513,11 +513,11 @@ def test_a_refusal_is_a_reason_but_no_disagreement():
 def test_one_route_is_no_cross_validation():
     verdict = li.cross_validate(li.load_problem("system-1"), ["exact"])
     assert not verdict.agree
-    assert verdict.reasons == ("fewer than two routes were taken, so nothing was compared",)
+    assert verdict.reasons == ("fewer than two routes were run, so nothing was compared",)
     verdict = li.cross_validate(li.load_problem("system-1"), ["exact", "moreau-jean:pgs"])
     assert not verdict.agree
     assert verdict.outcome.value == "nothing to judge by"
-    assert "'moreau-jean:pgs' only solve the same steps once more" in verdict.reasons[0]
+    assert "'moreau-jean:pgs' only solve the LCPs of the same steps again" in verdict.reasons[0]
     assert "no run with the same steps" in verdict.table["failure"][1]
 
 
@@ -560,7 +560,7 @@ def test_siconos_is_a_route_or_says_how_to_get_it(monkeypatch):
         (["no-such"], {}, "unknown method 'no-such'"),
         (["moreau-jean:no-such"], {}, "unknown solver 'no-such'"),
         ("exact", {}, r"must be a sequence: write \['exact'\]"),
-        (["exact", "exact"], {}, "'exact' stands there twice"),
+        (["exact", "exact"], {}, "'exact' is listed twice"),
         (["closed form"], {}, "'system-1' has no closed form"),
         ([3.0], {}, r"routes\[0\] = 3.0 must be a string or an Integrator or a function"),
         (["exact"], {"t_end": -1.0}, "t_end = -1.0 must be a positive finite number"),

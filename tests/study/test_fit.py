@@ -333,7 +333,7 @@ def test_a_saved_run_is_data_as_it_is(tmp_path):
     ("changes", "says"),
     [
         ({"free": []}, "nothing is free"),
-        ({"free": ["k", "k"]}, "stands twice"),
+        ({"free": ["k", "k"]}, "is listed twice"),
         ({"free": ["kk"]}, "did you mean"),
         ({"free": {"k": math.nan}}, "the start k = nan"),
         ({"column": "Q"}, "unknown series of problem"),

@@ -126,7 +126,7 @@ def test_a_run_that_is_too_short_has_fewer_points():
     [
         (oscillator(), "fource", {}, "must read force"),
         (oscillator(), "force:x", {}, "must read force"),
-        (oscillator(), "force:1.5", {}, "phase = 1.5 must be a share"),
+        (oscillator(), "force:1.5", {}, "phase = 1.5 must be a fraction"),
         (oscillator(), "impact:S", {}, "unknown contact 'S'"),
         (oscillator(), "y=0", {}, "unknown series 'y'"),
         (oscillator(), "force", {"points": 0}, "points = 0 must be a whole number"),

@@ -43,7 +43,7 @@ MAX_ITER, SINGULAR, INACCURATE = int(Status.MAX_ITER), int(Status.SINGULAR), int
 ALL_SETTLED = -2
 """Return value of `next_row` when every row has been added."""
 
-ALONE, GUARDED, LAST = 0, 1, 2
+IGNORED, GUARDED, LAST = 0, 1, 2
 """Phases: rows not yet added are ignored; they must not move further away; they are ignored again, as a last resort."""
 
 
@@ -64,7 +64,7 @@ def reach(x: float, rate: float, end: float) -> float:
 
 
 @compiled(types.Tuple((f8, i8))(f8, f8, f8, f8, f8, f8))
-def meeting(z: float, w: float, dz: float, dw: float, lower: float, upper: float) -> tuple[float, int]:
+def length_to_staircase(z: float, w: float, dz: float, dw: float, lower: float, upper: float) -> tuple[float, int]:
     """Return the step length and side at which an upward moving point reaches the staircase."""
     ceiling, ground, crossing = reach(z, dz, upper), reach(z, dz, lower), reach(w, dw, 0.0)
     if ceiling <= max(ground, crossing):
@@ -75,7 +75,7 @@ def meeting(z: float, w: float, dz: float, dw: float, lower: float, upper: float
 
 
 @compiled(f8(f8, f8, f8, f8, f8, types.boolean))
-def room(x: float, y: float, rate: float, lower: float, upper: float, free: bool) -> float:
+def length_to_corner(x: float, y: float, rate: float, lower: float, upper: float, free: bool) -> float:
     """Return the step length to the next corner of a row's staircase; x = z and y = w, or the reverse if free."""
     if abs(rate) <= PIVOT_TOL or lower == upper:
         return np.inf
@@ -95,14 +95,14 @@ class Rows(NamedTuple):
     ----------
     low, high : (n,) arrays     bounds of z, in its unit
     settled : (n,) flags        rows on their staircase
-    waiting : (n,) flags        rows whose motion was unbounded, to be tried again after another row
+    deferred : (n,) flags       rows whose motion was unbounded, to be tried again after another row
     step : (n,) array           level of w on the staircase that a row follows, inf if it is not constrained
     """
 
     low: Array
     high: Array
     settled: Flags
-    waiting: Flags
+    deferred: Flags
     step: Array
 
 
@@ -118,13 +118,13 @@ def rows_of(lower: Array, upper: Array, z_unit: Array) -> Rows:
 
 @compiled(i8(rows_type), inline="always")
 def next_row(rows: Rows) -> int:
-    """Return the next row to add, rows without bounds first; NONE if all wait, or ALL_SETTLED."""
-    low, high, settled, waiting, _ = rows
+    """Return the next row to add, rows without bounds first; NONE if all are deferred, or ALL_SETTLED."""
+    low, high, settled, deferred, _ = rows
     r, found = NONE, ALL_SETTLED
     for i in range(len(low)):
         if not settled[i]:
             found = NONE
-            if not waiting[i]:
+            if not deferred[i]:
                 if low[i] == -np.inf and high[i] == np.inf:
                     return i
                 r = i if r == NONE else r
@@ -181,22 +181,22 @@ def next_event(tableau: PivotTableau, rows: Rows, r: int, sign: int, first: bool
     z, w = pair(x[r], y[r], free[r])
     dz, dw = (rate, 1.0) if free[r] else (1.0, rate)
     if sign > 0:
-        length, end = meeting(z, w, dz, dw, low[r], high[r])
+        length, end = length_to_staircase(z, w, dz, dw, low[r], high[r])
     else:
-        length, end = meeting(-z, -w, dz, dw, -high[r], -low[r])
+        length, end = length_to_staircase(-z, -w, dz, dw, -high[r], -low[r])
         end = -end
     s, fastest = r if length < np.inf else NONE, np.inf
     for i in range(len(x)):
         if i != r and (step[i] < np.inf or free[i]):
             height = y[i] if free[i] else y[i] - step[i]
-            share = room(x[i], height, sign * T[i, r], low[i], high[i], free[i])
-            if share < np.inf and ends_before(share, length, abs(T[i, r]), fastest):
-                length, s, fastest = share, i, np.inf if first else abs(T[i, r])
+            blocking_length = length_to_corner(x[i], height, sign * T[i, r], low[i], high[i], free[i])
+            if blocking_length < np.inf and ends_before(blocking_length, length, abs(T[i, r]), fastest):
+                length, s, fastest = blocking_length, i, np.inf if first else abs(T[i, r])
     return length, s, end
 
 
 @compiled(i8(tableau_type, rows_type, i8, i8), inline="always")
-def meet(tableau: PivotTableau, rows: Rows, r: int, end: int) -> int:
+def place_on_staircase(tableau: PivotTableau, rows: Rows, r: int, end: int) -> int:
     """Place row r on its staircase, at a bound or between bounds; return the number of pairs exchanged."""
     T, x, y, free, _, _, _ = tableau
     bound = rows.low[r] if end == LOWER else rows.high[r]
@@ -227,7 +227,7 @@ def drive(
         stalled = stalled + 1 if length <= 1e-14 else 0
         advance(tableau, r, sign * length)
         if s == r:
-            exchanged = meet(tableau, rows, r, end)
+            exchanged = place_on_staircase(tableau, rows, r, end)
         else:
             y[s] = rows.step[s] if not free[s] else rows.high[s] if sign * T[s, r] > 0.0 else rows.low[s]
             exchanged = relieve(tableau, r, s)
@@ -241,14 +241,14 @@ def dantzig(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float
     """Add the rows without bounds, then the others, each starting from the z nearest to zero.
 
     An unbounded motion is inconclusive if rows not yet added would block it. These are then kept on staircases at their
-    current level; if that does not help either, the row waits for the others.
+    current level; if that does not help either, the row is deferred until another one is added.
     """
     tableau = scaled_tableau(W, q, lower, upper, z)
     if tableau.size == 0.0:
         return SOLVED, 0
     rows, basis = rows_of(lower, upper, tableau.z_unit), np.arange(len(q))
     note(z, basis, NONE, NONE)
-    status, count, refreshes, tiny, phase = UNDECIDED, 0, 0, PIVOT_TOL, ALONE
+    status, count, refreshes, tiny, phase = UNDECIDED, 0, 0, PIVOT_TOL, IGNORED
     while True:
         r = next_row(rows)
         if r == ALL_SETTLED:
@@ -266,7 +266,7 @@ def dantzig(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float
                 break
             phase = LAST
             for i in range(len(q)):
-                rows.waiting[i] = False
+                rows.deferred[i] = False
             continue
         z_r, w_r = pair(tableau.x[r], tableau.y[r], tableau.free[r])
         sign = direction(z_r, w_r, rows.low[r], rows.high[r], tiny)
@@ -278,15 +278,15 @@ def dantzig(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float
         if status == SOLVED:
             rows.settled[r] = True
             for i in range(len(q)):
-                rows.waiting[i] = False
+                rows.deferred[i] = False
             phase = GUARDED if phase == LAST else phase
             refresh(W, q, tableau)
         elif status == RAY:
             direction_of(tableau, r, sign, z)
             if proves_infeasible(W, q, lower, upper, z):
                 return RAY, count
-            rows.waiting[r] = phase != ALONE
-            phase = GUARDED if phase == ALONE else phase
+            rows.deferred[r] = phase != IGNORED
+            phase = GUARDED if phase == IGNORED else phase
         else:
             break
     return finish(W, q, lower, upper, tableau, z, tol, status), count

@@ -90,7 +90,7 @@ class Link(Element):
 
 
 class Compound(Element):
-    """An element made of others: it acts as its parts do."""
+    """An element composed of others."""
 
     @abstractmethod
     def parts(self) -> tuple[Element, ...]:
@@ -103,7 +103,7 @@ class Compound(Element):
 
 
 def positive(element: Element, symbol: str, value: Any, unit: str) -> None:
-    """Refuse a constant that is missing, not a number, not finite, or not above zero; the message names the element."""
+    """Check that a constant is given, and is a positive finite number; the message names the element."""
     if value is MISSING:
         raise InputError(f"{element}: {symbol} is missing; give a positive number in {unit}")
     positive_number(f"{element}: {symbol}", value, unit)
@@ -127,15 +127,15 @@ def distinct(element: Element) -> None:
     for node in element.nodes:
         if not is_name(node):
             raise InputError(
-                f"{type(element).__name__}: a node is named by a string that is not empty and has no hidden characters, and "
-                f"{node!r} is not one"
+                f"{type(element).__name__}: the node name {node!r} must be a string, not empty and without hidden "
+                "characters"
             )
     if len(set(element.nodes)) < len(element.nodes):
         raise InputError(f"{element}: both ends are one node; join two different nodes")
 
 
 def named(element: Any) -> None:
-    """Refuse an element whose ``name`` is given and is no name."""
+    """Check the ``name`` of an element, if given."""
     if getattr(element, "name", None) is not None and not is_name(element.name):
         raise InputError(
             f"{type(element).__name__}: name = {element.name!r} must be a string, not empty and without hidden characters"

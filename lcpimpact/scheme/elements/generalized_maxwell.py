@@ -137,7 +137,7 @@ class GeneralizedMaxwell(Compound):
 
 
 def _as_tuple(values: Any) -> tuple[Any, ...] | None:
-    """Return the values as a tuple, or None if they are no sequence of numbers."""
+    """Return the values as a tuple, or None if they are not a sequence of numbers."""
     try:
         return None if isinstance(values, str) else tuple(float(v) if is_real(v) else v for v in values)
     except TypeError:

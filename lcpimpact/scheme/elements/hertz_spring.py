@@ -90,7 +90,7 @@ class HertzSpring(Element):
 
 
 def power_law_shape(element: Any, n: float, gap: float) -> None:
-    """Refuse an exponent below 1, whose stiffness at δ = 0 is infinite, a gap that is no number, and a name that is none."""
+    """Check the exponent, whose stiffness at δ = 0 is infinite below 1, the gap and the name."""
     named(element)
     finite(f"{element}: n", n, least=1.0)
     finite(f"{element}: gap", gap, "m")

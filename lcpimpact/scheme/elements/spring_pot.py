@@ -158,7 +158,7 @@ class SpringPot(Compound):
 
     @property
     def c_0(self) -> float:
-        """The dashpot in N s/m for what is over by t_min; it keeps the force right, and the modulus as it is."""
+        """The dashpot in N s/m for relaxation faster than t_min; it corrects the force and keeps the modulus."""
         return self._fit[1]
 
     @property
@@ -184,13 +184,13 @@ class SpringPot(Compound):
     def _fit(self) -> tuple[Prony, float, float]:
         """Return the arms, c_0 and the bound; each of the three errors gets a third of rtol."""
         α, t_min, t_max = float(self.alpha), float(self.t_min), float(self.t_max)
-        share, Γ = 0.33 * self.rtol, math.gamma(α)
+        limit, Γ = 0.33 * self.rtol, math.gamma(α)
 
         def rule(η: float) -> float:
             ratio = math.sqrt(2.0) * math.exp(-(math.pi**2) / η)
             return 2.0 * math.exp(loggamma(complex(α, 2.0 * math.pi / η)).real) / Γ / (1.0 - ratio)
 
-        η = ETA_MAX if rule(ETA_MAX) <= share else float(brentq(lambda η: math.log(rule(η) / share), 0.1, ETA_MAX))
+        η = ETA_MAX if rule(ETA_MAX) <= limit else float(brentq(lambda η: math.log(rule(η) / limit), 0.1, ETA_MAX))
 
         def slow(x: float) -> float:
             return float(η * x ** (2.0 + α) / (2.0 * Γ * math.expm1((2.0 + α) * η)))
@@ -198,9 +198,9 @@ class SpringPot(Compound):
         def fast(x: float) -> float:
             return float(η * x**α * math.exp(-x) / Γ / (1.0 - math.exp(α * η - x * math.expm1(η))))
 
-        s_0 = (share / slow(1.0)) ** (1.0 / (2.0 + α)) / t_max
+        s_0 = (limit / slow(1.0)) ** (1.0 / (2.0 + α)) / t_max
         n = max(1, math.ceil(-math.log(s_0 * t_min) / η))
-        while fast(s_0 * math.exp(n * η) * t_min) > share:
+        while fast(s_0 * math.exp(n * η) * t_min) > limit:
             n += 1
 
         s = s_0 * np.exp(η * np.arange(n + 1))

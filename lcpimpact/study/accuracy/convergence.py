@@ -97,7 +97,7 @@ def labelled(methods: Methods) -> dict[str, Integrator]:
             integrator = make_integrator(method, {})
             label = _label(integrator)
             if label in found:
-                raise InputError(f"methods: {label!r} stands there twice; leave one out, or label them by a mapping")
+                raise InputError(f"methods: {label!r} is listed twice; leave one out, or label them by a mapping")
             found[label] = integrator
     if not found:
         raise InputError("methods is empty: name at least one of 'lcpimpact list methods'")
@@ -582,7 +582,7 @@ def _first(task: Task, norms: Sequence[str], lcp_solver: str) -> dict[str, Any]:
     except LcpImpactError as error:
         return row | {"failure": str(error)}
     if any(math.isinf(value) for value in found.values()):
-        return row | {"failure": f"{task.method} grew beyond all bounds with dt = {row['dt']:.3g} s: take a smaller dt"}
+        return row | {"failure": f"{task.method} is unstable with dt = {row['dt']:.3g} s: take a smaller dt"}
     solved = bool(run.problem.dynamics.contacts)
     stats = run.stats
     return (

@@ -52,8 +52,8 @@ from lcpimpact.study.accuracy.routes import (
     by_label,
     default_routes,
     make_route,
+    run_route,
     step_counts,
-    take,
 )
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, table_lines
@@ -146,11 +146,11 @@ class CrossValidation(Study):
 
     def head(self) -> list[str]:
         """Return the verdict in one line."""
-        taken = self.table[self.table["failure"] == ""]
+        completed = self.table[self.table["failure"] == ""]
         verdict = self.outcome.value
         if self.agree:
-            families = taken["family"].nunique()
-            verdict = f"{len(taken)} routes of {families} families agree, to {self.resolution:.1g} of the motion"
+            families = completed["family"].nunique()
+            verdict = f"{len(completed)} routes of {families} families agree, to {self.resolution:.1g} of the motion"
         return [f"{self.problem.name}: {verdict}"]
 
     def summary(self) -> str:
@@ -234,7 +234,7 @@ def cross_validate(
     for label, what in watched(given.items(), len(given), "routes", progress):
         route = make_route(problem, label, what, counts, float(end))
         try:
-            found[label] = take(route)
+            found[label] = run_route(route)
         except LcpImpactError as error:
             missing[label] = Missing(route, str(error), isinstance(error, FailureError))
     return _judged(problem, given, found, missing, float(end), ROUNDING_RTOL if tol is None else tol)
@@ -276,7 +276,7 @@ def _judged(
     ]
     table = pd.DataFrame(rows, columns=columns).astype({"events": "Int64"})
     broke_off = [f"{label!r} broke off: {each.why}" for label, each in missing.items() if each.broke_off]
-    refused = [f"{label!r} was not taken: {each.why}" for label, each in missing.items() if not each.broke_off]
+    refused = [f"{label!r} was not run: {each.why}" for label, each in missing.items() if not each.broke_off]
     wrong = [reason for label in found for reason in judge.reasons(label, leader)]
     # A solver failure is no evidence about the motion.
     ended = any(each.broke_off and each.route.kind != "solver" for each in missing.values())
@@ -328,7 +328,7 @@ class Judge:
         self.estimates = {label: self._estimates(each) for label, each in independent.items()}
         self.doubts = {label: self._doubts(label) for label in independent}
 
-    # ---- what a run says, and how two differ -----------------------------------------------------------------------
+    # ---- readings, and their differences -----------------------------------------------------------------------------
 
     def _sizes(self, reading: Reading) -> dict[str, float]:
         """Return the size of the motion in each quantity of a run."""
@@ -363,7 +363,7 @@ class Judge:
             return None
         return pair_events(a.events, b.events, window, self.t_end, least)
 
-    # ---- what a route says of its own error -------------------------------------------------------------------------
+    # ---- error estimates of the routes ------------------------------------------------------------------------------
 
     def declared(self, route: Route, quantity: str = COORDINATES) -> float:
         """Return the expected order of a route for the events of the motion; NaN if none is declared.
@@ -474,13 +474,13 @@ class Judge:
                 doubts[quantity] = f"too rough: its {quantity} may be off by {size} of their size; take a smaller dt"
         if found.route.kind == "steps":
             # Across impacts an order is declared of the integral of |v - v*|, which bounds the error of q.
-            asked = (VELOCITIES,) if IMPACT in self.limits and VELOCITIES in E else (COORDINATES, VELOCITIES)
-            for quantity in asked:
+            quantities = (VELOCITIES,) if IMPACT in self.limits and VELOCITIES in E else (COORDINATES, VELOCITIES)
+            for quantity in quantities:
                 if quantity in E and (doubt := self._doubtful_order(found, quantity)):
                     return dict.fromkeys(doubts, doubt)
         return doubts
 
-    def _said(self, label: str) -> list[str]:
+    def _doubts_of(self, label: str) -> list[str]:
         """Return the doubts about a route, each once."""
         return list(dict.fromkeys(doubt for doubt in self.doubts[label].values() if doubt))
 
@@ -498,12 +498,12 @@ class Judge:
         D, observed = self._differences(found, quantity), self.observed(found, quantity)
         if self.slow(found, quantity):
             declared = self.declared(found.route, quantity)
-            asked = f"and declares {declared:.2g}" if not math.isnan(declared) else "and declares none"
-            return f"its {quantity} converge with the order {observed:.2g}, {asked} for such a motion"
+            text = f"{declared:.2g}" if not math.isnan(declared) else "none"
+            return f"its {quantity} converge with the order {observed:.2g}, and it declares {text} for such a motion"
         settled = len(D) > 0 and D[-1] <= 10.0 * self.floor[quantity]
         falling = self.declared(found.route, quantity) > 2.0 and len(D) > 1 and D[-1] < 0.5 * D[-2]
         if math.isnan(observed) and not settled and not falling:
-            return f"its runs tell no order of its {quantity}: take a smaller dt"
+            return f"its runs show no order of its {quantity}: take a smaller dt"
         return ""
 
     # ---- pairs ----------------------------------------------------------------------------------------------------------
@@ -579,7 +579,7 @@ class Judge:
         }  # fmt: skip
         if found.route.kind == "solver":
             return row | self._same_steps(found) | {"doubt": "another solver of the same steps"}
-        row |= {"estimate": self.estimates[label][COORDINATES], "doubt": "; ".join(self._said(label))}
+        row |= {"estimate": self.estimates[label][COORDINATES], "doubt": "; ".join(self._doubts_of(label))}
         row |= {"observed": self.observed(found), "declared": self._expected(found)}
         row["agrees"] = not self.reasons(label, leader)
         against = self.against(label, leader)
@@ -629,29 +629,29 @@ class Judge:
                 E = _first_order(apart, 1.0 / np.array(found.levels)) if steps else float(apart[-1])
                 allowed += AGREEMENT_FACTOR * E + (self._relative_error(label) + ACCUMULATION_RTOL) * size
             if not abs(shown[-1] - fact.value) <= allowed:
-                told = "cannot be read" if math.isnan(shown[-1]) else f"is {shown[-1]:.9g} {fact.unit}".rstrip()
-                yield f"{fact.symbol} ({fact.what}) {told}, and must be {fact.value:.9g} {fact.unit}".rstrip()
+                text = "cannot be read" if math.isnan(shown[-1]) else f"is {shown[-1]:.9g} {fact.unit}".rstrip()
+                yield f"{fact.symbol} ({fact.what}) {text}, and must be {fact.value:.9g} {fact.unit}".rstrip()
 
     def _relative_error(self, label: str) -> float:
         """Return the largest of the routes' own error estimates in motion and times, relative to their size."""
         E = self.estimates[label]
-        told = [each for each in (COORDINATES, VELOCITIES, TIMES) if each in E and self.scale[each] > 0.0]
-        return max((AGREEMENT_FACTOR * E[each] / self.scale[each] for each in told), default=0.0)
+        known = [each for each in (COORDINATES, VELOCITIES, TIMES) if each in E and self.scale[each] > 0.0]
+        return max((AGREEMENT_FACTOR * E[each] / self.scale[each] for each in known), default=0.0)
 
     def lacking(self, pairs: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         """Yield what is missing for a verdict."""
         if len(self.estimates) < 2:
             only = [label for label, each in self.found.items() if each.route.kind == "solver"]
-            yield "fewer than two routes were taken, so nothing was compared" + (
-                f"; {', '.join(map(repr, only))} only solve the same steps once more" if only else ""
+            yield "fewer than two routes were run, so nothing was compared" + (
+                f"; {', '.join(map(repr, only))} only solve the LCPs of the same steps again" if only else ""
             )
-            yield from (f"{label!r}: {doubt}" for label in self.estimates for doubt in self._said(label))
+            yield from (f"{label!r}: {doubt}" for label in self.estimates for doubt in self._doubts_of(label))
             return
         families = {self.found[label].route.family for label in self.estimates}
         if len(families) == 1:
             routes = ", ".join(map(repr, self.estimates))
-            yield f"{routes} are of one family, {families.pop()}, and would share its mistakes: add a route of another"
-            yield from (f"{label!r}: {doubt}" for label in self.estimates for doubt in self._said(label))
+            yield f"{routes} are of one family, {families.pop()}, and could have the same errors: add a route of another"
+            yield from (f"{label!r}: {doubt}" for label in self.estimates for doubt in self._doubts_of(label))
             return
         confirming = [pair for pair in pairs if pair["confirms"]]
         without = [each for each in self.quantities if each not in {pair["quantity"] for pair in confirming}]
@@ -660,41 +660,39 @@ class Judge:
         if without or not self.problem.dynamics.contacts:
             return
         for quantity in (COORDINATES, VELOCITIES):
-            if not any(self._choose_apart(p["a"], p["b"]) for p in confirming if p["quantity"] == quantity):
+            if not any(self._have_independent_modes(p["a"], p["b"]) for p in confirming if p["quantity"] == quantity):
                 alike = dict.fromkeys(label for pair in confirming for label in (pair["a"], pair["b"]))
                 yield (
                     f"{', '.join(map(repr, alike))} take the contact mode from one source, lcpimpact.hybrid.mode_choice, "
-                    "and would share its mistakes: add a route that steps, as 'moreau-jean', with a dt that shows its order"
+                    "and could have the same errors: add a time-stepping route with a dt that shows its order"
                 )
-                yield from (f"{label!r}: {doubt}" for label in self.estimates for doubt in self._said(label))
+                yield from (f"{label!r}: {doubt}" for label in self.estimates for doubt in self._doubts_of(label))
                 return
 
     def resolution(self, pairs: Sequence[Mapping[str, Any]]) -> float:
         """Return the largest limit of confirming pairs, each quantity by its best pair, relative to the motion."""
         best = dict.fromkeys(self.quantities, math.inf)
         for pair in pairs:
-            asked = pair["quantity"] in (COORDINATES, VELOCITIES) and self.problem.dynamics.contacts
-            if pair["confirms"] and (not asked or self._choose_apart(pair["a"], pair["b"])):
+            needs_modes = pair["quantity"] in (COORDINATES, VELOCITIES) and self.problem.dynamics.contacts
+            if pair["confirms"] and (not needs_modes or self._have_independent_modes(pair["a"], pair["b"])):
                 size = pair["allowed"] / pair["scale"] if pair["scale"] > 0.0 else 0.0
                 best[pair["quantity"]] = min(best[pair["quantity"]], size)
         return max(best.values())
 
-    def _choose_apart(self, a: str, b: str) -> bool:
+    def _have_independent_modes(self, a: str, b: str) -> bool:
         one, other = self.found[a].route.mode_choice, self.found[b].route.mode_choice
         return one != other or not one
 
     def _unconfirmed(self, quantity: str) -> str:
         """Return why no two routes confirm each other in a quantity."""
-        tell = [label for label in self.estimates if quantity in self.estimates[label]]
-        doubted = [f"{label!r} ({self.doubts[label][quantity]})" for label in tell if self.doubts[label][quantity]]
-        sound = [label for label in tell if not self.doubts[label][quantity]]
-        told = (
-            f"told by {' and '.join(map(repr, sound))} alone" if sound else "told by no route that could be judged by"
-        )
+        known = [label for label in self.estimates if quantity in self.estimates[label]]
+        doubted = [f"{label!r} ({self.doubts[label][quantity]})" for label in known if self.doubts[label][quantity]]
+        sound = [label for label in known if not self.doubts[label][quantity]]
+        by = f"by {' and '.join(map(repr, sound))} alone" if sound else "by no reliable route"
         families = {self.found[label].route.family for label in sound}
         if len(sound) > 1 and len(families) == 1:
-            told = f"told by one family alone, {families.pop()}"
-        return f"{quantity} are {told}" + (f"; not by {', '.join(doubted)}" if doubted else "")
+            by = f"by one family alone, {families.pop()}"
+        return f"{quantity} are computed {by}" + (f"; not by {', '.join(doubted)}" if doubted else "")
 
     def _same_steps(self, found: RouteResult) -> dict[str, Any]:
         """Compare a solver with the same steps by another."""
@@ -733,22 +731,22 @@ def _in_words(apart: Sequence[Mapping[str, Any]]) -> str:
     first = apart[0]
     quantity, unit = first["quantity"], UNITS[first["quantity"]]
     if first["missing"]:
-        said = f"one has {first['missing'][0]}" + (
+        text = f"one has {first['missing'][0]}" + (
             f", and {len(first['missing']) - 1} more differences of their events" if len(first["missing"]) > 1 else ""
         )
     else:
-        said = (
-            f"they differ by {first['difference']:.2g} {unit} in {quantity}, and {first['allowed']:.2g} {unit} is what the "
-            "errors of both allow"
+        text = (
+            f"they differ by {first['difference']:.2g} {unit} in {quantity}, and the errors of both allow "
+            f"{first['allowed']:.2g} {unit}"
         )
     rest = [each["quantity"] for each in apart[1:]]
-    return said + (f"; so do {', '.join(rest)}" if rest else "")
+    return text + (f"; so do {', '.join(rest)}" if rest else "")
 
 
 def _solver_reason(label: str, row: Mapping[str, Any]) -> list[str]:
     if row["agrees"]:
         return []
     return [
-        f"{label!r} disagrees with {row['against']!r}: they differ by {row['difference']:.2g} m, and {row['allowed']:.2g} m "
-        "is what the solver's tolerance allows"
+        f"{label!r} disagrees with {row['against']!r}: they differ by {row['difference']:.2g} m, and the tolerance of "
+        f"the solver allows {row['allowed']:.2g} m"
     ]

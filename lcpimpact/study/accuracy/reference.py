@@ -88,7 +88,7 @@ def reference(problem: Problem, t_end: float | None = None, unlike: Collection[s
         except LcpImpactError as error:
             reasons.append(str(error))
             continue
-        told = [f"{name}={value:g}" for name, value in options.items()]
-        told += [f"{steps} steps"] * (found.dense is None)
-        return Reference(found, f"{method} ({', '.join(told)})" if told else method)
+        settings = [f"{name}={value:g}" for name, value in options.items()]
+        settings += [f"{steps} steps"] * (found.dense is None)
+        return Reference(found, f"{method} ({', '.join(settings)})" if settings else method)
     raise UnsupportedError(f"nothing to judge {problem.name!r} against: {'; '.join(reasons)}")

@@ -147,7 +147,7 @@ def by_label(routes: Sequence[Given] | Mapping[str, Given]) -> dict[str, Given]:
         label = what if isinstance(what, str) else next(iter(labelled([what]))) if isinstance(what, Integrator) else ""
         label = label or getattr(what, "__name__", repr(what))
         if label in found:
-            raise InputError(f"routes: {label!r} stands there twice; leave one out, or label them by a mapping")
+            raise InputError(f"routes: {label!r} is listed twice; leave one out, or label them by a mapping")
         found[label] = what
     return found
 
@@ -173,7 +173,7 @@ def make_route(problem: Problem, label: str, what: Given, counts: tuple[int, ...
     if what == SICONOS:
         stepped = make_integrator("moreau-jean", {})
         return Route(
-            label, counts, lambda n: (Reading(_thin(siconos(problem, int(n), t_end))), None), stepped, "steps",
+            label, counts, lambda n: (Reading(_subsample(siconos(problem, int(n), t_end))), None), stepped, "steps",
             stepped.family,
         )  # fmt: skip
     if isinstance(what, str):
@@ -189,7 +189,7 @@ def make_route(problem: Problem, label: str, what: Given, counts: tuple[int, ...
     return _by_closed_form(problem, label, what, counts, t_end)
 
 
-def take(route: Route) -> RouteResult:
+def run_route(route: Route) -> RouteResult:
     """Run a route at all its levels; only the finest must succeed.
 
     Raises
@@ -211,18 +211,18 @@ def take(route: Route) -> RouteResult:
             if last or len(route.levels) == 1:
                 raise
             continue
-        if all(np.isfinite(told).all() for told in (reading.q, reading.v, reading.r) if told is not None):
+        if all(np.isfinite(values).all() for values in (reading.q, reading.v, reading.r) if values is not None):
             levels.append(level)
             readings.append(reading)
         elif last:
-            raise FailureError(f"{route.label!r} grew beyond all bounds: take a smaller dt", finest)
+            raise FailureError(f"{route.label!r} is unstable: take a smaller dt", finest)
     return RouteResult(route, tuple(levels), tuple(readings), finest)
 
 
 def _by_closed_form(problem: Problem, label: str, motion: ClosedForm, counts: tuple[int, ...], t_end: float) -> Route:
     n = len(problem.dynamics.nodes)
 
-    def told(values: Any, nt: int, symbol: str) -> Array:
+    def checked(values: Any, nt: int, symbol: str) -> Array:
         found = np.asarray(values, dtype=np.float64)
         if found.shape != (nt, n):
             raise InputError(
@@ -231,9 +231,9 @@ def _by_closed_form(problem: Problem, label: str, motion: ClosedForm, counts: tu
         return found
 
     def closed(_: float) -> tuple[Reading, Trajectory | None]:
-        q = told(motion(np.linspace(0.0, t_end, POINTS + 1))[0], POINTS + 1, "q")
+        q = checked(motion(np.linspace(0.0, t_end, POINTS + 1))[0], POINTS + 1, "q")
         v = motion(_instants(counts, t_end))[1]
-        return Reading(q, None if v is None else told(v, counts[-1], "v")), None
+        return Reading(q, None if v is None else checked(v, counts[-1], "v")), None
 
     return Route(label, (math.nan,), closed, None, "exact", "closed form")
 
@@ -245,7 +245,7 @@ def _by_solver(
 
     def run(n: float) -> tuple[Reading, Trajectory | None]:
         trajectory = simulate(problem, integrator, dt=t_end / int(n), t_end=t_end, lcp_solver=solver, progress=False)
-        return Reading(_thin(trajectory.q)), trajectory
+        return Reading(_subsample(trajectory.q)), trajectory
 
     return Route(label, (counts[1],), run, integrator, "solver", _family(integrator), tol=tol)
 
@@ -254,7 +254,7 @@ def _by_method(problem: Problem, label: str, integrator: Integrator, counts: tup
     declared = integrator.declared
     instants = _instants(counts, t_end)
     family, mode_choice = _family(integrator), integrator.mode_choice
-    # Where dt is the spacing of the output only, facts that are integrals over the grid want it fine.
+    # If dt is only the spacing of the output, facts that are integrals over the grid need a fine one.
     located = counts[-2]
 
     def run(method: Integrator, steps: int) -> tuple[Reading, Trajectory | None]:
@@ -262,14 +262,14 @@ def _by_method(problem: Problem, label: str, integrator: Integrator, counts: tup
             trajectory = simulate(problem, method, dt=t_end / steps, t_end=t_end, progress=False)
         except FailureError as error:
             found = error.result
-            # A coarse run that came to its end tells how the error falls, whatever is to be said against it.
+            # A complete coarse run shows how the error decreases, even if it is not valid itself.
             if steps == counts[-1] or math.isinf(declared.order_smooth) or found is None or found.t[-1] < t_end:
                 raise
             trajectory = found
         times = np.linspace(0.0, t_end, POINTS + 1)
         on_grid = steps % POINTS == 0 or POINTS % steps == 0
         adaptive = len(trajectory.t) != steps + 1 or not on_grid
-        q = trajectory.sample(np.minimum(times, trajectory.t[-1])).q if adaptive else _thin(trajectory.q)
+        q = trajectory.sample(np.minimum(times, trajectory.t[-1])).q if adaptive else _subsample(trajectory.q)
         return _reading(problem, trajectory, q, np.minimum(instants, trajectory.t[-1])), trajectory
 
     if integrator.rtol is not None:
@@ -308,13 +308,13 @@ def _reading(problem: Problem, run: Trajectory, q: Array, instants: Array) -> Re
 def _facts(problem: Problem, run: Trajectory) -> Array:
     """Return the value of each fact in a run, NaN if unavailable, as for a missing event."""
 
-    def shown(measure: Callable[[Any], float]) -> float:
+    def measured_value(measure: Callable[[Any], float]) -> float:
         try:
             return float(measure(run))
         except (LcpImpactError, ArithmeticError, LookupError, ValueError):
             return math.nan
 
-    return np.array([shown(fact.measure) for fact in problem.facts])
+    return np.array([measured_value(fact.measure) for fact in problem.facts])
 
 
 def _lowest_order(declared: Declared) -> float:
@@ -326,6 +326,6 @@ def _lowest_order(declared: Declared) -> float:
     return min(order for order in orders if order > 0.0)
 
 
-def _thin(q: Array) -> Array:
+def _subsample(q: Array) -> Array:
     """Return q at the instants of comparison from a grid with a multiple of them."""
     return np.asarray(q[:: max(1, (len(q) - 1) // POINTS)])

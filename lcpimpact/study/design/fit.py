@@ -35,7 +35,7 @@ from scipy.stats import t as student
 from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, InputError
-from lcpimpact.files import reading, word_of
+from lcpimpact.files import reading, unescape_cell
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import count, finite, is_real, positive
 from lcpimpact.problems.base import Problem
@@ -476,7 +476,7 @@ class _Parameters:
         free: Sequence[str] | Mapping[str, float],
         bounds: Mapping[str, tuple[float, float]],
     ) -> _Parameters:
-        """Check what is free, and between what."""
+        """Check the free parameters and their bounds."""
         if isinstance(free, str):
             free = [free]
         given = dict(free) if isinstance(free, Mapping) else {}
@@ -484,7 +484,7 @@ class _Parameters:
         if not names:
             raise InputError("fit: nothing is free; name the parameters to fit, as ['k', 'c']")
         if len(set(names)) < len(names):
-            raise InputError(f"fit: {', '.join(names)}: a parameter stands twice; name each once")
+            raise InputError(f"fit: {', '.join(names)}: a parameter is listed twice; name each once")
         if isinstance(problem, Problem):
             base = problem
             start = {name: given.get(name, value_at(base, name)) for name in names}
@@ -549,8 +549,8 @@ class _Parameters:
         for _ in range(number - 1):
             wide = np.where(self.logarithmic, START_SPREAD, np.maximum(np.abs(self.start), 1.0))
             θ = self.start + wide * random.standard_normal(len(self.start))
-            share = random.random(len(self.start))
-            θ[inner] = low[inner] + share[inner] * (high - low)[inner]
+            fraction = random.random(len(self.start))
+            θ[inner] = low[inner] + fraction[inner] * (high - low)[inner]
             found.append(np.clip(θ, low, high))
         return found
 
@@ -662,7 +662,7 @@ def _header(path: Path) -> list[str]:
 
 def _words(header: Iterable[Any]) -> list[str]:
     """Return the names of columns."""
-    return [word_of(str(name).strip()) for name in header]
+    return [unescape_cell(str(name).strip()) for name in header]
 
 
 def _own_times(data: str | Path | pd.DataFrame, name: str) -> pd.DataFrame:

@@ -1,12 +1,12 @@
-r"""Blocks of one spring and one dashpot: the motion in contact is a damped oscillation about equilibrium.
+r"""Contact laws of one spring and one dashpot: the motion in contact is a damped oscillation about equilibrium.
 
 With S, C of `lcpimpact.problems.free_vibration` at ω = 1, τ = ω t and ξ = x/L,
 
 .. math:: ξ'' + 2ζ ξ' + ξ = γ, \qquad y(τ) = γ (1 - C) + S
 
-is the way ξ of a Kelvin-Voigt block and the force of a Maxwell block alike. What differs is which of its combinations ends
-the contact. Each combination is a constant plus p S' + q S, whose turning points are known; swings decay, so it reaches zero
-before its second turning point or never, and between turning points a bracket is safe.
+is the displacement ξ of a Kelvin-Voigt block and the force of a Maxwell block. They differ in the combination of S, C and S'
+whose zero ends the contact. Each combination is a constant plus p S' + q S with known extrema; the oscillation decays, so
+its first zero lies before the second extremum, or there is none, and successive extrema bracket it.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from lcpimpact.study.design.law import ContactLaw, Rebound, bumped, grounded
 from lcpimpact.trajectory import Trajectory
 
 
-def turning_points(p: float, q: float, ζ: float) -> tuple[float, ...]:
+def extremum_times(p: float, q: float, ζ: float) -> tuple[float, ...]:
     """Return the first times τ > 0, two or fewer, at which p S' + q S = 0 (ω = 1).
 
     Examples
     --------
-    >>> [round(τ / math.pi, 12) for τ in turning_points(1.0, 0.0, 0.0)]
+    >>> [round(τ / math.pi, 12) for τ in extremum_times(1.0, 0.0, 0.0)]
     [0.5, 1.5]
     """
     σ = math.sqrt(abs((1.0 - ζ) * (1.0 + ζ)))
@@ -45,10 +45,10 @@ def turning_points(p: float, q: float, ζ: float) -> tuple[float, ...]:
     return (math.atanh(p * σ / s) / σ,) if p * s > 0.0 and abs(p * σ) < abs(s) else ()
 
 
-def _end(f: Callable[[float], float], turns: tuple[float, ...]) -> float:
-    """Return the first zero of f after it began positive or rising, inf if there is none."""
+def _first_zero(f: Callable[[float], float], extrema: tuple[float, ...]) -> float:
+    """Return the first zero of f, which starts positive or increasing, inf if there is none; ``extrema`` are its extrema."""
     last = 0.0
-    for τ in turns:
+    for τ in extrema:
         if f(τ) <= 0.0:
             return float(brentq(f, last, τ, xtol=1e-300, rtol=1e-15))
         last = τ
@@ -56,7 +56,7 @@ def _end(f: Callable[[float], float], turns: tuple[float, ...]) -> float:
 
 
 class Oscillation:
-    """The motion of one λ = ζ and γ, in the units m = v0 = L = 1."""
+    """The motion for a damping ratio λ = ζ and a weight γ, in the units m = v0 = L = 1."""
 
     def __init__(self, ζ: float, γ: float) -> None:
         self.ζ, self.γ = ζ, γ
@@ -77,43 +77,43 @@ class Oscillation:
         return dS + self.γ * S
 
     def force(self, τ: float) -> float:
-        """Return 2ζ y' + y = γ - y'', the force of a spring and a dashpot side by side."""
+        """Return 2ζ y' + y = γ - y'', the force of a spring and a dashpot in parallel."""
         S, _, dS = self.parts(τ)
         return self.γ - (self.γ - 2.0 * self.ζ) * dS + S
 
-    def turns(self) -> tuple[float, ...]:
-        """Return where y' = 0."""
-        return turning_points(1.0, self.γ, self.ζ)
+    def extrema(self) -> tuple[float, ...]:
+        """Return the extrema of y."""
+        return extremum_times(1.0, self.γ, self.ζ)
 
-    def force_turns(self) -> tuple[float, ...]:
-        """Return where (γ - y'')' = 0."""
+    def force_extrema(self) -> tuple[float, ...]:
+        """Return the extrema of the force γ - y''."""
         excess = self.γ - 2.0 * self.ζ
-        return turning_points(1.0 + 2.0 * self.ζ * excess, excess, self.ζ)
+        return extremum_times(1.0 + 2.0 * self.ζ * excess, excess, self.ζ)
 
     def return_time(self) -> float:
-        """Return when y is zero again, inf if it never is."""
-        return _end(self.y, self.turns())
+        """Return the next time at which y = 0, inf if there is none."""
+        return _first_zero(self.y, self.extrema())
 
 
-def _side_by_side(motion: Oscillation, τ_c: float) -> Rebound:
-    """Return the contact of a spring and a dashpot side by side that ends at τ_c."""
+def _parallel_rebound(motion: Oscillation, τ_c: float) -> Rebound:
+    """Return the contact of a spring and a dashpot in parallel that ends at τ_c."""
     γ = motion.γ
-    forces = [motion.force(0.0), *(motion.force(τ) for τ in motion.force_turns() if τ < τ_c)]
-    ways = [motion.y(τ) for τ in motion.turns() if τ < τ_c]
+    forces = [motion.force(0.0), *(motion.force(τ) for τ in motion.force_extrema() if τ < τ_c)]
+    deflections = [motion.y(τ) for τ in motion.extrema() if τ < τ_c]
     if math.isinf(τ_c):
-        # What never leaves comes to rest under its weight.
-        return Rebound(0.0, τ_c, max(*forces, γ), max(*ways, γ, 0.0))
-    return Rebound(-motion.rate(τ_c), τ_c, max(forces), max(ways))
+        # A mass that stays in contact comes to rest under its weight.
+        return Rebound(0.0, τ_c, max(*forces, γ), max(*deflections, γ, 0.0))
+    return Rebound(-motion.rate(τ_c), τ_c, max(forces), max(deflections))
 
 
 @lru_cache(maxsize=4096)
-def _without_weight(ζ: float) -> Rebound:
+def _weightless_rebound(ζ: float) -> Rebound:
     known = {fact.symbol: fact.value for fact in kelvin_voigt_impact(1.0, 1.0, 2.0 * ζ, 1.0).facts}
     return Rebound(known["e"], known["t_c"], known["R_max"], known["x_max"])
 
 
 class KelvinVoigtLaw(ContactLaw):
-    """A spring and a dashpot side by side that push and do not pull: contact ends where the force does."""
+    """A spring and a dashpot in parallel without adhesion: contact ends when the force is zero."""
 
     name: ClassVar[str] = "kelvin-voigt"
     losses: ClassVar[tuple[float, float]] = (1e-6, 100.0)
@@ -121,9 +121,9 @@ class KelvinVoigtLaw(ContactLaw):
     def rebound(self, λ: float, γ: float, n: float) -> Rebound:
         """Return the contact up to the first zero of γ - y''."""
         if γ == 0.0:
-            return _without_weight(λ)
+            return _weightless_rebound(λ)
         motion = Oscillation(λ, γ)
-        return _side_by_side(motion, _end(motion.force, motion.force_turns()))
+        return _parallel_rebound(motion, _first_zero(motion.force, motion.force_extrema()))
 
     def constant(self, λ: float) -> float:
         """Return c = 2 ζ."""
@@ -143,21 +143,21 @@ class KelvinVoigtLaw(ContactLaw):
 
 
 class TensionLaw(KelvinVoigtLaw):
-    """The same block glued to the mass: contact ends where the block has its length again."""
+    """The same block with tension allowed: contact ends when the displacement is zero again."""
 
     name: ClassVar[str] = "kelvin-voigt-tension"
 
     def rebound(self, λ: float, γ: float, n: float) -> Rebound:
         """Return the contact up to the return of y."""
         motion = Oscillation(λ, γ)
-        return _side_by_side(motion, motion.return_time())
+        return _parallel_rebound(motion, motion.return_time())
 
     def light(self, m: float, v0: float, k: float, loss: float, n: float) -> Problem:
         """Return kelvin-voigt-tension."""
         return kelvin_voigt_tension(m, k, loss, v0)
 
     def measured(self, run: Trajectory) -> Rebound:
-        """Return the contact up to x = 0; the block's force is read off the motion."""
+        """Return the contact up to x = 0; the force of the block follows from the motion."""
         return grounded(run, self.force(run))
 
     def force(self, run: Trajectory) -> Series:
@@ -167,23 +167,23 @@ class TensionLaw(KelvinVoigtLaw):
 
 
 class MaxwellLaw(ContactLaw):
-    """A spring and a dashpot in a row: y is the force, and contact ends at its return."""
+    """A spring and a dashpot in series: y is the force, and contact ends when it returns to zero."""
 
     name: ClassVar[str] = "maxwell"
     losses: ClassVar[tuple[float, float]] = (1e-6, 100.0)
 
     def rebound(self, λ: float, γ: float, n: float) -> Rebound:
-        """Return the contact up to the return of y; the way is y + 2ζ (1 + γ τ - x')."""
+        """Return the contact up to the return of y; the displacement is x = y + 2ζ (1 + γ τ - x')."""
         ζ, motion = λ, Oscillation(λ, γ)
 
         def rate(τ: float) -> float:
             S, C, _ = motion.parts(τ)
             return γ * (S + 2.0 * ζ * (1.0 - C)) + C
 
-        τ_c, turns = motion.return_time(), motion.turns()
-        peak_force = max([motion.y(τ) for τ in turns[:1]], default=γ)
+        τ_c, extrema = motion.return_time(), motion.extrema()
+        peak_force = max([motion.y(τ) for τ in extrema[:1]], default=γ)
         if math.isinf(τ_c):
-            # The dashpot yields as long as there is a force: until the momentum is zero, or under gravity for ever.
+            # The dashpot creeps as long as there is a force: until the momentum is zero, or without end under gravity.
             return Rebound(0.0, τ_c, max(peak_force, γ), math.inf if γ > 0.0 else 2.0 * ζ)
         τ = float(brentq(rate, 0.0, τ_c, xtol=1e-300, rtol=1e-15)) if rate(τ_c) < 0.0 else τ_c
         return Rebound(-motion.rate(τ_c), τ_c, peak_force, motion.y(τ) + 2.0 * ζ * (1.0 + γ * τ))

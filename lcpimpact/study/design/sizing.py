@@ -214,7 +214,7 @@ def design(
     e : float, optional
         Wanted restitution, 0 < e < 1.
     contact_time, peak_force, deflection : float, optional
-        Wanted duration in s, greatest force in N, greatest way past first touch in m.
+        Required contact duration in s, peak force in N, and maximum deflection in m.
     k : float, optional
         Stiffness in N/m, or N/mⁿ.
     c, b : float, optional
@@ -230,9 +230,9 @@ def design(
     Raises
     ------
     InputError
-        If a value cannot be used, too few or too many are given, or no block does what is wanted; the message then says
-        what can be reached. Looked for are blocks with 1e-6 <= ζ <= 100 (for ``maxwell`` ζ = sqrt(k m)/(2 c)) and
-        1e-3 <= b v0 <= 100, which throw the mass back with more than 1e-9 v0 if e or contact_time is wanted.
+        For an invalid value, too few or too many values, or requirements that no block meets; the message then gives the
+        attainable range. The search covers 1e-6 <= ζ <= 100 (for ``maxwell`` ζ = sqrt(k m)/(2 c)) and
+        1e-3 <= b v0 <= 100, with a rebound above 1e-9 v0 if e or contact_time is required.
 
     Examples
     --------
@@ -256,8 +256,7 @@ def design(
         first, *others = [case.design(λ, L, wanted) for λ, L in case.solutions(wanted)]
     except ArithmeticError:
         raise InputError(
-            "design: a number on the way is larger or smaller than a machine has; take units in which m, v0 and what is "
-            "wanted are nearer to 1"
+            "design: a number overflows or underflows; take units in which m, v0 and the required values are nearer to 1"
         ) from None
     return replace(first, others=tuple(others))
 
@@ -283,20 +282,21 @@ def _checked(
         positive(f"design: {name}", value)
     known = [*OUTPUTS, *constants]
     if "e" in wanted and not kind.loss:
-        raise InputError("design: the law 'hertz' loses nothing, so e = 1 whatever its k; leave e out")
+        raise InputError("design: the law 'hertz' is conservative, so e = 1 for every k; leave e out")
     if wanted.get("e", 0.5) >= 1.0:
         raise InputError(
-            f"design: e = {wanted['e']:g} must be below 1, since every block of {kind.name!r} has a loss; take 'hertz' "
-            "with n=1 for none"
+            f"design: e = {wanted['e']:g} must be below 1, since every block of {kind.name!r} dissipates energy; take "
+            "'hertz' with n=1 for a conservative one"
         )
     if len(wanted) != len(constants):
-        few, told = len(wanted) < len(constants), ", ".join(wanted) or "nothing"
+        names = ", ".join(wanted) or "nothing"
         many = f"the law {kind.name!r} has {'two constants' if kind.loss else 'one constant'}"
         more = ", ".join(name for name in known if name not in wanted and (kind.loss or name != "e"))
-        advice = f"give {len(constants) - len(wanted)} more of {more}" if few else "leave out all but as many of them"
-        raise InputError(f"design: {many}, and {told} {'is' if len(wanted) < 2 else 'are'} given: {advice}")
+        missing = len(constants) - len(wanted)
+        advice = f"give {missing} more of {more}" if missing > 0 else "leave out all but as many of them"
+        raise InputError(f"design: {many}, and {names} {'is' if len(wanted) < 2 else 'are'} given: {advice}")
     if g == 0.0 and set(wanted) == {"e", "b"}:
-        raise InputError("design: without gravity e and b both tell b v0 and nothing else: replace one of them")
+        raise InputError("design: without gravity e and b both determine only b v0: replace one of them")
     return {name: float(value) for name, value in wanted.items()}
 
 
@@ -338,7 +338,7 @@ class _Case:
         """Return the quantity in SI units."""
         return self.scaled(name, λ, self.Γ * L) * self.unit(name) * math.pow(L, self.power(name))
 
-    def sought(self, name: str, λ: float, L: float) -> float:
+    def effective_quantity(self, name: str, λ: float, L: float) -> float:
         """Return the quantity for a search, with a negligible rebound counted as none."""
         if name in ("e", "contact_time") and self.scaled("e", λ, self.Γ * L) < MIN_REBOUND:
             return 0.0 if name == "e" else math.inf
@@ -350,14 +350,14 @@ class _Case:
         if p != 0.0:
             L = (goal / (light * self.unit(name))) ** (1.0 / p)
             if self.g == 0.0 or name not in OUTPUTS:
-                reached = L > 0.0 and math.isfinite(self.sought(name, λ, L))
+                reached = L > 0.0 and math.isfinite(self.effective_quantity(name, λ, L))
                 return L if reached else math.nan
             start = L if math.isnan(start) else start
         top, sign = math.log(MAX_GAMMA / self.Γ), p or -1.0
 
         def excess(x: float) -> float:
             # It rises with L, and jumps where gravity begins to hold the mass.
-            value = self.sought(name, λ, math.exp(x)) / goal
+            value = self.effective_quantity(name, λ, math.exp(x)) / goal
             return sign * (min(max(math.log(value), -MAX_LOG), MAX_LOG) if value > 0.0 else -MAX_LOG)
 
         x = min(math.log(start), top) if start > 0.0 else top - 10.0
@@ -397,7 +397,7 @@ class _Case:
             if math.isnan(L):
                 return math.nan
             ratio = L / light if 0.0 < light < math.inf else 1.0
-            value = self.sought(second, λ, L)
+            value = self.effective_quantity(second, λ, L)
             return value if 0.0 < value < math.inf else math.nan
 
         low, high = map(math.log, self.law.losses)
@@ -416,26 +416,26 @@ class _Case:
         ends = [self.quantity(name, λ, math.exp(x) * MAX_GAMMA / self.Γ) for x in (-MAX_LOG, 0.0)]
         return min(ends), max(ends)
 
-    def told(self, name: str, value: float) -> str:
+    def text(self, name: str, value: float) -> str:
         """Return a value with its unit."""
         unit = "N/m" if name == "k" and self.n == 1.0 else UNITS[name]
         return f"{value:.9g} {unit}".strip()
 
     def refuse(self, wanted: Mapping[str, float], name: str, reach: tuple[float, float]) -> None:
         """Raise the error for unattainable requirements, with the attainable range."""
-        others = ", ".join(f"{each} = {self.told(each, value)}" for each, value in wanted.items() if each != name)
+        others = ", ".join(f"{each} = {self.text(each, value)}" for each, value in wanted.items() if each != name)
         case = f"m = {self.m:g} kg, v0 = {self.v0:g} m/s, g = {self.g:g} m/s²"
         if math.isnan(reach[0]):
-            what = "lets the mass sink in to a finite depth" if name == "deflection" else "throws the mass back"
-            raise InputError(f"no {self.law.name} block with {others} {what} at {case}: ask for something else")
-        low, high = (self.told(name, value) for value in reach)
+            what = "has a finite deflection" if name == "deflection" else "lets the mass rebound"
+            raise InputError(f"no {self.law.name} block with {others} {what} at {case}: change the requirements")
+        low, high = (self.text(name, value) for value in reach)
         lies = f"lies between {low} and {high}"
         if reach[0] < REACH_RTOL * wanted[name]:
             lies = f"is at most {high}"
         elif wanted[name] < REACH_RTOL * reach[1]:
             lies = f"is at least {low}"
         raise InputError(
-            f"no {self.law.name} block has {name} = {self.told(name, wanted[name])}"
+            f"no {self.law.name} block has {name} = {self.text(name, wanted[name])}"
             + (f" and {others}" if others else "")
             + f" at {case}: {name} {lies}{' then' if others else ''}"
         )
@@ -449,10 +449,10 @@ class _Case:
         n = self.n if self.law.n is None else None
         c, b = (shown.pop(name, None) for name in ("c", "b"))
         return Design(
-            self.law.name, self.m, self.v0, self.g, c=c, b=b, n=n, wanted=wanted, found=self.way(wanted), **shown
+            self.law.name, self.m, self.v0, self.g, c=c, b=b, n=n, wanted=wanted, found=self.origin(wanted), **shown
         )
 
-    def way(self, wanted: Mapping[str, float]) -> str:
+    def origin(self, wanted: Mapping[str, float]) -> str:
         """Return how the design was found."""
         if self.g == 0.0:
             direct = "b" in wanted or not self.law.loss or set(wanted) == {"k", self.law.loss}

@@ -186,7 +186,7 @@ def _named(cycles: list[Array]) -> tuple[list[int], list[Array]]:
     for cycle in cycles:
         label = -1
         for k, other in enumerate(known):
-            # A cycle that is the other run through twice does not occur: the shortest period is taken.
+            # Each cycle has its shortest period, so no cycle is a repetition of another one.
             if len(other) == len(cycle) and _distance(cycle[:, :-1], other[:, :-1]) <= SAME_ATTRACTOR_RTOL * reach:
                 label = k
                 break

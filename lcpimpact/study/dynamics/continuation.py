@@ -118,10 +118,10 @@ def continue_orbit(
     events = _sequence(first)
     for target in watched(targets[1:], len(targets) - 1, "orbits", progress):
         while found[-1][0] != target and not ended:
-            reason, share = "", 1.0
+            reason, fraction = "", 1.0
             for _ in range(MAX_HALVINGS):
                 here = found[-1][0]
-                value = target if share == 1.0 else here + share * (target - here)
+                value = target if fraction == 1.0 else here + fraction * (target - here)
                 try:
                     orbit = _next_orbit(family(value), value, found, max_iter)
                 except (LcpImpactError, np.linalg.LinAlgError) as error:
@@ -131,7 +131,7 @@ def continue_orbit(
                         found.append((value, orbit))
                         break
                     reason = f"it would have the events {_words(_sequence(orbit))} in place of {_words(events)}"
-                share *= 0.5
+                fraction *= 0.5
             else:
                 gap, contact, t = least_gap(found[-1][1])
                 near = f"; there the least gap is {gap:.3g} m, of {contact} at t = {t:.6g} s" if contact else ""

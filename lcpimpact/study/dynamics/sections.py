@@ -25,14 +25,14 @@ from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator, simulate
 from lcpimpact.study.dynamics.period import period_of
 from lcpimpact.study.dynamics.shooting import follow_exactly, force_period, refuse_power_laws
-from lcpimpact.study.progress import Progress, counted, unseen
+from lcpimpact.study.progress import Progress, counted, ignore_count
 from lcpimpact.study.result import Study, table_lines
 from lcpimpact.trajectory import Trajectory
 
 BLOCK_PERIODS = 8
 """Number of periods simulated at a time until enough points are found."""
 
-SHOWN = 12
+MAX_POINTS_SHOWN = 12
 """Maximum number of points in a summary."""
 
 STEPS_PER_PERIOD = 200
@@ -60,7 +60,7 @@ class Stroboscope:
     def __post_init__(self) -> None:
         check_fields(self)
         if not (is_real(self.phase) and 0.0 <= self.phase < 1.0):
-            raise InputError(f"phase = {self.phase!r} must be a share of the period, from 0 to below 1")
+            raise InputError(f"phase = {self.phase!r} must be a fraction of the period, from 0 to below 1")
         if self.period is not None:
             positive("period", self.period, "s")
 
@@ -205,7 +205,7 @@ class PoincareSection(Study):
         period = period_of(self.table[[*nodes, *(f"v_{node}" for node in nodes)]].to_numpy()) if len(self.table) else 0
         words = f"they repeat after {period}" if period else "they do not repeat themselves"
         first = f"{self.problem.name} by {self.method}: {len(self.table)} points at {self.section}; {words}"
-        return "\n".join([first, *table_lines(self.table.head(SHOWN), ".6g")])
+        return "\n".join([first, *table_lines(self.table.head(MAX_POINTS_SHOWN), ".6g")])
 
 
 @checked
@@ -283,7 +283,7 @@ def find_points(
     integrator: Integrator,
     dt: float | None,
     lcp_solver: str,
-    done: Callable[[int], None] = unseen,
+    done: Callable[[int], None] = ignore_count,
 ) -> tuple[Points, float | None]:
     """Return the requested number of points, or those before the end, and the period of the force."""
     force = _checked(problem, where)
@@ -490,5 +490,5 @@ def table_of(problem: Problem, points: Points, force: float | None) -> pd.DataFr
 
 def _phase(turns: Array) -> Array:
     """Return the fraction of the period, 0 if rounding makes it just less than 1."""
-    share = np.mod(turns, 1.0)
-    return np.asarray(np.where(share > 1.0 - 1e-9, 0.0, share))
+    fraction = np.mod(turns, 1.0)
+    return np.asarray(np.where(fraction > 1.0 - 1e-9, 0.0, fraction))

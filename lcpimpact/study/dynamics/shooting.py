@@ -265,7 +265,7 @@ def find_orbit(
     force = force_period(problem.dynamics)
     if force is not None:
         if T is not None:
-            raise InputError(f"T = {T!r}: the period of the force, {force:g} s, is given; say periods = ... of it")
+            raise InputError(f"T = {T!r}: the period of the force, {force:g} s, is known; give periods = ... instead")
         length = periods * force
     else:
         length = _guessed_period(problem) if T is None else T
@@ -441,11 +441,11 @@ class _Newton:
         """Return the motion and period after the step, halved until the residual decreases; None if it never does."""
         k = len(self.free)
         for halvings in range(MAX_HALVINGS):
-            share = 0.5**halvings
+            fraction = 0.5**halvings
             X, length = here.X.copy(), T
-            X[self.free] += share * step[:k] * self.unit
+            X[self.free] += fraction * step[:k] * self.unit
             if not self.forced:
-                length = T * (1.0 + share * float(step[k]))
+                length = T * (1.0 + fraction * float(step[k]))
             try:
                 there = self.period(X, length) if length > 0.0 else None
             except (LcpImpactError, np.linalg.LinAlgError) as error:
