@@ -1,9 +1,11 @@
 r"""The flow X(s) = exp(A s) X(0) of one contact mode, and the first instant at which an event function c·X turns negative.
 
-The time is cut into windows of length δ with ‖A‖ δ <= 1 (A balanced). On a window, a row is the polynomial
+The time is cut into windows of length δ with ρ δ <= 1, where ρ is the spectral radius of |A|: the infimum of ‖D⁻¹ A D‖
+over all units D of the states. So windows depend on no units, and loads, however large, do not shorten them. On a window,
+a row is the polynomial
 
-.. math:: c \cdot X(t_j + s δ) = \sum_{i=0}^{p} \frac{c (A δ)^i X(t_j)}{i!} s^i + ρ, \qquad
-          |ρ| \le \frac{e}{(p+1)!} \, ‖c‖ ‖X(t_j)‖ ,
+.. math:: c \cdot X(t_j + s δ) = \sum_{i=0}^{p} \frac{c (A δ)^i X(t_j)}{i!} s^i + ε, \qquad
+          |ε| \le \frac{e}{(p+1)!} \, ‖c D‖ ‖D^{-1} X(t_j)‖ ,
 
 with p so large that the remainder is below rounding. In the Bernstein basis, a polynomial lies in the convex hull of
 its coefficients: a window is free of events only if all of them are positive, which proves that there is no root in it;
@@ -26,6 +28,7 @@ import numpy as np
 from numba import types
 from numpy.typing import ArrayLike
 from scipy.linalg import matrix_balance, schur, solve_sylvester
+from scipy.sparse.csgraph import connected_components
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, i8, indices, matrix, vector
@@ -37,6 +40,12 @@ DEGREE = 30
 
 FIRST_WINDOWS, WINDOWS_PER_CALL = 64, 20_000
 """Numbers of windows examined in the first and in each later call of compiled code; Ctrl-C acts between calls."""
+
+MIN_WINDOWS = 16
+"""Minimum number of windows of a run."""
+
+WINDOW_RTOL = 1e-3
+"""Excess of a window over 1/ρ, so that the rounding of ρ does not halve it where ρ is a power of two."""
 
 SPECTRAL_GAP = 8.0
 """Smallest ratio of consecutive decay rates at which the faster ones are split off once they have decayed."""
@@ -162,15 +171,34 @@ def polish(a: Array, s: float) -> tuple[float, float]:
     return (x, x_lo) if x > 0.0 else (s, 0.0)
 
 
-def balance(A: Array) -> tuple[Array, Array]:
-    """Return the balanced matrix D⁻¹ A D, and the diagonal of D, of powers of two."""
+def spectral_radius(A: Array) -> float:
+    """Return that of |A|; the couplings between strong components, such as loads, have no part in it."""
+    _, component = connected_components(A != 0.0, connection="strong")
+    return float(np.abs(np.linalg.eigvals(np.where(component[:, None] == component, np.abs(A), 0.0))).max())
+
+
+def spread(A: Array, least: float) -> Array:
+    """Return (I - |A|/μ)⁻¹ >= 0, the effect of each state on the others within 1/μ: (N, N).
+
+    μ is twice the spectral radius of |A|, or of the ``least`` rate in 1/s. Sizes w = (I - |A|/μ)⁻¹ b with b >= 0 have rates
+    |A| w <= μ w.
+    """
+    return np.asarray(np.linalg.inv(np.eye(len(A)) - np.abs(A) / (2.0 * max(spectral_radius(A), least))))
+
+
+def balance(A: Array, least: float) -> tuple[Array, Array]:
+    """Return the balanced matrix D⁻¹ A D, and the diagonal of D, of powers of two.
+
+    A load has a column but no row, so that balancing does not scale it; the sizes of `spread` do.
+    """
     if not A.any():
         return A, np.ones(len(A))
     with np.errstate(
         invalid="ignore"
     ):  # SciPy makes whole numbers of the scaling, for permutations that are not asked for
         balanced, (scaling, _) = matrix_balance(A, permute=False, separate=True)
-    return balanced, scaling
+    sizes = 2.0 ** np.round(np.log2(spread(balanced, least).sum(axis=1)))
+    return balanced * sizes / sizes[:, None], scaling * sizes
 
 
 class SparseRows(NamedTuple):
@@ -406,9 +434,11 @@ class Flow:
     Attributes
     ----------
     generator : DoubleDouble        A (N, N)
+    duration : float                that of the run in s
     """
 
     generator: DoubleDouble
+    duration: float
 
     @property
     def A(self) -> Array:
@@ -418,8 +448,8 @@ class Flow:
     @cached_property
     def window(self) -> float:
         """δ, the length of a window in s, a power of two."""
-        balanced, _ = balance(self.A)
-        return float(2.0 ** math.floor(-math.log2(max(np.abs(balanced).sum(axis=0).max(), 1e-3))))
+        longest = 1.0 / max(spectral_radius(self.A), MIN_WINDOWS / self.duration)
+        return float(2.0 ** math.floor(math.log2((1.0 + WINDOW_RTOL) * longest)))
 
     @cached_property
     def sparse(self) -> SparseRows:
@@ -490,7 +520,7 @@ class Flow:
         L_f, L, Z : DoubleDouble        (nf, N), (N - nf, N), (N, N - nf)
         flow : Flow                     of y, with the slower rates only; None where there is no such gap
         """
-        balanced, scaling = balance(self.A)
+        balanced, scaling = balance(self.A, 1.0 / self.duration)
         sizes = np.sort(np.abs(np.linalg.eigvals(balanced)))
         gaps = np.flatnonzero(sizes[1:] > SPECTRAL_GAP * sizes[:-1])
         if len(gaps) == 0:
@@ -507,14 +537,14 @@ class Flow:
             down = solve_sylvester(B.hi[n:, n:], -B.hi[:n, :n], -B.hi[n:, :n])
             Z = Z + Z @ np.block([[np.zeros((n, n)), up], [down, np.zeros_like(B.hi[n:, n:])]])
         B, L = solve(Z, self.generator @ Z), solve(Z, np.eye(len(self.A)))
-        return L[n:], L[:n], Z[:, :n], Flow(B[:n, :n])
+        return L[n:], L[:n], Z[:, :n], Flow(B[:n, :n], self.duration)
 
     @cached_property
     def settling(self) -> float:
         """Time in s in which the fastest modes, omitted by `slower`, decay; inf if they do not."""
         if self.slower is None:
             return math.inf
-        rates = np.linalg.eigvals(balance(self.A)[0])
+        rates = np.linalg.eigvals(balance(self.A, 1.0 / self.duration)[0])
         fast = rates[np.argsort(np.abs(rates))[len(self.slower[3].A) :]]
         slowest = -float(fast.real.max())
         return DECAY_EXPONENT / slowest if slowest > 0.0 else math.inf

@@ -158,6 +158,8 @@ class System:
     Attributes
     ----------
     dynamics : Dynamics
+    duration : float
+        That of the run in s.
     given : FirstOrderForm, optional
         The form, if not that of ``dynamics``: linearised about an instant, or with inputs beside r.
     inputs : pair of (N, nw) and (nc, nw) arrays, optional
@@ -165,6 +167,7 @@ class System:
     """
 
     dynamics: Dynamics
+    duration: float
     given: FirstOrderForm | None = None
     inputs: tuple[Array, Array] | None = None
     flows: dict[object, tuple[Flow, DoubleDouble]] = field(default_factory=dict)
@@ -261,7 +264,7 @@ class System:
                     F[:, rows] = np.where(cancels, 0.0, F[:, rows])
             # Cancellation in A + B F is set to zero: balanced forces cause no motion.
             closed = round_to_zero(A + B @ DoubleDouble(F), np.abs(A.hi) + np.abs(B.hi) @ np.abs(F[0]))
-            self.flows[mode.key] = Flow(closed), DoubleDouble(F)
+            self.flows[mode.key] = Flow(closed, self.duration), DoubleDouble(F)
         return self.flows[mode.key]
 
     def _held(self, mode: Mode) -> tuple[DoubleDouble, DoubleDouble]:
