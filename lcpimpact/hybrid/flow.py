@@ -177,28 +177,15 @@ def spectral_radius(A: Array) -> float:
     return float(np.abs(np.linalg.eigvals(np.where(component[:, None] == component, np.abs(A), 0.0))).max())
 
 
-def spread(A: Array, least: float) -> Array:
-    """Return (I - |A|/μ)⁻¹ >= 0, the effect of each state on the others within 1/μ: (N, N).
-
-    μ is twice the spectral radius of |A|, or of the ``least`` rate in 1/s. Sizes w = (I - |A|/μ)⁻¹ b with b >= 0 have rates
-    |A| w <= μ w.
-    """
-    return np.asarray(np.linalg.inv(np.eye(len(A)) - np.abs(A) / (2.0 * max(spectral_radius(A), least))))
-
-
-def balance(A: Array, least: float) -> tuple[Array, Array]:
-    """Return the balanced matrix D⁻¹ A D, and the diagonal of D, of powers of two.
-
-    A load has a column but no row, so that balancing does not scale it; the sizes of `spread` do.
-    """
+def balance(A: Array) -> tuple[Array, Array]:
+    """Return the balanced matrix D⁻¹ A D, and the diagonal of D, of powers of two."""
     if not A.any():
         return A, np.ones(len(A))
     with np.errstate(
         invalid="ignore"
     ):  # SciPy makes whole numbers of the scaling, for permutations that are not asked for
         balanced, (scaling, _) = matrix_balance(A, permute=False, separate=True)
-    sizes = 2.0 ** np.round(np.log2(spread(balanced, least).sum(axis=1)))
-    return balanced * sizes / sizes[:, None], scaling * sizes
+    return balanced, scaling
 
 
 class SparseRows(NamedTuple):
@@ -520,7 +507,7 @@ class Flow:
         L_f, L, Z : DoubleDouble        (nf, N), (N - nf, N), (N, N - nf)
         flow : Flow                     of y, with the slower rates only; None where there is no such gap
         """
-        balanced, scaling = balance(self.A, 1.0 / self.duration)
+        balanced, scaling = balance(self.A)
         sizes = np.sort(np.abs(np.linalg.eigvals(balanced)))
         gaps = np.flatnonzero(sizes[1:] > SPECTRAL_GAP * sizes[:-1])
         if len(gaps) == 0:
@@ -544,7 +531,7 @@ class Flow:
         """Time in s in which the fastest modes, omitted by `slower`, decay; inf if they do not."""
         if self.slower is None:
             return math.inf
-        rates = np.linalg.eigvals(balance(self.A, 1.0 / self.duration)[0])
+        rates = np.linalg.eigvals(balance(self.A)[0])
         fast = rates[np.argsort(np.abs(rates))[len(self.slower[3].A) :]]
         slowest = -float(fast.real.max())
         return DECAY_EXPONENT / slowest if slowest > 0.0 else math.inf

@@ -74,15 +74,11 @@ def project(system: System, constraint: DoubleDouble, X: DoubleDouble, scale: Ar
     """Return X projected so that these rows of it are zero."""
     # The constant and the signals stay; the other states move in proportion to their size.
     moves = np.where(np.arange(len(X)) < system.form.constant, scale, 0.0)
-    matrix = constraint.hi * moves
-    # Gaps and rates have different units, which must not make them look dependent.
-    terms = np.abs(matrix).max(axis=1, initial=0.0, keepdims=True)
-    terms = np.where(terms > 0.0, terms, 1.0)
     for _ in range(REFINEMENTS):
         rest = (constraint @ X).hi
         if not rest.any():
             break
-        correction = np.linalg.lstsq(matrix / terms, rest / terms[:, 0], rcond=ZERO)[0]
+        correction = np.linalg.lstsq(constraint.hi * moves, rest, rcond=ZERO)[0]
         X = X - DoubleDouble.of(moves * correction)
     return X
 

@@ -421,8 +421,8 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> S
     columns = np.eye(N + nc + s * nc)
     X, r_last, r = columns[:N], columns[N : N + nc], columns[N + nc :].reshape(s, nc, len(columns))
 
-    # X_i - X = h Σ a_ij (A (X_j - X) + A X + B r_j), with states in units D in which loads and rates are comparable.
-    balanced, scaling = balance(A, 1.0 / h)
+    # X_i - X = h Σ a_ij (A (X_j - X) + A X + B r_j), with states in units in which A is balanced.
+    balanced, scaling = balance(A)
     rates = ((A @ X + B @ r) / scaling[:, None]).reshape(s * N, len(columns))
     weights = h * np.kron(radau.a, np.eye(N))
     moved = np.linalg.solve(np.eye(s * N) - weights @ np.kron(np.eye(s), balanced), weights @ rates)

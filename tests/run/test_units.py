@@ -142,6 +142,18 @@ def test_the_windows_of_exact_are_the_same_in_all_units(make):
         assert windows(units) == first, units
 
 
+@pytest.mark.parametrize("make", [random_problem, frictional])
+def test_radau_solves_its_stages_with_massless_nodes_in_any_unit(make):
+    agrees(make(0), "radau", 1.0)
+
+
+def test_the_defect_of_elements_is_judged_alike_in_any_unit_of_length():
+    first, other = (
+        run(restated(li.load_problem("system-2"), units), "radau-fesd", 3.0) for units in ((0, 0, 0), (0, -70, 0))
+    )
+    assert 0.1 < other.stats.residual / first.stats.residual < 10.0
+
+
 def test_impacts_of_unresolved_order_end_in_any_unit():
     """The next impact is where a flight is the shortest: u + U δ need not round to zero there."""
     problem = random_problem(58)

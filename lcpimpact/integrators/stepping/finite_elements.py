@@ -134,7 +134,7 @@ class Elements:
     @cached_property
     def units(self) -> Array:
         """The scales of the states that balance A (N,)."""
-        return balance(self.A, 1.0 / self.h)[1]
+        return balance(self.A)[1]
 
     @cached_property
     def derivatives(self) -> Array:
