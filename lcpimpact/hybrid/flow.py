@@ -1,9 +1,11 @@
 r"""The flow X(s) = exp(A s) X(0) of one contact mode, and the first instant at which an event function c·X turns negative.
 
-The time is cut into windows of length δ with ‖A‖ δ <= 1 (A balanced). On a window, a row is the polynomial
+The time is cut into windows of length δ with ρ δ <= 1, where ρ is the spectral radius of |A|: the infimum of ‖D⁻¹ A D‖
+over all units D of the states. So windows depend on no units, and loads, however large, do not shorten them. On a window,
+a row is the polynomial
 
-.. math:: c \cdot X(t_j + s δ) = \sum_{i=0}^{p} \frac{c (A δ)^i X(t_j)}{i!} s^i + ρ, \qquad
-          |ρ| \le \frac{e}{(p+1)!} \, ‖c‖ ‖X(t_j)‖ ,
+.. math:: c \cdot X(t_j + s δ) = \sum_{i=0}^{p} \frac{c (A δ)^i X(t_j)}{i!} s^i + ε, \qquad
+          |ε| \le \frac{e}{(p+1)!} \, ‖c D‖ ‖D^{-1} X(t_j)‖ ,
 
 with p so large that the remainder is below rounding. In the Bernstein basis, a polynomial lies in the convex hull of
 its coefficients: a window is free of events only if all of them are positive, which proves that there is no root in it;
@@ -26,6 +28,7 @@ import numpy as np
 from numba import types
 from numpy.typing import ArrayLike
 from scipy.linalg import matrix_balance, schur, solve_sylvester
+from scipy.sparse.csgraph import connected_components
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, i8, indices, matrix, vector
@@ -37,6 +40,12 @@ DEGREE = 30
 
 FIRST_WINDOWS, WINDOWS_PER_CALL = 64, 20_000
 """Numbers of windows examined in the first and in each later call of compiled code; Ctrl-C acts between calls."""
+
+MIN_WINDOWS = 16
+"""Minimum number of windows of a run."""
+
+WINDOW_RTOL = 1e-3
+"""Excess of a window over 1/ρ, so that the rounding of ρ does not halve it where ρ is a power of two."""
 
 SPECTRAL_GAP = 8.0
 """Smallest ratio of consecutive decay rates at which the faster ones are split off once they have decayed."""
@@ -160,6 +169,12 @@ def polish(a: Array, s: float) -> tuple[float, float]:
             break
         x, x_lo = add(x, x_lo, -step, 0.0)
     return (x, x_lo) if x > 0.0 else (s, 0.0)
+
+
+def spectral_radius(A: Array) -> float:
+    """Return that of |A|; the couplings between strong components, such as loads, have no part in it."""
+    _, component = connected_components(A != 0.0, connection="strong")
+    return float(np.abs(np.linalg.eigvals(np.where(component[:, None] == component, np.abs(A), 0.0))).max())
 
 
 def balance(A: Array) -> tuple[Array, Array]:
@@ -406,9 +421,11 @@ class Flow:
     Attributes
     ----------
     generator : DoubleDouble        A (N, N)
+    duration : float                that of the run in s
     """
 
     generator: DoubleDouble
+    duration: float
 
     @property
     def A(self) -> Array:
@@ -418,8 +435,8 @@ class Flow:
     @cached_property
     def window(self) -> float:
         """δ, the length of a window in s, a power of two."""
-        balanced, _ = balance(self.A)
-        return float(2.0 ** math.floor(-math.log2(max(np.abs(balanced).sum(axis=0).max(), 1e-3))))
+        longest = 1.0 / max(spectral_radius(self.A), MIN_WINDOWS / self.duration)
+        return float(2.0 ** math.floor(math.log2((1.0 + WINDOW_RTOL) * longest)))
 
     @cached_property
     def sparse(self) -> SparseRows:
@@ -507,7 +524,7 @@ class Flow:
             down = solve_sylvester(B.hi[n:, n:], -B.hi[:n, :n], -B.hi[n:, :n])
             Z = Z + Z @ np.block([[np.zeros((n, n)), up], [down, np.zeros_like(B.hi[n:, n:])]])
         B, L = solve(Z, self.generator @ Z), solve(Z, np.eye(len(self.A)))
-        return L[n:], L[:n], Z[:, :n], Flow(B[:n, :n])
+        return L[n:], L[:n], Z[:, :n], Flow(B[:n, :n], self.duration)
 
     @cached_property
     def settling(self) -> float:

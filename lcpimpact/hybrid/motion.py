@@ -180,7 +180,7 @@ def begin_problem(
         If contacts have no common relative degree, or the initial state leaves their forces undetermined.
     """
     problem, _ = enter_constraint(problem, solver)
-    system = System(dynamics or problem.dynamics)
+    system = System(dynamics or problem.dynamics, end)
     refuse_mixed_degrees(system, method, except_schemes=True)
     q, v = problem.initial_coordinates, problem.initial_velocities
     with refuse_undetermined(problem, method):
@@ -339,12 +339,12 @@ def _collapse(motion: HybridMotion, t: DoubleDouble, rest: float) -> tuple[Doubl
     size, slow = np.abs(system.fine.C.hi) @ motion.scale, rest * (np.abs(system.fine.CA.hi) @ motion.scale)
     latest = t + RECENT_FLIGHTS * max(float((t - now).hi), LAST_FLIGHT_RTOL * float(now.hi))
     for _ in range(MAX_COLLAPSE_IMPACTS):
-        closing = rows & (U < 0.0)
-        δ = (u[closing] / -U[closing]).min(initial=np.inf)
+        flights = np.divide(u, -U, out=np.full(len(u), np.inf), where=rows & (U < 0.0))
+        δ = flights.min()
         if not (now + δ).hi <= latest.hi:
             rests = rows & (u <= GAP_RESOLUTION * size) & (np.abs(U) <= slow)
             return now, X, Still(held.u & ~rows | rests, held.U | rests, held.closed & ~rows | rests)
-        meets = closing & (u <= -U * δ)
+        meets = flights == δ
         now, X = now + δ, system.mode(mode)[0].move(X, δ)
         u = np.where(meets, 0.0, np.maximum(u + U * δ, 0.0))
         e = np.where(-slow <= U, 0.0, system.restitution)

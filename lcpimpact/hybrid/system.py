@@ -164,6 +164,8 @@ class System:
     Attributes
     ----------
     dynamics : Dynamics
+    duration : float
+        That of the run in s.
     given : FirstOrderForm, optional
         The form, if not that of ``dynamics``: linearised about an instant, or with inputs beside r.
     inputs : pair of (N, nw) and (nc, nw) arrays, optional
@@ -171,6 +173,7 @@ class System:
     """
 
     dynamics: Dynamics
+    duration: float
     given: FirstOrderForm | None = None
     inputs: tuple[Array, Array] | None = None
     flows: dict[object, tuple[Flow, DoubleDouble]] = field(default_factory=dict)
@@ -275,7 +278,7 @@ class System:
                 F[:, rubs] = (DoubleDouble.of(self.coupling(mode)[rubs]) @ DoubleDouble(F)).parts
             # Cancellation in A + B F is set to zero: balanced forces cause no motion.
             closed = round_to_zero(A + B @ DoubleDouble(F), np.abs(A.hi) + np.abs(B.hi) @ np.abs(F[0]))
-            self.flows[mode.key] = Flow(closed), DoubleDouble(F)
+            self.flows[mode.key] = Flow(closed, self.duration), DoubleDouble(F)
         return self.flows[mode.key]
 
     def _held(self, mode: Mode) -> tuple[DoubleDouble, DoubleDouble]:

@@ -215,7 +215,7 @@ class EventDriven(Integrator):
         """Choose the first mode and write the initial values; impacts at t = 0 come before them."""
         d = problem.dynamics
         form, inputs = forced_form(d, self.name)
-        system = System(d, form, (inputs.E, inputs.D))
+        system = System(d, grid.t_end, form, (inputs.E, inputs.D))
         refuse_mixed_degrees(system, self.name, except_schemes=True)
         if len(system.remembered) and inputs.D[:, len(inputs.law) :].any():
             slider = d.contacts[system.remembered[0]].name

@@ -26,6 +26,7 @@ from numba import types
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import compiled, f8, flags, i8, interpreted, matrix, named_tuple, vector
 from lcpimpact.errors import Status
+from lcpimpact.hybrid.flow import balance
 from lcpimpact.hybrid.impacts import refuse_velocity_jumps
 from lcpimpact.hybrid.system import ZERO
 from lcpimpact.integrators.base import Declared, Integrator, Limits
@@ -420,13 +421,12 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> S
     columns = np.eye(N + nc + s * nc)
     X, r_last, r = columns[:N], columns[N : N + nc], columns[N + nc :].reshape(s, nc, len(columns))
 
-    # X_i - X = h Σ a_ij (A (X_j - X) + A X + B r_j).
-    rates = (A @ X + B @ r).reshape(s * N, len(columns))
+    # X_i - X = h Σ a_ij (A (X_j - X) + A X + B r_j), with states in units in which A is balanced.
+    balanced, scaling = balance(A)
+    rates = ((A @ X + B @ r) / scaling[:, None]).reshape(s * N, len(columns))
     weights = h * np.kron(radau.a, np.eye(N))
-    moved = np.linalg.solve(np.eye(s * N) - weights @ np.kron(np.eye(s), A), weights @ rates).reshape(
-        s, N, len(columns)
-    )
-    stages = X + moved
+    moved = np.linalg.solve(np.eye(s * N) - weights @ np.kron(np.eye(s), balanced), weights @ rates)
+    stages = X + scaling[:, None] * moved.reshape(s, N, len(columns))
 
     u = C @ stages + D @ r
     U = C @ (A @ stages + B @ r)

@@ -140,7 +140,7 @@ class RadauFESD(Integrator):
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> ElementChain:
         """Choose the first mode and write the initial values; impacts at t = 0 come before them."""
-        system = System(problem.dynamics)
+        system = System(problem.dynamics, grid.t_end)
         refuse_mixed_degrees(system, self.name, except_schemes=True)
         X = system.state(problem.initial_coordinates, problem.initial_velocities)
         breakpoints = system.form.breakpoints(0.0, grid.t_end)
@@ -318,8 +318,9 @@ class ElementChain(EventLoop):
             C, D = system.derivatives[0], system.form.D
             u, terms = (C + D @ F)[contacts], (np.abs(C) + np.abs(D) @ np.abs(F))[contacts]
             self.modes[key] = Elements(
-                mode, self.radau, flow.A, ends.hi, u, terms, self.grid.h, self.method.rtol is not None
-            )
+                mode, self.radau, flow.A, ends.hi, u, terms, self.grid.h,
+                estimated=self.method.rtol is not None, constant=system.form.constant,
+            )  # fmt: skip
         return self.modes[key]
 
     def at(self, t: float) -> tuple[Elements, Array]:

@@ -39,7 +39,7 @@ def listed(times, max_events=100_000, failures=None, breakpoints=()):
     for last, t in pairwise([0.0, *times]):
         signal = t in breakpoints
         at.append(Ending(t, t - last, np.zeros(3), -1 if signal else 0, signal))
-    system = System(li.load_problem("bouncing-ball").dynamics)
+    system = System(li.load_problem("bouncing-ball").dynamics, 1.0)
     return Listed(system, 10.0, "auto", max_events, np.array(breakpoints), np.zeros(3), at, failures or {})
 
 
@@ -84,7 +84,7 @@ def test_a_failure_at_an_event_is_a_status(failure, status):
 
 def test_the_motion_is_read_on_either_side_of_an_event():
     starts, t = np.array([0.0, 1.0, 2.0]), np.array([0.0, 0.5, 1.0, 1.5, 2.0])
-    system = System(li.load_problem("bouncing-ball").dynamics)
+    system = System(li.load_problem("bouncing-ball").dynamics, 1.0)
     kind, asked = np.array([4, 7, 4]), []
 
     def read(owner, mine):

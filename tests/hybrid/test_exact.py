@@ -184,7 +184,7 @@ def test_grazing_in_free_flight(t_end):
 
 def test_no_event_is_missed_however_short_the_excursion():
     # cos(t) dips below -1 + ε for a time of order sqrt(ε): far below any window.
-    flow = Flow(DoubleDouble.of([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    flow = Flow(DoubleDouble.of([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), 10.0)
     start = np.array([1.0, 0.0, 1.0])
     for ε in (1e-4, 1e-8, 1e-12):
         row = np.array([[1.0, 0.0, 1.0 - ε]])
@@ -211,7 +211,7 @@ def test_no_event_is_missed_however_short_the_excursion():
 def test_a_crossing_has_the_digits_of_double_doubles(A, start, instant, rate):
     # The fall is a polynomial of degree 2, whose higher powers are zero; the vibration crosses in its fourth window.
     row, order = np.eye(len(A))[:1], np.array([int(start[0] == 0.0)])
-    found = Flow(DoubleDouble.of(A)).first_crossing(np.array(start), np.abs(start), row, order, 10.0)
+    found = Flow(DoubleDouble.of(A), 10.0).first_crossing(np.array(start), np.abs(start), row, order, 10.0)
     assert found.row == 0
     for value, truth in ((found.t, instant), (found.state[0], "0"), (found.state[1], rate)):
         assert abs(Fraction(float(value.hi)) + Fraction(float(value.lo)) - Fraction(truth)) < 1e-29
@@ -237,7 +237,7 @@ def test_first_sign_change_is_the_first_root(roots):
 
 @given(st.floats(0.0, 30.0), st.floats(0.1, 50.0))
 def test_flow_is_the_matrix_exponential(t, ω):
-    flow = Flow(DoubleDouble.of([[0.0, 1.0], [-(ω**2), 0.0]]))
+    flow = Flow(DoubleDouble.of([[0.0, 1.0], [-(ω**2), 0.0]]), 30.0)
     assert_allclose(
         flow.at(np.array([1.0, 0.0]), np.array([t]))[0],
         [np.cos(ω * t), -ω * np.sin(ω * t)],

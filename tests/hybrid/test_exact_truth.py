@@ -279,7 +279,7 @@ def test_a_stiff_plate_with_a_stop_a_nanometre_below_it():
 
 def test_the_instants_that_show_a_flow_grow_with_rates_only_until_they_have_decayed():
     turning = [[0.0, 0.0, -1.0], [0.0, -1e9, 0.0], [1.0, 0.0, 0.0]]
-    flow = Flow(DoubleDouble.of(turning))
+    flow = Flow(DoubleDouble.of(turning), 10.0)
     cuts, little = flow.cuts(10.0, 4000)
     assert len(cuts) < 150
     assert little.all()
@@ -287,7 +287,7 @@ def test_the_instants_that_show_a_flow_grow_with_rates_only_until_they_have_deca
 
 
 def test_of_too_many_oscillations_some_windows_show_a_flow():
-    undamped = Flow(DoubleDouble.of([[0.0, 1e9, 0.0], [-1e9, 0.0, 0.0], [0.0, 0.0, -1.0]]))
+    undamped = Flow(DoubleDouble.of([[0.0, 1e9, 0.0], [-1e9, 0.0, 0.0], [0.0, 0.0, -1.0]]), 10.0)
     cuts, little = undamped.cuts(10.0, 4000)
     lengths = np.diff(np.append(cuts, 10.0))
     assert 1500 < little.sum() < 4000

@@ -57,7 +57,7 @@ def happened(motion):
 
 def derivative_and_quotient(problem, seed):
     """How far the derivative along a random direction is from the best central difference, and what happened meanwhile."""
-    system = System(problem.dynamics)
+    system = System(problem.dynamics, 5.0)
     long = begin_problem(problem, "exact", 5.0)
     follow(long, 5.0)
     place = away_from_events(long)

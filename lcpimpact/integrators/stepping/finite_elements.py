@@ -29,7 +29,7 @@ EPS = float(np.finfo(float).eps)
 ZERO_RTOL = 32.0 * EPS
 
 SMALL_STATE = 1e-6
-"""States below this, relative to the largest, are judged on the scale of the largest."""
+"""States below this, relative to the largest of their kind, are judged on the scale of the largest."""
 
 MAX_ENTRIES = 2_000_000
 """Maximum number of entries in a batch of matrices."""
@@ -117,6 +117,7 @@ class Elements:
     terms : (nu, N) array       the sum of their absolute terms
     h : float                   the step; tables of h, h/2, h/4, ... are cached
     estimated : bool            whether the tables hold the error estimate
+    constant : int              the first state of the signals
     """
 
     mode: Mode
@@ -127,6 +128,7 @@ class Elements:
     terms: Array
     h: float
     estimated: bool
+    constant: int
     kept: dict[float, ElementTable] = field(default_factory=dict)
 
     @cached_property
@@ -220,16 +222,22 @@ class Elements:
         error = np.abs(stages - X[:, None] - length * (self.radau.a @ rates)).max(axis=(0, 1))
         size = np.maximum(np.abs(X).max(axis=0), np.abs(stages).max(axis=(0, 1)))
         terms = size + length * (np.abs(self.A) @ size)
-        # States at rest have the rounding error of the others, in the units in which A is balanced.
-        terms, scale = (
-            np.maximum(each, SMALL_STATE * self.units * (each / self.units).max())
-            for each in (terms, np.maximum(scale, size))
-        )
+        terms, scale = (np.maximum(each, self._floor(each)) for each in (terms, np.maximum(scale, size)))
         below = np.maximum(-stages[:, -1] @ self.rows.T, 0.0).max(axis=0, initial=0.0)
         closed = np.abs(stages @ self.contacts.T).max(axis=(0, 1), initial=0.0)
         errors = np.concatenate([error, below, closed])
         terms = np.concatenate([terms, np.abs(self.rows) @ scale, self.terms @ scale])
         return float((errors / np.maximum(terms, np.finfo(float).tiny)).max())
+
+    def _floor(self, sizes: Array) -> Array:
+        """Return the least sizes of states at rest, which have the rounding error of the others, where A is balanced (N,).
+
+        The signals are others: their units have nothing to do with those of the motion.
+        """
+        within = sizes / self.units
+        moving, signals = np.split(within, [self.constant])
+        largest = np.repeat([moving.max(initial=0.0), signals.max()], [len(moving), len(signals)])
+        return np.asarray(SMALL_STATE * self.units * largest)
 
     def root(
         self, X: Array, row: int, zero: float, guess: float, length: float, scale: Array, most: int

@@ -202,7 +202,7 @@ class ForcedSystem:
             low=None,
         )
         grown = np.concatenate([X[:N], w - slope @ X[:N], X[N:]])
-        return System(system.dynamics, linear), grown, np.concatenate([scale[:N], sizes, scale[N:]])
+        return System(system.dynamics, system.duration, linear), grown, np.concatenate([scale[:N], sizes, scale[N:]])
 
     def coordinates(self, segment: ForcedSegment, τ: Array, X: Array) -> tuple[Array, Array, Array]:
         """Return q, v and r for the states X (nt, N) at t0 + τ."""

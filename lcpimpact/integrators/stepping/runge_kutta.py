@@ -657,7 +657,7 @@ class ExplicitRungeKutta(Integrator):
         """Eliminate the massless coordinates, and write the initial values; impacts at t = 0 come before them."""
         d, solver = problem.dynamics, SOLVERS[lcp_solver]
         form, inputs = forced_form(d, self.name)
-        system = System(d, form, (inputs.E, inputs.D))
+        system = System(d, grid.t_end, form, (inputs.E, inputs.D))
         refuse_mixed_degrees(system, self.name)
         refuse_velocity_jumps(d, grid.t_end, self.name)
         matrices = _matrices(system, inputs)

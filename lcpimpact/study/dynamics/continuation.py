@@ -161,7 +161,7 @@ def _next_orbit(
     X = _state_at(last, start)
     before = _state_at(other, start * other.T / last.T)
     T = last.T + slope * (last.T - other.T)
-    system = System(problem.dynamics)
+    system = System(problem.dynamics, T)
     if len(system.O.T) != len(X):
         raise InputError(f"the problem at {value:g} has other states than the one before: change constants only")
     if last.forced:

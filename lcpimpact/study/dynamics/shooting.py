@@ -40,6 +40,9 @@ CLOSURE_RTOL = 1e-10
 NEWTON_RTOL = 1e-13
 """Residual at which Newton's method has converged."""
 
+MIN_PERIOD_RTOL = 1e-3
+"""Shortest period, relative to the guess."""
+
 SINGULAR_RTOL = 1e-9
 """Singular values of the derivative of P(X) - X below this, relative to the largest, count as zero: in a continuous family
 of orbits, as that of an oscillator without loss, Newton's method finds the nearest member."""
@@ -395,6 +398,8 @@ class _Newton:
             guess.scale,
         )
         self.free = free_coordinates(system)
+        # Every motion returns to its start in no time.
+        self.shortest = MIN_PERIOD_RTOL * guess.T
         size = guess.scale[self.free]
         self.unit = np.maximum(size, 1e-12 * max(size.max(initial=0.0), 1e-300))
 
@@ -447,7 +452,7 @@ class _Newton:
             if not self.forced:
                 length = T * (1.0 + fraction * float(step[k]))
             try:
-                there = self.period(X, length) if length > 0.0 else None
+                there = self.period(X, length) if length > self.shortest else None
             except (LcpImpactError, np.linalg.LinAlgError) as error:
                 if halvings < MAX_HALVINGS - 1:
                     continue
