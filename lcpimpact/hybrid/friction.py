@@ -8,6 +8,8 @@ with Glocker's rows for the friction (see `lcpimpact.lcp.friction`), first in fl
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
@@ -37,27 +39,58 @@ def frictional_impact(
     d, nc = system.dynamics, len(system.degree)
     rubbing = np.flatnonzero(d.frictional & (d.relative_degree == 2) & np.isin(d.normals, meeting))
     rows = np.concatenate([meeting, rubbing, np.flatnonzero(d.joints & (d.relative_degree == 2))])
-    position = {int(i): a for a, i in enumerate(rows)}
-    slips, normals = (
-        np.array([position[int(i)] for i in each], dtype=np.int64) for each in (rubbing, d.normals[rubbing])
-    )
-    G, B = system.fine.G[np.ix_(rows, rows)], system.fine.B[:, rows]
+    place = np.full(nc, -1)
+    place[rows] = np.arange(len(rows))
+    G, (low, high) = system.fine.G[np.ix_(rows, rows)], system.bounds
     ξ = DoubleDouble(np.ascontiguousarray(U[:, rows])) + DoubleDouble(np.ascontiguousarray(before[:, rows])) * e[rows]
-    low, high = system.bounds
-    maps = friction_maps(G.hi.copy(), low[rows], high[rows], FrictionRows(slips, normals, d.mu[rubbing], GLOCKER))
-    E, T = DoubleDouble.of(maps.E), DoubleDouble.of(maps.T)
-    W, q = E @ G @ T + maps.V, E @ ξ
-    guess = solve_lcp(W.hi, q.hi, solver, lower=maps.lower, upper=maps.upper).z
-    tiny = zero * (np.abs(maps.E) @ np.abs(ξ.hi) + np.abs(W.hi) @ np.abs(guess))
-    z, w = complementary(W, q, guess, maps.lower, maps.upper, tiny)
-    P = T @ z
+    friction = FrictionRows(place[rubbing], place[d.normals[rubbing]], d.mu[rubbing], GLOCKER)
+    law = ImpactLCP(G, ξ, low[rows], high[rows], friction, solver, zero)
+    # What slips keeps its direction in most impacts; then its impulse follows from the normal one at any scale.
+    signs = np.sign(ξ.hi[friction.rows])
+    P, sticks, keeps = law.solve(signs)
+    while not keeps.all():
+        signs = np.where(keeps, signs, 0.0)
+        P, sticks, keeps = law.solve(signs)
     impulses, rests = np.zeros(nc), np.zeros(nc, dtype=np.bool_)
     impulses[rows] = P.hi
-    bounces = e[rows] * before[0, rows] != 0.0
-    reached = np.abs(w.hi) <= tiny
-    n, nf = len(rows), len(rubbing)
-    held = (impulses[rows] > 0.0) | d.joints[rows]
-    # Friction sticks where neither of its bounds is reached.
-    held[slips] = (z.hi[slips] > 0.0) & (w.hi[n : n + nf] > 0.0) & reached[slips]
-    rests[rows] = held & ~bounces
-    return state + B @ P, impulses, rests
+    stops = (P.hi > 0.0) | d.joints[rows]
+    stops[friction.rows] = sticks
+    rests[rows] = stops & (e[rows] * before[0, rows] == 0.0)
+    return state + system.fine.B[:, rows] @ P, impulses, rests
+
+
+class ImpactLCP(NamedTuple):
+    """The law of impact of some rows, ξ = G P + ξ_0 with the bounds of P, and their friction."""
+
+    G: DoubleDouble
+    ξ: DoubleDouble
+    lower: Array
+    upper: Array
+    friction: FrictionRows
+    solver: str
+    zero: float
+
+    def solve(self, signs: Array) -> tuple[DoubleDouble, Flags, Flags]:
+        """Return P if slips keep their ``signs``, where these are not 0; which stick, and which keep their sign (nf,)."""
+        rows, normals, mu, _ = self.friction
+        open_, slips = np.flatnonzero(signs == 0.0), np.flatnonzero(signs)
+        part = FrictionRows(rows[open_], normals[open_], mu[open_], GLOCKER)
+        maps = friction_maps(self.G.hi.copy(), self.lower, self.upper, part)
+        T, n = maps.T.copy(), len(self.lower)
+        T[rows[slips]] = 0.0
+        T[rows[slips], normals[slips]] = -signs[slips] * mu[slips]
+        kept = np.setdiff1d(np.arange(len(maps.lower)), rows[slips])
+        E, T = DoubleDouble.of(maps.E[kept]), T[:, kept]
+        W, q = E @ self.G @ DoubleDouble.of(T) + maps.V[np.ix_(kept, kept)], E @ self.ξ
+        low, high = maps.lower[kept], maps.upper[kept]
+        guess = solve_lcp(W.hi, q.hi, self.solver, lower=low, upper=high).z
+        tiny = self.zero * (np.abs(E.hi) @ np.abs(self.ξ.hi) + np.abs(W.hi) @ np.abs(guess))
+        z, w = complementary(W, q, guess, low, high, tiny)
+        P = DoubleDouble.of(T) @ z
+        after = (self.ξ + self.G @ P).hi[rows]
+        size = self.zero * (np.abs(self.ξ.hi) + np.abs(self.G.hi) @ np.abs(P.hi))[rows]
+        sticks, place = np.zeros(len(rows), dtype=np.bool_), np.searchsorted(kept, np.arange(len(maps.lower)))
+        first, last = place[rows[open_]], place[n + np.arange(len(open_))]
+        # Friction sticks where neither of its bounds is reached.
+        sticks[open_] = (z.hi[first] > 0.0) & (w.hi[last] > tiny[last]) & (np.abs(w.hi[first]) <= tiny[first])
+        return P, sticks, (signs == 0.0) | (signs * after >= -size)

@@ -65,7 +65,7 @@ def settled(
         closed = system.together(mode.closed if mode else ())
         constraint = stacked([[closed.C[closed.degree > 0]], [closed.CA[closed.degree == 2]]])
     else:
-        rows, rates = np.flatnonzero(held.u), np.flatnonzero(held.U & ~system.slides)
+        rows, rates = np.flatnonzero(held.u), np.flatnonzero(held.U & ~system.dynamics.rubs)
         constraint = stacked([[C[rows]], [CA[rates]]])
     return project(system, constraint, X, scale)
 

@@ -8,7 +8,10 @@ For sliders and relays the LCPs are the same, within bounds: r_min <= r <= r_max
 where r = r_min, r' <= 0 where r = r_max. Contacts without a common relative degree choose by
 `lcpimpact.hybrid.mixed_degrees`.
 
-With relays the matrix of an LCP need not be a P-matrix, and then all its solutions are followed (see
+Friction that a normal force bounds has two unknowns, and the LCP of all derivatives has its rows (see
+`lcpimpact.hybrid.system.Laws`). Where it slips its force is -μ r_N sign U, a combination of reactions.
+
+With relays and friction the matrix of an LCP need not be a P-matrix, and then all its solutions are followed (see
 `lcpimpact.all_solutions`). What the next derivatives contradict is dropped; if more than one motion is left, the choice is
 refused.
 """
@@ -93,20 +96,42 @@ class Choice:
     order: list[int]
     side: list[int]
     closed: list[int] = field(default_factory=list)
+    friction: tuple[tuple[int, int], ...] = ()
+    """The rows with friction, and those of their normal forces."""
+    rank: tuple[int, ...] = ()
+    """As of `lcpimpact.hybrid.system.Laws`."""
 
     def copy(self) -> Choice:
         """Return a copy to decide upon."""
-        return Choice(list(self.undecided), list(self.slips), list(self.order), list(self.side), list(self.closed))
+        undecided, slips, order, side = list(self.undecided), list(self.slips), list(self.order), list(self.side)
+        return Choice(undecided, slips, order, side, list(self.closed), self.friction, self.rank)
 
     @property
     def mode(self) -> Mode:
         """The mode, with undecided rows as they are where all derivatives are zero."""
-        order, slips = list(self.order), list(self.slips)
+        nc = len(self.order) - len(self.friction)
+        order, slips, closed, other = list(self.order), list(self.slips), set(self.closed), [0] * nc
         for i in self.undecided:
             order[i] = -1
             if self.side[i]:
                 slips.append((i, -self.side[i]))
-        return Mode(tuple(sorted(self.closed)), tuple(sorted(slips)), tuple(order), tuple(self.side))
+        for k, (i, normal) in enumerate(self.friction):
+            # The unknowns of friction: μ r_N + r_T, and the negative part of the slip acceleration beside μ r_N - r_T.
+            last, for_ever = nc + k, not {i, nc + k}.isdisjoint(self.undecided)
+            sticks = i in closed and last not in closed and not for_ever
+            if normal not in closed:
+                slips, order[i] = [each for each in slips if each[0] != i], 0
+            elif i in dict(slips):
+                order[i] = 0
+            elif sticks:
+                order[i], other[i] = order[last], order[i]
+            else:
+                slips.append((i, -1 if i in closed else 1))
+                order[i] = -1 if for_ever else self.rank[i] + order[last] if i in closed else order[i]
+            if not sticks:
+                closed.discard(i)
+        held = tuple(sorted(i for i in closed if i < nc))
+        return Mode(held, tuple(sorted(slips)), tuple(order[:nc]), tuple(self.side[:nc]), tuple(other))
 
 
 class Derivative(NamedTuple):
@@ -175,13 +200,33 @@ def choose_mode(
     opening = openings_and_rates(system, start, scale, held, zero)
     if system.relays.any():
         opening = _with_higher_derivatives(system, opening, start, scale, held, zero)
-    sought, sign, order = motions(opening, system.degree, system.slides, system.relays).tolist()
-    choice = Choice([i for i in range(nc) if sought[i]], [(i, sign[i]) for i in range(nc) if sign[i]], order, [0] * nc)
-    at_bound = DoubleDouble.of([(high[i], 0.0, low[i])[sign[i] + 1] for i in range(nc)])
+    unknown, sign, order = motions(opening, system.degree, system.dynamics.rubs, system.relays).tolist()
+    choice = _first_choice(system, unknown, sign, order)
+    signs = dict(choice.slips)
+    at_bound = DoubleDouble.of(
+        [0.0 if i in system.friction else (high[i], 0.0, low[i])[signs.get(i, 0) + 1] for i in range(nc)]
+    )
     found, lcp = _continuations(system, choice, start, Derivative(0, start, at_bound, scale), solver, zero)
     if lcp and any(not _same_motion(system, found[0], other, scale) for other in found[1:]):
         raise Ambiguous(*lcp)
     return found[0]
+
+
+def _first_choice(system: System, unknown: list[int], sign: list[int], order: list[int]) -> Choice:
+    """Return the mode as far as openings and rates decide it (see `motions`): joints are closed, and so is what slips."""
+    d, nc, closed = system.dynamics, len(sign), list(map(int, np.flatnonzero(system.dynamics.joints)))
+    friction = tuple((i, int(d.normals[i])) for i in system.friction)
+    undecided = [i for i in range(nc) if unknown[i] and not d.joints[i] and not d.frictional[i]]
+    slips = [(i, sign[i]) for i in range(nc) if sign[i] and not d.frictional[i]]
+    for k, (i, normal) in enumerate(friction):
+        if normal in undecided:
+            if sign[i] == 0:
+                undecided += [i, nc + k]
+            elif sign[i] < 0:
+                closed += [i, nc + k]
+            slips += [(i, sign[i])] if sign[i] else []
+    more = [0] * len(friction)
+    return Choice(undecided, slips, order + more, [0] * nc + more, closed, friction, tuple(map(int, system.laws.rank)))
 
 
 def _with_higher_derivatives(
@@ -251,8 +296,9 @@ def _solve_derivative(
     FailureError
         If it has no solution.
     """
-    O, G, c, m = system.fine.O, system.fine.G, choice.closed, choice.undecided  # noqa: E741
-    g, terms = O @ at.X + G @ at.r, np.abs(O.hi) @ at.scale + np.abs(G.hi) @ np.abs(at.r.hi)
+    laws, c, m = system.laws, choice.closed, choice.undecided
+    O, G = laws.O, laws.G  # noqa: E741
+    g, terms = O @ at.X + laws.by_force @ at.r, np.abs(O.hi) @ at.scale + np.abs(laws.by_force.hi) @ np.abs(at.r.hi)
     q, W, summed = g[m], _block(G, m, m), terms[m]
     if c:
         eliminated = solve_regular(_block(G, c, c), stacked([[g[c][:, None], _block(G, c, m)]]))
@@ -267,13 +313,27 @@ def _solve_derivative(
         """Return the solution in double-doubles, and the forces of all rows."""
         tiny = zero * (summed + np.abs(W.hi) @ np.abs(guess))
         z, w = complementary(W, q, guess, *data[2:], tiny)
-        force = at.r.parts.copy()
-        force[:, m] = z.parts
+        y = np.zeros((2, len(G)))
+        y[:, m] = z.parts
         if c:
-            force[:, c] = (-eliminated[:, 0] - eliminated[:, 1:] @ z).parts
-        return Answer(DoubleDouble(force), z, w, tiny)
+            y[:, c] = (-eliminated[:, 0] - eliminated[:, 1:] @ z).parts
+        force = DoubleDouble.of(laws.T) @ DoubleDouble(y) if system.friction else DoubleDouble(y)
+        return Answer(at.r + force, z, w, tiny)
 
-    return [answer(guess) for guess in _solutions(data, solver, bool(system.relays[m].any()))], data
+    nc = len(system.degree)
+    rubs, switches = max(m) >= nc, bool(system.relays[[i for i in m if i < nc]].any())
+    answers = [answer(guess) for guess in _solutions(data, solver, rubs or switches)]
+    return _distinct(system, answers) if rubs else answers, data
+
+
+def _distinct(system: System, answers: list[Answer]) -> list[Answer]:
+    """Return the answers that differ in their motion: redundant contacts can have the same sum of forces in many ways."""
+    B, found = system.matrices[1], list[Answer]()
+    for each in answers:
+        size = SAME_RTOL * (np.abs(B) @ np.abs(each.r.hi))
+        if all((np.abs(B @ (each.r.hi - other.r.hi)) > size).any() for other in found):
+            found.append(each)
+    return found
 
 
 def _solutions(data: LCPData, solver: str, several: bool) -> list[Array]:
@@ -289,12 +349,12 @@ def _solutions(data: LCPData, solver: str, several: bool) -> list[Array]:
 
 def _decide(system: System, choice: Choice, level: int, answer: Answer) -> list[tuple[int, DoubleDouble]]:
     """Decide the rows whose force or opening is not zero; return the sliders of degree 0 that slip, and how far."""
-    G, degree, slides, (r_min, r_max) = system.G, system.degree, system.slides, system.bounds
+    G, rank, (r_min, r_max), boxed = system.laws.G.hi, system.laws.rank, system.bounds, _have_bounds(system)
     undecided, moved = choice.undecided, []
     choice.undecided = []
     for k, i in enumerate(undecided):
         unit, z, w = abs(G[i, i]) or np.abs(G[:, i]).max(), float(answer.z.hi[k]), float(answer.w.hi[k])
-        at_threshold = (slides[i] or system.relays[i]) and level == 0
+        at_threshold = boxed[i] and level == 0
         room = min(z - r_min[i], r_max[i] - z) if at_threshold else abs(z)
         if room * unit > answer.tiny[k]:
             choice.closed.append(i)
@@ -302,16 +362,23 @@ def _decide(system: System, choice: Choice, level: int, answer: Answer) -> list[
             continue
         if at_threshold:
             choice.side[i] = 1 if r_max[i] - z < z - r_min[i] else -1
-            if slides[i] and degree[i] == 0:
+            if rank[i] < 0:
                 moved.append((i, answer.w[k]))
                 w = 0.0
         if abs(w) > answer.tiny[k]:
-            choice.order[i] = int(degree[i]) + level - int(slides[i])
-            if slides[i] or system.relays[i]:
+            choice.order[i] = int(rank[i]) + level
+            if boxed[i]:
                 choice.slips.append((i, -choice.side[i]))
         else:
             choice.undecided.append(i)
     return moved
+
+
+def _have_bounds(system: System) -> Flags:
+    """Return which unknowns of the laws have bounds of their own, as sliders and relays have (m,)."""
+    boxed = np.zeros(len(system.laws.rank), dtype=np.bool_)
+    boxed[: len(system.degree)] = system.slides | system.relays
+    return boxed
 
 
 def _block(G: DoubleDouble, rows: list[int], columns: list[int]) -> DoubleDouble:
@@ -321,8 +388,7 @@ def _block(G: DoubleDouble, rows: list[int], columns: list[int]) -> DoubleDouble
 
 def _bounds(system: System, rows: list[int], side: list[int], level: int) -> tuple[Array, Array]:
     """Return the bounds of r, and for a higher level those of its derivative, for rows that are undecided."""
-    boxed = ~system.dynamics.unilateral[rows]
     if level == 0:
-        return system.bounds[0][rows], system.bounds[1][rows]
-    at = np.array([side[i] for i in rows])
-    return np.where(boxed & (at > 0), -np.inf, 0.0), np.where(boxed & (at > 0), 0.0, np.inf)
+        return system.laws.lower[rows], system.laws.upper[rows]
+    high = _have_bounds(system)[rows] & (np.array([side[i] for i in rows]) > 0)
+    return np.where(high, -np.inf, 0.0), np.where(high, 0.0, np.inf)

@@ -33,6 +33,7 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble, solve, stacked
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.hybrid.flow import Flow, SparseRows, sparse
+from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
 from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp
 from lcpimpact.scheme.decomposition import degrees_together
 from lcpimpact.scheme.dynamics import Dynamics
@@ -143,6 +144,31 @@ class Together(NamedTuple):
     CA: DoubleDouble
     O: DoubleDouble  # noqa: E741
     G: DoubleDouble
+
+
+class Laws(NamedTuple):
+    """The laws of all rows as complementarity of y and w = O X + G y, with r = T y.
+
+    Of each row with friction there are two unknowns, μ r_N + r_T and the negative part of the slip acceleration (see
+    `lcpimpact.lcp.friction`): the former in the place of r_T, the latter after those of all rows (m unknowns).
+
+    Attributes
+    ----------
+    O : DoubleDouble (m, N)
+    G : DoubleDouble (m, m)
+    by_force : DoubleDouble (m, nc)     w by given forces r
+    T : (nc, m) array
+    lower, upper : (m,) arrays          bounds of y
+    rank : (m,) array                   relative degree of the row that w is of, less one where it is of the rate U
+    """
+
+    O: DoubleDouble  # noqa: E741
+    G: DoubleDouble
+    by_force: DoubleDouble
+    T: Array
+    lower: Array
+    upper: Array
+    rank: Indices
 
 
 class Fine(NamedTuple):
@@ -396,6 +422,19 @@ class System:
         """Whether any row has friction that a normal force bounds, or is a joint."""
         return bool(self.friction) or bool(self.dynamics.joints.any())
 
+    @cached_property
+    def laws(self) -> Laws:
+        """The laws of all rows."""
+        d, rows = self.dynamics, np.array(self.friction, dtype=np.int64)
+        rank = self.degree - d.rubs
+        if not len(rows):
+            return Laws(self.fine.O, self.fine.G, self.fine.G, np.eye(len(self.degree)), *self.bounds, rank)
+        friction = FrictionRows(rows, d.normals[rows], d.mu[rows], GLOCKER)
+        maps = friction_maps(self.fine.G.hi.copy(), *self.bounds, friction)
+        E, T = DoubleDouble.of(maps.E), DoubleDouble.of(maps.T)
+        by_force, rank = E @ self.fine.G, np.append(rank, np.zeros(len(rows), dtype=np.int64))
+        return Laws(E @ self.fine.O, by_force @ T + maps.V, by_force, maps.T, maps.lower, maps.upper, rank)
+
     def coupling(self, mode: Mode) -> Array:
         """Return T with r = T r (nc, nc): where friction slips, r_T = -μ sign(U) r_N."""
         T = np.eye(len(self.degree))
@@ -503,8 +542,8 @@ class System:
                 order = np.where(rubs & (side < 0), np.array(mode.other_order, dtype=np.int64)[contacts], order)
             nc = len(self.degree)
             closed = np.isin(np.arange(nc), mode.closed)
-            held = closed | ((np.array(mode.order, dtype=np.int64) < 0) & ~self.slides)
-            still = Still(held & ~self.slides & (self.degree > 0), held & (self.degree >= 2), closed)
+            held = closed | ((np.array(mode.order, dtype=np.int64) < 0) & ~self.dynamics.rubs)
+            still = Still(held & ~self.dynamics.rubs & (self.degree > 0), held & (self.degree >= 2), closed)
             self.known[mode] = Watch(contacts[kept], rows[kept], sparse(rows[kept]), order[kept], still)
         return self.known[mode]
 

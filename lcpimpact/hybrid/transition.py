@@ -115,7 +115,7 @@ def happened(system: System, t: float, before: Mode, after: Mode, P: Array, left
     """Return the events between two modes, with the impulses P (nc,)."""
     found = []
     for i, contact in enumerate(system.dynamics.contacts):
-        if P[i] > 0.0:
+        if P[i] != 0.0:
             found.append(Event(t, contact.name, "impact", left, right, float(P[i])))
         if kind := _change(before, after, i, contact.law):
             found.append(Event(t, contact.name, kind, left, right))
@@ -124,12 +124,14 @@ def happened(system: System, t: float, before: Mode, after: Mode, P: Array, left
 
 def _change(before: Mode, after: Mode, i: int, law: RowLaw) -> str | None:
     """Return the kind of event of row i between two modes, if any."""
+    if law is RowLaw.JOINT:
+        return None
     if law is not RowLaw.CONTACT:
         at_bound, between = ("switch", "slide") if law is RowLaw.RELAY else ("slip", "stick")
         slips = dict(after.slips)
         if i in slips:
             return at_bound if slips[i] != dict(before.slips).get(i) else None
-        return between if i not in before.closed else None
+        return between if i in after.closed and i not in before.closed else None
     if (i in before.closed) == (i in after.closed):
         return None
     return "close" if i in after.closed else "open"

@@ -179,7 +179,7 @@ class EventDriven(Integrator):
         order_penetration=math.inf,
         level="position and velocity at events, acceleration between them",
         relative_degrees=(0, 1, 2),
-        handles=tuple(set(Feature) - {Feature.FRICTION, Feature.JOINTS}),
+        handles=tuple(Feature),
         reaction_time="at t, right limit",
         energy="to the tolerance",
         balances_energy=True,
