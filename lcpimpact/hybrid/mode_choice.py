@@ -298,7 +298,8 @@ def _solve_derivative(
     """
     laws, c, m = system.laws, choice.closed, choice.undecided
     O, G = laws.O, laws.G  # noqa: E741
-    g, terms = O @ at.X + laws.by_force @ at.r, np.abs(O.hi) @ at.scale + np.abs(laws.by_force.hi) @ np.abs(at.r.hi)
+    g = O @ at.X + laws.by_force @ at.r
+    terms = laws.weights @ (np.abs(system.fine.O.hi) @ at.scale + np.abs(system.G) @ np.abs(at.r.hi))
     q, W, summed = g[m], _block(G, m, m), terms[m]
     if c:
         eliminated = solve_regular(_block(G, c, c), stacked([[g[c][:, None], _block(G, c, m)]]))
@@ -308,6 +309,9 @@ def _solve_derivative(
         W = round_to_zero(W, np.abs(_block(G, m, c).hi) @ np.abs(eliminated.hi[:, 1:]))
     q = round_to_zero(q, summed, zero)
     data = W.hi, q.hi, *_bounds(system, m, choice.side, at.level)
+
+    nc = len(system.degree)
+    rubs, switches = max(m) >= nc, bool(system.relays[[i for i in m if i < nc]].any())
 
     def answer(guess: Array) -> Answer:
         """Return the solution in double-doubles, and the forces of all rows."""
@@ -320,8 +324,6 @@ def _solve_derivative(
         force = DoubleDouble.of(laws.T) @ DoubleDouble(y) if system.friction else DoubleDouble(y)
         return Answer(at.r + force, z, w, tiny)
 
-    nc = len(system.degree)
-    rubs, switches = max(m) >= nc, bool(system.relays[[i for i in m if i < nc]].any())
     answers = [answer(guess) for guess in _solutions(data, solver, rubs or switches)]
     return _distinct(system, answers) if rubs else answers, data
 

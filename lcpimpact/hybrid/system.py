@@ -158,6 +158,7 @@ class Laws(NamedTuple):
     G : DoubleDouble (m, m)
     by_force : DoubleDouble (m, nc)     w by given forces r
     T : (nc, m) array
+    weights : (m, nc) array             rounding of w by that of the rows
     lower, upper : (m,) arrays          bounds of y
     rank : (m,) array                   relative degree of the row that w is of, less one where it is of the rate U
     """
@@ -166,6 +167,7 @@ class Laws(NamedTuple):
     G: DoubleDouble
     by_force: DoubleDouble
     T: Array
+    weights: Array
     lower: Array
     upper: Array
     rank: Indices
@@ -428,12 +430,18 @@ class System:
         d, rows = self.dynamics, np.array(self.friction, dtype=np.int64)
         rank = self.degree - d.rubs
         if not len(rows):
-            return Laws(self.fine.O, self.fine.G, self.fine.G, np.eye(len(self.degree)), *self.bounds, rank)
+            same = np.eye(len(self.degree))
+            return Laws(self.fine.O, self.fine.G, self.fine.G, same, same, *self.bounds, rank)
         friction = FrictionRows(rows, d.normals[rows], d.mu[rows], GLOCKER)
         maps = friction_maps(self.fine.G.hi.copy(), *self.bounds, friction)
         E, T = DoubleDouble.of(maps.E), DoubleDouble.of(maps.T)
         by_force, rank = E @ self.fine.G, np.append(rank, np.zeros(len(rows), dtype=np.int64))
-        return Laws(E @ self.fine.O, by_force @ T + maps.V, by_force, maps.T, maps.lower, maps.upper, rank)
+        weights, unit = maps.E.copy(), np.abs(np.diag(self.G))
+        for k, i in enumerate(rows):
+            # μ r_N - r_T has the rounding of the rows that give r_N and r_T.
+            normal, last = d.normals[i], len(self.degree) + k
+            weights[last, i], weights[last, normal] = 1.0, 2.0 * d.mu[i] * unit[i] / unit[normal]
+        return Laws(E @ self.fine.O, by_force @ T + maps.V, by_force, maps.T, weights, maps.lower, maps.upper, rank)
 
     def coupling(self, mode: Mode) -> Array:
         """Return T with r = T r (nc, nc): where friction slips, r_T = -μ sign(U) r_N."""

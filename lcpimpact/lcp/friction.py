@@ -24,6 +24,7 @@ Glocker, *Set-Valued Force Laws* (2001); Stewart and Trinkle (1996); Anitescu an
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,7 +80,7 @@ MAPS: Any = named_tuple((matrix, matrix, matrix, vector, vector), FrictionMaps)
 def friction_maps(W: Array, lower: Array, upper: Array, friction: FrictionRows) -> FrictionMaps:
     """Return the complementarity problem of rows ξ = W P + q of which some have friction; its matrix is E W T + V.
 
-    λ and ξ_L are in units of ξ_T/W_TT, so that all entries of the matrix have one unit.
+    λ and ξ_L are in units of ξ_T/W_TT, with a power of two near W_TT, so that all entries of the matrix have one unit.
     """
     n, nf, split = len(lower), len(friction.rows), friction.formulation != GLOCKER
     m = n + (2 if split else 1) * nf
@@ -90,7 +91,7 @@ def friction_maps(W: Array, lower: Array, upper: Array, friction: FrictionRows) 
         low[i], high[i] = lower[i], upper[i]
     for k in range(nf):
         t, j, μ = friction.rows[k], friction.normals[k], friction.mu[k]
-        unit, last = W[t, t] if W[t, t] > 0.0 else 1.0, m - nf + k
+        unit, last = math.ldexp(1.0, math.frexp(W[t, t])[1]) if W[t, t] > 0.0 else 1.0, m - nf + k
         low[t], high[t] = 0.0, np.inf
         V[t, last] = unit
         if split:
