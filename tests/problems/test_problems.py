@@ -11,6 +11,7 @@ import re
 from functools import cache
 from itertools import combinations, pairwise
 
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -35,6 +36,10 @@ MODELS = BARS | {"hereditary-impact"}
 
 COUNTS = tuple(round(200 * 32.0 ** (i / 29)) for i in range(30))
 """Thirty step counts from 200 to 6400; the end of the run is no round number, so that events fall anywhere in a step."""
+
+
+FINER = {"pi-billiard": 4}
+"""How many times as many steps it takes to see the order, where many impacts follow each other closely."""
 
 
 def exact_runs(problem):
@@ -180,7 +185,8 @@ ORDERLY = [name for name in PROBLEMS if name not in MODELS]
 def steps_of(name):
     problem = load_problem(name)
     # Past the end of the last fact, by a number that no event of any problem is a simple share of.
-    return [run(problem, "moreau-jean", n, stretch=1.0 + 1.0 / (7.0 * math.pi)) for n in COUNTS]
+    counts = [FINER.get(name, 1) * n for n in COUNTS]
+    return [run(problem, "moreau-jean", n, stretch=1.0 + 1.0 / (7.0 * math.pi)) for n in counts]
 
 
 def falls(errors, order):
@@ -262,6 +268,11 @@ RANDOM = {
     "two-balls-spring": {"m": some(0.5, 2.0), "k": some(1e3, 1e5), "e": some(0.3, 1.0), "x1": some(0.5, 2.0)},
     "newtons-cradle": {"N": st.integers(2, 7), "e": some(0.6, 1.0), "delta": GAP, "v0": some(0.1, 10.0)},
     "coulomb-oscillator": {"m": some(0.1, 10.0), "k": some(10.0, 100.0), "F": some(1.0, 10.0), "x0": some(0.05, 2.0)},
+    "forced-coulomb-oscillator": {"F": some(0.5, 4.0), "P": some(9.0, 12.0), "omega": some(6.0, 8.5)},
+    "plastic-ball": {"m": some(0.1, 10.0), "A": some(0.0026, 0.006)},
+    "impact-pair": {"m": some(0.1, 10.0), "d": some(0.05, 0.2), "e": some(0.3, 0.9), "omega": some(1.0, 100.0)},
+    "pi-billiard": {"M": some(0.3, 300.0), "v0": some(0.1, 10.0), "D": some(0.1, 2.0), "d": some(0.1, 2.0)},
+    "inelastic-collapse": {"e": some(0.01, 0.06), "v0": some(0.1, 10.0), "d": some(0.1, 1.0), "delta": some(0.1, 1.0)},
     "jenkins-cycle": {"k": some(50.0, 200.0), "f_y": some(1.0, 8.0), "X": some(0.1, 1.0), "k_h": some(0.0, 100.0)},
     "vibrating-table": {"m": some(0.1, 10.0), "e": some(0.4, 0.9), "omega": some(20.0, 100.0), "swing": some(1.05, 1.3)},
     "rocking-block": {"p": some(0.5, 5.0), "alpha": some(0.05, 0.4), "tilt": some(0.05, 0.95), "e": some(0.5, 1.0)},
@@ -311,6 +322,14 @@ REGIMES = [
     ("coulomb-oscillator", {"x0": 2.0}),
     ("jenkins-cycle", {"X": 0.04}),
     ("jenkins-cycle", {"k_h": 50.0}),
+    ("forced-coulomb-oscillator", {"omega": 15.0, "F": 4.0}),
+    ("forced-coulomb-oscillator", {"omega": 4.0, "F": 1.0}),
+    ("plastic-ball", {"A": 0.0083}),
+    ("plastic-ball", {"A": 0.012}),
+    ("impact-pair", {"n": 3, "d": 1.0}),
+    ("impact-pair", {"e": 1.0, "A": 0.01}),
+    *(("pi-billiard", {"M": M}) for M in (0.5, 1.0, 3.0, 1e4)),
+    *(("inelastic-collapse", {"e": e}) for e in (0.01, 0.08, 0.5, 1.0)),
     ("two-ball-drop", {"delta": 0.0, "e": 0.7}),
     ("newtons-cradle", {"delta": 0.0, "e": 0.6}),
     ("newtons-cradle", {"N": 2}),
@@ -388,6 +407,17 @@ BAD = [
     ("two-balls-spring", {"R": 2.0}, "x1 = 1 must be above R = 2"),
     ("coulomb-oscillator", {"F": -1.0}, "F = -1 must be above zero"),
     ("coulomb-oscillator", {"x0": 0.0}, "x0 = 0 must be above zero"),
+    ("forced-coulomb-oscillator", {"omega": 10.0}, "where there is no such motion"),
+    ("forced-coulomb-oscillator", {"F": 9.0}, "stops within a swing"),
+    ("forced-coulomb-oscillator", {"P": 0.0}, "P = 0 must be above zero"),
+    ("plastic-ball", {"A": 0.002}, "does not throw the ball: A omega²/g = 0.804861 must be above 1"),
+    ("impact-pair", {"n": 2.0}, "n = 2 must be odd"),
+    ("impact-pair", {"A": 0.001}, "A = 0.001 is too small for this motion"),
+    ("impact-pair", {"e": 0.0, "A": 0.07}, "a wall strikes the mass on its way"),
+    ("pi-billiard", {"M": 1e9}, "at most 10,000 are followed; lower M"),
+    ("pi-billiard", {"d": 0.0}, "d = 0 must be above zero"),
+    ("inelastic-collapse", {"e": 0.0}, "e = 0 leaves the first two balls together"),
+    ("inelastic-collapse", {"delta": -1.0}, "delta = -1 must be above zero"),
     ("jenkins-cycle", {"k_h": -1.0}, "k_h = -1 must not be negative"),
     ("jenkins-cycle", {"f_y": 0.0}, "f_y = 0.0 must be a positive"),
     ("vibrating-table", {"A": 0.001}, "the table is too slow"),
@@ -887,6 +917,21 @@ def coulomb_oscillator(m, k, F, x0):
     return {"t_∞": t, "x_∞": x} | ({"x_1": turns[0]} if turns else {})
 
 
+def forced_coulomb_oscillator(m, k, F, P, omega):
+    """From the start of the closed form: after half a period it turns at the mirror image of it."""
+    problem = load_problem("forced-coulomb-oscillator", m=m, k=k, F=F, P=P, omega=omega)
+    phase = next(each for each in problem.scheme.elements if isinstance(each, li.Load)).f.phase
+    X, T = problem.q0["x"], 2 * math.pi / omega
+
+    def rates(y):
+        return [y[1], (F - k * y[0] + P * math.cos(omega * y[2] + phase)) / m, 1.0]
+
+    ((half, y),) = falling(rates, [X, 0.0, 0.0], T, lambda y: -y[1], scale=[X, X * omega, T])
+    assert_allclose(y[0], -X, rtol=1e-10)
+    eighth = solve_ivp(lambda _, y: rates(y), (0, T / 8), [X, 0.0, 0.0], "DOP853", rtol=1e-13, atol=1e-16).y[0, -1]
+    return {"X": -y[0], "x(T/8)": eighth, "T/2": half}
+
+
 def jenkins_cycle(k, f_y, X, omega, k_h):
     """Elastic trial and plastic correction along the branches 0, X, -X, X, ...; both are lines between their corners."""
     x, p, works, places = 0.0, 0.0, [], []
@@ -922,6 +967,89 @@ def vibrating_table(m, g, e, A, omega, n):
     take_off = -w - e * (landing + w)
     assert_allclose(take_off, v, rtol=1e-9)
     return {"T": t, "w": w, "U": landing + w, "P": m * (landing - take_off)}
+
+
+def plastic_ball(m, g, A, omega):
+    """Thrown where the table's downward acceleration passes g; caught by it, and held until the next such instant."""
+    T = 2 * math.pi / omega
+    throw = brentq(lambda t: -A * omega**2 * math.cos(omega * t) - g, 0.0, 0.5 * T, xtol=1e-17)
+    start = [A * math.cos(omega * throw), -A * omega * math.sin(omega * throw), throw]
+
+    def gap(y):
+        return A * math.cos(omega * y[2]) - y[0]
+
+    def rates(y):
+        return [y[1], g, 1.0]
+
+    # Past the instant of the throw, where the gap is zero for the first time.
+    later = 1e-2 * T
+    aloft = solve_ivp(lambda _, y: rates(y), (0.0, later), start, "DOP853", rtol=1e-13, atol=1e-16).y[:, -1]
+    ((wait, y),) = falling(rates, aloft, 20 * T, gap, scale=[A, A * omega, T])
+    landing = throw + later + wait
+    return {
+        "t_1": throw, "t_2": landing, "U": y[1] + A * omega * math.sin(omega * landing),
+        "t_3": throw + T * math.ceil((landing - throw) / T),
+    }  # fmt: skip
+
+
+def impact_pair(m, d, e, A, omega, n):
+    """From the start of the closed form: it reaches the other wall after half of the motion, and leaves it as it came."""
+    problem = load_problem("impact-pair", m=m, d=d, e=e, A=A, omega=omega, n=n)
+    phase = next(each for each in problem.scheme.elements if isinstance(each, li.PrescribedMotion)).y.phase
+    x, v, τ = problem.q0["x"], problem.v0["x"], n * math.pi / omega
+
+    def play(t):
+        return 0.5 * d + x + v * t - A * np.cos(omega * t + phase)
+
+    assert (play(np.linspace(0.0, 0.98, 400) * τ) > 0.0).all()
+    t = brentq(play, 0.98 * τ, 1.02 * τ, xtol=1e-16)
+    wall = -A * omega * math.sin(omega * t + phase)
+    after = wall + e * (wall - v)
+    assert_allclose(after, -v, rtol=1e-9)
+    # The second impact is the mirror image of this one.
+    return {"τ": t, "w": -v, "ρw": wall, "U": wall - v, "P": m * (after - v)}
+
+
+def pi_billiard(m, M, v0, D, d):
+    """From impact to impact, with the distances from the wall."""
+    X, x, V, v, t, times = D + d, d, -v0, 0.0, 0.0, []
+    while v < 0.0 or v > V * (1.0 + 1e-12):
+        balls, wall = (X - x) / (v - V) if v > V else math.inf, -x / v if v < 0.0 else math.inf
+        wait = min(balls, wall)
+        t, X, x = t + wait, X + V * wait, x + v * wait
+        if balls < wall:
+            V, v = ((M - m) * V + 2 * m * v) / (M + m), ((m - M) * v + 2 * M * V) / (M + m)
+        else:
+            v = -v
+        times.append(t)
+    return {
+        "N": len(times), "t_1": times[0], "t_2": times[1], "t_N": times[-1], "V/v0": -V / v0,
+        "v/V_m": -v / v0 * math.sqrt(m / M),
+    }  # fmt: skip
+
+
+def inelastic_collapse(m, v0, e, d, delta):
+    """In 60 digits, until the approach of the last pair is 1e-40 of the first."""
+    with mpmath.workdps(60):
+        gaps, v, t, impacts = [mpmath.mpf(d), mpmath.mpf(delta)], [mpmath.mpf(v0), mpmath.mpf(0), mpmath.mpf(0)], 0, []
+        while True:
+            waits = {i: gaps[i] / (v[i] - v[i + 1]) for i in (0, 1) if v[i] - v[i + 1] > 1e-40 * v0}
+            if not waits:
+                break
+            i = min(waits, key=waits.get)
+            t, gaps = t + waits[i], [gaps[j] - (v[j] - v[j + 1]) * waits[i] for j in (0, 1)]
+            gaps[i], mean, half = mpmath.mpf(0), (v[i] + v[i + 1]) / 2, e * (v[i] - v[i + 1]) / 2
+            impacts.append((float(t), float(2 * half / e)))
+            v[i], v[i + 1] = mean - half, mean + half
+    found = {f"t_{n + 1}": each[0] for n, each in enumerate(impacts[:3])}
+    found |= {
+        "N": len(impacts),
+        "t_N": impacts[-1][0],
+        "t_∞": impacts[-1][0],
+        "p_2": impacts[min(2, len(impacts) - 1)][1],
+    }
+    v = [float(each) / v0 for each in v]
+    return found | {"v/v0": v[0], "v_1/v0": v[0], "v_3/v0": v[2]}
 
 
 def rocking_block(p, alpha, theta, e):
@@ -1030,9 +1158,14 @@ OUTSIDE = {
     "two-balls-spring": two_balls_spring,
     "newtons-cradle": newtons_cradle,
     "coulomb-oscillator": coulomb_oscillator,
+    "forced-coulomb-oscillator": forced_coulomb_oscillator,
     "jenkins-cycle": jenkins_cycle,
     "vibrating-table": vibrating_table,
     "thrown-ball": thrown_ball,
+    "plastic-ball": plastic_ball,
+    "impact-pair": impact_pair,
+    "pi-billiard": pi_billiard,
+    "inelastic-collapse": inelastic_collapse,
     "rocking-block": rocking_block,
     "diode-bridge": diode_bridge,
     "bar-impact": bar_impact,
