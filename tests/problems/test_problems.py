@@ -27,6 +27,7 @@ from lcpimpact.problems import PROBLEMS, load_problem, reading
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import angle, free_vibration
 from lcpimpact.scheme.terms import RowLaw
+from rough_contacts import Bodies, Rough
 
 BARS = {"bar-impact", "bouncing-bar", "plastic-bar-impact"}
 """Finite elements: their facts are those of the continuum, and `exact` takes long over so many nodes."""
@@ -168,7 +169,7 @@ def declared_order(problem):
     declared = METHODS["moreau-jean"].declared
     orders = [declared.order_force_jump]
     for contact in problem.dynamics.contacts:
-        if contact.law is RowLaw.SLIDER:
+        if contact.law in (RowLaw.SLIDER, RowLaw.FRICTION):
             # Of a slider on a spring too, the step in which it begins to slip leaves an error of the first order.
             orders.append(declared.order_friction)
         elif contact.law is RowLaw.RELAY:
@@ -269,6 +270,13 @@ RANDOM = {
     "newtons-cradle": {"N": st.integers(2, 7), "e": some(0.6, 1.0), "delta": GAP, "v0": some(0.1, 10.0)},
     "coulomb-oscillator": {"m": some(0.1, 10.0), "k": some(10.0, 100.0), "F": some(1.0, 10.0), "x0": some(0.05, 2.0)},
     "forced-coulomb-oscillator": {"F": some(0.5, 4.0), "P": some(9.0, 12.0), "omega": some(6.0, 8.5)},
+    "block-on-incline": {"m": some(0.1, 10.0), "alpha": some(0.1, 0.6), "mu": some(0.75, 2.0), "v0": some(0.1, 10.0)},
+    "block-on-belt": {"m": some(0.5, 2.0), "k": some(50.0, 200.0), "mu": some(0.2, 1.0), "v_b": some(0.01, 0.1)},
+    "thrown-block": {"mu": some(0.05, 1.0), "e": some(0.1, 0.9), "v_x": some(0.5, 5.0), "v_y": some(0.5, 5.0)},
+    "rolling-sphere": {"k": some(0.1, 1.0), "mu": some(0.1, 1.0), "v0": some(0.1, 5.0), "omega0": some(0.0, 100.0)},
+    "spinning-ball": {"k": some(0.1, 1.0), "mu": some(0.05, 1.0), "e": some(0.1, 0.8), "omega0": some(1.0, 100.0)},
+    "super-ball": {"k": some(0.1, 1.0), "H": some(0.1, 2.0), "omega0": some(1.0, 100.0)},
+    "super-ball-table": {"k": some(0.1, 1.0), "h": some(0.1, 2.0), "v_x": some(0.1, 5.0), "v_y": some(0.5, 5.0)},
     "plastic-ball": {"m": some(0.1, 10.0), "A": some(0.0026, 0.006)},
     "impact-pair": {"m": some(0.1, 10.0), "d": some(0.05, 0.2), "e": some(0.3, 0.9), "omega": some(1.0, 100.0)},
     "pi-billiard": {"M": some(0.3, 300.0), "v0": some(0.1, 10.0), "D": some(0.1, 2.0), "d": some(0.1, 2.0)},
@@ -324,6 +332,20 @@ REGIMES = [
     ("jenkins-cycle", {"k_h": 50.0}),
     ("forced-coulomb-oscillator", {"omega": 15.0, "F": 4.0}),
     ("forced-coulomb-oscillator", {"omega": 4.0, "F": 1.0}),
+    ("block-on-incline", {"mu": 0.3}),
+    ("block-on-incline", {"mu": 0.0}),
+    ("thrown-block", {"mu": 0.6}),
+    ("thrown-block", {"mu": 1.2}),
+    ("rolling-sphere", {"omega0": -100.0}),
+    ("rolling-sphere", {"k": 0.5, "omega0": 30.0}),
+    ("spinning-ball", {"mu": 0.5}),
+    ("spinning-ball", {"mu": 0.5, "e_T": 0.4}),
+    ("spinning-ball", {"mu": 0.02}),
+    ("spinning-ball", {"mu": 0.0}),
+    ("spinning-ball", {"e": 0.0}),
+    ("spinning-ball", {"e": 1.0, "e_T": 1.0, "mu": 5.0}),
+    ("super-ball", {"k": 2.0 / 3.0}),
+    ("super-ball-table", {"k": 0.5}),
     ("plastic-ball", {"A": 0.0083}),
     ("plastic-ball", {"A": 0.012}),
     ("impact-pair", {"n": 3, "d": 1.0}),
@@ -410,6 +432,19 @@ BAD = [
     ("forced-coulomb-oscillator", {"omega": 10.0}, "where there is no such motion"),
     ("forced-coulomb-oscillator", {"F": 9.0}, "stops within a swing"),
     ("forced-coulomb-oscillator", {"P": 0.0}, "P = 0 must be above zero"),
+    ("block-on-incline", {"mu": -0.1}, "mu = -0.1 must not be negative"),
+    ("block-on-incline", {"alpha": 2.0}, "alpha = 2 must be below π/2"),
+    ("block-on-belt", {"v_b": 0.3}, "v_b = 0.3 is too fast for the block ever to stick; it must be below 0.2943 m/s"),
+    ("thrown-block", {"e": 1.0}, "e = 1 never lets the block rest"),
+    ("thrown-block", {"mu": 0.0}, "mu = 0 must be above zero"),
+    ("rolling-sphere", {"omega0": -20.0}, "the ball rolls from the start"),
+    ("draw-shot", {"omega0": 10.0}, "omega0 = 10 is too weak to bring the ball back; it must be above 166.667"),
+    ("spinning-ball", {"e_T": 1.5}, "e_T = 1.5 must lie between 0 and 1"),
+    ("spinning-ball", {"mu": -1.0}, "mu = -1 must not be negative"),
+    ("super-ball", {"mu": 0.1}, "mu = 0.1 is too little to turn the slip round; it must be at least 0.18"),
+    ("super-ball-table", {"mu": 0.1}, "too little to turn the slip round"),
+    ("woodpecker", {"mu": 0.0}, "mu = 0 must be above zero"),
+    ("woodpecker", {"e": 1.5}, "e = 1.5 must lie between 0 and 1"),
     ("plastic-ball", {"A": 0.002}, "does not throw the ball: A omega²/g = 0.804861 must be above 1"),
     ("impact-pair", {"n": 2.0}, "n = 2 must be odd"),
     ("impact-pair", {"A": 0.001}, "A = 0.001 is too small for this motion"),
@@ -573,6 +608,8 @@ def test_published_numbers():
     assert_allclose([drop["v_1"], drop["v_2"]], [0.0, -2.0 * v], rtol=0, atol=1e-10)
     assert_allclose([facts("three-balls")[f"v_{i}/v0"] for i in (1, 2, 3)], [-1 / 3, 2 / 3, 2 / 3], rtol=1e-15)
     assert_allclose([facts("three-balls", delta=1e-9)[f"v_{i}/v0"] for i in (1, 2, 3)], [0, 0, 1], atol=0)
+    assert_allclose(facts("super-ball-table")["v_3"], -333 / 343, rtol=1e-15)
+    assert_allclose(facts("super-ball")["v_1"], -8 / 7, rtol=1e-15)
     assert_allclose(facts("jenkins-cycle")["W"], 4 * 5.0 * (0.12 - 0.05), rtol=1e-14)
     assert_allclose(facts("bouncing-bar")["t_2"], 11 / 3, rtol=1e-15)
 
@@ -952,6 +989,92 @@ def jenkins_cycle(k, f_y, X, omega, k_h):
                     if k * X > f_y else {})  # fmt: skip
 
 
+def block_on_incline(m, g, alpha, mu, v0):
+    block = Bodies(m * np.eye(2), np.zeros((2, 2)), m * g * np.array([math.sin(alpha), math.cos(alpha)]),
+                   [Rough((0, -1), (1, 0), mu=mu)])  # fmt: skip
+    t_end = load_problem("block-on-incline", m=m, g=g, alpha=alpha, mu=mu, v0=v0).t_end
+    log, q, v = block.run([0, 0], [v0, 0], t_end)
+    F = m * g * math.sin(alpha) if log else mu * m * g * math.cos(alpha)
+    return {"t_s": log[0].t if log else None, "s": q[0], "v": v[0], "F": F}
+
+
+def block_on_belt(m, g, k, mu, v_b):
+    block = Bodies(m * np.eye(2), np.diag([k, 0.0]), [0, m * g], [Rough((0, -1), (1, 0), mu=mu, belt=v_b)])
+    (stick, slip), _, _ = block.run([0, 0], [0, 0], load_problem("block-on-belt", m=m, g=g, k=k, mu=mu, v_b=v_b).t_end)
+    # Its energy about the place where the spring balances the friction.
+    balance = mu * m * g / k
+    return {
+        "t_1": stick.t,
+        "t_2": slip.t,
+        "x_max": balance + math.hypot(slip.q[0] - balance, slip.v[0] * math.sqrt(m / k)),
+    }
+
+
+def thrown_block(m, g, mu, e, v_x, v_y):
+    """Flight by flight, until these are shorter than rounding."""
+    t, x, v, w, speeds = 0.0, 0.0, v_x, v_y, []
+    while w > 1e-18 * v_y:
+        t, x = t + 2 * w / g, x + 2 * w / g * v
+        v, w = max(v - mu * (1 + e) * w, 0.0), e * w
+        speeds.append(v)
+    return {"t_1": 2 * v_y / g, "v_1": speeds[0], "x_∞": x + v**2 / (2 * mu * g), "t_s": t + v / (mu * g)}
+
+
+def ball(m, R, k, g, *contacts):
+    return Bodies(np.diag([m, m, k * m * R**2]), np.zeros((3, 3)), [0, m * g, 0], contacts)
+
+
+def rolling_sphere(m, R, k, g, mu, v0, omega0):
+    log, _, v = ball(m, R, k, g, Rough((0, -1, 0), (1, 0, R), mu=mu)).run(
+        [0, 0, 0], [v0, 0, omega0], 1e3 * v0 / g, stop=len
+    )
+    return {"t_r": log[0].t, "v_r": v[0], "x_r": log[0].q[0], "ω_r": v[2]}
+
+
+def spinning_ball(m, R, k, g, mu, e, e_T, v_y, omega0):
+    """Impact by impact: the slip changes by (1 + 1/k) P_F/m, and not beyond -e_T times its value."""
+    v, ω, w, found = 0.0, omega0, v_y, {}
+    while w > 1e-18 * v_y:
+        s, P = v + R * ω, (1 + e) * m * w
+        P_F = math.copysign(min(mu * P, (1 + e_T) * abs(s) * m / (1 + 1 / k)), s)
+        v, ω, w = v - P_F / m, ω - R * P_F / (k * m * R**2), e * w
+        found = found or {"t_1": v_y / g, "v": v, "ω": ω, "P": P, "P_F": P_F}
+        if e == 1.0:
+            break
+    return found | {"v_r": v - k / (1 + k) * (v + R * ω)}
+
+
+def super_ball(m, R, k, g, mu, H, omega0):
+    body = ball(m, R, k, g, Rough((0, -1, 0), (1, 0, R), gap=H, mu=mu, e=1.0, e_T=1.0))
+    log, *_ = body.run([0, 0, 0], [0, 0, omega0], 100.0, stop=lambda log: len(log) == 2)
+    first, second = (each.v for each in log)
+    return {"t_1": log[0].t, "v_1": first[0], "ω_1": first[2], "v_2": second[0], "ω_2": second[2]}
+
+
+def super_ball_table(m, R, k, mu, h, v_x, v_y):
+    sides = [Rough((0, -side, 0), (1, 0, side * R), gap=h / 2, mu=mu, e=1.0, e_T=1.0) for side in (1, -1)]
+    log, *_ = ball(m, R, k, 0.0, *sides).run([0, 0, 0], [v_x, v_y, 0], 10 * h / v_y, stop=lambda log: len(log) == 3)
+    return {"t_1": log[0].t, "ω_3": log[2].v[2]} | {f"v_{n}": each.v[0] for n, each in enumerate(log, 1)}
+
+
+def woodpecker(m_M, m_S, J_M, J_S, c, mu, e, g):
+    """One cycle of the toy, with Glocker's lengths, from the start of the problem: it comes back to its start."""
+    r_O, r_M, h_M, l_M, l_G, h_S, l_S = 0.0025, 0.0031, 0.0058, 0.010, 0.015, 0.02, 0.0201
+    weights = np.array([m_M + m_S, m_S * l_M, m_S * l_G])
+    M = m_S * np.outer([1, l_M, l_G], [1, l_M, l_G]) + np.diag([m_M, J_M, J_S])
+    toy = Bodies(M, c * np.array([[0, 0, 0], [0, 1, -1], [0, -1, 1]]), g * weights, [
+        Rough((0, 0, h_S), (1, l_M, l_G - l_S), l_M + l_G - l_S - r_O, mu, e),
+        Rough((0, -h_M, 0), (1, r_M, 0), r_M - r_O, mu),
+        Rough((0, h_M, 0), (1, r_M, 0), r_M - r_O, mu),
+    ])  # fmt: skip
+    problem = load_problem("woodpecker")
+    q, v = problem.initial_coordinates, problem.initial_velocities
+    log, q_T, v_T = toy.run(q, v, 1.0, stop=lambda log: any(each.t > 0.03 and each.kind == "slip" for each in log))
+    assert_allclose(q_T[1:], q[1:], rtol=1e-9)
+    beak = next(each for each in log if each.kind == "impact" and each.contact == 0)
+    return {"T": log[-1].t, "Δy": q_T[0], "ω_S": -v_T[2], "t_b": beak.t, "ω_b": -beak.before[2]}
+
+
 def vibrating_table(m, g, e, A, omega, n):
     """From the start of the closed form: the ball lands after n periods, and takes off again as it did."""
     problem = load_problem("vibrating-table", m=m, g=g, e=e, A=A, omega=omega, n=n)
@@ -1160,6 +1283,15 @@ OUTSIDE = {
     "coulomb-oscillator": coulomb_oscillator,
     "forced-coulomb-oscillator": forced_coulomb_oscillator,
     "jenkins-cycle": jenkins_cycle,
+    "block-on-incline": block_on_incline,
+    "block-on-belt": block_on_belt,
+    "thrown-block": thrown_block,
+    "rolling-sphere": rolling_sphere,
+    "draw-shot": rolling_sphere,
+    "spinning-ball": spinning_ball,
+    "super-ball": super_ball,
+    "super-ball-table": super_ball_table,
+    "woodpecker": woodpecker,
     "vibrating-table": vibrating_table,
     "thrown-ball": thrown_ball,
     "plastic-ball": plastic_ball,
