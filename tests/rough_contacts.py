@@ -1,7 +1,7 @@
 """Bodies with rough contacts, from event to event: the outside reference of problems with friction.
 
-M q'' + K q = f with the contacts of a list. DOP853 follows a mode, in which each closed contact sticks or slides one way; modes
-and impacts are found by enumeration of all combinations. It imports nothing of lcpimpact.
+M q'' + K q = f with the contacts of a list. DOP853 follows a mode, in which each closed contact sticks or slides one way;
+modes and impacts are found by enumeration of all combinations. It imports nothing of lcpimpact.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class Bodies:
         for mode in product(*choices):
             x, r_N, r_T = self.solve(mode, start, b)
             ξ_N, ξ_T = self.N @ x + b[:nc], self.T @ x + b[nc:]
-            size, force = 1e-10 * (1e-30 + np.abs(x).max() + np.abs(b).max()), 1e-10 * (1e-30 + np.abs(r_N).max())
+            size, force = 1e-10 * (1e-30 + np.abs(start).max() + np.abs(b).max()), 1e-10 * (1e-30 + np.abs(r_N).max())
             fits = True
             for i, state in enumerate(mode):
                 if len(choices[i]) == 1 and state == OPEN:
@@ -103,7 +103,7 @@ class Bodies:
     def impact(self, q, v, rest):
         """Return v after an impact by Newton's law, and the impulses; slower than ``rest`` nothing rebounds."""
         U_N, U_T = self.N @ v, self.T @ v - self.belt
-        e = np.where(U_N < -rest, self.e, 0.0)
+        e = np.where(rest < -U_N, self.e, 0.0)
         b = np.concatenate([e * U_N, self.e_T * U_T - self.belt])
         choices = [(OPEN, STICK, 1, -1) if gap <= 1e-11 else (OPEN,) for gap in self.gaps(q)]
         _, after, P_N, P_T = self.choose(choices, v, b)

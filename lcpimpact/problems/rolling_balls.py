@@ -95,8 +95,8 @@ def draw_shot(
 ) -> Problem:
     r"""A billiard ball with backspin: it slows down, turns, and comes back.
 
-    It is `rolling_sphere` with a spin that wins: ``v_r = (v0 - k R ω_0)/(1 + k)`` is below zero for ``k R ω_0 > v0``. Sliding
-    friction pushes the ball back all the time, so it
+    It is `rolling_sphere` with a spin that wins: ``v_r = (v0 - k R ω_0)/(1 + k)`` is below zero for ``k R ω_0 > v0``.
+    Sliding friction pushes the ball back all the time, so it
 
     - turns at ``t_0 = v0/(μ g)``, after ``v0²/(2 μ g)``,
     - and rolls back from ``t_r = (v0 + R ω_0) k/((1 + k) μ g)`` on at |v_r|.
@@ -401,8 +401,8 @@ def super_ball_table(
     r"""A super ball thrown under a table: it comes back out.
 
     e = e_T = 1, no gravity. From half of the height it flies down to the floor, up to the table, and down to the floor
-    again. Each bounce is the reflection of `super_ball`, but at the table the rim moves with ``x' - R φ'``. So the bounces no
-    longer undo each other:
+    again. Each bounce is the reflection of `super_ball`, but at the table the rim moves with ``x' - R φ'``. So the bounces
+    no longer undo each other:
 
     - for k = 2/5 and no spin at the start x' is 3/7, -31/49 and -333/343 of v_x after the three bounces: it goes back where
       it came from, at nearly the same speed.

@@ -76,7 +76,7 @@ def block_on_incline(
     t_stop = v0 / -a if a < 0.0 else math.inf
     t_end = 1.5 * t_stop if a < 0.0 else 2.0 * v0 / g
     if a < 0.0:
-        facts = (
+        facts: tuple[Fact, ...] = (
             Fact("t_s", "when it stops", t_stop, "s", partial(instant, kind="stick")),
             Fact("s", "way until then", 0.5 * v0 * t_stop, "m", partial(final, series="x")),
             Fact("F", "friction at rest", m * g * math.sin(alpha), "N", partial(final, series="F")),
@@ -255,7 +255,7 @@ def thrown_block(
     x = flight * (v_inf * (1.0 - left) / (1.0 - e) + d * (1.0 - left**2) / (1.0 - e**2))
     x += v_inf**2 / (2.0 * mu * g) if slides else 0.0
     after = max(v_x - mu * (1.0 + e) * v_y, 0.0)
-    facts = (
+    facts: tuple[Fact, ...] = (
         Fact("t_1", "first landing", flight, "s", partial(instant, kind="impact", contact="N")),
         Fact("v_1", "speed after it", after, "m/s",
              partial(limit, kind="impact", contact="N", of="v", i=0, side="right"), scale=v_x),

@@ -38,12 +38,11 @@ def woodpecker(
     r"""A toy woodpecker that pecks its way down a pole.
 
     A sleeve with play runs on a pole, and the woodpecker sits on it by a spring. Coordinates are y of the sleeve downwards,
-    its angle φ_M and that φ_S of the woodpecker, which for small angles have the constant coupled mass matrix
+    its angle φ_M and that φ_S of the woodpecker. For small angles their mass matrix is constant, with the kinetic energy
+    ``m_M y'²/2 + J_M φ_M'²/2 + J_S φ_S'²/2 + m_S (y' + l_M φ_M' + l_G φ_S')²/2``.
 
-    - ``M = [[m_M + m_S, m_S l_M, m_S l_G], [m_S l_M, J_M + m_S l_M², m_S l_M l_G], [m_S l_G, m_S l_M l_G, J_S + m_S l_G²]]``.
-
-    Three points may touch the pole, all with friction: the beak, ``u = l_M + l_G - l_S - r_O + h_S φ_S``, with restitution e,
-    and the lower and the upper edge of the sleeve, ``u = r_M - r_O ∓ h_M φ_M``, which do not rebound. In a cycle the
+    Three points may touch the pole, all with friction: the beak, ``u = l_M + l_G - l_S - r_O + h_S φ_S``, with restitution
+    e, and the lower and the upper edge of the sleeve, ``u = r_M - r_O ∓ h_M φ_M``, which do not rebound. In a cycle the
     tilted sleeve is jammed while the woodpecker swings; it lets go, the toy falls, the other edge strikes, the beak strikes
     and throws the woodpecker back, and the sleeve jams again. With the values of the source that is an attracting periodic
     motion of 0.146 s; a deviation is multiplied by -0.84 in each cycle. The run starts on it, where the sleeve begins to
@@ -75,7 +74,7 @@ def woodpecker(
     Examples
     --------
     >>> [round(fact.value, 9) for fact in woodpecker().facts]
-    [0.145976065, 0.019445379, 17.574666206, 0.019811179, 16.911177371]
+    [0.145976065, 0.019445379, 17.574666206, 0.019811179, 16.911177368]
 
     References
     ----------
@@ -113,7 +112,7 @@ def woodpecker(
 
 
 def _facts() -> tuple[Fact, ...]:
-    """Return the facts of the periodic motion, found by Newton's method on the map of a cycle, to the digits that are sure."""
+    """Return the facts of the periodic motion, a fixed point of the map of a cycle found by Newton's method."""
     beak = partial(limit, kind="impact", contact="N1", of="v", i=2, side="left", unit=-1.0)
     T = 0.14597606514
     return (

@@ -17,6 +17,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from rough_contacts import Bodies, Rough
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq, minimize_scalar
 
@@ -27,7 +28,6 @@ from lcpimpact.problems import PROBLEMS, load_problem, reading
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import angle, free_vibration
 from lcpimpact.scheme.terms import RowLaw
-from rough_contacts import Bodies, Rough
 
 BARS = {"bar-impact", "bouncing-bar", "plastic-bar-impact"}
 """Finite elements: their facts are those of the continuum, and `exact` takes long over so many nodes."""
