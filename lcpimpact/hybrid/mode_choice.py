@@ -316,7 +316,13 @@ def _solve_derivative(
     def answer(guess: Array) -> Answer:
         """Return the solution in double-doubles, and the forces of all rows."""
         tiny = zero * (summed + np.abs(W.hi) @ np.abs(guess))
-        z, w = complementary(W, q, guess, *data[2:], tiny)
+        idle = _idle_friction(choice, guess, nc)
+        acts = np.setdiff1d(np.arange(len(m)), idle)
+        z, w = complementary(
+            W[np.ix_(acts, acts)], q[acts], guess[acts], *(each[acts] for each in data[2:]), tiny[acts]
+        )
+        if len(idle):
+            z, w = _with_idle_friction(W, q, idle, acts, z)
         y = np.zeros((2, len(G)))
         y[:, m] = z.parts
         if c:
@@ -324,8 +330,40 @@ def _solve_derivative(
         force = DoubleDouble.of(laws.T) @ DoubleDouble(y) if system.friction else DoubleDouble(y)
         return Answer(at.r + force, z, w, tiny)
 
-    answers = [answer(guess) for guess in _solutions(data, solver, rubs or switches)]
+    answers, failure = [], None
+    for guess in _solutions(data, solver, rubs or switches):
+        try:
+            answers.append(answer(guess))
+        except np.linalg.LinAlgError as singular:
+            # A solution in floats whose basis is degenerate; another one may be the same motion.
+            failure = singular
+    if not answers and failure:
+        raise failure
     return _distinct(system, answers) if rubs else answers, data
+
+
+def _idle_friction(choice: Choice, guess: Array, nc: int) -> Indices:
+    """Return the positions of friction's pairs of unknowns among the undecided rows, one a line, whose normal force is zero."""
+    at = {i: a for a, i in enumerate(choice.undecided)}
+    pairs = [
+        (at[i], at[nc + k])
+        for k, (i, j) in enumerate(choice.friction)
+        if nc + k in at and at.get(j) is not None and guess[at[j]] == 0.0
+    ]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+def _with_idle_friction(
+    W: DoubleDouble, q: DoubleDouble, idle: Indices, acts: Indices, z: DoubleDouble
+) -> tuple[DoubleDouble, DoubleDouble]:
+    """Return z and w of all undecided rows: without a normal force there is no friction, and the slip accelerates freely."""
+    found = np.zeros((2, len(q)))
+    found[:, acts] = z.parts
+    free = q + W @ DoubleDouble(found)
+    for first, last in idle:
+        if free.hi[first] < 0.0:
+            found[:, last] = (-free[first] / float(W.hi[first, last])).parts
+    return DoubleDouble(found), q + W @ DoubleDouble(found)
 
 
 def _distinct(system: System, answers: list[Answer]) -> list[Answer]:
@@ -373,6 +411,16 @@ def _decide(system: System, choice: Choice, level: int, answer: Answer) -> list[
                 choice.slips.append((i, -choice.side[i]))
         else:
             choice.undecided.append(i)
+    for k, (i, normal) in enumerate(choice.friction):
+        last = len(system.degree) + k
+        if normal not in choice.closed and normal not in choice.undecided:
+            # An open contact has no friction.
+            choice.undecided, choice.closed = (
+                [each for each in rows if each not in (i, last)] for rows in (choice.undecided, choice.closed)
+            )
+        elif last in choice.closed and i in choice.undecided:
+            choice.undecided.remove(i)
+            choice.closed.append(i)
     return moved
 
 
