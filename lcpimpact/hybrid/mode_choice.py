@@ -316,13 +316,13 @@ def _solve_derivative(
     def answer(guess: Array) -> Answer:
         """Return the solution in double-doubles, and the forces of all rows."""
         tiny = zero * (summed + np.abs(W.hi) @ np.abs(guess))
-        idle = _idle_friction(choice, guess, nc)
-        acts = np.setdiff1d(np.arange(len(m)), idle)
-        z, w = complementary(
-            W[np.ix_(acts, acts)], q[acts], guess[acts], *(each[acts] for each in data[2:]), tiny[acts]
-        )
-        if len(idle):
-            z, w = _with_idle_friction(W, q, idle, acts, z)
+        low, high = data[2:]
+        if len(idle := _idle_friction(choice, guess, nc)):
+            acts = np.setdiff1d(np.arange(len(m)), idle)
+            part, _ = complementary(W[np.ix_(acts, acts)], q[acts], guess[acts], low[acts], high[acts], tiny[acts])
+            z, w = _with_idle_friction(W, q, idle, acts, part)
+        else:
+            z, w = complementary(W, q, guess, low, high, tiny)
         y = np.zeros((2, len(G)))
         y[:, m] = z.parts
         if c:
@@ -343,7 +343,7 @@ def _solve_derivative(
 
 
 def _idle_friction(choice: Choice, guess: Array, nc: int) -> Indices:
-    """Return the positions of friction's pairs of unknowns among the undecided rows, one a line, whose normal force is zero."""
+    """Return the undecided pairs of unknowns of friction whose normal force is zero, by their positions (k, 2)."""
     at = {i: a for a, i in enumerate(choice.undecided)}
     pairs = [
         (at[i], at[nc + k])
