@@ -94,8 +94,8 @@ NUMBERS = tuple[float, ...]
 MATRIX = tuple[NUMBERS, ...]
 NAMES = tuple[str, ...]
 SYSTEM: dict[str, Any] = {
-    **dict.fromkeys("ABCD", MATRIX), **dict.fromkeys("ac", tuple[float | Signal, ...]), "states": NAMES, "multipliers": NAMES,
-    "lower": NUMBERS, "upper": NUMBERS,
+    **dict.fromkeys("ABCD", MATRIX), **dict.fromkeys("ac", tuple[float | Signal, ...]),
+    **dict.fromkeys(["lower", "upper"], NUMBERS), **dict.fromkeys(["states", "multipliers"], NAMES),
 }  # fmt: skip
 """Types of the entries of a system."""
 
@@ -643,7 +643,7 @@ def _item(value: Any, place: str) -> Any:
         array = tomlkit.array()
         array.extend(_item(each, place) for each in value)
         return array.multiline(any(isinstance(each, (tuple, list, np.ndarray)) for each in value))
-    if is_real(value):
+    if is_real(value) or value in (math.inf, -math.inf):
         return int(value) if isinstance(value, Integral) else float(value)
     if callable(value):
         raise InputError(

@@ -21,7 +21,7 @@ MAX_NAMES = 4
 
 
 def draw_system(ax: Axes, system: LinearComplementaritySystem) -> tuple[float, float]:
-    """Draw the block diagram of x' = A x + B λ + a, w = C x + D λ + c with the law of λ and w; return its width and height."""
+    """Draw the block diagram of x' = A x + B λ + a, w = C x + D λ + c and the law of λ and w; return width and height."""
     assert system.states is not None
     assert system.multipliers is not None
     a = system.a or ()
