@@ -136,7 +136,9 @@ def _judge_contacts(
     by_rounding = ε * (of.r * scales.u + h * bounds * scales.U) + 2.0 * bounds * _crept(d, record)
     products = np.where(at_velocity_level, (h * (of.r + bounds) + largest) * slow, by_rounding)
     switches = _missing_switches(d, record, θ)
-    products = np.where(d.relays, ε * (d.r_max - d.r_min) * scales.u, products)
+    # Forces that balance at rest leave their rounding in u.
+    reach = ε * scales.u + 64.0 * np.finfo(float).eps * h * (np.abs(d.H) @ scales.forces(d))
+    products = np.where(d.relays, (d.r_max - d.r_min) * reach, products)
     return {
         "complementarity": worst(np.maximum(of.product, switches), products),
         "penetration": worst(of.penetration, np.where(strict, 0.0, stroke) + ε * scales.u),
