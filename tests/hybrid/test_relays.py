@@ -250,6 +250,16 @@ def test_the_order_of_steps_across_relays():
     assert METHODS["moreau-jean"].declared.order_relay == 1
 
 
+@pytest.mark.parametrize("name", ["filippov", "sliding-mode", "relay-oscillator"])
+def test_step_halving_locates_switches(name):
+    """The whole step and its halves keep one λ if the switch is in the first half, and agree on what is wrong."""
+    problem = li.load_problem(name)
+    for rtol in (1e-3, 1e-5):
+        run = li.simulate(problem, dt=problem.t_end / 40, t_end=problem.t_end, rtol=rtol)
+        q, _ = problem.motion(run.t)
+        assert np.abs(run.q - q).max() < 30.0 * rtol
+
+
 @pytest.mark.parametrize("method", ["moreau-jean", *LOCATING])
 @pytest.mark.parametrize("A", [[[0.0, 1.0], [-1.0, -0.1]], [[0.0, 1.0], [0.0, 0.0]]])
 def test_the_certificate_notices_relays_that_do_not_switch(method, A):
