@@ -29,6 +29,7 @@ FEATURES = (
     Feature.POWER_LAWS,
     Feature.MOTIONS,
     Feature.SYSTEMS,
+    Feature.RELAYS,
 )
 
 WISHES: tuple[tuple[str, Callable[[Declared], bool]], ...] = (

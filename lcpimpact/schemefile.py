@@ -644,7 +644,7 @@ def _item(value: Any, place: str) -> Any:
         array = tomlkit.array()
         array.extend(_item(each, place) for each in value)
         return array.multiline(any(isinstance(each, (tuple, list, np.ndarray)) for each in value))
-    if is_real(value):
+    if is_real(value) or value in (math.inf, -math.inf):
         return int(value) if isinstance(value, Integral) else float(value)
     if callable(value):
         raise InputError(

@@ -146,7 +146,9 @@ def _judge_contacts(
     by_rounding = ε * (violations.r * scales.u + h * bounds * scales.U) + 2.0 * bounds * _slip_tolerance(d, record)
     products = np.where(at_velocity_level, (h * (violations.r + bounds) + largest) * slow, by_rounding)
     switches = _missing_switches(d, record, θ)
-    products = np.where(d.relays, ε * (d.r_max - d.r_min) * scales.u, products)
+    # Forces that balance at rest leave their rounding in u.
+    reach = ε * scales.u + 64.0 * np.finfo(float).eps * h * (np.abs(d.H) @ scales.forces(d))
+    products = np.where(d.relays, (d.r_max - d.r_min) * reach, products)
     return {
         "complementarity": largest_violation(np.maximum(violations.product, switches), products),
         "penetration": largest_violation(violations.penetration, np.where(strict, 0.0, gap_change) + ε * scales.u),
