@@ -279,7 +279,7 @@ def test_the_certificate_notices_relays_that_do_not_switch(method, A):
         ("not complementary", problem(c=0.05 if method == "moreau-jean" else 1e-3)),
     ):
         failures = run.certify(wrong).failures
-        assert any("bounds" in each if name.startswith("outside") else "complementary" in each for each in failures), (
+        assert any("bounds" in each if name.startswith("outside") else "complementarity" in each for each in failures), (
             wrong
         )
 
