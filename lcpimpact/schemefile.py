@@ -98,6 +98,8 @@ SYSTEM: dict[str, Any] = {
 }  # fmt: skip
 """Types of the entries of a system."""
 
+FUNCTION = "a Python function, which a file cannot hold: build the scheme in Python"
+
 HOLDS = {tuple: "array", Sequence: "array", Mapping: "table", Literal: "word"}
 
 WORDS = {
@@ -499,7 +501,7 @@ def _converted(value: Any, hint: Any, place: str) -> Any:
     number = type(value) in (int, float) and not {int, float}.isdisjoint(kinds)
     if number or type(value) in kinds or (type(value) is str and "word" in held):
         return value
-    what = dict.fromkeys(word for word in map(_word, kinds) if word)
+    what = dict.fromkeys(word for word in map(_word, kinds) if word) or [FUNCTION]
     raise InputError(f"{place} = {_short(value)} must be {' or '.join(what)}")
 
 

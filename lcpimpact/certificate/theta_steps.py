@@ -8,7 +8,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Places
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
-from lcpimpact.certificate.laws import node_kinds
+from lcpimpact.certificate.laws import motion_forces_in_steps, node_kinds
 from lcpimpact.certificate.scales import Found, Scales, worst
 from lcpimpact.certificate.theta_balance import (
     Contacts,
@@ -32,9 +32,12 @@ def judge_theta_steps(
     d: Dynamics, record: Record, events: Sequence[Event], θ: float, limits: Limits
 ) -> tuple[Found, Scales, tuple[float, float]]:
     """Judge the steps of a θ-method."""
-    f = d.force(np.zeros(1) if d.constant_loads else record.t)
-    of, balance, scale, h = _violations(d, record, events, θ, f)
-    scales = Scales.of_largest(d, of.q, of.v, of.r, np.abs(f).max(axis=0)).at_least(d, h)
+    f, f_θ = d.force(np.zeros(1) if d.constant_loads else record.t), np.zeros((0, len(d.nodes)))
+    if d.force_laws:
+        f_θ = motion_forces_in_steps(d, record, θ)
+    of, balance, scale, h = _violations(d, record, events, θ, (f, f_θ))
+    largest = np.abs(f).max(axis=0) + np.abs(f_θ).max(axis=0, initial=0.0)
+    scales = Scales.of_largest(d, of.q, of.v, of.r, largest).at_least(d, h)
     found = {
         **_judge_nodes(d, record, events, (of, scales, h), θ, limits),
         **_judge_contacts(d, record, events, (of, scales, h), limits),
@@ -48,7 +51,7 @@ def judge_theta_steps(
 
 
 def _violations(
-    d: Dynamics, record: Record, events: Sequence[Event], θ: float, f: Array
+    d: Dynamics, record: Record, events: Sequence[Event], θ: float, forces: tuple[Array, Array]
 ) -> tuple[Violations, float, float, float]:
     """Return the largest violations of each contact and node, the balance of energy, its scale and the longest step."""
     rows = rows_by_name(d)
@@ -66,7 +69,7 @@ def _violations(
     )
     of = no_violations(len(d.contacts), len(d.nodes))
     balance, scale, h = certify_steps(
-        Recorded(record.t, record.q, record.v, record.reaction, f),
+        Recorded(record.t, record.q, record.v, record.reaction, *forces),
         Impulses(step, row, np.array([each[2] for each in acting])),
         float(θ),
         Nodes(pattern, d.M[at], d.C[at], d.K[at], node_kinds(d)),

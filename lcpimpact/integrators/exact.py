@@ -52,7 +52,7 @@ class Exact(Integrator):
         order_penetration=float("inf"),
         level="position and velocity",
         relative_degrees=(0, 1, 2),
-        handles=tuple(each for each in Feature if each is not Feature.POWER_LAWS),
+        handles=tuple(each for each in Feature if each not in (Feature.POWER_LAWS, Feature.FORCES)),
         reaction_time="at t, right limit",
         energy="exact",
         balances_energy=True,

@@ -23,7 +23,8 @@ tie the voltage of a capacitor to a source, x would oscillate for ever with θ <
 or inactive uses θ = 1.
 
 The row of A of a node with prescribed motion is that of the identity. Forces of non-linear springs are evaluated at t_θ, by
-Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`.
+Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`, and for forces of any kind
+`lcpimpact.integrators.stepping.force_newton`.
 """
 
 from __future__ import annotations
@@ -140,7 +141,7 @@ class MoreauJean(LinearStep):
 
     def contact_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
         """Return W = H A⁻¹ Hᵀ/h, with A and H/√h where it has that form."""
-        if not d.stores_energy or d.springs:
+        if not d.stores_energy or len(d.pushes):
             return Dense(W)
         free = ~d.driven
         return Dense(W, A=self.matrix(d, h)[np.ix_(free, free)], H=d.H[:, free] / np.sqrt(h))

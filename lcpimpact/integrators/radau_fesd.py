@@ -112,7 +112,7 @@ class RadauFESD(Integrator):
         order_penetration=float("inf"),
         level="position and velocity",
         relative_degrees=(0, 1, 2),
-        handles=tuple(each for each in Feature if each is not Feature.POWER_LAWS),
+        handles=tuple(each for each in Feature if each not in (Feature.POWER_LAWS, Feature.FORCES)),
         reaction_time="at t, right limit",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",
         balances_energy=True,

@@ -137,7 +137,7 @@ def in_series(upper: Arm, lower: Arm) -> Arm:
 
 def arms_between(elements: Sequence[Element]) -> list[Arm]:
     """Return an arm for each pair of joined nodes, including the inner nodes of elements."""
-    inner = [node for element in elements for node in element.nodes[1:-1]]
+    inner = [node for element in elements for node in element.inner]
     outer = {node for element in elements for node in (element.nodes[0], element.nodes[-1])}
     arms = [Arm(*ends(p), p) for e in elements for p in e.drawn() if len(p.nodes) > 1]
     while True:
@@ -244,7 +244,7 @@ class Layout:
     def nodes(self) -> list[str]:
         """The nodes in order of first occurrence, without the ground and inner nodes."""
         named = dict.fromkeys(node for part in self.parts for node in (part.nodes[0], part.nodes[-1]))
-        taken_up = {node for element in self.elements for node in element.nodes[1:-1]} - {
+        taken_up = {node for element in self.elements for node in element.inner} - {
             end for arm in self.given for end in (arm.top, arm.bottom)
         }
         named = {node: None for node in named if node not in taken_up}

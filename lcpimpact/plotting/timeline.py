@@ -57,13 +57,13 @@ def math_text(symbol: str) -> str:
 def shown_nodes(trajectory: Trajectory) -> list[int]:
     """Return the coordinates to draw, without those of internal nodes of elements."""
     nodes = trajectory.problem.dynamics.nodes
-    inner = {node for element in _elements(trajectory) for node in element.nodes[1:-1]}
+    inner = {node for element in _elements(trajectory) for node in element.inner}
     return [i for i, node in enumerate(nodes) if node not in inner] or list(range(len(nodes)))
 
 
 def shown_forces(trajectory: Trajectory) -> list[int]:
     """Return the forces to draw, without those inside an element drawn as one symbol."""
-    inner = {node for e in _elements(trajectory) if e.drawn()[0] is e for node in e.nodes[1:-1]}
+    inner = {node for e in _elements(trajectory) if e.drawn()[0] is e for node in e.inner}
     return [i for i, each in enumerate(trajectory.problem.dynamics.forces) if not {each.upper, each.lower} & inner]
 
 

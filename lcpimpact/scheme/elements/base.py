@@ -40,10 +40,12 @@ class Element(ABC):
     @property
     @abstractmethod
     def nodes(self) -> tuple[str, ...]:
-        """The names of the nodes that the element touches: its two ends are the first and the last.
+        """The names of the nodes that the element touches: its two ends are the first and the last."""
 
-        Between them stand the nodes that the element makes for itself, as NAME.1, NAME.2, ..., which no other may use.
-        """
+    @property
+    def inner(self) -> tuple[str, ...]:
+        """The nodes between its ends: it makes them for itself, as NAME.1, NAME.2, ..., and no other may use them."""
+        return self.nodes[1:-1]
 
     @abstractmethod
     def contribute(self, terms: Terms) -> None:
