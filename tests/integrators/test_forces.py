@@ -215,6 +215,116 @@ def test_the_order_across_impacts(method):
     assert math.log2(np.mean(errors[:3]) / np.mean(errors[3:])) / 3.0 > 0.8
 
 
+def duffing_with_stop(t, q, v):
+    return 2.0 * np.cos(1.3 * t) - 4.0 * q**3
+
+
+STOPPED = li.Problem(
+    "duffing with stop",
+    li.Scheme(
+        li.Mass("x", 1.0),
+        li.KelvinVoigt("x", "ground", 1.0, 0.2),
+        li.Load("x", duffing_with_stop),
+        li.Bumper("x", "ground", gap=0.4, e=0.8),
+    ),
+    v0={"x": 0.5},
+)
+
+
+def followed_by_hand(rate, stop, e, y, t_end):
+    """Impacts by SciPy's events alone, which share nothing with the package."""
+    t, impacts = 0.0, []
+    while True:
+
+        def gap(t, y):
+            return stop - y[0]
+
+        gap.terminal, gap.direction = True, -1.0
+        found = solve_ivp(rate, (t, t_end), y, events=gap, max_step=0.02, **TIGHT)
+        t, y = found.t[-1], found.y[:, -1]
+        if found.status == 0:
+            return np.array(impacts), y
+        impacts.append((t, y[1]))
+        y = [stop - 1e-15, -e * y[1]]
+
+
+def test_a_duffing_oscillator_with_a_stop():
+    impacts, end = followed_by_hand(
+        lambda t, y: [y[1], duffing_with_stop(t, *y) - y[0] - 0.2 * y[1]], 0.4, 0.8, [0.0, 0.5], 12.0
+    )
+    assert len(impacts) > 4
+    run = li.simulate(STOPPED, "event-driven", dt=0.05, t_end=12.0)
+    found = [(event.t, event.left.v[0]) for event in run.events if event.kind == "impact"]
+    assert_allclose(found, impacts, rtol=0.0, atol=1e-6)
+    assert_allclose([run["x"][-1], run["v_x"][-1]], end, rtol=0.0, atol=1e-6)
+
+
+def test_stick_slip_by_a_smooth_stribeck_law():
+    """A block on a belt under μ(v) that falls with the slip: the limit cycle by SciPy's Radau."""
+    ε, belt, weight = 1e-3, 0.1, 10.0
+
+    def rub(t, q, v):
+        slip = v - belt
+        return -weight * (0.3 + 0.2 * np.exp(-((slip / 0.2) ** 2))) * np.tanh(slip / ε)
+
+    scheme = li.Scheme(li.Mass("x", 1.0), li.Spring("x", "ground", 100.0), li.Load("x", rub))
+    problem = li.Problem("stribeck", scheme)
+    truth = solve_ivp(
+        lambda t, y: [y[1], rub(t, *y) - 100.0 * y[0]], (0.0, 2.0), [0.0, 0.0], method="Radau", rtol=1e-9, atol=1e-11,
+        dense_output=True,
+    ).sol  # fmt: skip
+    errors = []
+    for h in (2e-3, 1e-3, 5e-4):
+        run = li.simulate(problem, dt=h, t_end=2.0)
+        errors.append(float(np.abs(run["x"] - truth(run.t)[0]).max()))
+    assert errors[-1] < 1e-4
+    assert errors[0] > 6.0 * errors[-1]
+    found = li.simulate(problem, "event-driven", dt=1e-2, t_end=2.0)
+    assert_allclose(found["x"], truth(found.t)[0], rtol=0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize(("method", "bound"), [("event-driven", 1e-8), ("rk4", 2e-3), ("moreau-jean", 2e-3)])
+def test_a_contact_opens_where_a_force_lifts_the_body(method, bound):
+    """m g = k t v-free force: the body leaves the ground at t = (m g/a)^(1/2), and its reaction before is m g - a t²."""
+    lift = li.Load("x", lambda t, q, v: -4.0 * t**2 * np.cos(q))
+    problem = li.Problem(
+        "lifted", li.Scheme(li.Mass("x", 1.0), li.Load("x", 1.0), lift, li.Bumper("x", "ground", e=0.0))
+    )
+    run = li.simulate(problem, method, dt=1e-3, t_end=1.0)
+    (opens,) = (event.t for event in run.events if event.kind == "open")
+    assert opens == pytest.approx(0.5, abs=bound)
+    before = run.t_reaction < 0.49
+    assert_allclose(run["R"][before], 1.0 - 4.0 * run.t_reaction[before] ** 2, rtol=0.0, atol=1e-9)
+
+
+def fallen_column(method, c, resist, **options):
+    elements = []
+    for i, below in enumerate(("b1", "b2", "ground")):
+        elements += [li.Mass(f"b{i}", 1.0), li.Load(f"b{i}", G), resist(f"b{i}", c)]
+        elements.append(li.Bumper(f"b{i}", below, gap=0.1, e=0.4, name=f"R{i}"))
+    return li.simulate(li.Problem("column", li.Scheme(*elements)), method, t_end=1.0, **options)
+
+
+def test_bursts_of_impacts_under_a_force_that_is_linear():
+    """A column of balls that falls on the ground, with dashpots, and with the same as forces."""
+    ours = fallen_column("event-driven", 0.1, lambda node, c: li.Load(node, lambda t, q, v: -c * v), dt=1e-2)
+    theirs = fallen_column("event-driven", 0.1, lambda node, c: li.Dashpot(node, "ground", c), dt=1e-2)
+    assert len(ours.events) == len(theirs.events) > 100
+    assert_allclose(ours.q, theirs.q, rtol=0.0, atol=1e-8)
+
+
+def test_bursts_under_quadratic_drag_end_a_run_by_events_with_a_sentence_and_moreau_jean_passes_them():
+    def drag(node, c):
+        return li.Load(node, lambda t, q, v: -c * v * np.sqrt(v**2))
+
+    stopped = fallen_column("event-driven", 0.5, drag, dt=1e-2, throw=False)
+    assert stopped.status is li.Status.ACCUMULATION
+    assert "take moreau-jean" in stopped.message
+    passed = fallen_column("moreau-jean", 0.5, drag, dt=1e-3)
+    assert_allclose(passed.q[-1], [0.3, 0.2, 0.1], rtol=0.0, atol=1e-2)
+    assert_allclose(passed.q[: int(1e3 * stopped.t[-1]) : 10], stopped.q[: len(stopped.q) - 1], rtol=0.0, atol=1e-2)
+
+
 def as_forces(problem):
     """The same problem with the springs and dashpots between nodes with mass, and the ground, as forces of any kind."""
     d, elements, changed = problem.dynamics, [], 0
