@@ -50,7 +50,11 @@ def folder(tmp_path_factory):
 # ---- what is written comes back equal -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", list(PROBLEMS))
+STATED = [name for name in PROBLEMS if not load_problem(name).dynamics.force_laws]
+"""Problems that a file can hold by their elements: not those with forces that are functions."""
+
+
+@pytest.mark.parametrize("name", STATED)
 def test_every_problem_comes_back_equal(name, tmp_path):
     problem = load_problem(name)
     back = round_trip(problem, tmp_path)
@@ -64,7 +68,7 @@ def test_every_problem_comes_back_equal(name, tmp_path):
     assert np.array_equal(problem.initial_velocities, back.problem.initial_velocities)
 
 
-@pytest.mark.parametrize("name", list(PROBLEMS))
+@pytest.mark.parametrize("name", STATED)
 def test_every_problem_with_other_parameters_comes_back_equal(name, tmp_path):
     changed = 0
     for key, value in load_problem(name).parameters.items():
@@ -707,7 +711,7 @@ def broken(text, rng, kind):
 def sound(folder):
     """Texts of files in which nothing is wrong."""
     texts = [EVERYTHING, CIRCUIT, NAMED]
-    for name in PROBLEMS:
+    for name in STATED:
         text = write_scheme_file(load_problem(name), folder / "sound.toml").read_text(encoding="utf-8")
         if len(text) < 10_000:
             texts.append(text)

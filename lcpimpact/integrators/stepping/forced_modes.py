@@ -51,7 +51,8 @@ class Forces:
 
     def _others(self, t: float, X: Array) -> Array:
         """Return the forces of any kind and the loads (nw - ns,)."""
-        return np.append(self.inputs.motion_forces(t, X), [load(t) for load in self.inputs.loads])
+        loads = np.array([load(t) for load in self.inputs.loads])
+        return np.append(self.inputs.motion_forces(t, X), loads) if self.inputs.force_laws else loads
 
     def extended(self, X: Array) -> Array:
         """Return K |δ|ⁿ sign δ (1 + b δ') + c δ' (..., ns), whether a spring is active or not."""

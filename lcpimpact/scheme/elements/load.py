@@ -74,7 +74,8 @@ class Load(Element):
             raise InputError(f"{self}: f is missing; give a force in N or a function of time")
         if not callable(self.f) and not is_real(self.f):
             raise InputError(f"{self}: f = {self.f!r} must be a finite force in N or a function of time")
-        if self.jacobian is not None and not (self.follows_motion and callable(self.jacobian)):
+        follows_motion = self.follows_motion
+        if self.jacobian is not None and not (follows_motion and callable(self.jacobian)):
             raise InputError(
                 f"{self}: jacobian = {self.jacobian!r} must be a function of t, q and v, beside f(t, q, v)"
             )
