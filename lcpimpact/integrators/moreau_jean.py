@@ -35,7 +35,8 @@ which moves a switch by O(h) and takes u and its derivatives to zero in a slidin
 the order is 1, for λ is constant in the step; into a sliding mode of relative degree 1 it is 2.
 
 The row of A of a node with prescribed motion is that of the identity. Forces of non-linear springs are evaluated at t_θ, by
-Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`.
+Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`, and for forces of any kind
+`lcpimpact.integrators.stepping.force_newton`.
 """
 
 from __future__ import annotations
@@ -176,7 +177,7 @@ class MoreauJean(LinearStep):
 
     def contact_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
         """Return W = H A⁻¹ Hᵀ/h, with A and H/√h where it has that form."""
-        if not d.stores_energy or d.springs:
+        if not d.stores_energy or len(d.pushes):
             return Dense(W)
         free = ~d.driven
         return Dense(W, A=self.matrix(d, h)[np.ix_(free, free)], H=d.H[:, free] / np.sqrt(h))

@@ -17,6 +17,7 @@ PROBLEMS: Registry[Callable[..., Problem]] = Registry(
         "system-2": "lcpimpact.problems.paper:system_2",
         "system-3": "lcpimpact.problems.paper:system_3",
         "bouncing-ball": "lcpimpact.problems.bouncing_ball:bouncing_ball",
+        "ball-in-air": "lcpimpact.problems.ball_in_air:ball_in_air",
         "kelvin-voigt-impact": "lcpimpact.problems.viscoelastic_impact:kelvin_voigt_impact",
         "kelvin-voigt-tension": "lcpimpact.problems.viscoelastic_impact:kelvin_voigt_tension",
         "maxwell-impact": "lcpimpact.problems.viscoelastic_impact:maxwell_impact",

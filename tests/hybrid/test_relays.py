@@ -279,9 +279,9 @@ def test_the_certificate_notices_relays_that_do_not_switch(method, A):
         ("not complementary", problem(c=0.05 if method == "moreau-jean" else 1e-3)),
     ):
         failures = run.certify(wrong).failures
-        assert any("bounds" in each if name.startswith("outside") else "complementarity" in each for each in failures), (
-            wrong
-        )
+        assert any(
+            "bounds" in each if name.startswith("outside") else "complementarity" in each for each in failures
+        ), wrong
 
 
 def test_methods_without_relays_refuse_them_by_name():
