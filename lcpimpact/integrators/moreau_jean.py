@@ -48,10 +48,10 @@ import numpy as np
 from scipy.optimize import linprog
 
 from lcpimpact.arrays import Array
-from lcpimpact.errors import InputError
+from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared
 from lcpimpact.integrators.stepping.impulse_paths import impulse_paths
-from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, solve
+from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated, solve
 from lcpimpact.integrators.stepping.static_balance import static_coordinates
 from lcpimpact.lcp.friction import FORMULATIONS
 from lcpimpact.lcp.operators import Dense
@@ -136,6 +136,22 @@ class MoreauJean(LinearStep):
     def balance_point(self) -> float:
         """Return θ."""
         return self.theta
+
+    def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
+        """Tabulate the step.
+
+        Raises
+        ------
+        UnsupportedError
+            If a relay has D_ii < 0, where the LCP of a step has several solutions.
+        """
+        if (triggers := d.relays & (np.diag(d.D) < 0.0)).any():
+            raise UnsupportedError(
+                f"the relay {d.contacts[int(np.argmax(triggers))].name!r} has a hysteresis (D_ii < 0), in whose band "
+                f"several multipliers are possible, and the steps of {self.name!r} do not remember which: "
+                "take method='exact'"
+            )
+        return super().prepare(d, h, lcp_solver)
 
     def matrix(self, d: Dynamics, h: float) -> Array:
         """Return A = M/(θ h) + C + θ h K."""
