@@ -29,10 +29,10 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, flags, indices
 from lcpimpact.double_double import DoubleDouble, stacked
 from lcpimpact.errors import FailureError
-from lcpimpact.hybrid.complementarity import FLOAT_ZERO, complementary
+from lcpimpact.hybrid.complementarity import complementary
 from lcpimpact.hybrid.gaps import openings_and_rates, still
 from lcpimpact.hybrid.mixed_degrees import exchanged_mode
-from lcpimpact.hybrid.system import ZERO, Mode, Still, System, round_to_zero, solve_regular
+from lcpimpact.hybrid.system import ZERO, Mode, Still, System, is_singular, round_to_zero, solve_regular
 from lcpimpact.lcp.operators import Dense, Property
 from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.lcp.solvers.enumeration import SOLVER, all_solutions
@@ -101,11 +101,13 @@ class Choice:
     """The rows with friction, and those of their normal forces."""
     rank: tuple[int, ...] = ()
     """As of `lcpimpact.hybrid.system.Laws`."""
+    tied: list[int] = field(default_factory=list)
+    """Unknowns of friction at its bound that cannot slip since other rows stick."""
 
     def copy(self) -> Choice:
         """Return a copy to decide upon."""
         undecided, slips, order, side = list(self.undecided), list(self.slips), list(self.order), list(self.side)
-        return Choice(undecided, slips, order, side, list(self.closed), self.friction, self.rank)
+        return Choice(undecided, slips, order, side, list(self.closed), self.friction, self.rank, list(self.tied))
 
     @property
     def mode(self) -> Mode:
@@ -118,7 +120,7 @@ class Choice:
                 slips.append((i, -self.side[i]))
         for k, (i, normal) in enumerate(self.friction):
             # The unknowns of friction: μ r_N + r_T, and the negative part of the slip acceleration beside μ r_N - r_T.
-            last, for_ever = nc + k, not {i, nc + k}.isdisjoint(self.undecided)
+            last, for_ever = nc + k, not {i, nc + k}.isdisjoint([*self.undecided, *self.tied])
             sticks = i in closed and last not in closed and not for_ever
             if normal not in closed:
                 slips, order[i] = [each for each in slips if each[0] != i], 0
@@ -396,7 +398,7 @@ def _solve_with_relays(
     answers = []
     for guess in _solutions(lcp, solver):
         tiny = zero * (terms[rows] + np.abs(lcp.M.hi) @ np.abs(guess))
-        z, w = _refined(lcp, guess, tiny)
+        z, w = complementary(*lcp[:2], guess, *lcp[2:], tiny)
         force = at.r.parts.copy()
         force[:, rows] = z.parts
         answers.append(Answer(DoubleDouble(force), z[undecided], w[undecided], tiny[undecided]))
@@ -418,19 +420,6 @@ def _solutions(lcp: ModeLCP, solver: str) -> list[Array]:
         raise Ambiguous(lcp)
     found = all_solutions(M, q, lower=lower, upper=upper)
     return found or [solve_lcp(M, q, SOLVER.name, lower=lower, upper=upper).z]
-
-
-def _refined(lcp: ModeLCP, guess: Array, tiny: Array) -> tuple[DoubleDouble, DoubleDouble]:
-    """Return z and w of a solution in double-doubles; a row with both at zero is solved for, if it must be."""
-    M, q, lower, upper = lcp
-    try:
-        return complementary(M, q, guess, lower, upper, tiny)
-    except np.linalg.LinAlgError:
-        free = np.abs(M.hi @ guess + q.hi) <= FLOAT_ZERO * (np.abs(M.hi) @ np.abs(guess) + np.abs(q.hi))
-        z = DoubleDouble.of(np.where(free, 0.0, guess))
-        rows = list(map(int, np.flatnonzero(free)))
-        z.parts[:, rows] = -solve_regular(_block(M, rows, rows), (M @ z + q)[rows][:, None])[:, 0].parts
-        return z, M @ z + q
 
 
 def _decide(system: System, choice: Choice, level: int, answer: Answer) -> list[tuple[int, DoubleDouble]]:
@@ -467,6 +456,11 @@ def _decide(system: System, choice: Choice, level: int, answer: Answer) -> list[
         elif last in choice.closed and i in choice.undecided:
             choice.undecided.remove(i)
             choice.closed.append(i)
+        elif i in choice.closed and last in choice.undecided and is_singular(G[np.ix_(choice.closed, choice.closed)]):
+            # Redundant contacts: this one stays at its bound while others hold it.
+            choice.undecided.remove(last)
+            choice.closed.append(last)
+            choice.tied.append(last)
     return moved
 
 

@@ -206,7 +206,7 @@ def test_what_a_force_cannot_be():
         with pytest.raises(li.InputError, match=r"^nodes = .* of a Force must be a sequence of the nodes"):
             li.Force(nodes, f)
     for given, says in (
-        ({"nodes": ("x", "x"), "f": f}, "both ends are one node"), ({"nodes": ("x", ""), "f": f}, "must be a string, not empty"),
+        ({"nodes": ("x", "x"), "f": f}, "both ends are one node"), ({"nodes": ("x", ""), "f": f}, "be a string, not empty"),
         ({"nodes": ("x", "ground"), "f": f}, "a force on the ground moves nothing"), ({"nodes": ("x",)}, "f is missing"),
         ({"nodes": ("x",), "f": 3.0}, "f = 3.0 must be a function"),
         ({"nodes": ("x",), "f": f, "jacobian": 3.0}, "jacobian = 3.0 must be a function"),
