@@ -27,8 +27,10 @@ FEATURES = (
     Feature.FRICTION,
     Feature.JOINTS,
     Feature.POWER_LAWS,
+    Feature.FORCES,
     Feature.MOTIONS,
     Feature.SYSTEMS,
+    Feature.RELAYS,
 )
 
 WISHES: tuple[tuple[str, Callable[[Declared], bool]], ...] = (
@@ -48,6 +50,7 @@ WISHES: tuple[tuple[str, Callable[[Declared], bool]], ...] = (
         "Compliant contact by non-linear springs (see [penalty.md](penalty.md))",
         lambda d: Feature.POWER_LAWS in d.handles,
     ),
+    ("Forces f(t, q, v) of any kind, as drag or a Duffing spring", lambda d: Feature.FORCES in d.handles),
     ("Prescribed motion, as of a shaking table", lambda d: Feature.MOTIONS in d.handles),
     ("Complementarity systems by their matrices", lambda d: Feature.SYSTEMS in d.handles),
 )

@@ -32,7 +32,7 @@ class Status(IntEnum):
         "More events than max_events: impacts or switches may accumulate; raise max_events or take moreau-jean.",
     )
     INTERRUPTED = 9, "Interrupted: the trajectory holds the steps that were finished."
-    NEWTON = 10, "The forces of the non-linear springs did not converge: take a smaller dt, and check K, n and b."
+    NEWTON = 10, "The non-linear springs and forces did not converge: take a smaller dt, and check their constants."
     STEP_SIZE = (
         11,
         "The steps fell below what their error allows: loosen rtol and atol, or, if stiff, take another method.",

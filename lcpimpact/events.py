@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 from scipy.optimize import brentq
+from scipy.sparse.csgraph import connected_components
 
-from lcpimpact.arrays import Array, Flags
+from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.record import SLIP_RTOL, ContinuousSolution, Event, Record, State
 from lcpimpact.scheme.dynamics import Contact, Dynamics
 from lcpimpact.scheme.terms import RowLaw
@@ -30,13 +31,13 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     zero, within the step that it must lie in; limits are the neighbouring values on the grid. Where both sides of a contact
     have mass, the step that closes it, or the first ``impact_steps`` of them, holds an impact: its mean force is an impulse
     over h and belongs to the event. So does the step in which all contacts of an impulse path come to push. Friction has an
-    impulse where its normal force has one.
+    impulse where its normal force has one, and a joint where a body that it holds has one.
     """
     impulsive = np.zeros(record.reaction.shape, dtype=bool)
     if len(record.t) < 2:
         return (), impulsive
     steps_of_force = len(record.t_reaction) < len(record.t)
-    struck = _struck(dynamics, record)
+    struck, joined = _struck(dynamics, record), _joints_struck_by(dynamics)
     found: list[tuple[float, int, Event]] = []
     for i, contact in enumerate(dynamics.contacts):
         r = record.reaction[:, i]
@@ -77,7 +78,8 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
             )
             right = State(record.q[last], record.v[last], record.reaction[j])
             found.append((t, i, Event(t, contact.name, kind, left, right, impulse)))
-            for k in np.flatnonzero(dynamics.normals == i) if kind == "impact" else ():
+            others = [*np.flatnonzero(dynamics.normals == i), *joined[i]] if kind == "impact" else []
+            for k in (each for each in others if not impulsive[j, each]):
                 impulse = float(record.reaction[j : j + impact_steps, k].sum() * (record.t[last] - record.t[node]))
                 impulsive[j : j + impact_steps, k] = True
                 if impulse != 0.0:
@@ -169,6 +171,18 @@ def step_of(event: Event, t: Array, q: Array, v: Array) -> int:
         (k for k in candidates if np.array_equal(q[k], event.left.q) and np.array_equal(v[k], event.left.v)),
         min(near, max(len(t) - 2, 0)),
     )
+
+
+def _joints_struck_by(dynamics: Dynamics) -> list[Indices]:
+    """Return the joints that an impulse at each contact reaches, through bodies and other joints."""
+    joints, massive = np.flatnonzero(dynamics.joints), dynamics.massive
+    if not len(joints):
+        return [joints] * len(dynamics.contacts)
+    rows = np.abs(dynamics.H[:, massive]) > 0.0
+    linked = rows.astype(int) @ (dynamics.M[np.ix_(massive, massive)] != 0.0) @ rows.T > 0
+    among = linked[np.ix_(joints, joints)]
+    _, group = connected_components(among, directed=False)
+    return [joints[np.isin(group, group[linked[i, joints]])] for i in range(len(dynamics.contacts))]
 
 
 def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:

@@ -100,6 +100,8 @@ SYSTEM: dict[str, Any] = {
 }
 """Types of the entries of a system."""
 
+FUNCTION = "a Python function, which a file cannot hold: build the scheme in Python"
+
 CONTAINERS = {tuple: "array", Sequence: "array", Mapping: "table", Literal: "word"}
 
 WORDS = {
@@ -501,7 +503,7 @@ def _convert(value: Any, hint: Any, place: str) -> Any:
     number = type(value) in (int, float) and not {int, float}.isdisjoint(kinds)
     if number or type(value) in kinds or (type(value) is str and "word" in held):
         return value
-    what = dict.fromkeys(word for word in map(_describe_type, kinds) if word)
+    what = dict.fromkeys(word for word in map(_describe_type, kinds) if word) or [FUNCTION]
     raise InputError(f"{place} = {_short(value)} must be {' or '.join(what)}")
 
 
@@ -644,7 +646,7 @@ def _item(value: Any, place: str) -> Any:
         array = tomlkit.array()
         array.extend(_item(each, place) for each in value)
         return array.multiline(any(isinstance(each, (tuple, list, np.ndarray)) for each in value))
-    if is_real(value):
+    if is_real(value) or value in (math.inf, -math.inf):
         return int(value) if isinstance(value, Integral) else float(value)
     if callable(value):
         raise InputError(

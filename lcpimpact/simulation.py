@@ -25,6 +25,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Grid, Record, State
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.force_law import forces
 from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.trajectory import Trajectory
 
@@ -112,12 +113,14 @@ def simulate(
     grid = _grid(dt, problem.t_end if t_end is None else t_end)
     check_lcp_solver(integrator, lcp_solver)
     _check_handled(integrator, problem)
+    _check_forces(problem)
 
     started = time.perf_counter()
     inside, jump = enter_constraint(problem)
     record = _empty_record(integrator, problem.dynamics, grid)
     carry = integrator.start(inside, grid, lcp_solver, record)
-    status, reached = _run(integrator, carry, record, grid, progress)
+    with np.errstate(all="ignore"):  # a number that is not finite is a status of the run
+        status, reached = _run(integrator, carry, record, grid, progress)
     _cut(record, grid, reached)
     integrator.finish(carry, record)
 
@@ -133,7 +136,7 @@ def simulate(
     if jump.any():
         events = (*jump_events(problem, jump, State(record.q[0], record.v[0], record.reaction[0])), *events)
     if status is not Status.SOLVED:
-        status, why = _why_it_stopped(problem.dynamics, status, float(record.t[-1]), grid, events)
+        status, why = _why_it_stopped(problem.dynamics, status, record, grid, events)
         message = f"{integrator.name} stopped after step {reached} (t = {record.t[-1]:g} s): {why}"
     elif certificate.holds:
         message = status.sentence
@@ -196,9 +199,11 @@ def _run(integrator: Integrator, carry: Any, record: Record, grid: Grid, progres
     return Status.SOLVED, reached
 
 
-def _why_it_stopped(d: Dynamics, status: Status, t: float, grid: Grid, events: tuple[Event, ...]) -> tuple[Status, str]:
-    """Return the status of a run that stopped at t, and its reason: a non-finite signal, or accumulating contacts."""
-    if given := _not_finite(d, t, grid):
+def _why_it_stopped(
+    d: Dynamics, status: Status, record: Record, grid: Grid, events: tuple[Event, ...]
+) -> tuple[Status, str]:
+    """Return the status of a run that stopped, and its reason: a non-finite value, or accumulating contacts."""
+    if given := _not_finite(d, record, grid):
         return Status.NON_FINITE, f"{Status.NON_FINITE.sentence} {given}"
     if status is Status.ACCUMULATION:
         return status, f"{status.sentence} The impacts are those of {_last_to_meet(d, events)}."
@@ -219,14 +224,17 @@ def _last_to_meet(d: Dynamics, events: tuple[Event, ...]) -> str:
     return ", ".join(f"{c.name} ({c.upper} and {c.lower})" for c in d.contacts if c.name in last)
 
 
-def _not_finite(d: Dynamics, reached: float, grid: Grid) -> str:
-    """Return the load or prescribed motion that is not finite in the steps after a failed run, or ""."""
-    for t in map(float, reached + grid.h * np.linspace(0.0, 2.0, 33)):
+def _not_finite(d: Dynamics, record: Record, grid: Grid) -> str:
+    """Return the load, force or prescribed motion that is not finite in the steps after a failed run, or ""."""
+    q, v = record.q[-1, d.acted_on], record.v[-1, d.acted_on]
+    forced = [f"The force of {law.element}" for law in d.force_laws for _ in law.nodes]
+    for t in map(float, record.t[-1] + grid.h * np.linspace(0.0, 2.0, 33)):
         if t > grid.t_end:
             break
         given = [(f"The load on {d.nodes[i]!r}", load(t)) for i, load in d.loads if callable(load)]
         given += [(f"The motion of {d.nodes[i]!r}", signal(t)) for i, signal in d.motions.items()]
         given += [(f"The velocity given to {d.nodes[i]!r}", signal.rate(t)) for i, signal in d.motions.items()]
+        given += zip(forced, forces(d.force_laws, t, q, v).tolist(), strict=True)
         for what, value in given:
             if not math.isfinite(value):
                 return f"{what} is {value:g} at t = {t:.6g} s."
@@ -302,6 +310,14 @@ def _check_handled(integrator: Integrator, problem: Problem) -> None:
             f"{integrator.name} does not handle {missing} of {problem.name!r}: "
             + (f"take method={names}{others}" if able else "no method that is registered does")
         )
+
+
+def _check_forces(problem: Problem) -> None:
+    """Refuse forces of any kind that fail at the start, or whose Jacobian there is not theirs."""
+    d, q, v = problem.dynamics, problem.initial_coordinates, problem.initial_velocities
+    for law in d.force_laws:
+        here = [d.nodes.index(node) for node in law.nodes]
+        law.check(0.0, q[here], v[here])
 
 
 def _able(dynamics: Dynamics) -> list[str]:

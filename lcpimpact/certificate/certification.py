@@ -181,7 +181,7 @@ def _nothing(d: Dynamics, record: Record) -> tuple[Judgement, Scales, tuple[floa
     q, v, r = record.q, record.v, np.zeros((1, len(d.contacts)))
     energy = float(np.abs(d.energy(q, v)).max(initial=0.0))
     laws = ("complementarity", "penetration", "energy_balance")
-    return dict.fromkeys(laws, (0.0, 0.0)), Scales.of(d, q, v, r, d.force(record.t)), (0.0, energy)
+    return dict.fromkeys(laws, (0.0, 0.0)), Scales.of(d, q, v, r, d.applied(record.t, q, v)), (0.0, energy)
 
 
 def _motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:

@@ -20,7 +20,7 @@ from lcpimpact.certificate.laws import (
 )
 from lcpimpact.certificate.quadrature import Pieces, running_sum
 from lcpimpact.certificate.scales import Judgement, Scales, largest_violation
-from lcpimpact.certificate.theta_balance import DAMPED, FREE
+from lcpimpact.certificate.theta_balance import DAMPED, FREE, MASSIVE
 from lcpimpact.integrators.base import Limits
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
@@ -159,9 +159,9 @@ def _judge_nodes(
     way = run.imbalance(q, q_left, np.zeros_like(q), run.v)
     allowed_p = np.repeat(ε * scales.momenta(d) + elapsed[:, None] * forces + errors[0], 2, axis=0)
     allowed_q = np.repeat(ε * scales.q + elapsed[:, None] * scales.v + errors[1], 2, axis=0)
-    free, moves, massless = ~d.driven, (kind >= DAMPED) & ~d.jumping, np.isin(kind, (DAMPED, FREE))
+    massive, moves, massless = kind == MASSIVE, (kind >= DAMPED) & ~d.jumping, np.isin(kind, (DAMPED, FREE))
     return {
-        "momentum": largest_violation(np.abs(momentum[:, free]), allowed_p[:, free]),
+        "momentum": largest_violation(np.abs(momentum[:, massive]), allowed_p[:, massive]),
         "equilibrium": largest_violation(np.abs(run.g[:, massless]).max(axis=0), ε * forces[massless]),
         "kinematics": largest_violation(np.abs(way[:, moves]), allowed_q[:, moves]),
     }

@@ -25,6 +25,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.impacts import RunImpacts, rows_by_name
+from lcpimpact.certificate.laws import motion_forces_in_steps
 from lcpimpact.events import step_of
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Record
@@ -129,7 +130,7 @@ class Account:
 
     def powers(self, t: Array, q: Array, v: Array, r: Array) -> Array:
         """Return all flows in W (nt, 2 + m)."""
-        return self._without_contacts(self.d.force(t), q, v, self.d.push(q, v)) + self.of_contacts(v, r)
+        return self._without_contacts(self.d.applied(t, q, v), q, v, self.d.push(q, v)) + self.of_contacts(v, r)
 
     def balance(self, flows: Array) -> Array:
         """Return the change of the stored energy (...) by flows (..., 2 + m)."""
@@ -173,6 +174,7 @@ class Account:
         d, h = self.d, np.diff(record.t)
         w, f = np.diff(record.q, axis=0) / h[:, None], d.force(record.t)
         q, f = ((1.0 - θ) * each[:-1] + θ * each[1:] for each in (record.q, f))
+        f += motion_forces_in_steps(d, record, θ)
         s = mean_forces(d.power_laws, d.approach(q), d.approach_rate(w), h)
         impulses = h[:, None] * record.reaction + _impulses(d, record, events, 1)
         return h[:, None] * self._without_contacts(f, q, w, s) + self.of_contacts(w, impulses)
@@ -184,7 +186,7 @@ class Account:
         limits of their event. In the latter case loads do work along q⁺ - q, which has no jumps.
         """
         d, t, q, v, r = self.d, record.t, record.q, record.v, record.reaction
-        h, mean, in_steps, f = np.diff(t)[:, None], 0.5 * (v[1:] + v[:-1]), len(r) < len(t), d.force(t)
+        h, mean, in_steps, f = np.diff(t)[:, None], 0.5 * (v[1:] + v[:-1]), len(r) < len(t), d.applied(t, q, v)
         powers = self._without_contacts(f, q, v, d.push(q, v))
         if not in_steps:
             powers += self.of_contacts(v, r)

@@ -6,6 +6,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.certificate.theta_balance import DAMPED, DRIVEN, FREE, MASSIVE
+from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics
 
 
@@ -48,10 +49,20 @@ def bound_violation(d: Dynamics, r: Array) -> Array:
 
 def forces_on_nodes(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) -> tuple[Array, Array]:
     """Return the loads f, and the forces f + s - K q - C v + B r on the nodes (nt, n); with r None, without reactions."""
-    f = np.broadcast_to(d.force(0.0), q.shape) if d.constant_loads else d.force(t)
+    f = np.broadcast_to(d.force(0.0), q.shape) if d.constant_loads else d.applied(t, q, v)
     g = f - q @ d.K.T - v @ d.C.T
     if d.springs:
         g += d.spring_force(q, v)
     if r is not None:
         g += r @ d.B.T
     return f, g
+
+
+def motion_forces_in_steps(d: Dynamics, record: Record, θ: float) -> Array:
+    """Return the forces of any kind on the nodes at t_θ, q_θ and v_θ of each step (steps, n).
+
+    v_θ of a node without mass is its mean velocity; for others the recorded one has less rounding.
+    """
+    h, way = np.diff(record.t), np.diff(record.q, axis=0)
+    v = np.where(d.massive, (1.0 - θ) * record.v[:-1] + θ * record.v[1:], way / h[:, None])
+    return d.motion_forces(record.t[:-1] + θ * h, record.q[:-1] + θ * way, v)

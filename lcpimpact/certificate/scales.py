@@ -44,6 +44,9 @@ class Scales:
         massive = d.massive
         if massive.any():
             v[massive] += h * np.abs(np.linalg.solve(d.M[np.ix_(massive, massive)], self.forces(d)[massive]))
+        if not d.stores_energy:
+            # Rates of a system at rest are the rounding of terms that balance.
+            v += SCALE_FLOOR * self.forces(d)
         q = self.q + SCALE_FLOOR * self.q.max(initial=0.0) + h * v
         return Scales.of_largest(d, q, v, self.r, self.f)
 

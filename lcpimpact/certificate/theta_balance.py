@@ -92,13 +92,21 @@ class SpringLaws(NamedTuple):
 
 
 class Recorded(NamedTuple):
-    """Recorded run: t (nt,), q and v (nt, n), r (nt - 1, nc), and the loads f (nt, n), or one row if constant."""
+    """Recorded run, and its forces.
+
+    Attributes
+    ----------
+    t, q, v, r      t (nt,), q and v (nt, n), and r (nt - 1, nc)
+    f               the loads (nt, n), or one row if constant
+    f_θ             the forces of any kind at t_θ, q_θ and v_θ of each step (nt - 1, n); no rows if there are none
+    """
 
     t: Array
     q: Array
     v: Array
     r: Array
     f: Array
+    f_θ: Array
 
 
 class Impulses(NamedTuple):
@@ -169,7 +177,7 @@ CONTACTS: Any = named_tuple(
     (SPARSITY, vector, matrix, matrix, *(vector,) * 4, indices, indices, vector, indices, matrix), Contacts
 )
 SPRING_LAWS: Any = named_tuple((matrix, matrix), SpringLaws)
-RECORDED: Any = named_tuple((vector, matrix, matrix, matrix, matrix), Recorded)
+RECORDED: Any = named_tuple((vector, matrix, matrix, matrix, matrix, matrix), Recorded)
 IMPULSES: Any = named_tuple((indices, indices, vector), Impulses)
 VIOLATIONS: Any = named_tuple((vector,) * 11, Violations)
 SUMS: Any = named_tuple((vector,) * 7 + (flags,) * 3 + (matrix,), Sums)
@@ -274,6 +282,8 @@ def judge_kinematics(run: Recorded, nodes: Nodes, k: int, θ: float, sums: Sums,
         sums.q_integral[i] += h * (run.q[k, i] + θ * h * rate_θ)
         if len(run.f) > 1:
             sums.load_impulse[i] += h * ((1.0 - θ) * run.f[k, i] + θ * run.f[k + 1, i])
+        if len(run.f_θ) > 0:
+            sums.load_impulse[i] += h * run.f_θ[k, i]
 
 
 @compiled(f8(CONTACTS, i8, f8, vector, f8, SUMS, VIOLATIONS), inline="always", allocates=False)
@@ -403,6 +413,8 @@ def work_and_energy(run: Recorded, nodes: Nodes, k: int, θ: float, sums: Sums) 
             power += sums.w[i] * (θ * elastic + (1.0 - θ) * row_of(nodes.pattern, nodes.K, i, run.q[k]))
         else:
             load = (1.0 - θ) * run.f[k, i] + θ * run.f[k + 1, i] if varying else run.f[0, i]
+            if len(run.f_θ) > 0:
+                load += run.f_θ[k, i]
             power += sums.w[i] * (load - damping)
         stored += 0.5 * (run.v[k + 1, i] * inertia + run.q[k + 1, i] * elastic)
     return power, stored

@@ -8,7 +8,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Indices, Places
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
-from lcpimpact.certificate.laws import node_kinds, switch_residual
+from lcpimpact.certificate.laws import motion_forces_in_steps, node_kinds, switch_residual
 from lcpimpact.certificate.scales import Judgement, Scales, largest_violation
 from lcpimpact.certificate.theta_balance import (
     Contacts,
@@ -33,9 +33,12 @@ def judge_theta_steps(
     d: Dynamics, record: Record, events: Sequence[Event], θ: float, limits: Limits
 ) -> tuple[Judgement, Scales, tuple[float, float]]:
     """Judge the run of a θ-method."""
-    f = d.force(np.zeros(1) if d.constant_loads else record.t)
-    violations, balance, scale, h = _violations(d, record, events, θ, f)
-    scales = Scales.of_largest(d, violations.q, violations.v, violations.r, np.abs(f).max(axis=0)).at_least(d, h)
+    f, f_θ = d.force(np.zeros(1) if d.constant_loads else record.t), np.zeros((0, len(d.nodes)))
+    if d.force_laws:
+        f_θ = motion_forces_in_steps(d, record, θ)
+    violations, balance, scale, h = _violations(d, record, events, θ, (f, f_θ))
+    largest = np.abs(f).max(axis=0) + np.abs(f_θ).max(axis=0, initial=0.0)
+    scales = Scales.of_largest(d, violations.q, violations.v, violations.r, largest).at_least(d, h)
     found = {
         **_judge_nodes(d, record, events, (violations, scales, h), θ, limits),
         **_judge_contacts(d, record, events, (violations, scales, h), θ, limits),
@@ -49,7 +52,7 @@ def judge_theta_steps(
 
 
 def _violations(
-    d: Dynamics, record: Record, events: Sequence[Event], θ: float, f: Array
+    d: Dynamics, record: Record, events: Sequence[Event], θ: float, forces: tuple[Array, Array]
 ) -> tuple[Violations, float, float, float]:
     """Return the largest violations of each contact and node, the energy imbalance, its scale and the longest step."""
     rows = rows_by_name(d)
@@ -68,7 +71,7 @@ def _violations(
     )
     violations = no_violations(len(d.contacts), len(d.nodes))
     balance, scale, h = certify_steps(
-        Recorded(record.t, record.q, record.v, record.reaction, f),
+        Recorded(record.t, record.q, record.v, record.reaction, *forces),
         Impulses(step, row, np.array([each[2] for each in acting])),
         float(θ),
         Nodes(pattern, d.M[at], d.C[at], d.K[at], node_kinds(d)),
@@ -146,7 +149,9 @@ def _judge_contacts(
     by_rounding = ε * (violations.r * scales.u + h * bounds * scales.U) + 2.0 * bounds * _slip_tolerance(d, record)
     products = np.where(at_velocity_level, (h * (violations.r + bounds) + largest) * slow, by_rounding)
     switches = _missing_switches(d, record, θ)
-    products = np.where(d.relays, ε * (d.r_max - d.r_min) * scales.u, products)
+    # Forces that balance at rest leave their rounding in u.
+    reach = ε * scales.u + 64.0 * np.finfo(float).eps * h * (np.abs(d.H) @ scales.forces(d))
+    products = np.where(d.relays, (d.r_max - d.r_min) * reach, products)
     return {
         "complementarity": largest_violation(np.maximum(violations.product, switches), products),
         "penetration": largest_violation(violations.penetration, np.where(strict, 0.0, gap_change) + ε * scales.u),

@@ -15,7 +15,7 @@ from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, indices, matrix, vector
-from lcpimpact.double_double import DoubleDouble, add, eliminate, multiply, product, total
+from lcpimpact.double_double import DoubleDouble, add, eliminate, multiply, product, solve, total
 
 FLOAT_ZERO = 16.0 * float(np.finfo(float).eps)
 """Rounding error in the solution of an LCP in floats, relative to it."""
@@ -78,17 +78,27 @@ def complementary(
 ) -> tuple[DoubleDouble, DoubleDouble]:
     """Return z and w = W z + q, complementary within bounds, as double-doubles, from a solution z in floats.
 
+    Where the exchanges of rows do not end, the matrix being no P-matrix, a row with both at zero is solved for.
+
     Raises
     ------
     numpy.linalg.LinAlgError
-        If the exchanges of rows do not end.
+        If that gives no solution either.
     """
     found, w, ended = exchange(
         np.ascontiguousarray(W.parts), np.ascontiguousarray(q.parts), *(np.asarray(a) for a in (z, lower, upper, tiny))
     )
-    if not ended:
+    if ended:
+        return DoubleDouble(found), DoubleDouble(w)
+    free = np.abs(W.hi @ z + q.hi) <= FLOAT_ZERO * (np.abs(W.hi) @ np.abs(z) + np.abs(q.hi))
+    at_bound = DoubleDouble.of(np.where(free, 0.0, z))
+    rows = np.flatnonzero(free)
+    at_bound.parts[:, rows] = -solve(W[np.ix_(rows, rows)], (W @ at_bound + q)[rows]).parts
+    w_found, near = W @ at_bound + q, FLOAT_ZERO * np.abs(z).max(initial=0.0)
+    inside = (at_bound.hi >= lower - near) & (at_bound.hi <= upper + near)
+    if not (inside & (free | np.where(z > lower, w_found.hi <= tiny, w_found.hi >= -tiny))).all():
         raise np.linalg.LinAlgError("no complementary basis")
-    return DoubleDouble(found), DoubleDouble(w)
+    return at_bound, w_found
 
 
 @compiled(types.Tuple((indices, vector, vector, types.boolean))(matrix, matrix, matrix, vector, flags))

@@ -127,7 +127,8 @@ def refuse_undetermined(problem: Problem, method: str) -> Iterator[None]:
     try:
         yield
     except Ambiguous as several:
-        M, q, lower, upper = (each.tolist() for each in (several.M, several.q, several.lower, several.upper))
+        lcp = several.lcp
+        M, q, lower, upper = (each.tolist() for each in (lcp.M.hi, lcp.q.hi, lcp.lower, lcp.upper))
         raise UnsupportedError(
             f"several motions of {problem.name!r} obey the laws of its relays from the start: all_solutions({M}, {q}, "
             f"lower={lower}, upper={upper}) lists the solutions of the LCP of its mode; start it beside the surface"

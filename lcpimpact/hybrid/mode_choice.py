@@ -32,13 +32,10 @@ from lcpimpact.errors import FailureError
 from lcpimpact.hybrid.complementarity import complementary
 from lcpimpact.hybrid.gaps import openings_and_rates, still
 from lcpimpact.hybrid.mixed_degrees import exchanged_mode
-from lcpimpact.hybrid.system import ZERO, Mode, Still, System, round_to_zero, solve_regular
+from lcpimpact.hybrid.system import ZERO, Mode, Still, System, is_singular, round_to_zero, solve_regular
 from lcpimpact.lcp.operators import Dense, Property
 from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.lcp.solvers.enumeration import SOLVER, all_solutions
-
-LCPData = tuple[Array, Array, Array, Array]
-"""M, q and the bounds of an LCP."""
 
 MAX_ROWS = 10
 """Maximum number of undecided rows whose LCP is searched for all solutions: it has up to 3ⁿ bases."""
@@ -47,17 +44,21 @@ SAME_RTOL = 1e-9
 """Difference of two derivatives of the state, relative to their terms, below which they are the same."""
 
 
+class ModeLCP(NamedTuple):
+    """The LCP of a mode: lower <= z <= upper complementary to M z + q."""
+
+    M: DoubleDouble
+    q: DoubleDouble
+    lower: Array
+    upper: Array
+
+
 class Ambiguous(Exception):
-    """Several motions obey the laws from here on.
+    """Several motions obey the laws from here on; ``lcp`` is the LCP with several solutions."""
 
-    Attributes
-    ----------
-    M, q, lower, upper : arrays     the LCP of the mode with several solutions
-    """
-
-    def __init__(self, M: Array, q: Array, lower: Array, upper: Array) -> None:
+    def __init__(self, lcp: ModeLCP) -> None:
         super().__init__("several motions obey the laws")
-        self.M, self.q, self.lower, self.upper = M, q, lower, upper
+        self.lcp = lcp
 
 
 @compiled(types.int64[:, ::1](cube, indices, flags, flags))
@@ -100,11 +101,13 @@ class Choice:
     """The rows with friction, and those of their normal forces."""
     rank: tuple[int, ...] = ()
     """As of `lcpimpact.hybrid.system.Laws`."""
+    tied: list[int] = field(default_factory=list)
+    """Unknowns of friction at its bound that cannot slip since other rows stick."""
 
     def copy(self) -> Choice:
         """Return a copy to decide upon."""
         undecided, slips, order, side = list(self.undecided), list(self.slips), list(self.order), list(self.side)
-        return Choice(undecided, slips, order, side, list(self.closed), self.friction, self.rank)
+        return Choice(undecided, slips, order, side, list(self.closed), self.friction, self.rank, list(self.tied))
 
     @property
     def mode(self) -> Mode:
@@ -117,7 +120,7 @@ class Choice:
                 slips.append((i, -self.side[i]))
         for k, (i, normal) in enumerate(self.friction):
             # The unknowns of friction: μ r_N + r_T, and the negative part of the slip acceleration beside μ r_N - r_T.
-            last, for_ever = nc + k, not {i, nc + k}.isdisjoint(self.undecided)
+            last, for_ever = nc + k, not {i, nc + k}.isdisjoint([*self.undecided, *self.tied])
             sticks = i in closed and last not in closed and not for_ever
             if normal not in closed:
                 slips, order[i] = [each for each in slips if each[0] != i], 0
@@ -208,7 +211,7 @@ def choose_mode(
     )
     found, lcp = _continuations(system, choice, start, Derivative(0, start, at_bound, scale), solver, zero)
     if lcp and any(not _same_motion(system, found[0], other, scale) for other in found[1:]):
-        raise Ambiguous(*lcp)
+        raise Ambiguous(lcp)
     return found[0]
 
 
@@ -244,7 +247,7 @@ def _with_higher_derivatives(
 
 def _continuations(
     system: System, choice: Choice, start: DoubleDouble, at: Derivative, solver: str, zero: float
-) -> tuple[list[tuple[Mode, DoubleDouble]], LCPData | None]:
+) -> tuple[list[tuple[Mode, DoubleDouble]], ModeLCP | None]:
     """Return all modes that no derivative contradicts, with the state, and the first LCP with several solutions."""
     (A, B, *_), lcp, failure = system.fine, None, None
     pending, found = [(choice, start, at)], []
@@ -254,12 +257,12 @@ def _continuations(
             found.append((choice.mode, start))
             continue
         try:
-            answers, data = _solve_derivative(system, choice, at, solver, zero)
+            solve = _solve_with_relays if system.relays.any() else _solve_derivative
+            answers, problem = solve(system, choice, at, solver, zero)
+            lcp = lcp or (problem if len(answers) > 1 else None)
         except FailureError as none:
             failure = none
             continue
-        if len(answers) > 1 and lcp is None:
-            lcp = data
         for answer in answers:
             branch, begun, state = choice.copy(), start, at.X
             for i, move in _decide(system, branch, at.level, answer):
@@ -276,11 +279,13 @@ def _same_motion(
     system: System, one: tuple[Mode, DoubleDouble], other: tuple[Mode, DoubleDouble], scale: Array
 ) -> bool:
     """Return whether two modes move a state by the same derivatives, though their forces may differ."""
-    flows = [system.reaction(mode)[0].generator.hi for mode, _ in (one, other)]
+    (flow, F), (flow_, F_) = system.reaction(one[0]), system.reaction(other[0])
+    A, B, _ = system.matrices
+    terms = np.abs(A) + np.abs(B) @ np.maximum(np.abs(F.hi), np.abs(F_.hi))
     states, sizes = [one[1].hi, other[1].hi], scale
     for _ in scale:
-        states = [A @ X for A, X in zip(flows, states, strict=True)]
-        sizes = np.maximum(*(np.abs(A) @ sizes for A in flows))
+        states = [flow.generator.hi @ states[0], flow_.generator.hi @ states[1]]
+        sizes = terms @ sizes
         if (np.abs(states[1] - states[0]) > SAME_RTOL * sizes).any():
             return False
     return True
@@ -288,44 +293,78 @@ def _same_motion(
 
 def _solve_derivative(
     system: System, choice: Choice, at: Derivative, solver: str, zero: float
-) -> tuple[list[Answer], LCPData]:
-    """Solve the LCP of one derivative: on closed rows that of u is zero, which gives theirs of r.
+) -> tuple[list[Answer], ModeLCP]:
+    """Return the solution of the LCP of one derivative, and that LCP: on closed rows the derivative of u is zero.
+
+    With friction all solutions are returned.
 
     Raises
     ------
     FailureError
         If it has no solution.
     """
-    laws, c, m = system.laws, choice.closed, choice.undecided
-    O, G = laws.O, laws.G  # noqa: E741
-    g = O @ at.X + laws.by_force @ at.r
-    terms = laws.weights @ (np.abs(system.fine.O.hi) @ at.scale + np.abs(system.G) @ np.abs(at.r.hi))
+    G, c, m, nc = system.laws.G, choice.closed, choice.undecided, len(system.degree)
+    g, terms = _free_motion(system, at)
     q, W, summed = g[m], _block(G, m, m), terms[m]
     if c:
         eliminated = solve_regular(_block(G, c, c), stacked([[g[c][:, None], _block(G, c, m)]]))
         q = q - _block(G, m, c) @ eliminated[:, 0]
         W = W - _block(G, m, c) @ eliminated[:, 1:]
         summed = summed + np.abs(_block(G, m, c).hi) @ np.abs(eliminated.hi[:, 0])
-        W = round_to_zero(W, np.abs(_block(G, m, c).hi) @ np.abs(eliminated.hi[:, 1:]))
     q = round_to_zero(q, summed, zero)
-    data = W.hi, q.hi, *_bounds(system, m, choice.side, at.level)
-
-    nc = len(system.degree)
-    rubs, switches = max(m) >= nc, bool(system.relays[[i for i in m if i < nc]].any())
+    lower, upper = _bounds(system, m, choice.side, at.level)
+    lcp, rubs = ModeLCP(W, q, lower, upper), max(m) >= nc
 
     def answer(guess: Array) -> Answer:
         """Return the solution in double-doubles, and the forces of all rows."""
         tiny = zero * (summed + np.abs(W.hi) @ np.abs(guess))
-        z, w = complementary(W, q, guess, *data[2:], tiny)
+        if len(idle := _idle_friction(choice, guess, nc)):
+            z, w = _with_idle_friction(lcp, idle, guess, tiny)
+        else:
+            z, w = complementary(W, q, guess, lower, upper, tiny)
         y = np.zeros((2, len(G)))
         y[:, m] = z.parts
         if c:
             y[:, c] = (-eliminated[:, 0] - eliminated[:, 1:] @ z).parts
-        force = DoubleDouble.of(laws.T) @ DoubleDouble(y) if system.friction else DoubleDouble(y)
+        force = DoubleDouble.of(system.laws.T) @ DoubleDouble(y) if system.friction else DoubleDouble(y)
         return Answer(at.r + force, z, w, tiny)
 
-    answers = [answer(guess) for guess in _solutions(data, solver, rubs or switches)]
-    return _distinct(system, answers) if rubs else answers, data
+    if not rubs:
+        return [answer(solve_lcp(W.hi, q.hi, solver, lower=lower, upper=upper).z)], lcp
+    answers, failure = list[Answer](), None
+    for guess in _solutions(lcp, solver):
+        try:
+            answers.append(answer(guess))
+        except np.linalg.LinAlgError as singular:
+            # A solution in floats whose basis is degenerate; another one may be the same motion.
+            failure = singular
+    if not answers and failure:
+        raise failure
+    return _distinct(system, answers), lcp
+
+
+def _idle_friction(choice: Choice, guess: Array, nc: int) -> Indices:
+    """Return the undecided pairs of unknowns of friction whose normal force is zero, by their positions (k, 2)."""
+    at = {i: a for a, i in enumerate(choice.undecided)}
+    pairs = [
+        (at[i], at[nc + k])
+        for k, (i, j) in enumerate(choice.friction)
+        if nc + k in at and j in at and guess[at[j]] == 0.0
+    ]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+def _with_idle_friction(lcp: ModeLCP, idle: Indices, guess: Array, tiny: Array) -> tuple[DoubleDouble, DoubleDouble]:
+    """Return z and w in double-doubles: without a normal force there is no friction, and the slip accelerates freely."""
+    (W, q, lower, upper), acts = lcp, np.setdiff1d(np.arange(len(guess)), idle)
+    z, _ = complementary(W[np.ix_(acts, acts)], q[acts], guess[acts], lower[acts], upper[acts], tiny[acts])
+    found = np.zeros((2, len(guess)))
+    found[:, acts] = z.parts
+    free = q + W @ DoubleDouble(found)
+    for first, last in idle:
+        if free.hi[first] < 0.0:
+            found[:, last] = (-free[first] / float(W.hi[first, last])).parts
+    return DoubleDouble(found), q + W @ DoubleDouble(found)
 
 
 def _distinct(system: System, answers: list[Answer]) -> list[Answer]:
@@ -338,13 +377,47 @@ def _distinct(system: System, answers: list[Answer]) -> list[Answer]:
     return found
 
 
-def _solutions(data: LCPData, solver: str, several: bool) -> list[Array]:
-    """Return the solution of an LCP, or all basic ones if there may be ``several``."""
-    M, q, lower, upper = data
-    if not several or Dense(M).has(Property.P):
+def _solve_with_relays(
+    system: System, choice: Choice, at: Derivative, solver: str, zero: float
+) -> tuple[list[Answer], ModeLCP]:
+    """Return all solutions of the LCP of one derivative, and that LCP, on the closed and the undecided rows.
+
+    Closed rows stay in it, without bounds: what keeps a relay on its surface may be the force of an undecided row.
+
+    Raises
+    ------
+    FailureError
+        If it has no solution.
+    """
+    c, m = choice.closed, choice.undecided
+    rows, infinite, undecided = [*c, *m], np.full(len(c), np.inf), slice(len(c), None)
+    g, terms = _free_motion(system, at)
+    lower, upper = _bounds(system, m, choice.side, at.level)
+    q = round_to_zero(g[rows], terms[rows], zero)
+    lcp = ModeLCP(_block(system.fine.G, rows, rows), q, np.append(-infinite, lower), np.append(infinite, upper))
+    answers = []
+    for guess in _solutions(lcp, solver):
+        tiny = zero * (terms[rows] + np.abs(lcp.M.hi) @ np.abs(guess))
+        z, w = complementary(*lcp[:2], guess, *lcp[2:], tiny)
+        force = at.r.parts.copy()
+        force[:, rows] = z.parts
+        answers.append(Answer(DoubleDouble(force), z[undecided], w[undecided], tiny[undecided]))
+    return answers, lcp
+
+
+def _free_motion(system: System, at: Derivative) -> tuple[DoubleDouble, Array]:
+    """Return O X + G r of one derivative, with the known forces, and the sizes of its terms (m,)."""
+    laws, terms = system.laws, np.abs(system.fine.O.hi) @ at.scale + np.abs(system.G) @ np.abs(at.r.hi)
+    return laws.O @ at.X + laws.by_force @ at.r, laws.weights @ terms
+
+
+def _solutions(lcp: ModeLCP, solver: str) -> list[Array]:
+    """Return the solution of an LCP, or all basic ones where there may be several."""
+    M, q, (lower, upper) = lcp.M.hi, lcp.q.hi, lcp[2:]
+    if Dense(M).has(Property.P):
         return [solve_lcp(M, q, solver, lower=lower, upper=upper).z]
     if len(q) > MAX_ROWS:
-        raise Ambiguous(*data)
+        raise Ambiguous(lcp)
     found = all_solutions(M, q, lower=lower, upper=upper)
     return found or [solve_lcp(M, q, SOLVER.name, lower=lower, upper=upper).z]
 
@@ -373,6 +446,21 @@ def _decide(system: System, choice: Choice, level: int, answer: Answer) -> list[
                 choice.slips.append((i, -choice.side[i]))
         else:
             choice.undecided.append(i)
+    for k, (i, normal) in enumerate(choice.friction):
+        last = len(system.degree) + k
+        if normal not in choice.closed and normal not in choice.undecided:
+            # An open contact has no friction.
+            choice.undecided, choice.closed = (
+                [each for each in rows if each not in (i, last)] for rows in (choice.undecided, choice.closed)
+            )
+        elif last in choice.closed and i in choice.undecided:
+            choice.undecided.remove(i)
+            choice.closed.append(i)
+        elif i in choice.closed and last in choice.undecided and is_singular(G[np.ix_(choice.closed, choice.closed)]):
+            # Redundant contacts: this one stays at its bound while others hold it.
+            choice.undecided.remove(last)
+            choice.closed.append(last)
+            choice.tied.append(last)
     return moved
 
 

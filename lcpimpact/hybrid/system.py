@@ -564,14 +564,20 @@ def at_degree(degree: Indices, *levels: DoubleDouble) -> DoubleDouble:
 
 def solve_regular(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
     """Solve with a block of G; where it is singular, the contact forces are not uniquely determined."""
-    if len(G) > 1:
-        # Rows of springs and of masses have different units, which must not make them look dependent.
-        rows = np.abs(G.hi).max(axis=1, keepdims=True)
-        balanced = G.hi / np.where(rows > 0.0, rows, 1.0)
-        columns = np.abs(balanced).max(axis=0)
-        if not np.linalg.cond(balanced / np.where(columns > 0.0, columns, 1.0)) < 1e13:
-            raise np.linalg.LinAlgError
+    if is_singular(G.hi):
+        raise np.linalg.LinAlgError
     return solve(G, right)
+
+
+def is_singular(G: Array) -> bool:
+    """Return whether a block of G is singular to rounding; one number is left to the elimination."""
+    if len(G) < 2:
+        return False
+    # Rows of springs and of masses have different units, which must not make them look dependent.
+    rows = np.abs(G).max(axis=1, keepdims=True)
+    balanced = G / np.where(rows > 0.0, rows, 1.0)
+    columns = np.abs(balanced).max(axis=0)
+    return not np.linalg.cond(balanced / np.where(columns > 0.0, columns, 1.0)) < 1e13
 
 
 def round_to_zero(found: DoubleDouble, terms: Array, zero: float = FINE_ZERO) -> DoubleDouble:

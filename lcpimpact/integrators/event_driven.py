@@ -4,7 +4,7 @@ In a contact mode r = F X + F_w w, and the motion is a smooth initial value prob
 
 .. math:: X' = (A + B F) X + (E + B F_w) w(t, X),
 
-with w the forces of the non-linear springs and the loads that are arbitrary functions of time (see
+with w the forces of the non-linear springs and of any kind, and the loads that are arbitrary functions of time (see
 `lcpimpact.scheme.first_order`). Any solver of `scipy.integrate` may follow it. The modes, their ends and the impacts are
 those of `lcpimpact.hybrid`; where w is present they are chosen for the system made linear about the event.
 
@@ -217,7 +217,7 @@ class EventDriven(Integrator):
         form, inputs = forced_form(d, self.name)
         system = System(d, grid.t_end, form, (inputs.E, inputs.D))
         refuse_mixed_degrees(system, self.name, except_schemes=True)
-        if len(system.remembered) and inputs.D[:, len(inputs.law) :].any():
+        if len(system.remembered) and inputs.D[:, inputs.of_state :].any():
             slider = d.contacts[system.remembered[0]].name
             raise UnsupportedError(
                 f"the slider {slider!r} of {problem.name!r} moves a spring under a load that is a function of time, which "
@@ -232,7 +232,7 @@ class EventDriven(Integrator):
             method=self, events=record.events, stats=record.stats, forced=forced, solution=EventDrivenSolution(forced),
             samples=samples_of(SINGLE_STEP_DEGREE if low else DENSE_DEGREE),
             impact_history=ImpactHistory.none(len(d.contacts)), sizes=np.zeros(inputs.count),
-            expected=expected_scale(system, inputs, np.abs(X), grid.t_end),
+            expected=expected_scale(system, inputs, X, grid.t_end),
         )  # fmt: skip
         with refuse_undetermined(problem, self.name):
             motion.begin_segment(0.0, X, v=problem.initial_velocities)
@@ -536,14 +536,15 @@ class SolverMotion(EventLoop):
         return solver
 
 
-def expected_scale(system: System, inputs: Inputs, size: Array, end: float) -> Array:
-    """Return what states of a size (N,) grow to within the shortest period or decay time of the open contacts (N,)."""
+def expected_scale(system: System, inputs: Inputs, start: Array, end: float) -> Array:
+    """Return what the states of a start (N,) grow to within the shortest period or decay time of the open contacts (N,)."""
     A, w = system.form.A, np.zeros(inputs.count)
-    for k, load in enumerate(inputs.loads, len(inputs.law)):
+    w[len(inputs.law) : inputs.of_state] = np.abs(inputs.motion_forces(0.0, start))
+    for k, load in enumerate(inputs.loads, inputs.of_state):
         sizes = [abs(load(float(t))) for t in np.linspace(0.0, end, LOAD_SAMPLES)]
         w[k] = np.median(sizes) or max(sizes)
     time = 1.0 / max(np.abs(np.linalg.eigvals(A)).max(initial=0.0), 1.0 / end)
-    grown = size.copy()
+    grown = np.abs(start)
     for _ in range(2):  # forces move velocities, and these positions
         states = time * (np.abs(A) @ grown[: len(A)] + np.abs(inputs.E) @ w)
         grown[: len(A)] = np.maximum(grown[: len(A)], states)

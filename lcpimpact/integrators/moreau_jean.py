@@ -35,7 +35,8 @@ which moves a switch by O(h) and takes u and its derivatives to zero in a slidin
 the order is 1, for λ is constant in the step; into a sliding mode of relative degree 1 it is 2.
 
 The row of A of a node with prescribed motion is that of the identity. Forces of non-linear springs are evaluated at t_θ, by
-Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`.
+Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`, and for forces of any kind
+`lcpimpact.integrators.stepping.force_newton`.
 """
 
 from __future__ import annotations
@@ -47,10 +48,10 @@ import numpy as np
 from scipy.optimize import linprog
 
 from lcpimpact.arrays import Array
-from lcpimpact.errors import InputError
+from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared
 from lcpimpact.integrators.stepping.impulse_paths import impulse_paths
-from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, solve
+from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated, solve
 from lcpimpact.integrators.stepping.static_balance import static_coordinates
 from lcpimpact.lcp.friction import FORMULATIONS
 from lcpimpact.lcp.operators import Dense
@@ -136,6 +137,22 @@ class MoreauJean(LinearStep):
         """Return θ."""
         return self.theta
 
+    def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
+        """Tabulate the step.
+
+        Raises
+        ------
+        UnsupportedError
+            If a relay has D_ii < 0, where the LCP of a step has several solutions.
+        """
+        if (triggers := d.relays & (np.diag(d.D) < 0.0)).any():
+            raise UnsupportedError(
+                f"the relay {d.contacts[int(np.argmax(triggers))].name!r} has a hysteresis (D_ii < 0), in whose band "
+                f"several multipliers are possible, and the steps of {self.name!r} do not remember which: "
+                "take method='exact'"
+            )
+        return super().prepare(d, h, lcp_solver)
+
     def matrix(self, d: Dynamics, h: float) -> Array:
         """Return A = M/(θ h) + C + θ h K."""
         return np.asarray(d.M / (self.theta * h) + d.C + self.theta * h * d.K)
@@ -176,7 +193,7 @@ class MoreauJean(LinearStep):
 
     def contact_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
         """Return W = H A⁻¹ Hᵀ/h, with A and H/√h where it has that form."""
-        if not d.stores_energy or d.springs:
+        if not d.stores_energy or len(d.pushes):
             return Dense(W)
         free = ~d.driven
         return Dense(W, A=self.matrix(d, h)[np.ix_(free, free)], H=d.H[:, free] / np.sqrt(h))

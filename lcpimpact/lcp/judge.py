@@ -28,6 +28,10 @@ PROOF_RTOL = 1e-6
 """Maximum rounding error of a row, relative to its size, at which a check is conclusive."""
 
 
+TINY = float(np.finfo(np.float64).tiny)
+"""The smallest number with all its digits."""
+
+
 @compiled(types.void(matrix, vector, vector, vector, vector, vector, vector, f8))
 def sizes(W: Array, q: Array, lower: Array, upper: Array, z: Array, terms: Array, size: Array, rounding: float) -> None:
     """Remove from ``size`` the terms of the z_j that are not determined by the data.
@@ -112,7 +116,7 @@ def row_defect(
         outside = max(lower[i] - z[i], z[i] - upper[i])
         if outside > 0.0:
             scaled = max(scaled, min(outside * weight(W, i, size), 1.0 / EPS))
-        if abs(w[i]) <= rounding * terms[i]:
+        if abs(w[i]) <= rounding * terms[i] + TINY:
             continue
         room = z[i] - lower[i] if w[i] > 0.0 else upper[i] - z[i]
         defect = abs(w[i]) / max(size[i], EPS * abs(w[i]))

@@ -58,6 +58,7 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     _refuse_levers(H, terms.rows, ~(parts.massive.any(axis=1) | driven), nodes)
     _refuse_falling_nodes(K, parts.static, nodes)
     _refuse_jumps(terms, parts.static, nodes)
+    _refuse_forces_on_springs(terms, parts.static)
     degrees = relative_degrees(H, parts)
     contacts = tuple(
         Contact(
@@ -80,7 +81,7 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
         array.flags.writeable = False
     dynamics = Dynamics(
         nodes=tuple(nodes), M=M, C=C, K=K, loads=tuple(terms.loads), H=H, u0=u0, contacts=contacts, B=B, D=D,
-        springs=tuple(terms.springs), motions=dict(terms.motions), residues=residues,
+        springs=tuple(terms.springs), force_laws=tuple(terms.force_laws), motions=dict(terms.motions), residues=residues,
     )  # fmt: skip
     _check_restitution(dynamics, terms.rows)
     return dynamics
@@ -137,6 +138,17 @@ def _refuse_jumps(terms: Terms, static: Array, nodes: Sequence[str]) -> None:
                 f"the load on {nodes[i]!r} jumps, and so would that node, which only springs hold: give it a Mass or a "
                 "Dashpot, or increase the load gradually by a Ramp or a Table"
             )
+
+
+def _refuse_forces_on_springs(terms: Terms, static: Array) -> None:
+    """Refuse forces of any kind at static nodes, whose places would be solutions of equations."""
+    for law in terms.force_laws:
+        for node in law.nodes:
+            if static[terms.index[node]].any():
+                raise InputError(
+                    f"{law.element}: springs alone hold {node!r}, so that its place would be the solution of an equation; "
+                    "give the node a Mass or a Dashpot"
+                )
 
 
 def _refuse_ambiguous_names(nodes: Sequence[str], rows: Sequence[Row | PowerLaw]) -> None:

@@ -1,4 +1,4 @@
-"""The equations of motion: M q'' + C q' + K q = f(t) + s(q, q') + Hᵀ r, u = H q + u0, with a law for each row of r."""
+"""The equations of motion: M q'' + C q' + K q = f(t, q, q') + s(q, q') + Hᵀ r, u = H q + u0, with a law for each row."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.scheme import force_law
 from lcpimpact.scheme.decomposition import Decomposition, decompose
+from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.impulse_paths import extreme_rays, impulse_paths
 from lcpimpact.scheme.signals import PiecewisePolynomial, Signal
 from lcpimpact.scheme.terms import PowerLaw, RowLaw, Terms
@@ -30,6 +32,7 @@ class Feature(StrEnum):
     SLIDERS = "sliders"
     RELAYS = "relays"
     POWER_LAWS = "non-linear springs"
+    FORCES = "forces of any kind"
     MOTIONS = "prescribed motion"
     SYSTEMS = "systems given directly"
     MASSLESS = "massless nodes"
@@ -94,7 +97,7 @@ class Contact:
 class Dynamics:
     r"""The equations of motion of a scheme.
 
-    .. math:: M \ddot q + C \dot q + K q = f(t) + s(q, \dot q) + B r, \qquad u = H q + D r + u_0
+    .. math:: M \ddot q + C \dot q + K q = f(t, q, \dot q) + s(q, \dot q) + B r, \qquad u = H q + D r + u_0
 
     with one law for each row: 0 <= u ⟂ r >= 0, or -r0 <= r <= r0 ⟂ u' for a slider, or r_min <= r <= r_max ⟂ u for a relay
     (see `lcpimpact.scheme.terms.RowLaw`). In a scheme B = Hᵀ and D = 0; a
@@ -112,6 +115,7 @@ class Dynamics:
     B : (n, nc) array                   how the reactions act
     D : (nc, nc) array                  how they act on u directly
     springs : tuple of PowerLaw         the non-linear springs, whose forces are s
+    force_laws : tuple of ForceLaw      the forces of any kind, which f holds beside the loads
     motions : dict of int to Signal     index of each node with prescribed motion, and its motion
     stores_energy : bool                whether ½ vᵀ M v + ½ qᵀ K q is an energy
     residues : tuple of arrays          what rounding has left out of M, C and K, (n, n) each; none where they were given
@@ -128,6 +132,7 @@ class Dynamics:
     B: Array
     D: Array
     springs: tuple[PowerLaw, ...] = ()
+    force_laws: tuple[ForceLaw, ...] = ()
     motions: Mapping[int, Signal] = field(default_factory=dict)
     stores_energy: bool = True
     residues: tuple[Array, Array, Array] | None = None
@@ -146,6 +151,8 @@ class Dynamics:
             found[Feature.RELAYS] = f"multiplier {self.contacts[int(np.argmax(self.relays))].name!r}"
         if self.springs:
             found[Feature.POWER_LAWS] = self.springs[0].element
+        if self.force_laws:
+            found[Feature.FORCES] = self.force_laws[0].element
         if self.motions:
             found[Feature.MOTIONS] = f"node {self.nodes[next(iter(self.motions))]!r}"
         if not self.stores_energy:
@@ -315,8 +322,8 @@ class Dynamics:
 
     @property
     def constant_loads(self) -> bool:
-        """Whether no load depends on time."""
-        return not any(callable(load) for _, load in self.loads)
+        """Whether no load depends on time, and none on the motion."""
+        return not self.force_laws and not any(callable(load) for _, load in self.loads)
 
     def force(self, t: ArrayLike) -> Array:
         """Return the loads f(t) in N, with the shape of t followed by (n,)."""
@@ -329,6 +336,30 @@ class Dynamics:
                 f[..., i] += _values(load, times)
             else:
                 f[..., i] += load
+        return f
+
+    @cached_property
+    def acted_on(self) -> Indices:
+        """The nodes of the forces of any kind, one law after another (ng,)."""
+        found = [self.nodes.index(node) for law in self.force_laws for node in law.nodes]
+        return np.array(found, dtype=np.int64)
+
+    @cached_property
+    def pushes(self) -> Array:
+        """How the forces of non-linear springs, and after them those of any kind, act on the nodes (ns + ng, n)."""
+        return np.vstack([self.directions, np.eye(len(self.nodes))[self.acted_on]])
+
+    def applied(self, t: ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return f(t, q, v) in N (..., n): the loads and the forces of any kind, with t (...) and q and v (..., n)."""
+        return np.asarray(self.force(t) + self.motion_forces(t, q, v))
+
+    def motion_forces(self, t: ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return the forces of any kind alone in N (..., n)."""
+        q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
+        times = np.broadcast_to(np.asarray(t, dtype=np.float64), q.shape[:-1])
+        f, here = np.zeros(q.shape), self.acted_on
+        for at in np.ndindex(times.shape) if self.force_laws else ():
+            np.add.at(f[at], here, force_law.forces(self.force_laws, float(times[at]), q[at][here], v[at][here]))
         return f
 
     def gap(self, q: ArrayLike) -> Array:

@@ -8,8 +8,8 @@ their own (1, and a cosine with its sine), and so do a piecewise polynomial and 
 before. So the system is homogeneous and its solution in each contact mode is a matrix exponential; at a breakpoint only the
 states of the signals change, to the right limits there.
 
-Forces that are no such signals, those of non-linear springs and loads that are other functions of time, are inputs beside
-the reactions: X' = A X + B r + E w; see `forced_form`.
+Forces that are no such signals, those of non-linear springs, of any kind, and loads that are other functions of time, are
+inputs beside the reactions: X' = A X + B r + E w; see `forced_form`.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ from lcpimpact.double_double import DoubleDouble, solve, stacked
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.scheme.decomposition import Decomposition
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.force_law import ForceLaw, forces, tangents
 from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, Harmonic, PiecewisePolynomial
 
 
@@ -183,8 +184,8 @@ def first_order_form(dynamics: Dynamics) -> FirstOrderForm:
 class Inputs:
     """The forces w beside the reactions: X' = A X + B r + E w, u = C X + D r + D_w w, q = Q X + Qr r + Q_w w.
 
-    w holds the forces of the non-linear springs, s = K δⁿ (1 + b δ') + c δ' with δ = approach·X and δ' = rate·X, and after
-    them the loads that are functions of time.
+    w holds the forces of the non-linear springs, s = K δⁿ (1 + b δ') + c δ' with δ = approach·X and δ' = rate·X, after them
+    those of any kind, f(t, place X, speed X), and then the loads that are functions of time.
 
     Attributes
     ----------
@@ -194,6 +195,10 @@ class Inputs:
         Rows that give δ and δ' from the state; the rate is zero for a spring without loss.
     law : (ns, 5) array
         Gap, K, n, b and c of each spring; the gap is already included in ``approach``.
+    place, speed : (ng, N) arrays
+        Rows that read q and v of the nodes of the forces of any kind off the state.
+    force_laws : tuple of ForceLaw
+        The forces of any kind.
     loads : tuple of callable
         Functions of time.
     """
@@ -204,12 +209,31 @@ class Inputs:
     approach: Array
     rate: Array
     law: Array
+    place: Array
+    speed: Array
+    force_laws: tuple[ForceLaw, ...]
     loads: tuple[Callable[[float], float], ...]
 
     @property
     def count(self) -> int:
         """How many forces there are."""
         return int(self.E.shape[1])
+
+    @property
+    def of_state(self) -> int:
+        """How many of them depend on the state: all but the loads (ns + ng)."""
+        return len(self.law) + len(self.place)
+
+    def motion_forces(self, t: float, X: Array) -> Array:
+        """Return the forces of any kind at the state X (ng,)."""
+        X = X[: self.place.shape[1]]
+        return forces(self.force_laws, t, self.place @ X, self.speed @ X)
+
+    def motion_tangents(self, t: float, X: Array) -> Array:
+        """Return the derivatives of the forces of any kind by the state X (ng, N)."""
+        X = X[: self.place.shape[1]]
+        by_q, by_v = tangents(self.force_laws, t, self.place @ X, self.speed @ X)
+        return np.asarray(by_q @ self.place + by_v @ self.speed)
 
 
 def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs]:
@@ -226,8 +250,8 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     ------
     UnsupportedError
         If a non-linear spring acts on a static node, where its force would be the solution of an equation; if one with
-        loss acts on a massless node, whose velocity depends on its force; or if a prescribed motion is another function
-        of time.
+        loss, or a force of any kind, acts on a massless node, whose velocity depends on it; or if a prescribed motion is
+        another function of time.
     """
     d, n, nc = dynamics, len(dynamics.nodes), len(dynamics.contacts)
     parts = d.decomposition
@@ -243,21 +267,27 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
                     f"{spring.element} stands at the node {node!r}, which is {where}; {method!r} does not handle that: "
                     "give the node a mass, or take method='moreau-jean'"
                 )
+    for law in d.force_laws:
+        if massless := [node for node in law.nodes if parts.damped[d.nodes.index(node)].any()]:
+            raise UnsupportedError(
+                f"{law.element} stands at the node {massless[0]!r}, which is massless, so that its velocity depends on the "
+                f"force; {method!r} does not handle that: give the node a mass, or take method='moreau-jean'"
+            )
     signals = tuple((i, f) for i, f in d.loads if not callable(f) or isinstance(f, Described))
     others = [(i, f) for i, f in d.loads if callable(f) and not isinstance(f, Described)]
     unit = np.eye(n)[:, [i for i, _ in others]]
-    added = np.column_stack([d.directions.T, unit])
+    added = np.column_stack([d.pushes.T, unit])
     widened = replace(
         d, loads=signals, B=np.column_stack([d.B, added]), D=np.column_stack([d.D, np.zeros((nc, added.shape[1]))])
     )
     form = first_order_form(widened)
-    reactions, forces = slice(0, nc), slice(nc, None)
+    reactions, acting = slice(0, nc), slice(nc, None)
     approach = -d.directions @ form.Q
     approach[:, form.constant] -= d.power_laws[:, 0]
     rate = np.where(d.power_laws[:, 3:].sum(axis=1, keepdims=True) > 0.0, approach @ form.A, 0.0)
     inputs = Inputs(
-        form.B[:, forces], form.D[:, forces], form.Qr[:, forces], approach, rate, d.power_laws,
-        tuple(f for _, f in others),
+        form.B[:, acting], form.D[:, acting], form.Qr[:, acting], approach, rate, d.power_laws,
+        form.Q[d.acted_on], form.Q[d.acted_on] @ form.A, d.force_laws, tuple(f for _, f in others),
     )  # fmt: skip
     assert form.low is not None
     A, B, C, D, Q, Qr = form.low

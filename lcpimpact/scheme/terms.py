@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from lcpimpact.arrays import Array
+from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.signals import Signal
 
 GROUND = "ground"
@@ -147,6 +148,7 @@ class Terms:
     loads : list                    index of the node and the load
     rows : list of Row              the rows of H, in this order
     springs : list of PowerLaw      the non-linear springs
+    force_laws : list of ForceLaw   the forces of any kind
     motions : dict                  index of each node with prescribed motion, and its motion
     """
 
@@ -157,6 +159,7 @@ class Terms:
         self.loads: list[tuple[int, float | Callable[[float], float]]] = []
         self.rows: list[Row] = []
         self.springs: list[PowerLaw] = []
+        self.force_laws: list[ForceLaw] = []
         self.motions: dict[int, Signal] = {}
 
     def direction(self, a: End, b: End) -> Array:

@@ -158,6 +158,8 @@ def test_hysteresis_has_one_motion_from_outside_of_its_band(method):
     run = li.simulate(problem, method, dt=0.1, t_end=8.0)
     assert [event.t for event in run.events] == pytest.approx([3.0, 5.0, 7.0], abs=1e-9)
     assert run["x1"][-1] == pytest.approx(0.0, abs=1e-8)
+    with pytest.raises(li.UnsupportedError, match=r"hysteresis \(D_ii < 0\).*'moreau-jean' do not remember"):
+        li.simulate(problem, dt=0.1, t_end=8.0)
     inside = relay([[0.0]], [[-1.0]], [[-1.0]], D=[[-1.0]], x0=[0.5])
     with pytest.raises(li.UnsupportedError, match="several motions"):
         li.simulate(inside, method, dt=0.1, t_end=1.0)
@@ -250,6 +252,16 @@ def test_the_order_of_steps_across_relays():
     assert METHODS["moreau-jean"].declared.order_relay == 1
 
 
+@pytest.mark.parametrize("name", ["filippov", "sliding-mode", "relay-oscillator"])
+def test_step_halving_locates_switches(name):
+    """The whole step and its halves keep one λ if the switch is in the first half, and agree on what is wrong."""
+    problem = li.load_problem(name)
+    for rtol in (1e-3, 1e-5):
+        run = li.simulate(problem, dt=problem.t_end / 40, t_end=problem.t_end, rtol=rtol)
+        q, _ = problem.motion(run.t)
+        assert np.abs(run.q - q).max() < 30.0 * rtol
+
+
 @pytest.mark.parametrize("method", ["moreau-jean", *LOCATING])
 @pytest.mark.parametrize("A", [[[0.0, 1.0], [-1.0, -0.1]], [[0.0, 1.0], [0.0, 0.0]]])
 def test_the_certificate_notices_relays_that_do_not_switch(method, A):
@@ -269,9 +281,9 @@ def test_the_certificate_notices_relays_that_do_not_switch(method, A):
         ("not complementary", problem(c=0.05 if method == "moreau-jean" else 1e-3)),
     ):
         failures = run.certify(wrong).failures
-        assert any("bounds" in each if name.startswith("outside") else "complementary" in each for each in failures), (
-            wrong
-        )
+        assert any(
+            "bounds" in each if name.startswith("outside") else "complementarity" in each for each in failures
+        ), wrong
 
 
 def test_methods_without_relays_refuse_them_by_name():
@@ -280,3 +292,52 @@ def test_methods_without_relays_refuse_them_by_name():
     for name in set(METHODS) - able:
         with pytest.raises(li.UnsupportedError, match=name):
             li.simulate(first_order(0.5, 1.0), name, dt=1e-2, t_end=1.0)
+
+
+# Random systems.
+
+
+def random_system(seed):
+    """Up to four states and three rows, nearly passive: relays, saturations, rows of degree 2, contacts, and inputs."""
+    rng = np.random.default_rng(seed)
+    n, m = int(rng.integers(1, 5)), int(rng.integers(1, 4))
+    A, C = rng.normal(size=(n, n)) - 0.5 * np.eye(n), rng.normal(size=(m, n))
+    B, D = C.T + 0.3 * rng.normal(size=(n, m)), np.zeros((m, m))
+    if rng.random() < 0.3 and n > 1:
+        C[0], B[:, 0], A[0] = np.eye(n)[0], np.eye(n)[-1], np.eye(n)[-1]
+    if rng.random() < 0.3:
+        D[-1, -1] = rng.uniform(0.1, 1.0)
+    lower, upper = -rng.uniform(0.2, 2.0, m), rng.uniform(0.2, 2.0, m)
+    if rng.random() < 0.2 and m > 1:
+        lower[-1], upper[-1] = 0.0, math.inf
+    a = [float(x) if rng.random() < 0.6 else Harmonic(float(x), rng.uniform(0.5, 4.0)) for x in rng.normal(size=n)]
+    c = [
+        float(x) if rng.random() < 0.5 else Harmonic(float(x), rng.uniform(0.5, 4.0)) for x in 0.5 * rng.normal(size=m)
+    ]
+    if rng.random() < 0.3 and math.isfinite(upper[0]):
+        c[0] = Square(0.3, rng.uniform(0.5, 4.0))
+    return relay(A, B, C, D=D, a=a, c=c, lower=lower, upper=upper, x0=rng.normal(size=n))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_systems_by_all_methods(seed):
+    """Three ways to follow a mode and find its end, and time steps, go the same way, or all that locate events refuse."""
+    problem = random_system(seed)
+    runs = {}
+    for method in (*LOCATING, "moreau-jean"):
+        dt = 2e-3 if method == "moreau-jean" else 0.02
+        try:
+            runs[method] = li.simulate(problem, method, dt=dt, t_end=4.0, throw=False)
+        except li.UnsupportedError:
+            runs[method] = None
+    statuses = {None if runs[method] is None else runs[method].status for method in LOCATING}
+    assert len(statuses) == 1
+    if statuses != {Status.SOLVED}:
+        assert statuses <= {None, Status.AMBIGUOUS}
+        return
+    truth = runs["exact"]
+    size = max(np.abs(truth.q).max(), 1e-3)
+    for method, tolerance in (("radau-fesd", 1e-6), ("event-driven", 1e-6), ("moreau-jean", 0.1)):
+        run = runs[method]
+        assert run.success, run.certificate.failures
+        assert np.abs(run.sample(truth.t).q - truth.q).max() < tolerance * size, method

@@ -19,18 +19,27 @@ STOPPED_PLATE = li.Problem(
     ),
     v0={"x": 1.0},
 )
-"""A scheme with a feature that no registered problem has."""
+PUSHED_PLATE = li.Problem(
+    "pushed plate",
+    li.Scheme(
+        li.Mass("x", m=1.0),
+        li.Load("x", lambda t, q, v: -0.1 * q**3),
+        li.Bumper("x", "z"),
+        li.KelvinVoigt("z", "ground", k=10.0, c=1.0),
+    ),
+    v0={"x": 1.0},
+)
+OWN = {each.name: each for each in (STOPPED_PLATE, PUSHED_PLATE)}
+"""Schemes with features that no registered problem has."""
 
-EVERY = (*PROBLEMS, STOPPED_PLATE.name)
+EVERY = (*PROBLEMS, *OWN)
 SMALLER = {"bar-impact": {"elements": 4.0}, "bouncing-bar": {"elements": 4.0}, "plastic-bar-impact": {"elements": 4.0}}
 STEPS = 3
 SAID = ("driven", "massive", "slides", "r_min", "r_max", "relative_degree", "restitution", "impulse_lines")
 
 
 def load(name):
-    if name == STOPPED_PLATE.name:
-        return STOPPED_PLATE
-    return li.load_problem(name, **SMALLER.get(name, {}))
+    return OWN.get(name) or li.load_problem(name, **SMALLER.get(name, {}))
 
 
 def attempt(problem, method):

@@ -154,7 +154,7 @@ def runs() -> dict[str, list[Trajectory]]:
 
 def pieces(scheme: Scheme) -> list[Any]:
     """Return what is to be drawn: loads on nodes that elements keep to themselves are not."""
-    inner = {node for element in scheme.elements for node in element.nodes[1:-1]}
+    inner = {node for element in scheme.elements for node in element.inner}
     every = [piece for element in scheme.elements for piece in element.drawn()]
     return [piece for piece in every if len(piece.nodes) > 1 or piece.node not in inner]
 
@@ -285,7 +285,7 @@ def test_every_symbol_and_every_coordinate_is_written(name: str) -> None:
     expected += Counter(math_text(symbol) for p in shown if isinstance(p, Bumper) for symbol in p.symbols)
     expected += Counter("$y(t)$" for p in shown if isinstance(p, PrescribedMotion))
     outer = {node for e in scheme.elements for node in (e.nodes[0], e.nodes[-1])}
-    inner = {node for e in scheme.elements for node in e.nodes[1:-1]}
+    inner = {node for e in scheme.elements for node in e.inner}
     expected += Counter(math_text(node) for node in outer - inner - {"ground"})
     assert written == expected
 

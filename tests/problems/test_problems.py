@@ -60,7 +60,14 @@ def finest(name):
         return run(problem)
     if name in BARS:
         return run(problem, "moreau-jean", steps_of_half_an_element(problem))
+    if problem.dynamics.force_laws:
+        return by_events(problem)
     return run(problem, "moreau-jean", 40_009)
+
+
+def by_events(problem):
+    """The most accurate run under a force that is a function of the motion."""
+    return li.simulate(problem, "event-driven", dt=problem.t_end / 200, t_end=problem.t_end, rtol=1e-12)
 
 
 def steps_of_half_an_element(problem):
@@ -212,7 +219,9 @@ def test_moreau_jean_reaches_the_motion_at_its_order(name):
         q, _ = problem.motion(found.t)
         massive = problem.dynamics.massive if problem.dynamics.massive.any() else np.ones(q.shape[1], dtype=bool)
         errors.append(np.abs(found.q - q)[:, massive].max() / np.abs(q).max())
-    assert falls(errors, declared_order(problem)), errors
+    # Every swing of a switch that accumulates adds an h to the time that is left, and there are log 1/h of them.
+    order = declared_order(problem) - (0.25 if name == "twisting" else 0.0)
+    assert falls(errors, order), errors
 
 
 def test_an_order_that_is_too_high_is_noticed():
@@ -285,6 +294,10 @@ RANDOM = {
     "vibrating-table": {"m": some(0.1, 10.0), "e": some(0.4, 0.9), "omega": some(20.0, 100.0), "swing": some(1.05, 1.3)},
     "rocking-block": {"p": some(0.5, 5.0), "alpha": some(0.05, 0.4), "tilt": some(0.05, 0.95), "e": some(0.5, 1.0)},
     "diode-bridge": {"L": some(1e-3, 1e-1), "C": some(1e-7, 1e-5), "R": some(30.0, 1e4), "v0": some(1.0, 100.0)},
+    "sliding-mode": {"a": some(1.0, 3.0), "d": some(-0.5, 0.5), "c": some(0.3, 1.0), "x0": some(0.1, 1.0)},
+    "relay-oscillator": {"a": some(0.1, 10.0), "x0": some(0.01, 100.0)},
+    "twisting": {"r1": some(2.0, 9.0), "r2": some(0.5, 1.5), "x0": some(0.1, 10.0)},
+    "reflected-motion": {"A": some(1.0, 3.0), "omega": some(0.3, 1.0), "x0": some(0.1, 0.9)},
     "system-1": {"m": some(50.0, 200.0), "k_o": some(1e3, 1e4), "c_o": some(50.0, 500.0), "h_o": some(1.0, 10.0)},
     "system-2": {"m": some(50.0, 200.0), "k": some(1e3, 1e4), "c_o": some(50.0, 500.0), "h_o": some(1.0, 10.0)},
     "system-3": {"m": some(50.0, 200.0), "c": some(50.0, 500.0), "c_o": some(50.0, 500.0), "h_o": some(1.0, 10.0)},
@@ -366,6 +379,9 @@ REGIMES = [
     ("rocking-block", {"e": 0.0}),
     ("bouncing-ball", {"e": 0.0}),
     ("bouncing-ball", {"e": 1.0}),
+    ("ball-in-air", {"e": 0.0}),
+    ("ball-in-air", {"e": 1.0, "c": 5.0}),
+    ("ball-in-air", {"c": 1e-6}),
     ("oscillator-stop", {"e": 0.0}),
     ("oscillator-stop", {"e": 0.99999, "m": 0.5, "k": 1.0, "v0": 1.0}),
     ("system-3", {"c": 60.0}),
@@ -377,7 +393,7 @@ def test_facts_hold_in_every_regime(name, parameters):
     check_outside(name, **parameters)
     problem = load_problem(name, **parameters)
     assert problem.facts
-    found = run(problem)
+    found = by_events(problem) if problem.dynamics.force_laws else run(problem)
     for fact in problem.facts:
         assert fact.error(found) <= fact.accuracy, fact
 
@@ -459,6 +475,12 @@ BAD = [
     ("vibrating-table", {"e": 0.0, "A": 0.0078075}, "strikes the ball in its flight"),
     ("rocking-block", {"theta": 0.3}, "must be below alpha"),
     ("diode-bridge", {"R": 0.0}, "R = 0 must be above zero"),
+    ("filippov", {"depth": 9.0}, "it does not cross, slide and leave"),
+    ("sliding-mode", {"d": -2.0}, "must be below a = 1"),
+    ("sliding-mode", {"c": 20.0}, "too weak to slide"),
+    ("relay-oscillator", {"a": 0.0}, "a = 0 must be above zero"),
+    ("twisting", {"r1": 1.0}, "r1 = 1 must be above r2 = 1"),
+    ("reflected-motion", {"x0": 2.0}, "or it never comes down to zero"),
     ("hertz-impact", {"n": 0.5}, "n = 0.5 must be"),
     ("hunt-crossley-impact", {"b": -1.0}, "b = -1.0 must be a positive"),
     ("hunt-crossley-impact", {"b": 1e-9}, "take hertz-impact"),
@@ -1199,6 +1221,56 @@ def diode_bridge(L, C, R, v0):
     return {"t_1": change[0] / ω, "v_L": v * v0, "i_L": i * v0 * math.sqrt(C / L), "v_R": abs(v) * v0}
 
 
+def filippov(f0, s, depth):
+    """The fields on both sides with the clock as a second state; on the surface λ = f is watched alone."""
+    below, above = (lambda y, sign=sign: [f0 - s * y[1] - sign, 1.0] for sign in (-1.0, 1.0))
+    first = falling(below, [-depth, 0.0], 9.0 / s, lambda y: -y[0])[0]
+    second = falling(above, [0.0, first[0]], 9.0 / s, lambda y: y[0] if y[1] > first[0] + 1e-3 / s else 1.0)[0]
+    t_2 = first[0] + second[0]
+    t_3 = brentq(lambda t: f0 - s * t + 1.0, t_2, 99.0 / s, xtol=1e-14)
+    x = quad(lambda t: f0 - s * t + 1.0, t_3, t_3 + 0.5 / s)[0]
+    return {"t_1": first[0], "t_2": t_2, "t_3": t_3, "x": x}
+
+
+def sliding_mode(a, d, c, x0):
+    """Pushed until σ falls to zero; then Utkin's equivalent control in the equations of motion."""
+    t_s, y = falling(lambda y: [y[1], d - a], [x0, 0.0], 99.0, lambda y: y[1] + c * y[0])[0]
+    λ = lambda y: (d + c * y[1]) / a  # noqa: E731
+    end = solve_ivp(lambda t, y: [y[1], d - a * λ(y)], (0.0, 3.0 / c), y, "DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
+    return {"t_s": t_s, "x_s": y[0], "x": end[0], "λ": λ(end)}
+
+
+def relay_oscillator(a, x0):
+    t_1, y = falling(lambda y: [y[1], -a], [x0, 0.0], 99.0, lambda y: y[0])[0]
+    t_2, z = falling(lambda y: [y[1], a], [0.0, y[1]], 99.0, lambda y: -y[0] if y[1] > 0.0 else 1.0, lambda y: -y[1])
+    return {"t_1": t_1, "v_1": y[1], "t_2": t_1 + t_2[0], "x_1": z[1][0]}
+
+
+def twisting(r1, r2, x0):
+    """Swing after swing, in its own units of length and time, until nothing is left of the sum."""
+    found, t, x = {}, 0.0, x0
+    while x > 1e-24 * x0:
+        unit = math.sqrt(x / r1)
+        first, y = falling(lambda y: [y[1], -(1 - r2 / r1)], [1.0, 0.0], 99.0, lambda y: y[0])[0]
+        second, z = falling(lambda y: [y[1], 1 + r2 / r1], [0.0, y[1]], 99.0, lambda y: -y[1])[0]
+        found = found or {"t_1": first * unit, "x_1": z[0] * x, "x": 0.0}
+        t, x = t + (first + second) * unit, -z[0] * x
+    return found | {"t_∞": t}
+
+
+def reflected_motion(A, omega, x0):
+    """By Skorokhod's formula on the free motion."""
+    z = lambda t: x0 + A / omega * math.sin(omega * t)  # noqa: E731
+    lowest = minimize_scalar(
+        z, bounds=(math.pi / omega, 2.0 * math.pi / omega), method="bounded", options={"xatol": 1e-12}
+    )
+    t_2 = brentq(lambda t: math.cos(omega * t), 4.0 / omega, 5.0 / omega, xtol=1e-15)
+    end = 2.5 * math.pi / omega
+    return {
+        "t_1": brentq(z, math.pi / omega, t_2, xtol=1e-15), "t_2": t_2, "L": -lowest.fun, "x": z(end) - lowest.fun
+    }  # fmt: skip
+
+
 class Characteristics:
     """A bar that falls on a wall, along its characteristics: f = v + s/(ρc) goes down, b = v - s/(ρc) up, both gain g dt.
 
@@ -1261,11 +1333,23 @@ def first_force(m, c_o, v_o, c=None, **_):
     return {"R(0+)": c_o * v_o if c is None else v_o / (1 / c + 1 / c_o)}
 
 
+def ball_in_air(m, g, c, H, e):
+    t, y, found = 0.0, [0.0, 0.0], {}
+    longest = 2.0 * (math.sqrt(2.0 * H / g) + H * math.sqrt(c / (m * g)))
+    for n in (1, 2, 3) if e else (1,):
+        duration, y = falling(lambda y: [y[1], g - c / m * y[1] * abs(y[1])], y, longest, lambda y: H - y[0])[-1]
+        t += duration
+        found |= {f"t_{n}": t, f"v_{n}": y[1]}
+        y = [H, -e * y[1]]
+    return found
+
+
 OUTSIDE = {
     "system-1": first_force,
     "system-2": lambda **_: {"R(0+)": 0.0},
     "system-3": first_force,
     "bouncing-ball": bouncing_ball,
+    "ball-in-air": ball_in_air,
     "kelvin-voigt-impact": kelvin_voigt_impact,
     "kelvin-voigt-tension": kelvin_voigt_tension,
     "maxwell-impact": maxwell_impact,
@@ -1300,6 +1384,11 @@ OUTSIDE = {
     "inelastic-collapse": inelastic_collapse,
     "rocking-block": rocking_block,
     "diode-bridge": diode_bridge,
+    "filippov": filippov,
+    "sliding-mode": sliding_mode,
+    "relay-oscillator": relay_oscillator,
+    "twisting": twisting,
+    "reflected-motion": reflected_motion,
     "bar-impact": bar_impact,
     "bouncing-bar": bouncing_bar,
     "plastic-bar-impact": plastic_bar_impact,

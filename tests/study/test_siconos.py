@@ -115,3 +115,42 @@ def test_system_2_in_the_first_order_form(siconos):
     run = li.simulate(problem, "moreau-jean", dt=h, t_end=steps * h)
     assert_allclose(run.q, peer["x"], rtol=0.0, atol=1e-9)
     assert_allclose(run["R"].max(), 4486.0845, rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("A", "b", "B", "C", "x0"),
+    [
+        ([[0.0]], [0.5], [[-1.0]], [[-1.0]], [1.0]),
+        ([[0.0]], [2.0], [[-1.0]], [[-1.0]], [-1.0]),
+        ([[0.0, 1.0], [0.0, 0.0]], [0.0, 0.25], [[0.0], [-1.0]], [[-1.0, -1.0]], [0.5, 0.0]),
+        ([[0.0, 1.0], [-1.0, -0.2]], [0.0, 0.0], [[0.0], [-1.0]], [[-1.0, 0.0]], [4.0, 0.0]),
+        ([[0.0, 1.0], [0.0, 0.0]], [0.0, 0.0], [[0.0, 0.0], [-2.0, -1.0]], [[-1.0, 0.0], [0.0, -1.0]], [1.0, 0.0]),
+        ([[-1.0, 1.0], [-1.0, -1.0]], [0.0, 0.0], [[-1.0, 0.5], [0.5, -2.0]], [[-1.0, 0.0], [0.0, -1.0]], [1.0, -3.0]),
+    ],
+    ids=["slides", "crosses", "sliding mode", "oscillator", "twisting", "two"],
+)
+def test_relays(siconos, A, b, B, C, x0):
+    """The same backward Euler steps: relays that cross, slide, and slide on an intersection."""
+    h, steps = 1.013e-3, 4000
+    A, b, B, C = map(np.array, (A, b, B, C))
+    m = len(C)
+    peer = siconos(
+        kind="first_order",
+        A=A,
+        b=b,
+        B=B,
+        C=C,
+        D=np.zeros((m, m)),
+        x0=x0,
+        theta=1.0,
+        gamma=1.0,
+        h=h,
+        steps=steps,
+        bound=1.0,
+    )
+    system = li.LinearComplementaritySystem(A, B, C, a=b, lower=m * [-1.0], upper=m * [1.0])
+    problem = li.Problem("relays", system, q0=dict(zip(system.states, x0, strict=True)))
+    run = li.simulate(problem, "moreau-jean", dt=h, t_end=steps * h, theta=1.0)
+    assert run.events
+    assert_allclose(run.q, peer["x"], rtol=0.0, atol=1e-9)
+    assert_allclose(run.reaction @ B.T, peer["lambda"] @ B.T, rtol=0.0, atol=1e-6)

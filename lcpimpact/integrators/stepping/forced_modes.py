@@ -1,4 +1,4 @@
-"""Contact modes with nonlinear forces: non-linear springs, and loads of any kind.
+"""Contact modes with nonlinear forces: non-linear springs, forces of any kind, and loads that are functions of time.
 
 With these forces w as inputs a mode moves by X' = (A + B F) X + (E + B F_w) w(t, X).
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ ZERO_FOR_EVER = -1
 
 @dataclass(frozen=True, eq=False)
 class Forces:
-    """The inputs w(t, X): the springs, each in a phase of its law, and the loads.
+    """The inputs w(t, X): the springs, each in a phase of its law, the forces of any kind, and the loads.
 
     Attributes
     ----------
@@ -41,12 +42,17 @@ class Forces:
 
     def __call__(self, t: Any, X: Array) -> Array:
         """Return w (..., nw) at X (..., N)."""
-        s, loads = self._springs(power_law.forces, X), self.inputs.loads
-        if not loads:
+        s = self._springs(power_law.forces, X)
+        if self.inputs.count == len(self.inputs.law):
             return s
         if np.ndim(t) == 0:
-            return np.append(s, [load(float(t)) for load in loads])
-        return np.column_stack([s, [[load(float(at)) for load in loads] for at in t]])
+            return np.append(s, self._others(float(t), X))
+        return np.column_stack([s, [self._others(float(at), x) for at, x in zip(t, X, strict=True)]])
+
+    def _others(self, t: float, X: Array) -> Array:
+        """Return the forces of any kind and the loads (nw - ns,)."""
+        loads = np.array([load(t) for load in self.inputs.loads])
+        return np.append(self.inputs.motion_forces(t, X), loads) if self.inputs.force_laws else loads
 
     def extended(self, X: Array) -> Array:
         """Return K |δ|ⁿ sign δ (1 + b δ') + c δ' (..., ns), whether a spring is active or not."""
@@ -63,26 +69,26 @@ class Forces:
         known = X[..., : self.inputs.approach.shape[1]]
         return known @ self.inputs.approach.T, known @ self.inputs.rate.T
 
-    def jacobian(self, X: Array) -> Array:
+    def jacobian(self, t: float, X: Array) -> Array:
         """Return ∂w/∂X (nw, N)."""
         known, slope = self.inputs.approach.shape[1], np.zeros((self.inputs.count, len(X)))
         _, by_δ, by_rate = self._springs(power_law.tangents, X)
         slope[: len(by_δ), :known] = by_δ[:, None] * self.inputs.approach + by_rate[:, None] * self.inputs.rate
+        slope[len(by_δ) : self.inputs.of_state, :known] = self.inputs.motion_tangents(t, X)
         return slope
 
     def linear(self, t: float, X: Array, later: float, X_later: Array, step: float) -> Array:
         """Return w at a later state, linearised about the state X at t (nw,)."""
-        w = self(t, X) + self.jacobian(X) @ (X_later - X)
-        w[len(self.inputs.law) :] += (later - t) * self.load_rates(t, step, ahead=True)
+        w = self(t, X) + self.jacobian(t, X) @ (X_later - X)
+        w[len(self.inputs.law) :] += (later - t) * self.rates(t, X, step, ahead=True)
         return np.asarray(w)
 
-    def load_rates(self, t: float, step: float, ahead: bool) -> Array:
-        """Return the derivatives of the loads: central differences, or one-sided ones of the same order."""
+    def rates(self, t: float, X: Array, step: float, ahead: bool) -> Array:
+        """Return ∂/∂t of the forces of any kind and the loads: central differences, or one-sided ones of the same order."""
+        f = partial(self._others, X=X)
         if ahead:
-            return np.array(
-                [(4.0 * f(t + step) - f(t + 2.0 * step) - 3.0 * f(t)) / (2.0 * step) for f in self.inputs.loads]
-            )
-        return np.array([(f(t + step) - f(t - step)) / (2.0 * step) for f in self.inputs.loads])
+            return np.asarray((4.0 * f(t + step) - f(t + 2.0 * step) - 3.0 * f(t)) / (2.0 * step))
+        return np.asarray((f(t + step) - f(t - step)) / (2.0 * step))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +124,7 @@ class ForcedSegment:
 
     def jacobian(self, τ: float, X: Array) -> Array:
         """Return ∂X'/∂X (N, N)."""
-        return self.A + self.E @ self.forces.jacobian(X)
+        return self.A + self.E @ self.forces.jacobian(self.t0 + τ, X)
 
     def watched(self, τ: Array, X: Array) -> Array:
         """Return the terms (X, w, s) of which the rows make sums (nt, N + nw + ns)."""
@@ -189,9 +195,9 @@ class ForcedSystem:
         """
         system, inputs = self.system, self.inputs
         form, N, nw = system.form, len(system.form.A), inputs.count
-        w, slope = forces(t, X), forces.jacobian(X)[:, :N]
+        w, slope = forces(t, X), forces.jacobian(t, X)[:, :N]
         A = np.block([[form.A + inputs.E @ slope, inputs.E], [np.zeros((nw, N + nw))]])
-        A[N + len(inputs.law) :, form.constant] = forces.load_rates(t, self.difference_step, ahead=True)
+        A[N + len(inputs.law) :, form.constant] = forces.rates(t, X, self.difference_step, ahead=True)
         linear = replace(
             form,
             A=A,
@@ -213,7 +219,8 @@ class ForcedSystem:
         q, v = X @ place.T + w @ place_w.T, segment.rate(τ, X) @ place.T
         loads = place_w[:, len(self.inputs.law) :]
         if loads.any():
-            rates = [segment.forces.load_rates(segment.t0 + at, self.difference_step, ahead=False) for at in τ]
+            step = self.difference_step
+            rates = [segment.forces.rates(segment.t0 + at, x, step, ahead=False) for at, x in zip(τ, X, strict=True)]
             v += np.array(rates).reshape(len(τ), -1) @ loads.T
         return q, v, np.minimum(np.maximum(X @ F.T + w @ Fw.T, low), high)
 

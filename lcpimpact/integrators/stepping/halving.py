@@ -9,9 +9,11 @@ with norms over the nodes with mass and sums over the contacts of an impulse pat
 otherwise each half is treated likewise. In smooth motion the difference is the error of the whole step. Near an impact the
 whole step and the halves differ by the displacement due to the jump of v, and an impact that both detect late shows as a
 penetration; so steps are halved until these are below ε, which locates the impact. A step whose LCP has no solution, as one
-too long for an explicit method, is halved, too. The trajectory holds the accepted steps, of length at most dt. A run that
-needs a step so short that the motion in it is below rounding error, as for accumulating impacts and a tight rtol, ends with
-the status STEP_SIZE.
+too long for an explicit method, is halved, too. Both keep one λ of a relay that switches in the first half, and agree: so
+h |B Δλ| of a relay that comes to a bound or leaves it counts as a difference.
+
+The trajectory holds the accepted steps, of length at most dt. A run that needs a step so short that the motion in it is
+below rounding error, as for accumulating impacts and a tight rtol, ends with the status STEP_SIZE.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.errors import Status
-from lcpimpact.record import Grid, Record
+from lcpimpact.record import SLIP_RTOL, Grid, Record
 from lcpimpact.scheme.dynamics import Dynamics
 
 MOTION_RTOL = 32.0 * np.finfo(float).eps
@@ -47,6 +49,7 @@ class Halving:
     rtol : float            tolerance of a step, relative to the largest |q| so far
     massive : (n,) array    nodes whose q and v are compared; q of all if none has mass
     penetration : callable      largest -Σ u in m along an impulse path, for q (n,)
+    switched : callable     what relays that go to a bound or leave it change at q and its rate, between two reactions (n,)
     y : (N,) array          the state, q and v first
     """
 
@@ -55,6 +58,7 @@ class Halving:
     rtol: float
     massive: Flags
     penetration: Callable[[Array], float]
+    switched: Callable[[Array, Array], Array]
     y: Array
     scale: float = 0.0
     rejected: int = 0
@@ -84,7 +88,10 @@ class Halving:
             states.append(y_1)
         if status is Status.SOLVED:
             states.append(y_2)
-            if solved is Status.SOLVED and self._agree(whole, y_2):
+            before = self.reactions[-1] if self.reactions else r_1
+            # A switch in the first half is not seen by comparing: it may be anywhere in it.
+            switched = (end - t) * (self.switched(before, r_1) + self.switched(r_1, r_2))
+            if solved is Status.SOLVED and self._agree(whole, y_2, switched):
                 for time, y, r in ((middle, y_1, r_1), (end, y_2, r_2)):
                     self.t.append(time)
                     self.path.append(y)
@@ -103,10 +110,14 @@ class Halving:
             return status
         return self._halve(level + 1, middle, end, *self.take(level + 1, middle, self.y)[:2])
 
-    def _agree(self, whole: Array, halves: Array) -> bool:
-        """Return whether the whole step and its two halves agree, without additional penetration."""
+    def _agree(self, whole: Array, halves: Array, switched: Array) -> bool:
+        """Return whether the whole step and its two halves agree, without additional penetration.
+
+        ``switched`` (n,) are the errors of q by relays that switch at an instant that is not known.
+        """
         n = len(self.massive)
         off = np.abs(halves - whole)
+        off[:n] += switched
         for y in (self.y, halves):
             self.scale = max(self.scale, np.abs(y[:n]).max(), self.h * np.abs(y[n : 2 * n]).max())
         allowed = self.rtol * self.scale
@@ -124,6 +135,19 @@ class Halving:
         record.t_reaction = record.t[:-1] + reaction_at * np.diff(record.t)
         record.reaction = np.array(self.reactions).reshape(len(self.reactions), nc)
         record.stats.rejected = self.rejected
+
+
+def switched(dynamics: Dynamics) -> Callable[[Array, Array], Array]:
+    """Return the function of two reactions that is the change of the rates by relays between a bound and elsewhere (n,)."""
+    rows = dynamics.relays & ~(np.diag(dynamics.D) > 0.0)
+    low, high, B = dynamics.r_min[rows], dynamics.r_max[rows], np.abs(dynamics.B[:, rows])
+
+    def changes(before: Array, after: Array) -> Array:
+        near = SLIP_RTOL * (high - low)
+        sides = [(r[rows] >= high - near) * 1.0 - (r[rows] <= low + near) for r in (before, after)]
+        return np.asarray(B @ np.where(sides[0] != sides[1], np.abs(after - before)[rows], 0.0))
+
+    return changes
 
 
 def penetration(dynamics: Dynamics) -> Callable[[Array], float]:

@@ -6,7 +6,7 @@ Every quantity of such a step, q⁺ as well as the gap that activates a contact,
 
 A method writes its equations with *symbols*: matrices whose columns belong to the knowns of a step (q, v, other memory of
 the method, the constant 1, the loads at some instants) and to its unknowns (the impulses P of each of its LCPs, the forces s
-of the non-linear springs). Then ``q + 0.5 * h * v`` is the matrix of that sum, and the rows of a law
+of the non-linear springs and of any other kind). Then ``q + 0.5 * h * v`` is the matrix of that sum, and the rows of a law
 
 .. math:: 0 \le P_j \perp L_j \ge 0
 
@@ -19,13 +19,15 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from functools import cache, partial
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import interpreted
 from lcpimpact.errors import InputError, Status
+from lcpimpact.integrators.stepping.force_newton import solve_with_forces
 from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
 from lcpimpact.integrators.stepping.kernel import (
     SWITCHES,
@@ -47,6 +49,8 @@ from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import SolverState
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics
+
+F = TypeVar("F", bound=Callable[..., Any])
 
 REST_GAP_FACTOR = 1e-6
 """Opening below which a resting contact is closed, as a fraction of the displacement that its force causes in a step."""
@@ -88,7 +92,7 @@ class Symbols:
     loads : dict                        f(t + c h) by c (n, size)
     prescribed : Prescribed             places and rates of the nodes whose motion is prescribed
     P : tuple of (nc, size) arrays      the impulses of each law in N s
-    s : tuple of (ns, size) arrays      the forces of the non-linear springs in N, in each law
+    s : tuple of (ns, size) arrays      the forces of the non-linear springs in N, and of any kind after them, in each law
     """
 
     dynamics: Dynamics
@@ -122,7 +126,7 @@ class Symbols:
             If the method does not declare c in its ``instants``.
         """
         d = self.dynamics
-        return np.asarray(self.loads[c] - d.K @ q - d.C @ v + d.directions.T @ self.s[law])
+        return np.asarray(self.loads[c] - d.K @ q - d.C @ v + d.pushes.T @ self.s[law])
 
 
 def pushed(L: Array, P: Array) -> Array:
@@ -191,6 +195,7 @@ class Tabulated:
     table : StepTable                   the coefficients for the kernel
     features : tuple                    springs, impulse paths, static coordinates and friction
     springs : callable                  the Newton solver of the springs
+    forces : callable, optional         that of springs and forces of any kind, for the instant at which these are evaluated
     loads : callable                    the loads of the steps between instants, one row a step
     contacts : Dense                    the matrix of the first law
     solver : SolverState                the LCP solver prepared for it
@@ -201,6 +206,7 @@ class Tabulated:
     table: StepTable
     features: tuple[StepSprings, Paths, Static, FrictionRows]
     springs: SpringSolver
+    forces: Callable[[float], SpringSolver] | None
     loads: Callable[[Array], Array]
     contacts: Dense
     solver: SolverState
@@ -278,6 +284,7 @@ class LinearStep(TimeStepping[Tabulated]):
             table,
             (springs, step.paths, step.static, self._friction_rows(d)),
             spring_solver(d),
+            partial(solve_with_forces, d) if d.force_laws else None,
             self._loads(d, h),
             contacts[0],
             solver.init(contacts[0]),
@@ -291,7 +298,7 @@ class LinearStep(TimeStepping[Tabulated]):
 
     def _symbols(self, d: Dynamics) -> Symbols:
         """Return one column for each known and unknown; constant loads belong to the column of 1."""
-        n, nc, ns, varying = len(d.nodes), len(d.contacts), len(d.springs), varying_loads(d)
+        n, nc, ns, varying = len(d.nodes), len(d.contacts), len(d.pushes), varying_loads(d)
         sizes = [n] * (2 + len(self.remembers)) + [1] + [varying.sum()] * len(self.instants) + [d.driven.sum()] * 3
         sizes += [nc] * self.laws + [ns] * self.laws
         blocks = iter(np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1]))
@@ -330,7 +337,8 @@ class LinearStep(TimeStepping[Tabulated]):
         """Take steps; those at a change of the active contacts by the other method, if there is one."""
         k, last = first, first + len(times) - 1
         while k < last:
-            code, k = self._steps(step, solver, record, times[k - first :], k, state)
+            end = k + 1 if step.forces else last
+            code, k = self._steps(step, solver, record, times[k - first : end - first + 1], k, state)
             if code == SWITCHES and step.at_switches:
                 code, k = self._steps(step.at_switches, solver, record, times[k - first : k - first + 2], k, state)
             if code != Status.SOLVED:
@@ -340,12 +348,17 @@ class LinearStep(TimeStepping[Tabulated]):
     def _steps(
         self, step: Tabulated, solver: SolverState, record: Record, times: Array, first: int, state: StepState
     ) -> tuple[int, int]:
-        """Take steps in compiled code, or in the interpreter where the solver is written in Python."""
+        """Take steps in compiled code, or in the interpreter where the solver or a force is written in Python.
+
+        Forces of any kind depend on the time, so that they take one step at a time.
+        """
         kernel: Callable[..., tuple[int, int, int, int, float]] = steps
         springs = step.springs
-        if not solver.compiled:
-            law = interpreted(solve_law)
-            kernel, springs = interpreted(steps, solve_law=law), interpreted(springs, solve_law=law)
+        if step.forces:
+            kernel = in_python(steps)
+            springs = step.forces(float(times[0] + self.reaction_at * (times[1] - times[0])))
+        elif not solver.compiled:
+            kernel, springs = in_python(steps), in_python(springs)
         last, stops = first + len(times) - 1, step.at_switches is not None
         block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops)
         path, room = StepOutput(record.q, record.v, record.reaction), room_for(step.table, len(step.features[0].law))
@@ -354,6 +367,12 @@ class LinearStep(TimeStepping[Tabulated]):
         )
         record.stats.add_lcps(self.laws * (reached - first), iterations, residual, newton)
         return code, reached
+
+
+@cache
+def in_python(function: F) -> F:
+    """Return a compiled function as the interpreter runs it, with the LCP solver's own kernel in it."""
+    return interpreted(function, solve_law=interpreted(solve_law))
 
 
 def spring_solver(d: Dynamics) -> SpringSolver:
@@ -372,7 +391,8 @@ def varying_loads(d: Dynamics) -> Flags:
 
 def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tuple[StepTable, StepSprings]:
     """Return the coefficients of a step for the kernel."""
-    d, N = y.dynamics, y.dynamics.directions
+    d, N = y.dynamics, y.dynamics.pushes
+    springs = np.pad(d.power_laws, [(0, len(d.acted_on)), (0, 0)])
     weights = [h if law.weight is None else law.weight for law in step.laws]
     # The bounds of sliders and relays are forces; others are 0 or infinite.
     forces = d.slides | d.relays
@@ -383,7 +403,7 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
     rows, θh, always = [], [], forces | d.joints
     for law, low, high, P, s in zip(step.laws, lower, upper, y.P, y.s, strict=True):
         rate = N @ law.springs_at[1]
-        approach = -(N @ law.springs_at[0] + d.power_laws[:, :1] * y.one)
+        approach = -(N @ law.springs_at[0] + springs[:, :1] * y.one)
         touching = -y.one if law.touching is None else np.where(always[:, None], -y.one, law.touching)
         touching = np.where(d.frictional[:, None], y.one, touching)
         rows += [np.where((high > low)[:, None], touching, y.one), law.L, rate, approach]
@@ -408,12 +428,12 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
         np.array([law.strictly for law in step.laws]),
         near,
     )
-    return table, StepSprings(d.power_laws.copy(), np.array(θh), h)
+    return table, StepSprings(springs, np.array(θh), h)
 
 
 def smooth_force(d: Dynamics, q: Array, v: Array) -> Array:
     """Return f - K q - C v + s at t = 0, without reactions (n,)."""
-    return np.asarray(d.force(0.0) - d.K @ q - d.C @ v + d.spring_force(q, v))
+    return np.asarray(d.applied(0.0, q, v) - d.K @ q - d.C @ v + d.spring_force(q, v))
 
 
 def first_reactions(d: Dynamics, q: Array, v: Array, h: float) -> Array:

@@ -20,8 +20,9 @@ step. The impulse of an impact acts at the end of the step and counts from the i
 is the speed at that instant, and X⁺ moves on by τ A B P. A rebound that would end within the step is suppressed, so that
 a body at rest stays at rest.
 
-Loads are read at the instants of the stages, and may be any functions of time. "u <= 0" is meant up to rounding, 1e-12 of
-the largest terms of u so far.
+Loads are read at the instants of the stages, and may be any functions of time. Forces of any kind stand among those of the
+springs, s(t, X); they are functions of Python, with which a block runs in the interpreter. "u <= 0" is meant up to rounding,
+1e-12 of the largest terms of u so far.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -94,7 +95,14 @@ declare = partial(
     level="acceleration within a step, position and velocity at its end",
     relative_degrees=(0, 1, 2),
     # All but sliders, whose force jumps as the velocity reverses.
-    handles=(Feature.POWER_LAWS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION),
+    handles=(
+        Feature.POWER_LAWS,
+        Feature.FORCES,
+        Feature.MOTIONS,
+        Feature.SYSTEMS,
+        Feature.MASSLESS,
+        Feature.RESTITUTION,
+    ),
     reaction_time="at t, right limit",
     energy="no bound; grows beyond the stability limit",
     dissipates=False,
@@ -103,7 +111,7 @@ declare = partial(
 
 
 class Matrices(NamedTuple):
-    """The right-hand side, as matrices over x = (y, signals, loads).
+    """The right-hand side, as matrices over x = (y, signals, loads), and behind these t where a force of any kind acts.
 
     Attributes
     ----------
@@ -205,7 +213,7 @@ STAGE_WORKSPACE: Any = named_tuple(
 
 def room_for(system: Matrices, stages: int) -> StageWorkspace:
     """Return the workspace of a system and a number of stages."""
-    ny, nc, ns = len(system.A), len(system.C), len(system.law)
+    ny, nc, ns = len(system.A), len(system.C), system.E.shape[1]
     q, z, lower = np.zeros((3, nc))
     touches, together = np.zeros((2, nc), bool)
     return StageWorkspace(
@@ -538,13 +546,17 @@ def steps(
 
 @dataclass(frozen=True, eq=False)
 class RungeKuttaRun:
-    """State carried from block to block: the matrices, and the states, rates, forces and impulses on the grid."""
+    """State carried from block to block: the matrices, and the states, rates, forces and impulses on the grid.
+
+    ``forces`` writes the forces of springs and of any kind at x, as `spring_forces` does.
+    """
 
     grid: Grid
     form: FirstOrderForm
     inputs: Inputs
     system: System
     matrices: Matrices
+    forces: Callable[[Array, Matrices, Array], None]
     motion: GridValues
     scale: Array
     contacts: Dense
@@ -588,29 +600,39 @@ class RungeKuttaRun:
         return np.asarray(rows @ x[: rows.shape[1]])
 
     def given(self, t: Array) -> Array:
-        """Return the signals and loads at the times t, with the shape of t followed by (ng,)."""
-        signals = self.form.signals_at(t)
-        loads = [[load(float(s)) for load in self.inputs.loads] for s in np.ravel(t)]
-        return np.concatenate([signals, np.array(loads).reshape(*np.shape(t), len(self.inputs.loads))], axis=-1)
+        """Return what is `given` at the times t, with the shape of t followed by (ng,)."""
+        return given(self.form, self.inputs, t)
+
+
+def given(form: FirstOrderForm, inputs: Inputs, t: Array) -> Array:
+    """Return the signals, the loads and, where a force of any kind acts, t at the times t, with its shape and (ng,)."""
+    functions = (*inputs.loads, float) if inputs.force_laws else inputs.loads
+    loads = [[f(float(s)) for f in functions] for s in np.ravel(t)]
+    return np.concatenate([form.signals_at(t), np.array(loads).reshape(*np.shape(t), len(functions))], axis=-1)
 
 
 def _matrices(system: System, inputs: Inputs) -> Matrices:
-    """Return the matrices of the kernel over x = (y, signals, loads), with y without the signals."""
+    """Return the matrices of the kernel over x = (y, signals, loads) and t, with y without the signals."""
     form, d = system.form, system.dynamics
-    ny, ns = form.constant, len(inputs.law)
-    loads = len(inputs.loads)
+    ny, ns, clock = form.constant, inputs.of_state, int(len(inputs.force_laws) > 0)
     C, CA = system.derivatives[:2]
+
+    def over(states: Array, loads: Array | None = None) -> Array:
+        """Return the matrix over x with these columns of the states and the loads."""
+        behind = np.zeros((len(states), len(inputs.loads))) if loads is None else loads
+        return np.column_stack([states, behind, np.zeros((len(states), clock))])
+
     return Matrices(
-        A=np.column_stack([form.A, inputs.E[:, ns:]])[:ny].copy(),
+        A=over(form.A, inputs.E[:, ns:])[:ny].copy(),
         B=form.B[:ny].copy(),
         E=inputs.E[:ny, :ns].copy(),
-        C=np.column_stack([C, inputs.D[:, ns:]]),
-        U=np.column_stack([CA, np.zeros((len(CA), loads))]),
-        O=np.column_stack([system.O, system.O_w[:, ns:]]),
+        C=over(C, inputs.D[:, ns:]),
+        U=over(CA),
+        O=over(system.O, system.O_w[:, ns:]),
         O_s=system.O_w[:, :ns].copy(),
         G=np.array(system.G, order="C"),
-        approach=np.column_stack([inputs.approach, np.zeros((ns, loads))]),
-        rate=np.column_stack([inputs.rate, np.zeros((ns, loads))]),
+        approach=over(inputs.approach),
+        rate=over(inputs.rate),
         law=inputs.law.copy(),
         degree=d.relative_degree,
         e=d.restitution,
@@ -668,16 +690,16 @@ class ExplicitRungeKutta(Integrator):
         motion = GridValues(*(np.zeros((grid.steps + 1, size)) for size in (ny, ny, nc, nc, nc)))
         tol, max_iter = limits(solver, self.tol, self.max_iter)
         X = form.state(problem.initial_coordinates, problem.initial_velocities)
-        x = np.concatenate([X, [load(0.0) for load in inputs.loads]])
+        x = np.append(X[:ny], given(form, inputs, np.array(0.0)))
         run = RungeKuttaRun(
-            grid=grid, form=form, inputs=inputs, system=system, matrices=matrices, motion=motion, scale=np.abs(x),
-            contacts=contacts, solver=solver.init(contacts), tol=tol, max_iter=max_iter, step=np.array([grid.h]),
-            largest=np.abs(X[:ny]), energy=np.zeros(1), metric=_metric(d, form),
+            grid=grid, form=form, inputs=inputs, system=system, matrices=matrices, forces=state_forces(inputs),
+            motion=motion, scale=np.abs(x), contacts=contacts, solver=solver.init(contacts), tol=tol, max_iter=max_iter,
+            step=np.array([grid.h]), largest=np.abs(X[:ny]), energy=np.zeros(1), metric=_metric(d, form),
         )  # fmt: skip
 
         def begin(state: Solver, first: int, last: int) -> tuple[Status, int]:
             """Apply the impacts at t = 0."""
-            right, _ = _functions(state)
+            right, _ = _functions(run, state)
             end = Point(x.copy(), motion.dy[0], motion.r[0], motion.P[0], motion.since[0])
             room = room_for(matrices, 1)
             code, _, _ = right(end, matrices, run.scale, (0.0, grid.h), room, tol, max_iter, state.kernel)
@@ -696,7 +718,7 @@ class ExplicitRungeKutta(Integrator):
         """Take the steps of the block."""
         tableau = self.tableau.fixed
         c = np.append(tableau.c, 1.0)
-        constant = len(carry.form.signals) == 1 and not carry.inputs.loads
+        constant = len(carry.form.signals) == 1 and not carry.inputs.loads and not carry.inputs.force_laws
         starts = np.zeros(1) if constant else carry.grid.times(first, last - 1)
         given = np.ascontiguousarray(carry.given(starts[:, None] + c * carry.grid.h))
 
@@ -879,12 +901,30 @@ def _lowest(h: float, u_0: Array, u_1: Array, rate_0: Array, rate_1: Array) -> A
     return np.asarray((ends + h * s * (1.0 - s) * ((1.0 - s) * rate_0 - s * rate_1)).min(axis=0))
 
 
-def _functions(solver: Solver) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Return `end_step` and `steps`, compiled or, if the solver is written in Python, interpreted."""
-    if solver.compiled:
+def state_forces(inputs: Inputs) -> Callable[[Array, Matrices, Array], None]:
+    """Return the function that writes the forces of springs and of any kind at x; without the latter, `spring_forces`."""
+    if not inputs.force_laws:
+        return spring_forces
+
+    def write(x: Array, system: Matrices, s: Array) -> None:
+        """Write the forces s (ns + ng,) at x, which ends with t."""
+        spring_forces(x, system, s[: len(system.law)])
+        s[len(system.law) :] = inputs.motion_forces(float(x[-1]), x)
+
+    return write
+
+
+def _functions(run: RungeKuttaRun, solver: Solver) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Return `end_step` and `steps`, compiled or, if the solver or a force is written in Python, interpreted."""
+    if solver.compiled and not run.inputs.force_laws:
         return end_step, steps
-    law = interpreted(solve_law)
-    return interpreted(end_step, solve_law=law), interpreted(steps, solve_law=law)
+    return in_python(end_step, run.forces), in_python(steps, run.forces)
+
+
+@lru_cache(maxsize=4)
+def in_python(function: Callable[..., Any], forces: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a compiled function as the interpreter runs it, with the LCP solver's own kernel and the forces in it."""
+    return interpreted(function, solve_law=interpreted(solve_law), spring_forces=forces)
 
 
 def _take(
@@ -897,7 +937,7 @@ def _take(
     ahead: Array,
 ) -> tuple[Status, int]:
     """Take steps of one length, and count their cost."""
-    _, step = _functions(solver)
+    _, step = _functions(run, solver)
     weights = Weights(tableau.matrix, np.array(tableau.b), tableau.error)
     now, room = (np.empty(len(run.scale)), run.scale), room_for(run.matrices, tableau.stages)
     code, reached, iterations, residual = step(block, run.matrices, weights, motion, now, ahead, room, solver.kernel)
@@ -910,17 +950,17 @@ def _coordinates(run: RungeKuttaRun, t: Array, y: Array, dy: Array, r: Array) ->
 
     A static node follows the others by its balance of forces; its velocity needs r', which keeps the closed gaps closed.
     """
-    form, inputs, system, ns = run.form, run.inputs, run.system, len(run.inputs.law)
+    form, inputs, system, ns = run.form, run.inputs, run.system, run.inputs.of_state
     given, generator = run.given(t), form.A[form.constant :, form.constant :]
     nl = len(generator)
-    signals, loads = given[:, :nl], given[:, nl:]
+    signals, loads = given[:, :nl], given[:, nl : nl + len(inputs.loads)]
     X, rate = np.column_stack([y, signals]), np.column_stack([dy, signals @ generator.T])
     Q_w, D_w = inputs.Q[:, ns:], inputs.D[:, ns:]
     q = X @ form.Q.T + r @ form.Qr.T + loads @ Q_w.T
     v = rate @ form.Q.T
     if form.Qr.any() or Q_w.any():
         δ = 1e-6 * run.grid.t_end
-        dloads = (run.given(t + δ) - run.given(t - δ))[:, nl:] / (2.0 * δ)
+        dloads = (run.given(t + δ) - run.given(t - δ))[:, nl : nl + len(inputs.loads)] / (2.0 * δ)
         v += dloads @ Q_w.T
         u, du = X @ form.C.T + loads @ D_w.T, rate @ form.C.T + dloads @ D_w.T
         tiny = ZERO_RTOL * np.abs(run.matrices.C) @ run.scale
@@ -953,8 +993,8 @@ def _happened(run: RungeKuttaRun, t: Array, motion: GridValues) -> list[Event]:
     given = run.given(t)
     after = np.append(y[1], given[1])
     gap = np.array([C @ np.append(y[0], given[0]), C @ after])
-    s = np.empty(len(run.matrices.law))
-    spring_forces(after, run.matrices, s)
+    s = np.empty(run.inputs.of_state)
+    run.forces(after, run.matrices, s)
     parting = np.array([-r[0] * np.diag(G), O @ after + O_s @ s + G @ r[1]])
     left, right = State(q[0], v[0], r[0]), State(q[1], v[1], r[1])
     closed = r > 0.0

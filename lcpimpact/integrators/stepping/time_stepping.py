@@ -11,7 +11,7 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Integrator
-from lcpimpact.integrators.stepping.halving import Halving, penetration
+from lcpimpact.integrators.stepping.halving import Halving, penetration, switched
 from lcpimpact.integrators.stepping.kernel import StepState
 from lcpimpact.integrators.stepping.law import with_fallbacks
 from lcpimpact.lcp import SOLVERS
@@ -140,7 +140,7 @@ class TimeStepping(Integrator, Generic[S]):
         def take(level: int, t: float, y: Array) -> tuple[Status, Array, Array]:
             return self._take(run, record.stats, level, t, y)
 
-        return replace(run, halving=Halving(take, grid.h, self.rtol, d.massive, penetration(d), y))
+        return replace(run, halving=Halving(take, grid.h, self.rtol, d.massive, penetration(d), switched(d), y))
 
     def advance(self, carry: SteppingRun[S], record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps of the block."""

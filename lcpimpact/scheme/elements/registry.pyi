@@ -23,4 +23,5 @@ from lcpimpact.scheme.elements.rope import Rope as Rope
 from lcpimpact.scheme.elements.bar import Bar as Bar
 from lcpimpact.scheme.elements.substructure import Substructure as Substructure
 from lcpimpact.scheme.elements.load import Load as Load
+from lcpimpact.scheme.elements.force import Force as Force
 from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion as PrescribedMotion

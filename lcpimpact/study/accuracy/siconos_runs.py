@@ -35,8 +35,11 @@ def lagrangian(M, C, K, f, H, u0, e, q0, v0, theta, h, steps):  # type: ignore[n
     return {"q": q, "v": v}
 
 
-def first_order(A, b, B, C, D, x0, theta, gamma, h, steps):  # type: ignore[no-untyped-def]
-    """0 <= λ ⟂ C x + D λ >= 0 with x' = A x + b + B λ, by EulerMoreauOSI; γ weights λ, and u if γ is not 1."""
+def first_order(A, b, B, C, D, x0, theta, gamma, h, steps, bound=None):  # type: ignore[no-untyped-def]
+    """0 <= λ ⟂ C x + D λ >= 0 with x' = A x + b + B λ, by EulerMoreauOSI; γ weights λ, and u if γ is not 1.
+
+    With a bound the rows are relays, -bound <= λ <= bound.
+    """
     import siconos.kernel as sk
 
     A, b, B, C, D = (np.array(a, dtype=float) for a in (A, b, B, C, D))
@@ -44,14 +47,16 @@ def first_order(A, b, B, C, D, x0, theta, gamma, h, steps):  # type: ignore[no-u
     relation = sk.FirstOrderLinearTIR(C, B)
     if D.any():
         relation.setDPtr(D)
-    contact = sk.Interaction(sk.ComplementarityConditionNSL(len(C)), relation)
+    law = sk.ComplementarityConditionNSL(len(C)) if bound is None else sk.RelayNSL(len(C), -bound, bound)
+    contact = sk.Interaction(law, relation)
     world = sk.NonSmoothDynamicalSystem(0.0, (steps + 0.5) * h)
     world.insertDynamicalSystem(system)
     world.link(contact, system)
     method = sk.EulerMoreauOSI(theta) if gamma == 1.0 else sk.EulerMoreauOSI(theta, gamma)
     if gamma != 1.0:
         method.setUseGammaForRelation(True)
-    simulation = sk.TimeStepping(world, sk.TimeDiscretisation(0.0, h), method, sk.LCP())
+    problem = sk.LCP() if bound is None else sk.Relay()
+    simulation = sk.TimeStepping(world, sk.TimeDiscretisation(0.0, h), method, problem)
     x, λ = [x0], []
     for _ in range(steps):
         simulation.computeOneStep()

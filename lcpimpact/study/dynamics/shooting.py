@@ -283,11 +283,12 @@ def find_orbit(
 
 
 def refuse_power_laws(problem: Problem) -> None:
-    """Raise for power laws, which have no exact solution."""
-    if what := problem.dynamics.features.get(Feature.POWER_LAWS):
-        raise UnsupportedError(
-            f"{problem.name!r} has non-linear springs ({what}), which 'exact' does not handle: take a method that steps"
-        )
+    """Raise for power laws and forces of any kind, which have no exact solution."""
+    for feature in (Feature.POWER_LAWS, Feature.FORCES):
+        if what := problem.dynamics.features.get(feature):
+            raise UnsupportedError(
+                f"{problem.name!r} has {feature.value} ({what}), which 'exact' does not handle: take a method that steps"
+            )
 
 
 def follow_exactly(motion: HybridMotion, problem: Problem, until: float) -> None:

@@ -1,0 +1,121 @@
+r"""Forces of any kind within a θ-step: Newton's method around the LCP, in the interpreter.
+
+As in `lcpimpact.integrators.stepping.newton`, the forces s act at rates y = N w of the step, along with those of non-linear
+springs. For a force of any kind y is the mean velocity of its node, and f(t_θ, q_θ, y) has q_θ = θ h y - δ. So
+
+.. math:: J = \frac{∂f}{∂v} + θ h \frac{∂f}{∂q}
+
+is full among the nodes of one law. With w = w_free + G r + G_s s the linearised law s = f + J (y⁺ - y) is
+(I - J N G_s) s = f + J (y_free - y + N G r), and what is left is an LCP for r.
+
+Forces need not decrease with y, so that no convex function bounds the steps; a step is halved until |f - s| falls.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import interpreted
+from lcpimpact.errors import Status
+from lcpimpact.integrators.stepping.law import ContactProblem, Solving, Springs, SpringSolver, solve_law
+from lcpimpact.scheme import force_law
+from lcpimpact.scheme.dynamics import Dynamics
+
+MAX_NEWTON = 60
+
+NEWTON_TOL = 1e-12
+"""Tolerance of s - f, relative to the largest force."""
+
+ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
+"""Rounding error of y, relative to its summands; times J it bounds the accuracy of f."""
+
+DECREASE, SHORTEST = 0.25, 1e-6
+"""Part of a step by which |f - s| must fall, relative to itself, and the shortest part that is tried."""
+
+
+def solve_with_forces(d: Dynamics, t: float) -> SpringSolver:
+    """Return the solver of the rows, the springs and the forces of any kind of a system at the time t.
+
+    It takes the arguments of `lcpimpact.integrators.stepping.newton.solve_with_springs`, and returns the same.
+    """
+    return partial(_solve, d, t)
+
+
+class Iterate(NamedTuple):
+    """The forces s and rates y, what the laws give at y with their derivatives J, and the tolerance of f - s."""
+
+    s: Array
+    y: Array
+    f: Array
+    J: Array
+    tolerance: float
+
+    @property
+    def error(self) -> float:
+        """The largest |f - s|."""
+        return float(np.abs(self.f - self.s).max())
+
+
+def _iterate(d: Dynamics, t: float, springs: Springs, free: tuple[Array, Array], s: Array, y: Array) -> Iterate:
+    """Return the iterate at s and y (ns + ng,), with the free rates and penetrations."""
+    (y_free, δ), ns, f, J = free, len(d.springs), np.empty(len(y)), np.zeros((len(y), len(y)))
+    if ns:
+        from lcpimpact.scheme.power_law import mean_force  # here, as it is compiled
+
+        for j, (_, K, n, b, c) in enumerate(springs.law[:ns]):
+            f[j], by_δ, by_rate = mean_force(K, n, b, c, δ[j] - springs.θh * y[j], -y[j], springs.h)
+            J[j, j] = -by_rate - springs.θh * by_δ
+    at = t, springs.θh * y[ns:] - δ[ns:], y[ns:]
+    f[ns:] = force_law.forces(d.force_laws, *at)
+    by_q, by_v = force_law.tangents(d.force_laws, *at)
+    J[ns:, ns:] = by_v + springs.θh * by_q
+    rounding = np.abs(J) @ (np.abs(y_free) + np.abs(y) + np.abs(springs.NGs) @ np.abs(s))
+    return Iterate(s, y, f, J, NEWTON_TOL * float(np.abs(f).max()) + ROUNDING * float(rounding.max()))
+
+
+def _solve(
+    d: Dynamics,
+    t: float,
+    rows: ContactProblem,
+    springs: Springs,
+    y_free: Array,
+    δ: Array,
+    z: Array,
+    y: Array,
+    s: Array,
+    solving: Solving,
+) -> tuple[int, int, int, float]:
+    """Solve the rows and the forces together: z, y and s are a guess on entry and the answer on return."""
+    (W, q, lower, upper), (_, _, _, HGs, NG, NGs) = rows, springs
+    now, whole, total, residual = _iterate(d, t, springs, (y_free, δ), s.copy(), y.copy()), False, 0, 0.0
+    for newton in range(MAX_NEWTON + 1):
+        if not now.error < np.inf or not np.isfinite(now.J).all():
+            return Status.NON_FINITE, total, newton, residual
+        if whole and now.error <= now.tolerance:
+            s[:], y[:] = now.s, now.y
+            return Status.SOLVED, total, newton, residual
+        known = np.column_stack([now.J @ NG, now.f + now.J @ (y_free - now.y)])
+        try:
+            solved = np.linalg.solve(np.eye(len(s)) - now.J @ NGs, known)
+        except np.linalg.LinAlgError:
+            return Status.SINGULAR, total, newton, residual
+        S, s_0 = solved[:, :-1], solved[:, -1]
+        if len(z):
+            problem = ContactProblem(W + HGs @ S, q + HGs @ s_0, lower, upper)
+            status, count, residual = interpreted(solve_law)(problem, z, solving)
+            total += count
+            if status != Status.SOLVED:
+                return status, total, newton, residual
+        ds = s_0 + S @ z - now.s
+        dy = y_free + NGs @ (now.s + ds) + NG @ z - now.y
+        part, before, whole = 1.0, now, True
+        while part >= SHORTEST:
+            now = _iterate(d, t, springs, (y_free, δ), before.s + part * ds, before.y + part * dy)
+            if now.error <= max((1.0 - DECREASE * part) * before.error, now.tolerance):
+                break
+            part, whole = 0.5 * part, False
+    return Status.NEWTON, total, MAX_NEWTON, residual
