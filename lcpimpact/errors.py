@@ -56,8 +56,8 @@ class Status(IntEnum):
 
     AMBIGUOUS = (
         16,
-        "Several motions obey the laws of the relays from here on, since the LCP of the mode has several solutions (see "
-        "all_solutions): change the initial state, the bounds or the inputs a little.",
+        "Several motions obey the laws of friction or relays from here on, since the LCP of the mode has several solutions "
+        "(see all_solutions): change the initial state, the bounds or the inputs a little.",
     )
 
     MAX_STEPS = (

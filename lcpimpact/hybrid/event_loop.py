@@ -130,8 +130,13 @@ def refuse_undetermined(problem: Problem, method: str) -> Iterator[None]:
         lcp = several.lcp
         M, q, lower, upper = (each.tolist() for each in (lcp.M.hi, lcp.q.hi, lcp.lower, lcp.upper))
         raise UnsupportedError(
-            f"several motions of {problem.name!r} obey the laws of its relays from the start: all_solutions({M}, {q}, "
-            f"lower={lower}, upper={upper}) lists the solutions of the LCP of its mode; start it beside the surface"
+            f"several motions of {problem.name!r} obey its laws from the start: all_solutions({M}, {q}, "
+            f"lower={lower}, upper={upper}) lists the solutions of the LCP of its mode; change the initial state a little"
+        ) from None
+    except FailureError:
+        raise UnsupportedError(
+            f"no motion without an impulse obeys the laws of {problem.name!r} from the start, as in Painlevé's paradox, "
+            f"which {method!r} does not handle: take method='moreau-jean', or change the initial state"
         ) from None
     except np.linalg.LinAlgError:
         raise UnsupportedError(

@@ -313,7 +313,7 @@ def _solve_derivative(
         summed = summed + np.abs(_block(G, m, c).hi) @ np.abs(eliminated.hi[:, 0])
     q = round_to_zero(q, summed, zero)
     lower, upper = _bounds(system, m, choice.side, at.level)
-    lcp, rubs = ModeLCP(W, q, lower, upper), max(m) >= nc
+    lcp = ModeLCP(W, q, lower, upper)
 
     def answer(guess: Array) -> Answer:
         """Return the solution in double-doubles, and the forces of all rows."""
@@ -329,7 +329,7 @@ def _solve_derivative(
         force = DoubleDouble.of(system.laws.T) @ DoubleDouble(y) if system.friction else DoubleDouble(y)
         return Answer(at.r + force, z, w, tiny)
 
-    if not rubs:
+    if not system.friction:
         return [answer(solve_lcp(W.hi, q.hi, solver, lower=lower, upper=upper).z)], lcp
     answers, failure = list[Answer](), None
     for guess in _solutions(lcp, solver):

@@ -100,6 +100,7 @@ class Problem:
                     )
         if self.dynamics.stores_energy:
             self._refuse_penetration()
+            self._refuse_open_joints()
 
     def _refuse_penetration(self) -> None:
         q, d = self.initial_coordinates, self.dynamics
@@ -122,6 +123,23 @@ class Problem:
                 f"bumpers {names} of problem {self.name!r} start penetrated by {-u:g} m together, wherever the springs put "
                 "the nodes between them: move the bodies apart in q0, or widen a gap"
             )
+
+    def _refuse_open_joints(self) -> None:
+        d, joints = self.dynamics, self.dynamics.joints
+        for what, values, start in (
+            ("q0", self.initial_coordinates, d.u0),
+            ("v0", self.initial_velocities, 0.0 * d.u0),
+        ):
+            off = d.gap_rate(values) + start
+            terms = np.abs(d.H) @ np.abs(values) + np.abs(start)
+            # Velocities of massless nodes are no states.
+            held = joints & ((what == "q0") | (d.relative_degree == 2))
+            for i in np.flatnonzero(held & (np.abs(off) > GIVEN_ZERO_RTOL * terms)):
+                link = d.contacts[i]
+                raise InputError(
+                    f"the ends of the rigid link {link.name!r} of problem {self.name!r} differ by {off[i]:g} in {what}: "
+                    f"give {link.upper!r} and {link.lower!r} equal values"
+                )
 
     @cached_property
     def dynamics(self) -> Dynamics:
