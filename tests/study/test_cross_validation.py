@@ -17,7 +17,7 @@ from lcpimpact.study.accuracy import routes as routes_module
 from lcpimpact.study.accuracy.cross_validation import Outcome
 from lcpimpact.study.accuracy.paired_events import Pairing, pair_events
 from lcpimpact.study.accuracy.routes import CLOSED_FORM, POINTS, default_routes
-from lcpimpact.study.accuracy.siconos import PYTHON, python_with_siconos
+from lcpimpact.study.accuracy.siconos import PYTHON, python_with_siconos, siconos
 
 BARS = ("bar-impact", "bouncing-bar", "plastic-bar-impact")
 SOME = ("exact", "event-driven", "moreau-jean", "moreau-jean:pgs")
@@ -29,13 +29,14 @@ def routes_of(problem):
 
 # ---- no false alarm -------------------------------------------------------------------------------------------------
 
+ENDS = {"woodpecker": 0.05}
+"""Ends of runs in s that differ from the problem's: of one peck, since many impacts are out of step after a few cycles."""
 
-@pytest.mark.parametrize(
-    "name", [name for name in PROBLEMS if name not in (*BARS, "diode-bridge", "two-balls-spring", "woodpecker")]
-)
+
+@pytest.mark.parametrize("name", [name for name in PROBLEMS if name not in (*BARS, "diode-bridge", "two-balls-spring")])
 def test_no_false_alarm(name):
     problem = li.load_problem(name)
-    verdict = li.cross_validate(problem, routes_of(problem))
+    verdict = li.cross_validate(problem, routes_of(problem), t_end=ENDS.get(name))
     assert verdict.agree, verdict.reasons
     taken = verdict.table[verdict.table["failure"] == ""]
     assert len(taken) >= 2
@@ -48,7 +49,7 @@ def test_no_false_alarm(name):
 def test_no_false_alarm_by_any_route(name):
     """Bars have four elements: of more, whose waves are shorter than the steps, no route shows an order."""
     problem = li.load_problem(name, **({"elements": 4.0} if name in BARS else {}))
-    verdict = li.cross_validate(problem, default_routes(problem))
+    verdict = li.cross_validate(problem, default_routes(problem), t_end=ENDS.get(name))
     assert verdict.outcome is Outcome.AGREE, verdict.reasons
     assert verdict.table.loc[verdict.table["failure"] == "", "agrees"].all()
     assert (verdict.table["failure"] == "").sum() >= 2
@@ -595,3 +596,18 @@ def test_a_closed_form_of_the_wrong_shape_is_a_reason():
         li.load_problem("system-1"), {"mine": lambda t: (np.zeros(POINTS + 1), None), "exact": "exact"}
     )
     assert "returned q of shape (196,)" in " ".join(verdict.reasons)
+
+
+@pytest.mark.parametrize(
+    ("element", "what"),
+    [
+        (li.Friction("x", "ground", mu=0.5, normal="N"), "friction"),
+        (li.RigidLink("x", {"y": 2.0}), "rigid links"),
+    ],
+)
+def test_the_route_by_siconos_refuses_rows_that_it_would_take_for_contacts(element, what):
+    scheme = li.Scheme(
+        li.Mass("x", 1.0), li.Mass("y", 1.0), li.Load("y", 9.81), li.Bumper("y", "ground", e=0.5, name="N"), element
+    )
+    with pytest.raises(li.UnsupportedError, match=f"has {what}, which the route by Siconos does not handle"):
+        siconos(li.Problem("rows", scheme), steps=10, t_end=0.1)
