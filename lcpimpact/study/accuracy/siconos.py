@@ -84,8 +84,9 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
     Raises
     ------
     UnsupportedError
-        If Siconos is not installed, or the problem has sliders, relays, non-linear springs, forces of any kind, prescribed
-        motions, loads other than constants, `Harmonic` and `Polynomial`, or contacts of several relative degrees.
+        If Siconos is not installed, or the problem has sliders, friction, rigid links, relays, non-linear springs, forces of
+        any kind, prescribed motions, loads other than constants, `Harmonic` and `Polynomial`, or contacts of several
+        relative degrees.
     """
     problem, _ = enter_constraint(problem)
     d = problem.dynamics
@@ -93,6 +94,8 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
     for present, what in (
         (bool(d.slides.any()), "sliders"),
         (bool(d.relays.any()), "relays"),
+        (bool(d.frictional.any()), "friction that a normal force bounds"),
+        (bool(d.joints.any()), "rigid links"),
         (bool(d.springs), "non-linear springs"),
         (bool(d.force_laws), "forces of any kind"),
         (bool(d.motions), "a prescribed motion"),
