@@ -227,7 +227,9 @@ def _judge_contacts(
     one_sided, bounds = d.unilateral, d.friction_bounds(scales.r)
     reach = np.where((d.relative_degree == 2) | (2 not in limits.relative_degrees), limits.penetration, 0.0)
     gap_tol = ε * scales.u + reach * longest * scales.U
-    slow = 2.0 * run.spread * min(limits.slack, 3.0) * longest * accelerations(d, run.acting) + ε * scales.U
+    driven = np.abs(d.H[:, d.driven]) @ np.abs(np.diff(run.v[:, d.driven], axis=0)).max(axis=0, initial=0.0)
+    changes = longest * accelerations(d, run.acting) + driven
+    slow = 2.0 * run.spread * min(limits.slack, 3.0) * changes + ε * scales.U
     violation, by_impacts = judge_impacts(d, impacts, -gap_tol)
     apart = np.abs(r * np.maximum(u, 0.0)).max(axis=0, initial=0.0)
     penetrating = np.abs(r * np.minimum(u, 0.0)).max(axis=0, initial=0.0)

@@ -86,7 +86,7 @@ def three_balls(m: float = 1.0, v0: float = 1.0, e: float = 1.0, d: float = 0.5,
         facts = (touch, next_touch, *_velocities(v, v0, "R2"))
     return Problem(
         name,
-        _row(3, m, e, d, delta),
+        row_of_balls(3, m, e, d, delta),
         v0={"x1": v0},
         t_end=2.0 * second,
         parameters={"m": m, "v0": v0, "e": e, "d": d, "delta": delta},
@@ -169,7 +169,7 @@ def newtons_cradle(
     )  # fmt: skip
     return Problem(
         name,
-        _row(N, m, e, d, delta),
+        row_of_balls(N, m, e, d, delta),
         v0={"x1": v0},
         t_end=2.0 * t_N,
         parameters={"N": N, "m": m, "v0": v0, "e": e, "d": d, "delta": delta},
@@ -189,7 +189,7 @@ def _check_row(name: str, v0: float, e: float, d: float, delta: float) -> None:
         raise InputError(f"{name}: delta = {delta:g} must not be negative; 0 lets the balls touch")
 
 
-def _row(N: int, m: float, e: float, d: float, delta: float) -> Scheme:
+def row_of_balls(N: int, m: float, e: float, d: float, delta: float) -> Scheme:
     """Return N balls x1 ... xN with a bumper R1 ... between neighbours, the first open by d and the others by δ."""
     balls = [Mass(f"x{i}", m) for i in range(1, N + 1)]
     gaps = [d] + [delta] * (N - 2)

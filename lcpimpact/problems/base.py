@@ -194,6 +194,13 @@ def above_zero(name: str, **values: float) -> None:
             raise InputError(f"{name}: {symbol} = {value:g} must be above zero")
 
 
+def not_negative(name: str, **values: float) -> None:
+    """Refuse parameters of a problem that are below zero."""
+    for symbol, value in values.items():
+        if not value >= 0.0:
+            raise InputError(f"{name}: {symbol} = {value:g} must not be negative")
+
+
 def restitution(name: str, e: float) -> None:
     """Check that a coefficient of restitution is between 0 and 1."""
     between(f"{name}: e", e, 0.0, 1.0)

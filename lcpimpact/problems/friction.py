@@ -12,9 +12,10 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import final, instant, peak
+from lcpimpact.problems.reading import at, final, instant, interval, peak
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.jenkins import Jenkins
+from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion
 from lcpimpact.scheme.elements.slider import Slider
@@ -100,6 +101,106 @@ def _coulomb_oscillator_motion(
     swing = np.where(n < halves, x0 - (2.0 * n + 1.0) * loss, 0.0)
     x = np.where(n < halves, sign * (loss + swing * np.cos(s)), rest)
     return x[:, None], (-sign * swing * ω * np.sin(s))[:, None]
+
+
+def forced_coulomb_oscillator(
+    m: float = 1.0, k: float = 100.0, F: float = 3.0, P: float = 10.0, omega: float = 8.0
+) -> Problem:
+    r"""A mass on a spring and a rough table under a harmonic force: Den Hartog's motion without stops.
+
+    ``m x'' + k x = -F sign x' + P cos(ω t + φ)``. In the steady motion that never rests, x falls from X to -X in half a
+    period and rises back in the next, and friction is constant in each half. The run starts at the turning point x = X;
+    with ``ω_n = sqrt(k/m)``, ``β = ω/ω_n``, the static deflections ``a = P/k`` and ``x_f = F/k``, and the functions
+
+    - ``V = 1/(1 - β²)`` of response and ``U = sin(π/β)/(β (1 + cos(π/β)))`` of damping,
+
+    the conditions ``x = X``, ``x' = 0`` at t = 0 and ``x = -X``, ``x' = 0`` at t = π/ω give
+
+    - ``X = sqrt(V² a² - U² x_f²)``,
+    - ``x = x_f (1 - cos ω_n t - β U sin ω_n t) + X cos ω t + U x_f sin ω t`` in the first half period, ``-x`` in the second,
+    - and a force that is ahead of the turning points by φ, ``V a cos φ = X`` and ``V a sin φ = -U x_f``.
+
+    This holds as long as the mass does not turn within the half period; at the turning point that asks for
+    ``(F/P)² < V²/(U² + 1/β⁴)``. With more friction the mass stops for part of each swing, and there is no such formula. At
+    resonance friction below ``F/P = π/4`` does not bound the amplitude: the force does more work in a cycle than the
+    ``4 F X`` that friction takes, since both grow in proportion to X. The trap is to put an equivalent viscous damper in
+    place of the slider: it bounds what is not bounded, and knows nothing of stops.
+
+    Parameters
+    ----------
+    m, k : float
+        Mass in kg and stiffness in N/m.
+    F : float
+        Friction in N.
+    P, omega : float
+        Amplitude in N and circular frequency in rad/s of the force.
+
+    Raises
+    ------
+    InputError
+        If a parameter is not above zero, the force is in resonance, or there is no such motion without stops.
+
+    Examples
+    --------
+    >>> [round(fact.value, 9) for fact in forced_coulomb_oscillator().facts]
+    [0.262610488, 0.195230402, 0.392699082]
+
+    References
+    ----------
+    Den Hartog, Forced vibrations with combined Coulomb and viscous friction (1931).
+    """
+    name = "forced-coulomb-oscillator"
+    above_zero(name, m=m, k=k, F=F, P=P, omega=omega)
+    ω_n, x_f, a = math.sqrt(k / m), F / k, P / k
+    β, half = omega / ω_n, math.pi / omega
+    if abs(β - 1.0) < 1e-6 or abs(1.0 + math.cos(math.pi / β)) < 1e-9:
+        raise InputError(
+            f"{name}: omega = {omega:g} is sqrt(k/m) = {ω_n:g} over a whole odd number, where there is no such motion; "
+            "change omega"
+        )
+    V, U = 1.0 / (1.0 - β**2), math.sin(math.pi / β) / (β * (1.0 + math.cos(math.pi / β)))
+    X = math.sqrt(max(0.0, (V * a) ** 2 - (U * x_f) ** 2))
+    motion = partial(_forced_coulomb_motion, X=X, x_f=x_f, U=U, ω_n=ω_n, ω=omega)
+    _, falling = motion(np.linspace(0.0, half, 2001)[1:-1])
+    if X == 0.0 or (falling >= 0.0).any():
+        raise InputError(
+            f"{name}: with F = {F:g} and P = {P:g} the mass stops within a swing, and no closed form is known; take less "
+            "friction or a larger force"
+        )
+    force = Harmonic(P, omega, math.atan2(-U * x_f / V, X / V))
+    facts = (
+        Fact("X", "amplitude", X, "m", partial(peak, series="x")),
+        Fact("x(T/8)", "position after an eighth of a period", float(motion(0.25 * half)[0][0, 0]), "m",
+             partial(at, series="x", t=0.25 * half), scale=X),
+        Fact("T/2", "from turn to turn", half, "s", partial(interval, kind="slip", first=1, last=2)),
+    )  # fmt: skip
+    return Problem(
+        name,
+        Scheme(
+            Mass("x", m),
+            Spring("x", GROUND, k),
+            Slider("x", GROUND, F, symbols=("F",)),
+            Load("x", force, symbols=("P cos ωt",)),
+        ),
+        q0={"x": X},
+        t_end=5.25 * half,
+        parameters={"m": m, "k": k, "F": F, "P": P, "omega": omega},
+        source="Den Hartog, Forced vibrations with combined Coulomb and viscous friction (1931)",
+        facts=facts,
+        motion=motion,
+    )
+
+
+def _forced_coulomb_motion(
+    t: Array | float, *, X: float, x_f: float, U: float, ω_n: float, ω: float
+) -> tuple[Array, Array]:
+    times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+    halves = np.floor(times * ω / math.pi)
+    sign, s = 1.0 - 2.0 * np.mod(halves, 2.0), times - halves * math.pi / ω
+    free, forced, β = ω_n * s, ω * s, ω / ω_n
+    x = x_f * (1.0 - np.cos(free) - β * U * np.sin(free)) + X * np.cos(forced) + U * x_f * np.sin(forced)
+    v = x_f * ω_n * (np.sin(free) - β * U * np.cos(free)) + ω * (U * x_f * np.cos(forced) - X * np.sin(forced))
+    return (sign * x)[:, None], (sign * v)[:, None]
 
 
 def jenkins_cycle(

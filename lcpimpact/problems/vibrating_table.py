@@ -13,6 +13,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero, restitution, whole
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.reading import event, first_root, instant, interval, limit
+from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.elements.mass import Mass
@@ -235,3 +236,97 @@ def _approach(run: Any, number: int) -> float:
 
 def _impulse(run: Any, number: int) -> float:
     return float(event(run, "impact", number).impulse)
+
+
+def plastic_ball(m: float = 1.0, g: float = 9.81, A: float = 0.004, omega: float = 20.0 * math.pi) -> Problem:
+    r"""A ball that does not rebound, on a shaken table: thrown off, landing, and at rest until the next throw.
+
+    The table moves by ``y = A cos ω t`` (downwards) and carries the ball, e = 0. The coordinate z is that of the ball
+    relative to the table, where the shaking is a load: ``m z'' = m g + m A ω² cos ω t - R``. The table can push and not
+    pull, so the ball leaves it where ``y'' = g``. With ``Γ = A ω²/g > 1`` and the phase θ = ω t,
+
+    - it is thrown at ``cos θ_1 = -1/Γ``,
+    - and lands at the first θ_2 > θ_1 with ``Γ (cos θ - cos θ_1 + sin θ_1 (θ - θ_1)) = (θ - θ_1)²/2``, with the relative
+      speed ``U = (g/ω) (θ_2 - θ_1 - Γ (sin θ_1 - sin θ_2))``.
+
+    Nothing is left of U. Where the table can hold the ball at θ_2, ``-Γ cos θ_2 <= 1``, the ball waits for the next phase
+    θ_1, and all that was before is forgotten: the motion repeats itself after the whole number of periods that covers
+    ``θ_2 - θ_1``. Otherwise it is thrown again at once; that happens first from ``Γ = sqrt(1 + π²)`` on, where the flight
+    lasts a whole period and θ_2 passes θ_1. The trap is the throw itself: the gap opens with the third power of time, so a
+    tolerance of 1e-6 m in it is an error of milliseconds in t_1.
+
+    Parameters
+    ----------
+    m : float
+        Mass of the ball in kg.
+    g : float
+        Gravity in m/s².
+    A, omega : float
+        Amplitude in m and circular frequency in rad/s of the table.
+
+    Raises
+    ------
+    InputError
+        If a parameter is not above zero, or the table does not throw the ball, ``A omega² <= g``.
+
+    Examples
+    --------
+    >>> [round(fact.value, 9) for fact in plastic_ball().facts]
+    [0.035668245, 0.097118781, 0.360631308, 0.135668245]
+
+    References
+    ----------
+    Mehta and Luck, Novel temporal behavior of a nonlinear dynamical system: the completely inelastic bouncing ball (1990).
+    """
+    name = "plastic-ball"
+    above_zero(name, m=m, g=g, A=A, omega=omega)
+    Γ = A * omega**2 / g
+    if not Γ > 1.0:
+        raise InputError(f"{name}: the table does not throw the ball: A omega²/g = {Γ:g} must be above 1")
+    θ_1 = math.acos(-1.0 / Γ)
+
+    def gap(s: Array) -> Array:
+        return np.asarray(Γ * (np.cos(θ_1 + s) - math.cos(θ_1) + math.sin(θ_1) * s) - 0.5 * s**2)
+
+    # By then the ball has fallen below the lowest position of the table.
+    flight = first_root(gap, Γ + math.sqrt(Γ**2 + 4.0 * Γ) + 0.1, 2.0 * math.pi)
+    assert flight is not None
+    θ_2 = θ_1 + flight
+    periods = math.ceil(flight / (2.0 * math.pi))
+    U = g / omega * (flight - Γ * (math.sin(θ_1) - math.sin(θ_2)))
+    facts: tuple[Fact, ...] = (
+        Fact("t_1", "the throw", θ_1 / omega, "s", partial(instant, kind="open")),
+        Fact("t_2", "landing", θ_2 / omega, "s", partial(instant, kind="impact")),
+        Fact("U", "its speed", U, "m/s", partial(limit, kind="impact", of="v", i=0, side="left")),
+    )
+    motion = None
+    if -Γ * math.cos(θ_2) <= 1.0:
+        t_3 = θ_1 / omega + 2.0 * math.pi * periods / omega
+        facts += (Fact("t_3", "the next throw", t_3, "s", partial(instant, kind="open", number=2)),)
+        motion = partial(_plastic_ball_motion, A=A, g=g, flight=flight, omega=omega, periods=periods, θ_1=θ_1)
+    return Problem(
+        name,
+        Scheme(
+            Mass("z", m),
+            Load("z", m * g, symbols=("mg",)),
+            Load("z", Harmonic(m * A * omega**2, omega), symbols=("mAω² cos ωt",)),
+            Bumper("z", GROUND, e=0.0),
+        ),
+        t_end=(θ_2 + 4.5 * math.pi * periods) / omega,
+        parameters={"m": m, "g": g, "A": A, "omega": omega},
+        source="Mehta and Luck, Novel temporal behavior of a nonlinear dynamical system: the completely inelastic bouncing "
+        "ball (1990)",
+        facts=facts,
+        motion=motion,
+    )
+
+
+def _plastic_ball_motion(
+    t: Array, *, A: float, g: float, flight: float, omega: float, periods: int, θ_1: float
+) -> tuple[Array, Array]:
+    θ = omega * np.asarray(t, dtype=np.float64)
+    s = np.mod(θ - θ_1, 2.0 * math.pi * periods)
+    flies, τ = (θ >= θ_1) & (s < flight), s / omega
+    z = A * (math.cos(θ_1) - np.cos(θ_1 + s)) - A * omega * math.sin(θ_1) * τ + 0.5 * g * τ**2
+    v = A * omega * (np.sin(θ_1 + s) - math.sin(θ_1)) + g * τ
+    return np.where(flies, z, 0.0)[:, None], np.where(flies, v, 0.0)[:, None]

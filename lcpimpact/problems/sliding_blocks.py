@@ -1,0 +1,281 @@
+r"""Blocks on rough surfaces: friction that is bounded by a normal force."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.errors import InputError
+from lcpimpact.problems.base import Problem, above_zero, not_negative, restitution
+from lcpimpact.problems.facts import Fact
+from lcpimpact.problems.reading import final, instant, limit, peak
+from lcpimpact.scheme.elements.base import GROUND
+from lcpimpact.scheme.elements.bumper import Bumper
+from lcpimpact.scheme.elements.friction import Friction
+from lcpimpact.scheme.elements.load import Load
+from lcpimpact.scheme.elements.mass import Mass
+from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion
+from lcpimpact.scheme.elements.spring import Spring
+from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.signals import Polynomial
+
+COULOMB = "Coulomb, Théorie des machines simples (1785)"
+
+
+def block_on_incline(
+    m: float = 1.0, g: float = 9.81, alpha: float = math.pi / 6.0, mu: float = 0.7, v0: float = 2.0
+) -> Problem:
+    r"""A block that slides down a rough incline: the first exercise on friction.
+
+    x runs down the incline and y into it; the normal force is ``N = m g cos α``. The block starts down at v0, and
+    ``x'' = a = g (sin α - μ cos α)`` while it slides.
+
+    - For ``μ > tan α`` it stops at ``t = v0/|a|`` after the way ``v0²/(2 |a|)`` and stays. Friction then is what it has to
+      be, ``F = m g sin α``, less than its bound ``μ N``.
+    - For ``μ < tan α`` it never stops; friction keeps its bound.
+
+    The trap is ``F = -μ N sign x'`` in a smooth integrator: at rest sign 0 = 0 lets the block go, the next step stops it,
+    and it creeps down the incline for ever.
+
+    Parameters
+    ----------
+    m : float
+        Mass in kg.
+    g : float
+        Gravity in m/s².
+    alpha : float
+        Angle of the incline in rad, below π/2.
+    mu : float
+        Coefficient of friction.
+    v0 : float
+        Speed at the start in m/s, down the incline.
+
+    Raises
+    ------
+    InputError
+        If m, g, alpha or v0 is not above zero, mu is negative, or the incline is not below the vertical.
+
+    Examples
+    --------
+    >>> [round(fact.value, 9) for fact in block_on_incline().facts]
+    [1.91939234, 1.91939234, 4.905]
+
+    References
+    ----------
+    Coulomb, Théorie des machines simples (1785).
+    """
+    name = "block-on-incline"
+    above_zero(name, m=m, g=g, alpha=alpha, v0=v0)
+    not_negative(name, mu=mu)
+    if not alpha < 0.5 * math.pi:
+        raise InputError(f"{name}: alpha = {alpha:g} must be below π/2, or the block does not lie on the incline")
+    a = g * (math.sin(alpha) - mu * math.cos(alpha))
+    t_stop = v0 / -a if a < 0.0 else math.inf
+    t_end = 1.5 * t_stop if a < 0.0 else 2.0 * v0 / g
+    if a < 0.0:
+        facts: tuple[Fact, ...] = (
+            Fact("t_s", "when it stops", t_stop, "s", partial(instant, kind="stick")),
+            Fact("s", "way until then", 0.5 * v0 * t_stop, "m", partial(final, series="x")),
+            Fact("F", "friction at rest", m * g * math.sin(alpha), "N", partial(final, series="F")),
+        )
+    else:
+        facts = (
+            Fact("v", "speed at the end", v0 + a * t_end, "m/s", partial(final, series="v_x")),
+            Fact("F", "friction", mu * m * g * math.cos(alpha), "N", partial(final, series="F"), scale=m * g),
+        )
+    return Problem(
+        name,
+        Scheme(
+            Mass("x", m),
+            Mass("y", m),
+            Load("x", m * g * math.sin(alpha), symbols=("mg sin α",)),
+            Load("y", m * g * math.cos(alpha), symbols=("mg cos α",)),
+            Bumper("y", GROUND, e=0.0, name="N", symbols=("N",)),
+            Friction("x", GROUND, mu, normal="N"),
+        ),
+        v0={"x": v0},
+        t_end=t_end,
+        parameters={"m": m, "g": g, "alpha": alpha, "mu": mu, "v0": v0},
+        source=COULOMB,
+        facts=facts,
+        motion=partial(_block_on_incline_motion, a=a, t_stop=t_stop, v0=v0),
+    )
+
+
+def _block_on_incline_motion(t: Array, *, a: float, t_stop: float, v0: float) -> tuple[Array, Array]:
+    s = np.minimum(np.asarray(t, dtype=np.float64), t_stop)
+    zero = np.zeros_like(s)
+    return np.column_stack([v0 * s + 0.5 * a * s**2, zero]), np.column_stack(
+        [np.where(s < t_stop, v0 + a * s, 0.0), zero]
+    )
+
+
+def block_on_belt(m: float = 1.0, g: float = 9.81, k: float = 100.0, mu: float = 0.3, v_b: float = 0.1) -> Problem:
+    r"""A block on a moving belt, held by a spring: it slips, sticks, and slips again.
+
+    The spring holds the block, which starts at rest with the spring relaxed, and the belt drags it along. With
+    ``ω = sqrt(k/m)`` and ``x_s = μ m g/k``, where the spring balances sliding friction,
+
+    - it slips at first, ``x = x_s (1 - cos ω t)``, until it has the belt's speed at ``t_1 = asin(v_b/(x_s ω))/ω``,
+    - sticks, and goes with the belt up to x_s, at ``t_2 = t_1 + sqrt(x_s² - (v_b/ω)²)/v_b``,
+    - and slips again, ``x = x_s + (v_b/ω) sin ω (t - t_2)``.
+
+    The last is a free vibration whose greatest speed is the belt's own. So a period ``2 π/ω`` later block and belt touch in
+    speed, with the friction just at its bound: whether they stick there for an instant is decided by rounding, and the run
+    ends before. With one coefficient μ there is no stick-slip vibration; the sustained one of a bow or a brake needs a
+    friction that is larger at rest, or falls with speed. The trap is a friction law smoothed over a range of speeds: the
+    block never sticks in it, and lags behind the belt.
+
+    Parameters
+    ----------
+    m, k : float
+        Mass in kg and stiffness in N/m.
+    g : float
+        Gravity in m/s².
+    mu : float
+        Coefficient of friction.
+    v_b : float
+        Speed of the belt in m/s.
+
+    Raises
+    ------
+    InputError
+        If a parameter is not above zero, or the belt is too fast for the block ever to stick.
+
+    Examples
+    --------
+    >>> [round(fact.value, 9) for fact in block_on_belt().facts]
+    [0.034669289, 0.311458902, 0.03943]
+
+    References
+    ----------
+    Leine and Nijmeijer, *Dynamics and Bifurcations of Non-Smooth Mechanical Systems* (2004), chapter 4.
+    """
+    name = "block-on-belt"
+    above_zero(name, m=m, g=g, k=k, mu=mu, v_b=v_b)
+    ω, x_s = math.sqrt(k / m), mu * m * g / k
+    if not v_b < x_s * ω:
+        raise InputError(
+            f"{name}: v_b = {v_b:g} is too fast for the block ever to stick; it must be below {x_s * ω:g} m/s"
+        )
+    t_1 = math.asin(v_b / (x_s * ω)) / ω
+    t_2 = t_1 + math.sqrt(x_s**2 - (v_b / ω) ** 2) / v_b
+    facts = (
+        Fact("t_1", "first stick", t_1, "s", partial(instant, kind="stick")),
+        Fact("t_2", "first slip", t_2, "s", partial(instant, kind="slip", number=-1)),
+        Fact("x_max", "largest displacement", x_s + v_b / ω, "m", partial(peak, series="x")),
+    )
+    return Problem(
+        name,
+        Scheme(
+            Mass("x", m),
+            Spring("x", GROUND, k),
+            Mass("y", m),
+            Load("y", m * g, symbols=("mg",)),
+            Bumper("y", GROUND, e=0.0, name="N", symbols=("N",)),
+            PrescribedMotion("b", Polynomial((0.0, v_b))),
+            Friction("x", "b", mu, normal="N"),
+        ),
+        t_end=t_2 + 1.5 * math.pi / ω,
+        parameters={"m": m, "g": g, "k": k, "mu": mu, "v_b": v_b},
+        source="Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (2004), chapter 4",
+        facts=facts,
+        motion=partial(_block_on_belt_motion, t_1=t_1, t_2=t_2, v_b=v_b, x_s=x_s, ω=ω),
+    )
+
+
+def _block_on_belt_motion(t: Array, *, t_1: float, t_2: float, v_b: float, x_s: float, ω: float) -> tuple[Array, Array]:
+    times = np.asarray(t, dtype=np.float64)
+    phases = [times < t_1, times < t_2]
+    x = np.select(phases, [x_s * (1.0 - np.cos(ω * times)), x_s + v_b * (times - t_2)],
+                  x_s + v_b / ω * np.sin(ω * (times - t_2)))  # fmt: skip
+    v = np.select(phases, [x_s * ω * np.sin(ω * times), np.full_like(times, v_b)], v_b * np.cos(ω * (times - t_2)))
+    zero = np.zeros_like(times)
+    return np.column_stack([x, zero, v_b * times]), np.column_stack([v, zero, np.full_like(times, v_b)])
+
+
+def thrown_block(
+    m: float = 1.0, g: float = 9.81, mu: float = 0.1, e: float = 0.5, v_x: float = 3.0, v_y: float = 2.0
+) -> Problem:
+    r"""A block thrown along a rough floor: it skips, slides, and comes to rest at a known place.
+
+    It leaves the floor with v_x along it and v_y upwards, and does not turn. A landing at the speed w has the normal
+    impulse ``(1 + e) m w``, and the impulse of friction is μ times that while the block slides. The n-th landing is at
+    ``eⁿ⁻¹ v_y``; so
+
+    - after n landings ``v_n = v_x - d (1 - eⁿ)``, with ``d = μ (1 + e) v_y/(1 - e)``, and the next flight takes
+      ``2 eⁿ v_y/g``,
+    - infinitely many landings end at ``t_∞ = 2 v_y/(g (1 - e))`` with ``v_∞ = v_x - d``, and the block slides until
+      ``t_s = t_∞ + v_∞/(μ g)``,
+    - at rest ``x = (2 v_y/g) (v_∞/(1 - e) + d/(1 - e²)) + v_∞²/(2 μ g)``.
+
+    For ``d >= v_x`` it stops in the landing N, the first with ``v_N <= 0``, skips on the spot, and
+    ``x = (2 v_y/g) (v_∞ (1 - e^N)/(1 - e) + d (1 - e^(2N))/(1 - e²))``. The trap is friction without impulses: the floor
+    then brakes the block only while it lies there, and it comes too far.
+
+    Parameters
+    ----------
+    m : float
+        Mass in kg.
+    g : float
+        Gravity in m/s².
+    mu : float
+        Coefficient of friction.
+    e : float
+        Coefficient of restitution, below 1.
+    v_x, v_y : float
+        Velocity at the start along the floor and upwards in m/s.
+
+    Raises
+    ------
+    InputError
+        If a parameter is not above zero, or e is 1.
+
+    Examples
+    --------
+    >>> [round(fact.value, 9) for fact in thrown_block().facts]
+    [0.407747197, 2.7, 5.219164118, 3.261977574]
+
+    References
+    ----------
+    Brogliato, *Nonsmooth Mechanics* (2016), chapter 4.
+    """
+    name = "thrown-block"
+    above_zero(name, m=m, g=g, mu=mu, e=e, v_x=v_x, v_y=v_y)
+    restitution(name, e)
+    if e == 1.0:
+        raise InputError(f"{name}: e = 1 never lets the block rest; take it below 1")
+    d, flight, t_inf = mu * (1.0 + e) * v_y / (1.0 - e), 2.0 * v_y / g, 2.0 * v_y / (g * (1.0 - e))
+    v_inf = v_x - d
+    slides = v_inf > 0.0
+    left = 0.0 if slides else e ** math.ceil(math.log1p(-v_x / d) / math.log(e) - 1e-12) if v_x < d else 0.0
+    x = flight * (v_inf * (1.0 - left) / (1.0 - e) + d * (1.0 - left**2) / (1.0 - e**2))
+    x += v_inf**2 / (2.0 * mu * g) if slides else 0.0
+    after = max(v_x - mu * (1.0 + e) * v_y, 0.0)
+    facts: tuple[Fact, ...] = (
+        Fact("t_1", "first landing", flight, "s", partial(instant, kind="impact", contact="N")),
+        Fact("v_1", "speed after it", after, "m/s",
+             partial(limit, kind="impact", contact="N", of="v", i=0, side="right"), scale=v_x),
+        Fact("x_∞", "place at rest", x, "m", partial(final, series="x")),
+    )  # fmt: skip
+    t_s = t_inf + max(v_inf, 0.0) / (mu * g)
+    if slides:
+        facts += (Fact("t_s", "when it rests", t_s, "s", partial(instant, kind="stick", number=-1)),)
+    return Problem(
+        name,
+        Scheme(
+            Mass("x", m),
+            Mass("y", m),
+            Load("y", m * g, symbols=("mg",)),
+            Bumper("y", GROUND, e=e, name="N", symbols=("N",)),
+            Friction("x", GROUND, mu, normal="N"),
+        ),
+        v0={"x": v_x, "y": -v_y},
+        t_end=1.25 * t_s,
+        parameters={"m": m, "g": g, "mu": mu, "e": e, "v_x": v_x, "v_y": v_y},
+        source="Brogliato, Nonsmooth Mechanics (2016), chapter 4",
+        facts=facts,
+    )

@@ -1,0 +1,138 @@
+r"""The woodpecker toy: friction that locks and lets go, and impacts with friction, in one cycle."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from lcpimpact.problems.base import Problem, above_zero, restitution
+from lcpimpact.problems.facts import Fact
+from lcpimpact.problems.reading import at, crossing, instant, limit
+from lcpimpact.scheme.elements.base import GROUND
+from lcpimpact.scheme.elements.friction import Friction
+from lcpimpact.scheme.scheme import Scheme
+
+POLE, HOLE, HALF_SLEEVE = 0.0025, 0.0031, 0.0058
+"""Radii of the pole and of the hole of the sleeve, r_O and r_M, and half the height of the sleeve, h_M, in m."""
+
+ARM, BODY = 0.010, 0.015
+"""From the middle of the sleeve to the spring, l_M, and from there to the centre of the woodpecker, l_G, in m."""
+
+BEAK_HEIGHT, BEAK = 0.02, 0.0201
+"""From the centre of the woodpecker to its beak, h_S upwards and l_S towards the pole, in m."""
+
+ANGLE, SPEED = 0.2051353492435296, -17.574666205577
+"""φ_S and φ_S' of the periodic motion where the sleeve begins to slip, for the values of the source."""
+
+
+def woodpecker(
+    m_M: float = 0.0003,
+    m_S: float = 0.0045,
+    J_M: float = 5e-9,
+    J_S: float = 7e-7,
+    c: float = 0.0056,
+    mu: float = 0.3,
+    e: float = 0.5,
+    g: float = 9.81,
+) -> Problem:
+    r"""A toy woodpecker that pecks its way down a pole.
+
+    A sleeve with play runs on a pole, and the woodpecker sits on it by a spring. Coordinates are y of the sleeve downwards,
+    its angle φ_M and that φ_S of the woodpecker. For small angles their mass matrix is constant, with the kinetic energy
+    ``m_M y'²/2 + J_M φ_M'²/2 + J_S φ_S'²/2 + m_S (y' + l_M φ_M' + l_G φ_S')²/2``.
+
+    Three points may touch the pole, all with friction: the beak, ``u = l_M + l_G - l_S - r_O + h_S φ_S``, with restitution
+    e, and the lower and the upper edge of the sleeve, ``u = r_M - r_O ∓ h_M φ_M``, which do not rebound. In a cycle the
+    tilted sleeve is jammed while the woodpecker swings; it lets go, the toy falls, the other edge strikes, the beak strikes
+    and throws the woodpecker back, and the sleeve jams again. With the values of the source that is an attracting periodic
+    motion of 0.146 s; a deviation is multiplied by -0.84 in each cycle. The run starts on it, where the sleeve begins to
+    slip.
+
+    It hangs still as well, jammed, for ``μ >= h_M (m_M + m_S)/(m_S (l_M + l_G) - r_M (m_M + m_S)) = 0.285``: the pecking
+    needs a push. The trap is a friction that is solved after the normal forces: the jam is a matter of both at once.
+
+    Parameters
+    ----------
+    m_M, m_S : float
+        Masses of the sleeve and of the woodpecker in kg.
+    J_M, J_S : float
+        Their moments of inertia in kg m².
+    c : float
+        Stiffness of the spring in N m.
+    mu : float
+        Coefficient of friction of all contacts.
+    e : float
+        Coefficient of restitution of the beak.
+    g : float
+        Gravity in m/s².
+
+    Raises
+    ------
+    InputError
+        If a parameter is not above zero, or e lies outside [0, 1].
+
+    Examples
+    --------
+    >>> [round(fact.value, 9) for fact in woodpecker().facts]
+    [0.145976065, 0.019445379, 17.574666206, 0.019811179, 16.911177368]
+
+    References
+    ----------
+    Glocker and Studer, Formulation and preparation for numerical evaluation of linear complementarity systems in dynamics
+    (2005); Leine, Glocker and van Campen, Nonlinear dynamics of the woodpecker toy (2001).
+    """
+    name = "woodpecker"
+    above_zero(name, m_M=m_M, m_S=m_S, J_M=J_M, J_S=J_S, c=c, mu=mu, e=e, g=g)
+    restitution(name, e)
+    m, S_M, S_S = m_M + m_S, m_S * ARM, m_S * BODY
+    scheme = Scheme.of_matrices(
+        [[m, S_M, S_S], [S_M, J_M + S_M * ARM, S_M * BODY], [S_S, S_M * BODY, J_S + S_S * BODY]],
+        K=[[0.0, 0.0, 0.0], [0.0, c, -c], [0.0, -c, c]],
+        f=[m * g, S_M * g, S_S * g],
+        H=[[0.0, 0.0, BEAK_HEIGHT], [0.0, -HALF_SLEEVE, 0.0], [0.0, HALF_SLEEVE, 0.0]],
+        gaps=[ARM + BODY - BEAK - POLE, HOLE - POLE, HOLE - POLE],
+        e=[e, 0.0, 0.0],
+        coordinates=("y", "φ_M", "φ_S"),
+        contacts=("N1", "N2", "N3"),
+    )
+    beak, sleeve = {"y": 1.0, "φ_M": ARM, "φ_S": BODY - BEAK}, {"y": 1.0, "φ_M": HOLE}
+    for i, rim in enumerate((beak, sleeve, sleeve), start=1):
+        scheme.add(Friction(rim, GROUND, mu, normal=f"N{i}", name=f"F{i}"))
+    parameters = {"m_M": m_M, "m_S": m_S, "J_M": J_M, "J_S": J_S, "c": c, "mu": mu, "e": e, "g": g}
+    return Problem(
+        name,
+        scheme,
+        q0={"φ_M": (HOLE - POLE) / HALF_SLEEVE, "φ_S": ANGLE},
+        v0={"φ_S": SPEED},
+        t_end=0.25,
+        parameters=parameters,
+        source="Leine, Glocker and van Campen, Nonlinear dynamics of the woodpecker toy (2001)",
+        facts=_facts() if list(parameters.values()) == [0.0003, 0.0045, 5e-9, 7e-7, 0.0056, 0.3, 0.5, 9.81] else (),
+    )
+
+
+def _facts() -> tuple[Fact, ...]:
+    """Return the facts of the periodic motion, a fixed point of the map of a cycle found by Newton's method."""
+    beak = partial(limit, kind="impact", contact="N1", of="v", i=2, side="left", unit=-1.0)
+    T = 0.14597606514
+    return (
+        Fact("T", "period", T, "s", _period),
+        Fact("Δy", "fall in a period", 0.019445379285, "m", _fall),
+        Fact("ω_S", "speed of the woodpecker when the sleeve slips, a period later", -SPEED, "rad/s",
+             partial(_speed, T=T)),
+        Fact("t_b", "the beak strikes", 0.01981117894, "s", partial(instant, kind="impact", contact="N1")),
+        Fact("ω_b", "speed of the woodpecker just before", 16.911177368, "rad/s", beak),
+    )  # fmt: skip
+
+
+def _period(run: Any) -> float:
+    """Return the time between two passages of the woodpecker through φ_S = 0, downwards."""
+    return crossing(run, "φ_S", number=2) - crossing(run, "φ_S")
+
+
+def _fall(run: Any) -> float:
+    return at(run, "y", crossing(run, "φ_S", number=2)) - at(run, "y", crossing(run, "φ_S"))
+
+
+def _speed(run: Any, T: float) -> float:
+    return -at(run, "v_φ_S", T)
