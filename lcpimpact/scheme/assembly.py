@@ -239,7 +239,7 @@ def _check_restitution(dynamics: Dynamics, rows: Sequence[Row]) -> None:
         if row.law is RowLaw.FRICTION:
             if contact.relative_degree == 0:
                 raise InputError(
-                    f"{row.element}: a surface is massless and held by springs only, so that its friction has no rate to act "
+                    f"{row.element}: a surface is massless and held by springs only, so its friction has no rate to act "
                     "on: give its node a Mass or a Dashpot"
                 )
             if row.e and contact.relative_degree < 2:
