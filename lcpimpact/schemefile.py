@@ -642,6 +642,10 @@ def _item(value: Any, place: str) -> Any:
         entries = _entries(value) if kind == "Harmonic" else {"type": kind, **_entries(value)}
         inline.update({key: _item(each, place) for key, each in entries.items()})
         return inline
+    if isinstance(value, Mapping):
+        inline = tomlkit.inline_table()
+        inline.update({key: _item(each, place) for key, each in value.items()})
+        return inline
     if isinstance(value, (tuple, list, np.ndarray)):
         array = tomlkit.array()
         array.extend(_item(each, place) for each in value)

@@ -29,7 +29,17 @@ PUSHED_PLATE = li.Problem(
     ),
     v0={"x": 1.0},
 )
-OWN = {each.name: each for each in (STOPPED_PLATE, PUSHED_PLATE)}
+LINKED_PAIR = li.Problem(
+    "linked pair",
+    li.Scheme(
+        li.Mass("x", m=1.0),
+        li.Load("x", f=9.81),
+        li.Mass("y", m=2.0),
+        li.RigidLink("x", "y"),
+        li.Bumper("y", "ground", gap=0.1, e=0.5),
+    ),
+)
+OWN = {each.name: each for each in (STOPPED_PLATE, PUSHED_PLATE, LINKED_PAIR)}
 """Schemes with features that no registered problem has."""
 
 EVERY = (*PROBLEMS, *OWN)

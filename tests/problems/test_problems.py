@@ -422,6 +422,7 @@ def test_hereditary_impact_converges_with_its_sum_of_exponentials(alpha):
 BAD = [
     ("bouncing-ball", {"H": -1.0}, "H = -1"),
     ("bouncing-ball", {"e": 1.5}, "e = 1.5 must lie between 0 and 1"),
+    ("ball-in-air", {"c": 0.0}, "c = 0 must be above zero"),
     ("kelvin-voigt-impact", {"v0": 0.0}, "v0 = 0 must be above zero"),
     ("kelvin-voigt-impact", {"m": -1.0}, "m = -1.0 must be a positive"),
     ("kelvin-voigt-tension", {"c": 0.0}, "c = 0.0 must be a positive"),
