@@ -58,6 +58,7 @@ PARTS: tuple[tuple[str, Integrator, float], ...] = (
     ("system-2", MoreauJean(), 3.0),
     ("bouncing-ball", MoreauJean(), 2.5),
     ("bouncing-ball", NewmarkNS(), 2.5),
+    ("woodpecker", MoreauJean(), 1.0),
 )
 """Problems and methods whose kernel and certificate are timed apart, each up to its t_end in s."""
 PART_STEPS = 100_000

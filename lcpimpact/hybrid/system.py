@@ -596,19 +596,8 @@ def combined(T: Array, b: DoubleDouble) -> DoubleDouble:
     return rounded_product(DoubleDouble.of(T), b)
 
 
-def refuse_friction_on_springs(dynamics: Dynamics, method: str) -> None:
-    """Refuse friction of relative degree 0, where the sticking position would be a state of its own."""
-    for contact in dynamics.contacts:
-        if contact.law is RowLaw.FRICTION and contact.relative_degree == 0:
-            raise UnsupportedError(
-                f"a surface of the friction {contact.name!r} is massless and held by springs only, which {method!r} does "
-                "not handle: give its node a Mass or a Dashpot, or take method='moreau-jean'"
-            )
-
-
 def refuse_mixed_degrees(system: System, method: str, except_schemes: bool = False) -> None:
     """Refuse contacts without a common relative degree; with ``except_schemes`` only beside sliders and in systems."""
-    refuse_friction_on_springs(system.dynamics, method)
     names = system.mixed_degrees
     others = ((system.slides.any(), "sliders"), (system.friction, "friction"), (system.dynamics.joints.any(), "joints"))
     beside = next((f" beside {what}" for present, what in others if present), "")

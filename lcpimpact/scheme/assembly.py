@@ -237,6 +237,11 @@ def _check_restitution(dynamics: Dynamics, rows: Sequence[Row]) -> None:
     """Raise an error for a contact on an impulse path without e, and for one off all paths with e."""
     for i, (row, contact) in enumerate(zip(rows, dynamics.contacts, strict=True)):
         if row.law is RowLaw.FRICTION:
+            if contact.relative_degree == 0:
+                raise InputError(
+                    f"{row.element}: a surface is massless and held by springs only, so its friction has no rate to act "
+                    "on: give its node a Mass or a Dashpot"
+                )
             if row.e and contact.relative_degree < 2:
                 raise InputError(
                     f"{row.element}: e_T = {row.e!r} means nothing, since a surface is massless and no impulse acts; leave "

@@ -264,6 +264,43 @@ def mechanism(rng):
     return li.Problem("mechanism", scheme, v0=v)
 
 
+def rod(load, slip, spin=0.0):
+    """A uniform rod at 60 degrees that touches the floor by its lower end, with μ = 5/3: W_NN - μ W_NT is -0.415 one way."""
+    φ = math.pi / 3.0
+    scheme = li.Scheme(li.Mass("x", 1.0), li.Mass("y", 1.0), li.Mass("φ", 1.0 / 3.0), li.Load("y", load))
+    scheme.add(li.Bumper("ground", {"y": 1.0, "φ": -math.cos(φ)}, e=0.0, name="N"))
+    scheme.add(li.Friction("ground", {"x": 1.0, "φ": math.sin(φ)}, 5.0 / 3.0, "N", name="T"))
+    return li.Problem("rod", scheme, v0={"x": slip, "φ": spin})
+
+
+@pytest.mark.parametrize("method", LOCATED)
+def test_painleve(method):
+    """No acceleration, two, or one."""
+    with pytest.raises(li.UnsupportedError, match=r"no motion without an impulse .* Painlevé"):
+        li.simulate(rod(-10.0, -30.0), method, dt=1e-3, t_end=1e-2)
+    with pytest.raises(li.UnsupportedError, match=r"several motions .* all_solutions\(\[\[-0.415"):
+        li.simulate(rod(11.65, -30.0), method, dt=1e-3, t_end=1e-2)
+    assert li.simulate(rod(-10.0, 30.0), method, dt=1e-3, t_end=1e-2).success
+
+
+def test_time_steps_jam_by_an_impulse_where_no_acceleration_obeys_the_laws():
+    """The end sticks: P = -W⁻¹ (0, U_T), of which the spin is 19.48557 rad/s."""
+    φ = math.pi / 3.0
+    H = np.array([[0.0, 1.0, -math.cos(φ)], [1.0, 0.0, math.sin(φ)]])
+    W = H @ np.diag([1.0, 1.0, 3.0]) @ H.T
+    impulse = -np.linalg.solve(W, [0.0, -30.0])
+    run = li.simulate(rod(-10.0, -30.0), dt=1e-6, t_end=1e-5)
+    assert_allclose(run.v[-1], [-30.0, 0.0, 0.0] + np.diag([1.0, 1.0, 3.0]) @ H.T @ impulse, rtol=0.0, atol=1e-3)
+    assert impulse[1] == pytest.approx(13.125)
+
+
+def test_a_link_that_does_not_hold_at_the_start_is_refused():
+    pair = li.Scheme(li.Mass("a", 1.0), li.Mass("b", 1.0), li.RigidLink("a", "b"))
+    for start in ({"q0": {"a": 1.0}}, {"v0": {"b": 1.0}}):
+        with pytest.raises(li.InputError, match=r"rigid link 'J' .* give 'a' and 'b' equal values"):
+            li.Problem("pair", pair, **start)
+
+
 # ---- joints and substructures ---------------------------------------------------------------------------------------
 
 
@@ -358,6 +395,10 @@ FLOOR = li.Bumper("y", "ground", e=0.0, name="N")
                 li.Mass("x", 1.0), li.Spring("z", "ground", 1.0), li.Bumper({"x": 0.5, "z": 0.3}, "ground")
             ).assemble(),
             "'z' has the coefficient 0.3 and no mass",
+        ),
+        (
+            lambda: body(FLOOR, li.Spring("z", "ground", 1.0), li.Friction("z", "ground", 0.1, "N")).assemble(),
+            "massless and held by springs only",
         ),
         (lambda: li.Substructure(("x", "y"), [[1.0, 0.0], [0.0, 0.0]]), "M must be positive definite"),
         (lambda: li.Substructure(("x",), [[1.0]], K=[[1.0, 2.0]]), r"K has the shape \(1, 2\)"),

@@ -73,6 +73,53 @@ def test_damped_chain_against_a_stop(siconos):
     assert_allclose(run.v, peer["v"], rtol=0.0, atol=1e-9)
 
 
+def rough(siconos, problem, h, steps):
+    """The rows in pairs, each normal one before the friction that it bounds."""
+    d = problem.dynamics
+    tangents = np.flatnonzero(d.frictional)
+    rows = np.column_stack([d.normals[tangents], tangents]).ravel()
+    return siconos(
+        kind="lagrangian", M=d.M, C=d.C, K=d.K, f=d.force(0.0), H=d.H[rows], u0=d.u0[rows], e=d.restitution[rows],
+        q0=problem.initial_coordinates, v0=problem.initial_velocities, theta=0.5, h=h, steps=steps, mu=d.mu[tangents],
+    )  # fmt: skip
+
+
+def ball_with_spin():
+    ball = li.Scheme(li.Mass("x", 1.0), li.Mass("y", 1.0), li.Mass("φ", 0.004), li.Load("y", 9.81))
+    ball.add(li.Bumper("y", "ground", gap=0.5, e=0.5, name="N"), li.Friction({"x": 1.0, "φ": 0.1}, "ground", 0.2, "N"))
+    return li.Problem("ball with spin", ball, v0={"φ": 50.0})
+
+
+def woodpecker():
+    """Glocker's data: y, and the angles of the sleeve, which begins in the air, and of the woodpecker."""
+    m_M, m_S, J_M, J_S, c, l_M, l_G, h_S, l_S, h_M, r_M, r_0 = (
+        3e-4, 4.5e-3, 5e-9, 7e-7, 0.0056, 0.010, 0.015, 0.02, 0.0201, 0.0058, 0.0031, 0.0025,
+    )  # fmt: skip
+    arm = np.array([1.0, l_M, l_G])
+    M = m_S * np.outer(arm, arm) + np.diag([m_M, J_M, J_S])
+    K = c * np.array([[0.0, 0.0, 0.0], [0.0, 1.0, -1.0], [0.0, -1.0, 1.0]])
+    toy = li.Scheme.of_matrices(
+        M, None, K, list(map(float, -9.81 * (m_S * arm + [m_M, 0.0, 0.0]))), H=[[0, 0, -h_S], [0, h_M, 0], [0, -h_M, 0]],
+        gaps=[l_M + l_G - l_S - r_0, r_M - r_0, r_M - r_0], e=[0.5, 0.0, 0.0], coordinates="yms", contacts=["A", "B", "C"],
+    )  # fmt: skip
+    for name, m, s in (("A", l_M, l_G - l_S), ("B", r_M, 0.0), ("C", r_M, 0.0)):
+        slip = {"y": 1.0, "m": m} | ({"s": s} if s else {})
+        toy.add(li.Friction("ground", slip, 0.3, name, name=f"T{name}"))
+    return li.Problem("woodpecker", toy, q0={"m": -0.103, "s": -0.2788}, v0={"y": -0.3411, "s": -7.4583})
+
+
+@pytest.mark.parametrize(
+    ("make", "h", "steps"), [(ball_with_spin, 1e-3, 3000), (woodpecker, 2e-5, 5000)], ids=["ball", "woodpecker"]
+)
+def test_friction(siconos, make, h, steps):
+    problem = make()
+    peer = rough(siconos, problem, h, steps)
+    run = li.simulate(problem, "moreau-jean", dt=h, t_end=steps * h)
+    assert sum(event.kind in ("stick", "slip") for event in run.events) >= 1
+    assert_allclose(run.q, peer["q"], rtol=0.0, atol=1e-9 * np.abs(peer["q"]).max())
+    assert_allclose(run.v, peer["v"], rtol=0.0, atol=1e-9 * np.abs(peer["v"]).max())
+
+
 def paper_system(number):
     """A, b, B, C, D and x(0) of a system of the paper, y eliminated: states (x, v, z), and y - x in System 3."""
     m, k, k_o, c, c_o, g = 100.0, 1962.0, 3924.0, 125.0, 250.0, 9.81

@@ -96,6 +96,8 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
         (bool(d.frictional.any()), "friction"),
         (bool(d.joints.any()), "rigid links"),
         (bool(d.relays.any()), "relays"),
+        (bool(d.frictional.any()), "friction that a normal force bounds"),
+        (bool(d.joints.any()), "rigid links"),
         (bool(d.springs), "non-linear springs"),
         (bool(d.force_laws), "forces of any kind"),
         (bool(d.motions), "a prescribed motion"),

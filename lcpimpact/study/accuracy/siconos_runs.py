@@ -10,9 +10,13 @@ import sys
 import numpy as np
 
 
-def lagrangian(M, C, K, f, H, u0, e, q0, v0, theta, h, steps):  # type: ignore[no-untyped-def]
-    """M q'' + C q' + K q = f + Hᵀ r, 0 <= r ⟂ u = H q + u0 >= 0, with Newton's law, by MoreauJeanOSI."""
+def lagrangian(M, C, K, f, H, u0, e, q0, v0, theta, h, steps, mu=None):  # type: ignore[no-untyped-def]
+    """M q'' + C q' + K q = f + Hᵀ r, 0 <= r ⟂ u = H q + u0 >= 0, with Newton's law, by MoreauJeanOSI.
+
+    With mu (nc,) the rows of H, u0 and e are pairs, a normal one and the tangential one with its friction.
+    """
     import siconos.kernel as sk  # type: ignore[import-not-found]
+    import siconos.numerics as sn  # type: ignore[import-not-found]
 
     M, C, K, f, H, u0 = (np.array(a, dtype=float) for a in (M, C, K, f, H, u0))
     system = sk.LagrangianLinearTIDS(np.array(q0), np.array(v0), M, K, C)
@@ -20,12 +24,16 @@ def lagrangian(M, C, K, f, H, u0, e, q0, v0, theta, h, steps):  # type: ignore[n
     world = sk.NonSmoothDynamicalSystem(0.0, (steps + 0.5) * h)
     world.insertDynamicalSystem(system)
     owned = []
-    for row, opening, restitution in zip(H, u0, e, strict=True):
-        relation = sk.LagrangianLinearTIR(row[None, :].copy(), np.array([opening]))
-        contact = sk.Interaction(sk.NewtonImpactNSL(restitution), relation)
+    rows = 1 if mu is None else 2
+    for k in range(0, len(H), rows):
+        relation = sk.LagrangianLinearTIR(H[k : k + rows].copy(), u0[k : k + rows].copy())
+        law = sk.NewtonImpactNSL(e[k]) if mu is None else sk.NewtonImpactFrictionNSL(e[k], 0.0, mu[k // 2], 2)
+        contact = sk.Interaction(law, relation)
         world.link(contact, system)
         owned.append((relation, contact))
-    simulation = sk.TimeStepping(world, sk.TimeDiscretisation(0.0, h), sk.MoreauJeanOSI(theta), sk.LCP())
+    problem = sk.LCP() if mu is None else sk.FrictionContact(2, sn.SICONOS_FRICTION_2D_LEMKE)
+    problem.numericsSolverOptions().dparam[sn.SICONOS_DPARAM_TOL] = 1e-14
+    simulation = sk.TimeStepping(world, sk.TimeDiscretisation(0.0, h), sk.MoreauJeanOSI(theta), problem)
     q, v = [q0], [v0]
     for _ in range(steps):
         simulation.computeOneStep()
