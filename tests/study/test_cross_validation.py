@@ -601,7 +601,7 @@ def test_a_closed_form_of_the_wrong_shape_is_a_reason():
 @pytest.mark.parametrize(
     ("element", "what"),
     [
-        (li.Friction("x", "ground", mu=0.5, normal="N"), "friction"),
+        (li.Friction("x", "ground", mu=0.5, normal="N"), "friction that a normal force bounds"),
         (li.RigidLink("x", {"y": 2.0}), "rigid links"),
     ],
 )

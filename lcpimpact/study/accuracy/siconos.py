@@ -93,8 +93,6 @@ def siconos(problem: Problem, steps: int, t_end: float, theta: float = 0.5) -> A
     degrees = set(d.relative_degree.tolist())
     for present, what in (
         (bool(d.slides.any()), "sliders"),
-        (bool(d.frictional.any()), "friction"),
-        (bool(d.joints.any()), "rigid links"),
         (bool(d.relays.any()), "relays"),
         (bool(d.frictional.any()), "friction that a normal force bounds"),
         (bool(d.joints.any()), "rigid links"),
