@@ -17,7 +17,7 @@ T = TypeVar("T")
 MAX_ERROR_LENGTH = 200
 """Maximum number of characters shown of another package's error."""
 
-MAX_NAMES = 50
+MAX_NAMES = 30
 """Maximum number of names in a message."""
 
 

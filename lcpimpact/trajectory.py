@@ -159,7 +159,7 @@ class Trajectory:
         """
         try:
             times = np.atleast_1d(np.asarray(t, dtype=np.float64))
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InputError(f"t = {short(t)} must be times in s: a number, or a sequence of numbers") from None
         if side not in ("right", "left"):
             raise InputError(f"side = {side!r} must be 'right' or 'left'")

@@ -317,7 +317,8 @@ def judge_contact(run: Recorded, contacts: Contacts, i: int, k: int, θ: float, 
         U += H * run.v[k + 1, column]
         W += H * sums.w[column]
     gap = u
-    found.gap_change[i] = max(found.gap_change[i], h * abs(W))
+    # A contact penetrates by up to h |U| of the step before it closes, which is more than h |W|.
+    found.gap_change[i] = max(found.gap_change[i], h * abs(W), h * abs(U))
     found.r[i] = max(found.r[i], abs(run.r[k, i]))
     if contacts.law[i] == FRICTION:
         r_max = contacts.mu[i] * max(sums.total[contacts.normal[i]], 0.0)

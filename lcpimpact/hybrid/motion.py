@@ -13,7 +13,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
-from lcpimpact.errors import Status
+from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.event_loop import (
     Ending,
     EventLoop,
@@ -29,6 +29,9 @@ from lcpimpact.hybrid.transition import enter, parted, state_of
 from lcpimpact.problems.base import GIVEN_ZERO_RTOL, Problem
 from lcpimpact.record import Event
 from lcpimpact.scheme.dynamics import Dynamics
+
+LONGEST_RUN = 1e150
+"""Longest run in s: its square is a number, with room for accelerations beside it."""
 
 END_RTOL = 4.0 * float(np.finfo(float).eps)
 """Delay of an event after the end, relative to it, below which the event is at the end."""
@@ -178,7 +181,11 @@ def begin_problem(
     ------
     UnsupportedError
         If contacts have no common relative degree, or the initial state leaves their forces undetermined.
+    InputError
+        If the run is longer than `LONGEST_RUN`.
     """
+    if end > LONGEST_RUN:
+        raise InputError(f"t_end = {end:g} s is longer than {LONGEST_RUN:g} s, and t² no number: take a shorter t_end")
     problem, _ = enter_constraint(problem, solver)
     system = System(dynamics or problem.dynamics, end)
     refuse_mixed_degrees(system, method, except_schemes=True)
@@ -246,7 +253,7 @@ def _find_end(motion: HybridMotion) -> None:
 def _accumulated(motion: HybridMotion, t: DoubleDouble, events: tuple[Event, ...]) -> Flags | None:
     """Record the impacts at t, and return the rows whose impacts have accumulated (nc,), if any."""
     system, shortest = motion.system, LAST_FLIGHT_RTOL * abs(float(t.hi))
-    hit = [event for event in events if event.impulse > 0.0 and system.meets[system.names[event.contact]]]
+    hit = [event for event in events if event.impulse > 0.0 and system.dynamics.unilateral[system.names[event.contact]]]
     if not hit:
         return None
     rows = [system.names[event.contact] for event in hit]
