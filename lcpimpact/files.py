@@ -126,6 +126,8 @@ def reading(path: Path, remedy: str) -> Iterator[None]:
         raise InputError(
             f"cannot read {str(path)!r}: {error.strerror or error}; check the name and the permissions"
         ) from None
+    except UnicodeEncodeError:
+        raise InputError(f"cannot read {str(path)!r}: the name holds half a character; write it anew") from None
     except MemoryError:
         raise InputError(f"cannot read {str(path)!r}: it does not fit in memory; {remedy}") from None
 

@@ -272,7 +272,13 @@ class LinearStep(TimeStepping[Tabulated]):
     def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
         """Tabulate the step."""
         symbols = self._symbols(d)
-        step = self.equations(symbols, d, h)
+        try:
+            step = self.equations(symbols, d, h)
+        except np.linalg.LinAlgError:
+            raise InputError(
+                f"the matrix of a step of {h:g} s is singular to rounding: bring the constants closer in size, "
+                "or take another dt"
+            ) from None
         table, springs = tabulate(symbols, step, self.remembers, h)
         solver, contacts = SOLVERS[lcp_solver], [Dense(np.eye(1))]
         if len(d.contacts):
