@@ -57,7 +57,7 @@ def finite_array(name: str, value: Any) -> Array:
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name} must hold numbers in rows of one length") from None
+        raise InputError(f"{name} must be a matrix of numbers") from None
     if not np.isfinite(array).all():
         raise InputError(f"{name} holds a number that is not finite")
     return array

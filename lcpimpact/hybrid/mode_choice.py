@@ -303,7 +303,7 @@ def _solve_derivative(
     FailureError
         If it has no solution.
     """
-    G, c, m, nc = system.laws.G, choice.closed, choice.undecided, len(system.degree)
+    G, c, m = system.laws.G, choice.closed, choice.undecided
     g, terms = _free_motion(system, at)
     q, W, summed = g[m], _block(G, m, m), terms[m]
     if c:
@@ -318,10 +318,7 @@ def _solve_derivative(
     def answer(guess: Array) -> Answer:
         """Return the solution in double-doubles, and the forces of all rows."""
         tiny = zero * (summed + np.abs(W.hi) @ np.abs(guess))
-        if len(idle := _idle_friction(choice, guess, nc)):
-            z, w = _with_idle_friction(lcp, idle, guess, tiny)
-        else:
-            z, w = complementary(W, q, guess, lower, upper, tiny)
+        z, w = complementary(W, q, guess, lower, upper, tiny)
         y = np.zeros((2, len(G)))
         y[:, m] = z.parts
         if c:
@@ -341,30 +338,6 @@ def _solve_derivative(
     if not answers and failure:
         raise failure
     return _distinct(system, answers), lcp
-
-
-def _idle_friction(choice: Choice, guess: Array, nc: int) -> Indices:
-    """Return the undecided pairs of unknowns of friction whose normal force is zero, by their positions (k, 2)."""
-    at = {i: a for a, i in enumerate(choice.undecided)}
-    pairs = [
-        (at[i], at[nc + k])
-        for k, (i, j) in enumerate(choice.friction)
-        if nc + k in at and j in at and guess[at[j]] == 0.0
-    ]
-    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
-
-
-def _with_idle_friction(lcp: ModeLCP, idle: Indices, guess: Array, tiny: Array) -> tuple[DoubleDouble, DoubleDouble]:
-    """Return z and w in double-doubles: without a normal force there is no friction, and the slip accelerates freely."""
-    (W, q, lower, upper), acts = lcp, np.setdiff1d(np.arange(len(guess)), idle)
-    z, _ = complementary(W[np.ix_(acts, acts)], q[acts], guess[acts], lower[acts], upper[acts], tiny[acts])
-    found = np.zeros((2, len(guess)))
-    found[:, acts] = z.parts
-    free = q + W @ DoubleDouble(found)
-    for first, last in idle:
-        if free.hi[first] < 0.0:
-            found[:, last] = (-free[first] / float(W.hi[first, last])).parts
-    return DoubleDouble(found), q + W @ DoubleDouble(found)
 
 
 def _distinct(system: System, answers: list[Answer]) -> list[Answer]:

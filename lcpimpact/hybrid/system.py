@@ -427,20 +427,18 @@ class System:
     @cached_property
     def laws(self) -> Laws:
         """The laws of all rows."""
-        d, rows = self.dynamics, np.array(self.friction, dtype=np.int64)
+        d, (rows, normals, mu) = self.dynamics, self.dynamics.friction
         rank = self.degree - d.rubs
         if not len(rows):
             same = np.eye(len(self.degree))
             return Laws(self.fine.O, self.fine.G, self.fine.G, same, same, *self.bounds, rank)
-        friction = FrictionRows(rows, d.normals[rows], d.mu[rows], GLOCKER)
-        maps = friction_maps(self.fine.G.hi.copy(), *self.bounds, friction)
+        maps = friction_maps(self.fine.G.hi.copy(), *self.bounds, FrictionRows(rows, normals, mu, GLOCKER))
         E, T = DoubleDouble.of(maps.E), DoubleDouble.of(maps.T)
         by_force, rank = E @ self.fine.G, np.append(rank, np.zeros(len(rows), dtype=np.int64))
         weights, unit = maps.E.copy(), np.abs(np.diag(self.G))
-        for k, i in enumerate(rows):
-            # μ r_N - r_T has the rounding of the rows that give r_N and r_T.
-            normal, last = d.normals[i], len(self.degree) + k
-            weights[last, i], weights[last, normal] = 1.0, 2.0 * d.mu[i] * unit[i] / unit[normal]
+        # μ r_N - r_T has the rounding of the rows that give r_N and r_T.
+        last = len(self.degree) + np.arange(len(rows))
+        weights[last, rows], weights[last, normals] = 1.0, 2.0 * mu * unit[rows] / unit[normals]
         return Laws(E @ self.fine.O, by_force @ T + maps.V, by_force, maps.T, weights, maps.lower, maps.upper, rank)
 
     def coupling(self, mode: Mode) -> Array:

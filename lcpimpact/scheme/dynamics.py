@@ -259,6 +259,12 @@ class Dynamics:
         found = [i for i, each in motions if isinstance(each, PiecewisePolynomial) and not each.continuous]
         return np.isin(np.arange(len(self.nodes)), found)
 
+    @property
+    def friction(self) -> tuple[Indices, Indices, Array]:
+        """The rows with friction, those of their normal forces, and the coefficients of friction (nf,) each."""
+        rows = np.flatnonzero(self.frictional)
+        return rows, self.normals[rows], self.mu[rows]
+
     @cached_property
     def thresholds(self) -> Array:
         """r0 in N of each slider; 0 of other rows (nc,)."""

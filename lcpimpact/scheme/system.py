@@ -21,9 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arguments import is_name, is_sequence
-from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import finite_array, is_real
 from lcpimpact.scheme.dynamics import Contact, Dynamics
 from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, PiecewisePolynomial, checked
 from lcpimpact.scheme.terms import RowLaw
@@ -95,12 +94,12 @@ class LinearComplementaritySystem:
     upper: Sequence[float] | None = None
 
     def __post_init__(self) -> None:
-        A = np.atleast_2d(self._array("A", self.A))
+        A = np.atleast_2d(finite_array("A of the system", self.A))
         n = len(A)
-        m = np.atleast_2d(self._array("C", self.C)).shape[0]
+        m = np.atleast_2d(finite_array("C of the system", self.C)).shape[0]
         for name, shape in {"A": (n, n), "B": (n, m), "C": (m, n), "D": (m, m)}.items():
             value = getattr(self, name)
-            array = np.zeros(shape) if name == "D" and value is None else self._array(name, value)
+            array = np.zeros(shape) if name == "D" and value is None else finite_array(f"{name} of the system", value)
             if array.shape != shape:
                 raise InputError(f"{name} of the system has the shape {array.shape}, and A and C ask for {shape}")
             array.flags.writeable = False
@@ -176,15 +175,6 @@ class LinearComplementaritySystem:
         """Lower and upper bound of each multiplier."""
         m = len(self.multipliers or ())
         return tuple(zip(self.lower or m * (0.0,), self.upper or m * (math.inf,), strict=True))
-
-    def _array(self, name: str, value: Any) -> Array:
-        try:
-            array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError):
-            raise InputError(f"{name} of the system must be a matrix of numbers") from None
-        if not np.isfinite(array).all():
-            raise InputError(f"{name} of the system holds a number that is not finite")
-        return array
 
     @cached_property
     def _dynamics(self) -> Dynamics:

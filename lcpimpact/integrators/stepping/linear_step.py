@@ -262,8 +262,7 @@ class LinearStep(TimeStepping[Tabulated]):
 
     def _friction_rows(self, d: Dynamics) -> FrictionRows:
         """Return the rows with friction."""
-        rows = np.flatnonzero(d.frictional)
-        return FrictionRows(rows, d.normals[rows], d.mu[rows], FORMULATIONS.index(self.formulation))
+        return FrictionRows(*d.friction, FORMULATIONS.index(self.formulation))
 
     def at_switches(self, d: Dynamics) -> LinearStep | None:
         """Return the method used in steps at a change of the active contacts; None for this one."""
