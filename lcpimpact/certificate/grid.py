@@ -10,7 +10,14 @@ import numpy as np
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.certificate.energy import Account, Sinks
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses, rows_by_name
-from lcpimpact.certificate.laws import accelerations, bound_violation, forces_on_nodes, friction_residual, node_kinds
+from lcpimpact.certificate.laws import (
+    accelerations,
+    bound_violation,
+    forces_on_nodes,
+    friction_residual,
+    node_kinds,
+    switch_residual,
+)
 from lcpimpact.certificate.scales import SCALE_FLOOR, Judgement, Scales, larger_violation, largest_violation
 from lcpimpact.certificate.theta_balance import DAMPED, FREE, MASSIVE
 from lcpimpact.certificate.trapezoid import (
@@ -25,6 +32,7 @@ from lcpimpact.events import step_of
 from lcpimpact.integrators.base import Integrator, Limits
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.signals import PiecewisePolynomial
 
 IMPACT_FACTOR = 2.0
 """Limit of the error of an impulse, in units of h times the jump of the forces at the impact; known problems reach 1."""
@@ -47,6 +55,7 @@ class Steps:
     P_start : (nc,) array                   the impulses before the first step
     step : (ni,) array                      the step of each impulse
     spread : int                            number of steps over which an impact spreads
+    mean : bool                             whether the reactions are means over steps
     """
 
     t: Array
@@ -63,6 +72,7 @@ class Steps:
     P_start: Array
     step: Indices
     spread: int
+    mean: bool
 
     @property
     def in_steps(self) -> bool:
@@ -102,22 +112,21 @@ class Steps:
             (P_start if k < 0 else P[min(k, len(P) - 1)])[rows[event.contact]] += event.impulse
             if k >= 0 and event.t >= t[min(k, len(P) - 1) + 1]:
                 P_end[min(k, len(P) - 1), rows[event.contact]] += event.impulse
-        r = record.reaction
+        r, mean = record.reaction, in_steps and (integrator is None or integrator.reaction_is_mean)
         if in_steps:
             if spread > 1:
                 r = np.add.reduceat(np.diff(record.t)[:, None] * r, kept[:-1]) / h
             f, g = forces_on_nodes(d, t, q, v, None)
             acting = g[1:] + r @ d.B.T
-            as_mean = integrator is None or integrator.reaction_is_mean
-            total = g if as_mean else np.concatenate([g[:1] + r[:1] @ d.B.T, acting])
-            given = (h * r + P if as_mean else P) @ d.B.T
+            total = g if mean else np.concatenate([g[:1] + r[:1] @ d.B.T, acting])
+            given = (h * r + P if mean else P) @ d.B.T
         else:
             r = r if spread == 1 else r[kept]
             f, g = forces_on_nodes(d, t, q, v, r)
             acting, total, given = g, g, P @ d.B.T
         return cls(
             t=t, q=q, v=v, r=r, f=f, g=g, acting=acting, total=total, given=given,
-            P=P, P_end=P_end, P_start=P_start, step=step, spread=spread,
+            P=P, P_end=P_end, P_start=P_start, step=step, spread=spread, mean=mean,
         )  # fmt: skip
 
     def impacts(self, d: Dynamics, events: Sequence[Event]) -> RunImpacts:
@@ -246,6 +255,7 @@ def _judge_contacts(
         (penetrating[one_sided], (scales.r * gap_tol)[one_sided]),
         (friction, bounds * longest * (ε * scales.U + 2.0 * turned)),
         (by_impacts, largest * slow),
+        (_missing_switches(d, run, u), (d.r_max - d.r_min)[d.relays] * (ε * scales.u)[d.relays]),
     ]
     largest = np.maximum(largest, d.friction_bounds(largest) * d.frictional)
     beyond = bound_violation(d, r).max(axis=0, initial=0.0)
@@ -258,6 +268,22 @@ def _judge_contacts(
         ),
         "impact_law": largest_violation(violation, slow),
     }
+
+
+def _missing_switches(d: Dynamics, run: Steps, u: Array) -> Array:
+    """Return by how much relays miss their law in W at the instants of their reactions, or throughout any step (nr,)."""
+    if not d.relays.any():
+        return np.zeros(0)
+    if run.mean:
+        before = d.gap(run.q[:-1]) + run.r @ d.D.T
+        u = np.where(before * u > 0.0, np.sign(u) * np.minimum(np.abs(before), np.abs(u)), 0.0)
+    missing = switch_residual(d, run.r, u)
+    if run.in_steps:
+        # After a jump of an input in a step, the position at its end has the right limit, and the reaction the left one.
+        for signal in d.motions.values():
+            if isinstance(signal, PiecewisePolynomial) and not signal.continuous:
+                missing[np.searchsorted(run.t, signal.breakpoints(run.t[0], run.t[-1])) - 1] = 0.0
+    return np.asarray(missing[:, d.relays].max(axis=0, initial=0.0))
 
 
 def _judge_steps(

@@ -10,6 +10,8 @@ Closed contacts of relative degree 2 with U < 0 undergo an impact first:
 
 .. math:: 0 \le P \perp U^+ + e U \ge 0, \qquad X \to X + B P .
 
+Friction obeys its law in both, |r| <= μ r_N at each stage and |P| <= μ P_N, a joint has U = 0, and a relay the law of u.
+
 The order is 2 s - 1 only in steps without a change of mode. The error of a switch is of order 1 for any number of stages,
 which is why `radau-fesd` locates switches.
 """
@@ -39,6 +41,8 @@ from lcpimpact.integrators.stepping.kernel import (
     StepOutput,
     StepTable,
     Workspace,
+    active_friction,
+    add_friction_rows,
     add_impulses,
     add_knowns,
     choose_rows,
@@ -46,9 +50,19 @@ from lcpimpact.integrators.stepping.kernel import (
     room_for,
     solve_rows,
 )
-from lcpimpact.integrators.stepping.law import SOLVING, ContactProblem, Solving, solve_law, submatrix, with_fallbacks
+from lcpimpact.integrators.stepping.law import (
+    SOLVING,
+    ContactProblem,
+    Solving,
+    restrict,
+    solve_law,
+    solve_with_friction,
+    submatrix,
+    with_fallbacks,
+)
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
 from lcpimpact.lcp import SOLVERS
+from lcpimpact.lcp.friction import FRICTION, GLOCKER, FrictionRows, lcp_matrix
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits, solve_lcp
@@ -71,6 +85,8 @@ class ImpactMatrices(NamedTuple):
     B : (N, nc) array               change of the state by unit impulses
     e : (nc,) array                 coefficients of restitution
     bounces : (nc,) array           the contacts of relative degree 2
+    joints : (nc,) array            the joints of relative degree 2
+    friction : FrictionRows         the rows with friction of relative degree 2
     h : float                       step in s
     """
 
@@ -81,6 +97,8 @@ class ImpactMatrices(NamedTuple):
     B: Array
     e: Array
     bounces: Flags
+    joints: Flags
+    friction: FrictionRows
     h: float
 
 
@@ -100,8 +118,9 @@ class Start(NamedTuple):
     closed: Flags
 
 
-IMPACTS: Any = named_tuple((matrix, matrix, matrix, matrix, matrix, vector, flags, f8), ImpactMatrices)
+IMPACTS: Any = named_tuple((matrix, matrix, matrix, matrix, matrix, vector, flags, flags, FRICTION, f8), ImpactMatrices)
 RADAU_STATE: Any = named_tuple((vector, matrix, vector), RadauState)
+LAWS: Any = types.Tuple((IMPACTS, FRICTION))
 START: Any = named_tuple((vector, vector, flags), Start)
 
 
@@ -143,7 +162,7 @@ def fall(impacts: ImpactMatrices, i: int, x: Array, r: Array) -> float:
 
 @compiled(types.Tuple((i8, i8, f8))(IMPACTS, vector, START, SOLVING))
 def apply_impacts(impacts: ImpactMatrices, scale: Array, start: Start, solving: Solving) -> tuple[int, int, float]:
-    """Apply Newton's law of impact to the contacts that touch: status, iterations, residual.
+    """Apply the law of impact to the contacts that touch, their friction, and joints: status, iterations, residual.
 
     Overwrites X by its right limit, and writes the impulses and the contacts that are closed then. A rebound that gravity
     and the forces r of the last step would end within this step is suppressed, so that a body comes to rest.
@@ -153,16 +172,19 @@ def apply_impacts(impacts: ImpactMatrices, scale: Array, start: Start, solving: 
     for i in range(nc):
         u, rounding = row_of(impacts.C, i, start.x, scale)
         U[i], _ = row_of(impacts.CA, i, start.x, scale)
-        touching[i] = impacts.bounces[i] and u <= rounding
+        touching[i] = impacts.joints[i] or (impacts.bounces[i] and u <= rounding)
+    for k in range(len(impacts.friction.rows)):
+        touching[impacts.friction.rows[k]] = touching[impacts.friction.normals[k]]
     rows = np.flatnonzero(touching)
-    count, W = len(rows), submatrix(impacts.G, rows)
-    low, high = np.zeros(count), np.full(count, np.inf)
+    count, W, friction = len(rows), submatrix(impacts.G, rows), active_friction(impacts.friction, rows)
+    low, high = np.where(impacts.joints[rows], -np.inf, 0.0), np.full(count, np.inf)
     q, z, rebound = np.empty(count), np.zeros(count), impacts.e[rows]
     iterations, worst, U_after = 0, 0.0, np.empty(count)
     for _ in range(2):
         for a in range(count):
-            q[a] = U[rows[a]] + rebound[a] * min(U[rows[a]], 0.0)
-        status, tried, residual = solve_law(ContactProblem(W, q, low, high), z, solving)
+            before = min(U[rows[a]], 0.0) if impacts.bounces[rows[a]] else U[rows[a]]
+            q[a] = U[rows[a]] + rebound[a] * before
+        status, tried, residual = solve_with_friction(ContactProblem(W, q, low, high), friction, z, solving)
         iterations += tried
         worst = max(worst, residual)
         if status != SOLVED:
@@ -173,7 +195,7 @@ def apply_impacts(impacts: ImpactMatrices, scale: Array, start: Start, solving: 
             for c in range(count):
                 U_after[a] += W[a, c] * z[c]
             U_ahead = U_after[a] + 0.5 * impacts.h * fall(impacts, rows[a], start.x, r)
-            if z[a] > 0.0 and rebound[a] > 0.0 and U_ahead <= 0.0:
+            if impacts.bounces[rows[a]] and z[a] > 0.0 and rebound[a] > 0.0 and U_ahead <= 0.0:
                 rebound[a], again = 0.0, True
         if not again:
             break
@@ -183,17 +205,29 @@ def apply_impacts(impacts: ImpactMatrices, scale: Array, start: Start, solving: 
         for j in range(N):
             start.x[j] += impacts.B[j, i] * z[a]
         _, slow = row_of(impacts.CA, i, start.x, scale)
-        start.closed[i] = U_after[a] <= slow
+        start.closed[i] = impacts.bounces[i] and U_after[a] <= slow
     return SOLVED, iterations, worst
 
 
+@compiled(types.Tuple((i8, i8, f8))(TABLE, vector, i8, ROOM, FRICTION, SOLVING))
+def solve_stages(
+    table: StepTable, q: Array, na: int, room: Workspace, friction: FrictionRows, solving: Solving
+) -> tuple[int, int, float]:
+    """Solve the law of all stages on its ``na`` active rows: status, iterations, residual."""
+    if len(friction.rows) == 0:
+        return solve_rows(table, 0, q, na, room, solving)
+    active = room.active[:na]
+    rows = restrict(ContactProblem(table.W[0], q, table.lower[0], table.upper[0]), active)
+    return solve_with_friction(rows, active_friction(friction, active), room.z[:na], solving)
+
+
 @compiled(
-    types.Tuple((i8, i8, i8, i8, f8))(BLOCK, TABLE, IMPACTS, RADAU_STATE, PATH, ROOM, START, KERNEL), allocates=False
+    types.Tuple((i8, i8, i8, i8, f8))(BLOCK, TABLE, LAWS, RADAU_STATE, PATH, ROOM, START, KERNEL), allocates=False
 )
 def steps(
     block: Block,
     table: StepTable,
-    impacts: ImpactMatrices,
+    laws: tuple[ImpactMatrices, FrictionRows],
     state: RadauState,
     path: StepOutput,
     room: Workspace,
@@ -203,8 +237,10 @@ def steps(
     """Take a block of steps and overwrite the state.
 
     The knowns of the table are X and the last r, its law is that of all stages, and its results are the new y, q and v.
+    The laws are that of impacts, and the rows of the stages that have friction.
     Returns the status, the step reached, the LCPs solved, the sum of their iterations, and the largest independent residual.
     """
+    impacts, friction = laws
     N, nc, n, rows = len(state.scale), len(impacts.e), path.q.shape[1], state.stages.shape[1]
     sums, r_last = room.sums, state.stages[0]
     new, size = 2 * rows, N + nc
@@ -224,10 +260,10 @@ def steps(
         for i in range(rows):
             if impacts.bounces[i % nc]:
                 sums[i] = -1.0 if start.closed[i % nc] else 1.0
-        na = choose_rows(table, 0, 0, r_last, room)
+        na = add_friction_rows(friction, choose_rows(table, 0, 0, r_last, room), r_last, room)
         if na > 0:
             solving = Solving(block.tol, block.max_iter, solve)
-            status, count, residual = solve_rows(table, 0, sums[rows:new], na, room, solving)
+            status, count, residual = solve_stages(table, sums[rows:new], na, room, friction, solving)
             solves, iterations, worst = solves + 1, iterations + count, max(worst, residual)
             if status != SOLVED:
                 return status, k, solves, iterations, worst
@@ -253,7 +289,7 @@ class RadauRun:
     form: FirstOrderForm
     breakpoints: Array
     table: StepTable
-    impacts: ImpactMatrices
+    laws: tuple[ImpactMatrices, FrictionRows]
     state: RadauState
     contacts: Dense
     solver: SolverState
@@ -300,10 +336,20 @@ class Radau(Integrator):
         order_force_kink=2,
         order_impact=1,
         order_friction=1,
+        order_relay=1,
         order_penetration=1,
         level="velocity at relative degree 2, else position",
         relative_degrees=(0, 1, 2),
-        handles=(Feature.SLIDERS, Feature.MOTIONS, Feature.SYSTEMS, Feature.MASSLESS, Feature.RESTITUTION),
+        handles=(
+            Feature.SLIDERS,
+            Feature.RELAYS,
+            Feature.MOTIONS,
+            Feature.SYSTEMS,
+            Feature.MASSLESS,
+            Feature.RESTITUTION,
+            Feature.FRICTION,
+            Feature.JOINTS,
+        ),
         reaction_time="at t + h, one for each step",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",
         precision=1e-7,
@@ -338,24 +384,30 @@ class Radau(Integrator):
         scale, moves = np.abs(X), np.eye(len(A)) + grid.h * np.abs(A)
         scale[form.constant :] = form.signal_sizes
         scale = moves @ moves @ scale
-        solver, bounces = SOLVERS[lcp_solver], (d.relative_degree == 2) & d.unilateral
+        solver, impulsive, (rubbing, normals, mu) = SOLVERS[lcp_solver], d.relative_degree == 2, d.friction
         CA, CAA = np.array(C @ A, order="C"), np.array(C @ A @ A, order="C")
+        shocked = impulsive[rubbing]
         impacts = ImpactMatrices(
-            C.copy(), CA, CAA, np.array(CA @ B, order="C"), B.copy(), d.restitution, bounces, grid.h
-        )
+            C.copy(), CA, CAA, np.array(CA @ B, order="C"), B.copy(), d.restitution, d.unilateral & impulsive,
+            d.joints & impulsive, FrictionRows(rubbing[shocked], normals[shocked], mu[shocked], GLOCKER), grid.h,
+        )  # fmt: skip
+        friction = _stage_friction(d, len(radau.c))
         table = _tabulate(radau, d, form, grid.h)
         contacts = Dense(np.eye(1))
-        if len(d.contacts):
-            always, W = np.tile(~bounces, len(radau.c)), table.W[0]
+        if len(rubbing):
+            contacts = Dense(lcp_matrix(table.W[0], table.lower[0], table.upper[0], friction))
+            solver.check(contacts, not d.unilateral.all())
+        elif len(d.contacts):
+            always, W = np.tile(~impacts.bounces, len(radau.c)), table.W[0]
             # The LCP of a step has the rows that are always active, and the closed contacts.
             contacts = Dense(W[np.ix_(always, always)].copy() if always.any() else W.copy())
             for each in (contacts, Dense(W.copy())):
-                solver.check(each, bool(d.slides.any()))
+                solver.check(each, not d.unilateral.all())
         state, solving = RadauState(y, np.zeros((1, table.W.shape[1])), scale), solver.init(contacts)
         tol, max_iter = limits(solver, self.tol, self.max_iter)
         return RadauRun(
-            grid=grid, form=form, breakpoints=form.breakpoints(0.0, grid.t_end), table=table, impacts=impacts,
-            state=state, contacts=contacts, solver=solving, tol=tol, max_iter=max_iter,
+            grid=grid, form=form, breakpoints=form.breakpoints(0.0, grid.t_end), table=table,
+            laws=(impacts, friction), state=state, contacts=contacts, solver=solving, tol=tol, max_iter=max_iter,
         )  # fmt: skip
 
     def advance(self, carry: RadauRun, record: Record, first: int, last: int) -> tuple[Status, int]:
@@ -379,11 +431,11 @@ class Radau(Integrator):
         run: Callable[..., tuple[int, int, int, int, float]] = steps
         if not solver.compiled:
             run = interpreted(steps, solve_law=interpreted(solve_law))
-        N, nc = len(carry.state.scale), len(carry.impacts.e)
+        N, nc = len(carry.state.scale), len(carry.laws[0].e)
         code, reached, solves, iterations, residual = run(
             Block(first, last, np.zeros((last - first, 0)), carry.tol, carry.max_iter, False),
             carry.table,
-            carry.impacts,
+            carry.laws,
             carry.state,
             StepOutput(record.q, record.v, record.reaction),
             room_for(carry.table, 0),
@@ -414,6 +466,13 @@ def _first_forces(d: Dynamics, form: FirstOrderForm, X: Array, u: Array, lcp_sol
     return r
 
 
+def _stage_friction(d: Dynamics, s: int) -> FrictionRows:
+    """Return the rows of all stages that have friction."""
+    rows, normals, mu = d.friction
+    first = len(d.contacts) * np.repeat(np.arange(s), len(rows))
+    return FrictionRows(first + np.tile(rows, s), first + np.tile(normals, s), np.tile(mu, s), GLOCKER)
+
+
 def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> StepTable:
     """Return the table of a step in the knowns (X, the last r, 1) and r of its stages, which form one law."""
     A, B, C, D = form.A, form.B, form.C, form.D
@@ -432,7 +491,8 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> S
     U = C @ (A @ stages + B @ r)
     slid = np.einsum("ij,jcm->icm", radau.inverse / h, u - (C @ X + D @ r_last))
     degree = d.relative_degree[:, None]
-    L = np.where(degree == 2, U, np.where(d.slides[:, None], np.where(degree == 0, slid, U), u / h))
+    slips, of_place = d.rubs[:, None], d.relays[:, None] | ~d.rubs[:, None] & (degree < 2)
+    L = np.where(of_place, u / h, np.where(slips & (degree == 0), slid, U))
 
     # The positions of static nodes depend on r, so their velocities depend on its rate.
     r_rate = np.einsum("j,jcm->cm", radau.inverse[-1] / h, r - r_last)
@@ -443,14 +503,13 @@ def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> S
     known, unknown = np.split(np.array(rows.T, order="C"), [N + nc])
     one = np.zeros((1, len(rows)))
     # The kernel overwrites this for contacts of relative degree 2.
-    one[0, : s * nc] = -1.0
-    upper = np.tile(d.r_max, (1, s))
+    one[0, : s * nc] = np.where(np.tile(d.frictional, s), 1.0, -1.0)
     return StepTable(
         np.vstack([known, one]),
         unknown,
         unknown[None, :, s * nc : 2 * s * nc].transpose(0, 2, 1).copy(),
-        np.where(upper < np.inf, -upper, 0.0),
-        upper,
+        np.tile(d.r_min, (1, s)),
+        np.tile(d.r_max, (1, s)),
         np.zeros(1, bool),
-        np.zeros_like(upper),
+        np.zeros((1, s * nc)),
     )

@@ -107,6 +107,12 @@ def friction_maps(W: Array, lower: Array, upper: Array, friction: FrictionRows) 
     return FrictionMaps(E, T, V, low, high)
 
 
+def lcp_matrix(W: Array, lower: Array, upper: Array, friction: FrictionRows) -> Array:
+    """Return the matrix of the complementarity problem of rows of which some have friction."""
+    maps = friction_maps(W, lower, upper, friction)
+    return np.asarray(maps.E @ W @ maps.T + maps.V)
+
+
 @compiled(vector(matrix, vector, FRICTION))
 def unknowns(T: Array, P: Array, friction: FrictionRows) -> Array:
     """Return a guess of the unknowns z from impulses P (n,)."""

@@ -309,7 +309,13 @@ def test_a_column_that_collapses_on_the_ground_under_gravity(e):
 
 
 @pytest.mark.parametrize(
-    ("m", "k", "T"), [(1.0, 50.0, 1e4), (3.0, 5e5, 100.0), pytest.param(3.0, 50.0, 1e5, marks=pytest.mark.slow)]
+    ("m", "k", "T"),
+    [
+        (1.0, 50.0, 1e3),
+        (3.0, 5e5, 10.0),
+        pytest.param(3.0, 5e5, 100.0, marks=pytest.mark.slow),
+        pytest.param(3.0, 50.0, 1e5, marks=pytest.mark.slow),
+    ],
 )
 def test_bodies_joined_by_a_spring_fly_to_a_wall_in_time(m, k, T):
     scheme = Scheme(Mass("a", m), Mass("b", 1.0), Spring("a", "b", k), Bumper("b", "ground", gap=T, e=0.5))

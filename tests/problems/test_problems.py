@@ -189,6 +189,10 @@ def declared_order(problem):
 ORDERLY = [name for name in PROBLEMS if name not in MODELS]
 
 
+def with_slow(names):
+    return [pytest.param(name, marks=pytest.mark.slow) if name == "ball-in-air" else name for name in names]
+
+
 @cache
 def steps_of(name):
     problem = load_problem(name)
@@ -203,7 +207,7 @@ def falls(errors, order):
     return max(errors[-10:]) <= max(2.0 * max(errors[:10]) * ratio**order, rounding)
 
 
-@pytest.mark.parametrize("name", ORDERLY)
+@pytest.mark.parametrize("name", with_slow(ORDERLY))
 def test_moreau_jean_reaches_the_facts_at_its_order(name):
     problem = load_problem(name)
     # The worst of the facts at each step count: the error of one alone may pass through zero.
@@ -211,7 +215,7 @@ def test_moreau_jean_reaches_the_facts_at_its_order(name):
     assert falls(errors, declared_order(problem)), errors
 
 
-@pytest.mark.parametrize("name", [name for name in ORDERLY if load_problem(name).motion is not None])
+@pytest.mark.parametrize("name", with_slow(name for name in ORDERLY if load_problem(name).motion is not None))
 def test_moreau_jean_reaches_the_motion_at_its_order(name):
     problem = load_problem(name)
     errors = []

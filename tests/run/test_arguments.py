@@ -63,7 +63,7 @@ def test_names_that_nobody_can_see_are_refused_where_they_are_given(name):
         li.LinearComplementaritySystem([[-1.0]], [[1.0]], [[1.0]], states=[name])
 
 
-@pytest.mark.parametrize("name", ["$$", "a$b", r"$\frac{$", "^_", "=1+1", "{x}", "θ"])
+@pytest.mark.parametrize("name", ["$$", r"$\frac{$", "=1+1", "θ"])
 def test_names_that_look_like_something_else_are_drawn_as_they_are(name, tmp_path):
     for names in ({"name": name}, {"node": name}, {"contact": name}):
         for ending in (".svg", ".png"):

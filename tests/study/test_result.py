@@ -42,7 +42,13 @@ STUDIES = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope="module", params=STUDIES)
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(name, marks=pytest.mark.slow) if name in ("work-precision", "comparison") else name
+        for name in STUDIES
+    ],
+)
 def study(request):
     return STUDIES[request.param]()
 

@@ -43,7 +43,7 @@ from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_l
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.friction import FORMULATIONS, GLOCKER, FrictionRows, friction_maps
+from lcpimpact.lcp.friction import FORMULATIONS, GLOCKER, FrictionRows, lcp_matrix
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import SolverState
@@ -257,8 +257,7 @@ class LinearStep(TimeStepping[Tabulated]):
         """Return the matrix of a law's LCP: that of its friction, if there is any, has no structure."""
         if not d.frictional.any():
             return self.contact_matrix(d, h, W)
-        maps = friction_maps(W, d.r_min, d.r_max, self._friction_rows(d))
-        return Dense(maps.E @ W @ maps.T + maps.V)
+        return Dense(lcp_matrix(W, d.r_min, d.r_max, self._friction_rows(d)))
 
     def _friction_rows(self, d: Dynamics) -> FrictionRows:
         """Return the rows with friction."""
