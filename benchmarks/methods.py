@@ -61,6 +61,8 @@ PROBLEMS = {
     "system-1": (li.load_problem("system-1"), 3.0),
     "system-2": (li.load_problem("system-2"), 3.0),
     "hertz-impact": (li.load_problem("hertz-impact"), li.load_problem("hertz-impact").t_end),
+    "spinning-ball": (li.load_problem("spinning-ball"), 3.0),
+    "woodpecker": (li.load_problem("woodpecker"), 0.4),
 }
 
 
@@ -120,11 +122,30 @@ def siconos(steps: int) -> list[dict[str, object]]:
     """Return the rows of Siconos, or one that says why there is none."""
     if not DEBIAN_PYTHON.exists():
         return []
-    data = {"steps": min(steps, 20_000), "t_end": 2.5}
+    data = {
+        "steps": min(steps, 20_000),
+        "t_end": 2.5,
+        "rough": [rough(name) for name in ("spinning-ball", "woodpecker")],
+    }
     done = subprocess.run([DEBIAN_PYTHON, PEER, json.dumps(data)], capture_output=True, text=True, timeout=300)
     if done.returncode != 0:
         return []
     return [dict(row) for row in json.loads(done.stdout.splitlines()[-1])]
+
+
+def rough(name: str) -> dict[str, object]:
+    """Return the matrices of a problem with friction; in H each normal row stands before that of its friction."""
+    problem, t_end = PROBLEMS[name]
+    d = problem.dynamics
+    tangents, normals, mu = d.friction
+    rows = [i for pair in zip(normals, tangents, strict=True) for i in pair]
+    vectors = {
+        "f": d.force(0.0), "q": problem.initial_coordinates, "v": problem.initial_velocities, "e": d.restitution[normals],
+        "mu": mu,
+    }  # fmt: skip
+    matrices = {"M": d.M, "C": d.C, "K": d.K, "H": d.H[rows], "gaps": d.u0[rows].reshape(-1, 2)}
+    numbers = {key: each.tolist() for key, each in (vectors | matrices).items()}
+    return {"name": name, "t_end": t_end} | numbers
 
 
 def by_hand(height: float, e: float, g: float) -> int:

@@ -1,7 +1,7 @@
 #!/usr/bin/python3
 """What a step of Siconos costs on the problems of `methods.py`: it belongs to Debian's Python (python3-siconos).
 
-    /usr/bin/python3 siconos_methods.py '{"steps": 20000, "t_end": 2.5}'
+    /usr/bin/python3 siconos_methods.py '{"steps": 20000, "t_end": 2.5, "rough": []}'
 
 Its last line is JSON: a row for each of its methods, with the µs of a step in a loop that records.
 """
@@ -12,6 +12,7 @@ import time
 
 import numpy as np
 import siconos.kernel as sk
+import siconos.numerics as sn
 
 
 def recorded(simulation, state, steps):
@@ -47,6 +48,25 @@ def column(masses, gap, e, steps, h):
     return recorded(simulation, body.q(), steps)
 
 
+def friction(system, steps, h):
+    """Return the cost of Moreau-Jean for contacts with friction, given by matrices."""
+    M, C, K, f, H, q, v = (np.array(system[name], dtype=float) for name in ("M", "C", "K", "f", "H", "q", "v"))
+    body = sk.LagrangianLinearTIDS(q, v, M, K, C)
+    body.setFExtPtr(f)
+    world = sk.NonSmoothDynamicalSystem(0.0, (steps + 0.5) * h)
+    world.insertDynamicalSystem(body)
+    owned = []
+    for k, (e, mu, gap) in enumerate(zip(system["e"], system["mu"], system["gaps"], strict=True)):
+        relation = sk.LagrangianLinearTIR(H[2 * k : 2 * k + 2].copy(), np.array(gap))
+        contact = sk.Interaction(sk.NewtonImpactFrictionNSL(e, 0.0, mu, 2), relation)
+        world.link(contact, body)
+        owned.append((relation, contact))
+    problem = sk.FrictionContact(2, sn.SICONOS_FRICTION_2D_LEMKE)
+    problem.numericsSolverOptions().dparam[sn.SICONOS_DPARAM_TOL] = 1e-10
+    simulation = sk.TimeStepping(world, sk.TimeDiscretisation(0.0, h), sk.MoreauJeanOSI(0.5), problem)
+    return recorded(simulation, body.q(), steps)
+
+
 def system_1(steps, h):
     """Return the cost of Euler-Moreau for System 1 in its first-order form."""
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, -3924.0 / 250.0]])
@@ -62,7 +82,7 @@ def system_1(steps, h):
     return recorded(simulation, system.x(), steps)
 
 
-def main(steps, t_end):
+def main(steps, t_end, rough):
     """Print the rows."""
     costs = {
         ("bouncing-ball", "Siconos MoreauJeanOSI"): column([1.0], 1.0, 0.8, steps, t_end / steps),
@@ -71,6 +91,8 @@ def main(steps, t_end):
         ),
         ("system-1", "Siconos EulerMoreauOSI"): system_1(steps, 3.0 / steps),
     }
+    for system in rough:
+        costs[system["name"], "Siconos MoreauJeanOSI"] = friction(system, steps, system["t_end"] / steps)
     rows = [{"problem": problem, "method": method, "µs a step": cost} for (problem, method), cost in costs.items()]
     print(json.dumps(rows))
 

@@ -60,6 +60,12 @@ class Status(IntEnum):
         "(see all_solutions): change the initial state, the bounds or the inputs a little.",
     )
 
+    TOO_MANY_ROWS = (
+        17,
+        "More than five rough contacts are closed at once, so that the LCP of the mode cannot be searched for all its "
+        "solutions: take moreau-jean, or fewer contacts.",
+    )
+
     MAX_STEPS = (
         15,
         "More steps than max_steps: the motion is stiff, or vibrates fast for its length; take method='exact' if it is "

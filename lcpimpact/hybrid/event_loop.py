@@ -17,7 +17,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, Status, UnsupportedError
-from lcpimpact.hybrid.mode_choice import Ambiguous
+from lcpimpact.hybrid.mode_choice import Ambiguous, TooManyRows
 from lcpimpact.hybrid.system import System
 from lcpimpact.problems.base import Problem
 
@@ -106,6 +106,8 @@ def follow(motion: EventLoop, until: float) -> Status:
             return Status.ACCUMULATION
         except Ambiguous:
             return Status.AMBIGUOUS
+        except TooManyRows:
+            return Status.TOO_MANY_ROWS
         except FailureError as failure:
             return Status(failure.result.status)
         except np.linalg.LinAlgError:
@@ -132,6 +134,11 @@ def refuse_undetermined(problem: Problem, method: str) -> Iterator[None]:
         raise UnsupportedError(
             f"several motions of {problem.name!r} obey its laws from the start: all_solutions({M}, {q}, "
             f"lower={lower}, upper={upper}) lists the solutions of the LCP of its mode; change the initial state a little"
+        ) from None
+    except TooManyRows:
+        raise UnsupportedError(
+            f"more than five rough contacts of {problem.name!r} are closed at the start, too many for {method!r} to search "
+            "the LCP of the mode for all its solutions: take method='moreau-jean'"
         ) from None
     except FailureError:
         raise UnsupportedError(

@@ -72,7 +72,7 @@ class ImpactLCP(NamedTuple):
 
     def solve(self, signs: Array) -> tuple[DoubleDouble, Flags, Flags]:
         """Return P if slips keep their ``signs``, where these are not 0; which stick, and which keep their sign (nf,)."""
-        rows, normals, mu, _ = self.friction
+        rows, normals, mu = self.friction[:3]
         open_, slips = np.flatnonzero(signs == 0.0), np.flatnonzero(signs)
         part = FrictionRows(rows[open_], normals[open_], mu[open_], GLOCKER)
         maps = friction_maps(self.G.hi.copy(), self.lower, self.upper, part)

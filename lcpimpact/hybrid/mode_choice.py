@@ -37,8 +37,8 @@ from lcpimpact.lcp.operators import Dense, Property
 from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.lcp.solvers.enumeration import SOLVER, all_solutions
 
-MAX_ROWS = 10
-"""Maximum number of undecided rows whose LCP is searched for all solutions: it has up to 3ⁿ bases."""
+MAX_BASES = 2**15
+"""Maximum number of complementary bases of an LCP that is searched for all solutions, 0.5 s: of five rough contacts."""
 
 SAME_RTOL = 1e-9
 """Difference of two derivatives of the state, relative to their terms, below which they are the same."""
@@ -59,6 +59,10 @@ class Ambiguous(Exception):
     def __init__(self, lcp: ModeLCP) -> None:
         super().__init__("several motions obey the laws")
         self.lcp = lcp
+
+
+class TooManyRows(Exception):
+    """The LCP of a mode may have several solutions and has too many rows to be searched for all of them."""
 
 
 @compiled(types.int64[:, ::1](cube, indices, flags, flags))
@@ -185,7 +189,9 @@ def choose_mode(
     Raises
     ------
     Ambiguous
-        If relays leave several motions possible.
+        If relays or friction leave several motions possible.
+    TooManyRows
+        If that cannot be found out.
 
     Parameters
     ----------
@@ -389,8 +395,8 @@ def _solutions(lcp: ModeLCP, solver: str) -> list[Array]:
     M, q, (lower, upper) = lcp.M.hi, lcp.q.hi, lcp[2:]
     if Dense(M).has(Property.P):
         return [solve_lcp(M, q, solver, lower=lower, upper=upper).z]
-    if len(q) > MAX_ROWS:
-        raise Ambiguous(lcp)
+    if np.prod(1.0 + np.isfinite(lower) + np.isfinite(upper)) > MAX_BASES:
+        raise TooManyRows
     found = all_solutions(M, q, lower=lower, upper=upper)
     return found or [solve_lcp(M, q, SOLVER.name, lower=lower, upper=upper).z]
 

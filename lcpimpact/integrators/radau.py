@@ -32,6 +32,7 @@ from lcpimpact.hybrid.flow import balance
 from lcpimpact.hybrid.impacts import refuse_velocity_jumps
 from lcpimpact.hybrid.system import ZERO
 from lcpimpact.integrators.base import Declared, Integrator, Limits
+from lcpimpact.integrators.stepping.friction import active_friction, solve_same_case, solve_with_friction
 from lcpimpact.integrators.stepping.kernel import (
     BLOCK,
     PATH,
@@ -41,7 +42,6 @@ from lcpimpact.integrators.stepping.kernel import (
     StepOutput,
     StepTable,
     Workspace,
-    active_friction,
     add_friction_rows,
     add_impulses,
     add_knowns,
@@ -56,7 +56,6 @@ from lcpimpact.integrators.stepping.law import (
     Solving,
     restrict,
     solve_law,
-    solve_with_friction,
     submatrix,
     with_fallbacks,
 )
@@ -209,16 +208,19 @@ def apply_impacts(impacts: ImpactMatrices, scale: Array, start: Start, solving: 
     return SOLVED, iterations, worst
 
 
-@compiled(types.Tuple((i8, i8, f8))(TABLE, vector, i8, ROOM, FRICTION, SOLVING))
+@compiled(types.Tuple((i8, i8, f8))(TABLE, vector, i8, ROOM, FRICTION, vector, SOLVING))
 def solve_stages(
-    table: StepTable, q: Array, na: int, room: Workspace, friction: FrictionRows, solving: Solving
+    table: StepTable, q: Array, na: int, room: Workspace, friction: FrictionRows, last: Array, solving: Solving
 ) -> tuple[int, int, float]:
-    """Solve the law of all stages on its ``na`` active rows: status, iterations, residual."""
+    """Solve the law on its ``na`` active rows, given the forces of the last step: status, iterations, residual."""
     if len(friction.rows) == 0:
         return solve_rows(table, 0, q, na, room, solving)
-    active = room.active[:na]
-    rows = restrict(ContactProblem(table.W[0], q, table.lower[0], table.upper[0]), active)
-    return solve_with_friction(rows, active_friction(friction, active), room.z[:na], solving)
+    rows, active, r = ContactProblem(table.W[0], q, table.lower[0], table.upper[0]), room.active[:na], room.z[:na]
+    if friction.continues:
+        residual = solve_same_case(rows, active, friction, last, r)
+        if residual <= solving.tol:
+            return SOLVED, 0, residual
+    return solve_with_friction(restrict(rows, active), active_friction(friction, active), r, solving)
 
 
 @compiled(
@@ -263,7 +265,7 @@ def steps(
         na = add_friction_rows(friction, choose_rows(table, 0, 0, r_last, room), r_last, room)
         if na > 0:
             solving = Solving(block.tol, block.max_iter, solve)
-            status, count, residual = solve_stages(table, sums[rows:new], na, room, friction, solving)
+            status, count, residual = solve_stages(table, sums[rows:new], na, room, friction, r_last, solving)
             solves, iterations, worst = solves + 1, iterations + count, max(worst, residual)
             if status != SOLVED:
                 return status, k, solves, iterations, worst
@@ -391,7 +393,7 @@ class Radau(Integrator):
             C.copy(), CA, CAA, np.array(CA @ B, order="C"), B.copy(), d.restitution, d.unilateral & impulsive,
             d.joints & impulsive, FrictionRows(rubbing[shocked], normals[shocked], mu[shocked], GLOCKER), grid.h,
         )  # fmt: skip
-        friction = _stage_friction(d, len(radau.c))
+        friction = _stage_friction(d, len(radau.c), lcp_solver == "auto")
         table = _tabulate(radau, d, form, grid.h)
         contacts = Dense(np.eye(1))
         if len(rubbing):
@@ -466,11 +468,11 @@ def _first_forces(d: Dynamics, form: FirstOrderForm, X: Array, u: Array, lcp_sol
     return r
 
 
-def _stage_friction(d: Dynamics, s: int) -> FrictionRows:
+def _stage_friction(d: Dynamics, s: int, continues: bool) -> FrictionRows:
     """Return the rows of all stages that have friction."""
     rows, normals, mu = d.friction
     first = len(d.contacts) * np.repeat(np.arange(s), len(rows))
-    return FrictionRows(first + np.tile(rows, s), first + np.tile(normals, s), np.tile(mu, s), GLOCKER)
+    return FrictionRows(first + np.tile(rows, s), first + np.tile(normals, s), np.tile(mu, s), GLOCKER, continues)
 
 
 def _tabulate(radau: RadauIIA, d: Dynamics, form: FirstOrderForm, h: float) -> StepTable:

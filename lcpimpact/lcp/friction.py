@@ -28,6 +28,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
 
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, i8, indices, matrix, named_tuple, vector
@@ -46,12 +47,14 @@ class FrictionRows(NamedTuple):
     rows, normals : (nf,) arrays    the tangential row and the normal row of each
     mu : (nf,) array                coefficients of friction
     formulation : int               position in `FORMULATIONS`
+    continues : bool                whether a step tries first whether each row stays open, sticks or slips as before
     """
 
     rows: Indices
     normals: Indices
     mu: Array
     formulation: int
+    continues: bool = False
 
 
 class FrictionMaps(NamedTuple):
@@ -72,7 +75,7 @@ class FrictionMaps(NamedTuple):
     upper: Array
 
 
-FRICTION: Any = named_tuple((indices, indices, vector, i8), FrictionRows)
+FRICTION: Any = named_tuple((indices, indices, vector, i8, types.boolean), FrictionRows)
 MAPS: Any = named_tuple((matrix, matrix, matrix, vector, vector), FrictionMaps)
 
 

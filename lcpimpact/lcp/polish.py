@@ -9,27 +9,73 @@ from numba import types
 
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
-from lcpimpact.lcp.basis import basic_solution
+from lcpimpact.lcp.basis import basic_solution, solve_rows
 from lcpimpact.lcp.judge import holds, measure
+from lcpimpact.lcp.lapack import EPS
+from lcpimpact.lcp.problem import FREE
+from lcpimpact.lcp.storage import absolute_product, diagonal
+
+
+@compiled(types.boolean(matrix, vector, vector, vector, vector))
+def move_to_bounds(W: Array, q: Array, lower: Array, upper: Array, z: Array) -> bool:
+    """Set the z_i to their bounds whose distances from them are rounding errors of row i; return whether there are any.
+
+    A row without q_i, and with such z_i alone, has no other size than that of their rounding.
+    """
+    n, moved = len(q), False
+    terms, slope = np.empty(n), np.empty(n)
+    absolute_product(W, z, terms)
+    diagonal(W, slope)
+    for i in range(n):
+        rounding = 4.0 * n * EPS * (terms[i] + abs(q[i]))
+        for bound in (lower[i], upper[i]):
+            if z[i] != bound and slope[i] > 0.0 and slope[i] * abs(z[i] - bound) <= rounding:
+                z[i], moved = bound, True
+    return moved
+
+
+@compiled(types.boolean(matrix, vector, vector, vector, indices, vector, vector))
+def refine(W: Array, q: Array, lower: Array, upper: Array, side: Indices, w: Array, z: Array) -> bool:
+    """Correct a basic solution z by one step of iterative refinement, from w = M z + q; return False if M_αα is singular.
+
+    Its rounding errors are then small in the units of each row, and not only in those of the largest one.
+    """
+    rows = np.flatnonzero(side == FREE)
+    b = -w[rows]
+    regular = solve_rows(W, False, rows, b)
+    if regular:
+        for a in range(len(rows)):
+            i = rows[a]
+            z[i] = min(max(z[i] + b[a], lower[i]), upper[i])
+    return regular
 
 
 @compiled(types.boolean(matrix, vector, vector, vector, indices, vector, f8))
 def polish(W: Array, q: Array, lower: Array, upper: Array, side: Indices, z: Array, tol: float) -> bool:
-    """Replace z by the basic solution of ``side`` if its residual is smaller.
+    """Replace z by the basic solution of ``side``, refined if need be, if its residual is smaller.
 
     Returns whether the final z meets the tolerance.
     """
     n = len(q)
-    exact, w = np.empty(n), np.empty(n)
+    trial, w = np.empty(n), np.empty(n)
     scaled, _, rounding = measure(W, q, lower, upper, z, w)
-    if basic_solution(W, False, q, lower, upper, side, exact):
-        for i in range(n):
-            exact[i] = min(max(exact[i], lower[i]), upper[i])
-        finer, _, of_finer = measure(W, q, lower, upper, exact, w)
-        if finer <= scaled:
-            z[:] = exact
-            scaled, rounding = finer, of_finer
-    return holds(scaled, rounding, tol)
+    found = basic_solution(W, False, q, lower, upper, side, trial)
+    for i in range(n):
+        trial[i] = min(max(trial[i], lower[i]), upper[i])
+    for attempt in range(3):
+        if found:
+            finer, _, of_finer = measure(W, q, lower, upper, trial, w)
+            if finer <= scaled:
+                z[:] = trial
+                scaled, rounding = finer, of_finer
+        if holds(scaled, rounding, tol):
+            return True
+        if attempt == 0:
+            found = found and refine(W, q, lower, upper, side, w, trial)
+        else:
+            trial[:] = z
+            found = move_to_bounds(W, q, lower, upper, trial)
+    return False
 
 
 class Sides(NamedTuple):

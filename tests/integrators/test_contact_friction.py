@@ -215,7 +215,30 @@ def test_redundant_contacts_rest_and_slide(method):
     assert_allclose(sliding["φ"], 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("method", ["moreau-jean", *LOCATED])
+def feet(count):
+    """A body on feet, pushed sideways with 1 N."""
+    arms = np.linspace(-0.3, 0.3, count)
+    contacts = [
+        li.Bumper({"y": 1.0, "φ": arm} if arm else "y", "ground", e=0.0, name=f"N{k}") for k, arm in enumerate(arms)
+    ]
+    rough = [li.Friction({"x": 1.0, "φ": 0.1}, "ground", 0.5, f"N{k}", name=f"T{k}") for k in range(count)]
+    return li.Problem("feet", body(li.Mass("φ", 0.1), *contacts, *rough, load=(1.0, G)))
+
+
+@pytest.mark.parametrize("method", WITH_FRICTION)
+def test_many_feet_rest(method):
+    """The LCP of five feet has 15 rows; that of more is not searched for all solutions, which the refusal says."""
+    at_rest = li.simulate(feet(5), method, dt=1e-2, t_end=0.1)
+    assert_allclose(at_rest.q, 0.0, atol=1e-12)
+    assert_allclose(sum(at_rest[f"N{k}"] for k in range(5))[1:], G, rtol=1e-9)
+    if method in LOCATED:
+        with pytest.raises(li.UnsupportedError, match="more than five rough contacts of 'feet'"):
+            li.simulate(feet(6), method, dt=1e-2, t_end=0.1)
+    else:
+        assert li.simulate(feet(6), method, dt=1e-2, t_end=0.1).success
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "radau", *LOCATED])
 def test_friction_under_a_massless_plate(method):
     """A body on a plate with a spring and a dashpot: the normal force is that of the plate, and friction stops the slide."""
     plate = li.Bumper("y", "z", name="N"), li.KelvinVoigt("z", "ground", 400.0, 40.0)
@@ -230,6 +253,17 @@ def test_friction_under_a_massless_plate(method):
     spent = trapezoid(0.3 * normal[:stop], dx=1e-3) if len(normal) == len(run.t) else 1e-3 * 0.3 * normal[:stop].sum()
     assert spent == pytest.approx(1.0, rel=2e-2)
     assert run.v[-1, 0] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "d1-minus", "radau"])
+@pytest.mark.parametrize("seed", range(6))
+def test_steps_in_the_case_of_the_last_one_have_the_solution_of_their_lcp(method, seed):
+    """With auto a step tries its last case before the LCP; a solver by name solves all LCPs."""
+    problem = mechanism(np.random.default_rng(seed))
+    auto, lemke = (li.simulate(problem, method, dt=1e-3, t_end=2.0, lcp_solver=name) for name in ("auto", "lemke"))
+    assert_allclose(auto.q, lemke.q, rtol=0.0, atol=1e-9 * np.abs(lemke.q).max())
+    if lemke.stats.lcp_iterations:
+        assert auto.stats.lcp_iterations < lemke.stats.lcp_iterations
 
 
 @pytest.mark.parametrize("seed", range(12))

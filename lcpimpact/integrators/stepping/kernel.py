@@ -22,6 +22,7 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status
+from lcpimpact.integrators.stepping.friction import active_friction, solve_same_case
 from lcpimpact.integrators.stepping.impulse_paths import PATHS, Paths, closes, write_shifts
 from lcpimpact.integrators.stepping.law import (
     SOLVING,
@@ -191,20 +192,6 @@ def coupled_springs(
     return Springs(springs.law, springs.θh[law], springs.h, HGs, NG, NGs), y_free, δ
 
 
-@compiled(FRICTION(FRICTION, indices))
-def active_friction(friction: FrictionRows, active: Indices) -> FrictionRows:
-    """Return the active rows with friction, by their positions among the active rows."""
-    rows, normals = np.full(len(friction.rows), -1), np.full(len(friction.rows), -1)
-    for k in range(len(rows)):
-        for a in range(len(active)):
-            if active[a] == friction.rows[k]:
-                rows[k] = a
-            elif active[a] == friction.normals[k]:
-                normals[k] = a
-    kept = rows >= 0
-    return FrictionRows(rows[kept], normals[kept], friction.mu[kept], friction.formulation)
-
-
 @compiled(
     types.Tuple((i8, i8, i8, f8))(TABLE, FEATURES, STEP_STATE, ROOM, types.UniTuple(i8, 2), SOLVING, SPRING_SOLVER)
 )
@@ -221,9 +208,12 @@ def solve_features(
     (springs, paths, _, all_friction), (law, na) = features, which
     nc, ns, n = table.W.shape[1], len(springs.law), paths.H.shape[1]
     first, active, P = law * 2 * (nc + ns) + nc, room.active[:na], room.z[:na]
-    friction = active_friction(all_friction, active)
-    q = room.sums[first : first + nc]
-    given = restrict(ContactProblem(table.W[law], q, table.lower[law], table.upper[law]), active)
+    all_rows = ContactProblem(table.W[law], room.sums[first : first + nc], table.lower[law], table.upper[law])
+    if all_friction.continues and ns == 0 and len(paths.lines) == 0:
+        residual = solve_same_case(all_rows, active, all_friction, state.P[law], P)
+        if residual <= solving.tol:
+            return SOLVED, 0, 0, residual
+    friction, given = active_friction(all_friction, active), restrict(all_rows, active)
     E, T, V, lower, upper = friction_maps(given.W, given.lower, given.upper, friction)
     rows, z = ContactProblem(E @ given.W @ T + V, E @ given.q, lower, upper), unknowns(T, P, friction)
     closed, shift, at_active = np.zeros(len(paths.lines), np.bool_), np.zeros(nc), np.zeros(na)

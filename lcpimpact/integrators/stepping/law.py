@@ -12,7 +12,6 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status, UnsupportedError
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.friction import FRICTION, FrictionRows, friction_maps, unknowns
 from lcpimpact.lcp.judge import clear_residual, holds, measure
 from lcpimpact.lcp.operators import Delassus
 from lcpimpact.lcp.problem import KERNEL
@@ -116,20 +115,6 @@ def restrict(rows: ContactProblem, active: Indices) -> ContactProblem:
 def solve_active(rows: ContactProblem, active: Indices, z: Array, solving: Solving) -> tuple[int, int, float]:
     """Solve the contact problem of the active rows alone, from their guess z: status, iterations, residual."""
     return solve_law(restrict(rows, active), z, solving)
-
-
-@compiled(types.Tuple((i8, i8, f8))(PROBLEM, FRICTION, vector, SOLVING))
-def solve_with_friction(
-    rows: ContactProblem, friction: FrictionRows, P: Array, solving: Solving
-) -> tuple[int, int, float]:
-    """Solve a contact problem of which some rows have friction, from the guess P: status, iterations, residual."""
-    if len(friction.rows) == 0:
-        return solve_law(rows, P, solving)
-    E, T, V, lower, upper = friction_maps(rows.W, rows.lower, rows.upper, friction)
-    z = unknowns(T, P, friction)
-    status, count, residual = solve_law(ContactProblem(E @ rows.W @ T + V, E @ rows.q, lower, upper), z, solving)
-    P[:] = T @ z
-    return status, count, residual
 
 
 @compiled(SPRING_SIGNATURE)

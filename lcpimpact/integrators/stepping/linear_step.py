@@ -43,7 +43,7 @@ from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_l
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.friction import FORMULATIONS, GLOCKER, FrictionRows, lcp_matrix
+from lcpimpact.lcp.friction import ANITESCU_POTRA, FORMULATIONS, GLOCKER, FrictionRows, lcp_matrix
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import SolverState
@@ -259,9 +259,10 @@ class LinearStep(TimeStepping[Tabulated]):
             return self.contact_matrix(d, h, W)
         return Dense(lcp_matrix(W, d.r_min, d.r_max, self._friction_rows(d)))
 
-    def _friction_rows(self, d: Dynamics) -> FrictionRows:
-        """Return the rows with friction."""
-        return FrictionRows(*d.friction, FORMULATIONS.index(self.formulation))
+    def _friction_rows(self, d: Dynamics, lcp_solver: str = "") -> FrictionRows:
+        """Return the rows with friction; the relaxed law has no cases, and a solver by name solves each LCP."""
+        formulation = FORMULATIONS.index(self.formulation)
+        return FrictionRows(*d.friction, formulation, lcp_solver == "auto" and formulation != ANITESCU_POTRA)
 
     def at_switches(self, d: Dynamics) -> LinearStep | None:
         """Return the method used in steps at a change of the active contacts; None for this one."""
@@ -286,7 +287,7 @@ class LinearStep(TimeStepping[Tabulated]):
         other = self.at_switches(d)
         return Tabulated(
             table,
-            (springs, step.paths, step.static, self._friction_rows(d)),
+            (springs, step.paths, step.static, self._friction_rows(d, lcp_solver)),
             spring_solver(d),
             partial(solve_with_forces, d) if d.force_laws else None,
             self._loads(d, h),

@@ -13,6 +13,7 @@ from lcpimpact.errors import InputError, Status
 from lcpimpact.lcp.basis import basic_solution
 from lcpimpact.lcp.judge import holds, measure
 from lcpimpact.lcp.operators import as_operator, finite_array
+from lcpimpact.lcp.polish import move_to_bounds
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER, bounds
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.trace import NONE, note
@@ -45,6 +46,9 @@ def try_basis(W: Array, q: Array, lower: Array, upper: Array, side: Indices, z: 
     regular = basic_solution(W, False, q, lower, upper, side, z)
     scaled, _, rounding = measure(W, q, lower, upper, z, np.empty(len(q)))
     solved = regular and holds(scaled, rounding, tol)
+    if regular and not solved and move_to_bounds(W, q, lower, upper, z):
+        scaled, _, rounding = measure(W, q, lower, upper, z, np.empty(len(q)))
+        solved = holds(scaled, rounding, tol)
     return solved, not solved and (not regular or scaled <= 10.0 * max(tol, rounding))
 
 
