@@ -29,7 +29,7 @@ from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.files import check_output, whole_file
 from lcpimpact.numbers import count, positive
 from lcpimpact.plotting.block_diagram import draw_system
-from lcpimpact.plotting.layout import CEILING, Layout
+from lcpimpact.plotting.layout import CEILING, Layout, sums
 from lcpimpact.plotting.schematic import INCH, Line, Piece, Posture, extent, paint, picture
 from lcpimpact.plotting.style import GREY, INK, style
 from lcpimpact.plotting.timeline import shown_events
@@ -253,6 +253,7 @@ def lay_out_motion(trajectory: Trajectory, times: Array) -> tuple[Layout, list[P
     state = trajectory.sample(times, "right")
     q: dict[str, Array] = {GROUND: np.zeros(len(times)), CEILING: np.zeros(len(times))}
     q |= dict(zip(dynamics.nodes, state.q.T, strict=True))
+    q |= {name: sum(c * q[node] for node, c in end.items()) for name, end in sums(problem.scheme.elements).items()}
     plain = Layout(problem.scheme.elements)
     stretched = [np.ptp(q[link.bottom] - q[link.top]) for link in plain.links]
     carried = {arm.top for arm in plain.arms if arm.bottom in (GROUND, *plain.nodes)}

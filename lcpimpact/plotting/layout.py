@@ -14,6 +14,7 @@ from statistics import fmean
 from typing import Literal
 
 from lcpimpact.plotting.timeline import math_text
+from lcpimpact.scheme.elements import base
 from lcpimpact.scheme.elements.bar import Bar
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.elements.bumper import Bumper
@@ -23,6 +24,7 @@ from lcpimpact.scheme.elements.kelvin_voigt_stop import KelvinVoigtStop
 from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion
 from lcpimpact.scheme.elements.rope import Rope
+from lcpimpact.scheme.terms import name_of
 
 CEILING = "\0ceiling"
 """Name of the ground at the top, for elements whose upper end is the ground."""
@@ -69,8 +71,11 @@ Side = Literal[-1, 1]
 
 
 def label(part: Element) -> str:
-    """Return the label of an element: its symbols."""
-    return ", ".join(math_text(symbol) for symbol in part.symbols)
+    """Return the label of an element: its symbols; a reaction without a symbol of its own goes by its name."""
+    symbols = part.symbols
+    if part.reaction and symbols == (part.reaction,) and (name := getattr(part, "name", None)):
+        symbols = (name,)
+    return ", ".join(math_text(symbol) for symbol in symbols)
 
 
 def width(text: str) -> float:
@@ -117,9 +122,21 @@ class Arm:
         return own + [link for arm in (*self.series, *self.beside) for link in arm.links]
 
 
+def outer_nodes(part: Element) -> tuple[str, str]:
+    """Return the nodes at both ends of an element; a sum of coordinates is a node of its own, by its formula."""
+    first, last = part.ends if isinstance(part, base.Link) else (part.nodes[0], part.nodes[-1])
+    return name_of(first), name_of(last)
+
+
+def sums(elements: Sequence[Element]) -> dict[str, Mapping[str, float]]:
+    """Return the ends that are sums of coordinates, by the names of their nodes in the drawing."""
+    ends = [end for part in elements if isinstance(part, base.Link) for end in part.ends]
+    return {name_of(end): end for end in ends if isinstance(end, Mapping)}
+
+
 def ends(link: Element) -> tuple[str, str]:
     """Return the two nodes joined by a link in the drawing."""
-    first, last = link.nodes[0], link.nodes[-1]
+    first, last = outer_nodes(link)
     return (CEILING if first == GROUND and _has_upper_end(link) else first), last
 
 
@@ -138,7 +155,7 @@ def in_series(upper: Arm, lower: Arm) -> Arm:
 def arms_between(elements: Sequence[Element]) -> list[Arm]:
     """Return an arm for each pair of joined nodes, including the inner nodes of elements."""
     inner = [node for element in elements for node in element.inner]
-    outer = {node for element in elements for node in (element.nodes[0], element.nodes[-1])}
+    outer = {node for element in elements for node in outer_nodes(element)}
     arms = [Arm(*ends(p), p) for e in elements for p in e.drawn() if len(p.nodes) > 1]
     while True:
         pairs: dict[frozenset[str], list[Arm]] = {}
@@ -243,7 +260,7 @@ class Layout:
     @cached_property
     def nodes(self) -> list[str]:
         """The nodes in order of first occurrence, without the ground and inner nodes."""
-        named = dict.fromkeys(node for part in self.parts for node in (part.nodes[0], part.nodes[-1]))
+        named = dict.fromkeys(node for part in self.parts for node in outer_nodes(part))
         merged = {node for element in self.elements for node in element.inner} - {
             end for arm in self.undirected_arms for end in (arm.top, arm.bottom)
         }
@@ -277,7 +294,9 @@ class Layout:
                 found |= dict.fromkeys(new, found[node] + 1)
                 reached.extend(new)
             free = [node for node in self.nodes if node not in found]
-            carries = {link.nodes[0] for arm in self.undirected_arms for link in arm.links if _has_upper_end(link)}
+            carries = {
+                outer_nodes(link)[0] for arm in self.undirected_arms for link in arm.links if _has_upper_end(link)
+            }
             bases = sorted(free, key=lambda node: (not self.motions(node), node in carries, -self.nodes.index(node)))[
                 :1
             ]
@@ -393,7 +412,8 @@ class Layout:
                 occupied.append(self._node_box(node, x, (0.0, 0.0)))
 
         order = sorted(range(len(self.arms)), key=lambda i: (self.level[self.arms[i].bottom], i))
-        free = [node for node in self.nodes if not any(arm.top == node for arm in self.arms)]
+        hanging = {arm.bottom for arm in self.arms if arm.top == CEILING}
+        free = [node for node in self.nodes if node not in hanging and not any(arm.top == node for arm in self.arms)]
         for node in free:
             if self.level[node] == 1 and not self.grounded and not extents:
                 place(node, 0.0)
@@ -405,8 +425,11 @@ class Layout:
             top, bottom = arm.top, arm.bottom
             left, right = self.reach(arm)
             boxes = [Box(-left, right, self.level[bottom] + 0.25, self.level[top] - 0.25, i)]
-            if top not in extents and top != CEILING:
-                boxes.append(self._node_box(top, 0.0, (left, right)))
+            boxes += [
+                self._node_box(node, 0.0, (left, right))
+                for node in (top, bottom)
+                if node not in extents and node not in (GROUND, CEILING)
+            ]
             own = [node for node in (top, bottom) if node not in (GROUND, CEILING)]
             # A node is extended to a bar below the feet of its arms.
             for node in own:

@@ -37,7 +37,8 @@ def name_of(end: End) -> str:
     if not isinstance(end, Mapping):
         return end
     terms = [f"{'-' if c < 0.0 else '+'} {'' if abs(c) == 1.0 else f'{abs(c):g} '}{node}" for node, c in end.items()]
-    return " ".join(terms).removeprefix("+ ")
+    text = " ".join(terms).removeprefix("+ ")
+    return f"-{text[2:]}" if text.startswith("- ") else text
 
 
 class RowLaw(StrEnum):

@@ -96,7 +96,7 @@ def test_a_stop_above_opens_as_the_mass_moves_down() -> None:
     layout, postures = lay_out_motion(trajectory, times)
     x = trajectory.sample(times).q[:, 0]
     for posture, place in zip(postures, x, strict=True):
-        pieces = [p for p in picture(layout, posture) if isinstance(p, Line) and p.label.endswith("$R$")]
+        pieces = [p for p in picture(layout, posture) if isinstance(p, Line) and p.label.startswith("Bumper")]
         above = [p.points for p in pieces if "'ground' and 'x'" in p.label]
         below = [p.points for p in pieces if "'x' and 'ground'" in p.label]
         lower, upper = heights(above)
