@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
@@ -84,11 +85,13 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
                 impulsive[j : j + impact_steps, k] = True
                 if impulse != 0.0:
                     found.append((t, int(k), Event(t, dynamics.contacts[k].name, kind, left, right, impulse)))
-    friction = np.where(impulsive, 0.0, dynamics.friction_bounds(record.reaction))
-    low = np.where(dynamics.frictional, -friction, dynamics.r_min)
-    high = np.where(dynamics.frictional, friction, dynamics.r_max)
-    for i in map(int, np.flatnonzero(dynamics.rubs | dynamics.relays)):
-        crossed = _events_of_bounds(dynamics.contacts[i], i, (low[:, i], high[:, i]), record)
+    bounded = np.flatnonzero(dynamics.rubs | dynamics.relays)
+    friction = (
+        np.where(impulsive, 0.0, dynamics.friction_bounds(record.reaction)) if dynamics.frictional.any() else impulsive
+    )
+    for i in map(int, bounded):
+        bounds = (-friction[:, i], friction[:, i]) if dynamics.frictional[i] else dynamics.contacts[i].bounds
+        crossed = _events_of_bounds(dynamics.contacts[i], i, bounds, record)
         found += [(event.t, i, event) for event in crossed]
     return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2])), impulsive
 
@@ -199,12 +202,16 @@ def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:
     return struck
 
 
-def _events_of_bounds(contact: Contact, i: int, bounds: tuple[Array, Array], record: Record) -> Iterator[Event]:
+def _events_of_bounds(contact: Contact, i: int, bounds: tuple[Any, Any], record: Record) -> Iterator[Event]:
     """Yield where a force comes to a bound, leaves it, or goes to the other: between two forces on both sides.
 
     Without room between the bounds (nr,), as where a contact with friction is open, there are no events.
     """
-    r, t, (low, high) = record.reaction[:, i], record.t_reaction, bounds
+    r, t, (low, high) = (
+        record.reaction[:, i],
+        record.t_reaction,
+        np.broadcast_arrays(*bounds, record.reaction[:, i])[:2],
+    )
     near, acts = 0.5 * SLIP_RTOL * (high - low), high > low
     side = np.where(r >= high - near, 1.0, np.where(r <= low + near, -1.0, 0.0))
     at_bound, between = ("switch", "slide") if contact.law is RowLaw.RELAY else ("slip", "stick")

@@ -253,7 +253,8 @@ def lay_out_motion(trajectory: Trajectory, times: Array) -> tuple[Layout, list[P
     state = trajectory.sample(times, "right")
     q: dict[str, Array] = {GROUND: np.zeros(len(times)), CEILING: np.zeros(len(times))}
     q |= dict(zip(dynamics.nodes, state.q.T, strict=True))
-    q |= {name: sum(c * q[node] for node, c in end.items()) for name, end in sums(problem.scheme.elements).items()}
+    for name, end in sums(problem.scheme.elements).items():
+        q[name] = np.stack([c * q[node] for node, c in end.items()]).sum(axis=0)
     plain = Layout(problem.scheme.elements)
     stretched = [np.ptp(q[link.bottom] - q[link.top]) for link in plain.links]
     carried = {arm.top for arm in plain.arms if arm.bottom in (GROUND, *plain.nodes)}

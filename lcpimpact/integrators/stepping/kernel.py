@@ -213,28 +213,34 @@ def solve_features(
         residual = solve_same_case(all_rows, active, all_friction, state.P[law], P)
         if residual <= solving.tol:
             return SOLVED, 0, 0, residual
-    friction, given = active_friction(all_friction, active), restrict(all_rows, active)
-    E, T, V, lower, upper = friction_maps(given.W, given.lower, given.upper, friction)
-    rows, z = ContactProblem(E @ given.W @ T + V, E @ given.q, lower, upper), unknowns(T, P, friction)
+    rough, rows, z = len(all_friction.rows) > 0, restrict(all_rows, active), P
+    q, E, T = rows.q.copy(), rows.W, rows.W  # E and T are placeholders without friction
+    if rough:
+        friction = active_friction(all_friction, active)
+        E, T, V, lower, upper = friction_maps(rows.W, rows.lower, rows.upper, friction)
+        rows, z = ContactProblem(E @ rows.W @ T + V, E @ q, lower, upper), unknowns(T, P, friction)
     closed, shift, at_active = np.zeros(len(paths.lines), np.bool_), np.zeros(nc), np.zeros(na)
     iterations, newton = 0, 0
     while True:
         if ns > 0:
-            by_P, y_free, δ = coupled_springs(table, springs, room.sums, law, active)
-            coupled = Springs(by_P.law, by_P.θh, by_P.h, E @ by_P.HGs, by_P.NG @ T, by_P.NGs)
+            coupled, y_free, δ = coupled_springs(table, springs, room.sums, law, active)
+            if rough:
+                at, θh, h, HGs, NG, NGs = coupled
+                coupled = Springs(at, θh, h, E @ HGs, NG @ T, NGs)
             room.s[:] = 0.0
             status, count, tried, residual = solve_springs(rows, coupled, y_free, δ, z, y_free.copy(), room.s, solving)
             newton += tried
         else:
             status, count, residual = solve_law(rows, z, solving)
         iterations += count
-        P[:] = T @ z
+        if rough:
+            P[:] = T @ z
         if status != SOLVED or not closes(paths.lines, closed, active, P):
             return status, iterations, newton, residual
         write_shifts(paths, closed, state.y[:n], state.y[n : 2 * n], shift)
         for a in range(na):
-            at_active[a] = given.q[a] + shift[active[a]] / paths.h
-        rows.q[:] = E @ at_active
+            at_active[a] = q[a] + shift[active[a]] / paths.h
+        rows.q[:] = E @ at_active if rough else at_active
 
 
 @compiled(types.void(matrix, vector, matrix, i8, vector), inline="always", allocates=False)
@@ -313,7 +319,9 @@ def steps(
         for law in range(m):
             first = law * 2 * (nc + ns)
             after, P = first + 2 * (nc + ns), state.P[law]
-            na = add_friction_rows(friction, choose_rows(table, law, first, P, room), P, room)
+            na = choose_rows(table, law, first, P, room)
+            if len(friction.rows) > 0:
+                na = add_friction_rows(friction, na, P, room)
             status, count, tried, residual = SOLVED, 0, 0, 0.0
             if simple and na > 0:
                 status, count, residual = solve_rows(table, law, sums[first + nc : after], na, room, solving)
