@@ -9,8 +9,14 @@ coefficients e (e_T for friction), ξ = U⁺ + E U⁻, W = H M⁻¹ Hᵀ and imp
 
 since U⁺ - U⁻ = W P. The law makes the first term zero or negative: P_N ξ_N = 0, and P_T ξ_T = -μ P_N \|ξ_T\|. So the energy
 cannot grow relative to the surfaces where Δ W + W Δ is positive semidefinite: if all e are equal (Moreau), or if W does not
-couple rows with different e. Otherwise it may, which is Kane's paradox. What the surfaces add is -Pᵀ χ, the work of the
-drives of belts and walls. If χ jumps at the impact, χ is the mean of its limits, and the jump adds -½ Pᵀ Δ (χ⁺ - χ⁻).
+couple rows with different e. Otherwise it may, which is Kane's paradox.
+
+Normal rows only lose: where P_N > 0 an approach U_N⁻ <= 0 ends with U_N⁺ = -e U_N⁻, so that P_N (W P)_N >= 0. So Δ_N may be
+replaced by any smaller number, and min(Δ_N, max Δ_T) is taken. It follows that no impact without friction gains, nor one
+whose e_T are equal and none of its e larger.
+
+What moving surfaces add is -Pᵀ χ, the work of their drives. If χ jumps at the impact, χ is the mean of its limits here,
+and the jump adds -½ Pᵀ Δ (χ⁺ - χ⁻) to the gain.
 
 Sources: Kane and Levinson, *Dynamics: Theory and Applications* (1985); Glocker, *Set-Valued Force Laws* (2001); Leine and
 van de Wouw, *Stability and Convergence of Mechanical Systems with Unilateral Constraints* (2008).
@@ -20,7 +26,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,84 +40,70 @@ from lcpimpact.scheme.dynamics import Dynamics
 ROUNDING = 64.0 * float(np.finfo(float).eps)
 """Rounding error of an eigenvalue, per row of the matrix and relative to its largest entry."""
 
-MAX_MIXED_PATHS = 10
-"""Maximum number of impulse paths over contacts with different e whose extreme cases are all computed."""
-
 
 def gain_eigenvalue(d: Dynamics, rows: ArrayLike | None = None) -> float:
     r"""Least eigenvalue of Δ W + W Δ: if it is not negative, an impact of these rows gains no energy by Newton's law.
 
-    .. math:: W = H M^{-1} H^T, \qquad Δ = (I - E)(I + E)^{-1}, \qquad E = \mathrm{diag}(e)
+    .. math:: W = H M^{-1} H^T, \qquad Δ_T = \frac{1 - e_T}{1 + e_T},
+       \qquad Δ_N = \min \left( \frac{1 - e}{1 + e}, \max Δ_T \right)
 
     The condition is sufficient. Where the eigenvalue is negative, some impulses would gain, but friction bounded by μ P_N
     need not reach them.
 
-    W has the masses only: nodes with prescribed motion take up no impulse, and rows on massless nodes act along the
-    impulse paths of `lcpimpact.scheme.impulse_paths`, each as one row with an e between those of its contacts, of which
-    the worst counts. Joints take part in every impact and stay at rest, so W is that of the masses with their joints. It
-    may be singular, as with redundant contacts.
+    W has the masses only: nodes with prescribed motion take up no impulse, and contacts on massless nodes act along the
+    impulse paths of `lcpimpact.scheme.impulse_paths`, each as one row with the largest e of its contacts. Joints take part
+    in every impact and stay at rest, so W is that of the masses with their joints. It may be singular, as with redundant
+    contacts.
 
     Parameters
     ----------
     d : Dynamics
-        The system, as ``problem.dynamics``.
+        The system, as ``problem.dynamics`` or ``scheme.assemble()``.
     rows : array_like of int or bool, optional
         The rows that take part, contacts and friction; by default all. Sliders and relays take no impulses.
 
     Returns
     -------
     float
-        The least eigenvalue in 1/kg, 0 where it is negative by rounding only; 0 without rows, and -inf if more than
-        `MAX_MIXED_PATHS` impulse paths lead over contacts with different e.
+        The least eigenvalue in 1/kg, 0 where it is negative by rounding only; 0 without friction.
 
     Examples
     --------
     The tip of an inclined rod on a rough floor: U_N = y' + φ' couples with U_T = x' - φ'. With e = 0.8 and e_T = 0
     energy may grow, with both at 0.8 it cannot:
 
-    >>> from lcpimpact import Bumper, Friction, Mass, Problem, Scheme
+    >>> from lcpimpact import Bumper, Friction, Mass, Scheme
     >>> def rod(e_T):
     ...     tip, slip = {"y": 1.0, "φ": 1.0}, {"x": 1.0, "φ": -1.0}
-    ...     scheme = Scheme(
+    ...     return Scheme(
     ...         Mass("x", 1.0), Mass("y", 1.0), Mass("φ", 0.5), Bumper("ground", tip, e=0.8, name="N"),
     ...         Friction(slip, "ground", 0.8, normal="N", e_T=e_T, name="T"),
-    ...     )
-    ...     return Problem("rod", scheme).dynamics
+    ...     ).assemble()
     >>> [round(gain_eigenvalue(rod(e_T)), 9) for e_T in (0.0, 0.8)]
     [-0.137888745, 0.222222222]
 
     References
     ----------
     Kane and Levinson, *Dynamics: Theory and Applications* (1985); Leine and van de Wouw, *Stability and Convergence of
-    Mechanical Systems with Unilateral Constraints* (2008), chapter 5.
+    Mechanical Systems with Unilateral Constraints* (2008).
     """
-    taking_part = np.zeros(len(d.contacts), dtype=np.bool_)
-    taking_part[slice(None) if rows is None else np.asarray(rows)] = True
+    every = np.arange(len(d.contacts))
+    given = every if rows is None else np.asarray(rows)
+    taking_part = given if given.dtype == np.bool_ else np.isin(every, given)
     normal = d.impulse_paths[~(d.impulse_paths[:, ~taking_part] != 0.0).any(axis=1)]
     rubbing = taking_part & d.frictional & (d.relative_degree == 2)
-    R = np.vstack([normal, np.eye(len(taking_part))[rubbing]])
-    if not len(R):
+    if not rubbing.any():
         return 0.0
-    W = _compliance(d, R)
     δ = (1.0 - d.restitution) / (1.0 + d.restitution)
-    least, largest = (extreme(np.where(R != 0.0, δ, fill), axis=1) for extreme, fill in ((np.min, 2.0), (np.max, -1.0)))
-    mixed = np.flatnonzero(least < largest)
-    if len(mixed) > MAX_MIXED_PATHS:
-        return -np.inf
+    Δ_N = np.minimum(np.where(normal != 0.0, δ, np.inf).min(axis=1), δ[rubbing].max())
+    Δ, W = np.append(Δ_N, δ[rubbing]), _compliance(d, np.vstack([normal, np.eye(len(δ))[rubbing]]))
+    S = (Δ[:, None] + Δ) * W
+    # The sign does not depend on the units of the rows, and rounding is least where W has ones on its diagonal.
     size = np.sqrt(np.diag(W))
     unit = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-    found = np.inf
-    # The set of all Δ for which the matrix is positive semidefinite is convex: the extreme e suffice.
-    for extremes in product(*np.stack([least, largest], axis=1)[mixed]):
-        Δ = least.copy()
-        Δ[mixed] = extremes
-        S = (Δ[:, None] + Δ) * W
-        λ = float(np.linalg.eigvalsh(S)[0])
-        # Its sign does not depend on the units of the rows, and its rounding is least where W has ones on its diagonal.
-        if λ < 0.0 and np.linalg.eigvalsh(unit[:, None] * S * unit)[0] >= -ROUNDING * len(S):
-            λ = 0.0
-        found = min(found, λ)
-    return found
+    scaled, vectors = np.linalg.eigh(unit[:, None] * S * unit)
+    least, x = float(np.linalg.eigvalsh(S)[0]), unit * vectors[:, 0]
+    return max(least, 0.0) if scaled[0] >= -ROUNDING * len(S) else min(least, float(x @ S @ x / (x @ x)))
 
 
 def _compliance(d: Dynamics, R: Array) -> Array:
@@ -182,16 +173,15 @@ def impact_gain(
     d: Dynamics, record: Record, events: Sequence[Event], integrator: Integrator | None, precision: float
 ) -> ImpactGain:
     """Return what the impacts of a run have gained; what is below the precision of the method is no gain."""
-    meets, none = d.unilateral | d.frictional, ImpactGain()
-    e = d.restitution[meets]
-    if (not d.motions and (e == e[:1]).all()) or not any(event.impulse for event in events):
+    none = ImpactGain()
+    if not (d.motions or d.frictional.any()) or not any(event.impulse for event in events):
         return none
     if len(record.reaction) == len(record.t):
         impacts = RunImpacts.of(d, events)
     else:
         impacts = RunImpacts.of_steps(d, record, events, integrator.impact_steps if integrator else 1)
     impacts = impacts[impacts.t <= record.t[-1]]
-    eigenvalues = _eigenvalues(d, (impacts.P != 0.0) & meets)
+    eigenvalues = _eigenvalues(d, (impacts.P != 0.0) & (d.unilateral | d.frictional))
     if not d.motions and (eigenvalues == 0.0).all():
         return none
     _, by_motions, lost = Account(d, Sinks.all_as_one(d)).of_impacts(impacts).T
