@@ -107,7 +107,8 @@ def page() -> str:
         "for no method; what is declared is a median: [slopes scatter](convergence.md#the-order-across-many-impacts)).",
         "*force kink*: relative degree 0; *force jump*: degree 1; *friction*: reversal or sticking of a body",
         "on a slider; *relays*: switches, and the start of sliding modes. What is said of energy leaves out what",
-        "Newton's law itself gains in impacts with friction: [Kane's paradox](comparing.md#energy-that-an-impact-gains-kanes-paradox).",
+        "Newton's law itself gains in impacts with friction, by",
+        "[Kane's paradox](comparing.md#energy-that-an-impact-gains-kanes-paradox).",
         "",
         "| method | "
         + " | ".join(next(iter(methods.values())).orders)

@@ -165,13 +165,14 @@ def _state(dense: ContinuousSolution, t: float, side: str) -> State:
 
 def steps_of(events: Sequence[Event], t: Array, q: Array, v: Array) -> Indices:
     """Return the grid point at the start of the step of each event: the one with its left limits (ne,)."""
+    if not events:
+        return np.zeros(0, dtype=np.int64)
     near = np.searchsorted(t, [event.t for event in events], side="right") - 1
+    q_left, v_left = np.array([event.left.q for event in events]), np.array([event.left.v for event in events])
     found = np.minimum(near, max(len(t) - 2, 0))
-    if len(events):
-        q_left, v_left = np.array([event.left.q for event in events]), np.array([event.left.v for event in events])
-        for shift in (1, -1, 0):
-            k = np.clip(near + shift, 0, len(t) - 1)
-            found = np.where((q[k] == q_left).all(axis=1) & (v[k] == v_left).all(axis=1), k, found)
+    for shift in (1, -1, 0):
+        k = np.clip(near + shift, 0, len(t) - 1)
+        found = np.where((q[k] == q_left).all(axis=1) & (v[k] == v_left).all(axis=1), k, found)
     return found
 
 
