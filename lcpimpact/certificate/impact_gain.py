@@ -11,8 +11,8 @@ since U⁺ - U⁻ = W P. The law makes the first term zero or negative: P_N ξ_N
 cannot grow relative to the surfaces where Δ W + W Δ is positive semidefinite: if all e are equal (Moreau), or if W does not
 couple rows with different e. Otherwise it may, which is Kane's paradox.
 
-Normal rows only lose: where P_N > 0 an approach U_N⁻ <= 0 ends with U_N⁺ = -e U_N⁻, so that P_N (W P)_N >= 0. So Δ_N may be
-replaced by any smaller number, and min(Δ_N, max Δ_T) is taken. It follows that no impact without friction gains, nor one
+Normal rows only lose: where P_N > 0 an approach U_N⁻ <= 0 ends with U_N⁺ = -e U_N⁻, so that P_N (W P)_N >= 0. So any smaller
+number may stand in place of Δ_N, as min(Δ_N, max Δ_T). It follows that no impact without friction gains, nor one
 whose e_T are equal and none of its e larger.
 
 What moving surfaces add is -Pᵀ χ, the work of their drives. If χ jumps at the impact, χ is the mean of its limits here,
@@ -44,10 +44,10 @@ ROUNDING = 64.0 * float(np.finfo(float).eps)
 def gain_eigenvalue(d: Dynamics, rows: ArrayLike | None = None) -> float:
     r"""Least eigenvalue of Δ W + W Δ: if it is not negative, an impact of these rows gains no energy by Newton's law.
 
-    .. math:: W = H M^{-1} H^T, \qquad Δ_T = \frac{1 - e_T}{1 + e_T},
-       \qquad Δ_N = \min \left( \frac{1 - e}{1 + e}, \max Δ_T \right)
+    .. math:: W = H M^{-1} H^T, \qquad Δ = (I - E)(I + E)^{-1}, \qquad E = \mathrm{diag}(e, e_T)
 
-    The condition is sufficient. Where the eigenvalue is negative, some impulses would gain, but friction bounded by μ P_N
+    Since normal rows only lose, min(Δ_N, max Δ_T) may stand in place of Δ_N; it does where that gives the larger number. The
+    condition is sufficient. Where the eigenvalue is negative, some impulses would gain, but friction bounded by μ P_N
     need not reach them.
 
     W has the masses only: nodes with prescribed motion take up no impulse, and contacts on massless nodes act along the
@@ -95,8 +95,13 @@ def gain_eigenvalue(d: Dynamics, rows: ArrayLike | None = None) -> float:
     if not rubbing.any():
         return 0.0
     δ = (1.0 - d.restitution) / (1.0 + d.restitution)
-    Δ_N = np.minimum(np.where(normal != 0.0, δ, np.inf).min(axis=1), δ[rubbing].max())
-    Δ, W = np.append(Δ_N, δ[rubbing]), _compliance(d, np.vstack([normal, np.eye(len(δ))[rubbing]]))
+    W, Δ_T = _compliance(d, np.vstack([normal, np.eye(len(δ))[rubbing]])), δ[rubbing]
+    Δ_N = np.where(normal != 0.0, δ, np.inf).min(axis=1)
+    return max(_least_eigenvalue(np.append(each, Δ_T), W) for each in (Δ_N, np.minimum(Δ_N, Δ_T.max())))
+
+
+def _least_eigenvalue(Δ: Array, W: Array) -> float:
+    """Return the least eigenvalue of Δ W + W Δ, or 0 where it is negative by rounding only."""
     S = (Δ[:, None] + Δ) * W
     # The sign does not depend on the units of the rows, and rounding is least where W has ones on its diagonal.
     size = np.sqrt(np.diag(W))

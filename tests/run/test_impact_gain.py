@@ -5,7 +5,7 @@ from math import cos, radians, sin, sqrt
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -285,6 +285,7 @@ def rough_body(seed):
 
 @settings(max_examples=150, deadline=None)
 @given(seed=st.integers(0, 2**32 - 1))
+@example(seed=693064780)  # only with Δ of the e themselves is the matrix positive definite
 def test_the_formula_is_the_change_of_kinetic_energy(seed):
     """ΔT = Pᵀ(I+E)⁻¹ξ - ½PᵀΔWP - Pᵀχ at any impact, the first term never gains, and no eigenvalue lies."""
     problem, M, H, χ, e = rough_body(seed)
