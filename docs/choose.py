@@ -42,7 +42,7 @@ WISHES: tuple[tuple[str, Callable[[Declared], bool]], ...] = (
     ("Order 2 or more across force jumps (Systems 1 and 3)", lambda d: d.order_force_jump >= 2),
     ("Order above 1 across impacts", lambda d: d.order_impact > 1),
     ("No penetration after an impact", lambda d: 2 in d.relative_degrees and math.isinf(d.order_penetration)),
-    ("Impacts never add energy", lambda d: d.dissipates),
+    ("Impacts add no energy, but by Newton's law itself", lambda d: d.dissipates),
     ("Adaptive steps", lambda d: bool(d.adaptive)),
     ("Dry friction on bodies with mass", lambda d: d.order_friction > 0),
     ("Relays and sliding modes", lambda d: d.order_relay > 0),
@@ -106,7 +106,9 @@ def page() -> str:
         "In the coordinates with mass (sup norm), across impacts in the velocities (L1 norm; their sup norm converges",
         "for no method; what is declared is a median: [slopes scatter](convergence.md#the-order-across-many-impacts)).",
         "*force kink*: relative degree 0; *force jump*: degree 1; *friction*: reversal or sticking of a body",
-        "on a slider; *relays*: switches, and the start of sliding modes.",
+        "on a slider; *relays*: switches, and the start of sliding modes. What is said of energy leaves out what",
+        "Newton's law itself gains in impacts with friction, by",
+        "[Kane's paradox](comparing.md#energy-that-an-impact-gains-kanes-paradox).",
         "",
         "| method | "
         + " | ".join(next(iter(methods.values())).orders)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -166,14 +166,17 @@ def _state(dense: ContinuousSolution, t: float, side: str) -> State:
     return State(*(each[0] for each in dense.read(np.array([t]), side)))
 
 
-def step_of(event: Event, t: Array, q: Array, v: Array) -> int:
-    """Return the grid point at the start of the step of an event: the one with its left limits."""
-    near = int(np.searchsorted(t, event.t, side="right")) - 1
-    candidates = [k for k in (near, near - 1, near + 1) if 0 <= k < len(t)]
-    return next(
-        (k for k in candidates if np.array_equal(q[k], event.left.q) and np.array_equal(v[k], event.left.v)),
-        min(near, max(len(t) - 2, 0)),
-    )
+def steps_of(events: Sequence[Event], t: Array, q: Array, v: Array) -> Indices:
+    """Return the grid point at the start of the step of each event: the one with its left limits (ne,)."""
+    if not events:
+        return np.zeros(0, dtype=np.int64)
+    near = np.searchsorted(t, [event.t for event in events], side="right") - 1
+    q_left, v_left = np.array([event.left.q for event in events]), np.array([event.left.v for event in events])
+    found = np.minimum(near, max(len(t) - 2, 0))
+    for shift in (1, -1, 0):
+        k = np.clip(near + shift, 0, len(t) - 1)
+        found = np.where((q[k] == q_left).all(axis=1) & (v[k] == v_left).all(axis=1), k, found)
+    return found
 
 
 def _joints_struck_by(dynamics: Dynamics) -> list[Indices]:

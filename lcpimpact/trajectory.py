@@ -373,8 +373,10 @@ class Trajectory:
             f"  events      {shown or 'none'}{more}",
             f"  certificate residual {c.residual:.1e}, complementarity {c.complementarity:.1e}{metre and ' J'}, "
             f"penetration {c.penetration:.1e}{metre}, {balance}",
-            f"  {self.message}",
         ]
+        if c.impact_gain.sentence:
+            lines.append(f"  impacts     {c.impact_gain.sentence}")
+        lines.append(f"  {self.message}")
         return "\n".join(lines)
 
 

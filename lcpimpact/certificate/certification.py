@@ -10,6 +10,7 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.continuous import judge_continuous
 from lcpimpact.certificate.grid import judge_grid
+from lcpimpact.certificate.impact_gain import ImpactGain, impact_gain
 from lcpimpact.certificate.scales import Judgement, Scales, largest_violation
 from lcpimpact.certificate.theta_steps import judge_theta_steps
 from lcpimpact.certificate.trapezoid import trapezoid_errors
@@ -72,6 +73,9 @@ class Certificate:
     length_scale, velocity_scale, force_scale, momentum_scale : float
         Largest gap in m and gap rate in m/s, largest sum of forces at a node in N, and largest momentum of a node in N s,
         for comparison.
+    impact_gain : ImpactGain
+        Whether Newton's law can gain energy at the impacts of the run, and what it gained; and what prescribed motions
+        added. It is a property of the law and not an error of the run, so that it has no limit: it is in the energy balance.
     limits : mapping of str to float
         Limit of each violation that the method declares; see `lcpimpact.integrators.base.Limits`.
     """
@@ -92,6 +96,7 @@ class Certificate:
     velocity_scale: float = 0.0
     force_scale: float = 0.0
     momentum_scale: float = 0.0
+    impact_gain: ImpactGain = field(default_factory=ImpactGain)
     limits: Mapping[str, float] = field(default_factory=dict)
 
     @property
@@ -154,6 +159,7 @@ def certify(
             found, scales, energies = judge_grid(d, start, record, events, integrator, limits)
         found["motion"] = _motion(d, record, limits)
         forces, momenta = scales.forces(d), scales.momenta(d)
+        gained = impact_gain(d, record, events, integrator, limits.precision) if d.stores_energy else ImpactGain()
     if not d.stores_energy:
         energies = (np.nan, np.nan)
     allowed = {name: limit for name, (_, limit) in found.items()} if integrator is not None else {}
@@ -171,6 +177,7 @@ def certify(
         velocity_scale=float(scales.U.max(initial=0.0)),
         force_scale=float(forces.max(initial=0.0)),
         momentum_scale=float(momenta.max(initial=0.0)),
+        impact_gain=gained,
         limits=allowed,
         **violations,
     )

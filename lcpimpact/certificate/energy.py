@@ -26,7 +26,7 @@ import numpy as np
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.impacts import RunImpacts, rows_by_name
 from lcpimpact.certificate.laws import motion_forces_in_steps
-from lcpimpact.events import step_of
+from lcpimpact.events import steps_of
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
@@ -208,10 +208,9 @@ def _impulses(d: Dynamics, record: Record, events: Sequence[Event], impact_steps
     An impact over several steps is distributed over them in proportion to the change of U.
     """
     P, rows = np.zeros((len(record.t) - 1, len(d.contacts))), rows_by_name(d)
-    for event in events:
-        if event.impulse == 0.0:
-            continue
-        i, first = rows[event.contact], step_of(event, record.t, record.q, record.v)
+    struck = [event for event in events if event.impulse != 0.0]
+    for event, first in zip(struck, steps_of(struck, record.t, record.q, record.v), strict=True):
+        i = rows[event.contact]
         U = d.gap_rate(record.v[first : first + impact_steps + 1])[:, i]
         part = (
             np.diff(U) / (U[-1] - U[0])

@@ -28,7 +28,7 @@ from lcpimpact.certificate.trapezoid import (
     mark_mode_changes,
     trapezoid_errors,
 )
-from lcpimpact.events import step_of
+from lcpimpact.events import steps_of
 from lcpimpact.integrators.base import Integrator, Limits
 from lcpimpact.record import Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
@@ -95,7 +95,7 @@ class Steps:
         in_steps, spread = len(record.reaction) < len(record.t), integrator.impact_steps if integrator else 1
         struck, rows = [event for event in events if event.impulse != 0.0], rows_by_name(d)
         if in_steps:
-            first = np.array([step_of(event, record.t, record.q, record.v) for event in struck], dtype=np.int64)
+            first = steps_of(struck, record.t, record.q, record.v)
         else:
             first = np.searchsorted(record.t, [event.t for event in struck]) - 1
         within = np.zeros(len(record.t), dtype=np.bool_)

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.record import SLIP_RTOL, Event
+from lcpimpact.events import steps_of
+from lcpimpact.record import SLIP_RTOL, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
 
 
@@ -62,6 +63,27 @@ class RunImpacts:
             for side, name in (("left", "q"), ("left", "v"), ("right", "v"))
         )
         return cls(t, q, before, after, P)
+
+    @classmethod
+    def of_steps(cls, d: Dynamics, record: Record, events: Sequence[Event], spread: int) -> RunImpacts:
+        """Return the impacts of a record whose reactions belong to steps; those that begin in one step are merged.
+
+        The impulses are those of the step, or of the ``spread`` steps over which an impact spreads, with those of contacts
+        between masses that rest or slide in it.
+        """
+        struck, rows = [event for event in events if event.impulse != 0.0], rows_by_name(d)
+        hit, first, one = np.unique(
+            steps_of(struck, record.t, record.q, record.v), return_index=True, return_inverse=True
+        )
+        h, last, P = np.diff(record.t), np.minimum(hit + spread, len(record.t) - 1), np.zeros((len(hit), len(rows)))
+        takes_up = (d.relative_degree == 2) & ~d.slides & ~d.relays | (d.impulse_lines != 0.0).any(axis=0)
+        for k in range(spread):
+            within = hit + k < len(h)
+            P[within] += h[hit[within] + k, None] * record.reaction[hit[within] + k] * takes_up
+        row = np.array([rows[event.contact] for event in struck], dtype=np.int64)
+        np.add.at(P, (one, row), [event.impulse for event in struck])
+        t = np.array([struck[k].t for k in first])
+        return cls(t, record.q[hit], record.v[hit], record.v[last], P)
 
     def steps(self, t: Array) -> Indices:
         """Return the step of the grid t that contains each impact; an impact at a grid point belongs to the step before."""

@@ -22,7 +22,7 @@ from lcpimpact.certificate.theta_balance import (
     no_violations,
     sums_for,
 )
-from lcpimpact.events import step_of
+from lcpimpact.events import steps_of
 from lcpimpact.integrators.base import Limits
 from lcpimpact.record import SLIP_RTOL, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
@@ -56,12 +56,11 @@ def _violations(
 ) -> tuple[Violations, float, float, float]:
     """Return the largest violations of each contact and node, the energy imbalance, its scale and the longest step."""
     rows = rows_by_name(d)
-    acting = sorted(
-        (step_of(event, record.t, record.q, record.v), rows[event.contact], event.impulse)
-        for event in events
-        if event.impulse != 0.0
-    )
-    step, row = (np.array([each[i] for each in acting], dtype=np.int64) for i in (0, 1))
+    struck = [event for event in events if event.impulse != 0.0]
+    step = steps_of(struck, record.t, record.q, record.v)
+    row = np.array([rows[event.contact] for event in struck], dtype=np.int64)
+    impulse = np.array([event.impulse for event in struck])
+    order = np.lexsort((impulse, row, step))
     pattern, at = _pattern((d.M != 0.0) | (d.C != 0.0) | (d.K != 0.0))
     H_pattern, H_at = _pattern(d.H != 0.0)
     contacts = Contacts(
@@ -72,7 +71,7 @@ def _violations(
     violations = no_violations(len(d.contacts), len(d.nodes))
     balance, scale, h = certify_steps(
         Recorded(record.t, record.q, record.v, record.reaction, *forces),
-        Impulses(step, row, np.array([each[2] for each in acting])),
+        Impulses(step[order], row[order], impulse[order]),
         float(θ),
         Nodes(pattern, d.M[at], d.C[at], d.K[at], node_kinds(d)),
         contacts,

@@ -75,7 +75,8 @@ class Declared:
     step : float                    error of a step away from events, in units of the second differences around it: twice the
                                     largest that registered problems and random schemes show, which is 0.9 for most
     drift : float                   largest displacement of massless nodes by a projection, in units of the change in a step
-    dissipates : bool               whether the energy after impacts never exceeds the initial energy
+    dissipates : bool               whether the energy after impacts never exceeds the initial energy, where Newton's law
+                                    gains none (see `lcpimpact.certificate.impact_gain`)
     adaptive : str                  step control, "" for steps of dt
     accuracy : float                relative error of a run with its finest settings, as a reference for others
     source : str                    where it is from

@@ -7,7 +7,7 @@ explicit in the springs keeps, instead of E, a form that lies between (1 - (hω/
 
 which is E(t) <= E(0) without springs, and which no gain that adds up from impact to impact can keep. It does not say that
 no single step gains: one that begins while bodies still overlap and part already may give back up to m (F h/m)²/2, which an
-impact took before. All contacts have one coefficient of restitution: with several, Newton's law itself may gain.
+impact took before. No contact has friction, with which Newton's law itself may gain: that is in test_impact_gain.py.
 """
 
 import numpy as np
