@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import FunctionType
@@ -203,6 +204,36 @@ def compiled(signature: Any, inline: Literal["never", "always"] = "never", alloc
         return cast(F, decorated)
 
     return decorate
+
+
+def source_file(text: str) -> Path:
+    """Return the file in the cache in which a generated source is saved, once it is compiled."""
+    return folder() / "generated" / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.py"
+
+
+def compiled_text(text: str, name: str, signature: Any, names: Mapping[str, Any]) -> Callable[..., Any]:
+    """Compile a function from its source, which is saved so that the compiled code can be cached.
+
+    Parameters
+    ----------
+    text, name : str
+        The source, and the function in it, which allocates no arrays.
+    signature : numba signature
+    names : mapping
+        The global names of the source.
+    """
+    file = source_file(text)
+    if usable() and not file.exists():
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            part = file.with_suffix(f".{os.getpid()}")
+            part.write_text(text, encoding="utf-8")
+            part.replace(file)
+        except OSError as error:
+            warn_once(f"cannot be written ({reason(error)}) and is compiled again in each run")
+    space = {"__name__": __name__, **names}
+    exec(compile(text, str(file), "exec"), space)
+    return compiled(signature, allocates=False)(cast(Callable[..., Any], space[name]))
 
 
 def compile_ahead(*parts: Sequence[str]) -> None:

@@ -19,7 +19,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache, partial
+from functools import cache, cached_property, partial
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -41,6 +41,7 @@ from lcpimpact.integrators.stepping.kernel import (
 )
 from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_law
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
+from lcpimpact.integrators.stepping.straight_line import IRREGULAR, StraightLine, covers, straight_line
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.friction import ANITESCU_POTRA, FORMULATIONS, GLOCKER, FrictionRows, lcp_matrix
@@ -214,6 +215,18 @@ class Tabulated:
     max_iter: int
     at_switches: Tabulated | None
 
+    @cached_property
+    def regular(self) -> bool:
+        """Whether its steps can be straight-line code: in that a law of one row has its closed form."""
+        springs, paths, static, friction = self.features
+        plain = self.solver.compiled and not self.forces and self.at_switches is None
+        plain = plain and (self.table.W.shape[1] != 1 or self.solver.name == "closed-form")
+        return plain and covers(self.table, static, len(springs.law), len(paths.lines), len(friction.rows))
+
+    def line(self, n: int, steps: int) -> StraightLine | None:
+        """Return the straight-line code for so many steps of n coordinates, if it is worth its compilation."""
+        return straight_line(self.table, self.features[2], n, steps)
+
 
 @dataclass(frozen=True)
 class LinearStep(TimeStepping[Tabulated]):
@@ -341,9 +354,12 @@ class LinearStep(TimeStepping[Tabulated]):
     ) -> tuple[Status, int]:
         """Take steps; those at a change of the active contacts by the other method, if there is one."""
         k, last = first, first + len(times) - 1
+        line = step.line(record.q.shape[1], last - first) if solver is step.solver and step.regular else None
         while k < last:
             end = k + 1 if step.forces else last
-            code, k = self._steps(step, solver, record, times[k - first : end - first + 1], k, state)
+            code, k = self._steps(step, solver, record, times[k - first : end - first + 1], k, state, line)
+            if code == IRREGULAR:
+                code, k = self._steps(step, solver, record, times[k - first : k - first + 2], k, state)
             if code == SWITCHES and step.at_switches:
                 code, k = self._steps(step.at_switches, solver, record, times[k - first : k - first + 2], k, state)
             if code != Status.SOLVED:
@@ -351,8 +367,9 @@ class LinearStep(TimeStepping[Tabulated]):
         return Status.SOLVED, last
 
     def _steps(
-        self, step: Tabulated, solver: SolverState, record: Record, times: Array, first: int, state: StepState
-    ) -> tuple[int, int]:
+        self, step: Tabulated, solver: SolverState, record: Record, times: Array, first: int, state: StepState,
+        line: StraightLine | None = None,
+    ) -> tuple[int, int]:  # fmt: skip
         """Take steps in compiled code, or in the interpreter where the solver or a force is written in Python.
 
         Forces of any kind depend on the time, so that they take one step at a time.
@@ -367,9 +384,12 @@ class LinearStep(TimeStepping[Tabulated]):
         last, stops = first + len(times) - 1, step.at_switches is not None
         block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops)
         path, room = StepOutput(record.q, record.v, record.reaction), room_for(step.table, len(step.features[0].law))
-        code, reached, iterations, newton, residual = kernel(
-            block, step.table, step.features, state, path, room, solver.kernel, springs
-        )
+        if line:
+            c = line.coefficients(step.table, step.features[2])
+            result = line.run(block, step.table, c, state, path, room, solver.kernel)
+        else:
+            result = kernel(block, step.table, step.features, state, path, room, solver.kernel, springs)
+        code, reached, iterations, newton, residual = result
         record.stats.add_lcps(self.laws * (reached - first), iterations, residual, newton)
         return code, reached
 

@@ -1,0 +1,111 @@
+"""Straight-line code of steps: the bits of the kernel, and where it is used."""
+
+import numpy as np
+import pytest
+
+import lcpimpact as li
+from lcpimpact.integrators import METHODS
+from lcpimpact.integrators.stepping import straight_line
+from lcpimpact.integrators.stepping.linear_step import LinearStep
+from lcpimpact.problems import PROBLEMS
+
+LINEAR = [name for name, kind in METHODS.items() if issubclass(kind, LinearStep)]
+QUICK = {
+    ("system-2", "moreau-jean"), ("system-3", "moreau-jean"), ("coulomb-oscillator", "moreau-jean"),
+    ("shaw-holmes", "moreau-midpoint"), ("vibrating-table", "moreau-jean"), ("newtons-cradle", "newmark-ns"),
+    ("bouncing-ball", "d1-minus"), ("oscillator-stop", "generalized-alpha"), ("relay-oscillator", "moreau-jean"),
+}  # fmt: skip
+LARGE = ("bar-impact", "bouncing-bar", "plastic-bar-impact", "ball-in-air")
+
+
+@pytest.fixture
+def at_once(monkeypatch):
+    """Every run takes straight-line code where it can."""
+    monkeypatch.setattr(straight_line, "TALLIES", {})
+    monkeypatch.setattr(straight_line, "WORTH_LOADING", 0)
+    monkeypatch.setattr(straight_line, "WORTH_COMPILING", 0)
+
+
+def codes():
+    return [tally.code for tally in straight_line.TALLIES.values() if tally.code]
+
+
+def both(problem, method, monkeypatch, **arguments):
+    """A run by the kernel, and one by straight-line code."""
+    with monkeypatch.context() as patched:
+        patched.setattr(straight_line, "WORTH_LOADING", 10**15)
+        kernel = li.simulate(problem, method, throw=False, **arguments)
+    return kernel, li.simulate(problem, method, throw=False, **arguments)
+
+
+def assert_same_bits(a, b):
+    for name in ("t", "q", "v", "reaction"):
+        assert np.array_equal(getattr(a, name), getattr(b, name), equal_nan=True), name
+    assert a.status == b.status
+    assert [event.t for event in a.events] == [event.t for event in b.events]
+
+
+@pytest.mark.parametrize(
+    ("name", "method"),
+    [
+        pytest.param(name, method, marks=() if (name, method) in QUICK else pytest.mark.slow)
+        for method in LINEAR
+        for name in PROBLEMS
+        if name not in LARGE
+    ],
+)
+def test_the_bits_are_those_of_the_kernel(name, method, at_once, monkeypatch):
+    problem = li.load_problem(name)
+    try:
+        a, b = both(problem, method, monkeypatch, dt=problem.t_end / 4000, t_end=problem.t_end)
+    except li.UnsupportedError:
+        return
+    assert_same_bits(a, b)
+    # Friction, impulse paths and steps that change their θ at switches are left to the kernel.
+    d = problem.dynamics
+    if not d.frictional.any() and not len(d.impulse_lines) and d.stores_energy and not d.springs:
+        assert codes()
+
+
+def test_other_parameters_share_the_code(at_once, monkeypatch):
+    for k_o in (1000.0, 2000.0, 4000.0):
+        assert_same_bits(*both(li.load_problem("system-3", k_o=k_o), "moreau-jean", monkeypatch, dt=1e-3, t_end=1.0))
+    assert len(codes()) == 1
+    assert_same_bits(*both(li.load_problem("system-1"), "moreau-jean", monkeypatch, dt=1e-3, t_end=1.0))
+    assert len(codes()) == 2
+
+
+def test_a_step_out_of_the_ordinary_is_left_to_the_kernel(at_once, monkeypatch):
+    """A motion that overflows, and a row whose residual is above a tolerance that nothing meets."""
+    growing = li.Scheme(
+        li.Mass("x", 1.0), li.NegativeSpring("x", "ground", 1e9), li.Bumper("x", "ground", e=0.5, gap=1e300)
+    )
+    a, b = both(li.Problem("growing", growing, v0={"x": 1.0}), "moreau-jean", monkeypatch, dt=1e-3, t_end=100.0)
+    assert a.status is li.Status.INFEASIBLE
+    assert_same_bits(a, b)
+    assert a.message == b.message
+    options = {"dt": 1e-3, "t_end": 0.5, "tol": 1e-17}
+    a, b = both(li.load_problem("system-1"), "moreau-jean", monkeypatch, **options)
+    assert_same_bits(a, b)
+
+
+def test_a_solver_by_name_solves_its_lcps(at_once):
+    for solver in ("lemke", "pgs"):
+        run = li.simulate(li.load_problem("system-1"), dt=1e-3, t_end=0.5, lcp_solver=solver)
+        assert run.stats.lcp_iterations > 0
+    assert not codes()
+
+
+def test_code_is_made_once_it_is_worth_it(monkeypatch):
+    monkeypatch.setattr(straight_line, "TALLIES", {})
+    monkeypatch.setattr(straight_line, "WORTH_LOADING", 1500)
+    monkeypatch.setattr(straight_line, "WORTH_COMPILING", 3500)
+    monkeypatch.setattr(straight_line, "source_file", lambda text: PathThatIsNot())
+    for count in range(1, 5):
+        li.simulate(li.load_problem("system-1"), dt=1e-3, t_end=1.0)
+        assert bool(codes()) == (count == 4)
+
+
+class PathThatIsNot:
+    def exists(self):
+        return False
