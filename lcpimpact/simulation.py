@@ -32,6 +32,9 @@ from lcpimpact.trajectory import Trajectory
 BLOCK_SECONDS = 0.1
 """Target duration of a block of steps in s: short for progress and Ctrl-C, long enough to cost nothing."""
 
+FIRST_BLOCK = 1024
+"""Number of steps in the first block."""
+
 MEMORY_FACTOR = 2.0
 """Memory of a run in units of that of its record; the rest is for the sampling and the certificate."""
 
@@ -180,7 +183,7 @@ def _cut(record: Record, grid: Grid, reached: int) -> None:
 
 def _run(integrator: Integrator, carry: Any, record: Record, grid: Grid, progress: bool) -> tuple[Status, int]:
     """Advance block by block until the end, a failure, or Ctrl-C."""
-    reached, block = 0, 64
+    reached, block = 0, FIRST_BLOCK
     disable = None if progress else True
     with tqdm(total=grid.steps, desc=integrator.name, unit="step", delay=1.0, disable=disable, leave=False) as bar:
         try:

@@ -41,7 +41,14 @@ from lcpimpact.integrators.stepping.kernel import (
 )
 from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_law
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
-from lcpimpact.integrators.stepping.straight_line import IRREGULAR, StraightLine, covers, straight_line
+from lcpimpact.integrators.stepping.straight_line import (
+    IRREGULAR,
+    SHORT_BLOCK,
+    StraightLine,
+    covers,
+    pattern,
+    straight_line,
+)
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.friction import ANITESCU_POTRA, FORMULATIONS, GLOCKER, FrictionRows, lcp_matrix
@@ -223,9 +230,16 @@ class Tabulated:
         plain = plain and (self.table.W.shape[1] != 1 or self.solver.name == "closed-form")
         return plain and covers(self.table, static, len(springs.law), len(paths.lines), len(friction.rows))
 
+    @cached_property
+    def pattern(self) -> bytes:
+        """What its straight-line code depends on."""
+        return pattern(self.table, self.features[2])
+
     def line(self, n: int, steps: int) -> StraightLine | None:
         """Return the straight-line code for so many steps of n coordinates, if it is worth its compilation."""
-        return straight_line(self.table, self.features[2], n, steps)
+        if steps < SHORT_BLOCK or not self.regular:
+            return None
+        return straight_line(self.pattern, self.table, self.features[2], n, steps)
 
 
 @dataclass(frozen=True)
@@ -354,7 +368,7 @@ class LinearStep(TimeStepping[Tabulated]):
     ) -> tuple[Status, int]:
         """Take steps; those at a change of the active contacts by the other method, if there is one."""
         k, last = first, first + len(times) - 1
-        line = step.line(record.q.shape[1], last - first) if solver is step.solver and step.regular else None
+        line = step.line(record.q.shape[1], last - first) if solver is step.solver else None
         while k < last:
             end = k + 1 if step.forces else last
             code, k = self._steps(step, solver, record, times[k - first : end - first + 1], k, state, line)

@@ -27,6 +27,9 @@ from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.record import SLIP_RTOL
 
+SHORT_BLOCK = 500
+"""Number of steps below which a block is left to the kernel."""
+
 MAX_TERMS = 2_000
 """Maximum number of terms in the sums of a step; a larger table is no faster as straight-line code."""
 
@@ -337,11 +340,14 @@ class Tally:
 TALLIES: dict[bytes, Tally] = {}
 
 
-def straight_line(table: StepTable, static: Static, n: int, steps: int) -> StraightLine | None:
-    """Return the compiled code for a table that is about to take some steps, or None while it is not worth its cost."""
+def straight_line(key: bytes, table: StepTable, static: Static, n: int, steps: int) -> StraightLine | None:
+    """Return the compiled code for a table that is about to take some steps, or None while it is not worth its cost.
+
+    The ``key`` is the `pattern` of the table.
+    """
     if not COMPILING:
         return None
-    tally = TALLIES.setdefault(pattern(table, static), Tally())
+    tally = TALLIES.setdefault(key, Tally())
     tally.steps += steps
     if tally.code is None and tally.steps >= WORTH_LOADING:
         tally.writer = tally.writer or write_step(table, static, n)
