@@ -381,13 +381,13 @@ def test_with_xarray(theta, tmp_path):
 
 @pytest.mark.parametrize("method", ["moreau-jean", "exact", "rk4-paper"])
 def test_a_run_is_the_beginning_of_a_longer_one(method):
-    """The blocks of steps leave no trace: 70 steps are two blocks, and 40 are one."""
-    short = simulate(load_problem("system-3"), method, dt=2.0**-7, t_end=40 * 2.0**-7)
-    longer = simulate(load_problem("system-3"), method, dt=2.0**-7, t_end=384 * 2.0**-7)
+    """The blocks of steps leave no trace: 3000 steps are two blocks, and 1500 end in the second."""
+    short = simulate(load_problem("system-3"), method, dt=2.0**-10, t_end=1500 * 2.0**-10)
+    longer = simulate(load_problem("system-3"), method, dt=2.0**-10, t_end=3000 * 2.0**-10)
     if method == "exact":
-        np.testing.assert_allclose(longer.q[:41], short.q, rtol=0.0, atol=1e-13)
+        np.testing.assert_allclose(longer.q[:1501], short.q, rtol=0.0, atol=1e-13)
     else:
-        assert longer.q[:41].tobytes() == short.q.tobytes()
+        assert longer.q[:1501].tobytes() == short.q.tobytes()
         assert longer.reaction[: len(short.reaction)].tobytes() == short.reaction.tobytes()
 
 
