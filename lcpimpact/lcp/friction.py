@@ -17,6 +17,9 @@ Both have the same solutions; neither matrix is positive semidefinite. With ξ_N
 *Anitescu and Potra* relax the law to a convex problem that always has a solution, at the price that sliding bodies lift off
 at the rate μ |ξ_T|.
 
+A box with the bounds μ P_N of the last iterate, solved again until they agree, is not offered: of random problems with two
+contacts it needs 9 boxes at μ = 0.1, and does not converge within 200 in 4 % at μ = 0.6 and in 8 % at μ = 1.
+
 References
 ----------
 Glocker, *Set-Valued Force Laws* (2001); Stewart and Trinkle (1996); Anitescu and Potra (1997); Anitescu (2006).
