@@ -31,6 +31,7 @@ FEATURES = (
     Feature.MOTIONS,
     Feature.SYSTEMS,
     Feature.RELAYS,
+    Feature.EQUATIONS,
 )
 
 WISHES: tuple[tuple[str, Callable[[Declared], bool]], ...] = (

@@ -331,17 +331,19 @@ def judge_contact(run: Recorded, contacts: Contacts, i: int, k: int, θ: float, 
         u_θ = u - (1.0 - θ) * h * W
         sums.of_step[0, i], sums.of_step[1, i] = abs(force * u_θ), abs(force * u)
         sums.of_step[2, i], sums.of_step[3, i] = -u_θ, -u
+        if contacts.law[i] == JOINT:
+            sums.of_step[2, i], sums.of_step[3, i] = abs(u_θ), abs(u)
     if contacts.law[i] == RELAY:
         product = 0.0
     elif contacts.law[i] == SLIDER or contacts.law[i] == FRICTION:
         slip = U + contacts.e[i] * sums.rate[i] if contacts.degree[i] == 2 else W
         product = h * (r_max * abs(slip) + force * slip)
+    elif sums.feedthrough[i]:
+        product = 0.0
     elif contacts.law[i] == JOINT:
         product = 0.0
         found.penetration[i] = max(found.penetration[i], abs(u))
         found.law[i] = max(found.law[i], abs(U) if contacts.degree[i] == 2 else 0.0)
-    elif sums.feedthrough[i]:
-        product = 0.0
     else:
         found.penetration[i] = max(found.penetration[i], -u)
         product = force * u

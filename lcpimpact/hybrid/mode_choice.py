@@ -32,10 +32,11 @@ from lcpimpact.errors import FailureError
 from lcpimpact.hybrid.complementarity import complementary
 from lcpimpact.hybrid.gaps import openings_and_rates, still
 from lcpimpact.hybrid.mixed_degrees import exchanged_mode
-from lcpimpact.hybrid.system import ZERO, Mode, Still, System, is_singular, round_to_zero, solve_regular
+from lcpimpact.hybrid.system import ZERO, Mode, Still, System, round_to_zero, solve_regular
 from lcpimpact.lcp.operators import Dense, Property
 from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.lcp.solvers.enumeration import SOLVER, all_solutions
+from lcpimpact.scheme.decomposition import is_singular
 
 MAX_BASES = 2**15
 """Maximum number of complementary bases of an LCP that is searched for all solutions, 0.5 s: of five rough contacts."""

@@ -35,7 +35,7 @@ from lcpimpact.errors import UnsupportedError
 from lcpimpact.hybrid.flow import Flow, SparseRows, sparse
 from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
 from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp
-from lcpimpact.scheme.decomposition import degrees_together
+from lcpimpact.scheme.decomposition import degrees_together, is_singular
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
 from lcpimpact.scheme.terms import RowLaw
@@ -320,14 +320,16 @@ class System:
     @cached_property
     def mixed_degrees(self) -> list[str]:
         """Contacts that can be closed together while a combination of their gaps has a higher degree than each."""
-        H = self.dynamics.H
+        d, H = self.dynamics, self.dynamics.H
+        # The equations of a system determine their own forces, whatever those of the other rows.
+        G, others = self.G @ d.elimination, ~self.relays & ~(d.joints & (not d.stores_energy))
         for degree in np.unique(self.degree):
-            rows = np.flatnonzero((self.degree == degree) & ~self.relays)
-            for combination in null_space(self.G[np.ix_(rows, rows)], rcond=1e-12).T:
+            rows = np.flatnonzero((self.degree == degree) & others)
+            for combination in null_space(G[np.ix_(rows, rows)], rcond=1e-12).T:
                 # A combination of gaps that no motion changes is not zero (assembly saw to it): its rows never close
                 # together.
                 if np.abs(combination @ H[rows]).max() > 1e-9:
-                    return [self.dynamics.contacts[i].name for i in rows[np.abs(combination) > 1e-9]]
+                    return [d.contacts[i].name for i in rows[np.abs(combination) > 1e-9]]
         return []
 
     @property
@@ -565,17 +567,6 @@ def solve_regular(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
     if is_singular(G.hi):
         raise np.linalg.LinAlgError
     return solve(G, right)
-
-
-def is_singular(G: Array) -> bool:
-    """Return whether a block of G is singular to rounding; one number is left to the elimination."""
-    if len(G) < 2:
-        return False
-    # Rows of springs and of masses have different units, which must not make them look dependent.
-    rows = np.abs(G).max(axis=1, keepdims=True)
-    balanced = G / np.where(rows > 0.0, rows, 1.0)
-    columns = np.abs(balanced).max(axis=0)
-    return not np.linalg.cond(balanced / np.where(columns > 0.0, columns, 1.0)) < 1e13
 
 
 def round_to_zero(found: DoubleDouble, terms: Array, zero: float = FINE_ZERO) -> DoubleDouble:

@@ -40,6 +40,7 @@ class Feature(StrEnum):
     IMPULSE_PATHS = "impulses through massless nodes"
     FRICTION = "friction bounded by a normal force"
     JOINTS = "joints"
+    EQUATIONS = "equations of a system"
 
 
 @dataclass(frozen=True)
@@ -146,7 +147,8 @@ class Dynamics:
         if rubbing := [contact.name for contact in self.contacts if contact.law is RowLaw.FRICTION]:
             found[Feature.FRICTION] = f"friction {rubbing[0]!r}"
         if joined := [contact.name for contact in self.contacts if contact.law is RowLaw.JOINT]:
-            found[Feature.JOINTS] = f"joint {joined[0]!r}"
+            kind = (Feature.JOINTS, "joint") if self.stores_energy else (Feature.EQUATIONS, "multiplier")
+            found[kind[0]] = f"{kind[1]} {joined[0]!r}"
         if self.relays.any():
             found[Feature.RELAYS] = f"multiplier {self.contacts[int(np.argmax(self.relays))].name!r}"
         if self.springs:
@@ -241,6 +243,25 @@ class Dynamics:
     def relays(self) -> Flags:
         """Which rows are relays (nc,)."""
         return self._with_law(RowLaw.RELAY)
+
+    @cached_property
+    def markov(self) -> Array:
+        """Row by row D, H B, -H K B, ...: how the reactions act on the derivative ρ of u of a given system (nc, nc)."""
+        found, row = self.D.copy(), self.H
+        for degree in range(1, self.relative_degree.max(initial=0) + 1):
+            rows = self.relative_degree == degree
+            found[rows] = (row @ self.B)[rows]
+            row = -row @ self.K
+        return found
+
+    @cached_property
+    def elimination(self) -> Array:
+        """T (nc, nc), with which r = T r: the reactions of the equations of a given system follow the others."""
+        T, joints = np.eye(len(self.contacts)), self.joints
+        if joints.any() and not self.stores_energy:
+            G = self.markov[joints]
+            T[joints] = -np.linalg.solve(G[:, joints], np.where(joints, 0.0, G))
+        return T
 
     @cached_property
     def mu(self) -> Array:

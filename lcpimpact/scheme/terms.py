@@ -51,7 +51,7 @@ class RowLaw(StrEnum):
     FRICTION = "friction"
     """-μ r_N <= r <= μ r_N, complementary to U, with the reaction r_N of another row."""
     JOINT = "joint"
-    """u = 0, for any r."""
+    """u = 0, for any r: a joint of a scheme, or an equation of a system."""
     RELAY = "relay"
     """r_min <= r <= r_max, complementary to u: r_min where u > 0, r_max where u < 0, any between where u = 0."""
 

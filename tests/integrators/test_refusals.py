@@ -39,7 +39,14 @@ LINKED_PAIR = li.Problem(
         li.Bumper("y", "ground", gap=0.1, e=0.5),
     ),
 )
-OWN = {each.name: each for each in (STOPPED_PLATE, PUSHED_PLATE, LINKED_PAIR)}
+LOOP = li.Problem(
+    "loop",
+    li.LinearComplementaritySystem(
+        [[0.0, 0.0], [0.0, -1.0]], [[1.0], [1.0]], [[1.0, 1.0]], c=[-1.0], lower=[-float("inf")]
+    ),
+    q0={"x2": 1.0},
+)
+OWN = {each.name: each for each in (STOPPED_PLATE, PUSHED_PLATE, LINKED_PAIR, LOOP)}
 """Schemes with features that no registered problem has."""
 
 EVERY = (*PROBLEMS, *OWN)
