@@ -25,6 +25,7 @@ FEATURES = (
     Feature.IMPULSE_PATHS,
     Feature.SLIDERS,
     Feature.FRICTION,
+    Feature.STATIC_FRICTION,
     Feature.JOINTS,
     Feature.POWER_LAWS,
     Feature.FORCES,

@@ -38,6 +38,7 @@ PROBLEMS: Registry[Callable[..., Problem]] = Registry(
         "jenkins-cycle": "lcpimpact.problems.friction:jenkins_cycle",
         "block-on-incline": "lcpimpact.problems.sliding_blocks:block_on_incline",
         "block-on-belt": "lcpimpact.problems.sliding_blocks:block_on_belt",
+        "stick-slip-belt": "lcpimpact.problems.sliding_blocks:stick_slip_belt",
         "thrown-block": "lcpimpact.problems.sliding_blocks:thrown_block",
         "rolling-sphere": "lcpimpact.problems.rolling_balls:rolling_sphere",
         "draw-shot": "lcpimpact.problems.rolling_balls:draw_shot",

@@ -41,6 +41,7 @@ class Feature(StrEnum):
     FRICTION = "friction bounded by a normal force"
     JOINTS = "joints"
     EQUATIONS = "equations of a system"
+    STATIC_FRICTION = "static friction above the kinetic one"
 
 
 @dataclass(frozen=True)
@@ -63,8 +64,8 @@ class Contact:
         The law of r.
     bounds : (float, float)
         r_min and r_max in N; infinite for friction, which μ r_N bounds.
-    mu : float
-        Coefficient of friction.
+    mu, mu_s : float
+        Kinetic and static coefficient of friction.
     normal : int
         The row whose reaction r_N bounds the friction; -1 for other laws.
     """
@@ -78,6 +79,7 @@ class Contact:
     law: RowLaw = RowLaw.CONTACT
     bounds: tuple[float, float] = (0.0, math.inf)
     mu: float = 0.0
+    mu_s: float = 0.0
     normal: int = -1
 
     @property
@@ -146,6 +148,8 @@ class Dynamics:
             found[Feature.SLIDERS] = f"slider {sliders[0]!r}"
         if rubbing := [contact.name for contact in self.contacts if contact.law is RowLaw.FRICTION]:
             found[Feature.FRICTION] = f"friction {rubbing[0]!r}"
+        if holding := [contact.name for contact in self.contacts if contact.mu_s > contact.mu]:
+            found[Feature.STATIC_FRICTION] = f"friction {holding[0]!r}"
         if joined := [contact.name for contact in self.contacts if contact.law is RowLaw.JOINT]:
             kind = (Feature.JOINTS, "joint") if self.stores_energy else (Feature.EQUATIONS, "multiplier")
             found[kind[0]] = f"{kind[1]} {joined[0]!r}"
@@ -269,6 +273,11 @@ class Dynamics:
         return np.array([each.mu for each in self.contacts], dtype=np.float64)
 
     @cached_property
+    def mu_s(self) -> Array:
+        """Static coefficient of friction of each row; 0 of rows with other laws (nc,)."""
+        return np.array([each.mu_s for each in self.contacts], dtype=np.float64)
+
+    @cached_property
     def normals(self) -> Indices:
         """The row whose reaction bounds the friction of each row; -1 of rows with other laws (nc,)."""
         return np.array([each.normal for each in self.contacts], dtype=np.int64)
@@ -297,8 +306,12 @@ class Dynamics:
         return self.slides | self.frictional
 
     def friction_bounds(self, r: Array) -> Array:
-        """Return the bounds in N of |r| of sliders, r0, and of friction, μ r_N; 0 of other rows (..., nc)."""
+        """Return the bounds in N of |r| of sliders, r0, and of friction that slides, μ r_N; 0 of other rows (..., nc)."""
         return np.asarray(self.thresholds + self.mu * np.maximum(r[..., self.normals], 0.0))
+
+    def holding_bounds(self, r: Array) -> Array:
+        """Return the bounds in N of |r| of sliders, r0, and of friction that sticks, μ_s r_N; 0 of others (..., nc)."""
+        return np.asarray(self.thresholds + self.mu_s * np.maximum(r[..., self.normals], 0.0))
 
     def _with_law(self, law: RowLaw) -> Flags:
         """Return the rows with a law (nc,)."""

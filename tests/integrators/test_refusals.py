@@ -46,7 +46,18 @@ LOOP = li.Problem(
     ),
     q0={"x2": 1.0},
 )
-OWN = {each.name: each for each in (STOPPED_PLATE, PUSHED_PLATE, LINKED_PAIR, LOOP)}
+HELD_BLOCK = li.Problem(
+    "held block",
+    li.Scheme(
+        li.Mass("x", m=1.0),
+        li.Mass("y", m=1.0),
+        li.Load("x", f=4.0),
+        li.Load("y", f=9.81),
+        li.Bumper("y", "ground", e=0.0, name="N"),
+        li.Friction("x", "ground", mu=0.3, mu_s=0.5, normal="N"),
+    ),
+)
+OWN = {each.name: each for each in (STOPPED_PLATE, PUSHED_PLATE, LINKED_PAIR, LOOP, HELD_BLOCK)}
 """Schemes with features that no registered problem has."""
 
 EVERY = (*PROBLEMS, *OWN)

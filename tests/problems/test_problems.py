@@ -285,6 +285,7 @@ RANDOM = {
     "forced-coulomb-oscillator": {"F": some(0.5, 4.0), "P": some(9.0, 12.0), "omega": some(6.0, 8.5)},
     "block-on-incline": {"m": some(0.1, 10.0), "alpha": some(0.1, 0.6), "mu": some(0.75, 2.0), "v0": some(0.1, 10.0)},
     "block-on-belt": {"m": some(0.5, 2.0), "k": some(50.0, 200.0), "mu": some(0.2, 1.0), "v_b": some(0.01, 0.1)},
+    "stick-slip-belt": {"m": some(0.5, 2.0), "mu": some(0.1, 0.4), "mu_s": some(0.45, 1.0), "v_b": some(0.02, 1.0)},
     "thrown-block": {"mu": some(0.05, 1.0), "e": some(0.1, 0.9), "v_x": some(0.5, 5.0), "v_y": some(0.5, 5.0)},
     "rolling-sphere": {"k": some(0.1, 1.0), "mu": some(0.1, 1.0), "v0": some(0.1, 5.0), "omega0": some(0.0, 100.0)},
     "spinning-ball": {"k": some(0.1, 1.0), "mu": some(0.05, 1.0), "e": some(0.1, 0.8), "omega0": some(1.0, 100.0)},
@@ -456,6 +457,7 @@ BAD = [
     ("block-on-incline", {"mu": -0.1}, "mu = -0.1 must not be negative"),
     ("block-on-incline", {"alpha": 2.0}, "alpha = 2 must be below π/2"),
     ("block-on-belt", {"v_b": 0.3}, "v_b = 0.3 is too fast for the block ever to stick; it must be below 0.2943 m/s"),
+    ("stick-slip-belt", {"mu_s": 0.3}, "mu_s = 0.3 must be above mu = 0.3, or the vibration does not stick"),
     ("thrown-block", {"e": 1.0}, "e = 1 never lets the block rest"),
     ("thrown-block", {"mu": 0.0}, "mu = 0 must be above zero"),
     ("rolling-sphere", {"omega0": -20.0}, "the ball rolls from the start"),
@@ -1037,6 +1039,30 @@ def block_on_belt(m, g, k, mu, v_b):
     }
 
 
+def stick_slip_belt(m, g, k, mu, mu_s, v_b):
+    """By SciPy, phase by phase, from the relaxed spring: the second cycle is that of the motion in the long run."""
+
+    def rate(t, y):
+        return [y[1], (mu * m * g - k * y[0]) / m]
+
+    def catches(t, y):
+        return y[1] - v_b
+
+    catches.terminal, catches.direction = True, 1.0
+    x = 0.0
+    for _ in range(2):
+        loose = mu_s * m * g / k
+        sticks = (loose - x) / v_b
+        slip = solve_ivp(
+            rate, (0.0, 1e3), [loose, v_b], method="DOP853", rtol=1e-12, atol=1e-14, events=catches, dense_output=True
+        )
+        x = float(slip.y_events[0][0][0])
+        slips = float(slip.t_events[0][0])
+    # The largest displacement is where the velocity is zero.
+    turn = brentq(lambda t: slip.sol(t)[1], 0.0, 0.75 * math.pi * math.sqrt(m / k), xtol=1e-15)
+    return {"t_st": sticks, "T": sticks + slips, "x_max": float(slip.sol(turn)[0])}
+
+
 def thrown_block(m, g, mu, e, v_x, v_y):
     """Flight by flight, until these are shorter than rounding."""
     t, x, v, w, speeds = 0.0, 0.0, v_x, v_y, []
@@ -1374,6 +1400,7 @@ OUTSIDE = {
     "jenkins-cycle": jenkins_cycle,
     "block-on-incline": block_on_incline,
     "block-on-belt": block_on_belt,
+    "stick-slip-belt": stick_slip_belt,
     "thrown-block": thrown_block,
     "rolling-sphere": rolling_sphere,
     "draw-shot": rolling_sphere,
