@@ -133,10 +133,22 @@ def room_for(table: StepTable, ns: int) -> Workspace:
 
 
 class StaticFriction(NamedTuple):
-    """Static friction above the kinetic one: μ_s of the rows with friction (nf,), and their rows of U (nf, n); or none."""
+    """Static friction above the kinetic one, and its memory in a step; no rows without.
 
-    mu: Array
+    Attributes
+    ----------
+    kinetic, static : (nf,) arrays      coefficients of all rows with friction
+    H : (nf, n) array                   their rows of U
+    U, near : (nf,) arrays              U at the start of the step, 0 for rows that stick, and its rounding
+    turned : (nf,) array                whether a row that slides would turn back in the step
+    """
+
+    kinetic: Array
+    static: Array
     H: Array
+    U: Array
+    near: Array
+    turned: Flags
 
 
 TABLE: Any = named_tuple((matrix, matrix, cube, matrix, matrix, flags, matrix), StepTable)
@@ -145,8 +157,9 @@ STEP_STATE: Any = named_tuple((vector, matrix), StepState)
 PATH: Any = named_tuple((matrix, matrix, matrix), StepOutput)
 BLOCK: Any = named_tuple((i8, i8, matrix, f8, i8, types.boolean), Block)
 ROOM: Any = named_tuple((vector, indices, vector, vector), Workspace)
-STATIC_FRICTION: Any = named_tuple((vector, matrix), StaticFriction)
-FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION, STATIC_FRICTION))
+STATIC_FRICTION: Any = named_tuple((vector, vector, matrix, vector, vector, flags), StaticFriction)
+FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION))
+ALL_FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION, STATIC_FRICTION))
 
 
 @compiled(types.void(vector, vector), inline="always", allocates=False)
@@ -210,7 +223,7 @@ def coupled_springs(
 )
 def solve_features(
     table: StepTable,
-    features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction],
+    features: tuple[StepSprings, Paths, Static, FrictionRows],
     state: StepState,
     room: Workspace,
     which: tuple[int, int],
@@ -218,7 +231,7 @@ def solve_features(
     solve_springs: SpringSolver,
 ) -> tuple[int, int, int, float]:
     """Solve law ``which[0]`` on its ``which[1]`` active rows with springs and friction; again while impulse paths close."""
-    (springs, paths, _, all_friction, _), (law, na) = features, which
+    (springs, paths, _, all_friction), (law, na) = features, which
     nc, ns, n = table.W.shape[1], len(springs.law), paths.H.shape[1]
     first, active, P = law * 2 * (nc + ns) + nc, room.active[:na], room.z[:na]
     all_rows = ContactProblem(table.W[law], room.sums[first : first + nc], table.lower[law], table.upper[law])
@@ -256,77 +269,50 @@ def solve_features(
         rows.q[:] = E @ at_active if rough else at_active
 
 
-@compiled(types.UniTuple(f8, 2)(TABLE, STEP_SPRINGS, types.UniTuple(i8, 3), FRICTION, ROOM))
-def slip_after(
-    table: StepTable, springs: StepSprings, which: tuple[int, int, int], friction: FrictionRows, room: Workspace
-) -> tuple[float, float]:
-    """Return L of a row with friction with the impulses in the workspace, and how much of it its friction can change.
-
-    ``which`` are the law, its number of active rows, and the number of the row among those with friction.
-    """
-    (law, na, k), nc, ns = which, table.W.shape[1], len(springs.law)
-    i, column = friction.rows[k], law * (nc + ns)
-    row, reach = 2 * column + nc + i, 0.0
-    L = room.sums[row]
-    for a in range(na):
-        L += table.unknown[column + room.active[a], row] * room.z[a]
-        if room.active[a] == friction.normals[k]:
-            reach = friction.mu[k] * abs(table.W[law, i, i]) * room.z[a]
-    for j in range(ns):
-        L += table.unknown[column + nc + j, row] * room.s[j]
-    return L, reach
-
-
-@compiled(
-    types.Tuple((i8, i8, i8, f8))(TABLE, FEATURES, STEP_STATE, ROOM, types.UniTuple(i8, 2), SOLVING, SPRING_SOLVER)
-)
-def solve_with_memory(
-    table: StepTable,
-    features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction],
-    state: StepState,
-    room: Workspace,
-    which: tuple[int, int],
-    solving: Solving,
-    solve_springs: SpringSolver,
-) -> tuple[int, int, int, float]:
-    """Solve a law as `solve_features` does; friction sticks or slides as at the start of the step.
-
-    What sticks there has μ_s, and μ if it breaks loose; what slides has μ, and μ_s if it would turn back.
-    """
-    (springs, paths, static_nodes, friction, static), (law, na) = features, which
-    if len(static.mu) == 0:
-        return solve_features(table, features, state, room, which, solving, solve_springs)
-    nf, n, guess = len(static.mu), paths.H.shape[1], room.z[:na].copy()
-    U, mu, near, turned = np.zeros(nf), static.mu.copy(), np.zeros(nf), np.zeros(nf, np.bool_)
-    for k in range(nf):
-        i, size, q, v = friction.rows[k], 0.0, state.y[:n], state.y[n : 2 * n]
+@compiled(types.void(TABLE, i8, f8, FRICTION, STATIC_FRICTION, STEP_STATE))
+def recall_slip(
+    table: StepTable, law: int, h: float, friction: FrictionRows, memory: StaticFriction, state: StepState
+) -> None:
+    """Give what sticks at the start of a step its static coefficient of friction, and what slides its kinetic one."""
+    n = memory.H.shape[1]
+    for k in range(len(memory.static)):
+        U, size, i = 0.0, 0.0, friction.rows[k]
         for j in range(n):
-            U[k] += static.H[k, j] * v[j]
+            U += memory.H[k, j] * state.y[n + j]
             # The mean rate of a node with prescribed motion is a difference of its places.
-            size += abs(static.H[k, j]) * (abs(v[j]) + abs(q[j]) / springs.h)
-        near[k] = ROUNDING * size
-        pressed = max(state.P[law, friction.normals[k]], 0.0)
-        if abs(U[k]) <= near[k] + HOLDING_RTOL * static.mu[k] * abs(table.W[law, i, i]) * pressed:
-            U[k] = 0.0
-        else:
-            mu[k] = friction.mu[k]
-    iterations, newton, again = 0, 0, True
-    while True:
-        room.z[:na] = guess
-        used = FrictionRows(friction.rows, friction.normals, mu, friction.formulation, friction.continues)
-        status, count, tried, residual = solve_features(
-            table, (springs, paths, static_nodes, used, static), state, room, which, solving, solve_springs
-        )
-        iterations, newton, again = iterations + count, newton + tried, False
-        for k in range(nf):
-            L, reach = slip_after(table, springs, (law, na, k), used, room)
-            moves = abs(L) > near[k] + HOLDING_RTOL * reach
-            if moves and (U[k] == 0.0 or turned[k]) and mu[k] > friction.mu[k]:
-                mu[k], again = friction.mu[k], True
-            elif moves and U[k] * L < 0.0 and not turned[k]:
-                mu[k], turned[k], again = static.mu[k], True, True
-        if not again or status != SOLVED:
-            return status, iterations, newton, residual
+            size += abs(memory.H[k, j]) * (abs(state.y[n + j]) + abs(state.y[j]) / h)
+        memory.near[k], memory.turned[k] = ROUNDING * size, False
+        reach = memory.static[k] * abs(table.W[law, i, i]) * max(state.P[law, friction.normals[k]], 0.0)
+        sticks = abs(U) <= memory.near[k] + HOLDING_RTOL * reach
+        memory.U[k], friction.mu[k] = (0.0, memory.static[k]) if sticks else (U, memory.kinetic[k])
+
+
+@compiled(types.boolean(TABLE, types.UniTuple(i8, 2), FRICTION, STATIC_FRICTION, ROOM))
+def breaks_loose(
+    table: StepTable, which: tuple[int, int], friction: FrictionRows, memory: StaticFriction, room: Workspace
+) -> bool:
+    """Return whether a law must be solved again, since what sticks slips, now with μ, or slip turns back, now with μ_s.
+
+    ``which`` are the law and its number of active rows.
+    """
+    (law, na), nc, ns, again = which, table.W.shape[1], len(room.s), False
+    column = law * (nc + ns)
+    for k in range(len(memory.static)):
+        i, reach = friction.rows[k], 0.0
+        row = 2 * column + nc + i
+        L = room.sums[row]
+        for a in range(na):
+            L += table.unknown[column + room.active[a], row] * room.z[a]
+            if room.active[a] == friction.normals[k]:
+                reach = friction.mu[k] * abs(table.W[law, i, i]) * room.z[a]
+        for j in range(ns):
+            L += table.unknown[column + nc + j, row] * room.s[j]
+        moves, static = abs(L) > memory.near[k] + HOLDING_RTOL * reach, friction.mu[k] > memory.kinetic[k]
+        if moves and static and (memory.U[k] == 0.0 or memory.turned[k]):
+            friction.mu[k], again = memory.kinetic[k], True
+        elif moves and memory.U[k] * L < 0.0 and not memory.turned[k]:
+            friction.mu[k], memory.turned[k], again = memory.static[k], True, True
+    return again
 
 
 @compiled(types.void(matrix, vector, matrix, i8, vector), inline="always", allocates=False)
@@ -375,7 +361,7 @@ def switches(active: Indices, z: Array, P: Array) -> bool:
 
 
 @compiled(
-    types.Tuple((i8, i8, i8, i8, f8))(BLOCK, TABLE, FEATURES, STEP_STATE, PATH, ROOM, KERNEL, SPRING_SOLVER),
+    types.Tuple((i8, i8, i8, i8, f8))(BLOCK, TABLE, ALL_FEATURES, STEP_STATE, PATH, ROOM, KERNEL, SPRING_SOLVER),
     allocates=False,
 )
 def steps(
@@ -393,12 +379,12 @@ def steps(
     Returns the status, SWITCHES at a change of the active contacts, the step reached, the sums of the LCP and Newton
     iterations, and the largest independent residual.
     """
-    (springs, paths, static, friction, _), sums, active, z = features, room.sums, room.active, room.z
+    (springs, paths, static, friction, memory), sums, active, z = features, room.sums, room.active, room.z
     n, nc, ns, N, m = path.q.shape[1], table.W.shape[1], len(springs.law), len(state.y), len(table.W)
     new = m * 2 * (nc + ns)
     forces = new + N
     simple, solving = ns == 0 and len(paths.lines) == 0, Solving(block.tol, block.max_iter, solve)
-    simple = simple and len(friction.rows) == 0
+    simple, holds = simple and len(friction.rows) == 0, len(memory.static) > 0
     iterations, newton, worst = 0, 0, 0.0
     for k in range(block.first, block.last):
         add_knowns(table.known, state.y, block.loads, k - block.first, sums)
@@ -412,9 +398,14 @@ def steps(
             if simple and na > 0:
                 status, count, residual = solve_rows(table, law, sums[first + nc : after], na, room, solving)
             elif na + ns > 0:
-                status, count, tried, residual = solve_with_memory(
-                    table, features, state, room, (law, na), solving, solve_springs
-                )
+                again = True
+                if holds:
+                    recall_slip(table, law, springs.h, friction, memory, state)
+                while again and status == SOLVED:
+                    status, count, tried, residual = solve_features(
+                        table, (springs, paths, static, friction), state, room, (law, na), solving, solve_springs
+                    )
+                    again = holds and breaks_loose(table, (law, na), friction, memory, room)
             iterations += count
             newton += tried
             if status != SOLVED:

@@ -427,7 +427,8 @@ def spring_solver(d: Dynamics) -> SpringSolver:
 def _static_friction(d: Dynamics) -> StaticFriction:
     """Return the static friction, with no rows where none is above the kinetic one."""
     rows = np.flatnonzero(d.frictional & (d.mu_s > d.mu).any())
-    return StaticFriction(d.mu_s[rows], d.H[rows])
+    U, near = np.zeros((2, len(rows)))
+    return StaticFriction(d.mu[rows], d.mu_s[rows], d.H[rows], U, near, np.zeros(len(rows), dtype=np.bool_))
 
 
 def varying_loads(d: Dynamics) -> Flags:
