@@ -52,6 +52,7 @@ PROBLEMS: Registry[Callable[..., Problem]] = Registry(
         "impact-pair": "lcpimpact.problems.impact_pair:impact_pair",
         "rocking-block": "lcpimpact.problems.rocking_block:rocking_block",
         "diode-bridge": "lcpimpact.problems.diode_bridge:diode_bridge",
+        "buck-converter": "lcpimpact.problems.buck_converter:buck_converter",
         "filippov": "lcpimpact.problems.relays:filippov",
         "sliding-mode": "lcpimpact.problems.relays:sliding_mode",
         "relay-oscillator": "lcpimpact.problems.relays:relay_oscillator",
