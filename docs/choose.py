@@ -25,12 +25,14 @@ FEATURES = (
     Feature.IMPULSE_PATHS,
     Feature.SLIDERS,
     Feature.FRICTION,
+    Feature.STATIC_FRICTION,
     Feature.JOINTS,
     Feature.POWER_LAWS,
     Feature.FORCES,
     Feature.MOTIONS,
     Feature.SYSTEMS,
     Feature.RELAYS,
+    Feature.EQUATIONS,
 )
 
 WISHES: tuple[tuple[str, Callable[[Declared], bool]], ...] = (

@@ -89,9 +89,10 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
     friction = (
         np.where(impulsive, 0.0, dynamics.friction_bounds(record.reaction)) if dynamics.frictional.any() else impulsive
     )
+    holds = _holding(dynamics, record, friction)
     for i in map(int, bounded):
         bounds = (-friction[:, i], friction[:, i]) if dynamics.frictional[i] else dynamics.contacts[i].bounds
-        crossed = _events_of_bounds(dynamics.contacts[i], i, bounds, record)
+        crossed = _events_of_bounds(dynamics.contacts[i], i, (*bounds, holds[:, i]), record)
         found += [(event.t, i, event) for event in crossed]
     return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2])), impulsive
 
@@ -205,18 +206,23 @@ def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:
     return struck
 
 
-def _events_of_bounds(contact: Contact, i: int, bounds: tuple[Any, Any], record: Record) -> Iterator[Event]:
+def _holding(d: Dynamics, record: Record, friction: Array) -> Flags:
+    """Return where static friction above the kinetic one holds: beyond the kinetic bounds, or without slip (nr, nc)."""
+    U = np.abs(d.gap_rate(record.v[len(record.v) - len(record.reaction) :]))
+    beyond = np.abs(record.reaction) > friction * (1.0 + SLIP_RTOL)
+    return np.asarray((d.mu_s > d.mu) & (beyond | (SLIP_RTOL * U.max(axis=0, initial=0.0) >= U)))
+
+
+def _events_of_bounds(contact: Contact, i: int, law: tuple[Any, Any, Flags], record: Record) -> Iterator[Event]:
     """Yield where a force comes to a bound, leaves it, or goes to the other: between two forces on both sides.
 
-    Without room between the bounds (nr,), as where a contact with friction is open, there are no events.
+    The law is its bounds, and where it holds between them whatever its value. Without room between the bounds (nr,), as
+    where a contact with friction is open, there are no events.
     """
-    r, t, (low, high) = (
-        record.reaction[:, i],
-        record.t_reaction,
-        np.broadcast_arrays(*bounds, record.reaction[:, i])[:2],
-    )
+    r, t, holds = record.reaction[:, i], record.t_reaction, law[2]
+    low, high = np.broadcast_arrays(*law[:2], r)[:2]
     near, acts = 0.5 * SLIP_RTOL * (high - low), high > low
-    side = np.where(r >= high - near, 1.0, np.where(r <= low + near, -1.0, 0.0))
+    side = np.where(holds, 0.0, np.where(r >= high - near, 1.0, np.where(r <= low + near, -1.0, 0.0)))
     at_bound, between = ("switch", "slide") if contact.law is RowLaw.RELAY else ("slip", "stick")
     # What turns is between its bounds for one step; it does not stop.
     turning = 1 + np.flatnonzero((side[1:-1] == 0.0) & (side[:-2] * side[2:] < 0.0) & acts[1:-1])

@@ -111,8 +111,9 @@ def _impact_law(d: Dynamics, impacts: RunImpacts, touch: Array) -> Array:
     pulls = d.unilateral & (P < 0.0)
     violation = np.where(pulls, np.maximum(violation, np.abs(after - before)), violation)
     if d.frictional.any():
-        bounds = d.friction_bounds(P)
-        sticks, beyond = np.abs(P) < bounds * (1.0 - SLIP_RTOL), np.abs(P) > bounds * (1.0 + SLIP_RTOL)
+        bounds, holds = d.friction_bounds(P), d.holding_bounds(P)
+        beyond = np.abs(P) > holds * (1.0 + SLIP_RTOL)
+        sticks = ~beyond & (np.abs(np.abs(P) - bounds) > SLIP_RTOL * bounds)
         missing = np.where(sticks, np.abs(off), np.maximum(0.0, off * np.sign(P)))
         missing = np.where(beyond, np.maximum(missing, np.abs(after - before)), missing)
         violation = np.where(d.frictional, np.where(bounds > 0.0, missing, violation), violation)

@@ -44,7 +44,7 @@ def switch_residual(d: Dynamics, r: Array, u: Array) -> Array:
 def bound_violation(d: Dynamics, r: Array) -> Array:
     """Return by how much reactions leave their bounds in N (..., nc)."""
     beyond = np.maximum(np.maximum(d.r_min - r, r - d.r_max), 0.0)
-    return np.where(d.frictional, np.maximum(np.abs(r) - d.friction_bounds(r), 0.0), beyond)
+    return np.where(d.frictional, np.maximum(np.abs(r) - d.holding_bounds(r), 0.0), beyond)
 
 
 def forces_on_nodes(d: Dynamics, t: Array, q: Array, v: Array, r: Array | None) -> tuple[Array, Array]:

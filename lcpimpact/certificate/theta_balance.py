@@ -65,7 +65,7 @@ class Contacts(NamedTuple):
     u0, e, r_min, r_max : (nc,) arrays  gaps at q = 0, restitution, bounds of the reactions
     degree : (nc,) array                relative degrees
     law : (nc,) array                   laws, by their position in `RowLaw`
-    mu, normal : (nc,) arrays           coefficients of friction, and the rows of the normal forces
+    mu, mu_s, normal : (nc,) arrays     kinetic and static coefficients of friction, and the rows of the normal forces
     paths : (np, nc) array              impulse paths over massless nodes
     """
 
@@ -80,6 +80,7 @@ class Contacts(NamedTuple):
     degree: Indices
     law: Indices
     mu: Array
+    mu_s: Array
     normal: Indices
     paths: Array
 
@@ -174,7 +175,7 @@ class Sums(NamedTuple):
 SPARSITY: Any = named_tuple((places, places), SparsityPattern)
 NODES: Any = named_tuple((SPARSITY, vector, vector, vector, indices), Nodes)
 CONTACTS: Any = named_tuple(
-    (SPARSITY, vector, matrix, matrix, *(vector,) * 4, indices, indices, vector, indices, matrix), Contacts
+    (SPARSITY, vector, matrix, matrix, *(vector,) * 4, indices, indices, vector, vector, indices, matrix), Contacts
 )
 SPRING_LAWS: Any = named_tuple((matrix, matrix), SpringLaws)
 RECORDED: Any = named_tuple((vector, matrix, matrix, matrix, matrix, matrix), Recorded)
@@ -321,8 +322,9 @@ def judge_contact(run: Recorded, contacts: Contacts, i: int, k: int, θ: float, 
     found.gap_change[i] = max(found.gap_change[i], h * abs(W), h * abs(U))
     found.r[i] = max(found.r[i], abs(run.r[k, i]))
     if contacts.law[i] == FRICTION:
-        r_max = contacts.mu[i] * max(sums.total[contacts.normal[i]], 0.0)
-        found.tension[i] = max(found.tension[i], abs(force) - r_max)
+        normal = max(sums.total[contacts.normal[i]], 0.0)
+        r_max = contacts.mu[i] * normal
+        found.tension[i] = max(found.tension[i], abs(force) - contacts.mu_s[i] * normal)
     elif force < contacts.r_min[i] or force > r_max:
         found.tension[i] = max(found.tension[i], contacts.r_min[i] - force, force - r_max)
     if sums.feedthrough[i]:
@@ -331,17 +333,19 @@ def judge_contact(run: Recorded, contacts: Contacts, i: int, k: int, θ: float, 
         u_θ = u - (1.0 - θ) * h * W
         sums.of_step[0, i], sums.of_step[1, i] = abs(force * u_θ), abs(force * u)
         sums.of_step[2, i], sums.of_step[3, i] = -u_θ, -u
+        if contacts.law[i] == JOINT:
+            sums.of_step[2, i], sums.of_step[3, i] = abs(u_θ), abs(u)
     if contacts.law[i] == RELAY:
         product = 0.0
     elif contacts.law[i] == SLIDER or contacts.law[i] == FRICTION:
         slip = U + contacts.e[i] * sums.rate[i] if contacts.degree[i] == 2 else W
         product = h * (r_max * abs(slip) + force * slip)
+    elif sums.feedthrough[i]:
+        product = 0.0
     elif contacts.law[i] == JOINT:
         product = 0.0
         found.penetration[i] = max(found.penetration[i], abs(u))
         found.law[i] = max(found.law[i], abs(U) if contacts.degree[i] == 2 else 0.0)
-    elif sums.feedthrough[i]:
-        product = 0.0
     else:
         found.penetration[i] = max(found.penetration[i], -u)
         product = force * u

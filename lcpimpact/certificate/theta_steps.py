@@ -66,7 +66,7 @@ def _violations(
     contacts = Contacts(
         *(H_pattern, d.H[H_at], np.array(d.B, order="C"), np.array(d.D, order="C"), d.u0.copy(), d.restitution),
         *(d.r_min, d.r_max, d.relative_degree, _codes(d)),
-        *(d.mu, d.normals, np.array(d.impulse_lines, order="C")),
+        *(d.mu, d.mu_s, d.normals, np.array(d.impulse_lines, order="C")),
     )
     violations = no_violations(len(d.contacts), len(d.nodes))
     balance, scale, h = certify_steps(

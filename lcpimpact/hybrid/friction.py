@@ -43,14 +43,13 @@ def frictional_impact(
     place[rows] = np.arange(len(rows))
     G, (low, high) = system.fine.G[np.ix_(rows, rows)], system.bounds
     ξ = DoubleDouble(np.ascontiguousarray(U[:, rows])) + DoubleDouble(np.ascontiguousarray(before[:, rows])) * e[rows]
-    friction = FrictionRows(place[rubbing], place[d.normals[rubbing]], d.mu[rubbing], GLOCKER)
+    mu = np.where(before[0] == 0.0, d.mu_s, d.mu)[rubbing]
+    friction = FrictionRows(place[rubbing], place[d.normals[rubbing]], mu, GLOCKER)
     law = ImpactLCP(G, ξ, low[rows], high[rows], friction, solver, zero)
-    # What slips keeps its direction in most impacts; then its impulse follows from the normal one at any scale.
-    signs = np.sign(ξ.hi[friction.rows])
-    P, sticks, keeps = law.solve(signs)
-    while not keeps.all():
-        signs = np.where(keeps, signs, 0.0)
-        P, sticks, keeps = law.solve(signs)
+    P, sticks, moves = law.solve_directions()
+    while (loose := moves & (mu > d.mu[rubbing])).any():
+        mu[loose] = d.mu[rubbing][loose]
+        P, sticks, moves = law.solve_directions()
     impulses, rests = np.zeros(nc), np.zeros(nc, dtype=np.bool_)
     impulses[rows] = P.hi
     stops = (P.hi > 0.0) | d.joints[rows]
@@ -69,6 +68,18 @@ class ImpactLCP(NamedTuple):
     friction: FrictionRows
     solver: str
     zero: float
+
+    def solve_directions(self) -> tuple[DoubleDouble, Flags, Flags]:
+        """Return P, which rows with friction stick, and which slip after the impact (nf,)."""
+        # What slips keeps its direction in most impacts; then its impulse follows from the normal one at any scale.
+        rows = self.friction.rows
+        signs = np.sign(self.ξ.hi[rows])
+        P, sticks, keeps = self.solve(signs)
+        while not keeps.all():
+            signs = np.where(keeps, signs, 0.0)
+            P, sticks, keeps = self.solve(signs)
+        size = self.zero * (np.abs(self.ξ.hi) + np.abs(self.G.hi) @ np.abs(P.hi))[rows]
+        return P, sticks, np.abs((self.ξ + self.G @ P).hi[rows]) > size
 
     def solve(self, signs: Array) -> tuple[DoubleDouble, Flags, Flags]:
         """Return P if slips keep their ``signs``, where these are not 0; which stick, and which keep their sign (nf,)."""

@@ -11,6 +11,9 @@ where r = r_min, r' <= 0 where r = r_max. Contacts without a common relative deg
 Friction that a normal force bounds has two unknowns, and the LCP of all derivatives has its rows (see
 `lcpimpact.hybrid.system.Laws`). Where it slips its force is -μ r_N sign U, a combination of reactions.
 
+Static friction above the kinetic one holds at first where U = 0, with |r| <= μ_s r_N. What breaks loose so slides with μ,
+and the choice is made again with it, until nothing more does.
+
 With relays and friction the matrix of an LCP need not be a P-matrix, and then all its solutions are followed (see
 `lcpimpact.all_solutions`). What the next derivatives contradict is dropped; if more than one motion is left, the choice is
 refused.
@@ -30,12 +33,13 @@ from lcpimpact.compiled import compiled, cube, flags, indices
 from lcpimpact.double_double import DoubleDouble, stacked
 from lcpimpact.errors import FailureError
 from lcpimpact.hybrid.complementarity import complementary
-from lcpimpact.hybrid.gaps import openings_and_rates, still
+from lcpimpact.hybrid.gaps import openings_and_rates, project, still
 from lcpimpact.hybrid.mixed_degrees import exchanged_mode
-from lcpimpact.hybrid.system import ZERO, Mode, Still, System, is_singular, round_to_zero, solve_regular
+from lcpimpact.hybrid.system import ZERO, Mode, Still, System, round_to_zero, solve_regular
 from lcpimpact.lcp.operators import Dense, Property
 from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.lcp.solvers.enumeration import SOLVER, all_solutions
+from lcpimpact.scheme.decomposition import is_singular
 
 MAX_BASES = 2**15
 """Maximum number of complementary bases of an LCP that is searched for all solutions, 0.5 s: of five rough contacts."""
@@ -205,11 +209,64 @@ def choose_mode(
     start, held = DoubleDouble.of(X), held or still(system, None)
     if system.mixed:
         return exchanged_mode(system, start, scale, held, zero)
+    rows = np.flatnonzero(system.dynamics.mu_s > system.dynamics.mu).tolist()
+    if not rows:
+        return _choose(system, start, scale, solver, held, zero, {})
+    U = openings_and_rates(system, start, scale, held, zero)[1, 0]
+    moving = {i: int(np.sign(U[i])) for i in rows if U[i] != 0.0}
+    slides = dict(moving)
+    while True:
+        holds = tuple(i for i in rows if i not in slides)
+        mode, after = _choose(system.with_static_friction(holds), start, scale, solver, held, zero, slides)
+        loose = {i: sign for i, sign in mode.slips if i in holds and mode.order[i] >= 0}
+        if not loose:
+            break
+        slides |= loose
+    mode = _with_static_orders(system, mode, after, scale, zero, (holds, [i for i in slides if i not in moving]))
+    # Whether it sticks is read from the slip, also where a run is continued.
+    still_rows = np.flatnonzero(held.U & ~system.dynamics.rubs).tolist() + [i for i in holds if i in mode.closed]
+    return mode, project(system, system.fine.CA[still_rows], after, scale)
+
+
+def _with_static_orders(
+    system: System, mode: Mode, X: DoubleDouble, scale: Array, zero: float, rows: tuple[tuple[int, ...], list[int]]
+) -> Mode:
+    """Return the mode in which ``rows`` of two kinds stick: those that hold at their bound for ever, and not those loose.
+
+    Friction that breaks loose falls to its kinetic bound, and its slip begins with another order than its force had.
+    """
+    holds, loose = rows
+    order, other = list(mode.order), list(mode.other_order)
+    at_bound = {i: sign for i, sign in mode.slips if i in holds}
+    for i, sign in at_bound.items():
+        order[i], other[i] = (-1, 0) if sign < 0 else (0, -1)
+    closed = tuple(sorted((*mode.closed, *at_bound)))
+    slips = tuple(each for each in mode.slips if each[0] not in at_bound)
+    found = Mode(closed, slips, tuple(order), mode.side, tuple(other))
+    contacts, _, ends = system.ends(found)
+    generator = system.mode(found)[0].generator
+    for i in (each for each in loose if each in dict(slips)):
+        level = ends[np.flatnonzero(contacts == i)]
+        order[i] = -1
+        for k in range(1, len(scale) + 1):
+            level = level @ generator
+            if abs(float((level @ X).hi[0])) > zero * float(np.abs(level.hi[0]) @ scale):
+                order[i] = k
+                break
+    return Mode(closed, slips, tuple(order), mode.side, tuple(other))
+
+
+def _choose(
+    system: System, start: DoubleDouble, scale: Array, solver: str, held: Still, zero: float, slides: dict[int, int]
+) -> tuple[Mode, DoubleDouble]:
+    """Return the next mode from a state, and the state, with friction that ``slides`` from U = 0 on to a known side."""
     nc, (low, high) = len(system.degree), system.bounds
     opening = openings_and_rates(system, start, scale, held, zero)
     if system.relays.any():
         opening = _with_higher_derivatives(system, opening, start, scale, held, zero)
     unknown, sign, order = motions(opening, system.degree, system.dynamics.rubs, system.relays).tolist()
+    for i, direction in slides.items():
+        sign[i] = direction
     choice = _first_choice(system, unknown, sign, order)
     signs = dict(choice.slips)
     at_bound = DoubleDouble.of(

@@ -14,6 +14,9 @@ With the multipliers μ >= 0 of D p >= 0 and ν of (D + Dᵀ) p = 0 it is one mi
 
 .. math:: 0 \le p \perp C B p + C x^- + c - D^T μ - (D + D^T) ν \ge 0, \qquad 0 \le μ \perp D p \ge 0,
           \qquad (D + D^T) p = 0.
+
+Equations y = 0 must hold at the start. Their multipliers follow those of the contacts, so that B and D stand for B T and
+D T with r = T r, and the jump keeps to the equations.
 """
 
 from __future__ import annotations
@@ -25,10 +28,12 @@ from scipy.linalg import null_space
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import UnsupportedError
+from lcpimpact.hybrid.system import System
 from lcpimpact.lcp.operators import Dense, Property
 from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, State
+from lcpimpact.scheme.first_order import forced_form
 
 SINGULAR_RTOL = 1e-12
 """Eigenvalues below this, relative to the largest entry, are zero."""
@@ -113,12 +118,18 @@ def enter_constraint(problem: Problem, solver: str = "auto") -> tuple[Problem, A
     if d.stores_energy:
         return problem, np.zeros(len(d.contacts))
     x, p, c = problem.initial_coordinates, np.zeros(len(d.contacts)), d.unilateral
+    B, C, D, u = d.B @ d.elimination, d.H, d.D @ d.elimination, d.gap(x)
+    if (by_equations := d.D[np.ix_(c, d.joints)]).any():
+        C, u = C.copy(), u.copy()
+        by_state, value = _multipliers_of_equations(problem)
+        C[c] += by_equations @ by_state
+        u[c] += by_equations @ value
     # Relays take no impulses.
-    jump = state_jump(d.B[:, c], d.H[c], d.D[np.ix_(c, c)], d.gap(x)[c], solver)
-    if jump is not None and jump.any() and d.D[np.ix_(c, ~c)].any():
+    jump = state_jump(B[:, c], C[c], D[np.ix_(c, c)], u[c], solver)
+    if jump is not None and jump.any() and D[np.ix_(c, d.relays)].any():
         jump = None
     if jump is None:
-        names = ", ".join(repr(each.name) for each, u in zip(d.contacts, d.gap(x), strict=True) if u < 0.0)
+        names = ", ".join(repr(each.name) for each, opening in zip(d.contacts, u, strict=True) if opening < 0.0)
         raise UnsupportedError(
             f"{problem.name!r} starts outside its constraint (u of {names} is negative, and no finite multiplier makes it "
             "up), and A, B, C, D do not determine a jump into it: start it inside"
@@ -126,10 +137,23 @@ def enter_constraint(problem: Problem, solver: str = "auto") -> tuple[Problem, A
     p[c] = jump
     if not p.any():
         return problem, p
+    p = d.elimination @ p
     after = dict(zip(d.nodes, map(float, x + d.B @ p), strict=True))
     return replace(
         problem, q0={node: value for node, value in after.items() if d.nodes.index(node) not in d.motions}
     ), p
+
+
+def _multipliers_of_equations(problem: Problem) -> tuple[Array, Array]:
+    """Return λ of the equations without others at t = 0 (nj,), and what it changes with the state (nj, n)."""
+    d, joints = problem.dynamics, problem.dynamics.joints
+    form, inputs = forced_form(d, "a jump at the start")
+    system = System(d, 1.0, form, (inputs.E, inputs.D))
+    X = system.state(problem.initial_coordinates, problem.initial_velocities)
+    w = np.array([load(0.0) for load in inputs.loads])
+    value = system.O[joints] @ X + system.O_w[joints] @ w
+    O, G = system.O[joints][:, : len(d.nodes)], system.G[np.ix_(joints, joints)]  # noqa: E741
+    return -np.asarray(np.linalg.solve(G, O)), -np.asarray(np.linalg.solve(G, value))
 
 
 def jump_events(problem: Problem, p: Array, after: State) -> tuple[Event, ...]:
@@ -138,5 +162,5 @@ def jump_events(problem: Problem, p: Array, after: State) -> tuple[Event, ...]:
     return tuple(
         Event(0.0, contact.name, "jump", before, after, float(impulse))
         for contact, impulse in zip(problem.dynamics.contacts, p, strict=True)
-        if impulse > 0.0
+        if impulse != 0.0
     )

@@ -22,7 +22,7 @@ where u < 0. A sliding mode is Filippov's: r is what keeps u at zero.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -35,7 +35,7 @@ from lcpimpact.errors import UnsupportedError
 from lcpimpact.hybrid.flow import Flow, SparseRows, sparse
 from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
 from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp
-from lcpimpact.scheme.decomposition import degrees_together
+from lcpimpact.scheme.decomposition import degrees_together, is_singular
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
 from lcpimpact.scheme.terms import RowLaw
@@ -58,7 +58,8 @@ class Mode:
     slips : tuple of (int, int) the sliders that slip, with the sign of U, and the relays at a bound, with that of u
     order : tuple of int        initial order of the zero of its event function, -1 if it is zero for ever
     side : tuple of int         1 or -1 for a slider or relay that begins to stick or slide with r at r_max or r_min, else 0
-    other_order : tuple of int  of sticking friction, the order of the zero of μ r_N + r_T; ``order`` is that of μ r_N - r_T
+    other_order : tuple of int  of sticking friction, the order of the zero of μ_s r_N + r_T; ``order`` is that of
+                                μ_s r_N - r_T
     """
 
     closed: tuple[int, ...]
@@ -210,6 +211,7 @@ class System:
     known: dict[Mode, Watch] = field(default_factory=dict)
     lcps: dict[object, PreparedLCP] = field(default_factory=dict)
     combinations: dict[tuple[int, ...], Together] = field(default_factory=dict)
+    holding: dict[tuple[int, ...], System] = field(default_factory=dict)
 
     @cached_property
     def form(self) -> FirstOrderForm:
@@ -320,14 +322,16 @@ class System:
     @cached_property
     def mixed_degrees(self) -> list[str]:
         """Contacts that can be closed together while a combination of their gaps has a higher degree than each."""
-        H = self.dynamics.H
+        d, H = self.dynamics, self.dynamics.H
+        # The equations of a system determine their own forces, whatever those of the other rows.
+        G, others = self.G @ d.elimination, ~self.relays & ~(d.joints & (not d.stores_energy))
         for degree in np.unique(self.degree):
-            rows = np.flatnonzero((self.degree == degree) & ~self.relays)
-            for combination in null_space(self.G[np.ix_(rows, rows)], rcond=1e-12).T:
+            rows = np.flatnonzero((self.degree == degree) & others)
+            for combination in null_space(G[np.ix_(rows, rows)], rcond=1e-12).T:
                 # A combination of gaps that no motion changes is not zero (assembly saw to it): its rows never close
                 # together.
                 if np.abs(combination @ H[rows]).max() > 1e-9:
-                    return [self.dynamics.contacts[i].name for i in rows[np.abs(combination) > 1e-9]]
+                    return [d.contacts[i].name for i in rows[np.abs(combination) > 1e-9]]
         return []
 
     @property
@@ -441,6 +445,19 @@ class System:
         weights[last, rows], weights[last, normals] = 1.0, 2.0 * mu * unit[rows] / unit[normals]
         return Laws(E @ self.fine.O, by_force @ T + maps.V, by_force, maps.T, weights, maps.lower, maps.upper, rank)
 
+    def with_static_friction(self, rows: tuple[int, ...]) -> System:
+        """Return the system in which the friction of some rows has the static coefficient."""
+        if not rows:
+            return self
+        if rows not in self.holding:
+            contacts = enumerate(self.dynamics.contacts)
+            held = tuple(replace(each, mu=each.mu_s) if i in rows else each for i, each in contacts)
+            self.holding[rows] = replace(
+                self, dynamics=replace(self.dynamics, contacts=held), given=self.form, flows={}, switches={}, readings={},
+                known={}, lcps={}, holding={},
+            )  # fmt: skip
+        return self.holding[rows]
+
     def coupling(self, mode: Mode) -> Array:
         """Return T with r = T r (nc, nc): where friction slips, r_T = -μ sign(U) r_N."""
         T = np.eye(len(self.degree))
@@ -520,7 +537,7 @@ class System:
                 elif i in slips:
                     found.append((i, 0, slips[i] * (u if contact.law is RowLaw.RELAY else U)[:, i]))
                 elif contact.law is RowLaw.FRICTION and i in mode.closed:
-                    bound = DoubleDouble(r[:, contact.normal]) * contact.mu
+                    bound = DoubleDouble(r[:, contact.normal]) * contact.mu_s
                     found += [(i, side, (bound + DoubleDouble(-side * r[:, i])).parts) for side in (1, -1)]
                 elif contact.law in (RowLaw.SLIDER, RowLaw.RELAY):
                     for side in (1, -1):
@@ -541,11 +558,11 @@ class System:
         if mode not in self.known:
             contacts, side, rows = self.ends(mode)
             order = np.array(mode.order, dtype=np.int64)[contacts]
-            kept = np.flatnonzero(order >= 0)
             rubs = np.isin(contacts, self.friction)
-            order = np.where((side != 0) & ~rubs & (side != np.array(mode.side, dtype=np.int64)[contacts]), 0, order)
             if rubs.any():
                 order = np.where(rubs & (side < 0), np.array(mode.other_order, dtype=np.int64)[contacts], order)
+            kept = np.flatnonzero(order >= 0)
+            order = np.where((side != 0) & ~rubs & (side != np.array(mode.side, dtype=np.int64)[contacts]), 0, order)
             nc = len(self.degree)
             closed = np.isin(np.arange(nc), mode.closed)
             held = closed | ((np.array(mode.order, dtype=np.int64) < 0) & ~self.dynamics.rubs)
@@ -565,17 +582,6 @@ def solve_regular(G: DoubleDouble, right: DoubleDouble) -> DoubleDouble:
     if is_singular(G.hi):
         raise np.linalg.LinAlgError
     return solve(G, right)
-
-
-def is_singular(G: Array) -> bool:
-    """Return whether a block of G is singular to rounding; one number is left to the elimination."""
-    if len(G) < 2:
-        return False
-    # Rows of springs and of masses have different units, which must not make them look dependent.
-    rows = np.abs(G).max(axis=1, keepdims=True)
-    balanced = G / np.where(rows > 0.0, rows, 1.0)
-    columns = np.abs(balanced).max(axis=0)
-    return not np.linalg.cond(balanced / np.where(columns > 0.0, columns, 1.0)) < 1e13
 
 
 def round_to_zero(found: DoubleDouble, terms: Array, zero: float = FINE_ZERO) -> DoubleDouble:

@@ -34,6 +34,9 @@ the one that the same λ gives at the end of a step of the backward Euler method
 which moves a switch by O(h) and takes u and its derivatives to zero in a sliding mode. Across a switch from bound to bound
 the order is 1, for λ is constant in the step; into a sliding mode of relative degree 1 it is 2.
 
+An equation of a system is imposed at t_θ where λ acts on it directly, and else at the end of the step; at relative degree 2
+its rate C (A x + a) + c' is, by which y stays zero for a constant c.
+
 The row of A of a node with prescribed motion is that of the identity. Forces of non-linear springs are evaluated at t_θ, by
 Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`, and for forces of any kind
 `lcpimpact.integrators.stepping.force_newton`.
@@ -143,13 +146,20 @@ class MoreauJean(LinearStep):
         Raises
         ------
         UnsupportedError
-            If a relay has D_ii < 0, where the LCP of a step has several solutions.
+            If a relay has D_ii < 0, once equations hold, where the LCP of a step has several solutions, or an equation of
+            relative degree 2 has a signal, from which y would drift by O(h²).
         """
-        if (triggers := d.relays & (np.diag(d.D) < 0.0)).any():
+        if (triggers := d.relays & (np.diag(d.D @ d.elimination) < 0.0)).any():
             raise UnsupportedError(
                 f"the relay {d.contacts[int(np.argmax(triggers))].name!r} has a hysteresis (D_ii < 0), in whose band "
                 f"several multipliers are possible, and the steps of {self.name!r} do not remember which: "
                 "take method='exact'"
+            )
+        second = d.joints & (d.relative_degree == 2) & (not d.stores_energy) & (d.H[:, d.driven] != 0.0).any(axis=1)
+        if second.any():
+            raise UnsupportedError(
+                f"the equation of {d.contacts[int(np.argmax(second))].name!r} has relative degree 2 and a signal in c, from "
+                f"which the steps of {self.name!r} would drift: take method='exact' or 'event-driven'"
             )
         return super().prepare(d, h, lcp_solver)
 
@@ -168,13 +178,19 @@ class MoreauJean(LinearStep):
         q, v = y.q + h * w, np.where(d.massive[:, None], y.v + (w - y.v) / θ, w)
         q[driven], v[driven] = y.prescribed.place[driven], y.prescribed.rate[driven]
 
-        slides, impacts = (d.slides | d.frictional)[:, None], ((d.relative_degree == 2) & ~d.relays)[:, None]
+        equations = d.joints & (not d.stores_energy)
+        slides = (d.slides | d.frictional)[:, None]
+        impacts = ((d.relative_degree == 2) & ~d.relays & ~equations)[:, None]
         # u is that at the end of the step, or at t_θ if it depends on r, a mean of the step; a slider has none.
-        middle = np.where(d.relays, np.diag(d.D) > 0.0, d.D.any(axis=1))
+        middle = np.where(d.relays, np.diag(d.D @ d.elimination) > 0.0, d.D.any(axis=1))
         at = np.where(middle, θ * h, h)[:, None]
         position = y.gap_rate(w) + np.where(slides, 0.0, (y.gap(y.q) + d.D @ r) / at)
         if (late := d.relays & (d.relative_degree > 1)).any():
             position[late] = (y.gap(self._backward_euler(y, d, h)) / h)[late]
+        if (second := equations & (d.relative_degree == 2)).any():
+            rate = y.force(1.0, q, at_rest)
+            rate[driven] = y.prescribed.rate[driven]
+            position[second] = y.gap_rate(rate)[second]
         velocity = y.gap_rate(w) + (θ * d.restitution[:, None] - (1.0 - θ)) * y.gap_rate(y.v)
         law = Law(
             L=np.where(impacts, velocity, position),
@@ -218,7 +234,7 @@ def can_jump(d: Dynamics) -> bool:
 
     Their u = 0 constrains x; imposed at t_θ with θ < 1, x would oscillate about it for ever.
     """
-    D = d.D[np.ix_(d.unilateral, d.unilateral)]
+    D = (d.D @ d.elimination)[np.ix_(d.unilateral, d.unilateral)]
     direct, symmetric = D.any(axis=1), D + D.T
     if not direct.any():
         return False

@@ -351,6 +351,7 @@ class Radau(Integrator):
             Feature.RESTITUTION,
             Feature.FRICTION,
             Feature.JOINTS,
+            Feature.EQUATIONS,
         ),
         reaction_time="at t + h, one for each step",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",
@@ -461,7 +462,7 @@ def _read_signals(run: RadauRun, record: Record, k: int) -> None:
 def _first_forces(d: Dynamics, form: FirstOrderForm, X: Array, u: Array, lcp_solver: str) -> Array:
     """Return r at t = 0 of the rows of relative degree 0; a slider of them begins at the initial coordinates."""
     r, rows = np.zeros(len(d.contacts)), np.flatnonzero(d.relative_degree == 0)
-    if len(rows):
+    if len(rows) and d.stores_energy:  # the coordinates of a given system do not depend on r
         place = np.where(d.slides, u, 0.0)[rows]
         D, q = form.D[np.ix_(rows, rows)], (form.C @ X)[rows] - place
         r[rows] = solve_lcp(D, q, lcp_solver, lower=d.r_min[rows], upper=d.r_max[rows]).z

@@ -113,7 +113,10 @@ class RadauFESD(Integrator):
         order_penetration=float("inf"),
         level="position and velocity",
         relative_degrees=(0, 1, 2),
-        handles=tuple(set(Feature) - {Feature.POWER_LAWS, Feature.FORCES, Feature.FRICTION, Feature.JOINTS}),
+        handles=tuple(
+            set(Feature)
+            - {Feature.POWER_LAWS, Feature.FORCES, Feature.FRICTION, Feature.STATIC_FRICTION, Feature.JOINTS}
+        ),
         reaction_time="at t, right limit",
         energy="never gains in smooth motion and impacts; loses at order 2 s - 1",
         balances_energy=True,

@@ -40,8 +40,11 @@ def draw_system(ax: Axes, system: LinearComplementaritySystem) -> tuple[float, f
     for line, height in zip((*equations, names[0]), (4.25, 3.55, 2.9), strict=True):
         _draw_text(ax, line, height, 11.0 if line == names[0] else 14.0)
     _box(ax, half, 0.0, 1.6)
-    relays = any(math.isfinite(high) for _, high in system.bounds)
-    law = r"\underline{λ} \leq λ \leq \overline{λ} \perp w" if relays else r"0 \leq λ \perp w \geq 0"
+    law = r"\underline{λ} \leq λ \leq \overline{λ} \perp w"
+    if all(low == 0.0 and math.isinf(high) for low, high in system.bounds):
+        law = r"0 \leq λ \perp w \geq 0"
+    elif all(math.isinf(low) for low, _ in system.bounds):
+        law = "w = 0"
     _draw_text(ax, f"${law}$", 1.1, 14.0)
     _draw_text(ax, names[1], 0.45, 11.0)
     outside = half + 1.2

@@ -72,7 +72,7 @@ Side = Literal[-1, 1]
 
 def label(part: Element) -> str:
     """Return the label of an element: its symbols; a reaction without a symbol of its own goes by its name."""
-    symbols = part.symbols
+    symbols = part.labels
     if part.reaction and symbols == (part.reaction,) and (name := getattr(part, "name", None)):
         symbols = (name,)
     return ", ".join(math_text(symbol) for symbol in symbols)

@@ -101,6 +101,8 @@ class Problem:
         if self.dynamics.stores_energy:
             self._refuse_penetration()
             self._refuse_open_joints()
+        else:
+            self._refuse_broken_equations()
 
     def _refuse_penetration(self) -> None:
         q, d = self.initial_coordinates, self.dynamics
@@ -139,6 +141,22 @@ class Problem:
                 raise InputError(
                     f"the ends of the rigid link {link.name!r} of problem {self.name!r} differ by {off[i]:g} in {what}: "
                     f"give {link.upper!r} and {link.lower!r} equal values"
+                )
+
+    def _refuse_broken_equations(self) -> None:
+        """Refuse a state that equations contradict: no λ of theirs is in y, or in y'."""
+        d, x = self.dynamics, self.initial_coordinates
+        rate = np.where(d.driven, self.initial_velocities, d.force(0.0) - d.K @ x)
+        sizes = np.where(d.driven, np.abs(rate), np.abs(d.force(0.0)) + np.abs(d.K) @ np.abs(x))
+        for value, terms, degree, what in (
+            (d.gap(x), np.abs(d.H) @ np.abs(x) + np.abs(d.u0), 1, "y"),
+            (d.gap_rate(rate), np.abs(d.H) @ sizes, 2, "the rate of y"),
+        ):
+            off = np.abs(value) > GIVEN_ZERO_RTOL * terms
+            for i in np.flatnonzero(d.joints & (d.relative_degree >= degree) & off):
+                raise InputError(
+                    f"{self.name!r} starts off the equation of {d.contacts[i].name!r}: {what} is {value[i]:g}, and no λ "
+                    "makes it zero at once; give q0 that satisfies it"
                 )
 
     @cached_property

@@ -11,7 +11,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.problems.base import Problem, above_zero, not_negative, restitution
 from lcpimpact.problems.facts import Fact
-from lcpimpact.problems.reading import final, instant, limit, peak
+from lcpimpact.problems.reading import final, instant, interval, limit, peak
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.friction import Friction
@@ -193,6 +193,98 @@ def _block_on_belt_motion(t: Array, *, t_1: float, t_2: float, v_b: float, x_s: 
     x = np.select(phases, [x_s * (1.0 - np.cos(ω * times)), x_s + v_b * (times - t_2)],
                   x_s + v_b / ω * np.sin(ω * (times - t_2)))  # fmt: skip
     v = np.select(phases, [x_s * ω * np.sin(ω * times), np.full_like(times, v_b)], v_b * np.cos(ω * (times - t_2)))
+    zero = np.zeros_like(times)
+    return np.column_stack([x, zero, v_b * times]), np.column_stack([v, zero, np.full_like(times, v_b)])
+
+
+def stick_slip_belt(
+    m: float = 1.0, g: float = 9.81, k: float = 100.0, mu: float = 0.3, mu_s: float = 0.5, v_b: float = 0.2
+) -> Problem:
+    r"""A block on a moving belt that holds it better than it drags it: the stick-slip of bows, brakes and squeaking doors.
+
+    The spring holds the block, and the belt carries it along until the spring outweighs static friction. With
+    ``ω = sqrt(k/m)``, ``x_s = μ m g/k``, where the spring balances kinetic friction, and ``Δ = (μ_s - μ) m g/k``, by which
+    static friction lets it go beyond, the motion is periodic from its first instant on, where the block sticks at
+    ``x = x_s - Δ``:
+
+    - it sticks for ``t_st = 2 Δ/v_b``, with the belt up to ``x_s + Δ``,
+    - slips for ``t_sl = (2/ω) (π - atan(ω Δ/v_b))`` by ``x = x_s + Δ cos ω τ + (v_b/ω) sin ω τ``, at whose end it has the
+      belt's speed at ``x_s - Δ`` again, where static friction holds it,
+    - so the period is ``T = t_st + t_sl``, longer than the free one, ``2 π/ω``, at low speed of the belt; the block moves
+      within ``x_s ± sqrt(Δ² + (v_b/ω)²)``.
+
+    What to learn: the force at rest is larger than in motion, and so energy of the belt goes into the vibration. The fall
+    of friction at the start of slip is sudden: the block has to remember whether it sticks, since at the same place and
+    velocity of the belt either force would be possible. The trap is one coefficient, with which a vibration lives on at
+    most without sticking (see block-on-belt).
+
+    Parameters
+    ----------
+    m, k : float
+        Mass in kg and stiffness in N/m.
+    g : float
+        Gravity in m/s².
+    mu, mu_s : float
+        Kinetic and static coefficient of friction.
+    v_b : float
+        Speed of the belt in m/s.
+
+    Raises
+    ------
+    InputError
+        If a parameter is not above zero, or mu_s is not above mu.
+
+    Examples
+    --------
+    >>> [round(fact.value, 9) for fact in stick_slip_belt().facts]
+    [0.1962, 0.669357062, 0.057446859]
+
+    References
+    ----------
+    Leine and Nijmeijer, *Dynamics and Bifurcations of Non-Smooth Mechanical Systems* (2004), chapter 4; Popp and Stelter,
+    Stick-slip vibrations and chaos (1990).
+    """
+    name = "stick-slip-belt"
+    above_zero(name, m=m, g=g, k=k, mu=mu, mu_s=mu_s, v_b=v_b)
+    if not mu_s > mu:
+        raise InputError(f"{name}: mu_s = {mu_s:g} must be above mu = {mu:g}, or the vibration does not stick")
+    ω, x_s, Δ = math.sqrt(k / m), mu * m * g / k, (mu_s - mu) * m * g / k
+    t_stick, t_slip = 2.0 * Δ / v_b, 2.0 / ω * (math.pi - math.atan(ω * Δ / v_b))
+    T = t_stick + t_slip
+    facts = (
+        Fact("t_st", "first slip, time of sticking", t_stick, "s", partial(instant, kind="slip")),
+        Fact("T", "period", T, "s", partial(interval, kind="slip", first=1, last=2)),
+        Fact("x_max", "largest displacement", x_s + math.hypot(Δ, v_b / ω), "m", partial(peak, series="x")),
+    )
+    return Problem(
+        name,
+        Scheme(
+            Mass("x", m),
+            Spring("x", GROUND, k),
+            Mass("y", m),
+            Load("y", m * g, symbols=("mg",)),
+            Bumper("y", GROUND, e=0.0, name="N", symbols=("N",)),
+            PrescribedMotion("b", Polynomial((0.0, v_b))),
+            Friction("x", "b", mu, normal="N", mu_s=mu_s),
+        ),
+        q0={"x": x_s - Δ},
+        v0={"x": v_b},
+        t_end=3.5 * T,
+        parameters={"m": m, "g": g, "k": k, "mu": mu, "mu_s": mu_s, "v_b": v_b},
+        source="Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (2004), chapter 4",
+        facts=facts,
+        motion=partial(_stick_slip_belt_motion, T=T, t_stick=t_stick, v_b=v_b, x_s=x_s, Δ=Δ, ω=ω),
+    )
+
+
+def _stick_slip_belt_motion(
+    t: Array, *, T: float, t_stick: float, v_b: float, x_s: float, Δ: float, ω: float
+) -> tuple[Array, Array]:
+    times = np.asarray(t, dtype=np.float64)
+    s = times - T * np.floor(times / T)
+    τ, sticks = ω * (s - t_stick), s < t_stick
+    x = np.where(sticks, x_s - Δ + v_b * s, x_s + Δ * np.cos(τ) + v_b / ω * np.sin(τ))
+    v = np.where(sticks, v_b, v_b * np.cos(τ) - ω * Δ * np.sin(τ))
     zero = np.zeros_like(times)
     return np.column_stack([x, zero, v_b * times]), np.column_stack([v, zero, np.full_like(times, v_b)])
 

@@ -71,6 +71,7 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
             row.law,
             row.bounds,
             row.mu,
+            row.mu_s,
             normal,
         )
         for row, degree, normal in zip(terms.rows, degrees, normals, strict=True)
@@ -241,6 +242,11 @@ def _check_restitution(dynamics: Dynamics, rows: Sequence[Row]) -> None:
                 raise InputError(
                     f"{row.element}: a surface is massless and held by springs only, so its friction has no rate to act "
                     "on: give its node a Mass or a Dashpot"
+                )
+            if row.mu_s > row.mu and contact.relative_degree < 2:
+                raise InputError(
+                    f"{row.element}: mu_s = {row.mu_s!r} has no memory to act on, since a surface is massless and its rate "
+                    "jumps; give its node a Mass, or leave mu_s out"
                 )
             if row.e and contact.relative_degree < 2:
                 raise InputError(

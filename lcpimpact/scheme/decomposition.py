@@ -133,3 +133,14 @@ def degrees_together(H: Array, parts: Decomposition) -> tuple[Array, Indices]:
         degree += [level] * len(found)
         T = T[free]
     return np.vstack([*kept, T]), np.array(degree + [2] * len(T), dtype=np.int64)
+
+
+def is_singular(G: Array) -> bool:
+    """Return whether a block of G is singular to rounding; one number is left to the elimination."""
+    if len(G) < 2:
+        return False
+    # Rows of springs and of masses have different units, which must not make them look dependent.
+    rows = np.abs(G).max(axis=1, keepdims=True)
+    balanced = G / np.where(rows > 0.0, rows, 1.0)
+    columns = np.abs(balanced).max(axis=0)
+    return not np.linalg.cond(balanced / np.where(columns > 0.0, columns, 1.0)) < 1e13

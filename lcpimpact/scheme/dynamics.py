@@ -40,6 +40,8 @@ class Feature(StrEnum):
     IMPULSE_PATHS = "impulses through massless nodes"
     FRICTION = "friction bounded by a normal force"
     JOINTS = "joints"
+    EQUATIONS = "equations of a system"
+    STATIC_FRICTION = "static friction above the kinetic one"
 
 
 @dataclass(frozen=True)
@@ -62,8 +64,8 @@ class Contact:
         The law of r.
     bounds : (float, float)
         r_min and r_max in N; infinite for friction, which μ r_N bounds.
-    mu : float
-        Coefficient of friction.
+    mu, mu_s : float
+        Kinetic and static coefficient of friction.
     normal : int
         The row whose reaction r_N bounds the friction; -1 for other laws.
     """
@@ -77,6 +79,7 @@ class Contact:
     law: RowLaw = RowLaw.CONTACT
     bounds: tuple[float, float] = (0.0, math.inf)
     mu: float = 0.0
+    mu_s: float = 0.0
     normal: int = -1
 
     @property
@@ -145,8 +148,11 @@ class Dynamics:
             found[Feature.SLIDERS] = f"slider {sliders[0]!r}"
         if rubbing := [contact.name for contact in self.contacts if contact.law is RowLaw.FRICTION]:
             found[Feature.FRICTION] = f"friction {rubbing[0]!r}"
+        if holding := [contact.name for contact in self.contacts if contact.mu_s > contact.mu]:
+            found[Feature.STATIC_FRICTION] = f"friction {holding[0]!r}"
         if joined := [contact.name for contact in self.contacts if contact.law is RowLaw.JOINT]:
-            found[Feature.JOINTS] = f"joint {joined[0]!r}"
+            kind = (Feature.JOINTS, "joint") if self.stores_energy else (Feature.EQUATIONS, "multiplier")
+            found[kind[0]] = f"{kind[1]} {joined[0]!r}"
         if self.relays.any():
             found[Feature.RELAYS] = f"multiplier {self.contacts[int(np.argmax(self.relays))].name!r}"
         if self.springs:
@@ -243,9 +249,33 @@ class Dynamics:
         return self._with_law(RowLaw.RELAY)
 
     @cached_property
+    def markov(self) -> Array:
+        """Row by row D, H B, -H K B, ...: how the reactions act on the derivative ρ of u of a given system (nc, nc)."""
+        found, row = self.D.copy(), self.H
+        for degree in range(1, self.relative_degree.max(initial=0) + 1):
+            rows = self.relative_degree == degree
+            found[rows] = (row @ self.B)[rows]
+            row = -row @ self.K
+        return found
+
+    @cached_property
+    def elimination(self) -> Array:
+        """T (nc, nc), with which r = T r: the reactions of the equations of a given system follow the others."""
+        T, joints = np.eye(len(self.contacts)), self.joints
+        if joints.any() and not self.stores_energy:
+            G = self.markov[joints]
+            T[joints] = -np.linalg.solve(G[:, joints], np.where(joints, 0.0, G))
+        return T
+
+    @cached_property
     def mu(self) -> Array:
         """Coefficient of friction of each row; 0 of rows with other laws (nc,)."""
         return np.array([each.mu for each in self.contacts], dtype=np.float64)
+
+    @cached_property
+    def mu_s(self) -> Array:
+        """Static coefficient of friction of each row; 0 of rows with other laws (nc,)."""
+        return np.array([each.mu_s for each in self.contacts], dtype=np.float64)
 
     @cached_property
     def normals(self) -> Indices:
@@ -276,8 +306,12 @@ class Dynamics:
         return self.slides | self.frictional
 
     def friction_bounds(self, r: Array) -> Array:
-        """Return the bounds in N of |r| of sliders, r0, and of friction, μ r_N; 0 of other rows (..., nc)."""
+        """Return the bounds in N of |r| of sliders, r0, and of friction that slides, μ r_N; 0 of other rows (..., nc)."""
         return np.asarray(self.thresholds + self.mu * np.maximum(r[..., self.normals], 0.0))
+
+    def holding_bounds(self, r: Array) -> Array:
+        """Return the bounds in N of |r| of sliders, r0, and of friction that sticks, μ_s r_N; 0 of others (..., nc)."""
+        return np.asarray(self.thresholds + self.mu_s * np.maximum(r[..., self.normals], 0.0))
 
     def _with_law(self, law: RowLaw) -> Flags:
         """Return the rows with a law (nc,)."""

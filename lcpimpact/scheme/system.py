@@ -5,7 +5,10 @@ r"""Linear complementarity systems given by their matrices, for circuits, contro
           \underline{λ}_i \le λ_i \le \overline{λ}_i \text{ where } y_i = 0
 
 With the bounds 0 and ∞ a row is the contact law 0 <= λ ⟂ y >= 0; with finite bounds it is a *relay*, whose solution is that
-of Filippov. Its coordinates are the states x, its reactions λ. In the terms of a scheme it has no mass, unit damping and the
+of Filippov; without bounds it is an *equation*, y = 0 for any λ, as the loops of a circuit or the constraints of a
+descriptor system.
+
+Its coordinates are the states x, its reactions λ. In the terms of a scheme it has no mass, unit damping and the
 stiffness -A, so integrators treat it as a scheme; a signal c_i(t) is a node with prescribed motion.
 """
 
@@ -23,6 +26,7 @@ from numpy.typing import ArrayLike
 from lcpimpact.arguments import is_name, is_sequence
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite_array, is_real
+from lcpimpact.scheme.decomposition import is_singular
 from lcpimpact.scheme.dynamics import Contact, Dynamics
 from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, PiecewisePolynomial, checked
 from lcpimpact.scheme.terms import RowLaw
@@ -48,16 +52,17 @@ class LinearComplementaritySystem:
     c : sequence of m numbers or described signals, optional
         Zero by default. A signal is recorded as the coordinate ``c_`` and the name of its multiplier.
     lower, upper : sequence of m numbers, optional
-        Bounds of λ, by default 0 and inf. Both are finite for a relay: λ in Sgn(σ) has the bounds -1 and 1 and y = -σ.
+        Bounds of λ, by default 0 and inf. Both are finite for a relay: λ in Sgn(σ) has the bounds -1 and 1 and y = -σ. Both
+        are infinite for an equation, y = 0.
     states, multipliers : sequence of str, optional
         Names of x and λ in results: by default x1, x2, ... and λ1, λ2, ...
 
     Raises
     ------
     InputError
-        If shapes do not fit, a number is not finite, names repeat, a row is neither a contact nor a relay, or a contact row
-        has a relative degree of two or more, where x would jump by a law that the matrices do not determine. Relays may have
-        any relative degree.
+        If shapes do not fit, a number is not finite, names repeat, a row is neither a contact, a relay nor an equation, or a
+        contact row has a relative degree of two or more, where x would jump by a law that the matrices do not determine.
+        Relays may have any relative degree, equations one up to two; the equations together must determine their λ.
 
     Examples
     --------
@@ -75,11 +80,22 @@ class LinearComplementaritySystem:
     >>> [abs(round(x, 12)) for x in run["x1"].tolist()], run["λ1"].tolist()[-1], [event.kind for event in run.events]
     ([1.0, 0.75, 0.5, 0.25, 0.0, 0.0, 0.0], 0.5, ['slide'])
 
+    Two capacitors of 1 F in a loop with a source of 1 V, x1 + x2 = 1, and a resistor of 1 Ω beside the second: the current
+    of the loop is the multiplier, and λ = x2/2:
+
+    >>> circuit = LinearComplementaritySystem(
+    ...     [[0.0, 0.0], [0.0, -1.0]], [[1.0], [1.0]], [[1.0, 1.0]], c=[-1.0], lower=[-float("inf")]
+    ... )
+    >>> run = simulate(Problem("loop", circuit, q0={"x2": 1.0}), "exact", dt=0.5, t_end=2.0)
+    >>> [round(float(x), 6) for x in (run["x2"][-1], run["λ1"][-1], run["x1"][-1] + run["x2"][-1])]
+    [0.367879, 0.18394, 1.0]
+
     References
     ----------
     Filippov, *Differential Equations with Discontinuous Righthand Sides* (1988).
 
-    Acary, Bonnefon and Brogliato, *Nonsmooth Modeling and Simulation for Switched Circuits* (2011), chapter 2.
+    Acary, Bonnefon and Brogliato, *Nonsmooth Modeling and Simulation for Switched Circuits* (2011), chapter 2; Kunkel and
+    Mehrmann, *Differential-Algebraic Equations* (2006), on equations and their degree.
     """
 
     A: ArrayLike
@@ -117,6 +133,7 @@ class LinearComplementaritySystem:
         if len(set(every)) < len(every):
             twice = next(name for name in every if every.count(name) > 1)
             raise InputError(f"the system has two series of the name {twice!r}: rename one by states= or multipliers=")
+        self._check_equations()
 
     def _check_inputs(self, n: int, m: int) -> None:
         """Make a and c tuples of numbers and functions of time."""
@@ -136,7 +153,7 @@ class LinearComplementaritySystem:
             object.__setattr__(self, name, values)
 
     def _check_bounds(self) -> None:
-        """Make the bounds tuples of numbers, and refuse rows that are neither contacts nor relays."""
+        """Make the bounds tuples of numbers, and refuse rows that are neither contacts, relays nor equations."""
         m = len(self.multipliers or ())
         for name in ("lower", "upper"):
             given = getattr(self, name)
@@ -154,13 +171,9 @@ class LinearComplementaritySystem:
                 raise InputError(
                     f"lower and upper of {name!r} are both {low:g}: a λ that is given is an input, part of a"
                 )
-            if low == -math.inf and high == math.inf:
+            if math.isinf(low) != math.isinf(high) and (low, high) != (0.0, math.inf):
                 raise InputError(
-                    f"{name!r} has no bounds, so y = 0 is an equation: solve it for λ, or give bounds that it does not reach"
-                )
-            if math.isinf(low) or (math.isinf(high) and low != 0.0):
-                raise InputError(
-                    f"{name!r} has the bounds {low:g} and {high:g}, and a row has 0 and inf, or two finite ones: "
+                    f"{name!r} has the bounds {low:g} and {high:g}, and a row has 0 and inf, two finite ones, or none: "
                     "count λ from its finite bound, upwards"
                 )
             signal = (self.c or ())[i]
@@ -184,7 +197,8 @@ class LinearComplementaritySystem:
         contacts = tuple(
             Contact(
                 name, "", "", constants[i], 0.0, self._degree(i, name),
-                RowLaw.CONTACT if math.isinf(bounds[1]) else RowLaw.RELAY, bounds,
+                RowLaw.JOINT if math.isinf(bounds[0]) else RowLaw.CONTACT if math.isinf(bounds[1]) else RowLaw.RELAY,
+                bounds,
             )
             for i, (name, bounds) in enumerate(zip(multipliers, self.bounds, strict=True))
         )  # fmt: skip
@@ -213,12 +227,43 @@ class LinearComplementaritySystem:
         size = np.abs(row)
         while not (feels := bool((np.abs(row @ B) > 1e-12 * (size @ np.abs(B))).any())) and degree < len(A):
             row, size, degree = row @ A, size @ np.abs(A), degree + 1
-        if (degree > 1 or not feels) and math.isinf(self.bounds[i][1]):
+        low, high = self.bounds[i]
+        if math.isinf(low) and (degree > 2 or not feels):
+            raise InputError(
+                f"the equation of {name!r} does not feel λ before its third derivative, if at all, and they are taken up "
+                "to a relative degree of two: differentiate it, C A in place of C, C a + c' of c"
+            )
+        if (degree > 1 or not feels) and math.isinf(high) and not math.isinf(low):
             raise InputError(
                 f"u of {name!r} does not feel λ before its second derivative: x would jump, by a law that A, B, C and D do "
                 "not state; give the system as a Scheme of masses and bumpers"
             )
         return degree
+
+    def _check_equations(self) -> None:
+        """Refuse equations that do not determine their λ together, and other rows that feel none once these hold."""
+        d = self._dynamics
+        equations, G = d.joints, d.markov
+        if not equations.any():
+            return
+        block = G[np.ix_(equations, equations)]
+        if (
+            is_singular(block)
+            or (np.abs(block).max(axis=1, initial=0.0) <= 1e-12 * np.abs(G[equations]).max(axis=1)).any()
+        ):
+            combination = np.abs(np.linalg.svd(block)[0][:, -1])
+            names = [repr(d.contacts[i].name) for i in np.flatnonzero(equations)[combination > 1e-9]]
+            raise InputError(
+                f"the equations of {', '.join(names)} do not determine λ: they contradict or repeat one another, or a "
+                "combination of them has a higher relative degree; give that combination in place of one of them"
+            )
+        left = np.abs(G @ d.elimination).max(axis=1, initial=0.0)
+        size = (np.abs(G) @ np.abs(d.elimination)).max(axis=1, initial=0.0)
+        for i in np.flatnonzero(~equations & (left <= 1e-12 * size) & (size > 0.0)):
+            raise InputError(
+                f"y of {d.contacts[i].name!r} feels λ only by way of the equations, which cancel it: solve these for "
+                "λ, and give the system without them"
+            )
 
     def assemble(self) -> Dynamics:
         """Return the equations in the form that integrators take."""

@@ -49,9 +49,9 @@ class RowLaw(StrEnum):
     SLIDER = "slider"
     """-r0 <= r <= r0, complementary to U."""
     FRICTION = "friction"
-    """-μ r_N <= r <= μ r_N, complementary to U, with the reaction r_N of another row."""
+    """-μ r_N <= r <= μ r_N, complementary to U, with the reaction r_N of another row; μ_s in place of μ while it sticks."""
     JOINT = "joint"
-    """u = 0, for any r."""
+    """u = 0, for any r: a joint of a scheme, or an equation of a system."""
     RELAY = "relay"
     """r_min <= r <= r_max, complementary to u: r_min where u > 0, r_max where u < 0, any between where u = 0."""
 
@@ -69,7 +69,7 @@ class Row:
     e : float or None       coefficient of restitution, where one is given
     law : RowLaw
     bounds : (float, float) r_min and r_max in N
-    mu : float              coefficient of friction
+    mu, mu_s : float        kinetic and static coefficient of friction
     normal : str            name of the row whose reaction bounds the friction
     """
 
@@ -82,6 +82,7 @@ class Row:
     law: RowLaw = RowLaw.CONTACT
     bounds: tuple[float, float] = (0.0, math.inf)
     mu: float = 0.0
+    mu_s: float = 0.0
     normal: str = ""
 
 

@@ -39,7 +39,25 @@ LINKED_PAIR = li.Problem(
         li.Bumper("y", "ground", gap=0.1, e=0.5),
     ),
 )
-OWN = {each.name: each for each in (STOPPED_PLATE, PUSHED_PLATE, LINKED_PAIR)}
+LOOP = li.Problem(
+    "loop",
+    li.LinearComplementaritySystem(
+        [[0.0, 0.0], [0.0, -1.0]], [[1.0], [1.0]], [[1.0, 1.0]], c=[-1.0], lower=[-float("inf")]
+    ),
+    q0={"x2": 1.0},
+)
+HELD_BLOCK = li.Problem(
+    "held block",
+    li.Scheme(
+        li.Mass("x", m=1.0),
+        li.Mass("y", m=1.0),
+        li.Load("x", f=4.0),
+        li.Load("y", f=9.81),
+        li.Bumper("y", "ground", e=0.0, name="N"),
+        li.Friction("x", "ground", mu=0.3, mu_s=0.5, normal="N"),
+    ),
+)
+OWN = {each.name: each for each in (STOPPED_PLATE, PUSHED_PLATE, LINKED_PAIR, LOOP, HELD_BLOCK)}
 """Schemes with features that no registered problem has."""
 
 EVERY = (*PROBLEMS, *OWN)

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from rough_contacts import Bodies, Rough
 from scipy.integrate import quad, solve_ivp
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import brentq, minimize_scalar, root
 
 import lcpimpact as li
 from lcpimpact.errors import InputError
@@ -285,6 +285,8 @@ RANDOM = {
     "forced-coulomb-oscillator": {"F": some(0.5, 4.0), "P": some(9.0, 12.0), "omega": some(6.0, 8.5)},
     "block-on-incline": {"m": some(0.1, 10.0), "alpha": some(0.1, 0.6), "mu": some(0.75, 2.0), "v0": some(0.1, 10.0)},
     "block-on-belt": {"m": some(0.5, 2.0), "k": some(50.0, 200.0), "mu": some(0.2, 1.0), "v_b": some(0.01, 0.1)},
+    "buck-converter": {"E": some(19.0, 23.5), "R": some(18.0, 26.0), "V_ref": some(10.8, 11.8)},
+    "stick-slip-belt": {"m": some(0.5, 2.0), "mu": some(0.1, 0.4), "mu_s": some(0.45, 1.0), "v_b": some(0.02, 1.0)},
     "thrown-block": {"mu": some(0.05, 1.0), "e": some(0.1, 0.9), "v_x": some(0.5, 5.0), "v_y": some(0.5, 5.0)},
     "rolling-sphere": {"k": some(0.1, 1.0), "mu": some(0.1, 1.0), "v0": some(0.1, 5.0), "omega0": some(0.0, 100.0)},
     "spinning-ball": {"k": some(0.1, 1.0), "mu": some(0.05, 1.0), "e": some(0.1, 0.8), "omega0": some(1.0, 100.0)},
@@ -456,6 +458,9 @@ BAD = [
     ("block-on-incline", {"mu": -0.1}, "mu = -0.1 must not be negative"),
     ("block-on-incline", {"alpha": 2.0}, "alpha = 2 must be below π/2"),
     ("block-on-belt", {"v_b": 0.3}, "v_b = 0.3 is too fast for the block ever to stick; it must be below 0.2943 m/s"),
+    ("buck-converter", {"E": 11.0}, "with E = 11 no motion of period T switches once in it"),
+    ("buck-converter", {"periods": 2.5}, "periods = 2.5 must be a whole number"),
+    ("stick-slip-belt", {"mu_s": 0.3}, "mu_s = 0.3 must be above mu = 0.3, or the vibration does not stick"),
     ("thrown-block", {"e": 1.0}, "e = 1 never lets the block rest"),
     ("thrown-block", {"mu": 0.0}, "mu = 0 must be above zero"),
     ("rolling-sphere", {"omega0": -20.0}, "the ball rolls from the start"),
@@ -1037,6 +1042,50 @@ def block_on_belt(m, g, k, mu, v_b):
     }
 
 
+def stick_slip_belt(m, g, k, mu, mu_s, v_b):
+    """By SciPy, phase by phase, from the relaxed spring: the second cycle is that of the motion in the long run."""
+
+    def rate(t, y):
+        return [y[1], (mu * m * g - k * y[0]) / m]
+
+    def catches(t, y):
+        return y[1] - v_b
+
+    catches.terminal, catches.direction = True, 1.0
+    x = 0.0
+    for _ in range(2):
+        loose = mu_s * m * g / k
+        sticks = (loose - x) / v_b
+        slip = solve_ivp(
+            rate, (0.0, 1e3), [loose, v_b], method="DOP853", rtol=1e-12, atol=1e-14, events=catches, dense_output=True
+        )
+        x = float(slip.y_events[0][0][0])
+        slips = float(slip.t_events[0][0])
+    # The largest displacement is where the velocity is zero.
+    turn = brentq(lambda t: slip.sol(t)[1], 0.0, 0.75 * math.pi * math.sqrt(m / k), xtol=1e-15)
+    return {"t_st": sticks, "T": sticks + slips, "x_max": float(slip.sol(turn)[0])}
+
+
+def buck_converter(E, L, C, R, V_ref, a, V_L, V_U, T, periods):
+    """By SciPy: the state that a period with one switch brings back."""
+
+    def rate(t, x, source):
+        return [(x[1] - x[0] / R) / C, (source - x[0]) / L]
+
+    def period(x, δ):
+        options = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
+        off = solve_ivp(rate, (0.0, δ), x, args=(0.0,), **options).y[:, -1]
+        return off, solve_ivp(rate, (δ, T), off, args=(E,), **options).y[:, -1]
+
+    def missed(z):
+        off, end = period(z[:2], z[2] * T)
+        return [end[0] - z[0], end[1] - z[1], a * (off[0] - V_ref) - V_L - (V_U - V_L) * z[2]]
+
+    v = V_ref + 0.5 * (V_L + V_U) / a
+    found = root(missed, [v, v / R, 1.0 - v / E], tol=1e-13).x
+    return {"δ": found[2] * T, "v_0": found[0], "i_0": found[1]}
+
+
 def thrown_block(m, g, mu, e, v_x, v_y):
     """Flight by flight, until these are shorter than rounding."""
     t, x, v, w, speeds = 0.0, 0.0, v_x, v_y, []
@@ -1374,6 +1423,8 @@ OUTSIDE = {
     "jenkins-cycle": jenkins_cycle,
     "block-on-incline": block_on_incline,
     "block-on-belt": block_on_belt,
+    "stick-slip-belt": stick_slip_belt,
+    "buck-converter": buck_converter,
     "thrown-block": thrown_block,
     "rolling-sphere": rolling_sphere,
     "draw-shot": rolling_sphere,

@@ -43,6 +43,11 @@ from lcpimpact.lcp.solver import Kernel
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
+HOLDING_RTOL = 1e-9
+"""Slip rate of surfaces that stick, relative to what their friction can change in a step."""
+
+ROUNDING = 16.0 * float(np.finfo(float).eps)
+
 SWITCHES = -1
 """Status of steps that stop at a change of the active contacts."""
 
@@ -127,13 +132,34 @@ def room_for(table: StepTable, ns: int) -> Workspace:
     return Workspace(np.zeros(table.known.shape[1]), np.zeros(nc, np.int64), np.zeros(nc), np.zeros(ns))
 
 
+class StaticFriction(NamedTuple):
+    """Static friction above the kinetic one, and its memory in a step; no rows without.
+
+    Attributes
+    ----------
+    kinetic, static : (nf,) arrays      coefficients of all rows with friction
+    H : (nf, n) array                   their rows of U
+    U, near : (nf,) arrays              U at the start of the step, 0 for rows that stick, and its rounding
+    turned : (nf,) array                whether a row that slides would turn back in the step
+    """
+
+    kinetic: Array
+    static: Array
+    H: Array
+    U: Array
+    near: Array
+    turned: Flags
+
+
 TABLE: Any = named_tuple((matrix, matrix, cube, matrix, matrix, flags, matrix), StepTable)
 STEP_SPRINGS: Any = named_tuple((matrix, vector, f8), StepSprings)
 STEP_STATE: Any = named_tuple((vector, matrix), StepState)
 PATH: Any = named_tuple((matrix, matrix, matrix), StepOutput)
 BLOCK: Any = named_tuple((i8, i8, matrix, f8, i8, types.boolean), Block)
 ROOM: Any = named_tuple((vector, indices, vector, vector), Workspace)
+STATIC_FRICTION: Any = named_tuple((vector, vector, matrix, vector, vector, flags), StaticFriction)
 FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION))
+ALL_FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION, STATIC_FRICTION))
 
 
 @compiled(types.void(vector, vector), inline="always", allocates=False)
@@ -243,6 +269,52 @@ def solve_features(
         rows.q[:] = E @ at_active if rough else at_active
 
 
+@compiled(types.void(TABLE, i8, f8, FRICTION, STATIC_FRICTION, STEP_STATE))
+def recall_slip(
+    table: StepTable, law: int, h: float, friction: FrictionRows, memory: StaticFriction, state: StepState
+) -> None:
+    """Give what sticks at the start of a step its static coefficient of friction, and what slides its kinetic one."""
+    n = memory.H.shape[1]
+    for k in range(len(memory.static)):
+        U, size, i = 0.0, 0.0, friction.rows[k]
+        for j in range(n):
+            U += memory.H[k, j] * state.y[n + j]
+            # The mean rate of a node with prescribed motion is a difference of its places.
+            size += abs(memory.H[k, j]) * (abs(state.y[n + j]) + abs(state.y[j]) / h)
+        memory.near[k], memory.turned[k] = ROUNDING * size, False
+        reach = memory.static[k] * abs(table.W[law, i, i]) * max(state.P[law, friction.normals[k]], 0.0)
+        sticks = abs(U) <= memory.near[k] + HOLDING_RTOL * reach
+        memory.U[k], friction.mu[k] = (0.0, memory.static[k]) if sticks else (U, memory.kinetic[k])
+
+
+@compiled(types.boolean(TABLE, types.UniTuple(i8, 2), FRICTION, STATIC_FRICTION, ROOM))
+def breaks_loose(
+    table: StepTable, which: tuple[int, int], friction: FrictionRows, memory: StaticFriction, room: Workspace
+) -> bool:
+    """Return whether a law must be solved again, since what sticks slips, now with μ, or slip turns back, now with μ_s.
+
+    ``which`` are the law and its number of active rows.
+    """
+    (law, na), nc, ns, again = which, table.W.shape[1], len(room.s), False
+    column = law * (nc + ns)
+    for k in range(len(memory.static)):
+        i, reach = friction.rows[k], 0.0
+        row = 2 * column + nc + i
+        L = room.sums[row]
+        for a in range(na):
+            L += table.unknown[column + room.active[a], row] * room.z[a]
+            if room.active[a] == friction.normals[k]:
+                reach = friction.mu[k] * abs(table.W[law, i, i]) * room.z[a]
+        for j in range(ns):
+            L += table.unknown[column + nc + j, row] * room.s[j]
+        moves, static = abs(L) > memory.near[k] + HOLDING_RTOL * reach, friction.mu[k] > memory.kinetic[k]
+        if moves and static and (memory.U[k] == 0.0 or memory.turned[k]):
+            friction.mu[k], again = memory.kinetic[k], True
+        elif moves and memory.U[k] * L < 0.0 and not memory.turned[k]:
+            friction.mu[k], memory.turned[k], again = memory.static[k], True, True
+    return again
+
+
 @compiled(types.void(matrix, vector, matrix, i8, vector), inline="always", allocates=False)
 def add_knowns(columns: Array, y: Array, loads: Array, k: int, sums: Array) -> None:
     """Write the sums of the columns of y, 1 and the loads of step k."""
@@ -289,13 +361,13 @@ def switches(active: Indices, z: Array, P: Array) -> bool:
 
 
 @compiled(
-    types.Tuple((i8, i8, i8, i8, f8))(BLOCK, TABLE, FEATURES, STEP_STATE, PATH, ROOM, KERNEL, SPRING_SOLVER),
+    types.Tuple((i8, i8, i8, i8, f8))(BLOCK, TABLE, ALL_FEATURES, STEP_STATE, PATH, ROOM, KERNEL, SPRING_SOLVER),
     allocates=False,
 )
 def steps(
     block: Block,
     table: StepTable,
-    features: tuple[StepSprings, Paths, Static, FrictionRows],
+    features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction],
     state: StepState,
     path: StepOutput,
     room: Workspace,
@@ -307,12 +379,12 @@ def steps(
     Returns the status, SWITCHES at a change of the active contacts, the step reached, the sums of the LCP and Newton
     iterations, and the largest independent residual.
     """
-    (springs, paths, static, friction), sums, active, z = features, room.sums, room.active, room.z
+    (springs, paths, static, friction, memory), sums, active, z = features, room.sums, room.active, room.z
     n, nc, ns, N, m = path.q.shape[1], table.W.shape[1], len(springs.law), len(state.y), len(table.W)
     new = m * 2 * (nc + ns)
     forces = new + N
     simple, solving = ns == 0 and len(paths.lines) == 0, Solving(block.tol, block.max_iter, solve)
-    simple = simple and len(friction.rows) == 0
+    simple, holds = simple and len(friction.rows) == 0, len(memory.static) > 0
     iterations, newton, worst = 0, 0, 0.0
     for k in range(block.first, block.last):
         add_knowns(table.known, state.y, block.loads, k - block.first, sums)
@@ -326,9 +398,14 @@ def steps(
             if simple and na > 0:
                 status, count, residual = solve_rows(table, law, sums[first + nc : after], na, room, solving)
             elif na + ns > 0:
-                status, count, tried, residual = solve_features(
-                    table, features, state, room, (law, na), solving, solve_springs
-                )
+                again = True
+                if holds:
+                    recall_slip(table, law, springs.h, friction, memory, state)
+                while again and status == SOLVED:
+                    status, count, tried, residual = solve_features(
+                        table, (springs, paths, static, friction), state, room, (law, na), solving, solve_springs
+                    )
+                    again = holds and breaks_loose(table, (law, na), friction, memory, room)
             iterations += count
             newton += tried
             if status != SOLVED:

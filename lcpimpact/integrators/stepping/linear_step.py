@@ -32,6 +32,7 @@ from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
 from lcpimpact.integrators.stepping.kernel import (
     SWITCHES,
     Block,
+    StaticFriction,
     StepOutput,
     StepSprings,
     StepState,
@@ -201,7 +202,7 @@ class Tabulated:
     Attributes
     ----------
     table : StepTable                   the coefficients for the kernel
-    features : tuple                    springs, impulse paths, static coordinates and friction
+    features : tuple                    springs, impulse paths, static coordinates, friction, and what of it is static
     springs : callable                  the Newton solver of the springs
     forces : callable, optional         that of springs and forces of any kind, for the instant at which these are evaluated
     loads : callable                    the loads of the steps between instants, one row a step
@@ -212,7 +213,7 @@ class Tabulated:
     """
 
     table: StepTable
-    features: tuple[StepSprings, Paths, Static, FrictionRows]
+    features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction]
     springs: SpringSolver
     forces: Callable[[float], SpringSolver] | None
     loads: Callable[[Array], Array]
@@ -225,7 +226,7 @@ class Tabulated:
     @cached_property
     def regular(self) -> bool:
         """Whether its steps can be straight-line code: in that a law of one row has its closed form."""
-        springs, paths, static, friction = self.features
+        springs, paths, static, friction, _ = self.features
         plain = self.solver.compiled and not self.forces and self.at_switches is None
         plain = plain and (self.table.W.shape[1] != 1 or self.solver.name == "closed-form")
         return plain and covers(self.table, static, len(springs.law), len(paths.lines), len(friction.rows))
@@ -314,7 +315,7 @@ class LinearStep(TimeStepping[Tabulated]):
         other = self.at_switches(d)
         return Tabulated(
             table,
-            (springs, step.paths, step.static, self._friction_rows(d, lcp_solver)),
+            (springs, step.paths, step.static, self._friction_rows(d, lcp_solver), _static_friction(d)),
             spring_solver(d),
             partial(solve_with_forces, d) if d.force_laws else None,
             self._loads(d, h),
@@ -421,6 +422,13 @@ def spring_solver(d: Dynamics) -> SpringSolver:
     from lcpimpact.integrators.stepping.newton import solve_with_springs
 
     return solve_with_springs
+
+
+def _static_friction(d: Dynamics) -> StaticFriction:
+    """Return the static friction, with no rows where none is above the kinetic one."""
+    rows = np.flatnonzero(d.frictional & (d.mu_s > d.mu).any())
+    U, near = np.zeros((2, len(rows)))
+    return StaticFriction(d.mu[rows], d.mu_s[rows], d.H[rows], U, near, np.zeros(len(rows), dtype=np.bool_))
 
 
 def varying_loads(d: Dynamics) -> Flags:

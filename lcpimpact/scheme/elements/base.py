@@ -48,6 +48,11 @@ class Element(ABC):
         """The nodes that the element makes for itself, as NAME.1, NAME.2, ..., which no other may use."""
         return self.nodes[1:-1]
 
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The symbols that a drawing shows."""
+        return self.symbols
+
     @abstractmethod
     def contribute(self, terms: Terms) -> None:
         """Add the element's terms to the system."""

@@ -28,6 +28,10 @@ class Friction(Link):
 
     It dissipates the energy of sliding, μ r_N |U|; e_T > 0 returns some of that of an impact.
 
+    With a static coefficient μ_s > μ it is a law with a memory, by the rule: surfaces that stick, U = 0, hold while
+    |F| <= μ_s r_N; once they slide |F| = μ r_N, until U returns to zero, where they stick again if μ_s r_N suffices. In an
+    impact the impulses obey the same rule, with U before it.
+
     ::
 
         o upper, feels -F
@@ -40,7 +44,7 @@ class Friction(Link):
     upper, lower : str or mapping
         The two surfaces, as the coordinates along which they slide: {"x": 1.0, "φ": 0.1} for the rim of a wheel of 0.1 m.
     mu : float
-        Coefficient of friction, at least 0.
+        Coefficient of friction, at least 0: the kinetic one if ``mu_s`` is given.
     normal : str
         The name of the bumper whose reaction is the normal force.
     e_T : float
@@ -48,13 +52,16 @@ class Friction(Link):
         constant.
     name : str, optional
         The name of the force F in results; by default F, and F_2, F_3, ... for the next ones of a scheme without a name.
+    mu_s : float, optional
+        Static coefficient of friction, at least mu; mu by default.
     symbols : tuple of str
-        How drawings call the coefficient.
+        How drawings call the coefficients.
 
     Raises
     ------
     InputError
-        If mu is missing, negative or not finite, normal is no name, e_T lies outside [0, 1], or both ends are one.
+        If mu is missing, negative or not finite, mu_s is less than mu, normal is no name, e_T lies outside [0, 1], mu_s > mu
+        and e_T > 0 are given together, or both ends are one.
 
     Examples
     --------
@@ -68,7 +75,8 @@ class Friction(Link):
 
     References
     ----------
-    Moreau (1988); Glocker, *Set-Valued Force Laws* (2001).
+    Moreau (1988); Glocker, *Set-Valued Force Laws* (2001); Leine and Nijmeijer, *Dynamics and Bifurcations of Non-Smooth
+    Mechanical Systems* (2004), on stick-slip.
     """
 
     upper: End
@@ -77,7 +85,8 @@ class Friction(Link):
     normal: str = MISSING
     e_T: float = 0.0
     name: str | None = None
-    symbols: tuple[str, ...] = ("μ",)
+    mu_s: float | None = None
+    symbols: tuple[str, ...] = ("μ", "μ_s")
 
     reaction: ClassVar[str] = "F"
     strokes: ClassVar[tuple[Polyline, ...]] = (
@@ -102,11 +111,25 @@ class Friction(Link):
                 f"{self}: normal = {self.normal!r} must be the name of the bumper that bounds the friction"
             )
         between(f"{self}: e_T", self.e_T, 0.0, 1.0)
+        if self.mu_s is None:
+            return
+        if not is_real(self.mu_s) or not self.mu_s >= self.mu:
+            raise InputError(f"{self}: mu_s = {self.mu_s!r} must be a finite number, at least mu = {self.mu!r}")
+        if self.mu_s > self.mu and self.e_T > 0.0:
+            raise InputError(
+                f"{self}: e_T = {self.e_T!r} and mu_s = {self.mu_s!r} above mu = {self.mu!r} together are no law: slip that "
+                "an impact reverses does not stick; leave one of them out"
+            )
 
     @property
     def ends(self) -> tuple[End, End]:
         """The two surfaces."""
         return (self.upper, self.lower)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The symbols of the coefficients that are given."""
+        return self.symbols if self.mu_s is not None else self.symbols[:1]
 
     def contribute(self, terms: Terms) -> None:
         """Add a row to H, whose bounds are those of another."""
@@ -121,6 +144,7 @@ class Friction(Link):
                 law=RowLaw.FRICTION,
                 bounds=(-math.inf, math.inf),
                 mu=float(self.mu),
+                mu_s=float(self.mu if self.mu_s is None else self.mu_s),
                 normal=self.normal,
             )
         )
