@@ -15,6 +15,9 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
+from importlib.abc import Loader
+from importlib.machinery import ModuleSpec
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import FunctionType
 from typing import Any, Literal, TypeVar, cast
@@ -211,8 +214,8 @@ def source_file(text: str) -> Path:
     return folder() / "generated" / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.py"
 
 
-def compiled_text(text: str, name: str, signature: Any, names: Mapping[str, Any]) -> Callable[..., Any]:
-    """Compile a function from its source, which is saved so that the compiled code can be cached.
+def compiled_text(text: str, name: str, signature: Any, names: Mapping[str, Any]) -> Callable[..., Any] | None:
+    """Compile a function from its source, which is saved with the compiled code; None if there is no place for it.
 
     Parameters
     ----------
@@ -222,18 +225,23 @@ def compiled_text(text: str, name: str, signature: Any, names: Mapping[str, Any]
     names : mapping
         The global names of the source.
     """
+    if not usable():
+        return None
     file = source_file(text)
-    if usable() and not file.exists():
-        try:
+    try:
+        if not file.exists():
             file.parent.mkdir(parents=True, exist_ok=True)
             part = file.with_suffix(f".{os.getpid()}")
             part.write_text(text, encoding="utf-8")
             part.replace(file)
-        except OSError as error:
-            warn_once(f"cannot be written ({reason(error)}) and is compiled again in each run")
-    space = {"__name__": __name__, **names}
-    exec(compile(text, str(file), "exec"), space)
-    return compiled(signature, allocates=False)(cast(Callable[..., Any], space[name]))
+        spec = cast(ModuleSpec, spec_from_file_location(__name__, file))
+        module = module_from_spec(spec)
+        vars(module).update(names)
+        cast(Loader, spec.loader).exec_module(module)
+    except OSError as error:
+        warn_once(f"cannot be written ({reason(error)}) and is compiled again in each run")
+        return None
+    return compiled(signature, allocates=False)(cast(Callable[..., Any], vars(module)[name]))
 
 
 def compile_ahead(*parts: Sequence[str]) -> None:

@@ -46,6 +46,9 @@ INCH = 0.42
 MAX_HEIGHT = 9.0
 """Height in inches above which a drawing is scaled down."""
 
+MAX_WIDTH = 10.0
+"""Width in inches above which a drawing is scaled down."""
+
 FORCE_COLOR, MOTION_COLOR = PALETTE[1], PALETTE[0]
 
 DOWN = np.array([0.0, -1.0])
@@ -170,7 +173,9 @@ def draw_scheme(
         pieces = list(picture(layout, at_rest(layout), coordinates=coordinates))
         left, right, low, high = extent(pieces)
         pieces_width, pieces_height = right - left, high - low
-        size = 1.0 if figure is None else min(1.0, MAX_HEIGHT / (pieces_height * INCH))
+        size = (
+            1.0 if figure is None else min(1.0, MAX_HEIGHT / (pieces_height * INCH), MAX_WIDTH / (pieces_width * INCH))
+        )
         paint(panel, pieces, size)
         panel.set(xlim=(left, right), ylim=(low, high), aspect="equal")
         panel.set_axis_off()

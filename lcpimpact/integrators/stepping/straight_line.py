@@ -355,5 +355,5 @@ def straight_line(key: bytes, table: StepTable, static: Static, n: int, steps: i
         if tally.steps >= WORTH_COMPILING or source_file(source).exists():
             names = {"np": np, "Solving": Solving, "solve_rows": solve_rows, "SOLVED": SOLVED, "IRREGULAR": IRREGULAR}
             run = compiled_text(source, "run", SIGNATURE, names | {"INFINITY": np.inf})
-            tally.code = StraightLine(tuple(tally.writer.coefficients.values()), run)
+            tally.code = StraightLine(tuple(tally.writer.coefficients.values()), run) if run else None
     return tally.code
