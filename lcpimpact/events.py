@@ -85,15 +85,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
                 impulsive[j : j + impact_steps, k] = True
                 if impulse != 0.0:
                     found.append((t, int(k), Event(t, dynamics.contacts[k].name, kind, left, right, impulse)))
-    bounded = np.flatnonzero(dynamics.rubs | dynamics.relays)
-    friction = (
-        np.where(impulsive, 0.0, dynamics.friction_bounds(record.reaction)) if dynamics.frictional.any() else impulsive
-    )
-    holds = _holding(dynamics, record, friction)
-    for i in map(int, bounded):
-        bounds = (-friction[:, i], friction[:, i]) if dynamics.frictional[i] else dynamics.contacts[i].bounds
-        crossed = _events_of_bounds(dynamics.contacts[i], i, (*bounds, holds[:, i]), record)
-        found += [(event.t, i, event) for event in crossed]
+    found += _events_of_bounded_rows(dynamics, record, impulsive)
     return tuple(event for _, _, event in sorted(found, key=lambda each: each[:2])), impulsive
 
 
@@ -211,6 +203,20 @@ def _holding(d: Dynamics, record: Record, friction: Array) -> Flags:
     U = np.abs(d.gap_rate(record.v[len(record.v) - len(record.reaction) :]))
     beyond = np.abs(record.reaction) > friction * (1.0 + SLIP_RTOL)
     return np.asarray((d.mu_s > d.mu) & (beyond | (SLIP_RTOL * U.max(axis=0, initial=0.0) >= U)))
+
+
+def _events_of_bounded_rows(d: Dynamics, record: Record, impulsive: Flags) -> list[tuple[float, int, Event]]:
+    """Return the events of sliders, friction and relays, with their instants and rows."""
+    found: list[tuple[float, int, Event]] = []
+    friction, holds = np.zeros((1, len(d.contacts))), np.zeros((1, len(d.contacts)), dtype=np.bool_)
+    if d.frictional.any():
+        friction = np.where(impulsive, 0.0, d.friction_bounds(record.reaction))
+        holds = _holding(d, record, friction)
+    for i in map(int, np.flatnonzero(d.rubs | d.relays)):
+        bounds = (-friction[:, i], friction[:, i]) if d.frictional[i] else d.contacts[i].bounds
+        crossed = _events_of_bounds(d.contacts[i], i, (*bounds, holds[:, i]), record)
+        found += [(event.t, i, event) for event in crossed]
+    return found
 
 
 def _events_of_bounds(contact: Contact, i: int, law: tuple[Any, Any, Flags], record: Record) -> Iterator[Event]:

@@ -391,8 +391,9 @@ class Radau(Integrator):
         CA, CAA = np.array(C @ A, order="C"), np.array(C @ A @ A, order="C")
         shocked = impulsive[rubbing]
         impacts = ImpactMatrices(
-            C.copy(), CA, CAA, np.array(CA @ B, order="C"), B.copy(), d.restitution, d.unilateral & impulsive,
-            d.joints & impulsive, FrictionRows(rubbing[shocked], normals[shocked], mu[shocked], GLOCKER), grid.h,
+            C=C.copy(), CA=CA, CAA=CAA, G=np.array(CA @ B, order="C"), B=B.copy(), e=d.restitution,
+            bounces=d.unilateral & impulsive, joints=d.joints & impulsive,
+            friction=FrictionRows(rubbing[shocked], normals[shocked], mu[shocked], GLOCKER), h=grid.h,
         )  # fmt: skip
         friction = _stage_friction(d, len(radau.c), lcp_solver == "auto")
         table = _tabulate(radau, d, form, grid.h)

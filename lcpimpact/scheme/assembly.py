@@ -63,16 +63,16 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     contacts = tuple(
         Contact(
             row.name,
-            name_of(row.upper),
-            name_of(row.lower),
-            row.gap,
-            row.e or 0.0,
-            degree,
-            row.law,
-            row.bounds,
-            row.mu,
-            row.mu_s,
-            normal,
+            upper=name_of(row.upper),
+            lower=name_of(row.lower),
+            gap=row.gap,
+            e=row.e or 0.0,
+            relative_degree=degree,
+            law=row.law,
+            bounds=row.bounds,
+            mu=row.mu,
+            mu_s=row.mu_s,
+            normal=normal,
         )
         for row, degree, normal in zip(terms.rows, degrees, normals, strict=True)
     )

@@ -285,9 +285,10 @@ def forced_form(dynamics: Dynamics, method: str) -> tuple[FirstOrderForm, Inputs
     approach = -d.directions @ form.Q
     approach[:, form.constant] -= d.power_laws[:, 0]
     rate = np.where(d.power_laws[:, 3:].sum(axis=1, keepdims=True) > 0.0, approach @ form.A, 0.0)
+    place = form.Q[d.acted_on]
     inputs = Inputs(
-        form.B[:, acting], form.D[:, acting], form.Qr[:, acting], approach, rate, d.power_laws,
-        form.Q[d.acted_on], form.Q[d.acted_on] @ form.A, d.force_laws, tuple(f for _, f in others),
+        E=form.B[:, acting], D=form.D[:, acting], Q=form.Qr[:, acting], approach=approach, rate=rate, law=d.power_laws,
+        place=place, speed=place @ form.A, force_laws=d.force_laws, loads=tuple(f for _, f in others),
     )  # fmt: skip
     assert form.low is not None
     A, B, C, D, Q, Qr = form.low

@@ -6,12 +6,13 @@ In such a *case* the friction of a slipping row is P_T = ±μ P_N, and the law i
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, f8, i8, indices, vector
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.compiled import compiled, f8, flags, i8, indices, named_tuple, vector
 from lcpimpact.integrators.stepping.law import PROBLEM, SOLVING, ContactProblem, Solving, solve_law
 from lcpimpact.lcp.friction import FRICTION, FrictionRows, friction_maps, unknowns
 from lcpimpact.lcp.lapack import EPS, lu_solve
@@ -48,70 +49,95 @@ def solve_with_friction(
     return status, count, residual
 
 
-@compiled(f8(PROBLEM, indices, FRICTION, vector, vector))
-def solve_same_case(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Array, z: Array) -> float:
-    """Solve the law of the active rows for z, each in its case in P; return the residual, infinite if a case has changed.
+class Case(NamedTuple):
+    """The case of each active row: open or at a bound, free, sticking or slipping.
 
-    It is the largest |w_i| of a row that has to be zero, relative to its terms; inequalities hold up to rounding.
+    Attributes
+    ----------
+    free : (na,) flags          whether its w is zero, as of a closed contact and of friction that sticks
+    normal : (na,) array        position of the normal row of its friction among the active rows; -1 of other rows
+    mu, slope : (na,) arrays    coefficient of friction, and P_T/P_N of a row that slips
     """
-    W, q, lower, upper = rows
-    n, k = len(active), 0
-    free, normal = np.empty(n, np.int64), np.full(n, -1)
-    slope, limit = np.zeros(n), np.zeros(n)
+
+    free: Flags
+    normal: Indices
+    mu: Array
+    slope: Array
+
+
+CASE: Any = named_tuple((flags, indices, vector, vector), Case)
+
+
+@compiled(CASE(PROBLEM, indices, FRICTION, vector, vector))
+def case_of(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Array, z: Array) -> Case:
+    """Return the case of the active rows in P, and write z of the rows at a bound; 0 of others."""
+    n = len(active)
+    case = Case(np.zeros(n, np.bool_), np.full(n, -1), np.zeros(n), np.zeros(n))
     for a in range(n):
         i = active[a]
-        z[a] = min(max(P[i], lower[i]), upper[i])
-        is_free = lower[i] < P[i] < upper[i]
+        case.free[a] = rows.lower[i] < P[i] < rows.upper[i]
+        z[a] = 0.0 if case.free[a] else min(max(P[i], rows.lower[i]), rows.upper[i])
         for c in range(len(friction.rows)):
             if friction.rows[c] == i:
-                P_N, limit[a] = P[friction.normals[c]], friction.mu[c]
-                for d in range(n):
-                    if active[d] == friction.normals[c]:
-                        normal[a] = d
-                is_free = abs(P[i]) < (1.0 - STICK_RTOL) * limit[a] * P_N
-                slope[a] = 0.0 if is_free or not P_N > 0.0 else math.copysign(limit[a], P[i])
-                z[a] = 0.0
-        if is_free:
-            free[k], z[a] = a, 0.0
-            k += 1
-    A, b = np.empty((k, k)), np.empty(k)
-    for c in range(k):
+                P_N, case.mu[a], z[a] = P[friction.normals[c]], friction.mu[c], 0.0
+                for b in range(n):
+                    if active[b] == friction.normals[c]:
+                        case.normal[a] = b
+                case.free[a] = abs(P[i]) < (1.0 - STICK_RTOL) * case.mu[a] * P_N
+                if P_N > 0.0 and not case.free[a]:
+                    case.slope[a] = math.copysign(case.mu[a], P[i])
+    return case
+
+
+@compiled(f8(PROBLEM, indices, CASE, vector))
+def judge_case(rows: ContactProblem, active: Indices, case: Case, z: Array) -> float:
+    """Return the largest |w_i| of a free row, relative to its terms; infinite if an inequality of the case is violated."""
+    W, q, lower, upper = rows
+    residual, n = 0.0, len(active)
+    for a in range(n):
+        i = active[a]
+        w, terms, low, high = q[i], abs(q[i]), lower[i], upper[i]
+        for b in range(n):
+            w += W[i, active[b]] * z[b]
+            terms += abs(W[i, active[b]] * z[b])
+        if case.normal[a] >= 0:
+            high = case.mu[a] * z[case.normal[a]]
+            low = -high
+        rounding = 4.0 * n * EPS * terms
+        if case.free[a]:
+            holds = low <= z[a] <= high
+            residual = max(residual, abs(w) / terms if terms > 0.0 else 0.0)
+        elif case.normal[a] >= 0:
+            holds = case.slope[a] * w <= case.mu[a] * rounding
+        else:
+            holds = (z[a] != low or w >= -rounding) and (z[a] != high or w <= rounding)
+        if not holds:
+            return np.inf
+    return residual
+
+
+@compiled(f8(PROBLEM, indices, FRICTION, vector, vector))
+def solve_same_case(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Array, z: Array) -> float:
+    """Solve the law of the active rows for z, each in its case in P; return the residual, infinite if a case has changed."""
+    W, q, n = rows.W, rows.q, len(active)
+    case = case_of(rows, active, friction, P, z)
+    free = np.flatnonzero(case.free)
+    A, b = np.empty((len(free), len(free))), np.empty(len(free))
+    for c in range(len(free)):
         i = active[free[c]]
         b[c] = -q[i]
         for a in range(n):
             b[c] -= W[i, active[a]] * z[a]
-        for d in range(k):
+        for d in range(len(free)):
             A[c, d] = W[i, active[free[d]]]
             for a in range(n):
-                if slope[a] != 0.0 and normal[a] == free[d]:
-                    A[c, d] += slope[a] * W[i, active[a]]
-    if k > 0 and not lu_solve(A, b):
+                if case.slope[a] != 0.0 and case.normal[a] == free[d]:
+                    A[c, d] += case.slope[a] * W[i, active[a]]
+    if len(free) > 0 and not lu_solve(A, b):
         return np.inf
-    for c in range(k):
+    for c in range(len(free)):
         z[free[c]] = b[c]
     for a in range(n):
-        if slope[a] != 0.0:
-            z[a] = slope[a] * z[normal[a]]
-    residual, c = 0.0, 0
-    for a in range(n):
-        i = active[a]
-        w, terms = q[i], abs(q[i])
-        for d in range(n):
-            w += W[i, active[d]] * z[d]
-            terms += abs(W[i, active[d]] * z[d])
-        rounding = 4.0 * n * EPS * terms
-        if c < k and free[c] == a:
-            c += 1
-            low, high = lower[i], upper[i]
-            if normal[a] >= 0:
-                high = limit[a] * z[normal[a]]
-                low = -high
-            if not low <= z[a] <= high:
-                return np.inf
-            residual = max(residual, abs(w) / terms if terms > 0.0 else 0.0)
-        elif normal[a] >= 0:
-            if slope[a] * w > rounding * limit[a]:
-                return np.inf
-        elif (z[a] == lower[i] and w < -rounding) or (z[a] == upper[i] and w > rounding):
-            return np.inf
-    return residual
+        if case.slope[a] != 0.0:
+            z[a] = case.slope[a] * z[case.normal[a]]
+    return judge_case(rows, active, case, z)
