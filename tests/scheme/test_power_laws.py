@@ -102,13 +102,16 @@ def test_moreau_jean_follows_a_chain_with_a_power_law(n, K, b, k, a):
         force = K * δ**n * (1.0 + b * dy)
         return [dx, dy, k * (y - x) + a * math.cos(5.0 * t), 2.0 * (k * (x - y) - force)]
 
-    errors = []
-    for steps in (2_000, 8_000):
+    y = reference(rate, [-0.1, -0.1, 1.0, 1.0], np.linspace(0.0, 1.0, 201))
+
+    def error(steps):
         run = li.simulate(case, dt=1.0 / steps, t_end=1.0)
-        y = reference(rate, [-0.1, -0.1, 1.0, 1.0], run.t[:: steps // 200])
-        errors.append(np.abs(run.q[:: steps // 200].T - y[:2]).max())
-    assert errors[0] < 2e-3
-    assert errors[1] < max(errors[0] / 4.0, 1e-9)
+        return np.abs(run.q[:: steps // 200].T - y[:2]).max()
+
+    # Where in its step the force has its kink is a matter of chance.
+    coarse, fine = (max(error(factor * steps) for steps in (1_000, 1_200, 1_400)) for factor in (1, 8))
+    assert coarse < 8e-3
+    assert fine < max(coarse / 4.0, 1e-9)
 
 
 def test_the_order_is_two_in_smooth_motion():
