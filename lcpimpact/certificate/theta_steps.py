@@ -19,8 +19,8 @@ from lcpimpact.certificate.theta_balance import (
     SpringLaws,
     Violations,
     certify_steps,
+    kinds_of,
     no_violations,
-    sums_for,
 )
 from lcpimpact.events import steps_of
 from lcpimpact.integrators.base import Limits
@@ -76,7 +76,7 @@ def _violations(
         Nodes(pattern, d.M[at], d.C[at], d.K[at], node_kinds(d)),
         contacts,
         SpringLaws(d.directions, d.power_laws),
-        sums_for(contacts, len(d.nodes)),
+        kinds_of(contacts),
         violations,
     )
     return violations, balance, scale, h
