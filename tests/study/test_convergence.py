@@ -516,15 +516,6 @@ def test_wrong_words_are_one_line_and_nothing_is_written(capsys, tmp_path, monke
 
 # ---- pages and the public table -------------------------------------------------------------------------------------
 
-EXAMPLES = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "convergence.md").read_text(encoding="utf-8"), re.DOTALL)
-
-
-@pytest.mark.parametrize("code", EXAMPLES)
-def test_examples_run(code, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    exec(compile(code, "convergence.md", "exec"), {})
-
-
 @pytest.fixture(scope="module")
 def public():
     spec = importlib.util.spec_from_file_location("public_table", ROOT / "benchmarks" / "table.py")
