@@ -516,6 +516,7 @@ def test_wrong_words_are_one_line_and_nothing_is_written(capsys, tmp_path, monke
 
 # ---- pages and the public table -------------------------------------------------------------------------------------
 
+
 @pytest.fixture(scope="module")
 def public():
     spec = importlib.util.spec_from_file_location("public_table", ROOT / "benchmarks" / "table.py")
