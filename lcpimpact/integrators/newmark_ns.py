@@ -20,9 +20,17 @@ from typing import ClassVar
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, smooth_force, solve
+from lcpimpact.integrators.stepping.linear_step import (
+    AT_VELOCITY_LEVEL,
+    Law,
+    LinearStep,
+    Step,
+    Symbols,
+    smooth_force,
+    solve,
+)
 from lcpimpact.numbers import is_real
-from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.scheme.dynamics import Dynamics
 
 
 @dataclass(frozen=True)
@@ -66,14 +74,7 @@ class NewmarkNS(LinearStep):
         order_penetration=1,
         level="velocity",
         relative_degrees=(2,),
-        handles=(
-            Feature.SLIDERS,
-            Feature.POWER_LAWS,
-            Feature.RESTITUTION,
-            Feature.FRICTION,
-            Feature.STATIC_FRICTION,
-            Feature.JOINTS,
-        ),
+        handles=AT_VELOCITY_LEVEL,
         reaction_time="at t + h/2, one for each step",
         energy="α = 0 keeps it in smooth motion, α < 0 damps; impacts of approaching bodies never gain",
         dissipates=True,

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, solve
-from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.integrators.stepping.linear_step import AT_VELOCITY_LEVEL, Law, LinearStep, Step, Symbols, solve
+from lcpimpact.scheme.dynamics import Dynamics
 
 
 @dataclass(frozen=True)
@@ -44,14 +44,7 @@ class StormerVerletNS(LinearStep):
         order_penetration=1,
         level="velocity",
         relative_degrees=(2,),
-        handles=(
-            Feature.SLIDERS,
-            Feature.POWER_LAWS,
-            Feature.RESTITUTION,
-            Feature.FRICTION,
-            Feature.STATIC_FRICTION,
-            Feature.JOINTS,
-        ),
+        handles=AT_VELOCITY_LEVEL,
         reaction_time="at t + h/2, one for each step",
         energy="bounded error in smooth motion for h < 2/ω; impacts of approaching bodies never gain",
         dissipates=True,

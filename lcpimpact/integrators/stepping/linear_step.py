@@ -57,9 +57,19 @@ from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import SolverState
 from lcpimpact.record import Record
-from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+AT_VELOCITY_LEVEL = (
+    Feature.SLIDERS,
+    Feature.POWER_LAWS,
+    Feature.RESTITUTION,
+    Feature.FRICTION,
+    Feature.STATIC_FRICTION,
+    Feature.JOINTS,
+)
+"""What a step handles whose law is that of the velocities, with masses at all nodes."""
 
 REST_GAP_FACTOR = 1e-6
 """Opening below which a resting contact is closed, as a fraction of the displacement that its force causes in a step."""
