@@ -23,6 +23,7 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import Polynomial
 
 COULOMB = "Coulomb, Théorie des machines simples (1785)"
+LEINE_NIJMEIJER = "Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (2004), chapter 4"
 
 
 def block_on_incline(
@@ -170,18 +171,10 @@ def block_on_belt(m: float = 1.0, g: float = 9.81, k: float = 100.0, mu: float =
     )
     return Problem(
         name,
-        Scheme(
-            Mass("x", m),
-            Spring("x", GROUND, k),
-            Mass("y", m),
-            Load("y", m * g, symbols=("mg",)),
-            Bumper("y", GROUND, e=0.0, name="N", symbols=("N",)),
-            PrescribedMotion("b", Polynomial((0.0, v_b))),
-            Friction("x", "b", mu, normal="N"),
-        ),
+        _belt(m, g, k, v_b, Friction("x", "b", mu, normal="N")),
         t_end=t_2 + 1.5 * math.pi / ω,
         parameters={"m": m, "g": g, "k": k, "mu": mu, "v_b": v_b},
-        source="Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (2004), chapter 4",
+        source=LEINE_NIJMEIJER,
         facts=facts,
         motion=partial(_block_on_belt_motion, t_1=t_1, t_2=t_2, v_b=v_b, x_s=x_s, ω=ω),
     )
@@ -193,8 +186,26 @@ def _block_on_belt_motion(t: Array, *, t_1: float, t_2: float, v_b: float, x_s: 
     x = np.select(phases, [x_s * (1.0 - np.cos(ω * times)), x_s + v_b * (times - t_2)],
                   x_s + v_b / ω * np.sin(ω * (times - t_2)))  # fmt: skip
     v = np.select(phases, [x_s * ω * np.sin(ω * times), np.full_like(times, v_b)], v_b * np.cos(ω * (times - t_2)))
-    zero = np.zeros_like(times)
-    return np.column_stack([x, zero, v_b * times]), np.column_stack([v, zero, np.full_like(times, v_b)])
+    return _beside_belt(times, x, v, v_b)
+
+
+def _belt(m: float, g: float, k: float, v_b: float, friction: Friction) -> Scheme:
+    """Return a block on a spring, pressed by its weight on a belt of the speed v_b."""
+    return Scheme(
+        Mass("x", m),
+        Spring("x", GROUND, k),
+        Mass("y", m),
+        Load("y", m * g, symbols=("mg",)),
+        Bumper("y", GROUND, e=0.0, name="N", symbols=("N",)),
+        PrescribedMotion("b", Polynomial((0.0, v_b))),
+        friction,
+    )
+
+
+def _beside_belt(t: Array, x: Array, v: Array, v_b: float) -> tuple[Array, Array]:
+    """Return the coordinates and velocities of block and belt from the block's x and v."""
+    zero = np.zeros_like(t)
+    return np.column_stack([x, zero, v_b * t]), np.column_stack([v, zero, np.full_like(t, v_b)])
 
 
 def stick_slip_belt(
@@ -258,20 +269,12 @@ def stick_slip_belt(
     )
     return Problem(
         name,
-        Scheme(
-            Mass("x", m),
-            Spring("x", GROUND, k),
-            Mass("y", m),
-            Load("y", m * g, symbols=("mg",)),
-            Bumper("y", GROUND, e=0.0, name="N", symbols=("N",)),
-            PrescribedMotion("b", Polynomial((0.0, v_b))),
-            Friction("x", "b", mu, normal="N", mu_s=mu_s),
-        ),
+        _belt(m, g, k, v_b, Friction("x", "b", mu, normal="N", mu_s=mu_s)),
         q0={"x": x_s - Δ},
         v0={"x": v_b},
         t_end=3.5 * T,
         parameters={"m": m, "g": g, "k": k, "mu": mu, "mu_s": mu_s, "v_b": v_b},
-        source="Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (2004), chapter 4",
+        source=LEINE_NIJMEIJER,
         facts=facts,
         motion=partial(_stick_slip_belt_motion, T=T, t_stick=t_stick, v_b=v_b, x_s=x_s, Δ=Δ, ω=ω),
     )
@@ -285,8 +288,7 @@ def _stick_slip_belt_motion(
     τ, sticks = ω * (s - t_stick), s < t_stick
     x = np.where(sticks, x_s - Δ + v_b * s, x_s + Δ * np.cos(τ) + v_b / ω * np.sin(τ))
     v = np.where(sticks, v_b, v_b * np.cos(τ) - ω * Δ * np.sin(τ))
-    zero = np.zeros_like(times)
-    return np.column_stack([x, zero, v_b * times]), np.column_stack([v, zero, np.full_like(times, v_b)])
+    return _beside_belt(times, x, v, v_b)
 
 
 def thrown_block(
