@@ -33,7 +33,10 @@ BLOCK_SECONDS = 0.1
 """Target duration of a block of steps in s: short for progress and Ctrl-C, long enough to cost nothing."""
 
 FIRST_BLOCK = 1024
-"""Number of steps in the first block."""
+"""Number of steps in the first block of a small system."""
+
+FIRST_BLOCK_NUMBERS = 1 << 16
+"""Number of steps in the first block times (n + nc)², the numbers in the matrices of a step, of a large system."""
 
 MEMORY_FACTOR = 2.0
 """Memory of a run in units of that of its record; the rest is for the sampling and the certificate."""
@@ -183,7 +186,8 @@ def _cut(record: Record, grid: Grid, reached: int) -> None:
 
 def _run(integrator: Integrator, carry: Any, record: Record, grid: Grid, progress: bool) -> tuple[Status, int]:
     """Advance block by block until the end, a failure, or Ctrl-C."""
-    reached, block = 0, FIRST_BLOCK
+    size = record.q.shape[1] + record.reaction.shape[1]
+    reached, block = 0, min(FIRST_BLOCK, max(1, FIRST_BLOCK_NUMBERS // size**2))
     disable = None if progress else True
     with tqdm(total=grid.steps, desc=integrator.name, unit="step", delay=1.0, disable=disable, leave=False) as bar:
         try:
