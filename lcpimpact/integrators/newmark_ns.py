@@ -20,6 +20,7 @@ from typing import ClassVar
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.stepping.elimination import solve
 from lcpimpact.integrators.stepping.linear_step import (
     AT_VELOCITY_LEVEL,
     Law,
@@ -27,7 +28,6 @@ from lcpimpact.integrators.stepping.linear_step import (
     Step,
     Symbols,
     smooth_force,
-    solve,
 )
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.dynamics import Dynamics
