@@ -306,8 +306,8 @@ class LinearStep(TimeStepping[Tabulated]):
         """Return the method used in steps at a change of the active contacts; None for this one."""
         return None
 
-    def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
-        """Tabulate the step."""
+    def tabulate(self, d: Dynamics, h: float) -> tuple[StepTable, StepSprings, Step]:
+        """Return the coefficients of a step of length h, and the step whose they are."""
         symbols = self._symbols(d)
         try:
             step = self.equations(symbols, d, h)
@@ -316,7 +316,11 @@ class LinearStep(TimeStepping[Tabulated]):
                 f"the matrix of a step of {h:g} s is singular to rounding: bring the constants closer in size, "
                 "or take another dt"
             ) from None
-        table, springs = tabulate(symbols, step, self.remembers, h)
+        return *tabulate(symbols, step, self.remembers, h), step
+
+    def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
+        """Tabulate the step."""
+        table, springs, step = self.tabulate(d, h)
         solver, contacts = SOLVERS[lcp_solver], [Dense(np.eye(1))]
         if len(d.contacts):
             contacts = [self._lcp_matrix(d, h, W) for W in table.W]

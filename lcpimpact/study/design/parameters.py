@@ -18,6 +18,7 @@ from typing import Any
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
+from lcpimpact.formula import Number
 from lcpimpact.numbers import is_real
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.base import Problem, build
@@ -53,6 +54,11 @@ def with_values(problem: Problem, values: Mapping[str, float]) -> Problem:
     >>> changed.scheme.elements[3].c, changed.v0["x"]
     (300.0, 5.0)
     """
+    return changed(problem, values)
+
+
+def changed(problem: Problem, values: Mapping[str, Number]) -> Problem:
+    """Return what `with_values` does; the values may be formulas."""
     places = {address: place(problem, address) for address in values}
     of_problem = {name: values[address] for address, (kind, _, name) in places.items() if kind == "parameter"}
     if of_problem:
