@@ -42,7 +42,7 @@ BASE = {
 }
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "record", "hybrid", "integrators"}
-RUN = METHOD | {"events", "certificate", "trajectory", "simulation"}
+RUN = METHOD | {"events", "certificate", "quantities", "trajectory", "simulation"}
 STUDY = RUN | {"study"}
 MAY_IMPORT = {
     "errors": set(),
@@ -64,7 +64,8 @@ MAY_IMPORT = {
     "integrators": MECHANICS | {"lcp", "record", "hybrid"},
     "events": METHOD,
     "certificate": METHOD | {"events"},
-    "trajectory": METHOD | {"events", "certificate"},
+    "quantities": METHOD | {"events", "certificate"},
+    "trajectory": METHOD | {"events", "certificate", "quantities"},
     "simulation": METHOD | {"events", "certificate", "trajectory"},
     "schemefile": RUN,
     "study": RUN,
