@@ -69,11 +69,11 @@ MAY_IMPORT = {
     "simulation": METHOD | {"events", "certificate", "trajectory"},
     "schemefile": RUN,
     "study": RUN,
-    "plotting": STUDY,
-    "sweep": STUDY,
+    "plotting": STUDY | {"sweeps"},
+    "sweeps": STUDY,
     "report": STUDY | {"plotting"},
-    "reproduce": STUDY | {"plotting", "report", "sweep"},
-    "cli": STUDY | {"cache", "schemefile", "plotting", "report", "sweep", "reproduce"},
+    "reproduce": STUDY | {"plotting", "report", "sweeps"},
+    "cli": STUDY | {"cache", "schemefile", "plotting", "report", "sweeps", "reproduce"},
     "__main__": {"cli"},
 }
 """Layer (module or folder right under the package) to the layers that it may import, besides itself."""
@@ -83,8 +83,10 @@ ONLY = {
     "typer": {"cli"},
     "click": {"cli"},
     "rich": {"cli"},
-    "dask": {"sweep"},
-    "pandas": {"study", "plotting", "report", "reproduce", "cli"},
+    "dask": {"sweeps"},
+    "zarr": {"sweeps"},
+    "xarray": {"sweeps", "trajectory"},
+    "pandas": {"study", "sweeps", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
     "numba": {"compiled", "double_double", "scheme", "lcp", "hybrid", "integrators", "certificate"},
 }

@@ -112,7 +112,7 @@ def run_sets(job: Job, values: Mapping[str, Array]) -> Sets:
     >>> job = Job(load_problem("system-1"), make_integrator("moreau-jean", {}), 1e-2, 3.0, "auto", ("R.max",))
     >>> found = run_sets(job, {"c_o": np.array([250.0, -1.0])})
     >>> found.outputs["R.max"].round(0), found.status, found.messages[1]
-    (array([5816.,   nan]), array([ 0, 21]), 'system-1: ...')
+    (array([5817.,   nan]), array([ 0, 21]), "KelvinVoigt ... N s/m")
     """
     count = len(next(iter(values.values())))
     quantities = job.quantities()
