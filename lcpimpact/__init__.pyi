@@ -75,6 +75,9 @@ from lcpimpact.study.dynamics.shooting import periodic_orbit as periodic_orbit
 from lcpimpact.study.ledger import Ledger as Ledger
 from lcpimpact.study.ledger import energy_ledger as energy_ledger
 from lcpimpact.study.result import Study as Study
+from lcpimpact.sweeps.samples import Samples as Samples
+from lcpimpact.sweeps.samples import draw_samples as draw_samples
+from lcpimpact.sweeps.sweep import sweep as sweep
 from lcpimpact.trajectory import Trajectory as Trajectory
 
 __version__: str

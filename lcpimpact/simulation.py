@@ -116,9 +116,9 @@ def simulate(
     for name, value, kind in (("problem", problem, Problem), ("throw", throw, bool), ("progress", progress, bool)):
         check_kind(name, value, kind)
     integrator = make_integrator(method, method_options, RUN_ARGUMENTS)
-    grid = _grid(dt, problem.t_end if t_end is None else t_end)
+    grid = time_grid(dt, problem.t_end if t_end is None else t_end)
     check_lcp_solver(integrator, lcp_solver)
-    _check_handled(integrator, problem)
+    check_handled(integrator, problem)
     _check_forces(problem)
 
     started = time.perf_counter()
@@ -152,7 +152,7 @@ def simulate(
     record.stats.steps = record.stats.steps or len(record.t) - 1
     record.stats.seconds = time.perf_counter() - started
     trajectory = Trajectory(
-        problem=problem, method=_describe(integrator, lcp_solver), t=record.t, q=record.q, v=record.v,
+        problem=problem, method=describe(integrator, lcp_solver), t=record.t, q=record.q, v=record.v,
         t_reaction=record.t_reaction, reaction=record.reaction, events=events, status=status, message=message,
         certificate=certificate, stats=record.stats, dense=dense, integrator=integrator,
     )  # fmt: skip
@@ -282,7 +282,8 @@ def make_integrator(
     return kind(**method_options)
 
 
-def _grid(dt: float, t_end: float) -> Grid:
+def time_grid(dt: float, t_end: float) -> Grid:
+    """Return the instants of a run, after a check that t_end is a whole number of steps."""
     positive("dt", dt, "s")
     positive("t_end", t_end, "s")
     if t_end / dt > 1e9:
@@ -301,7 +302,7 @@ def check_lcp_solver(integrator: Integrator, lcp_solver: str) -> None:
         raise InputError(f"{integrator.name} solves no LCP, so lcp_solver = {lcp_solver!r} means nothing: leave it out")
 
 
-def _check_handled(integrator: Integrator, problem: Problem) -> None:
+def check_handled(integrator: Integrator, problem: Problem) -> None:
     """Refuse undeclared features before the first step, naming them and the methods that handle them."""
     dynamics = problem.dynamics
     missing = _missing(integrator.declared, dynamics)
@@ -344,7 +345,8 @@ def _missing(declared: Declared, dynamics: Dynamics) -> str:
     return ""
 
 
-def _describe(integrator: Integrator, lcp_solver: str) -> str:
+def describe(integrator: Integrator, lcp_solver: str) -> str:
+    """Return the method with its options as a call."""
     values = [(each.name, getattr(integrator, each.name)) for each in fields(integrator)]  # type: ignore[arg-type]
     options = [f"{name}={value}" for name, value in values if value is not None]
     if integrator.solves_lcp:

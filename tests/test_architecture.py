@@ -43,7 +43,7 @@ BASE = {
 }
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "record", "hybrid", "integrators"}
-RUN = METHOD | {"events", "certificate", "trajectory", "simulation"}
+RUN = METHOD | {"events", "certificate", "quantities", "trajectory", "simulation"}
 STUDY = RUN | {"study"}
 MAY_IMPORT = {
     "errors": set(),
@@ -66,15 +66,16 @@ MAY_IMPORT = {
     "integrators": MECHANICS | {"lcp", "record", "hybrid"},
     "events": METHOD,
     "certificate": METHOD | {"events"},
-    "trajectory": METHOD | {"events", "certificate"},
+    "quantities": METHOD | {"events", "certificate"},
+    "trajectory": METHOD | {"events", "certificate", "quantities"},
     "simulation": METHOD | {"events", "certificate", "trajectory"},
     "schemefile": RUN,
     "study": RUN,
-    "plotting": STUDY,
-    "sweep": STUDY,
+    "plotting": STUDY | {"sweeps"},
+    "sweeps": STUDY,
     "report": STUDY | {"plotting"},
-    "reproduce": STUDY | {"plotting", "report", "sweep"},
-    "cli": STUDY | {"cache", "schemefile", "plotting", "report", "sweep", "reproduce"},
+    "reproduce": STUDY | {"plotting", "report", "sweeps"},
+    "cli": STUDY | {"cache", "schemefile", "plotting", "report", "sweeps", "reproduce"},
     "__main__": {"cli"},
 }
 """Layer (module or folder right under the package) to the layers that it may import, besides itself."""
@@ -84,8 +85,10 @@ ONLY = {
     "typer": {"cli"},
     "click": {"cli"},
     "rich": {"cli"},
-    "dask": {"sweep"},
-    "pandas": {"study", "plotting", "report", "reproduce", "cli"},
+    "dask": {"sweeps"},
+    "zarr": {"sweeps"},
+    "xarray": {"sweeps", "trajectory"},
+    "pandas": {"study", "sweeps", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
     "numba": {"compiled", "double_double", "scheme", "lcp", "hybrid", "integrators", "certificate"},
 }

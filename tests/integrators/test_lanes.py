@@ -15,7 +15,7 @@ from lcpimpact.numbers import is_real
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.record import Grid
 from lcpimpact.simulation import _missing
-from lcpimpact.study.design.parameters import changed, value_at, with_values
+from lcpimpact.study.design.parameters import changes_at, value_at, with_values
 
 QUICK = [
     ("system-1", "moreau-jean"),
@@ -41,7 +41,7 @@ def constants(problem):
 
 def prepared(problem, method, addresses, grid, readings=(), stops=()):
     program = Program()
-    traced = changed(problem, {each: program.parameter(value_at(problem, each)) for each in addresses})
+    traced = changes_at(problem, addresses)({each: program.parameter(value_at(problem, each)) for each in addresses})
     start = traced.initial_coordinates, traced.initial_velocities
     return lanes(method, (traced.dynamics, problem.dynamics), start, grid, program, readings, stops)
 
