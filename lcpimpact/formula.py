@@ -61,7 +61,7 @@ class Formula:
     value : float       for the parameters with which the program was traced
     """
 
-    program: Program
+    program: Program = field(repr=False)
     name: str
     value: float
 

@@ -96,7 +96,7 @@ class CDLagrange(LinearStep):
         v = 0.5 * (V + V_next) + solve(d.M, y.push(p))
         impact = Law(
             L=y.gap_rate(V_next) + d.restitution[:, None] * y.gap_rate(V),
-            touching=y.gap(q + REST_GAP_FACTOR * h**2 * solve(d.M, y.force(1.0, q, V))),
+            touching=y.gap(q + REST_GAP_FACTOR * (h * h) * solve(d.M, y.force(1.0, q, V))),
             springs_at=(q, 0.5 * (V + V_next)),
         )
         reading = Law(L=y.gap_rate(v - V_next), touching=-P, strictly=True, springs_at=(q, V), weight=0.0)

@@ -66,7 +66,7 @@ class MoreauMidpoint(LinearStep):
         v = solve(d.M + 0.5 * h * d.C, kick)
         impact = Law(
             L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
-            touching=y.gap(q_M + REST_GAP_FACTOR * h**2 * solve(d.M, y.force(0.5, q_M, y.v))),
+            touching=y.gap(q_M + REST_GAP_FACTOR * (h * h) * solve(d.M, y.force(0.5, q_M, y.v))),
             springs_at=(q_M, 0.5 * (y.v + v)),
         )
         return Step(q=q_M + 0.5 * h * v, v=v, impulse=y.P[0], laws=(impact,))

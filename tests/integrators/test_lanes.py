@@ -43,7 +43,7 @@ def prepared(problem, method, addresses, grid, readings=(), stops=()):
     program = Program()
     traced = changes_at(problem, addresses)({each: program.parameter(value_at(problem, each)) for each in addresses})
     start = traced.initial_coordinates, traced.initial_velocities
-    return lanes(method, (traced.dynamics, problem.dynamics), start, grid, program, readings, stops)
+    return lanes((method, method), (traced.dynamics, problem.dynamics), start, grid, program, readings, stops)
 
 
 @pytest.mark.parametrize(("name", "method"), PAIRS)

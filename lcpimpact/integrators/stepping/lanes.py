@@ -11,13 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import COMPILING, compiled_text, i8, matrix, vector
+from lcpimpact.compiled import COMPILING, compiled_text, i8, matrix, source_file, vector
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.formula import Formula, NotTracedError, Number, Program, mentions
 from lcpimpact.integrators.stepping.kernel import StepTable
@@ -70,6 +71,7 @@ class Lanes:
     Attributes
     ----------
     run : callable
+    h : float                       step in s, the last parameter of the compiled code
     constants : (m,) array          coefficients that no parameter changes
     rows : int                      numbers kept for each lane
     readings : tuple of Reading
@@ -79,6 +81,7 @@ class Lanes:
     """
 
     run: Callable[..., None]
+    h: float
     constants: Array
     rows: int
     readings: tuple[Reading, ...]
@@ -96,15 +99,16 @@ class Lanes:
         states : (g, N_y + nc, N) array     state and reactions after the stops
         """
         N, kept = parameters.shape[1], len(self.readings)
+        given = np.vstack([parameters, np.full(N, self.h)])
         results = np.empty((1 + kept + len(self.stops) * self.state, N))
         room = np.zeros(self.rows * LANES)
-        self.run(0, N, self.loads, self.stops, np.ascontiguousarray(parameters), self.constants, room, results)
+        self.run(0, N, self.loads, self.stops, given, self.constants, room, results)
         states = results[1 + kept :].reshape(len(self.stops), self.state, N)
         return results[0] == 0.0, results[1 : 1 + kept], states
 
 
 def lanes(
-    method: LinearStep,
+    methods: tuple[LinearStep, LinearStep],
     dynamics: tuple[Dynamics, Dynamics],
     start: tuple[Array, Array],
     grid: Grid,
@@ -112,15 +116,14 @@ def lanes(
     readings: Sequence[Reading],
     stops: Sequence[int],
     lcp_solver: str = "auto",
+    compiles: bool = True,
 ) -> Lanes:
     """Compile the runs of a problem with formulas.
 
     Parameters
     ----------
-    method : LinearStep
-        Its options may be formulas.
-    dynamics : pair of Dynamics
-        Of the problem with formulas, and with their values.
+    methods, dynamics : pairs
+        The method and the system with formulas, and with their values.
     start : pair of (n,) arrays
         q and v at t = 0, numbers or formulas.
     grid : Grid
@@ -129,33 +132,50 @@ def lanes(
     readings, stops
         As of `Lanes`.
     lcp_solver : str
+    compiles : bool
+        Whether to compile what is not in the cache.
 
     Raises
     ------
     UnsupportedError
-        If the step is none that lanes can take: see `lcpimpact.integrators.stepping.straight_line`; beyond one contact.
+        If the step is none that lanes can take: see `lcpimpact.integrators.stepping.straight_line`; beyond one contact; or
+        it is to be compiled first.
+    NotTracedError
+        If loads that depend on time are formulas.
     """
-    d, with_values = dynamics
-    known = method.prepare(with_values, grid.h, lcp_solver)
+    (method, known_method), (d, with_values) = methods, dynamics
+    known = known_method.prepare(with_values, grid.h, lcp_solver)
     if not COMPILING or not known.regular or known.table.W.shape[1] > 1:
         raise UnsupportedError("lanes take compiled linear steps with at most one contact")
     if not _same_signals(d, with_values):
         raise NotTracedError("lanes share the loads that depend on time, and prescribed motions")
     loads = known.loads(grid.times(0, grid.steps))
-    table, _, step = method.tabulate(d, grid.h)
-    y = method.begin(d, *start, grid.h)
+    h: Any = program.parameter(grid.h)  # so that steps of all lengths share their code
+    table, _, step = method.tabulate(d, h)
+    y = method.begin(d, *start, h)
     static = step.static if step.static.S.size else known.features[2]
     writer = write_step(_pattern(table), _pattern(static), len(d.nodes))
     arrays = table._asdict() | static._asdict()
     coefficients = {name: arrays[key][index] for name, (key, index) in writer.coefficients.items()}
     source = _source(writer, coefficients, y, program, tuple(readings))
-    names = {"sqrt": math.sqrt, "inf": math.inf, "INFINITY": math.inf, "LANES": LANES}
-    run = compiled_text(source.text, "run", SIGNATURE, names)
-    if run is None:
-        raise UnsupportedError("there is no folder for compiled code")
+    if not compiles and not source_file(source.text).exists():
+        raise UnsupportedError("the lanes of this problem are not compiled yet")
+    run = _compiled(source.text)
     state, _, nc, _ = writer.sizes
     ends = np.array([*stops, grid.steps] if grid.steps not in stops else [*stops], dtype=np.int64)
-    return Lanes(run, np.array([known.tol, *source.constants]), source.rows, tuple(readings), ends, loads, state + nc)
+    return Lanes(
+        run, grid.h, np.array([known.tol, *source.constants]), source.rows, tuple(readings), ends, loads, state + nc
+    )
+
+
+@cache
+def _compiled(text: str) -> Callable[..., None]:
+    """Return the compiled function of a source."""
+    names = {"sqrt": math.sqrt, "inf": math.inf, "INFINITY": math.inf, "LANES": LANES}
+    run = compiled_text(text, "run", SIGNATURE, names)
+    if run is None:
+        raise UnsupportedError("there is no folder for compiled code")
+    return run
 
 
 def _same_signals(d: Dynamics, with_values: Dynamics) -> bool:
