@@ -140,7 +140,7 @@ def _chosen(dataset: Any, output: str | None, at: Mapping[str, float]) -> Any:
     for name in at:
         if name not in chosen.dims:
             raise InputError(f"at: {nearest(name, list(map(str, chosen.dims)), 'parameter')}")
-    return chosen.sel(dict(at), method="nearest") if at else chosen
+    return chosen.sortby(list(at)).sel(dict(at), method="nearest") if at else chosen
 
 
 def _label(dataset: Any, name: str) -> str:
