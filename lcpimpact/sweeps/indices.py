@@ -92,4 +92,4 @@ def _indices(parts: Array) -> Array:
     """Return the indices of first order and in total (2, d) of the outputs for A, B and their mixtures (d + 2, n)."""
     a, b, mixed = np.split(parts - parts[:2].mean(), [1, 2])
     first, total = (b * (mixed - a)).mean(axis=1), 0.5 * ((a - mixed) ** 2).mean(axis=1)
-    return np.array([first, total]) / parts[:2].var()
+    return np.asarray(np.array([first, total]) / parts[:2].var())
