@@ -23,6 +23,7 @@ from lcpimpact.cli.design import design, fit
 from lcpimpact.cli.dynamics import basins, bifurcation, orbit, poincare
 from lcpimpact.cli.lcp import solve
 from lcpimpact.cli.runs import animate, draw, export, simulate
+from lcpimpact.cli.sweep import sweep
 from lcpimpact.integrators import METHODS
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems import PROBLEMS, load_problem
@@ -93,6 +94,7 @@ for command in (
     solve,
     converge,
     work_precision,
+    sweep,
     poincare,
     bifurcation,
     basins,

@@ -232,3 +232,17 @@ def _numbers(name: str, values: ArrayLike) -> Array:
             f"value {int(np.argmin(np.isfinite(found)))} of {name} is {found[~np.isfinite(found)][0]}: give finite numbers"
         )
     return found
+
+
+def swept_parameters(dataset: Any) -> list[str]:
+    """Return the names of the parameters of the Dataset of a sweep.
+
+    Raises
+    ------
+    InputError
+        For anything else.
+    """
+    attributes = getattr(dataset, "attrs", {})
+    if not hasattr(dataset, "data_vars") or "parameters" not in attributes:
+        raise InputError(f"dataset = {short(dataset)} must be a Dataset of sweep(...)")
+    return str(attributes["parameters"]).split(", ")

@@ -80,7 +80,8 @@ class Store:
         """Return the results as an xarray Dataset; from a folder they are read when they are used."""
         xarray = import_extra("xarray")
         if self.path is not None:
-            return xarray.open_zarr(self.path)
+            found = xarray.open_zarr(self.path)
+            return found.assign(message=found["message"].astype(object))  # the same type as in memory
         data = {name: (each.dims, self.arrays[name], each.attributes) for name, each in self.variables.items()}
         return xarray.Dataset(data, coords=dict(self.coordinates), attrs=dict(self.attributes))
 
