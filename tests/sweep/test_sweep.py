@@ -290,7 +290,7 @@ def test_an_interrupted_sweep_resumes_and_repeats_nothing(tmp_path, monkeypatch)
     assert int((kept["status"] != -1).sum()) == 11, "seven chunks, of 2 and 1 sets in turn"
     counted = []
 
-    def counting(job, values):
+    def counting(job, values, threads=1):
         counted.append(len(values["k_o"]))
         return run_sets(job, values, threads)
 
