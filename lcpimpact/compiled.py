@@ -198,7 +198,7 @@ def compiled(signature: Any, inline: Literal["never", "always"] = "never", alloc
         if not COMPILING:
             cast(Any, function).py_func = function  # as for a compiled function
             return function
-        options: dict[str, Any] = {"error_model": "numpy", "inline": inline, "_nrt": allocates}
+        options: dict[str, Any] = {"error_model": "numpy", "inline": inline, "_nrt": allocates, "nogil": True}
         decorated: Any = numba.njit(**options)(function)
         if usable() and Path(function.__code__.co_filename).exists():
             decorated._cache = CheckedCache(function)

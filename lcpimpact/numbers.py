@@ -9,13 +9,16 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import Formula
 
 NUMBERS = (int, float, np.integer, np.floating)
 """Accepted types; others, such as decimals and fractions, would give arrays of objects."""
 
 
 def is_real(value: Any) -> bool:
-    """Return whether a value is a finite real number (and not a bool)."""
+    """Return whether a value is a finite real number (and not a bool), or a formula of one."""
+    if isinstance(value, Formula):
+        return math.isfinite(value.value)
     try:
         return isinstance(value, NUMBERS) and not isinstance(value, bool) and math.isfinite(value)
     except OverflowError:

@@ -31,6 +31,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 BASE = {
     "errors",
     "exports",
+    "formula",
     "arguments",
     "memory",
     "registry",
@@ -47,11 +48,12 @@ STUDY = RUN | {"study"}
 MAY_IMPORT = {
     "errors": set(),
     "exports": set(),
+    "formula": set(),
     "arguments": {"errors"},
     "memory": {"errors"},
     "registry": {"errors"},
     "arrays": set(),
-    "numbers": {"errors", "arrays"},
+    "numbers": {"errors", "arrays", "formula"},
     "files": {"errors"},
     "cache": set(),
     "compiled": {"errors", "arrays", "cache"},

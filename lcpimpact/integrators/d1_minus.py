@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.stepping.elimination import solve
 from lcpimpact.integrators.stepping.linear_step import (
     AT_VELOCITY_LEVEL,
     REST_GAP_FACTOR,
@@ -29,7 +30,6 @@ from lcpimpact.integrators.stepping.linear_step import (
     LinearStep,
     Step,
     Symbols,
-    solve,
 )
 from lcpimpact.scheme.dynamics import Dynamics
 

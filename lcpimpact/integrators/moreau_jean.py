@@ -53,8 +53,9 @@ from scipy.optimize import linprog
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.stepping.elimination import product, solve
 from lcpimpact.integrators.stepping.impulse_paths import impulse_paths
-from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated, solve
+from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated
 from lcpimpact.integrators.stepping.static_balance import static_coordinates
 from lcpimpact.lcp.friction import FORMULATIONS
 from lcpimpact.lcp.operators import Dense
@@ -172,7 +173,7 @@ class MoreauJean(LinearStep):
         θ, r, driven, A = self.theta, y.P[0] / h, d.driven, self.matrix(d, h)
         at_rest = 0.0 * y.v
         F = (1.0 - θ) * y.force(0.0, y.q, at_rest) + θ * y.force(1.0, y.q, at_rest)
-        momentum = F + d.M @ y.v / (θ * h) + y.push(r)
+        momentum = F + y.momentum(y.v) / (θ * h) + y.push(r)
         A[driven], momentum[driven] = np.eye(len(A))[driven], y.prescribed.mean_rate[driven]
         w = solve(A, momentum)
         q, v = y.q + h * w, np.where(d.massive[:, None], y.v + (w - y.v) / θ, w)
@@ -184,7 +185,7 @@ class MoreauJean(LinearStep):
         # u is that at the end of the step, or at t_θ if it depends on r, a mean of the step; a slider has none.
         middle = np.where(d.relays, np.diag(d.D @ d.elimination) > 0.0, d.D.any(axis=1))
         at = np.where(middle, θ * h, h)[:, None]
-        position = y.gap_rate(w) + np.where(slides, 0.0, (y.gap(y.q) + d.D @ r) / at)
+        position = y.gap_rate(w) + np.where(slides, 0.0, (y.gap(y.q) + product(d.D, r)) / at)
         if (late := d.relays & (d.relative_degree > 1)).any():
             position[late] = (y.gap(self._backward_euler(y, d, h)) / h)[late]
         if (second := equations & (d.relative_degree == 2)).any():
@@ -203,7 +204,7 @@ class MoreauJean(LinearStep):
     def _backward_euler(self, y: Symbols, d: Dynamics, h: float) -> Array:
         """Return the state of a system at the end of a step of the backward Euler method, with the same multipliers."""
         at_rest, A = 0.0 * y.v, d.C + h * d.K
-        right = d.C @ y.q + h * (y.force(1.0, at_rest, at_rest) + y.push(y.P[0] / h))
+        right = product(d.C, y.q) + h * (y.force(1.0, at_rest, at_rest) + y.push(y.P[0] / h))
         A[d.driven], right[d.driven] = np.eye(len(A))[d.driven], y.prescribed.place[d.driven]
         return solve(A, right)
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.stepping.elimination import solve
 from lcpimpact.integrators.stepping.linear_step import (
     AT_VELOCITY_LEVEL,
     REST_GAP_FACTOR,
@@ -24,7 +25,6 @@ from lcpimpact.integrators.stepping.linear_step import (
     LinearStep,
     Step,
     Symbols,
-    solve,
 )
 from lcpimpact.scheme.dynamics import Dynamics
 
@@ -62,11 +62,11 @@ class MoreauMidpoint(LinearStep):
         """Write the step."""
         q_M = y.q + 0.5 * h * y.v
         # F contains C (v + v⁺)/2, of which C v⁺/2 is on the left-hand side.
-        kick = d.M @ y.v + h * y.force(0.5, q_M, 0.5 * y.v) + y.push(y.P[0])
+        kick = y.momentum(y.v) + h * y.force(0.5, q_M, 0.5 * y.v) + y.push(y.P[0])
         v = solve(d.M + 0.5 * h * d.C, kick)
         impact = Law(
             L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
-            touching=y.gap(q_M + REST_GAP_FACTOR * h**2 * solve(d.M, y.force(0.5, q_M, y.v))),
+            touching=y.gap(q_M + REST_GAP_FACTOR * (h * h) * solve(d.M, y.force(0.5, q_M, y.v))),
             springs_at=(q_M, 0.5 * (y.v + v)),
         )
         return Step(q=q_M + 0.5 * h * v, v=v, impulse=y.P[0], laws=(impact,))

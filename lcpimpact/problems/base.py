@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -14,8 +13,8 @@ import numpy as np
 from lcpimpact.arguments import is_name
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import number, sqrt
 from lcpimpact.numbers import between, finite, is_count
-from lcpimpact.problems.facts import Fact
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.assembly import MAX_NODES
 from lcpimpact.scheme.dynamics import Dynamics
@@ -24,6 +23,24 @@ from lcpimpact.scheme.system import LinearComplementaritySystem
 
 GIVEN_ZERO_RTOL = 8.0 * float(np.finfo(float).eps)
 """Tolerance for zero in an initial gap, whose data are floats, relative to its terms."""
+
+
+class Deferred:
+    """A field given as its value, or as a function that returns it when it is first read."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, instance: Any, owner: type) -> Any:
+        if instance is None:
+            return self
+        value = vars(instance)[self.name]
+        if callable(value):
+            value = vars(instance)[self.name] = value()
+        return value
+
+    def __set__(self, instance: Any, value: Any) -> None:
+        vars(instance)[self.name] = () if value is self else value
 
 
 @dataclass(frozen=True)
@@ -45,7 +62,7 @@ class Problem:
     source : str
         Where it is from.
     facts : tuple of Fact
-        Its closed-form values.
+        Its closed-form values, or a function that returns them.
     motion : callable, optional
         The closed form of the motion: takes times (nt,) and returns q and v (nt, n), right limits.
 
@@ -69,7 +86,7 @@ class Problem:
     t_end: float = 1.0
     parameters: Mapping[str, float] = field(default_factory=dict)
     source: str = "-"
-    facts: tuple[Fact, ...] = field(default=(), compare=False, repr=False)
+    facts: Any = field(default=Deferred(), compare=False, repr=False)
     motion: Callable[[Array], tuple[Array, Array]] | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -109,7 +126,7 @@ class Problem:
         gaps, terms = d.gap(q), np.abs(d.H) @ np.abs(q) + np.abs(d.u0)
         for path in d.gap_paths:
             # Final positions of another run may penetrate by rounding.
-            u, rows = float(path @ gaps), np.flatnonzero(path)
+            u, rows = path @ gaps, np.flatnonzero(path)
             if u >= -GIVEN_ZERO_RTOL * (path @ terms):
                 continue
             first = self.dynamics.contacts[rows[0]]
@@ -128,6 +145,8 @@ class Problem:
 
     def _refuse_open_joints(self) -> None:
         d, joints = self.dynamics, self.dynamics.joints
+        if not joints.any():
+            return
         for what, values, start in (
             ("q0", self.initial_coordinates, d.u0),
             ("v0", self.initial_velocities, 0.0 * d.u0),
@@ -175,7 +194,7 @@ class Problem:
         return self._initial(self.v0, self.dynamics.motion(0.0)[1])
 
     def _initial(self, given: Mapping[str, float], driven: Array) -> Array:
-        values = np.array([float(given.get(node, 0.0)) for node in self.dynamics.nodes])
+        values = np.array([number(given.get(node, 0.0)) for node in self.dynamics.nodes])
         values[self.dynamics.driven] = driven
         return values
 
@@ -188,7 +207,7 @@ def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, A
             raise InputError(nearest(key, known, f"parameter of {name}"))
         finite(f"{name}: {key}", value)
     try:
-        return builder(**{key: float(value) for key, value in parameters.items()})
+        return builder(**{key: number(value) for key, value in parameters.items()})
     except InputError:
         raise
     except (ArithmeticError, ValueError, MemoryError) as error:
@@ -196,13 +215,13 @@ def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, A
         raise InputError(f"{name} cannot be computed with {text} ({error}): take values nearer to 1") from None
 
 
-def falling_speed(name: str, g: float, h_o: float, v_o: float | None) -> float:
+def falling_speed(name: str, g: float, h_o: float, v_o: float | None) -> Any:
     """Return v_o, or if it is None sqrt(2 g h_o), the speed after a fall from rest."""
     if v_o is not None:
         return v_o
     if g * h_o < 0.0:
         raise InputError(f"{name}: g = {g:g} and h_o = {h_o:g} give no speed of fall; make both positive, or give v_o")
-    return math.sqrt(2.0 * g * h_o)
+    return sqrt(2.0 * g * h_o)
 
 
 def above_zero(name: str, **values: float) -> None:

@@ -84,6 +84,7 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
         nodes=tuple(nodes), M=M, C=C, K=K, loads=tuple(terms.loads), H=H, u0=u0, contacts=contacts, B=B, D=D,
         springs=tuple(terms.springs), force_laws=tuple(terms.force_laws), motions=dict(terms.motions), residues=residues,
     )  # fmt: skip
+    vars(dynamics)["decomposition"] = parts
     _check_restitution(dynamics, terms.rows)
     return dynamics
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 
 from lcpimpact.arrays import Array, Flags, Indices
@@ -47,12 +48,15 @@ def loose_groups(massless: Flags, *links: Array) -> list[Indices]:
     if len(nodes) == 0:
         return []
     inner = [A[np.ix_(nodes, nodes)] for A in links]
-    count, label = connected_components(sum(A != 0.0 for A in inner), directed=False)
+    joined = sum(A != 0.0 for A in inner)
+    label = np.arange(len(nodes))
+    if np.triu(joined, 1).any():
+        _, label = connected_components(csr_array(joined), directed=False)
+    rounding = 8.0 * np.finfo(float).eps
     groups = []
-    for group in range(count):
+    for group in range(label.max() + 1):
         members = np.flatnonzero(label == group)
         blocks = [A[np.ix_(members, members)] for A in inner]
-        rounding = 8.0 * np.finfo(float).eps
         if all(abs(block.sum()) <= rounding * abs(np.diag(block)).sum() for block in blocks):
             groups.append(nodes[members])
     return groups

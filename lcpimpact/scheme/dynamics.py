@@ -368,7 +368,7 @@ class Dynamics:
     def force(self, t: ArrayLike) -> Array:
         """Return the loads f(t) in N, with the shape of t followed by (n,)."""
         times = np.asarray(t, dtype=np.float64)
-        f = np.zeros((*times.shape, len(self.nodes)))
+        f = np.full((*times.shape, len(self.nodes)), 0.0, self.M.dtype)
         for i, load in self.loads:
             if isinstance(load, PiecewisePolynomial):
                 f[..., i] += load.derivatives(times)[..., 0]

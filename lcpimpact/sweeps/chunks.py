@@ -12,12 +12,16 @@ import numpy as np
 
 from lcpimpact.arrays import Indices
 from lcpimpact.errors import FailureError, LcpImpactError
-from lcpimpact.sweeps.job import Job, Sets, run_sets
+from lcpimpact.sweeps.job import Job, Sets, run_sets, runs_side_by_side
 from lcpimpact.sweeps.samples import Plan
+from lcpimpact.sweeps.side_by_side import MIN_SETS
 from lcpimpact.sweeps.store import Block
 
 TRIAL_SECONDS = 0.05
 """Shortest duration of a trial run in s from which the time of a set is judged."""
+
+TRIAL_SETS = 4096
+"""Number of sets of a trial side by side."""
 
 SHORTEST, LONGEST, CHUNKS = 0.2, 5.0, 64
 """Bounds of the time of a chunk in s, and the number of chunks between them."""
@@ -32,19 +36,28 @@ MAX_WAITING = 1024
 """Largest number of chunks that an executor is given at once."""
 
 
-def try_sets(job: Job, plan: Plan) -> tuple[float, Sets]:
+def try_sets(job: Job, plan: Plan, threads: int = 1) -> tuple[float, Sets]:
     """Run the first sets here, in doubling numbers, until their time can be told.
 
     Returns the time of one set in s, and the results. The first set is not timed, since it may compile.
     """
     parts: list[Sets] = []
-    done, took, sets = 0, 0.0, np.arange(1)
-    while done < plan.size and took < TRIAL_SECONDS:
-        sets = np.arange(done, min(max(1, 2 * done), plan.size))
+    done, took, sets = 0, 0.0, 1
+
+    def run(count: int) -> float:
+        nonlocal done, sets
+        numbers = np.arange(done, min(done + count, plan.size))
         began = time.perf_counter()
-        parts.append(run_sets(job, plan.values(sets)))
-        took, done = time.perf_counter() - began if done else 0.0, int(sets[-1]) + 1
-    return max(took, 1e-9) / len(sets), Sets.joined(parts)
+        parts.append(run_sets(job, plan.values(numbers), threads))
+        done, sets = done + len(numbers), max(len(numbers), 1)
+        return time.perf_counter() - began
+
+    run(1)
+    if plan.size > MIN_SETS and runs_side_by_side(job, plan):
+        took = run(TRIAL_SETS)
+    while done < plan.size and took < TRIAL_SECONDS and done < MIN_SETS:
+        took = run(done)
+    return max(took, 1e-9) / sets, Sets.joined(parts)
 
 
 def sets_per_chunk(job: Job, plan: Plan, seconds: float) -> int:
@@ -84,7 +97,7 @@ def sets_of(block: Block, shape: Sequence[int]) -> Indices:
 
 
 def run_blocks(
-    job: Job, plan: Plan, blocks: Iterator[Block], executor: Executor | None, known: Sets | None
+    job: Job, plan: Plan, blocks: Iterator[Block], executor: Executor | None, known: Sets | None, threads: int = 1
 ) -> Iterator[tuple[Block, Sets]]:
     """Run blocks and yield them with their results as they finish; ``known`` are the results of the first sets.
 
@@ -108,7 +121,7 @@ def run_blocks(
             if len(missing) == 0:
                 yield joined(block, None)
             elif executor is None:
-                yield joined(block, run_sets(job, plan.values(missing)))
+                yield joined(block, run_sets(job, plan.values(missing), threads))
             else:
                 if len(waiting) >= MAX_WAITING:
                     yield from (joined(*each) for each in _finished(waiting))

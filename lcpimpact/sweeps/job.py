@@ -18,9 +18,11 @@ from lcpimpact.record import Grid
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import simulate, time_grid
 from lcpimpact.study.design.parameters import changes_at, parameters_of, place
+from lcpimpact.sweeps.samples import Plan
+from lcpimpact.sweeps.side_by_side import has_trace, run_side_by_side
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Job:
     """What is run for every set of parameters; it can be pickled.
 
@@ -91,14 +93,16 @@ class Sets:
         return Sets({name: values[chosen] for name, values in self.outputs.items()}, self.status[chosen], messages)
 
 
-def run_sets(job: Job, values: Mapping[str, Array]) -> Sets:
-    """Run a chunk of sets of parameters, one after another.
+def run_sets(job: Job, values: Mapping[str, Array], threads: int = 1) -> Sets:
+    """Run a chunk of sets of parameters, side by side where the method and the outputs allow it, else one after another.
 
     Parameters
     ----------
     job : Job
     values : mapping of str to (N,) array
         The values of each swept parameter: their names are those of `changes_of`.
+    threads : int
+        Number of threads for sets side by side.
 
     Returns
     -------
@@ -120,19 +124,38 @@ def run_sets(job: Job, values: Mapping[str, Array]) -> Sets:
     outputs = {name: np.full((count,) if n is None else (count, n), np.nan) for name, n in shapes.items()}
     status, messages = np.zeros(count, dtype=np.int64), dict[int, str]()
     change = changes_of(job, list(values))
-    for k in range(count):
+    done = np.zeros(count, dtype=np.bool_)
+
+    def run_alone(k: int) -> Mapping[str, Any] | None:
+        if done[k]:
+            return {name: each[k] for name, each in outputs.items()} if status[k] == 0 else None
         try:
             changed = change({name: float(each[k]) for name, each in values.items()})
             code, message, found = _run(changed, job.times, quantities)
         except Exception as error:  # noqa: BLE001 - one set must not end a sweep of a night
             code, found = Status.NOT_RUN, {}
             message = str(error) if isinstance(error, LcpImpactError) else f"{type(error).__name__}: {error}"
-        status[k] = code
+        status[k], done[k] = code, True
         for name, value in found.items():
             outputs[name][k] = value
         if code:
             messages[k] = message
+        return None if code else found
+
+    for rows, numbers in run_side_by_side(job, values, change, run_alone, threads):
+        for name, each in numbers.items():
+            outputs[name][rows] = each
+        done[rows] = True
+    for k in np.flatnonzero(~done):
+        run_alone(int(k))
     return Sets(outputs, status, messages)
+
+
+def runs_side_by_side(job: Job, plan: Plan) -> bool:
+    """Return whether sets of a plan can run side by side; their code is compiled if so many are worth it."""
+    some = plan.values(np.array([0, plan.size // 2, plan.size - 1]))
+    dt, sets = float(some.get("dt", [job.dt])[0]), {name: each for name, each in some.items() if name != "dt"}
+    return has_trace(job, dt, sets, changes_of(job, list(some)), plan.size)
 
 
 def _run(job: Job, times: Callable[[str], Array], quantities: Sequence[Quantity]) -> tuple[Status, str, dict[str, Any]]:
@@ -185,7 +208,7 @@ def changes_of(job: Job, names: Sequence[str]) -> Callable[[Mapping[str, float]]
     def change(values: Mapping[str, float]) -> Job:
         changed: dict[str, Any] = {name: values[name] for name in options}
         for name, value in changed.items():
-            if value.is_integer() and not isinstance(known[name], float):
+            if not isinstance(known[name], float) and value.is_integer():
                 changed[name] = int(value)
         return replace(
             job,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
@@ -98,6 +99,7 @@ def sweep(
     job = Job(problem, integrator, float(dt), end, lcp_solver, tuple(outputs))
     plan = Plan.of(parameters)
     path = None if out is None else Path(out)
+    threads = 1 if executor else os.cpu_count() or 1
     _check(job, plan, path)
     if chunk is not None:
         count("chunk", chunk)
@@ -106,7 +108,7 @@ def sweep(
         sizes: tuple[int, ...] = plan.shape
     else:
         if chunk is None:
-            seconds, known = try_sets(job, plan)
+            seconds, known = try_sets(job, plan, threads)
             chunk = sets_per_chunk(job, plan, seconds)
         sizes = chunk_shape(plan.shape, int(chunk))
     store = open_store(job, plan, sizes, path)
@@ -125,7 +127,7 @@ def sweep(
         disable=disable,
         leave=False,
     ) as bar:
-        for block, sets in run_blocks(job, plan, iter(blocks), executor, known):
+        for block, sets in run_blocks(job, plan, iter(blocks), executor, known, threads):
             store.write(block, sets)
             bar.update(len(sets.status))
     return store.dataset()

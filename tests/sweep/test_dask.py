@@ -27,11 +27,11 @@ class Logged:
     def __init__(self, folder):
         self.folder = folder
 
-    def __call__(self, job, values):
+    def __call__(self, job, values, threads=1):
         with open(self.folder / f"{os.getpid()}.log", "a", encoding="utf-8") as file:
             file.write(f"{values['k_o'][0]} {values['c_o'][0]}\n")
         time.sleep(0.2)
-        return run_sets(job, values)
+        return run_sets(job, values, threads)
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from lcpimpact.formula import number
 from lcpimpact.numbers import between, finite
 from lcpimpact.scheme.elements.base import Link, Polyline, distinct, named
 from lcpimpact.scheme.terms import End, Row, Terms
@@ -86,5 +87,5 @@ class Bumper(Link):
 
     def contribute(self, terms: Terms) -> None:
         """Add a row to H and to u0."""
-        e = None if self.e is None else float(self.e)
-        terms.rows.append(Row(str(self), self.name or self.reaction, self.upper, self.lower, float(self.gap), e))
+        e = None if self.e is None else number(self.e)
+        terms.rows.append(Row(str(self), self.name or self.reaction, self.upper, self.lower, number(self.gap), e))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from lcpimpact.formula import number
 from lcpimpact.scheme.elements.base import MISSING, Link, Polyline, distinct, named, positive
 from lcpimpact.scheme.terms import End, Row, RowLaw, Terms
 
@@ -79,6 +80,6 @@ class Slider(Link):
 
     def contribute(self, terms: Terms) -> None:
         """Add a row to H, with a box as its law."""
-        bounds = (-float(self.r0), float(self.r0))
+        bounds = (-number(self.r0), number(self.r0))
         name = self.name or self.reaction
         terms.rows.append(Row(str(self), name, self.a, self.b, 0.0, law=RowLaw.SLIDER, bounds=bounds))
