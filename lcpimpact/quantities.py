@@ -162,7 +162,7 @@ def _series(run: Any, series: str) -> Array:
 def extreme(run: Any, series: str, sign: float = 1.0) -> float:
     """Return max y(t) of a series, or min y(t) with ``sign=-1``; of a continuous solution it is the supremum."""
     if run.dense is None:
-        return sign * float((sign * run[series]).max(initial=-math.inf))
+        return sign * float((sign * run[series]).max()) if len(run[series]) else math.nan
     return highest(run, series, sign)[1]
 
 
@@ -203,7 +203,7 @@ def peak_time(run: Any) -> float:
 
 def _strongest(run: Any) -> tuple[float, float]:
     columns = _pushing(run)
-    if not len(columns):
+    if not len(columns) or not len(run.t_reaction):
         return math.nan, math.nan
     if run.dense is not None:
         push = run.problem.dynamics.push

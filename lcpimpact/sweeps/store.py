@@ -7,7 +7,7 @@ import json
 import re
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +51,8 @@ class Store:
     arrays : mapping of str to array        of NumPy or zarr, by the name of the variable
     coordinates : mapping                   name to dimension, values and attributes
     path : Path or None                     the folder, or None in memory
-    chunk : tuple of int or None            size of a block that was stored before along each dimension
+    chunk : tuple of int or None            size of a block of the folder along each dimension
+    resumed : bool                          whether the folder was there
     """
 
     arrays: Mapping[str, Any]
@@ -60,6 +61,7 @@ class Store:
     attributes: Mapping[str, Any]
     path: Path | None = None
     chunk: tuple[int, ...] | None = None
+    resumed: bool = False
 
     def is_done(self, block: Block) -> bool:
         """Return whether all sets of a block are stored."""
@@ -155,12 +157,12 @@ def _reopened(store: Store) -> Store:
     if different or not same:
         what = different[0].replace("_", " ") if different else "values of the parameters"
         raise InputError(f"out = {str(path)!r} holds another sweep, which differs in the {what}: {remedy}")
-    return _opened(store, root, tuple(chunk))
+    return _opened(store, root, tuple(chunk), resumed=True)
 
 
-def _opened(store: Store, root: Any, chunk: tuple[int, ...]) -> Store:
+def _opened(store: Store, root: Any, chunk: tuple[int, ...], resumed: bool = False) -> Store:
     arrays = {name: root[name] for name in store.variables}
-    return Store(arrays, store.coordinates, store.variables, store.attributes, store.path, chunk)
+    return replace(store, arrays=arrays, chunk=chunk, resumed=resumed)
 
 
 def _variables(job: Job, plan: Plan) -> dict[str, Variable]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
@@ -18,7 +19,7 @@ from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
 from lcpimpact.simulation import RUN_ARGUMENTS, check_handled, check_lcp_solver, make_integrator, time_grid
-from lcpimpact.sweeps.chunks import blocks_of, chunk_shape, run_blocks, sets_of, sets_per_chunk, try_sets
+from lcpimpact.sweeps.chunks import blocks_of, chunk_shape, run_blocks, sets_per_chunk, try_sets
 from lcpimpact.sweeps.job import Job, changes_of
 from lcpimpact.sweeps.samples import SAMPLE, Plan, Samples
 from lcpimpact.sweeps.store import ENDING, import_extra, open_store
@@ -111,9 +112,10 @@ def sweep(
             chunk = sets_per_chunk(job, plan, seconds)
         sizes = chunk_shape(plan.shape, int(chunk))
     store = open_store(job, plan, sizes, path)
-    every = list(blocks_of(plan.shape, store.chunk or sizes))
-    blocks = [block for block in every if not store.is_done(block)]
-    done = plan.size - sum(len(sets_of(block, plan.shape)) for block in blocks)
+    blocks = list(blocks_of(plan.shape, store.chunk or sizes))
+    if store.resumed:
+        blocks = [block for block in blocks if not store.is_done(block)]
+    done = plan.size - sum(math.prod(each.stop - each.start for each in block) for block in blocks)
     disable = None if progress else True
     with tqdm(
         total=plan.size,

@@ -2,6 +2,7 @@
 
 import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -158,3 +159,21 @@ def test_every_problem_has_a_summary_of_the_same_keys(name):
     for series in series_names(problem.dynamics)[:3]:
         assert math.isfinite(value(run, f"{series}.max"))
     pickle.loads(pickle.dumps(quantity("peak_force", problem.dynamics)))
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "exact", "rk4"])
+def test_the_summary_of_a_run_that_ended_at_once(method):
+    run = li.simulate(li.load_problem("system-1"), method, dt=1e-2, t_end=0.1)
+    none = len(run.t_reaction) == len(run.t)
+    short = replace(
+        run,
+        t=run.t[:1],
+        q=run.q[:1],
+        v=run.v[:1],
+        t_reaction=run.t_reaction[:none],
+        reaction=run.reaction[:none],
+        events=(),
+    )
+    found = short.summary()
+    assert (found["impacts"], found["impulse"], found["dissipated"]) == (0.0, 0.0, 0.0)
+    assert math.isnan(found["restitution"])

@@ -130,6 +130,13 @@ def test_a_failed_run_is_a_row_too_and_what_a_run_does_not_have_is_not_a_failure
     assert np.isnan(short["impact:2"].values[0])
 
 
+def test_a_run_that_breaks_its_laws_has_no_outputs():
+    found = sweep_of({"dt": [0.3, 0.001]}, "heun", problem=li.load_problem("system-2"))
+    assert found["status"].values.tolist() == [Status.VIOLATED, 0]
+    assert np.isnan(found["R.max"].values[0])
+    assert "heun" in found["message"].values[0]
+
+
 @pytest.mark.parametrize(
     ("parameters", "options", "said"),
     [
