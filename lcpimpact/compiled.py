@@ -209,6 +209,28 @@ def compiled(signature: Any, inline: Literal["never", "always"] = "never", alloc
     return decorate
 
 
+class Address(types.WrapperAddressProtocol):
+    """A compiled function as an argument of another, with its address at hand: numba looks it up at each call."""
+
+    def __init__(self, function: Any, signature: Any) -> None:
+        compiled_code = function.get_compile_result(signature)
+        self._function, self._signature = function, signature
+        self._address = compiled_code.library.get_pointer_to_function(compiled_code.fndesc.llvm_cfunc_wrapper_name)
+
+    def __wrapper_address__(self) -> int:
+        return int(self._address)
+
+    def signature(self) -> Any:
+        """Return the signature."""
+        return self._signature
+
+
+@cache
+def address(function: Any, kind: Any) -> Any:
+    """Return a compiled function as an argument of ``kind``, a FunctionType; what is not compiled as it is."""
+    return Address(function, kind.signature) if hasattr(function, "get_compile_result") else function
+
+
 def source_file(text: str) -> Path:
     """Return the file in the cache in which a generated source is saved, once it is compiled."""
     return folder() / "generated" / f"{hashlib.sha256(text.encode()).hexdigest()[:16]}.py"

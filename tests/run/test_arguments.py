@@ -113,6 +113,7 @@ def test_arrays_that_unpack_to_gigabytes_are_refused_before_they_are_unpacked(tm
         read_lcp(tmp_path / "trap.npz")
     np.savez(tmp_path / "large.npz", M=np.eye(100), q=np.zeros(100))
     monkeypatch.setattr(memory, "free_memory", lambda: 1e5)
+    monkeypatch.setattr(memory, "SMALL", 0.0)
     with pytest.raises(li.InputError, match=r"large.npz': its arrays do not fit in memory.*give a sparse"):
         read_lcp(tmp_path / "large.npz")
 

@@ -354,6 +354,7 @@ def test_a_missing_package_is_named_with_the_remedy(tmp_path, monkeypatch):
 
 def test_results_that_do_not_fit_in_memory_are_refused_with_the_remedy(monkeypatch):
     monkeypatch.setattr("lcpimpact.memory.free_memory", lambda: 1e5)
+    monkeypatch.setattr("lcpimpact.memory.SMALL", 0.0)
     with pytest.raises(li.InputError, match=r"give out='sweep.zarr'"):
         sweep_of({"k_o": np.linspace(3000.0, 5000.0, 100)}, outputs=("x",))
 

@@ -25,7 +25,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.compiled import interpreted
+from lcpimpact.compiled import address, interpreted
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.stepping.elimination import product, solve
 from lcpimpact.integrators.stepping.force_newton import solve_with_forces
@@ -41,7 +41,7 @@ from lcpimpact.integrators.stepping.kernel import (
     room_for,
     steps,
 )
-from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_law
+from lcpimpact.integrators.stepping.law import SPRING_SOLVER, SpringSolver, no_springs, solve_law
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
 from lcpimpact.integrators.stepping.straight_line import (
     IRREGULAR,
@@ -55,6 +55,7 @@ from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.friction import ANITESCU_POTRA, FORMULATIONS, GLOCKER, FrictionRows, lcp_matrix
 from lcpimpact.lcp.operators import Dense
+from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import SolverState
 from lcpimpact.record import Record
@@ -404,20 +405,20 @@ class LinearStep(TimeStepping[Tabulated]):
         Forces of any kind depend on the time, so that they take one step at a time.
         """
         kernel: Callable[..., tuple[int, int, int, int, float]] = steps
-        springs = step.springs
+        solve, springs = address(solver.kernel, KERNEL), address(step.springs, SPRING_SOLVER)
         if step.forces:
-            kernel = in_python(steps)
+            kernel, solve = in_python(steps), solver.kernel
             springs = step.forces(float(times[0] + self.reaction_at * (times[1] - times[0])))
         elif not solver.compiled:
-            kernel, springs = in_python(steps), in_python(springs)
+            kernel, solve, springs = in_python(steps), solver.kernel, in_python(step.springs)
         last, stops = first + len(times) - 1, step.at_switches is not None
         block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops)
         path, room = StepOutput(record.q, record.v, record.reaction), room_for(step.table, len(step.features[0].law))
         if line:
             c = line.coefficients(step.table, step.features[2])
-            result = line.run(block, step.table, c, state, path, room, solver.kernel)
+            result = line.run(block, step.table, c, state, path, room, solve)
         else:
-            result = kernel(block, step.table, step.features, state, path, room, solver.kernel, springs)
+            result = kernel(block, step.table, step.features, state, path, room, solve, springs)
         code, reached, iterations, newton, residual = result
         record.stats.add_lcps(self.laws * (reached - first), iterations, residual, newton)
         return code, reached
