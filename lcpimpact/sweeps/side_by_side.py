@@ -79,8 +79,8 @@ class Trace:
         }
 
 
-TRACES: WeakKeyDictionary[Job, dict[float, list[Trace]]] = WeakKeyDictionary()
-"""The traces of the jobs of this process by dt, so that chunks share them."""
+TRACES: WeakKeyDictionary[Job, dict[tuple[Any, ...], list[Trace]]] = WeakKeyDictionary()
+"""The traces of the jobs of this process, by dt and the names of the parameters, so that chunks share them."""
 
 
 def run_side_by_side(
@@ -118,7 +118,7 @@ def run_side_by_side(
             sets = {name: each[remaining] for name, each in values.items() if name != "dt"}
             if len(remaining) < MIN_SETS or not has_trace(job, dt, sets, change, N, i):
                 break
-            regular, numbers = TRACES[job][dt][i].take(np.array([*sets.values()]).reshape(len(sets), -1), threads)
+            regular, numbers = TRACES[job][dt, *sets][i].take(np.array([*sets.values()]).reshape(len(sets), -1), threads)
             found = {name: each[regular] for name, each in numbers.items()}
             rows, remaining = remaining[regular], remaining[~regular]
             if len(rows) and _agree(rows, found, run_alone):
@@ -127,7 +127,7 @@ def run_side_by_side(
 
 def has_trace(job: Job, dt: float, sets: Mapping[str, Array], change: Change, count: int, i: int = 0) -> bool:
     """Return whether there is a trace number i of a job; a new one is made at one of the sets, for ``count`` sets."""
-    traces = TRACES.setdefault(job, {}).setdefault(dt, [])
+    traces = TRACES.setdefault(job, {}).setdefault((dt, *sets), [])
     last = len(next(iter(sets.values()), [0])) - 1
     for k in sorted({0, last // 2, last}):
         if i == len(traces):  # a set may be one that the problem refuses
