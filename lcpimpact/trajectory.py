@@ -97,10 +97,19 @@ class Trajectory:
         return self.status in (Status.SOLVED, Status.VIOLATED)
 
     @property
+    def nodes(self) -> tuple[str, ...]:
+        """The names of the coordinates."""
+        return self.problem.dynamics.nodes
+
+    @property
+    def force_names(self) -> tuple[str, ...]:
+        """The names of the forces of contacts and springs."""
+        return tuple(each.name for each in self.problem.dynamics.forces)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Valid names in ``traj[name]``: coordinates, velocities (v_NAME), and forces of contacts and springs."""
-        d = self.problem.dynamics
-        return (*d.nodes, *(f"v_{node}" for node in d.nodes), *(each.name for each in d.forces))
+        return (*self.nodes, *(f"v_{node}" for node in self.nodes), *self.force_names)
 
     @cached_property
     def push(self) -> Array:
@@ -125,7 +134,7 @@ class Trajectory:
     def __getitem__(self, name: str) -> Array:
         if not isinstance(name, str) or name not in self.names:
             raise InputError(nearest(str(name), list(self.names), "series"))
-        n, nc = len(self.problem.dynamics.nodes), self.reaction.shape[1]
+        n, nc = len(self.nodes), self.reaction.shape[1]
         column = self.names.index(name)
         if column < n:
             return self.q[:, column]
@@ -269,7 +278,7 @@ class Trajectory:
             import xarray
         except ImportError:
             raise UnsupportedError("xarray is not installed: pip install 'lcpimpact[xarray]'") from None
-        n = len(self.problem.dynamics.nodes)
+        n = len(self.nodes)
         series = {name: ("t", self[name]) for name in self.names[: 2 * n]}
         forces = {name: ("t_R", self[name]) for name in self.names[2 * n :]}
         found = self._event_arrays()
@@ -291,7 +300,7 @@ class Trajectory:
 
     def _event_arrays(self) -> dict[str, Any]:
         """Return the fields of the events as arrays with one row per event (ne, ...)."""
-        n, nc = len(self.problem.dynamics.nodes), len(self.problem.dynamics.contacts)
+        n, nc = len(self.nodes), self.reaction.shape[1]
         arrays = {f"event_{name}": np.array([getattr(each, name) for each in self.events]) for name in EVENT_COLUMNS}
         for name in ("contact", "kind"):
             arrays[f"event_{name}"] = arrays[f"event_{name}"].astype(str)
@@ -302,7 +311,7 @@ class Trajectory:
         return arrays
 
     def _write_csv(self, path: Path) -> None:
-        n = len(self.problem.dynamics.nodes)
+        n = len(self.nodes)
         header = ["t", *self.names[: 2 * n], "t_R", *self.names[2 * n :]]
         motion = np.column_stack([self.t, self.q, self.v]).tolist()
         forces = np.column_stack([self.t_reaction, self.forces]).tolist()
