@@ -13,7 +13,7 @@ from lcpimpact.certificate import Certificate
 from lcpimpact.certificate.scales import largest_violation
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.integrators.moreau_jean import MoreauJean
-from lcpimpact.integrators.stepping.sparse_kernel import Found, Recorded, Steps, sparse_steps
+from lcpimpact.integrators.stepping.sparse_kernel import Found, Recorded, Steps
 from lcpimpact.integrators.stepping.sparse_table import begin, laws_of, tabulate_sparse
 from lcpimpact.memory import check_memory
 from lcpimpact.problems.base import Problem
@@ -100,11 +100,9 @@ class SparseRun:
         nodes, reactions = _chosen(d, record)
         wanted = 8.0 * (grid.steps + 1) * (2 + 2 * len(nodes) + len(reactions))
         check_memory(wanted, f"{grid.steps:,} steps of the recorded series do", "record fewer nodes, by record=[...]")
-        self.table, self.contacts, self.solve, self.kernel = tabulate_sparse(
-            method.sparse_step(d, grid.h), grid.h, method.tol, method.max_iter
-        )
+        self.step = tabulate_sparse(method.sparse_step(d, grid.h), grid.h, method.tol, method.max_iter)
         self.laws, start = laws_of(d, grid.h), (problem.initial_coordinates, problem.initial_velocities)
-        self.motion, self.room, self.found = begin(d, self.laws, self.table, start, grid.h)
+        self.motion, self.room, self.found = begin(d, self.laws, self.step.table, start, grid.h)
         q, v = np.empty((2, grid.steps + 1, len(nodes)))
         self.path = Recorded(nodes, reactions, q, v, np.empty((grid.steps, len(reactions))))
         q[0], v[0] = start[0][nodes], start[1][nodes]
@@ -112,9 +110,9 @@ class SparseRun:
     def advance(self, first: int, last: int) -> tuple[Status, int]:
         """Take the steps from t_first to t_last; return the status and the last step that was reached."""
         block = Steps(first, last, self.grid.h, float(self.method.theta), self.method.declared.precision)
-        judge = (self.laws, self.room, self.found)
-        status, reached, iterations, residual = sparse_steps(
-            block, self.table, judge, self.contacts, self.motion, self.path, self.solve, self.kernel
+        judge, step = (self.laws, self.room, self.found), self.step
+        status, reached, iterations, residual = step.loop(
+            block, step.table, judge, step.contacts, self.motion, self.path, step.solve, step.kernel
         )
         self.stats.add_lcps(reached - first, iterations, residual)
         return Status(status), reached

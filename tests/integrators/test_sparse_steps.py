@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lcpimpact import Bumper, Chain, Dashpot, Load, Mass, Problem, Scheme, SparseScheme, Spring, Status, simulate
+from lcpimpact import (
+    Bumper,
+    Chain,
+    Dashpot,
+    Load,
+    Mass,
+    Problem,
+    Scheme,
+    SparseScheme,
+    Spring,
+    Status,
+    simulate,
+    solve_lcp,
+)
 from lcpimpact.compiled import interpreted
 from lcpimpact.errors import FailureError, InputError, UnsupportedError
 from lcpimpact.events import steps_of
@@ -15,6 +30,7 @@ from lcpimpact.integrators.stepping import sparse_kernel, sparse_table
 from lcpimpact.integrators.stepping.stencil import apply, solve_banded, stencil
 from lcpimpact.lcp.judge import clear_residual_of_chain, holds, measure
 from lcpimpact.lcp.solvers.banded import isotonic_chain, pools_for
+from lcpimpact.lcp.sparse_pivoting import SparseMatrix, SparseProduct, pivot
 
 sparse = pytest.importorskip("scipy.sparse")
 
@@ -199,6 +215,109 @@ def test_ties_of_beads_that_touch_and_fall_together():
     assert np.ptp(found.q[50]) < 1e-15
 
 
+# Contacts that are no chain
+
+
+def tree(rng, n):
+    """Bodies in a tree, each above its parent; the root is above the ground."""
+    gaps = 0.01 * rng.random(n)
+    parents = ["ground" if i == 0 else f"n{rng.integers(i)}" for i in range(n)]
+    elements = [Bumper(f"n{i}", parents[i], gaps[i], float(rng.random() / 2), f"R{i}") for i in range(n)]
+    return [*elements, *(each for i in range(n) for each in (Mass(f"n{i}", 0.5 + rng.random()), Load(f"n{i}", 9.81)))]
+
+
+def pile(rows, gap, m=1.0, g=9.81):
+    """Discs in a triangle, each on two discs below at 60°, the last row in grooves of the floor; x to the right, y down."""
+    elements, c, s = [], 0.5, np.sqrt(0.75)
+    for r in range(rows):
+        for i in range(rows - r):
+            x, y = f"x{r}.{i}", f"y{r}.{i}"
+            elements += [Mass(x, m), Mass(y, m), Load(y, m * g)]
+            for name, sign, j in (("L", -1.0, i), ("R", 1.0, i + 1)):
+                below = {f"x{r - 1}.{j}": sign * c, f"y{r - 1}.{j}": s} if r else "ground"
+                elements.append(Bumper({x: sign * c, y: s}, below, gap, 0.0, f"{name}{r}.{i}"))
+    return elements
+
+
+@pytest.mark.parametrize("widest", [32, 0])
+@pytest.mark.parametrize("seed", range(6))
+def test_trees_and_chains_with_springs_move_as_the_dense_ones(monkeypatch, seed, widest):
+    """With a full W, and by pivoting with sparse factors; A by bands, and by a sparse factor."""
+    rng = np.random.default_rng(seed)
+    springs = Chain(12, m=1.0, k=1e3, c=0.3, gap=0.01 * rng.random(12), e=0.25, f=9.81, b="ground")
+    for elements in (tree(rng, 25), [springs]):
+        v0 = {node: float(rng.standard_normal()) for node in SparseScheme(*elements).assemble().nodes}
+        monkeypatch.setattr(sparse_table, "FEW", 256)
+        dense, found = both(elements, 1e-3, 0.2, v0=v0)
+        assert_same(dense, found)
+        monkeypatch.setattr(sparse_table, "FEW", 0)
+        monkeypatch.setattr(sparse_table, "WIDEST_BAND", widest)
+        assert_same(dense, simulate(Problem("p", SparseScheme(*elements), v0=v0), dt=1e-3, t_end=0.2))
+
+
+def test_a_bar_whose_matrix_has_no_bands_is_factored_as_a_sparse_one(monkeypatch):
+    monkeypatch.setattr(sparse_table, "WIDEST_BAND", 0)
+    bar = [Chain(30, m=0.1, k=1e4, f=0.981), Bumper("x.30", "ground", 0.01, 0.0)]
+    assert_same(*both(bar, 1e-3, 0.3))
+
+
+def test_forces_pass_straight_through_a_pile():
+    """Each disc adds half its weight to both lines of contacts below it: N = (discs above on the line) m g/(2 sin 60°)."""
+    rows = 24
+    elements = pile(rows, 2e-3)
+    run = simulate(Problem("pile", SparseScheme(*elements)), dt=1e-3, t_end=0.25, record=["y0.0"])
+    found = dict(zip(run.problem.dynamics.reactions, run.final.reaction, strict=True))
+    for r in range(rows):
+        for i in range(rows - r):
+            above = {"L": rows - r - i, "R": i + 1}
+            for side, count in above.items():
+                assert found[f"{side}{r}.{i}"] == pytest.approx(count * 9.81 / np.sqrt(3.0), rel=1e-9)
+    assert run.stats.lcp_iterations < 2 * run.stats.steps
+
+
+def test_too_few_pivots_end_the_run():
+    rng = np.random.default_rng(7)
+    v0 = {f"n{i}": float(rng.standard_normal()) for i in range(300)}
+    problem = Problem("tree", SparseScheme(*tree(rng, 300)), v0=v0)
+    assert simulate(problem, dt=1e-3, t_end=0.1).stats.lcp_iterations > 100
+    run = simulate(problem, dt=1e-3, t_end=0.1, max_iter=1, throw=False)
+    assert run.status is Status.MAX_ITER
+    assert "stopped after step" in run.message
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_pivoting_finds_the_solution_of_small_problems(seed):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 9))
+    F = rng.standard_normal((n, n + 1))
+    W = F @ F.T + 1e-3 * np.eye(n)
+    q, active = rng.standard_normal(n), rng.random(n) < 0.8
+    z = np.where(rng.random(n) < 0.5, rng.random(n), 0.0)
+    A = sparse.csr_array(np.diag(1.0 + rng.random(n)))
+    product = SparseProduct(sparse.csr_array(W), A, A.tocsr())
+    for contacts in (SparseMatrix(sparse.csr_array(W)), product):
+        found = z.copy()
+        status, _, residual = pivot(contacts, q, active, found, 1e-10, 100)
+        assert status is Status.SOLVED
+        assert residual < 1e-12
+        assert (found[~active] == 0.0).all()
+        if active.any():
+            exact = solve_lcp(W[np.ix_(active, active)], q[active]).z
+            np.testing.assert_allclose(found[active], exact, rtol=1e-7, atol=1e-9)
+
+
+def test_what_pivoting_returns_is_judged(monkeypatch):
+    """A factor of another matrix gives a wrong z, which no status calls solved."""
+    W = SparseMatrix(sparse.csr_array(np.diag([1.0, 2.0, 3.0])))
+    monkeypatch.setattr(W, "factor", lambda free: lambda q: 0.5 * q)
+    z = np.zeros(3)
+    status, _, residual = pivot(W, -np.ones(3), np.ones(3, dtype=bool), z, 1e-10, 5)
+    assert status is not Status.SOLVED
+    assert residual > 1e-10
+    singular = SparseMatrix(sparse.csr_array(np.ones((2, 2))))
+    assert pivot(singular, -np.ones(2), np.ones(2, dtype=bool), np.zeros(2), 1e-10, 5)[0] is Status.SINGULAR
+
+
 # What fails is said
 
 
@@ -210,12 +329,10 @@ def run_with(monkeypatch, solve, scheme=COLUMN, **options):
     tabulate = sparse_table.tabulate_sparse
 
     def tabulated(*arguments):
-        table, contacts, _, kernel = tabulate(*arguments)
-        return table, contacts, solve, kernel
+        loop = interpreted(sparse_kernel.sparse_steps, take_step=interpreted(sparse_kernel.take_step))
+        return replace(tabulate(*arguments), solve=solve, loop=loop)
 
     monkeypatch.setattr("lcpimpact.sparse_run.tabulate_sparse", tabulated)
-    steps = interpreted(sparse_kernel.sparse_steps, take_step=interpreted(sparse_kernel.take_step))
-    monkeypatch.setattr("lcpimpact.sparse_run.sparse_steps", steps)
     return simulate(Problem("p", scheme), dt=1e-3, t_end=0.01, throw=False, **options)
 
 

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, cast
+
 import numpy as np
 from scipy import linalg, sparse
 
 from lcpimpact.arrays import Array
+from lcpimpact.compiled import interpreted
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.integrators.stepping.linear_step import REST_GAP_FACTOR
 from lcpimpact.integrators.stepping.sparse_kernel import (
@@ -18,6 +24,8 @@ from lcpimpact.integrators.stepping.sparse_kernel import (
     SparseTable,
     solve_chain,
     solve_few,
+    sparse_steps,
+    take_step,
 )
 from lcpimpact.integrators.stepping.sparse_symbols import SparseStep
 from lcpimpact.integrators.stepping.stencil import Stencil, apply, stencil
@@ -27,6 +35,7 @@ from lcpimpact.lcp.solve import limits
 from lcpimpact.lcp.solver import Kernel
 from lcpimpact.lcp.solvers.banded import chain_masses, pools_for
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
+from lcpimpact.lcp.sparse_pivoting import MAX_PIVOTS, SparseContacts, SparseMatrix, SparseProduct, pivot
 from lcpimpact.scheme.sparse import Sparse, SparseDynamics
 
 FEW = 256
@@ -59,14 +68,8 @@ def lower_bands(A: Sparse, width: int) -> Array:
 
 def banded_factor(A: Sparse) -> Array:
     """Return the bands of the Cholesky factor of A = M/(θ h) + C + θ h K."""
-    width = half_bandwidth(A)
-    if width > WIDEST_BAND:
-        raise UnsupportedError(
-            f"springs or dashpots join nodes that are {width} places apart, and sparse steps factor bands of {WIDEST_BAND}: "
-            "name the nodes in the order in which they are joined, or take Scheme in place of SparseScheme"
-        )
     try:
-        return np.ascontiguousarray(linalg.cholesky_banded(lower_bands(A, width), lower=True))
+        return np.ascontiguousarray(linalg.cholesky_banded(lower_bands(A, half_bandwidth(A)), lower=True))
     except linalg.LinAlgError:
         raise UnsupportedError(
             "the matrix of a step, M/(θ h) + C + θ h K, is not positive definite: take a smaller dt, or Scheme in place of "
@@ -74,61 +77,88 @@ def banded_factor(A: Sparse) -> Array:
         ) from None
 
 
-def contact_matrix(step: SparseStep, factor: Array, first: int, last: int) -> Sparse:
-    """Return W = ∂L/∂P, whose columns are those of P from ``first`` to ``last``: sparse, or full where A is not diagonal."""
-    W = step.L.tocsc()[:, first:last]
-    if len(factor) == 0:
-        return W.tocsr()
-    n = factor.shape[1]
-    L_w, b_P = step.L.tocsc()[:, last : last + n], step.y.b.tocsc()[:, first:last]
-    return np.asarray(W.toarray() + L_w @ linalg.cho_solve_banded((factor, True), b_P.toarray()))
+@dataclass(frozen=True, eq=False)
+class PreparedStep:
+    """A sparse step: its coefficients, its contact problem, and the loop that takes it.
 
-
-def tabulate_sparse(
-    step: SparseStep, h: float, tol: float | None, max_iter: int | None
-) -> tuple[SparseTable, Contacts, ContactSolver, Kernel]:
-    """Return the coefficients of a step, its contact problem, and the solver of that.
-
-    Raises
-    ------
-    UnsupportedError
-        If the contacts are neither those of a chain of bodies nor few.
+    Attributes
+    ----------
+    table, contacts : SparseTable, Contacts
+    solve, kernel : callable            the contact solver, and the LCP kernel that it uses
+    loop : callable                     `sparse_steps`, in the interpreter where a sparse factor is of another library
     """
-    n, nc = step.q.shape[0], step.L.shape[0]
-    first, last = 2 * n, 2 * n + nc
-    implicit = step.y.A is not None
-    factor = banded_factor(step.y.A) if implicit else np.zeros((0, n))
-    if implicit and nc > FEW:
-        raise _too_many(nc, "springs or dashpots couple the nodes")
-    W = contact_matrix(step, factor, first, last)
-    weight = np.array(W.diagonal(), dtype=np.float64)
-    size = step.L.shape[1]
-    keep = np.ones(size)
-    keep[first:last] = 0.0
-    without_P = step.L @ sparse.diags_array(keep)
-    momentum = affine(step.y.b) if implicit else stencil(sparse.csr_array((0, size - 1)))
-    end = affine(sparse.vstack([step.q, step.v]))
+
+    table: SparseTable
+    contacts: Contacts
+    solve: ContactSolver
+    kernel: Kernel
+    loop: Callable[..., tuple[int, int, int, float]]
+
+
+def tabulate_sparse(step: SparseStep, h: float, tol: float | None, max_iter: int | None) -> PreparedStep:
+    """Return the coefficients of a step, and the solver of its contact problem.
+
+    The contacts of a chain are solved by isotonic regression, few others with a full W, and others by pivoting with sparse
+    factors.
+    """
+    n, nc, size = step.q.shape[0], step.L.shape[0], step.L.shape[1]
+    first, last, A = 2 * n, 2 * n + nc, step.y.A
+    of_P, L, momentum, solve_A = step.L.tocsc()[:, first:last], step.L, stencil(sparse.csr_array((0, size - 1))), None
+    factor = np.zeros((0, n))
+    W: SparseContacts = SparseMatrix(of_P)
+    if A is not None:
+        product = SparseProduct(L.tocsc()[:, last : last + n], A, step.y.b.tocsc()[:, first:last])
+        W, momentum, banded = product, affine(step.y.b), half_bandwidth(A) <= WIDEST_BAND
+        factor, solve_A = (banded_factor(A), None) if banded else (np.zeros((1, n)), product.solve_A)
+    weight = _diagonal(W, nc)
+    without_P = L @ sparse.diags_array(np.where((np.arange(size) < first) | (np.arange(size) >= last), 1.0, 0.0))
     table = SparseTable(
-        affine(step.touching), affine(without_P), momentum, factor, end, REST_GAP_FACTOR * h * weight, weight
-    )
-    mass, solver = np.zeros(nc + 1), SOLVERS["auto"]
-    solving = limits(solver, tol, max_iter)
-    if not implicit and nc > 2 and half_bandwidth(W) <= 1:
-        bands = lower_bands(W, 1)
+        affine(step.touching), affine(without_P), momentum, factor, affine(sparse.vstack([step.q, step.v])),
+        REST_GAP_FACTOR * h * weight, weight,
+    )  # fmt: skip
+    contacts, solve, kernel = _solver(W, nc, limits(SOLVERS["auto"], tol, max_iter), max_iter or MAX_PIVOTS)
+    if solve_A is None and solve in (solve_chain, solve_few):
+        return PreparedStep(table, contacts, solve, kernel, sparse_steps)
+    taken: dict[str, Any] = {"solve_banded": partial(_solve_sparse, solve_A)} if solve_A else {}
+    loop = interpreted(sparse_steps, take_step=interpreted(take_step, **taken))
+    return PreparedStep(table, contacts, solve, kernel, loop)
+
+
+def _solver(W: SparseContacts, nc: int, limits: tuple[float, int], most: int) -> tuple[Contacts, ContactSolver, Kernel]:
+    """Return the contact problem with the matrix in the storage of its solver, that solver, and its LCP kernel."""
+    mass = np.zeros(nc + 1)
+    if isinstance(W, SparseMatrix) and nc > 2 and half_bandwidth(W.W) <= 1:
+        bands = lower_bands(W.W, 1)
         if chain_masses(bands, mass):
-            return table, _contacts(bands, mass, solving), solve_chain, block_pivoting
-    if nc > FEW:
-        raise _too_many(nc, "they do not form one chain, each joining a body to the next")
-    full = np.ascontiguousarray(W if implicit else W.toarray())
-    kernel = solver.init(Dense(full)).kernel if nc else block_pivoting
-    return table, _contacts(full, mass, solving), solve_few, kernel
+            return _contacts(bands, mass, limits), solve_chain, block_pivoting
+    if nc <= FEW:
+        full = np.zeros((nc, nc))
+        for j, unit in enumerate(np.eye(nc)):
+            full[:, j] = W.product(unit)
+        kernel: Kernel = SOLVERS["auto"].init(Dense(full)).kernel if nc else block_pivoting
+        return _contacts(full, mass, limits), solve_few, kernel
+
+    def solve_many(contacts: Contacts, z: Array, kernel: Kernel) -> tuple[int, int, float]:
+        status, count, residual = pivot(W, contacts.L, contacts.active, z, contacts.tol, most)
+        return int(status), count, residual
+
+    return _contacts(np.zeros((0, 0)), mass, limits), solve_many, block_pivoting
 
 
-def _too_many(nc: int, why: str) -> UnsupportedError:
-    return UnsupportedError(
-        f"{why}, and sparse steps solve at most {FEW} such contacts, where this scheme has {nc:,}: take Scheme in place of "
-        "SparseScheme"
-    )
+def _solve_sparse(solve: Callable[[Array], Array], factor: Array, b: Array) -> None:
+    """Overwrite b by A⁻¹ b, in place of `solve_banded`."""
+    b[:] = solve(b)
+
+
+def _diagonal(W: SparseContacts, nc: int) -> Array:
+    """Return W_ii; of a product of many rows the part of it that the diagonal of A gives, which is not larger."""
+    if isinstance(W, SparseMatrix):
+        return np.array(W.W.diagonal(), dtype=np.float64)
+    product = cast(SparseProduct, W)
+    if nc <= FEW:
+        return np.array([W.product(unit)[i] for i, unit in enumerate(np.eye(nc))], dtype=np.float64)
+    scaled = product.L @ sparse.diags_array(1.0 / product.A.diagonal())
+    return np.asarray(scaled.multiply(product.B.T).sum(axis=1)).ravel()
 
 
 def _contacts(W: Array, mass: Array, limits: tuple[float, int]) -> Contacts:
