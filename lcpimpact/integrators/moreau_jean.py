@@ -90,6 +90,8 @@ class MoreauJean(LinearStep):
     -----
     Velocities of massless nodes are means of the step. The reaction is the mean force of the step, which refers to t + θ h.
     A contact of relative degree 2 closes by an impact, whose impulse is in the event and not among the reactions.
+    A `lcpimpact.SparseScheme`, of up to millions of nodes with masses, springs, dashpots and bumpers, takes this step with
+    sparse matrices; see docs/many-contacts.md.
     """
 
     theta: float = 0.5
