@@ -135,7 +135,7 @@ class Scheme:
         return assemble(self.elements)
 
     def __eq__(self, other: Any) -> bool:
-        return isinstance(other, Scheme) and self.elements == other.elements
+        return type(other) is type(self) and self.elements == other.elements
 
     __hash__ = None  # type: ignore[assignment]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -12,6 +12,7 @@ from scipy import sparse
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, UnsupportedError
+from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.elements.chain import Chain
 from lcpimpact.scheme.scheme import Scheme
@@ -21,6 +22,10 @@ Sparse = Any
 """A matrix in compressed rows, `scipy.sparse.csr_array`."""
 
 TAKE_SCHEME = "take Scheme in place of SparseScheme"
+
+
+DENSE = frozenset(name for name in (*vars(Dynamics), *(each.name for each in fields(Dynamics))) if name[0] != "_")
+"""The names of what the dynamics of a `Scheme` have."""
 
 
 class SparseSum:
@@ -157,6 +162,12 @@ class SparseDynamics:
     def B(self) -> Sparse:
         """Hᵀ, by which the reactions act."""
         return self.H.T.tocsr()
+
+    def __getattr__(self, name: str) -> Any:
+        """Refuse what only the dynamics of a `Scheme` have."""
+        if name in DENSE:
+            raise UnsupportedError(f"a SparseScheme has no {name!r} in its dynamics: {TAKE_SCHEME}")
+        raise AttributeError(name)
 
     @property
     def motions(self) -> Mapping[int, Any]:

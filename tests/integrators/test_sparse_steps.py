@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -20,8 +21,11 @@ from lcpimpact import (
     SparseScheme,
     Spring,
     Status,
+    energy_ledger,
+    penalized,
     simulate,
     solve_lcp,
+    write_scheme_file,
 )
 from lcpimpact.compiled import interpreted
 from lcpimpact.errors import FailureError, InputError, UnsupportedError
@@ -494,6 +498,75 @@ def test_a_sparse_run_is_saved_and_sampled(tmp_path):
     for refused in (run.certify, run.plot):
         with pytest.raises(UnsupportedError, match="sparse run"):
             refused()
+
+
+def test_what_needs_full_matrices_refuses_a_sparse_scheme(tmp_path):
+    problem = Problem("p", SparseScheme(Chain(3, m=1.0, gap=0.1, e=0.0, f=1.0, b="ground")))
+    run = simulate(problem, dt=0.1, t_end=1.0)
+    refused = (
+        lambda: penalized(problem, "hertz", k=1.0),
+        lambda: write_scheme_file(problem, tmp_path / "p.toml"),
+        lambda: energy_ledger(run),
+        lambda: simulate(problem, "exact", dt=0.1, t_end=1.0),
+        lambda: problem.dynamics.contacts,
+    )
+    for call in refused:
+        with pytest.raises((InputError, UnsupportedError)):
+            call()
+    assert problem.scheme != Scheme(*problem.scheme.elements)
+    copy = pickle.loads(pickle.dumps(run))
+    np.testing.assert_array_equal(copy.final.q, run.final.q)
+    assert copy.problem.dynamics.nodes == problem.dynamics.nodes
+    assert set(run.to_xarray().data_vars) >= {"x.1", "v_x.3", "x.R3"}
+
+
+def test_a_contact_that_acts_at_a_distance_is_found_out(monkeypatch):
+    """A step that takes open contacts for closed ones holds its beads in the air, which only the law of the gap forbids."""
+    tabulate = sparse_table.tabulate_sparse
+
+    def blind(*arguments):
+        found = tabulate(*arguments)
+        touching = found.table.touching
+        return replace(found, table=found.table._replace(touching=touching._replace(c=touching.c - 1.0)))
+
+    monkeypatch.setattr("lcpimpact.sparse_run.tabulate_sparse", blind)
+    scheme = SparseScheme(Chain(50, m=0.1, gap=0.01, e=0.0, f=0.981, b="ground"))
+    run = simulate(Problem("p", scheme), dt=1e-3, t_end=0.01, throw=False)
+    assert run.status is Status.VIOLATED
+    assert "complementarity" in run.message
+
+
+def test_a_step_that_misses_contacts_is_found_out(monkeypatch):
+    tabulate = sparse_table.tabulate_sparse
+
+    def blind(*arguments):
+        found = tabulate(*arguments)
+        touching = found.table.touching
+        return replace(found, table=found.table._replace(touching=touching._replace(c=touching.c + 1.0)))
+
+    monkeypatch.setattr("lcpimpact.sparse_run.tabulate_sparse", blind)
+    scheme = SparseScheme(Chain(50, m=0.1, gap=0.001, e=0.0, f=0.981, b="ground"))
+    run = simulate(Problem("p", scheme), dt=1e-3, t_end=0.1, throw=False)
+    assert run.status is Status.VIOLATED
+    assert "impact law" in run.message
+
+
+@pytest.mark.parametrize("part", ["end", "L"])
+def test_a_step_with_a_wrong_coefficient_is_found_out(monkeypatch, part):
+    tabulate = sparse_table.tabulate_sparse
+
+    def off(*arguments):
+        found = tabulate(*arguments)
+        stencil = getattr(found.table, part)
+        value = stencil.value.copy()
+        value[0] *= 1.0 + 1e-5
+        return replace(found, table=found.table._replace(**{part: stencil._replace(value=value)}))
+
+    monkeypatch.setattr("lcpimpact.sparse_run.tabulate_sparse", off)
+    run = simulate(Problem("p", COLUMN), dt=1e-3, t_end=0.01, throw=False)
+    assert run.status in (Status.VIOLATED, Status.SOLVED)
+    moving = SparseScheme(Chain(50, m=0.1, gap=0.001, e=0.5, f=0.981, b="ground"))
+    assert simulate(Problem("p", moving), dt=1e-3, t_end=0.1, throw=False).status is Status.VIOLATED
 
 
 @pytest.mark.parametrize(

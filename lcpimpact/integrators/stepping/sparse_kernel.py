@@ -287,11 +287,15 @@ def judge_nodes(block: Steps, laws: Laws, motion: Motion, new: int, room: Room, 
     return True
 
 
-@compiled(types.void(STEPS, LAWS, MOTION, i8, vector, ROOM, FOUND), allocates=False)
-def judge_contacts(block: Steps, laws: Laws, motion: Motion, new: int, weight: Array, room: Room, found: Found) -> None:
+@compiled(types.void(STEPS, LAWS, TABLE, MOTION, i8, ROOM, FOUND), allocates=False)
+def judge_contacts(
+    block: Steps, laws: Laws, table: SparseTable, motion: Motion, new: int, room: Room, found: Found
+) -> None:
     """Judge the law of impact and complementarity of a step, and keep the largest penetrations and rates."""
     (_, _, h, θ, ε), n, nc = block, len(laws.f), len(laws.u0)
-    now, P = motion.x[new], motion.x[1 - new, 2 * n : 2 * n + nc]
+    now, P, before = motion.x[new], motion.x[1 - new, 2 * n : 2 * n + nc], motion.x[new, 2 * n : 2 * n + nc]
+    for i in range(nc):
+        room.predicted[i] = room.gap[i] + 0.5 * h * motion.rate[1 - new, i]
     apply(laws.gap, now, room.gap)
     apply(laws.rate, now, motion.rate[new])
     speed, place = 2.0 * found.energy[4], 0.0
@@ -301,10 +305,13 @@ def judge_contacts(block: Steps, laws: Laws, motion: Motion, new: int, weight: A
         U = motion.rate[new, i]
         off = U + laws.e[i] * motion.rate[1 - new, i]
         terms = abs(laws.u0[i]) + 2.0 * place + h * speed
-        limit = ε * (speed + weight[i] * P[i] / θ)
+        limit = ε * (speed + table.weight[i] * P[i] / θ)
         if P[i] > 0.0:
             note(found, IMPACT_LAW, abs(off), limit)
             note(found, COMPLEMENTARITY, P[i] * abs(off), P[i] * limit)
+            # A force at a distance; one that has just acted may go on where rounding has opened its contact.
+            ahead = room.predicted[i] - table.near[i] * max(before[i], 0.0)
+            note(found, COMPLEMENTARITY, P[i] / h * max(ahead, 0.0), P[i] / h * ε * terms)
         elif not P[i] >= 0.0:
             note(found, COMPLEMENTARITY, np.inf, 1.0)
         elif off < 0.0 and room.predicted[i] < -CLOSED_RTOL * terms:
@@ -379,7 +386,7 @@ def sparse_steps(
         if not judge_nodes(block, laws, motion, new, room, found):
             return NON_FINITE, k, iterations, worst
         if len(room.gap) > 0:
-            judge_contacts(block, laws, motion, new, table.weight, room, found)
+            judge_contacts(block, laws, table, motion, new, room, found)
         record(path, k + 1, n, motion.x[new])
         for a in range(len(path.contacts)):
             path.r[k, a] = motion.x[1 - new, 2 * n + path.contacts[a]] / block.h

@@ -195,6 +195,7 @@ def begin(
         apply(function, motion.x[0], values[0])
     apply(laws.rate, motion.x[0], motion.rate[0])
     (predicted, gap), (push, pushes) = np.zeros((2, nc)), np.zeros((2, n))
+    apply(laws.gap, motion.x[0], gap)
     room = Room(predicted, gap, push, pushes, np.zeros(nc), np.abs(motion.rate[0]), np.abs(start[1]))
     found = Found(np.zeros((3, 4)), np.zeros(5))
     energy = d.energy(*start)
