@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lcpimpact import (
+    Bar,
     Bumper,
     Chain,
     Dashpot,
@@ -21,6 +22,7 @@ from lcpimpact import (
     SparseScheme,
     Spring,
     Status,
+    Substructure,
     energy_ledger,
     penalized,
     simulate,
@@ -176,6 +178,16 @@ def test_an_elastic_bar_at_a_wall_has_the_force_and_the_contact_time_of_d_alembe
     assert np.abs(R - exact).sum() < 0.01 * exact.sum()
     assert np.abs(t[R > 1.0].max() - end) < 0.01 * end
     assert R.sum() * dt == pytest.approx(2.0 * rho * A * L * v0, rel=2e-3)
+
+
+@pytest.mark.parametrize("mass", ["lumped", "consistent"])
+def test_bars_and_substructures_move_as_in_a_dense_scheme(mass):
+    bar = Bar("top", "bottom", E=900.0, A=1.0, rho=1.0, L=10.0, elements=40, mass=mass)
+    body = Substructure(("x", "φ"), ((2.0, 0.5), (0.5, 1.0)), None, ((3.0, -1.0), (-1.0, 3.0)), (1.5, 0.0))
+    bumpers = [Bumper("bottom", "ground", 0.2, 0.0), Bumper("x", {"top": 1.0, "φ": 0.5}, 0.3, 0.5)]
+    dense, found = both([bar, body, *bumpers], 2e-3, 1.0, v0=dict.fromkeys(bar.joints, 3.0))
+    assert_same(dense, found)
+    assert (found.reaction > 0.0).any(axis=0).all()
 
 
 def test_a_cradle_hands_on_the_momentum_and_keeps_it():
