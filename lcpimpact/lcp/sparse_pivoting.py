@@ -92,6 +92,10 @@ class SparseProduct(SparseContacts):
         super().__init__()
         self.L, self.A, self.B = L.tocsr(), A.tocsc(), B.tocsr()
         self.solve_A: Solve = splu(self.A).solve
+        diagonal = self.A.diagonal()
+        self._of_w = sparse.diags_array(1.0 / np.sqrt(diagonal))
+        part = (self.L @ sparse.diags_array(1.0 / diagonal)).multiply(self.B.T)
+        self._of_z = 1.0 / np.sqrt(np.asarray(part.sum(axis=1)).ravel())
 
     def product(self, z: Array) -> Array:
         """Return L A⁻¹ B z."""
@@ -102,11 +106,12 @@ class SparseProduct(SparseContacts):
         return np.asarray(abs(self.L) @ np.abs(self.solve_A(abs(self.B) @ z)))
 
     def factor(self, free: Indices) -> Solve:
-        """Factor A w - B z = 0, L w = q in the free rows."""
-        n = self.A.shape[0]
-        whole = sparse.block_array([[self.A, -self.B.tocsc()[:, free]], [self.L[free], None]]).tocsc()
-        solve = splu(whole).solve
-        return lambda q: np.asarray(solve(np.concatenate([np.zeros(n), q]))[n:])
+        """Factor A w - B z = 0, L w = q in the free rows, in units of w and z in which the entries are near 1."""
+        n, unit = self.A.shape[0], self._of_z[free]
+        scaled, D = sparse.diags_array(unit), self._of_w
+        B, L = D @ self.B.tocsc()[:, free] @ scaled, scaled @ self.L[free] @ D
+        solve = splu(sparse.block_array([[D @ self.A @ D, -B], [L, None]]).tocsc()).solve
+        return lambda q: np.asarray(unit * solve(np.concatenate([np.zeros(n), unit * q]))[n:])
 
 
 def pivot(W: SparseContacts, q: Array, active: Flags, z: Array, tol: float, max_iter: int) -> tuple[Status, int, float]:

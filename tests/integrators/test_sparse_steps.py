@@ -211,6 +211,21 @@ def test_units_that_are_powers_of_two_change_no_digit(exponent):
     np.testing.assert_array_equal(runs[1].reaction, unit * runs[0].reaction)
 
 
+@pytest.mark.parametrize("unit", [2.0**-60, 2.0**60])
+@pytest.mark.parametrize("seed", range(4))
+def test_units_are_no_matter_of_pivoting_with_sparse_factors(monkeypatch, seed, unit):
+    monkeypatch.setattr(sparse_table, "FEW", 0)
+    runs = []
+    for factor in (1.0, unit):
+        rng = np.random.default_rng(seed)
+        m, gap = factor * 10.0 ** rng.uniform(-2.0, 2.0, 30), 0.01 * rng.random(30)
+        chain = Chain(30, m=m, k=1e4 * factor, c=0.5 * factor, gap=gap, e=0.3, f=9.81 * factor, b="ground")
+        v0 = dict(zip(chain.masses, rng.standard_normal(30), strict=True))
+        runs.append(simulate(Problem("p", SparseScheme(chain), v0=v0), dt=1e-3, t_end=0.1))
+    np.testing.assert_allclose(runs[1].q, runs[0].q, rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(runs[1].reaction, unit * runs[0].reaction, atol=1e-8 * runs[1].reaction.max())
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_masses_of_any_ratio_hold_or_are_not_called_solved(seed):
     rng = np.random.default_rng(seed)
