@@ -36,6 +36,7 @@ from lcpimpact.scheme.signals import Polynomial as Polynomial
 from lcpimpact.scheme.signals import Ramp as Ramp
 from lcpimpact.scheme.signals import Square as Square
 from lcpimpact.scheme.signals import Table as Table
+from lcpimpact.scheme.sparse import SparseScheme as SparseScheme
 from lcpimpact.scheme.system import LinearComplementaritySystem as LinearComplementaritySystem
 from lcpimpact.schemefile import Run as Run
 from lcpimpact.schemefile import SchemeFile as SchemeFile

@@ -59,6 +59,7 @@ from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import SIGNAL_NAMES, SIGNALS, Signal
+from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 if TYPE_CHECKING:
@@ -585,6 +586,8 @@ def _format(problem: Problem, run: Run) -> str:
     document.update(_table_of(head, "problem"))
     if problem.parameters:
         document["built_from"] = _table_of(problem.parameters, "parameters")
+    if isinstance(scheme, SparseScheme):
+        raise InputError(f"cannot write {problem.name!r}: files hold no SparseScheme; write a Problem with a Scheme")
     if isinstance(scheme, Scheme):
         document.add(tomlkit.nl())
         document["elements"] = tomlkit.aot()

@@ -19,7 +19,7 @@ from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.files import check_output, escape_cell, whole_file, whole_files
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
-from lcpimpact.quantities import SUMMARY, series_names
+from lcpimpact.quantities import SUMMARY
 from lcpimpact.record import ContinuousSolution, Event, Record, State, Stats
 from lcpimpact.registry import load, nearest
 from lcpimpact.scheme.dynamics import Contact
@@ -98,9 +98,19 @@ class Trajectory:
         return self.status in (Status.SOLVED, Status.VIOLATED)
 
     @property
+    def nodes(self) -> tuple[str, ...]:
+        """The names of the coordinates."""
+        return self.problem.dynamics.nodes
+
+    @property
+    def force_names(self) -> tuple[str, ...]:
+        """The names of the forces of contacts and springs."""
+        return tuple(each.name for each in self.problem.dynamics.forces)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Valid names in ``traj[name]``: coordinates, velocities (v_NAME), and forces of contacts and springs."""
-        return series_names(self.problem.dynamics)
+        return (*self.nodes, *(f"v_{node}" for node in self.nodes), *self.force_names)
 
     @cached_property
     def push(self) -> Array:
@@ -125,7 +135,7 @@ class Trajectory:
     def __getitem__(self, name: str) -> Array:
         if not isinstance(name, str) or name not in self.names:
             raise InputError(nearest(str(name), list(self.names), "series"))
-        n, nc = len(self.problem.dynamics.nodes), self.reaction.shape[1]
+        n, nc = len(self.nodes), self.reaction.shape[1]
         column = self.names.index(name)
         if column < n:
             return self.q[:, column]
@@ -292,7 +302,7 @@ class Trajectory:
             import xarray
         except ImportError:
             raise UnsupportedError("xarray is not installed: pip install 'lcpimpact[sweep]'") from None
-        n = len(self.problem.dynamics.nodes)
+        n = len(self.nodes)
         series = {name: ("t", self[name]) for name in self.names[: 2 * n]}
         forces = {name: ("t_R", self[name]) for name in self.names[2 * n :]}
         found = self._event_arrays()
@@ -314,7 +324,7 @@ class Trajectory:
 
     def _event_arrays(self) -> dict[str, Any]:
         """Return the fields of the events as arrays with one row per event (ne, ...)."""
-        n, nc = len(self.problem.dynamics.nodes), len(self.problem.dynamics.contacts)
+        n, nc = len(self.nodes), self.reaction.shape[1]
         arrays = {f"event_{name}": np.array([getattr(each, name) for each in self.events]) for name in EVENT_COLUMNS}
         for name in ("contact", "kind"):
             arrays[f"event_{name}"] = arrays[f"event_{name}"].astype(str)
@@ -325,7 +335,7 @@ class Trajectory:
         return arrays
 
     def _write_csv(self, path: Path) -> None:
-        n = len(self.problem.dynamics.nodes)
+        n = len(self.nodes)
         header = ["t", *self.names[: 2 * n], "t_R", *self.names[2 * n :]]
         motion = np.column_stack([self.t, self.q, self.v]).tolist()
         forces = np.column_stack([self.t_reaction, self.forces]).tolist()

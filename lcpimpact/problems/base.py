@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from lcpimpact.registry import nearest
 from lcpimpact.scheme.assembly import MAX_NODES
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.sparse import SparseDynamics, SparseScheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 GIVEN_ZERO_RTOL = 8.0 * float(np.finfo(float).eps)
@@ -104,18 +105,20 @@ class Problem:
                 raise InputError(f"{kind} = {values!r} of problem {self.name!r} must map {of[kind]} to numbers")
         for kind in of:
             object.__setattr__(self, kind, dict(getattr(self, kind)))
-        nodes = self.dynamics.nodes
+        nodes = {node: i for i, node in enumerate(self.dynamics.nodes)}
         for kind, values in (("q0", self.q0), ("v0", self.v0)):
             for node, value in values.items():
                 if node not in nodes:
                     raise InputError(f"{kind} of problem {self.name!r}: {nearest(str(node), list(nodes), 'node')}")
                 finite(f"problem {self.name!r}: {kind}[{node!r}]", value)
-                if nodes.index(node) in self.dynamics.motions:
+                if nodes[node] in self.dynamics.motions:
                     raise InputError(
                         f"{kind}[{node!r}] of problem {self.name!r}: the motion of that node is given, and begins as it "
                         "says; leave the value out"
                     )
-        if self.dynamics.stores_energy:
+        if isinstance(self.scheme, SparseScheme):
+            self._refuse_penetration_of_bumpers()
+        elif self.dynamics.stores_energy:
             self._refuse_penetration()
             self._refuse_open_joints()
         else:
@@ -141,6 +144,17 @@ class Problem:
             raise InputError(
                 f"bumpers {names} of problem {self.name!r} start penetrated by {-u:g} m together, wherever the springs put "
                 "the nodes between them: move the bodies apart in q0, or widen a gap"
+            )
+
+    def _refuse_penetration_of_bumpers(self) -> None:
+        """Refuse bumpers of a sparse scheme that start penetrated, all at masses."""
+        q, d = self.initial_coordinates, cast(SparseDynamics, self.dynamics)
+        u = d.gap(q)
+        if (below := u < -GIVEN_ZERO_RTOL * (abs(d.H) @ np.abs(q) + np.abs(d.u0))).any():
+            first = int(np.argmax(below))
+            raise InputError(
+                f"bumper {d.reactions[first]!r} of problem {self.name!r} starts penetrated by {-u[first]:g} m: move its "
+                "sides apart in q0, or widen its gap"
             )
 
     def _refuse_open_joints(self) -> None:

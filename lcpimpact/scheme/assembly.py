@@ -37,7 +37,8 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
         raise InputError("the scheme has no element yet: add a Mass, a Spring, ... before it is assembled")
     if len(nodes) > MAX_NODES:
         raise InputError(
-            f"the scheme has {len(nodes):,} nodes, and full matrices are kept of {MAX_NODES:,}: model it coarser"
+            f"the scheme has {len(nodes):,} nodes, and full matrices are kept of {MAX_NODES:,}: model it coarser, "
+            "or take SparseScheme if bumpers are its only law"
         )
     _refuse_shared_inner_nodes(elements)
     terms = Terms(nodes)

@@ -136,7 +136,7 @@ class Scheme:
         return assemble_formulas(self.elements) if is_traced(self.elements) else assemble(self.elements)
 
     def __eq__(self, other: Any) -> bool:
-        return isinstance(other, Scheme) and self.elements == other.elements
+        return type(other) is type(self) and self.elements == other.elements
 
     __hash__ = None  # type: ignore[assignment]
 

@@ -118,7 +118,9 @@ def run_side_by_side(
             sets = {name: each[remaining] for name, each in values.items() if name != "dt"}
             if len(remaining) < MIN_SETS or not has_trace(job, dt, sets, change, N, i):
                 break
-            regular, numbers = TRACES[job][dt, *sets][i].take(np.array([*sets.values()]).reshape(len(sets), -1), threads)
+            regular, numbers = TRACES[job][dt, *sets][i].take(
+                np.array([*sets.values()]).reshape(len(sets), -1), threads
+            )
             found = {name: each[regular] for name, each in numbers.items()}
             rows, remaining = remaining[regular], remaining[~regular]
             if len(rows) and _agree(rows, found, run_alone):

@@ -88,7 +88,7 @@ def _changed(
         if kind == "element":
             elements = list(changes.get("scheme", problem.scheme).elements)
             elements[number] = replace(elements[number], **{name: values[address]})
-            changes["scheme"] = Scheme(*elements)
+            changes["scheme"] = type(problem.scheme)(*elements)
         else:
             changes[kind] = {**changes.get(kind, getattr(problem, kind)), name: values[address]}
     return replace(problem, facts=(), motion=None, **changes)
