@@ -33,6 +33,7 @@ class Job:
     dt, t_end : float           step and end in s
     lcp_solver : str
     outputs : tuple of str      names of `lcpimpact.quantities`
+    certify : bool              whether a set is run side by side only where its certificate cannot reject it
     """
 
     problem: Problem
@@ -41,6 +42,7 @@ class Job:
     t_end: float
     lcp_solver: str
     outputs: tuple[str, ...]
+    certify: bool = True
 
     @property
     def grid(self) -> Grid:

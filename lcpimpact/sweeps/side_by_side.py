@@ -93,7 +93,9 @@ def run_side_by_side(
     """Run the sets of parameters that lanes take.
 
     A few sets of each group with the same formulas are run alone too, certificate included: the group counts only if these
-    are solved and have the same outputs, bit for bit.
+    are solved and have the same outputs, bit for bit. What the certificate of a θ-step judges holds by its equations once
+    its LCP is solved, which is checked in each step; that of other methods judges their error too, so that they are taken
+    only where the job does not ask for certificates.
 
     Parameters
     ----------
@@ -152,6 +154,8 @@ def _trace(job: Job, values: Mapping[str, float], change: Change, sets: int) -> 
     """Return the runs in lanes with the formulas of one set; None if there are none, or not worth it for so many sets."""
     method = job.integrator
     if not isinstance(method, LinearStep) or method.rtol is not None:
+        return None
+    if job.certify and method.balance_point() is None:
         return None
     program = Program()
     formulas = {name: program.parameter(value) for name, value in values.items()}

@@ -209,6 +209,7 @@ def _attributes(job: Job, plan: Plan) -> dict[str, Any]:
         "dt": job.dt,
         "t_end": job.t_end,
         "outputs": ", ".join(job.outputs),
+        "certify": int(job.certify),
         "parameters": ", ".join(plan.axes),
         "rule": plan.rule,
         "count": plan.count,

@@ -27,7 +27,7 @@ from lcpimpact.sweeps.store import ENDING, import_extra, open_store
 TAKEN = ("status", "message", "t", "t_R", SAMPLE)
 """Names of variables and dimensions that a sweep gives itself."""
 
-ARGUMENTS = (*RUN_ARGUMENTS, "outputs", "executor", "out", "chunk")
+ARGUMENTS = (*RUN_ARGUMENTS, "outputs", "executor", "out", "chunk", "certify")
 
 
 @checked
@@ -44,6 +44,7 @@ def sweep(
     progress: bool = True,
     lcp_solver: str = "auto",
     chunk: int | None = None,
+    certify: bool = True,
     **method_options: Any,
 ) -> Any:
     """Run a problem for many sets of parameters, and return the outputs of each.
@@ -70,6 +71,9 @@ def sweep(
         Show a progress bar on a terminal when the sweep takes more than a second.
     chunk : int, optional
         Number of sets in a chunk; by default as many as take a moderate time.
+    certify : bool
+        Whether the certificate of each set must hold. With False all methods of linear steps run sets side by side (see
+        docs/sweeps.md): their LCPs are checked in each step, but whether dt is fine enough is judged for a few sets only.
 
     Returns
     -------
@@ -96,7 +100,7 @@ def sweep(
     integrator = make_integrator(method, method_options, ARGUMENTS)
     check_lcp_solver(integrator, lcp_solver)
     end = float(problem.t_end if t_end is None else t_end)
-    job = Job(problem, integrator, float(dt), end, lcp_solver, tuple(outputs))
+    job = Job(problem, integrator, float(dt), end, lcp_solver, tuple(outputs), certify)
     plan = Plan.of(parameters)
     path = None if out is None else Path(out)
     threads = 1 if executor else os.cpu_count() or 1

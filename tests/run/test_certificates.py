@@ -243,6 +243,22 @@ def test_sliders_motions_and_massless_nodes_are_judged(plates, name, what):
     assert laws <= beyond(plates[name].certify(plate(**changed)))
 
 
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 0.1])
+def test_a_plate_that_never_leaves_the_ground_may_be_off_by_the_rounding_of_the_others(dt):
+    """Its own place is 0, and so is no scale of its rounding."""
+    scheme = li.Scheme(
+        li.Mass("x", 1.9289931425843274),
+        li.Load("x", 5.781570653132068),
+        li.Load("y", 1.8551451341330694),
+        li.Spring("x", "ground", 168.91421900753122),
+        li.Spring("y", "x", 4.64683805564685),
+        li.Spring("z", "y", 47.116285448879),
+        li.Bumper("z", "ground"),
+    )
+    run = li.simulate(li.Problem("pressed", scheme, v0={"x": -0.19601032496948623}), dt=dt, t_end=1.0)
+    assert run.certificate.complementarity < 1e-15
+
+
 def test_static_nodes_are_balanced():
     """Two springs in a row: the node between has neither mass nor dashpot."""
 
