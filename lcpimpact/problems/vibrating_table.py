@@ -10,7 +10,6 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, restitution, whole
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.reading import event, first_root, instant, interval, limit
@@ -299,16 +298,9 @@ def plastic_ball(m: float = 1.0, g: float = 9.81, A: float = 0.004, omega: float
     assert flight is not None
     θ_2 = θ_1 + flight
     periods = math.ceil(flight / (2.0 * math.pi))
-    U = g / omega * (flight - Γ * (math.sin(θ_1) - math.sin(θ_2)))
-    facts: tuple[Fact, ...] = (
-        Fact("t_1", "the throw", θ_1 / omega, "s", partial(instant, kind="open")),
-        Fact("t_2", "landing", θ_2 / omega, "s", partial(instant, kind="impact")),
-        Fact("U", "its speed", U, "m/s", partial(limit, kind="impact", of="v", i=0, side="left")),
-    )
+    waits = -Γ * math.cos(θ_2) <= 1.0
     motion = None
-    if -Γ * math.cos(θ_2) <= 1.0:
-        t_3 = θ_1 / omega + 2.0 * math.pi * periods / omega
-        facts += (Fact("t_3", "the next throw", t_3, "s", partial(instant, kind="open", number=2)),)
+    if waits:
         motion = partial(_plastic_ball_motion, A=A, g=g, flight=flight, omega=omega, periods=periods, θ_1=θ_1)
     return Problem(
         name,
@@ -322,9 +314,24 @@ def plastic_ball(m: float = 1.0, g: float = 9.81, A: float = 0.004, omega: float
         parameters={"m": m, "g": g, "A": A, "omega": omega},
         source="Mehta and Luck, Novel temporal behavior of a nonlinear dynamical system: the completely inelastic bouncing "
         "ball (1990)",
-        facts=facts,
+        facts=partial(_plastic_ball_facts, g, omega, Γ, θ_1, flight, periods if waits else 0),
         motion=motion,
     )
+
+
+def _plastic_ball_facts(g: float, omega: float, Γ: float, θ_1: float, flight: float, periods: int) -> tuple[Fact, ...]:
+    """Return the facts of the first throw, and of the next if it follows after a whole number of periods."""
+    θ_2 = θ_1 + flight
+    U = g / omega * (flight - Γ * (math.sin(θ_1) - math.sin(θ_2)))
+    facts: tuple[Fact, ...] = (
+        Fact("t_1", "the throw", θ_1 / omega, "s", partial(instant, kind="open")),
+        Fact("t_2", "landing", θ_2 / omega, "s", partial(instant, kind="impact")),
+        Fact("U", "its speed", U, "m/s", partial(limit, kind="impact", of="v", i=0, side="left")),
+    )
+    if periods:
+        t_3 = θ_1 / omega + 2.0 * math.pi * periods / omega
+        facts += (Fact("t_3", "the next throw", t_3, "s", partial(instant, kind="open", number=2)),)
+    return facts
 
 
 def _plastic_ball_motion(
