@@ -51,7 +51,7 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
     rows = [terms.direction(row.upper, row.lower) for row in terms.rows]
     H = np.array(rows).reshape(len(rows), len(nodes))
     u0 = np.array([row.gap for row in terms.rows])
-    _refuse_parallel_contacts(terms.rows)
+    refuse_parallel_contacts(terms.rows)
     normals = _normals(terms.rows)
     _refuse_loops_of_sliders(H, terms.rows)
     parts = decompose(M, C, driven)
@@ -188,7 +188,7 @@ def _refuse_levers(H: Array, rows: Sequence[Row], massless: Flags, nodes: Sequen
         )
 
 
-def _refuse_parallel_contacts(rows: Sequence[Row]) -> None:
+def refuse_parallel_contacts(rows: Sequence[Row]) -> None:
     """Refuse bumpers that can be closed together while their rows of H depend on each other: W would be singular.
 
     Bumpers in a loop have dependent rows; all of them can be closed at once if their signed gaps around the loop add up to

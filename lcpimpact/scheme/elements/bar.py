@@ -11,6 +11,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import number
 from lcpimpact.numbers import is_count, is_real
 from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct, named, positive
 from lcpimpact.scheme.elements.jenkins import Jenkins
@@ -238,7 +239,7 @@ class Bar(Element):
     @property
     def mu(self) -> float:
         """μ, the coupling mass of an element as a fraction of its mass."""
-        return COUPLING_MASSES[self.mass] if isinstance(self.mass, str) else float(self.mass)
+        return COUPLING_MASSES[self.mass] if isinstance(self.mass, str) else number(self.mass)
 
     @property
     def wave_speed(self) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from lcpimpact.formula import number
 from lcpimpact.numbers import finite
 from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, named, positive
 from lcpimpact.scheme.terms import PowerLaw, Terms
@@ -84,7 +85,7 @@ class HertzSpring(Element):
 
     def contribute(self, terms: Terms) -> None:
         """Add the non-linear spring."""
-        K, n, gap = float(self.K), float(self.n), float(self.gap)
+        K, n, gap = map(number, (self.K, self.n, self.gap))
         law = PowerLaw(str(self), self.upper, self.lower, gap, K, n, name=self.name or self.reaction)
         terms.springs.append(law)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.errors import InputError
+from lcpimpact.formula import number
 from lcpimpact.numbers import between, finite
 from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, named
 from lcpimpact.scheme.terms import Row, Terms
@@ -83,5 +84,5 @@ class Rope(Element):
 
     def contribute(self, terms: Terms) -> None:
         """Add a row to H and to u0: that of a bumper with its plates exchanged."""
-        e = None if self.e is None else float(self.e)
-        terms.rows.append(Row(str(self), self.name or self.reaction, self.b, self.a, float(self.slack), e))
+        e = None if self.e is None else number(self.e)
+        terms.rows.append(Row(str(self), self.name or self.reaction, self.b, self.a, number(self.slack), e))
