@@ -47,16 +47,16 @@ def loose_groups(massless: Flags, *links: Array) -> list[Indices]:
     nodes = np.flatnonzero(massless)
     if len(nodes) == 0:
         return []
-    inner = [A[np.ix_(nodes, nodes)] for A in links]
+    inner = [A[nodes][:, nodes] for A in links]
     joined = sum(A != 0.0 for A in inner)
     label = np.arange(len(nodes))
-    if np.triu(joined, 1).any():
+    if len(nodes) > 1 and np.triu(joined, 1).any():
         _, label = connected_components(csr_array(joined), directed=False)
     rounding = 8.0 * np.finfo(float).eps
     groups = []
     for group in range(label.max() + 1):
         members = np.flatnonzero(label == group)
-        blocks = [A[np.ix_(members, members)] for A in inner]
+        blocks = [A[members][:, members] for A in inner]
         if all(abs(block.sum()) <= rounding * abs(np.diag(block)).sum() for block in blocks):
             groups.append(nodes[members])
     return groups

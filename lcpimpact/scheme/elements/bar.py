@@ -13,7 +13,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.formula import number
 from lcpimpact.numbers import is_count, is_real
-from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct, named, positive
+from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct, positive
 from lcpimpact.scheme.elements.jenkins import Jenkins
 from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.elements.spring import Spring
@@ -163,8 +163,6 @@ class Bar(Element):
                 f"{self}: elements = {self.elements!r} must be a whole number from 1 to {MAX_ELEMENTS}: M and K are full"
             )
         object.__setattr__(self, "elements", int(self.elements))
-        if self.name is not None:
-            named(self)
         distinct(self)
         self._check_mass()
         self._check_plasticity()

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from lcpimpact.formula import number
 from lcpimpact.numbers import finite
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, named, positive
+from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
 from lcpimpact.scheme.terms import PowerLaw, Terms
 
 
@@ -91,7 +91,6 @@ class HertzSpring(Element):
 
 
 def power_law_shape(element: Any, n: float, gap: float) -> None:
-    """Check the exponent, whose stiffness at δ = 0 is infinite below 1, the gap and the name."""
-    named(element)
+    """Check the exponent, whose stiffness at δ = 0 is infinite below 1, and the gap."""
     finite(f"{element}: n", n, least=1.0)
     finite(f"{element}: gap", gap, "m")

@@ -8,7 +8,7 @@ from typing import ClassVar
 from lcpimpact.errors import InputError
 from lcpimpact.formula import number
 from lcpimpact.numbers import between, finite
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, named
+from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct
 from lcpimpact.scheme.terms import Row, Terms
 
 
@@ -70,7 +70,6 @@ class Rope(Element):
 
     def __post_init__(self) -> None:
         distinct(self)
-        named(self)
         if self.slack is MISSING:
             raise InputError(f"{self}: slack is missing; give a number in m, 0 for a rope that is just taut")
         finite(f"{self}: slack", self.slack, "m")
