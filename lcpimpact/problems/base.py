@@ -134,11 +134,10 @@ class Problem:
     def _refuse_penetration(self) -> None:
         q, d = self.initial_coordinates, self.dynamics
         gaps, terms = d.gap(q), np.abs(d.H) @ np.abs(q) + np.abs(d.u0)
-        for path in d.gap_paths:
-            # Final positions of another run may penetrate by rounding.
-            u, rows = path @ gaps, np.flatnonzero(path)
-            if u >= -GIVEN_ZERO_RTOL * (path @ terms):
-                continue
+        openings = d.gap_paths @ gaps
+        # Final positions of another run may penetrate by rounding.
+        for k in np.flatnonzero(openings < -GIVEN_ZERO_RTOL * (d.gap_paths @ terms)):
+            u, rows = openings[k], np.flatnonzero(d.gap_paths[k])
             first = self.dynamics.contacts[rows[0]]
             if len(rows) == 1:
                 moves = [f"lower q0[{first.upper!r}]"] * (first.upper in d.nodes)

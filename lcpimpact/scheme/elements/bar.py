@@ -271,16 +271,20 @@ class Bar(Element):
     def mass_matrix(self) -> Array:
         """Return M of the joints in kg (elements + 1, elements + 1), before anything else stands at the ends.
 
-        The velocities of the two ends of each element, left and right, are rows; a massless end takes its neighbour's.
+        An element has the energy of the sum of the velocities of its two ends, and of their difference; a massless end takes
+        its neighbour's.
         """
         n = self.elements
-        left, right = np.eye(n, n + 1), np.eye(n, n + 1, 1)
+        left, right = np.arange(n), np.arange(1, n + 1)
         if self.a in self.massless:
             left[0] = right[0]
         if self.b in self.massless:
             right[-1] = left[-1]
-        S, D = left + right, right - left
-        return np.asarray(self.rho * self.A * self.dx * (0.25 * S.T @ S + (0.25 - self.mu) * D.T @ D))
+        sums, differences = np.zeros((2, n + 1, n + 1))
+        for i, j, sign in ((left, left, 1.0), (right, right, 1.0), (left, right, -1.0), (right, left, -1.0)):
+            np.add.at(sums, (i, j), 1.0)
+            np.add.at(differences, (i, j), sign)
+        return np.asarray(self.rho * self.A * self.dx * (0.25 * sums + (0.25 - self.mu) * differences))
 
     def weight(self, g: float) -> tuple[Load, ...]:
         """Return its weight as loads on its joints, M g, so that it falls freely without strain.
