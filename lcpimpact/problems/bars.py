@@ -329,12 +329,7 @@ def _plastic_bar_impact_facts(
         Fact("v(t_y)", "speed at the end of yielding", v_y, "m/s", partial(at, series="v_x", t=t_y), coarse),
         Fact("v(t_end)", "speed at the end", v_end, "m/s", partial(at, series="v_x", t=t_end), coarse, v_y),
         Fact(
-            "D",
-            "plastic work",
-            0.5 * m * (v0 - v_y) ** 2,
-            "J",
-            partial(_plastic_work, f_y=A * sigma_y),
-            2.0 * coarse,
+            "D", "plastic work", 0.5 * m * (v0 - v_y) ** 2, "J", partial(_plastic_work, f_y=A * sigma_y), 2.0 * coarse
         ),
     )
 

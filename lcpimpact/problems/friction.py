@@ -282,13 +282,7 @@ def _jenkins_cycle_facts(k: float, f_y: float, X: float, omega: float, k_h: floa
     p_max = _plastic_elongation(k, f_y, X, k_h)
     facts: tuple[Fact, ...] = (
         Fact("p_max", "plastic elongation", p_max, "m", partial(peak, series="F.1"), scale=X),
-        Fact(
-            "f_max",
-            "greatest force",
-            k * (X - p_max),
-            "N",
-            partial(peak, series=partial(_spring_force, k=k)),
-        ),
+        Fact("f_max", "greatest force", k * (X - p_max), "N", partial(peak, series=partial(_spring_force, k=k))),
         Fact("W", "work of a cycle", 4.0 * f_y * p_max, "J", partial(_work, k=k, T=T), scale=f_y * X),
     )
     if p_max > 0.0:

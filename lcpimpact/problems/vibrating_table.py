@@ -91,10 +91,7 @@ def vibrating_table(
             f"{name}: with A = {A:g} and e = {e:g} the table strikes the ball in its flight; change A or e"
         )
     scheme = Scheme(
-        Mass("x", m),
-        Load("x", m * g, symbols=("mg",)),
-        Bumper("x", "y", e=e),
-        PrescribedMotion("y", table),
+        Mass("x", m), Load("x", m * g, symbols=("mg",)), Bumper("x", "y", e=e), PrescribedMotion("y", table)
     )
     return Problem(
         name,
