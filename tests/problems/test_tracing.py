@@ -69,3 +69,10 @@ def test_formulas_of_a_problem_are_its_numbers_at_other_values_too(name):
 def test_most_parameters_may_be_formulas():
     parameters = [(name, key) for name, builder in PROBLEMS.items() for key in defaults(builder)]
     assert sum(trace(*each) is not None for each in parameters) >= TRACED
+
+
+def test_closed_forms_that_no_float_holds_are_refused_when_they_are_read():
+    problem = li.load_problem("hertz-impact", v0=1e200)
+    for name in ("facts", "t_end"):
+        with pytest.raises(li.InputError, match=r"hertz-impact cannot be computed with .*v0 = 1e"):
+            getattr(problem, name)
