@@ -5,8 +5,8 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any, cast
+from functools import cache, cached_property, partial
+from typing import Any, Generic, TypeVar, cast, overload
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.formula import number, sqrt
 from lcpimpact.numbers import between, finite, is_count
+from lcpimpact.problems.facts import Fact
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.assembly import MAX_NODES
 from lcpimpact.scheme.dynamics import Dynamics
@@ -22,26 +23,35 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.sparse import SparseDynamics, SparseScheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
+T = TypeVar("T")
+
 GIVEN_ZERO_RTOL = 8.0 * float(np.finfo(float).eps)
 """Tolerance for zero in an initial gap, whose data are floats, relative to its terms."""
 
 
-class Deferred:
-    """A field given as its value, or as a function that returns it when it is first read."""
+class Deferred(Generic[T]):
+    """A field of a problem given as its value, or as a function that returns it when it is first read."""
+
+    def __init__(self, default: T) -> None:
+        self.default = default
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
 
+    @overload
+    def __get__(self, instance: None, owner: type) -> Deferred[T]: ...
+    @overload
+    def __get__(self, instance: object, owner: type) -> T: ...
     def __get__(self, instance: Any, owner: type) -> Any:
         if instance is None:
             return self
         value = vars(instance)[self.name]
         if callable(value):
-            value = vars(instance)[self.name] = value()
+            value = vars(instance)[self.name] = _computed(instance.name, instance.parameters, value)
         return value
 
-    def __set__(self, instance: Any, value: Any) -> None:
-        vars(instance)[self.name] = () if value is self else value
+    def __set__(self, instance: Any, value: T | Callable[[], T]) -> None:
+        vars(instance)[self.name] = value.default if isinstance(value, Deferred) else value
 
 
 @dataclass(frozen=True)
@@ -57,7 +67,7 @@ class Problem:
     q0, v0 : mapping of str to float
         Initial coordinates (m) and velocities (m/s) by node; a node that is left out starts at zero.
     t_end : float
-        Suggested end time in s.
+        Suggested end time in s, or a function that returns it.
     parameters : mapping of str to float
         The values that the scheme was built from.
     source : str
@@ -84,10 +94,10 @@ class Problem:
     scheme: Scheme | LinearComplementaritySystem
     q0: Mapping[str, float] = field(default_factory=dict)
     v0: Mapping[str, float] = field(default_factory=dict)
-    t_end: float = 1.0
+    t_end: Deferred[float] = Deferred(1.0)
     parameters: Mapping[str, float] = field(default_factory=dict)
     source: str = "-"
-    facts: Any = field(default=Deferred(), compare=False, repr=False)
+    facts: Deferred[tuple[Fact, ...]] = field(default=Deferred(()), compare=False, repr=False)
     motion: Callable[[Array], tuple[Array, Array]] | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -127,11 +137,10 @@ class Problem:
     def _refuse_penetration(self) -> None:
         q, d = self.initial_coordinates, self.dynamics
         gaps, terms = d.gap(q), np.abs(d.H) @ np.abs(q) + np.abs(d.u0)
-        for path in d.gap_paths:
-            # Final positions of another run may penetrate by rounding.
-            u, rows = path @ gaps, np.flatnonzero(path)
-            if u >= -GIVEN_ZERO_RTOL * (path @ terms):
-                continue
+        openings = d.gap_paths @ gaps
+        # Final positions of another run may penetrate by rounding.
+        for k in np.flatnonzero(openings < -GIVEN_ZERO_RTOL * (d.gap_paths @ terms)):
+            u, rows = openings[k], np.flatnonzero(d.gap_paths[k])
             first = self.dynamics.contacts[rows[0]]
             if len(rows) == 1:
                 moves = [f"lower q0[{first.upper!r}]"] * (first.upper in d.nodes)
@@ -215,13 +224,24 @@ class Problem:
 
 def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, Any]) -> Problem:
     """Call a builder of the registry, after a check of the names and values of the parameters."""
-    known = list(inspect.signature(builder).parameters)
+    known = defaults(builder)
     for key, value in parameters.items():
         if key not in known:
-            raise InputError(nearest(key, known, f"parameter of {name}"))
+            raise InputError(nearest(key, list(known), f"parameter of {name}"))
         finite(f"{name}: {key}", value)
+    return _computed(name, parameters, partial(builder, **{key: number(value) for key, value in parameters.items()}))
+
+
+@cache
+def defaults(builder: Callable[..., Problem]) -> dict[str, float | None]:
+    """Return the parameters of a builder and their defaults; None for one that follows from the others."""
+    return {key: each.default for key, each in inspect.signature(builder).parameters.items()}
+
+
+def _computed(name: str, parameters: Mapping[str, Any], compute: Callable[[], T]) -> T:
+    """Return what a function computes from parameters, and refuse those that are too large or small for floats."""
     try:
-        return builder(**{key: number(value) for key, value in parameters.items()})
+        return compute()
     except InputError:
         raise
     except (ArithmeticError, ValueError, MemoryError) as error:

@@ -10,8 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from lcpimpact.arrays import Array, Flags, Indices
 
@@ -47,16 +45,16 @@ def loose_groups(massless: Flags, *links: Array) -> list[Indices]:
     nodes = np.flatnonzero(massless)
     if len(nodes) == 0:
         return []
-    inner = [A[np.ix_(nodes, nodes)] for A in links]
+    inner = [A[nodes][:, nodes] for A in links]
     joined = sum(A != 0.0 for A in inner)
     label = np.arange(len(nodes))
-    if np.triu(joined, 1).any():
-        _, label = connected_components(csr_array(joined), directed=False)
+    for i, j in np.argwhere(np.triu(joined, 1)):
+        label[label == max(label[i], label[j])] = min(label[i], label[j])
     rounding = 8.0 * np.finfo(float).eps
     groups = []
-    for group in range(label.max() + 1):
+    for group in sorted(set(label.tolist())):
         members = np.flatnonzero(label == group)
-        blocks = [A[np.ix_(members, members)] for A in inner]
+        blocks = [A[members][:, members] for A in inner]
         if all(abs(block.sum()) <= rounding * abs(np.diag(block)).sum() for block in blocks):
             groups.append(nodes[members])
     return groups

@@ -181,8 +181,8 @@ class Dynamics:
     def impulse_paths(self) -> Array:
         """The contacts through which an impulse can pass from mass to mass or ground, one path a row (np, nc)."""
         paths = np.zeros((0, len(self.contacts)))
-        if self.massive.any():
-            parts, rows = self.decomposition, self.unilateral
+        parts, rows = self.decomposition, self.unilateral
+        if parts.massive.size:
             massless = np.column_stack([parts.damped, parts.static])
             found = impulse_paths(parts.massive.T @ self.B[:, rows], massless.T @ self.B[:, rows])
             paths = np.zeros((len(found), len(self.contacts)))

@@ -175,5 +175,6 @@ class Terms:
 
     def link(self, matrix: Sum, a: str, b: str, value: float) -> None:
         """Add ``value`` times the square of (q_b - q_a) to the quadratic form of ``matrix``."""
-        d = self.direction(a, b)
-        matrix.add(value * np.outer(d, d))
+        ends = [self.index[node] for node in (a, b) if node != GROUND]
+        signs = [1.0 if i == j else -1.0 for i in ends for j in ends]
+        matrix.add(value * np.array(signs), ([i for i in ends for _ in ends], ends * len(ends)))

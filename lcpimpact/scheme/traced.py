@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from lcpimpact.formula import Formula, NotTracedError, value_of
-from lcpimpact.scheme.assembly import assemble
+from lcpimpact.scheme.assembly import assemble, refuse_parallel_contacts
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.elements.negative_spring import NegativeSpring
@@ -45,25 +45,24 @@ def assemble_formulas(elements: Sequence[Element]) -> Dynamics:
     dynamics = assemble([_with_values(element) for element in elements])
     terms = Terms(dynamics.nodes, kind=object)
     for element in elements:
-        if isinstance(element, NegativeSpring):
+        if isinstance(element, NegativeSpring) and dynamics.decomposition.static.size:
             raise NotTracedError("what a NegativeSpring outweighs depends on all springs beside it")
         element.contribute(terms)
-    gaps, restitution = [row.gap for row in terms.rows], [row.e or 0.0 for row in terms.rows]
-    if len(gaps) > 1 and any(isinstance(gap, Formula) for gap in gaps):
-        raise NotTracedError("whether bumpers can be closed together depends on all their gaps")
+    refuse_parallel_contacts(terms.rows)
     traced = replace(
         dynamics,
         M=terms.M.value,
         C=terms.C.value,
         K=terms.K.value,
-        u0=np.array(gaps, dtype=object),
+        u0=np.array([row.gap for row in terms.rows], dtype=object),
         loads=tuple(terms.loads),
         springs=tuple(terms.springs),
         motions=dict(terms.motions),
     )
-    bounds = np.array([row.bounds for row in terms.rows], dtype=object).reshape(-1, 2)
+    constants = [(row.e or 0.0, *row.bounds, row.mu, row.mu_s) for row in terms.rows]
+    columns = np.array(constants, dtype=object).reshape(-1, 5).T
     vars(traced).update({name: getattr(dynamics, name) for name in STRUCTURE})
-    vars(traced).update(restitution=np.array(restitution, dtype=object), r_min=bounds[:, 0], r_max=bounds[:, 1])
+    vars(traced).update(zip(("restitution", "r_min", "r_max", "mu", "mu_s"), columns, strict=True))
     return traced
 
 

@@ -53,6 +53,13 @@ def samples(ranges, count=WORTH_COMPILING, seed=0):
             {"method": "stormer-verlet-ns", "certify": False},
             id="impacts",
         ),
+        pytest.param(
+            li.load_problem("kelvin-voigt-impact"),
+            {"m": (50.0, 200.0), "k": (2e3, 6e3), "c": (100.0, 2e3)},
+            ("R.max", "x@1.0"),
+            {},
+            id="parameters of a problem with closed forms",
+        ),
     ],
 )
 def test_outputs_have_the_bits_of_runs_alone(problem, ranges, outputs, options, alone):

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from lcpimpact.formula import number
 from lcpimpact.numbers import between, finite
-from lcpimpact.scheme.elements.base import Link, Polyline, distinct, named
+from lcpimpact.scheme.elements.base import Link, Polyline, distinct
 from lcpimpact.scheme.terms import End, Row, Terms
 
 
@@ -75,7 +75,6 @@ class Bumper(Link):
 
     def __post_init__(self) -> None:
         distinct(self)
-        named(self)
         finite(f"{self}: gap", self.gap, "m")
         if self.e is not None:
             between(f"{self}: e", self.e, 0.0, 1.0)

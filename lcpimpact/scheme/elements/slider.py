@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.formula import number
-from lcpimpact.scheme.elements.base import MISSING, Link, Polyline, distinct, named, positive
+from lcpimpact.scheme.elements.base import MISSING, Link, Polyline, distinct, positive
 from lcpimpact.scheme.terms import End, Row, RowLaw, Terms
 
 
@@ -70,7 +70,6 @@ class Slider(Link):
 
     def __post_init__(self) -> None:
         distinct(self)
-        named(self)
         positive(self, "r0", self.r0, "N")
 
     @property

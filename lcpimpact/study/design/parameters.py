@@ -11,7 +11,6 @@ An address is
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
@@ -21,7 +20,7 @@ from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.problems import PROBLEMS
-from lcpimpact.problems.base import Problem, build
+from lcpimpact.problems.base import Problem, build, defaults
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.scheme import Scheme
 
@@ -119,7 +118,7 @@ def value_at(problem: Problem, address: str) -> float:
 
 def parameters_of(problem: Problem) -> list[str]:
     """Return the names of the parameters of a registered problem, and none of another."""
-    return list(inspect.signature(PROBLEMS[problem.name]).parameters) if is_registered(problem) else []
+    return list(defaults(PROBLEMS[problem.name])) if is_registered(problem) else []
 
 
 def place(problem: Problem, address: str, parameters: Sequence[str]) -> Place:
@@ -161,7 +160,7 @@ def is_registered(problem: Problem) -> bool:
 def _derived(problem: Problem) -> list[str]:
     """Return the parameters of a registered problem that follow from its others, as v_o from g and h_o."""
     builder = PROBLEMS[problem.name]
-    optional = [name for name, each in inspect.signature(builder).parameters.items() if each.default is None]
+    optional = [name for name, default in defaults(builder).items() if default is None]
     if not optional:
         return []
     given = {name: value for name, value in problem.parameters.items() if name not in optional}
