@@ -24,10 +24,12 @@ QUICK = [
     ("coulomb-oscillator", "stormer-verlet-ns"),
 ]
 METHODS_IN_LANES = [name for name, kind in METHODS.items() if issubclass(kind, LinearStep)]
+OF_ALL_METHODS = ("bouncing-ball", "kelvin-voigt-tension", "coulomb-oscillator", "shaw-holmes")
 PAIRS = [
     pytest.param(problem, method, marks=[] if (problem, method) in QUICK else pytest.mark.slow)
     for problem in PROBLEMS
     for method in METHODS_IN_LANES
+    if method == "moreau-jean" or problem in OF_ALL_METHODS
 ]
 REFUSED = ("hertz", "hunt", "plastic", "rocking", "hereditary", "bar-", "bouncing-bar", "ball-in-air")
 """Problems with springs of power laws, loads beside a varying one, a NegativeSpring, or constants that are no sums."""
