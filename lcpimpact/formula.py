@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, TypeAlias, cast
 
@@ -207,6 +207,14 @@ class Program:
     def assumptions(self, form: str) -> list[str]:
         """Return the comparisons of all sets of parameters for which the formulas hold; ``form`` is that of a variable."""
         return [f"{_formed(a, form)} {sign} {_formed(b, form)}" for a, sign, b in self.assumed]
+
+    def depending_on(self, parameters: Iterable[Formula]) -> set[str]:
+        """Return the names of the formulas in which some parameters are, and of these."""
+        found = {each.name for each in parameters}
+        for (_, *operands), formula in self.lines.items():
+            if not found.isdisjoint(operands):
+                found.add(formula.name)
+        return found
 
     def source(self, results: Mapping[str, Number], form: str) -> list[str]:
         """Return the lines that compute results, and what the assumptions compare, from the parameters.

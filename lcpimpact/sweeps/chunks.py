@@ -20,7 +20,7 @@ from lcpimpact.sweeps.store import Block
 TRIAL_SECONDS = 0.05
 """Shortest duration of a trial run in s from which the time of a set is judged."""
 
-TRIAL_SETS = 4096
+TRIAL_SETS = 32_768
 """Number of sets of a trial side by side."""
 
 SHORTEST, LONGEST, CHUNKS = 0.2, 5.0, 64

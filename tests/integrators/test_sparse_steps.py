@@ -439,7 +439,7 @@ def test_the_cheap_check_of_a_chain_rejects_what_is_no_solution(bad):
 def test_a_stencil_is_its_matrix():
     rng = np.random.default_rng(2)
     for rows, columns in ((1, 1), (5, 40), (3000, 9001)):
-        S = sparse.random_array((rows, columns), density=min(0.001 + 2.0 / columns, 1.0), rng=rng).tocsr()
+        S = sparse.random(rows, columns, density=min(0.001 + 2.0 / columns, 1.0), random_state=rng, format="csr")
         band = sparse.diags_array([np.full(rows, 2.0), rng.random(rows)], offsets=[0, 1], shape=(rows, columns))
         for matrix in (S, S + band, band.tocsr(), sparse.csr_array((rows, columns))):
             c, x, y = rng.random(rows), rng.random(columns), np.empty(rows)

@@ -20,7 +20,7 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import COMPILING, compiled_text, i8, matrix, source_file, vector
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.formula import Formula, NotTracedError, Number, Program, mentions
+from lcpimpact.formula import Formula, NotTracedError, Number, Program, mentions, value_of
 from lcpimpact.integrators.stepping.kernel import StepTable
 from lcpimpact.integrators.stepping.linear_step import LinearStep, varying_loads
 from lcpimpact.integrators.stepping.static_balance import Static
@@ -220,8 +220,10 @@ def _source(
 ) -> Source:
     """Return the source of a function that runs sets of parameters, the coefficients and initial state y as formulas."""
     states, loads, nc, laws = writer.sizes
-    varying = {name: value for name, value in coefficients.items() if isinstance(value, Formula)}
-    fixed = {name: value for name, value in coefficients.items() if not isinstance(value, Formula)}
+    *swept, _ = program.parameters  # the last is h, which all sets share
+    of_sets = program.depending_on(swept)
+    varying = {name: value for name, value in coefficients.items() if getattr(value, "name", "") in of_sets}
+    fixed = {name: value_of(value) for name, value in coefficients.items() if name not in varying}
     state = [f"y{i}" for i in range(states)] + [f"r{i}" for i in range(nc)]
     best = [f"best{i}" for i, each in enumerate(readings) if each.kind == "argmax"]
     results = ["bad", *(f"kept{i}" for i in range(len(readings))), *state]
@@ -255,7 +257,7 @@ def _source(
         "            results[i, start + l] = room[i * LANES + l]",
     ]
     head = "def run(begin, end, loads, stops, parameters, constants, room, results):\n"
-    return Source(head + "".join(f"    {line}\n" for line in lines), list(map(float, fixed.values())), len(place))
+    return Source(head + "".join(f"    {line}\n" for line in lines), list(fixed.values()), len(place))
 
 
 def _first(writer: Writer, given: dict[str, Number], program: Program, readings: tuple[Reading, ...]) -> list[str]:
