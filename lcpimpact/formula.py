@@ -10,9 +10,9 @@ Examples
 >>> program = Program()
 >>> k, m = program.parameter(4.0), program.parameter(1.0)
 >>> ω = sqrt(k / m) if k > 0.0 else 0.0
->>> print("; ".join(program.source({"ω": ω}, "{}")))
+>>> print("; ".join(program.source({"ω": ω})))
 t0 = p0 / p1; t1 = sqrt(t0); ω = t1
->>> program.assumptions("{}")
+>>> program.assumptions()
 ['p0 > 0.0']
 """
 
@@ -204,9 +204,9 @@ class Program:
         self.assumed[_text(a), comparison if holds else NEGATIONS[comparison], _text(b)] = None
         return holds
 
-    def assumptions(self, form: str) -> list[str]:
-        """Return the comparisons of all sets of parameters for which the formulas hold; ``form`` is that of a variable."""
-        return [f"{_formed(a, form)} {sign} {_formed(b, form)}" for a, sign, b in self.assumed]
+    def assumptions(self) -> list[str]:
+        """Return the comparisons that hold for all sets of parameters for which the formulas do."""
+        return [" ".join(each) for each in self.assumed]
 
     def depending_on(self, parameters: Iterable[Formula]) -> set[str]:
         """Return the names of the formulas in which some parameters are, and of these."""
@@ -216,13 +216,12 @@ class Program:
                 found.add(formula.name)
         return found
 
-    def source(self, results: Mapping[str, Number], form: str) -> list[str]:
-        """Return the lines that compute results, and what the assumptions compare, from the parameters.
+    def source(self, results: Mapping[str, Number]) -> list[str]:
+        """Return the lines that compute results, and what the assumptions compare, from the parameters p0, p1, ...
 
         Parameters
         ----------
         results : mapping of str to number      variable to its formula
-        form : str                              how the parameters are written, as "{}[l]" of p0, p1, ...
         """
         needed = {each.name for each in results.values() if isinstance(each, Formula)}
         needed |= {name for a, _, b in self.assumed for name in (a, b)}
@@ -231,18 +230,13 @@ class Program:
             if formula.name not in needed:
                 continue
             needed |= set(operands)
-            texts = [_formed(each, form) for each in operands]
-            right = f" {operation} ".join(texts) if len(texts) == 2 else f"{operation}({texts[0]})"
+            right = f" {operation} ".join(operands) if len(operands) == 2 else f"{operation}({operands[0]})"
             lines.append(f"{formula.name} = {right}")
-        return lines[::-1] + [f"{name} = {_formed(_text(value), form)}" for name, value in results.items()]
+        return lines[::-1] + [f"{name} = {_text(value)}" for name, value in results.items()]
 
 
 def _text(number: Number) -> str:
     return number.name if isinstance(number, Formula) else repr(float(number))
-
-
-def _formed(text: str, form: str) -> str:
-    return form.format(text) if text.startswith("p") else text
 
 
 def _simplified(operation: str, a: Number, b: Number = 0.0) -> Number | None:

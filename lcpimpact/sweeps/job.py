@@ -129,8 +129,6 @@ def run_sets(job: Job, values: Mapping[str, Array], threads: int = 1) -> Sets:
     done = np.zeros(count, dtype=np.bool_)
 
     def run_alone(k: int) -> Mapping[str, Any] | None:
-        if done[k]:
-            return {name: each[k] for name, each in outputs.items()} if status[k] == 0 else None
         try:
             changed = change({name: float(each[k]) for name, each in values.items()})
             code, message, found = _run(changed, job.times, quantities)

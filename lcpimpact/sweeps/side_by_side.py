@@ -46,7 +46,7 @@ class Output:
     Attributes
     ----------
     readings : tuple of Reading
-    find : callable     takes the numbers of the readings (nr, N) and the states at the stops (g, size, N), returns (N,)
+    find : callable     takes the numbers of the readings (nr, N) and the states (size, N) at each stop, returns (N,)
     stop : int          number of the step whose state it needs, -1 for none
     """
 

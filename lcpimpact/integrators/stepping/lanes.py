@@ -18,7 +18,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import COMPILING, compiled_text, i8, matrix, source_file, vector
+from lcpimpact.compiled import COMPILING, compiled_text, matrix, source_file, vector
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.formula import Formula, NotTracedError, Number, Program, mentions, value_of
 from lcpimpact.integrators.stepping.kernel import StepTable
@@ -45,7 +45,7 @@ LANES = 32
 GENERIC = 2.5
 """Value that stands for a formula in the pattern of a table: neither 0 nor 1."""
 
-SIGNATURE: Any = types.void(i8, i8, matrix, types.int64[::1], matrix, vector, vector, matrix)
+SIGNATURE: Any = types.void(matrix, types.int64[::1], matrix, vector, vector, matrix)
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class Lanes:
         given = np.vstack([parameters, np.full(N, self.h)])
         results = np.empty((1 + kept + len(self.stops) * self.state, N))
         room = np.zeros(self.rows * LANES)
-        self.run(0, N, self.loads, self.stops, given, self.constants, room, results)
+        self.run(self.loads, self.stops, given, self.constants, room, results)
         states = results[1 + kept :].reshape(len(self.stops), self.state, N)
         return results[0] == 0.0, results[1 : 1 + kept], states
 
@@ -153,9 +153,8 @@ def lanes(
     h: Any = program.parameter(grid.h)  # so that steps of all lengths share their code
     table, _, step = method.tabulate(d, h)
     y = method.begin(d, *start, h)
-    static = step.static if step.static.S.size else known.features[2]
-    writer = write_step(_pattern(table), _pattern(static), len(d.nodes))
-    arrays = table._asdict() | static._asdict()
+    writer = write_step(_pattern(table), _pattern(step.static), len(d.nodes))
+    arrays = table._asdict() | step.static._asdict()
     coefficients = {name: arrays[key][index] for name, (key, index) in writer.coefficients.items()}
     source = _source(writer, coefficients, y, program, tuple(readings))
     if not compiles and not source_file(source.text).exists():
@@ -232,12 +231,13 @@ def _source(
     load = [f"{name} = {where}" for name, where in place.items()]
     first = _first(writer, {f"y{i}": value for i, value in enumerate(y)} | varying, program, readings)
     step = [line for statement in writer.statements for line in _lane(statement)] + _kept(readings, writer.n)
-    begin = len(readings) + 1
+    kept = len(readings) + 1
     lines = [
         "tol = constants[0]",
         *(f"{name} = constants[{i + 1}]" for i, name in enumerate(fixed)),
-        "for start in range(begin, end, LANES):",
-        "    count, k = min(LANES, end - start), 0",
+        "N = parameters.shape[1]",
+        "for start in range(0, N, LANES):",
+        "    count, k = min(LANES, N - start), 0",
         "    for l in range(LANES):",
         *(f"        {line}" for line in first),
         *(f"        {where} = {name}" for name, where in place.items()),
@@ -251,12 +251,12 @@ def _source(
         *(f"                {place[name]} = {name}" for name in changing),
         f"        for i in range({len(state)}):",
         "            for l in range(count):",
-        f"                results[{begin} + g * {len(state)} + i, start + l] = room[({begin} + i) * LANES + l]",
-        f"    for i in range({begin}):",
+        f"                results[{kept} + g * {len(state)} + i, start + l] = room[({kept} + i) * LANES + l]",
+        f"    for i in range({kept}):",
         "        for l in range(count):",
         "            results[i, start + l] = room[i * LANES + l]",
     ]
-    head = "def run(begin, end, loads, stops, parameters, constants, room, results):\n"
+    head = "def run(loads, stops, parameters, constants, room, results):\n"
     return Source(head + "".join(f"    {line}\n" for line in lines), list(fixed.values()), len(place))
 
 
@@ -264,8 +264,8 @@ def _first(writer: Writer, given: dict[str, Number], program: Program, readings:
     """Return the lines that begin the run of one lane: the coefficients, and whether they are those of its parameters."""
     _, _, nc, laws = writer.sizes
     lines = [f"p{i} = parameters[{i}, start + min(l, count - 1)]" for i in range(len(program.parameters))]
-    lines += program.source(given, "{}")
-    assumed = [*program.assumptions("{}"), *(f"abs({name}) < INFINITY" for name in given)]
+    lines += program.source(given)
+    assumed = [*program.assumptions(), *(f"abs({name}) < INFINITY" for name in given)]
     assumed += [f"{name} > 0.0" for name in given if name.startswith(("W_", "SKS_"))]
     lines += ["bad = 0.0", *(f"bad = bad if {each} else 1.0" for each in assumed)]
     lines += [f"P{i} = 0.0" for i in range(laws * nc)] + [f"r{i} = 0.0" for i in range(nc)]
