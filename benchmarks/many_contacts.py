@@ -24,11 +24,12 @@ import numba
 import numpy as np
 from scipy.sparse.linalg import splu
 
-from lcpimpact import Bumper, Chain, Load, Mass, Problem, SparseScheme, Status, simulate
+from lcpimpact import Chain, Problem, SparseScheme, Status, simulate
 from lcpimpact.arrays import Array
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.lcp.judge import clear_residual_of_chain
 from lcpimpact.lcp.solvers.banded import isotonic_chain
+from lcpimpact.problems.balls import pile
 from lcpimpact.record import Grid
 from lcpimpact.sparse_run import SparseRun
 
@@ -39,19 +40,6 @@ DEBIAN_PYTHON = "/usr/bin/python3"
 def column(n: int, gap: float) -> Problem:
     """Return a column of beads above the floor, the lowest last."""
     return Problem("column", SparseScheme(Chain(n, m=0.1, gap=gap, e=0.0, f=0.981, b="ground", name="bead")))
-
-
-def pile(rows: int, gap: float) -> Problem:
-    """Return discs in a triangle, each on two below at 60°, the last row in grooves of the floor."""
-    elements: list[Bumper | Load | Mass] = []
-    for r in range(rows):
-        for i in range(rows - r):
-            x, y = f"x{r}.{i}", f"y{r}.{i}"
-            elements += [Mass(x, 1.0), Mass(y, 1.0), Load(y, 9.81)]
-            for name, sign, j in (("L", -0.5, i), ("R", 0.5, i + 1)):
-                below = {f"x{r - 1}.{j}": sign, f"y{r - 1}.{j}": 0.75**0.5} if r else "ground"
-                elements.append(Bumper({x: sign, y: 0.75**0.5}, below, gap, 0.0, f"{name}{r}.{i}"))
-    return Problem("pile", SparseScheme(*elements))
 
 
 @numba.njit(error_model="numpy")

@@ -13,8 +13,9 @@ from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from lcpimpact import Bumper, Chain, Load, Mass, Problem, SparseScheme, simulate
+from lcpimpact import Bumper, Chain, Problem, SparseScheme, simulate
 from lcpimpact.plotting.style import EXACT, INK, PALETTE, save, style
+from lcpimpact.problems.balls import pile
 
 PICTURE = Path(__file__).parent / "images" / "many-contacts.svg"
 
@@ -65,23 +66,10 @@ def draw_bar(ax: Axes) -> None:
     ax.legend(loc="upper right")
 
 
-def pile(rows: int, gap: float) -> SparseScheme:
-    """Return discs in a triangle, each on two below at 60°, the last row in grooves of the floor."""
-    elements: list[Mass | Load | Bumper] = []
-    for r in range(rows):
-        for i in range(rows - r):
-            x, y = f"x{r}.{i}", f"y{r}.{i}"
-            elements += [Mass(x, 1.0), Mass(y, 1.0), Load(y, 9.81)]
-            for name, sign, j in (("L", -0.5, i), ("R", 0.5, i + 1)):
-                below = {f"x{r - 1}.{j}": sign, f"y{r - 1}.{j}": 0.75**0.5} if r else "ground"
-                elements.append(Bumper({x: sign, y: 0.75**0.5}, below, gap, 0.0, f"{name}{r}.{i}"))
-    return SparseScheme(*elements)
-
-
 def draw_pile(ax: Axes) -> None:
     """Draw a pile at rest, with lines between the discs as thick as their forces."""
     rows = 16
-    run = simulate(Problem("pile", pile(rows, 2e-3)), dt=1e-3, t_end=0.2, record=())
+    run = simulate(pile(rows, 2e-3), dt=1e-3, t_end=0.2, record=())
     force = dict(zip(run.problem.dynamics.reactions, run.final.reaction, strict=True))
     places = {(r, i): (i + 0.5 * r, 0.75**0.5 * r) for r in range(rows) for i in range(rows - r)}
     discs = PatchCollection(

@@ -18,12 +18,13 @@ from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, restitution, whole
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.reading import at, final, instant, limit
-from lcpimpact.scheme.elements.base import GROUND
+from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.elements.spring import Spring
 from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.sparse import SparseScheme
 
 MOREAU = "Moreau, Unilateral contact and dry friction in finite freedom dynamics (1988)"
 
@@ -448,3 +449,42 @@ def _return(height: Callable[[Any], Any], ω: float) -> float:
     while height(s) < 0.0:
         s += step
     return float(brentq(height, s - step, s, xtol=1e-16, rtol=4.0 * np.finfo(float).eps))
+
+
+def pile(rows: int, gap: float = 0.0, m: float = 1.0, g: float = 9.81) -> Problem:
+    """A pile of equal discs in a triangle, each on two below at 60°, the last row in grooves of the floor; impacts have e = 0.
+
+    At rest each disc adds half its weight to both lines of contacts below it, so that a contact with k discs on its line
+    from it upwards carries k m g/(2 sin 60°). It is no problem of the registry, since only sparse steps take its size.
+
+    Parameters
+    ----------
+    rows : int
+        Number of rows, and of discs in the last row.
+    gap : float
+        Opening of each contact at the start in m.
+    m, g : float
+        Mass of a disc in kg, and gravity in m/s².
+
+    Raises
+    ------
+    InputError
+        If rows is no whole number above zero, or m or g is not above zero.
+
+    Examples
+    --------
+    >>> pile(2).scheme.assemble().reactions
+    ('L0.0', 'R0.0', 'L0.1', 'R0.1', 'L1.0', 'R1.0')
+    """
+    name = "pile"
+    rows = whole(name, "rows", rows)
+    above_zero(name, m=m, g=g)
+    elements: list[Element] = []
+    for r in range(rows):
+        for i in range(rows - r):
+            x, y = f"x{r}.{i}", f"y{r}.{i}"
+            elements += [Mass(x, m), Mass(y, m), Load(y, m * g)]
+            for side, to_right, j in (("L", -0.5, i), ("R", 0.5, i + 1)):
+                below = {f"x{r - 1}.{j}": to_right, f"y{r - 1}.{j}": math.sqrt(0.75)} if r else GROUND
+                elements.append(Bumper({x: to_right, y: math.sqrt(0.75)}, below, gap, 0.0, f"{side}{r}.{i}"))
+    return Problem(name, SparseScheme(*elements), parameters={"rows": rows, "gap": gap, "m": m, "g": g})

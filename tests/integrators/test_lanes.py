@@ -31,8 +31,8 @@ PAIRS = [
     for method in METHODS_IN_LANES
     if method == "moreau-jean" or problem in OF_ALL_METHODS
 ]
-REFUSED = ("hertz", "hunt", "plastic", "rocking", "hereditary", "bar-", "bouncing-bar", "ball-in-air")
-"""Problems with springs of power laws, loads beside a varying one, a NegativeSpring, or constants that are no sums."""
+REFUSED = ("hertz", "hunt", "plastic", "hereditary", "bar-", "bouncing-bar", "ball-in-air")
+"""Problems with springs of power laws, loads beside a varying one, or constants that are no sums."""
 
 
 def constants(problem):
@@ -63,7 +63,7 @@ def test_every_method_has_the_bits_of_single_runs(name, method, rng):
         assert name.startswith(REFUSED) or name.endswith(REFUSED) or method in ("cd-lagrange", "schatzman-paoli")
         return
     base = np.array([value_at(problem, each) for each in addresses])
-    values = base[:, None] * rng.uniform(0.9, 1.1, (len(base), LANES + 3))
+    values = base[:, None] * rng.uniform(0.85, 1.0, (len(base), LANES + 3))
     regular, kept, states = compiled.take(values)
     assert regular.mean() > 0.9
     for k in np.flatnonzero(regular)[[0, 7, -1]]:

@@ -37,6 +37,7 @@ from lcpimpact.integrators.stepping.stencil import apply, solve_banded, stencil
 from lcpimpact.lcp.judge import clear_residual_of_chain, holds, measure
 from lcpimpact.lcp.solvers.banded import isotonic_chain, pools_for
 from lcpimpact.lcp.sparse_pivoting import SparseMatrix, SparseProduct, pivot
+from lcpimpact.problems.balls import pile
 
 sparse = pytest.importorskip("scipy.sparse")
 
@@ -257,19 +258,6 @@ def tree(rng, n):
     return [*elements, *(each for i in range(n) for each in (Mass(f"n{i}", 0.5 + rng.random()), Load(f"n{i}", 9.81)))]
 
 
-def pile(rows, gap, m=1.0, g=9.81):
-    """Discs in a triangle, each on two discs below at 60°, the last row in grooves of the floor; x to the right, y down."""
-    elements, c, s = [], 0.5, np.sqrt(0.75)
-    for r in range(rows):
-        for i in range(rows - r):
-            x, y = f"x{r}.{i}", f"y{r}.{i}"
-            elements += [Mass(x, m), Mass(y, m), Load(y, m * g)]
-            for name, sign, j in (("L", -1.0, i), ("R", 1.0, i + 1)):
-                below = {f"x{r - 1}.{j}": sign * c, f"y{r - 1}.{j}": s} if r else "ground"
-                elements.append(Bumper({x: sign * c, y: s}, below, gap, 0.0, f"{name}{r}.{i}"))
-    return elements
-
-
 @pytest.mark.parametrize("widest", [32, 0])
 @pytest.mark.parametrize("seed", range(6))
 def test_trees_and_chains_with_springs_move_as_the_dense_ones(monkeypatch, seed, widest):
@@ -295,8 +283,7 @@ def test_a_bar_whose_matrix_has_no_bands_is_factored_as_a_sparse_one(monkeypatch
 def test_forces_pass_straight_through_a_pile():
     """Each disc adds half its weight to both lines of contacts below it: N = (discs above on the line) m g/(2 sin 60°)."""
     rows = 24
-    elements = pile(rows, 2e-3)
-    run = simulate(Problem("pile", SparseScheme(*elements)), dt=1e-3, t_end=0.25, record=["y0.0"])
+    run = simulate(pile(rows, 2e-3), dt=1e-3, t_end=0.25, record=["y0.0"])
     found = dict(zip(run.problem.dynamics.reactions, run.final.reaction, strict=True))
     for r in range(rows):
         for i in range(rows - r):
