@@ -452,7 +452,7 @@ def _return(height: Callable[[Any], Any], ω: float) -> float:
 
 
 def pile(rows: int, gap: float = 0.0, m: float = 1.0, g: float = 9.81) -> Problem:
-    """A pile of equal discs in a triangle, each on two below at 60°, the last row in grooves of the floor; impacts have e = 0.
+    """A pile of equal discs in a triangle, each on two below at 60°; the floor holds the last row, and e = 0.
 
     At rest each disc adds half its weight to both lines of contacts below it, so that a contact with k discs on its line
     from it upwards carries k m g/(2 sin 60°). It is no problem of the registry, since only sparse steps take its size.
