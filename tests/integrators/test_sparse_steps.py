@@ -367,7 +367,9 @@ def test_a_solver_that_claims_a_wrong_solution_is_found_out_by_the_laws(monkeypa
         z[:] = -1.0
         return int(Status.SOLVED), 1, 0.0
 
-    assert run_with(monkeypatch, pulls).status is Status.VIOLATED
+    run = run_with(monkeypatch, pulls)
+    assert run.status is Status.VIOLATED
+    assert "complementarity" in run.message
 
 
 def test_a_solver_that_gives_up_ends_the_run(monkeypatch):
@@ -580,7 +582,9 @@ def test_a_step_with_a_wrong_coefficient_is_found_out(monkeypatch, part):
     run = simulate(Problem("p", COLUMN), dt=1e-3, t_end=0.01, throw=False)
     assert run.status in (Status.VIOLATED, Status.SOLVED)
     moving = SparseScheme(Chain(50, m=0.1, gap=0.001, e=0.5, f=0.981, b="ground"))
-    assert simulate(Problem("p", moving), dt=1e-3, t_end=0.1, throw=False).status is Status.VIOLATED
+    run = simulate(Problem("p", moving), dt=1e-3, t_end=0.1, throw=False)
+    assert run.status is Status.VIOLATED
+    assert ("impact law" if part == "L" else "momentum") in run.message
 
 
 @pytest.mark.parametrize(

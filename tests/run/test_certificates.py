@@ -379,11 +379,10 @@ def alarms(seeds, make=random_scheme, each=ALL):
     return found, judged
 
 
-@pytest.mark.parametrize("first", [0])
-def test_no_method_alarms_on_random_schemes(first):
-    found, judged = alarms(range(first, first + 10))
+def test_no_method_alarms_on_random_schemes():
+    found, judged = alarms(range(4))
     assert found == {}
-    assert judged >= 60
+    assert judged >= 20
 
 
 @pytest.mark.slow
