@@ -143,18 +143,22 @@ def last_line(text: str) -> str:
     return (text.splitlines() or ["no message"])[-1]
 
 
-def c_loop(problem: Problem, folder: Path) -> Callable[[Array, float], Array]:
-    """Compile system_1_floor.c; return (rows, h) -> rows, which fills rows (x, v, z, R), one for each step."""
+def compiled_library(name: str, folder: Path, *options: str) -> ctypes.CDLL:
+    """Compile NAME.c beside this file as a library."""
     compiler = shutil.which("gcc")
     if compiler is None:
         raise MissingError("gcc is not installed")
-    library = folder / "system_1_floor.so"
-    source = HERE / "system_1_floor.c"
-    command = [compiler, "-O3", "-shared", "-fPIC", "-o", str(library), str(source)]
+    library = folder / f"{name}.so"
+    command = [compiler, "-O3", *options, "-shared", "-fPIC", "-o", str(library), str(HERE / f"{name}.c")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise MissingError(f"failed: {last_line(done.stderr)}")
-    function = ctypes.CDLL(str(library)).system_1
+    return ctypes.CDLL(str(library))
+
+
+def c_loop(problem: Problem, folder: Path) -> Callable[[Array, float], Array]:
+    """Compile system_1_floor.c; return (rows, h) -> rows, which fills rows (x, v, z, R), one for each step."""
+    function = compiled_library("system_1_floor", folder).system_1
     function.argtypes = [ctypes.c_size_t, *[ctypes.c_double] * 7, ctypes.c_void_p]
     function.restype = None
     constants = parameters(problem).values()

@@ -20,6 +20,8 @@ from lcpimpact.lcp.solve import prepare_lcp as prepare_lcp
 from lcpimpact.lcp.solve import solve_lcp as solve_lcp
 from lcpimpact.lcp.solvers.enumeration import all_solutions as all_solutions
 from lcpimpact.plotting.cones import plot_cones as plot_cones
+from lcpimpact.plotting.sweeps import plot_sobol as plot_sobol
+from lcpimpact.plotting.sweeps import plot_sweep as plot_sweep
 from lcpimpact.problems import load_problem as load_problem
 from lcpimpact.problems.base import Problem as Problem
 from lcpimpact.problems.penalty import penalized as penalized
@@ -34,6 +36,7 @@ from lcpimpact.scheme.signals import Polynomial as Polynomial
 from lcpimpact.scheme.signals import Ramp as Ramp
 from lcpimpact.scheme.signals import Square as Square
 from lcpimpact.scheme.signals import Table as Table
+from lcpimpact.scheme.sparse import SparseScheme as SparseScheme
 from lcpimpact.scheme.system import LinearComplementaritySystem as LinearComplementaritySystem
 from lcpimpact.schemefile import Run as Run
 from lcpimpact.schemefile import SchemeFile as SchemeFile
@@ -75,6 +78,10 @@ from lcpimpact.study.dynamics.shooting import periodic_orbit as periodic_orbit
 from lcpimpact.study.ledger import Ledger as Ledger
 from lcpimpact.study.ledger import energy_ledger as energy_ledger
 from lcpimpact.study.result import Study as Study
+from lcpimpact.sweeps.indices import sobol_indices as sobol_indices
+from lcpimpact.sweeps.samples import Samples as Samples
+from lcpimpact.sweeps.samples import draw_samples as draw_samples
+from lcpimpact.sweeps.sweep import sweep as sweep
 from lcpimpact.trajectory import Trajectory as Trajectory
 
 __version__: str

@@ -142,12 +142,17 @@ def is_name(value: Any) -> bool:
     >>> is_name("θ_1"), is_name("free end"), is_name(""), is_name("a" + chr(27)), is_name(3)
     (True, True, False, False, False)
     """
-    return isinstance(value, str) and value != "" and not any(map(_is_hidden, value))
+    return isinstance(value, str) and value != "" and _is_visible(value)
 
 
 def is_sequence(value: Any) -> bool:
     """Return whether a value is a sequence and no string."""
     return _is_kind(value, Sequence)
+
+
+@functools.lru_cache(4096)
+def _is_visible(text: str) -> bool:
+    return not any(map(_is_hidden, text))
 
 
 def _is_hidden(character: str) -> bool:

@@ -198,7 +198,7 @@ def compiled(signature: Any, inline: Literal["never", "always"] = "never", alloc
         if not COMPILING:
             cast(Any, function).py_func = function  # as for a compiled function
             return function
-        options: dict[str, Any] = {"error_model": "numpy", "inline": inline, "_nrt": allocates}
+        options: dict[str, Any] = {"error_model": "numpy", "inline": inline, "_nrt": allocates, "nogil": True}
         decorated: Any = numba.njit(**options)(function)
         if usable() and Path(function.__code__.co_filename).exists():
             decorated._cache = CheckedCache(function)
@@ -207,6 +207,28 @@ def compiled(signature: Any, inline: Literal["never", "always"] = "never", alloc
         return cast(F, decorated)
 
     return decorate
+
+
+class Address(types.WrapperAddressProtocol):
+    """A compiled function as an argument of another, with its address at hand: numba looks it up at each call."""
+
+    def __init__(self, function: Any, signature: Any) -> None:
+        compiled_code = function.get_compile_result(signature)
+        self._function, self._signature = function, signature
+        self._address = compiled_code.library.get_pointer_to_function(compiled_code.fndesc.llvm_cfunc_wrapper_name)
+
+    def __wrapper_address__(self) -> int:
+        return int(self._address)
+
+    def signature(self) -> Any:
+        """Return the signature."""
+        return self._signature
+
+
+@cache
+def address(function: Any, kind: Any) -> Any:
+    """Return a compiled function as an argument of ``kind``, a FunctionType; what is not compiled as it is."""
+    return Address(function, kind.signature) if hasattr(function, "get_compile_result") else function
 
 
 def source_file(text: str) -> Path:

@@ -72,6 +72,8 @@ class Status(IntEnum):
         "linear, ode_solver='Radau' if fast rates have decayed, or raise max_steps.",
     )
 
+    NOT_RUN = 21, "The run could not be made with these values: the message of the set says why, and the remedy."
+
     sentence: str
 
     def __new__(cls, code: int, sentence: str = "") -> Status:

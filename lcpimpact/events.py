@@ -211,6 +211,7 @@ def _events_of_bounded_rows(d: Dynamics, record: Record, impulsive: Flags) -> li
     friction, holds = np.zeros((1, len(d.contacts))), np.zeros((1, len(d.contacts)), dtype=np.bool_)
     if d.frictional.any():
         friction = np.where(impulsive, 0.0, d.friction_bounds(record.reaction))
+    if (d.mu_s > d.mu).any():
         holds = _holding(d, record, friction)
     for i in map(int, np.flatnonzero(d.rubs | d.relays)):
         bounds = (-friction[:, i], friction[:, i]) if d.frictional[i] else d.contacts[i].bounds

@@ -10,6 +10,9 @@ from lcpimpact.errors import InputError
 FREE_FRACTION = 0.9
 """Largest fraction of the free memory for one object."""
 
+SMALL = 1e6
+"""Bytes that are not worth reading how many are free."""
+
 CGROUP = Path("/sys/fs/cgroup")
 """Folder in which Linux states the memory limits of a container or a job."""
 
@@ -36,6 +39,8 @@ def check_memory(wanted: float, what: str, remedy: str) -> None:
     InputError
         With both numbers and the remedy.
     """
+    if wanted < SMALL:
+        return
     free = free_memory()
     if wanted > FREE_FRACTION * free:
         raise InputError(

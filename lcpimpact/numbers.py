@@ -9,13 +9,16 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import Formula, NotTracedError
 
 NUMBERS = (int, float, np.integer, np.floating)
 """Accepted types; others, such as decimals and fractions, would give arrays of objects."""
 
 
 def is_real(value: Any) -> bool:
-    """Return whether a value is a finite real number (and not a bool)."""
+    """Return whether a value is a finite real number (and not a bool), or a formula of one."""
+    if isinstance(value, Formula):
+        return math.isfinite(value.value)
     try:
         return isinstance(value, NUMBERS) and not isinstance(value, bool) and math.isfinite(value)
     except OverflowError:
@@ -35,7 +38,7 @@ def positive(name: str, value: Any, unit: str = "") -> None:
 
 def finite(name: str, value: Any, unit: str = "", least: float = -math.inf) -> None:
     """Check that a value is a finite number, not below ``least``."""
-    if not is_real(value) or value < least:
+    if not is_real(value) or (least > -math.inf and value < least):
         above = f", at least {least:g}" if least > -math.inf else ""
         raise InputError(f"{name} = {value!r} must be a finite number{f' in {unit}' if unit else ''}{above}")
 
@@ -56,6 +59,8 @@ def finite_array(name: str, value: Any) -> Array:
     """Return numbers as an array, and refuse what is none, and numbers that are not finite."""
     try:
         array = np.array(value, dtype=np.float64)
+    except NotTracedError:
+        raise
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{name} must be a matrix of numbers") from None
     if not np.isfinite(array).all():

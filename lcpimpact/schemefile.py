@@ -59,6 +59,7 @@ from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import SIGNAL_NAMES, SIGNALS, Signal
+from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
 if TYPE_CHECKING:
@@ -220,19 +221,24 @@ class SchemeFile:
     def simulate(self, **changes: Any) -> Trajectory:
         """Run the problem with the settings of the file; arguments override method, dt, t_end, solver and method options.
 
-        Without a dt in the file or the arguments, it is 1 ms, or a thousandth of t_end if smaller; without a t_end, it is
-        that of the problem, rounded up to a whole step. Errors are those of `lcpimpact.simulate`.
+        Errors are those of `lcpimpact.simulate`.
         """
         from lcpimpact.simulation import simulate
 
         run = self.run.changed(**changes)
-        dt, t_end = run.dt, run.t_end
-        if dt is None:
-            t_end = t_end or self.problem.t_end
-            dt = t_end / _steps(max(STEPS, t_end / DT))
-        elif t_end is None:
-            t_end = dt * _steps(self.problem.t_end / dt)
+        dt, t_end = self.step_and_end(run)
         return simulate(self.problem, run.method, dt=dt, t_end=t_end, lcp_solver=run.solver, **run.options)
+
+    def step_and_end(self, run: Run) -> tuple[float, float]:
+        """Return dt and t_end of a run in s.
+
+        A dt that is not given is 1 ms, or a thousandth of t_end if smaller; a t_end that is not given is that of the
+        problem, rounded up to a whole step.
+        """
+        if run.dt is None:
+            t_end = run.t_end or self.problem.t_end
+            return t_end / _steps(max(STEPS, t_end / DT)), t_end
+        return run.dt, run.dt * _steps(self.problem.t_end / run.dt) if run.t_end is None else run.t_end
 
 
 def _steps(number: float) -> int:
@@ -580,6 +586,8 @@ def _format(problem: Problem, run: Run) -> str:
     document.update(_table_of(head, "problem"))
     if problem.parameters:
         document["built_from"] = _table_of(problem.parameters, "parameters")
+    if isinstance(scheme, SparseScheme):
+        raise InputError(f"cannot write {problem.name!r}: files hold no SparseScheme; write a Problem with a Scheme")
     if isinstance(scheme, Scheme):
         document.add(tomlkit.nl())
         document["elements"] = tomlkit.aot()

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from lcpimpact.events import events_of_springs, events_of_steps
 from lcpimpact.hybrid.state_jump import enter_constraint, jump_events
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Declared, Integrator
+from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.memory import check_memory
 from lcpimpact.numbers import positive
@@ -26,6 +28,7 @@ from lcpimpact.record import Event, Grid, Record, State
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.force_law import forces
+from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.trajectory import Trajectory
 
@@ -33,7 +36,10 @@ BLOCK_SECONDS = 0.1
 """Target duration of a block of steps in s: short for progress and Ctrl-C, long enough to cost nothing."""
 
 FIRST_BLOCK = 1024
-"""Number of steps in the first block."""
+"""Number of steps in the first block of a small system."""
+
+FIRST_BLOCK_NUMBERS = 1 << 16
+"""Number of steps in the first block times the numbers in the matrices of a step, of a large system."""
 
 MEMORY_FACTOR = 2.0
 """Memory of a run in units of that of its record; the rest is for the sampling and the certificate."""
@@ -46,7 +52,7 @@ ACCUMULATION_RTOL = 1e-9
 MAX_ALTERNATIVES = 4
 """Maximum number of alternative methods listed in an error."""
 
-RUN_ARGUMENTS = ("dt", "t_end", "lcp_solver", "progress")
+RUN_ARGUMENTS = ("dt", "t_end", "lcp_solver", "progress", "record")
 """Arguments of every function that runs one method, in addition to the options of the method."""
 
 
@@ -59,6 +65,7 @@ def simulate(
     lcp_solver: str = "auto",
     throw: bool = True,
     progress: bool = True,
+    record: Sequence[str] | None = None,
     **method_options: Any,
 ) -> Trajectory:
     """Integrate a problem over 0 <= t <= t_end.
@@ -82,6 +89,9 @@ def simulate(
         ``throw=False`` returns them with the status INTERRUPTED.
     progress : bool
         Show a progress bar on a terminal when the run takes more than a second.
+    record : sequence of str, optional
+        Of a `SparseScheme`: the nodes and reactions whose series are kept; by default all. The memory of a run does not
+        depend on its steps but for these.
     **method_options
         Options of the method, as ``theta=1.0``.
 
@@ -113,17 +123,36 @@ def simulate(
     for name, value, kind in (("problem", problem, Problem), ("throw", throw, bool), ("progress", progress, bool)):
         check_kind(name, value, kind)
     integrator = make_integrator(method, method_options, RUN_ARGUMENTS)
-    grid = _grid(dt, problem.t_end if t_end is None else t_end)
+    grid = time_grid(dt, problem.t_end if t_end is None else t_end)
     check_lcp_solver(integrator, lcp_solver)
-    _check_handled(integrator, problem)
+    if isinstance(problem.scheme, SparseScheme):
+        return _finish(_run_sparse(problem, integrator, grid, lcp_solver, record, progress), throw)
+    if record is not None:
+        raise InputError(f"record = {record!r} is for a SparseScheme: leave it out, and all nodes are recorded")
+    check_handled(integrator, problem)
     _check_forces(problem)
 
+    return _finish(_run_dense(problem, integrator, grid, lcp_solver, progress), throw)
+
+
+def _finish(trajectory: Trajectory, throw: bool) -> Trajectory:
+    """Return a run, or raise an error if it failed and ``throw`` is set."""
+    if throw and not trajectory.success:
+        if trajectory.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        raise FailureError(trajectory.message, trajectory)
+    return trajectory
+
+
+def _run_dense(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver: str, progress: bool) -> Trajectory:
+    """Run and judge a problem with full matrices."""
     started = time.perf_counter()
     inside, jump = enter_constraint(problem)
     record = _empty_record(integrator, problem.dynamics, grid)
     carry = integrator.start(inside, grid, lcp_solver, record)
+    size = record.q.shape[1] + record.reaction.shape[1]
     with np.errstate(all="ignore"):  # a number that is not finite is a status of the run
-        status, reached = _run(integrator, carry, record, grid, progress)
+        status, reached = _run(partial(integrator.advance, carry, record), integrator.name, grid, size**2, progress)
     _cut(record, grid, reached)
     integrator.finish(carry, record)
 
@@ -148,16 +177,30 @@ def simulate(
         message = f"{integrator.name}: {'; '.join(certificate.failures)}. {remedy}"
     record.stats.steps = record.stats.steps or len(record.t) - 1
     record.stats.seconds = time.perf_counter() - started
-    trajectory = Trajectory(
-        problem=problem, method=_describe(integrator, lcp_solver), t=record.t, q=record.q, v=record.v,
+    return Trajectory(
+        problem=problem, method=describe(integrator, lcp_solver), t=record.t, q=record.q, v=record.v,
         t_reaction=record.t_reaction, reaction=record.reaction, events=events, status=status, message=message,
         certificate=certificate, stats=record.stats, dense=dense, integrator=integrator,
     )  # fmt: skip
-    if throw and not trajectory.success:
-        if status is Status.INTERRUPTED:
-            raise KeyboardInterrupt
-        raise FailureError(message, trajectory)
-    return trajectory
+
+
+def _run_sparse(
+    problem: Problem, integrator: Integrator, grid: Grid, lcp_solver: str, record: Sequence[str] | None, progress: bool
+) -> Trajectory:
+    """Run a problem with sparse matrices, whose laws are judged in its steps."""
+    if not isinstance(integrator, MoreauJean) or integrator.rtol is not None or lcp_solver != "auto":
+        raise UnsupportedError(
+            "a SparseScheme is run by method='moreau-jean' without rtol, which chooses its LCP solver by itself, and not by "
+            f"{describe(integrator, lcp_solver)}: take these, or Scheme in place of SparseScheme"
+        )
+    from lcpimpact.sparse_run import SparseRun  # here, since other runs need none of its compiled code
+
+    started = time.perf_counter()
+    run = SparseRun(problem, integrator, grid, record)
+    with np.errstate(all="ignore"):
+        status, reached = _run(run.advance, integrator.name, grid, run.size, progress)
+    run.stats.seconds = time.perf_counter() - started
+    return run.trajectory(status, reached, describe(integrator, lcp_solver))
 
 
 def _empty_record(integrator: Integrator, dynamics: Dynamics, grid: Grid) -> Record:
@@ -181,16 +224,18 @@ def _cut(record: Record, grid: Grid, reached: int) -> None:
         record.t_reaction, record.reaction = record.t_reaction[:nr], record.reaction[:nr]
 
 
-def _run(integrator: Integrator, carry: Any, record: Record, grid: Grid, progress: bool) -> tuple[Status, int]:
-    """Advance block by block until the end, a failure, or Ctrl-C."""
-    reached, block = 0, FIRST_BLOCK
+def _run(
+    advance: Callable[[int, int], tuple[Status, int]], name: str, grid: Grid, size: int, progress: bool
+) -> tuple[Status, int]:
+    """Advance block by block until the end, a failure, or Ctrl-C; ``size`` is the numbers in the matrices of a step."""
+    reached, block = 0, min(FIRST_BLOCK, max(1, FIRST_BLOCK_NUMBERS // size))
     disable = None if progress else True
-    with tqdm(total=grid.steps, desc=integrator.name, unit="step", delay=1.0, disable=disable, leave=False) as bar:
+    with tqdm(total=grid.steps, desc=name, unit="step", delay=1.0, disable=disable, leave=False) as bar:
         try:
             while reached < grid.steps:
                 began = time.perf_counter()
                 last = min(reached + block, grid.steps)
-                status, now = integrator.advance(carry, record, reached, last)
+                status, now = advance(reached, last)
                 bar.update(now - reached)
                 reached = now
                 if status is not Status.SOLVED:
@@ -278,7 +323,8 @@ def make_integrator(
     return kind(**method_options)
 
 
-def _grid(dt: float, t_end: float) -> Grid:
+def time_grid(dt: float, t_end: float) -> Grid:
+    """Return the instants of a run, after a check that t_end is a whole number of steps."""
     positive("dt", dt, "s")
     positive("t_end", t_end, "s")
     if t_end / dt > 1e9:
@@ -297,7 +343,7 @@ def check_lcp_solver(integrator: Integrator, lcp_solver: str) -> None:
         raise InputError(f"{integrator.name} solves no LCP, so lcp_solver = {lcp_solver!r} means nothing: leave it out")
 
 
-def _check_handled(integrator: Integrator, problem: Problem) -> None:
+def check_handled(integrator: Integrator, problem: Problem) -> None:
     """Refuse undeclared features before the first step, naming them and the methods that handle them."""
     dynamics = problem.dynamics
     missing = _missing(integrator.declared, dynamics)
@@ -340,7 +386,8 @@ def _missing(declared: Declared, dynamics: Dynamics) -> str:
     return ""
 
 
-def _describe(integrator: Integrator, lcp_solver: str) -> str:
+def describe(integrator: Integrator, lcp_solver: str) -> str:
+    """Return the method with its options as a call."""
     values = [(each.name, getattr(integrator, each.name)) for each in fields(integrator)]  # type: ignore[arg-type]
     options = [f"{name}={value}" for name, value in values if value is not None]
     if integrator.solves_lcp:

@@ -19,6 +19,7 @@ from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.files import check_output, escape_cell, whole_file, whole_files
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
+from lcpimpact.quantities import SUMMARY
 from lcpimpact.record import ContinuousSolution, Event, Record, State, Stats
 from lcpimpact.registry import load, nearest
 from lcpimpact.scheme.dynamics import Contact
@@ -97,10 +98,19 @@ class Trajectory:
         return self.status in (Status.SOLVED, Status.VIOLATED)
 
     @property
+    def nodes(self) -> tuple[str, ...]:
+        """The names of the coordinates."""
+        return self.problem.dynamics.nodes
+
+    @property
+    def force_names(self) -> tuple[str, ...]:
+        """The names of the forces of contacts and springs."""
+        return tuple(each.name for each in self.problem.dynamics.forces)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Valid names in ``traj[name]``: coordinates, velocities (v_NAME), and forces of contacts and springs."""
-        d = self.problem.dynamics
-        return (*d.nodes, *(f"v_{node}" for node in d.nodes), *(each.name for each in d.forces))
+        return (*self.nodes, *(f"v_{node}" for node in self.nodes), *self.force_names)
 
     @cached_property
     def push(self) -> Array:
@@ -125,7 +135,7 @@ class Trajectory:
     def __getitem__(self, name: str) -> Array:
         if not isinstance(name, str) or name not in self.names:
             raise InputError(nearest(str(name), list(self.names), "series"))
-        n, nc = len(self.problem.dynamics.nodes), self.reaction.shape[1]
+        n, nc = len(self.nodes), self.reaction.shape[1]
         column = self.names.index(name)
         if column < n:
             return self.q[:, column]
@@ -224,6 +234,29 @@ class Trajectory:
         events = tuple(event for event in self.events if event.contact in rigid and event.kind != "jump")
         return certify(d, start, record, self.dense, events, self.integrator)
 
+    def summary(self) -> dict[str, float]:
+        """Return the usual quantities of an impact in SI units, by name.
+
+        The keys are always those of `lcpimpact.quantities.SUMMARY`, so that the summaries of many runs make a table; a
+        quantity that means nothing for the run, or that it does not reach, as the contact time of a contact that has not
+        ended, is NaN.
+
+        Returns
+        -------
+        dict of str to float
+            ``peak_force`` (N) and ``peak_time`` (s) of the contacts; ``contact_time`` (s), ``restitution`` -U⁺/U⁻ and
+            ``rebound_speed`` U⁺ (m/s) of the first touch; the number of ``impacts``; the ``impulse`` (N s) of the
+            contacts; the energy ``dissipated`` (J); the greatest ``deformation`` (m). Formulas: `lcpimpact.quantities`.
+
+        Examples
+        --------
+        >>> from lcpimpact import load_problem, simulate
+        >>> found = simulate(load_problem("bouncing-ball", e=0.5), "exact", dt=0.1, t_end=1.0).summary()
+        >>> found["impacts"], round(found["restitution"], 9), round(found["rebound_speed"], 6), found["peak_force"]
+        (2.0, 0.5, 2.214723, 0.0)
+        """
+        return {name: float(measure(self)) for name, (_, measure) in SUMMARY.items()}
+
     @checked
     def plot(self, path: str | Path | None = None) -> Any:
         """Draw coordinates and reactions over time, with the events marked; return the figure, or write it to ``path``."""
@@ -237,7 +270,7 @@ class Trajectory:
 
     @checked
     def save(self, path: str | Path) -> Path:
-        """Write the run to a file whose ending gives the format: .csv, .npz, or .nc (with the extra ``xarray``).
+        """Write the run to a file whose ending gives the format: .csv, .npz, or .nc (with the extra ``sweep``).
 
         All hold the events too, each with contact, kind, time, impulse and both limits of q, v and r; a .csv has them in a
         second file, run.events.csv beside run.csv. Files appear whole or not at all, and older ones of the name are replaced
@@ -260,7 +293,7 @@ class Trajectory:
         return path
 
     def to_xarray(self) -> Any:
-        """Return the run as an xarray Dataset (needs the extra ``xarray``).
+        """Return the run as an xarray Dataset (needs the extra ``sweep``).
 
         Coordinates and velocities lie on t, reactions on t_R, and the events on a dimension of their own: event_t,
         event_contact, event_kind, event_impulse, and event_q, event_v and event_reaction on event_side "left" and "right".
@@ -268,8 +301,8 @@ class Trajectory:
         try:
             import xarray
         except ImportError:
-            raise UnsupportedError("xarray is not installed: pip install 'lcpimpact[xarray]'") from None
-        n = len(self.problem.dynamics.nodes)
+            raise UnsupportedError("xarray is not installed: pip install 'lcpimpact[sweep]'") from None
+        n = len(self.nodes)
         series = {name: ("t", self[name]) for name in self.names[: 2 * n]}
         forces = {name: ("t_R", self[name]) for name in self.names[2 * n :]}
         found = self._event_arrays()
@@ -291,7 +324,7 @@ class Trajectory:
 
     def _event_arrays(self) -> dict[str, Any]:
         """Return the fields of the events as arrays with one row per event (ne, ...)."""
-        n, nc = len(self.problem.dynamics.nodes), len(self.problem.dynamics.contacts)
+        n, nc = len(self.nodes), self.reaction.shape[1]
         arrays = {f"event_{name}": np.array([getattr(each, name) for each in self.events]) for name in EVENT_COLUMNS}
         for name in ("contact", "kind"):
             arrays[f"event_{name}"] = arrays[f"event_{name}"].astype(str)
@@ -302,7 +335,7 @@ class Trajectory:
         return arrays
 
     def _write_csv(self, path: Path) -> None:
-        n = len(self.problem.dynamics.nodes)
+        n = len(self.nodes)
         header = ["t", *self.names[: 2 * n], "t_R", *self.names[2 * n :]]
         motion = np.column_stack([self.t, self.q, self.v]).tolist()
         forces = np.column_stack([self.t_reaction, self.forces]).tolist()

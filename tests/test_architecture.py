@@ -8,6 +8,7 @@ import inspect
 import re
 import shutil
 import warnings
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,7 @@ FILES = sorted(PACKAGE.rglob("*.py"))
 BASE = {
     "errors",
     "exports",
+    "formula",
     "arguments",
     "memory",
     "registry",
@@ -42,16 +44,17 @@ BASE = {
 }
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "record", "hybrid", "integrators"}
-RUN = METHOD | {"events", "certificate", "trajectory", "simulation"}
+RUN = METHOD | {"events", "certificate", "quantities", "trajectory", "simulation"}
 STUDY = RUN | {"study"}
 MAY_IMPORT = {
     "errors": set(),
     "exports": set(),
+    "formula": set(),
     "arguments": {"errors"},
     "memory": {"errors"},
     "registry": {"errors"},
     "arrays": set(),
-    "numbers": {"errors", "arrays"},
+    "numbers": {"errors", "arrays", "formula"},
     "files": {"errors"},
     "cache": set(),
     "compiled": {"errors", "arrays", "cache"},
@@ -64,15 +67,17 @@ MAY_IMPORT = {
     "integrators": MECHANICS | {"lcp", "record", "hybrid"},
     "events": METHOD,
     "certificate": METHOD | {"events"},
-    "trajectory": METHOD | {"events", "certificate"},
-    "simulation": METHOD | {"events", "certificate", "trajectory"},
+    "quantities": METHOD | {"events", "certificate"},
+    "trajectory": METHOD | {"events", "certificate", "quantities"},
+    "sparse_run": METHOD | {"certificate", "trajectory"},
+    "simulation": METHOD | {"events", "certificate", "trajectory", "sparse_run"},
     "schemefile": RUN,
     "study": RUN,
-    "plotting": STUDY,
-    "sweep": STUDY,
+    "plotting": STUDY | {"sweeps"},
+    "sweeps": STUDY,
     "report": STUDY | {"plotting"},
-    "reproduce": STUDY | {"plotting", "report", "sweep"},
-    "cli": STUDY | {"cache", "schemefile", "plotting", "report", "sweep", "reproduce"},
+    "reproduce": STUDY | {"plotting", "report", "sweeps"},
+    "cli": STUDY | {"cache", "schemefile", "plotting", "report", "sweeps", "reproduce"},
     "__main__": {"cli"},
 }
 """Layer (module or folder right under the package) to the layers that it may import, besides itself."""
@@ -82,8 +87,10 @@ ONLY = {
     "typer": {"cli"},
     "click": {"cli"},
     "rich": {"cli"},
-    "dask": {"sweep"},
-    "pandas": {"study", "plotting", "report", "reproduce", "cli"},
+    "dask": {"sweeps"},
+    "zarr": {"sweeps"},
+    "xarray": {"sweeps", "trajectory"},
+    "pandas": {"study", "sweeps", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
     "numba": {"compiled", "double_double", "scheme", "lcp", "hybrid", "integrators", "certificate"},
 }
@@ -104,9 +111,15 @@ def layer(name: str) -> str:
     return parts[1] if len(parts) > 1 else ""
 
 
+@cache
+def parsed(file: Path) -> ast.Module:
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
+@cache
 def imports(file: Path) -> list[str]:
     """Every module that a file imports anywhere, in functions and under TYPE_CHECKING too, as absolute names."""
-    tree = ast.parse(file.read_text(encoding="utf-8"))
+    tree = parsed(file)
     here = module_name(file).split(".")
     package = here if file.name == "__init__.py" else here[:-1]
     found = []
@@ -130,7 +143,7 @@ def imports(file: Path) -> list[str]:
 
 def locations(file: Path) -> list[str]:
     """The strings "package.module:attribute" of a file: imports that the registry does later."""
-    tree = ast.parse(file.read_text(encoding="utf-8"))
+    tree = parsed(file)
     strings = (n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str))
     return [text.split(":")[0] for text in strings if re.fullmatch(r"lcpimpact(\.\w+)+:\w+", text)]
 
@@ -187,7 +200,7 @@ def test_no_module_imports_itself_in_a_circle():
     graph: dict[str, set[str]] = {}
     known = {module_name(file) for file in FILES}
     for file in FILES:
-        tree = ast.parse(file.read_text(encoding="utf-8"))
+        tree = parsed(file)
         guarded = [n for n in tree.body if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"]
         for_types = {id(node) for branch in guarded for node in ast.walk(branch)}
         names: set[str] = set()
@@ -225,7 +238,7 @@ def test_what_a_file_must_not_contain(file):
     text = file.read_text(encoding="utf-8")
     assert file.stem not in ("utils", "util", "helpers", "misc", "common")
     assert not re.search(r"\b(TODO|FIXME|XXX)\b", text)
-    tree = ast.parse(text)
+    tree = parsed(file)
     assert ast.get_docstring(tree), "every module says what it is"
     for node in ast.walk(tree):
         if isinstance(node, ast.Call):

@@ -47,7 +47,8 @@ def judge_theta_steps(
     steps, identity = len(record.t) - 1, θ == 0.5 and bool((node_kinds(d) >= 0).all()) and not d.springs
     ε = limits.precision + 8.0 * steps * np.finfo(float).eps
     momenta = scales.momenta(d) + h * scales.forces(d)
-    found["energy_balance"] = (balance, ε * (scale + float(scales.v @ momenta)) if identity else np.inf)
+    if identity:
+        found["energy_balance"] = balance, ε * (scale + float(scales.v @ momenta))
     return found, scales, (balance, scale)
 
 
@@ -145,7 +146,9 @@ def _judge_contacts(
     for path in d.impulse_lines > 0.0:
         gap_change[path] = gap_change[path].sum()
         slow[path] = np.maximum(slow[path], slow[path].sum())
-    by_rounding = ε * (violations.r * scales.u + h * bounds * scales.U) + 2.0 * bounds * _slip_tolerance(d, record)
+    # A gap that is held closed is a sum of places that need not be small themselves.
+    near = ε * scales.u + 64.0 * np.finfo(float).eps * scales.q.max(initial=0.0)
+    by_rounding = violations.r * near + ε * h * bounds * scales.U + 2.0 * bounds * _slip_tolerance(d, record)
     products = np.where(at_velocity_level, (h * (violations.r + bounds) + largest) * slow, by_rounding)
     switches = _missing_switches(d, record, θ)
     # Forces that balance at rest leave their rounding in u.
@@ -153,7 +156,7 @@ def _judge_contacts(
     products = np.where(d.relays, (d.r_max - d.r_min) * reach, products)
     return {
         "complementarity": largest_violation(np.maximum(violations.product, switches), products),
-        "penetration": largest_violation(violations.penetration, np.where(strict, 0.0, gap_change) + ε * scales.u),
+        "penetration": largest_violation(violations.penetration, np.where(strict, 0.0, gap_change) + near),
         "tension": largest_violation(
             violations.tension, ε * (violations.r + bounds * d.frictional + largest / max(h, 1e-300))
         ),

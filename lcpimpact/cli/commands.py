@@ -23,6 +23,7 @@ from lcpimpact.cli.design import design, fit
 from lcpimpact.cli.dynamics import basins, bifurcation, orbit, poincare
 from lcpimpact.cli.lcp import solve
 from lcpimpact.cli.runs import animate, draw, export, simulate
+from lcpimpact.cli.sweep import sweep
 from lcpimpact.integrators import METHODS
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems import PROBLEMS, load_problem
@@ -67,8 +68,10 @@ def reproduce(
     exit code is 0 only if every stated tolerance holds.
     """
     from lcpimpact.compiled import compile_ahead
+    from lcpimpact.files import make_folder
     from lcpimpact.reproduce import COMPILED_PARTS
 
+    make_folder(out)
     compile_ahead(*COMPILED_PARTS)
     from lcpimpact.reproduce.run import reproduce as run
 
@@ -93,6 +96,7 @@ for command in (
     solve,
     converge,
     work_precision,
+    sweep,
     poincare,
     bifurcation,
     basins,

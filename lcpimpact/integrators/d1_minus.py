@@ -22,8 +22,16 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.linear_step import REST_GAP_FACTOR, Law, LinearStep, Step, Symbols, solve
-from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.integrators.stepping.elimination import solve
+from lcpimpact.integrators.stepping.linear_step import (
+    AT_VELOCITY_LEVEL,
+    REST_GAP_FACTOR,
+    Law,
+    LinearStep,
+    Step,
+    Symbols,
+)
+from lcpimpact.scheme.dynamics import Dynamics
 
 
 @dataclass(frozen=True)
@@ -48,14 +56,7 @@ class D1Minus(LinearStep):
         order_penetration=1,
         level="velocity",
         relative_degrees=(2,),
-        handles=(
-            Feature.SLIDERS,
-            Feature.POWER_LAWS,
-            Feature.RESTITUTION,
-            Feature.FRICTION,
-            Feature.STATIC_FRICTION,
-            Feature.JOINTS,
-        ),
+        handles=AT_VELOCITY_LEVEL,
         reaction_time="at t + h/2, one for each step",
         energy="without dashpots bounded error in smooth motion for h < 2/ω; impacts never gain",
         slack=3.0,

@@ -48,7 +48,7 @@ from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.hybrid.burst import SHORT_FLIGHT_RTOL, ImpactHistory, follow_burst, passed
 from lcpimpact.hybrid.event_loop import Ending, EventLoop, follow, refuse_undetermined
-from lcpimpact.hybrid.gaps import gaps, settled, still
+from lcpimpact.hybrid.gaps import gaps, project, settled, still
 from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.mode_choice import choose_mode
 from lcpimpact.hybrid.system import Mode, Still, System, refuse_mixed_degrees
@@ -378,7 +378,21 @@ class SolverMotion(EventLoop):
         """Begin the next segment."""
         turn = ending.row - (len(self.segment.rows) - len(self.segment.phases))
         turned = self.segment.phases[turn] if ending.row >= 0 and turn >= 0 else None
-        return self.begin_segment(ending.t, ending.X, turned, ending.breakpoint)
+        return self.begin_segment(ending.t, self._with_ended_slip(ending), turned, ending.breakpoint)
+
+    def _with_ended_slip(self, ending: Ending) -> Array:
+        """Return the state of an ending, projected to U = 0 if it is that of a slip between masses.
+
+        An event is located to the tolerance of the solver, and static friction holds where the slip is zero.
+        """
+        system, mode = self.system, self.segment.mode
+        contacts = system.watch(mode).contacts
+        if not 0 <= ending.row < len(contacts):
+            return ending.X
+        i = int(contacts[ending.row])
+        if i not in dict(mode.slips) or not system.dynamics.rubs[i] or system.degree[i] < 2:
+            return ending.X
+        return project(system, system.fine.CA[[i]], DoubleDouble.of(ending.X), self.scale).hi
 
     def begin_segment(
         self,

@@ -28,7 +28,8 @@ from typing import ClassVar
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, pushed, smooth_force, solve
+from lcpimpact.integrators.stepping.elimination import solve
+from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, pushed, smooth_force
 from lcpimpact.numbers import is_real
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 
@@ -96,17 +97,17 @@ class GeneralizedAlpha(LinearStep):
         # a⁺ = c d⁺ + a_0, of which d⁺ is still unknown.
         c, a_0 = (1.0 - α_f) / (1.0 - α_m), (α_f * y.memory["d"] - α_m * y.memory["a"]) / (1.0 - α_m)
         v_0 = y.v + h * ((1.0 - γ) * y.memory["a"] + γ * a_0)
-        q_0 = y.q + h * y.v + h**2 * ((0.5 - β) * y.memory["a"] + β * a_0)
+        q_0 = y.q + h * y.v + (h * h) * ((0.5 - β) * y.memory["a"] + β * a_0)
         A = d.M + c * γ * h * d.C
-        S = A + c * β * h**2 * d.K
+        S = A + c * β * (h * h) * d.K
         free = solve(S, y.force(1.0, q_0, v_0))
         D, w = solve(A, y.push(y.P[0])), solve(d.M, y.push(y.P[1]))
         a = solve(S, y.force(1.0, q_0 + D, v_0))
-        q = q_0 + D + c * β * h**2 * a
+        q = q_0 + D + c * β * (h * h) * a
         # The changes by w and the springs; K q would be lost in rounding for h far above 2/ω.
         a = a + solve(A, y.force(1.0, q, v_0 + w, law=1) - y.force(1.0, q, v_0))
         v = v_0 + w + c * γ * h * a
-        place = Law(L=y.gap(q), touching=None, springs_at=(q_0 + c * β * h**2 * free, v_0 + c * γ * h * free))
+        place = Law(L=y.gap(q), touching=None, springs_at=(q_0 + c * β * (h * h) * free, v_0 + c * γ * h * free))
         velocity = Law(
             L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
             touching=pushed(place.L, y.P[0]),

@@ -45,7 +45,7 @@ Newton's method around the LCP; see `lcpimpact.integrators.stepping.newton`, and
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.optimize import linprog
@@ -53,8 +53,10 @@ from scipy.optimize import linprog
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared
+from lcpimpact.integrators.stepping.elimination import product, solve
 from lcpimpact.integrators.stepping.impulse_paths import impulse_paths
-from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated, solve
+from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated
+from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, SparseSymbols
 from lcpimpact.integrators.stepping.static_balance import static_coordinates
 from lcpimpact.lcp.friction import FORMULATIONS
 from lcpimpact.lcp.operators import Dense
@@ -62,6 +64,7 @@ from lcpimpact.numbers import is_real
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.signals import PiecewisePolynomial
+from lcpimpact.scheme.sparse import SparseDynamics
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,8 @@ class MoreauJean(LinearStep):
     -----
     Velocities of massless nodes are means of the step. The reaction is the mean force of the step, which refers to t + θ h.
     A contact of relative degree 2 closes by an impact, whose impulse is in the event and not among the reactions.
+    A `lcpimpact.SparseScheme`, of up to millions of nodes with masses, springs, dashpots and bumpers, takes this step with
+    sparse matrices; see docs/many-contacts.md.
     """
 
     theta: float = 0.5
@@ -163,19 +168,43 @@ class MoreauJean(LinearStep):
             )
         return super().prepare(d, h, lcp_solver)
 
-    def matrix(self, d: Dynamics, h: float) -> Array:
-        """Return A = M/(θ h) + C + θ h K."""
-        return np.asarray(d.M / (self.theta * h) + d.C + self.theta * h * d.K)
+    def matrix(self, d: Dynamics | SparseDynamics, h: float) -> Array:
+        """Return A = M/(θ h) + C + θ h K, of a sparse system in sparse form."""
+        A: Array = d.M / (self.theta * h) + d.C + self.theta * h * d.K
+        return A
+
+    def momentum(self, y: Symbols, d: Dynamics | SparseDynamics, h: float) -> Array:
+        """Return f_θ - K q + M v/(θ h) + Hᵀ r."""
+        θ, at_rest = self.theta, 0.0 * y.v
+        F = (1.0 - θ) * y.force(0.0, y.q, at_rest) + θ * y.force(1.0, y.q, at_rest)
+        return F + y.momentum(y.v) / (θ * h) + y.push(y.P[0] / h)
+
+    def end(self, y: Symbols, w: Array, h: float) -> tuple[Array, Array]:
+        """Return q⁺ and, of nodes with mass, v⁺."""
+        return y.q + h * w, y.v + (w - y.v) / self.theta
+
+    def law_of_impact(self, y: Symbols, w: Array, e: Array) -> Array:
+        """Return θ (U⁺ + e U)."""
+        return y.gap_rate(w) + (self.theta * e[:, None] - (1.0 - self.theta)) * y.gap_rate(y.v)
+
+    def predicted_gap(self, y: Symbols, h: float) -> Array:
+        """Return u + h U/2, at which contacts of relative degree 2 are active where it is not positive."""
+        return y.gap(y.q + 0.5 * h * y.v)
+
+    def sparse_step(self, d: SparseDynamics, h: float) -> SparseStep:
+        """Return the step of a system with masses at all nodes and bumpers alone, in sparse matrices."""
+        y: Any = SparseSymbols(d)
+        w = y.solve(self.matrix(d, h), self.momentum(y, d, h))
+        q, v = self.end(y, w, h)
+        return SparseStep(y, q, v, self.law_of_impact(y, w, d.restitution), self.predicted_gap(y, h))
 
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
-        θ, r, driven, A = self.theta, y.P[0] / h, d.driven, self.matrix(d, h)
-        at_rest = 0.0 * y.v
-        F = (1.0 - θ) * y.force(0.0, y.q, at_rest) + θ * y.force(1.0, y.q, at_rest)
-        momentum = F + d.M @ y.v / (θ * h) + y.push(r)
+        θ, r, driven, A, momentum = self.theta, y.P[0] / h, d.driven, self.matrix(d, h), self.momentum(y, d, h)
         A[driven], momentum[driven] = np.eye(len(A))[driven], y.prescribed.mean_rate[driven]
-        w = solve(A, momentum)
-        q, v = y.q + h * w, np.where(d.massive[:, None], y.v + (w - y.v) / θ, w)
+        w, at_rest = solve(A, momentum), 0.0 * y.v
+        q, v = self.end(y, w, h)
+        v = np.where(d.massive[:, None], v, w)
         q[driven], v[driven] = y.prescribed.place[driven], y.prescribed.rate[driven]
 
         equations = d.joints & (not d.stores_energy)
@@ -184,17 +213,16 @@ class MoreauJean(LinearStep):
         # u is that at the end of the step, or at t_θ if it depends on r, a mean of the step; a slider has none.
         middle = np.where(d.relays, np.diag(d.D @ d.elimination) > 0.0, d.D.any(axis=1))
         at = np.where(middle, θ * h, h)[:, None]
-        position = y.gap_rate(w) + np.where(slides, 0.0, (y.gap(y.q) + d.D @ r) / at)
+        position = y.gap_rate(w) + np.where(slides, 0.0, (y.gap(y.q) + product(d.D, r)) / at)
         if (late := d.relays & (d.relative_degree > 1)).any():
             position[late] = (y.gap(self._backward_euler(y, d, h)) / h)[late]
         if (second := equations & (d.relative_degree == 2)).any():
             rate = y.force(1.0, q, at_rest)
             rate[driven] = y.prescribed.rate[driven]
             position[second] = y.gap_rate(rate)[second]
-        velocity = y.gap_rate(w) + (θ * d.restitution[:, None] - (1.0 - θ)) * y.gap_rate(y.v)
         law = Law(
-            L=np.where(impacts, velocity, position),
-            touching=np.where(impacts, y.gap(y.q + 0.5 * h * y.v), -y.one),
+            L=np.where(impacts, self.law_of_impact(y, w, d.restitution), position),
+            touching=np.where(impacts, self.predicted_gap(y, h), -y.one),
             springs_at=(y.q + θ * h * w, w),
         )
         paths, static = impulse_paths(d, θ, h), static_coordinates(d)
@@ -203,7 +231,7 @@ class MoreauJean(LinearStep):
     def _backward_euler(self, y: Symbols, d: Dynamics, h: float) -> Array:
         """Return the state of a system at the end of a step of the backward Euler method, with the same multipliers."""
         at_rest, A = 0.0 * y.v, d.C + h * d.K
-        right = d.C @ y.q + h * (y.force(1.0, at_rest, at_rest) + y.push(y.P[0] / h))
+        right = product(d.C, y.q) + h * (y.force(1.0, at_rest, at_rest) + y.push(y.P[0] / h))
         A[d.driven], right[d.driven] = np.eye(len(A))[d.driven], y.prescribed.place[d.driven]
         return solve(A, right)
 

@@ -17,8 +17,16 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.linear_step import REST_GAP_FACTOR, Law, LinearStep, Step, Symbols, solve
-from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.integrators.stepping.elimination import solve
+from lcpimpact.integrators.stepping.linear_step import (
+    AT_VELOCITY_LEVEL,
+    REST_GAP_FACTOR,
+    Law,
+    LinearStep,
+    Step,
+    Symbols,
+)
+from lcpimpact.scheme.dynamics import Dynamics
 
 
 @dataclass(frozen=True)
@@ -42,14 +50,7 @@ class MoreauMidpoint(LinearStep):
         order_penetration=1,
         level="velocity",
         relative_degrees=(2,),
-        handles=(
-            Feature.SLIDERS,
-            Feature.POWER_LAWS,
-            Feature.RESTITUTION,
-            Feature.FRICTION,
-            Feature.STATIC_FRICTION,
-            Feature.JOINTS,
-        ),
+        handles=AT_VELOCITY_LEVEL,
         reaction_time="at t + h/2, one for each step",
         energy="bounded error in smooth motion for h < 2/ω",
         dissipates=True,
@@ -61,11 +62,11 @@ class MoreauMidpoint(LinearStep):
         """Write the step."""
         q_M = y.q + 0.5 * h * y.v
         # F contains C (v + v⁺)/2, of which C v⁺/2 is on the left-hand side.
-        kick = d.M @ y.v + h * y.force(0.5, q_M, 0.5 * y.v) + y.push(y.P[0])
+        kick = y.momentum(y.v) + h * y.force(0.5, q_M, 0.5 * y.v) + y.push(y.P[0])
         v = solve(d.M + 0.5 * h * d.C, kick)
         impact = Law(
             L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
-            touching=y.gap(q_M + REST_GAP_FACTOR * h**2 * solve(d.M, y.force(0.5, q_M, y.v))),
+            touching=y.gap(q_M + REST_GAP_FACTOR * (h * h) * solve(d.M, y.force(0.5, q_M, y.v))),
             springs_at=(q_M, 0.5 * (y.v + v)),
         )
         return Step(q=q_M + 0.5 * h * v, v=v, impulse=y.P[0], laws=(impact,))

@@ -20,9 +20,17 @@ from typing import ClassVar
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, smooth_force, solve
+from lcpimpact.integrators.stepping.elimination import solve
+from lcpimpact.integrators.stepping.linear_step import (
+    AT_VELOCITY_LEVEL,
+    Law,
+    LinearStep,
+    Step,
+    Symbols,
+    smooth_force,
+)
 from lcpimpact.numbers import is_real
-from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.scheme.dynamics import Dynamics
 
 
 @dataclass(frozen=True)
@@ -66,14 +74,7 @@ class NewmarkNS(LinearStep):
         order_penetration=1,
         level="velocity",
         relative_degrees=(2,),
-        handles=(
-            Feature.SLIDERS,
-            Feature.POWER_LAWS,
-            Feature.RESTITUTION,
-            Feature.FRICTION,
-            Feature.STATIC_FRICTION,
-            Feature.JOINTS,
-        ),
+        handles=AT_VELOCITY_LEVEL,
         reaction_time="at t + h/2, one for each step",
         energy="α = 0 keeps it in smooth motion, α < 0 damps; impacts of approaching bodies never gain",
         dissipates=True,
@@ -111,15 +112,15 @@ class NewmarkNS(LinearStep):
                 f"gamma = {γ:g}: take alpha=0.0 with 2 beta = gamma, or method='generalized-alpha'"
             )
         w = solve(d.M, y.push(y.P[0]))
-        q_0 = y.q + h * y.v + (0.5 - β) * h**2 * a + 0.5 * h * w
+        q_0 = y.q + h * y.v + (0.5 - β) * (h * h) * a + 0.5 * h * w
         v_0 = y.v + (1.0 - γ) * h * a + w
         # The part of F in a⁺ is on the left-hand side.
-        S = d.M + (1.0 + α) * (γ * h * d.C + β * h**2 * d.K)
+        S = d.M + (1.0 + α) * (γ * h * d.C + β * (h * h) * d.K)
         a = solve(S, (1.0 + α) * y.force(1.0, q_0, v_0) - α * y.memory["F"])
-        q, v = q_0 + β * h**2 * a, v_0 + γ * h * a
+        q, v = q_0 + β * (h * h) * a, v_0 + γ * h * a
         impact = Law(
             L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
-            touching=y.gap(y.q + 0.5 * h * y.v + 0.125 * h**2 * y.memory["a"]),
+            touching=y.gap(y.q + 0.5 * h * y.v + 0.125 * (h * h) * y.memory["a"]),
             springs_at=(q, v),
         )
         return Step(q=q, v=v, impulse=y.P[0], laws=(impact,), memory={"a": a, "F": y.force(1.0, q, v)})

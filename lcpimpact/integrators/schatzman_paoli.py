@@ -19,7 +19,8 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, first_acceleration, pushed, solve
+from lcpimpact.integrators.stepping.elimination import solve
+from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, first_acceleration, pushed
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 
@@ -64,7 +65,7 @@ class SchatzmanPaoli(LinearStep):
 
     def remember(self, d: Dynamics, q: Array, v: Array, h: float) -> dict[str, Array]:
         """Return the position one step before the start."""
-        return {"q_before": q - h * v + 0.5 * h**2 * first_acceleration(d, q, v, h)}
+        return {"q_before": q - h * v + 0.5 * (h * h) * first_acceleration(d, q, v, h)}
 
     @property
     def reaction_at(self) -> float:
@@ -76,7 +77,7 @@ class SchatzmanPaoli(LinearStep):
         q_before, (P, p) = y.memory["q_before"], y.P
         slides = d.slides[:, None]
         # F contains C (q⁺ - q₋)/2h, of which C q⁺/2h is on the left-hand side.
-        drive = d.M @ (2.0 * y.q - q_before) + h**2 * y.force(0.0, y.q, -q_before / (2.0 * h)) + h * y.push(P)
+        drive = y.momentum(2.0 * y.q - q_before) + (h * h) * y.force(0.0, y.q, -q_before / (2.0 * h)) + h * y.push(P)
         q = solve(d.M + 0.5 * h * d.C, drive)
         V = (q - y.q) / h
         half_kick = 0.5 * h * y.force(1.0, q, V, law=1) + y.push(0.5 * np.where(slides, P, 0.0) + p)

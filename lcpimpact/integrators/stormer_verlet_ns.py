@@ -18,8 +18,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, solve
-from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.integrators.stepping.elimination import solve
+from lcpimpact.integrators.stepping.linear_step import AT_VELOCITY_LEVEL, Law, LinearStep, Step, Symbols
+from lcpimpact.scheme.dynamics import Dynamics
 
 
 @dataclass(frozen=True)
@@ -44,14 +45,7 @@ class StormerVerletNS(LinearStep):
         order_penetration=1,
         level="velocity",
         relative_degrees=(2,),
-        handles=(
-            Feature.SLIDERS,
-            Feature.POWER_LAWS,
-            Feature.RESTITUTION,
-            Feature.FRICTION,
-            Feature.STATIC_FRICTION,
-            Feature.JOINTS,
-        ),
+        handles=AT_VELOCITY_LEVEL,
         reaction_time="at t + h/2, one for each step",
         energy="bounded error in smooth motion for h < 2/ω; impacts of approaching bodies never gain",
         dissipates=True,
@@ -63,7 +57,7 @@ class StormerVerletNS(LinearStep):
         """Write the step."""
         # F contains C v½, which is on the left-hand side.
         A, P = d.M + 0.5 * h * d.C, y.P[1]
-        v_free = solve(A, d.M @ y.v + 0.5 * h * y.force(0.0, y.q, 0.0 * y.v))
+        v_free = solve(A, y.momentum(y.v) + 0.5 * h * y.force(0.0, y.q, 0.0 * y.v))
         v_half = v_free + solve(A, 0.5 * y.push(P))
         q = y.q + h * v_half
         v = v_half + solve(d.M, 0.5 * h * y.force(1.0, q, v_half, law=1) + 0.5 * y.push(P))

@@ -177,6 +177,46 @@ def clear_residual(M: Array, q: Array, lower: Array, upper: Array, z: Array, tol
     return residual
 
 
+@compiled(f8(matrix, vector, vector), allocates=False)
+def clear_residual_of_chain(bands: Array, q: Array, z: Array) -> float:
+    """Return 0 if each row of a tridiagonal LCP without bounds holds to the rounding error of its terms, else infinity.
+
+    Then `measure` returns 0 too, and `holds` accepts it: the check is conclusive, as q or the z of a row determined before
+    determine each z_i > 0 far beyond rounding, from the first row to the last or from the last to the first. Rows with
+    q_i = inf do not act.
+    """
+    n, rounding, left, known = len(q), 5.0 * EPS, 0, True
+    for i in range(n):
+        below = bands[1, i - 1] * z[i - 1] if i > 0 else 0.0
+        above = bands[1, i] * z[i + 1] if i < n - 1 else 0.0
+        own, q_i = bands[0, i] * z[i], q[i]
+        terms = abs(q_i) + abs(below) + abs(own) + abs(above)
+        w = q_i + below + own + above
+        if z[i] == 0.0:
+            if not (w >= -rounding * terms and terms >= 0.0):
+                return np.inf
+            known = True
+        else:
+            if not (z[i] > 0.0 and abs(w) <= rounding * terms and terms < np.inf):
+                return np.inf
+            known = rounding * terms <= PROOF_RTOL * (abs(q_i) + (abs(below) if known else 0.0))
+            left += not known
+    if left > 0:
+        known = True
+        for k in range(n):
+            i = n - 1 - k
+            if z[i] == 0.0:
+                known = True
+                continue
+            below = bands[1, i - 1] * z[i - 1] if i > 0 else 0.0
+            above = bands[1, i] * z[i + 1] if i < n - 1 else 0.0
+            terms = abs(q[i]) + abs(below) + abs(bands[0, i] * z[i]) + abs(above)
+            known = rounding * terms <= PROOF_RTOL * (abs(q[i]) + (abs(above) if known else 0.0))
+            if not known:
+                return np.inf
+    return 0.0
+
+
 @compiled(types.boolean(f8, f8, f8))
 def holds(scaled: float, rounding: float, tol: float) -> bool:
     """Return whether a solution is accepted: its rows are within ``tol``, and the check is conclusive."""

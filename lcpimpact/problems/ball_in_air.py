@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from lcpimpact.arrays import Array
+from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, restitution
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.reading import instant, limit
@@ -86,24 +87,31 @@ def ball_in_air(m: float = 1.0, g: float = 9.81, c: float = 0.3, H: float = 2.0,
     restitution(name, e)
     weight = Load("x", m * g, symbols=("mg",))
     drag = Load("x", QuadraticDrag(c), symbols=("c v^2",))
-    v_t = math.sqrt(m * g / c)
-    found = list(islice(impacts(g, v_t, H, e), LAST))
-    named = [("first", 1), ("second", 2), ("third", 3)][: len(found)]
+    v_t = sqrt(m * g / c)
+    return Problem(
+        name,
+        Scheme(Mass("x", m), weight, drag, Bumper("x", GROUND, gap=H, e=e)),
+        t_end=partial(_end, g, v_t, H, e),
+        parameters={"m": m, "g": g, "c": c, "H": H, "e": e},
+        source="Timmerman and van der Weele (1999)",
+        facts=partial(_facts, g, v_t, H, e),
+        motion=partial(_motion, g=g, v_t=v_t, H=H, e=e),
+    )
+
+
+def _end(g: float, v_t: float, H: float, e: float) -> float:
+    return 1.1 * list(islice(impacts(g, v_t, H, e), LAST))[-1][0]
+
+
+def _facts(g: float, v_t: float, H: float, e: float) -> tuple[Fact, ...]:
     facts: list[Fact] = []
-    for (which, number), (t, v) in zip(named, found, strict=True):
+    named = [("first", 1), ("second", 2), ("third", 3)]
+    for (which, number), (t, v) in zip(named, impacts(g, v_t, H, e), strict=False):
         facts.append(Fact(f"t_{number}", f"{which} impact", t, "s", partial(instant, kind="impact", number=number)))
         if number < LAST:
             speed = partial(limit, kind="impact", number=number, of="v", i=0, side="left")
             facts.append(Fact(f"v_{number}", "its approach speed", v, "m/s", speed))
-    return Problem(
-        name,
-        Scheme(Mass("x", m), weight, drag, Bumper("x", GROUND, gap=H, e=e)),
-        t_end=1.1 * found[-1][0],
-        parameters={"m": m, "g": g, "c": c, "H": H, "e": e},
-        source="Timmerman and van der Weele (1999)",
-        facts=tuple(facts),
-        motion=partial(_motion, g=g, v_t=v_t, H=H, e=e),
-    )
+    return tuple(facts)
 
 
 def impacts(g: float, v_t: float, H: float, e: float) -> Iterator[tuple[float, float]]:

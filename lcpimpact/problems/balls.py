@@ -14,15 +14,17 @@ import numpy as np
 from scipy.optimize import brentq
 
 from lcpimpact.errors import InputError
+from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, restitution, whole
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.reading import at, final, instant, limit
-from lcpimpact.scheme.elements.base import GROUND
+from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.elements.mass import Mass
 from lcpimpact.scheme.elements.spring import Spring
 from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.sparse import SparseScheme
 
 MOREAU = "Moreau, Unilateral contact and dry friction in finite freedom dynamics (1988)"
 
@@ -74,16 +76,7 @@ def three_balls(m: float = 1.0, v0: float = 1.0, e: float = 1.0, d: float = 0.5,
     """
     name = "three-balls"
     _check_row(name, v0, e, d, delta)
-    hit = d / v0
-    second = hit + 2.0 * delta / ((1.0 + e) * v0)
-    touch = Fact("t_1", "first impact", hit, "s", partial(instant, kind="impact"))
-    if delta == 0.0:
-        v = ((1.0 - 2.0 * e) / 3.0, (1.0 + e) / 3.0, (1.0 + e) / 3.0)
-        facts: tuple[Fact, ...] = (touch, *_velocities(v, v0, 1))
-    else:
-        v = ((1.0 - e) / 2.0, (1.0 - e**2) / 4.0, (1.0 + e) ** 2 / 4.0) if e > 0.0 else (1.0 / 3.0,) * 3
-        next_touch = Fact("t_2", "second impact", second, "s", partial(instant, kind="impact", contact="R2"))
-        facts = (touch, next_touch, *_velocities(v, v0, "R2"))
+    second = d / v0 + 2.0 * delta / ((1.0 + e) * v0)
     return Problem(
         name,
         row_of_balls(3, m, e, d, delta),
@@ -91,8 +84,18 @@ def three_balls(m: float = 1.0, v0: float = 1.0, e: float = 1.0, d: float = 0.5,
         t_end=2.0 * second,
         parameters={"m": m, "v0": v0, "e": e, "d": d, "delta": delta},
         source=MOREAU,
-        facts=facts,
+        facts=partial(_three_balls_facts, v0, e, d / v0, second, delta),
     )
+
+
+def _three_balls_facts(v0: float, e: float, hit: float, second: float, delta: float) -> tuple[Fact, ...]:
+    touch = Fact("t_1", "first impact", hit, "s", partial(instant, kind="impact"))
+    if delta == 0.0:
+        v = ((1.0 - 2.0 * e) / 3.0, (1.0 + e) / 3.0, (1.0 + e) / 3.0)
+        return (touch, *_velocities(v, v0, 1))
+    v = ((1.0 - e) / 2.0, (1.0 - e**2) / 4.0, (1.0 + e) ** 2 / 4.0) if e > 0.0 else (1.0 / 3.0,) * 3
+    next_touch = Fact("t_2", "second impact", second, "s", partial(instant, kind="impact", contact="R2"))
+    return (touch, next_touch, *_velocities(v, v0, "R2"))
 
 
 def newtons_cradle(
@@ -147,18 +150,41 @@ def newtons_cradle(
     name = "newtons-cradle"
     N = whole(name, "N", N, least=2)
     _check_row(name, v0, e, d, delta)
-    last = N - 1
+    return Problem(
+        name,
+        row_of_balls(N, m, e, d, delta),
+        v0={"x1": v0},
+        t_end=partial(_newtons_cradle_end, N, v0, e, d, delta),
+        parameters={"N": N, "m": m, "v0": v0, "e": e, "d": d, "delta": delta},
+        source="Herrmann and Schmälzle, Simple explanation of a well-known collision experiment (1981)",
+        facts=partial(_newtons_cradle_facts, N, v0, e, d, delta),
+    )
+
+
+def _passed_on(N: int, e: float) -> list[float]:
+    """Return the speeds of the balls over v0 when they are struck; what does not rebound shares its momentum."""
     fraction = (1.0 + e) / 2.0
-    # What does not rebound stays together, and shares its momentum.
-    passed_on = [fraction**j if e > 0.0 else 1.0 / (j + 1.0) for j in range(N)]
-    t_N = d / v0 + sum(delta / (v0 * passed_on[j]) for j in range(1, last))
+    return [fraction**j if e > 0.0 else 1.0 / (j + 1.0) for j in range(N)]
+
+
+def _last_struck(N: int, v0: float, e: float, d: float, delta: float) -> float:
+    """Return t_N."""
+    return d / v0 + sum(delta / (v0 * fraction) for fraction in _passed_on(N, e)[1 : N - 1])
+
+
+def _newtons_cradle_end(N: int, v0: float, e: float, d: float, delta: float) -> float:
+    return 2.0 * _last_struck(N, v0, e, d, delta)
+
+
+def _newtons_cradle_facts(N: int, v0: float, e: float, d: float, delta: float) -> tuple[Fact, ...]:
+    t_N, last = _last_struck(N, v0, e, d, delta), N - 1
     momentum = Fact("Σv/v0", "momentum", 1.0, "", partial(_total_velocity, unit=v0))
     arrival = Fact("t_N", "last ball struck", t_N, "s", partial(instant, kind="impact", contact=f"R{last}"))
     if delta > 0.0:
-        v_N, v_1 = passed_on[last], (1.0 - e) / 2.0
+        v_N, v_1 = _passed_on(N, e)[last], (1.0 - e) / 2.0
     else:
         v_N, v_1 = (1.0 + e) / N, (1.0 + e) / N - e
-    facts = (
+    return (
         momentum,
         arrival,
         Fact("v_N/v0", "speed of the last ball", v_N, "", partial(final, series=f"v_x{N}", unit=v0)),
@@ -167,15 +193,6 @@ def newtons_cradle(
             partial(limit, kind="impact", contact="R1", of="v", i=0, side="right", unit=v0), scale=1.0,
         ),
     )  # fmt: skip
-    return Problem(
-        name,
-        row_of_balls(N, m, e, d, delta),
-        v0={"x1": v0},
-        t_end=2.0 * t_N,
-        parameters={"N": N, "m": m, "v0": v0, "e": e, "d": d, "delta": delta},
-        source="Herrmann and Schmälzle, Simple explanation of a well-known collision experiment (1981)",
-        facts=facts,
-    )
 
 
 def _total_velocity(run: Any, unit: float) -> float:
@@ -273,20 +290,33 @@ def two_ball_drop(
         Load("x1", m1 * g, symbols=("m_1 g",)),
         Bumper("x1", GROUND, gap=H, e=e, name="R1", symbols=("R_1",)),
     )
-    t_1, v = math.sqrt(2.0 * H / g), math.sqrt(2.0 * g * H)
+    t_1, v = sqrt(2.0 * H / g), sqrt(2.0 * g * H)
     τ = delta / ((1.0 + e) * v)
     if delta > 0.0 and not τ < 2.0 * e * v / g:
         raise InputError(
             f"{name}: with delta = {delta:g} and e = {e:g} the lower ball lands again before the upper meets it; "
             "take a smaller delta or a larger e"
         )
+    return Problem(
+        name,
+        scheme,
+        t_end=2.0 * t_1,
+        parameters={"m1": m1, "m2": m2, "g": g, "H": H, "e": e, "delta": delta},
+        source="Mellen, Superball rebound projectiles (1968)",
+        facts=partial(_two_ball_drop_facts, m1, m2, g, e, delta, t_1, v, τ),
+    )
+
+
+def _two_ball_drop_facts(
+    m1: float, m2: float, g: float, e: float, delta: float, t_1: float, v: float, τ: float
+) -> tuple[Fact, ...]:
     if delta > 0.0:
         v_1 = g * τ + v * (m2 * (1.0 + e) ** 2 / (m1 + m2) - e)
         v_2 = g * τ + v * (m2 - m1 * (2.0 * e + e**2)) / (m1 + m2)
     else:
         v_1 = v_2 = -e * v
     meeting = "R2" if delta > 0.0 else "R1"
-    facts = (
+    return (
         Fact("t_1", "impact on the ground", t_1, "s", partial(instant, kind="impact", contact="R1")),
         Fact("v", "its speed", v, "m/s", partial(limit, kind="impact", contact="R1", of="v", i=1, side="left")),
         Fact("t_2", "impact of the balls", t_1 + τ, "s", partial(instant, kind="impact", contact=meeting)),
@@ -306,14 +336,6 @@ def two_ball_drop(
             partial(limit, kind="impact", contact=meeting, of="v", i=0, side="right"),
             scale=v,
         ),
-    )
-    return Problem(
-        name,
-        scheme,
-        t_end=2.0 * t_1,
-        parameters={"m1": m1, "m2": m2, "g": g, "H": H, "e": e, "delta": delta},
-        source="Mellen, Superball rebound projectiles (1968)",
-        facts=facts,
     )
 
 
@@ -370,12 +392,33 @@ def two_balls_spring(
         Mass("x2", m), Load("x2", m * g, symbols=("mg",)), Spring("x2", "x1", k),
         Mass("x1", m), Load("x1", m * g, symbols=("mg",)), Bumper("x1", GROUND, gap=H, e=e),
     )  # fmt: skip
+    parameters = {"m": m, "k": k, "e": e, "g": g, "x1": x1, "R": R}
+    return Problem(
+        name,
+        scheme,
+        t_end=partial(_two_balls_spring_end, **parameters),
+        parameters=parameters,
+        source="Chen, Acary, Virlez and Brüls, A nonsmooth generalized-α scheme (2013), the linear vertical oscillator",
+        facts=partial(_two_balls_spring_facts, **parameters),
+    )
+
+
+def _two_impacts(m: float, k: float, e: float, g: float, x1: float, R: float) -> tuple[float, float, float]:
+    """Return t_1, the time from then to the second impact, and its approach speed."""
     ω = math.sqrt(2.0 * k / m)
-    t_1 = math.sqrt(2.0 * H / g)
+    t_1 = math.sqrt(2.0 * (x1 - R) / g)
     v = g * t_1
     s_2 = _return(lambda s: 0.5 * ((1.0 - e) * v * s + g * s**2 - (1.0 + e) * v / ω * np.sin(ω * s)), ω)
-    v_2 = 0.5 * (1.0 - e) * v + g * s_2 - 0.5 * (1.0 + e) * v * math.cos(ω * s_2)
-    parameters = {"m": m, "k": k, "e": e, "g": g, "x1": x1, "R": R}
+    return t_1, s_2, 0.5 * (1.0 - e) * v + g * s_2 - 0.5 * (1.0 + e) * v * math.cos(ω * s_2)
+
+
+def _two_balls_spring_end(**parameters: float) -> float:
+    t_1, s_2, _ = _two_impacts(**parameters)
+    return max(1.0, 1.2 * (t_1 + s_2))
+
+
+def _two_balls_spring_facts(**parameters: float) -> tuple[Fact, ...]:
+    t_1, s_2, v_2 = _two_impacts(**parameters)
     facts: tuple[Fact, ...] = (
         Fact("t_1", "first impact", t_1, "s", partial(instant, kind="impact")),
         Fact("t_2", "second impact", t_1 + s_2, "s", partial(instant, kind="impact", number=2)),
@@ -385,7 +428,7 @@ def two_balls_spring(
             v_2,
             "m/s",
             partial(limit, kind="impact", number=2, of="v", i=1, side="left"),
-            scale=v,
+            scale=parameters["g"] * t_1,
         ),
     )
     if list(parameters.values()) == [1.0, 1e4, 0.8, 9.81, 1.0, 0.2]:
@@ -396,14 +439,7 @@ def two_balls_spring(
             Fact("v_1(1)", "its rate, lower ball", 2.3798395214664336, "m/s", partial(at, series="v_x1", t=1.0)),
             Fact("v_2(1)", "its rate, upper ball", 3.1140923936237557, "m/s", partial(at, series="v_x2", t=1.0)),
         )
-    return Problem(
-        name,
-        scheme,
-        t_end=max(1.0, 1.2 * (t_1 + s_2)),
-        parameters=parameters,
-        source="Chen, Acary, Virlez and Brüls, A nonsmooth generalized-α scheme (2013), the linear vertical oscillator",
-        facts=facts,
-    )
+    return facts
 
 
 def _return(height: Callable[[Any], Any], ω: float) -> float:
@@ -413,3 +449,42 @@ def _return(height: Callable[[Any], Any], ω: float) -> float:
     while height(s) < 0.0:
         s += step
     return float(brentq(height, s - step, s, xtol=1e-16, rtol=4.0 * np.finfo(float).eps))
+
+
+def pile(rows: int, gap: float = 0.0, m: float = 1.0, g: float = 9.81) -> Problem:
+    """A pile of equal discs in a triangle, each on two below at 60°; the floor holds the last row, and e = 0.
+
+    At rest each disc adds half its weight to both lines of contacts below it, so that a contact with k discs on its line
+    from it upwards carries k m g/(2 sin 60°). It is no problem of the registry, since only sparse steps take its size.
+
+    Parameters
+    ----------
+    rows : int
+        Number of rows, and of discs in the last row.
+    gap : float
+        Opening of each contact at the start in m.
+    m, g : float
+        Mass of a disc in kg, and gravity in m/s².
+
+    Raises
+    ------
+    InputError
+        If rows is no whole number above zero, or m or g is not above zero.
+
+    Examples
+    --------
+    >>> pile(2).scheme.assemble().reactions
+    ('L0.0', 'R0.0', 'L0.1', 'R0.1', 'L1.0', 'R1.0')
+    """
+    name = "pile"
+    rows = whole(name, "rows", rows)
+    above_zero(name, m=m, g=g)
+    elements: list[Element] = []
+    for r in range(rows):
+        for i in range(rows - r):
+            x, y = f"x{r}.{i}", f"y{r}.{i}"
+            elements += [Mass(x, m), Mass(y, m), Load(y, m * g)]
+            for side, to_right, j in (("L", -0.5, i), ("R", 0.5, i + 1)):
+                below = {f"x{r - 1}.{j}": to_right, f"y{r - 1}.{j}": math.sqrt(0.75)} if r else GROUND
+                elements.append(Bumper({x: to_right, y: math.sqrt(0.75)}, below, gap, 0.0, f"{side}{r}.{i}"))
+    return Problem(name, SparseScheme(*elements), parameters={"rows": rows, "gap": gap, "m": m, "g": g})

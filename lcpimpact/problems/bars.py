@@ -16,6 +16,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, whole
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.reading import at, instant
@@ -87,32 +88,33 @@ def bar_impact(
     name = "bar-impact"
     above_zero(name, gap=gap, v0=v0)
     bar, wall = _falling_bar(name, E, A, rho, L, gap, elements, mu)
-    scheme = Scheme(bar, wall)
-    c = math.sqrt(E / rho)
-    t_c, τ, m = gap / v0, 2.0 * L / c, rho * A * L
-    R, P = rho * c * A * v0, 2.0 * m * v0
-
-    force = partial(_bar_impact_force, R=R, t_c=t_c, τ=τ)
-
-    coarse = 4.0 / bar.elements
-    facts = (
-        Fact("t_c", "contact begins", t_c, "s", partial(instant, kind="close")),
-        Fact("t_o", "contact ends", t_c + τ, "s", partial(instant, kind="open", number=-1), coarse),
-        Fact("∫R dt", "impulse", P, "N s", _impulse, coarse),
-        Fact("v", "mean velocity afterwards", -v0, "m/s", partial(_mean_velocity, m=m), coarse),
-        Fact("ε_R", "error of R, in L1 over ∫R dt", 0.0, "", partial(_force_error, force=force, unit=P), coarse, 1.0),
-    )
+    c = sqrt(E / rho)
+    t_c, τ = gap / v0, 2.0 * L / c
     return Problem(
         name,
-        scheme,
+        Scheme(bar, wall),
         v0=dict.fromkeys(bar.joints, v0),
         t_end=t_c + 1.5 * τ,
         parameters={
             "E": E, "A": A, "rho": rho, "L": L, "gap": gap, "v0": v0, "elements": bar.elements, "mu": mu,
         },
         source="Doyen, Ern and Piperno, Time-integration schemes for the finite element dynamic Signorini problem (2011)",
-        facts=facts,
+        facts=partial(_bar_impact_facts, bar, v0, c, t_c, τ),
     )  # fmt: skip
+
+
+def _bar_impact_facts(bar: Bar, v0: float, c: float, t_c: float, τ: float) -> tuple[Fact, ...]:
+    m = bar.rho * bar.A * bar.L
+    R, P = bar.rho * c * bar.A * v0, 2.0 * m * v0
+    force = partial(_bar_impact_force, R=R, t_c=t_c, τ=τ)
+    coarse = 4.0 / bar.elements
+    return (
+        Fact("t_c", "contact begins", t_c, "s", partial(instant, kind="close")),
+        Fact("t_o", "contact ends", t_c + τ, "s", partial(instant, kind="open", number=-1), coarse),
+        Fact("∫R dt", "impulse", P, "N s", _impulse, coarse),
+        Fact("v", "mean velocity afterwards", -v0, "m/s", partial(_mean_velocity, m=m), coarse),
+        Fact("ε_R", "error of R, in L1 over ∫R dt", 0.0, "", partial(_force_error, force=force, unit=P), coarse, 1.0),
+    )
 
 
 def _bar_impact_force(t: Array, *, R: float, t_c: float, τ: float) -> Array:
@@ -180,16 +182,35 @@ def bouncing_bar(
     name = "bouncing-bar"
     above_zero(name, gap=gap, g=g)
     bar, wall = _falling_bar(name, E, A, rho, L, gap, elements, mu)
-    scheme = Scheme(bar, *bar.weight(g), wall)
-    c = math.sqrt(E / rho)
-    t_1, τ, m = math.sqrt(2.0 * gap / g), 2.0 * L / c, rho * A * L
-    v_1 = g * t_1
-    flight = 2.0 * v_1 / g
-    t_2 = t_1 + τ + flight
-    repeats = abs(flight / τ - round(flight / τ)) < 1e-9
-    P = m * (2.0 * v_1 + g * τ)
-    last = t_2 + τ + 0.25 * t_1 if repeats else t_1 + τ + 0.5 * min(flight, τ)
+    return Problem(
+        name,
+        Scheme(bar, *bar.weight(g), wall),
+        t_end=partial(_bouncing_bar_end, bar, gap, g),
+        parameters={
+            "E": E, "A": A, "rho": rho, "L": L, "gap": gap, "g": g, "elements": bar.elements, "mu": mu,
+        },
+        source="Doyen, Ern and Piperno, Time-integration schemes for the finite element dynamic Signorini problem (2011)",
+        facts=partial(_bouncing_bar_facts, bar, gap, g),
+    )  # fmt: skip
 
+
+def _two_contacts(bar: Bar, gap: float, g: float) -> tuple[float, float, float, bool]:
+    """Return t_1, τ, when the second contact begins, and whether it is the first one backwards in time."""
+    t_1, τ = math.sqrt(2.0 * gap / g), 2.0 * bar.L / bar.wave_speed
+    flight = 2.0 * (g * t_1) / g
+    return t_1, τ, t_1 + τ + flight, abs(flight / τ - round(flight / τ)) < 1e-9
+
+
+def _bouncing_bar_end(bar: Bar, gap: float, g: float) -> float:
+    t_1, τ, t_2, repeats = _two_contacts(bar, gap, g)
+    return t_2 + τ + 0.25 * t_1 if repeats else t_1 + τ + 0.5 * min(2.0 * (g * t_1) / g, τ)
+
+
+def _bouncing_bar_facts(bar: Bar, gap: float, g: float) -> tuple[Fact, ...]:
+    t_1, τ, t_2, repeats = _two_contacts(bar, gap, g)
+    A, rho, c, v_1 = bar.A, bar.rho, bar.wave_speed, g * t_1
+    P = rho * A * bar.L * (2.0 * v_1 + g * τ)
+    last = _bouncing_bar_end(bar, gap, g)
     force = partial(_bouncing_bar_force, A=A, c=c, g=g, repeats=repeats, rho=rho, t_1=t_1, t_2=t_2, v_1=v_1, τ=τ)
 
     total = P * (2.0 if repeats else 1.0)
@@ -198,23 +219,13 @@ def bouncing_bar(
     again = partial(_switch, kind="close", earliest=t_2 - 0.5 * τ, latest=last, which=0)
     second = (Fact("t_2", "second contact begins", t_2, "s", again, coarse),) if repeats else ()
     error = partial(_force_error, force=force, unit=total)
-    facts = (
+    return (
         Fact("t_1", "first contact begins", t_1, "s", partial(instant, kind="close")),
         Fact("t_1 + τ", "first contact ends", t_1 + τ, "s", ended, coarse),
         *second,
         Fact("∫R dt", "impulse", total, "N s", _impulse, coarse),
         Fact("ε_R", "error of R, in L1 over ∫R dt", 0.0, "", error, coarse, 1.0),
     )
-    return Problem(
-        name,
-        scheme,
-        t_end=last,
-        parameters={
-            "E": E, "A": A, "rho": rho, "L": L, "gap": gap, "g": g, "elements": bar.elements, "mu": mu,
-        },
-        source="Doyen, Ern and Piperno, Time-integration schemes for the finite element dynamic Signorini problem (2011)",
-        facts=facts,
-    )  # fmt: skip
 
 
 def _bouncing_bar_force(
@@ -288,7 +299,7 @@ def plastic_bar_impact(
     name = "plastic-bar-impact"
     above_zero(name, m=m, E=E, A=A, rho=rho, L=L, sigma_y=sigma_y, v0=v0)
     elements = whole(name, "elements", elements, least=4)
-    c = math.sqrt(E / rho)
+    c = sqrt(E / rho)
     v_y, impedance = sigma_y / (rho * c), rho * c * A
     bar = Bar("y", "w", E, A, rho, L, elements, mass="consistent", sigma_y=sigma_y, name="bar")
     scheme = Scheme(Mass("x", m), Bumper("x", "y", e=0.0), bar, Dashpot("w", GROUND, impedance, symbols=("ρcA",)))
@@ -296,22 +307,6 @@ def plastic_bar_impact(
         raise InputError(f"{name}: v0 = {v0:g} must be above v_y = sigma_y/(rho c) = {v_y:g}, or the bar stays elastic")
     t_y = m * (v0 - v_y) / (A * sigma_y)
     t_end = t_y + 2.0 * m / impedance
-    coarse = 4.0 / elements
-
-    v_end = v_y * math.exp(-2.0)
-    facts = (
-        Fact("R", "force while it yields", A * sigma_y, "N", partial(at, series="R", t=0.5 * t_y), coarse),
-        Fact("v(t_y)", "speed at the end of yielding", v_y, "m/s", partial(at, series="v_x", t=t_y), coarse),
-        Fact("v(t_end)", "speed at the end", v_end, "m/s", partial(at, series="v_x", t=t_end), coarse, v_y),
-        Fact(
-            "D",
-            "plastic work",
-            0.5 * m * (v0 - v_y) ** 2,
-            "J",
-            partial(_plastic_work, f_y=A * sigma_y),
-            2.0 * coarse,
-        ),
-    )
     return Problem(
         name,
         scheme,
@@ -321,8 +316,22 @@ def plastic_bar_impact(
             "m": m, "E": E, "A": A, "rho": rho, "L": L, "sigma_y": sigma_y, "v0": v0, "elements": elements,
         },
         source="Kolsky, Stress Waves in Solids (1963), chapter VII, on plastic waves",
-        facts=facts,
+        facts=partial(_plastic_bar_impact_facts, m, A, sigma_y, v0, v_y, t_y, t_end, 4.0 / elements),
     )  # fmt: skip
+
+
+def _plastic_bar_impact_facts(
+    m: float, A: float, sigma_y: float, v0: float, v_y: float, t_y: float, t_end: float, coarse: float
+) -> tuple[Fact, ...]:
+    v_end = v_y * math.exp(-2.0)
+    return (
+        Fact("R", "force while it yields", A * sigma_y, "N", partial(at, series="R", t=0.5 * t_y), coarse),
+        Fact("v(t_y)", "speed at the end of yielding", v_y, "m/s", partial(at, series="v_x", t=t_y), coarse),
+        Fact("v(t_end)", "speed at the end", v_end, "m/s", partial(at, series="v_x", t=t_end), coarse, v_y),
+        Fact(
+            "D", "plastic work", 0.5 * m * (v0 - v_y) ** 2, "J", partial(_plastic_work, f_y=A * sigma_y), 2.0 * coarse
+        ),
+    )
 
 
 def _falling_bar(

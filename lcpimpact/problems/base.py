@@ -3,27 +3,55 @@
 from __future__ import annotations
 
 import inspect
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
+from functools import cache, cached_property, partial
+from typing import Any, Generic, TypeVar, cast, overload
 
 import numpy as np
 
 from lcpimpact.arguments import is_name
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import number, sqrt
 from lcpimpact.numbers import between, finite, is_count
 from lcpimpact.problems.facts import Fact
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.assembly import MAX_NODES
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.sparse import SparseDynamics, SparseScheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
+
+T = TypeVar("T")
 
 GIVEN_ZERO_RTOL = 8.0 * float(np.finfo(float).eps)
 """Tolerance for zero in an initial gap, whose data are floats, relative to its terms."""
+
+
+class Deferred(Generic[T]):
+    """A field of a problem given as its value, or as a function that returns it when it is first read."""
+
+    def __init__(self, default: T) -> None:
+        self.default = default
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> Deferred[T]: ...
+    @overload
+    def __get__(self, instance: object, owner: type) -> T: ...
+    def __get__(self, instance: Any, owner: type) -> Any:
+        if instance is None:
+            return self
+        value = vars(instance)[self.name]
+        if callable(value):
+            value = vars(instance)[self.name] = _computed(instance.name, instance.parameters, value)
+        return value
+
+    def __set__(self, instance: Any, value: T | Callable[[], T]) -> None:
+        vars(instance)[self.name] = value.default if isinstance(value, Deferred) else value
 
 
 @dataclass(frozen=True)
@@ -39,13 +67,13 @@ class Problem:
     q0, v0 : mapping of str to float
         Initial coordinates (m) and velocities (m/s) by node; a node that is left out starts at zero.
     t_end : float
-        Suggested end time in s.
+        Suggested end time in s, or a function that returns it.
     parameters : mapping of str to float
         The values that the scheme was built from.
     source : str
         Where it is from.
     facts : tuple of Fact
-        Its closed-form values.
+        Its closed-form values, or a function that returns them.
     motion : callable, optional
         The closed form of the motion: takes times (nt,) and returns q and v (nt, n), right limits.
 
@@ -66,10 +94,10 @@ class Problem:
     scheme: Scheme | LinearComplementaritySystem
     q0: Mapping[str, float] = field(default_factory=dict)
     v0: Mapping[str, float] = field(default_factory=dict)
-    t_end: float = 1.0
+    t_end: Deferred[float] = Deferred(1.0)
     parameters: Mapping[str, float] = field(default_factory=dict)
     source: str = "-"
-    facts: tuple[Fact, ...] = field(default=(), compare=False, repr=False)
+    facts: Deferred[tuple[Fact, ...]] = field(default=Deferred(()), compare=False, repr=False)
     motion: Callable[[Array], tuple[Array, Array]] | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -87,18 +115,20 @@ class Problem:
                 raise InputError(f"{kind} = {values!r} of problem {self.name!r} must map {of[kind]} to numbers")
         for kind in of:
             object.__setattr__(self, kind, dict(getattr(self, kind)))
-        nodes = self.dynamics.nodes
+        nodes = {node: i for i, node in enumerate(self.dynamics.nodes)}
         for kind, values in (("q0", self.q0), ("v0", self.v0)):
             for node, value in values.items():
                 if node not in nodes:
                     raise InputError(f"{kind} of problem {self.name!r}: {nearest(str(node), list(nodes), 'node')}")
                 finite(f"problem {self.name!r}: {kind}[{node!r}]", value)
-                if nodes.index(node) in self.dynamics.motions:
+                if nodes[node] in self.dynamics.motions:
                     raise InputError(
                         f"{kind}[{node!r}] of problem {self.name!r}: the motion of that node is given, and begins as it "
                         "says; leave the value out"
                     )
-        if self.dynamics.stores_energy:
+        if isinstance(self.scheme, SparseScheme):
+            self._refuse_penetration_of_bumpers()
+        elif self.dynamics.stores_energy:
             self._refuse_penetration()
             self._refuse_open_joints()
         else:
@@ -107,11 +137,10 @@ class Problem:
     def _refuse_penetration(self) -> None:
         q, d = self.initial_coordinates, self.dynamics
         gaps, terms = d.gap(q), np.abs(d.H) @ np.abs(q) + np.abs(d.u0)
-        for path in d.gap_paths:
-            # Final positions of another run may penetrate by rounding.
-            u, rows = float(path @ gaps), np.flatnonzero(path)
-            if u >= -GIVEN_ZERO_RTOL * (path @ terms):
-                continue
+        openings = d.gap_paths @ gaps
+        # Final positions of another run may penetrate by rounding.
+        for k in np.flatnonzero(openings < -GIVEN_ZERO_RTOL * (d.gap_paths @ terms)):
+            u, rows = openings[k], np.flatnonzero(d.gap_paths[k])
             first = self.dynamics.contacts[rows[0]]
             if len(rows) == 1:
                 moves = [f"lower q0[{first.upper!r}]"] * (first.upper in d.nodes)
@@ -126,8 +155,21 @@ class Problem:
                 "the nodes between them: move the bodies apart in q0, or widen a gap"
             )
 
+    def _refuse_penetration_of_bumpers(self) -> None:
+        """Refuse bumpers of a sparse scheme that start penetrated, all at masses."""
+        q, d = self.initial_coordinates, cast(SparseDynamics, self.dynamics)
+        u = d.gap(q)
+        if (below := u < -GIVEN_ZERO_RTOL * (abs(d.H) @ np.abs(q) + np.abs(d.u0))).any():
+            first = int(np.argmax(below))
+            raise InputError(
+                f"bumper {d.reactions[first]!r} of problem {self.name!r} starts penetrated by {-u[first]:g} m: move its "
+                "sides apart in q0, or widen its gap"
+            )
+
     def _refuse_open_joints(self) -> None:
         d, joints = self.dynamics, self.dynamics.joints
+        if not joints.any():
+            return
         for what, values, start in (
             ("q0", self.initial_coordinates, d.u0),
             ("v0", self.initial_velocities, 0.0 * d.u0),
@@ -175,20 +217,31 @@ class Problem:
         return self._initial(self.v0, self.dynamics.motion(0.0)[1])
 
     def _initial(self, given: Mapping[str, float], driven: Array) -> Array:
-        values = np.array([float(given.get(node, 0.0)) for node in self.dynamics.nodes])
+        values = np.array([number(given.get(node, 0.0)) for node in self.dynamics.nodes])
         values[self.dynamics.driven] = driven
         return values
 
 
 def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, Any]) -> Problem:
     """Call a builder of the registry, after a check of the names and values of the parameters."""
-    known = list(inspect.signature(builder).parameters)
+    known = defaults(builder)
     for key, value in parameters.items():
         if key not in known:
-            raise InputError(nearest(key, known, f"parameter of {name}"))
+            raise InputError(nearest(key, list(known), f"parameter of {name}"))
         finite(f"{name}: {key}", value)
+    return _computed(name, parameters, partial(builder, **{key: number(value) for key, value in parameters.items()}))
+
+
+@cache
+def defaults(builder: Callable[..., Problem]) -> dict[str, float | None]:
+    """Return the parameters of a builder and their defaults; None for one that follows from the others."""
+    return {key: each.default for key, each in inspect.signature(builder).parameters.items()}
+
+
+def _computed(name: str, parameters: Mapping[str, Any], compute: Callable[[], T]) -> T:
+    """Return what a function computes from parameters, and refuse those that are too large or small for floats."""
     try:
-        return builder(**{key: float(value) for key, value in parameters.items()})
+        return compute()
     except InputError:
         raise
     except (ArithmeticError, ValueError, MemoryError) as error:
@@ -196,13 +249,13 @@ def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, A
         raise InputError(f"{name} cannot be computed with {text} ({error}): take values nearer to 1") from None
 
 
-def falling_speed(name: str, g: float, h_o: float, v_o: float | None) -> float:
+def falling_speed(name: str, g: float, h_o: float, v_o: float | None) -> Any:
     """Return v_o, or if it is None sqrt(2 g h_o), the speed after a fall from rest."""
     if v_o is not None:
         return v_o
     if g * h_o < 0.0:
         raise InputError(f"{name}: g = {g:g} and h_o = {h_o:g} give no speed of fall; make both positive, or give v_o")
-    return math.sqrt(2.0 * g * h_o)
+    return sqrt(2.0 * g * h_o)
 
 
 def above_zero(name: str, **values: float) -> None:

@@ -62,8 +62,23 @@ def bouncing_ball(m: float = 1.0, g: float = 9.81, H: float = 1.0, e: float = 0.
         raise InputError(f"bouncing-ball: g = {g:g} and H = {H:g} must be positive, or the ball does not fall")
     scheme = Scheme(Mass("x", m), Load("x", m * g, symbols=("mg",)), Bumper("x", GROUND, gap=H, e=e))
 
-    motion = partial(_bouncing_ball_motion, H=H, e=e, g=g)
+    return Problem(
+        "bouncing-ball",
+        scheme,
+        t_end=partial(_bouncing_ball_end, g, H, e),
+        parameters={"m": m, "g": g, "H": H, "e": e},
+        source="Brogliato, Nonsmooth Mechanics (2016), section 1.1",
+        facts=partial(_bouncing_ball_facts, g, H, e),
+        motion=partial(_bouncing_ball_motion, H=H, e=e, g=g),
+    )
 
+
+def _bouncing_ball_end(g: float, H: float, e: float) -> float:
+    fall = math.sqrt(2.0 * H / g)
+    return 1.25 * (fall * (1.0 + e) / (1.0 - e)) if 0.0 < e < 1.0 else 10.0 * fall
+
+
+def _bouncing_ball_facts(g: float, H: float, e: float) -> tuple[Fact, ...]:
     fall, v = math.sqrt(2.0 * H / g), math.sqrt(2.0 * g * H)
     facts: tuple[Fact, ...] = (
         Fact("t_1", "first impact", fall, "s", partial(instant, kind="impact")),
@@ -80,20 +95,10 @@ def bouncing_ball(m: float = 1.0, g: float = 9.81, H: float = 1.0, e: float = 0.
             ),
             Fact("t_3", "third impact", fall * (1 + 2 * e + 2 * e**2), "s", partial(instant, kind="impact", number=3)),
         )
-    t_end = 10.0 * fall
     if 0.0 < e < 1.0:
         t_inf = fall * (1.0 + e) / (1.0 - e)
         facts += (Fact("t_∞", "accumulation of the impacts", t_inf, "s", _rest),)
-        t_end = 1.25 * t_inf
-    return Problem(
-        "bouncing-ball",
-        scheme,
-        t_end=t_end,
-        parameters={"m": m, "g": g, "H": H, "e": e},
-        source="Brogliato, Nonsmooth Mechanics (2016), section 1.1",
-        facts=facts,
-        motion=motion,
-    )
+    return facts
 
 
 def _bouncing_ball_motion(t: Array, *, H: float, e: float, g: float) -> tuple[Array, Array]:

@@ -109,11 +109,6 @@ def buck_converter(
         raise InputError(f"{name}: with R = {R:g} the current stops in each period; take a smaller R or a larger L")
     edges: Array = T * np.arange(count + 1, dtype=np.float64)
     sawtooth = Table(tuple(np.repeat(edges, 2)[1:-1].tolist()), tuple(count * [-V_ref - V_L / a, -V_ref - V_U / a]))
-    facts = (
-        Fact("δ", "time for which the switch is open", δ, "s", partial(instant, kind="switch")),
-        Fact("v_0", "voltage at the start of a period", float(X[0]), "V", partial(at, series="v", t=T)),
-        Fact("i_0", "largest current", float(X[1]), "A", partial(at, series="i", t=T)),
-    )
     return Problem(
         name,
         LinearComplementaritySystem(
@@ -126,11 +121,19 @@ def buck_converter(
             "E": E, "L": L, "C": C, "R": R, "V_ref": V_ref, "a": a, "V_L": V_L, "V_U": V_U, "T": T, "periods": periods
         },
         source="Fossas and Olivar, Study of chaos in the buck converter (1996)",
-        facts=facts,
+        facts=partial(_facts, δ, X, T),
         motion=partial(
             _buck_converter_motion, A=A, source=source, X=X, δ=δ, edges=edges, sawtooth=sawtooth, b=np.array([0.0, E / L])
         ),
     )  # fmt: skip
+
+
+def _facts(δ: float, X: Array, T: float) -> tuple[Fact, ...]:
+    return (
+        Fact("δ", "time for which the switch is open", δ, "s", partial(instant, kind="switch")),
+        Fact("v_0", "voltage at the start of a period", float(X[0]), "V", partial(at, series="v", t=T)),
+        Fact("i_0", "largest current", float(X[1]), "A", partial(at, series="i", t=T)),
+    )
 
 
 def _buck_converter_motion(

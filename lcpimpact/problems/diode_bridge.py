@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lcpimpact.arrays import Array
+from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import angle, free_vibration
@@ -74,18 +75,30 @@ def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, v0: float = 1
         states=("v_L", "i_L"),
         multipliers=("-v_DR1", "-v_DF1", "i_DF2", "i_DR2"),
     )
-    ω, ζ = 1.0 / math.sqrt(L * C), math.sqrt(L / C) / (2.0 * R)
-    t_1 = angle(ζ) / ω
+    ω, ζ = 1.0 / sqrt(L * C), sqrt(L / C) / (2.0 * R)
+    return Problem(
+        name,
+        system,
+        q0={"v_L": v0},
+        t_end=partial(_end, ω, ζ),
+        parameters={"L": L, "C": C, "R": R, "v0": v0},
+        source="Acary and Brogliato (2008), the four-diode bridge rectifier",
+        facts=partial(_facts, L, C, v0, ω, ζ),
+        motion=partial(_diode_bridge_motion, L=L, v0=v0, ζ=ζ, ω=ω),
+    )
+
+
+def _end(ω: float, ζ: float) -> float:
     # Until the slowest part has decayed to exp(-2.5), and no more than eight periods.
     slowest = ζ if ζ < 1.0 else 1.0 / (ζ + math.sqrt((ζ - 1.0) * (ζ + 1.0)))
-    t_end = min(50.0, 2.5 / slowest) / ω
+    return min(50.0, 2.5 / slowest) / ω
 
-    motion = partial(_diode_bridge_motion, L=L, v0=v0, ζ=ζ, ω=ω)
 
-    v, i = map(float, motion(np.array([t_end]))[0][0])
-
-    facts = (
-        Fact("t_1", "diodes change over", t_1, "s", partial(crossing, series="v_L", direction=-1.0)),
+def _facts(L: float, C: float, v0: float, ω: float, ζ: float) -> tuple[Fact, ...]:
+    t_end = _end(ω, ζ)
+    v, i = map(float, _diode_bridge_motion(np.array([t_end]), L=L, v0=v0, ζ=ζ, ω=ω)[0][0])
+    return (
+        Fact("t_1", "diodes change over", angle(ζ) / ω, "s", partial(crossing, series="v_L", direction=-1.0)),
         Fact("v_L", "voltage at t_end", v, "V", partial(at, series="v_L", t=t_end), scale=v0),
         Fact("i_L", "current at t_end", i, "A", partial(at, series="i_L", t=t_end), scale=v0 * math.sqrt(C / L)),
         Fact(
@@ -96,16 +109,6 @@ def diode_bridge(L: float = 1e-2, C: float = 1e-6, R: float = 1e3, v0: float = 1
             partial(at, series=_resistor_voltage, t=t_end),
             scale=v0,
         ),
-    )
-    return Problem(
-        name,
-        system,
-        q0={"v_L": v0},
-        t_end=t_end,
-        parameters={"L": L, "C": C, "R": R, "v0": v0},
-        source="Acary and Brogliato (2008), the four-diode bridge rectifier",
-        facts=facts,
-        motion=motion,
     )
 
 

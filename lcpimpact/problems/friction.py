@@ -3,6 +3,7 @@ r"""Dry friction: bounded forces and permanent displacements."""
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.reading import at, final, instant, interval, peak
@@ -63,37 +65,43 @@ def coulomb_oscillator(m: float = 1.0, k: float = 100.0, F: float = 5.0, x0: flo
     name = "coulomb-oscillator"
     above_zero(name, F=F, x0=x0)
     scheme = Scheme(Mass("x", m), Spring("x", GROUND, k), Slider("x", GROUND, F, symbols=("F",)))
-    ω, loss = math.sqrt(k / m), F / k
-    halves = max(0, math.ceil(0.5 * (x0 / loss - 1.0) - 1e-12))
-    rest = (-1) ** halves * (x0 - 2 * halves * loss)
-
-    motion = partial(_coulomb_oscillator_motion, halves=halves, loss=loss, rest=rest, x0=x0, ω=ω)
-
-    place = Fact("x_∞", "final position", rest, "m", partial(final, series="x"), scale=x0)
-    facts: tuple[Fact, ...] = (place,)
-    if halves:
-        facts = (
-            Fact(
-                "x_1", "first turning point", -(x0 - 2.0 * loss), "m", partial(peak, series="x", sign=-1.0), scale=loss
-            ),
-            Fact("t_∞", "when it stops", halves * math.pi / ω, "s", partial(instant, kind="stick", number=-1)),
-            place,
-        )
+    ω, loss = sqrt(k / m), F / k
     return Problem(
         name,
         scheme,
         q0={"x": x0},
-        t_end=(halves + 1.5) * math.pi / ω,
+        t_end=partial(_coulomb_oscillator_end, loss, x0, ω),
         parameters={"m": m, "k": k, "F": F, "x0": x0},
         source="Den Hartog, Mechanical Vibrations (1956), on Coulomb damping",
-        facts=facts,
-        motion=motion,
+        facts=partial(_coulomb_oscillator_facts, loss, x0, ω),
+        motion=partial(_coulomb_oscillator_motion, loss=loss, x0=x0, ω=ω),
     )
 
 
-def _coulomb_oscillator_motion(
-    t: Array, *, halves: int, loss: float, rest: float, x0: float, ω: float
-) -> tuple[Array, Array]:
+def _half_swings(loss: float, x0: float) -> tuple[int, float]:
+    """Return how many half swings there are, and where they end."""
+    halves = max(0, math.ceil(0.5 * (x0 / loss - 1.0) - 1e-12))
+    return halves, (-1) ** halves * (x0 - 2 * halves * loss)
+
+
+def _coulomb_oscillator_end(loss: float, x0: float, ω: float) -> float:
+    return (_half_swings(loss, x0)[0] + 1.5) * math.pi / ω
+
+
+def _coulomb_oscillator_facts(loss: float, x0: float, ω: float) -> tuple[Fact, ...]:
+    halves, rest = _half_swings(loss, x0)
+    place = Fact("x_∞", "final position", rest, "m", partial(final, series="x"), scale=x0)
+    if not halves:
+        return (place,)
+    return (
+        Fact("x_1", "first turning point", -(x0 - 2.0 * loss), "m", partial(peak, series="x", sign=-1.0), scale=loss),
+        Fact("t_∞", "when it stops", halves * math.pi / ω, "s", partial(instant, kind="stick", number=-1)),
+        place,
+    )
+
+
+def _coulomb_oscillator_motion(t: Array, *, loss: float, x0: float, ω: float) -> tuple[Array, Array]:
+    halves, rest = _half_swings(loss, x0)
     times = np.asarray(t, dtype=np.float64)
     n = np.minimum(np.floor(times * ω / math.pi), halves)
     s = ω * times - n * math.pi
@@ -168,12 +176,6 @@ def forced_coulomb_oscillator(
             "friction or a larger force"
         )
     force = Harmonic(P, omega, math.atan2(-U * x_f / V, X / V))
-    facts = (
-        Fact("X", "amplitude", X, "m", partial(peak, series="x")),
-        Fact("x(T/8)", "position after an eighth of a period", float(motion(0.25 * half)[0][0, 0]), "m",
-             partial(at, series="x", t=0.25 * half), scale=X),
-        Fact("T/2", "from turn to turn", half, "s", partial(interval, kind="slip", first=1, last=2)),
-    )  # fmt: skip
     return Problem(
         name,
         Scheme(
@@ -186,9 +188,18 @@ def forced_coulomb_oscillator(
         t_end=5.25 * half,
         parameters={"m": m, "k": k, "F": F, "P": P, "omega": omega},
         source="Den Hartog, Forced vibrations with combined Coulomb and viscous friction (1931)",
-        facts=facts,
+        facts=partial(_forced_coulomb_facts, X, half, motion),
         motion=motion,
     )
+
+
+def _forced_coulomb_facts(X: float, half: float, motion: Callable[[float], tuple[Array, Array]]) -> tuple[Fact, ...]:
+    return (
+        Fact("X", "amplitude", X, "m", partial(peak, series="x")),
+        Fact("x(T/8)", "position after an eighth of a period", float(motion(0.25 * half)[0][0, 0]), "m",
+             partial(at, series="x", t=0.25 * half), scale=X),
+        Fact("T/2", "from turn to turn", half, "s", partial(interval, kind="slip", first=1, last=2)),
+    )  # fmt: skip
 
 
 def _forced_coulomb_motion(
@@ -250,39 +261,38 @@ def jenkins_cycle(
         PrescribedMotion("x", Harmonic(X, omega, -0.5 * math.pi)),
         Jenkins("x", GROUND, k, f_y, k_h if k_h > 0.0 else None),
     )
-    p_max = max(0.0, (k * X - f_y) / (k + k_h))
     T = 2.0 * math.pi / omega
-
-    motion = partial(_jenkins_cycle_motion, X=X, f_y=f_y, k=k, k_h=k_h, omega=omega, p_max=p_max)
-
-    facts: tuple[Fact, ...] = (
-        Fact("p_max", "plastic elongation", p_max, "m", partial(peak, series="F.1"), scale=X),
-        Fact(
-            "f_max",
-            "greatest force",
-            k * (X - p_max),
-            "N",
-            partial(peak, series=partial(_spring_force, k=k)),
-        ),
-        Fact("W", "work of a cycle", 4.0 * f_y * p_max, "J", partial(_work, k=k, T=T), scale=f_y * X),
-    )
-    if p_max > 0.0:
-        t_y = math.asin(f_y / (k * X)) / omega
-        facts = (Fact("t_y", "first yield", t_y, "s", partial(instant, kind="slip")), *facts)
     return Problem(
         name,
         scheme,
         t_end=2.25 * T,
         parameters={"k": k, "f_y": f_y, "X": X, "omega": omega, "k_h": k_h},
         source="Jenkins, Analysis of the stress-strain relationships in reactor grade graphite (1962)",
-        facts=facts,
-        motion=motion,
+        facts=partial(_jenkins_cycle_facts, k, f_y, X, omega, k_h, T),
+        motion=partial(_jenkins_cycle_motion, X=X, f_y=f_y, k=k, k_h=k_h, omega=omega),
     )
 
 
-def _jenkins_cycle_motion(
-    t: Array, *, X: float, f_y: float, k: float, k_h: float, omega: float, p_max: float
-) -> tuple[Array, Array]:
+def _plastic_elongation(k: float, f_y: float, X: float, k_h: float) -> float:
+    """Return p_max."""
+    return max(0.0, (k * X - f_y) / (k + k_h))
+
+
+def _jenkins_cycle_facts(k: float, f_y: float, X: float, omega: float, k_h: float, T: float) -> tuple[Fact, ...]:
+    p_max = _plastic_elongation(k, f_y, X, k_h)
+    facts: tuple[Fact, ...] = (
+        Fact("p_max", "plastic elongation", p_max, "m", partial(peak, series="F.1"), scale=X),
+        Fact("f_max", "greatest force", k * (X - p_max), "N", partial(peak, series=partial(_spring_force, k=k))),
+        Fact("W", "work of a cycle", 4.0 * f_y * p_max, "J", partial(_work, k=k, T=T), scale=f_y * X),
+    )
+    if p_max > 0.0:
+        t_y = math.asin(f_y / (k * X)) / omega
+        facts = (Fact("t_y", "first yield", t_y, "s", partial(instant, kind="slip")), *facts)
+    return facts
+
+
+def _jenkins_cycle_motion(t: Array, *, X: float, f_y: float, k: float, k_h: float, omega: float) -> tuple[Array, Array]:
+    p_max = _plastic_elongation(k, f_y, X, k_h)
     times = np.asarray(t, dtype=np.float64)
     x, rate = X * np.sin(omega * times), X * omega * np.cos(omega * times)
     turns = np.floor(omega * times / math.pi + 0.5)

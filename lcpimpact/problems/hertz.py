@@ -63,22 +63,35 @@ def hertz_impact(m: float = 0.0327, K: float = 1.54e10, n: float = 1.5, v0: floa
     name = "hertz-impact"
     above_zero(name, v0=v0)
     scheme = Scheme(Mass("x", m), HertzSpring("x", GROUND, K, n))
-    δ_max = ((n + 1.0) * m * v0**2 / (2.0 * K)) ** (1.0 / (n + 1.0))
-    T = 2.0 / (n + 1.0) * float(beta(1.0 / (n + 1.0), 0.5)) * δ_max / v0
-    facts = (
-        Fact("δ_max", "largest penetration", δ_max, "m", partial(peak, series="x")),
-        Fact("T", "contact time", T, "s", partial(crossing, series="x", direction=-1.0)),
-        Fact("F_max", "greatest force", K * δ_max**n, "N", _greatest_push),
-        Fact("e", "restitution", 1.0, "", partial(_rebound, unit=v0)),
-    )
+    parameters = {"m": m, "K": K, "n": n, "v0": v0}
     return Problem(
         name,
         scheme,
         v0={"x": v0},
-        t_end=1.5 * T,
-        parameters={"m": m, "K": K, "n": n, "v0": v0},
+        t_end=partial(_hertz_impact_end, **parameters),
+        parameters=parameters,
         source="Johnson, Contact Mechanics (1985), section 11.4",
-        facts=facts,
+        facts=partial(_hertz_impact_facts, **parameters),
+    )
+
+
+def _hertz_impact_end(m: float, K: float, n: float, v0: float) -> float:
+    return 1.5 * _hertz_contact(m, K, n, v0)[1]
+
+
+def _hertz_contact(m: float, K: float, n: float, v0: float) -> tuple[float, float]:
+    """Return δ_max and T."""
+    δ_max = ((n + 1.0) * m * v0**2 / (2.0 * K)) ** (1.0 / (n + 1.0))
+    return δ_max, 2.0 / (n + 1.0) * float(beta(1.0 / (n + 1.0), 0.5)) * δ_max / v0
+
+
+def _hertz_impact_facts(m: float, K: float, n: float, v0: float) -> tuple[Fact, ...]:
+    δ_max, T = _hertz_contact(m, K, n, v0)
+    return (
+        Fact("δ_max", "largest penetration", δ_max, "m", partial(peak, series="x")),
+        Fact("T", "contact time", T, "s", partial(crossing, series="x", direction=-1.0)),
+        Fact("F_max", "greatest force", K * δ_max**n, "N", _greatest_push),
+        Fact("e", "restitution", 1.0, "", partial(_rebound, unit=v0)),
     )
 
 
@@ -131,24 +144,40 @@ def hunt_crossley_impact(
     a = b * v0
     if a < 1e-4:
         raise InputError(f"{name}: b v0 = {a:g} is so small that e = 1 to rounding; take hertz-impact")
-    lost = a - math.log1p(a)
-    δ_max = ((n + 1.0) * m * lost / (K * b**2)) ** (1.0 / (n + 1.0))
-    e = (1.0 + float(lambertw(-(1.0 + a) * math.exp(-(1.0 + a))).real)) / a
-    w = brentq(lambda w: n * w + (n + 1.0) * (w - math.log1p(w) - lost), 0.0, a, xtol=1e-16)
-    F_max = n * m * w / b**2 * (1.0 + w) / (n * m * w / (K * b**2)) ** (1.0 / (n + 1.0))
-    facts = (
-        Fact("δ_max", "largest penetration", δ_max, "m", partial(peak, series="x")),
-        Fact("e", "restitution", e, "", partial(_rebound, unit=v0)),
-        Fact("F_max", "greatest force", F_max, "N", _greatest_push),
-    )
+    parameters = {"m": m, "K": K, "b": b, "n": n, "v0": v0}
     return Problem(
         name,
         scheme,
         v0={"x": v0},
-        t_end=6.0 * δ_max / v0 / math.sqrt(e),
-        parameters={"m": m, "K": K, "b": b, "n": n, "v0": v0},
+        t_end=partial(_hunt_crossley_end, **parameters),
+        parameters=parameters,
         source="Hunt and Crossley, Coefficient of restitution interpreted as damping in vibroimpact (1975)",
-        facts=facts,
+        facts=partial(_hunt_crossley_facts, **parameters),
+    )
+
+
+def _hunt_crossley_contact(m: float, K: float, b: float, n: float, v0: float) -> tuple[float, float]:
+    """Return δ_max and e."""
+    a = b * v0
+    δ_max = ((n + 1.0) * m * (a - math.log1p(a)) / (K * b**2)) ** (1.0 / (n + 1.0))
+    return δ_max, (1.0 + float(lambertw(-(1.0 + a) * math.exp(-(1.0 + a))).real)) / a
+
+
+def _hunt_crossley_end(m: float, K: float, b: float, n: float, v0: float) -> float:
+    δ_max, e = _hunt_crossley_contact(m, K, b, n, v0)
+    return 6.0 * δ_max / v0 / math.sqrt(e)
+
+
+def _hunt_crossley_facts(m: float, K: float, b: float, n: float, v0: float) -> tuple[Fact, ...]:
+    δ_max, e = _hunt_crossley_contact(m, K, b, n, v0)
+    a = b * v0
+    lost = a - math.log1p(a)
+    w = brentq(lambda w: n * w + (n + 1.0) * (w - math.log1p(w) - lost), 0.0, a, xtol=1e-16)
+    F_max = n * m * w / b**2 * (1.0 + w) / (n * m * w / (K * b**2)) ** (1.0 / (n + 1.0))
+    return (
+        Fact("δ_max", "largest penetration", δ_max, "m", partial(peak, series="x")),
+        Fact("e", "restitution", e, "", partial(_rebound, unit=v0)),
+        Fact("F_max", "greatest force", F_max, "N", _greatest_push),
     )
 
 

@@ -74,24 +74,8 @@ def pi_billiard(m: float = 1.0, M: float = 100.0, v0: float = 1.0, D: float = 1.
     N = math.ceil(math.pi / θ * (1.0 - WHOLE_RTOL)) - 1
     if N > COUNTED:
         raise InputError(f"{name}: M/m = {M / m:g} makes {N} impacts, and at most {COUNTED:,} are followed; lower M")
-
-    def impact(n: int) -> float:
-        """Return t_n."""
-        return (D + d - d * root / math.tan(n * θ)) / v0
-
-    t_N = impact(N)
+    t_N = (D + d - d * root / math.tan(N * θ)) / v0
     t_end = max(1.1 * t_N, 2.0 * (D + d) / v0)
-    motion = partial(_pi_billiard_motion, D=D, d=d, root=root, v0=v0, θ=θ)
-    _, v = motion(np.array([t_end]))
-    facts: tuple[Fact, ...] = (
-        Fact("N", "how many impacts", float(N), "", _count),
-        Fact("t_1", "the first", impact(1), "s", partial(instant, kind="impact")),
-        Fact("t_2", "the second, at the wall", impact(2), "s", partial(instant, kind="impact", contact="R2")),
-        Fact("t_N", "the last", t_N, "s", partial(instant, kind="impact", number=-1)),
-        Fact("V/v0", "heavy ball at last", float(v[0, 0]) / v0, "", partial(final, series="v_x1", unit=v0), scale=1.0),
-        Fact("v/V_m", "light ball at last, over v0 sqrt(M/m)", float(v[0, 1]) * root / v0, "",
-             partial(final, series="v_x2", unit=v0 / root), scale=1.0),
-    )  # fmt: skip
     return Problem(
         name,
         Scheme(
@@ -104,9 +88,26 @@ def pi_billiard(m: float = 1.0, M: float = 100.0, v0: float = 1.0, D: float = 1.
         t_end=t_end,
         parameters={"m": m, "M": M, "v0": v0, "D": D, "d": d},
         source="Galperin, Playing pool with π (2003)",
-        facts=facts,
-        motion=motion,
+        facts=partial(_pi_billiard_facts, root, θ, N, v0, D, d, t_end),
+        motion=partial(_pi_billiard_motion, D=D, d=d, root=root, v0=v0, θ=θ),
     )
+
+
+def _pi_billiard_facts(root: float, θ: float, N: int, v0: float, D: float, d: float, t_end: float) -> tuple[Fact, ...]:
+    def impact(n: int) -> float:
+        """Return t_n."""
+        return (D + d - d * root / math.tan(n * θ)) / v0
+
+    _, v = _pi_billiard_motion(np.array([t_end]), D=D, d=d, root=root, v0=v0, θ=θ)
+    return (
+        Fact("N", "how many impacts", float(N), "", _count),
+        Fact("t_1", "the first", impact(1), "s", partial(instant, kind="impact")),
+        Fact("t_2", "the second, at the wall", impact(2), "s", partial(instant, kind="impact", contact="R2")),
+        Fact("t_N", "the last", impact(N), "s", partial(instant, kind="impact", number=-1)),
+        Fact("V/v0", "heavy ball at last", float(v[0, 0]) / v0, "", partial(final, series="v_x1", unit=v0), scale=1.0),
+        Fact("v/V_m", "light ball at last, over v0 sqrt(M/m)", float(v[0, 1]) * root / v0, "",
+             partial(final, series="v_x2", unit=v0 / root), scale=1.0),
+    )  # fmt: skip
 
 
 def _pi_billiard_motion(t: Array, *, D: float, d: float, root: float, v0: float, θ: float) -> tuple[Array, Array]:
@@ -175,18 +176,54 @@ def inelastic_collapse(m: float = 1.0, v0: float = 1.0, e: float = 0.05, d: floa
     restitution(name, e)
     if e == 0.0:
         raise InputError(f"{name}: e = 0 leaves the first two balls together, and no one goes to and fro; raise e")
+    return Problem(
+        name,
+        row_of_balls(3, m, e, d, delta),
+        v0={"x1": v0},
+        t_end=partial(_inelastic_collapse_end, v0, e, d, delta),
+        parameters={"m": m, "v0": v0, "e": e, "d": d, "delta": delta},
+        source="McNamara and Young, Inelastic collapse and clumping in a one-dimensional granular medium (1992)",
+        facts=partial(_inelastic_collapse_facts, v0, e, d, delta),
+    )
+
+
+def _larger_root(e: float) -> float | None:
+    """Return λ, where the roots are real."""
     h = 0.5 * (1.0 + e)
+    return 0.5 * (h + math.sqrt(h**2 - 4.0 * e)) if h**2 >= 4.0 * e else None
+
+
+def _approaches(e: float, v0: float) -> tuple[int, list[float]]:
+    """Return the number N of the impacts, and p_n of the last one, of that before and of that which does not follow."""
+    ψ = math.acos(0.5 * (0.5 * (1.0 + e)) / math.sqrt(e))
+    N = math.ceil(math.pi / ψ * (1.0 - WHOLE_RTOL)) - 1
+    return N, [e ** (0.5 * n) * math.sin((n + 1) * ψ) / math.sin(ψ) * v0 for n in (N - 2, N - 1, N)]
+
+
+def _last_impact(v0: float, e: float, d: float, delta: float) -> float:
+    """Return t_N, or t_∞ where the impacts do not end."""
+    λ = _larger_root(e)
+    if λ is not None:
+        return (d + delta / λ) / v0
+    _, (before, at_last, _) = _approaches(e, v0)
+    return (d + delta * before / at_last) / v0
+
+
+def _inelastic_collapse_end(v0: float, e: float, d: float, delta: float) -> float:
+    return 1.25 * _last_impact(v0, e, d, delta)
+
+
+def _inelastic_collapse_facts(v0: float, e: float, d: float, delta: float) -> tuple[Fact, ...]:
+    h, last, λ = 0.5 * (1.0 + e), _last_impact(v0, e, d, delta), _larger_root(e)
     first = (
         Fact("t_1", "first impact", d / v0, "s", partial(instant, kind="impact")),
         Fact("t_2", "second impact", (d + delta / h) / v0, "s", partial(instant, kind="impact", number=2)),
     )
-    if h**2 >= 4.0 * e:
-        λ = 0.5 * (h + math.sqrt(h**2 - 4.0 * e))
-        last = (d + delta / λ) / v0
+    if λ is not None:
         # Of the impacts as many can be computed as have speeds above rounding; the rest of the time is left out.
         ratio, seen = e / λ**2, math.log(np.finfo(float).eps) / math.log(λ)
         unseen = (1.0 - ratio) * ratio**seen * delta / (λ * v0)
-        facts = (
+        return (
             *first,
             Fact("t_3", "third impact", (d + delta * h / (h**2 - e)) / v0, "s",
                  partial(instant, kind="impact", number=3)),
@@ -194,31 +231,18 @@ def inelastic_collapse(m: float = 1.0, v0: float = 1.0, e: float = 0.05, d: floa
             Fact("t_∞", "accumulation of the impacts", last, "s", _accumulation, accuracy=max(1e-9, unseen / last)),
             Fact("v/v0", "speed of all at last", 1.0 / 3.0, "", partial(final, series="v_x1", unit=v0)),
         )  # fmt: skip
-    else:
-        ψ = math.acos(0.5 * h / math.sqrt(e))
-        N = math.ceil(math.pi / ψ * (1.0 - WHOLE_RTOL)) - 1
-        before, at_last, after = (e ** (0.5 * n) * math.sin((n + 1) * ψ) / math.sin(ψ) * v0 for n in (N - 2, N - 1, N))
-        last = (d + delta * before / at_last) / v0
-        # The approaches of balls 1 and 2, and of 2 and 3, at last: minus the speeds at which they part.
-        a, b = (-e * at_last, after) if N % 2 else (after, -e * at_last)
-        facts = (
-            *first,
-            Fact("N", "how many impacts", float(N), "", _count),
-            Fact("t_N", "the last", last, "s", partial(instant, kind="impact", number=-1)),
-            Fact("v_1/v0", "ball 1 at last", (v0 + 2.0 * a + b) / (3.0 * v0), "",
-                 partial(final, series="v_x1", unit=v0), scale=1.0),
-            Fact("v_3/v0", "ball 3 at last", (v0 - a - 2.0 * b) / (3.0 * v0), "",
-                 partial(final, series="v_x3", unit=v0), scale=1.0),
-        )  # fmt: skip
-    return Problem(
-        name,
-        row_of_balls(3, m, e, d, delta),
-        v0={"x1": v0},
-        t_end=1.25 * last,
-        parameters={"m": m, "v0": v0, "e": e, "d": d, "delta": delta},
-        source="McNamara and Young, Inelastic collapse and clumping in a one-dimensional granular medium (1992)",
-        facts=facts,
-    )
+    N, (_, at_last, after) = _approaches(e, v0)
+    # The approaches of balls 1 and 2, and of 2 and 3, at last: minus the speeds at which they part.
+    a, b = (-e * at_last, after) if N % 2 else (after, -e * at_last)
+    return (
+        *first,
+        Fact("N", "how many impacts", float(N), "", _count),
+        Fact("t_N", "the last", last, "s", partial(instant, kind="impact", number=-1)),
+        Fact("v_1/v0", "ball 1 at last", (v0 + 2.0 * a + b) / (3.0 * v0), "",
+             partial(final, series="v_x1", unit=v0), scale=1.0),
+        Fact("v_3/v0", "ball 3 at last", (v0 - a - 2.0 * b) / (3.0 * v0), "",
+             partial(final, series="v_x3", unit=v0), scale=1.0),
+    )  # fmt: skip
 
 
 def _third_approach(run: Any) -> float:

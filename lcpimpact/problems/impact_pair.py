@@ -84,15 +84,6 @@ def impact_pair(
     q, _ = motion(np.linspace(0.0, τ, 64 * n + 1)[1:-1])
     if (np.abs(q[:, 0] - q[:, 1]) > 0.5 * d).any():
         raise InputError(f"{name}: with A = {A:g} and d = {d:g} a wall strikes the mass on its way; change A or d")
-    facts = (
-        Fact("τ", "from wall to wall", τ, "s", _crossing),
-        Fact("w", "speed of the mass", w, "m/s",
-             partial(limit, kind="impact", number=2, of="v", i=0, side="left")),
-        Fact("ρw", "speed of the wall that it strikes", ρ * w, "m/s",
-             partial(limit, kind="impact", number=2, of="v", i=1, side="left", unit=-1.0), scale=w),
-        Fact("U", "relative speed before", 2.0 * w / (1.0 + e), "m/s", _relative_speed),
-        Fact("P", "impulse", 2.0 * m * w, "N s", _impulse),
-    )  # fmt: skip
     return Problem(
         name,
         Scheme(
@@ -106,9 +97,21 @@ def impact_pair(
         t_end=5.5 * τ,
         parameters={"m": m, "d": d, "e": e, "A": A, "omega": omega, "n": n},
         source="Bapat, Popplewell and McLachlan, Stable periodic motions of an impact-pair (1983)",
-        facts=facts,
+        facts=partial(_facts, m, e, w, τ),
         motion=motion,
     )
+
+
+def _facts(m: float, e: float, w: float, τ: float) -> tuple[Fact, ...]:
+    return (
+        Fact("τ", "from wall to wall", τ, "s", _crossing),
+        Fact("w", "speed of the mass", w, "m/s",
+             partial(limit, kind="impact", number=2, of="v", i=0, side="left")),
+        Fact("ρw", "speed of the wall that it strikes", (1.0 - e) / (1.0 + e) * w, "m/s",
+             partial(limit, kind="impact", number=2, of="v", i=1, side="left", unit=-1.0), scale=w),
+        Fact("U", "relative speed before", 2.0 * w / (1.0 + e), "m/s", _relative_speed),
+        Fact("P", "impulse", 2.0 * m * w, "N s", _impulse),
+    )  # fmt: skip
 
 
 def _impact_pair_motion(t: Array, *, box: Harmonic, d: float, w: float, τ: float) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, restitution, whole
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import free_vibration
@@ -64,10 +65,20 @@ def oscillator_stop(m: float = 1.0, k: float = 100.0, e: float = 0.8, v0: float 
     above_zero(name, v0=v0)
     restitution(name, e)
     scheme = Scheme(Mass("x", m), Spring("x", GROUND, k), Bumper("x", GROUND, e=e))
-    ω = math.sqrt(k / m)
+    ω = sqrt(k / m)
+    return Problem(
+        name,
+        scheme,
+        v0={"x": -v0},
+        t_end=10.5 * math.pi / ω,
+        parameters={"m": m, "k": k, "e": e, "v0": v0},
+        source="Brogliato, Nonsmooth Mechanics (2016), chapter 7",
+        facts=partial(_oscillator_stop_facts, e, v0, ω),
+        motion=partial(_oscillator_stop_motion, e=e, v0=v0, ω=ω),
+    )
 
-    motion = partial(_oscillator_stop_motion, e=e, v0=v0, ω=ω)
 
+def _oscillator_stop_facts(e: float, v0: float, ω: float) -> tuple[Fact, ...]:
     facts = (
         Fact("t_1", "first impact", math.pi / ω, "s", partial(instant, kind="impact")),
         Fact("t_3", "third impact", 3.0 * math.pi / ω, "s", partial(instant, kind="impact", number=3)),
@@ -81,16 +92,7 @@ def oscillator_stop(m: float = 1.0, k: float = 100.0, e: float = 0.8, v0: float 
         ),
         Fact("x_min", "farthest position", v0 / ω, "m", _farthest),
     )
-    return Problem(
-        name,
-        scheme,
-        v0={"x": -v0},
-        t_end=10.5 * math.pi / ω,
-        parameters={"m": m, "k": k, "e": e, "v0": v0},
-        source="Brogliato, Nonsmooth Mechanics (2016), chapter 7",
-        facts=facts if e > 0.0 else facts[:1] + facts[3:],
-        motion=motion,
-    )
+    return facts if e > 0.0 else facts[:1] + facts[3:]
 
 
 def _farthest(run: Any) -> float:
@@ -143,19 +145,9 @@ def bilinear_oscillator(m: float = 1.0, k: float = 100.0, k_1: float = 800.0, v0
     name = "bilinear-oscillator"
     above_zero(name, v0=v0)
     scheme = Scheme(Mass("x", m), Spring("x", GROUND, k), Bumper("x", "z"), Spring("z", GROUND, k_1, symbols=("k_1",)))
-    ω_1, ω_2 = math.sqrt(k / m), math.sqrt((k + k_1) / m)
+    ω_1, ω_2 = sqrt(k / m), sqrt((k + k_1) / m)
     half = math.pi / ω_2
     T = math.pi / ω_1 + half
-
-    motion = partial(_bilinear_oscillator_motion, T=T, half=half, v0=v0, ω_1=ω_1, ω_2=ω_2)
-
-    facts = (
-        Fact("T", "period", T, "s", partial(interval, kind="open", first=1, last=2)),
-        Fact("π/ω_2", "time in contact", half, "s", partial(instant, kind="open")),
-        Fact("x_max", "farthest position against both springs", v0 / ω_2, "m", partial(peak, series="x")),
-        Fact("x_min", "farthest position against one", -v0 / ω_1, "m", partial(peak, series="x", sign=-1.0)),
-        Fact("R_max", "greatest force", k_1 * v0 / ω_2, "N", partial(peak, series="R")),
-    )
     return Problem(
         name,
         scheme,
@@ -163,8 +155,20 @@ def bilinear_oscillator(m: float = 1.0, k: float = 100.0, k_1: float = 800.0, v0
         t_end=3.25 * T,
         parameters={"m": m, "k": k, "k_1": k_1, "v0": v0},
         source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
-        facts=facts,
-        motion=motion,
+        facts=partial(_bilinear_oscillator_facts, k_1, v0, T, half, ω_1, ω_2),
+        motion=partial(_bilinear_oscillator_motion, T=T, half=half, v0=v0, ω_1=ω_1, ω_2=ω_2),
+    )
+
+
+def _bilinear_oscillator_facts(
+    k_1: float, v0: float, T: float, half: float, ω_1: float, ω_2: float
+) -> tuple[Fact, ...]:
+    return (
+        Fact("T", "period", T, "s", partial(interval, kind="open", first=1, last=2)),
+        Fact("π/ω_2", "time in contact", half, "s", partial(instant, kind="open")),
+        Fact("x_max", "farthest position against both springs", v0 / ω_2, "m", partial(peak, series="x")),
+        Fact("x_min", "farthest position against one", -v0 / ω_1, "m", partial(peak, series="x", sign=-1.0)),
+        Fact("R_max", "greatest force", k_1 * v0 / ω_2, "N", partial(peak, series="R")),
     )
 
 
@@ -249,20 +253,12 @@ def impact_oscillator(
             "change f, omega or n, or bring the stop nearer"
         )
 
-    motion = partial(_impact_oscillator_motion, T=T, orbit=orbit)
-
     phase = φ_p + math.atan2(2.0 * ζ * ω, 1.0 - ω**2)
     scheme = Scheme(
         Mass("x", 1.0),
         KelvinVoigt("x", GROUND, 1.0, 2.0 * ζ, symbols=("1", "2ζ")),
         Load("x", Harmonic(f, ω, phase), symbols=("f cos ωt",)),
         Bumper("x", GROUND, gap=s, e=e),
-    )
-    facts = (
-        Fact(
-            "v⁻", "speed of every impact", v, "m/s", partial(limit, kind="impact", number=3, of="v", i=0, side="left")
-        ),
-        Fact("T", "from impact to impact", T, "s", partial(interval, kind="impact", first=2, last=3)),
     )
     return Problem(
         name,
@@ -272,8 +268,17 @@ def impact_oscillator(
         t_end=5.5 * T,
         parameters={"zeta": ζ, "omega": ω, "f": f, "s": s, "e": e, "n": n},
         source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
-        facts=facts,
-        motion=motion,
+        facts=partial(_impact_oscillator_facts, v, T),
+        motion=partial(_impact_oscillator_motion, T=T, orbit=orbit),
+    )
+
+
+def _impact_oscillator_facts(v: float, T: float) -> tuple[Fact, ...]:
+    return (
+        Fact(
+            "v⁻", "speed of every impact", v, "m/s", partial(limit, kind="impact", number=3, of="v", i=0, side="left")
+        ),
+        Fact("T", "from impact to impact", T, "s", partial(interval, kind="impact", first=2, last=3)),
     )
 
 
@@ -349,7 +354,26 @@ def shaw_holmes(
     restitution(name, e)
     if x0 > s:
         raise InputError(f"{name}: x0 = {x0:g} must not lie beyond the stop s = {s:g}")
-    ζ, ω = zeta, omega
+    t_end = 8.0 * math.pi / omega
+    scheme = Scheme(
+        Mass("x", 1.0),
+        KelvinVoigt("x", GROUND, 1.0, 2.0 * zeta, symbols=("1", "2ζ")),
+        Load("x", Harmonic(f, omega), symbols=("f cos ωt",)),
+        Bumper("x", GROUND, gap=s, e=e),
+    )
+    return Problem(
+        name,
+        scheme,
+        q0={"x": x0},
+        v0={"x": v0},
+        t_end=t_end,
+        parameters={"zeta": zeta, "omega": omega, "f": f, "s": s, "e": e, "x0": x0, "v0": v0},
+        source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
+        facts=partial(_shaw_holmes_facts, zeta, omega, f, s, x0, v0, t_end),
+    )
+
+
+def _shaw_holmes_facts(ζ: float, ω: float, f: float, s: float, x0: float, v0: float, t_end: float) -> tuple[Fact, ...]:
     G, ψ = f / math.hypot(1.0 - ω**2, 2.0 * ζ * ω), math.atan2(2.0 * ζ * ω, 1.0 - ω**2)
     p, d = G * math.cos(ψ), G * ω * math.sin(ψ)
 
@@ -358,20 +382,12 @@ def shaw_holmes(
         x = G * np.cos(ω * np.asarray(t) - ψ) + C * (x0 - p) + S * (v0 - d)
         return x, -G * ω * np.sin(ω * np.asarray(t) - ψ) - S * (x0 - p) + dS * (v0 - d)
 
-    t_end = 8.0 * math.pi / ω
-    scheme = Scheme(
-        Mass("x", 1.0),
-        KelvinVoigt("x", GROUND, 1.0, 2.0 * ζ, symbols=("1", "2ζ")),
-        Load("x", Harmonic(f, ω), symbols=("f cos ωt",)),
-        Bumper("x", GROUND, gap=s, e=e),
-    )
     t_1 = first_root(lambda t: s - free(t)[0], t_end, 2.0 * math.pi / max(ω, 1.0))
-    facts: tuple[Fact, ...] = ()
     if t_1 is None:
         end = float(free(t_end)[0])
-        facts = (Fact("x(T)", "position at the end, clear of the stop", end, "m", partial(final, series="x"), scale=G),)
-    elif t_1 > 0.0 or v0 > 0.0:
-        facts = (
+        return (Fact("x(T)", "position at the end, clear of the stop", end, "m", partial(final, series="x"), scale=G),)
+    if t_1 > 0.0 or v0 > 0.0:
+        return (
             Fact("t_1", "first impact", t_1, "s", partial(instant, kind="impact"), scale=1.0),
             Fact(
                 "v_1",
@@ -382,13 +398,4 @@ def shaw_holmes(
                 scale=G,
             ),
         )
-    return Problem(
-        name,
-        scheme,
-        q0={"x": x0},
-        v0={"x": v0},
-        t_end=t_end,
-        parameters={"zeta": ζ, "omega": ω, "f": f, "s": s, "e": e, "x0": x0, "v0": v0},
-        source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
-        facts=facts,
-    )
+    return ()

@@ -83,7 +83,7 @@ def system_1(
         t_end=3.0,
         parameters=parameters,
         source=f"{SOURCE}, Fig. 1",
-        facts=_facts("system-1", parameters, c_o * speed),
+        facts=partial(_facts, "system-1", parameters, c_o * speed),
     )
 
 
@@ -147,7 +147,7 @@ def system_2(
         t_end=3.0,
         parameters=parameters,
         source=f"{SOURCE}, Fig. 4",
-        facts=_facts("system-2", parameters, 0.0),
+        facts=partial(_facts, "system-2", parameters, 0.0),
     )
 
 
@@ -212,7 +212,7 @@ def system_3(
         t_end=3.0,
         parameters=parameters,
         source=f"{SOURCE}, Fig. 5",
-        facts=_facts("system-3", parameters, speed / (1.0 / c + 1.0 / c_o)),
+        facts=partial(_facts, "system-3", parameters, speed / (1.0 / c + 1.0 / c_o)),
     )
 
 

@@ -28,6 +28,7 @@ from lcpimpact.scheme.elements.hunt_crossley import HuntCrossley
 from lcpimpact.scheme.elements.kelvin_voigt_stop import KelvinVoigtStop
 from lcpimpact.scheme.elements.rope import Rope
 from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.scheme.terms import RowLaw, Terms
 
 LAWS = {
@@ -127,6 +128,10 @@ def penalized(
     if not isinstance(problem.scheme, Scheme):
         raise UnsupportedError(
             f"penalized: {problem.name!r} is given by its matrices, and a law can replace only the bumpers of a Scheme"
+        )
+    if isinstance(problem.scheme, SparseScheme):
+        raise UnsupportedError(
+            f"penalized: {problem.name!r} is a SparseScheme, which takes no compliant laws: take a Scheme"
         )
     dynamics = problem.dynamics
 

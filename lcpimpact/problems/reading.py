@@ -96,13 +96,19 @@ def final(run: Any, series: str, unit: float = 1.0) -> float:
 def peak(run: Any, series: Series, sign: float = 1.0, until: float = math.inf) -> float:
     """Return the maximum of a series, or the minimum with ``sign=-1``, also between the grid points, up to a time."""
     if run.dense is not None:
-        knots = _knots(run)
-        knots = np.append(knots[knots < until], min(until, knots[-1]))
-        return sign * _exact_peak(lambda t, side: sign * read(run, series, t, side), np.unique(knots))
+        return highest(run, series, sign, until)[1]
     forces = run.names[2 * run.q.shape[1] :]
     times = np.append(0.0, run.t_reaction) if series in forces and run.t_reaction[0] > 0.0 else run.t
     times = times[times <= until]
     return sign * _top(times, sign * read(run, series, times))
+
+
+def highest(run: Any, series: Series, sign: float = 1.0, until: float = math.inf) -> tuple[float, float]:
+    """Return the instant and value of the maximum of a series of a run with a continuous solution; see `peak`."""
+    knots = _knots(run)
+    knots = np.append(knots[knots < until], min(until, knots[-1]))
+    value, t = _exact_peak(lambda t, side: sign * read(run, series, t, side), np.unique(knots))
+    return t, sign * value
 
 
 def crossing(run: Any, series: Series, level: float = 0.0, direction: float = 1.0, number: int = 1) -> float:
@@ -145,29 +151,30 @@ MAX_PEAKS = 16
 """Maximum number of local maxima that are searched."""
 
 
-def _exact_peak(value: Callable[[ArrayLike, str], Array], knots: Array) -> float:
-    """Return the supremum of a series that is smooth between knots."""
+def _exact_peak(value: Callable[[ArrayLike, str], Array], knots: Array) -> tuple[float, float]:
+    """Return the supremum of a series that is smooth between knots, and its instant."""
     highest = np.maximum(value(knots, "left"), value(knots, "right"))
     beside = np.concatenate([[-np.inf], highest, [-np.inf]])
     best = float(highest.max())
     enough = best - KNOT_MARGIN * (best - float(highest.min()))
     tops = np.flatnonzero((highest >= beside[:-2]) & (highest >= beside[2:]) & (highest >= enough))
     tops = tops[np.argsort(-highest[tops], kind="stable")][:MAX_PEAKS]
-    return max(best, *(_peak_beside(value, knots, int(j)) for j in tops))
+    found = [(best, float(knots[np.argmax(highest)])), *(_peak_beside(value, knots, int(j)) for j in tops)]
+    return max(found, key=lambda each: each[0])
 
 
-def _peak_beside(value: Callable[[ArrayLike, str], Array], knots: Array, j: int) -> float:
-    """Return the supremum of a series between knot j and its neighbours."""
+def _peak_beside(value: Callable[[ArrayLike, str], Array], knots: Array, j: int) -> tuple[float, float]:
+    """Return the supremum of a series between knot j and its neighbours, and its instant."""
     # Two knots may differ by rounding only; then the next one bounds the search.
     apart = np.abs(knots - knots[j]) > 1e-9 * (knots[-1] - knots[0])
     ends = [*knots[apart & (knots < knots[j])][-1:], *knots[apart & (knots > knots[j])][:1]]
-    heights = [-np.inf]
+    heights = [(-math.inf, float(knots[j]))]
     for end in ends:
         a, b = sorted((float(knots[j]), float(end)))
         found = minimize_scalar(
             lambda t: -value([t], "right")[0], bounds=(a, b), method="bounded", options={"xatol": 1e-9 * (b - a)}
         )
-        heights.append(-float(found.fun))
+        heights.append((-float(found.fun), float(found.x)))
     return max(heights)
 
 

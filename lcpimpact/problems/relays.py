@@ -10,6 +10,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.reading import at, crossing, instant, peak
@@ -56,18 +57,11 @@ def filippov(f0: float = 2.0, s: float = 1.0, depth: float = 1.5) -> Problem:
     name = "filippov"
     above_zero(name, s=s, depth=depth)
     root = (f0 + 1.0) ** 2 - 2.0 * s * depth
-    t_1 = (f0 + 1.0 - math.sqrt(max(root, 0.0))) / s
+    t_1 = (f0 + 1.0 - sqrt(max(root, 0.0))) / s
     t_2, t_3 = 2.0 * (f0 - 1.0) / s - t_1, (f0 + 1.0) / s
     if not (root > 0.0 and f0 - s * t_1 > 1.0 and f0 - s * t_2 > -1.0):
         raise InputError(f"{name}: with f0 = {f0:g}, s = {s:g}, depth = {depth:g} it does not cross, slide and leave")
     t_end = t_3 + 0.5 / s
-    motion = partial(_filippov_motion, f0=f0, s=s, depth=depth, t_1=t_1, t_2=t_2, t_3=t_3)
-    facts = (
-        Fact("t_1", "crosses", t_1, "s", partial(crossing, series="x")),
-        Fact("t_2", "begins to slide", t_2, "s", partial(instant, kind="slide")),
-        Fact("t_3", "leaves", t_3, "s", partial(_leaves, bound=-1.0)),
-        Fact("x", "place at t_end", -0.125 / s, "", partial(at, series="x", t=t_end), scale=depth),
-    )
     return Problem(
         name,
         _relay([[0.0]], [[-1.0]], [[-1.0]], states=("x",), a=[Polynomial((f0, -s))]),
@@ -75,8 +69,17 @@ def filippov(f0: float = 2.0, s: float = 1.0, depth: float = 1.5) -> Problem:
         t_end=t_end,
         parameters={"f0": f0, "s": s, "depth": depth},
         source="Filippov, Differential Equations with Discontinuous Righthand Sides (1988)",
-        facts=facts,
-        motion=motion,
+        facts=partial(_filippov_facts, s, depth, t_1, t_2, t_3, t_end),
+        motion=partial(_filippov_motion, f0=f0, s=s, depth=depth, t_1=t_1, t_2=t_2, t_3=t_3),
+    )
+
+
+def _filippov_facts(s: float, depth: float, t_1: float, t_2: float, t_3: float, t_end: float) -> tuple[Fact, ...]:
+    return (
+        Fact("t_1", "crosses", t_1, "s", partial(crossing, series="x")),
+        Fact("t_2", "begins to slide", t_2, "s", partial(instant, kind="slide")),
+        Fact("t_3", "leaves", t_3, "s", partial(_leaves, bound=-1.0)),
+        Fact("x", "place at t_end", -0.125 / s, "", partial(at, series="x", t=t_end), scale=depth),
     )
 
 
@@ -135,18 +138,10 @@ def sliding_mode(a: float = 1.0, d: float = 0.25, c: float = 1.0, x0: float = 0.
         raise InputError(
             f"{name}: |d| = {abs(d):g} must be below a = {a:g}, or the control cannot hold the disturbance"
         )
-    t_s = (math.sqrt(1.0 + 2.0 * c**2 * x0 / (a - d)) - 1.0) / c
-    x_s, t_end = x0 - 0.5 * (a - d) * t_s**2, t_s + 3.0 / c
+    t_s = (sqrt(1.0 + 2.0 * (c * c) * x0 / (a - d)) - 1.0) / c
+    x_s, t_end = x0 - 0.5 * (a - d) * (t_s * t_s), t_s + 3.0 / c
     if not c * c * x_s < a + d:
         raise InputError(f"{name}: a = {a:g} is too weak to slide at σ = 0: raise it, or take a smaller c or x0")
-    v_end = -c * x_s * math.exp(-3.0)
-    motion = partial(_sliding_mode_motion, push=a - d, c=c, x0=x0, t_s=t_s, x_s=x_s)
-    facts = (
-        Fact("t_s", "begins to slide", t_s, "s", partial(instant, kind="slide")),
-        Fact("x_s", "place where it begins to slide", x_s, "m", partial(at, series="x", t=t_s), scale=x0),
-        Fact("x", "place at t_end", x_s * math.exp(-3.0), "m", partial(at, series="x", t=t_end), scale=x0),
-        Fact("λ", "equivalent control at t_end", (d + c * v_end) / a, "", partial(at, series="λ", t=t_end), scale=1.0),
-    )
     return Problem(
         name,
         _relay([[0.0, 1.0], [0.0, 0.0]], [[0.0], [-a]], [[-c, -1.0]], states=("x", "v"), a=[0.0, d]),
@@ -154,8 +149,20 @@ def sliding_mode(a: float = 1.0, d: float = 0.25, c: float = 1.0, x0: float = 0.
         t_end=t_end,
         parameters={"a": a, "d": d, "c": c, "x0": x0},
         source="Utkin, Sliding Modes in Control and Optimization (1992)",
-        facts=facts,
-        motion=motion,
+        facts=partial(_sliding_mode_facts, a, d, c, x0, t_s, x_s, t_end),
+        motion=partial(_sliding_mode_motion, push=a - d, c=c, x0=x0, t_s=t_s, x_s=x_s),
+    )
+
+
+def _sliding_mode_facts(
+    a: float, d: float, c: float, x0: float, t_s: float, x_s: float, t_end: float
+) -> tuple[Fact, ...]:
+    v_end = -c * x_s * math.exp(-3.0)
+    return (
+        Fact("t_s", "begins to slide", t_s, "s", partial(instant, kind="slide")),
+        Fact("x_s", "place where it begins to slide", x_s, "m", partial(at, series="x", t=t_s), scale=x0),
+        Fact("x", "place at t_end", x_s * math.exp(-3.0), "m", partial(at, series="x", t=t_end), scale=x0),
+        Fact("λ", "equivalent control at t_end", (d + c * v_end) / a, "", partial(at, series="λ", t=t_end), scale=1.0),
     )
 
 
@@ -202,13 +209,7 @@ def relay_oscillator(a: float = 1.0, x0: float = 1.0) -> Problem:
     """
     name = "relay-oscillator"
     above_zero(name, a=a, x0=x0)
-    quarter, v_1 = math.sqrt(2.0 * x0 / a), math.sqrt(2.0 * a * x0)
-    facts = (
-        Fact("t_1", "first passes the middle", quarter, "s", partial(crossing, series="x", direction=-1.0)),
-        Fact("v_1", "velocity there", -v_1, "m/s", partial(peak, series="v", sign=-1.0, until=2.0 * quarter)),
-        Fact("t_2", "passes it again", 3.0 * quarter, "s", partial(crossing, series="x")),
-        Fact("x_1", "first turning point", -x0, "m", partial(peak, series="x", sign=-1.0)),
-    )
+    quarter = sqrt(2.0 * x0 / a)
     return Problem(
         name,
         _relay([[0.0, 1.0], [0.0, 0.0]], [[0.0], [-a]], [[-1.0, 0.0]], states=("x", "v")),
@@ -216,8 +217,18 @@ def relay_oscillator(a: float = 1.0, x0: float = 1.0) -> Problem:
         t_end=4.5 * quarter,
         parameters={"a": a, "x0": x0},
         source="Tsypkin, Relay Control Systems (1984)",
-        facts=facts,
+        facts=partial(_relay_oscillator_facts, a, x0, quarter),
         motion=partial(_relay_oscillator_motion, a=a, quarter=quarter),
+    )
+
+
+def _relay_oscillator_facts(a: float, x0: float, quarter: float) -> tuple[Fact, ...]:
+    v_1 = math.sqrt(2.0 * a * x0)
+    return (
+        Fact("t_1", "first passes the middle", quarter, "s", partial(crossing, series="x", direction=-1.0)),
+        Fact("v_1", "velocity there", -v_1, "m/s", partial(peak, series="v", sign=-1.0, until=2.0 * quarter)),
+        Fact("t_2", "passes it again", 3.0 * quarter, "s", partial(crossing, series="x")),
+        Fact("x_1", "first turning point", -x0, "m", partial(peak, series="x", sign=-1.0)),
     )
 
 
@@ -269,15 +280,9 @@ def twisting(r1: float = 2.0, r2: float = 1.0, x0: float = 1.0) -> Problem:
     if not r1 > r2:
         raise InputError(f"{name}: r1 = {r1:g} must be above r2 = {r2:g}, or the mass stops before it turns back")
     inwards, outwards = r1 - r2, r1 + r2
-    first, root = math.sqrt(2.0 * x0 / inwards), math.sqrt(inwards / outwards)
-    half = first + math.sqrt(2.0 * x0 * inwards) / outwards
+    first, root = sqrt(2.0 * x0 / inwards), sqrt(inwards / outwards)
+    half = first + sqrt(2.0 * x0 * inwards) / outwards
     rest = half / (1.0 - root)
-    facts = (
-        Fact("t_1", "first passes the middle", first, "s", partial(crossing, series="x", direction=-1.0)),
-        Fact("x_1", "first turning point", -x0 * root**2, "m", partial(peak, series="x", sign=-1.0), scale=x0),
-        Fact("t_∞", "when it comes to rest", rest, "s", _sum_of_swings, accuracy=1e-8),
-        Fact("x", "place at t_end", 0.0, "m", partial(at, series="x", t=1.2 * rest), scale=x0),
-    )
     return Problem(
         name,
         _relay(
@@ -288,9 +293,18 @@ def twisting(r1: float = 2.0, r2: float = 1.0, x0: float = 1.0) -> Problem:
         t_end=1.2 * rest,
         parameters={"r1": r1, "r2": r2, "x0": x0},
         source="Levant, Sliding order and sliding accuracy in sliding mode control (1993)",
-        facts=facts,
+        facts=partial(_twisting_facts, x0, first, root, rest),
         motion=partial(_twisting_motion, inwards=inwards, outwards=outwards, x0=x0, rest=rest, root=root),
     )  # fmt: skip
+
+
+def _twisting_facts(x0: float, first: float, root: float, rest: float) -> tuple[Fact, ...]:
+    return (
+        Fact("t_1", "first passes the middle", first, "s", partial(crossing, series="x", direction=-1.0)),
+        Fact("x_1", "first turning point", -x0 * root**2, "m", partial(peak, series="x", sign=-1.0), scale=x0),
+        Fact("t_∞", "when it comes to rest", rest, "s", _sum_of_swings, accuracy=1e-8),
+        Fact("x", "place at t_end", 0.0, "m", partial(at, series="x", t=1.2 * rest), scale=x0),
+    )
 
 
 def _twisting_motion(
@@ -360,13 +374,7 @@ def reflected_motion(A: float = 1.0, omega: float = 1.0, x0: float = 0.5) -> Pro
     reach = A / omega
     if not x0 < reach:
         raise InputError(f"{name}: x0 = {x0:g} must be below A/omega = {reach:g}, or it never comes down to zero")
-    t_1, t_2, t_end = (math.pi + math.asin(x0 / reach)) / omega, 1.5 * math.pi / omega, 2.5 * math.pi / omega
-    facts = (
-        Fact("t_1", "meets zero", t_1, "s", partial(instant, kind="close")),
-        Fact("t_2", "leaves it", t_2, "s", partial(instant, kind="open")),
-        Fact("L", "what was pushed", reach - x0, "", partial(_pushed, A=A, omega=omega, x0=x0), scale=reach),
-        Fact("x", "place at t_end", 2.0 * reach, "", partial(at, series="x", t=t_end)),
-    )
+    t_end = 2.5 * math.pi / omega
     return Problem(
         name,
         LinearComplementaritySystem(
@@ -376,14 +384,28 @@ def reflected_motion(A: float = 1.0, omega: float = 1.0, x0: float = 0.5) -> Pro
         t_end=t_end,
         parameters={"A": A, "omega": omega, "x0": x0},
         source="Skorokhod, Stochastic equations for diffusion processes in a bounded region (1961)",
-        facts=facts,
-        motion=partial(_reflected_motion, reach=reach, omega=omega, x0=x0, t_1=t_1, t_2=t_2),
+        facts=partial(_reflected_facts, A, omega, x0, reach, t_end),
+        motion=partial(_reflected_motion, reach=reach, omega=omega, x0=x0),
     )
 
 
-def _reflected_motion(
-    t: Array, *, reach: float, omega: float, x0: float, t_1: float, t_2: float
-) -> tuple[Array, Array]:
+def _held(reach: float, omega: float, x0: float) -> tuple[float, float]:
+    """Return t_1 and t_2."""
+    return (math.pi + math.asin(x0 / reach)) / omega, 1.5 * math.pi / omega
+
+
+def _reflected_facts(A: float, omega: float, x0: float, reach: float, t_end: float) -> tuple[Fact, ...]:
+    t_1, t_2 = _held(reach, omega, x0)
+    return (
+        Fact("t_1", "meets zero", t_1, "s", partial(instant, kind="close")),
+        Fact("t_2", "leaves it", t_2, "s", partial(instant, kind="open")),
+        Fact("L", "what was pushed", reach - x0, "", partial(_pushed, A=A, omega=omega, x0=x0), scale=reach),
+        Fact("x", "place at t_end", 2.0 * reach, "", partial(at, series="x", t=t_end)),
+    )
+
+
+def _reflected_motion(t: Array, *, reach: float, omega: float, x0: float) -> tuple[Array, Array]:
+    t_1, t_2 = _held(reach, omega, x0)
     t = np.asarray(t, dtype=np.float64)
     sine, rate = np.sin(omega * t), reach * omega * np.cos(omega * t)
     held = (t >= t_1) & (t < t_2)

@@ -9,6 +9,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, restitution
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.reading import instant, limit
@@ -70,23 +71,37 @@ def rocking_block(p: float = 2.0, alpha: float = 0.2, theta: float = 0.1, e: flo
         raise InputError(f"{name}: theta = {theta:g} must be below alpha = {alpha:g}, or the block falls over")
     e = 1.0 - 1.5 * math.sin(alpha) ** 2 if e is None else e
     restitution(name, e)
-    scheme = Scheme(
-        Mass("θ", 1.0, symbols=("1",)),
-        NegativeSpring("θ", GROUND, p**2, symbols=("p²",)),
-        Load("θ", -(p**2) * alpha, symbols=("p²α",)),
-        Bumper(GROUND, "θ", e=e),
-    )
     φ = theta / alpha
-    s_0 = math.sqrt(φ * (2.0 - φ))
+    s_0 = sqrt(φ * (2.0 - φ))
+    return Problem(
+        name,
+        Scheme(
+            Mass("θ", 1.0, symbols=("1",)),
+            NegativeSpring("θ", GROUND, p * p, symbols=("p²",)),
+            Load("θ", -(p * p) * alpha, symbols=("p²α",)),
+            Bumper(GROUND, "θ", e=e),
+        ),
+        q0={"θ": theta},
+        t_end=partial(_end, p, e, s_0),
+        parameters={"p": p, "alpha": alpha, "theta": theta, "e": e},
+        source="Housner, The behavior of inverted pendulum structures during earthquakes (1963)",
+        facts=partial(_facts, p, alpha, e, s_0),
+        motion=partial(_rocking_block_motion, alpha=alpha, e=e, p=p, s_0=s_0, theta=theta),
+    )
 
-    def impact(n: int) -> float:
-        """Return t_n for n >= 1."""
-        return (math.atanh(s_0) + 2.0 * sum(math.atanh(e**j * s_0) for j in range(1, n))) / p
 
-    motion = partial(_rocking_block_motion, alpha=alpha, e=e, p=p, s_0=s_0, theta=theta)
+def _impact(n: int, p: float, e: float, s_0: float) -> float:
+    """Return t_n for n >= 1."""
+    return (math.atanh(s_0) + 2.0 * sum(math.atanh(e**j * s_0) for j in range(1, n))) / p
 
+
+def _end(p: float, e: float, s_0: float) -> float:
+    return 1.1 * _impact(6, p, e, s_0)
+
+
+def _facts(p: float, alpha: float, e: float, s_0: float) -> tuple[Fact, ...]:
     facts: tuple[Fact, ...] = (
-        Fact("T/4", "first impact", impact(1), "s", partial(instant, kind="impact")),
+        Fact("T/4", "first impact", _impact(1, p, e, s_0), "s", partial(instant, kind="impact")),
         Fact(
             "ω_1",
             "its angular speed",
@@ -97,8 +112,8 @@ def rocking_block(p: float = 2.0, alpha: float = 0.2, theta: float = 0.1, e: flo
     )
     if e > 0.0:
         facts += (
-            Fact("t_2", "second impact", impact(2), "s", partial(instant, kind="impact", number=2)),
-            Fact("t_3", "third impact", impact(3), "s", partial(instant, kind="impact", number=3)),
+            Fact("t_2", "second impact", _impact(2, p, e, s_0), "s", partial(instant, kind="impact", number=2)),
+            Fact("t_3", "third impact", _impact(3, p, e, s_0), "s", partial(instant, kind="impact", number=3)),
             Fact(
                 "ω_3",
                 "its angular speed",
@@ -107,16 +122,7 @@ def rocking_block(p: float = 2.0, alpha: float = 0.2, theta: float = 0.1, e: flo
                 partial(limit, kind="impact", number=3, of="v", i=0, side="left", unit=-1.0),
             ),
         )
-    return Problem(
-        name,
-        scheme,
-        q0={"θ": theta},
-        t_end=1.1 * impact(6),
-        parameters={"p": p, "alpha": alpha, "theta": theta, "e": e},
-        source="Housner, The behavior of inverted pendulum structures during earthquakes (1963)",
-        facts=facts,
-        motion=motion,
-    )
+    return facts
 
 
 def _rocking_block_motion(

@@ -14,6 +14,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import sqrt
 from lcpimpact.numbers import between
 from lcpimpact.problems.base import Problem, above_zero, not_negative, restitution
 from lcpimpact.problems.facts import Fact
@@ -150,15 +151,7 @@ def _slides_and_rolls(
     s = v0 + R * omega0
     if s == 0.0:
         raise InputError(f"{name}: with R omega0 = {R * omega0:g} = -v0 the ball rolls from the start; change omega0")
-    a = -math.copysign(mu * g, s)
     t_r, v_r = abs(s) * k / ((1.0 + k) * mu * g), (v0 - k * R * omega0) / (1.0 + k)
-    facts = (
-        Fact("t_r", "rolls from", t_r, "s", partial(instant, kind="stick")),
-        Fact("v_r", "velocity from then on", v_r, "m/s", partial(final, series="v_x"), scale=v0),
-        Fact("x_r", "way until then", 0.5 * (v0 + v_r) * t_r, "m",
-             partial(limit, kind="stick", of="q", i=0, side="left"), scale=v0 * t_r),
-        Fact("ω_r", "angular velocity", -v_r / R, "rad/s", partial(final, series="v_φ"), scale=v0 / R),
-    )  # fmt: skip
     return Problem(
         name,
         _ball(m, R, k, Load("y", m * g, symbols=("mg",)), Bumper("y", GROUND, e=0.0, name="N", symbols=("N",)),
@@ -167,19 +160,30 @@ def _slides_and_rolls(
         t_end=1.75 * t_r,
         parameters={"m": m, "R": R, "k": k, "g": g, "mu": mu, "v0": v0, "omega0": omega0},
         source=CORIOLIS,
-        facts=facts,
-        motion=partial(_slides_and_rolls_motion, a=a, R=R, k=k, t_r=t_r, v0=v0, omega0=omega0),
+        facts=partial(_slides_and_rolls_facts, R, v0, t_r, v_r),
+        motion=partial(_slides_and_rolls_motion, friction=mu * g, R=R, k=k, t_r=t_r, v0=v0, omega0=omega0),
+    )  # fmt: skip
+
+
+def _slides_and_rolls_facts(R: float, v0: float, t_r: float, v_r: float) -> tuple[Fact, ...]:
+    return (
+        Fact("t_r", "rolls from", t_r, "s", partial(instant, kind="stick")),
+        Fact("v_r", "velocity from then on", v_r, "m/s", partial(final, series="v_x"), scale=v0),
+        Fact("x_r", "way until then", 0.5 * (v0 + v_r) * t_r, "m",
+             partial(limit, kind="stick", of="q", i=0, side="left"), scale=v0 * t_r),
+        Fact("ω_r", "angular velocity", -v_r / R, "rad/s", partial(final, series="v_φ"), scale=v0 / R),
     )  # fmt: skip
 
 
 def _ball(m: float, R: float, k: float, *elements: Any) -> Scheme:
     """Return a ball with the coordinates x, y and φ."""
-    return Scheme(Mass("x", m), Mass("y", m), Mass("φ", k * m * R**2, symbols=("J",)), *elements)
+    return Scheme(Mass("x", m), Mass("y", m), Mass("φ", k * m * (R * R), symbols=("J",)), *elements)
 
 
 def _slides_and_rolls_motion(
-    t: Array, *, a: float, R: float, k: float, t_r: float, v0: float, omega0: float
+    t: Array, *, friction: float, R: float, k: float, t_r: float, v0: float, omega0: float
 ) -> tuple[Array, Array]:
+    a = -math.copysign(friction, v0 + R * omega0)
     times = np.asarray(t, dtype=np.float64)
     slid, rolled = np.minimum(times, t_r), np.maximum(times - t_r, 0.0)
     α, zero = a / (k * R), np.zeros_like(times)
@@ -253,6 +257,30 @@ def spinning_ball(
     not_negative(name, mu=mu)
     restitution(name, e)
     between(f"{name}: e_T", e_T, 0.0, 1.0)
+    return Problem(
+        name,
+        _ball(m, R, k, Load("y", m * g, symbols=("mg",)),
+              Bumper("y", GROUND, gap=0.5 * (v_y * v_y) / g, e=e, name="N", symbols=("N",)),
+              Friction({"x": 1.0, "φ": R}, GROUND, mu, normal="N", e_T=e_T)),
+        v0={"φ": omega0},
+        t_end=partial(_spinning_ball_end, R, k, g, mu, e, v_y, omega0),
+        parameters={
+            "m": m, "R": R, "k": k, "g": g, "mu": mu, "e": e, "e_T": e_T, "v_y": v_y, "omega0": omega0
+        },
+        source=GARWIN,
+        facts=partial(_spinning_ball_facts, m=m, R=R, k=k, g=g, mu=mu, e=e, e_T=e_T, v_y=v_y, omega0=omega0),
+    )  # fmt: skip
+
+
+def _spinning_ball_end(R: float, k: float, g: float, mu: float, e: float, v_y: float, omega0: float) -> float:
+    bouncing = v_y / g * (1.0 + e) / (1.0 - e) if e < 1.0 else 6.0 * v_y / g
+    rolls = R * omega0 * k / ((1.0 + k) * mu * g) if e < 1.0 and mu > 0.0 else 0.0
+    return 1.25 * (bouncing + rolls)
+
+
+def _spinning_ball_facts(
+    *, m: float, R: float, k: float, g: float, mu: float, e: float, e_T: float, v_y: float, omega0: float
+) -> tuple[Fact, ...]:
     s, P = R * omega0, (1.0 + e) * m * v_y
     P_F = min(mu * P, (1.0 + e_T) * m * s * k / (1.0 + k))
     impact = partial(limit, kind="impact", contact="N", of="v", side="right")
@@ -264,24 +292,10 @@ def spinning_ball(
     )
     if P_F > 0.0:
         facts += (Fact("P_F", "impulse of friction", P_F, "N s", partial(_impulse, contact="F")),)
-    bouncing = v_y / g * (1.0 + e) / (1.0 - e) if e < 1.0 else 6.0 * v_y / g
     if e < 1.0 and mu > 0.0:
         v_r = -k * s / (1.0 + k)
         facts += (Fact("v_r", "velocity at last, rolling", v_r, "m/s", partial(final, series="v_x")),)
-        bouncing += s * k / ((1.0 + k) * mu * g)
-    return Problem(
-        name,
-        _ball(m, R, k, Load("y", m * g, symbols=("mg",)),
-              Bumper("y", GROUND, gap=0.5 * v_y**2 / g, e=e, name="N", symbols=("N",)),
-              Friction({"x": 1.0, "φ": R}, GROUND, mu, normal="N", e_T=e_T)),
-        v0={"φ": omega0},
-        t_end=1.25 * bouncing,
-        parameters={
-            "m": m, "R": R, "k": k, "g": g, "mu": mu, "e": e, "e_T": e_T, "v_y": v_y, "omega0": omega0
-        },
-        source=GARWIN,
-        facts=facts,
-    )  # fmt: skip
+    return facts
 
 
 def _impulse(run: Any, contact: str) -> float:
@@ -343,17 +357,9 @@ def super_ball(
     name = "super-ball"
     above_zero(name, m=m, R=R, k=k, g=g, mu=mu, H=H, omega0=omega0)
     w = R * omega0
-    _grips(name, mu, k * w / (1.0 + k), math.sqrt(2.0 * g * H))
-    fall = math.sqrt(2.0 * H / g)
+    _grips(name, mu, k * w / (1.0 + k), sqrt(2.0 * g * H))
+    fall = sqrt(2.0 * H / g)
     v, u = _bounce(0.0, w, k)
-    after = partial(limit, kind="impact", contact="N", of="v", side="right")
-    facts = (
-        Fact("t_1", "first bounce", fall, "s", partial(instant, kind="impact", contact="N")),
-        Fact("v_1", "velocity after it", v, "m/s", partial(after, i=0)),
-        Fact("ω_1", "angular velocity after it", u / R, "rad/s", partial(after, i=2), scale=omega0),
-        Fact("v_2", "velocity after the second", 0.0, "m/s", partial(after, i=0, number=2), scale=w),
-        Fact("ω_2", "angular velocity after the second", omega0, "rad/s", partial(after, i=2, number=2)),
-    )
     return Problem(
         name,
         _ball(m, R, k, Load("y", m * g, symbols=("mg",)), Bumper("y", GROUND, gap=H, e=1.0, name="N", symbols=("N",)),
@@ -362,9 +368,20 @@ def super_ball(
         t_end=8.5 * fall,
         parameters={"m": m, "R": R, "k": k, "g": g, "mu": mu, "H": H, "omega0": omega0},
         source=GARWIN,
-        facts=facts,
+        facts=partial(_super_ball_facts, omega0, w, fall, v, u / R),
         motion=partial(_super_ball_motion, H=H, fall=fall, g=g, omega0=omega0, omega1=u / R, v=v),
     )  # fmt: skip
+
+
+def _super_ball_facts(omega0: float, w: float, fall: float, v: float, omega1: float) -> tuple[Fact, ...]:
+    after = partial(limit, kind="impact", contact="N", of="v", side="right")
+    return (
+        Fact("t_1", "first bounce", fall, "s", partial(instant, kind="impact", contact="N")),
+        Fact("v_1", "velocity after it", v, "m/s", partial(after, i=0)),
+        Fact("ω_1", "angular velocity after it", omega1, "rad/s", partial(after, i=2), scale=omega0),
+        Fact("v_2", "velocity after the second", 0.0, "m/s", partial(after, i=0, number=2), scale=w),
+        Fact("ω_2", "angular velocity after the second", omega0, "rad/s", partial(after, i=2, number=2)),
+    )
 
 
 def _grips(name: str, mu: float, half_impulse: float, v_y: float) -> None:
@@ -447,16 +464,6 @@ def super_ball_table(
         _grips(name, mu, k * (v + side * w) / (1.0 + k), v_y)
         v, w = _bounce(v, side * w, k)
         states.append((v, side * w))
-    after = partial(limit, kind="impact", of="v", side="right")
-    (v_1, _), (v_2, _), (v_3, w_3) = states[1:]
-    facts = (
-        Fact("t_1", "first bounce", 0.5 * h / v_y, "s", partial(instant, kind="impact", contact="N1")),
-        Fact("v_1", "velocity after the floor", v_1, "m/s", partial(after, contact="N1", i=0), scale=v_x),
-        Fact("v_2", "velocity after the table", v_2, "m/s", partial(after, contact="N2", i=0), scale=v_x),
-        Fact("v_3", "velocity after the floor again", v_3, "m/s", partial(after, contact="N1", i=0, number=2), scale=v_x),
-        Fact("ω_3", "angular velocity then", w_3 / R, "rad/s", partial(after, contact="N1", i=2, number=2),
-             scale=v_x / R),
-    )  # fmt: skip
     return Problem(
         name,
         _ball(m, R, k,
@@ -468,5 +475,18 @@ def super_ball_table(
         t_end=3.25 * h / v_y,
         parameters={"m": m, "R": R, "k": k, "mu": mu, "h": h, "v_x": v_x, "v_y": v_y},
         source=GARWIN,
-        facts=facts,
+        facts=partial(_super_ball_table_facts, R, h, v_y, states),
+    )  # fmt: skip
+
+
+def _super_ball_table_facts(R: float, h: float, v_y: float, states: list[tuple[float, float]]) -> tuple[Fact, ...]:
+    after = partial(limit, kind="impact", of="v", side="right")
+    (v_x, _), (v_1, _), (v_2, _), (v_3, w_3) = states
+    return (
+        Fact("t_1", "first bounce", 0.5 * h / v_y, "s", partial(instant, kind="impact", contact="N1")),
+        Fact("v_1", "velocity after the floor", v_1, "m/s", partial(after, contact="N1", i=0), scale=v_x),
+        Fact("v_2", "velocity after the table", v_2, "m/s", partial(after, contact="N2", i=0), scale=v_x),
+        Fact("v_3", "velocity after the floor again", v_3, "m/s", partial(after, contact="N1", i=0, number=2), scale=v_x),
+        Fact("ω_3", "angular velocity then", w_3 / R, "rad/s", partial(after, contact="N1", i=2, number=2),
+             scale=v_x / R),
     )  # fmt: skip

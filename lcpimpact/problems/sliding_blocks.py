@@ -9,6 +9,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero, not_negative, restitution
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.reading import final, instant, interval, limit, peak
@@ -23,6 +24,7 @@ from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.signals import Polynomial
 
 COULOMB = "Coulomb, Théorie des machines simples (1785)"
+LEINE_NIJMEIJER = "Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (2004), chapter 4"
 
 
 def block_on_incline(
@@ -73,19 +75,6 @@ def block_on_incline(
     if not alpha < 0.5 * math.pi:
         raise InputError(f"{name}: alpha = {alpha:g} must be below π/2, or the block does not lie on the incline")
     a = g * (math.sin(alpha) - mu * math.cos(alpha))
-    t_stop = v0 / -a if a < 0.0 else math.inf
-    t_end = 1.5 * t_stop if a < 0.0 else 2.0 * v0 / g
-    if a < 0.0:
-        facts: tuple[Fact, ...] = (
-            Fact("t_s", "when it stops", t_stop, "s", partial(instant, kind="stick")),
-            Fact("s", "way until then", 0.5 * v0 * t_stop, "m", partial(final, series="x")),
-            Fact("F", "friction at rest", m * g * math.sin(alpha), "N", partial(final, series="F")),
-        )
-    else:
-        facts = (
-            Fact("v", "speed at the end", v0 + a * t_end, "m/s", partial(final, series="v_x")),
-            Fact("F", "friction", mu * m * g * math.cos(alpha), "N", partial(final, series="F"), scale=m * g),
-        )
     return Problem(
         name,
         Scheme(
@@ -97,15 +86,40 @@ def block_on_incline(
             Friction("x", GROUND, mu, normal="N"),
         ),
         v0={"x": v0},
-        t_end=t_end,
+        t_end=partial(_block_on_incline_end, a, g, v0),
         parameters={"m": m, "g": g, "alpha": alpha, "mu": mu, "v0": v0},
         source=COULOMB,
-        facts=facts,
-        motion=partial(_block_on_incline_motion, a=a, t_stop=t_stop, v0=v0),
+        facts=partial(_block_on_incline_facts, m, g, alpha, mu, v0, a),
+        motion=partial(_block_on_incline_motion, a=a, v0=v0),
     )
 
 
-def _block_on_incline_motion(t: Array, *, a: float, t_stop: float, v0: float) -> tuple[Array, Array]:
+def _stop(a: float, v0: float) -> float:
+    """Return when the block stops, if it does."""
+    return v0 / -a if a < 0.0 else math.inf
+
+
+def _block_on_incline_end(a: float, g: float, v0: float) -> float:
+    return 1.5 * _stop(a, v0) if a < 0.0 else 2.0 * v0 / g
+
+
+def _block_on_incline_facts(m: float, g: float, alpha: float, mu: float, v0: float, a: float) -> tuple[Fact, ...]:
+    if a < 0.0:
+        t_stop = _stop(a, v0)
+        return (
+            Fact("t_s", "when it stops", t_stop, "s", partial(instant, kind="stick")),
+            Fact("s", "way until then", 0.5 * v0 * t_stop, "m", partial(final, series="x")),
+            Fact("F", "friction at rest", m * g * math.sin(alpha), "N", partial(final, series="F")),
+        )
+    v = v0 + a * _block_on_incline_end(a, g, v0)
+    return (
+        Fact("v", "speed at the end", v, "m/s", partial(final, series="v_x")),
+        Fact("F", "friction", mu * m * g * math.cos(alpha), "N", partial(final, series="F"), scale=m * g),
+    )
+
+
+def _block_on_incline_motion(t: Array, *, a: float, v0: float) -> tuple[Array, Array]:
+    t_stop = _stop(a, v0)
     s = np.minimum(np.asarray(t, dtype=np.float64), t_stop)
     zero = np.zeros_like(s)
     return np.column_stack([v0 * s + 0.5 * a * s**2, zero]), np.column_stack(
@@ -156,45 +170,68 @@ def block_on_belt(m: float = 1.0, g: float = 9.81, k: float = 100.0, mu: float =
     """
     name = "block-on-belt"
     above_zero(name, m=m, g=g, k=k, mu=mu, v_b=v_b)
-    ω, x_s = math.sqrt(k / m), mu * m * g / k
+    ω, x_s = sqrt(k / m), mu * m * g / k
     if not v_b < x_s * ω:
         raise InputError(
             f"{name}: v_b = {v_b:g} is too fast for the block ever to stick; it must be below {x_s * ω:g} m/s"
         )
+    return Problem(
+        name,
+        _belt(m, g, k, v_b, Friction("x", "b", mu, normal="N")),
+        t_end=partial(_block_on_belt_end, v_b, x_s, ω),
+        parameters={"m": m, "g": g, "k": k, "mu": mu, "v_b": v_b},
+        source=LEINE_NIJMEIJER,
+        facts=partial(_block_on_belt_facts, v_b, x_s, ω),
+        motion=partial(_block_on_belt_motion, v_b=v_b, x_s=x_s, ω=ω),
+    )
+
+
+def _sticking(v_b: float, x_s: float, ω: float) -> tuple[float, float]:
+    """Return t_1 and t_2."""
     t_1 = math.asin(v_b / (x_s * ω)) / ω
-    t_2 = t_1 + math.sqrt(x_s**2 - (v_b / ω) ** 2) / v_b
-    facts = (
+    return t_1, t_1 + math.sqrt(x_s**2 - (v_b / ω) ** 2) / v_b
+
+
+def _block_on_belt_end(v_b: float, x_s: float, ω: float) -> float:
+    return _sticking(v_b, x_s, ω)[1] + 1.5 * math.pi / ω
+
+
+def _block_on_belt_facts(v_b: float, x_s: float, ω: float) -> tuple[Fact, ...]:
+    t_1, t_2 = _sticking(v_b, x_s, ω)
+    return (
         Fact("t_1", "first stick", t_1, "s", partial(instant, kind="stick")),
         Fact("t_2", "first slip", t_2, "s", partial(instant, kind="slip", number=-1)),
         Fact("x_max", "largest displacement", x_s + v_b / ω, "m", partial(peak, series="x")),
     )
-    return Problem(
-        name,
-        Scheme(
-            Mass("x", m),
-            Spring("x", GROUND, k),
-            Mass("y", m),
-            Load("y", m * g, symbols=("mg",)),
-            Bumper("y", GROUND, e=0.0, name="N", symbols=("N",)),
-            PrescribedMotion("b", Polynomial((0.0, v_b))),
-            Friction("x", "b", mu, normal="N"),
-        ),
-        t_end=t_2 + 1.5 * math.pi / ω,
-        parameters={"m": m, "g": g, "k": k, "mu": mu, "v_b": v_b},
-        source="Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (2004), chapter 4",
-        facts=facts,
-        motion=partial(_block_on_belt_motion, t_1=t_1, t_2=t_2, v_b=v_b, x_s=x_s, ω=ω),
-    )
 
 
-def _block_on_belt_motion(t: Array, *, t_1: float, t_2: float, v_b: float, x_s: float, ω: float) -> tuple[Array, Array]:
+def _block_on_belt_motion(t: Array, *, v_b: float, x_s: float, ω: float) -> tuple[Array, Array]:
+    t_1, t_2 = _sticking(v_b, x_s, ω)
     times = np.asarray(t, dtype=np.float64)
     phases = [times < t_1, times < t_2]
     x = np.select(phases, [x_s * (1.0 - np.cos(ω * times)), x_s + v_b * (times - t_2)],
                   x_s + v_b / ω * np.sin(ω * (times - t_2)))  # fmt: skip
     v = np.select(phases, [x_s * ω * np.sin(ω * times), np.full_like(times, v_b)], v_b * np.cos(ω * (times - t_2)))
-    zero = np.zeros_like(times)
-    return np.column_stack([x, zero, v_b * times]), np.column_stack([v, zero, np.full_like(times, v_b)])
+    return _beside_belt(times, x, v, v_b)
+
+
+def _belt(m: float, g: float, k: float, v_b: float, friction: Friction) -> Scheme:
+    """Return a block on a spring, pressed by its weight on a belt of the speed v_b."""
+    return Scheme(
+        Mass("x", m),
+        Spring("x", GROUND, k),
+        Mass("y", m),
+        Load("y", m * g, symbols=("mg",)),
+        Bumper("y", GROUND, e=0.0, name="N", symbols=("N",)),
+        PrescribedMotion("b", Polynomial((0.0, v_b))),
+        friction,
+    )
+
+
+def _beside_belt(t: Array, x: Array, v: Array, v_b: float) -> tuple[Array, Array]:
+    """Return the coordinates and velocities of block and belt from the block's x and v."""
+    zero = np.zeros_like(t)
+    return np.column_stack([x, zero, v_b * t]), np.column_stack([v, zero, np.full_like(t, v_b)])
 
 
 def stick_slip_belt(
@@ -248,45 +285,47 @@ def stick_slip_belt(
     above_zero(name, m=m, g=g, k=k, mu=mu, mu_s=mu_s, v_b=v_b)
     if not mu_s > mu:
         raise InputError(f"{name}: mu_s = {mu_s:g} must be above mu = {mu:g}, or the vibration does not stick")
-    ω, x_s, Δ = math.sqrt(k / m), mu * m * g / k, (mu_s - mu) * m * g / k
-    t_stick, t_slip = 2.0 * Δ / v_b, 2.0 / ω * (math.pi - math.atan(ω * Δ / v_b))
-    T = t_stick + t_slip
-    facts = (
+    ω, x_s, Δ = sqrt(k / m), mu * m * g / k, (mu_s - mu) * m * g / k
+    return Problem(
+        name,
+        _belt(m, g, k, v_b, Friction("x", "b", mu, normal="N", mu_s=mu_s)),
+        q0={"x": x_s - Δ},
+        v0={"x": v_b},
+        t_end=partial(_stick_slip_belt_end, v_b, Δ, ω),
+        parameters={"m": m, "g": g, "k": k, "mu": mu, "mu_s": mu_s, "v_b": v_b},
+        source=LEINE_NIJMEIJER,
+        facts=partial(_stick_slip_belt_facts, v_b, x_s, Δ, ω),
+        motion=partial(_stick_slip_belt_motion, v_b=v_b, x_s=x_s, Δ=Δ, ω=ω),
+    )
+
+
+def _stick_and_period(v_b: float, Δ: float, ω: float) -> tuple[float, float]:
+    """Return t_st and T."""
+    t_stick = 2.0 * Δ / v_b
+    return t_stick, t_stick + 2.0 / ω * (math.pi - math.atan(ω * Δ / v_b))
+
+
+def _stick_slip_belt_end(v_b: float, Δ: float, ω: float) -> float:
+    return 3.5 * _stick_and_period(v_b, Δ, ω)[1]
+
+
+def _stick_slip_belt_facts(v_b: float, x_s: float, Δ: float, ω: float) -> tuple[Fact, ...]:
+    t_stick, T = _stick_and_period(v_b, Δ, ω)
+    return (
         Fact("t_st", "first slip, time of sticking", t_stick, "s", partial(instant, kind="slip")),
         Fact("T", "period", T, "s", partial(interval, kind="slip", first=1, last=2)),
         Fact("x_max", "largest displacement", x_s + math.hypot(Δ, v_b / ω), "m", partial(peak, series="x")),
     )
-    return Problem(
-        name,
-        Scheme(
-            Mass("x", m),
-            Spring("x", GROUND, k),
-            Mass("y", m),
-            Load("y", m * g, symbols=("mg",)),
-            Bumper("y", GROUND, e=0.0, name="N", symbols=("N",)),
-            PrescribedMotion("b", Polynomial((0.0, v_b))),
-            Friction("x", "b", mu, normal="N", mu_s=mu_s),
-        ),
-        q0={"x": x_s - Δ},
-        v0={"x": v_b},
-        t_end=3.5 * T,
-        parameters={"m": m, "g": g, "k": k, "mu": mu, "mu_s": mu_s, "v_b": v_b},
-        source="Leine and Nijmeijer, Dynamics and Bifurcations of Non-Smooth Mechanical Systems (2004), chapter 4",
-        facts=facts,
-        motion=partial(_stick_slip_belt_motion, T=T, t_stick=t_stick, v_b=v_b, x_s=x_s, Δ=Δ, ω=ω),
-    )
 
 
-def _stick_slip_belt_motion(
-    t: Array, *, T: float, t_stick: float, v_b: float, x_s: float, Δ: float, ω: float
-) -> tuple[Array, Array]:
+def _stick_slip_belt_motion(t: Array, *, v_b: float, x_s: float, Δ: float, ω: float) -> tuple[Array, Array]:
+    t_stick, T = _stick_and_period(v_b, Δ, ω)
     times = np.asarray(t, dtype=np.float64)
     s = times - T * np.floor(times / T)
     τ, sticks = ω * (s - t_stick), s < t_stick
     x = np.where(sticks, x_s - Δ + v_b * s, x_s + Δ * np.cos(τ) + v_b / ω * np.sin(τ))
     v = np.where(sticks, v_b, v_b * np.cos(τ) - ω * Δ * np.sin(τ))
-    zero = np.zeros_like(times)
-    return np.column_stack([x, zero, v_b * times]), np.column_stack([v, zero, np.full_like(times, v_b)])
+    return _beside_belt(times, x, v, v_b)
 
 
 def thrown_block(
@@ -340,7 +379,35 @@ def thrown_block(
     restitution(name, e)
     if e == 1.0:
         raise InputError(f"{name}: e = 1 never lets the block rest; take it below 1")
-    d, flight, t_inf = mu * (1.0 + e) * v_y / (1.0 - e), 2.0 * v_y / g, 2.0 * v_y / (g * (1.0 - e))
+    return Problem(
+        name,
+        Scheme(
+            Mass("x", m),
+            Mass("y", m),
+            Load("y", m * g, symbols=("mg",)),
+            Bumper("y", GROUND, e=e, name="N", symbols=("N",)),
+            Friction("x", GROUND, mu, normal="N"),
+        ),
+        v0={"x": v_x, "y": -v_y},
+        t_end=partial(_thrown_block_end, g, mu, e, v_x, v_y),
+        parameters={"m": m, "g": g, "mu": mu, "e": e, "v_x": v_x, "v_y": v_y},
+        source="Brogliato, Nonsmooth Mechanics (2016), chapter 4",
+        facts=partial(_thrown_block_facts, g, mu, e, v_x, v_y),
+    )
+
+
+def _rest(g: float, mu: float, e: float, v_x: float, v_y: float) -> float:
+    """Return t_s."""
+    v_inf = v_x - mu * (1.0 + e) * v_y / (1.0 - e)
+    return 2.0 * v_y / (g * (1.0 - e)) + max(v_inf, 0.0) / (mu * g)
+
+
+def _thrown_block_end(g: float, mu: float, e: float, v_x: float, v_y: float) -> float:
+    return 1.25 * _rest(g, mu, e, v_x, v_y)
+
+
+def _thrown_block_facts(g: float, mu: float, e: float, v_x: float, v_y: float) -> tuple[Fact, ...]:
+    d, flight = mu * (1.0 + e) * v_y / (1.0 - e), 2.0 * v_y / g
     v_inf = v_x - d
     slides = v_inf > 0.0
     left = 0.0 if slides else e ** math.ceil(math.log1p(-v_x / d) / math.log(e) - 1e-12) if v_x < d else 0.0
@@ -353,21 +420,7 @@ def thrown_block(
              partial(limit, kind="impact", contact="N", of="v", i=0, side="right"), scale=v_x),
         Fact("x_∞", "place at rest", x, "m", partial(final, series="x")),
     )  # fmt: skip
-    t_s = t_inf + max(v_inf, 0.0) / (mu * g)
     if slides:
+        t_s = _rest(g, mu, e, v_x, v_y)
         facts += (Fact("t_s", "when it rests", t_s, "s", partial(instant, kind="stick", number=-1)),)
-    return Problem(
-        name,
-        Scheme(
-            Mass("x", m),
-            Mass("y", m),
-            Load("y", m * g, symbols=("mg",)),
-            Bumper("y", GROUND, e=e, name="N", symbols=("N",)),
-            Friction("x", GROUND, mu, normal="N"),
-        ),
-        v0={"x": v_x, "y": -v_y},
-        t_end=1.25 * t_s,
-        parameters={"m": m, "g": g, "mu": mu, "e": e, "v_x": v_x, "v_y": v_y},
-        source="Brogliato, Nonsmooth Mechanics (2016), chapter 4",
-        facts=facts,
-    )
+    return facts

@@ -91,12 +91,23 @@ def vibrating_table(
             f"{name}: with A = {A:g} and e = {e:g} the table strikes the ball in its flight; change A or e"
         )
     scheme = Scheme(
-        Mass("x", m),
-        Load("x", m * g, symbols=("mg",)),
-        Bumper("x", "y", e=e),
-        PrescribedMotion("y", table),
+        Mass("x", m), Load("x", m * g, symbols=("mg",)), Bumper("x", "y", e=e), PrescribedMotion("y", table)
     )
-    facts = (
+    return Problem(
+        name,
+        scheme,
+        q0={"x": table(0.0)},
+        v0={"x": -take_off},
+        t_end=5.5 * T,
+        parameters={"m": m, "g": g, "e": e, "A": A, "omega": ω, "n": n},
+        source="Holmes, The dynamics of repeated impacts with a sinusoidally vibrating table (1982)",
+        facts=partial(_vibrating_table_facts, m, g, T, w, take_off),
+        motion=motion,
+    )
+
+
+def _vibrating_table_facts(m: float, g: float, T: float, w: float, take_off: float) -> tuple[Fact, ...]:
+    return (
         Fact("T", "from impact to impact", T, "s", partial(interval, kind="impact", first=2, last=3)),
         Fact(
             "w",
@@ -108,17 +119,6 @@ def vibrating_table(
         ),
         Fact("U", "speed of impact", take_off + w, "m/s", partial(_approach, number=3)),
         Fact("P", "impulse", m * g * T, "N s", partial(_impulse, number=3)),
-    )
-    return Problem(
-        name,
-        scheme,
-        q0={"x": table(0.0)},
-        v0={"x": -take_off},
-        t_end=5.5 * T,
-        parameters={"m": m, "g": g, "e": e, "A": A, "omega": ω, "n": n},
-        source="Holmes, The dynamics of repeated impacts with a sinusoidally vibrating table (1982)",
-        facts=facts,
-        motion=motion,
     )
 
 
@@ -190,43 +190,45 @@ def thrown_ball(
     restitution(name, e)
     if -h > A:
         raise InputError(f"{name}: h = {h:g} is below the table, which starts at {-A:g}: raise h")
-    ω = omega
-
-    def gap(t: Array) -> Array:
-        return np.asarray(A * np.cos(ω * t) + h - v0 * t - 0.5 * g * t**2)
-
-    # By then the ball has fallen below the lowest position of the table.
-    latest = (-v0 + math.sqrt(v0**2 + 2.0 * g * (h + A))) / g
-    t_1 = first_root(gap, latest * (1.0 + 1e-9), 2.0 * math.pi / ω)
     scheme = Scheme(
         Mass("x", m),
         Load("x", m * g, symbols=("mg",)),
         Bumper("x", "y", e=e),
-        PrescribedMotion("y", Harmonic(A, ω)),
+        PrescribedMotion("y", Harmonic(A, omega)),
     )
-    facts: tuple[Fact, ...] = ()
-    if t_1 is not None and (t_1 > 0.0 or v0 > 0.0):
-        U = v0 + g * t_1 + A * ω * math.sin(ω * t_1)
-        facts = (
-            Fact("t_1", "first landing", t_1, "s", partial(instant, kind="impact"), scale=1.0 / ω),
-            Fact(
-                "U_1",
-                "its speed",
-                U,
-                "m/s",
-                partial(_approach, number=1),
-                scale=A * ω,
-            ),
-        )
     return Problem(
         name,
         scheme,
         q0={"x": -h},
         v0={"x": v0},
-        t_end=max(1.5 * (t_1 or 0.0), 5.5 * 2.0 * math.pi / ω),
-        parameters={"m": m, "g": g, "e": e, "A": A, "omega": ω, "h": h, "v0": v0},
+        t_end=partial(_thrown_ball_end, g, A, omega, h, v0),
+        parameters={"m": m, "g": g, "e": e, "A": A, "omega": omega, "h": h, "v0": v0},
         source="Holmes, The dynamics of repeated impacts with a sinusoidally vibrating table (1982)",
-        facts=facts,
+        facts=partial(_thrown_ball_facts, g, A, omega, h, v0),
+    )
+
+
+def _first_landing(g: float, A: float, ω: float, h: float, v0: float) -> float | None:
+    def gap(t: Array) -> Array:
+        return np.asarray(A * np.cos(ω * t) + h - v0 * t - 0.5 * g * t**2)
+
+    # By then the ball has fallen below the lowest position of the table.
+    latest = (-v0 + math.sqrt(v0**2 + 2.0 * g * (h + A))) / g
+    return first_root(gap, latest * (1.0 + 1e-9), 2.0 * math.pi / ω)
+
+
+def _thrown_ball_end(g: float, A: float, ω: float, h: float, v0: float) -> float:
+    return max(1.5 * (_first_landing(g, A, ω, h, v0) or 0.0), 5.5 * 2.0 * math.pi / ω)
+
+
+def _thrown_ball_facts(g: float, A: float, ω: float, h: float, v0: float) -> tuple[Fact, ...]:
+    t_1 = _first_landing(g, A, ω, h, v0)
+    if t_1 is None or not (t_1 > 0.0 or v0 > 0.0):
+        return ()
+    U = v0 + g * t_1 + A * ω * math.sin(ω * t_1)
+    return (
+        Fact("t_1", "first landing", t_1, "s", partial(instant, kind="impact"), scale=1.0 / ω),
+        Fact("U_1", "its speed", U, "m/s", partial(_approach, number=1), scale=A * ω),
     )
 
 
@@ -293,16 +295,9 @@ def plastic_ball(m: float = 1.0, g: float = 9.81, A: float = 0.004, omega: float
     assert flight is not None
     θ_2 = θ_1 + flight
     periods = math.ceil(flight / (2.0 * math.pi))
-    U = g / omega * (flight - Γ * (math.sin(θ_1) - math.sin(θ_2)))
-    facts: tuple[Fact, ...] = (
-        Fact("t_1", "the throw", θ_1 / omega, "s", partial(instant, kind="open")),
-        Fact("t_2", "landing", θ_2 / omega, "s", partial(instant, kind="impact")),
-        Fact("U", "its speed", U, "m/s", partial(limit, kind="impact", of="v", i=0, side="left")),
-    )
+    waits = -Γ * math.cos(θ_2) <= 1.0
     motion = None
-    if -Γ * math.cos(θ_2) <= 1.0:
-        t_3 = θ_1 / omega + 2.0 * math.pi * periods / omega
-        facts += (Fact("t_3", "the next throw", t_3, "s", partial(instant, kind="open", number=2)),)
+    if waits:
         motion = partial(_plastic_ball_motion, A=A, g=g, flight=flight, omega=omega, periods=periods, θ_1=θ_1)
     return Problem(
         name,
@@ -316,9 +311,24 @@ def plastic_ball(m: float = 1.0, g: float = 9.81, A: float = 0.004, omega: float
         parameters={"m": m, "g": g, "A": A, "omega": omega},
         source="Mehta and Luck, Novel temporal behavior of a nonlinear dynamical system: the completely inelastic bouncing "
         "ball (1990)",
-        facts=facts,
+        facts=partial(_plastic_ball_facts, g, omega, Γ, θ_1, flight, periods if waits else 0),
         motion=motion,
     )
+
+
+def _plastic_ball_facts(g: float, omega: float, Γ: float, θ_1: float, flight: float, periods: int) -> tuple[Fact, ...]:
+    """Return the facts of the first throw, and of the next if it follows after a whole number of periods."""
+    θ_2 = θ_1 + flight
+    U = g / omega * (flight - Γ * (math.sin(θ_1) - math.sin(θ_2)))
+    facts: tuple[Fact, ...] = (
+        Fact("t_1", "the throw", θ_1 / omega, "s", partial(instant, kind="open")),
+        Fact("t_2", "landing", θ_2 / omega, "s", partial(instant, kind="impact")),
+        Fact("U", "its speed", U, "m/s", partial(limit, kind="impact", of="v", i=0, side="left")),
+    )
+    if periods:
+        t_3 = θ_1 / omega + 2.0 * math.pi * periods / omega
+        facts += (Fact("t_3", "the next throw", t_3, "s", partial(instant, kind="open", number=2)),)
+    return facts
 
 
 def _plastic_ball_motion(

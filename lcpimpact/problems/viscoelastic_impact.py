@@ -16,6 +16,7 @@ from scipy.special import rgamma
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import sqrt
 from lcpimpact.problems.base import Problem, above_zero
 from lcpimpact.problems.facts import Fact
 from lcpimpact.problems.free_vibration import angle, free_vibration
@@ -70,38 +71,45 @@ def kelvin_voigt_impact(m: float = 100.0, k: float = 3924.0, c: float = 250.0, v
     name = "kelvin-voigt-impact"
     above_zero(name, v0=v0)
     scheme = Scheme(Mass("x", m), Bumper("x", "z"), KelvinVoigt("z", GROUND, k, c))
-    ω, ζ = math.sqrt(k / m), c / (2.0 * math.sqrt(k * m))
-    φ = angle(ζ)
-    t_c, e = 2.0 * φ / ω, math.exp(-2.0 * ζ * φ)
-    R_max = c * v0
-    if ζ < 0.5:
-        ω_t_m = (3.0 * math.acos(ζ) - math.pi) / math.sqrt((1.0 - ζ) * (1.0 + ζ))
-        R_max = m * ω * v0 * math.exp(-ζ * ω_t_m)
-
-    motion = partial(_kelvin_voigt_impact_motion, c=c, e=e, k=k, t_c=t_c, v0=v0, ζ=ζ, ω=ω)
-
-    facts = (
-        Fact("R(0+)", "force at first touch", c * v0, "N", partial(at, series="R", t=0.0)),
-        Fact("t_c", "duration of the contact", t_c, "s", partial(instant, kind="open")),
-        Fact("e", "restitution", e, "", partial(limit, kind="open", of="v", i=0, side="right", unit=-v0)),
-        Fact("R_max", "greatest force", R_max, "N", partial(peak, series="R")),
-        Fact("x_max", "largest deflection", v0 / ω * math.exp(-ζ * φ), "m", partial(peak, series="x")),
-    )
+    ω, ζ = sqrt(k / m), c / (2.0 * sqrt(k * m))
     return Problem(
         name,
         scheme,
         v0={"x": v0},
-        t_end=2.0 * t_c,
+        t_end=partial(_kelvin_voigt_impact_end, ζ, ω),
         parameters={"m": m, "k": k, "c": c, "v0": v0},
         source="Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007)",
-        facts=facts,
-        motion=motion,
+        facts=partial(_kelvin_voigt_impact_facts, m, c, v0, ζ, ω),
+        motion=partial(_kelvin_voigt_impact_motion, c=c, k=k, v0=v0, ζ=ζ, ω=ω),
     )
 
 
-def _kelvin_voigt_impact_motion(
-    t: Array, *, c: float, e: float, k: float, t_c: float, v0: float, ζ: float, ω: float
-) -> tuple[Array, Array]:
+def _contact(ζ: float, ω: float) -> tuple[float, float]:
+    """Return t_c and e of the Kelvin-Voigt block without tension."""
+    return 2.0 * angle(ζ) / ω, math.exp(-2.0 * ζ * angle(ζ))
+
+
+def _kelvin_voigt_impact_end(ζ: float, ω: float) -> float:
+    return 2.0 * _contact(ζ, ω)[0]
+
+
+def _kelvin_voigt_impact_facts(m: float, c: float, v0: float, ζ: float, ω: float) -> tuple[Fact, ...]:
+    t_c, e = _contact(ζ, ω)
+    R_max = c * v0
+    if ζ < 0.5:
+        ω_t_m = (3.0 * math.acos(ζ) - math.pi) / math.sqrt((1.0 - ζ) * (1.0 + ζ))
+        R_max = m * ω * v0 * math.exp(-ζ * ω_t_m)
+    return (
+        Fact("R(0+)", "force at first touch", c * v0, "N", partial(at, series="R", t=0.0)),
+        Fact("t_c", "duration of the contact", t_c, "s", partial(instant, kind="open")),
+        Fact("e", "restitution", e, "", partial(limit, kind="open", of="v", i=0, side="right", unit=-v0)),
+        Fact("R_max", "greatest force", R_max, "N", partial(peak, series="R")),
+        Fact("x_max", "largest deflection", v0 / ω * math.exp(-ζ * angle(ζ)), "m", partial(peak, series="x")),
+    )
+
+
+def _kelvin_voigt_impact_motion(t: Array, *, c: float, k: float, v0: float, ζ: float, ω: float) -> tuple[Array, Array]:
+    t_c, e = _contact(ζ, ω)
     times = np.asarray(t, dtype=np.float64)
     S, _, dS = free_vibration(np.minimum(times, t_c), ω, ζ)
     after = times >= t_c
@@ -150,35 +158,41 @@ def kelvin_voigt_tension(m: float = 100.0, k: float = 3924.0, c: float = 250.0, 
     name = "kelvin-voigt-tension"
     above_zero(name, v0=v0)
     scheme = Scheme(Mass("x", m), KelvinVoigt("x", GROUND, k, c))
-    ω, ζ = math.sqrt(k / m), c / (2.0 * math.sqrt(k * m))
+    ω, ζ = sqrt(k / m), c / (2.0 * sqrt(k * m))
+    return Problem(
+        name,
+        scheme,
+        v0={"x": v0},
+        t_end=partial(_kelvin_voigt_tension_end, ζ, ω),
+        parameters={"m": m, "k": k, "c": c, "v0": v0},
+        source="Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007)",
+        facts=partial(_kelvin_voigt_tension_facts, c, v0, ζ, ω),
+        motion=partial(_kelvin_voigt_tension_motion, v0=v0, ζ=ζ, ω=ω),
+    )
 
-    motion = partial(_kelvin_voigt_tension_motion, v0=v0, ζ=ζ, ω=ω)
 
+def _root(ζ: float) -> float:
+    """Return sqrt(1 - ζ²), and 0 where the block is overdamped."""
+    return math.sqrt((1.0 - ζ) * (1.0 + ζ)) if ζ < 1.0 else 0.0
+
+
+def _kelvin_voigt_tension_end(ζ: float, ω: float) -> float:
+    return 2.0 * (math.pi / (ω * _root(ζ)) if ζ < 1.0 else 2.0 * angle(ζ) / ω)
+
+
+def _kelvin_voigt_tension_facts(c: float, v0: float, ζ: float, ω: float) -> tuple[Fact, ...]:
     if ζ < 1.0:
-        root = math.sqrt((1.0 - ζ) * (1.0 + ζ))
-        t_c, e = math.pi / (ω * root), math.exp(-math.pi * ζ / root)
-        facts: tuple[Fact, ...] = (
+        t_c, e = math.pi / (ω * _root(ζ)), math.exp(-math.pi * ζ / _root(ζ))
+        return (
             Fact("t_c", "time of return", t_c, "s", partial(crossing, series="x", direction=-1.0)),
             Fact("e", "speed of return over v0", e, "", partial(_rate_of_return, unit=v0), scale=1.0),
             Fact(
                 "R(t_c)", "force at the return", -c * e * v0, "N", partial(_rate_of_return, unit=-1.0 / c), scale=c * v0
             ),
         )
-    else:
-        t_c = 2.0 * angle(ζ) / ω
-        facts = (
-            Fact("x_max", "largest deflection", v0 / ω * math.exp(-ζ * angle(ζ)), "m", partial(peak, series="x")),
-            Fact("e", "speed of return over v0", 0.0, "", _returns, scale=1.0),
-        )
-    return Problem(
-        name,
-        scheme,
-        v0={"x": v0},
-        t_end=2.0 * t_c,
-        parameters={"m": m, "k": k, "c": c, "v0": v0},
-        source="Schwager and Pöschel, Coefficient of restitution and linear-dashpot model revisited (2007)",
-        facts=facts,
-        motion=motion,
+    return (
+        Fact("x_max", "largest deflection", v0 / ω * math.exp(-ζ * angle(ζ)), "m", partial(peak, series="x")),
+        Fact("e", "speed of return over v0", 0.0, "", _returns, scale=1.0),
     )
 
 
@@ -238,18 +252,40 @@ def maxwell_impact(m: float = 100.0, k: float = 3924.0, c: float = 1000.0, v0: f
     name = "maxwell-impact"
     above_zero(name, v0=v0)
     scheme = Scheme(Mass("x", m), Bumper("x", "z"), Maxwell("z", GROUND, k, c))
-    ω, ζ = math.sqrt(k / m), math.sqrt(k * m) / (2.0 * c)
-    rebounds = ζ < 1.0
-    root = math.sqrt((1.0 - ζ) * (1.0 + ζ)) if rebounds else 0.0
-    t_c = math.pi / (ω * root) if rebounds else math.inf
-    e = math.exp(-math.pi * ζ / root) if rebounds else 0.0
+    ω, ζ = sqrt(k / m), sqrt(k * m) / (2.0 * c)
+    parameters = {"m": m, "k": k, "c": c, "v0": v0}
+    return Problem(
+        name,
+        scheme,
+        v0={"x": v0},
+        t_end=partial(_maxwell_impact_end, ζ, ω),
+        parameters=parameters,
+        source="Goldsmith, Impact (1960), on impact of viscoelastic bodies",
+        facts=partial(_maxwell_impact_facts, **parameters, ζ=ζ, ω=ω),
+        motion=partial(_maxwell_impact_motion, m=m, k=k, c=c, v0=v0, ζ=ζ, ω=ω),
+    )
+
+
+def _maxwell_contact(ζ: float, ω: float) -> tuple[float, float]:
+    """Return t_c and e of the Maxwell block."""
+    if not ζ < 1.0:
+        return math.inf, 0.0
+    return math.pi / (ω * _root(ζ)), math.exp(-math.pi * ζ / _root(ζ))
+
+
+def _maxwell_impact_end(ζ: float, ω: float) -> float:
+    if ζ < 1.0:
+        return 2.0 * _maxwell_contact(ζ, ω)[0]
+    # The slow one of the two rates has decayed to exp(-10).
+    return 10.0 / (ω / (ζ + math.sqrt((ζ - 1.0) * (ζ + 1.0))))
+
+
+def _maxwell_impact_facts(*, m: float, k: float, c: float, v0: float, ζ: float, ω: float) -> tuple[Fact, ...]:
+    t_c, e = _maxwell_contact(ζ, ω)
     R_max = k * v0 / ω * math.exp(-ζ * angle(ζ))
-
-    motion = partial(_maxwell_impact_motion, c=c, e=e, k=k, m=m, rebounds=rebounds, t_c=t_c, v0=v0, ζ=ζ, ω=ω)
-
     peak_force = Fact("R_max", "greatest force", R_max, "N", partial(peak, series="R"))
-    if rebounds:
-        facts: tuple[Fact, ...] = (
+    if ζ < 1.0:
+        return (
             Fact("t_c", "duration of the contact", t_c, "s", partial(instant, kind="open")),
             Fact(
                 "e", "restitution", e, "", partial(limit, kind="open", of="v", i=0, side="right", unit=-v0), scale=1.0
@@ -263,38 +299,26 @@ def maxwell_impact(m: float = 100.0, k: float = 3924.0, c: float = 1000.0, v0: f
                 partial(limit, kind="open", of="q", i=2, side="right"),
             ),
         )
-        t_end = 2.0 * t_c
-    else:
-        # The slow one of the two rates has decayed to exp(-10).
-        slow = ω / (ζ + math.sqrt((ζ - 1.0) * (ζ + 1.0)))
-        t_end = 10.0 / slow
-        left = float(motion(np.array([t_end]))[1][0, 0])
-        facts = (
-            peak_force,
-            Fact("openings", "ends of the contact", 0.0, "", _openings, scale=1.0),
-            Fact("v", "speed that is left at t_end", left, "m/s", partial(at, series="v_x", t=t_end), scale=v0),
-        )
-    return Problem(
-        name,
-        scheme,
-        v0={"x": v0},
-        t_end=t_end,
-        parameters={"m": m, "k": k, "c": c, "v0": v0},
-        source="Goldsmith, Impact (1960), on impact of viscoelastic bodies",
-        facts=facts,
-        motion=motion,
+    t_end = _maxwell_impact_end(ζ, ω)
+    _, v = _maxwell_impact_motion(np.array([t_end]), m=m, k=k, c=c, v0=v0, ζ=ζ, ω=ω)
+    left = float(v[0, 0])
+    return (
+        peak_force,
+        Fact("openings", "ends of the contact", 0.0, "", _openings, scale=1.0),
+        Fact("v", "speed that is left at t_end", left, "m/s", partial(at, series="v_x", t=t_end), scale=v0),
     )
 
 
 def _maxwell_impact_motion(
-    t: Array, *, c: float, e: float, k: float, m: float, rebounds: bool, t_c: float, v0: float, ζ: float, ω: float
+    t: Array, *, m: float, k: float, c: float, v0: float, ζ: float, ω: float
 ) -> tuple[Array, Array]:
+    t_c, e = _maxwell_contact(ζ, ω)
     times = np.asarray(t, dtype=np.float64)
     S, C, _ = free_vibration(np.minimum(times, t_c), ω, ζ)
     after = times >= t_c
     s, v = v0 * m / c * (1.0 - C), np.where(after, -e * v0, v0 * C)
     z = s + np.where(after, 0.0, v0 * S)
-    x = z + (v * (times - t_c) if rebounds else 0.0) * after
+    x = z + (v * (times - t_c) if ζ < 1.0 else 0.0) * after
     rates = np.column_stack([v, np.where(after, 0.0, v), np.where(after, 0.0, k / c * v0 * S)])
     return np.column_stack([x, z, s]), rates
 
@@ -358,18 +382,34 @@ def hereditary_impact(
     β = 2.0 - alpha
     T = (m / c_alpha) ** (1.0 / β)
     t_min = 1e-2 * T if t_min is None else t_min
-
-    def force(τ: float) -> float:
-        return float(τ ** (β - 1.0) * mittag_leffler(-(τ**β), β, β))
-
     # The root lies between 2.9 and 5.5 for these alpha, and no other before it.
-    τ_c = float(brentq(force, 2.0, 6.0, xtol=1e-15))
-    top = minimize_scalar(lambda τ: -force(τ), bounds=(0.0, τ_c), method="bounded", options={"xatol": 1e-10})
-    t_c, e = τ_c * T, -mittag_leffler(-(τ_c**β), β, 1.0)
+    τ_c = float(brentq(_hereditary_force, 2.0, 6.0, args=(β,), xtol=1e-15))
+    t_c = τ_c * T
     scheme = Scheme(Mass("x", m), Bumper("x", "z"), SpringPot("z", GROUND, c_alpha, alpha, t_min, 2.0 * t_c, rtol))
     # The part of the memory that is over by t_min acts as a dashpot; what that neglects is of the order 2 - α.
     accuracy = rtol + (t_min / T) ** β
-    facts = (
+    return Problem(
+        name,
+        scheme,
+        v0={"x": v0},
+        t_end=1.5 * t_c,
+        parameters={"m": m, "c_alpha": c_alpha, "alpha": alpha, "v0": v0, "t_min": t_min, "rtol": rtol},
+        source="Mainardi, Fractional Calculus and Waves in Linear Viscoelasticity (2010)",
+        facts=partial(_hereditary_impact_facts, m, v0, β, T, τ_c, accuracy),
+    )
+
+
+def _hereditary_force(τ: float, β: float) -> float:
+    """Return R over m v0 (c_α/m)^(1/β)."""
+    return float(τ ** (β - 1.0) * mittag_leffler(-(τ**β), β, β))
+
+
+def _hereditary_impact_facts(m: float, v0: float, β: float, T: float, τ_c: float, accuracy: float) -> tuple[Fact, ...]:
+    t_c, e = τ_c * T, -mittag_leffler(-(τ_c**β), β, 1.0)
+    top = minimize_scalar(
+        lambda τ: -_hereditary_force(τ, β), bounds=(0.0, τ_c), method="bounded", options={"xatol": 1e-10}
+    )
+    return (
         Fact("t_c", "duration of the contact", t_c, "s", partial(instant, kind="open"), accuracy),
         Fact(
             "e",
@@ -381,15 +421,6 @@ def hereditary_impact(
             scale=1.0,
         ),
         Fact("R_max", "greatest force", -float(top.fun) * m * v0 / T, "N", partial(peak, series="R"), accuracy),
-    )
-    return Problem(
-        name,
-        scheme,
-        v0={"x": v0},
-        t_end=1.5 * t_c,
-        parameters={"m": m, "c_alpha": c_alpha, "alpha": alpha, "v0": v0, "t_min": t_min, "rtol": rtol},
-        source="Mainardi, Fractional Calculus and Waves in Linear Viscoelasticity (2010)",
-        facts=facts,
     )
 
 

@@ -107,12 +107,14 @@ def woodpecker(
         t_end=0.25,
         parameters=parameters,
         source="Leine, Glocker and van Campen, Nonlinear dynamics of the woodpecker toy (2001)",
-        facts=_facts() if list(parameters.values()) == [0.0003, 0.0045, 5e-9, 7e-7, 0.0056, 0.3, 0.5, 9.81] else (),
+        facts=partial(_facts, *parameters.values()),
     )
 
 
-def _facts() -> tuple[Fact, ...]:
+def _facts(*parameters: float) -> tuple[Fact, ...]:
     """Return the facts of the periodic motion, a fixed point of the map of a cycle found by Newton's method."""
+    if parameters != (0.0003, 0.0045, 5e-9, 7e-7, 0.0056, 0.3, 0.5, 9.81):
+        return ()
     beak = partial(limit, kind="impact", contact="N1", of="v", i=2, side="left", unit=-1.0)
     T = 0.14597606514
     return (

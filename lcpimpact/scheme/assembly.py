@@ -37,21 +37,23 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
         raise InputError("the scheme has no element yet: add a Mass, a Spring, ... before it is assembled")
     if len(nodes) > MAX_NODES:
         raise InputError(
-            f"the scheme has {len(nodes):,} nodes, and full matrices are kept of {MAX_NODES:,}: model it coarser"
+            f"the scheme has {len(nodes):,} nodes, and full matrices are kept of {MAX_NODES:,}: model it coarser, "
+            "or take SparseScheme if bumpers are its only law"
         )
     _refuse_shared_inner_nodes(elements)
     terms = Terms(nodes)
     for element in elements:
         element.contribute(terms)
     M, C, K = terms.M.value, terms.C.value, terms.K.value
-    driven = np.isin(np.arange(len(nodes)), list(terms.motions))
+    driven = np.zeros(len(nodes), dtype=np.bool_)
+    driven[list(terms.motions)] = True
     _refuse_ambiguous_names(nodes, (*terms.rows, *terms.springs))
     _refuse_driven_masses(terms, nodes)
     _refuse_loose_nodes(terms, nodes, driven)
     rows = [terms.direction(row.upper, row.lower) for row in terms.rows]
     H = np.array(rows).reshape(len(rows), len(nodes))
     u0 = np.array([row.gap for row in terms.rows])
-    _refuse_parallel_contacts(terms.rows)
+    refuse_parallel_contacts(terms.rows)
     normals = _normals(terms.rows)
     _refuse_loops_of_sliders(H, terms.rows)
     parts = decompose(M, C, driven)
@@ -84,6 +86,7 @@ def assemble(elements: Sequence[Element]) -> Dynamics:
         nodes=tuple(nodes), M=M, C=C, K=K, loads=tuple(terms.loads), H=H, u0=u0, contacts=contacts, B=B, D=D,
         springs=tuple(terms.springs), force_laws=tuple(terms.force_laws), motions=dict(terms.motions), residues=residues,
     )  # fmt: skip
+    vars(dynamics).update(decomposition=parts, driven=driven)
     _check_restitution(dynamics, terms.rows)
     return dynamics
 
@@ -120,10 +123,12 @@ def _refuse_loose_nodes(terms: Terms, nodes: Sequence[str], driven: Flags) -> No
 
 def _refuse_falling_nodes(K: Array, static: Array, nodes: Sequence[str]) -> None:
     """Refuse static nodes with a stiffness that is not positive: no equilibrium is stable."""
+    if static.size == 0:
+        return
     stiffness = static.T @ K @ static
     scale = np.sqrt(np.abs(np.diag(stiffness)))
     values, vectors = np.linalg.eigh(stiffness / np.outer(scale, scale))
-    if len(values) and values[0] <= 8.0 * np.finfo(float).eps:
+    if values[0] <= 8.0 * np.finfo(float).eps:
         node = nodes[int(np.argmax(np.abs(static @ (vectors[:, 0] / scale))))]
         raise InputError(
             f"node {node!r} has neither mass nor dashpot, and the NegativeSpring at it outweighs the springs that hold it: "
@@ -187,7 +192,7 @@ def _refuse_levers(H: Array, rows: Sequence[Row], massless: Flags, nodes: Sequen
         )
 
 
-def _refuse_parallel_contacts(rows: Sequence[Row]) -> None:
+def refuse_parallel_contacts(rows: Sequence[Row]) -> None:
     """Refuse bumpers that can be closed together while their rows of H depend on each other: W would be singular.
 
     Bumpers in a loop have dependent rows; all of them can be closed at once if their signed gaps around the loop add up to

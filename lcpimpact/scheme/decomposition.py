@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from lcpimpact.arrays import Array, Flags, Indices
 
@@ -46,13 +45,16 @@ def loose_groups(massless: Flags, *links: Array) -> list[Indices]:
     nodes = np.flatnonzero(massless)
     if len(nodes) == 0:
         return []
-    inner = [A[np.ix_(nodes, nodes)] for A in links]
-    count, label = connected_components(sum(A != 0.0 for A in inner), directed=False)
+    inner = [A[nodes][:, nodes] for A in links]
+    joined = sum(A != 0.0 for A in inner)
+    label = np.arange(len(nodes))
+    for i, j in np.argwhere(np.triu(joined, 1)):
+        label[label == max(label[i], label[j])] = min(label[i], label[j])
+    rounding = 8.0 * np.finfo(float).eps
     groups = []
-    for group in range(count):
+    for group in sorted(set(label.tolist())):
         members = np.flatnonzero(label == group)
-        blocks = [A[np.ix_(members, members)] for A in inner]
-        rounding = 8.0 * np.finfo(float).eps
+        blocks = [A[members][:, members] for A in inner]
         if all(abs(block.sum()) <= rounding * abs(np.diag(block)).sum() for block in blocks):
             groups.append(nodes[members])
     return groups

@@ -181,8 +181,8 @@ class Dynamics:
     def impulse_paths(self) -> Array:
         """The contacts through which an impulse can pass from mass to mass or ground, one path a row (np, nc)."""
         paths = np.zeros((0, len(self.contacts)))
-        if self.massive.any():
-            parts, rows = self.decomposition, self.unilateral
+        parts, rows = self.decomposition, self.unilateral
+        if parts.massive.size:
             massless = np.column_stack([parts.damped, parts.static])
             found = impulse_paths(parts.massive.T @ self.B[:, rows], massless.T @ self.B[:, rows])
             paths = np.zeros((len(found), len(self.contacts)))
@@ -368,7 +368,7 @@ class Dynamics:
     def force(self, t: ArrayLike) -> Array:
         """Return the loads f(t) in N, with the shape of t followed by (n,)."""
         times = np.asarray(t, dtype=np.float64)
-        f = np.zeros((*times.shape, len(self.nodes)))
+        f = np.full((*times.shape, len(self.nodes)), 0.0, self.M.dtype)
         for i, load in self.loads:
             if isinstance(load, PiecewisePolynomial):
                 f[..., i] += load.derivatives(times)[..., 0]

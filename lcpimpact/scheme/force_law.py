@@ -21,6 +21,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import NotTracedError, mentions
 
 COMPLEX_STEP = 1e-30
 
@@ -51,6 +52,10 @@ class ForceLaw:
     f: Callable[[float, Any, Any], Any]
     jacobian: Callable[[float, Any, Any], Any] | None = None
     scalar: bool = False
+
+    def __post_init__(self) -> None:
+        if mentions(self.f):
+            raise NotTracedError(f"{self.element}: its force depends on the motion, and formulas do not")
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         """Return the forces (k,)."""

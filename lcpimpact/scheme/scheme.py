@@ -17,6 +17,7 @@ from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.substructure import Substructure
+from lcpimpact.scheme.traced import assemble_formulas, is_traced
 
 
 class Scheme:
@@ -132,10 +133,10 @@ class Scheme:
 
     def assemble(self) -> Dynamics:
         """Return the equations of motion; what cannot be solved is refused by name (`InputError`)."""
-        return assemble(self.elements)
+        return assemble_formulas(self.elements) if is_traced(self.elements) else assemble(self.elements)
 
     def __eq__(self, other: Any) -> bool:
-        return isinstance(other, Scheme) and self.elements == other.elements
+        return type(other) is type(self) and self.elements == other.elements
 
     __hash__ = None  # type: ignore[assignment]
 

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from lcpimpact.arguments import is_sequence
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import NotTracedError, mentions
 from lcpimpact.numbers import is_real
 
 MAX_DEGREE = 20
@@ -93,6 +94,8 @@ def checked(name: str, function: Any, unit: str, moves: bool = False) -> Any:
     InputError
         Naming the function and its value, here if that is not a finite number at t = 0.
     """
+    if mentions(function):
+        raise NotTracedError(f"{name} depends on time, and formulas do not")
     sure = Checked(name, function, unit)
     for label, value in ((name, sure(0.0)), *([(f"{name}.rate", sure.rate(0.0))] if moves else [])):
         if not math.isfinite(value):

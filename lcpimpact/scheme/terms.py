@@ -133,7 +133,7 @@ class Sum:
 
     def add(self, term: float | Array, at: Any = ...) -> None:
         """Add a term to the entries ``at``; the rounding error of a sum is itself a float (Knuth)."""
-        before = self.value[at].copy()
+        before = np.array(self.value[at])
         total = before + term
         added = total - before
         self.residue[at] += (before - (total - added)) + (term - added)
@@ -141,7 +141,7 @@ class Sum:
 
 
 class Terms:
-    """The terms of M, C, K, f and H that elements have added so far.
+    """The terms of M, C, K, f and H that elements have added so far: floats, or with ``kind=object`` formulas.
 
     Attributes
     ----------
@@ -154,10 +154,10 @@ class Terms:
     motions : dict                  index of each node with prescribed motion, and its motion
     """
 
-    def __init__(self, nodes: Sequence[str]) -> None:
-        n = len(nodes)
+    def __init__(self, nodes: Sequence[str], kind: type = float) -> None:
+        shape = len(nodes), len(nodes)
         self.index = {node: i for i, node in enumerate(nodes)}
-        self.M, self.C, self.K = (Sum(np.zeros((n, n)), np.zeros((n, n))) for _ in range(3))
+        self.M, self.C, self.K = (Sum(np.full(shape, 0.0, kind), np.full(shape, 0.0, kind)) for _ in range(3))
         self.loads: list[tuple[int, float | Callable[[float], float]]] = []
         self.rows: list[Row] = []
         self.springs: list[PowerLaw] = []
@@ -175,5 +175,6 @@ class Terms:
 
     def link(self, matrix: Sum, a: str, b: str, value: float) -> None:
         """Add ``value`` times the square of (q_b - q_a) to the quadratic form of ``matrix``."""
-        d = self.direction(a, b)
-        matrix.add(value * np.outer(d, d))
+        ends = [self.index[node] for node in (a, b) if node != GROUND]
+        signs = [1.0 if i == j else -1.0 for i in ends for j in ends]
+        matrix.add(value * np.array(signs), ([i for i in ends for _ in ends], ends * len(ends)))

@@ -11,13 +11,10 @@ import numpy as np
 import pandas as pd
 
 from lcpimpact.arguments import checked
-from lcpimpact.arrays import Array
 from lcpimpact.certificate.energy import INFLOWS, STORED, Account, Sinks
-from lcpimpact.certificate.impacts import RunImpacts
-from lcpimpact.certificate.quadrature import Pieces
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.problems.base import Problem
-from lcpimpact.record import ContinuousSolution, Record
+from lcpimpact.quantities import energy_flows
 from lcpimpact.study.result import Study, table_lines
 from lcpimpact.trajectory import Trajectory
 
@@ -139,41 +136,12 @@ def energy_ledger(run: Trajectory) -> Ledger:
         )
     account = Account(d, Sinks.by_element(run.problem))
     θ = run.integrator.balance_point() if run.integrator is not None else None
-    t, q, v = run.t, run.q, run.v
-    if run.dense is not None:
-        t, q, v, flows = _between_events(run, run.dense, account)
-    else:
-        record = Record(run.t, run.q, run.v, run.t_reaction, run.reaction)
-        spread = run.integrator.impact_steps if run.integrator is not None else 1
-        if θ is not None:
-            of_steps = account.by_theta_rule(record, run.events, θ)
-        else:
-            of_steps = account.by_trapezoidal_rule(record, run.events, spread)
-        flows = np.concatenate([np.zeros((1, of_steps.shape[1])), np.cumsum(of_steps, axis=0)])
+    t, q, v, flows = energy_flows(run, account)
     stored = account.stored(q, v, q[0])
     columns = dict(zip((*STORED, *INFLOWS, *account.sinks.names), [*stored.T, *flows.T], strict=True))
     table = pd.DataFrame({"t": t, **columns, "balance": account.imbalance(stored, stored[0], account.balance(flows))})
     promise, closes = _promise(run, θ)
     return Ledger(table, account.sinks.names, promise, closes, run.problem, run.method)
-
-
-def _between_events(run: Trajectory, dense: ContinuousSolution, account: Account) -> tuple[Array, Array, Array, Array]:
-    """Return t, q, v and the flows since the start by Gauss's rule, with two rows for an impact: before and after it."""
-    end = run.t[-1]
-    impacts = RunImpacts.of(account.d, run.events)
-    impacts = impacts[impacts.t <= end]
-    inside = dense.cuts[(dense.cuts >= run.t[0]) & (dense.cuts <= end)]
-    pieces = Pieces(np.unique(np.concatenate([run.t, inside, [event.t for event in run.events if event.t <= end]])))
-    flows = pieces.integral(account.powers(pieces.times, *dense.read(pieces.times, "right")))
-    instants, first = np.unique(impacts.t, return_index=True)
-    doubled = 1 + np.isin(pieces.cuts, instants)
-    t, flows = np.repeat(pieces.cuts, doubled), np.repeat(flows, doubled, axis=0)
-    q, v = (np.repeat(each, doubled, axis=0) for each in dense.read(pieces.cuts, "right")[:2])
-    before = np.searchsorted(t, instants)
-    q[before], v[before] = impacts.q[first], impacts.before[first]
-    for k, flow in zip(np.searchsorted(t, impacts.t), account.of_impacts(impacts), strict=True):
-        flows[k + 1 :] += flow
-    return t, q, v, flows
 
 
 def _promise(run: Trajectory, θ: float | None) -> tuple[str, bool]:

@@ -13,6 +13,7 @@ import io
 import json
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -51,7 +52,7 @@ from lcpimpact.study.dynamics.grazing import least_gap
 LONGEST = 20.0
 """Seconds of processor time."""
 
-QUICK = {"calls": 200, "scheme files": 60, "LCP files": 60, "commands": 20, "measurements": 5}
+QUICK = {"calls": 100, "scheme files": 60, "LCP files": 60, "commands": 20, "measurements": 5}
 """Cases of each kind in a quick run, as their time allows."""
 
 MANY = {"calls": 10_000, "scheme files": 5_000, "LCP files": 4_000, "commands": 700, "measurements": 300}
@@ -254,6 +255,25 @@ COMMANDS = {
         **STUDY,
     },
     "compare": RUN | STUDY | {"--methods": LABELS, "--events": OUTPUTS, "--forces": OUTPUTS, "--energies": OUTPUTS},
+    "sweep": RUN
+    | {
+        "--set": [
+            "k_o=3000:5000:2",
+            "e=0.1,0.2",
+            "k_o=1:2",
+            "k_o=1:9:2:log",
+            "theta=0:2:3",
+            "dt=0.1,0.05",
+            "x=nan:1:2",
+            *WORDS,
+        ],
+        "--output": ["R.max", "x@0.05", "x", "open:1.speed", "impact:0", *WORDS],
+        "--samples": COUNTS,
+        "--rule": ["sobol", "saltelli", "random", *WORDS],
+        "--seed": ["0", "-1", "1e3"],
+        "--out": [*OUTPUTS, "out.zarr"],
+        "--plot": OUTPUTS,
+    },
     "poincare": {
         "--set": None,
         "--section": WORDS,
@@ -268,7 +288,16 @@ COMMANDS = {
 }
 """Options of each command, with what they are given; None: nothing, or --set of a parameter. "" is an argument."""
 
-SLOW = {"compare": 0.1, "converge": 0.1, "poincare": 0.3, "bifurcation": 0.3, "basins": 0.3, "orbit": 0.3, "fit": 0.4}
+SLOW = {
+    "compare": 0.1,
+    "converge": 0.1,
+    "sweep": 0.3,
+    "poincare": 0.3,
+    "bifurcation": 0.3,
+    "basins": 0.3,
+    "orbit": 0.3,
+    "fit": 0.4,
+}
 """The commands that run much are given a wrong word more often, so that most of them end at once."""
 
 ALWAYS = {
@@ -278,6 +307,7 @@ ALWAYS = {
     "fit": ["--t-end", "0.1"],
     "compare": ["--t-end", "0.1"],
     "converge": ["--t-end", "0.1", "--counts", "7"],
+    "sweep": ["--set", "c_o=200:300:2", "--t-end", "0.1", "--dt", "0.05"],
 }
 
 
@@ -299,7 +329,7 @@ def a_command(rng):
             option = one(rng, WORDS)
         values = options.get(option)
         words.append(option)
-        if option == "--set":
+        if option == "--set" and values is None:
             key = one(
                 rng, ["k_o", "c_o", "m", "e", "g", "theta", "tol", "max_iter", "rtol", "max_events", "omega", *WORDS]
             )
@@ -496,6 +526,9 @@ def things():
         "fit": li.fit(block, ["k_o"], data, method="moreau-jean", dt=0.05, t_end=0.5),
         "diagram": li.bifurcation(lambda omega: li.load_problem("shaw-holmes", omega=omega), [2.7], skip=1, points=2),
         "orbit": li.periodic_orbit(forced, transient=30),
+        "swept": li.sweep(
+            block, li.draw_samples({"k_o": (3000.0, 5000.0)}, 4, "saltelli"), dt=0.05, t_end=0.5, progress=False
+        ),
         "M": [[2.0, 1.0], [1.0, 2.0]],
         "q": [-5.0, -6.0],
         "lcs": {"A": [[0.0, 1.0], [-1.0, 0.0]], "B": [[0.0], [1.0]], "C": [[1.0, 0.0]]},
@@ -526,6 +559,26 @@ def calls():
     ]
     found += [
         (li.load_problem, {"name": "system-1", "k_o": 1.0}),
+        (
+            li.sweep,
+            {
+                "problem": g["block"],
+                "parameters": {"k_o": [3000.0]},
+                "method": "moreau-jean",
+                **axes,
+                "outputs": ("R.max",),
+                "executor": None,
+                "out": None,
+                "lcp_solver": "auto",
+                "progress": False,
+                "chunk": None,
+            },
+        ),
+        (li.draw_samples, {"ranges": {"k_o": (1.0, 2.0)}, "count": 4, "rule": "sobol", "seed": 0, "log": ()}),
+        (li.Samples, {"values": {"k_o": [1.0]}, "rule": "list", "count": 0}),
+        (li.sobol_indices, {"dataset": g["swept"], "output": "R.max"}),
+        (li.plot_sweep, {"dataset": g["swept"], "output": "R.max", "x": None, "at": None}),
+        (li.plot_sobol, {"table": li.sobol_indices(g["swept"], "R.max"), "title": ""}),
         (
             li.solve_lcp,
             {
@@ -944,6 +997,8 @@ def tried(kind, seed, folder):
     for path in folder.iterdir():
         if path.name.startswith("."):
             wrong += f"\n{path.name} was left"
+        if path.name == "out.zarr" and path.is_dir():
+            shutil.rmtree(path)
         if path.name.startswith((".", "out", "again", "fuzz")) and path.is_file():
             path.unlink()
     return wrong and f"case({kind!r}, {seed}): {what!r}\n{wrong}"

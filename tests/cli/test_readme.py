@@ -50,7 +50,7 @@ EXAMPLES = [
     pytest.param(code, id=f"{page}-{i}")
     for page in (
         *("README.md", "docs/penalty.md", "docs/norms.md"),
-        *(f"docs/{name}.md" for name in ("convergence", "comparing", "design", "dynamics")),
+        *(f"docs/{name}.md" for name in ("convergence", "comparing", "design", "dynamics", "sweeps", "many-contacts")),
     )
     for i, code in enumerate(re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL))
 ]

@@ -327,6 +327,18 @@ def mechanism(rng):
     return li.Problem("mechanism", scheme, v0=v)
 
 
+@pytest.mark.parametrize(
+    ("problem", "dt", "t_end"),
+    [(li.load_problem("woodpecker"), 0.4 / 1009, 0.4), (mechanism(np.random.default_rng(204)), 1e-3, 2.0)],
+    ids=["a force that is a rounding error", "slip rates far above what forces change"],
+)
+def test_badly_scaled_stage_laws_are_solved(problem, dt, t_end):
+    """Solutions are refined in the units of each row: that of the largest one is too coarse for the others."""
+    run = li.simulate(problem, "radau", dt=dt, t_end=t_end, lcp_solver="lemke")
+    truth = li.simulate(problem, "exact", dt=dt, t_end=t_end)
+    assert np.abs(run.q - truth.q).max() < 0.2 * np.abs(truth.q).max()
+
+
 def rod(load, slip, spin=0.0):
     """A uniform rod at 60 degrees that touches the floor by its lower end, with μ = 5/3: W_NN - μ W_NT is -0.415 one way."""
     φ = math.pi / 3.0

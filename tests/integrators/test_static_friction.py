@@ -259,3 +259,25 @@ def test_the_drawing_and_the_file_name_both_coefficients(tmp_path):
     labels = [element.labels for element in problem.scheme.elements if isinstance(element, Friction)]
     assert labels == [("μ", "μ_s")]
     assert Friction("x", "ground", 0.3, normal="N").labels == ("μ",)
+
+
+@pytest.mark.parametrize("method", ["exact", "event-driven", "moreau-jean"])
+def test_slip_that_ends_under_a_load_between_both_bounds_sticks(method):
+    """F = 4 t - t² breaks the block loose; where its slip ends, F lies between μ and μ_s times its weight, and it stays."""
+    mu, mu_s, g = 0.2, 0.4, 9.81
+    scheme = Scheme(
+        Mass("x", 1.0), Mass("y", 1.0), Load("y", g), Load("x", Polynomial((0.0, 4.0, -1.0))),
+        Bumper("y", "ground", e=0.0, name="N"), Friction("x", "ground", mu, "N", mu_s=mu_s, name="T"),
+    )  # fmt: skip
+    loose, again = 2.0 - np.sqrt(4.0 - mu_s * g), 2.0 + np.sqrt(4.0 + mu_s * g)
+    speed = np.poly1d([-1.0 / 3.0, 2.0, -mu * g, 0.0])
+    stop = max((speed - speed(loose)).roots.real)
+    back = np.poly1d([-1.0 / 3.0, 2.0, mu * g, 0.0])
+    x = (speed - speed(loose)).integ()(stop) - (speed - speed(loose)).integ()(loose)
+    x += (back - back(again)).integ()(8.0) - (back - back(again)).integ()(again)
+    assert mu * g < abs(4.0 * stop - stop**2) < mu_s * g
+    run = simulate(Problem("load", scheme), method, dt=1e-3 if method == "moreau-jean" else 1e-2, t_end=8.0)
+    tolerance = 2e-3 if method == "moreau-jean" else 1e-8
+    assert [event.kind for event in run.events] == ["slip", "stick", "slip"]
+    assert [event.t for event in run.events] == pytest.approx([loose, stop, again], abs=tolerance)
+    assert run["x"][-1] == pytest.approx(x, abs=2.0 * tolerance)

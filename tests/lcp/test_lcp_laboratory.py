@@ -18,7 +18,7 @@ from lcpimpact.lcp.operators import Banded, Dense, Factored, Property, all_finit
 from lcpimpact.lcp.problem import bounds, unbounded_above
 from lcpimpact.lcp.reduction import from_lcp, to_lcp
 from lcpimpact.lcp.solve import prepare_lcp, solve_lcp
-from lcpimpact.lcp.solvers.banded import chain_masses, isotonic_chain
+from lcpimpact.lcp.solvers.banded import chain_masses, isotonic_chain, pools_for
 from lcpimpact.lcp.solvers.enumeration import all_solutions
 from lcpimpact.lcp.storage import bandwidth, column, diagonal, entry, is_symmetric, product, row_product
 
@@ -603,7 +603,7 @@ def test_pooling_solves_chains(data):
     if n > 2:
         assert chain_masses(operator.W, found)
         np.testing.assert_allclose(1.0 / found, 1.0 / masses, rtol=0.0, atol=1e-15)
-    assert isotonic_chain(masses, q, z) == int(Status.SOLVED)
+    assert isotonic_chain(masses, q, z, pools_for(len(q))) == int(Status.SOLVED)
     reference = solve_lcp(M, q, "enumeration").z
     np.testing.assert_allclose(z, reference, rtol=0.0, atol=1e-10 * (1.0 + reference.max()))
 

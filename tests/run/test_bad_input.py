@@ -295,6 +295,7 @@ def test_more_steps_than_fit_in_memory_are_refused_before_any_memory_is_taken(me
 def test_a_run_is_refused_where_its_arrays_take_half_of_what_it_may_take(monkeypatch):
     traj = run(method="exact", dt=1e-3)
     arrays = sum(each.nbytes for each in (traj.t, traj.q, traj.v, traj.t_reaction, traj.reaction))
+    monkeypatch.setattr(memory, "SMALL", 0.0)
     monkeypatch.setattr(memory, "free_memory", lambda: 2.001 * arrays / memory.FREE_FRACTION)
     assert run(method="exact", dt=1e-3).success
     monkeypatch.setattr(memory, "free_memory", lambda: 1.999 * arrays / memory.FREE_FRACTION)

@@ -59,6 +59,15 @@ def beyond(certificate):
     return {name for name, limit in certificate.limits.items() if not getattr(certificate, name) <= limit}
 
 
+@pytest.mark.parametrize("scheme", [li.Scheme, li.SparseScheme])
+def test_an_energy_that_overflows_is_no_proof(scheme):
+    """The motion is that of any other size, but ½ m v² is infinite, and no imbalance of it can be seen."""
+    problem = li.Problem("heavy", scheme(li.Mass("x", 1.0), li.Spring("x", "ground", 100.0)), v0={"x": 1e160})
+    run = li.simulate(problem, dt=1e-3, t_end=0.1, throw=False)
+    assert run.status is Status.VIOLATED
+    assert "energy balance, which overflows" in run.message
+
+
 @pytest.mark.parametrize("name", METHODS)
 def test_a_run_passes_the_laws_of_its_own_problem(runs, name):
     certificate = runs[name].certify()
@@ -243,6 +252,22 @@ def test_sliders_motions_and_massless_nodes_are_judged(plates, name, what):
     assert laws <= beyond(plates[name].certify(plate(**changed)))
 
 
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 0.1])
+def test_a_plate_that_never_leaves_the_ground_may_be_off_by_the_rounding_of_the_others(dt):
+    """Its own place is 0, and so is no scale of its rounding."""
+    scheme = li.Scheme(
+        li.Mass("x", 1.9289931425843274),
+        li.Load("x", 5.781570653132068),
+        li.Load("y", 1.8551451341330694),
+        li.Spring("x", "ground", 168.91421900753122),
+        li.Spring("y", "x", 4.64683805564685),
+        li.Spring("z", "y", 47.116285448879),
+        li.Bumper("z", "ground"),
+    )
+    run = li.simulate(li.Problem("pressed", scheme, v0={"x": -0.19601032496948623}), dt=dt, t_end=1.0)
+    assert run.certificate.complementarity < 1e-15
+
+
 def test_static_nodes_are_balanced():
     """Two springs in a row: the node between has neither mass nor dashpot."""
 
@@ -363,11 +388,10 @@ def alarms(seeds, make=random_scheme, each=ALL):
     return found, judged
 
 
-@pytest.mark.parametrize("first", [0])
-def test_no_method_alarms_on_random_schemes(first):
-    found, judged = alarms(range(first, first + 10))
+def test_no_method_alarms_on_random_schemes():
+    found, judged = alarms(range(4))
     assert found == {}
-    assert judged >= 60
+    assert judged >= 20
 
 
 @pytest.mark.slow

@@ -358,7 +358,7 @@ HAS_XARRAY = importlib.util.find_spec("xarray") is not None
 
 @pytest.mark.skipif(HAS_XARRAY, reason="xarray is installed")
 def test_without_xarray_the_remedy_is_named(theta, tmp_path):
-    with pytest.raises(UnsupportedError, match=r"xarray is not installed: pip install 'lcpimpact\[xarray\]'"):
+    with pytest.raises(UnsupportedError, match=r"xarray is not installed: pip install 'lcpimpact\[sweep\]'"):
         theta.to_xarray()
     with pytest.raises(UnsupportedError, match="xarray"):
         theta.save(tmp_path / "run.nc")

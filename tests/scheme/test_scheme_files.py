@@ -109,6 +109,8 @@ def example(kind):
     if kind is li.Substructure:
         values |= {"M": ((2.0, 0.5), (0.5, 1.0)), "C": ((0.1, 0.0), (0.0, 0.2)), "K": ((3.0, -1.0), (-1.0, 3.0))}
         values["f"] = (1.5, SIGNAL)
+    if kind is li.Chain:
+        values["f"] = (1.5, 0.0)
     return kind(**values)
 
 

@@ -221,6 +221,7 @@ def test_errors_that_are_rounding_are_left_out_and_counted():
     assert row["points"] == 2, "what that reference may be off by is more"
 
 
+@pytest.mark.slow
 def test_orders_of_runs():
     table = convergence(li.load_problem("system-1"), ["moreau-jean", "heun", "radau-fesd", "exact"], SIX)
     orders = observed_orders(table)
@@ -515,14 +516,6 @@ def test_wrong_words_are_one_line_and_nothing_is_written(capsys, tmp_path, monke
 
 
 # ---- pages and the public table -------------------------------------------------------------------------------------
-
-EXAMPLES = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "convergence.md").read_text(encoding="utf-8"), re.DOTALL)
-
-
-@pytest.mark.parametrize("code", EXAMPLES)
-def test_examples_run(code, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    exec(compile(code, "convergence.md", "exec"), {})
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,7 @@ from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, f8, flags, indices, matrix, named_tuple, vector
+from lcpimpact.formula import number
 from lcpimpact.scheme.dynamics import Dynamics
 
 
@@ -53,7 +54,7 @@ def impulse_paths(d: Dynamics, θ: float, h: float) -> Paths:
     """Return the impulse paths of a system."""
     order = np.argsort(-np.abs(d.H[:, d.massive]).sum(axis=1), kind="stable")
     lines, H = np.array(d.impulse_lines, order="C"), np.array(d.H, order="C")
-    return Paths(lines, order, H, d.u0.copy(), d.restitution.copy(), ~(d.massive | d.driven), float(θ), h)
+    return Paths(lines, order, H, d.u0.copy(), d.restitution.copy(), ~(d.massive | d.driven), number(θ), h)
 
 
 def no_paths() -> Paths:

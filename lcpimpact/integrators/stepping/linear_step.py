@@ -25,8 +25,9 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.compiled import interpreted
+from lcpimpact.compiled import address, interpreted
 from lcpimpact.errors import InputError, Status
+from lcpimpact.integrators.stepping.elimination import product, solve
 from lcpimpact.integrators.stepping.force_newton import solve_with_forces
 from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
 from lcpimpact.integrators.stepping.kernel import (
@@ -40,7 +41,7 @@ from lcpimpact.integrators.stepping.kernel import (
     room_for,
     steps,
 )
-from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_law
+from lcpimpact.integrators.stepping.law import SPRING_SOLVER, SpringSolver, no_springs, solve_law
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
 from lcpimpact.integrators.stepping.straight_line import (
     IRREGULAR,
@@ -54,12 +55,23 @@ from lcpimpact.integrators.stepping.time_stepping import TimeStepping
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.friction import ANITESCU_POTRA, FORMULATIONS, GLOCKER, FrictionRows, lcp_matrix
 from lcpimpact.lcp.operators import Dense
+from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import SolverState
 from lcpimpact.record import Record
-from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.dynamics import Dynamics, Feature
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+AT_VELOCITY_LEVEL = (
+    Feature.SLIDERS,
+    Feature.POWER_LAWS,
+    Feature.RESTITUTION,
+    Feature.FRICTION,
+    Feature.STATIC_FRICTION,
+    Feature.JOINTS,
+)
+"""What a step handles whose law is that of the velocities, with masses at all nodes."""
 
 REST_GAP_FACTOR = 1e-6
 """Opening below which a resting contact is closed, as a fraction of the displacement that its force causes in a step."""
@@ -116,15 +128,19 @@ class Symbols:
 
     def gap(self, q: Array) -> Array:
         """Return u = H q + u0 (nc, size)."""
-        return np.asarray(self.dynamics.H @ q + self.dynamics.u0[:, None] * self.one)
+        return np.asarray(product(self.dynamics.H, q) + self.dynamics.u0[:, None] * self.one)
 
     def gap_rate(self, v: Array) -> Array:
         """Return U = H v (nc, size)."""
-        return np.asarray(self.dynamics.H @ v)
+        return product(self.dynamics.H, v)
+
+    def momentum(self, v: Array) -> Array:
+        """Return M v (n, size)."""
+        return product(self.dynamics.M, v)
 
     def push(self, impulse: Array) -> Array:
         """Return the impulses or forces of the contacts on the nodes, Hᵀ P (n, size)."""
-        return np.asarray(self.dynamics.B @ impulse)
+        return product(self.dynamics.B, impulse)
 
     def force(self, c: float, q: Array, v: Array, law: int = 0) -> Array:
         """Return f(t + c h) - K q - C v + s on the nodes (n, size), with the spring forces of a law, by its number.
@@ -135,7 +151,7 @@ class Symbols:
             If the method does not declare c in its ``instants``.
         """
         d = self.dynamics
-        return np.asarray(self.loads[c] - d.K @ q - d.C @ v + d.pushes.T @ self.s[law])
+        return np.asarray(self.loads[c] - product(d.K, q) - product(d.C, v) + product(d.pushes.T, self.s[law]))
 
 
 def pushed(L: Array, P: Array) -> Array:
@@ -143,7 +159,7 @@ def pushed(L: Array, P: Array) -> Array:
 
     Either z or w is zero, but an iterative solver leaves both near it.
     """
-    return np.asarray(L / np.diag(L @ P.T)[:, None] - P)
+    return np.asarray(L / np.diag(product(L, P.T))[:, None] - P)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,11 +204,6 @@ class Step:
     memory: dict[str, Array] = field(default_factory=dict)
     paths: Paths = field(default_factory=no_paths)
     static: Static = field(default_factory=no_static)
-
-
-def solve(A: Array, b: Array) -> Array:
-    """Return A⁻¹ b for symbols b (n, size)."""
-    return np.asarray(np.linalg.solve(A, b))
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,8 +307,8 @@ class LinearStep(TimeStepping[Tabulated]):
         """Return the method used in steps at a change of the active contacts; None for this one."""
         return None
 
-    def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
-        """Tabulate the step."""
+    def tabulate(self, d: Dynamics, h: float) -> tuple[StepTable, StepSprings, Step]:
+        """Return the coefficients of a step of length h, and the step whose they are."""
         symbols = self._symbols(d)
         try:
             step = self.equations(symbols, d, h)
@@ -306,7 +317,11 @@ class LinearStep(TimeStepping[Tabulated]):
                 f"the matrix of a step of {h:g} s is singular to rounding: bring the constants closer in size, "
                 "or take another dt"
             ) from None
-        table, springs = tabulate(symbols, step, self.remembers, h)
+        return *tabulate(symbols, step, self.remembers, h), step
+
+    def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
+        """Tabulate the step."""
+        table, springs, step = self.tabulate(d, h)
         solver, contacts = SOLVERS[lcp_solver], [Dense(np.eye(1))]
         if len(d.contacts):
             contacts = [self._lcp_matrix(d, h, W) for W in table.W]
@@ -390,20 +405,20 @@ class LinearStep(TimeStepping[Tabulated]):
         Forces of any kind depend on the time, so that they take one step at a time.
         """
         kernel: Callable[..., tuple[int, int, int, int, float]] = steps
-        springs = step.springs
+        solve, springs = address(solver.kernel, KERNEL), address(step.springs, SPRING_SOLVER)
         if step.forces:
-            kernel = in_python(steps)
+            kernel, solve = in_python(steps), solver.kernel
             springs = step.forces(float(times[0] + self.reaction_at * (times[1] - times[0])))
         elif not solver.compiled:
-            kernel, springs = in_python(steps), in_python(springs)
+            kernel, solve, springs = in_python(steps), solver.kernel, in_python(step.springs)
         last, stops = first + len(times) - 1, step.at_switches is not None
         block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops)
         path, room = StepOutput(record.q, record.v, record.reaction), room_for(step.table, len(step.features[0].law))
         if line:
             c = line.coefficients(step.table, step.features[2])
-            result = line.run(block, step.table, c, state, path, room, solver.kernel)
+            result = line.run(block, step.table, c, state, path, room, solve)
         else:
-            result = kernel(block, step.table, step.features, state, path, room, solver.kernel, springs)
+            result = kernel(block, step.table, step.features, state, path, room, solve, springs)
         code, reached, iterations, newton, residual = result
         record.stats.add_lcps(self.laws * (reached - first), iterations, residual, newton)
         return code, reached
@@ -449,8 +464,8 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
     )
     rows, θh, always = [], [], forces | d.joints
     for law, low, high, P, s in zip(step.laws, lower, upper, y.P, y.s, strict=True):
-        rate = N @ law.springs_at[1]
-        approach = -(N @ law.springs_at[0] + springs[:, :1] * y.one)
+        rate = product(N, law.springs_at[1])
+        approach = -(product(N, law.springs_at[0]) + springs[:, :1] * y.one)
         touching = -y.one if law.touching is None else np.where(always[:, None], -y.one, law.touching)
         touching = np.where(d.frictional[:, None], y.one, touching)
         rows += [np.where((high > low)[:, None], touching, y.one), law.L, rate, approach]
@@ -458,17 +473,17 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
     rows += [step.q, step.v, *(step.memory[name] for name in remembers), step.impulse / h]
     static = step.static.S
     if static.size:
-        rows.append(static.T @ (y.loads[1.0] - d.K @ step.q + y.push(step.impulse / h)))
+        rows.append(product(static.T, y.loads[1.0] - product(d.K, step.q) + y.push(step.impulse / h)))
     columns = np.array(np.vstack(rows).T, order="C")
     known = len(columns) - sum(map(len, (*y.P, *y.s)))
     unknown = np.vstack([each for pair in zip(y.P, y.s, strict=True) for each in pair])
-    W = np.array([law.L @ P.T for law, P in zip(step.laws, y.P, strict=True)])
+    W = np.array([product(law.L, P.T) for law, P in zip(step.laws, y.P, strict=True)])
     near = np.array(
         [REST_GAP_FACTOR * h * np.diag(each) * (not law.strictly) for each, law in zip(W, step.laws, strict=True)]
     )
     table = StepTable(
         columns[:known],
-        unknown @ columns,
+        product(unknown, columns),
         W,
         lower,
         upper,
@@ -492,15 +507,15 @@ def first_reactions(d: Dynamics, q: Array, v: Array, h: float) -> Array:
     rows = np.flatnonzero(d.slides | ((u <= 0.0) & (U >= 0.0)))
     if len(rows):
         H, push = d.H[rows], d.B[:, rows]
-        b = U[rows] + 0.5 * h * H @ np.linalg.solve(d.M, smooth_force(d, q, v))
-        W = 0.5 * h * H @ np.linalg.solve(d.M, push)
+        b = U[rows] + 0.5 * h * H @ solve(d.M, smooth_force(d, q, v))
+        W = 0.5 * h * H @ solve(d.M, push)
         r[rows] = solve_lcp(W, b, lower=d.r_min[rows], upper=d.r_max[rows]).z
     return r
 
 
 def first_acceleration(d: Dynamics, q: Array, v: Array, h: float) -> Array:
     """Return q'' at t = 0, with the `first_reactions` (n,)."""
-    return np.asarray(np.linalg.solve(d.M, smooth_force(d, q, v) + d.B @ first_reactions(d, q, v, h)))
+    return np.asarray(solve(d.M, smooth_force(d, q, v) + d.B @ first_reactions(d, q, v, h)))
 
 
 def _shared_step(place: Array, rate: Array, P: Array, s: Array) -> float:

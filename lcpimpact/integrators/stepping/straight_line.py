@@ -33,7 +33,6 @@ SHORT_BLOCK = 500
 MAX_TERMS = 2_000
 """Maximum number of terms in the sums of a step; a larger table is no faster as straight-line code."""
 
-
 WORTH_COMPILING = 10_000_000
 """Number of steps of one pattern in a process from which straight-line code repays its compilation, of 0.3 s and more."""
 
@@ -99,7 +98,6 @@ class Writer:
     ----------
     coefficients : dict of str to (array, index)    where the value of each named coefficient is found
     statements : list of Statement
-    terms : int                                     number of terms in the sums so far
     """
 
     table: StepTable
@@ -107,7 +105,6 @@ class Writer:
     n: int
     coefficients: dict[str, tuple[str, tuple[int, ...]]] = field(default_factory=dict)
     statements: list[Statement] = field(default_factory=list)
-    terms: int = 0
 
     @property
     def sizes(self) -> tuple[int, int, int, int]:
@@ -125,7 +122,6 @@ class Writer:
 
     def term(self, array: str, value: float, index: tuple[int, ...], factor: str) -> str:
         """Return a coefficient times a factor, which for 1 and -1 is the factor itself."""
-        self.terms += 1
         if abs(value) == 1.0:
             return factor if value > 0.0 else f"-{factor}"
         return f"{self.coefficient(array, *index)} * {factor}"
@@ -185,11 +181,11 @@ def covers(table: StepTable, static: Static, springs: int, paths: int, friction:
 
 
 def pattern(table: StepTable, static: Static) -> bytes:
-    """Return what the statements depend on: sizes, and which coefficients are 0, 1 or -1."""
-    arrays = (table.known, table.unknown, table.W, table.lower, table.upper, static.S, static.HS, static.SKS)
-    kinds = [np.select([a == 0.0, a == 1.0, a == -1.0, np.isinf(a)], [0, 1, 2, 3], 4).astype(np.int8) for a in arrays]
-    shapes = repr([a.shape for a in arrays] + [table.strictly.tolist(), (table.near > 0.0).tolist()])
-    return shapes.encode() + b"".join(kind.tobytes() for kind in kinds)
+    """Return what the statements depend on: sizes, signs, and which coefficients are 1, -1 or infinite."""
+    arrays = [np.asarray(each, dtype=np.float64) for each in (*table, *static)]
+    kinds = [np.sign(a) * np.select([np.abs(a) == 1.0, np.isinf(a)], [2.0, 3.0], 1.0) for a in arrays]
+    shapes = repr([a.shape for a in arrays])
+    return shapes.encode() + b"".join(kind.astype(np.int8).tobytes() for kind in kinds)
 
 
 def _law(writer: Writer, law: int) -> Iterator[Statement]:
@@ -337,7 +333,8 @@ class Tally:
     code: StraightLine | None = None
 
 
-TALLIES: dict[bytes, Tally] = {}
+TALLIES: dict[tuple[int, bytes], Tally] = {}
+"""By the number of coordinates and the pattern of the table."""
 
 
 def straight_line(key: bytes, table: StepTable, static: Static, n: int, steps: int) -> StraightLine | None:
@@ -347,7 +344,7 @@ def straight_line(key: bytes, table: StepTable, static: Static, n: int, steps: i
     """
     if not COMPILING:
         return None
-    tally = TALLIES.setdefault(key, Tally())
+    tally = TALLIES.setdefault((n, key), Tally())
     tally.steps += steps
     if tally.code is None and tally.steps >= WORTH_LOADING:
         tally.writer = tally.writer or write_step(table, static, n)

@@ -10,11 +10,13 @@ non-decreasing sequences: isotonic regression, which pooling adjacent violators 
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, i8, matrix, vector
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import compiled, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
@@ -52,17 +54,34 @@ def chain_masses(W: Array, mass: Array) -> bool:
     return True
 
 
-@compiled(i8(vector, vector, vector))
-def isotonic_chain(mass: Array, q: Array, z: Array) -> int:
+class Pools(NamedTuple):
+    """The pools of bodies that move with one velocity v: v - y of the first and the last, their mass, and the last body."""
+
+    of_first: Array
+    of_last: Array
+    weight: Array
+    end: Indices
+
+
+POOLS: Any = named_tuple((vector, vector, vector, indices), Pools)
+
+
+@compiled(POOLS(i8))
+def pools_for(n: int) -> Pools:
+    """Return room for the pools of n contacts."""
+    return Pools(np.empty(n + 1), np.empty(n + 1), np.empty(n + 1), np.empty(n + 1, np.int64))
+
+
+@compiled(i8(vector, vector, vector, POOLS), allocates=False)
+def isotonic_chain(mass: Array, q: Array, z: Array, room: Pools) -> int:
     """Set z to the impulses of a chain by pooling adjacent violators.
 
     A pool moves with one velocity v, stored as v - y of its first and of its last body: y grows along a flying stack, and
-    storing v itself would cancel the small differences that determine the impulses.
+    storing v itself would cancel the small differences that determine the impulses. A contact with q_i = inf never acts.
 
     Returns SOLVED; or RAY between two approaching walls, with the certificate z = 1.
     """
-    n = len(q)
-    of_first, of_last, weight, end = np.empty(n + 1), np.empty(n + 1), np.empty(n + 1), np.empty(n + 1, np.int64)
+    n, (of_first, of_last, weight, end) = len(q), room
     pools = 0
     for j in range(n + 1):
         first, last, m = 0.0, 0.0, mass[j]
@@ -109,7 +128,7 @@ def banded(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float,
     """Solve by isotonic regression if M is that of a chain and the only bounds are z >= 0, else by block pivoting."""
     mass = np.empty(len(q) + 1)
     if is_plain(lower, upper) and chain_masses(W, mass):
-        return isotonic_chain(mass, q, z), 1
+        return isotonic_chain(mass, q, z, pools_for(len(q))), 1
     return block_pivoting(W, q, lower, upper, z, tol, max_iter)
 
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
+from lcpimpact.formula import number
 from lcpimpact.numbers import is_count, is_real
-from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct, named, positive
+from lcpimpact.scheme.elements.base import GROUND, MISSING, Element, Polyline, distinct, positive
 from lcpimpact.scheme.elements.jenkins import Jenkins
 from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.elements.spring import Spring
@@ -162,8 +163,6 @@ class Bar(Element):
                 f"{self}: elements = {self.elements!r} must be a whole number from 1 to {MAX_ELEMENTS}: M and K are full"
             )
         object.__setattr__(self, "elements", int(self.elements))
-        if self.name is not None:
-            named(self)
         distinct(self)
         self._check_mass()
         self._check_plasticity()
@@ -238,7 +237,7 @@ class Bar(Element):
     @property
     def mu(self) -> float:
         """μ, the coupling mass of an element as a fraction of its mass."""
-        return COUPLING_MASSES[self.mass] if isinstance(self.mass, str) else float(self.mass)
+        return COUPLING_MASSES[self.mass] if isinstance(self.mass, str) else number(self.mass)
 
     @property
     def wave_speed(self) -> float:
@@ -272,16 +271,20 @@ class Bar(Element):
     def mass_matrix(self) -> Array:
         """Return M of the joints in kg (elements + 1, elements + 1), before anything else stands at the ends.
 
-        The velocities of the two ends of each element, left and right, are rows; a massless end takes its neighbour's.
+        An element has the energy of the sum of the velocities of its two ends, and of their difference; a massless end takes
+        its neighbour's.
         """
         n = self.elements
-        left, right = np.eye(n, n + 1), np.eye(n, n + 1, 1)
+        left, right = np.arange(n), np.arange(1, n + 1)
         if self.a in self.massless:
             left[0] = right[0]
         if self.b in self.massless:
             right[-1] = left[-1]
-        S, D = left + right, right - left
-        return np.asarray(self.rho * self.A * self.dx * (0.25 * S.T @ S + (0.25 - self.mu) * D.T @ D))
+        sums, differences = np.zeros((2, n + 1, n + 1))
+        for i, j, sign in ((left, left, 1.0), (right, right, 1.0), (left, right, -1.0), (right, left, -1.0)):
+            np.add.at(sums, (i, j), 1.0)
+            np.add.at(differences, (i, j), sign)
+        return np.asarray(self.rho * self.A * self.dx * (0.25 * sums + (0.25 - self.mu) * differences))
 
     def weight(self, g: float) -> tuple[Load, ...]:
         """Return its weight as loads on its joints, M g, so that it falls freely without strain.

@@ -129,13 +129,14 @@ def distinct(element: Element) -> None:
                 f"{type(element).__name__}: an end is a node or maps nodes to finite numbers other than zero, as "
                 f'{{"x": 1.0, "φ": -0.1}}, and {dict(end)!r} does not'
             )
-    for node in element.nodes:
+    nodes = element.nodes
+    for node in nodes:
         if not is_name(node):
             raise InputError(
                 f"{type(element).__name__}: the node name {node!r} must be a string, not empty and without hidden "
                 "characters"
             )
-    if len(set(element.nodes)) < len(element.nodes):
+    if len(set(nodes)) < len(nodes):
         raise InputError(f"{element}: both ends are one node; join two different nodes")
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from lcpimpact.formula import number
 from lcpimpact.numbers import between, finite
-from lcpimpact.scheme.elements.base import Link, Polyline, distinct, named
+from lcpimpact.scheme.elements.base import Link, Polyline, distinct
 from lcpimpact.scheme.terms import End, Row, Terms
 
 
@@ -74,7 +75,6 @@ class Bumper(Link):
 
     def __post_init__(self) -> None:
         distinct(self)
-        named(self)
         finite(f"{self}: gap", self.gap, "m")
         if self.e is not None:
             between(f"{self}: e", self.e, 0.0, 1.0)
@@ -86,5 +86,5 @@ class Bumper(Link):
 
     def contribute(self, terms: Terms) -> None:
         """Add a row to H and to u0."""
-        e = None if self.e is None else float(self.e)
-        terms.rows.append(Row(str(self), self.name or self.reaction, self.upper, self.lower, float(self.gap), e))
+        e = None if self.e is None else number(self.e)
+        terms.rows.append(Row(str(self), self.name or self.reaction, self.upper, self.lower, number(self.gap), e))

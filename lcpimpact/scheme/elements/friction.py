@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from lcpimpact.arguments import is_name
 from lcpimpact.errors import InputError
+from lcpimpact.formula import number
 from lcpimpact.numbers import between, is_real
 from lcpimpact.scheme.elements.base import MISSING, Link, Polyline, distinct
 from lcpimpact.scheme.terms import End, Row, RowLaw, Terms
@@ -140,11 +141,11 @@ class Friction(Link):
                 self.upper,
                 self.lower,
                 0.0,
-                e=float(self.e_T),
+                e=number(self.e_T),
                 law=RowLaw.FRICTION,
                 bounds=(-math.inf, math.inf),
-                mu=float(self.mu),
-                mu_s=float(self.mu if self.mu_s is None else self.mu_s),
+                mu=number(self.mu),
+                mu_s=number(self.mu if self.mu_s is None else self.mu_s),
                 normal=self.normal,
             )
         )

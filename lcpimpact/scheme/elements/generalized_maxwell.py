@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite, is_real
-from lcpimpact.scheme.elements.base import MISSING, Compound, Element, Polyline, distinct, named
+from lcpimpact.scheme.elements.base import MISSING, Compound, Element, Polyline, distinct
 from lcpimpact.scheme.elements.maxwell import inner_nodes, maxwell_arm, relaxation_modulus
 from lcpimpact.scheme.elements.spring import Spring
 
@@ -97,8 +97,6 @@ class GeneralizedMaxwell(Compound):
         arms = {symbol: _as_tuple(getattr(self, symbol)) for symbol in ("k", "tau")}
         object.__setattr__(self, "k", arms["k"] or ())
         distinct(self)
-        if self.name is not None:
-            named(self)
         if self.k_inf is MISSING:
             raise InputError(f"{self}: k_inf is missing; give a number in N/m, or 0 for an element that flows")
         finite(f"{self}: k_inf", self.k_inf, "N/m", least=0.0)

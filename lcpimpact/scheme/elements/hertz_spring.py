@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from lcpimpact.formula import number
 from lcpimpact.numbers import finite
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, named, positive
+from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
 from lcpimpact.scheme.terms import PowerLaw, Terms
 
 
@@ -84,13 +85,12 @@ class HertzSpring(Element):
 
     def contribute(self, terms: Terms) -> None:
         """Add the non-linear spring."""
-        K, n, gap = float(self.K), float(self.n), float(self.gap)
+        K, n, gap = map(number, (self.K, self.n, self.gap))
         law = PowerLaw(str(self), self.upper, self.lower, gap, K, n, name=self.name or self.reaction)
         terms.springs.append(law)
 
 
 def power_law_shape(element: Any, n: float, gap: float) -> None:
-    """Check the exponent, whose stiffness at δ = 0 is infinite below 1, the gap and the name."""
-    named(element)
+    """Check the exponent, whose stiffness at δ = 0 is infinite below 1, and the gap."""
     finite(f"{element}: n", n, least=1.0)
     finite(f"{element}: gap", gap, "m")

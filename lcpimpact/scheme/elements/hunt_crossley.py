@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+from lcpimpact.formula import number
 from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
 from lcpimpact.scheme.elements.hertz_spring import HertzSpring, power_law_shape
 from lcpimpact.scheme.terms import PowerLaw, Terms
@@ -88,6 +89,6 @@ class HuntCrossley(Element):
 
     def contribute(self, terms: Terms) -> None:
         """Add the non-linear spring."""
-        K, n, b, gap = float(self.K), float(self.n), float(self.b), float(self.gap)
+        K, n, b, gap = map(number, (self.K, self.n, self.b, self.gap))
         law = PowerLaw(str(self), self.upper, self.lower, gap, K, n, b, name=self.name or self.reaction)
         terms.springs.append(law)

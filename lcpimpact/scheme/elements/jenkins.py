@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
 
-from lcpimpact.scheme.elements.base import MISSING, Compound, Element, distinct, named, positive
+from lcpimpact.scheme.elements.base import MISSING, Compound, Element, distinct, positive
 from lcpimpact.scheme.elements.slider import Slider
 from lcpimpact.scheme.elements.spring import Spring
 
@@ -69,7 +69,6 @@ class Jenkins(Compound):
 
     def __post_init__(self) -> None:
         distinct(self)
-        named(self)
         positive(self, "k", self.k, "N/m")
         positive(self, "f_y", self.f_y, "N")
         if self.k_h is not None:

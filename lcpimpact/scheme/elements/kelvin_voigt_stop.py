@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.errors import InputError
+from lcpimpact.formula import number
 from lcpimpact.numbers import finite
 from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, positive
 from lcpimpact.scheme.elements.hertz_spring import power_law_shape
@@ -99,6 +100,6 @@ class KelvinVoigtStop(Element):
 
     def contribute(self, terms: Terms) -> None:
         """Add the one-sided spring with its dashpot."""
-        k, c, gap = float(self.k), float(self.c), float(self.gap)
+        k, c, gap = map(number, (self.k, self.c, self.gap))
         law = PowerLaw(str(self), self.upper, self.lower, gap, k, 1.0, c=c, name=self.name or self.reaction)
         terms.springs.append(law)

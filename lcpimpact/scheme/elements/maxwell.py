@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
-from lcpimpact.scheme.elements.base import MISSING, Compound, Element, distinct, named, positive
+from lcpimpact.scheme.elements.base import MISSING, Compound, Element, distinct, positive
 from lcpimpact.scheme.elements.dashpot import Dashpot
 from lcpimpact.scheme.elements.spring import Spring
 
@@ -68,8 +68,6 @@ class Maxwell(Compound):
 
     def __post_init__(self) -> None:
         distinct(self)
-        if self.name is not None:
-            named(self)
         positive(self, "k", self.k, "N/m")
         positive(self, "c", self.c, "N s/m")
 

@@ -21,6 +21,7 @@ from lcpimpact.scheme.elements.friction import Friction as Friction
 from lcpimpact.scheme.elements.rigid_link import RigidLink as RigidLink
 from lcpimpact.scheme.elements.rope import Rope as Rope
 from lcpimpact.scheme.elements.bar import Bar as Bar
+from lcpimpact.scheme.elements.chain import Chain as Chain
 from lcpimpact.scheme.elements.substructure import Substructure as Substructure
 from lcpimpact.scheme.elements.load import Load as Load
 from lcpimpact.scheme.elements.force import Force as Force

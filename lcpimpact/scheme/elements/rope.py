@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.errors import InputError
+from lcpimpact.formula import number
 from lcpimpact.numbers import between, finite
-from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct, named
+from lcpimpact.scheme.elements.base import MISSING, Element, Polyline, distinct
 from lcpimpact.scheme.terms import Row, Terms
 
 
@@ -69,7 +70,6 @@ class Rope(Element):
 
     def __post_init__(self) -> None:
         distinct(self)
-        named(self)
         if self.slack is MISSING:
             raise InputError(f"{self}: slack is missing; give a number in m, 0 for a rope that is just taut")
         finite(f"{self}: slack", self.slack, "m")
@@ -83,5 +83,5 @@ class Rope(Element):
 
     def contribute(self, terms: Terms) -> None:
         """Add a row to H and to u0: that of a bumper with its plates exchanged."""
-        e = None if self.e is None else float(self.e)
-        terms.rows.append(Row(str(self), self.name or self.reaction, self.b, self.a, float(self.slack), e))
+        e = None if self.e is None else number(self.e)
+        terms.rows.append(Row(str(self), self.name or self.reaction, self.b, self.a, number(self.slack), e))

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from lcpimpact.scheme.elements.base import MISSING, Link, Polyline, distinct, named, positive
+from lcpimpact.formula import number
+from lcpimpact.scheme.elements.base import MISSING, Link, Polyline, distinct, positive
 from lcpimpact.scheme.terms import End, Row, RowLaw, Terms
 
 
@@ -69,7 +70,6 @@ class Slider(Link):
 
     def __post_init__(self) -> None:
         distinct(self)
-        named(self)
         positive(self, "r0", self.r0, "N")
 
     @property
@@ -79,6 +79,6 @@ class Slider(Link):
 
     def contribute(self, terms: Terms) -> None:
         """Add a row to H, with a box as its law."""
-        bounds = (-float(self.r0), float(self.r0))
+        bounds = (-number(self.r0), number(self.r0))
         name = self.name or self.reaction
         terms.rows.append(Row(str(self), name, self.a, self.b, 0.0, law=RowLaw.SLIDER, bounds=bounds))

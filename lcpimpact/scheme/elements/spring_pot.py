@@ -15,7 +15,7 @@ from scipy.special import loggamma
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
-from lcpimpact.scheme.elements.base import MISSING, Compound, Element, Polyline, distinct, named, positive
+from lcpimpact.scheme.elements.base import MISSING, Compound, Element, Polyline, distinct, positive
 from lcpimpact.scheme.elements.dashpot import Dashpot
 from lcpimpact.scheme.elements.generalized_maxwell import GeneralizedMaxwell
 from lcpimpact.scheme.elements.maxwell import inner_nodes
@@ -138,8 +138,6 @@ class SpringPot(Compound):
             raise InputError(f"{self}: t_min = {self.t_min!r} must be below t_max = {self.t_max!r}")
         if not is_real(self.rtol) or not 1e-12 <= self.rtol < 1.0:
             raise InputError(f"{self}: rtol = {self.rtol!r} must lie between 1e-12 and 1")
-        if self.name is not None:
-            named(self)
         distinct(self)
 
     def __str__(self) -> str:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
-from lcpimpact.scheme.elements.base import MISSING, Compound, Element, distinct, named, positive
+from lcpimpact.scheme.elements.base import MISSING, Compound, Element, distinct, positive
 from lcpimpact.scheme.elements.maxwell import inner_nodes, maxwell_arm, relaxation_modulus
 from lcpimpact.scheme.elements.spring import Spring
 
@@ -69,8 +69,6 @@ class Zener(Compound):
 
     def __post_init__(self) -> None:
         distinct(self)
-        if self.name is not None:
-            named(self)
         positive(self, "k", self.k, "N/m")
         positive(self, "k_1", self.k_1, "N/m")
         positive(self, "c_1", self.c_1, "N s/m")

@@ -11,16 +11,16 @@ An address is
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import partial
 from typing import Any
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_real
 from lcpimpact.problems import PROBLEMS
-from lcpimpact.problems.base import Problem, build
+from lcpimpact.problems.base import Problem, build, defaults
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.scheme import Scheme
 
@@ -53,10 +53,32 @@ def with_values(problem: Problem, values: Mapping[str, float]) -> Problem:
     >>> changed.scheme.elements[3].c, changed.v0["x"]
     (300.0, 5.0)
     """
-    places = {address: place(problem, address) for address in values}
+    return changes_at(problem, values)(values)
+
+
+def changes_at(problem: Problem, addresses: Iterable[str]) -> Callable[[Mapping[str, float]], Problem]:
+    """Return the function `with_values` of a problem for many values at the same addresses.
+
+    Raises
+    ------
+    InputError
+        For an unknown or ambiguous address; the function raises it for values that the problem rejects.
+    """
+    parameters = parameters_of(problem)
+    places = {address: place(problem, address, parameters) for address in addresses}
+    given = dict(problem.parameters)
+    if any(kind == "parameter" for kind, _, _ in places.values()):
+        for name in _derived(problem):
+            del given[name]
+    return partial(_changed, problem, places, given)
+
+
+def _changed(
+    problem: Problem, places: Mapping[str, Place], given: Mapping[str, float], values: Mapping[str, float]
+) -> Problem:
     of_problem = {name: values[address] for address, (kind, _, name) in places.items() if kind == "parameter"}
     if of_problem:
-        problem = build(problem.name, PROBLEMS[problem.name], {**problem.parameters, **of_problem})
+        problem = build(problem.name, PROBLEMS[problem.name], {**given, **of_problem})
     others = {address: where for address, where in places.items() if where[0] != "parameter"}
     if not others:
         return problem
@@ -65,7 +87,7 @@ def with_values(problem: Problem, values: Mapping[str, float]) -> Problem:
         if kind == "element":
             elements = list(changes.get("scheme", problem.scheme).elements)
             elements[number] = replace(elements[number], **{name: values[address]})
-            changes["scheme"] = Scheme(*elements)
+            changes["scheme"] = type(problem.scheme)(*elements)
         else:
             changes[kind] = {**changes.get(kind, getattr(problem, kind)), name: values[address]}
     return replace(problem, facts=(), motion=None, **changes)
@@ -86,7 +108,7 @@ def value_at(problem: Problem, address: str) -> float:
     >>> value_at(load_problem("system-1"), "KelvinVoigt.k")
     3924.0
     """
-    kind, number, name = place(problem, address)
+    kind, number, name = place(problem, address, parameters_of(problem))
     if kind == "parameter":
         return float(problem.parameters[name])
     if kind == "element":
@@ -94,15 +116,19 @@ def value_at(problem: Problem, address: str) -> float:
     return float(getattr(problem, kind).get(name, 0.0))
 
 
-def place(problem: Problem, address: str) -> Place:
-    """Return what an address of a problem names."""
+def parameters_of(problem: Problem) -> list[str]:
+    """Return the names of the parameters of a registered problem, and none of another."""
+    return list(defaults(PROBLEMS[problem.name])) if is_registered(problem) else []
+
+
+def place(problem: Problem, address: str, parameters: Sequence[str]) -> Place:
+    """Return what an address of a problem with these parameters names."""
     where, dot, name = address.partition(".")
     if dot and where in INITIAL:
         nodes = list(problem.dynamics.nodes)
         if name not in nodes:
             raise InputError(f"{address}: {nearest(name, nodes, 'node')}")
         return where, -1, name
-    parameters = list(inspect.signature(PROBLEMS[problem.name]).parameters) if is_registered(problem) else []
     if address in parameters:
         return "parameter", -1, address
     known = _constants(problem)
@@ -129,6 +155,17 @@ def is_registered(problem: Problem) -> bool:
     except InputError:
         return False
     return (again.scheme, again.q0, again.v0) == (problem.scheme, problem.q0, problem.v0)
+
+
+def _derived(problem: Problem) -> list[str]:
+    """Return the parameters of a registered problem that follow from its others, as v_o from g and h_o."""
+    builder = PROBLEMS[problem.name]
+    optional = [name for name, default in defaults(builder).items() if default is None]
+    if not optional:
+        return []
+    given = {name: value for name, value in problem.parameters.items() if name not in optional}
+    found = build(problem.name, builder, given).parameters
+    return [name for name in optional if found[name] == problem.parameters[name]]
 
 
 def _constants(problem: Problem) -> list[tuple[int, set[str], str]]:

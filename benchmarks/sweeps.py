@@ -1,0 +1,165 @@
+"""What a run of a sweep costs: `sweep` against C with vector lanes and threads, and against a loop over `simulate`.
+
+    python benchmarks/sweeps.py [--sets 1000000] [--steps 1000] [--repeats 5]
+
+All run System 1 by the θ-method with θ = 1/2 and keep its greatest force, for random k_o and c_o. `sweep` checks the LCP of
+each step and runs some of the sets alone, certificate included; the C program does nothing of that. Contestants take turns;
+medians are compared. The second table has every method whose step is linear. The exit code is 1 if the contestants do not
+find the same numbers, and 0 otherwise, whatever the speed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from speed import MissingError, compiled_library, parameters
+
+from lcpimpact import Samples, load_problem, simulate, sweep
+from lcpimpact.arrays import Array
+from lcpimpact.errors import LcpImpactError
+from lcpimpact.integrators import METHODS
+from lcpimpact.integrators.stepping.linear_step import LinearStep
+
+THETA = 0.5
+T_END = 1.0
+ALONE = 200
+"""Number of sets that a loop over `simulate` is timed with."""
+
+PROBLEMS = {
+    "system-1": ("k_o", (3000.0, 5000.0)),
+    "kelvin-voigt-tension": ("0.m", (0.5, 2.0)),
+    "bouncing-ball": ("2.e", (0.2, 0.9)),
+}
+"""Problems of the second table, with the parameter that is swept and its range."""
+
+
+def samples(sets: int) -> Samples:
+    """Return random stiffnesses and dampings of the ground."""
+    rng = np.random.default_rng(0)
+    return Samples({"k_o": rng.uniform(3000.0, 5000.0, sets), "c_o": rng.uniform(100.0, 400.0, sets)})
+
+
+def c_lanes(folder: Path) -> Callable[[Samples, int], Array]:
+    """Compile system_1_lanes.c; return (samples, steps) -> (max R, x at the end) of each set."""
+    library = compiled_library("system_1_lanes", folder, "-march=native", "-fopenmp")
+    size, number, array = ctypes.c_size_t, ctypes.c_double, np.ctypeslib.ndpointer(dtype=np.float64, flags="C")
+    library.system_1_lanes.argtypes = [size, size, number, number, number, array, array, number, number, array]
+    library.system_1_lanes.restype = None
+    constants = parameters(load_problem("system-1"))
+
+    def run(given: Samples, steps: int) -> Array:
+        found, m, g, v_o = np.empty((len(given), 2)), constants["m"], constants["g"], constants["v_o"]
+        k_o, c_o = given.values["k_o"], given.values["c_o"]
+        library.system_1_lanes(len(given), steps, T_END / steps, THETA, m, k_o, c_o, g, v_o, found)
+        return found
+
+    return run
+
+
+def swept(given: Samples, steps: int) -> Array:
+    """Return max R of each set by `sweep`."""
+    found = sweep(load_problem("system-1"), given, dt=T_END / steps, t_end=T_END, progress=False)
+    if found["status"].any():
+        raise AssertionError("a set is not solved")
+    return np.asarray(found["R.max"])
+
+
+def looped(given: Samples, steps: int) -> Array:
+    """Return max R of the first sets by `simulate`."""
+    pairs = zip(given.values["k_o"][:ALONE], given.values["c_o"][:ALONE], strict=True)
+    problems = (load_problem("system-1", k_o=float(k), c_o=float(c)) for k, c in pairs)
+    return np.array([simulate(each, dt=T_END / steps, t_end=T_END)["R"].max() for each in problems])
+
+
+def seconds(call: Callable[[], Any]) -> tuple[float, Any]:
+    """Return the time of a call, and its result."""
+    began = time.perf_counter()
+    found = call()
+    return time.perf_counter() - began, found
+
+
+def methods_table(sets: int, steps: int) -> Table:
+    """Return ns a step a run of every method on the problems that it takes, one output, least of three."""
+    drawn = Table("method", *PROBLEMS, title=f"ns a step a run, {sets:,} sets of {steps:,} steps, least of three")
+    for name, kind in METHODS.items():
+        if not issubclass(kind, LinearStep):
+            continue
+        cells = []
+        for problem, (parameter, (low, high)) in PROBLEMS.items():
+            values = {parameter: np.linspace(low, high, sets)}
+            options = {"dt": T_END / steps, "t_end": T_END, "outputs": ("x.max",), "progress": False, "certify": False}
+            call = partial(sweep, load_problem(problem), values, name, **options)
+            try:
+                cells.append(f"{1e9 * min(seconds(call)[0] for _ in range(3)) / sets / steps:.2f}")
+            except LcpImpactError:
+                cells.append("-")
+        drawn.add_row(name, *cells)
+    return drawn
+
+
+def main() -> int:
+    """Measure, print, and return the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--sets", type=int, default=1_000_000)
+    parser.add_argument("--steps", type=int, default=1_000)
+    parser.add_argument("--repeats", type=int, default=5)
+    options = parser.parse_args()
+    given, small = samples(options.sets // 16 * 16), samples(2500)
+    contestants: dict[str, tuple[Callable[[], Array], int, int]] = {
+        "sweep": (lambda: swept(given, options.steps), len(given), options.steps),
+        "sweep of 50 x 50": (lambda: swept(small, 3000), len(small), 3000),
+        "loop over simulate": (lambda: looped(given, options.steps), min(ALONE, len(given)), options.steps),
+    }
+    with tempfile.TemporaryDirectory() as name:
+        try:
+            lanes = c_lanes(Path(name))
+            contestants["C, lanes and threads"] = (lambda: lanes(given, options.steps)[:, 0], len(given), options.steps)
+        except MissingError as missing:
+            print(f"C: {missing}")
+        took: dict[str, list[float]] = {each: [] for each in contestants}
+        found = {each: call() for each, (call, _, _) in contestants.items()}
+        for _ in range(options.repeats):
+            for each, (call, _, _) in contestants.items():
+                took[each].append(seconds(call)[0])
+    drawn = Table(
+        "what",
+        "s",
+        "sets",
+        "steps",
+        "ns a step a run",
+        "ratio to C",
+        title=f"System 1, {os.cpu_count()} cores, medians",
+    )
+    per_step = {each: 1e9 * median(took[each]) / sets / steps for each, (_, sets, steps) in contestants.items()}
+    floor = per_step.get("C, lanes and threads")
+    for each, (_, sets, steps) in contestants.items():
+        ratio = f"{per_step[each] / floor:.2f}" if floor else "-"
+        drawn.add_row(each, f"{median(took[each]):.4g}", f"{sets:,}", f"{steps:,}", f"{per_step[each]:.3g}", ratio)
+    console = Console(width=None if sys.stdout.isatty() else 130)
+    console.print(drawn)
+    console.print(methods_table(100_000, options.steps))
+    same = bool((found["loop over simulate"] == found["sweep"][: len(found["loop over simulate"])]).all())
+    print(f"sweep and simulate: {'the same bits' if same else 'NOT the same bits'}")
+    agree = True
+    if floor:
+        off = np.abs(found["sweep"] / found["C, lanes and threads"] - 1.0).max()
+        agree = bool(off < 1e-9)
+        print(f"sweep and C {'agree' if agree else 'DISAGREE'}: {off:.1e} relative")
+    return 0 if same and agree else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,108 @@
+"""Draw docs/images/many-contacts.svg: a column of beads, a cradle, an elastic bar at a wall, and a pile of discs.
+
+python docs/many_contacts.py
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.figure import Figure
+
+from lcpimpact import Bumper, Chain, Problem, SparseScheme, simulate
+from lcpimpact.plotting.style import EXACT, INK, PALETTE, save, style
+from lcpimpact.problems.balls import pile
+
+PICTURE = Path(__file__).parent / "images" / "many-contacts.svg"
+
+
+def draw_column(ax: Axes) -> None:
+    """Draw the paths of beads that fall on each other; the floor is at zero."""
+    n, gap = 1000, 1e-3
+    shown = [1, *range(100, n + 1, 100)]
+    scheme = SparseScheme(Chain(n, m=0.1, gap=gap, e=0.0, f=0.981, b="ground", name="bead"))
+    run = simulate(Problem("column", scheme), dt=1e-5, t_end=0.6, record=[f"bead.{i}" for i in shown])
+    for place, i in enumerate(shown):
+        height = (n + 1 - i) * gap - run.q[:, place]
+        ax.plot(run.t[::400], height[::400], color=INK, linewidth=0.9, linestyle="-")
+    t = run.t[::400]
+    ax.plot(t, np.maximum(n * gap - 0.5 * 9.81 * t**2, 0.0), color=EXACT, linestyle="--", linewidth=1.5)
+    ax.set(xlabel="$t$ [s]", ylabel="height [m]", title="1,000 beads fall on a floor", ylim=(-0.05, 1.05))
+
+
+def draw_cradle(ax: Axes) -> None:
+    """Draw the velocities of balls that hand on an impact from the first to the last."""
+    n = 40
+    scheme = SparseScheme(Chain(n, m=1.0, gap=1e-3, e=1.0, name="ball"))
+    run = simulate(Problem("cradle", scheme, v0={"ball.1": 1.0}), dt=1e-4, t_end=0.045)
+    image = ax.pcolormesh(
+        run.t[::4], np.arange(1, n + 1), run.v[::4].T, cmap="Greys", vmin=0.0, vmax=1.0, rasterized=True
+    )
+    ax.figure.colorbar(image, ax=ax, label="$v$ [m/s]")
+    ax.plot(run.t, 1.0 + run.t / 1e-3, color=PALETTE[1], linewidth=0.8, linestyle="--")
+    ax.set(xlabel="$t$ [s]", ylabel="ball", title="40 balls hand on an impact", ylim=(0.5, n + 0.5))
+
+
+def draw_bar(ax: Axes) -> None:
+    """Draw the force of an elastic bar on a wall, and d'Alembert's."""
+    E, A, rho, L, v0, n = 900.0, 1.0, 1.0, 10.0, 10.0, 1000
+    dx, c = L / n, np.sqrt(E / rho)
+    m = np.full(n + 1, rho * A * dx)
+    m[[0, -1]] /= 2.0
+    bar = Chain(n + 1, m=tuple(m), k=E * A / dx, name="u")
+    scheme = SparseScheme(bar, Bumper(f"u.{n + 1}", "ground", 0.0, 0.0))
+    dt = 0.5 * dx / c
+    run = simulate(
+        Problem("bar", scheme, v0=dict.fromkeys(bar.masses, v0)), dt=dt, t_end=round(0.9 / dt) * dt, record=["R"]
+    )
+    force, release = rho * c * A * v0, 2.0 * L / c
+    ax.plot([0.0, release, release, 0.9], [force, force, 0.0, 0.0], color=EXACT, linewidth=3.0, label="d'Alembert")
+    ax.plot(run.t_reaction[::4], run["R"][::4], color=INK, linewidth=0.6, linestyle="-", label="1,000 elements")
+    ax.set(xlabel="$t$ [s]", ylabel="$R$ [N]", title="An elastic bar hits a wall", ylim=(-20.0, 620.0))
+    ax.legend(loc="upper right")
+
+
+def draw_pile(ax: Axes) -> None:
+    """Draw a pile at rest, with lines between the discs as thick as their forces."""
+    rows = 12
+    run = simulate(pile(rows, 2e-3), dt=1e-3, t_end=0.2, record=())
+    force = dict(zip(run.problem.dynamics.reactions, run.final.reaction, strict=True))
+    places = {(r, i): (i + 0.5 * r, 0.75**0.5 * r) for r in range(rows) for i in range(rows - r)}
+    ends = [
+        (force[f"{side}{r}.{i}"], [(x, y), (x + to_right, y - 0.75**0.5)])
+        for (r, i), (x, y) in places.items()
+        for side, to_right in (("L", -0.5), ("R", 0.5))
+    ]
+    widths = [4.0 * each / max(force.values()) for each, _ in ends]
+    ax.add_collection(LineCollection([line for _, line in ends], linewidths=widths, colors=PALETTE[1], linestyles="-"))
+    ax.add_collection(
+        EllipseCollection(
+            1.0,
+            1.0,
+            0.0,
+            units="xy",
+            offsets=list(places.values()),
+            transOffset=ax.transData,
+            facecolors="none",
+            edgecolors=INK,
+            linewidths=0.5,
+        )
+    )
+    ax.set(title="A pile carries its weight", xlim=(-1.2, rows + 0.2), ylim=(-1.2, 0.9 * rows), aspect="equal")
+    ax.axis("off")
+
+
+@style()
+def draw() -> Figure:
+    """Return the picture."""
+    figure = Figure(figsize=(7.6, 5.4), layout="constrained")
+    for ax, each in zip(figure.subplots(2, 2).ravel(), (draw_column, draw_cradle, draw_bar, draw_pile), strict=True):
+        each(ax)
+    return figure
+
+
+if __name__ == "__main__":
+    save(draw(), PICTURE)

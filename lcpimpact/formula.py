@@ -1,0 +1,256 @@
+"""Numbers known as formulas: what a computation made of its arguments, so that it can be repeated for many at once.
+
+A `Formula` is the result of arithmetic on the parameters of a `Program`. It has the value that belongs to one set of
+parameters, and is compared by that value; the program remembers each comparison, since for other parameters the formulas
+hold only where all comparisons come out as they did. What would lose the formula, such as a function that wants a float, is
+refused.
+
+Examples
+--------
+>>> program = Program()
+>>> k, m = program.parameter(4.0), program.parameter(1.0)
+>>> ω = sqrt(k / m) if k > 0.0 else 0.0
+>>> print("; ".join(program.source({"ω": ω})))
+t0 = p0 / p1; t1 = sqrt(t0); ω = t1
+>>> program.assumptions()
+['p0 > 0.0']
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from typing import Any, TypeAlias, cast
+
+import numpy as np
+
+OPERATIONS: dict[str, Callable[..., Any]] = {
+    "+": operator.add,
+    "-": operator.sub,
+    "*": operator.mul,
+    "/": operator.truediv,
+    "abs": abs,
+    "sqrt": math.sqrt,
+}
+
+COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
+    "<": operator.lt,
+    "<=": operator.le,
+    ">": operator.gt,
+    ">=": operator.ge,
+    "==": operator.eq,
+}
+
+NEGATIONS = {"<": ">=", "<=": ">", ">": "<=", ">=": "<", "==": "!="}
+
+
+class NotTracedError(TypeError):
+    """A computation that is not arithmetic, so that it cannot be repeated as a formula."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Formula:
+    """A number as a result of arithmetic.
+
+    Attributes
+    ----------
+    program : Program
+    name : str          of the variable in the program that holds it
+    value : float       for the parameters with which the program was traced
+    """
+
+    program: Program = field(repr=False)
+    name: str
+    value: float
+
+    def __add__(self, other: Any) -> Any:
+        return self.program.apply("+", self, other)
+
+    def __radd__(self, other: Any) -> Any:
+        return self.program.apply("+", other, self)
+
+    def __sub__(self, other: Any) -> Any:
+        return self.program.apply("-", self, other)
+
+    def __rsub__(self, other: Any) -> Any:
+        return self.program.apply("-", other, self)
+
+    def __mul__(self, other: Any) -> Any:
+        return self.program.apply("*", self, other)
+
+    def __rmul__(self, other: Any) -> Any:
+        return self.program.apply("*", other, self)
+
+    def __truediv__(self, other: Any) -> Any:
+        return self.program.apply("/", self, other)
+
+    def __rtruediv__(self, other: Any) -> Any:
+        return self.program.apply("/", other, self)
+
+    def __neg__(self) -> Any:
+        return self.program.apply("-", 0.0, self)
+
+    def __abs__(self) -> Any:
+        return self.program.apply("abs", self)
+
+    def sqrt(self) -> Any:
+        """Return the square root."""
+        return self.program.apply("sqrt", self)
+
+    def __lt__(self, other: Any) -> bool:
+        return self.program.compare("<", self, other)
+
+    def __le__(self, other: Any) -> bool:
+        return self.program.compare("<=", self, other)
+
+    def __gt__(self, other: Any) -> bool:
+        return self.program.compare(">", self, other)
+
+    def __ge__(self, other: Any) -> bool:
+        return self.program.compare(">=", self, other)
+
+    def __eq__(self, other: Any) -> bool:
+        return self.program.compare("==", self, other)
+
+    def __ne__(self, other: Any) -> bool:
+        return not self.__eq__(other)
+
+    def __bool__(self) -> bool:
+        return self != 0.0
+
+    def __hash__(self) -> int:
+        return id(self)
+
+    def _refuse(self, *_: Any) -> Any:
+        raise NotTracedError(f"{self.name} is a formula, of which only sums, products and square roots are known")
+
+    __float__ = __int__ = __index__ = __round__ = __format__ = _refuse
+    __pow__ = __rpow__ = __mod__ = __rmod__ = __floordiv__ = __rfloordiv__ = _refuse
+
+
+Number: TypeAlias = float | Formula
+
+
+NUMBERS = (Formula, int, float, np.integer)
+
+
+def is_number(value: Any) -> bool:
+    """Return whether a value is a number that formulas can be made of."""
+    return isinstance(value, NUMBERS)
+
+
+def number(value: Any) -> Any:
+    """Return a value as a float; a formula as it is."""
+    return value if isinstance(value, Formula) else float(value)
+
+
+def value_of(number: Number) -> float:
+    """Return the value of a number."""
+    return number.value if isinstance(number, Formula) else float(number)
+
+
+def mentions(thing: Any) -> bool:
+    """Return whether a thing is a formula, or a dataclass with one among its fields."""
+    if is_dataclass(thing) and not isinstance(thing, Formula):
+        return any(mentions(getattr(thing, each.name)) for each in fields(thing))
+    return isinstance(thing, Formula) or (isinstance(thing, tuple | list) and any(map(mentions, thing)))
+
+
+def sqrt(x: Any) -> Any:
+    """Return the square root of a number, which may be a formula."""
+    return x.sqrt() if isinstance(x, Formula) else math.sqrt(x)
+
+
+@dataclass
+class Program:
+    """The arithmetic on some parameters, in the order in which it was done.
+
+    Attributes
+    ----------
+    parameters : list of Formula
+    lines : dict        (operation, operands) to the formula that holds the result; each is done once
+    assumed : dict      comparisons that were made, and came out true
+    """
+
+    parameters: list[Formula] = field(default_factory=list)
+    lines: dict[tuple[str, ...], Formula] = field(default_factory=dict)
+    assumed: dict[tuple[str, str, str], None] = field(default_factory=dict)
+
+    def parameter(self, value: float) -> Formula:
+        """Return a new parameter with its value for this trace."""
+        self.parameters.append(Formula(self, f"p{len(self.parameters)}", float(value)))
+        return self.parameters[-1]
+
+    def apply(self, operation: str, *operands: Any) -> Any:
+        """Return the result of an operation, which is a number where the formula does not matter."""
+        if not all(map(is_number, operands)):
+            return NotImplemented
+        found = _simplified(operation, *operands)
+        if found is not None:
+            return found
+        key = operation, *map(_text, operands)
+        if key not in self.lines:
+            value = OPERATIONS[operation](*map(value_of, operands))
+            self.lines[key] = Formula(self, f"t{len(self.lines)}", value)
+        return self.lines[key]
+
+    def compare(self, comparison: str, a: Any, b: Any) -> bool:
+        """Return how two numbers compare by their values, and remember it."""
+        if not is_number(b):
+            return cast(bool, NotImplemented)
+        holds = COMPARISONS[comparison](value_of(a), value_of(b))
+        self.assumed[_text(a), comparison if holds else NEGATIONS[comparison], _text(b)] = None
+        return holds
+
+    def assumptions(self) -> list[str]:
+        """Return the comparisons that hold for all sets of parameters for which the formulas do."""
+        return [" ".join(each) for each in self.assumed]
+
+    def depending_on(self, parameters: Iterable[Formula]) -> set[str]:
+        """Return the names of the formulas in which some parameters are, and of these."""
+        found = {each.name for each in parameters}
+        for (_, *operands), formula in self.lines.items():
+            if not found.isdisjoint(operands):
+                found.add(formula.name)
+        return found
+
+    def source(self, results: Mapping[str, Number]) -> list[str]:
+        """Return the lines that compute results, and what the assumptions compare, from the parameters p0, p1, ...
+
+        Parameters
+        ----------
+        results : mapping of str to number      variable to its formula
+        """
+        needed = {each.name for each in results.values() if isinstance(each, Formula)}
+        needed |= {name for a, _, b in self.assumed for name in (a, b)}
+        lines = []
+        for (operation, *operands), formula in reversed(self.lines.items()):
+            if formula.name not in needed:
+                continue
+            needed |= set(operands)
+            right = f" {operation} ".join(operands) if len(operands) == 2 else f"{operation}({operands[0]})"
+            lines.append(f"{formula.name} = {right}")
+        return lines[::-1] + [f"{name} = {_text(value)}" for name, value in results.items()]
+
+
+def _text(number: Number) -> str:
+    return number.name if isinstance(number, Formula) else repr(float(number))
+
+
+def _simplified(operation: str, a: Number, b: Number = 0.0) -> Number | None:
+    """Return the result of an operation with 0 or 1, which needs no line; None for another."""
+    if operation == "+":
+        return b if _is(a, 0.0) else a if _is(b, 0.0) else None
+    if operation == "-":
+        return a if _is(b, 0.0) else None
+    if operation == "*":
+        return 0.0 if _is(a, 0.0) or _is(b, 0.0) else b if _is(a, 1.0) else a if _is(b, 1.0) else None
+    if operation == "/":
+        return 0.0 if _is(a, 0.0) else a if _is(b, 1.0) else None
+    return None
+
+
+def _is(number: Number, value: float) -> bool:
+    return not isinstance(number, Formula) and number == value

@@ -1,0 +1,135 @@
+"""Sparse affine functions y = S x + c by the diagonals of S, which compiled loops add in strips that stay in the cache."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import compiled, indices, matrix, named_tuple, vector
+
+STRIP = 1024
+"""Rows that are summed at once: the rows and the x that they need stay in the first cache."""
+
+FEWEST = 0.05
+"""Part of the rows that a diagonal must fill to be kept as one; the entries of others are kept one by one."""
+
+
+class Stencil(NamedTuple):
+    """A function y = S x + c.
+
+    Attributes
+    ----------
+    c : (rows,) array                           the constants
+    offset, first, last : (nd,) arrays          column minus row of each diagonal, and the range of its rows
+    value : (nd,) array                         the entry of diagonals of equal entries
+    place : (nd,) array                         row of ``entries`` of other diagonals, else -1
+    entries : (nv, rows) array                  the entries of these
+    row, column : (ne,) arrays, single          the entries that are not on a diagonal of many
+    """
+
+    c: Array
+    offset: Indices
+    first: Indices
+    last: Indices
+    value: Array
+    place: Indices
+    entries: Array
+    row: Indices
+    column: Indices
+    single: Array
+
+
+STENCIL: Any = named_tuple(
+    (vector, indices, indices, indices, vector, indices, matrix, indices, indices, vector), Stencil
+)
+
+
+def stencil(S: Any, c: Array | None = None) -> Stencil:
+    """Return the stencil of a sparse matrix S and constants c, zero by default."""
+    entries = S.tocoo()
+    rows = S.shape[0]
+    order = np.lexsort((entries.row, entries.col - entries.row.astype(np.int64)))
+    i, j, values = (np.asarray(each)[order] for each in (entries.row, entries.col, entries.data))
+    i, j = i.astype(np.int64), j.astype(np.int64)
+    found: list[tuple[int, int, int, int, float]] = []
+    varying: list[Array] = []
+    rest = np.zeros(len(i), dtype=np.bool_)
+    starts = np.flatnonzero(np.diff(j - i, prepend=-(2**62)))
+    for begin, end in pairwise(np.append(starts, len(i)).tolist()):
+        here = slice(begin, end)
+        if end - begin < FEWEST * rows:
+            rest[here] = True
+            continue
+        first, last = int(i[begin]), int(i[end - 1]) + 1
+        equal = end - begin == last - first and bool((values[here] == values[begin]).all())
+        found.append((int(j[begin]) - first, first, last, -1 if equal else len(varying), float(values[begin])))
+        if not equal:
+            diagonal = np.zeros(rows)
+            diagonal[i[here]] = values[here]
+            varying.append(diagonal)
+    offsets, starts_at, ends_at, places = (np.array([each[k] for each in found], dtype=np.int64) for k in range(4))
+    return Stencil(
+        np.zeros(rows) if c is None else np.array(c, dtype=np.float64),
+        offsets,
+        starts_at,
+        ends_at,
+        np.array([each[4] for each in found], dtype=np.float64),
+        places,
+        np.array(varying, dtype=np.float64).reshape(len(varying), rows),
+        i[rest],
+        j[rest],
+        np.asarray(values[rest], dtype=np.float64),
+    )
+
+
+@compiled(types.void(STENCIL, vector, vector), allocates=False)
+def apply(f: Stencil, x: Array, y: Array) -> None:
+    """Set y = S x + c."""
+    rows = len(y)
+    for start in range(0, rows, STRIP):
+        end = min(start + STRIP, rows)
+        part, constant = y[start:end], f.c[start:end]
+        for k in range(end - start):
+            part[k] = constant[k]
+        for d in range(len(f.offset)):
+            low, high = max(f.first[d], start), min(f.last[d], end)
+            if low >= high:
+                continue
+            target, source = y[low:high], x[low + f.offset[d] : high + f.offset[d]]
+            if f.place[d] < 0:
+                value = f.value[d]
+                for k in range(high - low):
+                    target[k] += value * source[k]
+            else:
+                entries = f.entries[f.place[d], low:high]
+                for k in range(high - low):
+                    target[k] += entries[k] * source[k]
+    for p in range(len(f.row)):
+        y[f.row[p]] += f.single[p] * x[f.column[p]]
+
+
+@compiled(types.boolean(STENCIL), inline="always", allocates=False)
+def is_empty(f: Stencil) -> bool:
+    """Return whether S has no entry."""
+    return len(f.offset) == 0 and len(f.row) == 0
+
+
+@compiled(types.void(matrix, vector), allocates=False)
+def solve_banded(factor: Array, b: Array) -> None:
+    """Overwrite b by A⁻¹ b, with the lower bands of the Cholesky factor of A as of `scipy.linalg.cholesky_banded`."""
+    bands, n = factor.shape
+    for i in range(n):
+        total = b[i]
+        for k in range(1, min(bands, i + 1)):
+            total -= factor[k, i - k] * b[i - k]
+        b[i] = total / factor[0, i]
+    for r in range(n):
+        i = n - 1 - r
+        total = b[i]
+        for k in range(1, min(bands, n - i)):
+            total -= factor[k, i] * b[i + k]
+        b[i] = total / factor[0, i]

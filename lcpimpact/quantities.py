@@ -1,0 +1,399 @@
+r"""Quantities of a run by name: peaks, instants, speeds, contact time, restitution, impulse and energy.
+
+A name is one of
+
+- ``NAME``, the whole series of a coordinate, velocity (``v_NODE``) or force; ``NAME.max`` and ``NAME.min``, its greatest and
+  least value; ``NAME@t``, its value at an instant in s (right limit);
+- ``KIND:n``, the instant in s of the n-th event of a kind (close, open, impact, stick, slip, slide, switch, jump), with
+  ``KIND:n.speed`` in m/s and ``KIND:n.impulse`` in N s; ``CONTACT.KIND:n`` counts the events of one contact only;
+- a key of `SUMMARY`, as ``peak_force``.
+
+A quantity that a run does not have, as the tenth impact of a ball that hits three times, is NaN. With a continuous solution
+(``exact``, ``event-driven``, ``radau-fesd``) peaks are searched between the grid points too; otherwise they are the greatest
+recorded values.
+
+The bodies of a contact are the nodes with mass or prescribed motion, and the ground. Their gap is u = H q + u0 with each
+massless node where the elements that carry it put it without force; U is its rate. So U is the rate of the contact itself
+where both sides have mass, and otherwise that of the bodies behind the plates.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.certificate.energy import INFLOWS, Account, Sinks
+from lcpimpact.certificate.impacts import RunImpacts
+from lcpimpact.certificate.quadrature import Pieces
+from lcpimpact.errors import InputError
+from lcpimpact.events import steps_of
+from lcpimpact.problems.reading import at, highest
+from lcpimpact.record import ContinuousSolution, Event, Record
+from lcpimpact.registry import nearest
+from lcpimpact.scheme.dynamics import Dynamics
+
+KINDS = ("close", "open", "impact", "stick", "slip", "slide", "switch", "jump")
+"""Kinds of events."""
+
+AFTER = ("open", "slip", "slide", "switch")
+"""Kinds of events whose speed is the right limit: the contact moves after them; others have the left limit."""
+
+EVENT_NAME = re.compile(
+    rf"(?:(?P<contact>.+)\.)?(?P<kind>{'|'.join(KINDS)}):(?P<number>\d+)(?:\.(?P<what>speed|impulse))?"
+)
+
+AT_REST_RTOL = 1e-9
+"""Approach or rebound speed, relative to the fastest coordinate of the run, below which it is rounding."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity of a run.
+
+    Attributes
+    ----------
+    name : str              as asked
+    unit : str              "" for a pure number, and where a system gives no units
+    measure : callable      takes a Trajectory, and returns the number, or the series (nt,) or (nr,)
+    series : str            the dimension of a series, "t" of coordinates and "t_R" of forces; "" of a number
+    until : float           the instant in s that the run must reach
+    """
+
+    name: str
+    unit: str
+    measure: Callable[[Any], Any]
+    series: str = ""
+    until: float = 0.0
+
+
+def series_names(d: Dynamics) -> tuple[str, ...]:
+    """Return the names of the series of a run: coordinates, velocities (v_NAME), and forces of contacts and springs."""
+    return (*d.nodes, *(f"v_{node}" for node in d.nodes), *(each.name for each in d.forces))
+
+
+def quantity(name: str, d: Dynamics) -> Quantity:
+    """Return the quantity of a name.
+
+    Parameters
+    ----------
+    name : str
+        As in `lcpimpact.quantities`.
+    d : Dynamics
+        The system of the runs, with the names of its coordinates and forces.
+
+    Raises
+    ------
+    InputError
+        For a name that means nothing for the system; the nearest is offered.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, simulate
+    >>> problem = load_problem("bouncing-ball", e=0.5)
+    >>> run = simulate(problem, "exact", dt=0.1, t_end=1.0)
+    >>> [round(quantity(name, problem.dynamics).measure(run), 6) for name in ("impact:2", "impact:2.speed", "x.max")]
+    [0.903047, 2.214723, 1.0]
+    >>> quantity("x.mx", problem.dynamics)
+    Traceback (most recent call last):
+        ...
+    lcpimpact.errors.InputError: unknown output 'x.mx': did you mean 'x.max'? known are ...
+    """
+    known = series_names(d)
+    if name in known:
+        return Quantity(name, _unit(d, name), partial(_series, series=name), _dimension(d, name))
+    if name in SUMMARY:
+        unit, measure = SUMMARY[name]
+        return Quantity(name, unit if d.stores_energy else "", measure)
+    if event := EVENT_NAME.fullmatch(name):
+        return _event_quantity(name, event, d)
+    series, dot, end = name.rpartition(".")
+    if dot and series in known and end in ("max", "min"):
+        return Quantity(name, _unit(d, series), partial(extreme, series=series, sign=1.0 if end == "max" else -1.0))
+    series, sign, end = name.rpartition("@")
+    if sign and series in known:
+        t = _instant(name, end)
+        return Quantity(name, _unit(d, series), partial(at, series=series, t=t), until=t)
+    outputs = [*(f"{each}{of}" for of in ("", ".max", ".min", "@1.0") for each in known), *SUMMARY]
+    raise InputError(nearest(name, [*outputs, *(f"{kind}:1" for kind in KINDS)], "output"))
+
+
+def _event_quantity(name: str, event: re.Match[str], d: Dynamics) -> Quantity:
+    contacts = [each.name for each in d.forces]
+    contact, kind, number, what = (event[key] for key in ("contact", "kind", "number", "what"))
+    if contact is not None and contact not in contacts:
+        raise InputError(f"{name}: {nearest(contact, contacts, 'contact')}")
+    if int(number) < 1:
+        raise InputError(f"{name}: events are counted from 1, as in {kind}:1")
+    unit = {"speed": "m/s", "impulse": "N s"}.get(what, "s") if d.stores_energy or what is None else ""
+    return Quantity(name, unit, partial(_of_event, kind=kind, number=int(number), contact=contact, what=what))
+
+
+def _instant(name: str, text: str) -> float:
+    try:
+        t = float(text)
+    except ValueError:
+        t = math.nan
+    if not 0.0 <= t < math.inf:
+        raise InputError(f"{name}: after @ there must be an instant in s, as in x@0.5")
+    return t
+
+
+def _dimension(d: Dynamics, series: str) -> str:
+    return "t" if series_names(d).index(series) < 2 * len(d.nodes) else "t_R"
+
+
+def _unit(d: Dynamics, series: str) -> str:
+    if not d.stores_energy:
+        return ""
+    return ("m", "m/s", "N")[min(series_names(d).index(series) // len(d.nodes), 2)]
+
+
+def _series(run: Any, series: str) -> Array:
+    return np.asarray(run[series])
+
+
+def extreme(run: Any, series: str, sign: float = 1.0) -> float:
+    """Return max y(t) of a series, or min y(t) with ``sign=-1``; of a continuous solution it is the supremum."""
+    if run.dense is None:
+        return sign * float((sign * run[series]).max()) if len(run[series]) else math.nan
+    return highest(run, series, sign)[1]
+
+
+def _of_event(run: Any, kind: str, number: int, contact: str | None, what: str | None) -> float:
+    """Return the instant, speed or impulse of an event; NaN if the run has fewer."""
+    found = [each for each in run.events if each.kind == kind and contact in (None, each.contact)]
+    if len(found) < number:
+        return math.nan
+    event: Event = found[number - 1]
+    if what is None:
+        return event.t
+    if what == "impulse":
+        return event.impulse
+    d = run.problem.dynamics
+    v = (event.right if kind in AFTER else event.left).v
+    rates = np.append(d.gap_rate(v), d.approach_rate(v))
+    return abs(float(rates[[each.name for each in d.forces].index(event.contact)]))
+
+
+# ---- contacts -------------------------------------------------------------------------------------------------------
+
+
+def _pushing(run: Any) -> Array:
+    """Return the columns of the forces that only push: those of unilateral contacts and of non-linear springs."""
+    d = run.problem.dynamics
+    return np.append(np.flatnonzero(d.unilateral), len(d.contacts) + np.arange(len(d.springs)))
+
+
+def peak_force(run: Any) -> float:
+    """Return the greatest force of a unilateral contact or non-linear spring, max R(t), in N; impulses are no forces."""
+    return _strongest(run)[1]
+
+
+def peak_time(run: Any) -> float:
+    """Return the first instant in s at which the force is the `peak_force`; of a step, the instant of its force."""
+    return _strongest(run)[0]
+
+
+def _strongest(run: Any) -> tuple[float, float]:
+    columns = _pushing(run)
+    if not len(columns) or not len(run.t_reaction):
+        return math.nan, math.nan
+    if run.dense is not None:
+        push = run.problem.dynamics.push
+        return highest(run, lambda state: np.hstack([state.reaction, push(state.q, state.v)])[:, columns].max(axis=1))
+    force = run.forces[:, columns].max(axis=1)
+    j = int(np.argmax(force))
+    return float(run.t_reaction[j]), float(force[j])
+
+
+def impacts(run: Any) -> float:
+    """Return the number of impacts, events with an impulse of a unilateral contact; simultaneous ones count each."""
+    d = run.problem.dynamics
+    rigid = {d.contacts[i].name for i in np.flatnonzero(d.unilateral)}
+    return float(sum(event.kind == "impact" and event.contact in rigid for event in run.events))
+
+
+def impulse(run: Any) -> float:
+    """Return ∫ R dt + Σ Λ in N s, the sum over all unilateral contacts, with their impacts, and non-linear springs."""
+    columns, d = _pushing(run), run.problem.dynamics
+    if not len(columns):
+        return math.nan
+    rigid = {d.contacts[i].name for i in np.flatnonzero(d.unilateral)}
+    struck = sum(event.impulse for event in run.events if event.contact in rigid)
+    if run.dense is not None:
+        pieces = _pieces(run, run.dense)
+        q, v, r = run.dense.read(pieces.times, "right")
+        return float(pieces.each(np.hstack([r, d.push(q, v)])[:, columns]).sum() + struck)
+    force, h = run.forces[:, columns].sum(axis=1), np.diff(run.t)
+    mean = force if len(force) == len(h) else 0.5 * (force[1:] + force[:-1])
+    return float(h @ mean + struck)
+
+
+def contact_time(run: Any) -> float:
+    """Return t⁺ - t⁻ in s, from the first touch with approach, U⁻ < 0, to the separation of that contact.
+
+    Zero for an impact after which the bodies part at once; NaN without touch, or without separation in the run.
+    """
+    begin, end, _, _ = _first_touch(run)
+    return end - begin
+
+
+def restitution(run: Any) -> float:
+    """Return -U⁺/U⁻ of the first touch: of its impact, or else over the whole phase of a compliant contact."""
+    _, _, before, after = _first_touch(run)
+    return -after / before
+
+
+def rebound_speed(run: Any) -> float:
+    """Return U⁺ in m/s, the speed at which the bodies part after the first touch, as in `restitution`."""
+    return _first_touch(run)[3]
+
+
+def deformation(run: Any) -> float:
+    """Return the greatest approach of the bodies beyond touch, max(-u(t), 0), in m.
+
+    It is that of all compliant contacts and non-linear springs: NaN without one.
+    """
+    rows, d = _gaps_of_bodies(run.problem.dynamics), run.problem.dynamics
+    compliant = np.append(d.unilateral & (d.relative_degree < 2), np.ones(len(d.springs), dtype=bool))
+    if not compliant.any() or not d.stores_energy:
+        return math.nan
+    at_rest = np.append(d.u0, d.power_laws[:, 0])[compliant]
+
+    def approach(q: Array) -> Array:
+        return np.asarray(-(q @ rows[compliant].T + at_rest).min(axis=1))
+
+    if run.dense is not None:
+        return max(highest(run, lambda state: approach(state.q))[1], 0.0)
+    return float(approach(run.q).max(initial=0.0))
+
+
+def _gaps_of_bodies(d: Dynamics) -> Array:
+    """Return the rows (nc + ns, n) of the gaps between the bodies of the contacts and springs: times v they are U."""
+    bodies = d.massive | d.driven
+    rows = np.vstack([d.H, d.directions])
+    if bodies.all():
+        return rows
+    plates = ~bodies
+    stiffness = d.K[np.ix_(plates, plates)]
+    # A plate on dashpots alone stays where they were when it was free.
+    carry = d.K if np.linalg.matrix_rank(stiffness) == len(stiffness) else d.K + d.C
+    follow = np.zeros((len(bodies), len(bodies)))
+    follow[bodies, bodies] = 1.0
+    solved = np.linalg.lstsq(carry[np.ix_(plates, plates)], -carry[np.ix_(plates, bodies)], rcond=None)[0]
+    follow[np.ix_(plates, bodies)] = solved
+    return np.asarray(rows @ follow)
+
+
+def _first_touch(run: Any) -> tuple[float, float, float, float]:
+    """Return begin and end in s, U⁻ and U⁺ in m/s of the first contact that begins with an approach; NaN where unknown."""
+    none = (math.nan, math.nan, math.nan, math.nan)
+    if not run.problem.dynamics.stores_energy:  # a system of equations has no bodies
+        return none
+    least = -AT_REST_RTOL * float(np.abs(run.v).max(initial=0.0))
+    found = [each for column in _pushing(run) for each in _touches(run, int(column)) if each[2] < least]
+    return min(found, key=lambda each: each[0], default=none)
+
+
+def _touches(run: Any, column: int) -> Iterator[tuple[float, float, float, float]]:
+    """Yield begin, end, U⁻ and U⁺ of the phases of a contact; of an impact, U⁺ is right after it."""
+    d = run.problem.dynamics
+    rate, name = _gaps_of_bodies(d)[column], d.forces[column].name
+    own = [event for event in run.events if event.contact == name and event.kind in ("close", "open", "impact")]
+
+    def rate_at(t: float, side: str) -> float:
+        return float(rate @ run.sample([t], side).v[0])
+
+    if own and own[0].kind == "open":  # closed at the start
+        yield run.t[0], own[0].t, float(rate @ run.problem.initial_velocities), rate_at(own[0].t, "right")
+    for event, following in zip(own, [*own, None][1:], strict=True):
+        end = following.t if following is not None and following.kind == "open" else math.nan
+        if event.kind == "close":
+            yield event.t, end, rate_at(event.t, "left"), math.nan if math.isnan(end) else rate_at(end, "right")
+        elif event.kind == "impact":
+            before, after = float(rate @ event.left.v), float(rate @ _velocity_after(run, event))
+            yield event.t, event.t if after > AT_REST_RTOL * abs(before) else end, before, after
+
+
+def _velocity_after(run: Any, event: Event) -> Array:
+    """Return v after an impact (n,), at the end of the steps over which the method spreads it."""
+    spread = 1 if run.integrator is None else run.integrator.impact_steps
+    if spread == 1 or run.dense is not None:
+        return event.right.v
+    last = steps_of([event], run.t, run.q, run.v)[0] + spread
+    return np.asarray(run.v[min(last, len(run.v) - 1)])
+
+
+# ---- energy ---------------------------------------------------------------------------------------------------------
+
+
+def dissipated(run: Any) -> float:
+    """Return the energy in J that dashpots, sliders, springs with loss and impacts dissipate in the run, Σ ∫ P dt."""
+    d = run.problem.dynamics
+    if not d.stores_energy:
+        return math.nan
+    return float(energy_flows(run, Account(d, Sinks.all_as_one(d)))[3][-1, len(INFLOWS) :].sum())
+
+
+def energy_flows(run: Any, account: Account) -> tuple[Array, Array, Array, Array]:
+    """Return t, q, v and the flows of energy since the start in J, by the rule of the method.
+
+    It is Gauss's rule for a continuous solution, with two rows for an impact: before and after it; the θ-rule for steps
+    that balance their forces at a point of their own; otherwise the trapezoidal rule.
+    """
+    if run.dense is not None:
+        return _flows_between_events(run, run.dense, account)
+    θ, spread = None, 1
+    if run.integrator is not None:
+        θ, spread = run.integrator.balance_point(), run.integrator.impact_steps
+    record = Record(run.t, run.q, run.v, run.t_reaction, run.reaction)
+    if θ is not None:
+        of_steps = account.by_theta_rule(record, run.events, θ)
+    else:
+        of_steps = account.by_trapezoidal_rule(record, run.events, spread)
+    flows = np.concatenate([np.zeros((1, of_steps.shape[1])), np.cumsum(of_steps, axis=0)])
+    return run.t, run.q, run.v, flows
+
+
+def _pieces(run: Any, dense: ContinuousSolution) -> Pieces:
+    """Return the pieces of a continuous solution between grid points, cuts and events."""
+    end = run.t[-1]
+    inside = dense.cuts[(dense.cuts >= run.t[0]) & (dense.cuts <= end)]
+    return Pieces(np.unique(np.concatenate([run.t, inside, [event.t for event in run.events if event.t <= end]])))
+
+
+def _flows_between_events(run: Any, dense: ContinuousSolution, account: Account) -> tuple[Array, Array, Array, Array]:
+    impacts = RunImpacts.of(account.d, run.events)
+    impacts = impacts[impacts.t <= run.t[-1]]
+    pieces = _pieces(run, dense)
+    flows = pieces.integral(account.powers(pieces.times, *dense.read(pieces.times, "right")))
+    instants, first = np.unique(impacts.t, return_index=True)
+    doubled = 1 + np.isin(pieces.cuts, instants)
+    t, flows = np.repeat(pieces.cuts, doubled), np.repeat(flows, doubled, axis=0)
+    q, v = (np.repeat(each, doubled, axis=0) for each in dense.read(pieces.cuts, "right")[:2])
+    before = np.searchsorted(t, instants)
+    q[before], v[before] = impacts.q[first], impacts.before[first]
+    for k, flow in zip(np.searchsorted(t, impacts.t), account.of_impacts(impacts), strict=True):
+        flows[k + 1 :] += flow
+    return t, q, v, flows
+
+
+SUMMARY: dict[str, tuple[str, Callable[[Any], float]]] = {
+    "peak_force": ("N", peak_force),
+    "peak_time": ("s", peak_time),
+    "contact_time": ("s", contact_time),
+    "restitution": ("", restitution),
+    "rebound_speed": ("m/s", rebound_speed),
+    "impacts": ("", impacts),
+    "impulse": ("N s", impulse),
+    "dissipated": ("J", dissipated),
+    "deformation": ("m", deformation),
+}
+"""The quantities that need no name of a series or event: their units and measures."""

@@ -1,0 +1,331 @@
+"""Schemes of many nodes: the equations of motion in sparse matrices, assembled without a dense one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.errors import InputError, UnsupportedError
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.elements.base import GROUND, Element
+from lcpimpact.scheme.elements.chain import Chain
+from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.terms import End, Row, RowLaw, Terms
+
+Sparse = Any
+"""A matrix in compressed rows, `scipy.sparse.csr_array`."""
+
+TAKE_SCHEME = "take Scheme in place of SparseScheme"
+
+
+DENSE = frozenset(name for name in (*vars(Dynamics), *(each.name for each in fields(Dynamics))) if name[0] != "_")
+"""The names of what the dynamics of a `Scheme` have."""
+
+
+class SparseSum:
+    """A matrix as a list of entries at places of rows and columns; entries at one place add up."""
+
+    def __init__(self) -> None:
+        self.entries: list[tuple[Any, Any, Any]] = []
+
+    def add(self, term: Any, at: tuple[Any, Any]) -> None:
+        """Add a term to the entries ``at``."""
+        values, rows, columns = np.broadcast_arrays(np.asarray(term, dtype=np.float64), *at)
+        self.entries.append((values.ravel(), rows.ravel(), columns.ravel()))
+
+    def matrix(self, rows: int, columns: int) -> Sparse:
+        """Return the sum in compressed rows."""
+        if not self.entries:
+            return sparse.csr_array((rows, columns))
+        values, i, j = (np.concatenate(each) for each in zip(*self.entries, strict=True))
+        found = sparse.coo_array((values, (i, j)), shape=(rows, columns)).tocsr()
+        found.eliminate_zeros()
+        return found
+
+
+class Bumpers(NamedTuple):
+    """Bumpers by arrays: names, indices of the upper and the lower nodes (-1 for the ground), gaps and e."""
+
+    names: Sequence[str]
+    upper: Indices
+    lower: Indices
+    gap: Array
+    e: Array
+
+
+class SparseTerms(Terms):
+    """The terms of sparse M, C, K, f and H that elements have added so far; see `Terms`."""
+
+    def __init__(self, nodes: Sequence[str]) -> None:
+        self.index = {node: i for i, node in enumerate(nodes)}
+        self.M: Any = SparseSum()
+        self.C: Any = SparseSum()
+        self.K: Any = SparseSum()
+        self.f = np.zeros(len(nodes))
+        self.loads, self.rows, self.springs, self.force_laws, self.motions = [], [], [], [], {}
+        self.bumper_arrays: list[tuple[int, Bumpers]] = []
+
+    def places(self, nodes: Iterable[str]) -> Indices:
+        """Return the indices of nodes, -1 for the ground."""
+        return np.array([self.index.get(node, -1) for node in nodes], dtype=np.int64)
+
+    def load(self, at: Indices, f: Array) -> None:
+        """Add constant loads to nodes."""
+        self.f[at] += f
+
+    def link(self, matrix: Any, a: str, b: str, value: float) -> None:
+        """Add ``value`` times the square of (q_b - q_a) to the quadratic form of ``matrix``."""
+        self.link_all(matrix, self.places([a]), self.places([b]), np.array([value]))
+
+    def link_all(self, matrix: SparseSum, a: Indices, b: Indices, values: Array) -> None:
+        """Add each of ``values`` times the square of its (q_b - q_a) to the quadratic form of ``matrix``."""
+        for i, j, sign in ((a, a, 1.0), (b, b, 1.0), (a, b, -1.0), (b, a, -1.0)):
+            both = (i >= 0) & (j >= 0)
+            matrix.add(sign * values[both], (i[both], j[both]))
+
+    def bumpers(self, names: Sequence[str], upper: Indices, lower: Indices, gap: Array, e: Array) -> None:
+        """Add bumpers, after the rows added so far."""
+        self.bumper_arrays.append((len(self.rows), Bumpers(names, upper, lower, gap, e)))
+
+    def all_bumpers(self) -> Iterator[tuple[Sequence[str], Array, Array, Sparse]]:
+        """Yield the names, gaps, e and rows of H of all bumpers, in the order in which they were added."""
+        last, n = 0, len(self.index)
+        for first, arrays in (*self.bumper_arrays, (len(self.rows), None)):
+            if rows := self.rows[last:first]:
+                yield [row.name for row in rows], *_gaps(rows), self._directions(rows)
+            last = first
+            if arrays is not None:
+                H = SparseSum()
+                for places, sign in ((arrays.upper, -1.0), (arrays.lower, 1.0)):
+                    at = np.flatnonzero(places >= 0)
+                    H.add(sign, (at, places[at]))
+                yield arrays.names, arrays.gap, arrays.e, H.matrix(len(arrays.names), n)
+
+    def _directions(self, rows: Sequence[Row]) -> Sparse:
+        """Return the rows of H of single bumpers."""
+        H = SparseSum()
+        for i, row in enumerate(rows):
+            for end, sign in ((row.upper, -1.0), (row.lower, 1.0)):
+                for node, coefficient in _coefficients(end):
+                    if node != GROUND:
+                        H.add(sign * coefficient, (i, self.index[node]))
+        return H.matrix(len(rows), len(self.index))
+
+
+def _coefficients(end: End) -> Iterable[tuple[str, float]]:
+    return end.items() if isinstance(end, Mapping) else ((end, 1.0),)
+
+
+def _gaps(rows: Sequence[Row]) -> tuple[Array, Array]:
+    """Return the gaps and the coefficients of restitution of single bumpers."""
+    for row in rows:
+        if row.e is None:
+            raise InputError(f"{row.element}: both sides have mass, so impacts need a restitution coefficient; give e=")
+    return np.array([row.gap for row in rows]), np.array([row.e for row in rows], dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class SparseDynamics:
+    r"""The equations of motion of masses with springs, dashpots, constant loads and bumpers, in sparse matrices.
+
+    .. math:: M \ddot q + C \dot q + K q = f + H^T r, \qquad 0 \le u = H q + u_0 \perp r \ge 0
+
+    with Newton's law at impacts: every node has mass, so that all contacts have relative degree 2.
+
+    Attributes
+    ----------
+    nodes : tuple of str            the coordinates, in the order of q
+    M, C, K : (n, n) sparse         mass (kg), damping (N s/m), stiffness (N/m), in compressed rows
+    f : (n,) array                  constant loads in N
+    H : (nc, n) sparse              constraint matrix, in compressed rows
+    u0, restitution : (nc,) arrays  gaps in m at q = 0, and coefficients of restitution
+    reactions : tuple of str        the names of the reactions
+    """
+
+    nodes: tuple[str, ...]
+    M: Sparse
+    C: Sparse
+    K: Sparse
+    f: Array
+    H: Sparse
+    u0: Array
+    restitution: Array
+    reactions: tuple[str, ...]
+
+    @cached_property
+    def B(self) -> Sparse:
+        """Hᵀ, by which the reactions act."""
+        return self.H.T.tocsr()
+
+    def __getattr__(self, name: str) -> Any:
+        """Refuse what only the dynamics of a `Scheme` have."""
+        if name in DENSE:
+            raise UnsupportedError(f"a SparseScheme has no {name!r} in its dynamics: {TAKE_SCHEME}")
+        raise AttributeError(name)
+
+    @property
+    def motions(self) -> Mapping[int, Any]:
+        """None: no node has a prescribed motion."""
+        return {}
+
+    @property
+    def driven(self) -> Flags:
+        """Which nodes have a prescribed motion (n,): none."""
+        return np.zeros(len(self.nodes), dtype=np.bool_)
+
+    def motion(self, t: float) -> tuple[Array, Array]:
+        """Return y(t) and y'(t) of no node."""
+        return np.zeros(0), np.zeros(0)
+
+    @cached_property
+    def index(self) -> dict[str, int]:
+        """The place of each node in q."""
+        return {node: i for i, node in enumerate(self.nodes)}
+
+    def gap(self, q: Array) -> Array:
+        """Return u = H q + u0 in m."""
+        return np.asarray(self.H @ q + self.u0)
+
+    def energy(self, q: Array, v: Array) -> float:
+        """Return ½ vᵀ M v + ½ qᵀ K q in J."""
+        with np.errstate(over="ignore"):  # the certificate says so
+            return float(0.5 * (v @ (self.M @ v) + q @ (self.K @ q)))
+
+
+class SparseScheme(Scheme):
+    """A scheme of up to millions of nodes, assembled into sparse matrices.
+
+    It takes masses, linear springs and dashpots, constant loads, and bumpers, in any number of `Chain`, `Bar`, `Mass`, ...;
+    every node must have a mass. `simulate` runs it by moreau-jean, with the result of the same `Scheme`, and records the
+    nodes and reactions that ``record=`` names.
+
+    Parameters
+    ----------
+    *elements : Element
+        The elements; more can be added by `add`.
+
+    Examples
+    --------
+    A column of a thousand beads, 1 mm apart, above the floor:
+
+    >>> from lcpimpact import Chain, Problem, SparseScheme, simulate
+    >>> column = SparseScheme(Chain(1000, m=0.1, gap=1e-3, e=0.0, f=0.981, b="ground", name="bead"))
+    >>> run = simulate(Problem("column", column), dt=1e-3, t_end=0.05, record=["bead.1000", "bead.R1000"])
+    >>> run.success, run["bead.1000"].shape
+    (True, (51,))
+    """
+
+    def assemble(self) -> SparseDynamics:  # type: ignore[override]
+        """Return the equations of motion; what they cannot hold is refused by name (`InputError`, `UnsupportedError`)."""
+        return assemble_sparse(self.elements)
+
+
+def assemble_sparse(elements: Sequence[Element]) -> SparseDynamics:
+    """Assemble elements to sparse equations of motion.
+
+    Raises
+    ------
+    InputError
+        If a node has no mass, names are not unique, bumpers act in parallel, or a coefficient of restitution is missing.
+    UnsupportedError
+        If an element has another law than that of a bumper, or a load or motion that depends on time.
+    """
+    nodes = list(dict.fromkeys(node for element in elements for node in element.nodes if node != GROUND))
+    if not nodes:
+        raise InputError("the scheme has no element yet: add a Chain, a Mass, ... before it is assembled")
+    terms = SparseTerms(nodes)
+    for element in elements:
+        if isinstance(element, Chain):
+            element.contribute_arrays(terms)
+        else:
+            element.contribute(terms)
+    _refuse_other_laws(terms, nodes)
+    n = len(nodes)
+    M, C, K = (each.matrix(n, n) for each in (terms.M, terms.C, terms.K))
+    massless: Flags = ~(M.diagonal() > 0.0)
+    if massless.any():
+        raise UnsupportedError(
+            f"node {nodes[int(np.argmax(massless))]!r} has no mass, which sparse steps need at every node: give it a Mass, "
+            f"or {TAKE_SCHEME}"
+        )
+    found = list(terms.all_bumpers())
+    reactions = tuple(name for names, _, _, _ in found for name in names)
+    u0, e = (np.concatenate([np.zeros(0), *(each[k] for each in found)]) for k in (1, 2))
+    H = sparse.vstack([sparse.csr_array((0, n)), *(each[3] for each in found)]).tocsr()
+    _refuse_same_names(nodes, reactions)
+    _refuse_parallel_bumpers(H, u0, reactions)
+    for i, load in terms.loads:
+        terms.f[i] += float(load)  # type: ignore[arg-type]
+    return SparseDynamics(tuple(nodes), M, C, K, terms.f, H, u0, e, reactions)
+
+
+def _refuse_other_laws(terms: SparseTerms, nodes: Sequence[str]) -> None:
+    """Refuse what only dense steps can take."""
+    others = [f"{row.element} (a {row.law.value})" for row in terms.rows if row.law is not RowLaw.CONTACT]
+    others += [each.element for each in terms.springs] + [each.element for each in terms.force_laws]
+    others += [f"the prescribed motion of {nodes[i]!r}" for i in terms.motions]
+    others += [f"the load on {nodes[i]!r}, which depends on time" for i, load in terms.loads if callable(load)]
+    if others:
+        raise UnsupportedError(
+            f"sparse steps take masses, springs, dashpots, constant loads and bumpers, and not {others[0]}: {TAKE_SCHEME}"
+        )
+
+
+def _refuse_same_names(nodes: Sequence[str], reactions: Sequence[str]) -> None:
+    """Refuse two series of one name: coordinates, v_NAME, reactions, t and t_R."""
+    taken = {"t", "t_R", *nodes}
+    velocities = {f"v_{node}" for node in nodes if node.startswith("v_") or f"v_{node}" in taken}
+    twice = [name for name in ("t", "t_R") if name in set(nodes)] + sorted(velocities & taken)
+    owners = taken | {node for node in reactions if node.startswith("v_") and node[2:] in taken}
+    for name in reactions:
+        if name in owners:
+            twice.append(name)
+        owners.add(name)
+    if twice:
+        raise InputError(f"two series have the same name {twice[0]!r}: rename one, a reaction by name=")
+
+
+def _refuse_parallel_bumpers(H: Sparse, u0: Array, reactions: Sequence[str]) -> None:
+    """Refuse bumpers in a loop that can all be closed at once, with undetermined reactions.
+
+    Bumpers join nodes to trees, in which each node has its distance from the root when all bumpers are closed. One that
+    joins two nodes of a tree at just their distance is parallel to the path between them. Only loops of a bumper with the
+    tree are seen; a contact problem that is singular for another reason ends the run.
+    """
+    n = H.shape[1]
+    parent, distance = list(range(n + 1)), [0.0] * (n + 1)
+
+    def root(i: int) -> tuple[int, float]:
+        """Return the root of a node and the distance from it, and hang the node there."""
+        path, total = [], 0.0
+        while parent[i] != i:
+            path.append(i)
+            i = parent[i]
+        for j in reversed(path):
+            total += distance[j]
+            parent[j], distance[j] = i, total
+        return i, total
+
+    starts, columns, values = H.indptr.tolist(), H.indices.tolist(), H.data.tolist()
+    for row, gap in enumerate(u0.tolist()):
+        first, last = starts[row], starts[row + 1]
+        signs = values[first:last]
+        if sorted(signs) not in ([-1.0], [1.0], [-1.0, 1.0]):
+            continue
+        ends = dict(zip(signs, columns[first:last], strict=True))
+        # Closed: q_lower - q_upper + gap = 0; the ground is the node n.
+        (upper, above), (lower, below) = root(ends.get(-1.0, n)), root(ends.get(1.0, n))
+        excess = above - gap - below
+        if upper != lower:
+            parent[lower], distance[lower] = upper, excess
+        elif abs(excess) <= 1e-12 * (abs(gap) + abs(above) + abs(below)):
+            raise InputError(
+                f"bumper {reactions[row]!r} acts in parallel with others, so the individual reactions are undetermined "
+                "(W is singular); remove one of them"
+            )

@@ -1,0 +1,72 @@
+"""Assembly of elements whose constants are formulas."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from lcpimpact.formula import Formula, NotTracedError, value_of
+from lcpimpact.scheme.assembly import assemble, refuse_parallel_contacts
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.elements.base import Element
+from lcpimpact.scheme.elements.negative_spring import NegativeSpring
+from lcpimpact.scheme.terms import Terms
+
+STRUCTURE = (
+    "driven",
+    "decomposition",
+    "impulse_paths",
+    "gap_paths",
+    "impulse_lines",
+    "massive",
+    "elimination",
+)
+"""What depends on the signs of the constants only, which positive terms cannot change."""
+
+
+def is_traced(elements: Sequence[Element]) -> bool:
+    """Return whether any constant of some elements is a formula."""
+    return any(isinstance(value, Formula) for element in elements for value in vars(element).values())
+
+
+def assemble_formulas(elements: Sequence[Element]) -> Dynamics:
+    """Return the equations of motion with formulas in place of numbers.
+
+    Their structure, checks included, is that of the values of the formulas.
+
+    Raises
+    ------
+    NotTracedError
+        If the structure or a check depends on more than the signs of the constants.
+    """
+    dynamics = assemble([_with_values(element) for element in elements])
+    terms = Terms(dynamics.nodes, kind=object)
+    for element in elements:
+        if isinstance(element, NegativeSpring) and dynamics.decomposition.static.size:
+            raise NotTracedError("what a NegativeSpring outweighs depends on all springs beside it")
+        element.contribute(terms)
+    refuse_parallel_contacts(terms.rows)
+    traced = replace(
+        dynamics,
+        M=terms.M.value,
+        C=terms.C.value,
+        K=terms.K.value,
+        u0=np.array([row.gap for row in terms.rows], dtype=object),
+        loads=tuple(terms.loads),
+        springs=tuple(terms.springs),
+        motions=dict(terms.motions),
+    )
+    constants = [(row.e or 0.0, *row.bounds, row.mu, row.mu_s) for row in terms.rows]
+    columns = np.array(constants, dtype=object).reshape(-1, 5).T
+    vars(traced).update({name: getattr(dynamics, name) for name in STRUCTURE})
+    vars(traced).update(zip(("restitution", "r_min", "r_max", "mu", "mu_s"), columns, strict=True))
+    return traced
+
+
+def _with_values(element: Element) -> Any:
+    """Return an element with the values of its formulas."""
+    formulas = {name: value_of(value) for name, value in vars(element).items() if isinstance(value, Formula)}
+    return replace(element, **formulas) if formulas else element  # type: ignore[type-var]

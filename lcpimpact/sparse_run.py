@@ -1,0 +1,189 @@
+"""Runs of sparse schemes: the series of chosen nodes and reactions, and the laws, judged in the steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+import numpy as np
+
+from lcpimpact.arrays import Array
+from lcpimpact.certificate import Certificate
+from lcpimpact.certificate.scales import largest_violation
+from lcpimpact.errors import InputError, Status, UnsupportedError
+from lcpimpact.integrators.moreau_jean import MoreauJean
+from lcpimpact.integrators.stepping.sparse_kernel import Found, Recorded, Steps
+from lcpimpact.integrators.stepping.sparse_table import begin, laws_of, tabulate_sparse
+from lcpimpact.memory import check_memory
+from lcpimpact.problems.base import Problem
+from lcpimpact.record import Grid, State, Stats
+from lcpimpact.registry import nearest
+from lcpimpact.scheme.sparse import SparseDynamics
+from lcpimpact.trajectory import Trajectory
+
+LAWS = ("momentum", "kinematics", "impact_law", "complementarity")
+"""The laws that sparse steps judge, in the order of `lcpimpact.integrators.stepping.sparse_kernel`."""
+
+
+@dataclass(frozen=True, eq=False)
+class SparseTrajectory(Trajectory):
+    """The result of a run of a sparse scheme: a `Trajectory` of the recorded nodes and reactions alone.
+
+    The reactions are the mean forces of the steps, impulses included, and there are no events. The certificate was computed
+    in the steps, for all nodes and contacts.
+
+    Attributes
+    ----------
+    recorded, reactions : tuple of str      the names of the columns of q and v, and of the reactions
+    final : State                           q, v and the mean reactions of all nodes and contacts at the end
+    """
+
+    recorded: tuple[str, ...] = ()
+    reactions: tuple[str, ...] = ()
+    final: State | None = None
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """The recorded nodes."""
+        return self.recorded
+
+    @property
+    def force_names(self) -> tuple[str, ...]:
+        """The recorded reactions."""
+        return self.reactions
+
+    @property
+    def push(self) -> Array:
+        """No forces: a sparse scheme has no non-linear springs."""
+        return np.zeros((len(self.t_reaction), 0))
+
+    def certify(self, problem: Problem | None = None) -> Certificate:
+        """Refuse: the series of the other nodes are not kept; ``certificate`` was computed from them in the steps."""
+        raise UnsupportedError(
+            "a sparse run is judged in its steps: see its certificate, or take Scheme in place of SparseScheme"
+        )
+
+    def plot(self, path: Any = None) -> Any:
+        """Refuse: a plot shows all nodes."""
+        raise UnsupportedError("a sparse run has chosen series and no plot of its own: draw run['NAME'] over run.t")
+
+    def __repr__(self) -> str:
+        d, c = cast(SparseDynamics, self.problem.dynamics), self.certificate
+        violations = ", ".join(f"{name} {getattr(c, name):.1e}" for name in (*LAWS, "penetration"))
+        violations += f", energy {c.energy_balance:.1e} of {c.energy_scale:.3g} J"
+        return "\n".join(
+            [
+                f"SparseTrajectory of {self.problem.name} by {self.method}: {self.status.name.lower().replace('_', '-')}",
+                f"  grid        t = {self.t[0]:g} ... {self.t[-1]:g} s in {len(self.t) - 1:,} steps",
+                f"  scheme      {len(d.nodes):,} nodes and {len(d.reactions):,} contacts; {len(self.recorded)} and "
+                f"{len(self.reactions)} recorded",
+                f"  certificate residual {c.residual:.1e}, {violations}",
+                f"  {self.message}",
+            ]
+        )
+
+
+class SparseRun:
+    """A run of a sparse scheme by moreau-jean: its table, its numbers, and what has been recorded and judged so far.
+
+    Attributes
+    ----------
+    size : int          numbers in the table of a step, per step of the first block
+    stats : Stats       cost so far
+    """
+
+    def __init__(self, problem: Problem, method: MoreauJean, grid: Grid, record: Sequence[str] | None) -> None:
+        d = cast(SparseDynamics, problem.dynamics)
+        self.problem, self.method, self.grid, self.dynamics = problem, method, grid, d
+        self.stats, self.size = Stats(), 64 * len(d.nodes)
+        nodes, reactions = _chosen(d, record)
+        wanted = 8.0 * (grid.steps + 1) * (2 + 2 * len(nodes) + len(reactions))
+        check_memory(wanted, f"{grid.steps:,} steps of the recorded series do", "record fewer nodes, by record=[...]")
+        self.step = tabulate_sparse(method.sparse_step(d, grid.h), grid.h, method.tol, method.max_iter)
+        self.laws, start = laws_of(d, grid.h), (problem.initial_coordinates, problem.initial_velocities)
+        self.motion, self.room, self.found = begin(d, self.laws, self.step.table, start, grid.h)
+        q, v = np.empty((2, grid.steps + 1, len(nodes)))
+        self.path = Recorded(nodes, reactions, q, v, np.empty((grid.steps, len(reactions))))
+        q[0], v[0] = start[0][nodes], start[1][nodes]
+
+    def advance(self, first: int, last: int) -> tuple[Status, int]:
+        """Take the steps from t_first to t_last; return the status and the last step that was reached."""
+        block = Steps(first, last, self.grid.h, float(self.method.theta), self.method.declared.precision)
+        judge, step = (self.laws, self.room, self.found), self.step
+        status, reached, iterations, residual = step.loop(
+            block, step.table, judge, step.contacts, self.motion, self.path, step.solve, step.kernel
+        )
+        self.stats.add_lcps(reached - first, iterations, residual)
+        return Status(status), reached
+
+    def trajectory(self, status: Status, reached: int, method: str) -> SparseTrajectory:
+        """Return the result of the run up to a step."""
+        d, path, n, nc = self.dynamics, self.path, len(self.dynamics.nodes), len(self.dynamics.u0)
+        certificate = self._certificate(reached)
+        message = (
+            f"{self.method.name} stopped after step {reached} (t = {reached * self.grid.h:g} s): {status.sentence}"
+        )
+        if status is Status.SOLVED:
+            message = status.sentence
+            if not certificate.holds:
+                status = Status.VIOLATED
+                message = f"{self.method.name}: {'; '.join(certificate.failures)}. {status.sentence}"
+        self.stats.steps = reached
+        now, before = self.motion.x[reached % 2], self.motion.x[1 - reached % 2]
+        return SparseTrajectory(
+            problem=self.problem, method=method, t=self.grid.times(0, self.grid.steps)[: reached + 1],
+            q=path.q[: reached + 1], v=path.v[: reached + 1],
+            t_reaction=self.method.reaction_times(self.grid)[:reached], reaction=path.r[:reached], events=(),
+            status=status, message=message, certificate=certificate, stats=self.stats, integrator=self.method,
+            recorded=tuple(d.nodes[i] for i in path.nodes), reactions=tuple(d.reactions[i] for i in path.contacts),
+            final=State(now[:n].copy(), now[n : 2 * n].copy(), before[2 * n : 2 * n + nc] / self.grid.h),
+        )  # fmt: skip
+
+    def _certificate(self, steps: int) -> Certificate:
+        """Return what the steps have judged, with its limits."""
+        violations, limits = _violations(self.found)
+        with np.errstate(all="ignore"):  # where nothing moves, there is no scale
+            violations["penetration"], limits["penetration"] = self._penetration()
+        balance, scale = map(float, self.found.energy[:2])
+        if self.method.theta == 0.5:
+            limits["energy_balance"] = (self.method.declared.precision + 8.0 * steps * np.finfo(float).eps) * scale
+        return Certificate(
+            residual=self.stats.residual,
+            energy_balance=balance,
+            energy_scale=scale,
+            velocity_scale=float(self.found.energy[4]),
+            limits=limits,
+            **cast(Any, violations),
+        )
+
+    def _penetration(self) -> tuple[float, float]:
+        """Return the penetration with the largest ratio to its limit, as of other certificates, and that limit."""
+        d, room, h, ε = self.dynamics, self.room, self.grid.h, self.method.declared.precision
+        place = np.abs(self.motion.x[:, : len(d.nodes)]).max(axis=0)
+        forces = np.abs(d.f) + abs(d.K) @ place + abs(d.C) @ room.speed
+        speed = room.speed + h * forces / d.M.diagonal()
+        gap_change = h * np.maximum(room.rate, abs(d.H) @ speed)
+        terms = abs(d.H) @ (place + h * self.found.energy[4]) + np.abs(d.u0)
+        return largest_violation(room.penetration, gap_change + ε * terms)
+
+
+def _violations(found: Found) -> tuple[dict[str, float], dict[str, float]]:
+    """Return of each law the violation with the largest ratio to its limit, and that limit."""
+    _, values, limits = found.laws.tolist()
+    return dict(zip(LAWS, values, strict=True)), dict(zip(LAWS, limits, strict=True))
+
+
+def _chosen(d: SparseDynamics, record: Sequence[str] | None) -> tuple[Any, Any]:
+    """Return the indices of the recorded nodes and reactions, all by default."""
+    if record is None:
+        return np.arange(len(d.nodes)), np.arange(len(d.u0))
+    if isinstance(record, str) or not all(isinstance(name, str) for name in record):
+        raise InputError(f"record = {record!r} must be a sequence of names of nodes and reactions")
+    wanted = dict.fromkeys(record)
+    rows = {name: i for i, name in enumerate(d.reactions) if name in wanted}
+    for name in wanted:
+        if name not in d.index and name not in rows:
+            raise InputError(nearest(name, [*d.nodes[:1000], *d.reactions[:1000]], "node or reaction"))
+    nodes = [d.index[name] for name in wanted if name in d.index]
+    return np.array(nodes, dtype=np.int64), np.array([rows[name] for name in wanted if name in rows], dtype=np.int64)

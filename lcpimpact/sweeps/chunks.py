@@ -1,0 +1,148 @@
+"""The chunks of a sweep: their size, and their runs by any executor."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+
+import numpy as np
+
+from lcpimpact.arrays import Indices
+from lcpimpact.errors import FailureError, LcpImpactError
+from lcpimpact.sweeps.job import Job, Sets, run_sets, runs_side_by_side
+from lcpimpact.sweeps.samples import Plan
+from lcpimpact.sweeps.side_by_side import MIN_SETS
+from lcpimpact.sweeps.store import Block
+
+TRIAL_SECONDS = 0.05
+"""Shortest duration of a trial run in s from which the time of a set is judged."""
+
+TRIAL_SETS = 32_768
+"""Number of sets of a trial side by side."""
+
+SHORTEST, LONGEST, CHUNKS = 0.2, 5.0, 64
+"""Bounds of the time of a chunk in s, and the number of chunks between them."""
+
+MAX_CHUNKS = 10_000
+"""Largest number of chunks, each of which is a file for each output."""
+
+MAX_BYTES = 64e6
+"""Largest size of a chunk, which is kept whole in memory."""
+
+MAX_WAITING = 1024
+"""Largest number of chunks that an executor is given at once."""
+
+
+def try_sets(job: Job, plan: Plan, threads: int = 1) -> tuple[float, Sets]:
+    """Run the first sets here, in doubling numbers, until their time can be told.
+
+    Returns the time of one set in s, and the results. The first set is not timed, since it may compile.
+    """
+    parts: list[Sets] = []
+    done, took, sets = 0, 0.0, 1
+
+    def run(count: int) -> float:
+        nonlocal done, sets
+        numbers = np.arange(done, min(done + count, plan.size))
+        began = time.perf_counter()
+        parts.append(run_sets(job, plan.values(numbers), threads))
+        done, sets = done + len(numbers), max(len(numbers), 1)
+        return time.perf_counter() - began
+
+    run(1)
+    if plan.size > MIN_SETS and runs_side_by_side(job, plan):
+        took = run(TRIAL_SETS)
+    while done < plan.size and took < TRIAL_SECONDS and done < MIN_SETS:
+        took = run(done)
+    return max(took, 1e-9) / sets, Sets.joined(parts)
+
+
+def sets_per_chunk(job: Job, plan: Plan, seconds: float) -> int:
+    """Return the number of sets of a chunk of a moderate time, from the time of one set in s."""
+    total = plan.size * seconds
+    wanted = min(max(total / CHUNKS, SHORTEST), LONGEST) / seconds
+    of_set = 8.0 * sum(len(job.times(each.series)) if each.series else 1 for each in job.quantities())
+    return max(1, math.ceil(plan.size / MAX_CHUNKS), min(round(wanted), int(MAX_BYTES / of_set)))
+
+
+def chunk_shape(shape: Sequence[int], count: int) -> tuple[int, ...]:
+    """Return the size along each dimension of a chunk of about ``count`` sets, whole along the last dimensions.
+
+    Examples
+    --------
+    >>> chunk_shape((50, 40, 10), 100), chunk_shape((50, 40, 10), 7), chunk_shape((1000,), 300)
+    ((1, 10, 10), (1, 1, 7), (300,))
+    """
+    sizes = []
+    for n in reversed(shape):
+        sizes.append(max(1, min(n, count)))
+        count //= sizes[-1]
+    return tuple(reversed(sizes))
+
+
+def blocks_of(shape: Sequence[int], chunk: Sequence[int]) -> Iterator[Block]:
+    """Yield the blocks of all chunks."""
+    starts = [range(0, n, size) for n, size in zip(shape, chunk, strict=True)]
+    for first in itertools.product(*starts):
+        yield tuple(slice(a, min(a + size, n)) for a, size, n in zip(first, chunk, shape, strict=True))
+
+
+def sets_of(block: Block, shape: Sequence[int]) -> Indices:
+    """Return the numbers of the sets of a block, in the order of the sets (m,)."""
+    at = np.meshgrid(*(np.arange(each.start, each.stop) for each in block), indexing="ij")
+    return np.asarray(np.ravel_multi_index(at, tuple(shape)).ravel())
+
+
+def run_blocks(
+    job: Job, plan: Plan, blocks: Iterator[Block], executor: Executor | None, known: Sets | None, threads: int = 1
+) -> Iterator[tuple[Block, Sets]]:
+    """Run blocks and yield them with their results as they finish; ``known`` are the results of the first sets.
+
+    Raises
+    ------
+    FailureError
+        If the executor fails, as where its processes have been killed.
+    """
+    first = 0 if known is None else len(known.status)
+
+    def joined(block: Block, found: Sets | None) -> tuple[Block, Sets]:
+        sets = sets_of(block, plan.shape)
+        parts = [known[sets[sets < first]]] if known is not None and sets[0] < first else []
+        return block, Sets.joined([*parts, *([] if found is None else [found])])
+
+    waiting: dict[Future[Sets], Block] = {}
+    try:
+        for block in blocks:
+            sets = sets_of(block, plan.shape)
+            missing = sets[sets >= first]
+            if len(missing) == 0:
+                yield joined(block, None)
+            elif executor is None:
+                yield joined(block, run_sets(job, plan.values(missing), threads))
+            else:
+                if len(waiting) >= MAX_WAITING:
+                    yield from (joined(*each) for each in _finished(waiting))
+                waiting[executor.submit(run_sets, job, plan.values(missing))] = block
+        while waiting:
+            yield from (joined(*each) for each in _finished(waiting))
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def _finished(waiting: dict[Future[Sets], Block]) -> list[tuple[Block, Sets]]:
+    """Wait for some futures, take them out, and return their blocks and results."""
+    done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+    try:
+        return [(waiting.pop(future), future.result()) for future in done]
+    except LcpImpactError:
+        raise
+    except Exception as error:
+        raise FailureError(
+            f"the executor failed ({type(error).__name__}: {error}): with out='sweep.zarr' finished chunks are kept, and "
+            "the same call resumes",
+            None,
+        ) from error

@@ -1,0 +1,231 @@
+"""Sets of parameters side by side in the lanes of vector registers, where the step and the outputs allow it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, TypeAlias, cast
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.formula import NotTracedError, Program, mentions
+from lcpimpact.integrators.base import Integrator
+from lcpimpact.integrators.stepping.lanes import LANES, Lanes, Reading, lanes
+from lcpimpact.integrators.stepping.linear_step import LinearStep
+from lcpimpact.problems.reading import at
+from lcpimpact.quantities import Quantity, extreme, peak_force, peak_time, series_names
+from lcpimpact.record import Grid
+from lcpimpact.scheme.dynamics import Dynamics
+
+if TYPE_CHECKING:
+    from lcpimpact.sweeps.job import Job
+
+MIN_SETS = 2 * LANES
+"""Number of sets below which they are run one after another."""
+
+WORTH_COMPILING = 1024
+"""Number of sets from which lanes repay their compilation, of some seconds."""
+
+MAX_TRACES = 4
+"""Number of sets at which formulas are made anew, for sets for which none made so far hold."""
+
+SETS_OF_A_THREAD = 64 * LANES
+"""Number of sets below which they are not shared among threads."""
+
+Change: TypeAlias = "Callable[[Mapping[str, Any]], Job]"
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """How an output is read from lanes.
+
+    Attributes
+    ----------
+    readings : tuple of Reading
+    find : callable     takes the numbers of the readings (nr, N) and the states (size, N) at each stop, returns (N,)
+    stop : int          number of the step whose state it needs, -1 for none
+    """
+
+    readings: tuple[Reading, ...]
+    find: Callable[[Array, Mapping[int, Array]], Array]
+    stop: int = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """The runs of a job in lanes, with formulas made at one set of parameters.
+
+    Attributes
+    ----------
+    lanes : Lanes
+    outputs : dict of str to Output     how each output is read
+    """
+
+    lanes: Lanes
+    outputs: dict[str, Output]
+
+    def take(self, parameters: Array, threads: int) -> tuple[Flags, dict[str, Array]]:
+        """Run sets of parameters (np, N): for which of them the formulas hold, and their outputs."""
+        regular, numbers, states = _take(self.lanes, parameters, threads)
+        kept = dict(zip(self.lanes.readings, numbers, strict=True))
+        at_stops = dict(zip(map(int, self.lanes.stops), states, strict=True))
+        return regular, {
+            name: each.find(np.array([kept[reading] for reading in each.readings]), at_stops)
+            for name, each in self.outputs.items()
+        }
+
+
+TRACES: WeakKeyDictionary[Job, dict[tuple[Any, ...], list[Trace]]] = WeakKeyDictionary()
+"""The traces of the jobs of this process, by dt and the names of the parameters, so that chunks share them."""
+
+
+def run_side_by_side(
+    job: Job,
+    values: Mapping[str, Array],
+    change: Change,
+    run_alone: Callable[[int], Mapping[str, Any] | None],
+    threads: int,
+) -> Iterator[tuple[Indices, dict[str, Array]]]:
+    """Run the sets of parameters that lanes take.
+
+    A few sets of each group with the same formulas are run alone too, certificate included: the group counts only if these
+    are solved and have the same outputs, bit for bit. What the certificate of a θ-step judges holds by its equations once
+    its LCP is solved, which is checked in each step; that of other methods judges their error too, so that they are taken
+    only where the job does not ask for certificates.
+
+    Parameters
+    ----------
+    job : Job
+    values : mapping of str to (N,) array
+    change : callable
+        Takes the values of a set, which may be formulas, and returns its job.
+    run_alone : callable
+        Runs a set by its number, and returns its outputs; None if it is not solved.
+    threads : int
+
+    Yields
+    ------
+    (m,) array, dict of (m,) arrays
+        The numbers of sets, and their outputs.
+    """
+    N = len(next(iter(values.values())))
+    steps = values.get("dt", np.full(N, job.dt))
+    for dt in map(float, np.unique(steps)):
+        remaining = np.flatnonzero(steps == dt)
+        for i in range(MAX_TRACES):
+            sets = {name: each[remaining] for name, each in values.items() if name != "dt"}
+            if len(remaining) < MIN_SETS or not has_trace(job, dt, sets, change, N, i):
+                break
+            regular, numbers = TRACES[job][dt, *sets][i].take(
+                np.array([*sets.values()]).reshape(len(sets), -1), threads
+            )
+            found = {name: each[regular] for name, each in numbers.items()}
+            rows, remaining = remaining[regular], remaining[~regular]
+            if len(rows) and _agree(rows, found, run_alone):
+                yield rows, found
+
+
+def has_trace(job: Job, dt: float, sets: Mapping[str, Array], change: Change, count: int, i: int = 0) -> bool:
+    """Return whether there is a trace number i of a job; a new one is made at one of the sets, for ``count`` sets."""
+    traces = TRACES.setdefault(job, {}).setdefault((dt, *sets), [])
+    last = len(next(iter(sets.values()), [0])) - 1
+    for k in sorted({0, last // 2, last}):
+        if i == len(traces):  # a set may be one that the problem refuses
+            trace = _trace(replace(job, dt=dt), {name: float(each[k]) for name, each in sets.items()}, change, count)
+            traces += [trace] if trace else []
+    return i < len(traces)
+
+
+def _agree(rows: Indices, numbers: Mapping[str, Array], run_alone: Callable[[int], Mapping[str, Any] | None]) -> bool:
+    """Return whether the first and last set, and those with extreme outputs, are solved alone with the same outputs."""
+    chosen = {0, len(rows) - 1, *(int(find(each)) for each in numbers.values() for find in (np.argmin, np.argmax))}
+    for k in sorted(chosen):
+        alone = run_alone(int(rows[k]))
+        if alone is None or any(alone[name] != each[k] for name, each in numbers.items()):
+            return False
+    return True
+
+
+def _trace(job: Job, values: Mapping[str, float], change: Change, sets: int) -> Trace | None:
+    """Return the runs in lanes with the formulas of one set; None if there are none, or not worth it for so many sets."""
+    method = job.integrator
+    if not isinstance(method, LinearStep) or method.rtol is not None:
+        return None
+    if job.certify and method.balance_point() is None:
+        return None
+    program = Program()
+    formulas = {name: program.parameter(value) for name, value in values.items()}
+    try:
+        alone, traced = change(values), change(formulas)
+        outputs = {each.name: _output(each, alone, job.grid, traced.integrator) for each in job.quantities()}
+        compiled = lanes(
+            (cast(LinearStep, traced.integrator), cast(LinearStep, alone.integrator)),
+            (traced.problem.dynamics, alone.problem.dynamics),
+            (traced.problem.initial_coordinates, traced.problem.initial_velocities),
+            job.grid,
+            program,
+            tuple(dict.fromkeys(reading for each in outputs.values() for reading in each.readings)),
+            sorted({each.stop for each in outputs.values() if each.stop > 0}),
+            job.lcp_solver,
+            compiles=sets >= WORTH_COMPILING,
+        )
+    except Exception:  # noqa: BLE001 (formulas are no floats, and a builder may do anything with its arguments)
+        return None
+    return Trace(compiled, outputs)
+
+
+def _take(compiled: Lanes, parameters: Array, threads: int) -> tuple[Flags, Array, Array]:
+    """Run sets of parameters, shared among threads."""
+    N = parameters.shape[1]
+    parts = min(threads, N // SETS_OF_A_THREAD)
+    if parts < 2:
+        return compiled.take(parameters)
+    ends = [i * N // parts // LANES * LANES for i in range(parts)] + [N]
+    pieces = [parameters[:, a:b] for a, b in pairwise(ends)]
+    with ThreadPoolExecutor(parts) as pool:
+        regular, numbers, states = zip(*pool.map(compiled.take, pieces), strict=True)
+    return np.concatenate(regular), np.concatenate(numbers, axis=1), np.concatenate(states, axis=2)
+
+
+def _output(quantity: Quantity, job: Job, grid: Grid, traced: Integrator) -> Output:
+    """Return how lanes read a quantity of a job; the options of the method ``traced`` may be formulas.
+
+    Raises
+    ------
+    NotTracedError
+        If they cannot.
+    """
+    d, measure = job.problem.dynamics, quantity.measure
+    keywords, function = getattr(measure, "keywords", {}), getattr(measure, "func", measure)
+    if function is extreme:
+        array, column = _column(keywords["series"], d)
+        kind = "max" if keywords.get("sign", 1.0) > 0.0 else "min"
+        return Output((Reading(kind, array, column),), lambda read, _: read[0])
+    if function in (peak_force, peak_time) and len(d.contacts) == 1 and d.unilateral.all() and not d.springs:
+        array, column = _column(d.contacts[0].name, d)
+        if function is peak_force:
+            return Output((Reading("max", array, column),), lambda read, _: read[0])
+        if not mentions(traced):
+            times = job.integrator.reaction_times(grid)
+            return Output((Reading("argmax", array, column),), lambda read, _: times[read[0].astype(np.int64) - 1])
+    if function is at:
+        array, column = _column(keywords["series"], d)
+        t = grid.times(0, grid.steps)
+        k = grid.steps if keywords["t"] >= t[-1] else int(np.searchsorted(t, keywords["t"]))
+        if array != "r" and k > 0 and (k == grid.steps or t[k] == keywords["t"]):
+            row = column + len(d.nodes) * (array == "v")
+            return Output((), lambda _, states: states[k][row], k)
+    raise NotTracedError(f"lanes do not read {quantity.name}")
+
+
+def _column(series: str, d: Dynamics) -> tuple[str, int]:
+    """Return the array and the column of a series."""
+    i, n = series_names(d).index(series), len(d.nodes)
+    impulsive = (d.unilateral & (d.relative_degree == 2)).any() or len(d.impulse_lines)
+    if i >= 2 * n and (impulsive or i >= 2 * n + len(d.contacts)):
+        raise NotTracedError(f"{series} holds what is known of a run only with its impacts")
+    return ("q", i) if i < n else ("v", i - n) if i < 2 * n else ("r", i - 2 * n)

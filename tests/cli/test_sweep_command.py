@@ -1,0 +1,136 @@
+"""The command sweep."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import lcpimpact as li
+from lcpimpact.cli.main import main
+
+xarray = pytest.importorskip("xarray")
+
+
+def told(capsys, *words):
+    with pytest.raises(SystemExit) as stop:
+        main(["sweep", *words])
+    return stop.value.code, capsys.readouterr()
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+def test_a_grid_as_a_table_and_a_picture(capsys, tmp_path):
+    code, said = told(
+        capsys, "system-1", "--set", "k_o=3000:5000:3", "--set", "c_o=-1,250", "--set", "m=90", "--output", "R.max",
+        "--output", "restitution", "--dt", "0.01", "--out", "a.csv", "--plot", "a.png",
+    )  # fmt: skip
+    assert code == 0
+    assert "3 x 2 sets of k_o, c_o" in said.out
+    assert "3 without a result: KelvinVoigt" in said.out
+    table = pd.read_csv("a.csv")
+    assert list(table.columns) == ["k_o", "c_o", "R.max", "restitution", "status", "message"]
+    run = li.simulate(li.load_problem("system-1", m=90.0, k_o=4000.0, c_o=250.0), dt=1e-2)
+    row = table[(table["k_o"] == 4000.0) & (table["c_o"] == 250.0)].iloc[0]
+    assert (row["R.max"], row["status"]) == (run["R"].max(), 0)
+    assert (tmp_path / "a.png").stat().st_size > 1000
+
+
+def test_netcdf_with_whole_series_and_logarithmic_values(capsys):
+    assert (
+        told(capsys, "system-1", "--set", "c_o=10:1000:3:log", "--output", "x", "--dt", "0.1", "--out", "a.nc")[0] == 0
+    )
+    found = xarray.open_dataset("a.nc")
+    np.testing.assert_allclose(found["c_o"], [10.0, 100.0, 1000.0])
+    assert found["x"].dims == ("c_o", "t")
+
+
+def test_samples_and_indices(capsys, tmp_path):
+    words = ["system-1", "--set", "c_o=100:300", "--set", "k_o=3000:5000:log", "--dt", "0.1", "--t-end", "0.5"]
+    assert (
+        told(
+            capsys, *words, "--samples", "8", "--rule", "saltelli", "--seed", "2", "--plot", "a.svg", "--out", "a.csv"
+        )[0]
+        == 0
+    )
+    table = pd.read_csv("a.csv")
+    assert len(table) == 32
+    assert table["k_o"].between(3000.0, 5000.0).all()
+    assert (tmp_path / "a.svg").exists()
+
+
+def test_a_scheme_file_and_its_elements(capsys):
+    li.write_scheme_file(li.load_problem("system-1"), "mine.toml")
+    assert (
+        told(
+            capsys,
+            "mine.toml",
+            "--set",
+            "KelvinVoigt.k=3000,3924",
+            "--set",
+            "v0.x=5,6",
+            "--dt",
+            "0.01",
+            "--out",
+            "a.csv",
+        )[0]
+        == 0
+    )
+    assert len(pd.read_csv("a.csv")) == 4
+
+
+def test_a_store_resumes_and_refuses_another_sweep(capsys, tmp_path):
+    pytest.importorskip("zarr")
+    words = ["system-1", "--set", "k_o=3000:5000:3", "--dt", "0.1", "--out", "a.zarr"]
+    assert told(capsys, *words)[0] == told(capsys, *words)[0] == 0
+    before = json.loads((tmp_path / "a.zarr" / "zarr.json").read_text(encoding="utf-8"))
+    code, said = told(capsys, *words, "--set", "theta=1")
+    assert code == 2
+    assert "holds another sweep, which differs in the method" in said.err
+    assert json.loads((tmp_path / "a.zarr" / "zarr.json").read_text(encoding="utf-8")) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--set", "k_o=3"], "names no range"),
+        (["--set", "k_o"], "must read NAME=VALUES"),
+        (["--set", "k_o=1:2"], "NAME=LOW:HIGH:COUNT"),
+        (["--set", "k_o=1:2:x"], "NAME=LOW:HIGH:COUNT"),
+        (["--set", "k_o=1:2:3:lin"], "NAME=LOW:HIGH:COUNT"),
+        (["--set", "k_o=0:2:3:log"], "above zero"),
+        (["--set", "k_o=1:2:3", "--set", "k_o=1:2:4"], "given twice"),
+        (["--set", "k_o=1:2:3", "--samples", "4"], "must read NAME=LOW:HIGH,"),
+        (["--set", "k_o=2:1", "--samples", "4"], "lower one first"),
+        (["--set", "k_o=1:2", "--samples", "4", "--rule", "grid"], "unknown rule"),
+        (["--set", "kk_o=1:2:3"], "did you mean 'k_o'"),
+        (["--set", "k_o=1:2:3", "--output", "R.mx"], "did you mean 'R.max'"),
+        (["--set", "k_o=1:2:3", "--output", "x", "--out", "a.csv"], "no whole series"),
+        (["--set", "k_o=1:2:3", "--out", "a.xls"], "must end in one of"),
+        (["--set", "k_o=1:2:3", "--out", "nowhere/a.zarr"], "no folder"),
+        (["--set", "k_o=1:2:3", "--plot", "a.csv"], "must end in one of"),
+    ],
+)
+def test_wrong_input_is_one_sentence_and_nothing_is_written(words, said, capsys, tmp_path):
+    code, printed = told(capsys, "system-1", *words)
+    assert code == 2
+    assert said in printed.err
+    assert len(printed.err.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_sweep_without_any_result_fails(capsys, tmp_path):
+    code, said = told(capsys, "system-1", "--set", "c_o=-1,-2", "--out", "a.csv")
+    assert code == 1
+    assert "no set has a result" in said.err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_processes(capsys):
+    words = ["system-1", "--set", "k_o=3000:5000:7", "--dt", "0.01"]
+    assert told(capsys, *words, "--out", "a.csv")[0] == told(capsys, *words, "--workers", "2", "--out", "b.csv")[0] == 0
+    assert pd.read_csv("a.csv").equals(pd.read_csv("b.csv"))

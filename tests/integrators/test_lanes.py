@@ -1,0 +1,114 @@
+"""Runs side by side have the bits of runs alone, or are refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import lcpimpact as li
+from lcpimpact.errors import InputError, UnsupportedError
+from lcpimpact.formula import NotTracedError, Program
+from lcpimpact.integrators import METHODS
+from lcpimpact.integrators.stepping.lanes import LANES, Reading, lanes
+from lcpimpact.integrators.stepping.linear_step import LinearStep
+from lcpimpact.numbers import is_real
+from lcpimpact.problems import PROBLEMS
+from lcpimpact.record import Grid
+from lcpimpact.simulation import _missing
+from lcpimpact.study.design.parameters import changes_at, value_at, with_values
+
+QUICK = [
+    ("system-1", "moreau-jean"),
+    ("system-2", "moreau-jean"),
+    ("bouncing-ball", "d1-minus"),
+    ("coulomb-oscillator", "stormer-verlet-ns"),
+]
+METHODS_IN_LANES = [name for name, kind in METHODS.items() if issubclass(kind, LinearStep)]
+OF_ALL_METHODS = ("bouncing-ball", "kelvin-voigt-tension", "coulomb-oscillator", "shaw-holmes")
+PAIRS = [
+    pytest.param(problem, method, marks=[] if (problem, method) in QUICK else pytest.mark.slow)
+    for problem in PROBLEMS
+    for method in METHODS_IN_LANES
+    if method == "moreau-jean" or problem in OF_ALL_METHODS
+]
+REFUSED = ("hertz", "hunt", "plastic", "hereditary", "bar-", "bouncing-bar", "ball-in-air")
+"""Problems with springs of power laws, loads beside a varying one, or constants that are no sums."""
+
+
+def constants(problem):
+    """Addresses of the constants of the elements that are not zero."""
+    found = [f"{i}.{name}" for i, e in enumerate(problem.scheme.elements) for name, x in vars(e).items() if is_real(x)]
+    return [address for address in found if value_at(problem, address) != 0.0]
+
+
+def prepared(problem, method, addresses, grid, readings=(), stops=()):
+    program = Program()
+    traced = changes_at(problem, addresses)({each: program.parameter(value_at(problem, each)) for each in addresses})
+    start = traced.initial_coordinates, traced.initial_velocities
+    return lanes((method, method), (traced.dynamics, problem.dynamics), start, grid, program, readings, stops)
+
+
+@pytest.mark.parametrize(("name", "method"), PAIRS)
+def test_every_method_has_the_bits_of_single_runs(name, method, rng):
+    problem, integrator = li.load_problem(name), METHODS[method]()
+    d = problem.dynamics
+    if _missing(integrator.declared, d) or not d.stores_energy or len(d.contacts) > 1:
+        pytest.skip("no pair for lanes")
+    grid, addresses = Grid(problem.t_end, 1000), constants(problem)
+    try:
+        compiled = prepared(
+            problem, integrator, addresses, grid, [Reading("max", "q", 0), Reading("min", "v", 0)], [500]
+        )
+    except (NotTracedError, UnsupportedError, InputError):
+        assert name.startswith(REFUSED) or name.endswith(REFUSED) or method in ("cd-lagrange", "schatzman-paoli")
+        return
+    base = np.array([value_at(problem, each) for each in addresses])
+    values = base[:, None] * rng.uniform(0.85, 1.0, (len(base), LANES + 3))
+    regular, kept, states = compiled.take(values)
+    assert regular.mean() > 0.9
+    for k in np.flatnonzero(regular)[[0, 7, -1]]:
+        single = with_values(problem, dict(zip(addresses, map(float, values[:, k]), strict=True)))
+        run = li.simulate(single, integrator, dt=grid.h, t_end=grid.t_end, throw=False)
+        n = run.q.shape[1]
+        for step, state in zip((500, 1000), states, strict=True):
+            assert (state[: 2 * n, k] == np.concatenate([run.q[step], run.v[step]])).all()
+        assert (kept[0, k], kept[1, k]) == (run.q[:, 0].max(), run.v[:, 0].min())
+
+
+@pytest.fixture
+def rng():
+    return np.random.default_rng(0)
+
+
+def test_readings_are_the_extremes_of_the_series_and_their_steps():
+    problem, grid = li.load_problem("system-1"), Grid(3.0, 3000)
+    kinds = [Reading("max", "r", 0), Reading("argmax", "r", 0), Reading("min", "r", 0), Reading("argmax", "q", 1)]
+    compiled = prepared(problem, METHODS["moreau-jean"](), ["3.k", "3.c"], grid, kinds)
+    values = np.array([[3000.0, 4000.0, 5000.0], [100.0, 250.0, 900.0]])
+    _, kept, _ = compiled.take(values)
+    for k in range(3):
+        run = li.simulate(with_values(problem, {"3.k": values[0, k], "3.c": values[1, k]}), dt=1e-3, t_end=3.0)
+        assert list(kept[:, k]) == [run["R"].max(), run["R"].argmax() + 1, run["R"].min(), run["z"].argmax()]
+
+
+def test_sets_with_other_formulas_are_not_regular():
+    """Bumpers that start penetrated are refused alone; side by side they are told apart."""
+    problem = li.load_problem("bouncing-ball")
+    compiled = prepared(problem, METHODS["moreau-jean"](), ["2.gap"], Grid(1.0, 100))
+    regular, _, _ = compiled.take(np.array([[1.0, -0.5, 2.0]]))
+    assert list(regular) == [True, False, True]
+
+
+def test_a_set_that_overflows_is_not_regular():
+    problem = li.load_problem("bouncing-ball")
+    compiled = prepared(problem, METHODS["moreau-jean"](), ["v0.x"], Grid(3.0, 300))
+    regular, _, _ = compiled.take(np.array([[-1.0, -1e308, np.inf]]))
+    assert list(regular) == [True, False, False]
+
+
+def test_loads_beside_a_varying_one_are_refused():
+    ball = li.Scheme(
+        li.Mass("x", 1.0), li.Load("x", li.Harmonic(1.0, 2.0)), li.Load("x", 3.0), li.Spring("x", "ground", 4.0)
+    )
+    with pytest.raises(NotTracedError, match="loads"):
+        prepared(li.Problem("ball", ball), METHODS["moreau-jean"](), ["2.f"], Grid(1.0, 100))

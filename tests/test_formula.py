@@ -1,0 +1,88 @@
+"""Formulas: what a computation makes of its parameters, repeated for others."""
+
+from __future__ import annotations
+
+import math
+import operator
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lcpimpact.formula import Formula, NotTracedError, Program, mentions, sqrt, value_of
+
+POSITIVE = st.floats(0.1, 10.0)
+
+
+def computation(a, b, c):
+    """Arithmetic with zeros, ones, repetitions and cases."""
+    x = (a + 0.0) * 1.0 - b / c
+    y = abs(x) + sqrt(b * c) if x < a * b else -x * 0.5 + c
+    z = max(x, y) * min(b, 2.0) + 0.0 * a
+    return z - (x - y) / (1.0 + b * b), y if z >= 1.0 else 1.0 * c
+
+
+def evaluated(program, results, values):
+    names = {"sqrt": math.sqrt, "abs": abs, "inf": math.inf} | {f"p{i}": each for i, each in enumerate(values)}
+    found = {f"r{i}": each for i, each in enumerate(results)}
+    exec("\n".join(program.source(found)), names)
+    return [names[name] for name in found], all(eval(each, names) for each in program.assumptions())
+
+
+@given(st.tuples(POSITIVE, POSITIVE, POSITIVE), st.tuples(POSITIVE, POSITIVE, POSITIVE))
+def test_formulas_repeat_a_computation_bit_for_bit_where_its_assumptions_hold(first, second):
+    program = Program()
+    results = computation(*map(program.parameter, first))
+    assert tuple(map(value_of, results)) == computation(*first)
+    found, holds = evaluated(program, results, second)
+    if holds:
+        assert tuple(found) == computation(*second)
+    assert evaluated(program, results, first) == (list(computation(*first)), True)
+
+
+def test_another_case_is_told_by_the_assumptions():
+    program = Program()
+    x = program.parameter(1.0)
+    result = 2.0 * x if x < 3.0 else 5.0 * x
+    assert evaluated(program, [result], [2.5]) == ([5.0], True)
+    assert evaluated(program, [result], [3.5])[1] is False
+
+
+@pytest.mark.parametrize("compare", [operator.lt, operator.le, operator.gt, operator.ge, operator.eq, operator.ne])
+def test_comparisons_are_told_apart_at_ties_too(compare):
+    pairs = [(1.0, 2.0), (2.0, 2.0), (3.0, 2.0)]
+    for traced in pairs:
+        program = Program()
+        found = compare(*map(program.parameter, traced))
+        assert found is compare(*traced)
+        for pair in pairs:
+            assert evaluated(program, [], pair)[1] is (compare(*pair) is found)
+
+
+def test_matrices_of_formulas_multiply_and_equal_terms_are_computed_once():
+    program = Program()
+    k, c = program.parameter(2.0), program.parameter(3.0)
+    A = np.array([[k, 0.0], [-k, c]], dtype=object)
+    B = A @ np.array([[1.0, 0.0], [0.0, 1.0]])
+    assert all(isinstance(B[i, j], Formula) for i, j in [(0, 0), (1, 0), (1, 1)])
+    assert B[0, 1] == 0.0
+    before = len(program.lines)
+    assert (k * c).name == (k * c).name
+    assert len(program.lines) == before + 1
+
+
+@pytest.mark.parametrize("lose", [float, int, math.sin, lambda x: x**2, lambda x: x % 2.0, round, "{:g}".format])
+def test_what_would_lose_a_formula_is_refused(lose):
+    with pytest.raises(NotTracedError):
+        lose(Program().parameter(1.0))
+
+
+def test_formulas_are_found_in_dataclasses_and_tuples():
+    import lcpimpact as li
+
+    p = Program().parameter(1.0)
+    assert mentions(p)
+    assert mentions((1.0, [p]))
+    assert mentions(li.Mass("x", p))
+    assert not mentions(li.Mass("x", 1.0))
