@@ -34,11 +34,8 @@ MASSIVE, DRIVEN, DAMPED, FREE = 1, 2, 0, -1
 
 CONTACT, SLIDER, FRICTION, JOINT, RELAY = range(len(RowLaw))
 
-BLOCK_STEPS = 256
-"""Number of steps in a block, whose rows fit in the cache of the processor."""
-
-CHECK_INTERVAL = 16
-"""Number of steps between checks of the sums over a run: an imbalance of them persists."""
+LONGEST_BLOCK, SHORTEST_BLOCK, BLOCK_NUMBERS = 512, 32, 4096
+"""Numbers of steps in a block: so many that calls cost little, and so few that its rows fit in the cache."""
 
 CLOSED_GAP_RTOL = 1e-12
 """Penetration, relative to the terms of the gap, below which a contact is closed."""
@@ -125,7 +122,7 @@ class Impulses(NamedTuple):
 
 
 class Violations(NamedTuple):
-    """Largest violations of a run.
+    """Largest violations of a run; while it is judged, the largest of each place in a block, so that no step waits.
 
     Attributes
     ----------
@@ -167,7 +164,7 @@ class Rows(NamedTuple):
     stored : (B + 1,)           energy of masses and springs
     at_ends : (4, nc, B)        in rows with a feedthrough, products at t + θ h and at t + h, and penetrations there
     by_path : (nc, B) flags     contacts whose impulse paths are active
-    work : (4, B)               rows for intermediate results
+    work : (2, B)               rows for intermediate results
     """
 
     t: Array
@@ -214,7 +211,7 @@ CONTACTS: Any = named_tuple(
 SPRING_LAWS: Any = named_tuple((matrix, matrix), SpringLaws)
 RECORDED: Any = named_tuple((vector, matrix, matrix, matrix, matrix, matrix), Recorded)
 IMPULSES: Any = named_tuple((indices, indices, vector), Impulses)
-VIOLATIONS: Any = named_tuple((vector,) * 11, Violations)
+VIOLATIONS: Any = named_tuple((matrix,) * 11, Violations)
 ROWS: Any = named_tuple(
     (vector, matrix, matrix, vector, vector, *(matrix,) * 9, vector, vector, cube, types.boolean[:, ::1], matrix), Rows
 )
@@ -222,20 +219,24 @@ SUMS: Any = named_tuple((vector,) * 3, Sums)
 KINDS: Any = named_tuple((flags, flags), Kinds)
 
 
-def no_violations(nc: int, n: int) -> Violations:
-    """Return zero violations of nc contacts and n nodes."""
-    return Violations(*np.zeros((6, nc)), *np.zeros((5, n)))
+def block_steps(nc: int, n: int, steps: int) -> int:
+    """Return the number of steps in a block, for nc contacts and n nodes."""
+    return max(1, min(steps, LONGEST_BLOCK, max(SHORTEST_BLOCK, BLOCK_NUMBERS // (n + nc))))
 
 
-@compiled(ROWS(i8, i8))
-def rows_for(nc: int, n: int) -> Rows:
-    """Return room for a block of steps."""
-    B = BLOCK_STEPS
+def no_violations(nc: int, n: int, B: int) -> Violations:
+    """Return rows of zero violations of nc contacts and n nodes, for blocks of B steps."""
+    return Violations(*np.zeros((6, nc, B)), *np.zeros((5, n, B)))
+
+
+@compiled(ROWS(i8, i8, i8))
+def rows_for(nc: int, n: int, B: int) -> Rows:
+    """Return room for blocks of B steps."""
     return Rows(
         np.zeros(B + 1), np.zeros((n, B + 1)), np.zeros((n, B + 1)), np.zeros(B), np.zeros(B), np.zeros((nc, B)),
         np.zeros((nc, B)), np.zeros((n, B)), np.zeros((n, B)), np.zeros((n, B)), np.zeros((n, B)), np.zeros((nc, B + 1)),
         np.zeros((nc, B + 1)), np.zeros((nc, B)), np.zeros(B), np.zeros(B + 1), np.zeros((4, nc, B)),
-        np.zeros((nc, B), np.bool_), np.zeros((4, B)),
+        np.zeros((nc, B), np.bool_), np.zeros((2, B)),
     )  # fmt: skip
 
 
@@ -245,35 +246,44 @@ def kinds_of(contacts: Contacts) -> Kinds:
     return Kinds(feedthrough, np.asarray((contacts.paths != 0.0).any(axis=0)))
 
 
+@compiled(f8(vector), inline="always", allocates=False)
+def largest(values: Array) -> float:
+    """Return the largest |value|."""
+    found = 0.0
+    for i in range(len(values)):
+        found = max(found, abs(values[i]))
+    return found
+
+
 @compiled(f8(vector, i8), inline="always", allocates=False)
-def greatest(x: Array, m: int) -> float:
-    """Return the greatest of the first m values, at least 0: four at a time, since each comparison waits for the last."""
-    a, b, c, d, s = 0.0, 0.0, 0.0, 0.0, 0
-    while s + 4 <= m:
-        a, b, c, d = max(a, x[s]), max(b, x[s + 1]), max(c, x[s + 2]), max(d, x[s + 3])
-        s += 4
-    while s < m:
-        a = max(a, x[s])
-        s += 1
-    return max(max(a, b), max(c, d))
+def sum_of(x: Array, m: int) -> float:
+    """Return the sum of the first m values: of four parts, since each addition waits for the last."""
+    a, b, c, d, whole = 0.0, 0.0, 0.0, 0.0, m // 4
+    for s in range(whole):
+        a, b, c, d = a + x[4 * s], b + x[4 * s + 1], c + x[4 * s + 2], d + x[4 * s + 3]
+    for s in range(4 * whole, m):
+        a += x[s]
+    return (a + b) + (c + d)
 
 
 @compiled(i8(RECORDED, IMPULSES, i8, i8, i8, ROWS), allocates=False)
 def read_block(run: Recorded, impulses: Impulses, first: int, m: int, at: int, rows: Rows) -> int:
     """Copy m steps from the record, with their impulses from number ``at`` on; return the number of the next one."""
+    t, h, per_h, times = rows.t, rows.h, rows.per_h, run.t[first : first + m + 1]
     for s in range(m + 1):
-        rows.t[s] = run.t[first + s]
+        t[s] = times[s]
     for s in range(m):
-        rows.h[s] = rows.t[s + 1] - rows.t[s]
-        rows.per_h[s] = 1.0 / rows.h[s]
+        h[s] = t[s + 1] - t[s]
+        per_h[s] = 1.0 / h[s]
+    qs, vs, rs = run.q[first : first + m + 1], run.v[first : first + m + 1], run.r[first : first + m]
     for i in range(len(rows.q)):
         q, v = rows.q[i], rows.v[i]
         for s in range(m + 1):
-            q[s], v[s] = run.q[first + s, i], run.v[first + s, i]
+            q[s], v[s] = qs[s, i], vs[s, i]
     for i in range(len(rows.r)):
         r, total = rows.r[i], rows.total[i]
         for s in range(m):
-            r[s] = run.r[first + s, i]
+            r[s] = rs[s, i]
             total[s] = r[s]
     while at < len(impulses.P) and impulses.step[at] < first + m:
         s = impulses.step[at] - first
@@ -282,12 +292,20 @@ def read_block(run: Recorded, impulses: Impulses, first: int, m: int, at: int, r
     return at
 
 
-@compiled(types.void(RECORDED, NODES, i8, i8, f8, ROWS, VIOLATIONS), allocates=False)
-def judge_kinematics(run: Recorded, nodes: Nodes, first: int, m: int, θ: float, rows: Rows, found: Violations) -> None:
-    """Judge the kinematics of the steps, and write w, the velocities and the loads at t_θ, and the changes of ∫ q_θ dt."""
-    h, per_h, off = rows.h, rows.per_h, rows.work[0]
+@compiled(types.void(vector, vector, i8, i8), inline="always", allocates=False)
+def keep_largest(kept: Array, x: Array, first: int, m: int) -> None:
+    """Replace each kept number by |x| from ``first`` on where that is larger."""
+    values = x[first : first + m]
+    for s in range(m):
+        kept[s] = max(kept[s], abs(values[s]))
+
+
+@compiled(types.void(NODES, i8, f8, ROWS, VIOLATIONS), allocates=False)
+def judge_kinematics(nodes: Nodes, m: int, θ: float, rows: Rows, found: Violations) -> None:
+    """Judge the kinematics of the steps, and write w, the velocities at t_θ, and the changes of ∫ q_θ dt."""
+    h, per_h = rows.h, rows.per_h
     for i in range(len(rows.q)):
-        q, v, w, rate, dq, f = rows.q[i], rows.v[i], rows.w[i], rows.rate[i], rows.dq[i], rows.f[i]
+        q, v, w, rate, dq, off = rows.q[i], rows.v[i], rows.w[i], rows.rate[i], rows.dq[i], found.kinematics[i]
         for s in range(m):
             w[s] = (q[s + 1] - q[s]) * per_h[s]
         if nodes.kind[i] == MASSIVE:
@@ -300,16 +318,19 @@ def judge_kinematics(run: Recorded, nodes: Nodes, first: int, m: int, θ: float,
             for s in range(m):
                 rate[s] = v[s + 1]
         for s in range(m):
-            off[s] = h[s] * abs(w[s] - rate[s])
             dq[s] = h[s] * (q[s] + θ * h[s] * rate[s])
         if nodes.kind[i] != FREE:
-            found.kinematics[i] = max(found.kinematics[i], greatest(off, m))
-        for s in range(m):
-            off[s] = abs(q[s + 1])
-        found.q[i] = max(found.q[i], greatest(off, m))
-        for s in range(m):
-            off[s] = abs(v[s + 1])
-        found.v[i] = max(found.v[i], greatest(off, m))
+            for s in range(m):
+                off[s] = max(off[s], h[s] * abs(w[s] - rate[s]))
+        keep_largest(found.q[i], q, 1, m)
+        keep_largest(found.v[i], v, 1, m)
+
+
+@compiled(types.void(RECORDED, i8, i8, f8, ROWS), allocates=False)
+def read_loads(run: Recorded, first: int, m: int, θ: float, rows: Rows) -> None:
+    """Write the loads that vary and the forces of any kind at t_θ."""
+    for i in range(len(rows.q)):
+        f = rows.f[i]
         for s in range(m):
             f[s] = (1.0 - θ) * run.f[first + s, i] + θ * run.f[first + s + 1, i] if len(run.f) > 1 else 0.0
             if len(run.f_θ) > 0:
@@ -319,9 +340,9 @@ def judge_kinematics(run: Recorded, nodes: Nodes, first: int, m: int, θ: float,
 @compiled(types.void(CONTACTS, i8, ROWS, VIOLATIONS), allocates=False)
 def follow_gaps(contacts: Contacts, m: int, rows: Rows, found: Violations) -> None:
     """Write u, U and W of the contacts, and the largest changes and forces; add the power of the reactions."""
-    h, change, power = rows.h, rows.work[0], rows.power
+    h, power = rows.h, rows.power
     for i in range(len(contacts.u0)):
-        u, U, W, r, total = rows.u[i], rows.U[i], rows.W[i], rows.r[i], rows.total[i]
+        u, U, W, total, change = rows.u[i], rows.U[i], rows.W[i], rows.total[i], found.gap_change[i]
         for s in range(m + 1):
             u[s], U[s] = contacts.u0[i], 0.0
         for s in range(m):
@@ -336,29 +357,25 @@ def follow_gaps(contacts: Contacts, m: int, rows: Rows, found: Violations) -> No
                 W[s] += H * w[s]
         # A contact penetrates by up to h |U| of the step before it closes, which is more than h |W|.
         for s in range(m):
-            change[s] = h[s] * max(abs(W[s]), abs(U[s + 1]))
+            change[s] = max(change[s], h[s] * max(abs(W[s]), abs(U[s + 1])))
             power[s] += total[s] * W[s]
-        found.gap_change[i] = max(found.gap_change[i], greatest(change, m))
-        for s in range(m):
-            change[s] = abs(r[s])
-        found.r[i] = max(found.r[i], greatest(change, m))
+        keep_largest(found.r[i], rows.r[i], 0, m)
 
 
 @compiled(types.void(CONTACTS, i8, i8, ROWS, VIOLATIONS), allocates=False)
 def judge_bounds(contacts: Contacts, i: int, m: int, rows: Rows, found: Violations) -> None:
     """Judge the bounds of a reaction, and write those of friction that slides to the first row of work."""
-    total, high, beyond = rows.total[i], rows.work[0], rows.work[1]
+    total, high, beyond = rows.total[i], rows.work[0], found.tension[i]
     if contacts.law[i] == FRICTION:
         normal = rows.total[contacts.normal[i]]
         for s in range(m):
             high[s] = contacts.mu[i] * max(normal[s], 0.0)
-            beyond[s] = abs(total[s]) - contacts.mu_s[i] * max(normal[s], 0.0)
+            beyond[s] = max(beyond[s], abs(total[s]) - contacts.mu_s[i] * max(normal[s], 0.0))
     else:
         low, r_max = contacts.r_min[i], contacts.r_max[i]
         for s in range(m):
             high[s] = r_max
-            beyond[s] = max(low - total[s], total[s] - r_max)
-    found.tension[i] = max(found.tension[i], greatest(beyond, m))
+            beyond[s] = max(beyond[s], low - total[s], total[s] - r_max)
 
 
 @compiled(types.void(CONTACTS, i8, i8, f8, ROWS), allocates=False)
@@ -379,65 +396,66 @@ def follow_feedthrough(contacts: Contacts, i: int, m: int, θ: float, rows: Rows
         rows.at_ends[2, i, s], rows.at_ends[3, i, s] = (abs(u_θ), abs(end[s])) if joint else (-u_θ, -end[s])
 
 
-@compiled(types.void(CONTACTS, i8, i8, ROWS, VIOLATIONS), allocates=False)
-def judge_impacts(contacts: Contacts, i: int, m: int, rows: Rows, found: Violations) -> None:
-    """Judge the impact law of a contact, and write its products in J to the first row of work."""
-    product, missed, u, U, total, h = rows.work[0], rows.work[1], rows.u[i], rows.U[i], rows.total[i], rows.h
-    e = contacts.e[i]
+@compiled(types.void(CONTACTS, i8, types.boolean, i8, ROWS, VIOLATIONS), allocates=False)
+def judge_impacts(contacts: Contacts, i: int, on_path: bool, m: int, rows: Rows, found: Violations) -> None:
+    """Judge the impact law of a contact, and its products in J."""
+    product, missed, u, U, h, e = found.product[i], found.law[i], rows.u[i], rows.U[i], rows.h, contacts.e[i]
+    acting, doubtful = rows.work[0], 0.0
+    for s in range(m):
+        acting[s] = rows.total[i, s]
+    if on_path:
+        for s in range(m):
+            acting[s] = 0.0 if rows.by_path[i, s] else acting[s]
     for s in range(m):
         defect = U[s + 1] + e * U[s]
-        missed[s] = abs(defect) if total[s] > 0.0 else 0.0
-        product[s] = abs(h[s] * total[s] * defect)
+        missed[s] = max(missed[s], abs(defect) if acting[s] > 0.0 else 0.0)
+        product[s] = max(product[s], abs(h[s] * acting[s] * defect))
     for s in range(m):
-        if rows.by_path[i, s]:
-            missed[s], product[s] = 0.0, 0.0
-            continue
+        doubtful = min(doubtful, max(u[s] + 0.5 * h[s] * U[s], U[s + 1] + e * U[s]))
+    if not doubtful < 0.0:
+        return
+    for s in range(m):
         ahead, defect = u[s] + 0.5 * h[s] * U[s], U[s + 1] + e * U[s]
-        if ahead < 0.0 and defect < 0.0 and not total[s] > 0.0:
+        by_path = on_path and rows.by_path[i, s]
+        if ahead < 0.0 and defect < 0.0 and not by_path and not rows.total[i, s] > 0.0:
             terms = abs(contacts.u0[i])
             for p in range(contacts.pattern.starts[i], contacts.pattern.starts[i + 1]):
                 terms += abs(contacts.H[p] * rows.q[contacts.pattern.columns[p], s])
             if ahead < -CLOSED_GAP_RTOL * terms:
-                missed[s] = -defect
-    found.law[i] = max(found.law[i], greatest(missed, m))
+                missed[s] = max(missed[s], -defect)
 
 
 @compiled(types.void(CONTACTS, i8, i8, ROWS, KINDS, VIOLATIONS), allocates=False)
 def judge_law(contacts: Contacts, i: int, m: int, rows: Rows, kinds: Kinds, found: Violations) -> None:
     """Judge the law of a contact in the steps, once `judge_bounds` has written the bounds of its friction."""
-    law, h, total, W, high, other = contacts.law[i], rows.h, rows.total[i], rows.W[i], rows.work[0], rows.work[1]
-    u, U, e = rows.u[i], rows.U[i], contacts.e[i]
+    law, h, total, W, high = contacts.law[i], rows.h, rows.total[i], rows.W[i], rows.work[0]
+    u, U, e, product = rows.u[i], rows.U[i], contacts.e[i], found.product[i]
     if law == RELAY:
         return
     if law in (SLIDER, FRICTION):
         impulsive = contacts.degree[i] == 2
         for s in range(m):
             slip = U[s + 1] + e * U[s] if impulsive else W[s]
-            other[s] = abs(h[s] * (high[s] * abs(slip) + total[s] * slip))
-        found.product[i] = max(found.product[i], greatest(other, m))
+            product[s] = max(product[s], abs(h[s] * (high[s] * abs(slip) + total[s] * slip)))
     elif kinds.feedthrough[i]:
         return
     elif law == JOINT:
-        for s in range(m):
-            other[s] = abs(u[s + 1])
-        found.penetration[i] = max(found.penetration[i], greatest(other, m))
-        for s in range(m):
-            other[s] = abs(U[s + 1])
-        found.law[i] = max(found.law[i], greatest(other, m) if contacts.degree[i] == 2 else 0.0)
-    else:
-        for s in range(m):
-            other[s] = -u[s + 1]
-        found.penetration[i] = max(found.penetration[i], greatest(other, m))
+        keep_largest(found.penetration[i], u, 1, m)
         if contacts.degree[i] == 2:
-            judge_impacts(contacts, i, m, rows, found)
+            keep_largest(found.law[i], U, 1, m)
+    else:
+        penetration, on_path = found.penetration[i], kinds.on_path[i]
+        for s in range(m):
+            penetration[s] = max(penetration[s], -u[s + 1])
+        if contacts.degree[i] == 2:
+            judge_impacts(contacts, i, on_path, m, rows, found)
         else:
             for s in range(m):
-                product = total[s] * u[s + 1]
-                # If a contact of a path penetrates when others close, only the penetration is counted.
-                high[s] = max(product, 0.0) if kinds.on_path[i] else abs(product)
-        for s in range(m):
-            high[s] = 0.0 if rows.by_path[i, s] else high[s]
-        found.product[i] = max(found.product[i], greatest(high, m))
+                high[s] = total[s] * u[s + 1]
+            if on_path:  # if one of its contacts penetrates when others close, only the penetration is counted
+                for s in range(m):
+                    high[s] = 0.0 if rows.by_path[i, s] else max(high[s], 0.0)
+            keep_largest(product, high, 0, m)
 
 
 @compiled(types.void(CONTACTS, i8, ROWS, VIOLATIONS))
@@ -470,7 +488,7 @@ def judge_paths(contacts: Contacts, m: int, rows: Rows, found: Violations) -> No
                     path_defect += U[i, s + 1] + contacts.e[i] * ρ[i] * min(U[i, s], 0.0)
             for i in range(nc):
                 if paths[a, i] > 0.0:
-                    found.product[i] = max(found.product[i], rows.h[s] * through[a] * abs(path_defect))
+                    found.product[i, s] = max(found.product[i, s], rows.h[s] * through[a] * abs(path_defect))
 
 
 @compiled(f8(RECORDED, i8, i8, f8, f8, ROWS, KINDS, VIOLATIONS), allocates=False)
@@ -478,7 +496,9 @@ def judge_feedthrough(
     run: Recorded, first: int, m: int, θ: float, reach: float, rows: Rows, kinds: Kinds, found: Violations
 ) -> float:
     """Judge the rows with a feedthrough, at t + θ h or at t + h; return the largest penetration so far."""
-    largest_force = greatest(found.r, len(found.r))
+    largest_force = 0.0
+    for i in range(len(found.r)):
+        largest_force = max(largest_force, largest(found.r[i]))
     for s in range(m):
         product_θ, product, open_θ, open_end = 0.0, 0.0, -np.inf, -np.inf
         for i in range(len(kinds.feedthrough)):
@@ -501,8 +521,8 @@ def judge_feedthrough(
         level = 1 if at_end else 0
         for i in range(len(kinds.feedthrough)):
             if kinds.feedthrough[i]:
-                found.product[i] = max(found.product[i], rows.at_ends[level, i, s])
-                found.penetration[i] = max(found.penetration[i], rows.at_ends[2 + level, i, s])
+                found.product[i, s] = max(found.product[i, s], rows.at_ends[level, i, s])
+                found.penetration[i, s] = max(found.penetration[i, s], rows.at_ends[2 + level, i, s])
     return reach
 
 
@@ -545,8 +565,12 @@ def add_work(run: Recorded, nodes: Nodes, B: Array, m: int, θ: float, rows: Row
                     for s in range(m):
                         power[s] -= total[s] * B[i, c] * w[s]
         else:
-            for s in range(m):
-                power[s] += w[s] * (constant + f[s])
+            if constant != 0.0:
+                for s in range(m):
+                    power[s] += w[s] * constant
+            if len(run.f) > 1 or len(run.f_θ) > 0:
+                for s in range(m):
+                    power[s] += w[s] * f[s]
         for p in range(nodes.pattern.starts[i], nodes.pattern.starts[i + 1]):
             j, M, K, C = nodes.pattern.columns[p], 0.5 * nodes.M[p], 0.5 * nodes.K[p], nodes.C[p]
             other_q, other_v, other_w = rows.q[j], rows.v[j], rows.w[j]
@@ -564,34 +588,35 @@ def add_work(run: Recorded, nodes: Nodes, B: Array, m: int, θ: float, rows: Row
                     power[s] -= w[s] * (C * other_w[s])
 
 
-@compiled(types.void(RECORDED, NODES, matrix, i8, ROWS, SUMS, VIOLATIONS), allocates=False)
-def judge_momentum(run: Recorded, nodes: Nodes, B: Array, m: int, rows: Rows, sums: Sums, found: Violations) -> None:
-    """Judge the balance of momentum and impulses of each node since the start, every `CHECK_INTERVAL` steps."""
-    n, first = len(rows.q), 0
-    while first < m:
-        end = min(first + CHECK_INTERVAL, m)
-        for i in range(n):
-            for s in range(first, end):
-                sums.q_integral[i] += rows.dq[i, s]
+@compiled(types.void(RECORDED, NODES, matrix, types.boolean, i8, ROWS, SUMS, VIOLATIONS), allocates=False)
+def judge_momentum(
+    run: Recorded, nodes: Nodes, B: Array, varying: bool, m: int, rows: Rows, sums: Sums, found: Violations
+) -> None:
+    """Judge the balance of momentum and impulses of each node since the start; an imbalance of these sums persists."""
+    for i in range(len(rows.q)):
+        sums.q_integral[i] += sum_of(rows.dq[i], m)
+        if varying:
+            for s in range(m):
                 sums.load_impulse[i] += rows.h[s] * rows.f[i, s]
-        for i in range(len(rows.r)):
-            for s in range(first, end):
-                sums.impulse[i] += rows.h[s] * rows.total[i, s]
-        elapsed = rows.t[end] - run.t[0]
-        for i in range(n):
-            if nodes.kind[i] == DRIVEN:
-                continue
-            defect = -sums.load_impulse[i] if len(run.f) > 1 else -sums.load_impulse[i] - run.f[0, i] * elapsed
-            for p in range(nodes.pattern.starts[i], nodes.pattern.starts[i + 1]):
-                j = nodes.pattern.columns[p]
-                defect += nodes.M[p] * (rows.v[j, end] - run.v[0, j])
-                defect += nodes.C[p] * (rows.q[j, end] - run.q[0, j]) + nodes.K[p] * sums.q_integral[j]
-            for j in range(len(sums.impulse)):
-                defect -= B[i, j] * sums.impulse[j]
-            violations = found.momentum if nodes.kind[i] == MASSIVE else found.equilibrium
-            if not abs(defect) <= violations[i]:
-                violations[i] = abs(defect) if abs(defect) < np.inf else np.inf
-        first = end
+    for i in range(len(rows.r)):
+        impulse, total = rows.work[0], rows.total[i]
+        for s in range(m):
+            impulse[s] = rows.h[s] * total[s]
+        sums.impulse[i] += sum_of(impulse, m)
+    elapsed = rows.t[m] - run.t[0]
+    for i in range(len(rows.q)):
+        if nodes.kind[i] == DRIVEN:
+            continue
+        defect = -sums.load_impulse[i] if len(run.f) > 1 else -sums.load_impulse[i] - run.f[0, i] * elapsed
+        for p in range(nodes.pattern.starts[i], nodes.pattern.starts[i + 1]):
+            j = nodes.pattern.columns[p]
+            defect += nodes.M[p] * (rows.v[j, m] - run.v[0, j])
+            defect += nodes.C[p] * (rows.q[j, m] - run.q[0, j]) + nodes.K[p] * sums.q_integral[j]
+        for j in range(len(sums.impulse)):
+            defect -= B[i, j] * sums.impulse[j]
+        violations = found.momentum if nodes.kind[i] == MASSIVE else found.equilibrium
+        if not abs(defect) <= violations[i, 0]:
+            violations[i, 0] = abs(defect) if abs(defect) < np.inf else np.inf
 
 
 @compiled(types.UniTuple(f8, 3)(RECORDED, IMPULSES, f8, NODES, CONTACTS, SPRING_LAWS, KINDS, VIOLATIONS))
@@ -610,20 +635,24 @@ def certify_steps(
     Massless nodes between springs may be projected after the step; their v is the mean of the step.
     """
     n, nc, steps, at, first = run.q.shape[1], len(contacts.u0), len(run.t) - 1, 0, 0
-    rows = rows_for(nc, n)
+    B = found.q.shape[1]
+    rows = rows_for(nc, n, B)
     sums = Sums(np.zeros(n), np.zeros(n), np.zeros(nc))
     any_feedthrough = False
-    reach, balance, largest_imbalance, longest, scale = 0.0, 0.0, 0.0, 0.0, 0.0
+    reach, balance, scale, account = 0.0, 0.0, 0.0, np.zeros((3, B))
+    varying = len(run.f) > 1 or len(run.f_θ) > 0 or len(springs.law) > 0
     for i in range(n):
-        found.q[i], found.v[i] = abs(run.q[0, i]), abs(run.v[0, i])
+        found.q[i, 0], found.v[i, 0] = abs(run.q[0, i]), abs(run.v[0, i])
     for i in range(nc):
         any_feedthrough = any_feedthrough or kinds.feedthrough[i]
     while first < steps:
-        m = min(BLOCK_STEPS, steps - first)
+        m = min(B, steps - first)
         at = read_block(run, impulses, first, m, at, rows)
         rows.power[:] = 0.0
         rows.stored[:] = 0.0
-        judge_kinematics(run, nodes, first, m, θ, rows, found)
+        judge_kinematics(nodes, m, θ, rows, found)
+        if varying:
+            read_loads(run, first, m, θ, rows)
         follow_gaps(contacts, m, rows, found)
         if len(contacts.paths) > 0:
             judge_paths(contacts, m, rows, found)
@@ -636,13 +665,17 @@ def certify_steps(
         if any_feedthrough:
             reach = judge_feedthrough(run, first, m, θ, reach, rows, kinds, found)
         add_springs(nodes, springs, m, θ, rows)
+        stored, h, power, change = rows.stored, rows.h, rows.power, rows.work[0]
+        scale = max(scale, abs(stored[0]))
         for s in range(m):
-            longest = max(longest, rows.h[s])
-            balance += rows.stored[s + 1] - rows.stored[s] - rows.h[s] * rows.power[s]
-            rows.work[0, s] = abs(balance)
-            rows.work[1, s] = abs(rows.stored[s + 1])
-        largest_imbalance = max(largest_imbalance, greatest(rows.work[0], m))
-        scale = max(scale, abs(rows.stored[0]) if first == 0 else 0.0, greatest(rows.work[1], m))
-        judge_momentum(run, nodes, contacts.B, m, rows, sums, found)
+            change[s] = stored[s + 1] - stored[s] - h[s] * power[s]
+        for s in range(m):
+            balance += change[s]
+            change[s] = balance
+        for s in range(m):
+            account[0, s] = max(account[0, s], abs(change[s]))
+            account[1, s] = max(account[1, s], abs(stored[s + 1]))
+            account[2, s] = max(account[2, s], h[s])
+        judge_momentum(run, nodes, contacts.B, varying, m, rows, sums, found)
         first += m
-    return largest_imbalance, scale, longest
+    return largest(account[0]), max(scale, largest(account[1])), largest(account[2])

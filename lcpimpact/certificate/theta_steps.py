@@ -18,6 +18,7 @@ from lcpimpact.certificate.theta_balance import (
     SparsityPattern,
     SpringLaws,
     Violations,
+    block_steps,
     certify_steps,
     kinds_of,
     no_violations,
@@ -69,7 +70,8 @@ def _violations(
         *(d.r_min, d.r_max, d.relative_degree, _codes(d)),
         *(d.mu, d.mu_s, d.normals, np.array(d.impulse_lines, order="C")),
     )
-    violations = no_violations(len(d.contacts), len(d.nodes))
+    nc, n = len(d.contacts), len(d.nodes)
+    violations = no_violations(nc, n, block_steps(nc, n, len(record.t) - 1))
     balance, scale, h = certify_steps(
         Recorded(record.t, record.q, record.v, record.reaction, *forces),
         Impulses(step[order], row[order], impulse[order]),
@@ -80,7 +82,7 @@ def _violations(
         kinds_of(contacts),
         violations,
     )
-    return violations, balance, scale, h
+    return Violations(*(each.max(axis=1) for each in violations)), balance, scale, h
 
 
 def _codes(d: Dynamics) -> Indices:
