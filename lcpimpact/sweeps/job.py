@@ -12,14 +12,14 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import InputError, LcpImpactError, Status
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
+from lcpimpact.problems.parameters import changes_at, parameters_of, place
 from lcpimpact.problems.reading import read
 from lcpimpact.quantities import Quantity, quantity
 from lcpimpact.record import Grid
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import simulate, time_grid
-from lcpimpact.study.design.parameters import changes_at, parameters_of, place
 from lcpimpact.sweeps.samples import Plan
-from lcpimpact.sweeps.side_by_side import has_trace, run_side_by_side
+from lcpimpact.sweeps.side_by_side import Output, has_trace, output_of, run_side_by_side
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +52,16 @@ class Job:
     def quantities(self) -> list[Quantity]:
         """Return the outputs as quantities."""
         return [quantity(name, self.problem.dynamics) for name in self.outputs]
+
+    def in_lanes(self, alone: Job, grid: Grid, traced: Integrator) -> dict[str, Output]:
+        """Return how lanes read the outputs of a job ``alone``, with options of the method that may be formulas.
+
+        Raises
+        ------
+        NotTracedError
+            If they cannot.
+        """
+        return {each.name: output_of(each, alone, grid, traced) for each in self.quantities()}
 
     def times(self, dimension: str) -> Array:
         """Return the instants of whole series, those of the grid, "t", or of the forces, "t_R"."""
@@ -154,8 +164,9 @@ def run_sets(job: Job, values: Mapping[str, Array], threads: int = 1) -> Sets:
 def runs_side_by_side(job: Job, plan: Plan) -> bool:
     """Return whether sets of a plan can run side by side; their code is compiled if so many are worth it."""
     some = plan.values(np.array([0, plan.size // 2, plan.size - 1]))
-    dt, sets = float(some.get("dt", [job.dt])[0]), {name: each for name, each in some.items() if name != "dt"}
-    return has_trace(job, dt, sets, changes_of(job, list(some)), plan.size)
+    steps = time_grid(float(some.get("dt", [job.dt])[0]), job.t_end).steps
+    sets = {name: each for name, each in some.items() if name != "dt"}
+    return has_trace(job, steps, sets, changes_of(job, list(some)), plan.size)
 
 
 def _run(job: Job, times: Callable[[str], Array], quantities: Sequence[Quantity]) -> tuple[Status, str, dict[str, Any]]:

@@ -9,7 +9,7 @@ import lcpimpact as li
 from lcpimpact.formula import Formula, Program
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.base import defaults
-from lcpimpact.study.design.parameters import changes_at
+from lcpimpact.problems.parameters import changes_at
 
 TRACED = 192
 """Number of parameters that may be formulas, over all registered problems."""
