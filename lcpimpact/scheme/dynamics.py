@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -463,7 +464,7 @@ def _instants(t: ArrayLike) -> Array:
     return times if times.dtype == object else times.astype(np.float64)
 
 
-def _values(function: Callable[[float], float], times: Array) -> Array:
+def _values(function: Callable[..., Any], times: Array) -> Array:
     """Return the values of a function of time, with the shape of the times."""
     if isinstance(getattr(function, "__self__", function), Harmonic):
         return np.asarray(function(times))

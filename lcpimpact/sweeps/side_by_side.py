@@ -216,13 +216,20 @@ def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Integrator) -> O
         array, column = _column(keywords["series"], d)
         kind = "max" if keywords.get("sign", 1.0) > 0.0 else "min"
         return Output((Reading(kind, array, column),), lambda read, *_: read[0])
-    if function in (peak_force, peak_time) and len(d.contacts) == 1 and d.unilateral.all() and not d.springs:
-        array, column = _column(d.contacts[0].name, d)
+    if function in (peak_force, peak_time) and len(d.contacts) and d.unilateral.all() and not d.springs:
+        columns = [_column(contact.name, d) for contact in d.contacts]
+        most = tuple(Reading("max", *each) for each in columns)
         if function is peak_force:
-            return Output((Reading("max", array, column),), lambda read, *_: read[0])
+            return Output(most, lambda read, *_: read.max(axis=0))
         if not mentions(traced):
             times = job.integrator.reaction_times(grid)
-            return Output((Reading("argmax", array, column),), lambda read, *_: times[read[0].astype(np.int64) - 1])
+
+            def first(read: Array, *_: Any) -> Array:
+                heights, steps = np.split(read, 2)
+                step = np.where(heights == heights.max(axis=0), steps, np.inf).min(axis=0)
+                return np.asarray(times[step.astype(np.int64) - 1])
+
+            return Output((*most, *(Reading("argmax", *each) for each in columns)), first)
     if function is at:
         array, column = _column(keywords["series"], d)
         t = grid.times(0, grid.steps)

@@ -9,6 +9,7 @@ not regular: they are to be run alone.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -34,6 +35,7 @@ from lcpimpact.integrators.stepping.straight_line import (
     Writer,
     write_step,
 )
+from lcpimpact.lcp.lapack import EPS
 from lcpimpact.record import Grid
 from lcpimpact.scheme.dynamics import Dynamics
 
@@ -160,15 +162,17 @@ def lanes(
     Raises
     ------
     UnsupportedError
-        If the step is none that lanes can take: see `lcpimpact.integrators.stepping.straight_line`; beyond one contact; or
-        it is to be compiled first.
+        If the step is none that lanes can take: see `lcpimpact.integrators.stepping.straight_line`; beyond two contacts,
+        or with one slider of two; or it is to be compiled first.
     NotTracedError
         If loads that depend on time and prescribed motions are not shared, and one is no sum of harmonics.
     """
     (method, known_method), (d, with_values) = methods, dynamics
     known = known_method.prepare(with_values, grid.h, lcp_solver)
-    if not COMPILING or not known.regular or known.table.W.shape[1] > 1:
-        raise UnsupportedError("lanes take compiled linear steps with at most one contact")
+    nc = len(with_values.contacts)
+    closed = nc < 2 or (nc == 2 and known.solver.name == "closed-form" and with_values.unilateral.all())
+    if not (COMPILING and known.regular and closed):
+        raise UnsupportedError("lanes take compiled linear steps with at most two contacts")
     sets, loads, signals = len(program.parameters), np.zeros((grid.steps, 0)), []
     given = (end.value if end else grid.t_end, grid.steps, 0.0, grid.h)
     ours, *others = map(program.parameter, given)  # parameters, so that runs of all lengths share their code
@@ -181,6 +185,8 @@ def lanes(
     else:
         signals = list(method.loads(d, h)(np.array([clock.before, clock.after]))[0])
     writer = write_step(_pattern(table), _pattern(step.static), len(d.nodes))
+    for law, i, j in np.ndindex(table.W.shape if nc == 2 else (0, 0, 0)):
+        writer.coefficient("W", law, i, j)
     arrays = table._asdict() | step.static._asdict()
     coefficients = {name: arrays[key][index] for name, (key, index) in writer.coefficients.items()}
     first = {f"y{i}": value for i, value in enumerate(y)}
@@ -341,7 +347,7 @@ def _first(writer: Writer, given: dict[str, Number], traced: Traced, readings: t
     lines = [f"p{i} = parameters[{i}, start + min(l, count - 1)]" for i in range(traced.sets)]
     lines += traced.program.source(given)
     assumed = [*traced.program.assumptions(), *(f"abs({name}) < INFINITY" for name in given)]
-    assumed += [f"{name} > 0.0" for name in given if name.startswith(("W_", "SKS_"))]
+    assumed += [f"{name} > 0.0" for name in given if re.fullmatch(r"W_\d+_(\d+)_\1|SKS_.*", name)]
     lines += ["bad = 0.0", *(f"bad = bad if {each} else 1.0" for each in assumed)]
     lines += [f"P{i} = 0.0" for i in range(laws * nc)] + [f"r{i} = 0.0" for i in range(nc)]
     for i, each in enumerate(readings):
@@ -378,6 +384,46 @@ def _impact(n: int) -> list[str]:
     ]
 
 
+def _two_rows(solve: SolveLaw) -> list[str]:
+    """Return the lines that solve a law of two rows as `closed_form` does, on those of them that are active, and check it.
+
+    With x and y from one row alone, and x_both and y_both from both, the same cases are looked at in the same order.
+    """
+    z = [f"z{2 * solve.law + i}" for i in range(2)]
+    a, b, c, d = (f"W_{solve.law}_{i}_{j}" for i in range(2) for j in range(2))
+    lines = [f"on{i} = {condition or 'True'}" for i, condition in enumerate(solve.touching)]
+    lines += [
+        "both = on0 and on1",
+        f"x, y = -free0 / {a}, -free1 / {d}",
+        "open = free0 >= 0.0 and free1 >= 0.0",
+        f"first = free0 < 0.0 and x * {c} + free1 >= 0.0",
+        f"second = free1 < 0.0 and y * {b} + free0 >= 0.0",
+        f"swap = abs({a}) < abs({c})",
+        f"A, B, F = {c} if swap else {a}, {d} if swap else {b}, free1 if swap else free0",
+        f"C, D, G = {a} if swap else {c}, {b} if swap else {d}, free0 if swap else free1",
+        "multiplier = C / A",
+        "rest = D - multiplier * B",
+        "y_both = (multiplier * F - G) / rest",
+        "x_both = -(F + B * y_both) / A",
+        "closed = abs(rest) > 1e-15 * (abs(D) + abs(multiplier * B))",
+        "closed = closed and 0.0 <= x_both and x_both < INFINITY and 0.0 <= y_both and y_both < INFINITY",
+        "bad = bad if not both or open or first or second or closed else 1.0",
+        f"{z[0]} = x if first else (0.0 if second else x_both)",
+        f"{z[1]} = 0.0 if first else (y if second else y_both)",
+        f"{z[0]} = (0.0 if open else {z[0]}) if both else (max(x, 0.0) if on0 else 0.0)",
+        f"{z[1]} = (0.0 if open else {z[1]}) if both else (max(y, 0.0) if on1 else 0.0)",
+    ]
+    for i, row in enumerate(((a, b), (c, d))):
+        s, t = (f"{W} * {each}" for W, each in zip(row, z, strict=True))
+        lines += [
+            f"w, size = free{i} + {s} + {t}, tol * abs(free{i})",
+            f"terms = {4.0 * EPS!r} * (abs(free{i}) + abs({s}) + abs({t}))",
+            f"held = w >= -size if {z[i]} == 0.0 else ({z[i]} > 0.0 and abs(w) <= size and terms <= size)",
+            f"bad = bad if held or not on{i} else 1.0",
+        ]
+    return lines
+
+
 def _lane(statement: Statement) -> list[str]:
     """Return the lines of a statement for one lane; what only counts the work is left out."""
     match statement:
@@ -390,4 +436,4 @@ def _lane(statement: Statement) -> list[str]:
         case Unless(condition):
             return [f"bad = bad if {each} else 1.0" for each in condition.split(" and ")]
         case SolveLaw():
-            raise UnsupportedError("lanes solve laws of one row")
+            return _two_rows(statement)

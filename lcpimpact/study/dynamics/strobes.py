@@ -78,8 +78,8 @@ class Strobes(Job):
     def in_lanes(self, alone: Job, grid: Grid, traced: Integrator) -> dict[str, Output]:
         """Return how lanes read the points: from the states at the grid points about them."""
         d = alone.problem.dynamics
-        if alone.integrator.impact_steps != 1 or len(d.impulse_lines) or not d.unilateral.all():
-            raise NotTracedError("lanes keep the impacts of contacts that last one step")
+        if alone.integrator.impact_steps != 1 or len(d.contacts) > 1 or not d.unilateral.all():
+            raise NotTracedError("lanes keep the impacts of one contact that last one step")
         force = force_of(alone.problem, self.sampling.where)
         near = self.nodes(self.instants(float(force or 0.0), grid.t_end), grid)[:, None] + [-1, 0, 1]
         stops = np.unique(near[(near > 0) & (near <= grid.steps)])
