@@ -103,7 +103,7 @@ def sets_of(block: Block, shape: Sequence[int]) -> Indices:
 
 
 def run_blocks(
-    job: Job, plan: Plan, blocks: Iterator[Block], executor: Executor | None, known: Sets | None, threads: int = 1
+    job: Job, plan: Plan, blocks: Sequence[Block], executor: Executor | None, known: Sets | None, threads: int = 1
 ) -> Iterator[tuple[Block, Sets]]:
     """Run blocks and yield them with their results as they finish; ``known`` are the results of the first sets.
 
@@ -114,16 +114,19 @@ def run_blocks(
     """
     first = 0 if known is None else len(known.status)
 
-    def missing() -> Iterator[tuple[Block, dict[str, Array] | None]]:
+    def missing() -> Iterator[tuple[Block, dict[str, Array]]]:
         for block in blocks:
             sets = sets_of(block, plan.shape)
-            yield block, plan.values(sets[sets >= first]) if sets[-1] >= first else None
+            if sets[-1] >= first:
+                yield block, plan.values(sets[sets >= first])
 
+    if known is not None:
+        sets = map(partial(sets_of, shape=plan.shape), blocks)
+        yield from ((block, known[each]) for block, each in zip(blocks, sets, strict=True) if each[-1] < first)
     try:
-        for block, found in run_each(partial(_run, job, threads), missing(), executor):
-            sets = sets_of(block, plan.shape)
-            parts = [known[sets[sets < first]]] if known is not None and sets[0] < first else []
-            yield block, Sets.joined([*parts, *([] if found is None else [found])])
+        for block, found in run_each(partial(run_sets, job, threads=threads), missing(), executor):
+            at = sets_of(block, plan.shape)
+            yield block, Sets.joined([known[at[at < first]], found]) if known is not None and at[0] < first else found
     except LcpImpactError:
         raise
     except Exception as error:
@@ -134,10 +137,6 @@ def run_blocks(
             "the same call resumes",
             None,
         ) from error
-
-
-def _run(job: Job, threads: int, values: dict[str, Array] | None) -> Sets | None:
-    return run_sets(job, values, threads) if values is not None else None
 
 
 def run_each(

@@ -20,6 +20,7 @@ from lcpimpact.registry import nearest
 from lcpimpact.simulation import simulate, time_grid
 from lcpimpact.sweeps.samples import Plan
 from lcpimpact.sweeps.side_by_side import Output, has_trace, output_of, run_side_by_side
+from lcpimpact.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,13 +42,36 @@ class Job:
     dt: float
     t_end: float
     lcp_solver: str
-    outputs: tuple[str, ...]
+    outputs: tuple[str, ...] = ()
     certify: bool = True
 
     @property
     def grid(self) -> Grid:
         """The instants of the coordinates of a run."""
         return time_grid(self.dt, self.t_end)
+
+    def run(self) -> Trajectory:
+        """Run one set; a run that fails says so by its status, and Ctrl-C ends all.
+
+        Raises
+        ------
+        LcpImpactError
+            If the method refuses the problem.
+        """
+        solver = self.lcp_solver if self.integrator.solves_lcp else "auto"
+        with np.errstate(over="ignore", invalid="ignore"):  # of the certificate of a run that diverges
+            run = simulate(
+                self.problem,
+                self.integrator,
+                dt=self.dt,
+                t_end=self.t_end,
+                lcp_solver=solver,
+                throw=False,
+                progress=False,
+            )
+        if run.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        return run
 
     def quantities(self) -> list[Quantity]:
         """Return the outputs as quantities."""
@@ -171,11 +195,7 @@ def runs_side_by_side(job: Job, plan: Plan) -> bool:
 
 def _run(job: Job, times: Callable[[str], Array], quantities: Sequence[Quantity]) -> tuple[Status, str, dict[str, Any]]:
     """Run one set, and return its status, message and outputs; ``times`` are the instants of the series of all sets."""
-    run = simulate(
-        job.problem, job.integrator, dt=job.dt, t_end=job.t_end, lcp_solver=job.lcp_solver, throw=False, progress=False
-    )
-    if run.status is Status.INTERRUPTED:
-        raise KeyboardInterrupt
+    run = job.run()
     if not run.success:
         return run.status, run.message, {}
     found = {each.name: each.measure(run) for each in quantities}

@@ -149,6 +149,6 @@ def test_threads_share_the_sets():
     from lcpimpact.simulation import make_integrator
 
     job = job_module.Job(SYSTEM_1, make_integrator("moreau-jean", {}), 1e-2, 1.0, "auto", ("R.max",))
-    values = {"c_o": np.linspace(100.0, 400.0, 5000)}
+    values = {"c_o": np.linspace(100.0, 400.0, 5000), "k_o": np.linspace(3000.0, 5000.0, 5000)}
     one, two = (job_module.run_sets(replace(job), values, threads) for threads in (1, 2))
     assert (one.outputs["R.max"] == two.outputs["R.max"]).all()

@@ -102,7 +102,7 @@ class Lanes:
         N, kept = parameters.shape[1], len(self.readings)
         results = np.empty((1 + kept + len(self.stops) * self.state, N))
         room = np.zeros(self.rows * LANES)
-        self.run(self.loads, self.stops, parameters, self.constants, room, results)
+        self.run(self.loads, self.stops, np.ascontiguousarray(parameters), self.constants, room, results)
         states = results[1 + kept :].reshape(len(self.stops), self.state, N)
         return results[0] == 0.0, results[1 : 1 + kept], states
 

@@ -214,7 +214,7 @@ def _side_by_side(
     sets |= {"number": np.arange(float(len(runs))), "dt": np.array(ends) / np.array(steps)}
     sets |= {"t_end": np.array(ends)} if len(set(ends)) > 1 else {}
     method, solver = sampling.integrator, sampling.lcp_solver
-    job = Strobes(problems[0], method, 1.0, ends[0], solver, (), sampling=sampling, problems=problems, forces=forces)
+    job = Strobes(problems[0], method, 1.0, ends[0], solver, sampling=sampling, problems=problems, forces=forces)
 
     def change(changed: Mapping[str, Any]) -> Job:
         return replace(job, problem=family(*(changed[name] for name in values)))
