@@ -33,6 +33,9 @@ PAIRS = [
     for method in METHODS_IN_LANES
     if method == "moreau-jean" or problem in OF_ALL_METHODS
 ]
+ALONE = ("three-balls", "impact-pair")
+"""Problems whose sets are not regular: an LCP that is solved by cancellation, and starts that must touch a stop."""
+
 REFUSED = ("hertz", "hunt", "plastic", "hereditary", "bar-", "bouncing-bar", "ball-in-air")
 """Problems with springs of power laws, loads beside a varying one, or constants that are no sums."""
 
@@ -68,6 +71,9 @@ def test_every_method_has_the_bits_of_single_runs(name, method, rng):
     base = np.array([value_at(problem, each) for each in addresses])
     values = base[:, None] * rng.uniform(0.85, 1.0, (len(base), LANES + 3))
     regular, kept, states = compiled.take(values)
+    if name in ALONE:
+        assert not regular.any()
+        return
     assert regular.mean() > 0.9
     for k in np.flatnonzero(regular)[[0, 7, -1]]:
         single = with_values(problem, dict(zip(addresses, map(float, values[:, k]), strict=True)))
