@@ -217,9 +217,9 @@ class Problem:
         return self._initial(self.v0, self.dynamics.motion(0.0)[1])
 
     def _initial(self, given: Mapping[str, float], driven: Array) -> Array:
-        values = np.array([number(given.get(node, 0.0)) for node in self.dynamics.nodes])
-        values[self.dynamics.driven] = driven
-        return values
+        d = self.dynamics
+        found = {node: number(given.get(node, 0.0)) for node in d.nodes}
+        return np.array([*(found | dict(zip((d.nodes[i] for i in sorted(d.motions)), driven, strict=True))).values()])
 
 
 def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, Any]) -> Problem:
