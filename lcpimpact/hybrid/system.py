@@ -32,7 +32,7 @@ from scipy.linalg import null_space
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble, solve, stacked
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.hybrid.flow import Flow, SparseRows, sparse
+from lcpimpact.hybrid.flow import Block, Flow, SparseRows, sparse
 from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
 from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp
 from lcpimpact.scheme.decomposition import degrees_together, is_singular
@@ -308,8 +308,16 @@ class System:
                 F[:, rubs] = (DoubleDouble.of(self.coupling(mode)[rubs]) @ DoubleDouble(F)).parts
             # Cancellation in A + B F is set to zero: balanced forces cause no motion.
             closed = round_to_zero(A + B @ DoubleDouble(F), np.abs(A.hi) + np.abs(B.hi) @ np.abs(F[0]))
-            self.flows[mode.key] = Flow(closed, self.duration), DoubleDouble(F)
+            self.flows[mode.key] = Flow(closed, self.duration, self.mass), DoubleDouble(F)
         return self.flows[mode.key]
+
+    @cached_property
+    def mass(self) -> Block | None:
+        """The mass matrix of the massive coordinates, whose velocities are states side by side, if it is not diagonal."""
+        d, E = self.dynamics, self.form.parts.massive
+        M = E.T @ DoubleDouble(np.stack([d.M, d.residues[0] if d.residues else np.zeros_like(d.M)])) @ E
+        diagonal = not (M.hi - np.diag(np.diag(M.hi))).any()
+        return None if diagonal else Block(E.shape[1] + self.form.parts.damped.shape[1], M)
 
     def _held(self, mode: Mode) -> tuple[DoubleDouble, DoubleDouble]:
         """Return O (k, N) and G (k, nc) of the constraints of a mode, O X + G r = 0."""
