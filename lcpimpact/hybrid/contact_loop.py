@@ -1,40 +1,36 @@
 """Events of unilateral contacts in compiled code, one after the other and without the interpreter.
 
-Between events it is `lcpimpact.hybrid.flow`, at events the law of impact and the LCPs of `lcpimpact.hybrid.mode_choice`. In
-small systems without friction, sliders and relays, whose matrix G determines the forces, these need no general solver:
-principal pivots in double-doubles find the one solution. All else is left to `lcpimpact.hybrid.transition`, event by event:
-redundant contacts, accumulating impacts, breakpoints of signals, and modes that last for many windows.
+Between events it is `lcpimpact.hybrid.flow`, at events `lcpimpact.hybrid.contacts`. All else is left to
+`lcpimpact.hybrid.transition`, event by event: redundant contacts, accumulating impacts, breakpoints of signals, and modes
+that last for many windows.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from threading import Lock
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, vector
-from lcpimpact.double_double import add, eliminate, product, total
-from lcpimpact.hybrid.complementarity import Meeting, approach, at_rest, exchange, rebound
-from lcpimpact.hybrid.flow import BERNSTEIN, Generator, SparseRows, Window, on_rows, scan, sparse
+from lcpimpact.double_double import add
+from lcpimpact.hybrid.contacts import choose, plant_type, settle, strike
+from lcpimpact.hybrid.flow import Generator, SparseRows, Window, on_rows, scan, sparse
 from lcpimpact.hybrid.gaps import reading
-from lcpimpact.hybrid.system import FINE_ZERO, ZERO, Mode, System
-from lcpimpact.scheme.terms import RowLaw
+from lcpimpact.hybrid.system import FINE_ZERO, Mode, Plant, System, contact_mode
 
-MAX_STATES = 32
-"""Largest number of states of a small system."""
+ADDING = Lock()
+"""Held by who adds a mode to a table: runs of one problem in several threads share it."""
 
 WINDOWS = 512
 """Number of windows of a mode above which the general code looks for its end."""
 
 EVENTS_PER_CALL = 128
 """Number of events in one call of compiled code; Ctrl-C acts between calls."""
-
-REGULAR_RTOL = 1e-8
-"""Smallest pivot of a regular matrix of contacts, relative to its diagonal."""
 
 GAP_RESOLUTION = 2.0**-65
 """Gap, relative to its terms, below which it has fewer than nine digits."""
@@ -48,36 +44,6 @@ END_RTOL = 4.0 * float(np.finfo(float).eps)
 REACHED, GENERAL, NEW_MODE, NO_END, FULL = range(5)
 """Why the compiled loop returns: the instant is reached, the next event is left to the general code, its mode is not in the
 table, the last mode has no end yet, or the log is full."""
-
-
-class Plant(NamedTuple):
-    """The system: its matrices in double-doubles (2, ...), see `lcpimpact.hybrid.system`.
-
-    Attributes
-    ----------
-    A, B, C, CA, O, G : double-doubles
-    degree : (nc,) array        relative degrees
-    meets : (nc,) array         which rows have impacts
-    e : (nc,) array             coefficients of restitution
-    reach : (N, N) array        effect of each state on the others within a window
-    moves : (N,) array          the states that are not signals
-    basis : (2, p + 1, p + 1)   from monomial to Bernstein coefficients
-    breakpoints : (nb,) array   those of the signals
-    """
-
-    A: Array
-    B: Array
-    C: Array
-    CA: Array
-    O: Array  # noqa: E741
-    G: Array
-    degree: Indices
-    meets: Flags
-    e: Array
-    reach: Array
-    moves: Flags
-    basis: Array
-    breakpoints: Array
 
 
 class Modes(NamedTuple):
@@ -149,177 +115,12 @@ class Limits(NamedTuple):
 
 
 flags2, indices2 = types.boolean[:, ::1], types.int64[:, ::1]
-plant_type = types.NamedTuple(
-    (cube, cube, cube, cube, cube, cube, indices, flags, vector, matrix, flags, cube, vector), Plant
-)
 modes_type = types.NamedTuple((flags2, vector, types.float64[:, :, :, ::1], *3 * (matrix, indices2, indices)), Modes)
 present_type = types.NamedTuple(
     (vector, matrix, vector, matrix, vector, indices, matrix, indices, indices, flags), Present
 )
 log_type = types.NamedTuple((matrix, matrix, cube, matrix, matrix, matrix, indices2, indices2), Log)
 limits_type = types.NamedTuple((f8, f8, i8, i8), Limits)
-
-
-@compiled(types.boolean(matrix, indices))
-def regular(G: Array, rows: Indices) -> bool:
-    """Return whether a block of G is positive definite beyond rounding, and symmetric if it has more than two rows."""
-    n = len(rows)
-    L = np.zeros((n, n))
-    for a in range(n):
-        for b in range(n):
-            L[a, b] = G[rows[a], rows[b]]
-            size = math.sqrt(abs(G[rows[a], rows[a]] * G[rows[b], rows[b]]))
-            if n > 2 and not abs(L[a, b] - G[rows[b], rows[a]]) <= REGULAR_RTOL * size:
-                return False
-    for k in range(n):
-        if not L[k, k] > REGULAR_RTOL * abs(G[rows[k], rows[k]]):
-            return False
-        for a in range(k + 1, n):
-            L[a] -= L[a, k] / L[k, k] * L[k]
-    return True
-
-
-@compiled(matrix(plant_type, matrix, vector, flags, flags))
-def settle(plant: Plant, X: Array, scale: Array, no_gap: Flags, no_rate: Flags) -> Array:
-    """Return X with held gaps and rates put back to zero by changes in proportion to the size of states."""
-    n, gaps, rates = X.shape[1], np.flatnonzero(no_gap), np.flatnonzero(no_rate)
-    k, X = len(gaps) + len(rates), X.copy()
-    if k == 0:
-        return X
-    constraint = np.empty((2, k, n))
-    for part in range(2):
-        for a, i in enumerate(gaps):
-            constraint[part, a] = plant.C[part, i]
-        for a, i in enumerate(rates):
-            constraint[part, len(gaps) + a] = plant.CA[part, i]
-    moves = np.where(plant.moves, scale, 0.0)
-    weighted, change = constraint[0] * moves, np.zeros((2, n))
-    for _ in range(2):
-        rest = product(constraint, X.copy().reshape(2, n, 1))[0, :, 0].copy()
-        if not rest.any():
-            break
-        if k == 1:
-            size = np.sum(weighted[0] * weighted[0])
-            change[0] = -moves * (weighted[0] * (rest[0] / size if size > 0.0 else 0.0))
-        else:
-            change[0] = -moves * np.linalg.lstsq(weighted, rest, ZERO)[0]
-        X = total(X, change)
-    return X
-
-
-@compiled(types.Tuple((matrix, vector, flags, types.boolean))(plant_type, matrix, vector, flags, flags))
-def strike(plant: Plant, X: Array, scale: Array, no_gap: Flags, no_rate: Flags) -> tuple[Array, Array, Flags, bool]:
-    """Return X after the impacts, their impulses (nc,), the rates that are zero then, and whether that is determined."""
-    opening = reading(plant.C, plant.CA, X, scale, no_gap, no_rate, FINE_ZERO)
-    u, U = opening[0], opening[1]
-    rows, bounce, _, meet = approach(u, U, U, plant.e, plant.meets)
-    P = np.zeros(len(no_gap))
-    if not meet:
-        return X, P, no_rate, True
-    if not regular(plant.G[0], rows):
-        return X, P, no_rate, False
-    meeting = Meeting(rows, bounce, U, U)
-    _, impulses, ended = rebound(plant.G, plant.B, X, meeting, np.zeros(len(rows)), FINE_ZERO)
-    if not ended:
-        return X, P, no_rate, False
-    after, impulses, ended = rebound(plant.G, plant.B, X, meeting, impulses[0][rows], FINE_ZERO)
-    P = impulses[0].copy()
-    return after, P, at_rest(P, U, plant.e, plant.G[0].copy(), no_rate, plant.degree), ended
-
-
-@compiled(types.Tuple((matrix, matrix, vector, types.boolean))(plant_type, matrix, vector, indices, indices))
-def forces_of(
-    plant: Plant, X: Array, scale: Array, closed: Indices, undecided: Indices
-) -> tuple[Array, Array, Array, bool]:
-    """Return the forces of all rows (2, nc) for one derivative of the motion, openings and tolerances of undecided ones.
-
-    The flag says whether the LCP is determined.
-    """
-    n, nc, k, m = X.shape[1], len(plant.degree), len(closed), len(undecided)
-    g = product(plant.O, X.copy().reshape(2, n, 1))
-    summed, q, W, r = np.zeros(m), np.empty((2, m)), np.empty((2, m, m)), np.zeros((2, nc))
-    for a, i in enumerate(undecided):
-        summed[a] = np.sum(np.abs(plant.O[0, i]) * scale)
-        for part in range(2):
-            q[part, a] = g[part, i, 0]
-            for b, j in enumerate(undecided):
-                W[part, a, b] = plant.G[part, i, j]
-    eliminated = np.empty((2, k, m + 1))
-    if k:
-        block, coupling = np.empty((2, k, k)), np.empty((2, m, k))
-        for part in range(2):
-            for a, i in enumerate(closed):
-                eliminated[part, a, 0] = g[part, i, 0]
-                for b, j in enumerate(closed):
-                    block[part, a, b] = plant.G[part, i, j]
-                for b, j in enumerate(undecided):
-                    eliminated[part, a, 1 + b] = plant.G[part, i, j]
-                    coupling[part, b, a] = plant.G[part, j, i]
-        eliminated = eliminate(block, eliminated)
-        back = product(coupling, eliminated)
-        for a in range(m):
-            q[0, a], q[1, a] = add(q[0, a], q[1, a], -back[0, a, 0], -back[1, a, 0])
-            summed[a] += np.sum(np.abs(coupling[0, a]) * np.abs(eliminated[0, :, 0]))
-            for b in range(m):
-                W[0, a, b], W[1, a, b] = add(W[0, a, b], W[1, a, b], -back[0, a, 1 + b], -back[1, a, 1 + b])
-    for a in range(m):
-        if abs(q[0, a]) <= FINE_ZERO * summed[a]:
-            q[0, a], q[1, a] = 0.0, 0.0
-    zero, infinite = np.zeros(m), np.full(m, np.inf)
-    z, w, ended = exchange(W, q, zero, zero, infinite, FINE_ZERO * summed)
-    tiny = FINE_ZERO * summed
-    for a in range(m):
-        tiny[a] += FINE_ZERO * np.sum(np.abs(W[0, a]) * np.abs(z[0]))
-    if ended:
-        z, w, ended = exchange(W, q, z[0].copy(), zero, infinite, tiny)
-    for a, i in enumerate(undecided):
-        r[0, i], r[1, i] = z[0, a], z[1, a]
-    for a, i in enumerate(closed):
-        x, x_lo = -eliminated[0, a, 0], -eliminated[1, a, 0]
-        for b in range(m):
-            y = product(eliminated[:, a : a + 1, 1 + b : 2 + b].copy(), z[:, b].copy().reshape(2, 1, 1))
-            x, x_lo = add(x, x_lo, -y[0, 0, 0], -y[1, 0, 0])
-        r[0, i], r[1, i] = x, x_lo
-    return r, w, tiny, ended
-
-
-@compiled(types.Tuple((flags, indices, types.boolean))(plant_type, matrix, vector, flags, flags))
-def choose(plant: Plant, X: Array, scale: Array, no_gap: Flags, no_rate: Flags) -> tuple[Flags, Indices, bool]:
-    """Return the closed rows of the next mode, the order of each zero (-1: for ever), and whether that is determined.
-
-    See `lcpimpact.hybrid.mode_choice`: contacts that touch and do not open are decided by the LCPs of the derivatives.
-    """
-    n, nc = X.shape[1], len(plant.degree)
-    opening = reading(plant.C, plant.CA, X, scale, no_gap, no_rate, FINE_ZERO)
-    u, U = opening[0], opening[1]
-    closed, undecided, order = np.zeros(nc, np.bool_), np.empty(nc, np.bool_), np.empty(nc, np.int64)
-    for i in range(nc):
-        degree = plant.degree[i]
-        undecided[i] = degree == 0 or not (u[0, i] > 0.0 or (degree == 2 and U[0, i] > 0.0))
-        order[i] = 0 if u[0, i] > 0.0 else 1
-    if not undecided.any():
-        return closed, order, True
-    if not regular(plant.G[0], np.flatnonzero(undecided)):
-        return closed, order, False
-    for level in range(n + 1):
-        rows, unknown = np.flatnonzero(closed), np.flatnonzero(undecided)
-        if len(unknown) == 0:
-            break
-        r, w, tiny, determined = forces_of(plant, X, scale, rows, unknown)
-        if not determined:
-            return closed, order, False
-        for a, i in enumerate(unknown):
-            if abs(r[0, i]) * plant.G[0, i, i] > tiny[a]:
-                closed[i], undecided[i], order[i] = True, False, level
-            elif abs(w[0, a]) > tiny[a]:
-                undecided[i], order[i] = False, plant.degree[i] + level
-        size = np.empty(n)
-        for i in range(n):
-            size[i] = np.sum(np.abs(plant.A[0, i]) * scale) + np.sum(np.abs(plant.B[0, i]) * np.abs(r[0]))
-        pushed = product(plant.B, r.reshape(2, nc, 1))[:, :, 0].copy()
-        X, scale = total(product(plant.A, X.copy().reshape(2, n, 1))[:, :, 0].copy(), pushed), size
-    order[undecided] = -1
-    return closed, order, True
 
 
 @compiled(types.boolean(plant_type, present_type, flags, flags, vector))
@@ -401,13 +202,13 @@ def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int
     if not np.isfinite(present.X).all() or unresolved(plant, present, no_gap, no_rate, scale):
         return GENERAL
     before = settle(plant, present.X, scale, no_gap, no_rate)
-    after, P, rests, determined = strike(plant, before, scale, no_gap, no_rate)
+    after, P, rests, determined = strike(plant, before, scale, no_gap, no_rate, FINE_ZERO)
     if not determined or tires(plant, present, P, no_rate):
         return GENERAL
     if P.any():
         for i in range(N):
             scale[i] = max(scale[i], np.sum(np.abs(plant.B[0, i]) * P))
-    closed, order, determined = choose(plant, after, scale, no_gap, rests)
+    closed, order, determined = choose(plant, after, scale, no_gap, rests, FINE_ZERO)
     if not determined:
         return GENERAL
     place = place_of(modes, closed)
@@ -452,18 +253,6 @@ def follow_contacts(plant: Plant, modes: Modes, present: Present, log: Log, limi
     return REACHED, k
 
 
-def is_plain(system: System, solver: str) -> bool:
-    """Return whether a system is small and has contacts only, each of one relative degree, and no solver is asked for."""
-    return (
-        solver == "auto"
-        and len(system.fine.A) <= MAX_STATES
-        and system.inputs is None
-        and bool(system.dynamics.contacts)
-        and all(contact.law is RowLaw.CONTACT for contact in system.dynamics.contacts)
-        and not system.mixed
-    )
-
-
 @dataclass(eq=False)
 class ContactTable:
     """The system and its modes so far, for the compiled loop.
@@ -484,48 +273,48 @@ class ContactTable:
     named: dict[tuple[int, bytes], Mode] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, system: System) -> ContactTable:
-        """Return the table of a system, without modes."""
-        fine, d = system.fine, system.dynamics
-        N, nc, m = len(fine.A), len(system.degree), 2 * len(d.nodes) + len(system.degree)
-        A, B, C, CA, O, G = (  # noqa: E741
-            np.ascontiguousarray(each.parts) for each in (fine.A, fine.B, fine.C, fine.CA, fine.O, fine.G)
-        )
-        laws = np.asarray(system.degree, dtype=np.int64), system.meets, np.asarray(system.restitution, dtype=np.float64)
-        moves, none = np.arange(N) < system.form.constant, np.zeros(0, np.int64)
-        plant = Plant(A, B, C, CA, O, G, *laws, system.reach, moves, BERNSTEIN, np.zeros(0))
-        sparse_rows = [(np.zeros((2, 0)), np.zeros((0, n + 1), np.int64), none) for n in (N, nc, m)]
-        step, closed = np.zeros((0, 2, N, N)), np.zeros((0, nc), np.bool_)
-        return cls(plant, Modes(closed, np.zeros(0), step, *sparse_rows[0], *sparse_rows[1], *sparse_rows[2]))
+    def of(cls, system: System, plant: Plant) -> ContactTable:
+        """Return the table of a system, without modes or with those of its last run."""
+        if "contacts" not in system.tables:
+            N, nc, m = len(plant.moves), len(plant.e), 2 * len(system.dynamics.nodes) + len(plant.e)
+            none, step, closed = np.zeros(0, np.int64), np.zeros((0, 2, N, N)), np.zeros((0, nc), np.bool_)
+            rows = [(np.zeros((2, 0)), np.zeros((0, n + 1), np.int64), none) for n in (N, nc, m)]
+            modes = Modes(closed, np.zeros(0), step, *rows[0], *rows[1], *rows[2])
+            system.tables["contacts"] = cls(plant, modes)
+        table: ContactTable = system.tables["contacts"]
+        return table
 
     def place(self, system: System, closed: tuple[int, ...]) -> int:
         """Return the place of a mode, which is added if it is new."""
-        if closed not in self.places:
-            mode, old = Mode(closed, (), (), ()), self.modes
-            flow, _ = system.reaction(mode)
-            rows = system.ends(mode)[2]
-            found: list[Array] = []
-            for k, each in enumerate((sparse(flow.generator), sparse(rows), system.coordinates(mode).entries)):
-                entries, starts, columns = old[3 + 3 * k : 6 + 3 * k]
-                found += [
-                    np.concatenate([entries, each.entries], axis=1),
-                    np.concatenate([starts, each.starts[None] + entries.shape[1]]),
-                    np.concatenate([columns, each.columns]),
-                ]
-            shut = np.isin(np.arange(len(system.degree)), closed)[None]
-            step = np.concatenate([old.step, flow.squares[0].parts[None]])
-            self.modes = Modes(np.concatenate([old.closed, shut]), np.append(old.δ, flow.window), step, *found)
-            self.rows.append(rows.hi)
-            self.places[closed] = len(self.places)
+        with ADDING:
+            if closed not in self.places:
+                self._add(system, closed)
         return self.places[closed]
+
+    def _add(self, system: System, closed: tuple[int, ...]) -> None:
+        """Add a mode."""
+        mode, old = Mode(closed, (), (), ()), self.modes
+        flow, _ = system.reaction(mode)
+        rows = system.ends(mode)[2]
+        found: list[Any] = []
+        for k, each in enumerate((sparse(flow.generator), sparse(rows), system.coordinates(mode).entries)):
+            entries, starts, columns = old[3 + 3 * k : 6 + 3 * k]
+            found += [
+                np.concatenate([entries, each.entries], axis=1),
+                np.concatenate([starts, each.starts[None] + entries.shape[1]]),
+                np.concatenate([columns, each.columns]),
+            ]
+        shut = np.isin(np.arange(len(system.degree)), closed)[None]
+        step = np.concatenate([old.step, flow.squares[0].parts[None]])
+        self.modes = Modes(np.concatenate([old.closed, shut]), np.append(old.δ, flow.window), step, *found)
+        self.rows.append(rows.hi)
+        self.places[closed] = len(self.places)
 
     def mode(self, place: int, order: Indices) -> Mode:
         """Return the mode at a place with the orders of its zeros."""
         key = place, order.tobytes()
         if key not in self.named:
-            none = (0,) * len(order)
-            rows = tuple(np.flatnonzero(self.modes.closed[place]).tolist())
-            self.named[key] = Mode(rows, (), tuple(order.tolist()), none, none)
+            self.named[key] = contact_mode(self.modes.closed[place], order)
         return self.named[key]
 
     def new_log(self) -> Log:

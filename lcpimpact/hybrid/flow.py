@@ -34,7 +34,7 @@ from scipy.linalg import matrix_balance, schur, solve_sylvester
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, i8, indices, matrix, vector
-from lcpimpact.double_double import EPS, DoubleDouble, add, divide, multiply, pair, product, solve, two_product
+from lcpimpact.double_double import EPS, DoubleDouble, add, divide, multiply, pair, solve, two_product
 from lcpimpact.errors import InputError
 
 DEGREE = 30
@@ -42,6 +42,9 @@ DEGREE = 30
 
 FINE_TERMS = 20
 """Number of its terms that are double-doubles; the rounding of later ones in floats is 1e-16/21! of the first."""
+
+READING_RTOL = 2.0**-75
+"""Terms of a reading in floats, relative to the largest, that are omitted after the last larger one."""
 
 FIRST_WINDOWS, WINDOWS_PER_CALL = 64, 20_000
 """Smallest number of windows in the first call of compiled code, and number in each later one; Ctrl-C acts between calls."""
@@ -340,17 +343,19 @@ def on_row(A: SparseRows, m: int, X: Array) -> tuple[float, float]:
     return x, x_lo
 
 
-@compiled(types.void(generator_type, f8, vector, vector))
-def next_term(A: Generator, factor: float, X: Array, Y: Array) -> None:
-    """Write the multiple of A X by a factor into Y (N,), in floats."""
-    Q = A.Q
-    for m in range(len(X)):
+@compiled(types.boolean(generator_type, f8, matrix, i8))
+def next_term(A: Generator, δ: float, Y: Array, i: int) -> bool:
+    """Write A δ Y_{i-1}/i into Y_i (p + 1, N), in floats, and return whether it is not zero."""
+    Q, scale, moves = A.Q, δ / i, False
+    for m in range(Y.shape[1]):
         x = 0.0
         for at in range(Q.starts[m], Q.starts[m + 1]):
-            x += Q.entries[0, at] * X[Q.columns[at]]
-        Y[m] = x * factor
+            x += Q.entries[0, at] * Y[i - 1, Q.columns[at]]
+        Y[i, m] = x * scale
+        moves |= x != 0.0
     if A.band.shape[1]:
-        divide_by_block(A.band, A.first, Y)
+        divide_by_block(A.band, A.first, Y[i])
+    return moves
 
 
 @compiled(matrix(generator_type, f8, vector, i8))
@@ -359,8 +364,7 @@ def expand(A: Generator, δ: float, X: Array, degree: int) -> Array:
     Y = np.empty((degree + 1, len(X)))
     Y[0] = X
     for i in range(1, degree + 1):
-        next_term(A, δ / i, Y[i - 1], Y[i])
-        if not Y[i].any():
+        if not next_term(A, δ, Y, i):
             return Y[:i]
     return Y
 
@@ -371,22 +375,28 @@ def expand_finely(A: Generator, δ: float, X: Array, degree: int) -> Array:
 
     δ is a power of two.
     """
-    Z = np.zeros((degree + 1, 2, X.shape[1]))
+    fine = min(degree, FINE_TERMS)
+    Z = np.empty((degree + 1, 2, X.shape[1]))
     Z[0] = X
-    for i in range(1, degree + 1):
-        if i > FINE_TERMS:
-            next_term(A, δ / i, Z[i - 1, 0], Z[i, 0])
-        else:
-            inverse = 1.0 / i
-            p, p_lo = two_product(inverse, float(i))
-            rest = ((1.0 - p) - p_lo) / i
-            for m in range(X.shape[1]):
-                x, x_lo = on_row(A.Q, m, Z[i - 1])
-                Z[i, 0, m], Z[i, 1, m] = multiply(δ * x, δ * x_lo, inverse, rest)
-            if A.band.shape[1]:
-                divide_finely(A.band, A.first, Z[i])
-        if not Z[i].any():
+    for i in range(1, fine + 1):
+        inverse, moves = 1.0 / i, False
+        p, p_lo = two_product(inverse, float(i))
+        rest = ((1.0 - p) - p_lo) / i
+        for m in range(X.shape[1]):
+            x, x_lo = on_row(A.Q, m, Z[i - 1])
+            Z[i, 0, m], Z[i, 1, m] = multiply(δ * x, δ * x_lo, inverse, rest)
+            moves |= x != 0.0
+        if not moves:
             return Z[:i]
+        if A.band.shape[1]:
+            divide_finely(A.band, A.first, Z[i])
+    Y = np.empty((degree - fine + 1, X.shape[1]))
+    Y[0] = Z[fine, 0]
+    for i in range(fine + 1, degree + 1):
+        Z[i, 1] = 0.0
+        if not next_term(A, δ * (i - fine) / i, Y, i - fine):
+            return Z[:i]
+        Z[i, 0] = Y[i - fine]
     return Z
 
 
@@ -401,7 +411,10 @@ def stays_positive(rows: SparseRows, row: int, Y: Array, drop: int, basis: Array
             if i >= drop:
                 a[i - drop] += y
     noise *= ROUNDING
-    if a[0] - np.abs(a[1:]).sum() > noise:
+    low = a[0]
+    for i in range(1, len(a)):
+        low -= abs(a[i])
+    if low > noise:
         return True
     for m in range(len(basis)):
         b = 0.0
@@ -452,7 +465,13 @@ def summed(Z: Array) -> Array:
 @compiled(matrix(cube, matrix))
 def moved(step: Array, X: Array) -> Array:
     """Return the product of a matrix (2, N, N) and a state (2, N)."""
-    return product(step, X.copy().reshape(2, -1, 1))[:, :, 0].copy()
+    Y = np.zeros_like(X)
+    for i in range(X.shape[1]):
+        for k in range(X.shape[1]):
+            if step[0, i, k] != 0.0:
+                x, x_lo = multiply(step[0, i, k], step[1, i, k], X[0, k], X[1, k])
+                Y[0, i], Y[1, i] = add(Y[0, i], Y[1, i], x, x_lo)
+    return np.asarray(Y)
 
 
 @compiled(cube(generator_type, f8, i8, i8))
@@ -543,7 +562,7 @@ def sample(
     ``powers`` are exp(2ᵏ A δ), or none to walk from window to window.
     """
     n, m = starts.shape[2], len(R.starts) - 1
-    found, a = np.zeros((len(times), m)), np.zeros((degree + 1, m))
+    found, a, sizes, last = np.zeros((len(times), m)), np.zeros((degree + 1, m)), np.zeros(m), 0
     state, here, of, Z = np.zeros((2, n)), -1, -1, np.zeros((1, 2, n))
     for k in range(len(times)):
         window = int(max(times[k], 0.0) / δ)
@@ -560,14 +579,16 @@ def sample(
                     state = moved(powers[bit], state)
                 jump, bit = jump >> 1, bit + 1
             here, Z = window, expand_finely(A, δ, state, degree)
+            last = 0
             for i in range(len(Z)):
-                a[i] = on_rows(R, Z[i])
+                for j in range(m):
+                    a[i, j], _ = on_row(R, j, Z[i])
+                    sizes[j] = abs(a[i, j]) if i == 0 else max(sizes[j], abs(a[i, j]))
+                    last = i if abs(a[i, j]) > READING_RTOL * sizes[j] else last
         s = times[k] / δ - window
-        for j in range(m):
-            x = 0.0
-            for i in range(len(Z) - 1, -1, -1):
-                x = x * s + a[i, j]
-            found[k, j] = x
+        for i in range(last, -1, -1):
+            for j in range(m):
+                found[k, j] = found[k, j] * s + a[i, j]
     return found
 
 

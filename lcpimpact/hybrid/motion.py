@@ -26,8 +26,8 @@ from lcpimpact.hybrid.contact_loop import (
     Limits,
     Log,
     Present,
+    find_end,
     follow_contacts,
-    is_plain,
 )
 from lcpimpact.hybrid.event_loop import (
     Ending,
@@ -39,7 +39,7 @@ from lcpimpact.hybrid.event_loop import (
 from lcpimpact.hybrid.gaps import gaps, still
 from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.state_jump import enter_constraint
-from lcpimpact.hybrid.system import FINE_ZERO, ZERO, Mode, Still, System, refuse_mixed_degrees
+from lcpimpact.hybrid.system import FINE_ZERO, ZERO, Mode, Still, System, refuse_mixed_degrees, system_of
 from lcpimpact.hybrid.transition import enter, happened, parted, state_of
 from lcpimpact.problems.base import GIVEN_ZERO_RTOL, Problem
 from lcpimpact.record import Event, State
@@ -176,7 +176,7 @@ def begin(
     size, breakpoints = np.abs(X) if scale is None else scale, system.form.breakpoints(start, end)
     X = np.where(np.arange(len(X)) == system.form.constant, 1.0, X)
     next_event = (DoubleDouble.of(np.inf), none, DoubleDouble.of(X))
-    table = ContactTable.of(system) if is_plain(system, solver) else None
+    table = ContactTable.of(system, system.plant) if system.plant is not None and solver == "auto" else None
     motion = HybridMotion(system, end, solver, max_events, breakpoints, size, next_event, never, short, table)
     _begin_segment(motion, t, DoubleDouble.of(X), none, GIVEN_ZERO_RTOL if scale is None else ZERO, v)
     return motion
@@ -202,7 +202,7 @@ def begin_problem(
     if end > LONGEST_RUN:
         raise InputError(f"t_end = {end:g} s is longer than {LONGEST_RUN:g} s, and t² no number: take a shorter t_end")
     problem, _ = enter_constraint(problem, solver)
-    system = System(dynamics or problem.dynamics, end)
+    system = system_of(dynamics or problem.dynamics, end)
     refuse_mixed_degrees(system, method, except_schemes=True)
     q, v = problem.initial_coordinates, problem.initial_velocities
     with refuse_undetermined(problem, method):
@@ -243,7 +243,17 @@ def _begin_segment(
 
 
 def _find_end(motion: HybridMotion) -> None:
-    """Find the end of the last segment: an event, a breakpoint of the signals, or none before the end of the run."""
+    """Find the end of the last segment: an event, a breakpoint of the signals, or none; in compiled code if it is near."""
+    if motion.table is not None:
+        plant, present = motion.table.plant._replace(breakpoints=motion.breakpoints), _present(motion, motion.table)
+        if find_end(plant, motion.table.modes, present, _limits(motion, motion.end)):
+            _unpack(motion, motion.table, present)
+            return
+    _find_end_generally(motion)
+
+
+def _find_end_generally(motion: HybridMotion) -> None:
+    """Find the end of the last segment in any number of windows, or the breakpoint that ends it."""
     segment, system = motion.segments[-1], motion.system
     flow, _ = system.reaction(segment.mode)
     watch = system.watch(segment.mode)
@@ -268,39 +278,50 @@ def _find_end(motion: HybridMotion) -> None:
 
 def _follow_contacts(motion: HybridMotion, table: ContactTable, until: float) -> None:
     """Follow the motion up to an instant, or to an event that the compiled loop leaves to the general code."""
-    system, plant = motion.system, table.plant._replace(breakpoints=motion.breakpoints)
-    limits = Limits(until, motion.end, motion.max_events, motion.max_at_once)
+    plant, limits = table.plant._replace(breakpoints=motion.breakpoints), _limits(motion, until)
     while motion.next_event[0].hi <= until:
-        last, (t, _, X) = motion.segments[-1], motion.next_event
-        place, log = table.place(system, last.mode.closed), table.new_log()
-        present = Present(
-            *(np.array(each.parts, order="C") for each in (last.start, last.state, t, X)), motion.scale.copy(),
-            np.array(last.mode.order), motion.impacts, motion.short,
-            np.array([place, motion.row, motion.switches, motion.at_once]), np.zeros(len(motion.short), np.bool_),
-        )  # fmt: skip
+        present, log = _present(motion, table), table.new_log()
         why, count = follow_contacts(plant, table.modes, present, log, limits)
         if count:
-            _, motion.row, motion.switches, motion.at_once = present.numbers.tolist()
-            motion.scale = present.scale
             _append(motion, table, log, count)
+            _unpack(motion, table, present)
             if why == NO_END:
-                _find_end(motion)
-            else:
-                row = (
-                    table.rows[int(present.numbers[0])][motion.row] if motion.row >= 0 else np.zeros(len(present.scale))
-                )
-                motion.next_event = (DoubleDouble(present.t), row, DoubleDouble(present.X))
+                _find_end_generally(motion)
         if why == NEW_MODE:
-            table.place(system, tuple(np.flatnonzero(present.wanted).tolist()))
+            table.place(motion.system, tuple(np.flatnonzero(present.wanted).tolist()))
         elif why not in (NO_END, FULL):
             return
 
 
+def _limits(motion: HybridMotion, until: float) -> Limits:
+    """Return where the compiled loop ends."""
+    return Limits(until, motion.end, motion.max_events, motion.max_at_once)
+
+
+def _present(motion: HybridMotion, table: ContactTable) -> Present:
+    """Return the last segment and the next event of a motion, for compiled code."""
+    last, (t, _, X) = motion.segments[-1], motion.next_event
+    numbers = [table.place(motion.system, last.mode.closed), motion.row, motion.switches, motion.at_once]
+    start, state, when, there = (np.array(each.parts, order="C") for each in (last.start, last.state, t, X))
+    order, wanted = np.array(last.mode.order), np.zeros(len(motion.short), np.bool_)
+    return Present(
+        start, state, when, there, motion.scale.copy(), order, motion.impacts, motion.short, np.array(numbers), wanted
+    )
+
+
+def _unpack(motion: HybridMotion, table: ContactTable, present: Present) -> None:
+    """Write the next event from compiled code into the motion."""
+    place, motion.row, motion.switches, motion.at_once = present.numbers.tolist()
+    motion.scale = present.scale
+    row = table.rows[place][motion.row] if motion.row >= 0 else np.zeros(len(motion.scale))
+    motion.next_event = (DoubleDouble(present.t), row, DoubleDouble(present.X))
+
+
 def _append(motion: HybridMotion, table: ContactTable, log: Log, count: int) -> None:
     """Append the segments of a log."""
-    system, (start, before, state, left, right, impulse, order, switch) = motion.system, (each[:count] for each in log)
-    states = [[State(*each) for each in zip(*parted(system, side), strict=True)] for side in (left, right)]
-    for k, (old, new, row) in enumerate(switch.tolist()):
+    system, (start, before, state, left, right, impulse, order, switch) = motion.system, log
+    states = [[State(*each) for each in zip(*parted(system, side[:count]), strict=True)] for side in (left, right)]
+    for k, (old, new, row) in enumerate(switch[:count].tolist()):
         mode, was = table.mode(new, order[k]), motion.segments[-1].mode
         events = happened(system, float(start[k, 0]), was, mode, impulse[k], states[0][k], states[1][k])
         segment = Segment(

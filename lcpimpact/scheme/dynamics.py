@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -171,6 +172,14 @@ class Dynamics:
             names = ", ".join(repr(self.contacts[i].name) for i in np.flatnonzero(path[0]))
             found[Feature.IMPULSE_PATHS] = f"contacts {names}, once all are closed"
         return found
+
+    @cached_property
+    def derived(self) -> dict[str, Any]:
+        """What others derive from these equations and keep here, for the next run; never saved."""
+        return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "derived"}
 
     @cached_property
     def decomposition(self) -> Decomposition:
