@@ -18,7 +18,7 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, vector
 from lcpimpact.double_double import add
-from lcpimpact.hybrid.contacts import choose, plant_type, settle, strike
+from lcpimpact.hybrid.contacts import choose, plant_type, settle, size_of, strike
 from lcpimpact.hybrid.flow import Generator, SparseRows, Window, on_rows, scan, sparse
 from lcpimpact.hybrid.gaps import reading
 from lcpimpact.hybrid.system import FINE_ZERO, Mode, Plant, System, contact_mode
@@ -130,8 +130,7 @@ def unresolved(plant: Plant, present: Present, no_gap: Flags, no_rate: Flags, sc
         return False
     u = reading(plant.C, plant.CA, present.state, scale, no_gap, no_rate, FINE_ZERO)[0]
     for i in range(len(plant.meets)):
-        size = np.sum(np.abs(plant.C[0, i]) * scale)
-        if plant.meets[i] and 0.0 < u[0, i] < GAP_RESOLUTION * size:
+        if plant.meets[i] and 0.0 < u[0, i] < GAP_RESOLUTION * size_of(plant.C[0, i], scale):
             return True
     return False
 
@@ -140,7 +139,10 @@ def unresolved(plant: Plant, present: Present, no_gap: Flags, no_rate: Flags, sc
 def place_of(modes: Modes, closed: Flags) -> int:
     """Return the place of a mode in the table, or -1."""
     for k in range(len(modes.closed)):
-        if (modes.closed[k] == closed).all():
+        same = True
+        for i in range(len(closed)):
+            same &= modes.closed[k, i] == closed[i]
+        if same:
             return k
     return -1
 
@@ -201,13 +203,13 @@ def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int
         no_gap[i], no_rate[i] = held and plant.degree[i] > 0, held and plant.degree[i] >= 2
     if not np.isfinite(present.X).all() or unresolved(plant, present, no_gap, no_rate, scale):
         return GENERAL
-    before = settle(plant, present.X, scale, no_gap, no_rate)
+    before, independent = settle(plant, present.X, scale, no_gap, no_rate)
     after, P, rests, determined = strike(plant, before, scale, no_gap, no_rate, FINE_ZERO)
-    if not determined or tires(plant, present, P, no_rate):
+    if not (independent and determined) or tires(plant, present, P, no_rate):
         return GENERAL
     if P.any():
         for i in range(N):
-            scale[i] = max(scale[i], np.sum(np.abs(plant.B[0, i]) * P))
+            scale[i] = max(scale[i], size_of(plant.B[0, i], P))
     closed, order, determined = choose(plant, after, scale, no_gap, rests, FINE_ZERO)
     if not determined:
         return GENERAL
@@ -228,7 +230,7 @@ def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int
             present.impacts[0, i], present.impacts[1, i] = t, t_lo
     present.start[:], present.state[:], present.order[:] = present.t, after, order
     for i in range(N):
-        present.scale[i] = max(scale[i], np.sum(plant.reach[i] * scale))
+        present.scale[i] = max(scale[i], size_of(plant.reach[i], scale))
     present.numbers[0] = place
     return REACHED
 

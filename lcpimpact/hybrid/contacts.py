@@ -14,10 +14,10 @@ from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, indices, matrix, vector
-from lcpimpact.double_double import add, eliminate, product, total
+from lcpimpact.double_double import add, eliminate, multiply, product, total
 from lcpimpact.hybrid.complementarity import Meeting, approach, at_rest, exchange, rebound
-from lcpimpact.hybrid.gaps import reading
-from lcpimpact.hybrid.system import ZERO, Plant
+from lcpimpact.hybrid.gaps import REFINEMENTS, reading
+from lcpimpact.hybrid.system import Plant
 
 REGULAR_RTOL = 1e-8
 """Smallest pivot of a regular matrix of contacts, relative to its diagonal."""
@@ -25,6 +25,27 @@ REGULAR_RTOL = 1e-8
 plant_type = types.NamedTuple(
     (cube, cube, cube, cube, cube, cube, indices, flags, vector, matrix, flags, cube, vector), Plant
 )
+
+
+@compiled(f8(vector, vector))
+def size_of(row: Array, scale: Array) -> float:
+    """Return Σ |c_j| s_j, the size of the terms of c·X."""
+    size = 0.0
+    for j in range(len(row)):
+        size += abs(row[j]) * abs(scale[j])
+    return size
+
+
+@compiled(matrix(cube, matrix))
+def applied(A: Array, X: Array) -> Array:
+    """Return A X (2, m) of a matrix (2, m, N) and a vector (2, N)."""
+    Y = np.zeros((2, A.shape[1]))
+    for i in range(A.shape[1]):
+        for j in range(A.shape[2]):
+            if A[0, i, j] != 0.0:
+                x, x_lo = multiply(A[0, i, j], A[1, i, j], X[0, j], X[1, j])
+                Y[0, i], Y[1, i] = add(Y[0, i], Y[1, i], x, x_lo)
+    return Y
 
 
 @compiled(types.boolean(matrix, indices))
@@ -42,36 +63,61 @@ def regular(G: Array, rows: Indices) -> bool:
         if not L[k, k] > REGULAR_RTOL * abs(G[rows[k], rows[k]]):
             return False
         for a in range(k + 1, n):
-            L[a] -= L[a, k] / L[k, k] * L[k]
+            factor = L[a, k] / L[k, k]
+            for b in range(k, n):
+                L[a, b] -= factor * L[k, b]
     return True
 
 
-@compiled(matrix(plant_type, matrix, vector, flags, flags))
-def settle(plant: Plant, X: Array, scale: Array, no_gap: Flags, no_rate: Flags) -> Array:
-    """Return X with held gaps and rates put back to zero by changes in proportion to the size of states."""
-    n, gaps, rates = X.shape[1], np.flatnonzero(no_gap), np.flatnonzero(no_rate)
-    k, X = len(gaps) + len(rates), X.copy()
+@compiled(types.Tuple((matrix, types.boolean))(plant_type, matrix, vector, flags, flags))
+def settle(plant: Plant, X: Array, scale: Array, no_gap: Flags, no_rate: Flags) -> tuple[Array, bool]:
+    """Return X with held gaps and rates put back to zero, and whether their rows are independent.
+
+    The states change in proportion to their size, and as little as possible: by wᵀ (w wᵀ)⁻¹ of the rest, where w are the
+    rows in units of the states.
+    """
+    n, nc, k = X.shape[1], len(no_gap), 0
+    constraint = np.empty((2, 2 * nc, n))
+    for rates in range(2):
+        for i in range(nc):
+            if no_rate[i] if rates else no_gap[i]:
+                for part in range(2):
+                    for m in range(n):
+                        constraint[part, k, m] = plant.CA[part, i, m] if rates else plant.C[part, i, m]
+                k += 1
     if k == 0:
-        return X
-    constraint = np.empty((2, k, n))
-    for part in range(2):
-        for a, i in enumerate(gaps):
-            constraint[part, a] = plant.C[part, i]
-        for a, i in enumerate(rates):
-            constraint[part, len(gaps) + a] = plant.CA[part, i]
-    moves = np.where(plant.moves, scale, 0.0)
-    weighted, change = constraint[0] * moves, np.zeros((2, n))
-    for _ in range(2):
-        rest = product(constraint, X.copy().reshape(2, n, 1))[0, :, 0].copy()
-        if not rest.any():
+        return X, True
+    w, size, gram, rest = np.zeros((k, n)), np.zeros(k), np.zeros((2, k, k)), np.zeros((2, k, 1))
+    for a in range(k):
+        for m in range(n):
+            w[a, m] = constraint[0, a, m] * scale[m] if plant.moves[m] else 0.0
+            size[a] += w[a, m] * w[a, m]
+        size[a] = math.sqrt(size[a])
+        for m in range(n):
+            w[a, m] = w[a, m] / size[a] if size[a] > 0.0 else 0.0
+        for b in range(a + 1):
+            for m in range(n):
+                gram[0, a, b] += w[a, m] * w[b, m]
+            gram[0, b, a] = gram[0, a, b]
+    if not regular(gram[0], np.arange(k)):
+        return X, False
+    change = np.zeros((2, n))
+    for _ in range(REFINEMENTS):
+        now = applied(constraint, X)
+        moves = False
+        for a in range(k):
+            rest[0, a, 0] = now[0, a] / size[a]
+            moves |= now[0, a] != 0.0
+        if not moves:
             break
-        if k == 1:
-            size = np.sum(weighted[0] * weighted[0])
-            change[0] = -moves * (weighted[0] * (rest[0] / size if size > 0.0 else 0.0))
-        else:
-            change[0] = -moves * np.linalg.lstsq(weighted, rest, ZERO)[0]
+        y = eliminate(gram, rest)
+        for m in range(n):
+            change[0, m] = 0.0
+            for a in range(k):
+                change[0, m] -= w[a, m] * y[0, a, 0]
+            change[0, m] *= scale[m]
         X = total(X, change)
-    return X
+    return X, True
 
 
 @compiled(types.Tuple((matrix, vector, flags, types.boolean))(plant_type, matrix, vector, flags, flags, f8))
@@ -104,13 +150,13 @@ def forces_of(
 
     The flag says whether the LCP is determined.
     """
-    n, nc, k, m = X.shape[1], len(plant.degree), len(closed), len(undecided)
-    g = product(plant.O, X.copy().reshape(2, n, 1))
+    nc, k, m = len(plant.degree), len(closed), len(undecided)
+    g = applied(plant.O, X)
     summed, q, W, r = np.zeros(m), np.empty((2, m)), np.empty((2, m, m)), np.zeros((2, nc))
     for a, i in enumerate(undecided):
-        summed[a] = np.sum(np.abs(plant.O[0, i]) * scale)
+        summed[a] = size_of(plant.O[0, i], scale)
         for part in range(2):
-            q[part, a] = g[part, i, 0]
+            q[part, a] = g[part, i]
             for b, j in enumerate(undecided):
                 W[part, a, b] = plant.G[part, i, j]
     eliminated = np.empty((2, k, m + 1))
@@ -118,7 +164,7 @@ def forces_of(
         block, coupling = np.empty((2, k, k)), np.empty((2, m, k))
         for part in range(2):
             for a, i in enumerate(closed):
-                eliminated[part, a, 0] = g[part, i, 0]
+                eliminated[part, a, 0] = g[part, i]
                 for b, j in enumerate(closed):
                     block[part, a, b] = plant.G[part, i, j]
                 for b, j in enumerate(undecided):
@@ -128,7 +174,8 @@ def forces_of(
         back = product(coupling, eliminated)
         for a in range(m):
             q[0, a], q[1, a] = add(q[0, a], q[1, a], -back[0, a, 0], -back[1, a, 0])
-            summed[a] += np.sum(np.abs(coupling[0, a]) * np.abs(eliminated[0, :, 0]))
+            for b in range(k):
+                summed[a] += abs(coupling[0, a, b] * eliminated[0, b, 0])
             for b in range(m):
                 W[0, a, b], W[1, a, b] = add(W[0, a, b], W[1, a, b], -back[0, a, 1 + b], -back[1, a, 1 + b])
     for a in range(m):
@@ -138,7 +185,7 @@ def forces_of(
     z, w, ended = exchange(W, q, lower, lower, upper, zero * summed)
     tiny = zero * summed
     for a in range(m):
-        tiny[a] += zero * np.sum(np.abs(W[0, a]) * np.abs(z[0]))
+        tiny[a] += zero * size_of(W[0, a], z[0])
     if ended:
         z, w, ended = exchange(W, q, z[0].copy(), lower, upper, tiny)
     for a, i in enumerate(undecided):
@@ -146,8 +193,8 @@ def forces_of(
     for a, i in enumerate(closed):
         x, x_lo = -eliminated[0, a, 0], -eliminated[1, a, 0]
         for b in range(m):
-            y = product(eliminated[:, a : a + 1, 1 + b : 2 + b].copy(), z[:, b].copy().reshape(2, 1, 1))
-            x, x_lo = add(x, x_lo, -y[0, 0, 0], -y[1, 0, 0])
+            y, y_lo = multiply(eliminated[0, a, 1 + b], eliminated[1, a, 1 + b], z[0, b], z[1, b])
+            x, x_lo = add(x, x_lo, -y, -y_lo)
         r[0, i], r[1, i] = x, x_lo
     return r, w, tiny, ended
 
@@ -164,9 +211,10 @@ def choose(
     opening = reading(plant.C, plant.CA, X, scale, no_gap, no_rate, zero)
     u, U = opening[0], opening[1]
     closed, undecided, order = np.zeros(nc, np.bool_), np.empty(nc, np.bool_), np.empty(nc, np.int64)
-    for i in range(nc):
-        undecided[i] = plant.degree[i] == 0 or not (u[0, i] > 0.0 or (plant.degree[i] == 2 and U[0, i] > 0.0))
-        order[i] = 0 if u[0, i] > 0.0 else 1
+    for k in range(nc):
+        opens = u[0, k] > 0.0 or (plant.degree[k] == 2 and U[0, k] > 0.0)
+        undecided[k] = plant.degree[k] == 0 or not opens
+        order[k] = 0 if u[0, k] > 0.0 else 1
     if not undecided.any():
         return closed, order, True
     if not regular(plant.G[0], np.flatnonzero(undecided)):
@@ -184,9 +232,9 @@ def choose(
             elif abs(w[0, a]) > tiny[a]:
                 undecided[i], order[i] = False, plant.degree[i] + level
         size = np.empty(n)
-        for i in range(n):
-            size[i] = np.sum(np.abs(plant.A[0, i]) * scale) + np.sum(np.abs(plant.B[0, i]) * np.abs(r[0]))
-        pushed = product(plant.B, r.reshape(2, nc, 1))[:, :, 0].copy()
-        X, scale = total(product(plant.A, X.copy().reshape(2, n, 1))[:, :, 0].copy(), pushed), size
-    order[undecided] = -1
+        for k in range(n):
+            size[k] = size_of(plant.A[0, k], scale) + size_of(plant.B[0, k], r[0])
+        X, scale = total(applied(plant.A, X), applied(plant.B, r)), size
+    for k in range(nc):
+        order[k] = -1 if undecided[k] else order[k]
     return closed, order, True
