@@ -16,10 +16,10 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, vector
+from lcpimpact.compiled import address, compiled, cube, f8, flags, i8, indices, matrix, vector
 from lcpimpact.double_double import add
 from lcpimpact.hybrid.contacts import choose, plant_type, settle, size_of, strike
-from lcpimpact.hybrid.flow import Generator, SparseRows, Window, on_rows, scan, sparse
+from lcpimpact.hybrid.flow import Generator, SparseRows, Window, on_rows, scan, sparse, sparse_type, window_type
 from lcpimpact.hybrid.gaps import reading
 from lcpimpact.hybrid.system import FINE_ZERO, Mode, Plant, System, contact_mode
 
@@ -147,13 +147,24 @@ def place_of(modes: Modes, closed: Flags) -> int:
     return -1
 
 
-@compiled(types.boolean(plant_type, modes_type, present_type, limits_type))
-def find_end(plant: Plant, modes: Modes, present: Present, limits: Limits) -> bool:
-    """Find the end of the last segment, and return whether it is found: else there are many windows, or a breakpoint."""
+scan_type = types.FunctionType(
+    types.Tuple((i8, i8, f8, f8))(window_type, matrix, sparse_type, indices, cube, i8, vector)
+)
+
+
+@compiled(types.boolean(plant_type, modes_type, present_type, limits_type, scan_type))
+def find_end(plant: Plant, modes: Modes, present: Present, limits: Limits, scan: Any) -> bool:
+    """Find the end of the last segment, and return whether it is found: else there are many windows, or a breakpoint.
+
+    ``scan`` is that of `lcpimpact.hybrid.flow`.
+    """
     mode, t0 = present.numbers[0], present.start[0]
     δ, last = modes.δ[mode], limits.end * (1.0 + END_RTOL)
-    later = np.searchsorted(plant.breakpoints, t0, side="right")
-    stop = plant.breakpoints[later] if later < len(plant.breakpoints) else np.inf
+    stop = np.inf
+    for each in plant.breakpoints:
+        if each > t0:
+            stop = each
+            break
     horizon = min(stop, last) - t0
     windows = math.floor(min(horizon / δ, 1e18)) + 1
     A = SparseRows(modes.entries, modes.starts[mode], modes.columns)
@@ -193,23 +204,21 @@ def tires(plant: Plant, present: Present, P: Array, passes_on: Flags) -> bool:
 def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int:
     """Enter the next mode by the event at hand, and write entry k of the log; what is returned is REACHED if so."""
     mode, nc, N = present.numbers[0], len(plant.degree), present.X.shape[1]
-    scale, no_gap, no_rate = (
-        np.maximum(present.scale, np.abs(present.X[0])),
-        np.empty(nc, np.bool_),
-        np.empty(nc, np.bool_),
-    )
+    scale, no_gap, no_rate, finite = present.scale.copy(), np.empty(nc, np.bool_), np.empty(nc, np.bool_), True
+    for i in range(N):
+        scale[i] = max(scale[i], abs(present.X[0, i]))
+        finite &= math.isfinite(present.X[0, i])
     for i in range(nc):
         held = modes.closed[mode, i] or present.order[i] < 0
         no_gap[i], no_rate[i] = held and plant.degree[i] > 0, held and plant.degree[i] >= 2
-    if not np.isfinite(present.X).all() or unresolved(plant, present, no_gap, no_rate, scale):
+    if not finite or unresolved(plant, present, no_gap, no_rate, scale):
         return GENERAL
     before, independent = settle(plant, present.X, scale, no_gap, no_rate)
     after, P, rests, determined = strike(plant, before, scale, no_gap, no_rate, FINE_ZERO)
     if not (independent and determined) or tires(plant, present, P, no_rate):
         return GENERAL
-    if P.any():
-        for i in range(N):
-            scale[i] = max(scale[i], size_of(plant.B[0, i], P))
+    for i in range(N):
+        scale[i] = max(scale[i], size_of(plant.B[0, i], P))
     closed, order, determined = choose(plant, after, scale, no_gap, rests, FINE_ZERO)
     if not determined:
         return GENERAL
@@ -217,27 +226,43 @@ def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int
     if place < 0:
         present.wanted[:] = closed
         return NEW_MODE
-    log.start[k], log.before[k], log.state[k] = present.t, present.X[0], after
     log.left[k] = on_rows(SparseRows(modes.read_entries, modes.read_starts[mode], modes.read_columns), before)
     log.right[k] = on_rows(SparseRows(modes.read_entries, modes.read_starts[place], modes.read_columns), after)
-    log.impulse[k], log.order[k] = P, order
     log.switch[k, 0], log.switch[k, 1], log.switch[k, 2] = mode, place, present.numbers[1]
     t, t_lo = present.t[0], present.t[1]
     for i in range(nc):
+        log.impulse[k, i], log.order[k, i], present.order[i] = P[i], order[i], order[i]
         if P[i] > 0.0 and not no_rate[i]:
             flight = (t - present.impacts[0, i]) + (t_lo - present.impacts[1, i])
             present.short[i] = present.short[i] + 1 if flight < LAST_FLIGHT_RTOL * abs(t) else 0
             present.impacts[0, i], present.impacts[1, i] = t, t_lo
-    present.start[:], present.state[:], present.order[:] = present.t, after, order
+    for part in range(2):
+        log.start[k, part] = present.start[part] = present.t[part]
+        for i in range(N):
+            log.state[k, part, i] = present.state[part, i] = after[part, i]
     for i in range(N):
+        log.before[k, i] = present.X[0, i]
         present.scale[i] = max(scale[i], size_of(plant.reach[i], scale))
     present.numbers[0] = place
     return REACHED
 
 
-@compiled(types.UniTuple(i8, 2)(plant_type, modes_type, present_type, log_type, limits_type))
-def follow_contacts(plant: Plant, modes: Modes, present: Present, log: Log, limits: Limits) -> tuple[int, int]:
-    """Follow the motion from event to event; return why the loop ends, and how many segments are in the log."""
+enter_type = types.FunctionType(i8(plant_type, modes_type, present_type, log_type, i8))
+find_end_type = types.FunctionType(types.boolean(plant_type, modes_type, present_type, limits_type, scan_type))
+
+
+@compiled(
+    types.UniTuple(i8, 2)(
+        plant_type, modes_type, present_type, log_type, limits_type, enter_type, find_end_type, scan_type
+    )
+)
+def follow_contacts(
+    plant: Plant, modes: Modes, present: Present, log: Log, limits: Limits, enter: Any, find_end: Any, scan: Any
+) -> tuple[int, int]:
+    """Follow the motion from event to event; return why the loop ends, and how many segments are in the log.
+
+    The functions that it calls are arguments (see `CALLED`), since their code is compiled once so.
+    """
     k, numbers = 0, present.numbers
     while present.t[0] <= limits.until:
         duration = (present.t[0] - present.start[0]) + (present.t[1] - present.start[1])
@@ -250,9 +275,14 @@ def follow_contacts(plant: Plant, modes: Modes, present: Present, log: Log, limi
         if why != REACHED:
             return why, k
         numbers[2], numbers[3], k = numbers[2] + 1, at_once, k + 1
-        if not find_end(plant, modes, present, limits):
+        if not find_end(plant, modes, present, limits, scan):
             return NO_END, k
     return REACHED, k
+
+
+SCAN = address(scan, scan_type)
+CALLED = address(enter, enter_type), address(find_end, find_end_type), SCAN
+"""The functions that `find_end` and `follow_contacts` call."""
 
 
 @dataclass(eq=False)
