@@ -16,10 +16,10 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import address, compiled, cube, f8, flags, i8, indices, matrix, vector
+from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, vector
 from lcpimpact.double_double import add
 from lcpimpact.hybrid.contacts import choose, plant_type, settle, size_of, strike
-from lcpimpact.hybrid.flow import Generator, SparseRows, Window, on_rows, scan, sparse, sparse_type, window_type
+from lcpimpact.hybrid.flow import Generator, SparseRows, Window, on_rows, scan, sparse
 from lcpimpact.hybrid.gaps import reading
 from lcpimpact.hybrid.system import FINE_ZERO, Mode, Plant, System, contact_mode
 
@@ -147,17 +147,9 @@ def place_of(modes: Modes, closed: Flags) -> int:
     return -1
 
 
-scan_type = types.FunctionType(
-    types.Tuple((i8, i8, f8, f8))(window_type, matrix, sparse_type, indices, cube, i8, vector)
-)
-
-
-@compiled(types.boolean(plant_type, modes_type, present_type, limits_type, scan_type))
-def find_end(plant: Plant, modes: Modes, present: Present, limits: Limits, scan: Any) -> bool:
-    """Find the end of the last segment, and return whether it is found: else there are many windows, or a breakpoint.
-
-    ``scan`` is that of `lcpimpact.hybrid.flow`.
-    """
+@compiled(types.boolean(plant_type, modes_type, present_type, limits_type))
+def find_end(plant: Plant, modes: Modes, present: Present, limits: Limits) -> bool:
+    """Find the end of the last segment, and return whether it is found: else there are many windows, or a breakpoint."""
     mode, t0 = present.numbers[0], present.start[0]
     δ, last = modes.δ[mode], limits.end * (1.0 + END_RTOL)
     stop = np.inf
@@ -247,22 +239,9 @@ def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int
     return REACHED
 
 
-enter_type = types.FunctionType(i8(plant_type, modes_type, present_type, log_type, i8))
-find_end_type = types.FunctionType(types.boolean(plant_type, modes_type, present_type, limits_type, scan_type))
-
-
-@compiled(
-    types.UniTuple(i8, 2)(
-        plant_type, modes_type, present_type, log_type, limits_type, enter_type, find_end_type, scan_type
-    )
-)
-def follow_contacts(
-    plant: Plant, modes: Modes, present: Present, log: Log, limits: Limits, enter: Any, find_end: Any, scan: Any
-) -> tuple[int, int]:
-    """Follow the motion from event to event; return why the loop ends, and how many segments are in the log.
-
-    The functions that it calls are arguments (see `CALLED`), since their code is compiled once so.
-    """
+@compiled(types.UniTuple(i8, 2)(plant_type, modes_type, present_type, log_type, limits_type))
+def follow_contacts(plant: Plant, modes: Modes, present: Present, log: Log, limits: Limits) -> tuple[int, int]:
+    """Follow the motion from event to event; return why the loop ends, and how many segments are in the log."""
     k, numbers = 0, present.numbers
     while present.t[0] <= limits.until:
         duration = (present.t[0] - present.start[0]) + (present.t[1] - present.start[1])
@@ -275,14 +254,9 @@ def follow_contacts(
         if why != REACHED:
             return why, k
         numbers[2], numbers[3], k = numbers[2] + 1, at_once, k + 1
-        if not find_end(plant, modes, present, limits, scan):
+        if not find_end(plant, modes, present, limits):
             return NO_END, k
     return REACHED, k
-
-
-SCAN = address(scan, scan_type)
-CALLED = address(enter, enter_type), address(find_end, find_end_type), SCAN
-"""The functions that `find_end` and `follow_contacts` call."""
 
 
 @dataclass(eq=False)

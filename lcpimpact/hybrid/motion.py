@@ -15,7 +15,6 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.contact_loop import (
-    CALLED,
     END_RTOL,
     FULL,
     GAP_RESOLUTION,
@@ -23,7 +22,6 @@ from lcpimpact.hybrid.contact_loop import (
     MIN_FLIGHTS,
     NEW_MODE,
     NO_END,
-    SCAN,
     ContactTable,
     Limits,
     Log,
@@ -248,7 +246,7 @@ def _find_end(motion: HybridMotion) -> None:
     """Find the end of the last segment: an event, a breakpoint of the signals, or none; in compiled code if it is near."""
     if motion.table is not None:
         plant, present = motion.table.plant._replace(breakpoints=motion.breakpoints), _present(motion, motion.table)
-        if find_end(plant, motion.table.modes, present, _limits(motion, motion.end), SCAN):
+        if find_end(plant, motion.table.modes, present, _limits(motion, motion.end)):
             _unpack(motion, motion.table, present)
             return
     _find_end_generally(motion)
@@ -283,7 +281,7 @@ def _follow_contacts(motion: HybridMotion, table: ContactTable, until: float) ->
     plant, limits = table.plant._replace(breakpoints=motion.breakpoints), _limits(motion, until)
     while motion.next_event[0].hi <= until:
         present, log = _present(motion, table), table.new_log()
-        why, count = follow_contacts(plant, table.modes, present, log, limits, *CALLED)
+        why, count = follow_contacts(plant, table.modes, present, log, limits)
         if count:
             _append(motion, table, log, count)
             _unpack(motion, table, present)
