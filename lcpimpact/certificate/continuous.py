@@ -43,6 +43,7 @@ class SampledMotion:
     before : tuple                          q and r before each event
     impacts : RunImpacts
     at : (ni,) array                        the cut of each impact
+    grid : tuple                            q, v, r at the times of the record, right limits
     """
 
     pieces: Pieces
@@ -58,22 +59,23 @@ class SampledMotion:
     before: tuple[Array, Array]
     impacts: RunImpacts
     at: Indices
+    grid: tuple[Array, Array, Array]
 
     @classmethod
     def of(
         cls,
         d: Dynamics,
         start: tuple[Array, Array],
-        end: float,
+        grid: Array,
         dense: ContinuousSolution,
         events: Sequence[Event],
     ) -> SampledMotion:
-        """Return the samples up to the end of a run; ``start`` holds the initial q and v."""
+        """Return the samples up to the end of a run on a grid; ``start`` holds the initial q and v."""
+        end = float(grid[-1])
         inside = dense.cuts[dense.cuts <= end]
         pieces = Pieces(np.unique(np.concatenate([inside, [event.t for event in events if event.t <= end], [end]])))
         t, cuts = pieces.times, pieces.cuts
-        q, v, r = dense.read(t, "right")
-        right = dense.read(cuts, "right")
+        (q, v, r), right, on_grid = _read_together(dense, (t, cuts, grid))
         q_left, v_left = right[0].copy(), right[1].copy()
         q_left[0], v_left[0] = start if d.stores_energy else (right[0][0], start[1])
         instants, first = np.unique([event.t for event in events], return_index=True)
@@ -87,7 +89,7 @@ class SampledMotion:
         at = np.asarray(np.searchsorted(cuts, impacts.t), dtype=np.int64)
         return cls(
             pieces=pieces, resolved=dense.resolves(cuts), t=t, q=q, v=v, r=r, f=f, g=g,
-            right=right, left=(q_left, v_left), before=before, impacts=impacts, at=at,
+            right=right, left=(q_left, v_left), before=before, impacts=impacts, at=at, grid=on_grid,
         )  # fmt: skip
 
     def at_cuts(self, values: Array) -> Array:
@@ -115,7 +117,7 @@ def judge_continuous(
     limits: Limits,
 ) -> tuple[Judgement, Scales, tuple[float, float]]:
     """Judge a continuous solution, piece by piece between its cuts and events."""
-    run = SampledMotion.of(d, start, float(record.t[-1]), dense, events)
+    run = SampledMotion.of(d, start, record.t, dense, events)
     q, v, r = (np.concatenate(each) for each in zip((run.q, run.v, run.r), run.right, strict=True))
     h = np.where(run.resolved, np.diff(run.pieces.cuts), 0.0)
     scales = Scales.of(d, q, np.concatenate([v, run.left[1]]), r, run.f).at_least(d, float(h.max(initial=0.0)))
@@ -127,7 +129,7 @@ def judge_continuous(
         **_judge_nodes(d, run, scales, limits, elapsed, (error_p, error_q)),
         **_judge_contacts(d, run, scales, limits, largest_impulses(d, events), np.abs(d.H) @ error_q[-1]),
         "energy_balance": largest_violation(np.abs(energy), np.repeat(allowed_E, 2)),
-        "sampling": _sampling(record, dense, scales, limits.precision),
+        "sampling": _sampling(record, dense, run.grid, scales, limits.precision),
     }
     return found, scales, (float(np.abs(energy).max()), scale)
 
@@ -207,17 +209,30 @@ def _judge_contacts(
     }
 
 
-def _sampling(record: Record, dense: ContinuousSolution, scales: Scales, ε: float) -> tuple[float, float]:
-    """Return the largest difference of the record from either limit of the continuous solution, relative to each scale."""
+def _read_together(dense: ContinuousSolution, times: Sequence[Array]) -> list[tuple[Array, Array, Array]]:
+    """Return q, v and r at each of several series of times, right limits, in one reading."""
+    together = np.concatenate(times)
+    order = np.argsort(together, kind="stable")
+    back, ends = np.argsort(order, kind="stable"), np.cumsum([len(each) for each in times])[:-1]
+    q, v, r = (np.split(each[back], ends) for each in dense.read(together[order], "right"))
+    return list(zip(q, v, r, strict=True))
+
+
+def _sampling(
+    record: Record, dense: ContinuousSolution, right: tuple[Array, Array, Array], scales: Scales, ε: float
+) -> tuple[float, float]:
+    """Return the largest difference of the record from either limit of the continuous solution, relative to each scale.
+
+    ``right`` holds the right limits.
+    """
     ours, sizes = (record.q, record.v, record.reaction), (scales.q, scales.v, scales.r)
 
-    def differences(side: str) -> Array:
-        read = dense.read(record.t, side)
+    def differences(read: tuple[Array, Array, Array]) -> Array:
         return np.asarray(np.max([_relative_difference(*each) for each in zip(ours, read, sizes, strict=True)], axis=0))
 
-    largest = differences("right")
+    largest = differences(right)
     if (largest > ε).any():
-        largest = np.minimum(largest, differences("left"))
+        largest = np.minimum(largest, differences(dense.read(record.t, "left")))
     return float(largest.max()), ε
 
 

@@ -15,6 +15,9 @@ short the excursion.
 States are double-doubles (see `lcpimpact.double_double`), since floats do not preserve rigid motions: rounding ε in exp(A
 δ) is a small force, by which a body that flies for a time T is off by about ‖A‖ T³ ε. Floats decide which windows are
 free of events.
+
+The generator of a bar with a consistent mass matrix is dense, but A = P⁻¹ Q with a banded P, the mass matrix, and a sparse
+Q. So the powers of A δ cost O(N) each (see `Generator`), and a large system has no dense exp(A δ) unless it must.
 """
 
 from __future__ import annotations
@@ -28,24 +31,35 @@ import numpy as np
 from numba import types
 from numpy.typing import ArrayLike
 from scipy.linalg import matrix_balance, schur, solve_sylvester
-from scipy.sparse.csgraph import connected_components
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, i8, indices, matrix, vector
-from lcpimpact.double_double import EPS, DoubleDouble, add, multiply, pair, product, solve, two_product
+from lcpimpact.double_double import EPS, DoubleDouble, add, divide, multiply, pair, solve, two_product
 from lcpimpact.errors import InputError
 
 DEGREE = 30
 """Degree of the Taylor polynomial of a window: e/31! = 3e-34 is below the rounding of double-doubles."""
 
+FINE_TERMS = 20
+"""Number of its terms that are double-doubles; the rounding of later ones in floats is 1e-16/21! of the first."""
+
+READING_RTOL = 2.0**-75
+"""Terms of a reading in floats, relative to the largest, that are omitted after the last larger one."""
+
 FIRST_WINDOWS, WINDOWS_PER_CALL = 64, 20_000
-"""Numbers of windows examined in the first and in each later call of compiled code; Ctrl-C acts between calls."""
+"""Smallest number of windows in the first call of compiled code, and number in each later one; Ctrl-C acts between calls."""
+
+SQUARINGS = 14
+"""log2 of the power of |A| whose size gives its spectral radius."""
 
 MIN_WINDOWS = 16
 """Minimum number of windows of a run."""
 
 WINDOW_RTOL = 1e-3
 """Excess of a window over 1/ρ, so that the rounding of ρ does not halve it where ρ is a power of two."""
+
+SPLIT_COST = 16
+"""Windows, in units of the number of states, that cost as much as splitting off the fastest rates."""
 
 SPECTRAL_GAP = 8.0
 """Smallest ratio of consecutive decay rates at which the faster ones are split off once they have decayed."""
@@ -171,10 +185,39 @@ def polish(a: Array, s: float) -> tuple[float, float]:
     return (x, x_lo) if x > 0.0 else (s, 0.0)
 
 
+@compiled(matrix(matrix))
+def couplings(A: Array) -> Array:
+    """Return |A| within strong components: zero where j acts on i and i does not act on j, even through others (N, N)."""
+    n = len(A)
+    acts = A != 0.0
+    for k in range(n):
+        for i in range(n):
+            if acts[i, k]:
+                acts[i] |= acts[k]
+    found = np.zeros((n, n))
+    for i in range(n):
+        for j in range(n):
+            if i == j or (acts[i, j] and acts[j, i]):
+                found[i, j] = abs(A[i, j])
+    return found
+
+
+@compiled(f8(matrix))
 def spectral_radius(A: Array) -> float:
-    """Return that of |A|; the couplings between strong components, such as loads, have no part in it."""
-    _, component = connected_components(A != 0.0, connection="strong")
-    return float(np.abs(np.linalg.eigvals(np.where(component[:, None] == component, np.abs(A), 0.0))).max())
+    """Return that of |A|, at most 1e-3 too large, as a limit of ‖|A|ⁿ‖^{1/n} from above (Gelfand).
+
+    The couplings between strong components, such as loads, have no part in it.
+    """
+    power, logarithm = couplings(A), 0.0
+    for k in range(SQUARINGS + 1):
+        size = power.max()
+        if size == 0.0:
+            return 0.0
+        power /= size
+        logarithm += math.log(size) / 2.0**k
+        if k < SQUARINGS:
+            power = power @ power
+    return float(math.exp(logarithm) * len(A) ** (0.5**SQUARINGS))
 
 
 def balance(A: Array) -> tuple[Array, Array]:
@@ -213,6 +256,82 @@ def sparse(A: DoubleDouble) -> SparseRows:
 sparse_type = types.NamedTuple((matrix, indices, indices), SparseRows)
 
 
+class Generator(NamedTuple):
+    """A = P⁻¹ Q, where Q is sparse and P the unit matrix but for a banded block L D Lᵀ.
+
+    Attributes
+    ----------
+    Q : SparseRows
+    first : int                     first row and column of the block
+    band : (2, nb, w + 1) array     row by row the entries of L left of its diagonal, and 1/D; nb = 0 without a block
+    """
+
+    Q: SparseRows
+    first: int
+    band: Array
+
+
+generator_type = types.NamedTuple((sparse_type, i8, cube), Generator)
+
+NO_BAND = np.zeros((2, 0, 1))
+
+
+@compiled(cube(cube, i8))
+def factor(P: Array, w: int) -> Array:
+    """Return the factors L and 1/D of a positive definite P = L D Lᵀ (2, n, n) of bandwidth w, as in `Generator`."""
+    n = P.shape[1]
+    band, d = np.zeros((2, n, w + 1)), np.empty((2, n))
+    for i in range(n):
+        # L_ij D_j = P_ij - Σ_k L_ik D_k L_jk
+        for j in range(max(0, i - w), i + 1):
+            x, x_lo = P[0, i, j], P[1, i, j]
+            for k in range(max(0, i - w), j):
+                a, b = k - i + w, k - j + w
+                if b >= 0:
+                    y, y_lo = multiply(band[0, i, a], band[1, i, a], d[0, k], d[1, k])
+                    y, y_lo = multiply(y, y_lo, band[0, j, b], band[1, j, b])
+                    x, x_lo = add(x, x_lo, -y, -y_lo)
+            if j < i:
+                band[0, i, j - i + w], band[1, i, j - i + w] = divide(x, x_lo, d[0, j], d[1, j])
+            else:
+                d[0, i], d[1, i] = x, x_lo
+                band[0, i, w], band[1, i, w] = divide(1.0, 0.0, x, x_lo)
+    return band
+
+
+@compiled(types.void(cube, i8, vector))
+def divide_by_block(band: Array, first: int, x: Array) -> None:
+    """Replace x (N,) by P⁻¹ x."""
+    n, w = band.shape[1], band.shape[2] - 1
+    for i in range(n):
+        for k in range(max(0, w - i), w):
+            x[first + i] -= band[0, i, k] * x[first + i - w + k]
+    for i in range(n):
+        x[first + i] *= band[0, i, w]
+    for i in range(n - 1, -1, -1):
+        for k in range(max(0, w - i), w):
+            x[first + i - w + k] -= band[0, i, k] * x[first + i]
+
+
+@compiled(types.void(cube, i8, matrix))
+def divide_finely(band: Array, first: int, x: Array) -> None:
+    """Replace x (2, N), double-doubles, by P⁻¹ x."""
+    n, w = band.shape[1], band.shape[2] - 1
+    for i in range(n):
+        at = first + i
+        for k in range(max(0, w - i), w):
+            y, y_lo = multiply(band[0, i, k], band[1, i, k], x[0, at - w + k], x[1, at - w + k])
+            x[0, at], x[1, at] = add(x[0, at], x[1, at], -y, -y_lo)
+    for i in range(n):
+        at = first + i
+        x[0, at], x[1, at] = multiply(band[0, i, w], band[1, i, w], x[0, at], x[1, at])
+    for i in range(n - 1, -1, -1):
+        at = first + i
+        for k in range(max(0, w - i), w):
+            y, y_lo = multiply(band[0, i, k], band[1, i, k], x[0, at], x[1, at])
+            x[0, at - w + k], x[1, at - w + k] = add(x[0, at - w + k], x[1, at - w + k], -y, -y_lo)
+
+
 @compiled(pair(sparse_type, i8, matrix))
 def on_row(A: SparseRows, m: int, X: Array) -> tuple[float, float]:
     """Return row m of A X, a double-double."""
@@ -224,39 +343,60 @@ def on_row(A: SparseRows, m: int, X: Array) -> tuple[float, float]:
     return x, x_lo
 
 
-@compiled(matrix(sparse_type, f8, vector, i8))
-def expand(A: SparseRows, δ: float, X: Array, degree: int) -> Array:
+@compiled(types.boolean(generator_type, f8, matrix, i8))
+def next_term(A: Generator, δ: float, Y: Array, i: int) -> bool:
+    """Write A δ Y_{i-1}/i into Y_i (p + 1, N), in floats, and return whether it is not zero."""
+    Q, scale, moves = A.Q, δ / i, False
+    for m in range(Y.shape[1]):
+        x = 0.0
+        for at in range(Q.starts[m], Q.starts[m + 1]):
+            x += Q.entries[0, at] * Y[i - 1, Q.columns[at]]
+        Y[i, m] = x * scale
+        moves |= x != 0.0
+    if A.band.shape[1]:
+        divide_by_block(A.band, A.first, Y[i])
+    return moves
+
+
+@compiled(matrix(generator_type, f8, vector, i8))
+def expand(A: Generator, δ: float, X: Array, degree: int) -> Array:
     """Return (A δ)^i X/i! in floats, up to the last nonzero one: (at most degree + 1, N)."""
     Y = np.empty((degree + 1, len(X)))
     Y[0] = X
     for i in range(1, degree + 1):
-        for m in range(len(X)):
-            x = 0.0
-            for at in range(A.starts[m], A.starts[m + 1]):
-                x += A.entries[0, at] * Y[i - 1, A.columns[at]]
-            Y[i, m] = x * (δ / i)
-        if not Y[i].any():
+        if not next_term(A, δ, Y, i):
             return Y[:i]
     return Y
 
 
-@compiled(cube(sparse_type, f8, matrix, i8))
-def expand_finely(A: SparseRows, δ: float, X: Array, degree: int) -> Array:
+@compiled(cube(generator_type, f8, matrix, i8))
+def expand_finely(A: Generator, δ: float, X: Array, degree: int) -> Array:
     """Return (A δ)^i X/i!, up to the last nonzero one, double-doubles (at most degree + 1, 2, N).
 
     δ is a power of two.
     """
+    fine = min(degree, FINE_TERMS)
     Z = np.empty((degree + 1, 2, X.shape[1]))
     Z[0] = X
-    for i in range(1, degree + 1):
-        inverse = 1.0 / i
+    for i in range(1, fine + 1):
+        inverse, moves = 1.0 / i, False
         p, p_lo = two_product(inverse, float(i))
         rest = ((1.0 - p) - p_lo) / i
         for m in range(X.shape[1]):
-            x, x_lo = on_row(A, m, Z[i - 1])
+            x, x_lo = on_row(A.Q, m, Z[i - 1])
             Z[i, 0, m], Z[i, 1, m] = multiply(δ * x, δ * x_lo, inverse, rest)
-        if not Z[i].any():
+            moves |= x != 0.0
+        if not moves:
             return Z[:i]
+        if A.band.shape[1]:
+            divide_finely(A.band, A.first, Z[i])
+    Y = np.empty((degree - fine + 1, X.shape[1]))
+    Y[0] = Z[fine, 0]
+    for i in range(fine + 1, degree + 1):
+        Z[i, 1] = 0.0
+        if not next_term(A, δ * (i - fine) / i, Y, i - fine):
+            return Z[:i]
+        Z[i, 0] = Y[i - fine]
     return Z
 
 
@@ -271,7 +411,10 @@ def stays_positive(rows: SparseRows, row: int, Y: Array, drop: int, basis: Array
             if i >= drop:
                 a[i - drop] += y
     noise *= ROUNDING
-    if a[0] - np.abs(a[1:]).sum() > noise:
+    low = a[0]
+    for i in range(1, len(a)):
+        low -= abs(a[i])
+    if low > noise:
         return True
     for m in range(len(basis)):
         b = 0.0
@@ -309,15 +452,56 @@ def horner(Z: Array, s: float, s_lo: float) -> Array:
     return np.asarray(X)
 
 
-class Window(NamedTuple):
-    """How X' = A X moves over one window: its generator A, its length δ, and exp(A δ) (2, N, N)."""
+@compiled(matrix(cube))
+def summed(Z: Array) -> Array:
+    """Return Σ Z_i (2, N), the state at the end of a window."""
+    X = Z[-1].copy()
+    for i in range(len(Z) - 2, -1, -1):
+        for m in range(X.shape[1]):
+            X[0, m], X[1, m] = add(X[0, m], X[1, m], Z[i, 0, m], Z[i, 1, m])
+    return np.asarray(X)
 
-    A: SparseRows
+
+@compiled(matrix(cube, matrix))
+def moved(step: Array, X: Array) -> Array:
+    """Return the product of a matrix (2, N, N) and a state (2, N)."""
+    Y = np.zeros_like(X)
+    for i in range(X.shape[1]):
+        for k in range(X.shape[1]):
+            if step[0, i, k] != 0.0:
+                x, x_lo = multiply(step[0, i, k], step[1, i, k], X[0, k], X[1, k])
+                Y[0, i], Y[1, i] = add(Y[0, i], Y[1, i], x, x_lo)
+    return np.asarray(Y)
+
+
+@compiled(cube(generator_type, f8, i8, i8))
+def exponential(A: Generator, δ: float, n: int, degree: int) -> Array:
+    """Return exp(A δ) (2, n, n)."""
+    found, unit = np.empty((2, n, n)), np.zeros((2, n))
+    for j in range(n):
+        unit[0, j] = 1.0
+        found[:, :, j] = summed(expand_finely(A, δ, unit, degree))
+        unit[0, j] = 0.0
+    return found
+
+
+@compiled(matrix(generator_type, f8, matrix, i8, i8))
+def walk(A: Generator, δ: float, X: Array, windows: int, degree: int) -> Array:
+    """Return the state (2, N) after a number of windows, one after the other."""
+    for _ in range(windows):
+        X = summed(expand_finely(A, δ, X, degree))
+    return np.asarray(X.copy())
+
+
+class Window(NamedTuple):
+    """How X' = A X moves over one window: its generator, its length δ, and exp(A δ) (2, N, N), or none: by the series."""
+
+    A: Generator
     δ: float
     step: Array
 
 
-window_type = types.NamedTuple((sparse_type, f8, cube), Window)
+window_type = types.NamedTuple((generator_type, f8, cube), Window)
 
 
 @compiled(types.Tuple((i8, i8, f8, f8))(window_type, matrix, sparse_type, indices, cube, i8, vector))
@@ -327,7 +511,8 @@ def scan(
     """Return the first window in which a row turns negative, the row, and where in the window, a double-double.
 
     X (2, N) moves on to that instant, or past the last of ``count`` windows, where the window is -1; ``scale`` (N,) grows
-    to the largest |X| at the starts of windows. In the first window the powers below ``order`` of a row are zero.
+    to the largest |X| at the starts of windows. In the first window the powers below ``order`` of a row are zero; a row of
+    negative order is zero for ever.
     """
     (A, δ, step), p, n = window, basis.shape[1] - 1, X.shape[1]
     Z = np.empty((0, 2, n))
@@ -338,6 +523,8 @@ def scan(
         known = False
         first, where, rest = -1, math.inf, 0.0
         for row in range(len(order)):
+            if order[row] < 0:
+                continue
             drop = order[row] if j == 0 else 0
             if stays_positive(rows, row, Y, drop, basis[0]):
                 continue
@@ -349,7 +536,10 @@ def scan(
         if first >= 0:
             X[:] = horner(Z, where, rest)
             return j, first, where, rest
-        X[:] = product(step, X.reshape(2, n, 1))[:, :, 0]
+        if len(step[0]):
+            X[:] = moved(step, X)
+        else:
+            X[:] = summed(Z if known else expand_finely(A, δ, X, p))
     return -1, -1, 0.0, 0.0
 
 
@@ -362,38 +552,43 @@ def on_rows(R: SparseRows, X: Array) -> Array:
     return found
 
 
-@compiled(matrix(sparse_type, f8, cube, types.float64[:, :, :, ::1], vector, indices, sparse_type, i8))
+@compiled(matrix(generator_type, f8, cube, types.float64[:, :, :, ::1], vector, indices, sparse_type, i8))
 def sample(
-    A: SparseRows, δ: float, starts: Array, powers: Array, times: Array, start: Indices, R: SparseRows, degree: int
+    A: Generator, δ: float, starts: Array, powers: Array, times: Array, start: Indices, R: SparseRows, degree: int
 ) -> Array:
     """Return R exp(A t) X in floats at the times t >= 0 (nt,) after ``start`` (nt,) of the ``starts`` X (ns, 2, N): (nt, m).
 
     Cancellation in R X, as in a stiff force, happens in the coefficients of a window, which are double-doubles;
-    ``powers`` are exp(2ᵏ A δ).
+    ``powers`` are exp(2ᵏ A δ), or none to walk from window to window.
     """
     n, m = starts.shape[2], len(R.starts) - 1
-    found, a = np.zeros((len(times), m)), np.zeros((degree + 1, m))
-    state, here, last, of = np.zeros((2, n)), -1, 0, -1
+    found, a, sizes, last = np.zeros((len(times), m)), np.zeros((degree + 1, m)), np.zeros(m), 0
+    state, here, of, Z = np.zeros((2, n)), -1, -1, np.zeros((1, 2, n))
     for k in range(len(times)):
         window = int(max(times[k], 0.0) / δ)
         if window != here or start[k] != of:
             if window < here or start[k] != of:
-                state, here, of = starts[start[k]].copy(), -1, start[k]
-            jump, bit = window - max(here, 0), 0
+                state, here, of = starts[start[k]].copy(), 0, start[k]
+            elif len(powers) == 0:
+                state, here = summed(Z), here + 1
+            jump, bit = window - here, 0
+            if len(powers) == 0:
+                state, jump = walk(A, δ, state, jump, degree), 0
             while jump:
                 if jump & 1:
-                    state = product(powers[bit], state.reshape(2, n, 1))[:, :, 0].copy()
+                    state = moved(powers[bit], state)
                 jump, bit = jump >> 1, bit + 1
             here, Z = window, expand_finely(A, δ, state, degree)
-            last = len(Z) - 1
+            last = 0
             for i in range(len(Z)):
-                a[i] = on_rows(R, Z[i])
+                for j in range(m):
+                    a[i, j], _ = on_row(R, j, Z[i])
+                    sizes[j] = abs(a[i, j]) if i == 0 else max(sizes[j], abs(a[i, j]))
+                    last = i if abs(a[i, j]) > READING_RTOL * sizes[j] else last
         s = times[k] / δ - window
-        for j in range(m):
-            x = 0.0
-            for i in range(last, -1, -1):
-                x = x * s + a[i, j]
-            found[k, j] = x
+        for i in range(last, -1, -1):
+            for j in range(m):
+                found[k, j] = found[k, j] * s + a[i, j]
     return found
 
 
@@ -414,6 +609,13 @@ class ZeroCrossing(NamedTuple):
     state: DoubleDouble
 
 
+class Block(NamedTuple):
+    """The block of P in A = P⁻¹ Q: its first row, and P itself (nb, nb), positive definite."""
+
+    first: int
+    P: DoubleDouble
+
+
 @dataclass(frozen=True, eq=False)
 class Flow:
     """The flow of X' = A X.
@@ -422,10 +624,12 @@ class Flow:
     ----------
     generator : DoubleDouble        A (N, N)
     duration : float                that of the run in s
+    block : Block, optional         the block of P where A = P⁻¹ Q with a sparser Q
     """
 
     generator: DoubleDouble
     duration: float
+    block: Block | None = None
 
     @property
     def A(self) -> Array:
@@ -435,26 +639,39 @@ class Flow:
     @cached_property
     def window(self) -> float:
         """δ, the length of a window in s, a power of two."""
-        longest = 1.0 / max(spectral_radius(self.A), MIN_WINDOWS / self.duration)
+        longest = 1.0 / max(spectral_radius(np.ascontiguousarray(self.A)), MIN_WINDOWS / self.duration)
         return float(2.0 ** math.floor(math.log2((1.0 + WINDOW_RTOL) * longest)))
 
     @cached_property
-    def sparse(self) -> SparseRows:
-        """The entries of A."""
-        return sparse(self.generator)
+    def factors(self) -> Generator:
+        """A, or P⁻¹ and Q if a product with them costs less."""
+        plain = Generator(sparse(self.generator), 0, NO_BAND)
+        if self.block is None:
+            return plain
+        first, P = self.block
+        rows = slice(first, first + len(P))
+        width = int(np.abs(np.subtract(*np.nonzero(P.hi))).max(initial=0))
+        A = self.generator[rows]
+        Q = DoubleDouble(self.generator.parts.copy())
+        Q.parts[:, rows] = (P @ A).parts
+        Q.parts[:, rows][:, np.abs(Q.hi[rows]) <= EPS * (np.abs(P.hi) @ np.abs(A.hi))] = 0.0
+        found = Generator(sparse(Q), first, factor(np.ascontiguousarray(P.parts), width))
+        return found if _cost(found) < _cost(plain) else plain
+
+    @cached_property
+    def walks(self) -> bool:
+        """Whether the series of a window costs less than a product with exp(A δ)."""
+        return FINE_TERMS * _cost(self.factors) + DEGREE * len(self.A) < len(self.A) ** 2
 
     @cached_property
     def step(self) -> Array:
-        """exp(A δ) (2, N, N)."""
-        return np.ascontiguousarray(self.squares[0].parts)
+        """exp(A δ) (2, N, N), or an empty array if the flow walks."""
+        return np.zeros((2, 0, 0)) if self.walks else self.squares[0].parts
 
     @cached_property
     def squares(self) -> list[DoubleDouble]:
         """exp(A δ), exp(2 A δ), exp(4 A δ) ...: the powers computed so far."""
-        units = np.zeros((len(self.A), 2, len(self.A)))
-        units[:, 0] = np.eye(len(self.A))
-        columns = [horner(expand_finely(self.sparse, self.window, unit, DEGREE), 1.0, 0.0) for unit in units]
-        return [DoubleDouble(np.stack(columns, -1))]
+        return [DoubleDouble(exponential(self.factors, self.window, len(self.A), DEGREE))]
 
     def doubled(self, k: int) -> DoubleDouble:
         """Return exp(2ᵏ A δ)."""
@@ -462,19 +679,22 @@ class Flow:
             self.squares.append(self.squares[-1] @ self.squares[-1])
         return self.squares[k]
 
-    def move(self, X: DoubleDouble, t: float, t_lo: float = 0.0) -> DoubleDouble:
-        """Return exp(A t) X for one state X (N,) and one time t >= 0, a double-double."""
+    def move(self, X: DoubleDouble, t: float, t_lo: float = 0.0, far: bool = False) -> DoubleDouble:
+        """Return exp(A t) X for one state X (N,) and one time t >= 0, a double-double; by powers of exp(A δ) if ``far``."""
         δ, windows = self.window, math.floor(t / self.window)
-        for k in range(windows.bit_length()):
-            if windows >> k & 1:
-                X = self.doubled(k) @ X
+        if self.walks and not far and windows <= SPLIT_COST * len(X):
+            X = DoubleDouble(walk(self.factors, δ, np.ascontiguousarray(X.parts), windows, DEGREE))
+        else:
+            for k in range(windows.bit_length()):
+                if windows >> k & 1:
+                    X = self.doubled(k) @ X
         within, rest = add(t, t_lo, -windows * δ, 0.0)
-        terms = expand_finely(self.sparse, δ, np.ascontiguousarray(X.parts), DEGREE)
+        terms = expand_finely(self.factors, δ, np.ascontiguousarray(X.parts), DEGREE)
         return DoubleDouble(horner(terms, within / δ, rest / δ))
 
     def over(self, t: float) -> Array:
         """Return exp(A t) for one time t >= 0 (N, N)."""
-        return np.column_stack([self.move(DoubleDouble.of(unit), t).hi for unit in np.eye(len(self.A))])
+        return np.column_stack([self.move(DoubleDouble.of(unit), t, far=True).hi for unit in np.eye(len(self.A))])
 
     def at(self, X: ArrayLike | DoubleDouble, times: Array) -> Array:
         """Return exp(A t) X at the times t >= 0 (nt,), in floats: (nt, N)."""
@@ -494,9 +714,12 @@ class Flow:
         rows : SparseRows                   R (m, N)
         """
         last = float(np.max(times, initial=0.0)) / self.window
-        self.doubled(max(int(last).bit_length() - 1, 0))
-        powers = np.array([power.parts for power in self.squares])
-        return sample(self.sparse, self.window, starts, powers, times, start, rows, DEGREE)
+        if self.walks and last <= SPLIT_COST * (len(times) + len(self.A)):
+            powers = np.zeros((0, 2, 0, 0))
+        else:
+            self.doubled(max(int(last).bit_length() - 1, 0))
+            powers = np.array([power.parts for power in self.squares])
+        return sample(self.factors, self.window, starts, powers, times, start, rows, DEGREE)
 
     @cached_property
     def slower(self) -> tuple[DoubleDouble, DoubleDouble, DoubleDouble, Flow] | None:
@@ -576,9 +799,9 @@ class Flow:
 
         """
         δ, lines = self.window, DoubleDouble.of(rows)
-        window = Window(self.sparse, δ, self.step)
+        window = Window(self.factors, δ, self.step)
         state, largest = np.array(DoubleDouble.of(X).parts, order="C"), np.array(scale, dtype=np.float64)
-        total, done, count = math.floor(min(horizon / δ, 1e300)) + 1, 0, FIRST_WINDOWS
+        total, done, count = math.floor(min(horizon / δ, 1e300)) + 1, 0, max(FIRST_WINDOWS, SPLIT_COST * len(scale))
         zeros, entries = np.asarray(order, dtype=np.int64), entries or sparse(lines)
         while done < total:
             count = min(count, total - done)
@@ -600,3 +823,8 @@ class Flow:
                     largest = np.maximum(largest, np.abs(state[0]))
                     return ZeroCrossing(rest.row, rest.t + done * δ, largest, back @ rest.state)
         return ZeroCrossing(-1, DoubleDouble.of(horizon), largest, DoubleDouble(state))
+
+
+def _cost(A: Generator) -> int:
+    """Return the number of products in A X."""
+    return int(A.Q.entries.shape[1] + 2 * A.band[0].size)

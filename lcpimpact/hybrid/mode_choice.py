@@ -2,7 +2,7 @@ r"""Mode choice by LCPs on the one-sided derivatives, at the start of a motion a
 
 The first LCP is 0 <= r ⟂ O X + G r >= 0 on the rows that touch (see `lcpimpact.hybrid.system`). For the rows that it leaves
 undecided (both sides zero: grazing, and every switch that is not a jump), the next one asks the same of the next derivatives
-of r and u, until each is decided.
+of r and u, until each is decided. In small systems of contacts only `lcpimpact.hybrid.contacts` solves them.
 
 For sliders and relays the LCPs are the same, within bounds: r_min <= r <= r_max at first, and for the derivatives r' >= 0
 where r = r_min, r' <= 0 where r = r_max. Contacts without a common relative degree choose by
@@ -33,9 +33,10 @@ from lcpimpact.compiled import compiled, cube, flags, indices
 from lcpimpact.double_double import DoubleDouble, stacked
 from lcpimpact.errors import FailureError
 from lcpimpact.hybrid.complementarity import complementary
+from lcpimpact.hybrid.contacts import choose
 from lcpimpact.hybrid.gaps import openings_and_rates, project, still
 from lcpimpact.hybrid.mixed_degrees import exchanged_mode
-from lcpimpact.hybrid.system import ZERO, Mode, Still, System, round_to_zero, solve_regular
+from lcpimpact.hybrid.system import ZERO, Mode, Still, System, contact_mode, round_to_zero, solve_regular
 from lcpimpact.lcp.operators import Dense, Property
 from lcpimpact.lcp.solve import solve_lcp
 from lcpimpact.lcp.solvers.enumeration import SOLVER, all_solutions
@@ -207,6 +208,11 @@ def choose_mode(
     zero : float                tolerance for zero, relative to the terms of a sum
     """
     start, held = DoubleDouble.of(X), held or still(system, None)
+    if solver == "auto" and system.plant is not None:
+        state = np.ascontiguousarray(start.parts)
+        closed, orders, determined = choose(system.plant, state, scale, held.u, held.U, zero)
+        if determined:
+            return contact_mode(closed, orders), start
     if system.mixed:
         return exchanged_mode(system, start, scale, held, zero)
     rows = np.flatnonzero(system.dynamics.mu_s > system.dynamics.mu).tolist()

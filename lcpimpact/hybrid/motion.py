@@ -14,6 +14,21 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import InputError, Status
+from lcpimpact.hybrid.contact_loop import (
+    END_RTOL,
+    FULL,
+    GAP_RESOLUTION,
+    LAST_FLIGHT_RTOL,
+    MIN_FLIGHTS,
+    NEW_MODE,
+    NO_END,
+    ContactTable,
+    Limits,
+    Log,
+    Present,
+    find_end,
+    follow_contacts,
+)
 from lcpimpact.hybrid.event_loop import (
     Ending,
     EventLoop,
@@ -24,24 +39,18 @@ from lcpimpact.hybrid.event_loop import (
 from lcpimpact.hybrid.gaps import gaps, still
 from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.state_jump import enter_constraint
-from lcpimpact.hybrid.system import FINE_ZERO, ZERO, Mode, Still, System, refuse_mixed_degrees
-from lcpimpact.hybrid.transition import enter, parted, state_of
+from lcpimpact.hybrid.system import FINE_ZERO, ZERO, Mode, Still, System, refuse_mixed_degrees, system_of
+from lcpimpact.hybrid.transition import enter, happened, parted, state_of
 from lcpimpact.problems.base import GIVEN_ZERO_RTOL, Problem
-from lcpimpact.record import Event
+from lcpimpact.record import Event, State
 from lcpimpact.scheme.dynamics import Dynamics
 
 LONGEST_RUN = 1e150
 """Longest run in s: its square is a number, with room for accelerations beside it."""
 
-END_RTOL = 4.0 * float(np.finfo(float).eps)
-"""Delay of an event after the end, relative to it, below which the event is at the end."""
-
 COLLAPSE_RTOL = 2.0**-40
 """Time since the last impact, relative to the time, below which impacts of unresolved order are followed even if forces
 deflect the flights."""
-
-GAP_RESOLUTION = 2.0**-65
-"""Gap, relative to its terms, below which it has fewer than nine digits."""
 
 REST_RTOL = 2.0**-76
 """Gap rate, relative to its terms, below which a contact is at rest."""
@@ -55,10 +64,9 @@ MAX_COLLAPSE_IMPACTS = 10_000
 MIN_CUTS, MAX_CUTS = 4_000, 100_000
 """Numbers of instants at which a segment, and the whole motion, is sampled for the energy balance."""
 
-RECENT_FLIGHTS, MIN_FLIGHTS, LAST_FLIGHT_RTOL, SLOW_IMPACT_RTOL = 64, 3, 2.0**-52, 1e-12
-"""Impacts accumulate after MIN_FLIGHTS consecutive flights, each shorter than LAST_FLIGHT_RTOL times the time passed, with
-approach rates below SLOW_IMPACT_RTOL times the largest velocities. Contacts with an impact within RECENT_FLIGHTS such
-flights accumulate together."""
+RECENT_FLIGHTS, SLOW_IMPACT_RTOL = 64, 1e-12
+"""Impacts accumulate (see `MIN_FLIGHTS`) if their approach rates are below SLOW_IMPACT_RTOL times the largest velocities.
+Contacts with an impact within RECENT_FLIGHTS such flights accumulate together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,15 +114,19 @@ class HybridMotion(EventLoop):
     ----------
     next_event : (DoubleDouble, array, DoubleDouble)
         Its instant, the row that falls through zero, and X there; at a breakpoint of the signals the row is zero.
-    impacts : list of DoubleDouble          the last impact of each row
+    row : int                               the row of the system whose event function that is; -1 if none
+    impacts : (2, nc) array                 the last impact of each row, double-doubles
     short : (nc,) array                     number of consecutive short flights of each row
     collapsed : int                         the last segment that began by a collapse
+    table : ContactTable, optional          that of the compiled loop, of a system that has one
     segments : list of Segment
     """
 
     next_event: tuple[DoubleDouble, Array, DoubleDouble]
-    impacts: list[DoubleDouble]
+    impacts: Array
     short: Indices
+    table: ContactTable | None = None
+    row: int = -1
     collapsed: int = 0
     segments: list[Segment] = field(default_factory=list)
 
@@ -126,7 +138,9 @@ class HybridMotion(EventLoop):
         return [event for segment in self.segments for event in segment.events]
 
     def integrate(self, until: float) -> Ending | Status:
-        """Return the next event, which is known since the start of the segment."""
+        """Return the next event, which is known since the start of the segment; events of contacts are followed at once."""
+        if self.table is not None and self.next_event[0].hi <= until:
+            _follow_contacts(self, self.table, until)
         t, row, X = self.next_event
         if not t.hi <= until:
             return Status.SOLVED
@@ -158,11 +172,12 @@ def begin(
     include those of massless nodes, which are not in X.
     """
     none, nc, t = np.zeros(len(X)), len(system.degree), DoubleDouble.of(start)
-    never, short = [DoubleDouble.of(-np.inf)] * nc, np.zeros(nc, dtype=np.int64)
+    never, short = np.stack([np.full(nc, -np.inf), np.zeros(nc)]), np.zeros(nc, dtype=np.int64)
     size, breakpoints = np.abs(X) if scale is None else scale, system.form.breakpoints(start, end)
     X = np.where(np.arange(len(X)) == system.form.constant, 1.0, X)
     next_event = (DoubleDouble.of(np.inf), none, DoubleDouble.of(X))
-    motion = HybridMotion(system, end, solver, max_events, breakpoints, size, next_event, impacts=never, short=short)
+    table = ContactTable.of(system, system.plant) if system.plant is not None and solver == "auto" else None
+    motion = HybridMotion(system, end, solver, max_events, breakpoints, size, next_event, never, short, table)
     _begin_segment(motion, t, DoubleDouble.of(X), none, GIVEN_ZERO_RTOL if scale is None else ZERO, v)
     return motion
 
@@ -187,7 +202,7 @@ def begin_problem(
     if end > LONGEST_RUN:
         raise InputError(f"t_end = {end:g} s is longer than {LONGEST_RUN:g} s, and t² no number: take a shorter t_end")
     problem, _ = enter_constraint(problem, solver)
-    system = System(dynamics or problem.dynamics, end)
+    system = system_of(dynamics or problem.dynamics, end)
     refuse_mixed_degrees(system, method, except_schemes=True)
     q, v = problem.initial_coordinates, problem.initial_velocities
     with refuse_undetermined(problem, method):
@@ -228,7 +243,17 @@ def _begin_segment(
 
 
 def _find_end(motion: HybridMotion) -> None:
-    """Find the end of the last segment: an event, a breakpoint of the signals, or none before the end of the run."""
+    """Find the end of the last segment: an event, a breakpoint of the signals, or none; in compiled code if it is near."""
+    if motion.table is not None:
+        plant, present = motion.table.plant._replace(breakpoints=motion.breakpoints), _present(motion, motion.table)
+        if find_end(plant, motion.table.modes, present, _limits(motion, motion.end)):
+            _unpack(motion, motion.table, present)
+            return
+    _find_end_generally(motion)
+
+
+def _find_end_generally(motion: HybridMotion) -> None:
+    """Find the end of the last segment in any number of windows, or the breakpoint that ends it."""
     segment, system = motion.segments[-1], motion.system
     flow, _ = system.reaction(segment.mode)
     watch = system.watch(segment.mode)
@@ -240,14 +265,69 @@ def _find_end(motion: HybridMotion) -> None:
     if crossing.row >= 0 and found.hi <= end and found.hi < stop:
         when = found if found.hi <= motion.end else DoubleDouble.of(motion.end)
         motion.next_event = (when, watch.rows.hi[crossing.row], crossing.state)
+        motion.row = int(watch.contacts[crossing.row])
         return
-    never = np.zeros(len(segment.state))
+    never, motion.row = np.zeros(len(segment.state)), -1
     if stop <= motion.end:
         length = DoubleDouble.of(stop) - segment.start
         there = flow.move(segment.state, float(length.hi), float(length.lo))
         motion.next_event = (DoubleDouble.of(stop), never, there)
     else:
         motion.next_event = (DoubleDouble.of(np.inf), never, crossing.state)
+
+
+def _follow_contacts(motion: HybridMotion, table: ContactTable, until: float) -> None:
+    """Follow the motion up to an instant, or to an event that the compiled loop leaves to the general code."""
+    plant, limits = table.plant._replace(breakpoints=motion.breakpoints), _limits(motion, until)
+    while motion.next_event[0].hi <= until:
+        present, log = _present(motion, table), table.new_log()
+        why, count = follow_contacts(plant, table.modes, present, log, limits)
+        if count:
+            _append(motion, table, log, count)
+            _unpack(motion, table, present)
+            if why == NO_END:
+                _find_end_generally(motion)
+        if why == NEW_MODE:
+            table.place(motion.system, tuple(np.flatnonzero(present.wanted).tolist()))
+        elif why not in (NO_END, FULL):
+            return
+
+
+def _limits(motion: HybridMotion, until: float) -> Limits:
+    """Return where the compiled loop ends."""
+    return Limits(until, motion.end, motion.max_events, motion.max_at_once)
+
+
+def _present(motion: HybridMotion, table: ContactTable) -> Present:
+    """Return the last segment and the next event of a motion, for compiled code."""
+    last, (t, _, X) = motion.segments[-1], motion.next_event
+    numbers = [table.place(motion.system, last.mode.closed), motion.row, motion.switches, motion.at_once]
+    start, state, when, there = (np.array(each.parts, order="C") for each in (last.start, last.state, t, X))
+    order, wanted = np.array(last.mode.order), np.zeros(len(motion.short), np.bool_)
+    return Present(
+        start, state, when, there, motion.scale.copy(), order, motion.impacts, motion.short, np.array(numbers), wanted
+    )
+
+
+def _unpack(motion: HybridMotion, table: ContactTable, present: Present) -> None:
+    """Write the next event from compiled code into the motion."""
+    place, motion.row, motion.switches, motion.at_once = present.numbers.tolist()
+    motion.scale = present.scale
+    row = table.rows[place][motion.row] if motion.row >= 0 else np.zeros(len(motion.scale))
+    motion.next_event = (DoubleDouble(present.t), row, DoubleDouble(present.X))
+
+
+def _append(motion: HybridMotion, table: ContactTable, log: Log, count: int) -> None:
+    """Append the segments of a log."""
+    system, (start, before, state, left, right, impulse, order, switch) = motion.system, log
+    states = [[State(*each) for each in zip(*parted(system, side[:count]), strict=True)] for side in (left, right)]
+    for k, (old, new, row) in enumerate(switch[:count].tolist()):
+        mode, was = table.mode(new, order[k]), motion.segments[-1].mode
+        events = happened(system, float(start[k, 0]), was, mode, impulse[k], states[0][k], states[1][k])
+        segment = Segment(
+            DoubleDouble(start[k]), before[k], DoubleDouble(state[k]), mode, table.rows[old][row], tuple(events)
+        )
+        motion.segments.append(segment)
 
 
 def _accumulated(motion: HybridMotion, t: DoubleDouble, events: tuple[Event, ...]) -> Flags | None:
@@ -263,10 +343,9 @@ def _accumulated(motion: HybridMotion, t: DoubleDouble, events: tuple[Event, ...
     for i in rows:
         if passes_on[i]:
             continue
-        last = motion.impacts[i]
-        flight = (t.hi - last.hi) + (t.lo - last.lo)
+        flight = (t.hi - motion.impacts[0, i]) + (t.lo - motion.impacts[1, i])
         motion.short[i] = motion.short[i] + 1 if flight < shortest else 0
-        motion.impacts[i] = t
+        motion.impacts[:, i] = t.parts
         if motion.short[i] >= MIN_FLIGHTS and system.restitution[i] < 1.0:
             tired.append(i)
     if not tired:
@@ -275,7 +354,7 @@ def _accumulated(motion: HybridMotion, t: DoubleDouble, events: tuple[Event, ...
     before, after = (system.dynamics.gap_rate(v) for v in (hit[0].left.v, hit[0].right.v))
     if not (np.abs(before) <= slow)[tired].any():
         return None
-    since = np.array([(t.hi - last.hi) + (t.lo - last.lo) for last in motion.impacts])
+    since = (t.hi - motion.impacts[0]) + (t.lo - motion.impacts[1])
     together = (motion.short > 0) & (since < RECENT_FLIGHTS * shortest) & (np.abs(after) <= slow)
     motion.short[together] = 0
     return np.asarray(together)

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
@@ -32,13 +32,16 @@ from scipy.linalg import null_space
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.double_double import DoubleDouble, solve, stacked
 from lcpimpact.errors import UnsupportedError
-from lcpimpact.hybrid.flow import Flow, SparseRows, sparse
+from lcpimpact.hybrid.flow import BERNSTEIN, Block, Flow, SparseRows, sparse
 from lcpimpact.lcp.friction import GLOCKER, FrictionRows, friction_maps
 from lcpimpact.lcp.solve import PreparedLCP, prepare_lcp
 from lcpimpact.scheme.decomposition import degrees_together, is_singular
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.first_order import FirstOrderForm, first_order_form
 from lcpimpact.scheme.terms import RowLaw
+
+MAX_STATES = 32
+"""Largest number of states of a small system."""
 
 ZERO = 1e-12
 """Tolerance for zero in a state of floats, relative to the terms of the sum at their largest so far: a root located
@@ -72,6 +75,12 @@ class Mode:
     def key(self) -> tuple[tuple[int, ...], tuple[tuple[int, int], ...]]:
         """The part that determines the flow."""
         return self.closed, self.slips
+
+
+def contact_mode(closed: Flags, order: Indices) -> Mode:
+    """Return the mode of contacts only, with the order of the zero of each (nc,)."""
+    none = (0,) * len(order)
+    return Mode(tuple(np.flatnonzero(closed).tolist()), (), tuple(order.tolist()), none, none)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +195,36 @@ class Fine(NamedTuple):
     G: DoubleDouble
 
 
+class Plant(NamedTuple):
+    """A small system of contacts only, for compiled code: its matrices as double-doubles (2, ...), and its laws.
+
+    Attributes
+    ----------
+    A, B, C, CA, O, G : double-doubles
+    degree : (nc,) array        relative degrees
+    meets : (nc,) array         which rows have impacts
+    e : (nc,) array             coefficients of restitution
+    reach : (N, N) array        effect of each state on the others within a window
+    moves : (N,) array          the states that are not signals
+    basis : (2, p + 1, p + 1)   from monomial to Bernstein coefficients
+    breakpoints : (nb,) array   those of the signals
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    CA: Array
+    O: Array  # noqa: E741
+    G: Array
+    degree: Indices
+    meets: Flags
+    e: Array
+    reach: Array
+    moves: Flags
+    basis: Array
+    breakpoints: Array
+
+
 @dataclass(frozen=True, eq=False)
 class System:
     """The first-order form with its Markov parameters, and the flow of each mode.
@@ -212,6 +251,7 @@ class System:
     lcps: dict[object, PreparedLCP] = field(default_factory=dict)
     combinations: dict[tuple[int, ...], Together] = field(default_factory=dict)
     holding: dict[tuple[int, ...], System] = field(default_factory=dict)
+    tables: dict[str, Any] = field(default_factory=dict)
 
     @cached_property
     def form(self) -> FirstOrderForm:
@@ -308,8 +348,16 @@ class System:
                 F[:, rubs] = (DoubleDouble.of(self.coupling(mode)[rubs]) @ DoubleDouble(F)).parts
             # Cancellation in A + B F is set to zero: balanced forces cause no motion.
             closed = round_to_zero(A + B @ DoubleDouble(F), np.abs(A.hi) + np.abs(B.hi) @ np.abs(F[0]))
-            self.flows[mode.key] = Flow(closed, self.duration), DoubleDouble(F)
+            self.flows[mode.key] = Flow(closed, self.duration, self.mass), DoubleDouble(F)
         return self.flows[mode.key]
+
+    @cached_property
+    def mass(self) -> Block | None:
+        """The mass matrix of the massive coordinates, whose velocities are states side by side, if it is not diagonal."""
+        d, E = self.dynamics, self.form.parts.massive
+        M = E.T @ DoubleDouble(np.stack([d.M, d.residues[0] if d.residues else np.zeros_like(d.M)])) @ E
+        diagonal = not (M.hi - np.diag(np.diag(M.hi))).any()
+        return None if diagonal else Block(E.shape[1] + self.form.parts.damped.shape[1], M)
 
     def _held(self, mode: Mode) -> tuple[DoubleDouble, DoubleDouble]:
         """Return O (k, N) and G (k, nc) of the constraints of a mode, O X + G r = 0."""
@@ -399,6 +447,20 @@ class System:
         return np.abs(self.fine.A.hi) * self.mode(Mode((), (), (), ()))[0].window
 
     @cached_property
+    def plant(self) -> Plant | None:
+        """The system for compiled code if it is small and has contacts only, each of one relative degree; None if not."""
+        contacts, fine = self.dynamics.contacts, self.fine
+        plain = bool(contacts) and all(contact.law is RowLaw.CONTACT for contact in contacts)
+        if not plain or len(fine.A) > MAX_STATES or self.inputs is not None or self.mixed:
+            return None
+        A, B, C, CA, O, G = (  # noqa: E741
+            np.ascontiguousarray(each.parts) for each in (fine.A, fine.B, fine.C, fine.CA, fine.O, fine.G)
+        )
+        laws = np.asarray(self.degree, dtype=np.int64), self.meets, np.asarray(self.restitution, dtype=np.float64)
+        moves = np.arange(A.shape[1]) < self.form.constant
+        return Plant(A, B, C, CA, O, G, *laws, self.reach, moves, BERNSTEIN, np.zeros(0))
+
+    @cached_property
     def names(self) -> dict[str, int]:
         """The row of each contact by its name."""
         return {contact.name: i for i, contact in enumerate(self.dynamics.contacts)}
@@ -454,7 +516,7 @@ class System:
             held = tuple(replace(each, mu=each.mu_s) if i in rows else each for i, each in contacts)
             self.holding[rows] = replace(
                 self, dynamics=replace(self.dynamics, contacts=held), given=self.form, flows={}, switches={}, readings={},
-                known={}, lcps={}, holding={},
+                known={}, lcps={}, holding={}, tables={},
             )  # fmt: skip
         return self.holding[rows]
 
@@ -569,6 +631,14 @@ class System:
             still = Still(held & ~self.dynamics.rubs & (self.degree > 0), held & (self.degree >= 2), closed)
             self.known[mode] = Watch(contacts[kept], rows[kept], sparse(rows[kept]), order[kept], still)
         return self.known[mode]
+
+
+def system_of(dynamics: Dynamics, duration: float) -> System:
+    """Return the system of a run, with all modes known so far if the last run of these dynamics was as long."""
+    known: System | None = dynamics.derived.get("system")
+    if known is None or known.duration != duration:
+        known = dynamics.derived["system"] = System(dynamics, duration)
+    return known
 
 
 def at_degree(degree: Indices, *levels: DoubleDouble) -> DoubleDouble:

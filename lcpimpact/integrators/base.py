@@ -166,14 +166,14 @@ class Integrator(ABC):
 
     @abstractmethod
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> Any:
-        """Write the initial values to the record, and return the carry that travels from block to block."""
+        """Write the initial values to the record, unless `finish` writes all, and return the carry from block to block."""
 
     @abstractmethod
     def advance(self, carry: Any, record: Record, first: int, last: int) -> tuple[Status, int]:
         """Take the steps from t_first to t_last; return the status and the last step that was reached."""
 
     def finish(self, carry: Any, record: Record) -> None:  # noqa: B027
-        """Replace the grid by the accepted steps of an adaptive method."""
+        """Complete the record, or replace its grid by the accepted steps of an adaptive method."""
 
     def balance_point(self) -> float | None:
         """Return θ if the forces of a step balance at t + θ h, so that its energy balance is exact."""

@@ -70,32 +70,22 @@ class Exact(Integrator):
         return begin_problem(problem, self.name, end, lcp_solver, self.max_events)
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> HybridMotion:
-        """Choose the first mode and write the initial values; impacts at t = 0 come before them."""
-        motion = self.motion(problem, grid.t_end, lcp_solver)
+        """Choose the first mode, after impacts at t = 0."""
         record.events = []
-        _sample(motion, record, 0, 0)
-        return motion
+        return self.motion(problem, grid.t_end, lcp_solver)
 
     def advance(self, carry: HybridMotion, record: Record, first: int, last: int) -> tuple[Status, int]:
-        """Follow the events to t_last and sample the block on the grid."""
+        """Follow the events to t_last."""
         status = follow(carry, float(record.t[last]))
         if status is not Status.SOLVED:
             last = first + int(np.searchsorted(record.t[first : last + 1], carry.next_event[0].hi)) - 1
-        _sample(carry, record, first + 1, last)
         return status, last
 
     def finish(self, carry: HybridMotion, record: Record) -> None:
-        """Hand over the events."""
+        """Hand over the events, and the motion on the grid."""
         record.events = carry.events
+        record.q[:], record.v[:], record.reaction[:] = read(carry.system, tuple(carry.segments), record.t, "right")
 
     def dense(self, carry: HybridMotion) -> ContinuousSolution:
         """Return the solution at any times of the run."""
         return ContinuousSolution(partial(read, carry.system, tuple(carry.segments)), *cuts(carry))
-
-
-def _sample(motion: HybridMotion, record: Record, first: int, last: int) -> None:
-    """Write the grid points first ... last to the record."""
-    here = slice(first, last + 1)
-    record.q[here], record.v[here], record.reaction[here] = read(
-        motion.system, tuple(motion.segments), record.t[here], "right"
-    )

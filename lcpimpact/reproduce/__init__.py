@@ -10,7 +10,7 @@ COMPILED_PARTS = (
     (
         "lcpimpact.double_double",
         "lcpimpact.hybrid.mode_choice",
-        "lcpimpact.hybrid.flow",
+        "lcpimpact.hybrid.contact_loop",
         "lcpimpact.certificate",
         "lcpimpact.study.accuracy.graphs",
         "lcpimpact.integrators.rk4_paper",

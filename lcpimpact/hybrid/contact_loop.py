@@ -1,0 +1,332 @@
+"""Events of unilateral contacts in compiled code, one after the other and without the interpreter.
+
+Between events it is `lcpimpact.hybrid.flow`, at events `lcpimpact.hybrid.contacts`. All else is left to
+`lcpimpact.hybrid.transition`, event by event: redundant contacts, accumulating impacts, breakpoints of signals, and modes
+that last for many windows.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from threading import Lock
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, vector
+from lcpimpact.double_double import add
+from lcpimpact.hybrid.contacts import choose, plant_type, settle, size_of, strike
+from lcpimpact.hybrid.flow import Generator, SparseRows, Window, on_rows, scan, sparse
+from lcpimpact.hybrid.gaps import reading
+from lcpimpact.hybrid.system import FINE_ZERO, Mode, Plant, System, contact_mode
+
+ADDING = Lock()
+"""Held by who adds a mode to a table: runs of one problem in several threads share it."""
+
+WINDOWS = 512
+"""Number of windows of a mode above which the general code looks for its end."""
+
+EVENTS_PER_CALL = 128
+"""Number of events in one call of compiled code; Ctrl-C acts between calls."""
+
+GAP_RESOLUTION = 2.0**-65
+"""Gap, relative to its terms, below which it has fewer than nine digits."""
+
+MIN_FLIGHTS, LAST_FLIGHT_RTOL = 3, 2.0**-52
+"""Impacts accumulate after MIN_FLIGHTS consecutive flights, each shorter than LAST_FLIGHT_RTOL times the time passed."""
+
+END_RTOL = 4.0 * float(np.finfo(float).eps)
+"""Delay of an event after the end, relative to it, below which the event is at the end."""
+
+REACHED, GENERAL, NEW_MODE, NO_END, FULL = range(5)
+"""Why the compiled loop returns: the instant is reached, the next event is left to the general code, its mode is not in the
+table, the last mode has no end yet, or the log is full."""
+
+
+class Modes(NamedTuple):
+    """The modes met so far, one after the other (nm): closed rows, windows, exp(A δ); generators, event rows and readings.
+
+    The entries of all sparse matrices of a kind are in one array, into which the rows of ``starts`` point.
+    """
+
+    closed: Flags
+    δ: Array
+    step: Array
+    entries: Array
+    starts: Indices
+    columns: Indices
+    row_entries: Array
+    row_starts: Indices
+    row_columns: Indices
+    read_entries: Array
+    read_starts: Indices
+    read_columns: Indices
+
+
+class Present(NamedTuple):
+    """Where the motion is: its last segment and the next event; the loop changes these arrays.
+
+    Attributes
+    ----------
+    start, state : (2,), (2, N) arrays  initial instant and state of the last segment
+    t, X : (2,), (2, N) arrays          the next event, and the state there
+    scale : (N,) array                  largest |X| so far
+    order : (nc,) array                 that of the last mode
+    impacts, short : (2, nc), (nc,)     last impact of each row, and its consecutive short flights
+    numbers : (4,) array                the mode, the row that ends it (-1: none), events so far, and those at this instant
+    wanted : (nc,) array                closed rows of the mode that is not in the table
+    """
+
+    start: Array
+    state: Array
+    t: Array
+    X: Array
+    scale: Array
+    order: Indices
+    impacts: Array
+    short: Indices
+    numbers: Indices
+    wanted: Flags
+
+
+class Log(NamedTuple):
+    """The segments begun (k): instant, states before and after, q, v, r on both sides, impulses, orders, modes and row."""
+
+    start: Array
+    before: Array
+    state: Array
+    left: Array
+    right: Array
+    impulse: Array
+    order: Indices
+    switch: Indices
+
+
+class Limits(NamedTuple):
+    """Where the loop ends: the instant, the end of the run, the number of events, and of events at one instant."""
+
+    until: float
+    end: float
+    events: int
+    at_once: int
+
+
+flags2, indices2 = types.boolean[:, ::1], types.int64[:, ::1]
+modes_type = types.NamedTuple((flags2, vector, types.float64[:, :, :, ::1], *3 * (matrix, indices2, indices)), Modes)
+present_type = types.NamedTuple(
+    (vector, matrix, vector, matrix, vector, indices, matrix, indices, indices, flags), Present
+)
+log_type = types.NamedTuple((matrix, matrix, cube, matrix, matrix, matrix, indices2, indices2), Log)
+limits_type = types.NamedTuple((f8, f8, i8, i8), Limits)
+
+
+@compiled(types.boolean(plant_type, present_type, flags, flags, vector))
+def unresolved(plant: Plant, present: Present, no_gap: Flags, no_rate: Flags, scale: Array) -> bool:
+    """Return whether a gap at the start of the last segment has too few digits to order the impacts of several contacts."""
+    if np.sum(plant.meets) < 2:
+        return False
+    u = reading(plant.C, plant.CA, present.state, scale, no_gap, no_rate, FINE_ZERO)[0]
+    for i in range(len(plant.meets)):
+        if plant.meets[i] and 0.0 < u[0, i] < GAP_RESOLUTION * size_of(plant.C[0, i], scale):
+            return True
+    return False
+
+
+@compiled(i8(modes_type, flags))
+def place_of(modes: Modes, closed: Flags) -> int:
+    """Return the place of a mode in the table, or -1."""
+    for k in range(len(modes.closed)):
+        same = True
+        for i in range(len(closed)):
+            same &= modes.closed[k, i] == closed[i]
+        if same:
+            return k
+    return -1
+
+
+@compiled(types.boolean(plant_type, modes_type, present_type, limits_type))
+def find_end(plant: Plant, modes: Modes, present: Present, limits: Limits) -> bool:
+    """Find the end of the last segment, and return whether it is found: else there are many windows, or a breakpoint."""
+    mode, t0 = present.numbers[0], present.start[0]
+    δ, last = modes.δ[mode], limits.end * (1.0 + END_RTOL)
+    stop = np.inf
+    for each in plant.breakpoints:
+        if each > t0:
+            stop = each
+            break
+    horizon = min(stop, last) - t0
+    windows = math.floor(min(horizon / δ, 1e18)) + 1
+    A = SparseRows(modes.entries, modes.starts[mode], modes.columns)
+    rows = SparseRows(modes.row_entries, modes.row_starts[mode], modes.row_columns)
+    window = Window(Generator(A, 0, np.zeros((2, 0, 1))), δ, modes.step[mode])
+    X, largest = present.state.copy(), present.scale.copy()
+    j, row, s, s_lo = scan(window, X, rows, present.order, plant.basis, min(windows, WINDOWS), largest)
+    t, t_lo = np.inf, 0.0
+    if j >= 0:
+        t, t_lo = add(s * δ, s_lo * δ, j * δ, 0.0)
+        row = row if t <= horizon else -1
+        t, t_lo = add(t0, present.start[1], t, t_lo)
+    if not (row >= 0 and t <= last and t < stop):
+        if stop <= limits.end or (j < 0 and windows > WINDOWS):
+            return False
+        t, t_lo, row = np.inf, 0.0, -1
+    elif t > limits.end:
+        t, t_lo = limits.end, 0.0
+    present.t[0], present.t[1], present.numbers[1] = t, t_lo, row
+    present.scale[:], present.X[:] = largest, X
+    return True
+
+
+@compiled(types.boolean(plant_type, present_type, vector, flags))
+def tires(plant: Plant, present: Present, P: Array, passes_on: Flags) -> bool:
+    """Return whether the impacts of a row with e < 1 may have accumulated, after the impulses P (nc,) of the next event."""
+    t, t_lo = present.t[0], present.t[1]
+    for i in range(len(P)):
+        flight = (t - present.impacts[0, i]) + (t_lo - present.impacts[1, i])
+        short = present.short[i] + 1 if flight < LAST_FLIGHT_RTOL * abs(t) else 0
+        if P[i] > 0.0 and not passes_on[i] and short >= MIN_FLIGHTS and plant.e[i] < 1.0:
+            return True
+    return False
+
+
+@compiled(i8(plant_type, modes_type, present_type, log_type, i8))
+def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int:
+    """Enter the next mode by the event at hand, and write entry k of the log; what is returned is REACHED if so."""
+    mode, nc, N = present.numbers[0], len(plant.degree), present.X.shape[1]
+    scale, no_gap, no_rate, finite = present.scale.copy(), np.empty(nc, np.bool_), np.empty(nc, np.bool_), True
+    for i in range(N):
+        scale[i] = max(scale[i], abs(present.X[0, i]))
+        finite &= math.isfinite(present.X[0, i])
+    for i in range(nc):
+        held = modes.closed[mode, i] or present.order[i] < 0
+        no_gap[i], no_rate[i] = held and plant.degree[i] > 0, held and plant.degree[i] >= 2
+    if not finite or unresolved(plant, present, no_gap, no_rate, scale):
+        return GENERAL
+    before, independent = settle(plant, present.X, scale, no_gap, no_rate)
+    after, P, rests, determined = strike(plant, before, scale, no_gap, no_rate, FINE_ZERO)
+    if not (independent and determined) or tires(plant, present, P, no_rate):
+        return GENERAL
+    for i in range(N):
+        scale[i] = max(scale[i], size_of(plant.B[0, i], P))
+    closed, order, determined = choose(plant, after, scale, no_gap, rests, FINE_ZERO)
+    if not determined:
+        return GENERAL
+    place = place_of(modes, closed)
+    if place < 0:
+        present.wanted[:] = closed
+        return NEW_MODE
+    log.left[k] = on_rows(SparseRows(modes.read_entries, modes.read_starts[mode], modes.read_columns), before)
+    log.right[k] = on_rows(SparseRows(modes.read_entries, modes.read_starts[place], modes.read_columns), after)
+    log.switch[k, 0], log.switch[k, 1], log.switch[k, 2] = mode, place, present.numbers[1]
+    t, t_lo = present.t[0], present.t[1]
+    for i in range(nc):
+        log.impulse[k, i], log.order[k, i], present.order[i] = P[i], order[i], order[i]
+        if P[i] > 0.0 and not no_rate[i]:
+            flight = (t - present.impacts[0, i]) + (t_lo - present.impacts[1, i])
+            present.short[i] = present.short[i] + 1 if flight < LAST_FLIGHT_RTOL * abs(t) else 0
+            present.impacts[0, i], present.impacts[1, i] = t, t_lo
+    for part in range(2):
+        log.start[k, part] = present.start[part] = present.t[part]
+        for i in range(N):
+            log.state[k, part, i] = present.state[part, i] = after[part, i]
+    for i in range(N):
+        log.before[k, i] = present.X[0, i]
+        present.scale[i] = max(scale[i], size_of(plant.reach[i], scale))
+    present.numbers[0] = place
+    return REACHED
+
+
+@compiled(types.UniTuple(i8, 2)(plant_type, modes_type, present_type, log_type, limits_type))
+def follow_contacts(plant: Plant, modes: Modes, present: Present, log: Log, limits: Limits) -> tuple[int, int]:
+    """Follow the motion from event to event; return why the loop ends, and how many segments are in the log."""
+    k, numbers = 0, present.numbers
+    while present.t[0] <= limits.until:
+        duration = (present.t[0] - present.start[0]) + (present.t[1] - present.start[1])
+        at_once = numbers[3] + 1 if duration <= 0.0 else 1
+        if numbers[1] < 0 or numbers[2] >= limits.events or at_once >= limits.at_once:
+            return GENERAL, k
+        if k == len(log.start):
+            return FULL, k
+        why = enter(plant, modes, present, log, k)
+        if why != REACHED:
+            return why, k
+        numbers[2], numbers[3], k = numbers[2] + 1, at_once, k + 1
+        if not find_end(plant, modes, present, limits):
+            return NO_END, k
+    return REACHED, k
+
+
+@dataclass(eq=False)
+class ContactTable:
+    """The system and its modes so far, for the compiled loop.
+
+    Attributes
+    ----------
+    plant : Plant
+    modes : Modes
+    places : dict               the place of each mode by its closed rows
+    rows : list of arrays       the event rows (nc, N) of each
+    named : dict                the modes with their orders
+    """
+
+    plant: Plant
+    modes: Modes
+    places: dict[tuple[int, ...], int] = field(default_factory=dict)
+    rows: list[Array] = field(default_factory=list)
+    named: dict[tuple[int, bytes], Mode] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, system: System, plant: Plant) -> ContactTable:
+        """Return the table of a system, without modes or with those of its last run."""
+        if "contacts" not in system.tables:
+            N, nc, m = len(plant.moves), len(plant.e), 2 * len(system.dynamics.nodes) + len(plant.e)
+            none, step, closed = np.zeros(0, np.int64), np.zeros((0, 2, N, N)), np.zeros((0, nc), np.bool_)
+            rows = [(np.zeros((2, 0)), np.zeros((0, n + 1), np.int64), none) for n in (N, nc, m)]
+            modes = Modes(closed, np.zeros(0), step, *rows[0], *rows[1], *rows[2])
+            system.tables["contacts"] = cls(plant, modes)
+        table: ContactTable = system.tables["contacts"]
+        return table
+
+    def place(self, system: System, closed: tuple[int, ...]) -> int:
+        """Return the place of a mode, which is added if it is new."""
+        with ADDING:
+            if closed not in self.places:
+                self._add(system, closed)
+        return self.places[closed]
+
+    def _add(self, system: System, closed: tuple[int, ...]) -> None:
+        """Add a mode."""
+        mode, old = Mode(closed, (), (), ()), self.modes
+        flow, _ = system.reaction(mode)
+        rows = system.ends(mode)[2]
+        found: list[Any] = []
+        for k, each in enumerate((sparse(flow.generator), sparse(rows), system.coordinates(mode).entries)):
+            entries, starts, columns = old[3 + 3 * k : 6 + 3 * k]
+            found += [
+                np.concatenate([entries, each.entries], axis=1),
+                np.concatenate([starts, each.starts[None] + entries.shape[1]]),
+                np.concatenate([columns, each.columns]),
+            ]
+        shut = np.isin(np.arange(len(system.degree)), closed)[None]
+        step = np.concatenate([old.step, flow.squares[0].parts[None]])
+        self.modes = Modes(np.concatenate([old.closed, shut]), np.append(old.δ, flow.window), step, *found)
+        self.rows.append(rows.hi)
+        self.places[closed] = len(self.places)
+
+    def mode(self, place: int, order: Indices) -> Mode:
+        """Return the mode at a place with the orders of its zeros."""
+        key = place, order.tobytes()
+        if key not in self.named:
+            self.named[key] = contact_mode(self.modes.closed[place], order)
+        return self.named[key]
+
+    def new_log(self) -> Log:
+        """Return an empty log."""
+        k, nc, N, m = EVENTS_PER_CALL, len(self.plant.e), len(self.plant.moves), self.modes.read_starts.shape[1] - 1
+        return Log(
+            np.empty((k, 2)), np.empty((k, N)), np.empty((k, 2, N)), np.empty((k, m)), np.empty((k, m)),
+            np.empty((k, nc)), np.empty((k, nc), np.int64), np.empty((k, 3), np.int64),
+        )  # fmt: skip

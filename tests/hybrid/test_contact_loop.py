@@ -1,0 +1,117 @@
+"""The compiled loop over events of contacts and the general code agree, and so do flows with and without a banded matrix."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from schemes import column, random_problem
+
+from lcpimpact import load_problem, simulate
+from lcpimpact.double_double import DoubleDouble
+from lcpimpact.errors import Status
+from lcpimpact.hybrid.event_loop import follow
+from lcpimpact.hybrid.flow import Flow, couplings, spectral_radius
+from lcpimpact.hybrid.motion import begin_problem
+
+PROBLEMS = (
+    "system-1", "system-2", "system-3", "bouncing-ball", "vibrating-table", "shaw-holmes", "three-balls", "two-ball-drop",
+)  # fmt: skip
+
+
+def followed(problem, end, compiled=True):
+    """Return the motion to its end, by the compiled loop or by the general code."""
+    motion = begin_problem(problem, "exact", end)
+    if not compiled:
+        motion.table = None
+    assert follow(motion, end) is Status.SOLVED
+    return motion
+
+
+def assert_same(one, other):
+    """Check that two motions have the same segments and events, to rounding."""
+    assert [each.mode for each in one.segments] == [each.mode for each in other.segments]
+    assert [(each.contact, each.kind) for each in one.events] == [(each.contact, each.kind) for each in other.events]
+    for a, b in zip(one.segments, other.segments, strict=True):
+        np.testing.assert_allclose(a.t0, b.t0, rtol=1e-15)
+        np.testing.assert_allclose(a.X, b.X, rtol=1e-14, atol=1e-14 * np.abs(one.scale).max())
+        np.testing.assert_allclose(a.before, b.before, rtol=1e-14, atol=1e-14 * np.abs(one.scale).max())
+        np.testing.assert_array_equal(a.ended, b.ended)
+    for a, b in zip(one.events, other.events, strict=True):
+        np.testing.assert_allclose(a.impulse, b.impulse, rtol=1e-13)
+        for side in ("left", "right"):
+            for name in ("q", "v", "reaction"):
+                ours, theirs = (getattr(getattr(each, side), name) for each in (a, b))
+                np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-13 * max(1.0, np.abs(theirs).max()))
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_compiled_events_are_those_of_the_general_code(name):
+    problem = load_problem(name)
+    compiled = followed(problem, problem.t_end)
+    assert compiled.table is not None
+    assert_same(compiled, followed(problem, problem.t_end, compiled=False))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4, 7, 9, 10, 13, 14, 16, 17, 18, 19, 20, 21, 23, 24, 25, 26, 27])
+def test_so_they_are_in_random_schemes(seed):
+    problem = random_problem(seed)
+    assert_same(followed(problem, 3.0), followed(problem, 3.0, compiled=False))
+
+
+@pytest.mark.parametrize("e", [0.0, 0.5, 1.0])
+def test_so_they_are_in_columns_that_meet_at_once(e):
+    problem = column([1.0, 2.0, 1.0, 3.0], [0.1, 0.1, 0.2], [0.0, -1.0, -2.0, -3.0], e)
+    assert_same(followed(problem, 2.0), followed(problem, 2.0, compiled=False))
+
+
+def test_a_named_solver_is_asked():
+    problem = load_problem("system-1")
+    assert begin_problem(problem, "exact", 3.0, "lemke").table is None
+
+
+def test_the_limit_of_events_is_that_of_the_general_code():
+    problem = load_problem("bouncing-ball")
+    run = simulate(problem, "exact", dt=problem.t_end / 10, throw=False, max_events=7)
+    assert run.status is Status.MAX_EVENTS
+    assert sum(event.kind == "impact" for event in run.events) == 7
+
+
+def test_runs_of_one_problem_in_threads_are_the_run_alone():
+    problem = load_problem("vibrating-table")
+    alone = followed(load_problem("vibrating-table"), problem.t_end)
+    with ThreadPoolExecutor(4) as pool:
+        runs = list(pool.map(lambda _: followed(problem, problem.t_end), range(8)))
+    for run in runs:
+        assert_same(run, alone)
+
+
+def test_the_next_run_of_a_problem_knows_its_modes():
+    problem = load_problem("system-2")
+    first, second = followed(problem, 3.0), followed(problem, 3.0)
+    assert second.system is first.system
+    assert_same(first, second)
+    assert followed(problem, 2.0).system is not first.system
+
+
+def test_a_bar_moves_as_its_dense_generator_says():
+    motion = begin_problem(load_problem("bar-impact", elements=20), "exact", 1.5)
+    flow, _ = motion.system.reaction(motion.segments[0].mode)
+    assert flow.factors.band.shape[1] == 20
+    plain = Flow(flow.generator, flow.duration)
+    X = DoubleDouble.of(np.random.default_rng(0).normal(size=len(flow.A)))
+    t = 100.3 * flow.window
+    size = np.abs(plain.move(X, t).hi).max()
+    assert np.abs((flow.move(X, t) - plain.move(X, t)).hi).max() < 1e-26 * size
+    steps = flow.move(X, t, far=True)
+    object.__setattr__(flow, "walks", True)
+    assert np.abs((flow.move(X, t) - steps).hi).max() < 1e-26 * size
+
+
+def test_the_spectral_radius_is_bounded_closely_from_above():
+    rng = np.random.default_rng(1)
+    for n in (1, 2, 5, 30):
+        A = rng.normal(size=(n, n)) * (rng.random((n, n)) < 0.6)
+        exact = np.abs(np.linalg.eigvals(couplings(A))).max()
+        assert exact <= spectral_radius(A) * (1.0 + 1e-12)
+        assert spectral_radius(A) <= 1.001 * exact
+    assert spectral_radius(np.array([[0.0, 1.0], [0.0, 0.0]])) == 0.0
