@@ -209,16 +209,17 @@ class Problem:
     @property
     def initial_coordinates(self) -> Array:
         """q(0) in the order of the nodes (n,)."""
-        return self._initial(self.q0, self.dynamics.motion(0.0)[0])
+        return self._initial(self.q0, 0)
 
     @property
     def initial_velocities(self) -> Array:
         """v(0) in the order of the nodes (n,)."""
-        return self._initial(self.v0, self.dynamics.motion(0.0)[1])
+        return self._initial(self.v0, 1)
 
-    def _initial(self, given: Mapping[str, float], driven: Array) -> Array:
+    def _initial(self, given: Mapping[str, float], derivative: int) -> Array:
         values = np.array([number(given.get(node, 0.0)) for node in self.dynamics.nodes])
-        values[self.dynamics.driven] = driven
+        if self.dynamics.motions:
+            values[self.dynamics.driven] = self.dynamics.motion(0.0)[derivative]
         return values
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, named_tuple, vector
+from lcpimpact.compiled import compiled, cube, f8, flags, function_at, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.friction import active_friction, solve_same_case
 from lcpimpact.integrators.stepping.impulse_paths import PATHS, Paths, closes, write_shifts
@@ -160,6 +160,9 @@ ROOM: Any = named_tuple((vector, indices, vector, vector), Workspace)
 STATIC_FRICTION: Any = named_tuple((vector, vector, matrix, vector, vector, flags), StaticFriction)
 FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION))
 ALL_FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION, STATIC_FRICTION))
+RESULT: Any = types.Tuple((i8, i8, i8, i8, f8))
+
+solver_at, spring_solver_at = function_at(KERNEL), function_at(SPRING_SOLVER)
 
 
 @compiled(types.void(vector, vector), inline="always", allocates=False)
@@ -360,10 +363,7 @@ def switches(active: Indices, z: Array, P: Array) -> bool:
     return changed
 
 
-@compiled(
-    types.Tuple((i8, i8, i8, i8, f8))(BLOCK, TABLE, ALL_FEATURES, STEP_STATE, PATH, ROOM, KERNEL, SPRING_SOLVER),
-    allocates=False,
-)
+@compiled(RESULT(BLOCK, TABLE, ALL_FEATURES, STEP_STATE, PATH, ROOM, KERNEL, SPRING_SOLVER), allocates=False)
 def steps(
     block: Block,
     table: StepTable,
@@ -426,3 +426,18 @@ def steps(
         copy(state.y[:n], path.q[k + 1])
         copy(state.y[n : 2 * n], path.v[k + 1])
     return SOLVED, block.last, iterations, newton, worst
+
+
+@compiled(RESULT(BLOCK, TABLE, ALL_FEATURES, STEP_STATE, PATH, ROOM, i8, i8), allocates=False)
+def take_steps(
+    block: Block,
+    table: StepTable,
+    features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction],
+    state: StepState,
+    path: StepOutput,
+    room: Workspace,
+    solve: Any,
+    solve_springs: Any,
+) -> tuple[int, int, int, int, float]:
+    """Take `steps`, with the solvers by their addresses."""
+    return steps(block, table, features, state, path, room, solver_at(solve), spring_solver_at(solve_springs))
