@@ -245,12 +245,14 @@ def _events_of_bounds(contact: Contact, i: int, law: tuple[Any, Any, Flags], rec
     turning = 1 + np.flatnonzero((side[1:-1] == 0.0) & (side[:-2] * side[2:] < 0.0) & acts[1:-1])
     side[turning] = side[turning + 1]
     changes = acts[1:] & ((side[1:] != side[:-1]) | ~acts[:-1])
-    for j in map(int, np.flatnonzero(changes) + 1):
-        before, after = np.searchsorted(record.t, t[j - 1], side="right") - 1, np.searchsorted(record.t, t[j])
+    at = np.flatnonzero(changes) + 1
+    ends = np.searchsorted(record.t, t[at - 1], side="right") - 1, np.searchsorted(record.t, t[at])
+    instants = 0.5 * (t[at - 1] + t[at])
+    for j, before, after, instant in zip(at.tolist(), *(each.tolist() for each in (*ends, instants)), strict=True):
         left = State(record.q[before], record.v[before], record.reaction[j - 1])
         right = State(record.q[after], record.v[after], record.reaction[j])
         kind = between if side[j] == 0.0 else at_bound
-        yield Event(float(0.5 * (t[j - 1] + t[j])), contact.name, kind, left, right)
+        yield Event(instant, contact.name, kind, left, right)
 
 
 def _zero(t: Array, values: Array, earliest: float, latest: float) -> float:

@@ -220,9 +220,10 @@ def _judge_contacts(
 def _missing_switches(d: Dynamics, record: Record, θ: float) -> Array:
     """Return by how much relays miss their law in any step (nc,), with the u of `lcpimpact.integrators.moreau_jean`."""
     t, q, r = record.t, record.q, record.reaction
-    u = d.gap(q[1:]) + r @ d.D.T
-    u_θ = d.gap((1.0 - θ) * q[:-1] + θ * q[1:]) + r @ d.D.T
-    u = np.where(np.diag(d.D) > 0.0, u_θ, u)
+    u, in_step = _images(d.H, q[1:]) + d.u0, np.diag(d.D) > 0.0
+    if in_step.any():
+        u = np.where(in_step, _images(d.H, (1.0 - θ) * q[:-1] + θ * q[1:]) + d.u0, u)
+    u += _images(d.D, r)
     late = d.relays & (d.relative_degree > 1)
     if late.any():
         h = np.diff(t)
@@ -232,11 +233,20 @@ def _missing_switches(d: Dynamics, record: Record, θ: float) -> Array:
             here = level == k
             A = d.C + h[here].mean() * d.K
             A[d.driven] = np.eye(len(A))[d.driven]
-            right = q[:-1][here] @ d.C.T + h[here, None] * (d.force(t[1:][here]) + r[here] @ d.B.T)
+            forces = d.force(t[1:][here]) + _images(d.B, r[here])
+            right = _images(d.C, q[:-1][here]) + h[here, None] * forces
             right[:, d.driven] = q[1:][here][:, d.driven]
             implicit[here] = np.linalg.solve(A, right.T).T
-        u = np.where(late, d.gap(implicit), u)
+        u = np.where(late, _images(d.H, implicit) + d.u0, u)
     return np.asarray(switch_residual(d, r, u).max(axis=0, initial=0.0))
+
+
+def _images(A: Array, x: Array) -> Array:
+    """Return A x of many instants, x (nt, n), by the entries of A: for a few columns BLAS would start threads (nt, m)."""
+    found = np.zeros((len(x), len(A)))
+    for i, j in np.argwhere(A):
+        found[:, i] += A[i, j] * x[:, j]
+    return found
 
 
 def _slip_tolerance(d: Dynamics, record: Record) -> Array:

@@ -17,7 +17,7 @@ from lcpimpact.scheme import force_law
 from lcpimpact.scheme.decomposition import Decomposition, decompose
 from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.impulse_paths import extreme_rays, impulse_paths
-from lcpimpact.scheme.signals import PiecewisePolynomial, Signal
+from lcpimpact.scheme.signals import Described, PiecewisePolynomial, Signal
 from lcpimpact.scheme.terms import PowerLaw, RowLaw, Terms
 
 T = TypeVar("T")
@@ -346,10 +346,10 @@ class Dynamics:
         y, rate = np.zeros((2, *times.shape, len(self.motions)))
         for k, i in enumerate(sorted(self.motions)):
             signal = self.motions[i]
-            if isinstance(signal, PiecewisePolynomial):
+            if isinstance(signal, Described):
                 found = signal.derivatives(times)
                 y[..., k] = found[..., 0]
-                if signal.degree:
+                if found.shape[-1] > 1:
                     rate[..., k] = found[..., 1]
             else:
                 y[..., k] = _values(signal, times)
@@ -381,7 +381,7 @@ class Dynamics:
         times = np.asarray(t, dtype=np.float64)
         f = np.full((*times.shape, len(self.nodes)), 0.0, self.M.dtype)
         for i, load in self.loads:
-            if isinstance(load, PiecewisePolynomial):
+            if isinstance(load, Described):
                 f[..., i] += load.derivatives(times)[..., 0]
             elif callable(load):
                 f[..., i] += _values(load, times)

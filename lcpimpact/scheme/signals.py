@@ -137,6 +137,15 @@ class Harmonic:
         """Return the derivative at time t."""
         return -self.amplitude * self.omega * math.sin(self.omega * t + self.phase)
 
+    def derivatives(self, t: ArrayLike) -> Array:
+        """Return f and f' at the times t, with the shape of t followed by (2,)."""
+        t = np.asarray(t, dtype=np.float64)
+        if t.ndim == 0:
+            return np.array([self(float(t)), self.rate(float(t))])
+        from lcpimpact.scheme.waves import harmonic  # here, as a scheme is read, checked and drawn without numba
+
+        return np.asarray(harmonic(self.amplitude, self.omega, self.phase, t.flatten()).reshape(*t.shape, 2))
+
 
 class PiecewisePolynomial(ABC):
     """A signal that is a polynomial of one degree between its breakpoints, and continuous from the right there."""
