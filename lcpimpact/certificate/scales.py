@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, vector
+from lcpimpact.compiled import compiled, f8, matrix, named_tuple, vector
 from lcpimpact.scheme.dynamics import Dynamics, once
 
 SCALE_FLOOR = 1e-6
@@ -18,6 +18,9 @@ SCALE_FLOOR = 1e-6
 
 Judgement: TypeAlias = dict[str, tuple[float, float]]
 """Violation of each law with the largest ratio to its limit, and that limit."""
+
+
+TRIPLE: Any = types.UniTuple(f8, 3)
 
 
 class Sizes(NamedTuple):
@@ -32,10 +35,38 @@ class Sizes(NamedTuple):
     u0: Array
 
 
+SIZES: Any = named_tuple((matrix,) * 6 + (vector,), Sizes)
+
+
 @once
 def sizes(d: Dynamics) -> Sizes:
     """Return the absolute values of the matrices of a system."""
-    return Sizes(*map(np.abs, (d.M, d.C, d.K, d.B, d.H, d.D, d.u0)))
+    return Sizes(*(np.array(np.abs(each), order="C") for each in (d.M, d.C, d.K, d.B, d.H, d.D, d.u0)))
+
+
+@compiled(types.UniTuple(vector, 2)(SIZES, vector, vector, vector))
+def gaps_of(size: Sizes, q: Array, v: Array, r: Array) -> tuple[Array, Array]:
+    """Return the largest |u| and |U| for the largest |q|, |v| and |r|."""
+    u, U = size.u0.copy(), np.zeros(len(r))
+    for i in range(len(r)):
+        for j in range(len(q)):
+            u[i] += size.H[i, j] * q[j]
+            U[i] += size.H[i, j] * v[j]
+        for j in range(len(r)):
+            u[i] += size.D[i, j] * r[j]
+    return u, U
+
+
+@compiled(vector(SIZES, vector, vector, vector))
+def forces_of(size: Sizes, q: Array, v: Array, r: Array) -> Array:
+    """Return |K| q + |C| v + |B| r."""
+    forces = np.zeros(len(q))
+    for i in range(len(q)):
+        for j in range(len(q)):
+            forces[i] += size.K[i, j] * q[j] + size.C[i, j] * v[j]
+        for j in range(len(r)):
+            forces[i] += size.B[i, j] * r[j]
+    return forces
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,8 +89,8 @@ class Scales:
     @classmethod
     def of_largest(cls, d: Dynamics, q: Array, v: Array, r: Array, f: Array) -> Scales:
         """Return the scales for given largest |q|, |v|, |r| and |f|."""
-        size = sizes(d)
-        return cls(d, q, v, size.H @ q + size.u0 + size.D @ r, size.H @ v, r, f)
+        u, U = gaps_of(sizes(d), q, v, r)
+        return cls(d, q, v, u, U, r, f)
 
     def at_least(self, h: float) -> Scales:
         """Return scales bounded below for bodies at rest: by the effect of forces in a time h and the largest speed."""
@@ -76,8 +107,10 @@ class Scales:
     @cached_property
     def forces(self) -> Array:
         """The sum of the largest forces at each node in N (n,)."""
-        size, springs = sizes(self.dynamics), self.dynamics.spring_force(self.q, self.v)
-        return np.asarray(size.K @ self.q + size.C @ self.v + size.B @ self.r + self.f + np.abs(springs))
+        forces = forces_of(sizes(self.dynamics), self.q, self.v, self.r) + self.f
+        if self.dynamics.springs:
+            forces += np.abs(self.dynamics.spring_force(self.q, self.v))
+        return np.asarray(forces)
 
     @cached_property
     def momenta(self) -> Array:
@@ -99,19 +132,24 @@ def largest_violation(values: Array, allowed: Array) -> tuple[float, float]:
     return _largest_violation(values.flatten(), allowed.flatten())
 
 
+@compiled(TRIPLE(TRIPLE, f8, f8), inline="always", allocates=False)
+def worse(worst: tuple[float, float, float], value: float, allowed: float) -> tuple[float, float, float]:
+    """Return the worse of two violations, as its ratio to its limit, itself, and that limit; no number is the worst."""
+    ratio = value / allowed if value > 0.0 else 0.0
+    if value != value:
+        ratio = np.inf
+    if worst[0] == worst[0] and not ratio <= worst[0]:
+        return ratio, value, allowed
+    return worst
+
+
 @compiled(types.UniTuple(f8, 2)(vector, vector), allocates=False)
 def _largest_violation(values: Array, allowed: Array) -> tuple[float, float]:
-    """Return the violation with the largest ratio to its limit, and that limit; one that is no number is the largest."""
-    at, largest = -1, -1.0
+    """Return the worst violation and its limit."""
+    worst = (-1.0, 0.0, 0.0)
     for i in range(len(values)):
-        ratio = values[i] / allowed[i] if values[i] > 0.0 else 0.0
-        if values[i] != values[i]:
-            ratio = np.inf
-        if ratio != ratio:
-            return values[i], allowed[i]
-        if ratio > largest:
-            at, largest = i, ratio
-    return (values[at], allowed[at]) if at >= 0 else (0.0, 0.0)
+        worst = worse(worst, values[i], allowed[i])
+    return worst[1], worst[2]
 
 
 def larger_violation(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:

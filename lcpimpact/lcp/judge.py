@@ -165,7 +165,8 @@ def clear_residual(M: Array, q: Array, lower: Array, upper: Array, z: Array, tol
             term = M[i, j] * z[j]
             w += term
             terms += abs(term)
-        if z[i] != 0.0 and not (n + 2) * EPS * terms <= near < np.inf:
+        rounding = (n + 2) * EPS * terms
+        if z[i] != 0.0 and not rounding <= near < np.inf:
             return np.inf
         if z[i] == lower[i]:
             if not w >= -near:
@@ -175,7 +176,7 @@ def clear_residual(M: Array, q: Array, lower: Array, upper: Array, z: Array, tol
                 return np.inf
         elif not (lower[i] < z[i] < upper[i] and abs(w) <= near):
             return np.inf
-        elif w != 0.0:
+        elif abs(w) > rounding:
             residual = max(residual, abs(w) / abs(q[i]))
     return residual
 

@@ -235,8 +235,9 @@ def _one_row(writer: Writer, law: int, name: str, touching: str) -> Iterator[Sta
     residual = (
         Set("w", f"abs(free0 + {W} * z)"),
         Set("size", "abs(free0)"),
-        Unless(f"w <= tol * size and {3.0 * EPS!r} * (size + {W} * abs(z)) <= tol * size"),
-        When("w > worst * size", (Set("worst", "w / size"),)),
+        Set("rounding", f"{3.0 * EPS!r} * (size + {W} * abs(z))"),
+        Unless("w <= tol * size and rounding <= tol * size"),
+        When("w > rounding and w > worst * size", (Set("worst", "w / size"),)),
     )
     within = " and ".join([f"z > {lower}"] * bool(lower) + [f"z < {upper}"] * bool(upper))
     solved: tuple[Statement, ...] = (Set("z", z), *((When(within, residual),) if within else residual))

@@ -89,7 +89,10 @@ def block_pivoting(
     if not has_positive_diagonal(W):
         return UNDECIDED, 0
     definite = is_symmetric(W)
-    counts, vectors = np.empty((4, n), np.int64), np.empty((2, n))  # for few rows an array costs more than what is in it
+    counts, vectors = (
+        np.empty((4, n), np.int64),
+        np.empty((2, n)),
+    )  # for few rows an array costs more than what is in it
     side, basis, wrong, before = counts[0], counts[1], counts[2], counts[3]
     w, root = vectors[0], vectors[1]
     start(W, q, lower, upper, z, definite, side)
