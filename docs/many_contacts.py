@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PatchCollection
+from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 
 from lcpimpact import Bumper, Chain, Problem, SparseScheme, simulate
 from lcpimpact.plotting.style import EXACT, INK, PALETTE, save, style
@@ -59,34 +58,39 @@ def draw_bar(ax: Axes) -> None:
     run = simulate(
         Problem("bar", scheme, v0=dict.fromkeys(bar.masses, v0)), dt=dt, t_end=round(0.9 / dt) * dt, record=["R"]
     )
-    exact = np.where(run.t_reaction < 2.0 * L / c, rho * c * A * v0, 0.0)
-    ax.plot(run.t_reaction, exact, color=EXACT, linewidth=3.0, label="d'Alembert")
-    ax.plot(run.t_reaction[::2], run["R"][::2], color=INK, linewidth=0.6, linestyle="-", label="1,000 elements")
+    force, release = rho * c * A * v0, 2.0 * L / c
+    ax.plot([0.0, release, release, 0.9], [force, force, 0.0, 0.0], color=EXACT, linewidth=3.0, label="d'Alembert")
+    ax.plot(run.t_reaction[::4], run["R"][::4], color=INK, linewidth=0.6, linestyle="-", label="1,000 elements")
     ax.set(xlabel="$t$ [s]", ylabel="$R$ [N]", title="An elastic bar hits a wall", ylim=(-20.0, 620.0))
     ax.legend(loc="upper right")
 
 
 def draw_pile(ax: Axes) -> None:
     """Draw a pile at rest, with lines between the discs as thick as their forces."""
-    rows = 16
+    rows = 12
     run = simulate(pile(rows, 2e-3), dt=1e-3, t_end=0.2, record=())
     force = dict(zip(run.problem.dynamics.reactions, run.final.reaction, strict=True))
     places = {(r, i): (i + 0.5 * r, 0.75**0.5 * r) for r in range(rows) for i in range(rows - r)}
-    discs = PatchCollection(
-        [Circle(place, 0.5) for place in places.values()], facecolor="none", edgecolor=INK, linewidth=0.5
+    ends = [
+        (force[f"{side}{r}.{i}"], [(x, y), (x + to_right, y - 0.75**0.5)])
+        for (r, i), (x, y) in places.items()
+        for side, to_right in (("L", -0.5), ("R", 0.5))
+    ]
+    widths = [4.0 * each / max(force.values()) for each, _ in ends]
+    ax.add_collection(LineCollection([line for _, line in ends], linewidths=widths, colors=PALETTE[1], linestyles="-"))
+    ax.add_collection(
+        EllipseCollection(
+            1.0,
+            1.0,
+            0.0,
+            units="xy",
+            offsets=list(places.values()),
+            transOffset=ax.transData,
+            facecolors="none",
+            edgecolors=INK,
+            linewidths=0.5,
+        )
     )
-    ax.add_collection(discs)
-    for (r, i), (x, y) in places.items():
-        for side, sign in (("L", -0.5), ("R", 0.5)):
-            width = 4.0 * force[f"{side}{r}.{i}"] / max(force.values())
-            ax.plot(
-                [x, x + sign],
-                [y, y - 0.75**0.5],
-                color=PALETTE[1],
-                linewidth=width,
-                linestyle="-",
-                solid_capstyle="butt",
-            )
     ax.set(title="A pile carries its weight", xlim=(-1.2, rows + 0.2), ylim=(-1.2, 0.9 * rows), aspect="equal")
     ax.axis("off")
 

@@ -80,6 +80,20 @@ def check_outputs(outputs: Iterable[tuple[Path | None, Iterable[str]]], inputs: 
         batch.targets.update(Path(os.path.realpath(path)) for path, _ in named)
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder for output, before any computation, unless it is there.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"cannot make the folder {str(folder)!r}: {error.strerror}; name another with --out") from None
+
+
 def _is_same_file(a: Path, b: Path) -> bool:
     """Return whether two paths denote the same file, existing or not, also through hard and symbolic links."""
     try:

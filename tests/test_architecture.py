@@ -8,6 +8,7 @@ import inspect
 import re
 import shutil
 import warnings
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -110,9 +111,15 @@ def layer(name: str) -> str:
     return parts[1] if len(parts) > 1 else ""
 
 
+@cache
+def parsed(file: Path) -> ast.Module:
+    return ast.parse(file.read_text(encoding="utf-8"))
+
+
+@cache
 def imports(file: Path) -> list[str]:
     """Every module that a file imports anywhere, in functions and under TYPE_CHECKING too, as absolute names."""
-    tree = ast.parse(file.read_text(encoding="utf-8"))
+    tree = parsed(file)
     here = module_name(file).split(".")
     package = here if file.name == "__init__.py" else here[:-1]
     found = []
@@ -136,7 +143,7 @@ def imports(file: Path) -> list[str]:
 
 def locations(file: Path) -> list[str]:
     """The strings "package.module:attribute" of a file: imports that the registry does later."""
-    tree = ast.parse(file.read_text(encoding="utf-8"))
+    tree = parsed(file)
     strings = (n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str))
     return [text.split(":")[0] for text in strings if re.fullmatch(r"lcpimpact(\.\w+)+:\w+", text)]
 
@@ -193,7 +200,7 @@ def test_no_module_imports_itself_in_a_circle():
     graph: dict[str, set[str]] = {}
     known = {module_name(file) for file in FILES}
     for file in FILES:
-        tree = ast.parse(file.read_text(encoding="utf-8"))
+        tree = parsed(file)
         guarded = [n for n in tree.body if isinstance(n, ast.If) and ast.unparse(n.test) == "TYPE_CHECKING"]
         for_types = {id(node) for branch in guarded for node in ast.walk(branch)}
         names: set[str] = set()
@@ -231,7 +238,7 @@ def test_what_a_file_must_not_contain(file):
     text = file.read_text(encoding="utf-8")
     assert file.stem not in ("utils", "util", "helpers", "misc", "common")
     assert not re.search(r"\b(TODO|FIXME|XXX)\b", text)
-    tree = ast.parse(text)
+    tree = parsed(file)
     assert ast.get_docstring(tree), "every module says what it is"
     for node in ast.walk(tree):
         if isinstance(node, ast.Call):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 
 import numpy as np
 import pytest
@@ -46,6 +47,17 @@ def test_another_case_is_told_by_the_assumptions():
     result = 2.0 * x if x < 3.0 else 5.0 * x
     assert evaluated(program, [result], [2.5]) == ([5.0], True)
     assert evaluated(program, [result], [3.5])[1] is False
+
+
+@pytest.mark.parametrize("compare", [operator.lt, operator.le, operator.gt, operator.ge, operator.eq, operator.ne])
+def test_comparisons_are_told_apart_at_ties_too(compare):
+    pairs = [(1.0, 2.0), (2.0, 2.0), (3.0, 2.0)]
+    for traced in pairs:
+        program = Program()
+        found = compare(*map(program.parameter, traced))
+        assert found is compare(*traced)
+        for pair in pairs:
+            assert evaluated(program, [], pair)[1] is (compare(*pair) is found)
 
 
 def test_matrices_of_formulas_multiply_and_equal_terms_are_computed_once():

@@ -105,10 +105,12 @@ class Certificate:
         beyond = {
             name: float(getattr(self, name) / limit if limit > 0.0 else np.inf)
             for name, limit in self.limits.items()
-            if not getattr(self, name) <= limit
+            if not getattr(self, name) <= limit < np.inf
         }
         return tuple(
             f"{SENTENCES[name].format(getattr(self, name))}, where {self.limits[name]:.2g} is allowed"
+            if np.isfinite(self.limits[name])
+            else f"the run cannot be judged by its {name.replace('_', ' ')}, which overflows: take other units"
             for name in sorted(beyond, key=lambda name: -beyond[name])
         )
 
@@ -165,7 +167,7 @@ def certify(
     allowed = {name: limit for name, (_, limit) in found.items()} if integrator is not None else {}
     if not limits.balances_energy or not d.stores_energy:
         allowed.pop("energy_balance", None)
-    elif allowed and 0.0 < found["energy_balance"][0] < energies[0]:
+    elif "energy_balance" in allowed and 0.0 < found["energy_balance"][0] < energies[0]:
         # The largest violation is reported; its ratio to its limit need not be the largest.
         allowed["energy_balance"] *= energies[0] / found["energy_balance"][0]
     violations = {name: float(value) for name, (value, _) in found.items() if name != "energy_balance"}

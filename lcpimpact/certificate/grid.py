@@ -167,7 +167,6 @@ def judge_grid(
     stored = account.stored(record.q, record.v, record.q[0])
     net = np.cumsum(account.balance(account.by_trapezoidal_rule(record, events, run.spread)))
     energy = float(np.abs(account.imbalance(stored[1:], stored[0], net)).max(initial=0.0))
-    found["energy_balance"] = (energy, np.inf)
     return found, scales, (energy, float(np.abs(stored[:, :2].sum(axis=1)).max()))
 
 

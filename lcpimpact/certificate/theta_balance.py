@@ -1,4 +1,7 @@
-r"""Energy balance and laws of θ-steps, whose forces balance at t + θ h, summed over a run in one compiled loop.
+r"""Energy balance and laws of θ-steps, whose forces balance at t + θ h, summed over a run in compiled loops.
+
+A run is judged in blocks of steps. Within a block every quantity is a row over the steps, and the loops over them are
+innermost, so that the processor works on several steps at once.
 
 With w = (q⁺ - q)/h the work of a step is
 
@@ -22,7 +25,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices, Places
-from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, named_tuple, places, vector
+from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, named_tuple, places, vector
 from lcpimpact.scheme.power_law import mean_force, spring_energy, spring_force
 from lcpimpact.scheme.terms import RowLaw
 
@@ -31,8 +34,8 @@ MASSIVE, DRIVEN, DAMPED, FREE = 1, 2, 0, -1
 
 CONTACT, SLIDER, FRICTION, JOINT, RELAY = range(len(RowLaw))
 
-CHECK_INTERVAL = 16
-"""Number of steps between checks of the sums over a run: an imbalance of them persists."""
+LONGEST_BLOCK, SHORTEST_BLOCK, BLOCK_NUMBERS = 512, 32, 4096
+"""Numbers of steps in a block: so many that calls cost little, and so few that its rows fit in the cache."""
 
 CLOSED_GAP_RTOL = 1e-12
 """Penetration, relative to the terms of the gap, below which a contact is closed."""
@@ -119,7 +122,7 @@ class Impulses(NamedTuple):
 
 
 class Violations(NamedTuple):
-    """Largest violations of a run.
+    """Largest violations of a run; while it is judged, the largest of each place in a block, so that no step waits.
 
     Attributes
     ----------
@@ -144,32 +147,60 @@ class Violations(NamedTuple):
     v: Array
 
 
-class Sums(NamedTuple):
-    """Sums carried from step to step, and work arrays.
+class Rows(NamedTuple):
+    """The quantities of a block of steps, each a row over its steps s, or over their ends, s and s + 1 of step s.
 
     Attributes
     ----------
-    q_integral, load_impulse : (n,)     ∫ q_θ dt, and the impulses of loads and non-linear springs since the start
-    impulse : (nc,) array               ∫ r dt since the start
-    gap, rate : (nc,) arrays            u and U at the start of the step
-    w : (n,) array                      the mean velocity of the step
-    total : (nc,) array                 the mean forces of the step, including impulses
-    path_pushes, on_path : (nc,) flags  contacts of active impulse paths, and contacts of any impulse path
-    feedthrough : (nc,) flags           rows in which D is not zero
-    of_step : (4, nc) array             products at t + θ h and at t + h, and penetrations there, in rows with a feedthrough
+    t, q, v                     instants (B + 1,), and coordinates and velocities at them (n, B + 1)
+    h, per_h : (B,)             lengths of the steps, and their reciprocals
+    r, total : (nc, B)          mean forces of the steps, without and with impulses
+    w, rate : (n, B)            mean velocities, and velocities at t_θ
+    f : (n, B)                  loads that vary and forces of any kind at t_θ, and those of non-linear springs
+    dq : (n, B)                 changes of ∫ q_θ dt
+    u, U : (nc, B + 1)          gaps and their rates
+    W : (nc, B)                 mean rates of the gaps
+    power : (B,)                power of what does not store energy
+    stored : (B + 1,)           energy of masses and springs
+    at_ends : (4, nc, B)        in rows with a feedthrough, products at t + θ h and at t + h, and penetrations there
+    by_path : (nc, B) flags     contacts whose impulse paths are active
+    work : (2, B)               rows for intermediate results
     """
+
+    t: Array
+    q: Array
+    v: Array
+    h: Array
+    per_h: Array
+    r: Array
+    total: Array
+    w: Array
+    rate: Array
+    f: Array
+    dq: Array
+    u: Array
+    U: Array
+    W: Array
+    power: Array
+    stored: Array
+    at_ends: Array
+    by_path: Array
+    work: Array
+
+
+class Sums(NamedTuple):
+    """Sums since the start of the run: ∫ q_θ dt and impulses of loads and non-linear springs (n,), ∫ r dt (nc,)."""
 
     q_integral: Array
     load_impulse: Array
     impulse: Array
-    gap: Array
-    rate: Array
-    w: Array
-    total: Array
-    path_pushes: Flags
-    on_path: Flags
+
+
+class Kinds(NamedTuple):
+    """Flags of the contacts (nc,): whether a row has a feedthrough, and whether it lies on an impulse path."""
+
     feedthrough: Flags
-    of_step: Array
+    on_path: Flags
 
 
 SPARSITY: Any = named_tuple((places, places), SparsityPattern)
@@ -180,35 +211,39 @@ CONTACTS: Any = named_tuple(
 SPRING_LAWS: Any = named_tuple((matrix, matrix), SpringLaws)
 RECORDED: Any = named_tuple((vector, matrix, matrix, matrix, matrix, matrix), Recorded)
 IMPULSES: Any = named_tuple((indices, indices, vector), Impulses)
-VIOLATIONS: Any = named_tuple((vector,) * 11, Violations)
-SUMS: Any = named_tuple((vector,) * 7 + (flags,) * 3 + (matrix,), Sums)
+VIOLATIONS: Any = named_tuple((matrix,) * 11, Violations)
+ROWS: Any = named_tuple(
+    (vector, matrix, matrix, vector, vector, *(matrix,) * 9, vector, vector, cube, types.boolean[:, ::1], matrix), Rows
+)
+SUMS: Any = named_tuple((vector,) * 3, Sums)
+KINDS: Any = named_tuple((flags, flags), Kinds)
 
 
-def no_violations(nc: int, n: int) -> Violations:
-    """Return zero violations of nc contacts and n nodes."""
-    return Violations(*np.zeros((6, nc)), *np.zeros((5, n)))
+def block_steps(nc: int, n: int, steps: int) -> int:
+    """Return the number of steps in a block, for nc contacts and n nodes."""
+    return max(1, min(steps, LONGEST_BLOCK, max(SHORTEST_BLOCK, BLOCK_NUMBERS // (n + nc))))
 
 
-def sums_for(contacts: Contacts, n: int) -> Sums:
-    """Return the sums at the start of a run."""
-    nc = len(contacts.u0)
-    w, q_integral, load_impulse = np.zeros((3, n))
-    impulse, gap, rate, total = np.zeros((4, nc))
-    on_path = np.asarray((contacts.paths != 0.0).any(axis=0))
-    feedthrough = np.asarray((contacts.D != 0.0).any(axis=1) & ~(contacts.law == RELAY))
-    return Sums(
-        q_integral=q_integral, load_impulse=load_impulse, impulse=impulse, gap=gap, rate=rate, w=w, total=total,
-        path_pushes=np.zeros(nc, bool), on_path=on_path, feedthrough=feedthrough, of_step=np.zeros((4, nc)),
+def no_violations(nc: int, n: int, B: int) -> Violations:
+    """Return rows of zero violations of nc contacts and n nodes, for blocks of B steps."""
+    return Violations(*np.zeros((6, nc, B)), *np.zeros((5, n, B)))
+
+
+@compiled(ROWS(i8, i8, i8))
+def rows_for(nc: int, n: int, B: int) -> Rows:
+    """Return room for blocks of B steps."""
+    return Rows(
+        np.zeros(B + 1), np.zeros((n, B + 1)), np.zeros((n, B + 1)), np.zeros(B), np.zeros(B), np.zeros((nc, B)),
+        np.zeros((nc, B)), np.zeros((n, B)), np.zeros((n, B)), np.zeros((n, B)), np.zeros((n, B)), np.zeros((nc, B + 1)),
+        np.zeros((nc, B + 1)), np.zeros((nc, B)), np.zeros(B), np.zeros(B + 1), np.zeros((4, nc, B)),
+        np.zeros((nc, B), np.bool_), np.zeros((2, B)),
     )  # fmt: skip
 
 
-@compiled(f8(SPARSITY, vector, i8, vector), inline="always", allocates=False)
-def row_of(pattern: SparsityPattern, values: Array, i: int, x: Array) -> float:
-    """Return the product of row i of a sparse matrix with x."""
-    sum_ = 0.0
-    for p in range(pattern.starts[i], pattern.starts[i + 1]):
-        sum_ += values[p] * x[pattern.columns[p]]
-    return sum_
+def kinds_of(contacts: Contacts) -> Kinds:
+    """Return the flags of the contacts."""
+    feedthrough = np.asarray((contacts.D != 0.0).any(axis=1) & ~(contacts.law == RELAY))
+    return Kinds(feedthrough, np.asarray((contacts.paths != 0.0).any(axis=0)))
 
 
 @compiled(f8(vector), inline="always", allocates=False)
@@ -220,234 +255,371 @@ def largest(values: Array) -> float:
     return found
 
 
-@compiled(f8(SPRING_LAWS, vector), inline="always", allocates=False)
-def spring_energies(springs: SpringLaws, q: Array) -> float:
-    """Return the energy stored in the non-linear springs in J."""
-    stored = 0.0
-    for a in range(len(springs.law)):
-        δ = -springs.law[a, 0]
-        for j in range(len(q)):
-            δ -= springs.N[a, j] * q[j]
-        stored += spring_energy(springs.law[a, 1], springs.law[a, 2], δ)
-    return stored
+@compiled(f8(vector, i8), inline="always", allocates=False)
+def sum_of(x: Array, m: int) -> float:
+    """Return the sum of the first m values: of four parts, since each addition waits for the last."""
+    a, b, c, d, whole = 0.0, 0.0, 0.0, 0.0, m // 4
+    for s in range(whole):
+        a, b, c, d = a + x[4 * s], b + x[4 * s + 1], c + x[4 * s + 2], d + x[4 * s + 3]
+    for s in range(4 * whole, m):
+        a += x[s]
+    return (a + b) + (c + d)
 
 
-@compiled(types.void(CONTACTS, f8, vector, vector, SUMS, vector))
-def judge_paths(contacts: Contacts, h: float, before: Array, after: Array, sums: Sums, product: Array) -> None:
-    """Judge the impulse paths over massless nodes in a step, with v before and after it.
-
-    If all contacts of a path are active, the impact law holds for their sum. Marks the contacts of such paths.
-    """
-    nc, paths, force, path_pushes = len(contacts.u0), contacts.paths, sums.total, sums.path_pushes
-    through, ρ, U, U_after = np.empty(len(paths)), np.zeros(nc), np.zeros(nc), np.zeros(nc)
-    for i in range(nc):
-        path_pushes[i] = False
-        U[i] = row_of(contacts.pattern, contacts.H, i, before)
-        U_after[i] = row_of(contacts.pattern, contacts.H, i, after)
-    for a in range(len(paths)):
-        least, opening, approach = np.inf, 0.0, 0.0
-        for i in range(nc):
-            if paths[a, i] > 0.0:
-                least, opening, approach = min(least, force[i]), opening + U[i], approach + min(U[i], 0.0)
-        through[a] = max(least, 0.0)
-        for i in range(nc):
-            if paths[a, i] > 0.0 and least > 0.0:
-                path_pushes[i] = True
-                if opening < 0.0:
-                    ρ[i] = max(ρ[i], opening / approach)
-    for a in range(len(paths)):
-        path_defect = 0.0
-        for i in range(nc):
-            if paths[a, i] > 0.0:
-                path_defect += U_after[i] + contacts.e[i] * ρ[i] * min(U[i], 0.0)
-        for i in range(nc):
-            if paths[a, i] > 0.0:
-                product[i] = max(product[i], h * through[a] * abs(path_defect))
+@compiled(i8(RECORDED, IMPULSES, i8, i8, i8, ROWS), allocates=False)
+def read_block(run: Recorded, impulses: Impulses, first: int, m: int, at: int, rows: Rows) -> int:
+    """Copy m steps from the record, with their impulses from number ``at`` on; return the number of the next one."""
+    t, h, per_h, times = rows.t, rows.h, rows.per_h, run.t[first : first + m + 1]
+    for s in range(m + 1):
+        t[s] = times[s]
+    for s in range(m):
+        h[s] = t[s + 1] - t[s]
+        per_h[s] = 1.0 / h[s]
+    qs, vs, rs = run.q[first : first + m + 1], run.v[first : first + m + 1], run.r[first : first + m]
+    for i in range(len(rows.q)):
+        q, v = rows.q[i], rows.v[i]
+        for s in range(m + 1):
+            q[s], v[s] = qs[s, i], vs[s, i]
+    for i in range(len(rows.r)):
+        r, total = rows.r[i], rows.total[i]
+        for s in range(m):
+            r[s] = rs[s, i]
+            total[s] = r[s]
+    while at < len(impulses.P) and impulses.step[at] < first + m:
+        s = impulses.step[at] - first
+        rows.total[impulses.row[at], s] += impulses.P[at] / rows.h[s]
+        at += 1
+    return at
 
 
-@compiled(types.void(RECORDED, NODES, i8, f8, SUMS, VIOLATIONS), inline="always", allocates=False)
-def judge_kinematics(run: Recorded, nodes: Nodes, k: int, θ: float, sums: Sums, found: Violations) -> None:
-    """Judge the kinematics of step k, write w, and update ∫ q_θ dt and the impulses of the loads."""
-    h = run.t[k + 1] - run.t[k]
-    per_h = 1.0 / h
-    for i in range(len(sums.w)):
-        w = (run.q[k + 1, i] - run.q[k, i]) * per_h
-        rate_θ = run.v[k + 1, i]
+@compiled(types.void(vector, vector, i8, i8), inline="always", allocates=False)
+def keep_largest(kept: Array, x: Array, first: int, m: int) -> None:
+    """Replace each kept number by |x| from ``first`` on where that is larger."""
+    values = x[first : first + m]
+    for s in range(m):
+        kept[s] = max(kept[s], abs(values[s]))
+
+
+@compiled(types.void(NODES, i8, f8, ROWS, VIOLATIONS), allocates=False)
+def judge_kinematics(nodes: Nodes, m: int, θ: float, rows: Rows, found: Violations) -> None:
+    """Judge the kinematics of the steps, and write w, the velocities at t_θ, and the changes of ∫ q_θ dt."""
+    h, per_h = rows.h, rows.per_h
+    for i in range(len(rows.q)):
+        q, v, w, rate, dq, off = rows.q[i], rows.v[i], rows.w[i], rows.rate[i], rows.dq[i], found.kinematics[i]
+        for s in range(m):
+            w[s] = (q[s + 1] - q[s]) * per_h[s]
         if nodes.kind[i] == MASSIVE:
-            rate_θ = (1.0 - θ) * run.v[k, i] + θ * rate_θ
+            for s in range(m):
+                rate[s] = (1.0 - θ) * v[s] + θ * v[s + 1]
         elif nodes.kind[i] == DRIVEN:
-            rate_θ = w
-        if nodes.kind[i] != FREE and h * abs(w - rate_θ) > found.kinematics[i]:
-            found.kinematics[i] = h * abs(w - rate_θ)
-        sums.w[i] = w
-        sums.q_integral[i] += h * (run.q[k, i] + θ * h * rate_θ)
-        if len(run.f) > 1:
-            sums.load_impulse[i] += h * ((1.0 - θ) * run.f[k, i] + θ * run.f[k + 1, i])
-        if len(run.f_θ) > 0:
-            sums.load_impulse[i] += h * run.f_θ[k, i]
+            for s in range(m):
+                rate[s] = w[s]
+        else:
+            for s in range(m):
+                rate[s] = v[s + 1]
+        for s in range(m):
+            dq[s] = h[s] * (q[s] + θ * h[s] * rate[s])
+        if nodes.kind[i] != FREE:
+            for s in range(m):
+                off[s] = max(off[s], h[s] * abs(w[s] - rate[s]))
+        keep_largest(found.q[i], q, 1, m)
+        keep_largest(found.v[i], v, 1, m)
 
 
-@compiled(f8(CONTACTS, i8, f8, vector, f8, SUMS, VIOLATIONS), inline="always", allocates=False)
-def product_of_impact(contacts: Contacts, i: int, h: float, q: Array, U: float, sums: Sums, found: Violations) -> float:
-    """Judge the impact law of a contact with rate U after a step from q, and return its product in J."""
-    before = sums.rate[i]
-    impact_defect = U + contacts.e[i] * before
-    if sums.path_pushes[i]:
-        return 0.0
-    ahead = sums.gap[i] + 0.5 * h * before
-    if sums.total[i] > 0.0:
-        found.law[i] = max(found.law[i], abs(impact_defect))
-    elif ahead < 0.0 and impact_defect < 0.0:
-        terms = abs(contacts.u0[i])
+@compiled(types.void(RECORDED, i8, i8, f8, ROWS), allocates=False)
+def read_loads(run: Recorded, first: int, m: int, θ: float, rows: Rows) -> None:
+    """Write the loads that vary and the forces of any kind at t_θ."""
+    for i in range(len(rows.q)):
+        f = rows.f[i]
+        for s in range(m):
+            f[s] = (1.0 - θ) * run.f[first + s, i] + θ * run.f[first + s + 1, i] if len(run.f) > 1 else 0.0
+            if len(run.f_θ) > 0:
+                f[s] += run.f_θ[first + s, i]
+
+
+@compiled(types.void(CONTACTS, i8, ROWS, VIOLATIONS), allocates=False)
+def follow_gaps(contacts: Contacts, m: int, rows: Rows, found: Violations) -> None:
+    """Write u, U and W of the contacts, and the largest changes and forces; add the power of the reactions."""
+    h, power = rows.h, rows.power
+    for i in range(len(contacts.u0)):
+        u, U, W, total, change = rows.u[i], rows.U[i], rows.W[i], rows.total[i], found.gap_change[i]
+        for s in range(m + 1):
+            u[s], U[s] = contacts.u0[i], 0.0
+        for s in range(m):
+            W[s] = 0.0
         for p in range(contacts.pattern.starts[i], contacts.pattern.starts[i + 1]):
-            terms += abs(contacts.H[p] * q[contacts.pattern.columns[p]])
-        if ahead < -CLOSED_GAP_RTOL * terms:
-            found.law[i] = max(found.law[i], -impact_defect)
-    product: float = h * sums.total[i] * impact_defect
-    return product
+            H, j = contacts.H[p], contacts.pattern.columns[p]
+            q, v, w = rows.q[j], rows.v[j], rows.w[j]
+            for s in range(m + 1):
+                u[s] += H * q[s]
+                U[s] += H * v[s]
+            for s in range(m):
+                W[s] += H * w[s]
+        # A contact penetrates by up to h |U| of the step before it closes, which is more than h |W|.
+        for s in range(m):
+            change[s] = max(change[s], h[s] * max(abs(W[s]), abs(U[s + 1])))
+            power[s] += total[s] * W[s]
+        keep_largest(found.r[i], rows.r[i], 0, m)
 
 
-@compiled(f8(RECORDED, CONTACTS, i8, i8, f8, SUMS, VIOLATIONS), inline="always", allocates=False)
-def judge_contact(run: Recorded, contacts: Contacts, i: int, k: int, θ: float, sums: Sums, found: Violations) -> float:
-    """Judge the laws of a contact in step k, and return the power of its mean force."""
-    h, force, r_max = run.t[k + 1] - run.t[k], sums.total[i], contacts.r_max[i]
-    u, U, W = contacts.u0[i], 0.0, 0.0
-    for p in range(contacts.pattern.starts[i], contacts.pattern.starts[i + 1]):
-        H, column = contacts.H[p], contacts.pattern.columns[p]
-        u += H * run.q[k + 1, column]
-        U += H * run.v[k + 1, column]
-        W += H * sums.w[column]
-    gap = u
-    # A contact penetrates by up to h |U| of the step before it closes, which is more than h |W|.
-    found.gap_change[i] = max(found.gap_change[i], h * abs(W), h * abs(U))
-    found.r[i] = max(found.r[i], abs(run.r[k, i]))
+@compiled(types.void(CONTACTS, i8, i8, ROWS, VIOLATIONS), allocates=False)
+def judge_bounds(contacts: Contacts, i: int, m: int, rows: Rows, found: Violations) -> None:
+    """Judge the bounds of a reaction, and write those of friction that slides to the first row of work."""
+    total, high, beyond = rows.total[i], rows.work[0], found.tension[i]
     if contacts.law[i] == FRICTION:
-        normal = max(sums.total[contacts.normal[i]], 0.0)
-        r_max = contacts.mu[i] * normal
-        found.tension[i] = max(found.tension[i], abs(force) - contacts.mu_s[i] * normal)
-    elif force < contacts.r_min[i] or force > r_max:
-        found.tension[i] = max(found.tension[i], contacts.r_min[i] - force, force - r_max)
-    if sums.feedthrough[i]:
-        for j in range(len(sums.gap)):
-            u += contacts.D[i, j] * run.r[k, j]
-        u_θ = u - (1.0 - θ) * h * W
-        sums.of_step[0, i], sums.of_step[1, i] = abs(force * u_θ), abs(force * u)
-        sums.of_step[2, i], sums.of_step[3, i] = -u_θ, -u
-        if contacts.law[i] == JOINT:
-            sums.of_step[2, i], sums.of_step[3, i] = abs(u_θ), abs(u)
-    if contacts.law[i] == RELAY:
-        product = 0.0
-    elif contacts.law[i] == SLIDER or contacts.law[i] == FRICTION:
-        slip = U + contacts.e[i] * sums.rate[i] if contacts.degree[i] == 2 else W
-        product = h * (r_max * abs(slip) + force * slip)
-    elif sums.feedthrough[i]:
-        product = 0.0
-    elif contacts.law[i] == JOINT:
-        product = 0.0
-        found.penetration[i] = max(found.penetration[i], abs(u))
-        found.law[i] = max(found.law[i], abs(U) if contacts.degree[i] == 2 else 0.0)
+        normal = rows.total[contacts.normal[i]]
+        for s in range(m):
+            high[s] = contacts.mu[i] * max(normal[s], 0.0)
+            beyond[s] = max(beyond[s], abs(total[s]) - contacts.mu_s[i] * max(normal[s], 0.0))
     else:
-        found.penetration[i] = max(found.penetration[i], -u)
-        product = force * u
+        low, r_max = contacts.r_min[i], contacts.r_max[i]
+        for s in range(m):
+            high[s] = r_max
+            beyond[s] = max(beyond[s], low - total[s], total[s] - r_max)
+
+
+@compiled(types.void(CONTACTS, i8, i8, f8, ROWS), allocates=False)
+def follow_feedthrough(contacts: Contacts, i: int, m: int, θ: float, rows: Rows) -> None:
+    """Write the products and penetrations of a row with a feedthrough at t + θ h and at t + h."""
+    h, total, W, end = rows.h, rows.total[i], rows.W[i], rows.work[1]
+    for s in range(m):
+        end[s] = rows.u[i, s + 1]
+    for j in range(len(contacts.u0)):
+        D, r = contacts.D[i, j], rows.r[j]
+        if D != 0.0:
+            for s in range(m):
+                end[s] += D * r[s]
+    joint = contacts.law[i] == JOINT
+    for s in range(m):
+        u_θ = end[s] - (1.0 - θ) * h[s] * W[s]
+        rows.at_ends[0, i, s], rows.at_ends[1, i, s] = abs(total[s] * u_θ), abs(total[s] * end[s])
+        rows.at_ends[2, i, s], rows.at_ends[3, i, s] = (abs(u_θ), abs(end[s])) if joint else (-u_θ, -end[s])
+
+
+@compiled(types.void(CONTACTS, i8, types.boolean, i8, ROWS, VIOLATIONS), allocates=False)
+def judge_impacts(contacts: Contacts, i: int, on_path: bool, m: int, rows: Rows, found: Violations) -> None:
+    """Judge the impact law of a contact, and its products in J."""
+    product, missed, u, U, h, e = found.product[i], found.law[i], rows.u[i], rows.U[i], rows.h, contacts.e[i]
+    acting, doubtful = rows.work[0], 0.0
+    for s in range(m):
+        acting[s] = rows.total[i, s]
+    if on_path:
+        for s in range(m):
+            acting[s] = 0.0 if rows.by_path[i, s] else acting[s]
+    for s in range(m):
+        defect = U[s + 1] + e * U[s]
+        missed[s] = max(missed[s], abs(defect) if acting[s] > 0.0 else 0.0)
+        product[s] = max(product[s], abs(h[s] * acting[s] * defect))
+    for s in range(m):
+        doubtful = min(doubtful, max(u[s] + 0.5 * h[s] * U[s], U[s + 1] + e * U[s]))
+    if not doubtful < 0.0:
+        return
+    for s in range(m):
+        ahead, defect = u[s] + 0.5 * h[s] * U[s], U[s + 1] + e * U[s]
+        by_path = on_path and rows.by_path[i, s]
+        if ahead < 0.0 and defect < 0.0 and not by_path and not rows.total[i, s] > 0.0:
+            terms = abs(contacts.u0[i])
+            for p in range(contacts.pattern.starts[i], contacts.pattern.starts[i + 1]):
+                terms += abs(contacts.H[p] * rows.q[contacts.pattern.columns[p], s])
+            if ahead < -CLOSED_GAP_RTOL * terms:
+                missed[s] = max(missed[s], -defect)
+
+
+@compiled(types.void(CONTACTS, i8, i8, ROWS, KINDS, VIOLATIONS), allocates=False)
+def judge_law(contacts: Contacts, i: int, m: int, rows: Rows, kinds: Kinds, found: Violations) -> None:
+    """Judge the law of a contact in the steps, once `judge_bounds` has written the bounds of its friction."""
+    law, h, total, W, high = contacts.law[i], rows.h, rows.total[i], rows.W[i], rows.work[0]
+    u, U, e, product = rows.u[i], rows.U[i], contacts.e[i], found.product[i]
+    if law == RELAY:
+        return
+    if law in (SLIDER, FRICTION):
+        impulsive = contacts.degree[i] == 2
+        for s in range(m):
+            slip = U[s + 1] + e * U[s] if impulsive else W[s]
+            product[s] = max(product[s], abs(h[s] * (high[s] * abs(slip) + total[s] * slip)))
+    elif kinds.feedthrough[i]:
+        return
+    elif law == JOINT:
+        keep_largest(found.penetration[i], u, 1, m)
         if contacts.degree[i] == 2:
-            product = product_of_impact(contacts, i, h, run.q[k], U, sums, found)
-        if sums.on_path[i]:
-            product = 0.0 if sums.path_pushes[i] else max(product, 0.0)
-    found.product[i] = max(found.product[i], abs(product))
-    sums.gap[i], sums.rate[i] = gap, U
-    power: float = force * W
-    return power
+            keep_largest(found.law[i], U, 1, m)
+    else:
+        penetration, on_path = found.penetration[i], kinds.on_path[i]
+        for s in range(m):
+            penetration[s] = max(penetration[s], -u[s + 1])
+        if contacts.degree[i] == 2:
+            judge_impacts(contacts, i, on_path, m, rows, found)
+        else:
+            for s in range(m):
+                high[s] = total[s] * u[s + 1]
+            if on_path:  # if one of its contacts penetrates when others close, only the penetration is counted
+                for s in range(m):
+                    high[s] = 0.0 if rows.by_path[i, s] else max(high[s], 0.0)
+            keep_largest(product, high, 0, m)
 
 
-@compiled(f8(RECORDED, i8, f8, f8, SUMS, VIOLATIONS), inline="always", allocates=False)
-def judge_feedthrough(run: Recorded, k: int, θ: float, reach: float, sums: Sums, found: Violations) -> float:
+@compiled(types.void(CONTACTS, i8, ROWS, VIOLATIONS))
+def judge_paths(contacts: Contacts, m: int, rows: Rows, found: Violations) -> None:
+    """Judge the impulse paths over massless nodes, and mark the contacts of active ones.
+
+    If all contacts of a path are active, the impact law holds for their sum.
+    """
+    nc, paths, force, U = len(contacts.u0), contacts.paths, rows.total, rows.U
+    through, ρ = np.empty(len(paths)), np.zeros(nc)
+    for s in range(m):
+        for i in range(nc):
+            rows.by_path[i, s], ρ[i] = False, 0.0
+        for a in range(len(paths)):
+            least, opening, approach = np.inf, 0.0, 0.0
+            for i in range(nc):
+                if paths[a, i] > 0.0:
+                    least, opening = min(least, force[i, s]), opening + U[i, s]
+                    approach += min(U[i, s], 0.0)
+            through[a] = max(least, 0.0)
+            for i in range(nc):
+                if paths[a, i] > 0.0 and least > 0.0:
+                    rows.by_path[i, s] = True
+                    if opening < 0.0:
+                        ρ[i] = max(ρ[i], opening / approach)
+        for a in range(len(paths)):
+            path_defect = 0.0
+            for i in range(nc):
+                if paths[a, i] > 0.0:
+                    path_defect += U[i, s + 1] + contacts.e[i] * ρ[i] * min(U[i, s], 0.0)
+            for i in range(nc):
+                if paths[a, i] > 0.0:
+                    found.product[i, s] = max(found.product[i, s], rows.h[s] * through[a] * abs(path_defect))
+
+
+@compiled(f8(RECORDED, i8, i8, f8, f8, ROWS, KINDS, VIOLATIONS), allocates=False)
+def judge_feedthrough(
+    run: Recorded, first: int, m: int, θ: float, reach: float, rows: Rows, kinds: Kinds, found: Violations
+) -> float:
     """Judge the rows with a feedthrough, at t + θ h or at t + h; return the largest penetration so far."""
-    of_step, h, n = sums.of_step, run.t[k + 1] - run.t[k], len(sums.w)
-    product_θ, product, open_θ, open_end = largest(of_step[0]), largest(of_step[1]), -np.inf, -np.inf
-    for i in range(len(sums.gap)):
-        open_θ, open_end = max(open_θ, of_step[2, i]), max(open_end, of_step[3, i])
-    reach = max(reach, largest(of_step[3]))
-    rounding = CLOSED_GAP_RTOL * reach * largest(found.r)
-    at_end = product_θ > max(rounding, product) or (
-        product_θ <= rounding and open_θ > max(CLOSED_GAP_RTOL * reach, open_end)
-    )
-    if at_end:
-        for i in range(n):
-            sums.q_integral[i] += h * (1.0 - θ) * h * sums.w[i]
-            if len(run.f) > 1:
-                sums.load_impulse[i] += h * (1.0 - θ) * (run.f[k + 1, i] - run.f[k, i])
-    level = 1 if at_end else 0
-    for i in range(len(sums.gap)):
-        found.product[i] = max(found.product[i], of_step[level, i])
-        found.penetration[i] = max(found.penetration[i], of_step[2 + level, i])
+    largest_force = 0.0
+    for i in range(len(found.r)):
+        largest_force = max(largest_force, largest(found.r[i]))
+    for s in range(m):
+        product_θ, product, open_θ, open_end = 0.0, 0.0, -np.inf, -np.inf
+        for i in range(len(kinds.feedthrough)):
+            if kinds.feedthrough[i]:
+                product_θ, product = max(product_θ, rows.at_ends[0, i, s]), max(product, rows.at_ends[1, i, s])
+                open_θ, open_end = max(open_θ, rows.at_ends[2, i, s]), max(open_end, rows.at_ends[3, i, s])
+                reach = max(reach, abs(rows.at_ends[3, i, s]))
+            else:
+                open_θ, open_end = max(open_θ, 0.0), max(open_end, 0.0)
+        rounding = CLOSED_GAP_RTOL * reach * largest_force
+        at_end = product_θ > max(rounding, product) or (
+            product_θ <= rounding and open_θ > max(CLOSED_GAP_RTOL * reach, open_end)
+        )
+        if at_end:
+            late = rows.h[s] * (1.0 - θ)
+            for i in range(len(rows.q)):
+                rows.dq[i, s] += late * rows.h[s] * rows.w[i, s]
+                if len(run.f) > 1:
+                    rows.f[i, s] += (1.0 - θ) * (run.f[first + s + 1, i] - run.f[first + s, i])
+        level = 1 if at_end else 0
+        for i in range(len(kinds.feedthrough)):
+            if kinds.feedthrough[i]:
+                found.product[i, s] = max(found.product[i, s], rows.at_ends[level, i, s])
+                found.penetration[i, s] = max(found.penetration[i, s], rows.at_ends[2 + level, i, s])
     return reach
 
 
-@compiled(f8(RECORDED, NODES, SPRING_LAWS, i8, f8, SUMS), inline="always", allocates=False)
-def spring_power(run: Recorded, nodes: Nodes, springs: SpringLaws, k: int, θ: float, sums: Sums) -> float:
-    """Return the power that non-linear springs dissipate or extract at prescribed motions in step k; add their impulses."""
-    h, n, power = run.t[k + 1] - run.t[k], len(sums.w), 0.0
+@compiled(types.void(NODES, SPRING_LAWS, i8, f8, ROWS), allocates=False)
+def add_springs(nodes: Nodes, springs: SpringLaws, m: int, θ: float, rows: Rows) -> None:
+    """Add the forces of non-linear springs, their energy, and the power that they dissipate or extract at motions."""
+    n = len(rows.q)
     for a in range(len(springs.law)):
-        K, exponent, b, c = springs.law[a, 1], springs.law[a, 2], springs.law[a, 3], springs.law[a, 4]
-        δ, opening_rate = -springs.law[a, 0], 0.0
-        for j in range(n):
-            δ -= springs.N[a, j] * (run.q[k, j] + θ * h * sums.w[j])
-            opening_rate += springs.N[a, j] * sums.w[j]
-        force, _, _ = mean_force(K, exponent, b, c, δ, -opening_rate, h)
-        elastic_force, _, _ = spring_force(K, exponent, b, c, δ, 0.0)
-        power += (force - elastic_force) * opening_rate
-        for j in range(n):
-            sums.load_impulse[j] += h * springs.N[a, j] * force
-            if nodes.kind[j] == DRIVEN:
-                power -= springs.N[a, j] * force * sums.w[j]
-    return power
+        gap, K, exponent, b, c = springs.law[a]
+        for s in range(m + 1):
+            δ = -gap
+            for j in range(n):
+                δ -= springs.N[a, j] * rows.q[j, s]
+            rows.stored[s] += spring_energy(K, exponent, δ)
+        for s in range(m):
+            δ, opening_rate = -gap, 0.0
+            for j in range(n):
+                δ -= springs.N[a, j] * (rows.q[j, s] + θ * rows.h[s] * rows.w[j, s])
+                opening_rate += springs.N[a, j] * rows.w[j, s]
+            force, _, _ = mean_force(K, exponent, b, c, δ, -opening_rate, rows.h[s])
+            elastic_force, _, _ = spring_force(K, exponent, b, c, δ, 0.0)
+            rows.power[s] += (force - elastic_force) * opening_rate
+            for j in range(n):
+                rows.f[j, s] += springs.N[a, j] * force
+                if nodes.kind[j] == DRIVEN:
+                    rows.power[s] -= springs.N[a, j] * force * rows.w[j, s]
 
 
-@compiled(types.UniTuple(f8, 2)(RECORDED, NODES, i8, f8, SUMS), inline="always", allocates=False)
-def work_and_energy(run: Recorded, nodes: Nodes, k: int, θ: float, sums: Sums) -> tuple[float, float]:
-    """Return the power of loads and dashpots in step k, and the energy of masses and linear springs after it."""
-    power, stored, varying = 0.0, 0.0, len(run.f) > 1
-    for i in range(len(sums.w)):
-        inertia, elastic, damping = 0.0, 0.0, 0.0
-        for p in range(nodes.pattern.starts[i], nodes.pattern.starts[i + 1]):
-            j = nodes.pattern.columns[p]
-            inertia += nodes.M[p] * run.v[k + 1, j]
-            elastic += nodes.K[p] * run.q[k + 1, j]
-            damping += nodes.C[p] * sums.w[j]
-        if nodes.kind[i] == DRIVEN:
-            power += sums.w[i] * (θ * elastic + (1.0 - θ) * row_of(nodes.pattern, nodes.K, i, run.q[k]))
+@compiled(types.void(RECORDED, NODES, matrix, i8, f8, ROWS), allocates=False)
+def add_work(run: Recorded, nodes: Nodes, B: Array, m: int, θ: float, rows: Rows) -> None:
+    """Add the power of loads, dashpots and prescribed motions, and the energy of masses and linear springs."""
+    power, stored = rows.power, rows.stored
+    for i in range(len(rows.q)):
+        w, q, v, f, driven = rows.w[i], rows.q[i], rows.v[i], rows.f[i], nodes.kind[i] == DRIVEN
+        constant = run.f[0, i] if len(run.f) == 1 else 0.0
+        if driven:
+            for c in range(len(rows.r)):
+                total = rows.total[c]
+                if B[i, c] != 0.0:
+                    for s in range(m):
+                        power[s] -= total[s] * B[i, c] * w[s]
         else:
-            load = (1.0 - θ) * run.f[k, i] + θ * run.f[k + 1, i] if varying else run.f[0, i]
-            if len(run.f_θ) > 0:
-                load += run.f_θ[k, i]
-            power += sums.w[i] * (load - damping)
-        stored += 0.5 * (run.v[k + 1, i] * inertia + run.q[k + 1, i] * elastic)
-    return power, stored
+            if constant != 0.0:
+                for s in range(m):
+                    power[s] += w[s] * constant
+            if len(run.f) > 1 or len(run.f_θ) > 0:
+                for s in range(m):
+                    power[s] += w[s] * f[s]
+        for p in range(nodes.pattern.starts[i], nodes.pattern.starts[i + 1]):
+            j, M, K, C = nodes.pattern.columns[p], 0.5 * nodes.M[p], 0.5 * nodes.K[p], nodes.C[p]
+            other_q, other_v, other_w = rows.q[j], rows.v[j], rows.w[j]
+            if M != 0.0:
+                for s in range(m + 1):
+                    stored[s] += v[s] * (M * other_v[s])
+            if K != 0.0:
+                for s in range(m + 1):
+                    stored[s] += q[s] * (K * other_q[s])
+                if driven:
+                    for s in range(m):
+                        power[s] += w[s] * (2.0 * K) * (θ * other_q[s + 1] + (1.0 - θ) * other_q[s])
+            if C != 0.0 and not driven:
+                for s in range(m):
+                    power[s] -= w[s] * (C * other_w[s])
 
 
-@compiled(types.void(RECORDED, NODES, matrix, i8, SUMS, VIOLATIONS), inline="always", allocates=False)
-def judge_momentum(run: Recorded, nodes: Nodes, B: Array, k: int, sums: Sums, found: Violations) -> None:
-    """Judge the balance of momentum and impulses of each node from the start to the end of step k."""
-    elapsed = run.t[k + 1] - run.t[0]
-    for i in range(len(sums.w)):
-        found.q[i], found.v[i] = max(found.q[i], abs(run.q[k + 1, i])), max(found.v[i], abs(run.v[k + 1, i]))
+@compiled(types.void(RECORDED, NODES, matrix, types.boolean, i8, ROWS, SUMS, VIOLATIONS), allocates=False)
+def judge_momentum(
+    run: Recorded, nodes: Nodes, B: Array, varying: bool, m: int, rows: Rows, sums: Sums, found: Violations
+) -> None:
+    """Judge the balance of momentum and impulses of each node since the start; an imbalance of these sums persists."""
+    for i in range(len(rows.q)):
+        sums.q_integral[i] += sum_of(rows.dq[i], m)
+        if varying:
+            for s in range(m):
+                sums.load_impulse[i] += rows.h[s] * rows.f[i, s]
+    for i in range(len(rows.r)):
+        impulse, total = rows.work[0], rows.total[i]
+        for s in range(m):
+            impulse[s] = rows.h[s] * total[s]
+        sums.impulse[i] += sum_of(impulse, m)
+    elapsed = rows.t[m] - run.t[0]
+    for i in range(len(rows.q)):
         if nodes.kind[i] == DRIVEN:
             continue
         defect = -sums.load_impulse[i] if len(run.f) > 1 else -sums.load_impulse[i] - run.f[0, i] * elapsed
         for p in range(nodes.pattern.starts[i], nodes.pattern.starts[i + 1]):
             j = nodes.pattern.columns[p]
-            defect += nodes.M[p] * (run.v[k + 1, j] - run.v[0, j])
-            defect += nodes.C[p] * (run.q[k + 1, j] - run.q[0, j]) + nodes.K[p] * sums.q_integral[j]
+            defect += nodes.M[p] * (rows.v[j, m] - run.v[0, j])
+            defect += nodes.C[p] * (rows.q[j, m] - run.q[0, j]) + nodes.K[p] * sums.q_integral[j]
         for j in range(len(sums.impulse)):
             defect -= B[i, j] * sums.impulse[j]
         violations = found.momentum if nodes.kind[i] == MASSIVE else found.equilibrium
-        if not abs(defect) <= violations[i]:
-            violations[i] = abs(defect) if abs(defect) < np.inf else np.inf
+        if not abs(defect) <= violations[i, 0]:
+            violations[i, 0] = abs(defect) if abs(defect) < np.inf else np.inf
 
 
-@compiled(
-    types.UniTuple(f8, 3)(RECORDED, IMPULSES, f8, NODES, CONTACTS, SPRING_LAWS, SUMS, VIOLATIONS), allocates=False
-)
+@compiled(types.UniTuple(f8, 3)(RECORDED, IMPULSES, f8, NODES, CONTACTS, SPRING_LAWS, KINDS, VIOLATIONS))
 def certify_steps(
     run: Recorded,
     impulses: Impulses,
@@ -455,54 +627,55 @@ def certify_steps(
     nodes: Nodes,
     contacts: Contacts,
     springs: SpringLaws,
-    sums: Sums,
+    kinds: Kinds,
     found: Violations,
 ) -> tuple[float, float, float]:
     """Judge all steps of a run: write the violations; return the energy imbalance, its scale and the longest h.
 
     Massless nodes between springs may be projected after the step; their v is the mean of the step.
     """
-    n, nc, last, at = len(sums.w), len(contacts.u0), len(run.t) - 2, 0
-    drives, any_feedthrough = False, False
-    stored, reach, balance, largest_imbalance, longest = 0.0, 0.0, 0.0, 0.0, 0.0
+    n, nc, steps, at, first = run.q.shape[1], len(contacts.u0), len(run.t) - 1, 0, 0
+    B = found.q.shape[1]
+    rows = rows_for(nc, n, B)
+    sums = Sums(np.zeros(n), np.zeros(n), np.zeros(nc))
+    any_feedthrough = False
+    reach, balance, scale, account = 0.0, 0.0, 0.0, np.zeros((3, B))
+    varying = len(run.f) > 1 or len(run.f_θ) > 0 or len(springs.law) > 0
     for i in range(n):
-        drives = drives or nodes.kind[i] == DRIVEN
-        inertia = row_of(nodes.pattern, nodes.M, i, run.v[0])
-        elastic = row_of(nodes.pattern, nodes.K, i, run.q[0])
-        stored += 0.5 * (run.v[0, i] * inertia + run.q[0, i] * elastic)
-        found.q[i], found.v[i] = abs(run.q[0, i]), abs(run.v[0, i])
+        found.q[i, 0], found.v[i, 0] = abs(run.q[0, i]), abs(run.v[0, i])
     for i in range(nc):
-        any_feedthrough = any_feedthrough or sums.feedthrough[i]
-        sums.gap[i] = contacts.u0[i] + row_of(contacts.pattern, contacts.H, i, run.q[0])
-        sums.rate[i] = row_of(contacts.pattern, contacts.H, i, run.v[0])
-    stored += spring_energies(springs, run.q[0])
-    scale = abs(stored)
-    for k in range(last + 1):
-        h, power = run.t[k + 1] - run.t[k], 0.0
-        longest = max(longest, h)
-        judge_kinematics(run, nodes, k, θ, sums, found)
-        for i in range(nc):
-            sums.total[i] = run.r[k, i]
-            sums.impulse[i] += h * run.r[k, i]
-        while at < len(impulses.P) and impulses.step[at] == k:
-            sums.total[impulses.row[at]] += impulses.P[at] / h
-            sums.impulse[impulses.row[at]] += impulses.P[at]
-            at += 1
+        any_feedthrough = any_feedthrough or kinds.feedthrough[i]
+    while first < steps:
+        m = min(B, steps - first)
+        at = read_block(run, impulses, first, m, at, rows)
+        rows.power[:] = 0.0
+        rows.stored[:] = 0.0
+        judge_kinematics(nodes, m, θ, rows, found)
+        if varying:
+            read_loads(run, first, m, θ, rows)
+        follow_gaps(contacts, m, rows, found)
         if len(contacts.paths) > 0:
-            judge_paths(contacts, h, run.v[k], run.v[k + 1], sums, found.product)
+            judge_paths(contacts, m, rows, found)
         for i in range(nc):
-            power += judge_contact(run, contacts, i, k, θ, sums, found)
-            if drives:
-                for j in range(n):
-                    if nodes.kind[j] == DRIVEN:
-                        power -= sums.total[i] * contacts.B[j, i] * sums.w[j]
+            if kinds.feedthrough[i]:
+                follow_feedthrough(contacts, i, m, θ, rows)
+            judge_bounds(contacts, i, m, rows, found)
+            judge_law(contacts, i, m, rows, kinds, found)
+        add_work(run, nodes, contacts.B, m, θ, rows)
         if any_feedthrough:
-            reach = judge_feedthrough(run, k, θ, reach, sums, found)
-        power += spring_power(run, nodes, springs, k, θ, sums)
-        work, after = work_and_energy(run, nodes, k, θ, sums)
-        after += spring_energies(springs, run.q[k + 1])
-        balance += after - stored - h * (power + work)
-        largest_imbalance, scale, stored = max(largest_imbalance, abs(balance)), max(scale, abs(after)), after
-        if k % CHECK_INTERVAL == CHECK_INTERVAL - 1 or k == last:
-            judge_momentum(run, nodes, contacts.B, k, sums, found)
-    return largest_imbalance, scale, longest
+            reach = judge_feedthrough(run, first, m, θ, reach, rows, kinds, found)
+        add_springs(nodes, springs, m, θ, rows)
+        stored, h, power, change = rows.stored, rows.h, rows.power, rows.work[0]
+        scale = max(scale, abs(stored[0]))
+        for s in range(m):
+            change[s] = stored[s + 1] - stored[s] - h[s] * power[s]
+        for s in range(m):
+            balance += change[s]
+            change[s] = balance
+        for s in range(m):
+            account[0, s] = max(account[0, s], abs(change[s]))
+            account[1, s] = max(account[1, s], abs(stored[s + 1]))
+            account[2, s] = max(account[2, s], h[s])
+        judge_momentum(run, nodes, contacts.B, varying, m, rows, sums, found)
+        first += m
+    return largest(account[0]), max(scale, largest(account[1])), largest(account[2])

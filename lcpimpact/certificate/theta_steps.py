@@ -13,18 +13,18 @@ from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import motion_forces_in_steps, node_kinds, switch_residual
 from lcpimpact.certificate.scales import Judgement, Scales, sizes, worse
 from lcpimpact.certificate.theta_balance import (
-    VIOLATIONS,
     Contacts,
     Impulses,
+    Kinds,
     Nodes,
     Recorded,
     SparsityPattern,
     SpringLaws,
-    Sums,
     Violations,
+    block_steps,
     certify_steps,
+    kinds_of,
     no_violations,
-    sums_for,
 )
 from lcpimpact.compiled import compiled, f8, flags, i8, named_tuple, vector
 from lcpimpact.events import steps_of
@@ -43,7 +43,7 @@ class Constants(NamedTuple):
     ----------
     loads : (1, n) array                the loads at t = 0, those of the run if they are constant
     nodes, contacts, springs            the system for the compiled loop
-    sums : Sums                         those at the start of a run
+    kinds : Kinds                       rows with a feedthrough, and rows on impulse paths
     balances : bool                     whether no node is held by springs alone
     at_velocity_level : (nc,) flags     contacts whose law may be at velocity level, and those of impulse paths
     strict : (nc,) flags                rows that must not penetrate
@@ -55,7 +55,7 @@ class Constants(NamedTuple):
     nodes: Nodes
     contacts: Contacts
     springs: SpringLaws
-    sums: Sums
+    kinds: Kinds
     balances: bool
     at_velocity_level: Flags
     strict: Flags
@@ -83,7 +83,7 @@ def _constants(d: Dynamics) -> Constants:
         Nodes(pattern, d.M[at], d.C[at], d.K[at], node_kinds(d)),
         contacts,
         SpringLaws(d.directions, d.power_laws),
-        sums_for(contacts, len(d.nodes)),
+        kinds_of(contacts),
         balances,
         at_velocity_level,
         d.joints | (~at_velocity_level & balances),
@@ -113,10 +113,10 @@ def judge_theta_steps(
     found = dict(zip(("momentum", "equilibrium", "kinematics"), nodes, strict=True))
     found |= _judge_contacts(d, record, impulses, (violations, scales), run, θ)
     # The energy balance of a step is an identity for θ = 1/2, except with springs in series and non-linear springs.
-    identity = θ == 0.5 and _constants(d).balances and not d.springs
-    ε = limits.precision + 8.0 * steps * EPS
-    momenta = scales.momenta + h * scales.forces
-    found["energy_balance"] = (balance, ε * (scale + float(scales.v @ momenta)) if identity else np.inf)
+    if θ == 0.5 and _constants(d).balances and not d.springs:
+        ε = limits.precision + 8.0 * steps * EPS
+        momenta = scales.momenta + h * scales.forces
+        found["energy_balance"] = balance, ε * (scale + float(scales.v @ momenta))
     return found, scales, (balance, scale)
 
 
@@ -130,7 +130,8 @@ def _violations(
     row = np.array([rows[event.contact] for event in struck], dtype=np.int64)
     impulse = np.array([event.impulse for event in struck])
     order = np.lexsort((impulse, row, step)) if struck else step
-    violations = no_violations(len(d.contacts), len(d.nodes))
+    nc, n = len(d.contacts), len(d.nodes)
+    violations = no_violations(nc, n, block_steps(nc, n, len(record.t) - 1))
     balance, scale, h = certify_steps(
         Recorded(record.t, record.q, record.v, record.reaction, *forces),
         Impulses(step[order], row[order], impulse[order]),
@@ -138,10 +139,10 @@ def _violations(
         constants.nodes,
         constants.contacts,
         constants.springs,
-        Sums._make(each.copy() for each in constants.sums),
+        constants.kinds,
         violations,
     )
-    return violations, balance, scale, h
+    return Violations(*(each.max(axis=1) for each in violations)), balance, scale, h
 
 
 def _codes(d: Dynamics) -> Indices:
@@ -208,13 +209,14 @@ class ContactScales(NamedTuple):
     of_relays: Array
 
 
+LARGEST: Any = named_tuple((vector,) * 11, Violations)
 RUN: Any = named_tuple((i8, f8, f8, f8, f8, f8), Run)
 NODE_SCALES: Any = named_tuple((vector,) * 4, NodeScales)
 CONTACT_SCALES: Any = named_tuple((vector,) * 9, ContactScales)
 PAIR: Any = types.UniTuple(f8, 2)
 
 
-@compiled(types.UniTuple(PAIR, 3)(VIOLATIONS, NODE_SCALES, vector, RUN), allocates=False)
+@compiled(types.UniTuple(PAIR, 3)(LARGEST, NODE_SCALES, vector, RUN), allocates=False)
 def judge_nodes(
     found: Violations, scales: NodeScales, pushed: Array, run: Run
 ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
@@ -233,7 +235,7 @@ def judge_nodes(
     return momentum[1:], equilibrium[1:], kinematics[1:]
 
 
-@compiled(types.UniTuple(PAIR, 4)(VIOLATIONS, CONTACT_SCALES, types.UniTuple(flags, 3), f8, RUN), allocates=False)
+@compiled(types.UniTuple(PAIR, 4)(LARGEST, CONTACT_SCALES, types.UniTuple(flags, 3), f8, RUN), allocates=False)
 def judge_contacts(
     found: Violations, scales: ContactScales, kinds: tuple[Flags, Flags, Flags], q: float, run: Run
 ) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float], tuple[float, float]]:

@@ -68,8 +68,10 @@ def reproduce(
     exit code is 0 only if every stated tolerance holds.
     """
     from lcpimpact.compiled import compile_ahead
+    from lcpimpact.files import make_folder
     from lcpimpact.reproduce import COMPILED_PARTS
 
+    make_folder(out)
     compile_ahead(*COMPILED_PARTS)
     from lcpimpact.reproduce.run import reproduce as run
 

@@ -121,7 +121,8 @@ def row_defect(
         room = z[i] - lower[i] if w[i] > 0.0 else upper[i] - z[i]
         defect = abs(w[i]) / max(size[i], EPS * abs(w[i]))
         if room > 0.0 and defect > scaled:
-            change = room * weight(W, i, size)
+            weight_i = weight(W, i, size)
+            change = room * weight_i if weight_i > 0.0 else 0.0  # an infinite room times zero is no number
             scaled = max(scaled, min(defect, change) if change > 0.0 else defect)
     return scaled, most
 

@@ -400,7 +400,8 @@ def _refuse_large(n: int) -> None:
 
 
 def _bands(M: Any) -> Array | None:
-    M = M.tocsr()
+    M = M.tocsr(copy=True)
+    M.sum_duplicates()  # a later operation would sort the entries in place, beneath those of coo
     coo = M.tocoo()
     finite_array("M", coo.data)
     n, distance = M.shape[0], coo.row - coo.col

@@ -11,7 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from lcpimpact.errors import InputError
+from lcpimpact.files import make_folder
 from lcpimpact.plotting.figures import figure_2, figure_3, force_figure, motion_figure
 from lcpimpact.plotting.schematic import draw_scheme
 from lcpimpact.plotting.style import save
@@ -170,7 +170,7 @@ def reproduce(
         If the folder cannot be made or written.
     """
     started = time.perf_counter()
-    _make_folder(out / "figures")
+    make_folder(out / "figures")
     for text in watched(FIGURES, len(FIGURES), "figures", progress):
         figure = draw(text.number)
         for suffix in (".png", ".svg"):
@@ -187,13 +187,6 @@ def reproduce(
     title = "Modelling of impact problems using rheological schemes, reproduced"
     write_report(report, title, lead, _sections(out, found, checks))
     return Reproduction(report, found, checks, seconds)
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot make the folder {str(folder)!r}: {error.strerror}; name another with --out") from None
 
 
 def _figure_path(out: Path, number: int, suffix: str) -> Path:

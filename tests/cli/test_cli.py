@@ -123,12 +123,15 @@ def test_wrong_input_exits_2_with_one_line(capsys, case, tmp_path, monkeypatch):
 
 
 def test_wrong_output_is_found_before_the_run(capsys, monkeypatch):
+    import lcpimpact.compiled
     import lcpimpact.simulation
 
     monkeypatch.setattr(lcpimpact.simulation, "simulate", lambda *a, **k: pytest.fail("the run was started"))
+    monkeypatch.setattr(lcpimpact.compiled, "compile_ahead", lambda *a: pytest.fail("the compiler was started"))
     assert call(capsys, "simulate", "system-1", "--out", "/nowhere/run.csv")[0] == 2
     assert call(capsys, "simulate", "system-1", "--plot", "run.xls")[0] == 2
     assert call(capsys, "animate", "system-1", "--out", "run.xls")[0] == 2
+    assert call(capsys, "reproduce", "--out", "/dev/null/report")[0] == 2
 
 
 def test_a_failed_run_exits_1_and_says_why(capsys):

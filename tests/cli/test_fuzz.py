@@ -52,7 +52,7 @@ from lcpimpact.study.dynamics.grazing import least_gap
 LONGEST = 20.0
 """Seconds of processor time."""
 
-QUICK = {"calls": 200, "scheme files": 60, "LCP files": 60, "commands": 20, "measurements": 5}
+QUICK = {"calls": 100, "scheme files": 60, "LCP files": 60, "commands": 20, "measurements": 5}
 """Cases of each kind in a quick run, as their time allows."""
 
 MANY = {"calls": 10_000, "scheme files": 5_000, "LCP files": 4_000, "commands": 700, "measurements": 300}

@@ -83,6 +83,7 @@ main(["list", "methods"])
 """
 
 
+@pytest.mark.slow
 def test_another_package_registers_a_method_by_an_entry_point(tmp_path):
     (tmp_path / "plugin.py").write_text(CODE[0], encoding="utf-8")
     info = tmp_path / "plugin-1.0.dist-info"

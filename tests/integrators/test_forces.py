@@ -259,6 +259,7 @@ def test_a_duffing_oscillator_with_a_stop():
     assert_allclose([run["x"][-1], run["v_x"][-1]], end, rtol=0.0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_stick_slip_by_a_smooth_stribeck_law():
     """A block on a belt under μ(v) that falls with the slip: the limit cycle by SciPy's Radau."""
     ε, belt, weight = 1e-3, 0.1, 10.0

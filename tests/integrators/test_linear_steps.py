@@ -638,6 +638,7 @@ def test_the_residual_of_an_iterative_solver_is_reported(name):
     assert 0.0 < found.certificate.residual < 1e-6
 
 
+@pytest.mark.slow
 def test_the_interpreter_gives_the_bits_of_the_compiled_code(python):
     code = f"""
 import json, lcpimpact as li

@@ -258,6 +258,7 @@ def test_bodies_joined_by_a_spring_fly_to_a_wall_in_time():
     assert_allclose(found.events[0].t, 1e4, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_no_switch_is_missed_over_60_parameter_sets():
     compare_with_exact(60, seed=3, stages=4)
 

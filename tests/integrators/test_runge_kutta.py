@@ -537,6 +537,7 @@ def test_a_method_of_your_own_needs_its_tableau():
     assert found.slope == pytest.approx(2.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_compiled_and_interpreted_steps_have_the_same_bits(python):
     code = """
 import json, lcpimpact as li

@@ -367,7 +367,9 @@ def test_a_solver_that_claims_a_wrong_solution_is_found_out_by_the_laws(monkeypa
         z[:] = -1.0
         return int(Status.SOLVED), 1, 0.0
 
-    assert run_with(monkeypatch, pulls).status is Status.VIOLATED
+    run = run_with(monkeypatch, pulls)
+    assert run.status is Status.VIOLATED
+    assert "complementarity" in run.message
 
 
 def test_a_solver_that_gives_up_ends_the_run(monkeypatch):
@@ -390,6 +392,19 @@ def test_pooling_without_its_answer_falls_back_to_block_pivoting(monkeypatch):
     found = run_with(monkeypatch, spoils)
     assert found.success
     assert found.stats.lcp_iterations > 0
+    np.testing.assert_allclose(found.reaction, wanted.reaction, rtol=1e-9)
+
+
+def test_a_wrong_answer_of_pooling_is_checked_and_solved_again(monkeypatch):
+    wanted = simulate(Problem("p", COLUMN), dt=1e-3, t_end=0.01)
+
+    def wrong(mass, q, z, pools):
+        isotonic_chain(mass, q, z, pools)
+        z[:] *= 1.001
+        return int(Status.SOLVED)
+
+    found = run_with(monkeypatch, interpreted(sparse_kernel.solve_chain, isotonic_chain=wrong))
+    assert found.success
     np.testing.assert_allclose(found.reaction, wanted.reaction, rtol=1e-9)
 
 
@@ -580,7 +595,35 @@ def test_a_step_with_a_wrong_coefficient_is_found_out(monkeypatch, part):
     run = simulate(Problem("p", COLUMN), dt=1e-3, t_end=0.01, throw=False)
     assert run.status in (Status.VIOLATED, Status.SOLVED)
     moving = SparseScheme(Chain(50, m=0.1, gap=0.001, e=0.5, f=0.981, b="ground"))
-    assert simulate(Problem("p", moving), dt=1e-3, t_end=0.1, throw=False).status is Status.VIOLATED
+    run = simulate(Problem("p", moving), dt=1e-3, t_end=0.1, throw=False)
+    assert run.status is Status.VIOLATED
+    assert part == "end" or "impact law" in run.message
+
+
+@pytest.mark.parametrize(("row", "law"), [(20, "kinematics"), (70, "momentum")])
+def test_a_law_that_a_step_does_not_obey_is_named(monkeypatch, row, law):
+    """Each step moves a bead too far, or adds to its velocity, by as much in all steps."""
+    tabulate = sparse_table.tabulate_sparse
+
+    def off(*arguments):
+        found = tabulate(*arguments)
+        end = found.table.end
+        c = end.c + 1e-9 * (np.arange(100) == row)
+        return replace(found, table=found.table._replace(end=end._replace(c=c)))
+
+    monkeypatch.setattr("lcpimpact.sparse_run.tabulate_sparse", off)
+    scheme = SparseScheme(Chain(50, m=0.1, k=10.0, f=0.981))
+    run = simulate(Problem("p", scheme), dt=1e-3, t_end=0.1, throw=False)
+    limits = run.certificate.limits
+    assert run.status is Status.VIOLATED
+    assert {law, "energy_balance"} <= {name for name in limits if getattr(run.certificate, name) > limits[name]}
+
+
+def test_numbers_that_overflow_end_a_run():
+    scheme = SparseScheme(Chain(50, m=1.0, k=1e20, f=1.0, a="ground"))
+    run = simulate(Problem("p", scheme, v0={"x.50": 1e300}), dt=1e-3, t_end=0.1, throw=False)
+    assert run.status is Status.NON_FINITE
+    assert len(run.t) < 101
 
 
 @pytest.mark.parametrize(

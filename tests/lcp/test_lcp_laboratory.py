@@ -326,6 +326,39 @@ def test_the_factors_are_not_multiplied_out(monkeypatch):
     assert len(asked) == len(set(asked)) < 60
 
 
+def scattered(M, rng):
+    """M with the entries of each row in any order, and with entries in two parts."""
+    csr, parts = sp.csr_array(M), sp.coo_array(M)
+    order = np.concatenate([rng.permutation(np.arange(a, b)) for a, b in itertools.pairwise(csr.indptr)])
+    unsorted = sp.csr_array((csr.data[order], csr.indices[order], csr.indptr.copy()), shape=csr.shape)
+    i, j, x = np.tile(parts.row, 2), np.tile(parts.col, 2), np.r_[parts.data * 0.25, parts.data * 0.75]
+    order = rng.permutation(len(x))
+    twice = sp.coo_array((x[order], (i[order], j[order])), shape=parts.shape)
+    return unsorted, twice, sp.csc_array(twice), sp.lil_array(csr), sp.dia_array(csr)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_a_sparse_matrix_is_the_same_in_any_order_of_its_entries(seed):
+    rng = np.random.default_rng(seed)
+    n, b = int(rng.integers(12, 60)), int(rng.integers(1, 3))
+    root = np.tril(np.triu(rng.standard_normal((n, n)) * (rng.random((n, n)) < 0.8), -b))
+    M, q = root @ root.T + 0.1 * np.eye(n), rng.standard_normal(n)
+    wanted = solve_lcp(M, q)
+    for each in scattered(M, rng):
+        before = each.toarray()
+        found = solve_lcp(each, q)
+        np.testing.assert_allclose(as_operator(each).array(), M, rtol=0, atol=1e-13 * np.abs(M).max())
+        np.testing.assert_allclose(found.z, wanted.z, rtol=1e-9, atol=1e-9 * np.abs(wanted.z).max())
+        assert (each.toarray() == before).all()
+
+
+def test_a_row_without_weight_beside_no_bound_is_judged():
+    """A contact that nothing moves: an infinite room times its weight, zero, is no number."""
+    operator = Factored(np.eye(3), np.array([[0.0, 0.0, 0.0], [1.0, -1.0, 0.0]]))
+    found = solve_lcp(operator, [-1.0, -1.0], throw=False)
+    assert found.status in (Status.RAY, Status.INFEASIBLE)
+
+
 def test_sparse_matrices_become_bands_or_dense():
     chain = sp.diags([np.full(29, -1.0), np.full(30, 2.0), np.full(29, -1.0)], [-1, 0, 1])
     assert as_operator(chain).storage == "banded"

@@ -446,6 +446,7 @@ def test_a_run_without_steps_is_refused(fall: Trajectory, tmp_path: Path) -> Non
         animate(empty, tmp_path / "run.gif")
 
 
+@pytest.mark.slow
 def test_pyplot_stays_out(python: Any) -> None:
     code = """
 import json, sys, tempfile

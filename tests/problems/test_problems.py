@@ -189,8 +189,11 @@ def declared_order(problem):
 ORDERLY = [name for name in PROBLEMS if name not in MODELS]
 
 
+HEAVY = ("ball-in-air", "block-on-belt", "jenkins-cycle", "twisting", "two-balls-spring")
+
+
 def with_slow(names):
-    return [pytest.param(name, marks=pytest.mark.slow) if name == "ball-in-air" else name for name in names]
+    return [pytest.param(name, marks=pytest.mark.slow) if name in HEAVY else name for name in names]
 
 
 @cache
@@ -325,7 +328,7 @@ def physical(name, drawn):
     return drawn
 
 
-@pytest.mark.parametrize("name", RANDOM)
+@pytest.mark.parametrize("name", with_slow(RANDOM))
 @settings(max_examples=10)
 @given(data=st.data())
 def test_facts_hold_for_other_parameters(name, data):

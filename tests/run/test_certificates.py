@@ -59,6 +59,15 @@ def beyond(certificate):
     return {name for name, limit in certificate.limits.items() if not getattr(certificate, name) <= limit}
 
 
+@pytest.mark.parametrize("scheme", [li.Scheme, li.SparseScheme])
+def test_an_energy_that_overflows_is_no_proof(scheme):
+    """The motion is that of any other size, but ½ m v² is infinite, and no imbalance of it can be seen."""
+    problem = li.Problem("heavy", scheme(li.Mass("x", 1.0), li.Spring("x", "ground", 100.0)), v0={"x": 1e160})
+    run = li.simulate(problem, dt=1e-3, t_end=0.1, throw=False)
+    assert run.status is Status.VIOLATED
+    assert "energy balance, which overflows" in run.message
+
+
 @pytest.mark.parametrize("name", METHODS)
 def test_a_run_passes_the_laws_of_its_own_problem(runs, name):
     certificate = runs[name].certify()
@@ -379,11 +388,10 @@ def alarms(seeds, make=random_scheme, each=ALL):
     return found, judged
 
 
-@pytest.mark.parametrize("first", [0])
-def test_no_method_alarms_on_random_schemes(first):
-    found, judged = alarms(range(first, first + 10))
+def test_no_method_alarms_on_random_schemes():
+    found, judged = alarms(range(4))
     assert found == {}
-    assert judged >= 60
+    assert judged >= 20
 
 
 @pytest.mark.slow

@@ -221,6 +221,7 @@ def test_errors_that_are_rounding_are_left_out_and_counted():
     assert row["points"] == 2, "what that reference may be off by is more"
 
 
+@pytest.mark.slow
 def test_orders_of_runs():
     table = convergence(li.load_problem("system-1"), ["moreau-jean", "heun", "radau-fesd", "exact"], SIX)
     orders = observed_orders(table)

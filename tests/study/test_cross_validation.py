@@ -33,7 +33,16 @@ ENDS = {"woodpecker": 0.05}
 """Ends of runs in s that differ from the problem's: of one peck, since many impacts are out of step after a few cycles."""
 
 
-@pytest.mark.parametrize("name", [name for name in PROBLEMS if name not in (*BARS, "diode-bridge", "two-balls-spring")])
+HEAVY = ("ball-in-air", "diode-bridge", "hereditary-impact", "jenkins-cycle", "relay-oscillator", "twisting")
+
+
+def with_slow(names):
+    return [pytest.param(name, marks=pytest.mark.slow) if name in HEAVY else name for name in names]
+
+
+@pytest.mark.parametrize(
+    "name", with_slow(name for name in PROBLEMS if name not in (*BARS, "diode-bridge", "two-balls-spring"))
+)
 def test_no_false_alarm(name):
     problem = li.load_problem(name)
     verdict = li.cross_validate(problem, routes_of(problem), t_end=ENDS.get(name))
@@ -161,10 +170,7 @@ CLOSED_FORMS = [name for name in PROBLEMS if name != "ball-in-air" and li.load_p
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param(name, marks=pytest.mark.slow) if name in ("diode-bridge", "twisting", "relay-oscillator") else name
-        for name in CLOSED_FORMS
-    ],
+    with_slow(CLOSED_FORMS),
 )
 def test_a_wrong_closed_form_is_found_out(name):
     problem = li.load_problem(name)
