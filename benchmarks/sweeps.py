@@ -1,11 +1,12 @@
 """What a run of a sweep costs: `sweep` against C with vector lanes and threads, and against a loop over `simulate`.
 
-    python benchmarks/sweeps.py [--sets 1000000] [--steps 1000] [--repeats 5]
+    python benchmarks/sweeps.py [--sets 1000000] [--steps 1000] [--repeats 5] [--cluster]
 
 All run System 1 by the θ-method with θ = 1/2 and keep its greatest force, for random k_o and c_o. `sweep` checks the LCP of
 each step and runs some of the sets alone, certificate included; the C program does nothing of that. Contestants take turns;
-medians are compared. The second table has every method whose step is linear. The exit code is 1 if the contestants do not
-find the same numbers, and 0 otherwise, whatever the speed.
+medians are compared. The second table has every method whose step is linear. With --cluster there is another table: a
+sweep of 100 chunks by a process pool and by a LocalCluster of dask, of two processes each. The exit code is 1 if the
+contestants do not find the same numbers, and 0 otherwise, whatever the speed.
 """
 
 from __future__ import annotations
@@ -110,13 +111,54 @@ def methods_table(sets: int, steps: int) -> Table:
     return drawn
 
 
+def wait(job: Any, values: Any, threads: int = 1) -> Any:
+    """Run a chunk of which only the first set costs anything, and wait 0.1 s."""
+    from lcpimpact.sweeps.job import run_sets
+
+    time.sleep(0.1)
+    first = run_sets(job, {name: each[:1] for name, each in values.items()})
+    return first[np.zeros(len(next(iter(values.values()))), dtype=np.int64)]
+
+
+def cluster_table(repeats: int) -> Table:
+    """Return the times of a sweep by a process pool and by dask, two processes each, and their ratio."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    from dask.distributed import Client, LocalCluster
+
+    from lcpimpact.sweeps import chunks
+
+    values = {"c_o": np.linspace(100.0, 400.0, 100_000)}
+    told = {"dt": 1e-3, "outputs": ("peak_force", "restitution"), "chunk": 1000, "progress": False}
+    took: list[list[float]] = [[], []]
+    chunks.run_sets = wait
+    with (
+        LocalCluster(2, threads_per_worker=1, processes=True, dashboard_address=None) as cluster,
+        Client(cluster) as client,
+        ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool,
+    ):
+        for _ in range(repeats + 1):  # the first is not counted: it compiles
+            for times, executor in zip(took, (pool, client.get_executor()), strict=True):
+                call = partial(sweep, load_problem("system-1"), values, executor=executor, **told)
+                times.append(seconds(call)[0])
+    ours, theirs = (median(times[1:]) for times in took)
+    drawn = Table("pool, s", "dask, s", "ratio", title="100 chunks of 1,000 sets that wait 0.1 s, two processes")
+    drawn.add_row(f"{ours:.3g}", f"{theirs:.3g}", f"{theirs / ours:.2f}")
+    return drawn
+
+
 def main() -> int:
     """Measure, print, and return the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--sets", type=int, default=1_000_000)
     parser.add_argument("--steps", type=int, default=1_000)
     parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument("--cluster", action="store_true", help="measure a LocalCluster of dask instead")
     options = parser.parse_args()
+    if options.cluster:
+        Console().print(cluster_table(options.repeats))
+        return 0
     given, small = samples(options.sets // 16 * 16), samples(2500)
     contestants: dict[str, tuple[Callable[[], Array], int, int]] = {
         "sweep": (lambda: swept(given, options.steps), len(given), options.steps),

@@ -24,6 +24,7 @@ from lcpimpact.plotting.sweeps import plot_sobol as plot_sobol
 from lcpimpact.plotting.sweeps import plot_sweep as plot_sweep
 from lcpimpact.problems import load_problem as load_problem
 from lcpimpact.problems.base import Problem as Problem
+from lcpimpact.problems.parameters import with_values as with_values
 from lcpimpact.problems.penalty import penalized as penalized
 from lcpimpact.record import Event as Event
 from lcpimpact.record import State as State
@@ -55,7 +56,6 @@ from lcpimpact.study.accuracy.cross_validation import cross_validate as cross_va
 from lcpimpact.study.design.fit import Fit as Fit
 from lcpimpact.study.design.fit import Target as Target
 from lcpimpact.study.design.fit import fit as fit
-from lcpimpact.study.design.parameters import with_values as with_values
 from lcpimpact.study.design.sizing import Design as Design
 from lcpimpact.study.design.sizing import design as design
 from lcpimpact.study.dynamics.basins import Basins as Basins

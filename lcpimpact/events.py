@@ -60,7 +60,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
             node = j if steps_of_force else j - 1
             last = min(node + 1, len(record.t) - 1)
             if before[j] and j not in hit:
-                t = _zero(record.t_reaction[j - 2 : j], r[j - 2 : j], record.t_reaction[j - 1], record.t_reaction[j])
+                t = zero(record.t_reaction[j - 2 : j], r[j - 2 : j], record.t_reaction[j - 1], record.t_reaction[j])
                 kind = "open"
                 impacts = contact.relative_degree == 2 or j - 1 in hit
                 if impacts and not before[max(j - impact_steps, 0) : j].all():
@@ -68,7 +68,7 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
             else:
                 # With a feedthrough D r, the gaps on the grid do not show the switch.
                 gaps = dynamics.gap(record.q[node - 1 : node + 1])[:, i] if not dynamics.D[i].any() else np.zeros(0)
-                t = _zero(record.t[node - 1 : node + 1], gaps, record.t[node], record.t[last])
+                t = zero(record.t[node - 1 : node + 1], gaps, record.t[node], record.t[last])
                 kind = "impact" if contact.relative_degree == 2 or j in hit else "close"
                 t = struck.get((j, i), t)
             impulse = 0.0
@@ -195,7 +195,7 @@ def _struck(dynamics: Dynamics, record: Record) -> dict[tuple[int, int], float]:
         before = np.append(opening[0] <= 0.0 and dynamics.gap_rate(record.v[0]) @ line >= 0.0, closed[:-1])
         for j in map(int, np.flatnonzero(closed & ~before)):
             known = slice(max(j - 1, 0), j + 1)
-            t = _zero(record.t[known], opening[known], record.t[j], record.t[j + 1])
+            t = zero(record.t[known], opening[known], record.t[j], record.t[j + 1])
             struck.update({(j, i): t for i in rows})
     return struck
 
@@ -255,7 +255,7 @@ def _events_of_bounds(contact: Contact, i: int, law: tuple[Any, Any, Flags], rec
         yield Event(instant, contact.name, kind, left, right)
 
 
-def _zero(t: Array, values: Array, earliest: float, latest: float) -> float:
+def zero(t: Array, values: Array, earliest: float, latest: float) -> float:
     """Return the zero of the line through two decreasing values, limited to ``earliest`` ... ``latest``."""
     if len(values) < 2 or not values[0] > values[1]:
         return float(0.5 * (earliest + latest))

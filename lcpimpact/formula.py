@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -33,6 +33,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "/": operator.truediv,
     "abs": abs,
     "sqrt": math.sqrt,
+    "floor": math.floor,
 }
 
 COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
@@ -99,6 +100,9 @@ class Formula:
         """Return the square root."""
         return self.program.apply("sqrt", self)
 
+    def __floor__(self) -> Any:
+        return self.program.apply("floor", self)
+
     def __lt__(self, other: Any) -> bool:
         return self.program.compare("<", self, other)
 
@@ -158,6 +162,17 @@ def mentions(thing: Any) -> bool:
     return isinstance(thing, Formula) or (isinstance(thing, tuple | list) and any(map(mentions, thing)))
 
 
+def with_values(thing: Any) -> Any:
+    """Return a thing with the values of the formulas that it `mentions`."""
+    if isinstance(thing, Formula):
+        return thing.value
+    if not mentions(thing):
+        return thing
+    if is_dataclass(thing):
+        return replace(thing, **{each.name: with_values(getattr(thing, each.name)) for each in fields(thing)})  # type: ignore[type-var]
+    return type(thing)(map(with_values, thing))
+
+
 def sqrt(x: Any) -> Any:
     """Return the square root of a number, which may be a formula."""
     return x.sqrt() if isinstance(x, Formula) else math.sqrt(x)
@@ -193,7 +208,7 @@ class Program:
         key = operation, *map(_text, operands)
         if key not in self.lines:
             value = OPERATIONS[operation](*map(value_of, operands))
-            self.lines[key] = Formula(self, f"t{len(self.lines)}", value)
+            self.lines[key] = Formula(self, f"t{len(self.lines)}", float(value))
         return self.lines[key]
 
     def compare(self, comparison: str, a: Any, b: Any) -> bool:
@@ -216,23 +231,35 @@ class Program:
                 found.add(formula.name)
         return found
 
-    def source(self, results: Mapping[str, Number]) -> list[str]:
+    def source(self, results: Mapping[str, Number], known: Iterable[str] = ()) -> list[str]:
         """Return the lines that compute results, and what the assumptions compare, from the parameters p0, p1, ...
 
         Parameters
         ----------
         results : mapping of str to number      variable to its formula
+        known : iterable of str                 variables that have been computed
         """
-        needed = {each.name for each in results.values() if isinstance(each, Formula)}
-        needed |= {name for a, _, b in self.assumed for name in (a, b)}
         lines = []
-        for (operation, *operands), formula in reversed(self.lines.items()):
-            if formula.name not in needed:
-                continue
-            needed |= set(operands)
+        for (operation, *operands), formula in self._lines_for(results, set(known)):
             right = f" {operation} ".join(operands) if len(operands) == 2 else f"{operation}({operands[0]})"
             lines.append(f"{formula.name} = {right}")
-        return lines[::-1] + [f"{name} = {_text(value)}" for name, value in results.items()]
+        return lines + [f"{name} = {_text(value)}" for name, value in results.items() if name != _text(value)]
+
+    def inputs(self, results: Mapping[str, Number], known: Iterable[str]) -> dict[str, Formula]:
+        """Return the known formulas from which results are computed, by name."""
+        used = {each for line, _ in self._lines_for(results, set(known)) for each in line[1:]}
+        return {each.name: each for each in (*self.parameters, *self.lines.values()) if each.name in used & set(known)}
+
+    def _lines_for(self, results: Mapping[str, Number], known: set[str]) -> list[tuple[tuple[str, ...], Formula]]:
+        """Return the lines that results and assumptions need beside known ones, in their order."""
+        needed = {each.name for each in results.values() if isinstance(each, Formula)}
+        needed = needed.union(name for a, _, b in self.assumed for name in (a, b)) - known
+        found = []
+        for line, formula in reversed(self.lines.items()):
+            if formula.name in needed:
+                needed |= set(line[1:]) - known
+                found.append((line, formula))
+        return found[::-1]
 
 
 def _text(number: Number) -> str:

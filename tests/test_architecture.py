@@ -45,7 +45,7 @@ BASE = {
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "record", "hybrid", "integrators"}
 RUN = METHOD | {"events", "certificate", "quantities", "trajectory", "simulation"}
-STUDY = RUN | {"study"}
+STUDY = RUN | {"sweeps", "study"}
 MAY_IMPORT = {
     "errors": set(),
     "exports": set(),
@@ -72,12 +72,12 @@ MAY_IMPORT = {
     "sparse_run": METHOD | {"certificate", "trajectory"},
     "simulation": METHOD | {"events", "certificate", "trajectory", "sparse_run"},
     "schemefile": RUN,
-    "study": RUN,
-    "plotting": STUDY | {"sweeps"},
-    "sweeps": STUDY,
+    "study": RUN | {"sweeps"},
+    "plotting": STUDY,
+    "sweeps": RUN,
     "report": STUDY | {"plotting"},
-    "reproduce": STUDY | {"plotting", "report", "sweeps"},
-    "cli": STUDY | {"cache", "schemefile", "plotting", "report", "sweeps", "reproduce"},
+    "reproduce": STUDY | {"plotting", "report"},
+    "cli": STUDY | {"cache", "schemefile", "plotting", "report", "reproduce"},
     "__main__": {"cli"},
 }
 """Layer (module or folder right under the package) to the layers that it may import, besides itself."""
@@ -414,7 +414,7 @@ def test_every_file_of_a_method_problem_or_element_is_registered():
         ("scheme/elements", ELEMENTS, {"base"}),
         ("lcp/solvers", SOLVERS, set()),
         ("integrators", METHODS, {"base"}),
-        ("problems", PROBLEMS, {"base", "facts", "free_vibration", "penalty", "reading", "reference"}),
+        ("problems", PROBLEMS, {"base", "facts", "free_vibration", "parameters", "penalty", "reading", "reference"}),
     ):
         files = {file.stem for file in (PACKAGE / folder).glob("*.py")} - {"__init__"} - others
         registered = {location.split(":")[0].rsplit(".", 1)[1] for location in registry._own.values()}

@@ -108,8 +108,8 @@ def fit(
     """
     check_study((problem, to), (out,), plot, report, (*TABLES, SCHEME))
     spec = resolve_run(problem, set_, method or "exact", dt, t_end, solver)
+    from lcpimpact.problems.parameters import value_at
     from lcpimpact.study.design.fit import fit as search
-    from lcpimpact.study.design.parameters import value_at
 
     given = {name: value_at(spec.problem, name) if start is None else start for name, start in _free(free)}
     # The [run] table of the file does not apply.

@@ -51,6 +51,13 @@ def sweep(
     t_end: End = None,
     solver: Solver = None,
     workers: Annotated[int, typer.Option(min=1, help="Processes.")] = 1,
+    no_certify: Annotated[
+        bool,
+        typer.Option(
+            "--no-certify",
+            help="Run sets side by side by all methods of linear steps: certificates of a few sets only are looked at.",
+        ),
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(help="File for the results: .nc or .csv; or folder: .zarr, which resumes.", show_default=False),
@@ -79,7 +86,7 @@ def sweep(
     with _pool(workers) as pool:
         found = run(
             spec.problem, parameters, spec.run.method, dt=step, t_end=end, lcp_solver=spec.run.solver, outputs=outputs,
-            executor=pool, out=out if to_file is None else None, **spec.run.options,
+            executor=pool, out=out if to_file is None else None, certify=not no_certify, **spec.run.options,
         )  # fmt: skip
     lines = _summary(found)
     if to_file is not None:

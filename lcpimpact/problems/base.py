@@ -217,10 +217,12 @@ class Problem:
         return self._initial(self.v0, 1)
 
     def _initial(self, given: Mapping[str, float], derivative: int) -> Array:
-        values = np.array([number(given.get(node, 0.0)) for node in self.dynamics.nodes])
-        if self.dynamics.motions:
-            values[self.dynamics.driven] = self.dynamics.motion(0.0)[derivative]
-        return values
+        d = self.dynamics
+        found = {node: number(given.get(node, 0.0)) for node in d.nodes}
+        if d.motions:
+            driven = d.motion(0.0)[derivative]
+            found |= dict(zip((d.nodes[i] for i in sorted(d.motions)), driven, strict=True))
+        return np.array([*found.values()])
 
 
 def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, Any]) -> Problem:

@@ -25,6 +25,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.formula import NotTracedError, mentions
 from lcpimpact.numbers import is_real
+from lcpimpact.scheme.waves import cosine, sine
 
 MAX_DEGREE = 20
 """Largest degree of a polynomial; beyond it the powers of t lose all digits."""
@@ -95,7 +96,9 @@ def checked(name: str, function: Any, unit: str, moves: bool = False) -> Any:
         Naming the function and its value, here if that is not a finite number at t = 0.
     """
     if mentions(function):
-        raise NotTracedError(f"{name} depends on time, and formulas do not")
+        if isinstance(function, Harmonic):
+            return function
+        raise NotTracedError(f"{name} is no Harmonic, whose formulas alone are known")
     sure = Checked(name, function, unit)
     for label, value in ((name, sure(0.0)), *([(f"{name}.rate", sure.rate(0.0))] if moves else [])):
         if not math.isfinite(value):
@@ -129,22 +132,13 @@ class Harmonic:
     def __post_init__(self) -> None:
         _check_wave(self, self.amplitude, self.omega, self.phase)
 
-    def __call__(self, t: float) -> float:
-        """Return the value at time t."""
-        return self.amplitude * math.cos(self.omega * t + self.phase)
+    def __call__(self, t: Any) -> Any:
+        """Return the value at time t, or the values at an array of times."""
+        return self.amplitude * cosine(self.omega * t + self.phase)
 
-    def rate(self, t: float) -> float:
-        """Return the derivative at time t."""
-        return -self.amplitude * self.omega * math.sin(self.omega * t + self.phase)
-
-    def derivatives(self, t: ArrayLike) -> Array:
-        """Return f and f' at the times t, with the shape of t followed by (2,)."""
-        t = np.asarray(t, dtype=np.float64)
-        if t.ndim == 0:
-            return np.array([self(float(t)), self.rate(float(t))])
-        from lcpimpact.scheme.waves import harmonic  # here, as a scheme is read, checked and drawn without numba
-
-        return np.asarray(harmonic(self.amplitude, self.omega, self.phase, t.flatten()).reshape(*t.shape, 2))
+    def rate(self, t: Any) -> Any:
+        """Return the derivative at time t, or those at an array of times."""
+        return -self.amplitude * self.omega * sine(self.omega * t + self.phase)
 
 
 class PiecewisePolynomial(ABC):

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from lcpimpact.formula import Formula, NotTracedError, value_of
+from lcpimpact.formula import NotTracedError, mentions, with_values
 from lcpimpact.scheme.assembly import assemble, refuse_parallel_contacts
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import Element
@@ -29,7 +28,7 @@ STRUCTURE = (
 
 def is_traced(elements: Sequence[Element]) -> bool:
     """Return whether any constant of some elements is a formula."""
-    return any(isinstance(value, Formula) for element in elements for value in vars(element).values())
+    return any(map(mentions, elements))
 
 
 def assemble_formulas(elements: Sequence[Element]) -> Dynamics:
@@ -42,7 +41,7 @@ def assemble_formulas(elements: Sequence[Element]) -> Dynamics:
     NotTracedError
         If the structure or a check depends on more than the signs of the constants.
     """
-    dynamics = assemble([_with_values(element) for element in elements])
+    dynamics = assemble(list(map(with_values, elements)))
     terms = Terms(dynamics.nodes, kind=object)
     for element in elements:
         if isinstance(element, NegativeSpring) and dynamics.decomposition.static.size:
@@ -64,9 +63,3 @@ def assemble_formulas(elements: Sequence[Element]) -> Dynamics:
     vars(traced).update({name: getattr(dynamics, name) for name in STRUCTURE})
     vars(traced).update(zip(("restitution", "r_min", "r_max", "mu", "mu_s"), columns, strict=True))
     return traced
-
-
-def _with_values(element: Element) -> Any:
-    """Return an element with the values of its formulas."""
-    formulas = {name: value_of(value) for name, value in vars(element).items() if isinstance(value, Formula)}
-    return replace(element, **formulas) if formulas else element  # type: ignore[type-var]

@@ -5,17 +5,23 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
-from lcpimpact.arrays import Indices
+from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, LcpImpactError
 from lcpimpact.sweeps.job import Job, Sets, run_sets, runs_side_by_side
 from lcpimpact.sweeps.samples import Plan
 from lcpimpact.sweeps.side_by_side import MIN_SETS
 from lcpimpact.sweeps.store import Block
+
+K = TypeVar("K")
+T = TypeVar("T")
+R = TypeVar("R")
 
 TRIAL_SECONDS = 0.05
 """Shortest duration of a trial run in s from which the time of a set is judged."""
@@ -97,7 +103,7 @@ def sets_of(block: Block, shape: Sequence[int]) -> Indices:
 
 
 def run_blocks(
-    job: Job, plan: Plan, blocks: Iterator[Block], executor: Executor | None, known: Sets | None, threads: int = 1
+    job: Job, plan: Plan, blocks: Sequence[Block], executor: Executor | None, known: Sets | None, threads: int = 1
 ) -> Iterator[tuple[Block, Sets]]:
     """Run blocks and yield them with their results as they finish; ``known`` are the results of the first sets.
 
@@ -108,41 +114,55 @@ def run_blocks(
     """
     first = 0 if known is None else len(known.status)
 
-    def joined(block: Block, found: Sets | None) -> tuple[Block, Sets]:
-        sets = sets_of(block, plan.shape)
-        parts = [known[sets[sets < first]]] if known is not None and sets[0] < first else []
-        return block, Sets.joined([*parts, *([] if found is None else [found])])
-
-    waiting: dict[Future[Sets], Block] = {}
-    try:
+    def missing() -> Iterator[tuple[Block, dict[str, Array]]]:
         for block in blocks:
             sets = sets_of(block, plan.shape)
-            missing = sets[sets >= first]
-            if len(missing) == 0:
-                yield joined(block, None)
-            elif executor is None:
-                yield joined(block, run_sets(job, plan.values(missing), threads))
-            else:
-                if len(waiting) >= MAX_WAITING:
-                    yield from (joined(*each) for each in _finished(waiting))
-                waiting[executor.submit(run_sets, job, plan.values(missing))] = block
-        while waiting:
-            yield from (joined(*each) for each in _finished(waiting))
-    finally:
-        for future in waiting:
-            future.cancel()
+            if sets[-1] >= first:
+                yield block, plan.values(sets[sets >= first])
 
-
-def _finished(waiting: dict[Future[Sets], Block]) -> list[tuple[Block, Sets]]:
-    """Wait for some futures, take them out, and return their blocks and results."""
-    done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+    if known is not None:
+        sets = map(partial(sets_of, shape=plan.shape), blocks)
+        yield from ((block, known[each]) for block, each in zip(blocks, sets, strict=True) if each[-1] < first)
     try:
-        return [(waiting.pop(future), future.result()) for future in done]
+        for block, found in run_each(partial(run_sets, job, threads=threads), missing(), executor):
+            at = sets_of(block, plan.shape)
+            yield block, Sets.joined([known[at[at < first]], found]) if known is not None and at[0] < first else found
     except LcpImpactError:
         raise
     except Exception as error:
+        if executor is None:
+            raise
         raise FailureError(
             f"the executor failed ({type(error).__name__}: {error}): with out='sweep.zarr' finished chunks are kept, and "
             "the same call resumes",
             None,
         ) from error
+
+
+def run_each(
+    function: Callable[[T], R], items: Iterable[tuple[K, T]], executor: Executor | None
+) -> Iterator[tuple[K, R]]:
+    """Run a function of each item, and yield the keys with the results: by an executor as they finish, else in order.
+
+    An item is begun here when its result is asked for, and by an executor long before.
+    """
+    if executor is None:
+        yield from ((key, function(item)) for key, item in items)
+        return
+    waiting: dict[Future[R], K] = {}
+    try:
+        for key, item in items:
+            waiting[executor.submit(function, item)] = key
+            if len(waiting) >= MAX_WAITING:
+                yield from _finished(waiting)
+        while waiting:
+            yield from _finished(waiting)
+    finally:
+        for future in waiting:
+            future.cancel()
+
+
+def _finished(waiting: dict[Future[R], K]) -> list[tuple[K, R]]:
+    """Wait for some futures, take them out, and return their keys and results."""
+    done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+    return [(waiting.pop(future), future.result()) for future in done]

@@ -12,14 +12,15 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import InputError, LcpImpactError, Status
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
+from lcpimpact.problems.parameters import changes_at, parameters_of, place
 from lcpimpact.problems.reading import read
 from lcpimpact.quantities import Quantity, quantity
 from lcpimpact.record import Grid
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import simulate, time_grid
-from lcpimpact.study.design.parameters import changes_at, parameters_of, place
 from lcpimpact.sweeps.samples import Plan
-from lcpimpact.sweeps.side_by_side import has_trace, run_side_by_side
+from lcpimpact.sweeps.side_by_side import Output, has_trace, output_of, run_side_by_side
+from lcpimpact.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,7 @@ class Job:
     dt: float
     t_end: float
     lcp_solver: str
-    outputs: tuple[str, ...]
+    outputs: tuple[str, ...] = ()
     certify: bool = True
 
     @property
@@ -49,9 +50,42 @@ class Job:
         """The instants of the coordinates of a run."""
         return time_grid(self.dt, self.t_end)
 
+    def run(self) -> Trajectory:
+        """Run one set; a run that fails says so by its status, and Ctrl-C ends all.
+
+        Raises
+        ------
+        LcpImpactError
+            If the method refuses the problem.
+        """
+        solver = self.lcp_solver if self.integrator.solves_lcp else "auto"
+        with np.errstate(over="ignore", invalid="ignore"):  # of the certificate of a run that diverges
+            run = simulate(
+                self.problem,
+                self.integrator,
+                dt=self.dt,
+                t_end=self.t_end,
+                lcp_solver=solver,
+                throw=False,
+                progress=False,
+            )
+        if run.status is Status.INTERRUPTED:
+            raise KeyboardInterrupt
+        return run
+
     def quantities(self) -> list[Quantity]:
         """Return the outputs as quantities."""
         return [quantity(name, self.problem.dynamics) for name in self.outputs]
+
+    def in_lanes(self, alone: Job, grid: Grid, traced: Integrator) -> dict[str, Output]:
+        """Return how lanes read the outputs of a job ``alone``, with options of the method that may be formulas.
+
+        Raises
+        ------
+        NotTracedError
+            If they cannot.
+        """
+        return {each.name: output_of(each, alone, grid, traced) for each in self.quantities()}
 
     def times(self, dimension: str) -> Array:
         """Return the instants of whole series, those of the grid, "t", or of the forces, "t_R"."""
@@ -154,17 +188,14 @@ def run_sets(job: Job, values: Mapping[str, Array], threads: int = 1) -> Sets:
 def runs_side_by_side(job: Job, plan: Plan) -> bool:
     """Return whether sets of a plan can run side by side; their code is compiled if so many are worth it."""
     some = plan.values(np.array([0, plan.size // 2, plan.size - 1]))
-    dt, sets = float(some.get("dt", [job.dt])[0]), {name: each for name, each in some.items() if name != "dt"}
-    return has_trace(job, dt, sets, changes_of(job, list(some)), plan.size)
+    steps = time_grid(float(some.get("dt", [job.dt])[0]), job.t_end).steps
+    sets = {name: each for name, each in some.items() if name != "dt"}
+    return has_trace(job, steps, sets, changes_of(job, list(some)), plan.size)
 
 
 def _run(job: Job, times: Callable[[str], Array], quantities: Sequence[Quantity]) -> tuple[Status, str, dict[str, Any]]:
     """Run one set, and return its status, message and outputs; ``times`` are the instants of the series of all sets."""
-    run = simulate(
-        job.problem, job.integrator, dt=job.dt, t_end=job.t_end, lcp_solver=job.lcp_solver, throw=False, progress=False
-    )
-    if run.status is Status.INTERRUPTED:
-        raise KeyboardInterrupt
+    run = job.run()
     if not run.success:
         return run.status, run.message, {}
     found = {each.name: each.measure(run) for each in quantities}

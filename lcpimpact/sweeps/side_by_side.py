@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 from weakref import WeakKeyDictionary
@@ -30,6 +30,9 @@ MIN_SETS = 2 * LANES
 WORTH_COMPILING = 1024
 """Number of sets from which lanes repay their compilation, of some seconds."""
 
+STEPS_WORTH_COMPILING = 5_000_000
+"""Number of steps of all sets from which lanes repay it."""
+
 MAX_TRACES = 4
 """Number of sets at which formulas are made anew, for sets for which none made so far hold."""
 
@@ -46,13 +49,16 @@ class Output:
     Attributes
     ----------
     readings : tuple of Reading
-    find : callable     takes the numbers of the readings (nr, N) and the states (size, N) at each stop, returns (N,)
-    stop : int          number of the step whose state it needs, -1 for none
+    find : callable     takes the numbers of the readings (nr, N), the states (size, N) at each stop, and the values of the
+                        sets, and returns (N, ...), with NaN first where it is not known
+    stops : tuple of int    numbers of the steps whose states it needs
+    impacts : bool      whether it needs the last impacts before these, too
     """
 
     readings: tuple[Reading, ...]
-    find: Callable[[Array, Mapping[int, Array]], Array]
-    stop: int = -1
+    find: Callable[[Array, Mapping[int, Array], Mapping[str, Array]], Array]
+    stops: tuple[int, ...] = ()
+    impacts: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,19 +74,22 @@ class Trace:
     lanes: Lanes
     outputs: dict[str, Output]
 
-    def take(self, parameters: Array, threads: int) -> tuple[Flags, dict[str, Array]]:
-        """Run sets of parameters (np, N): for which of them the formulas hold, and their outputs."""
-        regular, numbers, states = _take(self.lanes, parameters, threads)
+    def take(self, sets: Mapping[str, Array], threads: int) -> tuple[Flags, dict[str, Array]]:
+        """Run sets of parameters: for which of them the formulas hold, and their outputs."""
+        regular, numbers, states = _take(self.lanes, np.array([*sets.values()]).reshape(len(sets), -1), threads)
         kept = dict(zip(self.lanes.readings, numbers, strict=True))
         at_stops = dict(zip(map(int, self.lanes.stops), states, strict=True))
-        return regular, {
-            name: each.find(np.array([kept[reading] for reading in each.readings]), at_stops)
+        found = {
+            name: each.find(np.array([kept[reading] for reading in each.readings]), at_stops, sets)
             for name, each in self.outputs.items()
         }
+        for each in found.values():
+            regular &= ~np.isnan(each.reshape(len(regular), -1)[:, 0])
+        return regular, found
 
 
 TRACES: WeakKeyDictionary[Job, dict[tuple[Any, ...], list[Trace]]] = WeakKeyDictionary()
-"""The traces of the jobs of this process, by dt and the names of the parameters, so that chunks share them."""
+"""The traces of the jobs of this process, by the number of steps and the names of the parameters: chunks share them."""
 
 
 def run_side_by_side(
@@ -109,48 +118,48 @@ def run_side_by_side(
 
     Yields
     ------
-    (m,) array, dict of (m,) arrays
+    (m,) array, dict of (m, ...) arrays
         The numbers of sets, and their outputs.
     """
     N = len(next(iter(values.values())))
-    steps = values.get("dt", np.full(N, job.dt))
-    for dt in map(float, np.unique(steps)):
-        remaining = np.flatnonzero(steps == dt)
+    steps = np.rint(values.get("t_end", np.full(N, job.t_end)) / values.get("dt", job.dt)).astype(np.int64)
+    for number in map(int, np.unique(steps)):
+        remaining = np.flatnonzero(steps == number)
         for i in range(MAX_TRACES):
             sets = {name: each[remaining] for name, each in values.items() if name != "dt"}
-            if len(remaining) < MIN_SETS or not has_trace(job, dt, sets, change, N, i):
+            if len(remaining) < MIN_SETS or not has_trace(job, number, sets, change, N, i):
                 break
-            regular, numbers = TRACES[job][dt, *sets][i].take(
-                np.array([*sets.values()]).reshape(len(sets), -1), threads
-            )
+            regular, numbers = TRACES[job][number, *sets][i].take(sets, threads)
             found = {name: each[regular] for name, each in numbers.items()}
             rows, remaining = remaining[regular], remaining[~regular]
             if len(rows) and _agree(rows, found, run_alone):
                 yield rows, found
 
 
-def has_trace(job: Job, dt: float, sets: Mapping[str, Array], change: Change, count: int, i: int = 0) -> bool:
-    """Return whether there is a trace number i of a job; a new one is made at one of the sets, for ``count`` sets."""
-    traces = TRACES.setdefault(job, {}).setdefault((dt, *sets), [])
+def has_trace(job: Job, steps: int, sets: Mapping[str, Array], change: Change, count: int, i: int = 0) -> bool:
+    """Return whether there is a trace number i of runs of so many steps; a new one, for ``count`` sets, is made at one."""
+    traces = TRACES.setdefault(job, {}).setdefault((steps, *sets), [])
     last = len(next(iter(sets.values()), [0])) - 1
     for k in sorted({0, last // 2, last}):
         if i == len(traces):  # a set may be one that the problem refuses
-            trace = _trace(replace(job, dt=dt), {name: float(each[k]) for name, each in sets.items()}, change, count)
+            values = {name: float(each[k]) for name, each in sets.items()}
+            trace = _trace(job, Grid(values.get("t_end", job.t_end), steps), values, change, count)
             traces += [trace] if trace else []
     return i < len(traces)
 
 
 def _agree(rows: Indices, numbers: Mapping[str, Array], run_alone: Callable[[int], Mapping[str, Any] | None]) -> bool:
     """Return whether the first and last set, and those with extreme outputs, are solved alone with the same outputs."""
-    chosen = {0, len(rows) - 1, *(int(find(each)) for each in numbers.values() for find in (np.argmin, np.argmax))}
+    last = [each.reshape(len(rows), -1)[:, -1] for each in numbers.values()]
+    chosen = {0, len(rows) - 1, *(int(find(each)) for each in last for find in (np.argmin, np.argmax))}
     for k in sorted(chosen):
         alone = run_alone(int(rows[k]))
-        if alone is None or any(alone[name] != each[k] for name, each in numbers.items()):
+        if alone is None or not all(np.array_equal(alone[name], each[k], True) for name, each in numbers.items()):
             return False
     return True
 
 
-def _trace(job: Job, values: Mapping[str, float], change: Change, sets: int) -> Trace | None:
+def _trace(job: Job, grid: Grid, values: Mapping[str, float], change: Change, sets: int) -> Trace | None:
     """Return the runs in lanes with the formulas of one set; None if there are none, or not worth it for so many sets."""
     method = job.integrator
     if not isinstance(method, LinearStep) or method.rtol is not None:
@@ -161,17 +170,19 @@ def _trace(job: Job, values: Mapping[str, float], change: Change, sets: int) -> 
     formulas = {name: program.parameter(value) for name, value in values.items()}
     try:
         alone, traced = change(values), change(formulas)
-        outputs = {each.name: _output(each, alone, job.grid, traced.integrator) for each in job.quantities()}
+        outputs = job.in_lanes(alone, grid, traced.integrator)
         compiled = lanes(
             (cast(LinearStep, traced.integrator), cast(LinearStep, alone.integrator)),
             (traced.problem.dynamics, alone.problem.dynamics),
             (traced.problem.initial_coordinates, traced.problem.initial_velocities),
-            job.grid,
+            grid,
             program,
             tuple(dict.fromkeys(reading for each in outputs.values() for reading in each.readings)),
-            sorted({each.stop for each in outputs.values() if each.stop > 0}),
-            job.lcp_solver,
-            compiles=sets >= WORTH_COMPILING,
+            sorted({stop for each in outputs.values() for stop in each.stops}),
+            end=formulas.get("t_end"),
+            impacts=any(each.impacts for each in outputs.values()),
+            lcp_solver=job.lcp_solver,
+            compiles=sets >= WORTH_COMPILING or sets * grid.steps >= STEPS_WORTH_COMPILING,
         )
     except Exception:  # noqa: BLE001 (formulas are no floats, and a builder may do anything with its arguments)
         return None
@@ -191,7 +202,7 @@ def _take(compiled: Lanes, parameters: Array, threads: int) -> tuple[Flags, Arra
     return np.concatenate(regular), np.concatenate(numbers, axis=1), np.concatenate(states, axis=2)
 
 
-def _output(quantity: Quantity, job: Job, grid: Grid, traced: Integrator) -> Output:
+def output_of(quantity: Quantity, job: Job, grid: Grid, traced: Integrator) -> Output:
     """Return how lanes read a quantity of a job; the options of the method ``traced`` may be formulas.
 
     Raises
@@ -204,21 +215,28 @@ def _output(quantity: Quantity, job: Job, grid: Grid, traced: Integrator) -> Out
     if function is extreme:
         array, column = _column(keywords["series"], d)
         kind = "max" if keywords.get("sign", 1.0) > 0.0 else "min"
-        return Output((Reading(kind, array, column),), lambda read, _: read[0])
-    if function in (peak_force, peak_time) and len(d.contacts) == 1 and d.unilateral.all() and not d.springs:
-        array, column = _column(d.contacts[0].name, d)
+        return Output((Reading(kind, array, column),), lambda read, *_: read[0])
+    if function in (peak_force, peak_time) and len(d.contacts) and d.unilateral.all() and not d.springs:
+        columns = [_column(contact.name, d) for contact in d.contacts]
+        most = tuple(Reading("max", *each) for each in columns)
         if function is peak_force:
-            return Output((Reading("max", array, column),), lambda read, _: read[0])
+            return Output(most, lambda read, *_: read.max(axis=0))
         if not mentions(traced):
             times = job.integrator.reaction_times(grid)
-            return Output((Reading("argmax", array, column),), lambda read, _: times[read[0].astype(np.int64) - 1])
+
+            def first(read: Array, *_: Any) -> Array:
+                heights, steps = np.split(read, 2)
+                step = np.where(heights == heights.max(axis=0), steps, np.inf).min(axis=0)
+                return np.asarray(times[step.astype(np.int64) - 1])
+
+            return Output((*most, *(Reading("argmax", *each) for each in columns)), first)
     if function is at:
         array, column = _column(keywords["series"], d)
         t = grid.times(0, grid.steps)
         k = grid.steps if keywords["t"] >= t[-1] else int(np.searchsorted(t, keywords["t"]))
         if array != "r" and k > 0 and (k == grid.steps or t[k] == keywords["t"]):
             row = column + len(d.nodes) * (array == "v")
-            return Output((), lambda _, states: states[k][row], k)
+            return Output((), lambda _, states, __: states[k][row], (k,))
     raise NotTracedError(f"lanes do not read {quantity.name}")
 
 

@@ -131,7 +131,7 @@ def sweep(
         disable=disable,
         leave=False,
     ) as bar:
-        for block, sets in run_blocks(job, plan, iter(blocks), executor, known, threads):
+        for block, sets in run_blocks(job, plan, blocks, executor, known, threads):
             store.write(block, sets)
             bar.update(len(sets.status))
     return store.dataset()

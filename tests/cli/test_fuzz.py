@@ -41,12 +41,12 @@ from lcpimpact.lcp.files import read_lcp, write_lcp
 from lcpimpact.plotting.schematic import draw_scheme
 from lcpimpact.plotting.style import save
 from lcpimpact.problems import PROBLEMS
+from lcpimpact.problems.parameters import value_at
 from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.study.accuracy.norms import NORMS, errors
 from lcpimpact.study.accuracy.orders import observed_order
 from lcpimpact.study.accuracy.reference import reference
 from lcpimpact.study.design.fit import read_curve
-from lcpimpact.study.design.parameters import value_at
 from lcpimpact.study.dynamics.grazing import least_gap
 
 LONGEST = 20.0

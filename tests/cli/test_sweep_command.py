@@ -48,6 +48,12 @@ def test_netcdf_with_whole_series_and_logarithmic_values(capsys):
     assert found["x"].dims == ("c_o", "t")
 
 
+@pytest.mark.parametrize("words", [[], ["--no-certify"]])
+def test_certificates_may_be_left_out(words, capsys):
+    told(capsys, "bouncing-ball", "--set", "e=0.5,0.6", "--dt", "0.01", "--output", "x.max", "--out", "a.nc", *words)
+    assert xarray.open_dataset("a.nc").attrs["certify"] == (not words)
+
+
 def test_samples_and_indices(capsys, tmp_path):
     words = ["system-1", "--set", "c_o=100:300", "--set", "k_o=3000:5000:log", "--dt", "0.1", "--t-end", "0.5"]
     assert (

@@ -9,9 +9,9 @@ import lcpimpact as li
 from lcpimpact.formula import Formula, Program
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.base import defaults
-from lcpimpact.study.design.parameters import changes_at
+from lcpimpact.problems.parameters import changes_at
 
-TRACED = 192
+TRACED = 200
 """Number of parameters that may be formulas, over all registered problems."""
 
 SMALL = {key: {"elements": 6} for key in ("bar-impact", "bouncing-bar", "plastic-bar-impact")}

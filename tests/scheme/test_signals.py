@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.integrate import solve_ivp
 
 import lcpimpact as li
@@ -512,12 +512,3 @@ def test_the_derivative_of_an_orbit_counts_the_breakpoints():
     q, v = float(state.q[0, 0]), float(state.v[0, 0])
     J = np.column_stack([after(q + δ, v) - after(q - δ, v), after(q, v + δ) - after(q, v - δ)]) / (2.0 * δ)
     assert_allclose(np.sort(np.linalg.eigvals(J).real), np.sort(orbit.floquet.real), rtol=0, atol=1e-6)
-
-
-def test_a_harmonic_at_many_instants_has_the_bits_of_each():
-    rng = np.random.default_rng(1)
-    for _ in range(20):
-        wave, t = Harmonic(*map(float, rng.uniform(0.1, 50.0, 3))), rng.uniform(0.0, 1e3, (7, 11))
-        expected = [[wave(each), wave.rate(each)] for each in t.ravel().tolist()]
-        assert_array_equal(wave.derivatives(t), np.reshape(expected, (7, 11, 2)))
-        assert_array_equal(wave.derivatives(t[0, 0]), expected[0])

@@ -303,7 +303,7 @@ def test_tolerances_are_swept_where_a_method_has_them():
 
 
 def test_methods_take_turns_and_the_least_time_is_kept(monkeypatch):
-    import lcpimpact.study.accuracy.convergence as module
+    import lcpimpact.sweeps.job as module
 
     seen, told = [], []
     clock = iter([5.0, 7.0, 3.0, 8.0])

@@ -26,9 +26,9 @@ from lcpimpact import (
     simulate,
     with_values,
 )
+from lcpimpact.problems.parameters import value_at
 from lcpimpact.problems.reading import event, peak
 from lcpimpact.study.design.fit import read_curve
-from lcpimpact.study.design.parameters import value_at
 
 M, K, C, V0 = 100.0, 3000.0, 200.0, 10.0
 

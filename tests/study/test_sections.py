@@ -217,6 +217,47 @@ def test_threads_change_nothing():
     pd.testing.assert_frame_equal(one, two, check_exact=True)
 
 
+@pytest.fixture
+def side_by_side(monkeypatch):
+    """The number of the runs that are alone, where 64 and more may be side by side."""
+    from lcpimpact.study.dynamics import strobes
+    from lcpimpact.sweeps import side_by_side
+
+    alone, find = [], strobes.find_points
+    monkeypatch.setattr(side_by_side, "WORTH_COMPILING", 64)
+    monkeypatch.setattr(strobes, "find_points", lambda *args: alone.append(args[0]) or find(*args))
+    return alone
+
+
+@pytest.mark.parametrize(
+    ("family", "values", "section"),
+    [
+        pytest.param(oscillator, np.linspace(2.4, 2.75, 66), "force", id="frequency"),
+        pytest.param(lambda e: oscillator(2.6, e=e), np.linspace(0.5, 0.9, 66), "force:0.253", id="restitution"),
+    ],
+)
+def test_runs_side_by_side_have_the_points_of_runs_alone(family, values, section, side_by_side, monkeypatch):
+    told = {"skip": 20, "points": 5, "method": "moreau-jean", "progress": False}
+    table = li.bifurcation(family, values, section, **told).table
+    assert len(side_by_side) < 20
+    for value in values[::13]:
+        known = li.poincare(family(value), section, **{**told, "points": 5}).table
+        found = table[table["value"] == value].reset_index(drop=True)
+        pd.testing.assert_frame_equal(found[known.columns], known, check_exact=True)
+    assert table["speed"].notna().any()
+
+
+def test_a_value_that_is_refused_is_a_row_beside_runs_side_by_side(side_by_side):
+    values = np.linspace(-0.05, 0.2, 100)
+    study = li.bifurcation(
+        lambda s: oscillator(s=s, x0=0.0), values, skip=2, points=3, method="moreau-jean", progress=False
+    )
+    refused = values < 0.0
+    assert study.table.groupby("value").size().tolist() == [1 if each else 3 for each in refused]
+    assert len(study.failures) == refused.sum()
+    assert len(side_by_side) < 20
+
+
 @pytest.mark.parametrize(
     ("values", "told", "message"),
     [([], {}, "values is empty"), ([2.6], {"points": 0}, "points = 0"), ([2.6], {"workers": 1.5}, "workers = 1.5")],
@@ -257,6 +298,20 @@ def test_starts_are_told_by_where_they_lead(basins):
             points = basins.attractors.loc[basins.attractors["attractor"] == start.attractor, "x"]
             assert_allclose(np.sort(long["x"].iloc[:period]), np.sort(points), rtol=0, atol=1e-3)
     assert len(set(basins.table["attractor"]) - {0}) >= 2
+
+
+def test_basins_by_steps_side_by_side_are_those_of_runs_alone(side_by_side, monkeypatch):
+    from lcpimpact.sweeps import side_by_side as lanes
+
+    grid = np.linspace(-1.5, 0.2, 9), np.linspace(-1.0, 1.0, 9)
+    told = {"longest": 120, "tol": 1e-3, "method": "moreau-jean", "progress": False}
+    found = li.basins(between, *grid, **told)
+    assert len(side_by_side) < 20
+    assert {1, 2} <= set(found.table["attractor"])
+    monkeypatch.setattr(lanes, "MIN_SETS", 1000)
+    alone = li.basins(between, *grid, **told)
+    pd.testing.assert_frame_equal(found.table, alone.table, check_exact=True)
+    pd.testing.assert_frame_equal(found.attractors, alone.attractors, check_exact=True)
 
 
 def test_impacts_of_the_approach_are_none_of_the_attractor():

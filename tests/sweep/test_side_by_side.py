@@ -54,6 +54,23 @@ def samples(ranges, count=WORTH_COMPILING, seed=0):
             id="impacts",
         ),
         pytest.param(
+            li.Problem(
+                "two plates",
+                li.Scheme(
+                    li.Mass("x", 1.0),
+                    li.KelvinVoigt("x", "a", 400.0, 3.0),
+                    li.KelvinVoigt("x", "b", 300.0, 2.0),
+                    li.Bumper("a", "ground", gap=0.1),
+                    li.Bumper("b", "ground", gap=0.15),
+                    li.Load("x", li.Harmonic(30.0, 9.0)),
+                ),
+            ),
+            {"1.k": (300.0, 500.0), "4.gap": (0.05, 0.3)},
+            ("peak_force", "peak_time", "x.min", "x@1.0"),
+            {},
+            id="two contacts",
+        ),
+        pytest.param(
             li.load_problem("kelvin-voigt-impact"),
             {"m": (50.0, 200.0), "k": (2e3, 6e3), "c": (100.0, 2e3)},
             ("R.max", "x@1.0"),
@@ -149,6 +166,6 @@ def test_threads_share_the_sets():
     from lcpimpact.simulation import make_integrator
 
     job = job_module.Job(SYSTEM_1, make_integrator("moreau-jean", {}), 1e-2, 1.0, "auto", ("R.max",))
-    values = {"c_o": np.linspace(100.0, 400.0, 5000)}
+    values = {"c_o": np.linspace(100.0, 400.0, 5000), "k_o": np.linspace(3000.0, 5000.0, 5000)}
     one, two = (job_module.run_sets(replace(job), values, threads) for threads in (1, 2))
     assert (one.outputs["R.max"] == two.outputs["R.max"]).all()

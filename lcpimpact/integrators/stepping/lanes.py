@@ -9,6 +9,7 @@ not regular: they are to be run alone.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -34,6 +35,7 @@ from lcpimpact.integrators.stepping.straight_line import (
     Writer,
     write_step,
 )
+from lcpimpact.lcp.lapack import EPS
 from lcpimpact.record import Grid
 from lcpimpact.scheme.dynamics import Dynamics
 
@@ -71,17 +73,15 @@ class Lanes:
     Attributes
     ----------
     run : callable
-    h : float                       step in s, the last parameter of the compiled code
-    constants : (m,) array          coefficients that no parameter changes
+    constants : (m,) array          what is the same for all sets
     rows : int                      numbers kept for each lane
     readings : tuple of Reading
     stops : (g,) array              numbers of the steps after which the state is kept, the last step among them
-    loads : (steps, nl) array       loads that depend on time
+    loads : (steps, nl) array       loads that depend on time, unless they are formulas
     state : int                     number of the kept states and reactions at each stop
     """
 
     run: Callable[..., None]
-    h: float
     constants: Array
     rows: int
     readings: tuple[Reading, ...]
@@ -96,15 +96,33 @@ class Lanes:
         -------
         regular : (N,) array            whether a set was run; others must be run alone
         readings : (nr, N) array
-        states : (g, N_y + nc, N) array     state and reactions after the stops
+        states : (g, N_y + nc, N) array     state and reactions after the stops; where impacts are kept, followed by the
+                                            velocities before the last impact (n) and the number of its step, -1 for none
         """
         N, kept = parameters.shape[1], len(self.readings)
-        given = np.vstack([parameters, np.full(N, self.h)])
         results = np.empty((1 + kept + len(self.stops) * self.state, N))
         room = np.zeros(self.rows * LANES)
-        self.run(self.loads, self.stops, given, self.constants, room, results)
+        self.run(self.loads, self.stops, np.ascontiguousarray(parameters), self.constants, room, results)
         states = results[1 + kept :].reshape(len(self.stops), self.state, N)
         return results[0] == 0.0, results[1 : 1 + kept], states
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The instants of a run as formulas: its end, the number of its steps, and the instants before and after a step."""
+
+    end: Formula
+    steps: Formula
+    before: Formula
+    after: Formula
+
+    def lines(self) -> list[str]:
+        """Return the lines that compute the instants of the step that ends as number ``now``, with the bits of `Grid`."""
+        end, steps = self.end.name, self.steps.name
+        return [
+            f"{self.before.name} = (now - 1.0) * {end} / {steps}",
+            f"{self.after.name} = {end} if now == {steps} else now * {end} / {steps}",
+        ]
 
 
 def lanes(
@@ -115,6 +133,8 @@ def lanes(
     program: Program,
     readings: Sequence[Reading],
     stops: Sequence[int],
+    end: Formula | None = None,
+    impacts: bool = False,
     lcp_solver: str = "auto",
     compiles: bool = True,
 ) -> Lanes:
@@ -131,6 +151,10 @@ def lanes(
         In which the formulas were traced.
     readings, stops
         As of `Lanes`.
+    end : Formula, optional
+        t_end where each set has its own.
+    impacts : bool
+        Whether to keep the last impacts.
     lcp_solver : str
     compiles : bool
         Whether to compile what is not in the cache.
@@ -138,39 +162,47 @@ def lanes(
     Raises
     ------
     UnsupportedError
-        If the step is none that lanes can take: see `lcpimpact.integrators.stepping.straight_line`; beyond one contact; or
-        it is to be compiled first.
+        If the step is none that lanes can take: see `lcpimpact.integrators.stepping.straight_line`; beyond two contacts,
+        or with one slider of two; or it is to be compiled first.
     NotTracedError
-        If loads that depend on time are formulas.
+        If loads that depend on time and prescribed motions are not shared, and one is no sum of harmonics.
     """
     (method, known_method), (d, with_values) = methods, dynamics
     known = known_method.prepare(with_values, grid.h, lcp_solver)
-    if not COMPILING or not known.regular or known.table.W.shape[1] > 1:
-        raise UnsupportedError("lanes take compiled linear steps with at most one contact")
-    if not _same_signals(d, with_values):
-        raise NotTracedError("lanes share the loads that depend on time, and prescribed motions")
-    loads = known.loads(grid.times(0, grid.steps))
-    h: Any = program.parameter(grid.h)  # so that steps of all lengths share their code
+    nc = len(with_values.contacts)
+    closed = nc < 2 or (nc == 2 and known.solver.name == "closed-form" and with_values.unilateral.all())
+    if not (COMPILING and known.regular and closed):
+        raise UnsupportedError("lanes take compiled linear steps with at most two contacts")
+    sets, loads, signals = len(program.parameters), np.zeros((grid.steps, 0)), []
+    given = (end.value if end else grid.t_end, grid.steps, 0.0, grid.h)
+    ours, *others = map(program.parameter, given)  # parameters, so that runs of all lengths share their code
+    clock = Clock(end or ours, *others)
+    h: Any = clock.end / clock.steps
     table, _, step = method.tabulate(d, h)
     y = method.begin(d, *start, h)
+    if end is None and _same_signals(d, with_values):
+        loads = known.loads(grid.times(0, grid.steps))
+    else:
+        signals = list(method.loads(d, h)(np.array([clock.before, clock.after]))[0])
     writer = write_step(_pattern(table), _pattern(step.static), len(d.nodes))
+    for law, i, j in np.ndindex(table.W.shape if nc == 2 else (0, 0, 0)):
+        writer.coefficient("W", law, i, j)
     arrays = table._asdict() | step.static._asdict()
     coefficients = {name: arrays[key][index] for name, (key, index) in writer.coefficients.items()}
-    source = _source(writer, coefficients, y, program, tuple(readings))
+    first = {f"y{i}": value for i, value in enumerate(y)}
+    traced = Traced(program, sets, clock, signals)
+    source = _source(writer, coefficients, first, traced, tuple(readings), impacts)
     if not compiles and not source_file(source.text).exists():
         raise UnsupportedError("the lanes of this problem are not compiled yet")
     run = _compiled(source.text)
-    state, _, nc, _ = writer.sizes
     ends = np.array([*stops, grid.steps] if grid.steps not in stops else [*stops], dtype=np.int64)
-    return Lanes(
-        run, grid.h, np.array([known.tol, *source.constants]), source.rows, tuple(readings), ends, loads, state + nc
-    )
+    return Lanes(run, np.array([known.tol, *source.constants]), source.rows, tuple(readings), ends, loads, source.state)
 
 
 @cache
 def _compiled(text: str) -> Callable[..., None]:
     """Return the compiled function of a source."""
-    names = {"sqrt": math.sqrt, "inf": math.inf, "INFINITY": math.inf, "LANES": LANES}
+    names = {"sqrt": math.sqrt, "floor": np.floor, "inf": math.inf, "INFINITY": math.inf, "LANES": LANES}
     run = compiled_text(text, "run", SIGNATURE, names)
     if run is None:
         raise UnsupportedError("there is no folder for compiled code")
@@ -199,38 +231,87 @@ def _numbers(formulas: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
+class Traced:
+    """What a run is computed from.
+
+    Attributes
+    ----------
+    program : Program
+    sets : int                  number of its parameters that each set has its own values of
+    clock : Clock
+    signals : list of number    loads and prescribed motions in a step that are formulas
+    """
+
+    program: Program
+    sets: int
+    clock: Clock
+    signals: list[Number]
+
+    @property
+    def shared(self) -> list[Formula]:
+        """The end and the number of steps, so far as all sets have the same."""
+        return self.program.parameters[self.sets : -2]
+
+    def in_time(self) -> tuple[list[str], dict[str, Formula]]:
+        """Return the lines that compute the signals of a step, and the formulas that these take as known."""
+        if not self.signals:
+            return [], {}
+        program, clock = self.program, self.clock
+        in_time = program.depending_on([clock.before, clock.after])
+        if any(not in_time.isdisjoint(each) for each in program.assumed):
+            raise NotTracedError("a load or a prescribed motion has cases")
+        loads = {f"load{j}": each for j, each in enumerate(self.signals)}
+        known = {each.name for each in (*program.parameters, *program.lines.values())} - in_time
+        inputs = program.inputs(loads, known) | {each.name: each for each in (clock.end, clock.steps)}
+        return clock.lines() + program.source(loads, known), inputs
+
+
+@dataclass(frozen=True, eq=False)
 class Source:
     """The source of the runs, and what it reads and keeps.
 
     Attributes
     ----------
     text : str
-    constants : list of float   coefficients that no parameter changes
+    constants : list of float   what is the same for all sets
     rows : int                  numbers kept for each lane
+    state : int                 number of those that are kept at each stop
     """
 
     text: str
     constants: list[float]
     rows: int
+    state: int
 
 
 def _source(
-    writer: Writer, coefficients: dict[str, Number], y: Array, program: Program, readings: tuple[Reading, ...]
+    writer: Writer,
+    coefficients: dict[str, Number],
+    y: dict[str, Number],
+    traced: Traced,
+    readings: tuple[Reading, ...],
+    impacts: bool,
 ) -> Source:
     """Return the source of a function that runs sets of parameters, the coefficients and initial state y as formulas."""
     states, loads, nc, laws = writer.sizes
-    *swept, _ = program.parameters  # the last is h, which all sets share
-    of_sets = program.depending_on(swept)
-    varying = {name: value for name, value in coefficients.items() if getattr(value, "name", "") in of_sets}
-    fixed = {name: value_of(value) for name, value in coefficients.items() if name not in varying}
+    in_time, inputs = traced.in_time()
+    of_sets = traced.program.depending_on(traced.program.parameters[: traced.sets])
+    known = coefficients | inputs
+    varying = {name: value for name, value in known.items() if getattr(value, "name", "") in of_sets}
+    fixed = {each.name: each.value for each in traced.shared}
+    fixed |= {name: value_of(value) for name, value in known.items() if name not in varying}
     state = [f"y{i}" for i in range(states)] + [f"r{i}" for i in range(nc)]
+    state += [f"left{i}" for i in range(writer.n)] + ["struck"] if impacts else []
     best = [f"best{i}" for i, each in enumerate(readings) if each.kind == "argmax"]
     results = ["bad", *(f"kept{i}" for i in range(len(readings))), *state]
     changing = [*results, *(f"P{i}" for i in range(laws * nc)), *best]
     place = {name: f"room[{i} * LANES + l]" for i, name in enumerate([*changing, *varying])}
-    load = [f"{name} = {where}" for name, where in place.items()]
-    first = _first(writer, {f"y{i}": value for i, value in enumerate(y)} | varying, program, readings)
+    load = [f"{name} = {where}" for name, where in place.items()] + in_time
+    first = _first(writer, y | varying, traced, readings)
     step = [line for statement in writer.statements for line in _lane(statement)] + _kept(readings, writer.n)
+    if impacts:
+        first += [f"left{i} = 0.0" for i in range(writer.n)] + ["struck = -1.0"]
+        step = [*(f"from{i} = y{writer.n + i}" for i in range(writer.n)), "pushed = r0", *step, *_impact(writer.n)]
     kept = len(readings) + 1
     lines = [
         "tol = constants[0]",
@@ -243,7 +324,7 @@ def _source(
         *(f"        {where} = {name}" for name, where in place.items()),
         "    for g in range(len(stops)):",
         "        while k < stops[g]:",
-        *(f"            load{j} = loads[k, {j}]" for j in range(loads)),
+        *(f"            load{j} = loads[k, {j}]" for j in range(loads if not in_time else 0)),
         "            k += 1",
         "            now = float(k)",
         "            for l in range(LANES):",
@@ -257,16 +338,16 @@ def _source(
         "            results[i, start + l] = room[i * LANES + l]",
     ]
     head = "def run(loads, stops, parameters, constants, room, results):\n"
-    return Source(head + "".join(f"    {line}\n" for line in lines), list(fixed.values()), len(place))
+    return Source(head + "".join(f"    {line}\n" for line in lines), list(fixed.values()), len(place), len(state))
 
 
-def _first(writer: Writer, given: dict[str, Number], program: Program, readings: tuple[Reading, ...]) -> list[str]:
+def _first(writer: Writer, given: dict[str, Number], traced: Traced, readings: tuple[Reading, ...]) -> list[str]:
     """Return the lines that begin the run of one lane: the coefficients, and whether they are those of its parameters."""
     _, _, nc, laws = writer.sizes
-    lines = [f"p{i} = parameters[{i}, start + min(l, count - 1)]" for i in range(len(program.parameters))]
-    lines += program.source(given)
-    assumed = [*program.assumptions(), *(f"abs({name}) < INFINITY" for name in given)]
-    assumed += [f"{name} > 0.0" for name in given if name.startswith(("W_", "SKS_"))]
+    lines = [f"p{i} = parameters[{i}, start + min(l, count - 1)]" for i in range(traced.sets)]
+    lines += traced.program.source(given)
+    assumed = [*traced.program.assumptions(), *(f"abs({name}) < INFINITY" for name in given)]
+    assumed += [f"{name} > 0.0" for name in given if re.fullmatch(r"W_\d+_(\d+)_\1|SKS_.*", name)]
     lines += ["bad = 0.0", *(f"bad = bad if {each} else 1.0" for each in assumed)]
     lines += [f"P{i} = 0.0" for i in range(laws * nc)] + [f"r{i} = 0.0" for i in range(nc)]
     for i, each in enumerate(readings):
@@ -293,6 +374,56 @@ def _kept(readings: tuple[Reading, ...], n: int) -> list[str]:
     return lines
 
 
+def _impact(n: int) -> list[str]:
+    """Return the lines that keep the velocity before an impact, and its step; one in the first step is irregular."""
+    return [
+        "hit = r0 > 0.0 and pushed <= 0.0",
+        *(f"left{i} = from{i} if hit else left{i}" for i in range(n)),
+        "struck = now - 1.0 if hit else struck",
+        "bad = 1.0 if struck == 0.0 else bad",
+    ]
+
+
+def _two_rows(solve: SolveLaw) -> list[str]:
+    """Return the lines that solve a law of two rows as `closed_form` does, on those of them that are active, and check it.
+
+    With x and y from one row alone, and x_both and y_both from both, the same cases are looked at in the same order.
+    """
+    z = [f"z{2 * solve.law + i}" for i in range(2)]
+    a, b, c, d = (f"W_{solve.law}_{i}_{j}" for i in range(2) for j in range(2))
+    lines = [f"on{i} = {condition or 'True'}" for i, condition in enumerate(solve.touching)]
+    lines += [
+        "both = on0 and on1",
+        f"x, y = -free0 / {a}, -free1 / {d}",
+        "open = free0 >= 0.0 and free1 >= 0.0",
+        f"first = free0 < 0.0 and x * {c} + free1 >= 0.0",
+        f"second = free1 < 0.0 and y * {b} + free0 >= 0.0",
+        f"swap = abs({a}) < abs({c})",
+        f"A, B, F = {c} if swap else {a}, {d} if swap else {b}, free1 if swap else free0",
+        f"C, D, G = {a} if swap else {c}, {b} if swap else {d}, free0 if swap else free1",
+        "multiplier = C / A",
+        "rest = D - multiplier * B",
+        "y_both = (multiplier * F - G) / rest",
+        "x_both = -(F + B * y_both) / A",
+        "closed = abs(rest) > 1e-15 * (abs(D) + abs(multiplier * B))",
+        "closed = closed and 0.0 <= x_both and x_both < INFINITY and 0.0 <= y_both and y_both < INFINITY",
+        "bad = bad if not both or open or first or second or closed else 1.0",
+        f"{z[0]} = x if first else (0.0 if second else x_both)",
+        f"{z[1]} = 0.0 if first else (y if second else y_both)",
+        f"{z[0]} = (0.0 if open else {z[0]}) if both else (max(x, 0.0) if on0 else 0.0)",
+        f"{z[1]} = (0.0 if open else {z[1]}) if both else (max(y, 0.0) if on1 else 0.0)",
+    ]
+    for i, row in enumerate(((a, b), (c, d))):
+        s, t = (f"{W} * {each}" for W, each in zip(row, z, strict=True))
+        lines += [
+            f"w, size = free{i} + {s} + {t}, tol * abs(free{i})",
+            f"terms = {4.0 * EPS!r} * (abs(free{i}) + abs({s}) + abs({t}))",
+            f"held = w >= -size if {z[i]} == 0.0 else ({z[i]} > 0.0 and abs(w) <= size and terms <= size)",
+            f"bad = bad if held or not on{i} else 1.0",
+        ]
+    return lines
+
+
 def _lane(statement: Statement) -> list[str]:
     """Return the lines of a statement for one lane; what only counts the work is left out."""
     match statement:
@@ -305,4 +436,4 @@ def _lane(statement: Statement) -> list[str]:
         case Unless(condition):
             return [f"bad = bad if {each} else 1.0" for each in condition.split(" and ")]
         case SolveLaw():
-            raise UnsupportedError("lanes solve laws of one row")
+            return _two_rows(statement)

@@ -342,7 +342,7 @@ class LinearStep(TimeStepping[Tabulated]):
             (springs, step.paths, step.static, self._friction_rows(d, lcp_solver), _static_friction(d)),
             spring_solver(d),
             partial(solve_with_forces, d) if d.force_laws else None,
-            self._loads(d, h),
+            self.loads(d, h),
             contacts[0],
             solver.init(contacts[0]),
             *limits(solver, self.tol, self.max_iter),
@@ -384,7 +384,7 @@ class LinearStep(TimeStepping[Tabulated]):
         memory, loads = Named("remembers", memory), Named("instants", loads)
         return Symbols(d, q, v, memory, one, loads, prescribed, P=P, s=s)
 
-    def _loads(self, d: Dynamics, h: float) -> Callable[[Array], Array]:
+    def loads(self, d: Dynamics, h: float) -> Callable[[Array], Array]:
         """Return the function that lists variable loads and prescribed motion in the steps between instants."""
         varying = varying_loads(d)
         constant = not varying.any() and not d.motions

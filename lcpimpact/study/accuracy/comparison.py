@@ -16,7 +16,6 @@ from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError, LcpImpactError, UnsupportedError
 from lcpimpact.numbers import positive
 from lcpimpact.problems.base import Problem
-from lcpimpact.simulation import simulate
 from lcpimpact.study.accuracy.convergence import Methods, labelled
 from lcpimpact.study.accuracy.norms import NORMS, errors
 from lcpimpact.study.accuracy.reference import Reference, given_reference
@@ -24,6 +23,7 @@ from lcpimpact.study.accuracy.reference import reference as find_reference
 from lcpimpact.study.ledger import Ledger, energy_ledger
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, table_lines
+from lcpimpact.sweeps.job import Job
 from lcpimpact.trajectory import Trajectory
 
 REFERENCE = "reference"
@@ -241,11 +241,8 @@ def compare(
     truth = _reference(problem, end, {each.name for each in chosen.values()}, reference)
     runs, reasons = {}, {}
     for label, integrator in watched(chosen.items(), len(chosen), "methods", progress):
-        solver = lcp_solver if integrator.solves_lcp else "auto"
         try:
-            run = simulate(
-                problem, integrator, dt=end / steps[label], t_end=end, lcp_solver=solver, progress=False, throw=False
-            )
+            run = Job(problem, integrator, end / steps[label], end, lcp_solver).run()
         except InputError:
             raise
         except LcpImpactError as error:

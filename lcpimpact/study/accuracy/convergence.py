@@ -25,7 +25,7 @@ from lcpimpact.numbers import count, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.penalty import penalized
 from lcpimpact.registry import nearest
-from lcpimpact.simulation import make_integrator, simulate
+from lcpimpact.simulation import make_integrator
 from lcpimpact.study.accuracy.fitted_order import observe
 from lcpimpact.study.accuracy.limits import Limit, chosen_options, declared_order, limits_of
 from lcpimpact.study.accuracy.norms import NORMS, errors
@@ -33,6 +33,7 @@ from lcpimpact.study.accuracy.reference import Reference, given_reference
 from lcpimpact.study.accuracy.reference import reference as find_reference
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, failure_lines, table_lines
+from lcpimpact.sweeps.job import Job
 from lcpimpact.trajectory import Trajectory
 
 Penalty = tuple[str, float] | tuple[str, float, Mapping[str, float]]
@@ -543,13 +544,7 @@ def _tasks(
 
 def _simulate(task: Task, lcp_solver: str) -> Trajectory:
     assert isinstance(task.variant, Problem)
-    solver = lcp_solver if task.integrator.solves_lcp else "auto"
-    h = task.t_end / task.steps
-    # A run that diverges fails; warnings about infinities in its certificate are redundant.
-    with np.errstate(over="ignore", invalid="ignore"):
-        return simulate(
-            task.variant, task.integrator, dt=h, t_end=task.t_end, lcp_solver=solver, progress=False, throw=False
-        )
+    return Job(task.variant, task.integrator, task.t_end / task.steps, task.t_end, lcp_solver).run()
 
 
 def _first(task: Task, norms: Sequence[str], lcp_solver: str) -> dict[str, Any]:

@@ -39,10 +39,10 @@ from lcpimpact.files import reading, unescape_cell
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import count, finite, is_real, positive
 from lcpimpact.problems.base import Problem
+from lcpimpact.problems.parameters import value_at, with_values
 from lcpimpact.problems.reading import read
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator, simulate
-from lcpimpact.study.design.parameters import value_at, with_values
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, failed_rows
 from lcpimpact.trajectory import Trajectory
@@ -204,7 +204,7 @@ def fit(
     problem : Problem or callable
         A problem, or a function that takes the free parameters by name and returns one.
     free : sequence of str, or mapping of str to float
-        Addresses of the parameters to fit (`lcpimpact.study.design.parameters`: ``k``, ``KelvinVoigt.c``, ``2.k``,
+        Addresses of the parameters to fit (`lcpimpact.problems.parameters`: ``k``, ``KelvinVoigt.c``, ``2.k``,
         ``v0.x``), which start from the values of the problem; or each with its start value.
     data : path or DataFrame, optional
         A CSV file or table with an increasing column t in s, and columns named like the series of a run (``R``, ``x``,

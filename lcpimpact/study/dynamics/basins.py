@@ -5,21 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
-from lcpimpact.errors import InputError, LcpImpactError
+from lcpimpact.errors import InputError
 from lcpimpact.hybrid.motion import begin_problem, read
+from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
-from lcpimpact.study.dynamics.diagrams import each_of
+from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator
 from lcpimpact.study.dynamics.period import MAX_PERIOD, extents
-from lcpimpact.study.dynamics.sections import BLOCK_PERIODS, impact_speeds, impacts_of
+from lcpimpact.study.dynamics.sections import BLOCK_PERIODS, Points, Stroboscope, last_impacts
 from lcpimpact.study.dynamics.shooting import follow_exactly, force_period, refuse_power_laws
-from lcpimpact.study.progress import Progress, watched
+from lcpimpact.study.dynamics.strobes import Sampling, points_of_each
+from lcpimpact.study.progress import Progress
 from lcpimpact.study.result import Study, failure_lines
 
 SAME_ATTRACTOR_RTOL = 1e-2
@@ -73,11 +76,15 @@ def basins(
     tol: float = 1e-5,
     workers: int | None = None,
     progress: Progress = True,
+    method: str | Integrator = "exact",
+    dt: float | None = None,
+    lcp_solver: str = "auto",
+    **method_options: Any,
 ) -> Basins:
-    """Return the basins of attraction over two initial values, by the exact stroboscopic map of the force.
+    """Return the basins of attraction over two initial values, by the stroboscopic map of the force.
 
-    Each run ends when its points repeat with a period of at most 16, or after ``longest`` periods. Attractors whose points
-    agree within a hundredth of their extent are identified.
+    Each run ends when its points repeat with a period of at most 16, or after ``longest`` periods; by a method of steps all
+    last so long. Attractors whose points agree within a hundredth of their extent are identified.
 
     Parameters
     ----------
@@ -95,6 +102,8 @@ def basins(
         Number of threads; one by default.
     progress : bool or callable
         As in `lcpimpact.study.progress`.
+    method, dt, lcp_solver, **method_options
+        As of `poincare`: with ``moreau-jean`` many runs are side by side (see docs/sweeps.md).
 
     Raises
     ------
@@ -113,25 +122,30 @@ def basins(
     if not starts:
         raise InputError("first and second must both hold values")
 
-    def one(start: tuple[float, float]) -> tuple[Array, int, str, Problem | None]:
-        problem = None
-        try:
-            problem = family(*start)
-            cycle, run = _settled(problem, longest, tol)
-        except LcpImpactError as error:
-            return np.zeros((0, 0)), 0, str(error), problem
-        return cycle, run, "", problem
+    integrator = make_integrator(method, method_options, RUN_ARGUMENTS)
+    check_lcp_solver(integrator, lcp_solver)
+    skip = max(0, longest - 2 * MAX_PERIOD - 1)
+    sampling = Sampling(Stroboscope(), skip, longest, integrator, dt, lcp_solver)
+    exact = integrator.declared.is_exact
+    problems: list[Problem] = []
 
-    ended = list(watched(each_of(one, starts, workers), len(starts), "basins", progress))
+    def seen(*start: float) -> Problem:
+        problems[:] = [family(*start)]
+        return problems[0]
+
+    values = dict(zip(parameters, np.array(starts).T, strict=True))
+    alone = (lambda problem: _settled(problem, longest, tol)) if exact else sampling.of
+    runs = points_of_each(seen, values, alone, None if exact else sampling, workers, ("basins", progress))
+    cycles = [np.zeros((0, 0)) if isinstance(run, str) else _cycle(run, tol) for run in runs]
     table = pd.DataFrame(starts, columns=list(parameters))
-    labels, attractors = _named([cycle for cycle, *_ in ended])
+    labels, attractors = _named(cycles)
     table = table.assign(
         attractor=labels,
-        period=[len(cycle) for cycle, *_ in ended],
-        run=[run for _, run, *_ in ended],
-        failure=[failure for *_, failure, _ in ended],
+        period=[len(cycle) for cycle in cycles],
+        run=[0 if isinstance(run, str) else round(run.t[-1] / _force(problems[0])) for run in runs],
+        failure=[run if isinstance(run, str) else "" for run in runs],
     )
-    problem = next((problem for *_, problem in ended if problem is not None), None)
+    problem = problems[0] if problems else None
     nodes = () if problem is None else problem.dynamics.nodes
     columns = [*nodes, *(f"v_{node}" for node in nodes), "speed"]
     rows = [
@@ -144,30 +158,47 @@ def basins(
     return Basins(table, found, "" if problem is None else problem.name, longest)
 
 
-def _settled(problem: Problem, longest: int, tol: float) -> tuple[Array, int]:
-    """Return the ordered points of the attractor of a run, and the number of periods until convergence."""
-    force = force_period(problem.dynamics)
-    if force is None:
-        raise InputError(f"{problem.name} has no force with a period, so it cannot be seen once in each")
+def _settled(problem: Problem, longest: int, tol: float) -> Points:
+    """Return the last points of the exact motion at phase 0, when they repeat, or after the longest run."""
+    force = _force(problem)
     refuse_power_laws(problem)
     motion = begin_problem(problem, "exact", longest * force)
     reached = 0
-    while reached < longest:
+    while True:
         reached = min(reached + BLOCK_PERIODS, longest)
         follow_exactly(motion, problem, reached * force)
         times = np.minimum(np.arange(max(0, reached - 2 * MAX_PERIOD), reached + 1) * force, motion.end)
         q, v, _ = read(motion.system, tuple(motion.segments), times, "right")
-        z = np.hstack([q, v])
-        miss = [_miss(z, p) for p in range(1, MAX_PERIOD + 1)]
-        if min(miss) <= tol:
-            # In a slow approach with a negative multiplier every other point converges first.
-            p = 1 + next(i for i, each in enumerate(miss) if each <= 100.0 * tol)
-            speed = impact_speeds(problem.dynamics, motion.events, times[-p:])
-            if not any(event.t > times[-1 - p] for event in impacts_of(motion.events, None)):
-                speed[:] = np.nan  # the last impact belongs to the approach
-            cycle = np.column_stack([z[-p:], speed])
-            return np.roll(cycle, -int(np.argmin(cycle[:, 0])), axis=0), reached
-    return np.zeros((0, 1 + 2 * len(problem.dynamics.nodes))), reached
+        if reached == longest or _period(np.hstack([q, v]), tol):
+            last = np.array([q[-1:], v[-1:]])[:, 0]
+            return Points(times, q, v, *last_impacts(problem.dynamics, motion.events, times), last)
+
+
+def _force(problem: Problem) -> float:
+    """Return the period of the force in s."""
+    force = force_period(problem.dynamics)
+    if force is None:
+        raise InputError(f"{problem.name} has no force with a period, so it cannot be seen once in each")
+    return force
+
+
+def _period(z: Array, tol: float) -> int:
+    """Return the period after which the last points repeat, 0 if they do not."""
+    miss = [_miss(z, p) for p in range(1, MAX_PERIOD + 1)]
+    # In a slow approach with a negative multiplier every other point converges first.
+    return 0 if min(miss) > tol else 1 + next(i for i, each in enumerate(miss) if each <= 100.0 * tol)
+
+
+def _cycle(points: Points, tol: float) -> Array:
+    """Return the points of the attractor of a run, the least coordinate first, with the speeds of their impacts."""
+    z = np.hstack([points.q, points.v])
+    p = _period(z, tol)
+    if not p:
+        return np.zeros((0, z.shape[1] + 1))
+    # The last impact may belong to the approach.
+    speed = points.speed[-p:] if points.struck[-1] > points.t[-1 - p] else np.full(p, np.nan)
+    cycle = np.column_stack([z[-p:], speed])
+    return np.roll(cycle, -int(np.argmin(cycle[:, 0])), axis=0)
 
 
 def _miss(z: Array, p: int) -> float:

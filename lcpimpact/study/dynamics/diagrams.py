@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -19,19 +18,10 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator
 from lcpimpact.study.dynamics.continuation import Branch
 from lcpimpact.study.dynamics.period import period_of
-from lcpimpact.study.dynamics.sections import Section, find_points, section_of, table_of
-from lcpimpact.study.progress import Progress, watched
+from lcpimpact.study.dynamics.sections import Points, Section, force_of, section_of, table_of
+from lcpimpact.study.dynamics.strobes import Sampling, points_of_each
+from lcpimpact.study.progress import Progress
 from lcpimpact.study.result import Study, failure_lines
-
-
-def each_of(function: Callable[[Any], Any], items: Sequence[Any], workers: int | None) -> Iterator[Any]:
-    """Yield function(item) for each item, in order, by a number of threads (None or 1: without)."""
-    if workers is None or workers == 1:
-        yield from map(function, items)
-        return
-    count("workers", workers)
-    with ThreadPoolExecutor(int(workers)) as pool:
-        yield from pool.map(function, items)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -136,28 +126,30 @@ def bifurcation(
     count("points", points)
     integrator = make_integrator(method, method_options, RUN_ARGUMENTS)
     check_lcp_solver(integrator, lcp_solver)
+    sampling = Sampling(where, skip, skip + points, integrator, dt, lcp_solver)
     last: list[Array] = []
 
-    def one(value: float) -> pd.DataFrame:
-        try:
-            problem = family(value)
-            if last:
-                problem = _continued(problem, last.pop())
-            met, force = find_points(problem, where, skip + points, None, integrator, dt, lcp_solver)
-            found = met.after(skip)
-        except LcpImpactError as error:
-            return pd.DataFrame({"value": [value], "failure": [str(error)]})
-        if continue_from:
-            last[:] = [found.last]
-        if len(found.t) == 0:
-            return pd.DataFrame({"value": [value], "failure": ["the motion does not meet the section often enough"]})
-        table = table_of(problem, found, force)
+    def follow(problem: Problem) -> Points:
+        found = sampling.of(_continued(problem, last.pop()) if last else problem)
+        last[:] = [found.last]
+        return found
+
+    alone, together = (follow, None) if continue_from else (sampling.of, sampling)
+    shown = ("bifurcation", progress)
+    found = points_of_each(
+        family, {"value": np.array(chosen)}, alone, together, None if continue_from else workers, shown
+    )
+
+    def rows(value: float, found: Points | str) -> pd.DataFrame:
+        if isinstance(found, str) or len(found.t) == 0:
+            failure = found if isinstance(found, str) else "the motion does not meet the section often enough"
+            return pd.DataFrame({"value": [value], "failure": [failure]})
+        problem = family(value)
+        table = table_of(problem, found, force_of(problem, where))
         table.insert(0, "value", value)
         return table.assign(period=period_of(np.hstack([found.q, found.v]), tol), failure="")
 
-    tables = list(
-        watched(each_of(one, chosen, None if continue_from else workers), len(chosen), "bifurcation", progress)
-    )
+    tables = list(map(rows, chosen, found))
     columns = max((list(table.columns) for table in tables), key=len)
     columns = [*(name for name in columns if name not in ("period", "failure")), "period", "failure"]
     table = pd.concat([each.reindex(columns=columns) for each in tables], ignore_index=True)

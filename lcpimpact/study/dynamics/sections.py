@@ -14,6 +14,7 @@ import pandas as pd
 from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, LcpImpactError
+from lcpimpact.events import steps_of
 from lcpimpact.hybrid.motion import HybridMotion, read
 from lcpimpact.hybrid.system import ZERO, System
 from lcpimpact.integrators.base import Integrator
@@ -163,8 +164,9 @@ def _number(text: str) -> float | None:
 
 
 class Points(NamedTuple):
-    """Crossings of a section: t (k,), q and v (k, n), and the speed of the impact at or before each point (k,).
+    """Crossings of a section: t (k,), q and v (k, n), and the speed of the last impact at or before each point (k,).
 
+    ``struck`` is the instant of that impact (k,), or of steps the beginning of its step; NaN without one.
     ``last`` is q and v (2, n) at the last whole period of the force, or the last point, from which a run can continue.
     """
 
@@ -172,11 +174,12 @@ class Points(NamedTuple):
     q: Array
     v: Array
     speed: Array
+    struck: Array
     last: Array
 
     def after(self, count: int) -> Points:
         """Return the points after the first ones."""
-        return Points(self.t[count:], self.q[count:], self.v[count:], self.speed[count:], self.last)
+        return Points._make([*(each[count:] for each in self[:-1]), self.last])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -286,17 +289,15 @@ def find_points(
     done: Callable[[int], None] = ignore_count,
 ) -> tuple[Points, float | None]:
     """Return the requested number of points, or those before the end, and the period of the force."""
-    force = _checked(problem, where)
-    end = t_end if t_end is not None else _latest(problem, where, force, need)
+    force = force_of(problem, where)
+    end = t_end if t_end is not None else latest(problem, where, force, need)
     positive("t_end", end, "s")
     check_lcp_solver(integrator, lcp_solver)
     if integrator.declared.is_exact:
         refuse_power_laws(problem)
     motion = integrator.motion(problem, end, lcp_solver)
     if motion is None:
-        h = (force or problem.t_end / 100.0) / STEPS_PER_PERIOD if dt is None else dt
-        positive("dt", h, "s")
-        steps = max(1, math.ceil(end / h * (1.0 - 1e-12)))
+        steps = steps_to(end, problem, force, dt)
         run = simulate(problem, integrator, dt=end / steps, t_end=end, lcp_solver=lcp_solver, progress=False)
         found = _on_grid(run, where, force, need, end)
     else:
@@ -305,13 +306,20 @@ def find_points(
     return found, force
 
 
+def steps_to(end: float, problem: Problem, force: float | None, dt: float | None) -> int:
+    """Return the number of steps until the end, each at most dt, or by default a part of the period of the force."""
+    h = (force or problem.t_end / 100.0) / STEPS_PER_PERIOD if dt is None else dt
+    positive("dt", h, "s")
+    return max(1, math.ceil(end / h * (1.0 - 1e-12)))
+
+
 def _whole_period(times: Array, force: float | None) -> float:
     """Return the last whole period of the force at or before the last time, or without force that time; 0 without times."""
     end = float(times[-1]) if len(times) else 0.0
     return end if force is None else math.floor(end / force * (1.0 + 1e-12)) * force
 
 
-def _checked(problem: Problem, where: Section) -> float | None:
+def force_of(problem: Problem, where: Section) -> float | None:
     """Check that the section is valid for the problem, and return the period of the force."""
     d = problem.dynamics
     names = [contact.name for contact in d.contacts]
@@ -337,14 +345,14 @@ def _checked(problem: Problem, where: Section) -> float | None:
         return None
 
 
-def _latest(problem: Problem, where: Section, force: float | None, need: int) -> float:
+def latest(problem: Problem, where: Section, force: float | None, need: int) -> float:
     """Return an estimated time for a number of points."""
     if isinstance(where, Stroboscope):
         return need * float(force or 0.0) + where.phase * float(force or 0.0)
     return need * (problem.t_end if force is None else 4.0 * force)
 
 
-def _instants(where: Stroboscope, force: float, need: int, end: float) -> Array:
+def instants(where: Stroboscope, force: float, need: int, end: float) -> Array:
     """Return the times of a stroboscope, without the start of the motion."""
     t = (np.arange(need) + (where.phase or 1.0)) * force
     return np.asarray(t[t <= end * (1.0 + 1e-12)])
@@ -358,7 +366,7 @@ def _on_motion(
     block = BLOCK_PERIODS * (force or problem.t_end)
     reached = 0.0
     if isinstance(where, Stroboscope):
-        times = np.minimum(_instants(where, float(force or 0.0), need, end), end)
+        times = np.minimum(instants(where, float(force or 0.0), need, end), end)
         for number in range(0, len(times), BLOCK_PERIODS):
             follow_exactly(motion, problem, float(times[number]))
             done(number)
@@ -387,17 +395,20 @@ def _read_at(motion: HybridMotion, times: Array, side: str, force: float | None)
     segments = tuple(motion.segments)
     q, v, _ = read(motion.system, segments, times, side)
     q_last, v_last, _ = read(motion.system, segments, np.array([_whole_period(times, force)]), "right")
-    speed = impact_speeds(motion.system.dynamics, motion.events, times)
-    return Points(times, q, v, speed, np.concatenate([q_last, v_last]))
+    struck = last_impacts(motion.system.dynamics, motion.events, times)
+    return Points(times, q, v, *struck, np.concatenate([q_last, v_last]))
 
 
-def impact_speeds(dynamics: Any, events: Sequence[Event], times: Array) -> Array:
-    """Return -U⁻ of the last impact at or before each time, NaN where there is none."""
+def last_impacts(
+    dynamics: Any, events: Sequence[Event], times: Array, began: Callable[[Sequence[Event]], Any] | None = None
+) -> tuple[Array, Array]:
+    """Return -U⁻ and the instant of the last impact at or before each time, or when it ``began``; NaN without one."""
     names = [contact.name for contact in dynamics.contacts]
     hits = impacts_of(events, None)
     at = np.array([event.t for event in hits])
     speed = np.array([np.nan, *(-dynamics.gap_rate(event.left.v)[names.index(event.contact)] for event in hits)])
-    return np.asarray(speed[np.searchsorted(at, times, side="right")])
+    last = np.searchsorted(at, times, side="right")
+    return speed[last], np.append(np.nan, at if began is None else began(hits))[last]
 
 
 def _crossings(motion: HybridMotion, where: Crossing, until: float) -> Array:
@@ -449,8 +460,12 @@ def _sign(c: Array, A: Array, X: Array, scale: Array) -> tuple[float, int]:
 def _on_grid(run: Trajectory, where: Section, force: float | None, need: int, end: float) -> Points:
     """Return the points by linear interpolation on the grid of a run."""
     dynamics, side = run.problem.dynamics, "right"
+
+    def struck(times: Array) -> tuple[Array, Array]:
+        return last_impacts(dynamics, run.events, times, lambda hits: run.t[steps_of(hits, run.t, run.q, run.v)])
+
     if isinstance(where, Stroboscope):
-        times = np.minimum(_instants(where, float(force or 0.0), need, end), run.t[-1])
+        times = np.minimum(instants(where, float(force or 0.0), need, end), run.t[-1])
     elif isinstance(where, Impacts):
         side = where.side
         hits = impacts_of(run.events, where.contact)[:need]
@@ -460,7 +475,7 @@ def _on_grid(run: Trajectory, where: Section, force: float | None, need: int, en
         )
         times = np.array([event.t for event in hits])
         last = run.sample(min(_whole_period(times, force), float(run.t[-1])))
-        return Points(times, q, v, impact_speeds(dynamics, run.events, times), np.concatenate([last.q, last.v]))
+        return Points(times, q, v, *struck(times), np.concatenate([last.q, last.v]))
     else:
         names = [contact.name for contact in dynamics.contacts]
         gap = where.series in names
@@ -471,8 +486,7 @@ def _on_grid(run: Trajectory, where: Section, force: float | None, need: int, en
         times = run.t[j] + y[j] / (y[j] - y[j + 1]) * np.diff(run.t)[j]
     times = times[:need]
     state, last = run.sample(times, side), run.sample(min(_whole_period(times, force), float(run.t[-1])))
-    speed = impact_speeds(dynamics, run.events, times)
-    return Points(times, state.q, state.v, speed, np.concatenate([last.q, last.v]))
+    return Points(times, state.q, state.v, *struck(times), np.concatenate([last.q, last.v]))
 
 
 def table_of(problem: Problem, points: Points, force: float | None) -> pd.DataFrame:
