@@ -24,7 +24,9 @@ from typing import Any, Literal, TypeVar, cast
 
 import numba
 from numba import types
+from numba.core import cgutils
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
+from numba.extending import intrinsic
 
 from lcpimpact.cache import folder, mark_used
 
@@ -209,26 +211,32 @@ def compiled(signature: Any, inline: Literal["never", "always"] = "never", alloc
     return decorate
 
 
-class Address(types.WrapperAddressProtocol):
-    """A compiled function as an argument of another, with its address at hand: numba looks it up at each call."""
-
-    def __init__(self, function: Any, signature: Any) -> None:
-        compiled_code = function.get_compile_result(signature)
-        self._function, self._signature = function, signature
-        self._address = compiled_code.library.get_pointer_to_function(compiled_code.fndesc.llvm_cfunc_wrapper_name)
-
-    def __wrapper_address__(self) -> int:
-        return int(self._address)
-
-    def signature(self) -> Any:
-        """Return the signature."""
-        return self._signature
-
-
 @cache
 def address(function: Any, kind: Any) -> Any:
-    """Return a compiled function as an argument of ``kind``, a FunctionType; what is not compiled as it is."""
-    return Address(function, kind.signature) if hasattr(function, "get_compile_result") else function
+    """Return the address of a compiled function of a FunctionType, for `function_at`; what is not compiled as it is."""
+    if not hasattr(function, "get_compile_result"):
+        return function
+    code = function.get_compile_result(kind.signature)
+    return int(code.library.get_pointer_to_function(code.fndesc.llvm_cfunc_wrapper_name))
+
+
+def function_at(kind: Any) -> Callable[[Any], Any]:
+    """Return what compiled code calls to get a function of a FunctionType from its `address`.
+
+    A function as an argument of another costs more than a short run: numba looks for its address at each call.
+    """
+    if not COMPILING:
+        return lambda function: function
+
+    def read(context: Any, address: Any) -> Any:
+        def code(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
+            found = cgutils.create_struct_proxy(kind)(context, builder)
+            found.c_addr = builder.inttoptr(arguments[0], context.get_value_type(types.voidptr))
+            return found._getvalue()
+
+        return kind(types.int64), code
+
+    return cast(Callable[[Any], Any], intrinsic(read))
 
 
 def source_file(text: str) -> Path:

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.record import SLIP_RTOL, ContinuousSolution, Event, Record, State
-from lcpimpact.scheme.dynamics import Contact, Dynamics
+from lcpimpact.scheme.dynamics import Contact, Dynamics, once
 from lcpimpact.scheme.terms import RowLaw
 
 TOUCH_RTOL = 8.0 * np.finfo(float).eps
@@ -45,7 +45,8 @@ def events_of_steps(dynamics: Dynamics, record: Record, impact_steps: int = 1) -
         if contact.law is not RowLaw.CONTACT:
             continue
         closed = r > 0.0
-        before = np.append(closed[0], closed[:-1])
+        before = closed.copy()
+        before[1:] = closed[:-1]
         u, U = dynamics.gap(record.q[0])[i], dynamics.gap_rate(record.v[0])[i]
         if steps_of_force:
             # The first step closes a contact that is initially open, or that closes with an impact between two masses.
@@ -172,6 +173,7 @@ def steps_of(events: Sequence[Event], t: Array, q: Array, v: Array) -> Indices:
     return found
 
 
+@once
 def _joints_struck_by(dynamics: Dynamics) -> list[Indices]:
     """Return the joints that an impulse at each contact reaches, through bodies and other joints."""
     joints, massive = np.flatnonzero(dynamics.joints), dynamics.massive
@@ -205,15 +207,23 @@ def _holding(d: Dynamics, record: Record, friction: Array) -> Flags:
     return np.asarray((d.mu_s > d.mu) & (beyond | (SLIP_RTOL * U.max(axis=0, initial=0.0) >= U)))
 
 
+@once
+def _bounded_rows(d: Dynamics) -> list[int]:
+    """Return the rows of sliders, friction and relays."""
+    return list(map(int, np.flatnonzero(d.rubs | d.relays)))
+
+
 def _events_of_bounded_rows(d: Dynamics, record: Record, impulsive: Flags) -> list[tuple[float, int, Event]]:
     """Return the events of sliders, friction and relays, with their instants and rows."""
     found: list[tuple[float, int, Event]] = []
+    if not (rows := _bounded_rows(d)):
+        return found
     friction, holds = np.zeros((1, len(d.contacts))), np.zeros((1, len(d.contacts)), dtype=np.bool_)
     if d.frictional.any():
         friction = np.where(impulsive, 0.0, d.friction_bounds(record.reaction))
     if (d.mu_s > d.mu).any():
         holds = _holding(d, record, friction)
-    for i in map(int, np.flatnonzero(d.rubs | d.relays)):
+    for i in rows:
         bounds = (-friction[:, i], friction[:, i]) if d.frictional[i] else d.contacts[i].bounds
         crossed = _events_of_bounds(d.contacts[i], i, (*bounds, holds[:, i]), record)
         found += [(event.t, i, event) for event in crossed]
@@ -235,12 +245,14 @@ def _events_of_bounds(contact: Contact, i: int, law: tuple[Any, Any, Flags], rec
     turning = 1 + np.flatnonzero((side[1:-1] == 0.0) & (side[:-2] * side[2:] < 0.0) & acts[1:-1])
     side[turning] = side[turning + 1]
     changes = acts[1:] & ((side[1:] != side[:-1]) | ~acts[:-1])
-    for j in map(int, np.flatnonzero(changes) + 1):
-        before, after = np.searchsorted(record.t, t[j - 1], side="right") - 1, np.searchsorted(record.t, t[j])
+    at = np.flatnonzero(changes) + 1
+    ends = np.searchsorted(record.t, t[at - 1], side="right") - 1, np.searchsorted(record.t, t[at])
+    instants = 0.5 * (t[at - 1] + t[at])
+    for j, before, after, instant in zip(at.tolist(), *(each.tolist() for each in (*ends, instants)), strict=True):
         left = State(record.q[before], record.v[before], record.reaction[j - 1])
         right = State(record.q[after], record.v[after], record.reaction[j])
         kind = between if side[j] == 0.0 else at_bound
-        yield Event(float(0.5 * (t[j - 1] + t[j])), contact.name, kind, left, right)
+        yield Event(instant, contact.name, kind, left, right)
 
 
 def zero(t: Array, values: Array, earliest: float, latest: float) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields
 from functools import partial
 from typing import Any
@@ -121,7 +122,8 @@ def simulate(
     Acary and Brogliato, *Numerical Methods for Nonsmooth Dynamical Systems* (2008).
     """
     for name, value, kind in (("problem", problem, Problem), ("throw", throw, bool), ("progress", progress, bool)):
-        check_kind(name, value, kind)
+        if type(value) is not kind:
+            check_kind(name, value, kind)
     integrator = make_integrator(method, method_options, RUN_ARGUMENTS)
     grid = time_grid(dt, problem.t_end if t_end is None else t_end)
     check_lcp_solver(integrator, lcp_solver)
@@ -229,6 +231,10 @@ def _run(
 ) -> tuple[Status, int]:
     """Advance block by block until the end, a failure, or Ctrl-C; ``size`` is the numbers in the matrices of a step."""
     reached, block = 0, min(FIRST_BLOCK, max(1, FIRST_BLOCK_NUMBERS // size))
+    if grid.steps <= block:
+        with suppress(KeyboardInterrupt):
+            return advance(0, grid.steps)
+        return Status.INTERRUPTED, 0
     disable = None if progress else True
     with tqdm(total=grid.steps, desc=name, unit="step", delay=1.0, disable=disable, leave=False) as bar:
         try:
@@ -363,10 +369,10 @@ def check_handled(integrator: Integrator, problem: Problem) -> None:
 
 def _check_forces(problem: Problem) -> None:
     """Refuse forces of any kind that fail at the start, or whose Jacobian there is not theirs."""
-    d, q, v = problem.dynamics, problem.initial_coordinates, problem.initial_velocities
+    d = problem.dynamics
     for law in d.force_laws:
         here = [d.nodes.index(node) for node in law.nodes]
-        law.check(0.0, q[here], v[here])
+        law.check(0.0, problem.initial_coordinates[here], problem.initial_velocities[here])
 
 
 def _able(dynamics: Dynamics) -> list[str]:

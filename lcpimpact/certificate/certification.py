@@ -160,7 +160,7 @@ def certify(
         else:
             found, scales, energies = judge_grid(d, start, record, events, integrator, limits)
         found["motion"] = _motion(d, record, limits)
-        forces, momenta = scales.forces(d), scales.momenta(d)
+        forces, momenta = scales.forces, scales.momenta
         gained = impact_gain(d, record, events, integrator, limits.precision) if d.stores_energy else ImpactGain()
     if not d.stores_energy:
         energies = (np.nan, np.nan)

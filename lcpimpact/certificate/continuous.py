@@ -120,11 +120,11 @@ def judge_continuous(
     run = SampledMotion.of(d, start, record.t, dense, events)
     q, v, r = (np.concatenate(each) for each in zip((run.q, run.v, run.r), run.right, strict=True))
     h = np.where(run.resolved, np.diff(run.pieces.cuts), 0.0)
-    scales = Scales.of(d, q, np.concatenate([v, run.left[1]]), r, run.f).at_least(d, float(h.max(initial=0.0)))
+    scales = Scales.of(d, q, np.concatenate([v, run.left[1]]), r, run.f).at_least(float(h.max(initial=0.0)))
     elapsed = SUM_RTOL * np.cumsum(np.append(0.0, h))
     error_p, error_q = (limits.slack * run.pieces.error(each, limits.order) for each in (run.g, run.v))
     energy, allowed_E, scale = _energy_balance(d, run, scales, limits, elapsed)
-    allowed_E += error_p @ scales.v + error_q @ scales.forces(d)
+    allowed_E += error_p @ scales.v + error_q @ scales.forces
     found = {
         **_judge_nodes(d, run, scales, limits, elapsed, (error_p, error_q)),
         **_judge_contacts(d, run, scales, limits, largest_impulses(d, events), np.abs(d.H) @ error_q[-1]),
@@ -146,7 +146,7 @@ def _energy_balance(
     energy = np.append(0.0, energy[1:] - energy[1])
     scale = float(max(np.abs(each[:, :2].sum(axis=1)).max() for each in (right, left)))
     # An energy of large terms that cancel has their rounding error.
-    terms = SUM_RTOL * float(scales.forces(d) @ scales.q + scales.momenta(d) @ scales.v)
+    terms = SUM_RTOL * float(scales.forces @ scales.q + scales.momenta @ scales.v)
     allowed = limits.precision * scale + terms + elapsed * np.abs(power).max()
     return energy, allowed + limits.slack * run.pieces.error(power[:, None], limits.order)[:, 0], scale
 
@@ -155,11 +155,11 @@ def _judge_nodes(
     d: Dynamics, run: SampledMotion, scales: Scales, limits: Limits, elapsed: Array, errors: tuple[Array, Array]
 ) -> Judgement:
     """Judge momentum, kinematics, and the balance of massless nodes."""
-    ε, kind, forces = limits.precision, node_kinds(d), scales.forces(d)
+    ε, kind, forces = limits.precision, node_kinds(d), scales.forces
     (q, v, _), (q_left, v_left) = run.right, run.left
     momentum = run.imbalance(v @ d.M.T, v_left @ d.M.T, run.at_cuts(run.impacts.P @ d.B.T), run.g)
     way = run.imbalance(q, q_left, np.zeros_like(q), run.v)
-    allowed_p = np.repeat(ε * scales.momenta(d) + elapsed[:, None] * forces + errors[0], 2, axis=0)
+    allowed_p = np.repeat(ε * scales.momenta + elapsed[:, None] * forces + errors[0], 2, axis=0)
     allowed_q = np.repeat(ε * scales.q + elapsed[:, None] * scales.v + errors[1], 2, axis=0)
     massive, moves, massless = kind == MASSIVE, (kind >= DAMPED) & ~d.jumping, np.isin(kind, (DAMPED, FREE))
     return {

@@ -152,7 +152,7 @@ def judge_grid(
     """Judge a run that is known at the points of its grid; ``start`` holds the initial q and v."""
     run = Steps.of(d, record, events, integrator)
     sampled = Scales.of(d, run.q, run.v, run.r, run.f)
-    scales = sampled.at_least(d, run.longest)
+    scales = sampled.at_least(run.longest)
     Δv, impacts, largest = scales.v - sampled.v, run.impacts(d, events), largest_impulses(d, events)
     defect, found = _judge_nodes(d, start, run, impacts, (scales, Δv), limits)
     found |= _judge_contacts(d, run, impacts, scales, largest, limits)
@@ -191,9 +191,9 @@ def _judge_nodes(
         momentum_defect = np.minimum(momentum_defect, np.abs(defect + run.P_end @ d.B.T))
     # A linearly implicit step has order 1 for springs whose damping depends on the compression.
     order = min(limits.order, 1.0) if run.in_steps and d.springs and d.power_laws[:, 3:].any() else limits.order
-    forces, elapsed = scales.forces(d), 64.0 * np.finfo(float).eps * (run.t[1:] - run.t[0])[:, None]
+    forces, elapsed = scales.forces, 64.0 * np.finfo(float).eps * (run.t[1:] - run.t[0])[:, None]
     allowed_p = limits.slack * trapezoid_errors(h.ravel(), run.total, order)
-    allowed_p += ε * scales.momenta(d) + elapsed * forces + h * (limits.kick * _largest_forces(d, run))
+    allowed_p += ε * scales.momenta + elapsed * forces + h * (limits.kick * _largest_forces(d, run))
     # Within a step a body may reverse its motion twice, which its velocities at the ends do not show.
     slack_speed = limits.slack * SLOPE_FACTOR * np.where(kind == MASSIVE, Δv, 0.0)
     allowed_q = limits.slack * trapezoid_errors(h.ravel(), run.v, order)
@@ -299,7 +299,7 @@ def _judge_steps(
     margins, given = _impulse_margins(d, run, limits), run.given if run.in_steps else run.given[:0]
     ε, none = max(limits.precision, SCALE_FLOOR), np.zeros((0, len(d.nodes)))
     total, steps = np.ascontiguousarray(run.total), np.ascontiguousarray(h[:, 0])
-    rounding = ε * scales.momenta(d)
+    rounding = ε * scales.momenta
     defect = largest_step_errors(steps, run.v @ d.M.T, total, given, margins, nonsmooth, rounding, limits.step)
     # A mean force of a step may act at any instant of it.
     placed = max(limits.kick, float(run.in_steps))
@@ -352,7 +352,7 @@ def _judge_impulses(
     around = hit[:, None] + np.arange(-NEIGHBOURS, NEIGHBOURS + 1)
     jump = np.abs(np.diff(run.total[around], axis=1)).max(axis=1)
     longest = run.h[around, 0].max(axis=1, keepdims=True)
-    allowed = max(limits.precision, SCALE_FLOOR) * scales.momenta(d) + IMPACT_FACTOR * longest * jump
+    allowed = max(limits.precision, SCALE_FLOOR) * scales.momenta + IMPACT_FACTOR * longest * jump
     if limits.kick:
         allowed += limits.kick * longest * (np.ptp(run.r[around], axis=1) @ np.abs(d.B).T)
     off = np.abs(defect[hit + NEIGHBOURS - 1] - defect[hit - NEIGHBOURS])

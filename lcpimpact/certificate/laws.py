@@ -5,11 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.certificate.scales import masses
 from lcpimpact.certificate.theta_balance import DAMPED, DRIVEN, FREE, MASSIVE
 from lcpimpact.record import Record
-from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.dynamics import Dynamics, once
 
 
+@once
 def node_kinds(d: Dynamics) -> Indices:
     """Return the kinds of the nodes: 1 with mass, 2 with prescribed motion, 0 massless with dashpots, -1 without (n,)."""
     driven, massive = d.driven, d.massive
@@ -21,10 +23,9 @@ def node_kinds(d: Dynamics) -> Indices:
 
 def accelerations(d: Dynamics, g: Array) -> Array:
     """Return bounds of the acceleration U' of each row in m/s² by the forces g on the nodes with mass (nc,)."""
-    massive = d.massive
-    M = d.M[np.ix_(massive, massive)]
-    if np.count_nonzero(M) == len(M):
-        largest = np.abs(g).max(axis=0, initial=0.0)[massive] / np.diag(M)
+    massive, M = d.massive, masses(d)
+    if M.ndim == 1:
+        largest = np.abs(g).max(axis=0, initial=0.0)[massive] / M
     else:
         largest = np.abs(np.linalg.solve(M, g[:, massive].T)).max(axis=1, initial=0.0)
     return np.asarray(np.abs(d.H[:, massive]) @ largest)

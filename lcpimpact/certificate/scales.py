@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from functools import cached_property
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numba import types
 
 from lcpimpact.arrays import Array
-from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.compiled import compiled, f8, matrix, named_tuple, vector
+from lcpimpact.scheme.dynamics import Dynamics, once
 
 SCALE_FLOOR = 1e-6
 """Smallest scale of a motion, relative to the largest: at a precision of 1e-9, differences below it are rounding."""
@@ -17,10 +20,60 @@ Judgement: TypeAlias = dict[str, tuple[float, float]]
 """Violation of each law with the largest ratio to its limit, and that limit."""
 
 
+TRIPLE: Any = types.UniTuple(f8, 3)
+
+
+class Sizes(NamedTuple):
+    """|M|, |C|, |K| (n, n), |B| (n, nc), |H| (nc, n), |D| (nc, nc) and |u0| (nc,) of a system."""
+
+    M: Array
+    C: Array
+    K: Array
+    B: Array
+    H: Array
+    D: Array
+    u0: Array
+
+
+SIZES: Any = named_tuple((matrix,) * 6 + (vector,), Sizes)
+
+
+@once
+def sizes(d: Dynamics) -> Sizes:
+    """Return the absolute values of the matrices of a system."""
+    return Sizes(*(np.array(np.abs(each), order="C") for each in (d.M, d.C, d.K, d.B, d.H, d.D, d.u0)))
+
+
+@compiled(types.UniTuple(vector, 2)(SIZES, vector, vector, vector))
+def gaps_of(size: Sizes, q: Array, v: Array, r: Array) -> tuple[Array, Array]:
+    """Return the largest |u| and |U| for the largest |q|, |v| and |r|."""
+    u, U = size.u0.copy(), np.zeros(len(r))
+    for i in range(len(r)):
+        for j in range(len(q)):
+            u[i] += size.H[i, j] * q[j]
+            U[i] += size.H[i, j] * v[j]
+        for j in range(len(r)):
+            u[i] += size.D[i, j] * r[j]
+    return u, U
+
+
+@compiled(vector(SIZES, vector, vector, vector))
+def forces_of(size: Sizes, q: Array, v: Array, r: Array) -> Array:
+    """Return |K| q + |C| v + |B| r."""
+    forces = np.zeros(len(q))
+    for i in range(len(q)):
+        for j in range(len(q)):
+            forces[i] += size.K[i, j] * q[j] + size.C[i, j] * v[j]
+        for j in range(len(r)):
+            forces[i] += size.B[i, j] * r[j]
+    return forces
+
+
 @dataclass(frozen=True, eq=False)
 class Scales:
     """The largest values of a run: |q| and |v| of each node (n,), |u|, |U| and |r| of each row (nc,), |f| (n,)."""
 
+    dynamics: Dynamics
     q: Array
     v: Array
     u: Array
@@ -36,38 +89,67 @@ class Scales:
     @classmethod
     def of_largest(cls, d: Dynamics, q: Array, v: Array, r: Array, f: Array) -> Scales:
         """Return the scales for given largest |q|, |v|, |r| and |f|."""
-        return cls(q, v, np.abs(d.H) @ q + np.abs(d.u0) + np.abs(d.D) @ r, np.abs(d.H) @ v, r, f)
+        u, U = gaps_of(sizes(d), q, v, r)
+        return cls(d, q, v, u, U, r, f)
 
-    def at_least(self, d: Dynamics, h: float) -> Scales:
+    def at_least(self, h: float) -> Scales:
         """Return scales bounded below for bodies at rest: by the effect of forces in a time h and the largest speed."""
-        v = self.v + SCALE_FLOOR * self.v.max(initial=0.0)
-        massive = d.massive
-        if massive.any():
-            v[massive] += h * np.abs(np.linalg.solve(d.M[np.ix_(massive, massive)], self.forces(d)[massive]))
+        d, v = self.dynamics, self.v + SCALE_FLOOR * self.v.max(initial=0.0)
+        M, forces = masses(d), self.forces[d.massive]
+        if len(M):
+            v[d.massive] += h * np.abs(forces / M if M.ndim == 1 else np.linalg.solve(M, forces))
         if not d.stores_energy:
             # Rates of a system at rest are the rounding of terms that balance.
-            v += SCALE_FLOOR * self.forces(d)
+            v += SCALE_FLOOR * self.forces
         q = self.q + SCALE_FLOOR * self.q.max(initial=0.0) + h * v
         return Scales.of_largest(d, q, v, self.r, self.f)
 
-    def forces(self, d: Dynamics) -> Array:
-        """Return the sum of the largest forces at each node in N (n,)."""
-        linear = np.abs(d.K) @ self.q + np.abs(d.C) @ self.v + np.abs(d.B) @ self.r + self.f
-        return np.asarray(linear + np.abs(d.spring_force(self.q, self.v)))
+    @cached_property
+    def forces(self) -> Array:
+        """The sum of the largest forces at each node in N (n,)."""
+        forces = forces_of(sizes(self.dynamics), self.q, self.v, self.r) + self.f
+        if self.dynamics.springs:
+            forces += np.abs(self.dynamics.spring_force(self.q, self.v))
+        return np.asarray(forces)
 
-    def momenta(self, d: Dynamics) -> Array:
-        """Return the largest momentum of each node in N s (n,)."""
-        return np.asarray(np.abs(d.M) @ self.v)
+    @cached_property
+    def momenta(self) -> Array:
+        """The largest momentum of each node in N s (n,)."""
+        return np.asarray(sizes(self.dynamics).M @ self.v)
+
+
+@once
+def masses(d: Dynamics) -> Array:
+    """Return the mass matrix of the nodes with mass, or its diagonal (nm,) if it has no other entries."""
+    M = d.M[np.ix_(d.massive, d.massive)]
+    return np.diag(M) if np.count_nonzero(M) == len(M) else M
 
 
 def largest_violation(values: Array, allowed: Array) -> tuple[float, float]:
     """Return the violation with the largest ratio to its limit, and that limit."""
-    values, allowed = np.broadcast_arrays(np.asarray(values, dtype=np.float64), allowed)
-    if values.size == 0:
-        return 0.0, 0.0
-    ratio = np.where(values > 0.0, values / allowed, 0.0)
-    at = int(np.argmax(np.where(np.isnan(values), np.inf, ratio)))
-    return float(values.ravel()[at]), float(allowed.ravel()[at])
+    if values.shape != allowed.shape:
+        values, allowed = np.broadcast_arrays(values, allowed)
+    return _largest_violation(values.flatten(), allowed.flatten())
+
+
+@compiled(TRIPLE(TRIPLE, f8, f8), inline="always", allocates=False)
+def worse(worst: tuple[float, float, float], value: float, allowed: float) -> tuple[float, float, float]:
+    """Return the worse of two violations, as its ratio to its limit, itself, and that limit; no number is the worst."""
+    ratio = value / allowed if value > 0.0 else 0.0
+    if value != value:
+        ratio = np.inf
+    if worst[0] == worst[0] and not ratio <= worst[0]:
+        return ratio, value, allowed
+    return worst
+
+
+@compiled(types.UniTuple(f8, 2)(vector, vector), allocates=False)
+def _largest_violation(values: Array, allowed: Array) -> tuple[float, float]:
+    """Return the worst violation and its limit."""
+    worst = (-1.0, 0.0, 0.0)
+    for i in range(len(values)):
+        worst = worse(worst, values[i], allowed[i])
+    return worst[1], worst[2]
 
 
 def larger_violation(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:

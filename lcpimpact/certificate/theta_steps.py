@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import types
 
-from lcpimpact.arrays import Array, Indices, Places
+from lcpimpact.arrays import Array, Flags, Indices, Places
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import motion_forces_in_steps, node_kinds, switch_residual
-from lcpimpact.certificate.scales import Judgement, Scales, largest_violation
+from lcpimpact.certificate.scales import Judgement, Scales, sizes, worse
 from lcpimpact.certificate.theta_balance import (
     Contacts,
     Impulses,
+    Kinds,
     Nodes,
     Recorded,
     SparsityPattern,
@@ -23,32 +26,96 @@ from lcpimpact.certificate.theta_balance import (
     kinds_of,
     no_violations,
 )
+from lcpimpact.compiled import compiled, f8, flags, i8, named_tuple, vector
 from lcpimpact.events import steps_of
 from lcpimpact.integrators.base import Limits
 from lcpimpact.record import SLIP_RTOL, Event, Record
-from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.dynamics import Dynamics, once
 from lcpimpact.scheme.terms import RowLaw
+
+EPS = float(np.finfo(float).eps)
+
+
+class Constants(NamedTuple):
+    """What the certificates of all runs of a system have in common.
+
+    Attributes
+    ----------
+    loads : (1, n) array                the loads at t = 0, those of the run if they are constant
+    nodes, contacts, springs            the system for the compiled loop
+    kinds : Kinds                       rows with a feedthrough, and rows on impulse paths
+    balances : bool                     whether no node is held by springs alone
+    at_velocity_level : (nc,) flags     contacts whose law may be at velocity level, and those of impulse paths
+    strict : (nc,) flags                rows that must not penetrate
+    of_relays : (nc,) array             -1, for runs without relays
+    rubs, switches, feeds_through       whether there is dry friction, whether there are relays, and whether D is not zero
+    """
+
+    loads: Array
+    nodes: Nodes
+    contacts: Contacts
+    springs: SpringLaws
+    kinds: Kinds
+    balances: bool
+    at_velocity_level: Flags
+    strict: Flags
+    of_relays: Array
+    rubs: bool
+    switches: bool
+    feeds_through: bool
+
+
+@once
+def _constants(d: Dynamics) -> Constants:
+    """Return what the certificates of all runs of a system have in common."""
+    pattern, at = _pattern((d.M != 0.0) | (d.C != 0.0) | (d.K != 0.0))
+    H_pattern, H_at = _pattern(d.H != 0.0)
+    contacts = Contacts(
+        *(H_pattern, d.H[H_at], np.array(d.B, order="C"), np.array(d.D, order="C"), d.u0.copy(), d.restitution),
+        *(d.r_min, d.r_max, d.relative_degree, _codes(d)),
+        *(d.mu, d.mu_s, d.normals, np.array(d.impulse_lines, order="C")),
+    )
+    balances = bool((node_kinds(d) >= 0).all())
+    # Contacts of an impulse path over massless nodes meet at velocity level, and may penetrate as others close.
+    at_velocity_level = ((d.relative_degree == 2) & ~d.relays) | (d.impulse_lines > 0.0).any(axis=0)
+    return Constants(
+        d.force(np.zeros(1)),
+        Nodes(pattern, d.M[at], d.C[at], d.K[at], node_kinds(d)),
+        contacts,
+        SpringLaws(d.directions, d.power_laws),
+        kinds_of(contacts),
+        balances,
+        at_velocity_level,
+        d.joints | (~at_velocity_level & balances),
+        np.full(len(d.contacts), -1.0),
+        bool(d.rubs.any()),
+        bool(d.relays.any()),
+        bool(d.D.any()),
+    )
 
 
 def judge_theta_steps(
     d: Dynamics, record: Record, events: Sequence[Event], θ: float, limits: Limits
 ) -> tuple[Judgement, Scales, tuple[float, float]]:
     """Judge the run of a θ-method."""
-    f, f_θ = d.force(np.zeros(1) if d.constant_loads else record.t), np.zeros((0, len(d.nodes)))
+    f, f_θ = _constants(d).loads if d.constant_loads else d.force(record.t), np.zeros((0, len(d.nodes)))
     if d.force_laws:
         f_θ = motion_forces_in_steps(d, record, θ)
     violations, balance, scale, h = _violations(d, record, events, θ, (f, f_θ))
     largest = np.abs(f).max(axis=0) + np.abs(f_θ).max(axis=0, initial=0.0)
-    scales = Scales.of_largest(d, violations.q, violations.v, violations.r, largest).at_least(d, h)
-    found = {
-        **_judge_nodes(d, record, events, (violations, scales, h), θ, limits),
-        **_judge_contacts(d, record, events, (violations, scales, h), θ, limits),
-    }
+    scales = Scales.of_largest(d, violations.q, violations.v, violations.r, largest).at_least(h)
+    steps, duration = len(record.t) - 1, float(record.t[-1] - record.t[0]) or 1.0
+    # In systems with jumps of coordinates, steps with θ = 1 are recognised by u, which is ambiguous if no contact is active.
+    late = (1.0 - θ) * h / duration if _constants(d).feeds_through else 0.0
+    run = Run(steps, duration, h, float(np.diff(record.t).min()), late, limits.precision)
+    impulses = largest_impulses(d, events)
+    nodes = judge_nodes(violations, _node_scales(scales), sizes(d).B @ impulses, run)
+    found = dict(zip(("momentum", "equilibrium", "kinematics"), nodes, strict=True))
+    found |= _judge_contacts(d, record, impulses, (violations, scales), run, θ)
     # The energy balance of a step is an identity for θ = 1/2, except with springs in series and non-linear springs.
-    steps, identity = len(record.t) - 1, θ == 0.5 and bool((node_kinds(d) >= 0).all()) and not d.springs
-    ε = limits.precision + 8.0 * steps * np.finfo(float).eps
-    momenta = scales.momenta(d) + h * scales.forces(d)
-    if identity:
+    if θ == 0.5 and _constants(d).balances and not d.springs:
+        ε = limits.precision + 8.0 * steps * EPS
+        momenta = scales.momenta + h * scales.forces
         found["energy_balance"] = balance, ε * (scale + float(scales.v @ momenta))
     return found, scales, (balance, scale)
 
@@ -57,29 +124,22 @@ def _violations(
     d: Dynamics, record: Record, events: Sequence[Event], θ: float, forces: tuple[Array, Array]
 ) -> tuple[Violations, float, float, float]:
     """Return the largest violations of each contact and node, the energy imbalance, its scale and the longest step."""
-    rows = rows_by_name(d)
+    rows, constants = rows_by_name(d), _constants(d)
     struck = [event for event in events if event.impulse != 0.0]
     step = steps_of(struck, record.t, record.q, record.v)
     row = np.array([rows[event.contact] for event in struck], dtype=np.int64)
     impulse = np.array([event.impulse for event in struck])
-    order = np.lexsort((impulse, row, step))
-    pattern, at = _pattern((d.M != 0.0) | (d.C != 0.0) | (d.K != 0.0))
-    H_pattern, H_at = _pattern(d.H != 0.0)
-    contacts = Contacts(
-        *(H_pattern, d.H[H_at], np.array(d.B, order="C"), np.array(d.D, order="C"), d.u0.copy(), d.restitution),
-        *(d.r_min, d.r_max, d.relative_degree, _codes(d)),
-        *(d.mu, d.mu_s, d.normals, np.array(d.impulse_lines, order="C")),
-    )
+    order = np.lexsort((impulse, row, step)) if struck else step
     nc, n = len(d.contacts), len(d.nodes)
     violations = no_violations(nc, n, block_steps(nc, n, len(record.t) - 1))
     balance, scale, h = certify_steps(
         Recorded(record.t, record.q, record.v, record.reaction, *forces),
         Impulses(step[order], row[order], impulse[order]),
         float(θ),
-        Nodes(pattern, d.M[at], d.C[at], d.K[at], node_kinds(d)),
-        contacts,
-        SpringLaws(d.directions, d.power_laws),
-        kinds_of(contacts),
+        constants.nodes,
+        constants.contacts,
+        constants.springs,
+        constants.kinds,
         violations,
     )
     return Violations(*(each.max(axis=1) for each in violations)), balance, scale, h
@@ -99,81 +159,151 @@ def _pattern(filled: Array) -> tuple[SparsityPattern, tuple[Places, Places]]:
     return SparsityPattern(starts.astype(np.uint64), places[1]), places
 
 
-def _judge_nodes(
-    d: Dynamics,
-    record: Record,
-    events: Sequence[Event],
-    results: tuple[Violations, Scales, float],
-    θ: float,
-    limits: Limits,
-) -> Judgement:
-    """Judge momentum, kinematics and the balance of massless nodes."""
-    violations, scales, h = results
-    steps, duration = len(record.t) - 1, float(record.t[-1] - record.t[0]) or 1.0
-    forces, pushed = scales.forces(d), np.abs(d.B) @ largest_impulses(d, events)
-    ε = limits.precision + 8.0 * steps * np.finfo(float).eps
+class Run(NamedTuple):
+    """What the limits of a run depend on: its steps and duration, its longest and shortest step.
+
+    ``late`` is the part of h by which a balance of forces may lie off, relative to the duration, and ``precision`` that to
+    which laws are solved.
+    """
+
+    steps: int
+    duration: float
+    h: float
+    shortest: float
+    late: float
+    precision: float
+
+
+class NodeScales(NamedTuple):
+    """The scales of the nodes (n,): |q|, |v|, forces and momenta."""
+
+    q: Array
+    v: Array
+    forces: Array
+    momenta: Array
+
+
+class ContactScales(NamedTuple):
+    """What the limits of the rows depend on (nc,).
+
+    Attributes
+    ----------
+    u, U            the largest |u| and |U|
+    impulse         the largest impulse, of friction that its normal force allows
+    bounds          the bounds of friction that slides, and how far it may slip backward on springs in a step
+    slip
+    slow            rounding of U
+    gap_change      the largest change of u in a step
+    product         complementarity
+    of_relays       limit of the product of a relay; negative for other rows
+    """
+
+    u: Array
+    U: Array
+    impulse: Array
+    bounds: Array
+    slip: Array
+    slow: Array
+    gap_change: Array
+    product: Array
+    of_relays: Array
+
+
+LARGEST: Any = named_tuple((vector,) * 11, Violations)
+RUN: Any = named_tuple((i8, f8, f8, f8, f8, f8), Run)
+NODE_SCALES: Any = named_tuple((vector,) * 4, NodeScales)
+CONTACT_SCALES: Any = named_tuple((vector,) * 9, ContactScales)
+PAIR: Any = types.UniTuple(f8, 2)
+
+
+@compiled(types.UniTuple(PAIR, 3)(LARGEST, NODE_SCALES, vector, RUN), allocates=False)
+def judge_nodes(
+    found: Violations, scales: NodeScales, pushed: Array, run: Run
+) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """Judge momentum, the balance of massless nodes and kinematics; nodes are ``pushed`` by the largest impulses."""
+    momentum = equilibrium = kinematics = (-1.0, 0.0, 0.0)
+    h, ε = run.h, run.precision + 8.0 * run.steps * EPS
     # A step length is a difference of times and inherits their rounding; an impulse is h times a mean force.
-    blur, shortest = 4.0 * np.finfo(float).eps * duration, float(np.diff(record.t).min())
-    # In systems with jumps of coordinates, steps with θ = 1 are recognised by u, which is ambiguous if no contact is active.
-    late = (1.0 - θ) * h / duration if d.D.any() else 0.0
-    allowed_p = ε * (scales.momenta(d) + h * forces) + blur * (steps * forces + pushed / shortest)
-    allowed_f = late * forces + ε * (forces + (pushed + scales.momenta(d)) / duration)
-    return {
-        "momentum": largest_violation(violations.momentum, allowed_p),
-        "equilibrium": largest_violation(violations.equilibrium / duration, allowed_f),
-        "kinematics": largest_violation(violations.kinematics, limits.precision * (scales.q + h * scales.v)),
-    }
+    blur = 4.0 * EPS * run.duration
+    for i in range(len(pushed)):
+        p, f = scales.momenta[i], scales.forces[i]
+        allowed_p = ε * (p + h * f) + blur * (run.steps * f + pushed[i] / run.shortest)
+        allowed_f = run.late * f + ε * (f + (pushed[i] + p) / run.duration)
+        momentum = worse(momentum, found.momentum[i], allowed_p)
+        equilibrium = worse(equilibrium, found.equilibrium[i] / run.duration, allowed_f)
+        kinematics = worse(kinematics, found.kinematics[i], run.precision * (scales.q[i] + h * scales.v[i]))
+    return momentum[1:], equilibrium[1:], kinematics[1:]
+
+
+@compiled(types.UniTuple(PAIR, 4)(LARGEST, CONTACT_SCALES, types.UniTuple(flags, 3), f8, RUN), allocates=False)
+def judge_contacts(
+    found: Violations, scales: ContactScales, kinds: tuple[Flags, Flags, Flags], q: float, run: Run
+) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """Judge complementarity, penetration, bounds and the law of impact.
+
+    ``kinds`` are which rows are at velocity level, which must not penetrate, and which have friction; q is the largest |q|.
+    """
+    complementarity = penetration = tension = impact_law = (-1.0, 0.0, 0.0)
+    (at_velocity_level, strict, frictional), h, ε = kinds, run.h, run.precision
+    for i in range(len(scales.u)):
+        r, bound, slow, impulse = found.r[i], scales.bounds[i], scales.slow[i], scales.impulse[i]
+        # A gap that is held closed is a sum of places that need not be small themselves.
+        near = ε * scales.u[i] + 64.0 * EPS * q
+        allowed = r * near + ε * h * bound * scales.U[i] + 2.0 * bound * scales.slip[i]
+        if scales.of_relays[i] >= 0.0:
+            allowed = scales.of_relays[i]
+        elif at_velocity_level[i]:
+            allowed = (h * (r + bound) + impulse) * slow
+        complementarity = worse(complementarity, scales.product[i], allowed)
+        penetration = worse(penetration, found.penetration[i], (0.0 if strict[i] else scales.gap_change[i]) + near)
+        beyond = r + (bound if frictional[i] else 0.0) + impulse / max(h, 1e-300)
+        tension = worse(tension, found.tension[i], ε * beyond)
+        impact_law = worse(impact_law, found.law[i], slow)
+    return complementarity[1:], penetration[1:], tension[1:], impact_law[1:]
+
+
+def _node_scales(scales: Scales) -> NodeScales:
+    """Return the scales of the nodes."""
+    return NodeScales(scales.q, scales.v, scales.forces, scales.momenta)
 
 
 def _judge_contacts(
-    d: Dynamics,
-    record: Record,
-    events: Sequence[Event],
-    results: tuple[Violations, Scales, float],
-    θ: float,
-    limits: Limits,
+    d: Dynamics, record: Record, impulses: Array, results: tuple[Violations, Scales], run: Run, θ: float
 ) -> Judgement:
-    """Judge complementarity, penetration, bounds and the law of impact."""
-    (violations, scales, h), ε = results, limits.precision
-    largest, bounds = largest_impulses(d, events), d.friction_bounds(violations.r)
-    # Friction is bounded by the normal force, and its impulse by that of the normal row.
-    largest = np.maximum(largest, d.friction_bounds(largest) * d.frictional)
-    # A node with prescribed motion has the mean velocity of its step in the law, and its own in the record.
-    turned = np.abs(np.diff(record.v[:, d.driven], axis=0)).max(axis=0, initial=0.0)
-    slow = ε * scales.U.max(initial=0.0) + np.abs(d.H[:, d.driven]) @ turned
-    # Contacts of an impulse path over massless nodes meet at velocity level, and may penetrate as others close.
-    at_velocity_level = ((d.relative_degree == 2) & ~d.relays) | (d.impulse_lines > 0.0).any(axis=0)
-    strict = d.joints | (~at_velocity_level & ~(node_kinds(d) < 0).any())
-    gap_change = np.maximum(violations.gap_change, h * scales.U)
-    for path in d.impulse_lines > 0.0:
+    """Judge complementarity, penetration, bounds and the law of impact, with the largest impulses (nc,)."""
+    (violations, scales), constants, none = results, _constants(d), np.zeros(len(d.contacts))
+    bounds, slip, of_relays, product = none, none, constants.of_relays, violations.product
+    if constants.rubs:
+        # Friction is bounded by the normal force, and its impulse by that of the normal row.
+        bounds, slip = d.friction_bounds(violations.r), _slip_tolerance(d, record)
+        impulses = np.maximum(impulses, d.friction_bounds(impulses) * d.frictional)
+    slow = np.full(len(none), run.precision * scales.U.max(initial=0.0))
+    if d.motions:
+        # A node with prescribed motion has the mean velocity of its step in the law, and its own in the record.
+        turned = np.abs(np.diff(record.v[:, d.driven], axis=0)).max(axis=0, initial=0.0)
+        slow += sizes(d).H[:, d.driven] @ turned
+    gap_change = np.maximum(violations.gap_change, run.h * scales.U)
+    for path in constants.contacts.paths > 0.0:
         gap_change[path] = gap_change[path].sum()
         slow[path] = np.maximum(slow[path], slow[path].sum())
-    # A gap that is held closed is a sum of places that need not be small themselves.
-    near = ε * scales.u + 64.0 * np.finfo(float).eps * scales.q.max(initial=0.0)
-    by_rounding = violations.r * near + ε * h * bounds * scales.U + 2.0 * bounds * _slip_tolerance(d, record)
-    products = np.where(at_velocity_level, (h * (violations.r + bounds) + largest) * slow, by_rounding)
-    switches = _missing_switches(d, record, θ)
-    # Forces that balance at rest leave their rounding in u.
-    reach = ε * scales.u + 64.0 * np.finfo(float).eps * h * (np.abs(d.H) @ scales.forces(d))
-    products = np.where(d.relays, (d.r_max - d.r_min) * reach, products)
-    return {
-        "complementarity": largest_violation(np.maximum(violations.product, switches), products),
-        "penetration": largest_violation(violations.penetration, np.where(strict, 0.0, gap_change) + near),
-        "tension": largest_violation(
-            violations.tension, ε * (violations.r + bounds * d.frictional + largest / max(h, 1e-300))
-        ),
-        "impact_law": largest_violation(violations.law, slow),
-    }
+    if constants.switches:
+        # Forces that balance at rest leave their rounding in u.
+        reach = run.precision * scales.u + 64.0 * EPS * run.h * (sizes(d).H @ scales.forces)
+        of_relays = np.where(d.relays, (d.r_max - d.r_min) * reach, -1.0)
+        product = np.maximum(product, _missing_switches(d, record, θ))
+    rows = ContactScales(scales.u, scales.U, impulses, bounds, slip, slow, gap_change, product, of_relays)
+    kinds = constants.at_velocity_level, constants.strict, d.frictional
+    found = judge_contacts(violations, rows, kinds, float(scales.q.max(initial=0.0)), run)
+    return dict(zip(("complementarity", "penetration", "tension", "impact_law"), found, strict=True))
 
 
 def _missing_switches(d: Dynamics, record: Record, θ: float) -> Array:
     """Return by how much relays miss their law in any step (nc,), with the u of `lcpimpact.integrators.moreau_jean`."""
-    if not d.relays.any():
-        return np.zeros(len(d.contacts))
     t, q, r = record.t, record.q, record.reaction
-    u = d.gap(q[1:]) + r @ d.D.T
-    u_θ = d.gap((1.0 - θ) * q[:-1] + θ * q[1:]) + r @ d.D.T
-    u = np.where(np.diag(d.D) > 0.0, u_θ, u)
+    u, in_step = _images(d.H, q[1:]) + d.u0, np.diag(d.D) > 0.0
+    if in_step.any():
+        u = np.where(in_step, _images(d.H, (1.0 - θ) * q[:-1] + θ * q[1:]) + d.u0, u)
+    u += _images(d.D, r)
     late = d.relays & (d.relative_degree > 1)
     if late.any():
         h = np.diff(t)
@@ -183,11 +313,20 @@ def _missing_switches(d: Dynamics, record: Record, θ: float) -> Array:
             here = level == k
             A = d.C + h[here].mean() * d.K
             A[d.driven] = np.eye(len(A))[d.driven]
-            right = q[:-1][here] @ d.C.T + h[here, None] * (d.force(t[1:][here]) + r[here] @ d.B.T)
+            forces = d.force(t[1:][here]) + _images(d.B, r[here])
+            right = _images(d.C, q[:-1][here]) + h[here, None] * forces
             right[:, d.driven] = q[1:][here][:, d.driven]
             implicit[here] = np.linalg.solve(A, right.T).T
-        u = np.where(late, d.gap(implicit), u)
+        u = np.where(late, _images(d.H, implicit) + d.u0, u)
     return np.asarray(switch_residual(d, r, u).max(axis=0, initial=0.0))
+
+
+def _images(A: Array, x: Array) -> Array:
+    """Return A x of many instants, x (nt, n), by the entries of A: for a few columns BLAS would start threads (nt, m)."""
+    found = np.zeros((len(x), len(A)))
+    for i, j in np.argwhere(A):
+        found[:, i] += A[i, j] * x[:, j]
+    return found
 
 
 def _slip_tolerance(d: Dynamics, record: Record) -> Array:

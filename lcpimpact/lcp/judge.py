@@ -83,8 +83,8 @@ def row_defect(
         Largest bound of the rounding error of a w_i, relative to the size of its row.
     """
     n = len(q)
-    terms, held, size = np.empty(n), np.empty(n), np.empty(n)
-    bounded = False
+    vectors, bounded = np.empty((3, n)), False
+    terms, held, size = vectors[0], vectors[1], vectors[2]
     for i in range(n):
         held[i] = 0.0 if lower[i] < z[i] < upper[i] else z[i]
         bounded = bounded or held[i] != 0.0
@@ -154,26 +154,30 @@ def measure(W: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array) 
 
 @compiled(f8(matrix, vector, vector, vector, vector, f8), allocates=False)
 def clear_residual(M: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float) -> float:
-    """Return the scaled residual of an LCP without bounds if each row is within ``tol`` of its own q_i, else infinity.
+    """Return the scaled residual of an LCP if each row is within ``tol`` of its own q_i, else infinity.
 
     A cheap first check of small problems in time loops; otherwise `measure` and `holds` decide.
     """
     n = len(q)
     residual = 0.0
     for i in range(n):
-        if lower[i] != 0.0 or upper[i] != np.inf:
-            return np.inf
-        w, terms = q[i], abs(q[i])
+        w, terms, near = q[i], abs(q[i]), tol * abs(q[i])
         for j in range(n):
             term = M[i, j] * z[j]
             w += term
             terms += abs(term)
-        if z[i] == 0.0:
-            if not w >= -tol * abs(q[i]):
-                return np.inf
-        elif not (z[i] > 0.0 and abs(w) <= tol * abs(q[i]) and (n + 2) * EPS * terms <= tol * abs(q[i])):
+        rounding = (n + 2) * EPS * terms
+        if z[i] != 0.0 and not rounding <= near < np.inf:
             return np.inf
-        else:
+        if z[i] == lower[i]:
+            if not w >= -near:
+                return np.inf
+        elif z[i] == upper[i]:
+            if not w <= near:
+                return np.inf
+        elif not (lower[i] < z[i] < upper[i] and abs(w) <= near):
+            return np.inf
+        elif abs(w) > rounding:
             residual = max(residual, abs(w) / abs(q[i]))
     return residual
 

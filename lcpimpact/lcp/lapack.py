@@ -205,7 +205,9 @@ def lu_solve(A: Array, b: Array) -> bool:
     if n == 1:
         b[0] /= A[0, 0] if A[0, 0] != 0.0 else 1.0
         return bool(0.0 < abs(A[0, 0]) < np.inf)
-    row, unit, kept, right = np.empty(n), np.empty(n), A.copy(), b.copy()
+    scratch, kept = np.empty((3, n)), A.copy()
+    row, unit, right = scratch[0], scratch[1], scratch[2]
+    right[:] = b
     for i in range(n):
         found: float = 0.0
         for j in range(n):

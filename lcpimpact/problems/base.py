@@ -209,17 +209,20 @@ class Problem:
     @property
     def initial_coordinates(self) -> Array:
         """q(0) in the order of the nodes (n,)."""
-        return self._initial(self.q0, self.dynamics.motion(0.0)[0])
+        return self._initial(self.q0, 0)
 
     @property
     def initial_velocities(self) -> Array:
         """v(0) in the order of the nodes (n,)."""
-        return self._initial(self.v0, self.dynamics.motion(0.0)[1])
+        return self._initial(self.v0, 1)
 
-    def _initial(self, given: Mapping[str, float], driven: Array) -> Array:
+    def _initial(self, given: Mapping[str, float], derivative: int) -> Array:
         d = self.dynamics
         found = {node: number(given.get(node, 0.0)) for node in d.nodes}
-        return np.array([*(found | dict(zip((d.nodes[i] for i in sorted(d.motions)), driven, strict=True))).values()])
+        if d.motions:
+            driven = d.motion(0.0)[derivative]
+            found |= dict(zip((d.nodes[i] for i in sorted(d.motions)), driven, strict=True))
+        return np.array([*found.values()])
 
 
 def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, Any]) -> Problem:

@@ -185,7 +185,8 @@ def _normals(rows: Sequence[Row]) -> list[int]:
 
 def _refuse_levers(H: Array, rows: Sequence[Row], massless: Flags, nodes: Sequence[str]) -> None:
     """Refuse levers at massless nodes, whose balances are sums of forces with whole numbers."""
-    for i, j in np.argwhere((np.abs(H) != 1.0) & (H != 0.0) & massless):
+    levers = (np.abs(H) != 1.0) & (H != 0.0) & massless
+    for i, j in np.argwhere(levers) if levers.any() else ():
         raise InputError(
             f"{rows[i].element}: {nodes[j]!r} has the coefficient {abs(H[i, j]):g} and no mass, so that its forces balance "
             "by levers: give it a Mass, or the coefficient 1"

@@ -43,8 +43,8 @@ def loose_groups(massless: Flags, *links: Array) -> list[Indices]:
         Sums of links, as C and K: a row sums to what ties the node to the ground. A tie counts whatever its sign.
     """
     nodes = np.flatnonzero(massless)
-    if len(nodes) == 0:
-        return []
+    if len(nodes) < 2:
+        return [nodes] if len(nodes) and not any(A[nodes[0], nodes[0]] for A in links) else []
     inner = [A[nodes][:, nodes] for A in links]
     joined = sum(A != 0.0 for A in inner)
     label = np.arange(len(nodes))

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from functools import cached_property
-from typing import Any
+from functools import cached_property, wraps
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +19,8 @@ from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.impulse_paths import extreme_rays, impulse_paths
 from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial, Signal
 from lcpimpact.scheme.terms import PowerLaw, RowLaw, Terms
+
+T = TypeVar("T")
 
 DEGREE_REASON = {
     0: "the contact plate is massless and carried by a spring only, so the force is continuous",
@@ -141,7 +143,15 @@ class Dynamics:
     stores_energy: bool = True
     residues: tuple[Array, Array, Array] | None = None
 
-    @property
+    @cached_property
+    def computed(self) -> dict[Any, Any]:
+        """What others have computed from it, by keys of theirs; a copy begins without."""
+        return {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "computed"}
+
+    @cached_property
     def features(self) -> dict[Feature, str]:
         """Its features that not every method handles, with the element or name that causes each."""
         found: dict[Feature, str] = {}
@@ -369,7 +379,7 @@ class Dynamics:
         """Coefficient of restitution of each row (nc,)."""
         return np.array([contact.e for contact in self.contacts], dtype=np.float64)
 
-    @property
+    @cached_property
     def constant_loads(self) -> bool:
         """Whether no load depends on time, and none on the motion."""
         return not self.force_laws and not any(callable(load) for _, load in self.loads)
@@ -459,11 +469,26 @@ class Dynamics:
 
     def spring_force(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return s(q, v) in N, the forces of the non-linear springs on the nodes (..., n)."""
+        if not self.springs:
+            return np.zeros(np.shape(q))
         return np.asarray(self.push(q, v) @ self.directions)
 
     def energy(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the stored energy, kinetic and elastic, in J."""
         return np.asarray(self.kinetic_energy(v) + self.elastic_energy(q))
+
+
+def once(function: Callable[[Dynamics], T]) -> Callable[[Dynamics], T]:
+    """Let a function of a system compute its result once for each system, which does not change."""
+
+    @wraps(function)
+    def read(d: Dynamics) -> T:
+        found: dict[Any, T] = d.computed
+        if function not in found:
+            found[function] = function(d)
+        return found[function]
+
+    return read
 
 
 def _instants(t: ArrayLike) -> Array:

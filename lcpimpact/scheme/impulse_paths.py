@@ -50,6 +50,8 @@ def extreme_rays(balance: Array) -> Array:
     Fukuda and Prodon, *Double description method revisited* (1996).
     """
     rays = np.eye(balance.shape[1])
+    if not len(balance):
+        return rays
     for equation in balance:
         value = rays @ equation
         positive, negative = np.flatnonzero(value > 0.0), np.flatnonzero(value < 0.0)

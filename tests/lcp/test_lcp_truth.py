@@ -293,6 +293,34 @@ def test_the_judge_sees_a_row_of_small_numbers():
     assert holds(scaled, rounding, 1e-10)
 
 
+@given(st.integers(0, 10**6))
+def test_what_the_cheap_check_accepts_the_judge_accepts_too(seed):
+    """Rows with bounds of any kind, at points near a solution, near a bound, and anywhere."""
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 4))
+    A = rng.normal(size=(n, n)) * 10.0 ** rng.uniform(-4, 4, n)
+    M, q = A @ A.T + np.eye(n), rng.normal(size=n) * 10.0 ** rng.uniform(-6, 6, n)
+    lower = np.where(rng.random(n) < 0.5, 0.0, np.where(rng.random(n) < 0.3, -np.inf, -rng.random(n)))
+    upper = np.where(rng.random(n) < 0.5, np.inf, rng.random(n))
+    solved = solve_lcp(M, q, lower=lower, upper=upper, throw=False).z
+    for z in (solved, solved * (1.0 + 1e-9 * rng.normal(size=n)), np.clip(rng.normal(size=n), lower, upper), -solved):
+        residual = clear_residual(M, q, lower, upper, z, 1e-10)
+        scaled, _, rounding = measure(M, q, lower, upper, z, np.empty(n))
+        assert residual == np.inf or (holds(scaled, rounding, 1e-10) and residual <= 1e-10)
+
+
+def test_the_cheap_check_decides_rows_at_their_bounds():
+    M, lower, upper = np.eye(1), np.array([-2.0]), np.array([2.0])
+    for q, z, right in (
+        (-5.0, 2.0, True),
+        (5.0, -2.0, True),
+        (5.0, 2.0, False),
+        (-5.0, -2.0, False),
+        (1.0, -1.0, True),
+    ):
+        assert (clear_residual(M, np.array([q]), lower, upper, np.array([z]), 1e-10) < np.inf) is right, (q, z)
+
+
 def test_a_cancellation_passes_for_no_solution():
     """At (t, t) the terms of these rows cancel but for q_i = -1; the third row makes t a number that the data know."""
     M, q, w = np.array([[1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 0.0, 1.0]]), np.array([-1.0, -1.0, 0.0]), np.empty(3)

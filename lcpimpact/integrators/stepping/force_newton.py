@@ -73,7 +73,7 @@ def _iterate(d: Dynamics, t: float, springs: Springs, free: tuple[Array, Array],
     f[ns:] = force_law.forces(d.force_laws, *at)
     by_q, by_v = force_law.tangents(d.force_laws, *at)
     J[ns:, ns:] = by_v + springs.θh * by_q
-    rounding = np.abs(J) @ (np.abs(y_free) + np.abs(y) + np.abs(springs.NGs) @ np.abs(s))
+    rounding = np.abs(J) @ (np.abs(y_free) + np.abs(y) + np.abs(springs.room.NGs) @ np.abs(s))
     return Iterate(s, y, f, J, NEWTON_TOL * float(np.abs(f).max()) + ROUNDING * float(rounding.max()))
 
 
@@ -90,7 +90,8 @@ def _solve(
     solving: Solving,
 ) -> tuple[int, int, int, float]:
     """Solve the rows and the forces together: z, y and s are a guess on entry and the answer on return."""
-    (W, q, lower, upper), (_, _, _, HGs, NG, NGs) = rows, springs
+    (W, q, lower, upper), m, NGs = rows, len(z), springs.room.NGs
+    HGs, NG = springs.room.HGs[:m], springs.room.NG[:, :m]
     now, whole, total, residual = _iterate(d, t, springs, (y_free, δ), s.copy(), y.copy()), False, 0, 0.0
     for newton in range(MAX_NEWTON + 1):
         if not now.error < np.inf or not np.isfinite(now.J).all():

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, f8, flags, i8, indices, named_tuple, vector
+from lcpimpact.arrays import Array, Indices
+from lcpimpact.compiled import compiled, f8, i8, indices, named_tuple, vector
 from lcpimpact.integrators.stepping.law import PROBLEM, SOLVING, ContactProblem, Solving, solve_law
 from lcpimpact.lcp.friction import FRICTION, FrictionRows, friction_maps, unknowns
 from lcpimpact.lcp.lapack import EPS, lu_solve
@@ -54,28 +54,29 @@ class Case(NamedTuple):
 
     Attributes
     ----------
-    free : (na,) flags          whether its w is zero, as of a closed contact and of friction that sticks
+    free : (na,) array          1 if its w is zero, as of a closed contact and of friction that sticks, else 0
     normal : (na,) array        position of the normal row of its friction among the active rows; -1 of other rows
     mu, slope : (na,) arrays    coefficient of friction, and P_T/P_N of a row that slips
     """
 
-    free: Flags
+    free: Indices
     normal: Indices
     mu: Array
     slope: Array
 
 
-CASE: Any = named_tuple((flags, indices, vector, vector), Case)
+CASE: Any = named_tuple((indices, indices, vector, vector), Case)
 
 
 @compiled(CASE(PROBLEM, indices, FRICTION, vector, vector))
 def case_of(rows: ContactProblem, active: Indices, friction: FrictionRows, P: Array, z: Array) -> Case:
     """Return the case of the active rows in P, and write z of the rows at a bound; 0 of others."""
     n = len(active)
-    case = Case(np.zeros(n, np.bool_), np.full(n, -1), np.zeros(n), np.zeros(n))
+    counts, slopes = np.empty((2, n), np.int64), np.zeros((2, n))  # as two arrays, since each costs as much as a row
+    case = Case(counts[0], counts[1], slopes[0], slopes[1])
     for a in range(n):
         i = active[a]
-        case.free[a] = rows.lower[i] < P[i] < rows.upper[i]
+        case.free[a], case.normal[a] = rows.lower[i] < P[i] < rows.upper[i], -1
         z[a] = 0.0 if case.free[a] else min(max(P[i], rows.lower[i]), rows.upper[i])
         for c in range(len(friction.rows)):
             if friction.rows[c] == i:
@@ -121,21 +122,25 @@ def solve_same_case(rows: ContactProblem, active: Indices, friction: FrictionRow
     """Solve the law of the active rows for z, each in its case in P; return the residual, infinite if a case has changed."""
     W, q, n = rows.W, rows.q, len(active)
     case = case_of(rows, active, friction, P, z)
-    free = np.flatnonzero(case.free)
-    A, b = np.empty((len(free), len(free))), np.empty(len(free))
-    for c in range(len(free)):
+    free, k = np.empty(n, np.int64), 0
+    for a in range(n):
+        if case.free[a]:
+            free[k] = a
+            k += 1
+    A, b = np.empty((k, k)), np.empty(k)
+    for c in range(k):
         i = active[free[c]]
         b[c] = -q[i]
         for a in range(n):
             b[c] -= W[i, active[a]] * z[a]
-        for d in range(len(free)):
+        for d in range(k):
             A[c, d] = W[i, active[free[d]]]
             for a in range(n):
                 if case.slope[a] != 0.0 and case.normal[a] == free[d]:
                     A[c, d] += case.slope[a] * W[i, active[a]]
-    if len(free) > 0 and not lu_solve(A, b):
+    if k > 0 and not lu_solve(A, b):
         return np.inf
-    for c in range(len(free)):
+    for c in range(k):
         z[free[c]] = b[c]
     for a in range(n):
         if case.slope[a] != 0.0:

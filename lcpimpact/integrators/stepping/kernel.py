@@ -20,19 +20,22 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, named_tuple, vector
+from lcpimpact.compiled import compiled, cube, f8, flags, function_at, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.friction import active_friction, solve_same_case
 from lcpimpact.integrators.stepping.impulse_paths import PATHS, Paths, closes, write_shifts
 from lcpimpact.integrators.stepping.law import (
+    PROBLEM,
     SOLVING,
+    SPRING_ROOM,
     SPRING_SOLVER,
-    SPRINGS,
     ContactProblem,
     Solving,
+    SpringRoom,
     Springs,
     SpringSolver,
     restrict,
+    room_for_springs,
     solve_active,
     solve_law,
 )
@@ -47,6 +50,11 @@ HOLDING_RTOL = 1e-9
 """Slip rate of surfaces that stick, relative to what their friction can change in a step."""
 
 ROUNDING = 16.0 * float(np.finfo(float).eps)
+
+MAX_ROWS = 3
+"""Maximum number of rows by which a formulation of friction replaces one of its rows."""
+
+NO_SPRINGS = room_for_springs(0, 0)
 
 SWITCHES = -1
 """Status of steps that stop at a change of the active contacts."""
@@ -124,12 +132,14 @@ class Workspace(NamedTuple):
     active: Indices
     z: Array
     s: Array
+    springs: SpringRoom
 
 
 def room_for(table: StepTable, ns: int) -> Workspace:
     """Return arrays for the steps of a table with ns springs."""
     nc = table.W.shape[1]
-    return Workspace(np.zeros(table.known.shape[1]), np.zeros(nc, np.int64), np.zeros(nc), np.zeros(ns))
+    springs = room_for_springs(MAX_ROWS * nc, ns) if ns else NO_SPRINGS
+    return Workspace(np.zeros(table.known.shape[1]), np.zeros(nc, np.int64), np.zeros(nc), np.zeros(ns), springs)
 
 
 class StaticFriction(NamedTuple):
@@ -156,10 +166,15 @@ STEP_SPRINGS: Any = named_tuple((matrix, vector, f8), StepSprings)
 STEP_STATE: Any = named_tuple((vector, matrix), StepState)
 PATH: Any = named_tuple((matrix, matrix, matrix), StepOutput)
 BLOCK: Any = named_tuple((i8, i8, matrix, f8, i8, types.boolean), Block)
-ROOM: Any = named_tuple((vector, indices, vector, vector), Workspace)
+ROOM: Any = named_tuple((vector, indices, vector, vector, SPRING_ROOM), Workspace)
 STATIC_FRICTION: Any = named_tuple((vector, vector, matrix, vector, vector, flags), StaticFriction)
 FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION))
 ALL_FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION, STATIC_FRICTION))
+CHANGE: Any = types.Tuple((types.boolean, matrix, matrix))
+SOLVERS: Any = types.Tuple((SOLVING, SPRING_SOLVER))
+RESULT: Any = types.Tuple((i8, i8, i8, i8, f8))
+
+solver_at, spring_solver_at = function_at(KERNEL), function_at(SPRING_SOLVER)
 
 
 @compiled(types.void(vector, vector), inline="always", allocates=False)
@@ -198,24 +213,52 @@ def add_impulses(table: StepTable, column: int, na: int, first: int, room: Works
         add_column(room.sums, room.z[a], table.unknown, column + room.active[a], first)
 
 
-@compiled(types.Tuple((SPRINGS, vector, vector))(TABLE, STEP_SPRINGS, vector, i8, indices))
-def coupled_springs(
-    table: StepTable, springs: StepSprings, sums: Array, law: int, active: Indices
-) -> tuple[Springs, Array, Array]:
-    """Return the springs in a law with the active rows, and their free rates and penetrations."""
-    na, nc, ns = len(active), table.W.shape[1], len(springs.law)
+@compiled(types.void(TABLE, STEP_SPRINGS, types.UniTuple(i8, 2), ROOM), allocates=False)
+def couple_springs(table: StepTable, springs: StepSprings, which: tuple[int, int], room: Workspace) -> None:
+    """Write how the springs in law ``which[0]`` couple with its ``which[1]`` active rows, and their free motion."""
+    (law, na), nc, ns, (vectors, HGs, NG, _, NGs, _) = which, table.W.shape[1], len(springs.law), room.springs
     rates, P, at_s = law * 2 * (nc + ns) + 2 * nc, law * (nc + ns), law * (nc + ns) + nc
-    y_free, δ = np.empty(ns), np.empty(ns)
-    HGs, NG, NGs = np.empty((na, ns)), np.empty((ns, na)), np.empty((ns, ns))
     for j in range(ns):
-        y_free[j] = sums[rates + j]
-        δ[j] = sums[rates + ns + j] + springs.θh[law] * y_free[j]
+        y_free = room.sums[rates + j]
+        vectors[0, j], vectors[1, j] = y_free, room.sums[rates + ns + j] + springs.θh[law] * y_free
+        vectors[2, j], room.s[j] = y_free, 0.0
         for a in range(na):
-            HGs[a, j] = table.unknown[at_s + j, rates - nc + active[a]]
-            NG[j, a] = table.unknown[P + active[a], rates + j]
+            HGs[a, j] = table.unknown[at_s + j, rates - nc + room.active[a]]
+            NG[j, a] = table.unknown[P + room.active[a], rates + j]
         for i in range(ns):
             NGs[j, i] = table.unknown[at_s + i, rates + j]
-    return Springs(springs.law, springs.θh[law], springs.h, HGs, NG, NGs), y_free, δ
+
+
+@compiled(
+    types.Tuple((i8, i8, i8, f8))(TABLE, STEP_SPRINGS, ROOM, types.UniTuple(i8, 2), PROBLEM, CHANGE, vector, SOLVERS)
+)
+def solve_once(
+    table: StepTable,
+    springs: StepSprings,
+    room: Workspace,
+    which: tuple[int, int],
+    rows: ContactProblem,
+    change: tuple[bool, Array, Array],
+    z: Array,
+    solvers: tuple[Solving, SpringSolver],
+) -> tuple[int, int, int, float]:
+    """Solve rows and springs from the guess z; ``change`` are E and T of rows that friction has changed, if it has."""
+    (rough, E, T), (law, na), (solving, solve_springs), coupled = change, which, solvers, room.springs
+    if len(springs.law) > 0:
+        couple_springs(table, springs, which, room)
+        if rough:
+            m = len(z)
+            HGs, NG = E @ coupled.HGs[:na], np.ascontiguousarray(coupled.NG[:, :na]) @ T
+            coupled.HGs[:m], coupled.NG[:, :m] = HGs, NG
+        y_free, δ, y = coupled.vectors[0], coupled.vectors[1], coupled.vectors[2]
+        now = Springs(springs.law, springs.θh[law], springs.h, coupled)
+        status, count, newton, residual = solve_springs(rows, now, y_free, δ, z, y, room.s, solving)
+    else:
+        newton = 0
+        status, count, residual = solve_law(rows, z, solving)
+    if rough:
+        room.z[:na] = T @ z
+    return status, count, newton, residual
 
 
 @compiled(
@@ -239,34 +282,27 @@ def solve_features(
         residual = solve_same_case(all_rows, active, all_friction, state.P[law], P)
         if residual <= solving.tol:
             return SOLVED, 0, 0, residual
-    rough, rows, z = len(all_friction.rows) > 0, restrict(all_rows, active), P
-    q, E, T = rows.q.copy(), rows.W, rows.W  # E and T are placeholders without friction
+    rough, rows, z = len(all_friction.rows) > 0, all_rows, P
+    if rough or na < nc or len(paths.lines) > 0:
+        rows = restrict(all_rows, active)
+    q, E, T = rows.q, rows.W, rows.W  # E and T are placeholders without friction
     if rough:
         friction = active_friction(all_friction, active)
         E, T, V, lower, upper = friction_maps(rows.W, rows.lower, rows.upper, friction)
         rows, z = ContactProblem(E @ rows.W @ T + V, E @ q, lower, upper), unknowns(T, P, friction)
-    closed, shift, at_active = np.zeros(len(paths.lines), np.bool_), np.zeros(nc), np.zeros(na)
-    iterations, newton = 0, 0
-    while True:
-        if ns > 0:
-            coupled, y_free, δ = coupled_springs(table, springs, room.sums, law, active)
-            if rough:
-                at, θh, h, HGs, NG, NGs = coupled
-                coupled = Springs(at, θh, h, E @ HGs, NG @ T, NGs)
-            room.s[:] = 0.0
-            status, count, tried, residual = solve_springs(rows, coupled, y_free, δ, z, y_free.copy(), room.s, solving)
-            newton += tried
-        else:
-            status, count, residual = solve_law(rows, z, solving)
-        iterations += count
-        if rough:
-            P[:] = T @ z
-        if status != SOLVED or not closes(paths.lines, closed, active, P):
-            return status, iterations, newton, residual
+    solvers = solving, solve_springs
+    status, iterations, newton, residual = solve_once(table, springs, room, which, rows, (rough, E, T), z, solvers)
+    if len(paths.lines) == 0:
+        return status, iterations, newton, residual
+    closed, shift, at_active, q = np.zeros(len(paths.lines), np.bool_), np.zeros(nc), np.zeros(na), q.copy()
+    while status == SOLVED and closes(paths.lines, closed, active, P):
         write_shifts(paths, closed, state.y[:n], state.y[n : 2 * n], shift)
         for a in range(na):
             at_active[a] = q[a] + shift[active[a]] / paths.h
         rows.q[:] = E @ at_active if rough else at_active
+        status, count, tried, residual = solve_once(table, springs, room, which, rows, (rough, E, T), z, solvers)
+        iterations, newton = iterations + count, newton + tried
+    return status, iterations, newton, residual
 
 
 @compiled(types.void(TABLE, i8, f8, FRICTION, STATIC_FRICTION, STEP_STATE))
@@ -360,10 +396,7 @@ def switches(active: Indices, z: Array, P: Array) -> bool:
     return changed
 
 
-@compiled(
-    types.Tuple((i8, i8, i8, i8, f8))(BLOCK, TABLE, ALL_FEATURES, STEP_STATE, PATH, ROOM, KERNEL, SPRING_SOLVER),
-    allocates=False,
-)
+@compiled(RESULT(BLOCK, TABLE, ALL_FEATURES, STEP_STATE, PATH, ROOM, KERNEL, SPRING_SOLVER), allocates=False)
 def steps(
     block: Block,
     table: StepTable,
@@ -426,3 +459,18 @@ def steps(
         copy(state.y[:n], path.q[k + 1])
         copy(state.y[n : 2 * n], path.v[k + 1])
     return SOLVED, block.last, iterations, newton, worst
+
+
+@compiled(RESULT(BLOCK, TABLE, ALL_FEATURES, STEP_STATE, PATH, ROOM, i8, i8), allocates=False)
+def take_steps(
+    block: Block,
+    table: StepTable,
+    features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction],
+    state: StepState,
+    path: StepOutput,
+    room: Workspace,
+    solve: Any,
+    solve_springs: Any,
+) -> tuple[int, int, int, int, float]:
+    """Take `steps`, with the solvers by their addresses."""
+    return steps(block, table, features, state, path, room, solver_at(solve), spring_solver_at(solve_springs))

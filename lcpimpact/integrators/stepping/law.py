@@ -43,6 +43,30 @@ class Solving(NamedTuple):
     solve: Kernel
 
 
+class SpringRoom(NamedTuple):
+    """Arrays that Newton's method for ns springs and up to m rows works in.
+
+    Attributes
+    ----------
+    vectors : (7, ns) array         free rates and penetrations, y, s_0, F, J and a column
+    HGs : (m, ns) array
+    NG, S : (ns, m) arrays
+    NGs, system : (ns, ns) arrays
+    """
+
+    vectors: Array
+    HGs: Array
+    NG: Array
+    S: Array
+    NGs: Array
+    system: Array
+
+
+def room_for_springs(m: int, ns: int) -> SpringRoom:
+    """Return arrays for ns springs and up to m rows."""
+    return SpringRoom(np.zeros((7, ns)), np.zeros((m, ns)), *np.zeros((2, ns, m)), *np.zeros((2, ns, ns)))
+
+
 class Springs(NamedTuple):
     """Non-linear springs in a law, and their coupling with its rows.
 
@@ -50,22 +74,20 @@ class Springs(NamedTuple):
     ----------
     law : (ns, 5) array     gap, K, n, b, c of each
     θh, h : float           time in s at which the law evaluates their positions, and over which it averages
-    HGs : (nc, ns) array    rate of the rows by unit forces of the springs
-    NG : (ns, nc) array     rate of the springs by unit impulses of the rows
-    NGs : (ns, ns) array    rate of the springs by unit forces of the springs
+    room : SpringRoom       with HGs, the rate of the rows by unit forces of the springs, NG, that of the springs by unit
+                            impulses of the rows, and NGs, that of the springs by unit forces of the springs
     """
 
     law: Array
     θh: float
     h: float
-    HGs: Array
-    NG: Array
-    NGs: Array
+    room: SpringRoom
 
 
 PROBLEM: Any = named_tuple((matrix, vector, vector, vector), ContactProblem)
 SOLVING: Any = named_tuple((f8, i8, KERNEL), Solving)
-SPRINGS: Any = named_tuple((matrix, f8, f8, matrix, matrix, matrix), Springs)
+SPRING_ROOM: Any = named_tuple((matrix,) * 6, SpringRoom)
+SPRINGS: Any = named_tuple((matrix, f8, f8, SPRING_ROOM), Springs)
 
 SpringSolver: TypeAlias = Callable[..., tuple[int, int, int, float]]
 SPRING_SIGNATURE: Any = types.Tuple((i8, i8, i8, f8))(PROBLEM, SPRINGS, vector, vector, vector, vector, vector, SOLVING)

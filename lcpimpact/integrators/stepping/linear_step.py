@@ -40,6 +40,7 @@ from lcpimpact.integrators.stepping.kernel import (
     StepTable,
     room_for,
     steps,
+    take_steps,
 )
 from lcpimpact.integrators.stepping.law import SPRING_SOLVER, SpringSolver, no_springs, solve_law
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
@@ -72,6 +73,9 @@ AT_VELOCITY_LEVEL = (
     Feature.JOINTS,
 )
 """What a step handles whose law is that of the velocities, with masses at all nodes."""
+
+MAX_TABLES = 16
+"""Number of tables of a system that are kept for its next runs."""
 
 REST_GAP_FACTOR = 1e-6
 """Opening below which a resting contact is closed, as a fraction of the displacement that its force causes in a step."""
@@ -234,6 +238,11 @@ class Tabulated:
     max_iter: int
     at_switches: Tabulated | None
 
+    @property
+    def constant(self) -> bool:
+        """Whether no run changes it: neither a solver that is not a compiled function, nor static friction."""
+        return self.solver.compiled and len(self.features[4].static) == 0
+
     @cached_property
     def regular(self) -> bool:
         """Whether its steps can be straight-line code: in that a law of one row has its closed form."""
@@ -340,6 +349,21 @@ class LinearStep(TimeStepping[Tabulated]):
             at_switches=other.prepare(d, h, lcp_solver) if other else None,
         )
 
+    def prepared(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
+        """Return the table of an earlier run of the same system, if it holds nothing that runs change."""
+        tables: dict[Any, Tabulated] = d.computed.setdefault(LinearStep, {})
+        try:
+            found = tables.get(key := (self, h, lcp_solver))
+        except TypeError:  # a method of another package has an option without a hash
+            return self.prepare(d, h, lcp_solver)
+        if found is None:
+            found = self.prepare(d, h, lcp_solver)
+            if found.constant:
+                if len(tables) >= MAX_TABLES:
+                    tables.clear()
+                tables[key] = found
+        return found
+
     def first_state(self, d: Dynamics, y: Array, h: float) -> StepState:
         """Return the initial state, y without impulses."""
         return StepState(y.copy(), np.zeros((self.laws, len(d.contacts))))
@@ -363,9 +387,10 @@ class LinearStep(TimeStepping[Tabulated]):
     def loads(self, d: Dynamics, h: float) -> Callable[[Array], Array]:
         """Return the function that lists variable loads and prescribed motion in the steps between instants."""
         varying = varying_loads(d)
+        constant = not varying.any() and not d.motions
 
         def loads(t: Array) -> Array:
-            if not varying.any() and not d.motions:
+            if constant:
                 return np.zeros((len(t) - 1, 0))
             columns = [d.force((1.0 - c) * t[:-1] + c * t[1:])[:, varying] for c in self.instants]
             if d.motions:
@@ -404,21 +429,20 @@ class LinearStep(TimeStepping[Tabulated]):
 
         Forces of any kind depend on the time, so that they take one step at a time.
         """
-        kernel: Callable[..., tuple[int, int, int, int, float]] = steps
-        solve, springs = address(solver.kernel, KERNEL), address(step.springs, SPRING_SOLVER)
+        table, features = step.table, step.features
+        solve, springs = solver.kernel, in_python(step.springs)
         if step.forces:
-            kernel, solve = in_python(steps), solver.kernel
             springs = step.forces(float(times[0] + self.reaction_at * (times[1] - times[0])))
-        elif not solver.compiled:
-            kernel, solve, springs = in_python(steps), solver.kernel, in_python(step.springs)
+        elif solver.compiled:
+            solve, springs = address(solve, KERNEL), address(step.springs, SPRING_SOLVER)
         last, stops = first + len(times) - 1, step.at_switches is not None
         block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops)
-        path, room = StepOutput(record.q, record.v, record.reaction), room_for(step.table, len(step.features[0].law))
+        path, room = StepOutput(record.q, record.v, record.reaction), room_for(table, len(features[0].law))
         if line:
-            c = line.coefficients(step.table, step.features[2])
-            result = line.run(block, step.table, c, state, path, room, solve)
+            result = line.run(block, table, line.coefficients(table, features[2]), state, path, room, solve)
         else:
-            result = kernel(block, step.table, step.features, state, path, room, solve, springs)
+            kernel: Callable[..., Any] = take_steps if solver.compiled and not step.forces else in_python(steps)
+            result = kernel(block, table, features, state, path, room, solve, springs)
         code, reached, iterations, newton, residual = result
         record.stats.add_lcps(self.laws * (reached - first), iterations, residual, newton)
         return code, reached

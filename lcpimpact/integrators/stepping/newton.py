@@ -24,10 +24,11 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, f8, matrix, named_tuple, vector
+from lcpimpact.compiled import compiled, f8, i8, matrix, named_tuple, vector
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.law import (
     PROBLEM,
+    SOLVING,
     SPRING_SIGNATURE,
     SPRINGS,
     ContactProblem,
@@ -74,7 +75,7 @@ def line_search(W: Array, springs: Springs, δ: Array, old: Iterate, new: Iterat
         for c in range(nc):
             dw[i] += W[i, c] * dz[c]
         for j in range(ns):
-            dw[i] += springs.HGs[i, j] * ds[j]
+            dw[i] += springs.room.HGs[i, j] * ds[j]
     first, t = 0.0, 0.0
     while True:
         slope = 0.0
@@ -107,43 +108,49 @@ def linearise(
         J[j] = -by_rate - springs.θh * by_δ
         size = abs(y_free[j]) + abs(y[j])
         for i in range(len(y)):
-            size += abs(springs.NGs[j, i] * s[i])
+            size += abs(springs.room.NGs[j, i] * s[i])
         error = max(error, abs(F[j] - s[j]))
         scale = max(scale, abs(F[j]))
         rounding = max(rounding, abs(J[j]) * size)
     return error, scale, rounding
 
 
-@compiled(types.boolean(SPRINGS, vector, vector, vector, vector, vector, matrix))
-def eliminate_springs(springs: Springs, y_free: Array, y: Array, F: Array, J: Array, s_0: Array, S: Array) -> bool:
-    """Write s_0 and S of the linearised law s = s_0 + S z; return whether its matrix is regular."""
-    ns, nc = S.shape
-    system, column = np.empty((ns, ns)), np.empty(ns)
+@compiled(types.boolean(SPRINGS, i8, vector, vector, vector, vector, vector), allocates=False)
+def eliminate_springs(springs: Springs, nc: int, y_free: Array, y: Array, F: Array, J: Array, s_0: Array) -> bool:
+    """Write s_0 and S of the linearised law s = s_0 + S z of nc rows; return whether its matrix is regular."""
+    (vectors, _, NG, S, NGs, system), ns = springs.room, len(y)
+    column = vectors[6]
     for c in range(nc + 1):
         for i in range(ns):
             for j in range(ns):
-                system[i, j] = (1.0 if i == j else 0.0) - J[i] * springs.NGs[i, j]
-            column[i] = F[i] + J[i] * (y_free[i] - y[i]) if c == nc else J[i] * springs.NG[i, c]
+                system[i, j] = (1.0 if i == j else 0.0) - J[i] * NGs[i, j]
+            column[i] = F[i] + J[i] * (y_free[i] - y[i]) if c == nc else J[i] * NG[i, c]
         if not lu_solve(system, column):
             return False
-        if c == nc:
-            s_0[:] = column
-        else:
-            S[:, c] = column
+        for i in range(ns):
+            if c == nc:
+                s_0[i] = column[i]
+            else:
+                S[i, c] = column[i]
     return True
 
 
-@compiled(types.void(PROBLEM, matrix, vector, matrix, matrix, vector), inline="always", allocates=False)
-def add_springs(rows: ContactProblem, HGs: Array, s_0: Array, S: Array, W_s: Array, q_s: Array) -> None:
-    """Write W_s and q_s of the LCP in which the springs push with s_0 + S z."""
-    for i in range(len(q_s)):
+@compiled(types.Tuple((i8, i8, f8))(PROBLEM, SPRINGS, vector, vector, SOLVING))
+def solve_rows(
+    rows: ContactProblem, springs: Springs, s_0: Array, z: Array, solving: Solving
+) -> tuple[int, int, float]:
+    """Solve the rows in which the springs push with s_0 + S z: status, iterations, residual."""
+    nc, HGs, S = len(z), springs.room.HGs, springs.room.S
+    W_s, q_s = np.empty((nc, nc)), np.empty(nc)
+    for i in range(nc):
         q_s[i] = rows.q[i]
         for j in range(len(s_0)):
             q_s[i] += HGs[i, j] * s_0[j]
-        for c in range(len(q_s)):
+        for c in range(nc):
             W_s[i, c] = rows.W[i, c]
             for j in range(len(s_0)):
                 W_s[i, c] += HGs[i, j] * S[j, c]
+    return solve_law(ContactProblem(W_s, q_s, rows.lower, rows.upper), z, solving)
 
 
 @compiled(SPRING_SIGNATURE)
@@ -154,9 +161,8 @@ def solve_with_springs(
 
     Returns the status, the LCP iterations, the Newton iterations, and the LCP's residual.
     """
-    ns, nc = len(y), len(z)
-    s_0, S, F, J = np.empty(ns), np.empty((ns, nc)), np.empty(ns), np.empty(ns)
-    W_s, q_s = np.empty((nc, nc)), np.empty(nc)
+    (vectors, _, NG, S, NGs, _), ns, nc = springs.room, len(y), len(z)
+    s_0, F, J, old = vectors[3], vectors[4], vectors[5], Iterate(z, s, y)
     total, residual, t = 0, 0.0, 1.0
     for newton in range(MAX_NEWTON + 1):
         error, scale, rounding = linearise(springs, y_free, δ, s, y, F, J)
@@ -164,12 +170,12 @@ def solve_with_springs(
             return NON_FINITE, total, newton, residual
         if newton > 0 and t == 1.0 and error <= NEWTON_TOL * scale + ROUNDING * rounding:
             return SOLVED, total, newton, residual
-        if not eliminate_springs(springs, y_free, y, F, J, s_0, S):
+        if not eliminate_springs(springs, nc, y_free, y, F, J, s_0):
             return SINGULAR, total, newton, residual
-        add_springs(rows, springs.HGs, s_0, S, W_s, q_s)
-        old = Iterate(z.copy(), s.copy(), y.copy())
+        if newton >= FULL_STEPS:
+            old = Iterate(z.copy(), s.copy(), y.copy())
         if nc > 0:
-            status, count, residual = solve_law(ContactProblem(W_s, q_s, rows.lower, rows.upper), z, solving)
+            status, count, residual = solve_rows(rows, springs, s_0, z, solving)
             total += count
             if status != SOLVED:
                 return status, total, newton, residual
@@ -180,9 +186,9 @@ def solve_with_springs(
         for i in range(ns):
             y[i] = y_free[i]
             for j in range(ns):
-                y[i] += springs.NGs[i, j] * s[j]
+                y[i] += NGs[i, j] * s[j]
             for c in range(nc):
-                y[i] += springs.NG[i, c] * z[c]
+                y[i] += NG[i, c] * z[c]
         if newton >= FULL_STEPS:
             t = line_search(rows.W, springs, δ, old, Iterate(z, s, y))
             if t < 1.0:

@@ -16,15 +16,24 @@ from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import numpy as np
-from numba import types
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import COMPILING, compiled_text, f8, i8, source_file, vector
-from lcpimpact.integrators.stepping.kernel import BLOCK, PATH, ROOM, SOLVED, STEP_STATE, TABLE, StepTable, solve_rows
+from lcpimpact.compiled import COMPILING, compiled_text, i8, source_file, vector
+from lcpimpact.integrators.stepping.kernel import (
+    BLOCK,
+    PATH,
+    RESULT,
+    ROOM,
+    SOLVED,
+    STEP_STATE,
+    TABLE,
+    StepTable,
+    solve_rows,
+    solver_at,
+)
 from lcpimpact.integrators.stepping.law import Solving
 from lcpimpact.integrators.stepping.static_balance import Static
 from lcpimpact.lcp.lapack import EPS
-from lcpimpact.lcp.problem import KERNEL
 from lcpimpact.record import SLIP_RTOL
 
 SHORT_BLOCK = 500
@@ -42,7 +51,7 @@ WORTH_LOADING = 300_000
 IRREGULAR = -2
 """Status of a block that ends before a step out of the ordinary."""
 
-SIGNATURE: Any = types.Tuple((i8, i8, i8, i8, f8))(BLOCK, TABLE, vector, STEP_STATE, PATH, ROOM, KERNEL)
+SIGNATURE: Any = RESULT(BLOCK, TABLE, vector, STEP_STATE, PATH, ROOM, i8)
 
 
 @dataclass(frozen=True)
@@ -226,8 +235,9 @@ def _one_row(writer: Writer, law: int, name: str, touching: str) -> Iterator[Sta
     residual = (
         Set("w", f"abs(free0 + {W} * z)"),
         Set("size", "abs(free0)"),
-        Unless(f"w <= tol * size and {3.0 * EPS!r} * (size + {W} * abs(z)) <= tol * size"),
-        When("w > worst * size", (Set("worst", "w / size"),)),
+        Set("rounding", f"{3.0 * EPS!r} * (size + {W} * abs(z))"),
+        Unless("w <= tol * size and rounding <= tol * size"),
+        When("w > rounding and w > worst * size", (Set("worst", "w / size"),)),
     )
     within = " and ".join([f"z > {lower}"] * bool(lower) + [f"z < {upper}"] * bool(upper))
     solved: tuple[Statement, ...] = (Set("z", z), *((When(within, residual),) if within else residual))
@@ -260,7 +270,7 @@ def python_source(writer: Writer) -> str:
         *(f"y{i} = state.y[{i}]" for i in range(states)),
         *(f"P{law * nc + i} = state.P[{law}, {i}]" for law in range(laws) for i in range(nc)),
         "first, last, tol, worst, iterations = block.first, block.last, block.tol, 0.0, 0",
-        "solving = Solving(tol, block.max_iter, solve)",
+        "solving = Solving(tol, block.max_iter, solver_at(solve))",
         f"free, reached, status = room.sums[:{nc}], first, IRREGULAR",
     ]
     step = [f"load{j} = block.loads[k - first, {j}]" for j in range(loads)]
@@ -350,7 +360,7 @@ def straight_line(key: bytes, table: StepTable, static: Static, n: int, steps: i
         tally.writer = tally.writer or write_step(table, static, n)
         source = python_source(tally.writer)
         if tally.steps >= WORTH_COMPILING or source_file(source).exists():
-            names = {"np": np, "Solving": Solving, "solve_rows": solve_rows, "SOLVED": SOLVED, "IRREGULAR": IRREGULAR}
-            run = compiled_text(source, "run", SIGNATURE, names | {"INFINITY": np.inf})
+            names = {"Solving": Solving, "solver_at": solver_at, "solve_rows": solve_rows, "np": np, "SOLVED": SOLVED}
+            run = compiled_text(source, "run", SIGNATURE, names | {"INFINITY": np.inf, "IRREGULAR": IRREGULAR})
             tally.code = StraightLine(tuple(tally.writer.coefficients.values()), run) if run else None
     return tally.code

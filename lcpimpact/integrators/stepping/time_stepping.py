@@ -101,6 +101,10 @@ class TimeStepping(Integrator, Generic[S]):
     def prepare(self, d: Dynamics, h: float, lcp_solver: str) -> S:
         """Return the constant data of steps of length h."""
 
+    def prepared(self, d: Dynamics, h: float, lcp_solver: str) -> S:
+        """Return the constant data of steps of length h, which may be those of an earlier run."""
+        return self.prepare(d, h, lcp_solver)
+
     @abstractmethod
     def begin(self, d: Dynamics, q: Array, v: Array, h: float) -> Array:
         """Return the state at t = 0: q, v and other memory (N,)."""
@@ -132,7 +136,7 @@ class TimeStepping(Integrator, Generic[S]):
         record.q[0, d.driven], record.v[0, d.driven] = d.motion(0.0)
         y = self.begin(d, record.q[0], record.v[0], grid.h)
         run = SteppingRun(
-            d, grid, lcp_solver, self.first_state(d, y, grid.h), {0: self.prepare(d, grid.h, lcp_solver)}, None
+            d, grid, lcp_solver, self.first_state(d, y, grid.h), {0: self.prepared(d, grid.h, lcp_solver)}, None
         )
         if self.rtol is None:
             return run
@@ -157,7 +161,7 @@ class TimeStepping(Integrator, Generic[S]):
         """Take one step of length h/2^level from y at t."""
         d, h = carry.dynamics, carry.grid.h / 2**level
         if level not in carry.steps:
-            carry.steps[level] = self.prepare(d, h, carry.lcp_solver)
+            carry.steps[level] = self.prepared(d, h, carry.lcp_solver)
         n, times = len(d.nodes), np.array([t, t + h])
         one = Record(times, np.empty((2, n)), np.empty((2, n)), times[:1], np.empty((1, len(d.contacts))), stats=stats)
         state = carry.state._replace(y=y.copy())

@@ -89,12 +89,16 @@ def block_pivoting(
     if not has_positive_diagonal(W):
         return UNDECIDED, 0
     definite = is_symmetric(W)
-    side, basis, wrong = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n, np.int64)
-    w, root = np.empty(n), np.empty(n)
+    counts, vectors = (
+        np.empty((4, n), np.int64),
+        np.empty((2, n)),
+    )  # for few rows an array costs more than what is in it
+    side, basis, wrong, before = counts[0], counts[1], counts[2], counts[3]
+    w, root = vectors[0], vectors[1]
     start(W, q, lower, upper, z, definite, side)
     size = row_roots(W, q, root)
     fewest, patience = n + 1, PATIENCE
-    before, at, power = np.full(n, UNKNOWN_SIDE), 0, 1
+    before[:], at, power = UNKNOWN_SIDE, 0, 1
     for step in range(1, max_iter + 1):
         if not basic_solution(W, definite, q, lower, upper, side, z):
             return SINGULAR, step

@@ -111,7 +111,8 @@ def positive(element: Element, symbol: str, value: Any, unit: str) -> None:
     """Check that a constant is given, and is a positive finite number; the message names the element."""
     if value is MISSING:
         raise InputError(f"{element}: {symbol} is missing; give a positive number in {unit}")
-    positive_number(f"{element}: {symbol}", value, unit)
+    if not (is_real(value) and value > 0.0):
+        positive_number(f"{element}: {symbol}", value, unit)
 
 
 def distinct(element: Element) -> None:
@@ -124,7 +125,9 @@ def distinct(element: Element) -> None:
         raise InputError(f"symbols = {symbols!r} of a {type(element).__name__} must be a tuple of {count} strings")
     named(element)
     for end in element.ends if isinstance(element, Link) else ():
-        if isinstance(end, Mapping) and (not end or not all(is_real(c) and c != 0.0 for c in end.values())):
+        if isinstance(end, str) or not isinstance(end, Mapping):
+            continue
+        if not end or not all(is_real(c) and c != 0.0 for c in end.values()):
             raise InputError(
                 f"{type(element).__name__}: an end is a node or maps nodes to finite numbers other than zero, as "
                 f'{{"x": 1.0, "φ": -0.1}}, and {dict(end)!r} does not'
