@@ -635,9 +635,9 @@ class System:
 
 def system_of(dynamics: Dynamics, duration: float) -> System:
     """Return the system of a run, with all modes known so far if the last run of these dynamics was as long."""
-    known: System | None = dynamics.derived.get("system")
+    known: System | None = dynamics.computed.get(System)
     if known is None or known.duration != duration:
-        known = dynamics.derived["system"] = System(dynamics, duration)
+        known = dynamics.computed[System] = System(dynamics, duration)
     return known
 
 

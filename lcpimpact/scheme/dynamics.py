@@ -184,14 +184,6 @@ class Dynamics:
         return found
 
     @cached_property
-    def derived(self) -> dict[str, Any]:
-        """What others derive from these equations and keep here, for the next run; never saved."""
-        return {}
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "derived"}
-
-    @cached_property
     def decomposition(self) -> Decomposition:
         """The kinds of coordinates."""
         return decompose(self.M, self.C, self.driven)
