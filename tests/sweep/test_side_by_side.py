@@ -41,10 +41,20 @@ def samples(ranges, count=WORTH_COMPILING, seed=0):
     [
         pytest.param(SYSTEM_1, {"k_o": (3e3, 5e3), "c_o": (1e2, 4e2), "h_o": (1.0, 9.0)}, OUTPUTS, {}, id="system-1"),
         pytest.param(
-            SYSTEM_1, {"theta": (0.5, 1.0), "v0.x": (1.0, 9.0)}, ("R.max", "x.max"), {}, id="options and starts"
+            SYSTEM_1,
+            {"theta": (0.5, 1.0), "v0.x": (1.0, 9.0)},
+            ("R.max", "x.max"),
+            {},
+            id="options and starts",
+            marks=pytest.mark.slow,
         ),
         pytest.param(
-            li.load_problem("system-3"), {"c": (60.0, 300.0), "m": (50.0, 200.0)}, ("R.max", "y@1.0"), {}, id="system-3"
+            li.load_problem("system-3"),
+            {"c": (60.0, 300.0), "m": (50.0, 200.0)},
+            ("R.max", "y@1.0"),
+            {},
+            id="system-3",
+            marks=pytest.mark.slow,
         ),
         pytest.param(
             li.load_problem("bouncing-ball"),
@@ -52,6 +62,7 @@ def samples(ranges, count=WORTH_COMPILING, seed=0):
             ("x.min", "v_x@1.0"),
             {"method": "stormer-verlet-ns", "certify": False},
             id="impacts",
+            marks=pytest.mark.slow,
         ),
         pytest.param(
             li.Problem(
@@ -69,6 +80,7 @@ def samples(ranges, count=WORTH_COMPILING, seed=0):
             ("peak_force", "peak_time", "x.min", "x@1.0"),
             {},
             id="two contacts",
+            marks=pytest.mark.slow,
         ),
         pytest.param(
             li.load_problem("kelvin-voigt-impact"),
@@ -76,6 +88,7 @@ def samples(ranges, count=WORTH_COMPILING, seed=0):
             ("R.max", "x@1.0"),
             {},
             id="parameters of a problem with closed forms",
+            marks=pytest.mark.slow,
         ),
     ],
 )
@@ -94,6 +107,7 @@ def test_outputs_have_the_bits_of_runs_alone(problem, ranges, outputs, options, 
             assert float(found[name][k]) == quantity(name, problem.dynamics).measure(run)
 
 
+@pytest.mark.slow
 def test_steps_of_several_lengths_run_side_by_side(alone):
     c_o = np.linspace(100.0, 400.0, WORTH_COMPILING // 2)
     found = li.sweep(SYSTEM_1, {"dt": [1e-3, 5e-4], "c_o": c_o}, dt=1e-3, t_end=1.0, progress=False)
@@ -146,6 +160,7 @@ def test_wrong_numbers_of_lanes_are_not_used(monkeypatch, alone):
     assert float(found["R.max"][7]) == run["R"].max()
 
 
+@pytest.mark.slow
 def test_what_lanes_do_not_take_runs_alone(alone):
     values = {"c_o": np.linspace(100.0, 400.0, 70)}
     for options in ({"outputs": ("contact_time",)}, {"method": "radau"}, {"rtol": 1e-4}, {"lcp_solver": "lemke"}):
@@ -155,11 +170,16 @@ def test_what_lanes_do_not_take_runs_alone(alone):
         assert not found["status"].any()
 
 
+@pytest.mark.slow
 def test_methods_whose_certificates_judge_their_error_run_alone_unless_told(alone):
     """With a coarse dt the certificate rejects some of these sets, which lanes would not see."""
-    ball, sets = li.load_problem("bouncing-ball"), {"2.gap": np.linspace(0.5, 2.0, 70)}
-    li.sweep(ball, sets, "newmark-ns", dt=1e-2, t_end=1.0, outputs=("x.max",), progress=False)
-    assert len(alone) == 70
+    ball, sets = li.load_problem("bouncing-ball"), {"2.gap": np.linspace(0.5, 2.0, WORTH_COMPILING)}
+    options = {"dt": 1e-2, "t_end": 1.0, "outputs": ("x.max",), "progress": False}
+    li.sweep(ball, sets, "newmark-ns", **options)
+    assert len(alone) >= WORTH_COMPILING
+    alone.clear()
+    li.sweep(ball, sets, "newmark-ns", certify=False, **options)
+    assert len(alone) < 30
 
 
 def test_threads_share_the_sets():
