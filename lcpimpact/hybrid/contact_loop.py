@@ -181,7 +181,7 @@ def find_end(plant: Plant, modes: Modes, present: Present, limits: Limits) -> bo
 
 
 @compiled(types.boolean(plant_type, present_type, vector, flags))
-def tires(plant: Plant, present: Present, P: Array, passes_on: Flags) -> bool:
+def may_accumulate(plant: Plant, present: Present, P: Array, passes_on: Flags) -> bool:
     """Return whether the impacts of a row with e < 1 may have accumulated, after the impulses P (nc,) of the next event."""
     t, t_lo = present.t[0], present.t[1]
     for i in range(len(P)):
@@ -207,7 +207,7 @@ def enter(plant: Plant, modes: Modes, present: Present, log: Log, k: int) -> int
         return GENERAL
     before, independent = settle(plant, present.X, scale, no_gap, no_rate)
     after, P, rests, determined = strike(plant, before, scale, no_gap, no_rate, FINE_ZERO)
-    if not (independent and determined) or tires(plant, present, P, no_rate):
+    if not (independent and determined) or may_accumulate(plant, present, P, no_rate):
         return GENERAL
     for i in range(N):
         scale[i] = max(scale[i], size_of(plant.B[0, i], P))
@@ -312,8 +312,8 @@ class ContactTable:
             ]
         shut = np.isin(np.arange(len(system.degree)), closed)[None]
         step = np.concatenate([old.step, flow.squares[0].parts[None]])
+        self.rows.append(rows.hi)  # before the compiled loop of another thread can name the mode
         self.modes = Modes(np.concatenate([old.closed, shut]), np.append(old.δ, flow.window), step, *found)
-        self.rows.append(rows.hi)
         self.places[closed] = len(self.places)
 
     def mode(self, place: int, order: Indices) -> Mode:
