@@ -285,7 +285,9 @@ def compile_ahead(*parts: Sequence[str]) -> None:
     done = folder() / hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
     if not COMPILING or not usable() or done.exists():
         return
-    imports = ["; ".join(f"import {name}" for name in part) for part in parts]
+    # With the path of this process: of its own, a process would import, and compile, what lies in the current folder.
+    path = f"import sys; sys.path[:] = {sys.path!r}"
+    imports = ["; ".join([path, *(f"import {name}" for name in part)]) for part in parts]
     running = [subprocess.Popen([sys.executable, "-c", each], stderr=subprocess.DEVNULL) for each in imports]
     try:
         codes = [process.wait() for process in running]

@@ -52,6 +52,18 @@ def test_compiled_code_is_read_again(folder):
     assert compiled.warned == []
 
 
+def test_modules_are_compiled_where_this_process_imports_them(folder, tmp_path, monkeypatch):
+    """A process started in a folder with a module of the same name would else compile that one."""
+    for place in ("here", "installed"):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / "marked.py").write_text(f"open({str(tmp_path / 'imported')!r}, 'w').write({place!r})")
+    monkeypatch.chdir(tmp_path / "here")
+    monkeypatch.setattr(sys, "path", [str(tmp_path / "installed"), *sys.path])
+    folder.mkdir()
+    compiled.compile_ahead(("marked",))
+    assert (tmp_path / "imported").read_text() == "installed"
+
+
 def test_modules_are_compiled_ahead_once_and_again_where_that_failed(folder, monkeypatch):
     started, codes = [], [0, 1, 0, 0]
 
@@ -70,7 +82,7 @@ def test_modules_are_compiled_ahead_once_and_again_where_that_failed(folder, mon
     folder.mkdir(parents=True)
     for _ in range(3):
         compiled.compile_ahead(("one", "two"), ("three",))
-    assert started == ["import one; import two", "import three"] * 2
+    assert [each.split("]; ")[1] for each in started] == ["import one; import two", "import three"] * 2
 
 
 DAMAGE = {
