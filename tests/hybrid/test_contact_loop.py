@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from schemes import column, random_problem
 
-from lcpimpact import load_problem, simulate
+from lcpimpact import Bumper, Load, Mass, Problem, Scheme, Square, load_problem, simulate
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.event_loop import follow
@@ -62,6 +62,41 @@ def test_so_they_are_in_random_schemes(seed):
 def test_so_they_are_in_columns_that_meet_at_once(e):
     problem = column([1.0, 2.0, 1.0, 3.0], [0.1, 0.1, 0.2], [0.0, -1.0, -2.0, -3.0], e)
     assert_same(followed(problem, 2.0), followed(problem, 2.0, compiled=False))
+
+
+@pytest.mark.parametrize("height", [0.0, 0.2])
+def test_so_they_are_where_the_contacts_are_redundant(height):
+    """A rigid beam on three supports, beside a ball whose impacts are events of the whole."""
+    scheme = Scheme.of_matrices(
+        np.diag([2.0, 0.1, 1.0]),
+        f=[-2.0 * 9.81, 0.0, -9.81],
+        H=[[1.0, -0.5, 0.0], [1.0, 0.0, 0.0], [1.0, 0.5, 0.0], [0.0, 0.0, 1.0]],
+        gaps=[0.0, 0.0, 0.0, 0.0],
+        e=[0.0, 0.0, 0.0, 0.5],
+        coordinates=["y", "phi", "x"],
+    )
+    problem = Problem("beam", scheme, q0={"y": height, "x": 0.3})
+    compiled = followed(problem, 0.6)
+    assert compiled.table is not None
+    assert len([event for event in compiled.events if event.kind == "impact"]) > 1
+    np.testing.assert_allclose(compiled.segments[-1].X[:2], 0.0, atol=1e-15)
+    assert_same(compiled, followed(problem, 0.6, compiled=False))
+
+
+def test_so_they_are_about_breakpoints_of_a_load():
+    scheme = Scheme(Mass("x", 1.0), Load("x", Square(30.0, 7.0)), Load("x", 9.81), Bumper("x", "ground", e=0.6))
+    problem = Problem("pushed", scheme, q0={"x": -0.1})
+    assert_same(followed(problem, 2.0), followed(problem, 2.0, compiled=False))
+
+
+@pytest.mark.parametrize("late", [-1.0, 0.5, 3.0, 20.0])
+def test_so_they_are_where_an_impact_is_at_the_end(late):
+    scheme = Scheme(Mass("x", 1.0), Load("x", 9.81), Bumper("x", "ground", e=0.6))
+    problem = Problem("ball", scheme, q0={"x": -0.1})
+    end = np.sqrt(0.2 / 9.81) * (1.0 - late * np.finfo(float).eps)
+    compiled = followed(problem, end)
+    assert len(compiled.events) == (late < 4.0)
+    assert_same(compiled, followed(problem, end, compiled=False))
 
 
 def test_a_named_solver_is_asked():
