@@ -167,7 +167,6 @@ def find_end(plant: Plant, modes: Modes, present: Present, limits: Limits) -> bo
     t, t_lo = np.inf, 0.0
     if j >= 0:
         t, t_lo = add(s * δ, s_lo * δ, j * δ, 0.0)
-        row = row if t <= horizon else -1
         t, t_lo = add(t0, present.start[1], t, t_lo)
     if not (row >= 0 and t <= last and t < stop):
         if stop <= limits.end or (j < 0 and windows > WINDOWS):

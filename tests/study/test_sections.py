@@ -230,18 +230,23 @@ def side_by_side(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("family", "values", "section"),
+    ("family", "values", "section", "skip", "every"),
     [
-        pytest.param(oscillator, np.linspace(2.4, 2.75, 66), "force", id="frequency"),
-        pytest.param(lambda e: oscillator(2.6, e=e), np.linspace(0.5, 0.9, 66), "force:0.253", id="restitution"),
+        pytest.param(oscillator, np.linspace(2.4, 2.75, 66), "force", 20, 13, id="frequency"),
+        pytest.param(
+            lambda e: oscillator(2.6, e=e), np.linspace(0.5, 0.9, 66), "force:0.253", 20, 13, id="restitution"
+        ),
+        pytest.param(
+            lambda s: oscillator(2.6, s=s), np.linspace(-0.02, 0.02, 66), "force:0.532261", 1, 3, id="impacts-there"
+        ),
     ],
 )
-def test_runs_side_by_side_have_the_points_of_runs_alone(family, values, section, side_by_side, monkeypatch):
-    told = {"skip": 20, "points": 5, "method": "moreau-jean", "progress": False}
+def test_runs_side_by_side_have_the_points_of_runs_alone(family, values, section, skip, every, side_by_side):
+    told = {"skip": skip, "points": 5, "method": "moreau-jean", "progress": False}
     table = li.bifurcation(family, values, section, **told).table
     assert len(side_by_side) < 20
-    for value in values[::13]:
-        known = li.poincare(family(value), section, **{**told, "points": 5}).table
+    for value in values[::every]:
+        known = li.poincare(family(value), section, **told).table
         found = table[table["value"] == value].reset_index(drop=True)
         pd.testing.assert_frame_equal(found[known.columns], known, check_exact=True)
     assert table["speed"].notna().any()
