@@ -24,7 +24,7 @@ from lcpimpact.scheme.dynamics import Dynamics
 if TYPE_CHECKING:
     from lcpimpact.sweeps.job import Job
 
-MIN_SETS = LANES
+MIN_SETS = 64
 """Number of sets below which they are run one after another."""
 
 WORTH_COMPILING = 1024

@@ -43,12 +43,15 @@ from lcpimpact.scheme.dynamics import Dynamics
 
 T = TypeVar("T", StepTable, Static)
 
-LANES = 64
+LANES = 48
 """Number of sets side by side: enough that the sums and quotients of one vector register need not wait for each other."""
 
+CACHE_LINE = 8
+"""Numbers in a line of the cache, and in the longest vector registers."""
+
 TOLERANCES = 16.0 * EPS, 0.5
-"""Least and greatest tolerance of an LCP in lanes. From the least on, |q + W z| <= tol |q| implies that the rounding of this sum
-is within tol |q| too: its terms are at most 3.2 |q|, so it is at most 10 EPS |q|."""
+"""Least and greatest tolerance of an LCP in lanes. Between them |q + W z| <= tol |q| implies that the rounding of this sum is
+within tol |q| too: its terms are together at most 3.2 |q|, and their rounding at most 10 EPS |q|."""
 
 GENERIC = 2.5
 """Value that stands for a formula in the pattern of a table: neither 0 nor 1."""
@@ -108,7 +111,8 @@ class Lanes:
         """
         N, kept = parameters.shape[1], len(self.readings)
         results = np.empty((1 + kept + len(self.stops) * self.state, N))
-        room = np.zeros(self.rows * LANES)
+        room = np.empty(self.rows * LANES + CACHE_LINE - 1)
+        room = room[-room.ctypes.data // room.itemsize % CACHE_LINE :]  # a vector across two lines takes twice as long
         self.run(self.loads, self.stops, np.ascontiguousarray(parameters), self.constants, room, results)
         states = results[1 + kept :].reshape(len(self.stops), self.state, N)
         return results[0] == 0.0, results[1 : 1 + kept], states
@@ -170,7 +174,7 @@ def lanes(
     ------
     UnsupportedError
         If the step is none that lanes can take: see `lcpimpact.integrators.stepping.straight_line`; beyond two contacts,
-        or with one slider of two; with a tolerance beyond `TOLERANCES`, or one of each set; or it is to be compiled first.
+        or with one slider of two; with a tolerance beyond `TOLERANCES`; or it is to be compiled first.
     NotTracedError
         If loads that depend on time and prescribed motions are not shared, and one is no sum of harmonics.
     """
@@ -180,7 +184,7 @@ def lanes(
     closed = nc < 2 or (nc == 2 and known.solver.name == "closed-form" and with_values.unilateral.all())
     if not (COMPILING and known.regular and closed):
         raise UnsupportedError("lanes take compiled linear steps with at most two contacts")
-    if mentions(method.tol) or not TOLERANCES[0] <= known.tol <= TOLERANCES[1]:
+    if not TOLERANCES[0] <= known.tol <= TOLERANCES[1]:
         raise UnsupportedError("lanes take one moderate tolerance")
     sets, loads, signals = len(program.parameters), np.zeros((grid.steps, 0)), []
     given = (end.value if end else grid.t_end, grid.steps, 0.0, grid.h)
@@ -303,7 +307,7 @@ def _source(
     impacts: bool,
 ) -> Source:
     """Return the source of a function that runs sets of parameters, the coefficients and initial state y as formulas."""
-    states, loads, nc, laws = writer.sizes
+    states, loads, nc, _ = writer.sizes
     in_time, inputs = traced.in_time()
     of_sets = traced.program.depending_on(traced.program.parameters[: traced.sets])
     known = coefficients | inputs
@@ -321,7 +325,7 @@ def _source(
         step = [*(f"from{i} = y{writer.n + i}" for i in range(writer.n)), "pushed = r0", *step, *_impact(writer.n)]
     kept = len(readings) + 1
     results = ["bad", *(f"kept{i}" for i in range(kept - 1)), *state]
-    changing = [*results, *sorted(_carried(step) - {*results})]
+    changing = [*results, *sorted(carried(step) - {*results})]
     place = {name: f"room[{i} * LANES + l]" for i, name in enumerate([*changing, *varying])}
     load = [f"{name} = {where}" for name, where in place.items()] + in_time
     lines = [
@@ -382,7 +386,7 @@ def _lasting(writer: Writer) -> list[int]:
     return [i for i in range(writer.n) if writer.table.known[i, 2 * laws * nc + i] != 0.0]
 
 
-def _carried(step: list[str]) -> set[str]:
+def carried(step: list[str]) -> set[str]:
     """Return the names that a step sets, but reads before."""
     read, assigned, known = set[str](), set[str](), dict[str, int]()
     for line in step:
@@ -458,7 +462,7 @@ def _two_rows(solve: SolveLaw) -> list[str]:
 
 
 def _lane(statement: Statement, certain: set[str]) -> list[str]:
-    """Return the lines of a statement for one lane; what only counts the work, and checks of what is certain, are left out."""
+    """Return the lines of a statement for one lane, without what only counts the work, and checks of what is certain."""
     match statement:
         case Set("worst", _) | When(_, (Set("worst", _),)) | Store():
             return []
