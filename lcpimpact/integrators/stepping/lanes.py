@@ -50,8 +50,8 @@ CACHE_LINE = 8
 """Numbers in a line of the cache, and in the longest vector registers."""
 
 TOLERANCES = 16.0 * EPS, 0.5
-"""Least and greatest tolerance of an LCP in lanes. Between them |q + W z| <= tol |q| implies that the rounding of this sum is
-within tol |q| too: its terms are together at most 3.2 |q|, and their rounding at most 10 EPS |q|."""
+"""Least and greatest tolerance of an LCP in lanes. Between them |q + W z| <= tol |q| implies that the rounding of this sum
+is within tol |q| too: its terms are together at most 3.2 |q|, and their rounding at most 10 EPS |q|."""
 
 GENERIC = 2.5
 """Value that stands for a formula in the pattern of a table: neither 0 nor 1."""
