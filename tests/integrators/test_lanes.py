@@ -122,6 +122,13 @@ def test_a_set_that_overflows_is_not_regular():
     assert list(regular) == [True, False, False]
 
 
+def test_a_set_that_overflows_without_a_contact_is_not_regular():
+    problem = li.Problem("free", li.Scheme(li.Mass("x", 1.0), li.Load("x", 1.0)), t_end=1.0)
+    compiled = prepared(problem, METHODS["moreau-jean"](), ["v0.x", "1.f"], Grid(3.0, 300))
+    regular, _, _ = compiled.take(np.array([[1.0, 1e308, -1e308], [1.0, 0.0, 1.0]]))
+    assert list(regular) == [True, False, False]
+
+
 def test_a_step_carries_only_what_it_reads_before_it_sets_it():
     assert carried(["a = b", "if a > c:", "    c = a", "    d = c", "e, f = d, a == c", "b = e"]) == {"b", "c", "d"}
 

@@ -327,6 +327,7 @@ def _source(
     results = ["bad", *(f"kept{i}" for i in range(kept - 1)), *state]
     changing = [*results, *sorted(carried(step) - {*results})]
     place = {name: f"room[{i} * LANES + l]" for i, name in enumerate([*changing, *varying])}
+    bad = place["bad"]
     load = [f"{name} = {where}" for name, where in place.items()] + in_time
     lines = [
         "tol = constants[0]",
@@ -349,8 +350,7 @@ def _source(
         f"        for i in range({len(state)}):",
         "            for l in range(count):",
         f"                results[{kept} + g * {len(state)} + i, start + l] = room[({kept} + i) * LANES + l]",
-        "    for l in range(LANES):",
-        *(f"        {place['bad']} = {place['bad']} if {finite(place[f'y{i}'])} else 1.0" for i in lasting),
+        *(f"    for l in range(LANES): {bad} = {bad} if {finite(place[f'y{i}'])} else 1.0" for i in lasting),
         f"    for i in range({kept}):",
         "        for l in range(count):",
         "            results[i, start + l] = room[i * LANES + l]",
