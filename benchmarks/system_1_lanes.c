@@ -1,11 +1,14 @@
 /* System No. 1 for many sets of parameters side by side: the step of system_1_floor.c, its innermost loop over the sets.
  *
- * Each thread takes groups of LANES sets; one vector register holds the same number of several sets. Only the greatest
+ * Each thread takes groups of LANES sets; one vector register holds the same number of several sets. With 16
+ * LANES they all stay in registers, and each step waits for the last; with 64 the processor always has work. Only the greatest
  * force and the last displacement of each set are kept.
  */
 #include <stddef.h>
 
+#ifndef LANES
 #define LANES 16
+#endif
 
 /* Fill out[i] = (max R, x at the end) of the sets i < sets, a multiple of LANES, with the stiffness k_o[i] and damping c_o[i]. */
 void system_1_lanes(size_t sets, size_t steps, double h, double theta, double m, const double *restrict k_o,

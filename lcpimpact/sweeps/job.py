@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -124,7 +125,7 @@ class Sets:
 
     def __getitem__(self, chosen: Indices) -> Sets:
         """Return the results of some of the sets."""
-        kept = {int(k): i for i, k in enumerate(chosen)}
+        kept = {int(k): i for i, k in enumerate(chosen)} if self.messages else {}
         messages = {kept[k]: text for k, text in self.messages.items() if k in kept}
         return Sets({name: values[chosen] for name, values in self.outputs.items()}, self.status[chosen], messages)
 
@@ -159,7 +160,7 @@ def run_sets(job: Job, values: Mapping[str, Array], threads: int = 1) -> Sets:
     shapes = {each.name: len(job.times(each.series)) if each.series else None for each in quantities}
     outputs = {name: np.full((count,) if n is None else (count, n), np.nan) for name, n in shapes.items()}
     status, messages = np.zeros(count, dtype=np.int64), dict[int, str]()
-    change = changes_of(job, list(values))
+    change = changes_of(job, tuple(values))
     done = np.zeros(count, dtype=np.bool_)
 
     def run_alone(k: int) -> Mapping[str, Any] | None:
@@ -190,7 +191,7 @@ def runs_side_by_side(job: Job, plan: Plan) -> bool:
     some = plan.values(np.array([0, plan.size // 2, plan.size - 1]))
     steps = time_grid(float(some.get("dt", [job.dt])[0]), job.t_end).steps
     sets = {name: each for name, each in some.items() if name != "dt"}
-    return has_trace(job, steps, sets, changes_of(job, list(some)), plan.size)
+    return has_trace(job, steps, sets, changes_of(job, tuple(some)), plan.size)
 
 
 def _run(job: Job, times: Callable[[str], Array], quantities: Sequence[Quantity]) -> tuple[Status, str, dict[str, Any]]:
@@ -206,8 +207,9 @@ def _run(job: Job, times: Callable[[str], Array], quantities: Sequence[Quantity]
     return run.status, "", found
 
 
-def changes_of(job: Job, names: Sequence[str]) -> Callable[[Mapping[str, float]], Job]:
-    """Return the function that changes the values of these parameters of a job.
+@lru_cache(maxsize=1)
+def changes_of(job: Job, names: tuple[str, ...]) -> Callable[[Mapping[str, float]], Job]:
+    """Return the function that changes the values of these parameters of a job; that of the last job is kept for its chunks.
 
     A name is "dt", the address of a number of the problem, or an option of the method.
 

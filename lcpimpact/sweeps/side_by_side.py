@@ -24,7 +24,7 @@ from lcpimpact.scheme.dynamics import Dynamics
 if TYPE_CHECKING:
     from lcpimpact.sweeps.job import Job
 
-MIN_SETS = 2 * LANES
+MIN_SETS = 64
 """Number of sets below which they are run one after another."""
 
 WORTH_COMPILING = 1024
@@ -122,9 +122,9 @@ def run_side_by_side(
         The numbers of sets, and their outputs.
     """
     N = len(next(iter(values.values())))
-    steps = np.rint(values.get("t_end", np.full(N, job.t_end)) / values.get("dt", job.dt)).astype(np.int64)
+    steps = np.rint(values.get("t_end", job.t_end) / values.get("dt", np.array(job.dt))).astype(np.int64)
     for number in map(int, np.unique(steps)):
-        remaining = np.flatnonzero(steps == number)
+        remaining = np.flatnonzero(np.broadcast_to(steps == number, N))
         for i in range(MAX_TRACES):
             sets = {name: each[remaining] for name, each in values.items() if name != "dt"}
             if len(remaining) < MIN_SETS or not has_trace(job, number, sets, change, N, i):

@@ -147,7 +147,7 @@ def _check(job: Job, plan: Plan, path: Path | None) -> None:
             raise InputError(f"out = {str(path)!r}: there is no folder {str(path.parent)!r}; make it, or name another")
         import_extra("zarr")
     check_handled(job.integrator, job.problem)
-    changes_of(job, list(plan.axes))
+    changes_of(job, tuple(plan.axes))
     steps = plan.axes.get("dt", np.array([job.dt]))
     for dt in np.unique(steps):
         time_grid(float(dt), job.t_end)

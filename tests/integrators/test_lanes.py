@@ -11,8 +11,9 @@ import lcpimpact as li
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.formula import NotTracedError, Program
 from lcpimpact.integrators import METHODS
-from lcpimpact.integrators.stepping.lanes import LANES, Reading, lanes
+from lcpimpact.integrators.stepping.lanes import LANES, Reading, carried, lanes
 from lcpimpact.integrators.stepping.linear_step import LinearStep
+from lcpimpact.lcp.lapack import EPS
 from lcpimpact.numbers import is_real
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.problems.parameters import changes_at, value_at, with_values
@@ -119,6 +120,37 @@ def test_a_set_that_overflows_is_not_regular():
     compiled = prepared(problem, METHODS["moreau-jean"](), ["v0.x"], Grid(3.0, 300))
     regular, _, _ = compiled.take(np.array([[-1.0, -1e308, np.inf]]))
     assert list(regular) == [True, False, False]
+
+
+def test_a_set_that_overflows_without_a_contact_is_not_regular():
+    problem = li.Problem("free", li.Scheme(li.Mass("x", 1.0), li.Load("x", 1.0)), t_end=1.0)
+    compiled = prepared(problem, METHODS["moreau-jean"](), ["v0.x", "1.f"], Grid(3.0, 300))
+    regular, _, _ = compiled.take(np.array([[1.0, 1e308, -1e308], [1.0, 0.0, 1.0]]))
+    assert list(regular) == [True, False, False]
+
+
+def test_a_step_carries_only_what_it_reads_before_it_sets_it():
+    assert carried(["a = b", "if a > c:", "    c = a", "    d = c", "e, f = d, a == c", "b = e"]) == {"b", "c", "d"}
+
+
+@pytest.mark.parametrize("tol", [15.0 * EPS, 0.6])
+def test_lcps_are_checked_to_moderate_tolerances_alone(tol):
+    """With another tolerance the rounding of q + W z may be beyond it, although its value is not."""
+    problem = li.load_problem("bouncing-ball")
+    with pytest.raises(UnsupportedError, match="tolerance"):
+        prepared(problem, METHODS["moreau-jean"](tol=tol), ["2.gap"], Grid(1.0, 100))
+
+
+def test_the_state_is_kept_only_where_it_is_asked_for():
+    problem, values = li.load_problem("bouncing-ball"), np.array([[0.5, 1.0]])
+    grid, readings = Grid(1.0, 100), [Reading("min", "q", 0)]
+    lean, whole = (
+        prepared(problem, METHODS["moreau-jean"](), ["2.gap"], grid, readings, stops).take(values)
+        for stops in ([], [50])
+    )
+    assert lean[2].shape == (1, 0, 2)
+    assert whole[2].shape == (2, 3, 2)
+    assert (lean[1] == whole[1]).all()
 
 
 def driven(a, ω, φ, f, g):

@@ -26,6 +26,7 @@ from lcpimpact.integrators.stepping.kernel import StepTable
 from lcpimpact.integrators.stepping.linear_step import LinearStep, varying_loads
 from lcpimpact.integrators.stepping.static_balance import Static
 from lcpimpact.integrators.stepping.straight_line import (
+    ROUNDED,
     Set,
     SolveLaw,
     Statement,
@@ -33,6 +34,7 @@ from lcpimpact.integrators.stepping.straight_line import (
     Unless,
     When,
     Writer,
+    finite,
     write_step,
 )
 from lcpimpact.lcp.lapack import EPS
@@ -41,8 +43,15 @@ from lcpimpact.scheme.dynamics import Dynamics
 
 T = TypeVar("T", StepTable, Static)
 
-LANES = 32
-"""Number of sets side by side: the numbers of one step of theirs fill the nearest cache, and vector registers many times."""
+LANES = 48
+"""Number of sets side by side: enough that the sums and quotients of one vector register need not wait for each other."""
+
+CACHE_LINE = 8
+"""Numbers in a line of the cache, and in the longest vector registers."""
+
+TOLERANCES = 16.0 * EPS, 0.5
+"""Least and greatest tolerance of an LCP in lanes. Between them |q + W z| <= tol |q| implies that the rounding of this sum
+is within tol |q| too: its terms are together at most 3.2 |q|, and their rounding at most 10 EPS |q|."""
 
 GENERIC = 2.5
 """Value that stands for a formula in the pattern of a table: neither 0 nor 1."""
@@ -76,7 +85,8 @@ class Lanes:
     constants : (m,) array          what is the same for all sets
     rows : int                      numbers kept for each lane
     readings : tuple of Reading
-    stops : (g,) array              numbers of the steps after which the state is kept, the last step among them
+    stops : (g,) array              numbers of the steps after which the state is kept, the last step among them; only this,
+                                    and no state, where none is asked for
     loads : (steps, nl) array       loads that depend on time, unless they are formulas
     state : int                     number of the kept states and reactions at each stop
     """
@@ -101,7 +111,8 @@ class Lanes:
         """
         N, kept = parameters.shape[1], len(self.readings)
         results = np.empty((1 + kept + len(self.stops) * self.state, N))
-        room = np.zeros(self.rows * LANES)
+        room = np.empty(self.rows * LANES + CACHE_LINE - 1)
+        room = room[-room.ctypes.data // room.itemsize % CACHE_LINE :]  # a vector across two lines takes twice as long
         self.run(self.loads, self.stops, np.ascontiguousarray(parameters), self.constants, room, results)
         states = results[1 + kept :].reshape(len(self.stops), self.state, N)
         return results[0] == 0.0, results[1 : 1 + kept], states
@@ -163,7 +174,7 @@ def lanes(
     ------
     UnsupportedError
         If the step is none that lanes can take: see `lcpimpact.integrators.stepping.straight_line`; beyond two contacts,
-        or with one slider of two; or it is to be compiled first.
+        or with one slider of two; with a tolerance beyond `TOLERANCES`; or it is to be compiled first.
     NotTracedError
         If loads that depend on time and prescribed motions are not shared, and one is no sum of harmonics.
     """
@@ -173,6 +184,8 @@ def lanes(
     closed = nc < 2 or (nc == 2 and known.solver.name == "closed-form" and with_values.unilateral.all())
     if not (COMPILING and known.regular and closed):
         raise UnsupportedError("lanes take compiled linear steps with at most two contacts")
+    if not TOLERANCES[0] <= known.tol <= TOLERANCES[1]:
+        raise UnsupportedError("lanes take one moderate tolerance")
     sets, loads, signals = len(program.parameters), np.zeros((grid.steps, 0)), []
     given = (end.value if end else grid.t_end, grid.steps, 0.0, grid.h)
     ours, *others = map(program.parameter, given)  # parameters, so that runs of all lengths share their code
@@ -191,11 +204,11 @@ def lanes(
     coefficients = {name: arrays[key][index] for name, (key, index) in writer.coefficients.items()}
     first = {f"y{i}": value for i, value in enumerate(y)}
     traced = Traced(program, sets, clock, signals)
-    source = _source(writer, coefficients, first, traced, tuple(readings), impacts)
+    ends = np.array(sorted({*stops, grid.steps}), dtype=np.int64)
+    source = _source(writer, coefficients, first, traced, tuple(readings), bool(stops), impacts)
     if not compiles and not source_file(source.text).exists():
         raise UnsupportedError("the lanes of this problem are not compiled yet")
     run = _compiled(source.text)
-    ends = np.array([*stops, grid.steps] if grid.steps not in stops else [*stops], dtype=np.int64)
     return Lanes(run, np.array([known.tol, *source.constants]), source.rows, tuple(readings), ends, loads, source.state)
 
 
@@ -290,29 +303,32 @@ def _source(
     y: dict[str, Number],
     traced: Traced,
     readings: tuple[Reading, ...],
+    states_kept: bool,
     impacts: bool,
 ) -> Source:
     """Return the source of a function that runs sets of parameters, the coefficients and initial state y as formulas."""
-    states, loads, nc, laws = writer.sizes
+    states, loads, nc, _ = writer.sizes
     in_time, inputs = traced.in_time()
     of_sets = traced.program.depending_on(traced.program.parameters[: traced.sets])
     known = coefficients | inputs
     varying = {name: value for name, value in known.items() if getattr(value, "name", "") in of_sets}
     fixed = {each.name: each.value for each in traced.shared}
     fixed |= {name: value_of(value) for name, value in known.items() if name not in varying}
-    state = [f"y{i}" for i in range(states)] + [f"r{i}" for i in range(nc)]
-    state += [f"left{i}" for i in range(writer.n)] + ["struck"] if impacts else []
-    best = [f"best{i}" for i, each in enumerate(readings) if each.kind == "argmax"]
-    results = ["bad", *(f"kept{i}" for i in range(len(readings))), *state]
-    changing = [*results, *(f"P{i}" for i in range(laws * nc)), *best]
-    place = {name: f"room[{i} * LANES + l]" for i, name in enumerate([*changing, *varying])}
-    load = [f"{name} = {where}" for name, where in place.items()] + in_time
     first = _first(writer, y | varying, traced, readings)
-    step = [line for statement in writer.statements for line in _lane(statement)] + _kept(readings, writer.n)
+    lasting = _lasting(writer)
+    certain = {ROUNDED, *(finite(f"new{i}") for i in lasting)}
+    step = [line for statement in writer.statements for line in _lane(statement, certain)] + _kept(readings, writer.n)
+    state = [f"y{i}" for i in range(states)] + [f"r{i}" for i in range(nc)] if states_kept else []
     if impacts:
+        state += [f"left{i}" for i in range(writer.n)] + ["struck"]
         first += [f"left{i} = 0.0" for i in range(writer.n)] + ["struck = -1.0"]
         step = [*(f"from{i} = y{writer.n + i}" for i in range(writer.n)), "pushed = r0", *step, *_impact(writer.n)]
     kept = len(readings) + 1
+    results = ["bad", *(f"kept{i}" for i in range(kept - 1)), *state]
+    changing = [*results, *sorted(carried(step) - {*results})]
+    place = {name: f"room[{i} * LANES + l]" for i, name in enumerate([*changing, *varying])}
+    bad = place["bad"]
+    load = [f"{name} = {where}" for name, where in place.items()] + in_time
     lines = [
         "tol = constants[0]",
         *(f"{name} = constants[{i + 1}]" for i, name in enumerate(fixed)),
@@ -323,7 +339,8 @@ def _source(
         *(f"        {line}" for line in first),
         *(f"        {where} = {name}" for name, where in place.items()),
         "    for g in range(len(stops)):",
-        "        while k < stops[g]:",
+        "        stop = stops[g]",
+        "        while k < stop:",
         *(f"            load{j} = loads[k, {j}]" for j in range(loads if not in_time else 0)),
         "            k += 1",
         "            now = float(k)",
@@ -333,6 +350,7 @@ def _source(
         f"        for i in range({len(state)}):",
         "            for l in range(count):",
         f"                results[{kept} + g * {len(state)} + i, start + l] = room[({kept} + i) * LANES + l]",
+        *(f"    for l in range(LANES): {bad} = {bad} if {finite(place[f'y{i}'])} else 1.0" for i in lasting),
         f"    for i in range({kept}):",
         "        for l in range(count):",
         "            results[i, start + l] = room[i * LANES + l]",
@@ -346,7 +364,7 @@ def _first(writer: Writer, given: dict[str, Number], traced: Traced, readings: t
     _, _, nc, laws = writer.sizes
     lines = [f"p{i} = parameters[{i}, start + min(l, count - 1)]" for i in range(traced.sets)]
     lines += traced.program.source(given)
-    assumed = [*traced.program.assumptions(), *(f"abs({name}) < INFINITY" for name in given)]
+    assumed = [*traced.program.assumptions(), *map(finite, given)]
     assumed += [f"{name} > 0.0" for name in given if re.fullmatch(r"W_\d+_(\d+)_\1|SKS_.*", name)]
     lines += ["bad = 0.0", *(f"bad = bad if {each} else 1.0" for each in assumed)]
     lines += [f"P{i} = 0.0" for i in range(laws * nc)] + [f"r{i} = 0.0" for i in range(nc)]
@@ -360,6 +378,25 @@ def _first(writer: Writer, given: dict[str, Number], traced: Traced, readings: t
 def _series(reading: Reading, n: int) -> str:
     """Return the variable of a series after a step."""
     return {"q": f"y{reading.column}", "v": f"y{n + reading.column}", "r": f"r{reading.column}"}[reading.array]
+
+
+def _lasting(writer: Writer) -> list[int]:
+    """Return the coordinates whose new value has their last one as a term: once infinite or NaN, they are so to the end."""
+    laws, nc, _ = writer.table.W.shape
+    return [i for i in range(writer.n) if writer.table.known[i, 2 * laws * nc + i] != 0.0]
+
+
+def carried(step: list[str]) -> set[str]:
+    """Return the names that a step sets, but reads before."""
+    read, assigned, known = set[str](), set[str](), dict[str, int]()
+    for line in step:
+        depth = len(line) - len(line.lstrip())
+        known = {name: each for name, each in known.items() if each <= depth}
+        targets, values = (re.findall(r"\b[^\W\d]\w*", part) for part in line.rpartition(" = ")[::2])
+        read |= {*values} - known.keys()
+        known = dict.fromkeys(targets, depth) | known
+        assigned |= {*targets}
+    return read & assigned
 
 
 def _kept(readings: tuple[Reading, ...], n: int) -> list[str]:
@@ -424,16 +461,16 @@ def _two_rows(solve: SolveLaw) -> list[str]:
     return lines
 
 
-def _lane(statement: Statement) -> list[str]:
-    """Return the lines of a statement for one lane; what only counts the work is left out."""
+def _lane(statement: Statement, certain: set[str]) -> list[str]:
+    """Return the lines of a statement for one lane, without what only counts the work, and checks of what is certain."""
     match statement:
         case Set("worst", _) | When(_, (Set("worst", _),)) | Store():
             return []
         case Set(name, value):
             return [f"{name} = {value}"]
         case When(condition, then):
-            return [f"if {condition}:", *(f"    {line}" for each in then for line in _lane(each))]
+            return [f"if {condition}:", *(f"    {line}" for each in then for line in _lane(each, certain))]
         case Unless(condition):
-            return [f"bad = bad if {each} else 1.0" for each in condition.split(" and ")]
+            return [f"bad = bad if {each} else 1.0" for each in condition.split(" and ") if each not in certain]
         case SolveLaw():
             return _two_rows(statement)

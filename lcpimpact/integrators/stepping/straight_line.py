@@ -51,6 +51,9 @@ WORTH_LOADING = 300_000
 IRREGULAR = -2
 """Status of a block that ends before a step out of the ordinary."""
 
+ROUNDED = "rounding <= tol * size"
+"""The condition that the residual of a row is known well enough to be judged."""
+
 SIGNATURE: Any = RESULT(BLOCK, TABLE, vector, STEP_STATE, PATH, ROOM, i8)
 
 
@@ -150,6 +153,11 @@ class Writer:
         return " + ".join(found) or "0.0"
 
 
+def finite(name: str) -> str:
+    """Return the condition that a number is finite."""
+    return f"abs({name}) < INFINITY"
+
+
 def write_step(table: StepTable, static: Static, n: int) -> Writer:
     """Return the statements of one step of a table.
 
@@ -169,7 +177,7 @@ def write_step(table: StepTable, static: Static, n: int) -> Writer:
         add(Set(f"new{i}", writer.row(new + i, laws)))
     for i in range(nc):
         add(Set(f"r{i}", writer.row(new + states + i, laws)))
-    add(Unless(" and ".join(f"abs(new{i}) < INFINITY" for i in range(n))))
+    add(Unless(" and ".join(finite(f"new{i}") for i in range(n))))
     if len(static.SKS):
         writer.statements += _balance(writer, writer.row(new + states + nc, laws))
     for i in range(states):
@@ -236,7 +244,7 @@ def _one_row(writer: Writer, law: int, name: str, touching: str) -> Iterator[Sta
         Set("w", f"abs(free0 + {W} * z)"),
         Set("size", "abs(free0)"),
         Set("rounding", f"{3.0 * EPS!r} * (size + {W} * abs(z))"),
-        Unless("w <= tol * size and rounding <= tol * size"),
+        Unless(f"w <= tol * size and {ROUNDED}"),
         When("w > rounding and w > worst * size", (Set("worst", "w / size"),)),
     )
     within = " and ".join([f"z > {lower}"] * bool(lower) + [f"z < {upper}"] * bool(upper))
