@@ -185,7 +185,7 @@ def lanes(
     if not (COMPILING and known.regular and closed):
         raise UnsupportedError("lanes take compiled linear steps with at most two contacts")
     if not TOLERANCES[0] <= known.tol <= TOLERANCES[1]:
-        raise UnsupportedError("lanes take one moderate tolerance")
+        raise UnsupportedError("lanes take tolerances that bound the rounding of a row")
     sets, loads, signals = len(program.parameters), np.zeros((grid.steps, 0)), []
     given = (end.value if end else grid.t_end, grid.steps, 0.0, grid.h)
     ours, *others = map(program.parameter, given)  # parameters, so that runs of all lengths share their code
