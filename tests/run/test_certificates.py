@@ -10,9 +10,11 @@ from schemes import frictional, random_problem
 
 import lcpimpact as li
 from lcpimpact import FailureError, InputError, Status
+from lcpimpact.certificate.theta_steps import judge_theta_steps
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.problems import PROBLEMS
+from lcpimpact.record import Record
 
 PAPER = "rk4-paper"
 IMPACTING = [name for name in METHODS if name != PAPER]
@@ -35,6 +37,18 @@ def pressed_body():
         li.Bumper("x", "ground", gap=0.0, e=0.0, name="R"),
     )  # fmt: skip
     return li.Problem("pressed body", scheme, t_end=T_END)
+
+
+@pytest.mark.parametrize("steps", [7, 200, 1501])
+def test_the_scales_of_theta_steps_see_every_step(steps):
+    """A free body whose place and speed grow to the end, and a body on a spring with a late blow."""
+    blow = li.Load("x", li.Table([0.9, 0.95, 1.0], [0.0, 500.0, 0.0]))
+    scheme = li.Scheme(li.Mass("x", 2.0), blow, li.Mass("y", 1.0), li.Load("y", -3.0), li.Bumper("y", "ground", e=0.0))
+    run = li.simulate(li.Problem("late", scheme, q0={"y": 0.0}), "moreau-jean", dt=1.0 / steps, t_end=1.0)
+    record = Record(*(each.copy() for each in (run.t, run.q, run.v, run.t_reaction, run.reaction)))
+    _, scales, _ = judge_theta_steps(run.problem.dynamics, record, run.events, 0.5, METHODS["moreau-jean"]().limits())
+    for kept, series in ((scales.q, run.q), (scales.v, run.v), (scales.r, run.reaction)):
+        assert (kept >= np.abs(series).max(axis=0)).all()
 
 
 def simulate(problem, method, steps=2000):
