@@ -12,7 +12,7 @@ from lcpimpact.arguments import is_name
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite_array, is_count
-from lcpimpact.scheme.elements.base import GROUND, MISSING, Compound, Element, Polyline, named
+from lcpimpact.scheme.elements.base import GROUND, MISSING, ArrayElement, Element, Polyline, named
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.dashpot import Dashpot
 from lcpimpact.scheme.elements.load import Load
@@ -27,7 +27,7 @@ Values = float | tuple[float, ...]
 
 
 @dataclass(frozen=True)
-class Chain(Compound):
+class Chain(ArrayElement):
     r"""A row of n masses NAME.1 ... NAME.n, each joined to the next by a spring, a dashpot, a bumper, or several of these.
 
     A column of beads above the floor, a Newton's cradle and a bar in finite elements are chains. Link i is between the
