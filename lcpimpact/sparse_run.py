@@ -13,9 +13,12 @@ from lcpimpact.certificate import Certificate
 from lcpimpact.certificate.scales import largest_violation
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.integrators.moreau_jean import MoreauJean
+from lcpimpact.integrators.stepping.law import with_fallbacks
 from lcpimpact.integrators.stepping.sparse_kernel import Found, Given, Recorded, Steps
 from lcpimpact.integrators.stepping.sparse_symbols import input_sizes
 from lcpimpact.integrators.stepping.sparse_table import begin, laws_of, tabulate_sparse
+from lcpimpact.lcp.solver import SolverState
+from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 from lcpimpact.memory import check_memory
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, State, Stats
@@ -123,14 +126,23 @@ class SparseRun:
 
     def _advance(self, first: int, last: int) -> tuple[Status, int]:
         """Take steps whose loads and motions are kept together."""
-        given = self._given(self.grid.times(first, last))
-        block = Steps(first, last, self.grid.h, float(self.method.theta), self.method.declared.precision, given)
-        judge, step = (self.laws, self.room, self.found), self.step
-        status, reached, iterations, residual = step.loop(
-            block, step.table, judge, step.contacts, self.motion, self.path, step.solve, step.kernel
+        times, step = self.grid.times(first, last), self.step
+
+        def run(solver: SolverState | None, begin: int, end: int) -> tuple[Status, int]:
+            given = self._given(times[begin - first : end - first + 1])
+            block = Steps(begin, end, self.grid.h, float(self.method.theta), self.method.declared.precision, given)
+            judge, kernel = (self.laws, self.room, self.found), solver.kernel if solver else block_pivoting
+            status, reached, iterations, residual = step.loop(
+                block, step.table, judge, step.contacts, self.motion, self.path, step.solve, kernel
+            )
+            self.stats.add_lcps(reached - begin, iterations, residual)
+            return Status(status), reached
+
+        return (
+            with_fallbacks(run, step.solver, step.few, first, last)
+            if step.solver and step.few
+            else run(None, first, last)
         )
-        self.stats.add_lcps(reached - first, iterations, residual)
-        return Status(status), reached
 
     def _given(self, t: Array) -> Given:
         """Return the loads and motions of the steps between instants, for the steps and for their judge."""

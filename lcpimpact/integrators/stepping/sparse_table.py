@@ -39,9 +39,8 @@ from lcpimpact.integrators.stepping.stencil import Stencil, apply, stencil
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits
-from lcpimpact.lcp.solver import Kernel
+from lcpimpact.lcp.solver import Kernel, SolverState
 from lcpimpact.lcp.solvers.banded import chain_masses, pools_for
-from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 from lcpimpact.lcp.sparse_pivoting import MAX_PIVOTS, SparseContacts, SparseMatrix, SparseProduct, pivot
 from lcpimpact.scheme.sparse import SparseDynamics
 from lcpimpact.scheme.sparse_decomposition import Sparse
@@ -92,14 +91,16 @@ class PreparedStep:
     Attributes
     ----------
     table, contacts : SparseTable, Contacts
-    solve, kernel : callable            the contact solver, and the LCP kernel that it uses
+    solve : callable                    the contact solver
+    solver, few : SolverState, Dense    the LCP solver of few contacts, and their W; None for others
     loop : callable                     `sparse_steps`, in the interpreter where a sparse factor is of another library
     """
 
     table: SparseTable
     contacts: Contacts
     solve: ContactSolver
-    kernel: Kernel
+    solver: SolverState | None
+    few: Dense | None
     loop: Callable[..., tuple[int, int, int, float]]
 
 
@@ -124,14 +125,15 @@ def tabulate_sparse(step: SparseStep, h: float, tol: float | None, max_iter: int
         affine(step.touching), affine(without_P), momentum, factor, affine(sparse.vstack([step.q, step.v])),
         affine(step.unbalanced), static, REST_GAP_FACTOR * h * weight, weight,
     )  # fmt: skip
-    contacts, solve, kernel = _solver(W, nc, limits(SOLVERS["auto"], tol, max_iter), max_iter or MAX_PIVOTS)
+    contacts, solve, few = _solver(W, nc, limits(SOLVERS["auto"], tol, max_iter), max_iter or MAX_PIVOTS)
+    solver = None if few is None else SOLVERS["auto"].init(few)
     if solve_A is None and stiffness is None and solve in (solve_chain, solve_few):
-        return PreparedStep(table, contacts, solve, kernel, sparse_steps)
+        return PreparedStep(table, contacts, solve, solver, few, sparse_steps)
     taken: dict[str, Any] = {"solve_banded": partial(_solve_sparse, solve_A)} if solve_A else {}
     if stiffness is not None:
         taken["balance_static"] = interpreted(balance_static, find_ways=_ways(stiffness))
     loop = interpreted(sparse_steps, take_step=interpreted(take_step, **taken))
-    return PreparedStep(table, contacts, solve, kernel, loop)
+    return PreparedStep(table, contacts, solve, solver, few, loop)
 
 
 def _static_coordinates(d: SparseDynamics) -> tuple[StaticCoordinates, Sparse | None]:
@@ -165,25 +167,26 @@ def _ways(stiffness: Sparse) -> Callable[[StaticCoordinates, Array], None]:
     return find
 
 
-def _solver(W: SparseContacts, nc: int, limits: tuple[float, int], most: int) -> tuple[Contacts, ContactSolver, Kernel]:
-    """Return the contact problem with the matrix in the storage of its solver, that solver, and its LCP kernel."""
+def _solver(
+    W: SparseContacts, nc: int, limits: tuple[float, int], most: int
+) -> tuple[Contacts, ContactSolver, Dense | None]:
+    """Return the contact problem with the matrix in the storage of its solver, that solver, and W if it is full."""
     mass = np.zeros(nc + 1)
     if isinstance(W, SparseMatrix) and nc > 2 and half_bandwidth(W.W) <= 1:
         bands = lower_bands(W.W, 1)
         if chain_masses(bands, mass):
-            return _contacts(bands, mass, limits), solve_chain, block_pivoting
+            return _contacts(bands, mass, limits), solve_chain, None
     if nc <= FEW:
         full = np.zeros((nc, nc))
         for j, unit in enumerate(np.eye(nc)):
             full[:, j] = W.product(unit)
-        kernel: Kernel = SOLVERS["auto"].init(Dense(full)).kernel if nc else block_pivoting
-        return _contacts(full, mass, limits), solve_few, kernel
+        return _contacts(full, mass, limits), solve_few, Dense(full) if nc else None
 
     def solve_many(contacts: Contacts, z: Array, kernel: Kernel) -> tuple[int, int, float]:
         status, count, residual = pivot(W, contacts.L, contacts.active, z, contacts.tol, most)
         return int(status), count, residual
 
-    return _contacts(np.zeros((0, 0)), mass, limits), solve_many, block_pivoting
+    return _contacts(np.zeros((0, 0)), mass, limits), solve_many, None
 
 
 def _solve_sparse(solve: Callable[[Array], Array], factor: Array, b: Array) -> None:
