@@ -25,7 +25,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.formula import NotTracedError, mentions
 from lcpimpact.numbers import is_real
-from lcpimpact.scheme.waves import cosine, sine
+from lcpimpact.scheme.waves import MAX_ANGLE, cosine, sine
 
 MAX_DEGREE = 20
 """Largest degree of a polynomial; beyond it the powers of t lose all digits."""
@@ -131,6 +131,21 @@ class Harmonic:
 
     def __post_init__(self) -> None:
         _check_wave(self, self.amplitude, self.omega, self.phase)
+
+    def check_until(self, end: float) -> None:
+        """Refuse a run whose steps cannot follow the oscillations until ``end``.
+
+        Raises
+        ------
+        InputError
+            If |ω t + φ| reaches 2³⁰ rad, as many as a run may have steps.
+        """
+        angle = self.omega * end + abs(self.phase)
+        if not angle < MAX_ANGLE:
+            raise InputError(
+                f"{self} turns by {angle:.1e} rad until {end:g} s, and less than {MAX_ANGLE:.1e} are followed: "
+                "shorten the run, take a lower omega, or a phase between -π and π"
+            )
 
     def __call__(self, t: Any) -> Any:
         """Return the value at time t, or the values at an array of times."""

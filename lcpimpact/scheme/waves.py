@@ -27,9 +27,15 @@ COEFFICIENTS = (
 )
 """P, highest power first: sin r = r + r³ P(r²) for \\|r\\| <= π/2 to 2e-16 of it, by interpolation at Chebyshev's points."""
 
+MAX_ANGLE = 2.0**30
+"""Limit of x in rad: above it the rounding of x alone changes the sine by 1e-7, and more and more."""
+
+TO_INFINITY = 2.0 * (2.0**1023 / MAX_ANGLE)
+"""Least factor by which MAX_ANGLE overflows."""
+
 
 def sine(x: Any) -> Any:
-    """Return sin x, to 2e-16 of itself and of x.
+    """Return sin x, to 2e-16 of itself and of x; NaN for |x| >= 2³⁰.
 
     Examples
     --------
@@ -41,19 +47,19 @@ def sine(x: Any) -> Any:
 
 
 def cosine(x: Any) -> Any:
-    """Return cos x, to 2e-16 of itself and of x."""
+    """Return cos x, to 2e-16 of itself and of x; NaN for |x| >= 2³⁰."""
     n = _floor(x / math.pi)
     return (2.0 * _odd(n) - 1.0) * _on_half_turn(x, n + 0.5)
 
 
 def _on_half_turn(x: Any, turns: Any) -> Any:
-    """Return sin(x - π turns), for a difference within ±π/2."""
+    """Return sin(x - π turns), for a difference within ±π/2; NaN for |x| >= 2³⁰."""
     r = x - turns * PI[0] - turns * PI[1] - turns * PI[2]
     u = r * r
     p = COEFFICIENTS[0]
     for coefficient in COEFFICIENTS[1:]:
         p = p * u + coefficient
-    return r + r * u * p
+    return r + r * u * p + 0.0 * (TO_INFINITY * x)
 
 
 def _odd(n: Any) -> Any:

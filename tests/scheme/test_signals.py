@@ -35,6 +35,7 @@ from lcpimpact import (
 )
 from lcpimpact.problems.penalty import penalized
 from lcpimpact.scheme.first_order import first_order_form
+from lcpimpact.scheme.waves import MAX_ANGLE, cosine, sine
 
 SIGNALS = [
     Polynomial([1.0, -2.0, 3.0, 0.5]),
@@ -50,7 +51,28 @@ def oscillator(signal, m=2.0, k=50.0, *more):
     return Problem("driven", Scheme(Mass("x", m), Spring("x", "ground", k), Load("x", signal), *more))
 
 
+def driven_base(motion):
+    return Problem("base", Scheme(PrescribedMotion("b", motion), Mass("x", 2.0), Spring("x", "b", 50.0)))
+
+
 # ---- the signals themselves ------------------------------------------------------------------------------------------
+
+
+@given(st.floats(-MAX_ANGLE, MAX_ANGLE, exclude_min=True, exclude_max=True) | st.floats(-50.0, 50.0))
+def test_sine_and_cosine_are_those_of_the_c_library_to_rounding(x):
+    rounding = 4e-16 + (1e-15 * abs(x) if abs(x) > 2e6 else 0.0)
+    assert abs(sine(x) - math.sin(x)) <= min(rounding, 4e-16 * abs(x) + rounding * (abs(x) > 1.0))
+    assert abs(cosine(x) - math.cos(x)) <= rounding
+    at_once = np.array([x, 0.0])
+    assert (sine(at_once)[0], cosine(at_once)[0]) == (sine(x), cosine(x))
+
+
+@pytest.mark.parametrize("x", [MAX_ANGLE, -MAX_ANGLE, 1e16, -1e19, 1e50, 1e308])
+def test_angles_without_digits_have_no_sine(x):
+    with np.errstate(over="ignore", invalid="ignore"):
+        assert math.isnan(sine(x))
+        assert math.isnan(cosine(x))
+        assert np.isnan(cosine(np.array([x]))).all()
 
 
 @pytest.mark.parametrize("signal", [*SIGNALS, Harmonic(1.0, 2.0)], ids=repr)
@@ -467,6 +489,9 @@ def test_a_jump_inside_a_step_leaves_order_one_to_methods_that_only_evaluate(met
             r"the load on 'x' jumps, and so would that node",
         ),
         (lambda: simulate(oscillator(Square(1.0, 1e12)), "exact", dt=0.1, t_end=1.0), r"jumps 3.2e\+11 times until 1 s"),
+        (lambda: simulate(oscillator(Harmonic(1.0, 1e18)), dt=0.1, t_end=1.0), r"turns by 1.0e\+18 rad until 1 s"),
+        (lambda: simulate(oscillator(Harmonic(1.0, 1e8, -1e9)), dt=0.1, t_end=1.0), r"turns by 1.1e\+09 rad"),
+        (lambda: simulate(driven_base(Harmonic(1.0, 1e10)), "exact", dt=0.1, t_end=1.0), r"turns by 1.0e\+10 rad"),
     ],
 )  # fmt: skip
 def test_what_is_no_signal_is_refused_in_one_sentence(make, says):
