@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
 from typing import Any, Protocol
@@ -491,6 +491,39 @@ SIGNALS: dict[str, type[Described]] = {each.__name__: each for each in (Harmonic
 
 SIGNAL_NAMES = "Harmonic(...), Polynomial(...), Ramp(...), Table(...) or Square(...)"
 """Names of these signals, for errors."""
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A function of time times a number."""
+
+    factor: float
+    given: Callable[[float], float]
+
+    def __call__(self, t: float, /) -> float:
+        """Return the value at time t."""
+        return self.factor * self.given(t)
+
+
+SIZES: dict[type[Any], tuple[str, ...]] = {
+    Harmonic: ("amplitude",),
+    Square: ("amplitude",),
+    Ramp: ("start", "end"),
+    Polynomial: ("coefficients",),
+    Table: ("values",),
+}
+"""The fields of a signal that are in its unit."""
+
+
+def scaled(signal: Any, factor: float) -> Any:
+    """Return a number or a function of time times a number; a signal that is described stays so."""
+    if not callable(signal):
+        return factor * signal
+    if type(signal) not in SIZES:
+        return Scaled(factor, signal)
+    old = {name: getattr(signal, name) for name in SIZES[type(signal)]}
+    new = {name: tuple(factor * x for x in each) if is_sequence(each) else factor * each for name, each in old.items()}
+    return replace(signal, **new)
 
 
 def values_at(function: Any, times: Array) -> Array:
