@@ -637,7 +637,7 @@ def test_numbers_that_overflow_end_a_run():
         ({"n": 2, "m": 1.0, "gap": 0.0, "e": 2.0}, "e must lie"),
         ({"n": 1, "m": 1.0, "k": 1.0}, "no links"),
         ({"n": 2, "m": 1.0, "a": "x.1"}, "beside its masses"),
-        ({"n": 2, "m": 1.0, "a": "y", "b": "y"}, "two nodes"),
+        ({"n": 2, "m": 1.0, "a": "y", "b": "y"}, "different nodes"),
         ({"n": 2, "m": np.nan}, "not finite"),
     ],
 )

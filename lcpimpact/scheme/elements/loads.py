@@ -61,7 +61,7 @@ class Loads(ArrayElement):
     [('bead.1', 0.5), ('bead.2', 1.0), ('bead.4', 2.0)]
     """
 
-    at: Sequence[int] | Sequence[tuple[int, int]]
+    at: Sequence[int | Sequence[int]]
     f: float | Signal | Callable[[float], float] = MISSING
     a: Values = 1.0
     name: str = "x"
