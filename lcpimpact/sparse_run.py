@@ -134,6 +134,10 @@ class SparseRun:
 
         def run(solver: SolverState | None, begin: int, end: int) -> tuple[Status, int]:
             given = self._given(times[begin - first : end - first + 1])
+            if not (known := np.isfinite(given.inputs).all(axis=1)).all():
+                end = begin + int(np.argmin(known))
+                status, reached = run(solver, begin, end) if end > begin else (Status.SOLVED, begin)
+                return (Status.NON_FINITE if status is Status.SOLVED else status), reached
             block = Steps(begin, end, self.grid.h, float(self.method.theta), self.method.declared.precision, given)
             judge, kernel = (self.laws, self.room, self.found), solver.kernel if solver else block_pivoting
             status, reached, iterations, residual = step.loop(
@@ -154,7 +158,8 @@ class SparseRun:
         s, (y, rate) = d.signals(t), d.motion(t)
         np.maximum(self.largest, np.abs(s).max(axis=0), out=self.largest)
         inputs = [s[:-1], s[1:], y[1:], rate[1:], self.method.mean_rates(d, self.grid.h, t, y, rate)]
-        rows = (np.hstack(inputs), (1.0 - θ) * s[:-1] + θ * s[1:], y[1:], rate[1:])
+        s_θ = (1.0 - θ) * s[:-1] + θ * s[1:]
+        rows = (np.hstack(inputs), s_θ, np.abs(s_θ), y[1:], rate[1:])
         return Given(*(np.ascontiguousarray(each) for each in rows))
 
     def trajectory(self, status: Status, reached: int, method: str) -> SparseTrajectory:
@@ -188,8 +193,9 @@ class SparseRun:
         balance, scale = map(float, self.found.energy[:2])
         # An identity for θ = 1/2, unless coordinates are moved to equilibrium after a step.
         if self.method.theta == 0.5 and self.dynamics.kinds.static.shape[1] == 0:
-            works = scale + self._energy_of_loads() + float(self.found.energy[5])
-            limits["energy_balance"] = (self.method.declared.precision + 8.0 * steps * np.finfo(float).eps) * works
+            works, ε = scale + self._energy_of_loads() + float(self.found.energy[5]), np.finfo(float).eps
+            limits["energy_balance"] = (self.method.declared.precision + 8.0 * steps * ε) * works
+            limits["energy_balance"] += 8.0 * ε * float(self.found.energy[6])
         return Certificate(
             residual=self.stats.residual,
             energy_balance=balance,

@@ -97,9 +97,10 @@ class Laws(NamedTuple):
     momentum, elastic, damping      M v, K q and C q
     push, pushes                    Hᵀ P, and |H|ᵀ P
     gap, rate                       u and U
-    load                            h f_θ by the signals of the loads at t_θ
+    pull                            h |K| + |C|
+    load, loads                     h f_θ by the signals of the loads at t_θ, and its terms by their |values|
     turn                            what the rates of the driven nodes add to U
-    per_mass, stiffness (n,)        1/M_ii, 0 without mass, and h |K_ii| + |C_ii|
+    per_mass (n,)                   1/M_ii, 0 without mass
     e, u0 (nc,)                     coefficients of restitution, and gaps at q = 0
     kind (n,)                       kinds of the nodes; none where all have mass
     impacts (nc,)                   contacts of relative degree 2; none where all are
@@ -113,10 +114,11 @@ class Laws(NamedTuple):
     pushes: Stencil
     gap: Stencil
     rate: Stencil
+    pull: Stencil
     load: Stencil
+    loads: Stencil
     turn: Stencil
     per_mass: Array
-    stiffness: Array
     e: Array
     u0: Array
     kind: Indices
@@ -161,7 +163,9 @@ class Motion(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Arrays a step works in: predicted and final gaps (nc,), Hᵀ P, |H|ᵀ P and h f_θ (n,).
+    """Arrays a step works in: predicted and final gaps (nc,), Hᵀ P, |H|ᵀ P, h f_θ and its terms (n,).
+
+    ``reach`` is |q| + |q⁺|, and ``pull`` the terms of springs and dashpots by it (n,), where there are any.
 
     Where coordinates are static, ``reached`` and ``elastic`` are q and K q before they are moved (n,); where motions are
     prescribed, ``turned`` is U⁺ by the mean rates of the step less U⁺ (nc,), with ``turning`` for each motion (nd,).
@@ -174,6 +178,9 @@ class Room(NamedTuple):
     push: Array
     pushes: Array
     load: Array
+    loads: Array
+    reach: Array
+    pull: Array
     reached: Array
     elastic: Array
     turned: Array
@@ -184,10 +191,11 @@ class Room(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What judging has found: ratio, violation and limit of each law (3, 6), and the account of energy (6,).
+    """What judging has found: ratio, violation and limit of each law (3, 6), and the account of energy (7,).
 
-    The account is the largest imbalance, the scale, the stored energy, the sum of imbalances, the largest speed, and the
-    largest sum of the works of all forces of a step, taken as positive, where loads or motions depend on time.
+    The account is the largest imbalance, the scale, the stored energy, the sum of imbalances, and the largest speed; where
+    loads or motions depend on time, the largest sum of the works of all forces of a step, taken as positive, and the works
+    of these forces along |q| + |q⁺| in all steps, whose rounding is in the balance.
     """
 
     laws: Array
@@ -210,12 +218,13 @@ class Given(NamedTuple):
     Attributes
     ----------
     inputs : (steps, ni) array          of the step
-    signals : (steps, ns) array         of the loads at t_θ, for the judge
+    signals, sizes : (steps, ns)        of the loads at t_θ, for the judge, and their absolute values
     place, rate : (steps, nd) arrays    of the driven nodes at t + h, for the judge
     """
 
     inputs: Array
     signals: Array
+    sizes: Array
     place: Array
     rate: Array
 
@@ -233,13 +242,13 @@ class Steps(NamedTuple):
 
 STATIC_COORDINATES: Any = named_tuple((indices,) * 4 + (vector, vector, flags), StaticCoordinates)
 TABLE: Any = named_tuple((STENCIL,) * 3 + (matrix, STENCIL, STENCIL, STATIC_COORDINATES, vector, vector), SparseTable)
-LAWS: Any = named_tuple((STENCIL,) * 9 + (vector,) * 4 + (indices, flags, indices), Laws)
+LAWS: Any = named_tuple((STENCIL,) * 11 + (vector,) * 3 + (indices, flags, indices), Laws)
 CONTACTS: Any = named_tuple((matrix, vector, vector, vector, flags, vector, vector, POOLS, f8, i8), Contacts)
 MOTION: Any = named_tuple((matrix,) * 5, Motion)
-ROOM: Any = named_tuple((vector,) * 12, Room)
+ROOM: Any = named_tuple((vector,) * 15, Room)
 FOUND: Any = named_tuple((matrix, vector), Found)
 RECORDED: Any = named_tuple((indices, indices, matrix, matrix, matrix), Recorded)
-GIVEN: Any = named_tuple((matrix,) * 4, Given)
+GIVEN: Any = named_tuple((matrix,) * 5, Given)
 STEPS: Any = named_tuple((i8, i8, f8, f8, f8, GIVEN), Steps)
 RESULT: Any = types.Tuple((i8, i8, f8))
 ContactSolver = Callable[[Contacts, Array, Kernel], tuple[int, int, float]]
@@ -339,6 +348,10 @@ def find_forces(laws: Laws, motion: Motion, new: int, room: Room) -> None:
             apply(laws.elastic, room.reached, room.elastic)
     if not is_empty(laws.damping):
         apply(laws.damping, now, motion.damping[new])
+    if len(room.pull) > 0:
+        for i in range(len(room.reach)):
+            room.reach[i] = abs(now[i]) + abs(then[i])
+        apply(laws.pull, room.reach, room.pull)
     apply(laws.push, then, room.push)
     apply(laws.pushes, then, room.pushes)
 
@@ -349,11 +362,11 @@ def judge_nodes(block: Steps, laws: Laws, motion: Motion, new: int, room: Room, 
     h, θ, ε, old, n = block.h, block.θ, block.ε, 1 - new, len(room.push)
     now, then = motion.x[new], motion.x[old]
     find_forces(laws, motion, new, room)
-    stored, work, speed, stiff = 0.0, 0.0, found.energy[4], len(laws.stiffness) > 0
+    stored, work, speed, stiff = 0.0, 0.0, found.energy[4], len(room.pull) > 0
     alike, moved_later = len(laws.kind) == 0, len(room.reached) > 0
-    works, varying = 0.0, len(laws.driven) > 0 or not is_empty(laws.load)
+    works, rounding, varying = 0.0, 0.0, len(laws.driven) > 0 or not is_empty(laws.load)
     for start in range(0, n, STRIP):
-        part, part_work, part_works = 0.0, 0.0, 0.0
+        part, part_work, part_works, part_rounding = 0.0, 0.0, 0.0, 0.0
         for i in range(start, min(start + STRIP, n)):
             q, q_then, v, v_then = now[i], then[i], now[n + i], then[n + i]
             p, p_then, s, s_then = (
@@ -365,9 +378,9 @@ def judge_nodes(block: Steps, laws: Laws, motion: Motion, new: int, room: Room, 
             moved, damped = q - q_then, motion.damping[new, i] - motion.damping[old, i]
             elastic, load = h * ((1.0 - θ) * s_then + θ * s), room.load[i]
             defect = p - p_then + elastic + damped - load - room.push[i]
-            size = abs(p) + abs(p_then) + abs(load) + room.pushes[i]
+            size = abs(p) + abs(p_then) + room.loads[i] + room.pushes[i]
             if stiff:
-                size += laws.stiffness[i] * (abs(q) + abs(q_then))
+                size += room.pull[i]
             if not size < np.inf:
                 return False
             speed, reach = max(speed, abs(v)), abs(v) + room.pushes[i] * laws.per_mass[i]
@@ -375,6 +388,7 @@ def judge_nodes(block: Steps, laws: Laws, motion: Motion, new: int, room: Room, 
                 room.speed[i] = reach
             if varying:
                 part_works += abs(moved) * size
+                part_rounding += (abs(q) + abs(q_then)) * size
             if alike or laws.kind[i] == MASSIVE:
                 note(found, MOMENTUM, abs(defect), ε * size)
                 off = moved - h * ((1.0 - θ) * v_then + θ * v)
@@ -389,10 +403,12 @@ def judge_nodes(block: Steps, laws: Laws, motion: Motion, new: int, room: Room, 
         stored += 0.5 * part
         work += part_work
         works += part_works
+        rounding += part_rounding
     found.energy[3] += stored - found.energy[2] - work / h
     found.energy[0] = max(found.energy[0], abs(found.energy[3]))
     found.energy[1] = max(found.energy[1], abs(stored))
     found.energy[2], found.energy[4], found.energy[5] = stored, speed, max(found.energy[5], works / h)
+    found.energy[6] += rounding / h
     return True
 
 
@@ -527,6 +543,7 @@ def sparse_steps(
             return status, k, iterations, worst
         if not is_empty(laws.load):
             apply(laws.load, given.signals[k - block.first], room.load)
+            apply(laws.loads, given.sizes[k - block.first], room.loads)
         if not judge_nodes(block, laws, motion, new, room, found):
             return NON_FINITE, k, iterations, worst
         if len(laws.driven) > 0:

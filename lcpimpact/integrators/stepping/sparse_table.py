@@ -219,13 +219,13 @@ def laws_of(d: SparseDynamics, h: float) -> Laws:
         pad = sparse.csr_array((matrix.shape[0], before))
         return stencil(sparse.hstack([pad, matrix]).tocsr(), c)
 
-    stiffness = h * np.abs(d.K.diagonal()) + np.abs(d.C.diagonal()) if d.K.nnz or d.C.nnz else np.zeros(0)
     impacts, static, driven = d.relative_degree == 2, d.kinds.static.sum(axis=1) > 0.0, np.flatnonzero(d.driven)
     kinds = np.select([d.driven, d.massive, static], [DRIVEN, MASSIVE, STATIC], MASSLESS).astype(np.int64)
     per_mass = np.divide(1.0, d.M.diagonal(), out=np.zeros(n), where=d.massive)
     return Laws(
         of(d.M, n), of(d.K, 0), of(d.C, 0), of(d.B, 2 * n), of(np.abs(d.B), 2 * n), of(d.H, 0, d.u0), of(d.H, n),
-        stencil(h * d.F, h * d.f), stencil(d.H[:, driven]), per_mass, stiffness, d.restitution.copy(),
+        stencil(h * np.abs(d.K) + np.abs(d.C)), stencil(h * d.F, h * d.f), stencil(h * np.abs(d.F), h * np.abs(d.f)),
+        stencil(d.H[:, driven]), per_mass, d.restitution.copy(),
         d.u0.copy(), kinds[: 0 if d.massive.all() else n], impacts[: 0 if impacts.all() else len(impacts)], driven,
     )  # fmt: skip
 
@@ -245,13 +245,14 @@ def begin(
     (predicted, gap, turned), (push, pushes) = np.zeros((3, nc)), np.zeros((2, n))
     apply(laws.gap, motion.x[0], gap)
     reached, unmoved = np.zeros((2, n if d.kinds.static.shape[1] else 0))
+    reach, pull = np.zeros((2, n if d.K.nnz or d.C.nnz else 0))
     room = Room(
-        predicted, gap, push, pushes, h * d.f, reached, unmoved, turned, np.zeros(nd), np.zeros(nc),
+        predicted, gap, push, pushes, h * d.f, h * np.abs(d.f), reach, pull, reached, unmoved, turned, np.zeros(nd), np.zeros(nc),
         np.abs(motion.rate[0]), np.abs(start[1]),
     )  # fmt: skip
-    found = Found(np.zeros((3, 6)), np.zeros(6))
+    found = Found(np.zeros((3, 6)), np.zeros(7))
     energy = d.energy(*start)
     fall = h * (d.f + d.F @ d.signals(0.0)) * laws.per_mass
     scale = abs(energy) + float(fall @ (d.M @ fall))
-    found.energy[:] = 0.0, scale, energy, 0.0, max(np.abs(fall).max(), np.abs(start[1]).max()), 0.0
+    found.energy[:] = 0.0, scale, energy, 0.0, max(np.abs(fall).max(), np.abs(start[1]).max()), 0.0, 0.0
     return motion, room, found
