@@ -356,15 +356,16 @@ def find_forces(laws: Laws, motion: Motion, new: int, room: Room) -> None:
     apply(laws.pushes, then, room.pushes)
 
 
-@compiled(types.boolean(STEPS, LAWS, MOTION, i8, ROOM, FOUND), allocates=False)
-def judge_nodes(block: Steps, laws: Laws, motion: Motion, new: int, room: Room, found: Found) -> bool:
-    """Judge momentum, kinematics and energy of a step, and return whether its numbers are finite."""
+@compiled(types.boolean(STEPS, LAWS, MOTION, i8, ROOM, FOUND, types.boolean), inline="always", allocates=False)
+def judge_all_nodes(
+    block: Steps, laws: Laws, motion: Motion, new: int, room: Room, found: Found, special: bool
+) -> bool:
+    """Judge the nodes as `judge_nodes` does; unless ``special`` all have mass, and loads are constant."""
     h, θ, ε, old, n = block.h, block.θ, block.ε, 1 - new, len(room.push)
     now, then = motion.x[new], motion.x[old]
-    find_forces(laws, motion, new, room)
     stored, work, speed, stiff = 0.0, 0.0, found.energy[4], len(room.pull) > 0
-    alike, moved_later = len(laws.kind) == 0, len(room.reached) > 0
-    works, rounding, varying = 0.0, 0.0, len(laws.driven) > 0 or not is_empty(laws.load)
+    alike, moved_later = not special or len(laws.kind) == 0, special and len(room.reached) > 0
+    works, rounding, varying = 0.0, 0.0, special and (len(laws.driven) > 0 or not is_empty(laws.load))
     for start in range(0, n, STRIP):
         part, part_work, part_works, part_rounding = 0.0, 0.0, 0.0, 0.0
         for i in range(start, min(start + STRIP, n)):
@@ -378,7 +379,7 @@ def judge_nodes(block: Steps, laws: Laws, motion: Motion, new: int, room: Room, 
             moved, damped = q - q_then, motion.damping[new, i] - motion.damping[old, i]
             elastic, load = h * ((1.0 - θ) * s_then + θ * s), room.load[i]
             defect = p - p_then + elastic + damped - load - room.push[i]
-            size = abs(p) + abs(p_then) + room.loads[i] + room.pushes[i]
+            size = abs(p) + abs(p_then) + (room.loads[i] if varying else abs(load)) + room.pushes[i]
             if stiff:
                 size += room.pull[i]
             if not size < np.inf:
@@ -410,6 +411,15 @@ def judge_nodes(block: Steps, laws: Laws, motion: Motion, new: int, room: Room, 
     found.energy[2], found.energy[4], found.energy[5] = stored, speed, max(found.energy[5], works / h)
     found.energy[6] += rounding / h
     return True
+
+
+@compiled(types.boolean(STEPS, LAWS, MOTION, i8, ROOM, FOUND), allocates=False)
+def judge_nodes(block: Steps, laws: Laws, motion: Motion, new: int, room: Room, found: Found) -> bool:
+    """Judge momentum, kinematics and energy of a step, and return whether its numbers are finite."""
+    find_forces(laws, motion, new, room)
+    if len(laws.kind) > 0 or not is_empty(laws.load):
+        return judge_all_nodes(block, laws, motion, new, room, found, True)
+    return judge_all_nodes(block, laws, motion, new, room, found, False)
 
 
 @compiled(types.void(STEPS, LAWS, TABLE, MOTION, i8, ROOM, FOUND), allocates=False)

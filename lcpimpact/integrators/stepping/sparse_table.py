@@ -247,8 +247,8 @@ def begin(
     reached, unmoved = np.zeros((2, n if d.kinds.static.shape[1] else 0))
     reach, pull = np.zeros((2, n if d.K.nnz or d.C.nnz else 0))
     room = Room(
-        predicted, gap, push, pushes, h * d.f, h * np.abs(d.f), reach, pull, reached, unmoved, turned, np.zeros(nd), np.zeros(nc),
-        np.abs(motion.rate[0]), np.abs(start[1]),
+        predicted, gap, push, pushes, h * d.f, h * np.abs(d.f), reach, pull, reached, unmoved, turned,
+        np.zeros(nd), np.zeros(nc), np.abs(motion.rate[0]), np.abs(start[1]),
     )  # fmt: skip
     found = Found(np.zeros((3, 6)), np.zeros(7))
     energy = d.energy(*start)
