@@ -1,4 +1,4 @@
-"""Draw docs/images/many-contacts.svg: a column of beads, a cradle, an elastic bar at a wall, and a pile of discs.
+"""Draw docs/images/many-contacts.svg: a column of beads, a cradle, an elastic bar at a wall, a pile, and a lattice.
 
 python docs/many_contacts.py
 """
@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
 
-from lcpimpact import Bumper, Chain, Problem, SparseScheme, simulate
+from lcpimpact import Bumper, Chain, Harmonic, Lattice, Loads, PrescribedMotion, Problem, SparseScheme, simulate
 from lcpimpact.plotting.style import EXACT, INK, PALETTE, save, style
 from lcpimpact.problems.balls import pile
 
@@ -95,12 +95,34 @@ def draw_pile(ax: Axes) -> None:
     ax.axis("off")
 
 
+def draw_lattice(whole: Axes, forces: Axes) -> None:
+    """Draw how far a table that rises and falls, and a load on the middle of the first row, have thrown the beads."""
+    rows, columns = 30, 60
+    beads = Lattice(rows, columns, m=0.1, gap=0.0, e=0.0, k_side=500.0, c_side=0.05, f=0.981, b="table", name="bead")
+    table = PrescribedMotion("table", Harmonic(2e-3, 100.0))
+    x = np.arange(1, columns + 1)
+    push = Loads([(1, int(j)) for j in x], f=30.0, a=np.exp(-(((x - 30.0) / 6.0) ** 2)), name="bead")
+    problem = Problem("lattice", SparseScheme(beads, table, push), q0=dict.fromkeys(beads.masses, 2e-3))
+    run = simulate(problem, dt=1e-4, t_end=0.055, record=())
+    places = {node: i for i, node in enumerate(run.problem.dynamics.nodes)}
+    q = 1e3 * (run.final.q[[places[node] for node in beads.masses]] - run.final.q[places["table"]])
+    force = run.final.reaction.reshape(rows, columns)
+    for ax, values, label in ((whole, -q.reshape(rows, columns), "above the table [mm]"), (forces, force, "$R$ [N]")):
+        image = ax.imshow(values, cmap="Greys", aspect="auto", extent=(0.5, columns + 0.5, rows + 0.5, 0.5))
+        ax.figure.colorbar(image, ax=ax, label=label)
+        ax.set(xlabel="column", ylabel="row")
+    whole.set_title("A lattice thrown by a table")
+    forces.set_title("Forces below its beads")
+
+
 @style()
 def draw() -> Figure:
     """Return the picture."""
-    figure = Figure(figsize=(7.6, 5.4), layout="constrained")
-    for ax, each in zip(figure.subplots(2, 2).ravel(), (draw_column, draw_cradle, draw_bar, draw_pile), strict=True):
+    figure = Figure(figsize=(7.6, 7.8), layout="constrained")
+    axes = figure.subplots(3, 2).ravel()
+    for ax, each in zip(axes[:4], (draw_column, draw_cradle, draw_bar, draw_pile), strict=True):
         each(ax)
+    draw_lattice(*axes[4:])
     return figure
 
 

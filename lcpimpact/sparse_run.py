@@ -135,9 +135,9 @@ class SparseRun:
         def run(solver: SolverState | None, begin: int, end: int) -> tuple[Status, int]:
             given = self._given(times[begin - first : end - first + 1])
             if not (known := np.isfinite(given.inputs).all(axis=1)).all():
-                end = begin + int(np.argmin(known))
-                status, reached = run(solver, begin, end) if end > begin else (Status.SOLVED, begin)
-                return (Status.NON_FINITE if status is Status.SOLVED else status), reached
+                last_known = begin + int(np.argmin(known))
+                found = run(solver, begin, last_known) if last_known > begin else (Status.SOLVED, begin)
+                return (Status.NON_FINITE, found[1]) if found[0] is Status.SOLVED else found
             block = Steps(begin, end, self.grid.h, float(self.method.theta), self.method.declared.precision, given)
             judge, kernel = (self.laws, self.room, self.found), solver.kernel if solver else block_pivoting
             status, reached, iterations, residual = step.loop(

@@ -39,6 +39,9 @@ MOMENTUM, KINEMATICS, IMPACT_LAW, COMPLEMENTARITY, EQUILIBRIUM, MOTION_LAW = ran
 MASSIVE, MASSLESS, STATIC, DRIVEN = range(4)
 """The kinds of nodes: with mass, without, held by springs alone, with prescribed motion."""
 
+NEGLIGIBLE = 1e-9
+"""Terms of a balance, relative to the largest of all nodes, to which the solution of A w = b is below its rounding."""
+
 CLOSED_RTOL = 1e-12
 """Predicted penetration, relative to the terms of the gap, below which a contact need not act."""
 
@@ -191,11 +194,12 @@ class Room(NamedTuple):
 
 
 class Found(NamedTuple):
-    """What judging has found: ratio, violation and limit of each law (3, 6), and the account of energy (7,).
+    """What judging has found: ratio, violation and limit of each law (3, 6), and the account of energy (8,).
 
     The account is the largest imbalance, the scale, the stored energy, the sum of imbalances, and the largest speed; where
     loads or motions depend on time, the largest sum of the works of all forces of a step, taken as positive, and the works
-    of these forces along |q| + |q⁺| in all steps, whose rounding is in the balance.
+    of these forces along |q| + |q⁺| in all steps, whose rounding is in the balance; and the largest terms of a balance of
+    momentum, where springs or dashpots couple them.
     """
 
     laws: Array
@@ -365,6 +369,7 @@ def judge_all_nodes(
     now, then = motion.x[new], motion.x[old]
     stored, work, speed, stiff = 0.0, 0.0, found.energy[4], len(room.pull) > 0
     alike, moved_later = not special or len(laws.kind) == 0, special and len(room.reached) > 0
+    largest, floor = found.energy[7], NEGLIGIBLE * found.energy[7]
     works, rounding, varying = 0.0, 0.0, special and (len(laws.driven) > 0 or not is_empty(laws.load))
     for start in range(0, n, STRIP):
         part, part_work, part_works, part_rounding = 0.0, 0.0, 0.0, 0.0
@@ -382,6 +387,7 @@ def judge_all_nodes(
             size = abs(p) + abs(p_then) + (room.loads[i] if varying else abs(load)) + room.pushes[i]
             if stiff:
                 size += room.pull[i]
+                largest = max(largest, size)
             if not size < np.inf:
                 return False
             speed, reach = max(speed, abs(v)), abs(v) + room.pushes[i] * laws.per_mass[i]
@@ -391,13 +397,13 @@ def judge_all_nodes(
                 part_works += abs(moved) * size
                 part_rounding += (abs(q) + abs(q_then)) * size
             if alike or laws.kind[i] == MASSIVE:
-                note(found, MOMENTUM, abs(defect), ε * size)
+                note(found, MOMENTUM, abs(defect), ε * (size + floor))
                 off = moved - h * ((1.0 - θ) * v_then + θ * v)
             elif laws.kind[i] == DRIVEN:
                 part_work += moved * elastic
                 continue
             else:
-                note(found, EQUILIBRIUM, abs(defect) / h, ε * size / h)
+                note(found, EQUILIBRIUM, abs(defect) / h, ε * (size + floor) / h)
                 off = moved - h * v
             note(found, KINEMATICS, abs(off), ε * (abs(q) + abs(q_then) + h * size * laws.per_mass[i]))
             part_work += moved * (load + room.push[i] - damped)
@@ -409,7 +415,7 @@ def judge_all_nodes(
     found.energy[0] = max(found.energy[0], abs(found.energy[3]))
     found.energy[1] = max(found.energy[1], abs(stored))
     found.energy[2], found.energy[4], found.energy[5] = stored, speed, max(found.energy[5], works / h)
-    found.energy[6] += rounding / h
+    found.energy[6], found.energy[7] = found.energy[6] + rounding / h, largest
     return True
 
 
