@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
 
-from lcpimpact import Bumper, Chain, Harmonic, Lattice, Loads, PrescribedMotion, Problem, SparseScheme, simulate
+from lcpimpact import Bumper, Chain, Harmonic, Lattice, Loads, PrescribedMotion, Problem, SparseScheme, Table, simulate
 from lcpimpact.plotting.style import EXACT, INK, PALETTE, save, style
 from lcpimpact.problems.balls import pile
 
@@ -27,8 +27,8 @@ def draw_column(ax: Axes) -> None:
     run = simulate(Problem("column", scheme), dt=1e-5, t_end=0.6, record=[f"bead.{i}" for i in shown])
     for place, i in enumerate(shown):
         height = (n + 1 - i) * gap - run.q[:, place]
-        ax.plot(run.t[::400], height[::400], color=INK, linewidth=0.9, linestyle="-")
-    t = run.t[::400]
+        ax.plot(run.t[::800], height[::800], color=INK, linewidth=0.9, linestyle="-")
+    t = run.t[::800]
     ax.plot(t, np.maximum(n * gap - 0.5 * 9.81 * t**2, 0.0), color=EXACT, linestyle="--", linewidth=1.5)
     ax.set(xlabel="$t$ [s]", ylabel="height [m]", title="1,000 beads fall on a floor", ylim=(-0.05, 1.05))
 
@@ -95,24 +95,28 @@ def draw_pile(ax: Axes) -> None:
     ax.axis("off")
 
 
-def draw_lattice(whole: Axes, forces: Axes) -> None:
-    """Draw how far a table that rises and falls, and a load on the middle of the first row, have thrown the beads."""
-    rows, columns = 30, 60
-    beads = Lattice(rows, columns, m=0.1, gap=0.0, e=0.0, k_side=500.0, c_side=0.05, f=0.981, b="table", name="bead")
-    table = PrescribedMotion("table", Harmonic(2e-3, 100.0))
+def draw_lattice(early: Axes, late: Axes) -> None:
+    """Draw the velocities by which a blow on the first row runs through a lattice on a shaken table, at two instants."""
+    rows, columns = 30, 45
+    beads = Lattice(
+        rows, columns, m=0.1, k=2e3, k_side=2e3, gap=2e-5, e=0.0, c=0.2, b="table", name="bead"
+    )  # fmt: skip
+    table = PrescribedMotion("table", Harmonic(1e-4, 400.0, -0.5 * np.pi))
     x = np.arange(1, columns + 1)
-    push = Loads([(1, int(j)) for j in x], f=30.0, a=np.exp(-(((x - 30.0) / 6.0) ** 2)), name="bead")
-    problem = Problem("lattice", SparseScheme(beads, table, push), q0=dict.fromkeys(beads.masses, 2e-3))
-    run = simulate(problem, dt=1e-4, t_end=0.055, record=())
-    places = {node: i for i, node in enumerate(run.problem.dynamics.nodes)}
-    q = 1e3 * (run.final.q[[places[node] for node in beads.masses]] - run.final.q[places["table"]])
-    force = run.final.reaction.reshape(rows, columns)
-    for ax, values, label in ((whole, -q.reshape(rows, columns), "above the table [mm]"), (forces, force, "$R$ [N]")):
-        image = ax.imshow(values, cmap="Greys", aspect="auto", extent=(0.5, columns + 0.5, rows + 0.5, 0.5))
-        ax.figure.colorbar(image, ax=ax, label=label)
-        ax.set(xlabel="column", ylabel="row")
-    whole.set_title("A lattice thrown by a table")
-    forces.set_title("Forces below its beads")
+    blow = Loads(
+        [(1, int(j)) for j in x], f=Table([0.0, 0.0, 0.02, 0.02], [0.0, 20.0, 20.0, 0.0]),
+        a=np.exp(-(((x - 23.0) / 2.0) ** 2)), name="bead",
+    )  # fmt: skip
+    problem = Problem("lattice", SparseScheme(beads, table, blow))
+    for ax, end in ((early, 0.06), (late, 0.12)):
+        v = simulate(problem, dt=2.5e-4, t_end=end, record=()).final.v[: rows * columns].reshape(rows, columns)
+        most = float(np.quantile(np.abs(v), 0.995))
+        image = ax.imshow(
+            v, interpolation="none", cmap="Greys", vmin=-most, vmax=most, extent=(0.5, columns + 0.5, rows + 0.5, 0.5)
+        )
+        ax.figure.colorbar(image, ax=ax, label="$v$ [m/s]")
+        ax.set(xlabel="column", ylabel="row", title=f"A blow in a shaken lattice, {end:g} s", aspect="auto")
+        ax.grid(False)
 
 
 @style()
