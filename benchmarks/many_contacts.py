@@ -1,11 +1,14 @@
-r"""What a step of many contacts costs: columns of 100 to a million beads, and a pile of discs.
+r"""What a step of many contacts costs: columns of 100 to a million beads, a pile of discs, and a lattice of beads.
 
     python benchmarks/many_contacts.py [--repeats 5] [--most 1000000] [--discs 316]
 
 Times are CPU times of this process. A step is one of the blocks that `simulate` takes, with its judgement and its record;
 what is paid once, before the first step, is shown beside it, for the first column with the loading of the compiled code.
 The column is at rest, where all contacts are closed and all of them are solved for; or its beads fall one after another on
-those that lie, from gaps of 1 mm. All runs are judged as they go, and one that is not solved ends the script. The Thomas
+those that lie, from gaps of 1 mm; or it lies on a floor that vibrates, and a wave pulls each bead by a force of its own.
+The lattice is of columns whose neighbours are joined by springs, so that its matrix has no bands.
+
+All runs are judged as they go, and one that is not solved ends the script. The Thomas
 solve is that of a tridiagonal system as large as the LCP, in the same language. Siconos' column is at rest too, with its own
 Lemke solver.
 """
@@ -22,9 +25,10 @@ from statistics import median
 
 import numba
 import numpy as np
+from scipy.sparse import block_array
 from scipy.sparse.linalg import splu
 
-from lcpimpact import Chain, Problem, SparseScheme, Status, simulate
+from lcpimpact import Chain, Harmonic, Lattice, Loads, PrescribedMotion, Problem, SparseScheme, Status, simulate
 from lcpimpact.arrays import Array
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.lcp.judge import clear_residual_of_chain
@@ -40,6 +44,15 @@ DEBIAN_PYTHON = "/usr/bin/python3"
 def column(n: int, gap: float) -> Problem:
     """Return a column of beads above the floor, the lowest last."""
     return Problem("column", SparseScheme(Chain(n, m=0.1, gap=gap, e=0.0, f=0.981, b="ground", name="bead")))
+
+
+def shaken(n: int) -> Problem:
+    """Return a column on a floor that vibrates, with a harmonic load on each bead."""
+    beads = Chain(n, m=0.1, gap=0.0, e=0.0, f=0.981, b="floor", name="bead")
+    wave = Loads(np.arange(1, n + 1), f=Harmonic(0.1, 40.0), a=np.linspace(-1.0, 1.0, n), name="bead")
+    floor = PrescribedMotion("floor", Harmonic(1e-5, 60.0))
+    start = 1e-5  # the beads lie on the floor
+    return Problem("shaken", SparseScheme(beads, wave, floor), q0=dict.fromkeys(beads.masses, start))
 
 
 @numba.njit(error_model="numpy")
@@ -100,14 +113,16 @@ def siconos(n: int, steps: int) -> float | None:
 def columns(most: int, repeats: int) -> dict[int, float]:
     """Print the cost of columns, and return the seconds of a step of those at rest."""
     found = {}
-    print("column      beads   at rest: ns a bead   falling: ns a bead   paid once: ms")
+    print("column      beads   at rest: ns a bead   falling: ns a bead   shaken: ns a bead   paid once: ms")
     n = 100
     while n <= most:
         steps = max(10, 1_000_000 // n)
         rest, once = step_cost(column(n, 0.0), steps, repeats)
         falling, _ = step_cost(column(n, 1e-3), steps, repeats)
         found[n] = rest
-        print(f"        {n:9,}   {1e9 * rest / n:18.1f}   {1e9 * falling / n:18.1f}   {1e3 * once:13.1f}", flush=True)
+        moving, _ = step_cost(shaken(n), steps, repeats)
+        each = f"{1e9 * rest / n:18.1f}   {1e9 * falling / n:18.1f}   {1e9 * moving / n:17.1f}"
+        print(f"        {n:9,}   {each}   {1e3 * once:13.1f}", flush=True)
         n *= 10
     ratio = max(each / n for n, each in found.items()) / min(each / n for n, each in found.items())
     print(f"ns a bead at rest, largest over smallest: {ratio:.2f}\n")
@@ -159,6 +174,19 @@ def discs(rows: int, repeats: int) -> None:
           f"{run.stats.lcp_iterations / steps:.2f} pivots a step")  # fmt: skip
 
 
+def lattice(rows: int, repeats: int) -> None:
+    """Print the cost of a square lattice at rest on a table, beside a factorisation and a solve of its matrix."""
+    beads = Lattice(rows, rows, m=0.1, gap=0.0, e=0.0, k_side=200.0, f=0.981, b="ground")
+    problem = Problem("lattice", SparseScheme(beads))
+    cost, once = step_cost(problem, 5, repeats)
+    d = problem.dynamics
+    A, n = MoreauJean().matrix(d, DT), len(d.nodes)
+    both, b = block_array([[A, -d.B], [d.H, None]]).tocsc(), np.ones(n + len(d.u0))
+    factor = cpu(lambda: splu(both).solve(b), 1, 1)
+    print(f"lattice of {len(d.u0):,} contacts at rest: {1e3 * cost:.1f} ms a step, {1e3 * once:.0f} ms paid once;")
+    print(f"  one factorisation and solve of [A -Hᵀ; H 0] {1e3 * factor:.1f} ms: a step is {cost / factor:.2f} of it")
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -169,6 +197,7 @@ def main() -> None:
     found = columns(given.most, given.repeats)
     one_thousand(found[1000], given.repeats)
     discs(given.discs, given.repeats)
+    lattice(given.discs, given.repeats)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Draw docs/images/many-contacts.svg: a column of beads, a cradle, an elastic bar at a wall, and a pile of discs.
+"""Draw docs/images/many-contacts.svg: a column of beads, a cradle, an elastic bar at a wall, a pile, and a lattice.
 
 python docs/many_contacts.py
 """
@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.figure import Figure
 
-from lcpimpact import Bumper, Chain, Problem, SparseScheme, simulate
+from lcpimpact import Bumper, Chain, Harmonic, Lattice, Loads, PrescribedMotion, Problem, SparseScheme, Table, simulate
 from lcpimpact.plotting.style import EXACT, INK, PALETTE, save, style
 from lcpimpact.problems.balls import pile
 
@@ -27,8 +27,8 @@ def draw_column(ax: Axes) -> None:
     run = simulate(Problem("column", scheme), dt=1e-5, t_end=0.6, record=[f"bead.{i}" for i in shown])
     for place, i in enumerate(shown):
         height = (n + 1 - i) * gap - run.q[:, place]
-        ax.plot(run.t[::400], height[::400], color=INK, linewidth=0.9, linestyle="-")
-    t = run.t[::400]
+        ax.plot(run.t[::800], height[::800], color=INK, linewidth=0.9, linestyle="-")
+    t = run.t[::800]
     ax.plot(t, np.maximum(n * gap - 0.5 * 9.81 * t**2, 0.0), color=EXACT, linestyle="--", linewidth=1.5)
     ax.set(xlabel="$t$ [s]", ylabel="height [m]", title="1,000 beads fall on a floor", ylim=(-0.05, 1.05))
 
@@ -95,12 +95,38 @@ def draw_pile(ax: Axes) -> None:
     ax.axis("off")
 
 
+def draw_lattice(early: Axes, late: Axes) -> None:
+    """Draw the velocities by which a blow on the first row runs through a lattice on a shaken table, at two instants."""
+    rows, columns = 30, 45
+    beads = Lattice(
+        rows, columns, m=0.1, k=2e3, k_side=2e3, gap=2e-5, e=0.0, c=0.2, b="table", name="bead"
+    )  # fmt: skip
+    table = PrescribedMotion("table", Harmonic(1e-4, 400.0, -0.5 * np.pi))
+    x = np.arange(1, columns + 1)
+    blow = Loads(
+        [(1, int(j)) for j in x], f=Table([0.0, 0.0, 0.02, 0.02], [0.0, 20.0, 20.0, 0.0]),
+        a=np.exp(-(((x - 23.0) / 2.0) ** 2)), name="bead",
+    )  # fmt: skip
+    problem = Problem("lattice", SparseScheme(beads, table, blow))
+    for ax, end in ((early, 0.06), (late, 0.12)):
+        v = simulate(problem, dt=2.5e-4, t_end=end, record=()).final.v[: rows * columns].reshape(rows, columns)
+        most = float(np.quantile(np.abs(v), 0.995))
+        image = ax.imshow(
+            v, interpolation="none", cmap="Greys", vmin=-most, vmax=most, extent=(0.5, columns + 0.5, rows + 0.5, 0.5)
+        )
+        ax.figure.colorbar(image, ax=ax, label="$v$ [m/s]")
+        ax.set(xlabel="column", ylabel="row", title=f"A blow in a shaken lattice, {end:g} s", aspect="auto")
+        ax.grid(False)
+
+
 @style()
 def draw() -> Figure:
     """Return the picture."""
-    figure = Figure(figsize=(7.6, 5.4), layout="constrained")
-    for ax, each in zip(figure.subplots(2, 2).ravel(), (draw_column, draw_cradle, draw_bar, draw_pile), strict=True):
+    figure = Figure(figsize=(7.6, 7.8), layout="constrained")
+    axes = figure.subplots(3, 2).ravel()
+    for ax, each in zip(axes[:4], (draw_column, draw_cradle, draw_bar, draw_pile), strict=True):
         each(ax)
+    draw_lattice(*axes[4:])
     return figure
 
 

@@ -13,17 +13,25 @@ from lcpimpact.certificate import Certificate
 from lcpimpact.certificate.scales import largest_violation
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.integrators.moreau_jean import MoreauJean
-from lcpimpact.integrators.stepping.sparse_kernel import Found, Recorded, Steps
+from lcpimpact.integrators.stepping.law import with_fallbacks
+from lcpimpact.integrators.stepping.sparse_kernel import Found, Given, Recorded, Steps
+from lcpimpact.integrators.stepping.sparse_symbols import input_sizes
 from lcpimpact.integrators.stepping.sparse_table import begin, laws_of, tabulate_sparse
+from lcpimpact.lcp.solver import SolverState
+from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 from lcpimpact.memory import check_memory
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, State, Stats
 from lcpimpact.registry import nearest
+from lcpimpact.scheme.signals import Harmonic
 from lcpimpact.scheme.sparse import SparseDynamics
 from lcpimpact.trajectory import Trajectory
 
-LAWS = ("momentum", "kinematics", "impact_law", "complementarity")
+LAWS = ("momentum", "kinematics", "impact_law", "complementarity", "equilibrium", "motion")
 """The laws that sparse steps judge, in the order of `lcpimpact.integrators.stepping.sparse_kernel`."""
+
+MOST_INPUTS = 1 << 20
+"""Numbers of loads and motions that are kept for steps to come."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,17 +99,22 @@ class SparseRun:
     ----------
     size : int          numbers in the table of a step, per step of the first block
     stats : Stats       cost so far
+    largest : Array     the largest value of each signal of the loads so far
     """
 
     def __init__(self, problem: Problem, method: MoreauJean, grid: Grid, record: Sequence[str] | None) -> None:
         d = cast(SparseDynamics, problem.dynamics)
         self.problem, self.method, self.grid, self.dynamics = problem, method, grid, d
+        for signal in (*d.signals.listed, *d.motions.values()):
+            if isinstance(signal, Harmonic):
+                signal.check_until(grid.t_end)
         self.stats, self.size = Stats(), 64 * len(d.nodes)
         nodes, reactions = _chosen(d, record)
         wanted = 8.0 * (grid.steps + 1) * (2 + 2 * len(nodes) + len(reactions))
         check_memory(wanted, f"{grid.steps:,} steps of the recorded series do", "record fewer nodes, by record=[...]")
         self.step = tabulate_sparse(method.sparse_step(d, grid.h), grid.h, method.tol, method.max_iter)
         self.laws, start = laws_of(d, grid.h), (problem.initial_coordinates, problem.initial_velocities)
+        self.largest = np.zeros(len(d.signals))
         self.motion, self.room, self.found = begin(d, self.laws, self.step.table, start, grid.h)
         q, v = np.empty((2, grid.steps + 1, len(nodes)))
         self.path = Recorded(nodes, reactions, q, v, np.empty((grid.steps, len(reactions))))
@@ -109,13 +122,45 @@ class SparseRun:
 
     def advance(self, first: int, last: int) -> tuple[Status, int]:
         """Take the steps from t_first to t_last; return the status and the last step that was reached."""
-        block = Steps(first, last, self.grid.h, float(self.method.theta), self.method.declared.precision)
-        judge, step = (self.laws, self.room, self.found), self.step
-        status, reached, iterations, residual = step.loop(
-            block, step.table, judge, step.contacts, self.motion, self.path, step.solve, step.kernel
+        steps = max(1, MOST_INPUTS // max(1, sum(input_sizes(self.dynamics))))
+        status, reached = Status.SOLVED, first
+        while status is Status.SOLVED and reached < last:
+            status, reached = self._advance(reached, min(last, reached + steps))
+        return status, reached
+
+    def _advance(self, first: int, last: int) -> tuple[Status, int]:
+        """Take steps whose loads and motions are kept together."""
+        times, step = self.grid.times(first, last), self.step
+
+        def run(solver: SolverState | None, begin: int, end: int) -> tuple[Status, int]:
+            given = self._given(times[begin - first : end - first + 1])
+            if not (known := np.isfinite(given.inputs).all(axis=1)).all():
+                last_known = begin + int(np.argmin(known))
+                found = run(solver, begin, last_known) if last_known > begin else (Status.SOLVED, begin)
+                return (Status.NON_FINITE, found[1]) if found[0] is Status.SOLVED else found
+            block = Steps(begin, end, self.grid.h, float(self.method.theta), self.method.declared.precision, given)
+            judge, kernel = (self.laws, self.room, self.found), solver.kernel if solver else block_pivoting
+            status, reached, iterations, residual = step.loop(
+                block, step.table, judge, step.contacts, self.motion, self.path, step.solve, kernel
+            )
+            self.stats.add_lcps(reached - begin, iterations, residual)
+            return Status(status), reached
+
+        return (
+            with_fallbacks(run, step.solver, step.few, first, last)
+            if step.solver and step.few
+            else run(None, first, last)
         )
-        self.stats.add_lcps(reached - first, iterations, residual)
-        return Status(status), reached
+
+    def _given(self, t: Array) -> Given:
+        """Return the loads and motions of the steps between instants, for the steps and for their judge."""
+        d, θ = self.dynamics, self.method.theta
+        s, (y, rate) = d.signals(t), d.motion(t)
+        np.maximum(self.largest, np.abs(s).max(axis=0), out=self.largest)
+        inputs = [s[:-1], s[1:], y[1:], rate[1:], self.method.mean_rates(d, self.grid.h, t, y, rate)]
+        s_θ = (1.0 - θ) * s[:-1] + θ * s[1:]
+        rows = (np.hstack(inputs), s_θ, np.abs(s_θ), y[1:], rate[1:])
+        return Given(*(np.ascontiguousarray(each) for each in rows))
 
     def trajectory(self, status: Status, reached: int, method: str) -> SparseTrajectory:
         """Return the result of the run up to a step."""
@@ -146,8 +191,11 @@ class SparseRun:
         with np.errstate(all="ignore"):  # where nothing moves, there is no scale
             violations["penetration"], limits["penetration"] = self._penetration()
         balance, scale = map(float, self.found.energy[:2])
-        if self.method.theta == 0.5:
-            limits["energy_balance"] = (self.method.declared.precision + 8.0 * steps * np.finfo(float).eps) * scale
+        # An identity for θ = 1/2, unless coordinates are moved to equilibrium after a step.
+        if self.method.theta == 0.5 and self.dynamics.kinds.static.shape[1] == 0:
+            works, ε = scale + self._energy_of_loads() + float(self.found.energy[5]), np.finfo(float).eps
+            limits["energy_balance"] = (self.method.declared.precision + 8.0 * steps * ε) * works
+            limits["energy_balance"] += 8.0 * ε * float(self.found.energy[6])
         return Certificate(
             residual=self.stats.residual,
             energy_balance=balance,
@@ -161,11 +209,19 @@ class SparseRun:
         """Return the penetration with the largest ratio to its limit, as of other certificates, and that limit."""
         d, room, h, ε = self.dynamics, self.room, self.grid.h, self.method.declared.precision
         place = np.abs(self.motion.x[:, : len(d.nodes)]).max(axis=0)
-        forces = np.abs(d.f) + abs(d.K) @ place + abs(d.C) @ room.speed
-        speed = room.speed + h * forces / d.M.diagonal()
-        gap_change = h * np.maximum(room.rate, abs(d.H) @ speed)
+        forces = np.abs(d.f) + abs(d.F) @ self.largest + abs(d.K) @ place + abs(d.C) @ room.speed
+        speed = room.speed + h * forces * self.laws.per_mass
+        # A contact at position level is closed exactly, unless coordinates are moved to equilibrium after a step.
+        exact = (d.relative_degree < 2) & (d.kinds.static.shape[1] == 0)
+        gap_change = np.where(exact, 0.0, h * np.maximum(room.rate, abs(d.H) @ speed))
         terms = abs(d.H) @ (place + h * self.found.energy[4]) + np.abs(d.u0)
         return largest_violation(room.penetration, gap_change + ε * terms)
+
+    def _energy_of_loads(self) -> float:
+        """Return what the loads that depend on time could give in a step to masses at rest, in J."""
+        d = self.dynamics
+        fall = self.grid.h * (abs(d.F) @ self.largest) * self.laws.per_mass
+        return float(fall @ (abs(d.M) @ fall))
 
 
 def _violations(found: Found) -> tuple[dict[str, float], dict[str, float]]:

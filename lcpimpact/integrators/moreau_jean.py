@@ -56,7 +56,7 @@ from lcpimpact.integrators.base import Declared
 from lcpimpact.integrators.stepping.elimination import product, solve
 from lcpimpact.integrators.stepping.impulse_paths import impulse_paths
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated
-from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, SparseSymbols
+from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, SparseSymbols, select
 from lcpimpact.integrators.stepping.static_balance import static_coordinates
 from lcpimpact.lcp.friction import FORMULATIONS
 from lcpimpact.lcp.operators import Dense
@@ -91,8 +91,8 @@ class MoreauJean(LinearStep):
     -----
     Velocities of massless nodes are means of the step. The reaction is the mean force of the step, which refers to t + θ h.
     A contact of relative degree 2 closes by an impact, whose impulse is in the event and not among the reactions.
-    A `lcpimpact.SparseScheme`, of up to millions of nodes with masses, springs, dashpots and bumpers, takes this step with
-    sparse matrices; see docs/many-contacts.md.
+    A `lcpimpact.SparseScheme`, of up to millions of nodes with springs, dashpots, bumpers, loads and motions, takes this
+    step with sparse matrices; see docs/many-contacts.md.
     """
 
     theta: float = 0.5
@@ -192,17 +192,32 @@ class MoreauJean(LinearStep):
         return y.gap(y.q + 0.5 * h * y.v)
 
     def sparse_step(self, d: SparseDynamics, h: float) -> SparseStep:
-        """Return the step of a system with masses at all nodes and bumpers alone, in sparse matrices."""
+        """Return the step of a system with bumpers alone, and no impulse paths over massless nodes, in sparse matrices."""
         y: Any = SparseSymbols(d)
-        w = y.solve(self.matrix(d, h), self.momentum(y, d, h))
+        w = y.solve(*y.prescribe(self.matrix(d, h), self.momentum(y, d, h), h))
         q, v = self.end(y, w, h)
-        return SparseStep(y, q, v, self.law_of_impact(y, w, d.restitution), self.predicted_gap(y, h))
+        v = select(d.massive, v, w)
+        q, v = select(~d.driven, q, y.prescribed.place), select(~d.driven, v, y.prescribed.rate)
+        impacts = d.relative_degree == 2
+        L = self.law_of_impact(y, select(~d.driven, w, y.prescribed.mean_rate), d.restitution)
+        touching = self.predicted_gap(y, h)
+        if not impacts.all():
+            L = select(impacts, L, y.gap_rate(w) + y.gap(y.q) / h)
+            touching = select(impacts, touching, -y.column(np.ones(len(impacts))))
+        unbalanced = d.kinds.static.T @ (y.loads[1.0] - d.K @ q + y.push(y.P[0] / h))
+        return SparseStep(y, q, v, L, touching, unbalanced)
 
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
         θ, r, driven, A, momentum = self.theta, y.P[0] / h, d.driven, self.matrix(d, h), self.momentum(y, d, h)
-        A[driven], momentum[driven] = np.eye(len(A))[driven], y.prescribed.mean_rate[driven]
+        mean_rate = y.prescribed.mean_rate[driven]
+        A[driven], momentum[driven] = np.eye(len(A))[driven], mean_rate
+        if d.stores_energy and (d.C[driven].any() or d.K[driven].any()):
+            # Springs and dashpots follow the places, also where impacts take another mean of a rate that jumps.
+            momentum[driven] = (y.prescribed.place - y.q)[driven] / h
         w, at_rest = solve(A, momentum), 0.0 * y.v
+        struck = w.copy()
+        struck[driven] = mean_rate
         q, v = self.end(y, w, h)
         v = np.where(d.massive[:, None], v, w)
         q[driven], v[driven] = y.prescribed.place[driven], y.prescribed.rate[driven]
@@ -221,7 +236,7 @@ class MoreauJean(LinearStep):
             rate[driven] = y.prescribed.rate[driven]
             position[second] = y.gap_rate(rate)[second]
         law = Law(
-            L=np.where(impacts, self.law_of_impact(y, w, d.restitution), position),
+            L=np.where(impacts, self.law_of_impact(y, struck, d.restitution), position),
             touching=np.where(impacts, self.predicted_gap(y, h), -y.one),
             springs_at=(y.q + θ * h * w, w),
         )
@@ -246,10 +261,10 @@ class MoreauJean(LinearStep):
         """Return the step with θ = 1, for systems whose state can jump."""
         return replace(self, theta=1.0) if self.theta < 1.0 and can_jump(d) else None
 
-    def mean_rates(self, d: Dynamics, h: float, t: Array, y: Array, rate: Array) -> Array:
+    def mean_rates(self, d: Dynamics | SparseDynamics, h: float, t: Array, y: Array, rate: Array) -> Array:
         """Return the mean rates; if y' jumps in a step, the rate for which U⁺ of its impacts contains y' at its end."""
         mean = super().mean_rates(d, h, t, y, rate)
-        struck = (d.H[d.relative_degree == 2] != 0.0).any(axis=0)
+        struck = abs(d.H[d.relative_degree == 2]).sum(axis=0) > 0.0
         for k, (i, motion) in enumerate(sorted(d.motions.items())):
             if struck[i] and isinstance(motion, PiecewisePolynomial):
                 steps = np.searchsorted(t, motion.breakpoints(t[0], t[-1])) - 1

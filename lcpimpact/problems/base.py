@@ -156,10 +156,11 @@ class Problem:
             )
 
     def _refuse_penetration_of_bumpers(self) -> None:
-        """Refuse bumpers of a sparse scheme that start penetrated, all at masses."""
+        """Refuse bumpers of a sparse scheme that start penetrated, where no static node can give way."""
         q, d = self.initial_coordinates, cast(SparseDynamics, self.dynamics)
         u = d.gap(q)
-        if (below := u < -GIVEN_ZERO_RTOL * (abs(d.H) @ np.abs(q) + np.abs(d.u0))).any():
+        below = u < -GIVEN_ZERO_RTOL * (abs(d.H) @ np.abs(q) + np.abs(d.u0))
+        if (below := below & (d.relative_degree > 0)).any():
             first = int(np.argmax(below))
             raise InputError(
                 f"bumper {d.reactions[first]!r} of problem {self.name!r} starts penetrated by {-u[first]:g} m: move its "

@@ -17,7 +17,7 @@ from lcpimpact.scheme import force_law
 from lcpimpact.scheme.decomposition import Decomposition, decompose
 from lcpimpact.scheme.force_law import ForceLaw
 from lcpimpact.scheme.impulse_paths import extreme_rays, impulse_paths
-from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial, Signal
+from lcpimpact.scheme.signals import PiecewisePolynomial, Signal, places_and_rates, values_at
 from lcpimpact.scheme.terms import PowerLaw, RowLaw, Terms
 
 T = TypeVar("T")
@@ -343,18 +343,7 @@ class Dynamics:
     def motion(self, t: ArrayLike) -> tuple[Array, Array]:
         """Return y(t) and y'(t) of the driven nodes, in the order of their indices, with the shape of t and then (np,)."""
         times = _instants(t)
-        y, rate = np.zeros((2, *times.shape, len(self.motions)), np.result_type(times, self.M))
-        for k, i in enumerate(sorted(self.motions)):
-            signal = self.motions[i]
-            if isinstance(signal, PiecewisePolynomial):
-                found = signal.derivatives(times)
-                y[..., k] = found[..., 0]
-                if signal.degree:
-                    rate[..., k] = found[..., 1]
-            else:
-                y[..., k] = _values(signal, times)
-                rate[..., k] = _values(signal.rate, times)
-        return y, rate
+        return places_and_rates([self.motions[i] for i in sorted(self.motions)], times, np.result_type(times, self.M))
 
     @cached_property
     def massive(self) -> Flags:
@@ -381,10 +370,8 @@ class Dynamics:
         times = _instants(t)
         f = np.full((*times.shape, len(self.nodes)), 0.0, np.result_type(times, self.M))
         for i, load in self.loads:
-            if isinstance(load, PiecewisePolynomial):
-                f[..., i] += load.derivatives(times)[..., 0]
-            elif callable(load):
-                f[..., i] += _values(load, times)
+            if callable(load):
+                f[..., i] += values_at(load, times)
             else:
                 f[..., i] += load
         return f
@@ -487,13 +474,6 @@ def _instants(t: ArrayLike) -> Array:
     """Return times as an array, of floats if they are no formulas."""
     times = np.asarray(t)
     return times if times.dtype == object else times.astype(np.float64)
-
-
-def _values(function: Callable[..., Any], times: Array) -> Array:
-    """Return the values of a function of time, with the shape of the times."""
-    if isinstance(getattr(function, "__self__", function), Harmonic):
-        return np.asarray(function(times))
-    return np.array([function(float(s)) for s in times.ravel()]).reshape(times.shape)
 
 
 def _quadratic_form(matrix: Array, x: ArrayLike) -> Array:

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
 from typing import Any, Protocol
@@ -491,6 +491,103 @@ SIGNALS: dict[str, type[Described]] = {each.__name__: each for each in (Harmonic
 
 SIGNAL_NAMES = "Harmonic(...), Polynomial(...), Ramp(...), Table(...) or Square(...)"
 """Names of these signals, for errors."""
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A function of time times a number."""
+
+    factor: float
+    given: Callable[[float], float]
+
+    def __call__(self, t: float, /) -> float:
+        """Return the value at time t."""
+        return self.factor * self.given(t)
+
+
+SIZES: dict[type[Any], tuple[str, ...]] = {
+    Harmonic: ("amplitude",),
+    Square: ("amplitude",),
+    Ramp: ("start", "end"),
+    Polynomial: ("coefficients",),
+    Table: ("values",),
+}
+"""The fields of a signal that are in its unit."""
+
+
+def scaled(signal: Any, factor: float) -> Any:
+    """Return a number or a function of time times a number; a signal that is described stays so."""
+    if not callable(signal):
+        return factor * signal
+    if type(signal) not in SIZES:
+        return Scaled(factor, signal)
+    old = {name: getattr(signal, name) for name in SIZES[type(signal)]}
+    new = {name: tuple(factor * x for x in each) if is_sequence(each) else factor * each for name, each in old.items()}
+    return replace(signal, **new)
+
+
+def values_at(function: Any, times: Array) -> Array:
+    """Return the values of a function of time, with the shape of the times."""
+    if isinstance(function, PiecewisePolynomial):
+        return np.asarray(function.derivatives(times)[..., 0])
+    if isinstance(function, Harmonic):
+        return np.asarray(function(times))
+    return np.array([function(float(s)) for s in times.ravel()]).reshape(times.shape)
+
+
+def places_and_rates(motions: Sequence[Any], times: Array, kind: Any = np.float64) -> tuple[Array, Array]:
+    """Return y(t) and y'(t) of motions, with the shape of the times and then (np,)."""
+    y, rate = np.zeros((2, *times.shape, len(motions)), kind)
+    for k, motion in enumerate(motions):
+        if isinstance(motion, PiecewisePolynomial):
+            found = motion.derivatives(times)
+            y[..., k] = found[..., 0]
+            if motion.degree:
+                rate[..., k] = found[..., 1]
+        elif isinstance(motion, Harmonic):
+            y[..., k], rate[..., k] = motion(times), motion.rate(times)
+        else:
+            y[..., k], rate[..., k] = values_at(motion, times), values_at(motion.rate, times)
+    return y, rate
+
+
+class Signals:
+    """Functions of time, each listed once: waves by their frequency and phase, others as they are.
+
+    A load a cos(ω t + φ) is a times the signal cos(ω t + φ), and other loads are themselves times 1.
+    """
+
+    def __init__(self) -> None:
+        self._waves: dict[tuple[float, float], int] = {}
+        self._others: dict[Any, tuple[int, Any]] = {}
+
+    def __len__(self) -> int:
+        return len(self._waves) + len(self._others)
+
+    @property
+    def listed(self) -> list[Any]:
+        """The signals, waves with the amplitude 1."""
+        found = [(place, Harmonic(1.0, *wave)) for wave, place in self._waves.items()]
+        return [signal for _, signal in sorted([*found, *self._others.values()], key=lambda each: each[0])]
+
+    def place(self, signal: Any) -> tuple[float, int]:
+        """List a signal if it is new; return its amplitude and its place."""
+        if isinstance(signal, Harmonic):
+            wave = float(signal.omega), float(signal.phase)
+            return float(signal.amplitude), self._waves.setdefault(wave, len(self))
+        key = signal if isinstance(signal, PiecewisePolynomial) else id(signal)
+        return 1.0, self._others.setdefault(key, (len(self), signal))[0]
+
+    def __call__(self, t: ArrayLike) -> Array:
+        """Return s(t), with the shape of t followed by (ns,)."""
+        times = np.asarray(t, dtype=np.float64)
+        values = np.zeros((*times.shape, len(self)))
+        if self._waves:
+            omega, phase = np.array([*self._waves]).T
+            values[..., list(self._waves.values())] = cosine(omega * times[..., None] + phase)
+        for place, signal in self._others.values():
+            values[..., place] = values_at(signal, times)
+        return values
 
 
 def _check_wave(signal: Any, amplitude: float, omega: float, phase: float) -> None:

@@ -8,18 +8,17 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy import sparse
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.elements.base import GROUND, Element
-from lcpimpact.scheme.elements.chain import Chain
+from lcpimpact.scheme.elements.base import GROUND, ArrayElement, Element
 from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.signals import PiecewisePolynomial, Signal, Signals, places_and_rates
+from lcpimpact.scheme.sparse_decomposition import Sparse, SparseDecomposition, decompose_sparse
 from lcpimpact.scheme.terms import End, Row, RowLaw, Terms
-
-Sparse = Any
-"""A matrix in compressed rows, `scipy.sparse.csr_array`."""
 
 TAKE_SCHEME = "take Scheme in place of SparseScheme"
 
@@ -68,6 +67,7 @@ class SparseTerms(Terms):
         self.C: Any = SparseSum()
         self.K: Any = SparseSum()
         self.f = np.zeros(len(nodes))
+        self.F, self.signals = SparseSum(), Signals()
         self.loads, self.rows, self.springs, self.force_laws, self.motions = [], [], [], [], {}
         self.bumper_arrays: list[tuple[int, Bumpers]] = []
 
@@ -75,9 +75,13 @@ class SparseTerms(Terms):
         """Return the indices of nodes, -1 for the ground."""
         return np.array([self.index.get(node, -1) for node in nodes], dtype=np.int64)
 
-    def load(self, at: Indices, f: Array) -> None:
-        """Add constant loads to nodes."""
-        self.f[at] += f
+    def load(self, at: Any, amplitudes: Any, f: Any = 1.0) -> None:
+        """Add loads to nodes, all different: amplitudes times a constant or a signal."""
+        if callable(f):
+            unit, place = self.signals.place(f)
+            self.F.add(unit * np.asarray(amplitudes), (at, place))
+        else:
+            self.f[at] += f * amplitudes
 
     def link(self, matrix: Any, a: str, b: str, value: float) -> None:
         """Add ``value`` times the square of (q_b - q_a) to the quadratic form of ``matrix``."""
@@ -123,29 +127,31 @@ def _coefficients(end: End) -> Iterable[tuple[str, float]]:
 
 
 def _gaps(rows: Sequence[Row]) -> tuple[Array, Array]:
-    """Return the gaps and the coefficients of restitution of single bumpers."""
-    for row in rows:
-        if row.e is None:
-            raise InputError(f"{row.element}: both sides have mass, so impacts need a restitution coefficient; give e=")
+    """Return the gaps and the coefficients of restitution of single bumpers, NaN where none is given."""
     return np.array([row.gap for row in rows]), np.array([row.e for row in rows], dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class SparseDynamics:
-    r"""The equations of motion of masses with springs, dashpots, constant loads and bumpers, in sparse matrices.
+    r"""The equations of motion of masses with springs, dashpots, loads and bumpers, in sparse matrices.
 
-    .. math:: M \ddot q + C \dot q + K q = f + H^T r, \qquad 0 \le u = H q + u_0 \perp r \ge 0
+    .. math:: M \ddot q + C \dot q + K q = f + F s(t) + H^T r, \qquad 0 \le u = H q + u_0 \perp r \ge 0
 
-    with Newton's law at impacts: every node has mass, so that all contacts have relative degree 2.
+    with Newton's law at impacts, of contacts of relative degree 2. The rows of nodes with prescribed motion, q_i = y(t), are
+    no equations of motion.
 
     Attributes
     ----------
     nodes : tuple of str            the coordinates, in the order of q
     M, C, K : (n, n) sparse         mass (kg), damping (N s/m), stiffness (N/m), in compressed rows
     f : (n,) array                  constant loads in N
+    F : (n, ns) sparse              loads in N for a unit of each signal
+    signals : Signals               the functions of time s
+    motions : dict                  index of each node with prescribed motion, and its motion
     H : (nc, n) sparse              constraint matrix, in compressed rows
-    u0, restitution : (nc,) arrays  gaps in m at q = 0, and coefficients of restitution
+    u0, restitution : (nc,) arrays  gaps in m at q = 0, and coefficients of restitution, 0 where no impulse acts
     reactions : tuple of str        the names of the reactions
+    kinds : SparseDecomposition     nodes with and without mass, and the relative degrees
     """
 
     nodes: tuple[str, ...]
@@ -153,10 +159,14 @@ class SparseDynamics:
     C: Sparse
     K: Sparse
     f: Array
+    F: Sparse
+    signals: Signals
+    motions: Mapping[int, Signal]
     H: Sparse
     u0: Array
     restitution: Array
     reactions: tuple[str, ...]
+    kinds: SparseDecomposition
 
     @cached_property
     def B(self) -> Sparse:
@@ -170,18 +180,23 @@ class SparseDynamics:
         raise AttributeError(name)
 
     @property
-    def motions(self) -> Mapping[int, Any]:
-        """None: no node has a prescribed motion."""
-        return {}
+    def driven(self) -> Flags:
+        """Which nodes have a prescribed motion (n,)."""
+        return self.kinds.driven
 
     @property
-    def driven(self) -> Flags:
-        """Which nodes have a prescribed motion (n,): none."""
-        return np.zeros(len(self.nodes), dtype=np.bool_)
+    def massive(self) -> Flags:
+        """Which nodes move by a mass of their own (n,)."""
+        return self.kinds.massive
 
-    def motion(self, t: float) -> tuple[Array, Array]:
-        """Return y(t) and y'(t) of no node."""
-        return np.zeros(0), np.zeros(0)
+    @property
+    def relative_degree(self) -> Indices:
+        """Relative degree of each contact (nc,)."""
+        return self.kinds.relative_degree
+
+    def motion(self, t: ArrayLike) -> tuple[Array, Array]:
+        """Return y(t) and y'(t) of the driven nodes, in the order of their indices, with the shape of t and then (np,)."""
+        return places_and_rates([self.motions[i] for i in sorted(self.motions)], np.asarray(t, dtype=np.float64))
 
     @cached_property
     def index(self) -> dict[str, int]:
@@ -201,9 +216,10 @@ class SparseDynamics:
 class SparseScheme(Scheme):
     """A scheme of up to millions of nodes, assembled into sparse matrices.
 
-    It takes masses, linear springs and dashpots, constant loads, and bumpers, in any number of `Chain`, `Bar`, `Mass`, ...;
-    every node must have a mass. `simulate` runs it by moreau-jean, with the result of the same `Scheme`, and records the
-    nodes and reactions that ``record=`` names.
+    It takes masses, linear springs and dashpots, loads that are constant or signals, prescribed motions, and bumpers, in any
+    number of `Chain`, `Lattice`, `Tree`, `Bar`, `Mass`, ...; and nodes without mass through which no impulse passes.
+    `simulate` runs it by moreau-jean, with the result of the same `Scheme`, and records the nodes and reactions that
+    ``record=`` names.
 
     Parameters
     ----------
@@ -212,10 +228,13 @@ class SparseScheme(Scheme):
 
     Examples
     --------
-    A column of a thousand beads, 1 mm apart, above the floor:
+    A column of a thousand beads, 1 mm apart, above a floor that vibrates:
 
-    >>> from lcpimpact import Chain, Problem, SparseScheme, simulate
-    >>> column = SparseScheme(Chain(1000, m=0.1, gap=1e-3, e=0.0, f=0.981, b="ground", name="bead"))
+    >>> from lcpimpact import Chain, Harmonic, PrescribedMotion, Problem, SparseScheme, simulate
+    >>> column = SparseScheme(
+    ...     Chain(1000, m=0.1, gap=1e-3, e=0.0, f=0.981, b="floor", name="bead"),
+    ...     PrescribedMotion("floor", Harmonic(amplitude=1e-4, omega=60.0, phase=-1.5707963267948966)),
+    ... )
     >>> run = simulate(Problem("column", column), dt=1e-3, t_end=0.05, record=["bead.1000", "bead.R1000"])
     >>> run.success, run["bead.1000"].shape
     (True, (51,))
@@ -232,28 +251,24 @@ def assemble_sparse(elements: Sequence[Element]) -> SparseDynamics:
     Raises
     ------
     InputError
-        If a node has no mass, names are not unique, bumpers act in parallel, or a coefficient of restitution is missing.
+        If a node is held by nothing, pushed over or would jump, has a mass and a motion or two motions, names are not
+        unique, bumpers act in parallel, or a coefficient of restitution is missing or meaningless.
     UnsupportedError
-        If an element has another law than that of a bumper, or a load or motion that depends on time.
+        If an element has another law than that of a bumper, an impulse could pass through a node without mass, or a bumper
+        is between two motions.
     """
     nodes = list(dict.fromkeys(node for element in elements for node in element.nodes if node != GROUND))
     if not nodes:
         raise InputError("the scheme has no element yet: add a Chain, a Mass, ... before it is assembled")
     terms = SparseTerms(nodes)
     for element in elements:
-        if isinstance(element, Chain):
+        if isinstance(element, ArrayElement):
             element.contribute_arrays(terms)
         else:
             element.contribute(terms)
-    _refuse_other_laws(terms, nodes)
+    _refuse_other_laws(terms)
     n = len(nodes)
     M, C, K = (each.matrix(n, n) for each in (terms.M, terms.C, terms.K))
-    massless: Flags = ~(M.diagonal() > 0.0)
-    if massless.any():
-        raise UnsupportedError(
-            f"node {nodes[int(np.argmax(massless))]!r} has no mass, which sparse steps need at every node: give it a Mass, "
-            f"or {TAKE_SCHEME}"
-        )
     found = list(terms.all_bumpers())
     reactions = tuple(name for names, _, _, _ in found for name in names)
     u0, e = (np.concatenate([np.zeros(0), *(each[k] for each in found)]) for k in (1, 2))
@@ -261,20 +276,55 @@ def assemble_sparse(elements: Sequence[Element]) -> SparseDynamics:
     _refuse_same_names(nodes, reactions)
     _refuse_parallel_bumpers(H, u0, reactions)
     for i, load in terms.loads:
-        terms.f[i] += float(load)  # type: ignore[arg-type]
-    return SparseDynamics(tuple(nodes), M, C, K, terms.f, H, u0, e, reactions)
+        terms.load(i, 1.0, load)
+    driven: Flags = np.isin(np.arange(n), list(terms.motions))
+    kinds = decompose_sparse((M, C, K), H, driven, (nodes, reactions))
+    F = terms.F.matrix(n, len(terms.signals))
+    _refuse_jumps(terms.signals, F, kinds, nodes)
+    restitution = _restitution(e, kinds, reactions)
+    return SparseDynamics(
+        tuple(nodes), M, C, K, terms.f, F, terms.signals, dict(terms.motions), H, u0, restitution, reactions, kinds
+    )
 
 
-def _refuse_other_laws(terms: SparseTerms, nodes: Sequence[str]) -> None:
+def _refuse_other_laws(terms: SparseTerms) -> None:
     """Refuse what only dense steps can take."""
     others = [f"{row.element} (a {row.law.value})" for row in terms.rows if row.law is not RowLaw.CONTACT]
     others += [each.element for each in terms.springs] + [each.element for each in terms.force_laws]
-    others += [f"the prescribed motion of {nodes[i]!r}" for i in terms.motions]
-    others += [f"the load on {nodes[i]!r}, which depends on time" for i, load in terms.loads if callable(load)]
     if others:
         raise UnsupportedError(
-            f"sparse steps take masses, springs, dashpots, constant loads and bumpers, and not {others[0]}: {TAKE_SCHEME}"
+            f"sparse steps take masses, springs, dashpots, loads, motions and bumpers, and not {others[0]}: {TAKE_SCHEME}"
         )
+
+
+def _refuse_jumps(signals: Signals, F: Sparse, kinds: SparseDecomposition, nodes: Sequence[str]) -> None:
+    """Refuse loads that jump at nodes that only springs hold, which would jump too."""
+    jumping = np.array(
+        [isinstance(each, PiecewisePolynomial) and not each.continuous for each in signals.listed], dtype=np.float64
+    )
+    if kinds.static.shape[1] and jumping.any():
+        moved = (abs(F) @ jumping > 0.0) & (kinds.static.sum(axis=1) > 0.0)
+        if moved.any():
+            raise InputError(
+                f"the load on {nodes[int(np.argmax(moved))]!r} jumps, and so would that node, which only springs hold: give "
+                "it a Mass or a Dashpot, or increase the load gradually by a Ramp or a Table"
+            )
+
+
+def _restitution(e: Array, kinds: SparseDecomposition, reactions: Sequence[str]) -> Array:
+    """Return the coefficients of restitution, 0 where no impulse acts; those missing or meaningless are refused."""
+    given, impacts = ~np.isnan(e), kinds.relative_degree == 2
+    if (missing := impacts & ~given).any():
+        raise InputError(
+            f"bumper {reactions[int(np.argmax(missing))]!r}: both sides have mass, so impacts need a restitution "
+            "coefficient; give e="
+        )
+    if (vain := given & ~impacts).any():
+        raise InputError(
+            f"bumper {reactions[int(np.argmax(vain))]!r}: e means nothing, since the contact plate is massless, on a spring "
+            "or dashpot, and no impulse acts; leave e out"
+        )
+    return np.where(given, e, 0.0)
 
 
 def _refuse_same_names(nodes: Sequence[str], reactions: Sequence[str]) -> None:

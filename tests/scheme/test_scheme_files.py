@@ -111,6 +111,12 @@ def example(kind):
         values["f"] = (1.5, SIGNAL)
     if kind is li.Chain:
         values["f"] = (1.5, 0.0)
+    if kind is li.Tree:
+        values |= {"on": (0, 1, 1), "f": (1.5, 0.0, 2.0)}
+    if kind is li.Lattice:
+        values |= {"rows": 2, "columns": 2, "f": 1.5, "gap": (0.1, 0.2, 0.3, 0.4, 0.5, 0.7)}
+    if kind is li.Loads:
+        values |= {"at": (1, 4), "a": (0.25, -1.5)}
     return kind(**values)
 
 
@@ -121,6 +127,7 @@ def hold(*elements, held=True):
     bounds = [
         li.Bumper(each.upper, each.lower, e=0.0, name=each.normal) for each in elements if isinstance(each, li.Friction)
     ]
+    nodes += [node for each in elements if isinstance(each, li.Loads) for node in each.nodes]
     return Scheme(*elements, *bounds, *(li.Mass(node, 0.1) for node in nodes if node not in moved))
 
 

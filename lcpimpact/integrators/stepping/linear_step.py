@@ -61,6 +61,7 @@ from lcpimpact.lcp.solve import limits, solve_lcp
 from lcpimpact.lcp.solver import SolverState
 from lcpimpact.record import Record
 from lcpimpact.scheme.dynamics import Dynamics, Feature
+from lcpimpact.scheme.sparse import SparseDynamics
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -400,7 +401,7 @@ class LinearStep(TimeStepping[Tabulated]):
 
         return loads
 
-    def mean_rates(self, d: Dynamics, h: float, t: Array, y: Array, rate: Array) -> Array:
+    def mean_rates(self, d: Dynamics | SparseDynamics, h: float, t: Array, y: Array, rate: Array) -> Array:
         """Return the mean rates of the prescribed motions in the steps between instants (steps, nd)."""
         return np.diff(y, axis=0) / h
 

@@ -1,13 +1,15 @@
 r"""The compiled loop of sparse steps, with the laws of each step judged in it.
 
-The numbers of a step are x = (q, v, P, w), w only where A is not diagonal; two of them are kept, at t and at t + h, and
-change places from step to step. The laws are judged on q, v, q⁺, v⁺ and P alone, by stencils of their own: the momentum of
-each node,
+The numbers of a step are x = (q, v, P, s, w), with the inputs s of `lcpimpact.integrators.stepping.sparse_symbols`, and w
+only where A is not diagonal; two of them are kept, at t and at t + h, and change places from step to step. The laws are
+judged on q, v, q⁺, v⁺ and P alone, by stencils of their own: the momentum of each node,
 
-.. math:: M (v^+ - v) + h K q_θ + C (q^+ - q) - h f - H^T P = 0, \qquad q_θ = (1 - θ) q + θ q^+,
+.. math:: M (v^+ - v) + h K q_θ + C (q^+ - q) - h f_θ - H^T P = 0, \qquad q_θ = (1 - θ) q + θ q^+,
 
-its kinematics q⁺ - q = h v_θ, the law of impact and the gap of each contact, and the energy. Of each law the largest ratio
-of a violation to its limit is kept, with both.
+its kinematics q⁺ - q = h v_θ, the law of impact and the gap of each contact, and the energy. A node without mass has the
+same balance, and q⁺ - q = h v⁺; one with prescribed motion has its place and velocity. Loads and motions are not read from
+the inputs of the step, but given to the judge separately. Of each law the largest ratio of a violation to its limit is kept,
+with both.
 """
 
 from __future__ import annotations
@@ -31,11 +33,38 @@ from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
 
-MOMENTUM, KINEMATICS, IMPACT_LAW, COMPLEMENTARITY = range(4)
+MOMENTUM, KINEMATICS, IMPACT_LAW, COMPLEMENTARITY, EQUILIBRIUM, MOTION_LAW = range(6)
 """The laws that are judged in each step."""
+
+MASSIVE, MASSLESS, STATIC, DRIVEN = range(4)
+"""The kinds of nodes: with mass, without, held by springs alone, with prescribed motion."""
+
+NEGLIGIBLE = 1e-9
+"""Terms of a balance, relative to the largest of all nodes, to which the solution of A w = b is below its rounding."""
 
 CLOSED_RTOL = 1e-12
 """Predicted penetration, relative to the terms of the gap, below which a contact need not act."""
+
+
+class StaticCoordinates(NamedTuple):
+    """The coordinates that springs alone hold, which end a step in equilibrium where no closed contact holds them.
+
+    Attributes
+    ----------
+    node, of : (m,) arrays          the nodes that they move, and the coordinate of each
+    contact, held : (p,) arrays     contacts, and the coordinate that each holds where it is closed
+    stiffness : (k,) array          Sᵀ K S where it is diagonal; its diagonal
+    force : (k,) array              room for the forces, and for the ways
+    free : (k,) flags               room
+    """
+
+    node: Indices
+    of: Indices
+    contact: Indices
+    held: Indices
+    stiffness: Array
+    force: Array
+    free: Flags
 
 
 class SparseTable(NamedTuple):
@@ -46,6 +75,8 @@ class SparseTable(NamedTuple):
     touching, L : Stencil       predicted gaps, and L without its part W P
     momentum, factor            right side of A w = b, and the bands of the Cholesky factor of A; empty where A is diagonal
     end : Stencil               q⁺ and v⁺ (2n rows)
+    unbalanced : Stencil        the forces on the static coordinates at the end
+    static : StaticCoordinates
     near : (nc,) array          gap by P up to which a contact that has just pushed takes part, as rounding may open it
     weight : (nc,) array        W_ii
     """
@@ -55,6 +86,8 @@ class SparseTable(NamedTuple):
     momentum: Stencil
     factor: Array
     end: Stencil
+    unbalanced: Stencil
+    static: StaticCoordinates
     near: Array
     weight: Array
 
@@ -67,8 +100,14 @@ class Laws(NamedTuple):
     momentum, elastic, damping      M v, K q and C q
     push, pushes                    Hᵀ P, and |H|ᵀ P
     gap, rate                       u and U
-    f, per_mass, stiffness (n,)     loads, 1/M_ii, and h |K_ii| + |C_ii|
+    pull                            h |K| + |C|
+    load, loads                     h f_θ by the signals of the loads at t_θ, and its terms by their |values|
+    turn                            what the rates of the driven nodes add to U
+    per_mass (n,)                   1/M_ii, 0 without mass
     e, u0 (nc,)                     coefficients of restitution, and gaps at q = 0
+    kind (n,)                       kinds of the nodes; none where all have mass
+    impacts (nc,)                   contacts of relative degree 2; none where all are
+    driven (nd,)                    nodes with prescribed motion
     """
 
     momentum: Stencil
@@ -78,11 +117,16 @@ class Laws(NamedTuple):
     pushes: Stencil
     gap: Stencil
     rate: Stencil
-    f: Array
+    pull: Stencil
+    load: Stencil
+    loads: Stencil
+    turn: Stencil
     per_mass: Array
-    stiffness: Array
     e: Array
     u0: Array
+    kind: Indices
+    impacts: Flags
+    driven: Indices
 
 
 class Contacts(NamedTuple):
@@ -122,8 +166,12 @@ class Motion(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Arrays a step works in: predicted and final gaps (nc,), Hᵀ P and |H|ᵀ P (n,).
+    """Arrays a step works in: predicted and final gaps (nc,), Hᵀ P, |H|ᵀ P, h f_θ and its terms (n,).
 
+    ``reach`` is |q| + |q⁺|, and ``pull`` the terms of springs and dashpots by it (n,), where there are any.
+
+    Where coordinates are static, ``reached`` and ``elastic`` are q and K q before they are moved (n,); where motions are
+    prescribed, ``turned`` is U⁺ by the mean rates of the step less U⁺ (nc,), with ``turning`` for each motion (nd,).
     Those of the whole run are the largest -u and |U| of each contact (nc,), and the largest |v| of each node with what the
     impulses of the step change it by (n,).
     """
@@ -132,15 +180,26 @@ class Room(NamedTuple):
     gap: Array
     push: Array
     pushes: Array
+    load: Array
+    loads: Array
+    reach: Array
+    pull: Array
+    reached: Array
+    elastic: Array
+    turned: Array
+    turning: Array
     penetration: Array
     rate: Array
     speed: Array
 
 
 class Found(NamedTuple):
-    """What judging has found: ratio, violation and limit of each law (3, 4), and the account of energy (5,).
+    """What judging has found: ratio, violation and limit of each law (3, 6), and the account of energy (8,).
 
-    The account is the largest imbalance, the scale, the stored energy, the sum of imbalances, and the largest speed.
+    The account is the largest imbalance, the scale, the stored energy, the sum of imbalances, and the largest speed; where
+    loads or motions depend on time, the largest sum of the works of all forces of a step, taken as positive, and the works
+    of these forces along |q| + |q⁺| in all steps, whose rounding is in the balance; and the largest terms of a balance of
+    momentum, where springs or dashpots couple them.
     """
 
     laws: Array
@@ -157,24 +216,44 @@ class Recorded(NamedTuple):
     r: Array
 
 
+class Given(NamedTuple):
+    """The loads and motions of the steps of a block, one row a step.
+
+    Attributes
+    ----------
+    inputs : (steps, ni) array          of the step
+    signals, sizes : (steps, ns)        of the loads at t_θ, for the judge, and their absolute values
+    place, rate : (steps, nd) arrays    of the driven nodes at t + h, for the judge
+    """
+
+    inputs: Array
+    signals: Array
+    sizes: Array
+    place: Array
+    rate: Array
+
+
 class Steps(NamedTuple):
-    """The steps of a block: first and last instant, h, θ, and the precision ε of the laws."""
+    """The steps of a block: first and last instant, h, θ, the precision ε of the laws, and the loads and motions."""
 
     first: int
     last: int
     h: float
     θ: float
     ε: float
+    given: Given
 
 
-TABLE: Any = named_tuple((STENCIL,) * 3 + (matrix, STENCIL, vector, vector), SparseTable)
-LAWS: Any = named_tuple((STENCIL,) * 7 + (vector,) * 5, Laws)
+STATIC_COORDINATES: Any = named_tuple((indices,) * 4 + (vector, vector, flags), StaticCoordinates)
+TABLE: Any = named_tuple((STENCIL,) * 3 + (matrix, STENCIL, STENCIL, STATIC_COORDINATES, vector, vector), SparseTable)
+LAWS: Any = named_tuple((STENCIL,) * 11 + (vector,) * 3 + (indices, flags, indices), Laws)
 CONTACTS: Any = named_tuple((matrix, vector, vector, vector, flags, vector, vector, POOLS, f8, i8), Contacts)
 MOTION: Any = named_tuple((matrix,) * 5, Motion)
-ROOM: Any = named_tuple((vector,) * 7, Room)
+ROOM: Any = named_tuple((vector,) * 15, Room)
 FOUND: Any = named_tuple((matrix, vector), Found)
 RECORDED: Any = named_tuple((indices, indices, matrix, matrix, matrix), Recorded)
-STEPS: Any = named_tuple((i8, i8, f8, f8, f8), Steps)
+GIVEN: Any = named_tuple((matrix,) * 5, Given)
+STEPS: Any = named_tuple((i8, i8, f8, f8, f8, GIVEN), Steps)
 RESULT: Any = types.Tuple((i8, i8, f8))
 ContactSolver = Callable[[Contacts, Array, Kernel], tuple[int, int, float]]
 CONTACT_SOLVER: Any = types.FunctionType(RESULT(CONTACTS, vector, KERNEL))
@@ -238,53 +317,115 @@ def choose_active(table: SparseTable, contacts: Contacts, x: Array, P: Array, ro
 @compiled(types.void(FOUND, i8, f8, f8), inline="always", allocates=False)
 def note(found: Found, law: int, violation: float, limit: float) -> None:
     """Keep a violation if its ratio to its limit is the largest so far."""
-    if not violation <= found.laws[0, law] * limit:
+    if violation != 0.0 and not violation <= found.laws[0, law] * limit:
         found.laws[0, law] = violation / limit if limit > 0.0 else np.inf
         found.laws[1, law], found.laws[2, law] = violation, limit
+
+
+@compiled(types.void(STEPS, i8, LAWS, MOTION, i8, ROOM, FOUND), allocates=False)
+def judge_motions(block: Steps, k: int, laws: Laws, motion: Motion, new: int, room: Room, found: Found) -> None:
+    """Judge the driven nodes, and find U⁺ by their mean rates m, v + (m - v)/θ, which obeys the law of impact.
+
+    A mean rate is that of the places, or of the rates where one jumps.
+    """
+    now, then, n, nd, h, ε = motion.x[new], motion.x[1 - new], len(room.push), len(laws.driven), block.h, block.ε
+    place, rate = block.given.place[k - block.first], block.given.rate[k - block.first]
+    inputs = block.given.inputs[k - block.first]
+    for j in range(len(laws.driven)):
+        i = laws.driven[j]
+        v, v_then, mean, moved = now[n + i], then[n + i], inputs[len(inputs) - nd + j], now[i] - then[i]
+        off = abs(now[i] - place[j]) + h * abs(v - rate[j])
+        off += min(abs(h * mean - moved), h * abs(mean - (1.0 - block.θ) * v_then - block.θ * v))
+        note(found, MOTION_LAW, off, ε * (abs(place[j]) + abs(then[i]) + h * (abs(v) + abs(v_then))))
+        room.turning[j] = v_then + (mean - v_then) / block.θ - v
+    apply(laws.turn, room.turning, room.turned)
+
+
+@compiled(types.void(LAWS, MOTION, i8, ROOM), inline="always", allocates=False)
+def find_forces(laws: Laws, motion: Motion, new: int, room: Room) -> None:
+    """Find the momenta and forces of a step."""
+    now, then = motion.x[new], motion.x[1 - new]
+    apply(laws.momentum, now, motion.momentum[new])
+    if not is_empty(laws.elastic):
+        apply(laws.elastic, now, motion.elastic[new])
+        if len(room.reached) > 0:
+            apply(laws.elastic, room.reached, room.elastic)
+    if not is_empty(laws.damping):
+        apply(laws.damping, now, motion.damping[new])
+    if len(room.pull) > 0:
+        for i in range(len(room.reach)):
+            room.reach[i] = abs(now[i]) + abs(then[i])
+        apply(laws.pull, room.reach, room.pull)
+    apply(laws.push, then, room.push)
+    apply(laws.pushes, then, room.pushes)
+
+
+@compiled(types.boolean(STEPS, LAWS, MOTION, i8, ROOM, FOUND, types.boolean), inline="always", allocates=False)
+def judge_all_nodes(
+    block: Steps, laws: Laws, motion: Motion, new: int, room: Room, found: Found, special: bool
+) -> bool:
+    """Judge the nodes as `judge_nodes` does; unless ``special`` all have mass, and loads are constant."""
+    h, θ, ε, old, n = block.h, block.θ, block.ε, 1 - new, len(room.push)
+    now, then = motion.x[new], motion.x[old]
+    stored, work, speed, stiff = 0.0, 0.0, found.energy[4], len(room.pull) > 0
+    alike, moved_later = not special or len(laws.kind) == 0, special and len(room.reached) > 0
+    largest, floor = found.energy[7], NEGLIGIBLE * found.energy[7]
+    works, rounding, varying = 0.0, 0.0, special and (len(laws.driven) > 0 or not is_empty(laws.load))
+    for start in range(0, n, STRIP):
+        part, part_work, part_works, part_rounding = 0.0, 0.0, 0.0, 0.0
+        for i in range(start, min(start + STRIP, n)):
+            q, q_then, v, v_then = now[i], then[i], now[n + i], then[n + i]
+            p, p_then, s, s_then = (
+                motion.momentum[new, i], motion.momentum[old, i], motion.elastic[new, i], motion.elastic[old, i]
+            )  # fmt: skip
+            part += v * p + q * s
+            if moved_later:
+                q, s = room.reached[i], room.elastic[i]
+            moved, damped = q - q_then, motion.damping[new, i] - motion.damping[old, i]
+            elastic, load = h * ((1.0 - θ) * s_then + θ * s), room.load[i]
+            defect = p - p_then + elastic + damped - load - room.push[i]
+            size = abs(p) + abs(p_then) + (room.loads[i] if varying else abs(load)) + room.pushes[i]
+            if stiff:
+                size += room.pull[i]
+                largest = max(largest, size)
+            if not size < np.inf:
+                return False
+            speed, reach = max(speed, abs(v)), abs(v) + room.pushes[i] * laws.per_mass[i]
+            if reach > room.speed[i]:
+                room.speed[i] = reach
+            if varying:
+                part_works += abs(moved) * size
+                part_rounding += (abs(q) + abs(q_then)) * size
+            if alike or laws.kind[i] == MASSIVE:
+                note(found, MOMENTUM, abs(defect), ε * (size + floor))
+                off = moved - h * ((1.0 - θ) * v_then + θ * v)
+            elif laws.kind[i] == DRIVEN:
+                part_work += moved * elastic
+                continue
+            else:
+                note(found, EQUILIBRIUM, abs(defect) / h, ε * (size + floor) / h)
+                off = moved - h * v
+            note(found, KINEMATICS, abs(off), ε * (abs(q) + abs(q_then) + h * size * laws.per_mass[i]))
+            part_work += moved * (load + room.push[i] - damped)
+        stored += 0.5 * part
+        work += part_work
+        works += part_works
+        rounding += part_rounding
+    found.energy[3] += stored - found.energy[2] - work / h
+    found.energy[0] = max(found.energy[0], abs(found.energy[3]))
+    found.energy[1] = max(found.energy[1], abs(stored))
+    found.energy[2], found.energy[4], found.energy[5] = stored, speed, max(found.energy[5], works / h)
+    found.energy[6], found.energy[7] = found.energy[6] + rounding / h, largest
+    return True
 
 
 @compiled(types.boolean(STEPS, LAWS, MOTION, i8, ROOM, FOUND), allocates=False)
 def judge_nodes(block: Steps, laws: Laws, motion: Motion, new: int, room: Room, found: Found) -> bool:
     """Judge momentum, kinematics and energy of a step, and return whether its numbers are finite."""
-    (_, _, h, θ, ε), old, n = block, 1 - new, len(laws.f)
-    now, then = motion.x[new], motion.x[old]
-    apply(laws.momentum, now, motion.momentum[new])
-    if not is_empty(laws.elastic):
-        apply(laws.elastic, now, motion.elastic[new])
-    if not is_empty(laws.damping):
-        apply(laws.damping, now, motion.damping[new])
-    apply(laws.push, then, room.push)
-    apply(laws.pushes, then, room.pushes)
-    stored, work, speed, stiff = 0.0, 0.0, found.energy[4], len(laws.stiffness) > 0
-    for start in range(0, n, STRIP):
-        part, part_work = 0.0, 0.0
-        for i in range(start, min(start + STRIP, n)):
-            q, q_then, v, v_then = now[i], then[i], now[n + i], then[n + i]
-            moved, p, p_then = q - q_then, motion.momentum[new, i], motion.momentum[old, i]
-            s, s_then = motion.elastic[new, i], motion.elastic[old, i]
-            damped = motion.damping[new, i] - motion.damping[old, i]
-            elastic, load = h * ((1.0 - θ) * s_then + θ * s), h * laws.f[i]
-            defect = p - p_then + elastic + damped - load - room.push[i]
-            size = abs(p) + abs(p_then) + abs(load) + room.pushes[i]
-            if stiff:
-                size += laws.stiffness[i] * (abs(q) + abs(q_then))
-            note(found, MOMENTUM, abs(defect), ε * size)
-            off = moved - h * ((1.0 - θ) * v_then + θ * v)
-            note(found, KINEMATICS, abs(off), ε * (abs(q) + abs(q_then) + h * size * laws.per_mass[i]))
-            part += v * p + q * s
-            part_work += moved * (load + room.push[i] - damped)
-            speed, reach = max(speed, abs(v)), abs(v) + room.pushes[i] * laws.per_mass[i]
-            if reach > room.speed[i]:
-                room.speed[i] = reach
-            if not size < np.inf:
-                return False
-        stored += 0.5 * part
-        work += part_work
-    found.energy[3] += stored - found.energy[2] - work / h
-    found.energy[0] = max(found.energy[0], abs(found.energy[3]))
-    found.energy[1] = max(found.energy[1], abs(stored))
-    found.energy[2], found.energy[4] = stored, speed
-    return True
+    find_forces(laws, motion, new, room)
+    if len(laws.kind) > 0 or not is_empty(laws.load):
+        return judge_all_nodes(block, laws, motion, new, room, found, True)
+    return judge_all_nodes(block, laws, motion, new, room, found, False)
 
 
 @compiled(types.void(STEPS, LAWS, TABLE, MOTION, i8, ROOM, FOUND), allocates=False)
@@ -292,28 +433,32 @@ def judge_contacts(
     block: Steps, laws: Laws, table: SparseTable, motion: Motion, new: int, room: Room, found: Found
 ) -> None:
     """Judge the law of impact and complementarity of a step, and keep the largest penetrations and rates."""
-    (_, _, h, θ, ε), n, nc = block, len(laws.f), len(laws.u0)
+    h, θ, ε, n, nc = block.h, block.θ, block.ε, len(room.push), len(laws.u0)
     now, P, before = motion.x[new], motion.x[1 - new, 2 * n : 2 * n + nc], motion.x[new, 2 * n : 2 * n + nc]
     for i in range(nc):
         room.predicted[i] = room.gap[i] + 0.5 * h * motion.rate[1 - new, i]
     apply(laws.gap, now, room.gap)
     apply(laws.rate, now, motion.rate[new])
     speed, place = 2.0 * found.energy[4], 0.0
+    alike, turns = len(laws.impacts) == 0, len(laws.driven) > 0
     for i in range(n):
         place = max(place, abs(now[i]))
     for i in range(nc):
         U = motion.rate[new, i]
-        off = U + laws.e[i] * motion.rate[1 - new, i]
+        off = U + laws.e[i] * motion.rate[1 - new, i] + (room.turned[i] if turns else 0.0)
         terms = abs(laws.u0[i]) + 2.0 * place + h * speed
         limit = ε * (speed + table.weight[i] * P[i] / θ)
-        if P[i] > 0.0:
+        if not P[i] >= 0.0:
+            note(found, COMPLEMENTARITY, np.inf, 1.0)
+        elif not (alike or laws.impacts[i]):
+            # At position level: where r acts, the contact is closed.
+            note(found, COMPLEMENTARITY, P[i] / h * abs(room.gap[i]), P[i] / h * ε * terms)
+        elif P[i] > 0.0:
             note(found, IMPACT_LAW, abs(off), limit)
             note(found, COMPLEMENTARITY, P[i] * abs(off), P[i] * limit)
             # A force at a distance; one that has just acted may go on where rounding has opened its contact.
             ahead = room.predicted[i] - table.near[i] * max(before[i], 0.0)
             note(found, COMPLEMENTARITY, P[i] / h * max(ahead, 0.0), P[i] / h * ε * terms)
-        elif not P[i] >= 0.0:
-            note(found, COMPLEMENTARITY, np.inf, 1.0)
         elif off < 0.0 and room.predicted[i] < -CLOSED_RTOL * terms:
             note(found, IMPACT_LAW, -off, limit)
         if abs(U) > room.rate[i]:
@@ -329,17 +474,39 @@ def record(path: Recorded, k: int, n: int, x: Array) -> None:
         path.q[k, a], path.v[k, a] = x[path.nodes[a]], x[n + path.nodes[a]]
 
 
+@compiled(types.void(STATIC_COORDINATES, vector), allocates=False)
+def find_ways(static: StaticCoordinates, force: Array) -> None:
+    """Overwrite the forces on the static coordinates by the ways to equilibrium, where Sᵀ K S is diagonal."""
+    for s in range(len(force)):
+        force[s] = force[s] / static.stiffness[s] if static.free[s] else 0.0
+
+
+@compiled(types.void(TABLE, vector, vector, vector), allocates=False)
+def balance_static(table: SparseTable, x: Array, P: Array, q: Array) -> None:
+    """Move the static coordinates that no closed contact holds to equilibrium."""
+    static = table.static
+    apply(table.unbalanced, x, static.force)
+    static.free[:] = True
+    for p in range(len(static.contact)):
+        if P[static.contact[p]] > 0.0:
+            static.free[static.held[p]] = False
+    find_ways(static, static.force)
+    for p in range(len(static.node)):
+        q[static.node[p]] += static.force[static.of[p]]
+
+
 @compiled(RESULT(TABLE, CONTACTS, MOTION, i8, ROOM, CONTACT_SOLVER, KERNEL), allocates=False)
 def take_step(
     table: SparseTable, contacts: Contacts, motion: Motion, new: int, room: Room, solve: ContactSolver, kernel: Kernel
 ) -> tuple[int, int, float]:
     """Take one step: write P and w of the old numbers, and q and v of the new ones."""
-    x, nc, ends = motion.x[1 - new], len(contacts.L), len(table.end.c)
-    P, w = x[ends : ends + nc], x[ends + nc :]
+    x, nc, ends, n = motion.x[1 - new], len(contacts.L), len(table.end.c), len(room.push)
+    implicit = len(table.factor) > 0
+    P, w = x[ends : ends + nc], x[len(x) - n if implicit else len(x) :]
     some = choose_active(table, contacts, x, motion.x[new, ends : ends + nc], room)
     for i in range(nc):
         P[i] = motion.x[new, ends + i] if contacts.active[i] else 0.0
-    status, count, residual, implicit = SOLVED, 0, 0.0, len(table.factor) > 0
+    status, count, residual = SOLVED, 0, 0.0
     if some:
         if implicit:
             for i in range(nc):
@@ -356,6 +523,10 @@ def take_step(
         apply(table.momentum, x, w)
         solve_banded(table.factor, w)
     apply(table.end, x, motion.x[new, :ends])
+    if len(room.reached) > 0:
+        for i in range(n):
+            room.reached[i] = motion.x[new, i]
+        balance_static(table, x, P, motion.x[new, :n])
     return status, count, residual
 
 
@@ -377,14 +548,22 @@ def sparse_steps(
 ) -> tuple[int, int, int, float]:
     """Take a block of steps, from the numbers at k % 2 to those at (k + 1) % 2: status, step, iterations, residual."""
     (laws, room, found), n, iterations, worst = judge, len(table.end.c) // 2, 0, 0.0
+    given, inputs = block.given, 2 * n + len(room.gap)
     for k in range(block.first, block.last):
         new = (k + 1) % 2
+        for a in range(given.inputs.shape[1]):
+            motion.x[1 - new, inputs + a] = given.inputs[k - block.first, a]
         status, count, residual = take_step(table, contacts, motion, new, room, solve, kernel)
         iterations, worst = iterations + count, max(worst, residual)
         if status != SOLVED:
             return status, k, iterations, worst
+        if not is_empty(laws.load):
+            apply(laws.load, given.signals[k - block.first], room.load)
+            apply(laws.loads, given.sizes[k - block.first], room.loads)
         if not judge_nodes(block, laws, motion, new, room, found):
             return NON_FINITE, k, iterations, worst
+        if len(laws.driven) > 0:
+            judge_motions(block, k, laws, motion, new, room, found)
         if len(room.gap) > 0:
             judge_contacts(block, laws, table, motion, new, room, found)
         record(path, k + 1, n, motion.x[new])

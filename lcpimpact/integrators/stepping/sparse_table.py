@@ -9,12 +9,17 @@ from typing import Any, cast
 
 import numpy as np
 from scipy import linalg, sparse
+from scipy.sparse.linalg import splu
 
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import interpreted
-from lcpimpact.errors import UnsupportedError
+from lcpimpact.errors import Status, UnsupportedError
 from lcpimpact.integrators.stepping.linear_step import REST_GAP_FACTOR
 from lcpimpact.integrators.stepping.sparse_kernel import (
+    DRIVEN,
+    MASSIVE,
+    MASSLESS,
+    STATIC,
     Contacts,
     ContactSolver,
     Found,
@@ -22,24 +27,29 @@ from lcpimpact.integrators.stepping.sparse_kernel import (
     Motion,
     Room,
     SparseTable,
+    StaticCoordinates,
+    balance_static,
     solve_chain,
     solve_few,
     sparse_steps,
     take_step,
 )
-from lcpimpact.integrators.stepping.sparse_symbols import SparseStep
+from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, input_sizes
 from lcpimpact.integrators.stepping.stencil import Stencil, apply, stencil
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits
-from lcpimpact.lcp.solver import Kernel
+from lcpimpact.lcp.solver import Kernel, SolverState
 from lcpimpact.lcp.solvers.banded import chain_masses, pools_for
-from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
 from lcpimpact.lcp.sparse_pivoting import MAX_PIVOTS, SparseContacts, SparseMatrix, SparseProduct, pivot
-from lcpimpact.scheme.sparse import Sparse, SparseDynamics
+from lcpimpact.scheme.sparse import SparseDynamics
+from lcpimpact.scheme.sparse_decomposition import Sparse
 
 FEW = 256
 """Largest number of contacts with a full W."""
+
+LEAST_TERMS = 1e-3
+"""Terms of a row, relative to the largest, below which its error is that of the largest."""
 
 WIDEST_BAND = 32
 """Largest half bandwidth of A that is factored as a banded matrix."""
@@ -84,14 +94,16 @@ class PreparedStep:
     Attributes
     ----------
     table, contacts : SparseTable, Contacts
-    solve, kernel : callable            the contact solver, and the LCP kernel that it uses
+    solve : callable                    the contact solver
+    solver, few : SolverState, Dense    the LCP solver of few contacts, and their W; None for others
     loop : callable                     `sparse_steps`, in the interpreter where a sparse factor is of another library
     """
 
     table: SparseTable
     contacts: Contacts
     solve: ContactSolver
-    kernel: Kernel
+    solver: SolverState | None
+    few: Dense | None
     loop: Callable[..., tuple[int, int, int, float]]
 
 
@@ -102,47 +114,97 @@ def tabulate_sparse(step: SparseStep, h: float, tol: float | None, max_iter: int
     factors.
     """
     n, nc, size = step.q.shape[0], step.L.shape[0], step.L.shape[1]
-    first, last, A = 2 * n, 2 * n + nc, step.y.A
+    first, last, of_w, A = 2 * n, 2 * n + nc, step.y.inputs.stop, step.y.A
     of_P, L, momentum, solve_A = step.L.tocsc()[:, first:last], step.L, stencil(sparse.csr_array((0, size - 1))), None
     factor = np.zeros((0, n))
     W: SparseContacts = SparseMatrix(of_P)
     if A is not None:
-        product = SparseProduct(L.tocsc()[:, last : last + n], A, step.y.b.tocsc()[:, first:last])
+        product = SparseProduct(L.tocsc()[:, of_w : of_w + n], A, step.y.b.tocsc()[:, first:last])
         W, momentum, banded = product, affine(step.y.b), half_bandwidth(A) <= WIDEST_BAND
         factor, solve_A = (banded_factor(A), None) if banded else (np.zeros((1, n)), product.solve_A)
-    weight = _diagonal(W, nc)
+    weight, static, stiffness = _diagonal(W, nc), *_static_coordinates(step.y.dynamics)
     without_P = L @ sparse.diags_array(np.where((np.arange(size) < first) | (np.arange(size) >= last), 1.0, 0.0))
     table = SparseTable(
         affine(step.touching), affine(without_P), momentum, factor, affine(sparse.vstack([step.q, step.v])),
-        REST_GAP_FACTOR * h * weight, weight,
+        affine(step.unbalanced), static, REST_GAP_FACTOR * h * weight, weight,
     )  # fmt: skip
-    contacts, solve, kernel = _solver(W, nc, limits(SOLVERS["auto"], tol, max_iter), max_iter or MAX_PIVOTS)
-    if solve_A is None and solve in (solve_chain, solve_few):
-        return PreparedStep(table, contacts, solve, kernel, sparse_steps)
+    contacts, solve, few = _solver(W, nc, limits(SOLVERS["auto"], tol, max_iter), max_iter or MAX_PIVOTS)
+    solver = None if few is None else SOLVERS["auto"].init(few)
+    if solve_A is None and stiffness is None and solve in (solve_chain, solve_few):
+        return PreparedStep(table, contacts, solve, solver, few, sparse_steps)
     taken: dict[str, Any] = {"solve_banded": partial(_solve_sparse, solve_A)} if solve_A else {}
+    if stiffness is not None:
+        taken["balance_static"] = interpreted(balance_static, find_ways=_ways(stiffness))
     loop = interpreted(sparse_steps, take_step=interpreted(take_step, **taken))
-    return PreparedStep(table, contacts, solve, kernel, loop)
+    return PreparedStep(table, contacts, solve, solver, few, loop)
 
 
-def _solver(W: SparseContacts, nc: int, limits: tuple[float, int], most: int) -> tuple[Contacts, ContactSolver, Kernel]:
-    """Return the contact problem with the matrix in the storage of its solver, that solver, and its LCP kernel."""
+def _static_coordinates(d: SparseDynamics) -> tuple[StaticCoordinates, Sparse | None]:
+    """Return the static coordinates, and Sᵀ K S where it is not diagonal."""
+    S = d.kinds.static
+    stiffness, held, moved = (S.T @ d.K @ S).tocsc(), (d.H @ S).tocoo(), S.tocoo()
+    diagonal, acting = stiffness.diagonal(), held.data != 0.0
+    node, of, contact, coordinate = (
+        each.astype(np.int64) for each in (moved.row, moved.col, held.row[acting], held.col[acting])
+    )
+    force, free = np.zeros(len(diagonal)), np.zeros(len(diagonal), dtype=np.bool_)
+    static = StaticCoordinates(node, of, contact, coordinate, diagonal, force, free)
+    joined = (stiffness - sparse.diags_array(diagonal)).count_nonzero() > 0
+    return static, stiffness if joined else None
+
+
+def _ways(stiffness: Sparse) -> Callable[[StaticCoordinates, Array], None]:
+    """Return `find_ways` for Sᵀ K S that is not diagonal, which keeps its factors until others are free."""
+    kept: list[Any] = [None, None]
+
+    def find(static: StaticCoordinates, force: Array) -> None:
+        if kept[0] is None or not np.array_equal(kept[0], static.free):
+            free = np.flatnonzero(static.free)
+            kept[:] = (
+                static.free.copy(),
+                splu(stiffness[free][:, free], permc_spec="MMD_AT_PLUS_A") if len(free) else None,
+            )
+        way = kept[1].solve(force[static.free]) if kept[1] else 0.0
+        force[static.free], force[~static.free] = way, 0.0
+
+    return find
+
+
+def _solver(
+    W: SparseContacts, nc: int, limits: tuple[float, int], most: int
+) -> tuple[Contacts, ContactSolver, Dense | None]:
+    """Return the contact problem with the matrix in the storage of its solver, that solver, and W if it is full."""
     mass = np.zeros(nc + 1)
     if isinstance(W, SparseMatrix) and nc > 2 and half_bandwidth(W.W) <= 1:
         bands = lower_bands(W.W, 1)
         if chain_masses(bands, mass):
-            return _contacts(bands, mass, limits), solve_chain, block_pivoting
+            return _contacts(bands, mass, limits), solve_chain, None
     if nc <= FEW:
         full = np.zeros((nc, nc))
         for j, unit in enumerate(np.eye(nc)):
             full[:, j] = W.product(unit)
-        kernel: Kernel = SOLVERS["auto"].init(Dense(full)).kernel if nc else block_pivoting
-        return _contacts(full, mass, limits), solve_few, kernel
+        return _contacts(full, mass, limits), solve_few, Dense(full) if nc else None
 
     def solve_many(contacts: Contacts, z: Array, kernel: Kernel) -> tuple[int, int, float]:
         status, count, residual = pivot(W, contacts.L, contacts.active, z, contacts.tol, most)
+        if status is Status.INACCURATE:
+            residual = residual_of_coupled_rows(W, contacts, z)
+            status = Status.SOLVED if residual <= contacts.tol else status
         return int(status), count, residual
 
-    return _contacts(np.zeros((0, 0)), mass, limits), solve_many, block_pivoting
+    return _contacts(np.zeros((0, 0)), mass, limits), solve_many, None
+
+
+def residual_of_coupled_rows(W: SparseContacts, contacts: Contacts, z: Array) -> float:
+    """Return the largest |min(z, w)| of the active rows relative to their terms, which are at least a part of the largest.
+
+    The rounding of A⁻¹ leads from rows that carry much to rows at rest beside them.
+    """
+    w, size = W.product(z) + contacts.L, W.terms(np.abs(z)) + np.abs(contacts.L)
+    if not contacts.active.any() or not (z >= 0.0).all() or (z[~contacts.active] != 0.0).any():
+        return np.inf
+    off, size = np.where(z > 0.0, np.abs(w), np.maximum(-w, 0.0))[contacts.active], size[contacts.active]
+    return float((off / np.maximum(size, LEAST_TERMS * size.max())).max())
 
 
 def _solve_sparse(solve: Callable[[Array], Array], factor: Array, b: Array) -> None:
@@ -168,17 +230,21 @@ def _contacts(W: Array, mass: Array, limits: tuple[float, int]) -> Contacts:
 
 
 def laws_of(d: SparseDynamics, h: float) -> Laws:
-    """Return the laws by which steps of length h are judged, as sums of q, v and P."""
+    """Return the laws by which steps of length h are judged, as sums of q, v and P, and of the signals of the loads."""
     n = len(d.nodes)
 
     def of(matrix: Sparse, before: int, c: Array | None = None) -> Stencil:
         pad = sparse.csr_array((matrix.shape[0], before))
         return stencil(sparse.hstack([pad, matrix]).tocsr(), c)
 
-    stiffness = h * np.abs(d.K.diagonal()) + np.abs(d.C.diagonal()) if d.K.nnz or d.C.nnz else np.zeros(0)
+    impacts, static, driven = d.relative_degree == 2, d.kinds.static.sum(axis=1) > 0.0, np.flatnonzero(d.driven)
+    kinds = np.select([d.driven, d.massive, static], [DRIVEN, MASSIVE, STATIC], MASSLESS).astype(np.int64)
+    per_mass = np.divide(1.0, d.M.diagonal(), out=np.zeros(n), where=d.massive)
     return Laws(
         of(d.M, n), of(d.K, 0), of(d.C, 0), of(d.B, 2 * n), of(np.abs(d.B), 2 * n), of(d.H, 0, d.u0), of(d.H, n),
-        d.f.copy(), 1.0 / d.M.diagonal(), stiffness, d.restitution.copy(), d.u0.copy(),
+        stencil(h * np.abs(d.K) + np.abs(d.C)), stencil(h * d.F, h * d.f), stencil(h * np.abs(d.F), h * np.abs(d.f)),
+        stencil(d.H[:, driven]), per_mass, d.restitution.copy(),
+        d.u0.copy(), kinds[: 0 if d.massive.all() else n], impacts[: 0 if impacts.all() else len(impacts)], driven,
     )  # fmt: skip
 
 
@@ -186,20 +252,29 @@ def begin(
     d: SparseDynamics, laws: Laws, table: SparseTable, start: tuple[Array, Array], h: float
 ) -> tuple[Motion, Room, Found]:
     """Return the numbers at t = 0, the arrays that steps work in, and what judging starts from."""
-    n, nc = len(d.nodes), len(d.u0)
-    x = np.zeros((2, 2 * n + nc + (n if len(table.factor) else 0)))
+    n, nc, nd = len(d.nodes), len(d.u0), len(d.motions)
+    x = np.zeros((2, 2 * n + nc + sum(input_sizes(d)) + (n if len(table.factor) else 0)))
     momentum, elastic, damping = np.zeros((3, 2, n))
     motion = Motion(x, momentum, elastic, damping, np.zeros((2, nc)))
     motion.x[0, : 2 * n] = np.concatenate(start)
     for function, values in zip((laws.momentum, laws.elastic, laws.damping), motion[1:4], strict=True):
         apply(function, motion.x[0], values[0])
     apply(laws.rate, motion.x[0], motion.rate[0])
-    (predicted, gap), (push, pushes) = np.zeros((2, nc)), np.zeros((2, n))
+    (predicted, gap, turned), (push, pushes) = np.zeros((3, nc)), np.zeros((2, n))
     apply(laws.gap, motion.x[0], gap)
-    room = Room(predicted, gap, push, pushes, np.zeros(nc), np.abs(motion.rate[0]), np.abs(start[1]))
-    found = Found(np.zeros((3, 4)), np.zeros(5))
+    reached, unmoved = np.zeros((2, n if d.kinds.static.shape[1] else 0))
+    reach, pull = np.zeros((2, n if d.K.nnz or d.C.nnz else 0))
+    room = Room(
+        predicted, gap, push, pushes, h * d.f, h * np.abs(d.f), reach, pull, reached, unmoved, turned,
+        np.zeros(nd), np.zeros(nc), np.abs(motion.rate[0]), np.abs(start[1]),
+    )  # fmt: skip
+    found = Found(np.zeros((3, 6)), np.zeros(8))
     energy = d.energy(*start)
-    fall = h * d.f / d.M.diagonal()
+    fall = h * (d.f + d.F @ d.signals(0.0)) * laws.per_mass
     scale = abs(energy) + float(fall @ (d.M @ fall))
-    found.energy[:] = 0.0, scale, energy, 0.0, max(np.abs(fall).max(), np.abs(start[1]).max())
+    found.energy[:] = 0.0, scale, energy, 0.0, max(np.abs(fall).max(), np.abs(start[1]).max()), 0.0, 0.0, 0.0
+    if len(pull):
+        apply(laws.pull, np.abs(start[0]) + h * np.abs(start[1]), pull)
+        with np.errstate(over="ignore"):
+            found.energy[7] = (2.0 * np.abs(momentum[0]) + h * np.abs(d.f + d.F @ d.signals(0.0)) + pull).max()
     return motion, room, found

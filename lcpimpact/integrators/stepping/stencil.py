@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,13 +56,12 @@ def stencil(S: Any, c: Array | None = None) -> Stencil:
     i, j = i.astype(np.int64), j.astype(np.int64)
     found: list[tuple[int, int, int, int, float]] = []
     varying: list[Array] = []
-    rest = np.zeros(len(i), dtype=np.bool_)
     starts = np.flatnonzero(np.diff(j - i, prepend=-(2**62)))
-    for begin, end in pairwise(np.append(starts, len(i)).tolist()):
-        here = slice(begin, end)
-        if end - begin < FEWEST * rows:
-            rest[here] = True
-            continue
+    lengths = np.diff(starts, append=len(i))
+    many = lengths >= FEWEST * rows
+    rest = ~np.repeat(many, lengths)
+    for begin, length in zip(starts[many].tolist(), lengths[many].tolist(), strict=True):
+        end, here = begin + length, slice(begin, begin + length)
         first, last = int(i[begin]), int(i[end - 1]) + 1
         equal = end - begin == last - first and bool((values[here] == values[begin]).all())
         found.append((int(j[begin]) - first, first, last, -1 if equal else len(varying), float(values[begin])))

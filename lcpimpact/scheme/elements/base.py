@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from lcpimpact.arguments import is_name
 from lcpimpact.errors import InputError
@@ -12,7 +12,21 @@ from lcpimpact.numbers import is_real
 from lcpimpact.numbers import positive as positive_number
 from lcpimpact.scheme.terms import GROUND, End, Terms, name_of, nodes_of
 
-__all__ = ["GROUND", "MISSING", "Compound", "Element", "Link", "Polyline", "distinct", "named", "positive"]
+if TYPE_CHECKING:
+    from lcpimpact.scheme.sparse import SparseTerms
+
+__all__ = [
+    "GROUND",
+    "MISSING",
+    "ArrayElement",
+    "Compound",
+    "Element",
+    "Link",
+    "Polyline",
+    "distinct",
+    "named",
+    "positive",
+]
 
 MISSING: Any = None
 """Default of every physical constant: physics has no default, so an element that is left with it is refused."""
@@ -105,6 +119,14 @@ class Compound(Element):
         """Add the terms of the parts."""
         for part in self.parts():
             part.contribute(terms)
+
+
+class ArrayElement(Compound):
+    """An element of many parts, which a `SparseScheme` adds by arrays."""
+
+    @abstractmethod
+    def contribute_arrays(self, terms: SparseTerms) -> None:
+        """Add the terms of the parts to sparse matrices, all of a kind at once."""
 
 
 def positive(element: Element, symbol: str, value: Any, unit: str) -> None:

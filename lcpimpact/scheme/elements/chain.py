@@ -3,31 +3,15 @@ r"""The chain: a row of masses, with springs, dashpots and bumpers between neigh
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from lcpimpact.arguments import is_name
-from lcpimpact.arrays import Array
-from lcpimpact.errors import InputError
-from lcpimpact.numbers import finite_array, is_count
-from lcpimpact.scheme.elements.base import GROUND, MISSING, Compound, Element, Polyline, named
-from lcpimpact.scheme.elements.bumper import Bumper
-from lcpimpact.scheme.elements.dashpot import Dashpot
-from lcpimpact.scheme.elements.load import Load
-from lcpimpact.scheme.elements.mass import Mass
-from lcpimpact.scheme.elements.spring import Spring
-
-if TYPE_CHECKING:
-    from lcpimpact.scheme.sparse import SparseTerms
-
-Values = float | tuple[float, ...]
-"""One value for all, or one for each."""
+from lcpimpact.scheme.elements.base import MISSING
+from lcpimpact.scheme.elements.linked_masses import Ends, LinkedMasses, Values
 
 
 @dataclass(frozen=True)
-class Chain(Compound):
+class Chain(LinkedMasses):
     r"""A row of n masses NAME.1 ... NAME.n, each joined to the next by a spring, a dashpot, a bumper, or several of these.
 
     A column of beads above the floor, a Newton's cradle and a bar in finite elements are chains. Link i is between the
@@ -92,53 +76,9 @@ class Chain(Compound):
     name: str = "x"
     symbols: tuple[str, ...] = ("m",)
 
-    strokes: ClassVar[tuple[Polyline, ...]] = ()
-
     def __post_init__(self) -> None:
-        if not is_count(self.n) or self.n < 1:
-            raise InputError(f"a Chain: n = {self.n!r} must be a whole number of masses, at least 1")
-        object.__setattr__(self, "n", int(self.n))
-        named(self)
-        if self.m is MISSING:
-            raise InputError(f"{self}: m is missing; give a positive number in kg, or one for each mass")
-        if (self.gap is None) != (self.e is None):
-            raise InputError(
-                f"{self}: bumpers need both gap and e, since both sides have mass: give gap= and e=, or leave both out"
-            )
-        for symbol, count, least in (("m", self.n, "positive"), ("f", self.n, ""), *self._constants_of_links()):
-            self._check(symbol, count, least)
-        if self.e is not None and not ((self.values("e") >= 0.0) & (self.values("e") <= 1.0)).all():
-            raise InputError(f"{self}: e must lie in [0, 1]")
-        if not self.links and (self.k is not None or self.c is not None or self.gap is not None):
-            raise InputError(f"{self}: one mass without a and b has no links; leave k, c, gap and e out")
-        for end in (each for each in (self.a, self.b) if each is not None):
-            if not is_name(end) or end in self.masses or (self.a == self.b and end != GROUND):
-                raise InputError(
-                    f"{self}: a = {self.a!r} and b = {self.b!r} must be two nodes beside its masses, or ground"
-                )
-        if not isinstance(self.symbols, tuple) or len(self.symbols) != 1 or not all(map(is_name, self.symbols)):
-            raise InputError(f"symbols = {self.symbols!r} of a Chain must be a tuple of 1 strings")
-
-    def _constants_of_links(self) -> tuple[tuple[str, int, str], ...]:
-        count = len(self.links)
-        return (("k", count, "positive"), ("c", count, "positive"), ("gap", count, ""), ("e", count, ""))
-
-    def _check(self, symbol: str, count: int, least: str) -> None:
-        """Check a constant, and keep a sequence of it as a tuple, by which schemes can be compared."""
-        given = getattr(self, symbol)
-        if given is None:
-            return
-        values = finite_array(f"{self}: {symbol}", given)
-        if values.ndim > 1 or (values.ndim == 1 and len(values) != count):
-            raise InputError(
-                f"{self}: {symbol} must be one number, or {count} of them, and has the shape {values.shape}"
-            )
-        if least and not (values > 0.0).all():
-            raise InputError(f"{self}: {symbol} must be positive, and is {float(values.min()):g}")
-        object.__setattr__(self, symbol, tuple(values.tolist()) if values.ndim else float(values))
-
-    def __str__(self) -> str:
-        return f"Chain {self.name!r}"
+        self._check_counts("n")
+        self._check_constants()
 
     @property
     def masses(self) -> tuple[str, ...]:
@@ -146,55 +86,21 @@ class Chain(Compound):
         return tuple(f"{self.name}.{i}" for i in range(1, self.n + 1))
 
     @property
+    def outer(self) -> tuple[str, ...]:
+        """The ends b and a, where they are given."""
+        return tuple(end for end in (self.b, self.a) if end is not None)
+
+    @property
     def nodes(self) -> tuple[str, ...]:
         """The nodes from a to b."""
         return (*(() if self.a is None else (self.a,)), *self.masses, *(() if self.b is None else (self.b,)))
 
     @property
-    def inner(self) -> tuple[str, ...]:
-        """None: other elements may be joined to the masses."""
-        return ()
-
-    @property
-    def links(self) -> range:
-        """The numbers of the links, from 1."""
-        return range(1, self.n + (self.a is not None) + (self.b is not None))
-
-    @property
     def reactions(self) -> tuple[str, ...]:
         """The names of the reactions of the bumpers."""
-        return () if self.gap is None else tuple(f"{self.name}.R{i}" for i in self.links)
+        return () if self.gap is None else tuple(f"{self.name}.R{i}" for i in range(1, len(self.ends()[0]) + 1))
 
-    def values(self, symbol: str) -> Array:
-        """Return a constant of all masses (n,) or links, by its symbol; zeros where it is None."""
-        given = getattr(self, symbol)
-        count = self.n if symbol in ("m", "f") else len(self.links)
-        return np.full(count, 0.0 if given is None else given, dtype=np.float64)
-
-    def parts(self) -> tuple[Element, ...]:
-        """Return the masses, loads, springs, dashpots and bumpers."""
-        masses, pairs = self.masses, list(pairwise(self.nodes))
-        pieces: list[Element] = [Mass(node, m) for node, m in zip(masses, self.values("m").tolist(), strict=True)]
-        if self.f is not None:
-            pieces += [Load(node, f) for node, f in zip(masses, self.values("f").tolist(), strict=True)]
-        if self.k is not None:
-            pieces += [Spring(a, b, k) for (a, b), k in zip(pairs, self.values("k").tolist(), strict=True)]
-        if self.c is not None:
-            pieces += [Dashpot(a, b, c) for (a, b), c in zip(pairs, self.values("c").tolist(), strict=True)]
-        if self.gap is not None:
-            each = zip(pairs, self.values("gap").tolist(), self.values("e").tolist(), self.reactions, strict=True)
-            pieces += [Bumper(a, b, gap, e, name) for (a, b), gap, e, name in each]
-        return tuple(pieces)
-
-    def contribute_arrays(self, terms: SparseTerms) -> None:
-        """Add the terms of the parts to sparse matrices, all of a kind at once."""
-        places = terms.places(self.nodes)
-        upper, lower, masses = places[:-1], places[1:], terms.places(self.masses)
-        terms.M.add(self.values("m"), (masses, masses))
-        if self.f is not None:
-            terms.load(masses, self.values("f"))
-        for matrix, symbol in ((terms.K, "k"), (terms.C, "c")):
-            if getattr(self, symbol) is not None:
-                terms.link_all(matrix, upper, lower, self.values(symbol))
-        if self.gap is not None:
-            terms.bumpers(self.reactions, upper, lower, self.values("gap"), self.values("e"))
+    def ends(self) -> Ends:
+        """Return the ends of the links, each a node and the next."""
+        upper = np.arange(len(self.nodes) - 1)
+        return upper, upper + 1

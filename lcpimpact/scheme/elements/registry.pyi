@@ -22,7 +22,10 @@ from lcpimpact.scheme.elements.rigid_link import RigidLink as RigidLink
 from lcpimpact.scheme.elements.rope import Rope as Rope
 from lcpimpact.scheme.elements.bar import Bar as Bar
 from lcpimpact.scheme.elements.chain import Chain as Chain
+from lcpimpact.scheme.elements.tree import Tree as Tree
+from lcpimpact.scheme.elements.lattice import Lattice as Lattice
 from lcpimpact.scheme.elements.substructure import Substructure as Substructure
 from lcpimpact.scheme.elements.load import Load as Load
+from lcpimpact.scheme.elements.loads import Loads as Loads
 from lcpimpact.scheme.elements.force import Force as Force
 from lcpimpact.scheme.elements.prescribed_motion import PrescribedMotion as PrescribedMotion

@@ -1,0 +1,126 @@
+r"""The tree: masses, each on another one, with springs, dashpots and bumpers between."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lcpimpact.arguments import is_sequence
+from lcpimpact.arrays import Indices
+from lcpimpact.errors import InputError
+from lcpimpact.numbers import is_count
+from lcpimpact.scheme.elements.base import MISSING
+from lcpimpact.scheme.elements.linked_masses import Ends, LinkedMasses, Values
+
+
+@dataclass(frozen=True)
+class Tree(LinkedMasses):
+    r"""Masses NAME.1 ... NAME.n, each joined to the one that it rests on by a spring, a dashpot, a bumper, or several.
+
+    Link i is between the mass i, above, and the mass ``on[i - 1]``, below; 0 is the node ``b`` that the roots rest on, and
+    where no b is given roots have no link. In a `SparseScheme` a tree is assembled by arrays, in a time proportional to n.
+    Energy: Σ ½ m v² and Σ ½ k (q_below - q_above)²; dashpots dissipate, and so do impacts with e < 1.
+
+    ::
+
+        +---+     +---+     +---+
+        | 2 |     | 3 |     | 4 |       on = (0, 1, 1, 1)
+        +---+     +---+     +---+
+            \\       =       /          each link: k, c, and a bumper with gap and e
+              \\   +---+   /
+                 == | 1 | ==
+                    +---+
+                  =
+                  o b
+
+    Parameters
+    ----------
+    on : sequence of n ints
+        For each mass the number of the one that it rests on, from 1, and 0 for b; no mass may rest on itself by others.
+    m : float or sequence of n floats
+        Masses in kg, positive.
+    k, c : float or sequence of one float for each link, optional
+        Stiffness in N/m and damping in N s/m of the links, positive; None for none.
+    gap, e : float or sequence of one float for each link, optional
+        Openings in m of the bumpers when all coordinates are zero, and coefficients of restitution in [0, 1]; None for no
+        bumpers.
+    f : float or sequence of n floats, optional
+        Constant loads in N on the masses, such as their weights.
+    b : str, optional
+        The node or ground that the roots rest on.
+    name : str
+        The name of the tree: the masses are NAME.1, ..., and the reactions of the bumpers NAME.R1, ..., by the mass above.
+    symbols : tuple of str
+        How drawings call the masses.
+
+    Raises
+    ------
+    InputError
+        If ``on`` is no tree, a constant is missing, of another length, not positive or not finite, or e is given without a
+        gap, or a gap without e.
+
+    Examples
+    --------
+    Two beads on one that lies above the floor:
+
+    >>> tree = Tree([0, 1, 1], m=0.1, gap=0.01, e=0.0, f=0.981, b="ground")
+    >>> [(piece.upper, piece.lower) for piece in tree.parts() if piece.reaction]
+    [('x.1', 'ground'), ('x.2', 'x.1'), ('x.3', 'x.1')]
+    """
+
+    on: Sequence[int]
+    m: Values = MISSING
+    k: Values | None = None
+    c: Values | None = None
+    gap: Values | None = None
+    e: Values | None = None
+    f: Values | None = None
+    b: str | None = None
+    name: str = "x"
+    symbols: tuple[str, ...] = ("m",)
+
+    def __post_init__(self) -> None:
+        given = self.on.tolist() if isinstance(self.on, np.ndarray) else self.on
+        if not is_sequence(given) or not len(given) or not all(is_count(each) or each == 0 for each in given):
+            raise InputError(f"a Tree: on = {self.on!r} must be a sequence of whole numbers, one for each mass")
+        object.__setattr__(self, "on", tuple(int(each) for each in given))
+        if not all(0 <= each <= len(self.on) for each in self.on):
+            raise InputError(f"a Tree: on must hold numbers of its {len(self.on)} masses, and 0 for b")
+        self._refuse_loops()
+        self._check_constants()
+
+    def _refuse_loops(self) -> None:
+        """Refuse masses that rest on themselves: after n halvings of the ways all must lead to a root."""
+        below = np.array((0, *self.on))
+        for _ in range(len(self.on).bit_length()):
+            below = below[below]
+        if below.any():
+            raise InputError(
+                f"a Tree: mass {int(np.argmax(below > 0))} rests on itself by others; no loops are possible"
+            )
+
+    @property
+    def masses(self) -> tuple[str, ...]:
+        """The nodes of the masses."""
+        return tuple(f"{self.name}.{i}" for i in range(1, len(self.on) + 1))
+
+    @property
+    def outer(self) -> tuple[str, ...]:
+        """The end b, where it is given."""
+        return () if self.b is None else (self.b,)
+
+    @property
+    def reactions(self) -> tuple[str, ...]:
+        """The names of the reactions of the bumpers."""
+        return () if self.gap is None else tuple(f"{self.name}.R{i + 1}" for i in self._linked().tolist())
+
+    def _linked(self) -> Indices:
+        """Return the masses with a link."""
+        return np.arange(len(self.on)) if self.b is not None else np.flatnonzero(self.on)
+
+    def ends(self) -> Ends:
+        """Return each mass with a link, and what it rests on."""
+        linked, below = self._linked(), np.array(self.on)
+        return linked, np.where(below == 0, len(self.on), below - 1)[linked]
