@@ -35,7 +35,7 @@ from lcpimpact.lcp.solve import limits
 from lcpimpact.lcp.solver import Kernel
 from lcpimpact.lcp.solvers.banded import chain_masses, pools_for
 from lcpimpact.lcp.solvers.block_pivoting import block_pivoting
-from lcpimpact.lcp.sparse_pivoting import MAX_PIVOTS, SparseContacts, SparseMatrix, SparseProduct, pivot
+from lcpimpact.lcp.sparse_pivoting import MAX_PIVOTS, SparseContacts, SparseMatrix, SparseProduct, pivot_contacts
 from lcpimpact.scheme.sparse import Sparse, SparseDynamics
 
 FEW = 256
@@ -139,7 +139,7 @@ def _solver(W: SparseContacts, nc: int, limits: tuple[float, int], most: int) ->
         return _contacts(full, mass, limits), solve_few, kernel
 
     def solve_many(contacts: Contacts, z: Array, kernel: Kernel) -> tuple[int, int, float]:
-        status, count, residual = pivot(W, contacts.L, contacts.active, z, contacts.tol, most)
+        status, count, residual = pivot_contacts(W, contacts.L, contacts.active, z, contacts.tol, most)
         return int(status), count, residual
 
     return _contacts(np.zeros((0, 0)), mass, limits), solve_many, block_pivoting
