@@ -18,6 +18,7 @@ Shared by the methods:
 - `compressed`    sparse storage of M in compiled code, for which kernels are compiled again
 - `scaling`       scaling to a unit diagonal, or to entries near one
 - `reduction`     reduction of bounds to a plain LCP with more unknowns
+- `sparse_pivoting`  block principal pivoting by sparse LU
 - `basis`         complementary bases and basic solutions
 - `pivoting`      the principal pivotal transform, and the steps of the principal pivoting methods
 - `polish`        recomputation of the final basic solution

@@ -11,6 +11,9 @@ from lcpimpact.lcp.lapack import EPS, cholesky_solve, lu_solve
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
 from lcpimpact.lcp.storage import diagonal, product, row_terms
 
+PATIENCE = 5
+"""Maximum number of successive block exchanges that do not reduce the number of infeasible rows."""
+
 
 @compiled(types.void(vector, vector, vector, indices))
 def sides(z: Array, lower: Array, upper: Array, side: Indices) -> None:

@@ -17,9 +17,9 @@ from scipy.sparse.linalg import splu
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import Status
+from lcpimpact.lcp.basis import PATIENCE
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
-from lcpimpact.lcp.solvers.block_pivoting import PATIENCE
 
 MAX_PIVOTS = 500
 """Default limit of exchanges, each of which may cost a factorisation."""

@@ -16,7 +16,7 @@ from numba import types
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, indices, matrix, vector
 from lcpimpact.errors import Status
-from lcpimpact.lcp.basis import basic_solution, is_rounding, row_roots, sides, violation
+from lcpimpact.lcp.basis import PATIENCE, basic_solution, is_rounding, row_roots, sides, violation
 from lcpimpact.lcp.compressed import for_entries
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Delassus, Factored, Property, Sparse
@@ -34,9 +34,6 @@ START_SWEEPS = 4
 
 UNKNOWN_SIDE = 2
 """Side of a row not yet identified."""
-
-PATIENCE = 5
-"""Maximum number of successive block exchanges that do not reduce the number of infeasible rows."""
 
 START_ITERATIONS = 97
 """Number of iterations of nonlinear conjugate gradients of a cold start of sparse M."""
