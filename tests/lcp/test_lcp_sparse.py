@@ -16,10 +16,12 @@ from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.lcp import SOLVERS, judge, storage
 from lcpimpact.lcp.compressed import STORAGE, for_entries
 from lcpimpact.lcp.operators import Dense, Factored, Property, Sparse, as_operator
+from lcpimpact.lcp.problem import LOWER
 from lcpimpact.lcp.solve import prepare_lcp, solve_lcp
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.solvers import auto
 from lcpimpact.lcp.solvers.auto import widest_level
+from lcpimpact.lcp.sparse_pivoting import SparseMatrix, pivot
 from lcpimpact.problems.balls import pile
 
 NAMES = [name for name in SOLVERS if "sparse" in SOLVERS[name].storages and not name.startswith("qp:")]
@@ -290,6 +292,25 @@ def test_lattices_of_contacts_by_each_solver(name, boxed):
     np.testing.assert_allclose(found.z, wanted, rtol=0, atol=1e-8)
     again = solve_lcp(Sparse(M), q + 1e-3 * rng.standard_normal(361), name, z0=found.z, **limits)
     assert again.success
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_pivoting_alone_with_bounds_and_fixed_rows(seed):
+    """From a wrong side of each row, to both bounds, with rows whose bounds are equal; for M that need not be symmetric."""
+    rng = np.random.default_rng(seed)
+    n = 40
+    M = scattered_matrix(rng, n, "unsymmetric" if seed % 2 else "definite")
+    q = 3.0 * rng.standard_normal(n)
+    lower = -0.3 * rng.random(n)
+    upper = np.where(rng.random(n) < 0.3, lower, 0.3 * rng.random(n))
+    side, z = rng.integers(-1, 2, n), np.empty(n)
+    side[lower == upper] = LOWER
+    status, steps, residual = pivot(SparseMatrix(sp.csr_array(M), seed % 2 == 0), q, lower, upper, side, z, 1e-10, 100)
+    assert status is Status.SOLVED
+    assert steps <= 20
+    assert residual < 1e-13
+    np.testing.assert_allclose(z, solve_lcp(M, q, "lemke", lower=lower, upper=upper).z, rtol=0, atol=1e-10)
+    assert (z == upper).sum() > (upper == lower).sum()
 
 
 @pytest.mark.parametrize("name", ["qp:osqp", "qp:clarabel"])
