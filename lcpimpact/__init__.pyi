@@ -14,6 +14,7 @@ from lcpimpact.integrators.stepping.linear_step import LinearStep as LinearStep
 from lcpimpact.lcp.operators import Banded as Banded
 from lcpimpact.lcp.operators import Dense as Dense
 from lcpimpact.lcp.operators import Factored as Factored
+from lcpimpact.lcp.operators import Sparse as Sparse
 from lcpimpact.lcp.problem import LCPSolution as LCPSolution
 from lcpimpact.lcp.solve import PreparedLCP as PreparedLCP
 from lcpimpact.lcp.solve import prepare_lcp as prepare_lcp

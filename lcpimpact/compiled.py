@@ -300,13 +300,20 @@ def compile_ahead(*parts: Sequence[str]) -> None:
             process.kill()
 
 
-def interpreted(function: F, **names: Any) -> F:
+def as_it_is(before: Any, python: Any) -> Any:
+    """Return the Python function that `interpreted` has made of a compiled one."""
+    return python
+
+
+def interpreted(function: F, made: Callable[[Any, Any], Any] = as_it_is, **names: Any) -> F:
     """Return the Python function of a compiled one, to be run by the interpreter.
 
     Parameters
     ----------
     function : compiled function
         If compilation is switched off, the function itself.
+    made : callable
+        made(compiled, python) -> what takes the place of a function whose names are replaced, as one compiled again.
     **names
         Functions that replace the global names of ``function`` and of the functions that it calls, such as the product of an
         operator in place of that of an array, or a recording of iterates.
@@ -318,9 +325,12 @@ def interpreted(function: F, **names: Any) -> F:
         if name in names:
             changed[name] = names[name]
         elif getattr(called, "py_func", function) is not function:
-            inner = interpreted(called, **names)
+            inner = interpreted(called, made, **names)
             changed |= {name: inner} if inner is not called.py_func else {}
     if changed:
-        python = FunctionType(python.__code__, python.__globals__ | changed, python.__name__, None, python.__closure__)
+        python = made(
+            function,
+            FunctionType(python.__code__, python.__globals__ | changed, python.__name__, None, python.__closure__),
+        )
     found: F = python
     return found

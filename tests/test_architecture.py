@@ -314,7 +314,7 @@ def test_solvers_declare_what_they_are(name):
     assert 0.0 < solver.tol <= 1e-6
     assert solver.max_iter >= 1
     assert all(isinstance(each, Property) for each in solver.requires)
-    assert set(solver.storages) <= {"dense", "banded", "factored"}
+    assert set(solver.storages) <= {"dense", "banded", "sparse", "factored"}
     assert "dense" in solver.storages
     assert SOLVERS[name] == solver
     with pytest.raises(dataclasses.FrozenInstanceError):

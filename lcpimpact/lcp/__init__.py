@@ -3,7 +3,7 @@
 From the call to the solution:
 
 - `solve`         `solve_lcp` and `prepare_lcp`: solver call, fallbacks and verification of each solution
-- `operators`     M: dense, banded or factored, with its properties
+- `operators`     M: dense, banded, sparse or factored, with its properties
 - `problem`       the problem with bounds, and its solution
 - `solver`        the solver interface and the properties that a solver declares
 - `solvers/`      the methods, one per file
@@ -15,8 +15,10 @@ From the call to the solution:
 Shared by the methods:
 
 - `storage`       dense and banded storage of M in compiled code: entries, products, columns
+- `compressed`    sparse storage of M in compiled code, for which kernels are compiled again
 - `scaling`       scaling to a unit diagonal, or to entries near one
 - `reduction`     reduction of bounds to a plain LCP with more unknowns
+- `sparse_pivoting`  block principal pivoting by sparse LU
 - `basis`         complementary bases and basic solutions
 - `pivoting`      the principal pivotal transform, and the steps of the principal pivoting methods
 - `polish`        recomputation of the final basic solution
@@ -49,6 +51,7 @@ SOLVERS: Registry[LCPSolver] = Registry(
         "nnls": "lcpimpact.lcp.solvers.nnls:SOLVER",
         "pgs": "lcpimpact.lcp.solvers.pgs:SOLVER",
         "psor": "lcpimpact.lcp.solvers.psor:SOLVER",
+        "nncg": "lcpimpact.lcp.solvers.nncg:SOLVER",
         "apgd": "lcpimpact.lcp.solvers.apgd:SOLVER",
         "newton-fb": "lcpimpact.lcp.solvers.newton_fb:SOLVER",
         "interior-point": "lcpimpact.lcp.solvers.interior_point:SOLVER",

@@ -9,7 +9,10 @@ from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
 from lcpimpact.lcp.lapack import EPS, cholesky_solve, lu_solve
 from lcpimpact.lcp.problem import FREE, LOWER, UPPER
-from lcpimpact.lcp.storage import diagonal, entry, product
+from lcpimpact.lcp.storage import diagonal, product, row_terms
+
+PATIENCE = 5
+"""Maximum number of successive block exchanges that do not reduce the number of infeasible rows."""
 
 
 @compiled(types.void(vector, vector, vector, indices))
@@ -48,10 +51,7 @@ def violation(side: int, z: float, w: float, lower: float, upper: float, root: f
 @compiled(types.boolean(matrix, vector, vector, i8, f8))
 def is_rounding(W: Array, q: Array, z: Array, i: int, value: float) -> bool:
     """Return whether a value is below the rounding error of (M z + q)_i."""
-    bands, n = W.shape
-    terms = abs(q[i])
-    for j in range(0 if bands == n else max(0, i - bands + 1), n if bands == n else min(n, i + bands)):
-        terms += abs(entry(W, i, j) * z[j])
+    terms = abs(q[i]) + row_terms(W, i, z)
     rounding: bool = abs(value) <= 64.0 * EPS * terms
     return rounding
 

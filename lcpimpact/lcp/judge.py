@@ -18,6 +18,7 @@ from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.storage import (
     absolute_product,
     absolute_transposed_product,
+    longest_row,
     product,
     spread,
     transposed_product,
@@ -148,7 +149,7 @@ def measure(W: Array, q: Array, lower: Array, upper: Array, z: Array, w: Array) 
         # z - P(z - w), in a form without cancellation of w against a large z.
         natural = max(natural, abs(max(min(w[i], z[i] - lower[i]), z[i] - upper[i])))
         largest_q = max(largest_q, abs(q[i]))
-    scaled, rounding = row_defect(W, q, lower, upper, z, w, (min(n, 2 * W.shape[0] - 1) + 2) * EPS)
+    scaled, rounding = row_defect(W, q, lower, upper, z, w, (longest_row(W) + 2) * EPS)
     return scaled, natural / largest_q if scaled < np.inf else np.inf, rounding
 
 

@@ -1,4 +1,4 @@
-"""Representations of M: dense, symmetric banded, or factored as H A⁻¹ Hᵀ."""
+"""Representations of M: dense, symmetric banded, sparse, or factored as H A⁻¹ Hᵀ."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, vector
 from lcpimpact.errors import InputError, UnsupportedError
-from lcpimpact.lcp import storage
+from lcpimpact.lcp import compressed, storage
 from lcpimpact.lcp.lapack import absolute_sum
 from lcpimpact.registry import nearest
 
@@ -23,6 +23,15 @@ F8 = np.dtype(np.float64)
 
 DENSE_LIMIT = 20_000
 """Order from which an operator is not converted to dense storage (3 GB) implicitly."""
+
+SMALLEST_SPARSE = 400
+"""Order from which a sparse M stays sparse."""
+
+WIDEST_EMPTY_BAND = 16
+"""Half bandwidth above which a sparse M of bands that are mostly zero, as of a lattice, stays sparse."""
+
+FULLEST_SPARSE = 0.1
+"""Fraction of entries above which a sparse M is converted to dense storage."""
 
 
 class Property(Enum):
@@ -86,14 +95,14 @@ def _tags(tags: Iterable[str]) -> frozenset[Property]:
 
 
 class Delassus(ABC):
-    """The matrix of an LCP in one of three forms: `Dense`, `Banded`, `Factored`.
+    """The matrix of an LCP in one of four forms: `Dense`, `Banded`, `Sparse`, `Factored`.
 
     Attributes
     ----------
     n : int
         Order.
     storage : str
-        "dense", "banded" or "factored"; a solver declares those that it accepts.
+        "dense", "banded", "sparse" or "factored"; a solver declares those that it accepts.
     tags : frozenset of Property
         Declared properties; others are tested numerically where a solver requires them.
     """
@@ -269,6 +278,63 @@ class Banded(Delassus):
         d[:] = self.bands[0]
 
 
+class Sparse(Delassus):
+    """A sparse square matrix, symmetric or not, as for the contacts of many bodies; it is never made dense.
+
+    Parameters
+    ----------
+    M : (n, n) sparse matrix or array_like
+        In any format of SciPy, with its entries in any order; entries of one place are added.
+    tags : iterable of str
+        Declared properties, as for `Dense`.
+
+    Raises
+    ------
+    InputError
+        If M is not square, is empty or damaged, or has an entry that is not a finite real number.
+
+    Examples
+    --------
+    >>> from scipy.sparse import coo_array
+    >>> Sparse(coo_array(([2.0, 1.5, 0.5, -1.0], ([0, 1, 1, 0], [0, 1, 1, 1])))).array()
+    array([[ 2., -1.],
+           [ 0.,  2.]])
+    """
+
+    storage = "sparse"
+
+    def __init__(self, M: Any, tags: Iterable[str] = ()) -> None:
+        self.M = _rows(M)
+        self.n = self.M.shape[0]
+        if self.n == 0:
+            raise InputError("the LCP is empty: give at least one row")
+        self.tags = _tags(tags)
+        self._entries = _entries(self.M)
+
+    @property
+    def W(self) -> compressed.Entries:
+        """The entries by rows and by columns."""
+        return self._entries
+
+    def product(self, z: Array, w: Array) -> None:
+        """Set w = M z."""
+        compressed.product(self._entries, z, w)
+
+    def column(self, j: int, c: Array) -> None:
+        """Set c = M_·j."""
+        compressed.column(self._entries, j, c)
+
+    def diagonal(self, d: Array) -> None:
+        """Set d = (M_ii)."""
+        compressed.diagonal(self._entries, d)
+
+    def array(self) -> Array:
+        """Return the dense M."""
+        _refuse_large(self.n)
+        M: Array = self.M.toarray()
+        return M
+
+
 class Factored(Delassus):
     r"""The Delassus operator M = H A⁻¹ Hᵀ in factored form: A is factored once, and M is never formed.
 
@@ -307,6 +373,7 @@ class Factored(Delassus):
         self._solve = _sparse_factor(self.A) if _is_sparse(self.A) else _dense_factor(self.A)
         self._diagonal: Array | None = None
         self._H: Any = H.tocsr() if _is_sparse(H) else self.H
+        self._absolute_H = abs(self._H) if _is_sparse(H) and _is_sparse(A) and _is_stieltjes(self.A) else None
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle A and H only: SuperLU factors cannot be pickled, so A is factored again in the other process."""
@@ -322,6 +389,10 @@ class Factored(Delassus):
         """Shape of M."""
         return self.n, self.n
 
+    def longest_row(self) -> int:
+        """Return the largest number of entries of a row of M."""
+        return self.n
+
     def _roots(self) -> Array:
         """Return sqrt(M_ii), for the bound |M_ij| <= sqrt(M_ii M_jj) of a semidefinite M."""
         d = np.empty(self.n)
@@ -329,20 +400,31 @@ class Factored(Delassus):
         return np.sqrt(d)
 
     def absolute_product(self, v: Array, c: Array) -> None:
-        """Set c to an upper bound of |M| |v|."""
+        """Set c to an upper bound of |M| |v|: |H| A⁻¹ |H|ᵀ |v| if A⁻¹ has no negative entry, else by the roots of M_ii."""
+        if self._absolute_H is not None:
+            c[:] = self._absolute_H @ np.abs(self._solve(self._absolute_H.T @ np.abs(v)))
+            return
         roots = self._roots()
         c[:] = roots * (roots @ np.abs(v))
 
     def spread(self, j: int, x: float, c: Array) -> None:
         """Add an upper bound of |M_·j x| to c."""
-        roots = self._roots()
-        c += roots * (roots[j] * abs(x))
+        c += abs(x) * self._absolute_column(j)
 
     def weight(self, j: int, size: Array) -> float:
         """Return an upper bound of max_i |M_ij| / size_i."""
-        roots = self._roots()
         with np.errstate(divide="ignore", invalid="ignore"):
-            return float(np.nanmax(np.append(roots * roots[j] / size, 0.0)))
+            return float(np.nanmax(np.append(self._absolute_column(j) / size, 0.0)))
+
+    def _absolute_column(self, j: int) -> Array:
+        """Return an upper bound of |M_·j|."""
+        column: Array
+        if self._absolute_H is not None:
+            column = self._absolute_H @ np.abs(self._solve(self._absolute_H[[j]].toarray()[0]))
+            return column
+        roots = self._roots()
+        column = roots * roots[j]
+        return column
 
     def product(self, z: Array, w: Array) -> None:
         """Set w = H A⁻¹ Hᵀ z."""
@@ -364,7 +446,10 @@ class Factored(Delassus):
 
 
 def as_operator(M: Any, tags: Iterable[str] = (), copy: bool = True) -> Delassus:
-    """Return M as an operator: unchanged if it is one, `Banded` if sparse, symmetric and narrow-banded, else `Dense`."""
+    """Return M as an operator: unchanged if it is one; else `Dense`, or, if sparse, `Banded`, `Sparse` or `Dense`.
+
+    A sparse M becomes `Banded` if it is symmetric and narrow-banded; `Dense` if it is small or full.
+    """
     if isinstance(M, np.ndarray):
         return Dense(M, tags, copy=copy)
     if isinstance(M, Delassus):
@@ -373,11 +458,12 @@ def as_operator(M: Any, tags: Iterable[str] = (), copy: bool = True) -> Delassus
         return M
     if not _is_sparse(M):
         return Dense(M, tags)
-    bands = _bands(M) if M.shape[0] == M.shape[1] > 0 else None
+    found = Sparse(M, tags)
+    bands = _bands(found)
     if bands is not None:
         return Banded(bands, tags)
-    _refuse_large(M.shape[0])
-    return Dense(M.toarray(), tags)
+    few = found.n < SMALLEST_SPARSE or found.M.nnz > FULLEST_SPARSE * found.n**2
+    return Dense(found.M.toarray(), tags) if few and found.n <= DENSE_LIMIT else found
 
 
 def narrow(M: Array) -> Banded | None:
@@ -395,23 +481,55 @@ def narrow(M: Array) -> Banded | None:
 def _refuse_large(n: int) -> None:
     if n > DENSE_LIMIT:
         raise UnsupportedError(
-            f"a dense M of order {n} takes {8e-9 * n**2:.0f} GB: give M as Banded or Factored, and take solver='auto'"
+            f"a dense M of order {n} takes {8e-9 * n**2:.0f} GB: give M sparse, Banded or Factored, and take solver='auto'"
         )
 
 
-def _bands(M: Any) -> Array | None:
-    M = M.tocsr(copy=True)
-    M.sum_duplicates()  # a later operation would sort the entries in place, beneath those of coo
-    coo = M.tocoo()
-    finite_array("M", coo.data)
-    n, distance = M.shape[0], coo.row - coo.col
+def _rows(M: Any) -> Any:
+    """Return a square M by its rows in SciPy's format, a copy with one entry for each place, none of them zero."""
+    from scipy.sparse import csr_array
+
+    if not _is_sparse(M):
+        M = csr_array(finite_array("M", M))
+    if M.ndim != 2 or M.shape[0] != M.shape[1]:
+        raise InputError(f"M must be square, and its shape is {M.shape}")
+    if M.dtype.kind not in "fiub":
+        raise InputError(f"M must hold real numbers, and its entries are {M.dtype}")
+    try:
+        # As floats before entries are added, since small integers would overflow.
+        rows = M.astype(np.float64).tocsr()
+        rows = csr_array((rows.data, rows.indices, rows.indptr), shape=M.shape, copy=True)
+        rows.check_format(full_check=True)
+    except ValueError as error:
+        raise InputError(f"M is no sparse matrix that can be read: {error}") from None
+    rows.sum_duplicates()
+    finite_array("M", rows.data, copy=False)
+    rows.eliminate_zeros()
+    return rows
+
+
+def _entries(rows: Any) -> compressed.Entries:
+    """Return the entries of M in the storage of compiled code; a symmetric M has one copy of them."""
+    columns = rows.tocsc()
+    of_rows, of_columns = (
+        (each.indptr.astype(np.int64), each.indices.astype(np.int64), np.ascontiguousarray(each.data))
+        for each in (rows, columns)
+    )
+    if all(map(np.array_equal, of_rows, of_columns)):
+        of_columns = of_rows
+    return compressed.Entries(*of_rows, *of_columns)
+
+
+def _bands(M: Sparse) -> Array | None:
+    coo, n = M.M.tocoo(), M.n
+    distance = coo.row - coo.col
     b = int(np.abs(distance).max(initial=0))
-    difference = abs(M - M.T)
-    if 4 * (b + 1) > n or difference.max() > 1e-14 * abs(M).max():
+    lower = distance >= 0
+    empty = b > WIDEST_EMPTY_BAND and (b + 1) * n > 2 * np.count_nonzero(lower)
+    if 4 * (b + 1) > n or empty or not compressed.is_symmetric(M.W):
         return None
     bands = np.zeros((b + 1, n))
-    lower = distance >= 0
-    np.add.at(bands, (distance[lower], coo.col[lower]), coo.data[lower])
+    bands[distance[lower], coo.col[lower]] = coo.data[lower]
     return bands
 
 
@@ -444,18 +562,12 @@ def _dense_factor(A: Array) -> Callable[[Array], Array]:
 
 
 def _sparse_factor(A: Any) -> Callable[[Array], Array]:
-    from scipy.sparse.linalg import splu
-
     A = A.tocsc()
     finite_array("A", A.data)
     if abs(A - A.T).max() > 1e-12 * abs(A).max():
         raise _not_definite()
-    try:
-        # Without pivoting this is L D Lᵀ, whose signs are those of the eigenvalues.
-        factor = splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    except RuntimeError:
-        raise _not_definite() from None
-    if not (factor.U.diagonal() > 0.0).all():
+    factor = _definite_factor(A)
+    if factor is None:
         raise _not_definite()
 
     def solve(b: Array) -> Array:
@@ -463,6 +575,27 @@ def _sparse_factor(A: Any) -> Callable[[Array], Array]:
         return x
 
     return solve
+
+
+def _is_stieltjes(A: Any) -> bool:
+    """Return whether a symmetric positive definite A has no positive entry off its diagonal: then A⁻¹ >= 0."""
+    entries = A.tocoo()
+    return bool((entries.data[entries.row != entries.col] <= 0.0).all())
+
+
+def _definite_factor(A: Any) -> Any:
+    """Return the factors of a symmetric sparse matrix, or None if it is not positive definite."""
+    from scipy.sparse.linalg import splu
+
+    if not (A.diagonal() > 0.0).all():
+        return None
+    try:
+        # Without pivoting this is L D Lᵀ, whose signs are those of the eigenvalues.
+        factor = splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError:
+        return None
+    without_pivoting = np.array_equal(factor.perm_r, factor.perm_c)
+    return factor if without_pivoting and (factor.U.diagonal() > 0.0).all() else None
 
 
 def _is_definite(M: Delassus, shift: float) -> bool:
@@ -488,18 +621,36 @@ def _is_banded_definite(M: Banded, shift: float) -> bool:
     return True
 
 
+def _is_sparse_definite(M: Sparse, shift: float) -> bool:
+    from scipy.sparse import identity
+
+    S = 0.5 * (M.M + M.M.T)
+    S = S / (abs(S).max() or 1.0) + shift * identity(M.n)
+    d = S.diagonal()
+    if (2.0 * d > abs(S).sum(axis=1)).all():  # diagonally dominant
+        return True
+    return _definite_factor(S.tocsc()) is not None
+
+
+def _definite(M: Delassus, shift: float) -> bool:
+    if isinstance(M, Banded):
+        return _is_banded_definite(M, shift)
+    return _is_sparse_definite(M, shift) if isinstance(M, Sparse) else _is_definite(M, shift)
+
+
 def _psd(M: Delassus) -> bool:
-    shift = 1e-12 * M.n
-    return _is_banded_definite(M, shift) if isinstance(M, Banded) else _is_definite(M, shift)
+    return _definite(M, 1e-12 * M.n)
 
 
 def _symmetric(M: Delassus) -> bool:
+    if isinstance(M, Sparse):
+        return compressed.is_symmetric(M.W)
     return not isinstance(M, Dense) or storage.is_symmetric(M.M)
 
 
 def _positive_diagonal(M: Delassus) -> bool:
-    if not isinstance(M, Factored):
-        return storage.has_positive_diagonal(M.W)
+    if isinstance(M, Factored):  # A is positive definite
+        return bool((abs(M._H).sum(axis=1) > 0.0).all())
     d = np.empty(M.n)
     M.diagonal(d)
     return bool((d > 0.0).all())
@@ -509,14 +660,14 @@ def _p(M: Delassus) -> bool:
     if not _positive_diagonal(M):
         return False
     if isinstance(M, Banded):
-        return _is_banded_definite(M, 0.0)
-    full = M.array()
-    off = np.abs(full).sum(axis=1) - np.diag(full), np.abs(full).sum(axis=0) - np.diag(full)
-    if (np.diag(full) > off[0]).all() or (np.diag(full) > off[1]).all() or _is_definite(M, 0.0):
+        return _definite(M, 0.0)
+    full: Any = M.M if isinstance(M, Sparse) else M.array()
+    size, d = abs(full), full.diagonal()
+    if any((2.0 * d > size.sum(axis=axis)).all() for axis in (0, 1)) or _definite(M, 0.0):
         return True
     if M.n > 10:
         return False
-    subsets = (list(rows) for k in range(1, M.n + 1) for rows in combinations(range(M.n), k))
+    full, subsets = M.array(), (list(rows) for k in range(1, M.n + 1) for rows in combinations(range(M.n), k))
     return all(np.linalg.det(full[np.ix_(rows, rows)]) > 0.0 for rows in subsets)
 
 

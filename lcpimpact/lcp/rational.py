@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.lcp.operators import Banded, Delassus, Factored
+from lcpimpact.lcp.operators import Banded, Delassus, Factored, Sparse
 from lcpimpact.lcp.reduction import to_lcp
 
 Whole: TypeAlias = Any
@@ -72,17 +72,34 @@ def transposed_product(M: Delassus, v: Array) -> tuple[Whole, int]:
             c[k:] = c[k:] + below * u[: M.n - k]
             c[: M.n - k] = c[: M.n - k] + below * u[k:]
         return c, e + f
+    if isinstance(M, Sparse):
+        of_v = M.M.tocoo()
+        pushed = v[of_v.row] != 0.0
+        values, f = whole(of_v.data[pushed])
+        c = np.zeros(M.n, object)
+        np.add.at(c, of_v.col[pushed], values * u[of_v.row[pushed]])
+        return c, e + f
     rows = np.flatnonzero(v)
     N, f = whole(M.array()[rows])
     return u[rows] @ N, e + f
+
+
+def rows_of(M: Delassus, rows: Indices) -> Array:
+    """Return rows of M, or of H for M = H A⁻¹ Hᵀ, without the columns that are zero in all of them if it is sparse."""
+    matrix: Any = M.H if isinstance(M, Factored) else M.M if isinstance(M, Sparse) else M.array()
+    if not hasattr(matrix, "tocsr"):
+        found: Array = matrix[rows]
+        return found
+    taken = matrix.tocsr()[rows].tocsc()
+    dense: Array = taken[:, np.flatnonzero(np.diff(taken.indptr))].toarray()
+    return dense
 
 
 def annuls(M: Factored, v: Array) -> bool:
     """Return whether Hᵀ v = 0, so that M v = H A⁻¹ Hᵀ v = 0 without the rounding error of A⁻¹."""
     rows = np.flatnonzero(v)
     u, _ = whole(v[rows])
-    H = M.H.tocsr()[rows].toarray() if hasattr(M.H, "tocsr") else M.H[rows]
-    return not (u @ whole(H)[0]).any()
+    return not (u @ whole(rows_of(M, rows))[0]).any()
 
 
 def proves_infeasible(M: Delassus, q: Array, lower: Array, upper: Array, v: Array) -> bool:
@@ -131,14 +148,12 @@ def _neighbours(M: Delassus, v: Array) -> Iterator[Array]:
         for digits in (0, 3, 9):
             yield np.round(v / size, digits)
         return
-    if isinstance(M, Factored):
-        N: Array = M.H.tocsr()[rows].toarray() if hasattr(M.H, "tocsr") else M.H[rows]
-        tight = np.ones(N.shape[1], bool)
-    else:
-        N = M.array()[rows]
+    N = rows_of(M, rows)
+    tight = np.ones(N.shape[1], bool)
+    if not isinstance(M, Factored):
         tight = np.abs(v[rows] @ N) <= 1e-7 * (np.abs(v[rows]) @ np.abs(N))
     # Each row of M is scaled to near one, as rows in different units have entries of different size.
-    largest = np.abs(N).max(axis=1)
+    largest = np.abs(N).max(axis=1, initial=0.0)
     unit = np.where(largest > 0.0, np.exp2(np.round(np.log2(np.where(largest > 0.0, largest, 1.0)))), 1.0)
     x = v[rows] * unit
     x = np.where(np.abs(x) > 1e-11 * np.abs(x).max(), x, 0.0)

@@ -15,7 +15,7 @@ from lcpimpact.lcp import SOLVERS, judge, rational
 from lcpimpact.lcp.farkas import infeasibility
 from lcpimpact.lcp.operators import Delassus, Dense, Factored, as_operator, finite_array, real_array
 from lcpimpact.lcp.problem import LCPSolution, bounds, is_plain
-from lcpimpact.lcp.solver import LCPSolver, SolverState, matrix_free
+from lcpimpact.lcp.solver import LCPSolver, SolverState, for_storage
 from lcpimpact.lcp.trace import Trace, traced
 from lcpimpact.numbers import count, positive
 
@@ -97,7 +97,7 @@ class PreparedLCP(NamedTuple):
         z, w = np.zeros(len(q)) if guess is None else guess.copy(), np.empty(len(q))
         code, iterations = state.kernel(W, q, lower, upper, z, tol, max_iter)
         status, ray = STATUS[code], None
-        measure = matrix_free(judge.measure) if type(W) is Factored else judge.measure
+        measure = for_storage(judge.measure, W)
         if status in (Status.RAY, Status.INFEASIBLE):
             status, ray = self._disproved(q, z if status is Status.RAY else None)
             z = np.minimum(np.maximum(0.0, lower), upper)
@@ -258,8 +258,9 @@ def solve_lcp(
 
     Parameters
     ----------
-    M : (n, n) array_like, sparse matrix, `Dense`, `Banded` or `Factored`
-        Any square matrix; a solver rejects a matrix without the properties that it requires.
+    M : (n, n) array_like, sparse matrix, `Dense`, `Banded`, `Sparse` or `Factored`
+        Any square matrix; a solver rejects a matrix without the properties that it requires. A sparse matrix of SciPy is
+        taken as `Banded` if symmetric and of few bands, as `Dense` if small or full, else as `Sparse`.
     q : (n,) array_like
         Right-hand side.
     solver : str or LCPSolver

@@ -8,9 +8,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple, TypeAlias
 
+import numpy as np
+
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import COMPILING, F, interpreted
 from lcpimpact.errors import UnsupportedError
+from lcpimpact.lcp.compressed import Entries, for_entries
 from lcpimpact.lcp.operators import Delassus, Dense, Factored, Property
 
 Kernel: TypeAlias = Callable[[Any, Array, Array, Array, Array, float, int], tuple[int, int]]
@@ -26,7 +29,7 @@ class SolverState(NamedTuple):
 
     Attributes
     ----------
-    W : array or Factored       matrix argument of the kernel
+    W : array, Entries or Factored      matrix argument of the kernel
     kernel : Kernel             may be called for many q, and for other matrices of the same storage
     compiled : bool             whether the kernel can be called from compiled code
     name : str                  name of the kernel's method
@@ -52,7 +55,8 @@ class LCPSolver(ABC):
     name : str                      the registry name
     summary : str                   one line for tables
     requires : tuple of Property    required properties of M
-    storages : tuple of str         accepted storages of M: "dense", "banded", "factored"; others are converted to dense
+    storages : tuple of str         accepted storages of M: "dense", "banded", "sparse", "factored"; others are converted
+                                    to dense
     boxed : bool                    whether bounds other than lower = 0, upper = inf are accepted
     tol : float                     default tolerance: the attainable relative residual
     max_iter : int                  default maximum number of pivots, sweeps or backend iterations
@@ -105,11 +109,17 @@ class CompiledSolver(LCPSolver):
     kernel: Kernel
 
     def init(self, M: Delassus) -> SolverState:
-        """Return the kernel; for a factored M it runs in the interpreter with the operator's products."""
-        if M.storage == "factored" and M.storage in self.storages:
-            return SolverState(M, matrix_free(self.kernel), False, self.name)
+        """Return the kernel for the storage of M; for a factored M it runs in the interpreter with its products."""
         W = M.W if M.storage in self.storages else Dense(M.array()).W
-        return SolverState(W, self.kernel, COMPILING, self.name)
+        return SolverState(W, for_storage(self.kernel, W), COMPILING and isinstance(W, np.ndarray), self.name)
+
+
+def for_storage(function: F, W: Any) -> F:
+    """Return a kernel or judge that takes W."""
+    if isinstance(W, np.ndarray):
+        return function
+    found: F = for_entries(function) if isinstance(W, Entries) else matrix_free(function)
+    return found
 
 
 @cache
@@ -122,6 +132,7 @@ def matrix_free(function: F) -> F:
         "absolute_transposed_product": Factored.absolute_product,
         "spread": Factored.spread,
         "weight": Factored.weight,
+        "longest_row": Factored.longest_row,
         "column": Factored.column,
         "diagonal": Factored.diagonal,
     }

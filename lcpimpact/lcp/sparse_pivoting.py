@@ -1,6 +1,6 @@
 """Block principal pivoting for sparse LCPs of many contacts, which factors the free rows only when they change.
 
-All rows of the wrong sign are exchanged at once; where that does not reduce their number, one at a time by the largest
+All infeasible rows are exchanged at once; where that does not reduce their number, one at a time by the largest
 index, which ends for a P-matrix (Murty). In time steps the free rows of the last step are often those of the next, so that
 a step costs one product and one solve with factors that are known.
 """
@@ -17,8 +17,9 @@ from scipy.sparse.linalg import splu
 
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.errors import Status
+from lcpimpact.lcp.basis import PATIENCE
 from lcpimpact.lcp.lapack import EPS
-from lcpimpact.lcp.solvers.block_pivoting import PATIENCE
+from lcpimpact.lcp.problem import FREE, LOWER, UPPER
 
 MAX_PIVOTS = 500
 """Default limit of exchanges, each of which may cost a factorisation."""
@@ -26,15 +27,26 @@ MAX_PIVOTS = 500
 ROUNDING = 16.0 * EPS
 """Rounding error of a row, relative to the sum of its terms."""
 
+SYMMETRIC: dict[str, Any] = {
+    "permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 1e-3, "options": {"SymmetricMode": True},
+}  # fmt: skip
+"""Order and pivots on the diagonal for symmetric matrices."""
+
 Solve = Callable[[Array], Array]
 
 
 class SparseContacts(ABC):
-    """The matrix W of the contacts of a sparse system; factors of its last free rows are kept."""
+    """The matrix W of the contacts of a sparse system; factors of its last free rows are kept.
+
+    Attributes
+    ----------
+    unit : (n,) array       units of z in which W_ii is near 1
+    """
+
+    unit: Array
 
     def __init__(self) -> None:
-        self._free: Indices | None = None
-        self._solve: Solve | None = None
+        self._last: tuple[Indices, Solve] | None = None
 
     @abstractmethod
     def product(self, z: Array) -> Array:
@@ -56,17 +68,21 @@ class SparseContacts(ABC):
 
     def solver(self, free: Indices) -> Solve:
         """Return `factor` of the free rows, from memory where they are those of the last call."""
-        if self._solve is None or self._free is None or not np.array_equal(free, self._free):
-            self._solve, self._free = self.factor(free), free
-        return self._solve
+        last = self._last
+        if last is None or not np.array_equal(free, last[0]):
+            last = self._last = free, self.factor(free)
+        return last[1]
 
 
 class SparseMatrix(SparseContacts):
-    """W itself, symmetric and sparse, as where A is diagonal."""
+    """W itself, as where A is diagonal."""
 
-    def __init__(self, W: Any) -> None:
+    def __init__(self, W: Any, symmetric: bool = True) -> None:
         super().__init__()
         self.W, self.absolute = W.tocsr(), abs(W).tocsr()
+        diagonal = np.abs(self.W.diagonal())
+        self.unit = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+        self._how = SYMMETRIC if symmetric else {"permc_spec": "COLAMD"}
 
     def product(self, z: Array) -> Array:
         """Return W z."""
@@ -77,9 +93,11 @@ class SparseMatrix(SparseContacts):
         return np.asarray(self.absolute @ z)
 
     def factor(self, free: Indices) -> Solve:
-        """Factor the free block in an order for symmetric matrices."""
-        solve: Solve = splu(self.W[free][:, free].tocsc(), permc_spec="MMD_AT_PLUS_A").solve
-        return solve
+        """Factor the free block, scaled to a unit diagonal."""
+        unit = self.unit[free]
+        scaled = sparse.diags_array(unit)
+        solve = splu((scaled @ self.W[free][:, free] @ scaled).tocsc(), **self._how).solve
+        return lambda q: np.asarray(unit * solve(unit * q))
 
 
 class SparseProduct(SparseContacts):
@@ -95,7 +113,7 @@ class SparseProduct(SparseContacts):
         diagonal = self.A.diagonal()
         self._of_w = sparse.diags_array(1.0 / np.sqrt(diagonal))
         part = (self.L @ sparse.diags_array(1.0 / diagonal)).multiply(self.B.T)
-        self._of_z = 1.0 / np.sqrt(np.asarray(part.sum(axis=1)).ravel())
+        self.unit = 1.0 / np.sqrt(np.asarray(part.sum(axis=1)).ravel())
 
     def product(self, z: Array) -> Array:
         """Return L A⁻¹ B z."""
@@ -107,17 +125,22 @@ class SparseProduct(SparseContacts):
 
     def factor(self, free: Indices) -> Solve:
         """Factor A w - B z = 0, L w = q in the free rows, in units of w and z in which the entries are near 1."""
-        n, unit = self.A.shape[0], self._of_z[free]
+        n, unit = self.A.shape[0], self.unit[free]
         scaled, D = sparse.diags_array(unit), self._of_w
         B, L = D @ self.B.tocsc()[:, free] @ scaled, scaled @ self.L[free] @ D
         solve = splu(sparse.block_array([[D @ self.A @ D, -B], [L, None]]).tocsc()).solve
         return lambda q: np.asarray(unit * solve(np.concatenate([np.zeros(n), unit * q]))[n:])
 
 
-def pivot(W: SparseContacts, q: Array, active: Flags, z: Array, tol: float, max_iter: int) -> tuple[Status, int, float]:
-    """Solve 0 <= z ⟂ W z + q >= 0 in the active rows, with z = 0 in the others, from the guess z, which is overwritten.
+def pivot(
+    W: SparseContacts, q: Array, lower: Array, upper: Array, side: Indices, z: Array, tol: float, max_iter: int
+) -> tuple[Status, int, float]:
+    """Solve w = W z + q with lower <= z <= upper, w >= 0 where z < upper, w <= 0 where z > lower; z is overwritten.
 
-    Free at first are the active rows with z > 0 or q < 0, or all if none has z > 0.
+    Parameters
+    ----------
+    side : (n,) indices
+        The first guess: FREE, LOWER or UPPER; overwritten. A row with lower = upper has no side to change to.
 
     Returns
     -------
@@ -125,46 +148,59 @@ def pivot(W: SparseContacts, q: Array, active: Flags, z: Array, tol: float, max_
     residual : float
         Largest natural residual of a row, relative to the sum of its terms, computed from W and q after the solution.
     """
-    free, fewest, patience = active & ((z > 0.0) | (q < 0.0)), len(q) + 1, PATIENCE
-    if not (z > 0.0).any():
-        free = active.copy()
+    fewest, patience, scale = len(q) + 1, PATIENCE, W.unit * W.unit
     for step in range(1, max_iter + 1):
-        rows = np.flatnonzero(free)
-        z[:] = 0.0
+        rows = np.flatnonzero(side == FREE)
+        z[:] = np.where(side == FREE, 0.0, np.where(side == LOWER, lower, upper))
         try:
             if len(rows):
                 solve = W.solver(rows)
-                z[rows] = solve(-q[rows])
-                z[rows] -= solve((W.product(z) + q)[rows])
+                for _ in range(2):  # the second is a refinement
+                    z[rows] -= solve((W.product(z) + q)[rows])
         except RuntimeError:
             return Status.SINGULAR, step, np.inf
         w, size = W.product(z) + q, W.terms(np.abs(z)) + np.abs(q)
         if not np.isfinite(w).all():
             return Status.NON_FINITE, step, np.inf
-        small = ROUNDING * float(np.abs(z).max(initial=0.0))
-        wrong = np.where(free, z < -small, active & (w < -ROUNDING * size))
+        excess = np.where(side == FREE, np.maximum(lower - z, z - upper), np.where(side == LOWER, -w, w))
+        excess[(side != FREE) & (lower == upper)] = 0.0
+        # A value below the rounding error of the largest z may be significant in a row of small ones.
+        rounding = np.where(side == FREE, size * scale, size)
+        if patience < 0:
+            largest = float((np.abs(z) / W.unit).max(initial=0.0))
+            rounding = np.where(side == FREE, np.maximum(rounding, largest * W.unit), rounding)
+        wrong = excess > ROUNDING * rounding
         count = int(np.count_nonzero(wrong))
         if count == 0:
-            np.maximum(z, 0.0, out=z)
-            residual = natural_residual(W, q, active, z)
+            np.minimum(np.maximum(z, lower), upper, out=z)
+            residual = natural_residual(W, q, lower, upper, z)
             return (Status.SOLVED if residual <= tol else Status.INACCURATE), step, residual
         if count < fewest:
             fewest, patience = count, PATIENCE
         else:
             patience -= 1
         if patience < 0:
-            last = int(np.flatnonzero(wrong)[-1])
-            free[last] = not free[last]
-        else:
-            free ^= wrong
+            wrong[: np.flatnonzero(wrong)[-1]] = False
+        side[wrong] = np.where(side != FREE, FREE, np.where(z < lower, LOWER, UPPER))[wrong]
     return Status.MAX_ITER, max_iter, np.inf
 
 
-def natural_residual(W: SparseContacts, q: Array, active: Flags, z: Array) -> float:
-    """Return the largest |min(z, w)| of the active rows in units of the terms of w; inf if z acts elsewhere or pulls."""
+def pivot_contacts(
+    W: SparseContacts, q: Array, active: Flags, z: Array, tol: float, max_iter: int
+) -> tuple[Status, int, float]:
+    """Solve 0 <= z ⟂ W z + q >= 0 in the active rows, with z = 0 in the others, as `pivot` does, from the guess z.
+
+    Free at first are the active rows with z > 0 or q < 0, or all if none has z > 0.
+    """
+    free = active & ((z > 0.0) | (q < 0.0)) if (z > 0.0).any() else active
+    side = np.where(free, FREE, LOWER)
+    return pivot(W, q, np.zeros(len(q)), np.where(active, np.inf, 0.0), side, z, tol, max_iter)
+
+
+def natural_residual(W: SparseContacts, q: Array, lower: Array, upper: Array, z: Array) -> float:
+    """Return the largest w_i of a wrong sign in units of its terms; inf if z lies outside its bounds."""
     w, size = W.product(z) + q, W.terms(np.abs(z)) + np.abs(q)
-    if (z[~active] != 0.0).any() or not (z >= 0.0).all():
+    if not ((lower <= z) & (z <= upper)).all():
         return np.inf
-    off = np.where(z > 0.0, np.abs(w), np.maximum(-w, 0.0))[active]
-    scale = size[active]
-    return float((off / np.where(scale > 0.0, scale, 1.0)).max(initial=0.0))
+    off = np.where(z > lower, np.maximum(w, 0.0), 0.0) + np.where(z < upper, np.maximum(-w, 0.0), 0.0)
+    return float((off / np.where(size > 0.0, size, 1.0)).max(initial=0.0))

@@ -155,6 +155,24 @@ def row_product(W: Array, i: int, z: Array) -> float:
     return total
 
 
+@compiled(f8(matrix, i8, vector))
+def row_terms(W: Array, i: int, z: Array) -> float:
+    """Return |M_i·| |z|."""
+    bands, n = W.shape
+    total = 0.0
+    for j in range(0 if bands == n else max(0, i - bands + 1), n if bands == n else min(n, i + bands)):
+        total += abs(entry(W, i, j) * z[j])
+    return total
+
+
+@compiled(i8(matrix))
+def longest_row(W: Array) -> int:
+    """Return the largest number of entries of a row."""
+    bands, n = W.shape
+    longest: int = min(n, 2 * bands - 1)
+    return longest
+
+
 @compiled(types.boolean(matrix))
 def is_symmetric(W: Array) -> bool:
     """Return whether M is symmetric to |M_ij - M_ji| <= 1e-12 sqrt(|M_ii M_jj|), or to the rounding of M_ij."""

@@ -36,7 +36,7 @@ from lcpimpact.integrators.stepping import sparse_kernel, sparse_table
 from lcpimpact.integrators.stepping.stencil import apply, solve_banded, stencil
 from lcpimpact.lcp.judge import clear_residual_of_chain, holds, measure
 from lcpimpact.lcp.solvers.banded import isotonic_chain, pools_for
-from lcpimpact.lcp.sparse_pivoting import SparseMatrix, SparseProduct, pivot
+from lcpimpact.lcp.sparse_pivoting import SparseMatrix, SparseProduct, pivot_contacts
 from lcpimpact.problems.balls import pile
 
 sparse = pytest.importorskip("scipy.sparse")
@@ -315,7 +315,7 @@ def test_pivoting_finds_the_solution_of_small_problems(seed):
     product = SparseProduct(sparse.csr_array(W), A, A.tocsr())
     for contacts in (SparseMatrix(sparse.csr_array(W)), product):
         found = z.copy()
-        status, _, residual = pivot(contacts, q, active, found, 1e-10, 100)
+        status, _, residual = pivot_contacts(contacts, q, active, found, 1e-10, 100)
         assert status is Status.SOLVED
         assert residual < 1e-12
         assert (found[~active] == 0.0).all()
@@ -329,11 +329,11 @@ def test_what_pivoting_returns_is_judged(monkeypatch):
     W = SparseMatrix(sparse.csr_array(np.diag([1.0, 2.0, 3.0])))
     monkeypatch.setattr(W, "factor", lambda free: lambda q: 0.5 * q)
     z = np.zeros(3)
-    status, _, residual = pivot(W, -np.ones(3), np.ones(3, dtype=bool), z, 1e-10, 5)
+    status, _, residual = pivot_contacts(W, -np.ones(3), np.ones(3, dtype=bool), z, 1e-10, 5)
     assert status is not Status.SOLVED
     assert residual > 1e-10
     singular = SparseMatrix(sparse.csr_array(np.ones((2, 2))))
-    assert pivot(singular, -np.ones(2), np.ones(2, dtype=bool), np.zeros(2), 1e-10, 5)[0] is Status.SINGULAR
+    assert pivot_contacts(singular, -np.ones(2), np.ones(2, dtype=bool), np.zeros(2), 1e-10, 5)[0] is Status.SINGULAR
 
 
 # What fails is said

@@ -25,7 +25,7 @@ NAMES = list(SOLVERS)
 if "daqp" in qpsolvers.available_solvers:
     NAMES += ["qp:daqp", "qp:daqp:primal"]
 COMPILED = [name for name in NAMES if name == "auto" or isinstance(SOLVERS[name], CompiledSolver)]
-ITERATIVE = ["pgs", "psor", "apgd", "newton-fb", "interior-point"]
+ITERATIVE = ["pgs", "psor", "apgd", "nncg", "newton-fb", "interior-point"]
 DIRECT = [name for name in COMPILED if name not in ITERATIVE]
 SYMMETRIC_ONLY = [name for name in NAMES if Property.SYMMETRIC in SOLVERS[name].requires]
 ANY_MATRIX = [name for name in COMPILED if not SOLVERS[name].requires and name != "closed-form"]

@@ -787,7 +787,7 @@ def kelvin_voigt_impact(m, k, c, v0):
     ω = math.sqrt(k / m)
     end, deepest, top = falling(
         lambda y: [y[1], -R(y) / m], [0.0, v0], 100.0 / ω * (1.0 + c * ω / k),
-        R, lambda y: y[1], lambda y: k * y[1] - c * R(y) / m, scale=[v0 / ω, v0],
+        R, lambda y: y[1], lambda y: k * y[1] - c * R(y) / m, scale=[1e-6 * v0 / ω, 1e-6 * v0],
     )  # fmt: skip
     return {
         "R(0+)": c * v0, "t_c": end[0], "e": -end[1][1] / v0, "x_max": deepest[1][0],

@@ -41,7 +41,7 @@ from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits
 from lcpimpact.lcp.solver import Kernel, SolverState
 from lcpimpact.lcp.solvers.banded import chain_masses, pools_for
-from lcpimpact.lcp.sparse_pivoting import MAX_PIVOTS, SparseContacts, SparseMatrix, SparseProduct, pivot
+from lcpimpact.lcp.sparse_pivoting import MAX_PIVOTS, SparseContacts, SparseMatrix, SparseProduct, pivot_contacts
 from lcpimpact.scheme.sparse import SparseDynamics
 from lcpimpact.scheme.sparse_decomposition import Sparse
 
@@ -186,7 +186,7 @@ def _solver(
         return _contacts(full, mass, limits), solve_few, Dense(full) if nc else None
 
     def solve_many(contacts: Contacts, z: Array, kernel: Kernel) -> tuple[int, int, float]:
-        status, count, residual = pivot(W, contacts.L, contacts.active, z, contacts.tol, most)
+        status, count, residual = pivot_contacts(W, contacts.L, contacts.active, z, contacts.tol, most)
         if status is Status.INACCURATE:
             residual = residual_of_coupled_rows(W, contacts, z)
             status = Status.SOLVED if residual <= contacts.tol else status

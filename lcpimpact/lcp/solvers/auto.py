@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.operators import Delassus, Property, narrow
+from lcpimpact.lcp.operators import SMALLEST_SPARSE, Delassus, Dense, Property, Sparse, narrow
 from lcpimpact.lcp.solver import LCPSolver, SolverState
 from lcpimpact.lcp.solvers.block_triangular import is_irreducible
 
 LARGEST_TABLEAU = 3_000
+
+WIDEST_FAST_FACTOR = 2_000
+"""Width of the graph of a sparse M above which sweeps are tried before factors, which take half a minute."""
+
+WIDEST_FACTOR = 4_000
+"""Width of the graph of a sparse M above which factors are not tried: they would take gigabytes."""
 
 SMALLEST_BAND = 16
 """Minimum order at which a dense M is examined for bands."""
@@ -20,9 +28,11 @@ def methods(M: Delassus) -> tuple[str, ...]:
     """Return the methods to try in order; those whose requirements M does not meet are skipped."""
     if M.storage == "factored":
         return "active-set", "apgd"
+    if isinstance(M, Sparse):
+        return methods_of_sparse(M)
     if M.storage == "banded":
-        # The others need memory for n² numbers.
-        return ("banded", "block-pivoting", "active-set", "lemke")[: 4 if M.n <= LARGEST_TABLEAU else 2]
+        # Active sets and tableaus need memory for n² numbers.
+        return "banded", "block-pivoting", *(("active-set", "lemke") if M.n <= LARGEST_TABLEAU else ("nncg",))
     if M.n <= 2:
         return "closed-form", "lemke", "enumeration"
     # M declared only semidefinite may have redundant contacts; otherwise the first factorisation detects them.
@@ -30,6 +40,40 @@ def methods(M: Delassus) -> tuple[str, ...]:
         return "active-set", "lemke", "enumeration"
     whole = "block-pivoting", "active-set", "lemke", "enumeration"
     return whole if is_irreducible(M.W) else ("block-triangular", *whole)
+
+
+def methods_of_sparse(M: Sparse) -> tuple[str, ...]:
+    """Return the methods for sparse M: by sparse factors, unless they would be nearly full, else by sweeps alone."""
+    few = ("active-set", "lemke") if M.n <= LARGEST_TABLEAU else ()
+    if not M.has(Property.POSITIVE_DIAGONAL):
+        return "apgd", *few
+    width = widest_level(M)
+    if width > WIDEST_FACTOR:
+        return "nncg", *few
+    return ("block-pivoting", "nncg", *few) if width <= WIDEST_FAST_FACTOR else ("nncg", "block-pivoting", *few)
+
+
+def widest_level(M: Sparse) -> int:
+    """Return the largest number of rows at one distance from a row at the rim of the graph of M: the size of separators.
+
+    The graph is that of the largest component. Factors have some width² entries and take width³ operations, as for lattices
+    in two and three dimensions.
+    """
+    from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+    _, part = connected_components(M.M, directed=False)
+    start, widest = int(np.argmax(part == np.argmax(np.bincount(part)))), 0
+    for _ in range(2):
+        order, before = breadth_first_order(M.M, start, directed=False)
+        start = int(order[-1])
+    place = np.empty(M.n, np.int64)
+    place[order] = np.arange(len(order))
+    parents = place[before[order[1:]]]  # ascending, and less than `end` for the next level
+    begin, end = 0, 1
+    while begin < end:
+        widest = max(widest, end - begin)
+        begin, end = end, 1 + int(np.searchsorted(parents, end))
+    return widest
 
 
 def suits(name: str, M: Delassus) -> bool:
@@ -47,12 +91,21 @@ class Auto(LCPSolver):
 
     def init(self, M: Delassus) -> SolverState:
         """Detect bands, and prepare the first method suitable for M."""
-        few = narrow(M.W) if M.storage == "dense" and M.n >= SMALLEST_BAND else None
-        chosen = M if few is None else few
+        chosen: Delassus = M
+        if isinstance(M, Sparse) and M.n < SMALLEST_SPARSE:
+            chosen = Dense(M.array(), [each.name.lower() for each in M.tags])
+        if isinstance(chosen, Dense) and M.n >= SMALLEST_BAND:
+            chosen = narrow(chosen.W) or chosen
         first, *others = methods(chosen)
-        # A prepared solver serves many q, so the first method must suit M; the last accepts any M.
+        # A prepared solver serves many q, so the first method must suit M; the last accepts any dense M.
         while others and not suits(first, chosen):
             first, *others = others
+        if M.n > LARGEST_TABLEAU and isinstance(chosen, Sparse) and not suits(first, chosen):
+            raise UnsupportedError(
+                f"no solver takes a sparse M of order {M.n} without a positive diagonal that is not symmetric and positive "
+                f"semidefinite either, or one that is too full to be factored and not symmetric; up to {LARGEST_TABLEAU} "
+                "rows it is made dense"
+            )
         state = SOLVERS[first].init(chosen)
         return SolverState(state.W, state.kernel, state.compiled, first, tuple(others))
 
@@ -61,7 +114,7 @@ SOLVER = Auto(
     name="auto",
     summary="by structure: closed-form, banded, block-triangular or block-pivoting, then others until an answer holds",
     requires=(),
-    storages=("dense", "banded", "factored"),
+    storages=("dense", "banded", "sparse", "factored"),
     boxed=True,
     tol=1e-10,
     max_iter=10_000,

@@ -1,10 +1,14 @@
 """Block principal pivoting: exchange all infeasible rows at once, or one at a time when progress stalls.
 
 It is Newton's method for the natural residual, made finite for P-matrices by the largest-index rule as a fallback. A warm
-start with the correct free rows takes one factorisation and one product.
+start with the correct free rows takes one factorisation and one product. Sparse M, and sparse factors of M, are factored by
+sparse LU (`sparse_pivoting`).
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import types
@@ -12,11 +16,13 @@ from numba import types
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, indices, matrix, vector
 from lcpimpact.errors import Status
-from lcpimpact.lcp.basis import basic_solution, is_rounding, row_roots, sides, violation
+from lcpimpact.lcp.basis import PATIENCE, basic_solution, is_rounding, row_roots, sides, violation
+from lcpimpact.lcp.compressed import for_entries
 from lcpimpact.lcp.lapack import EPS
-from lcpimpact.lcp.operators import Property
+from lcpimpact.lcp.operators import Delassus, Factored, Property, Sparse
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER
-from lcpimpact.lcp.solver import CompiledSolver
+from lcpimpact.lcp.solver import CompiledSolver, Kernel, SolverState
+from lcpimpact.lcp.solvers.nncg import nncg
 from lcpimpact.lcp.storage import has_positive_diagonal, is_symmetric, product
 from lcpimpact.lcp.trace import NONE, note
 
@@ -29,8 +35,17 @@ START_SWEEPS = 4
 UNKNOWN_SIDE = 2
 """Side of a row not yet identified."""
 
-PATIENCE = 5
-"""Maximum number of successive block exchanges that do not reduce the number of infeasible rows."""
+START_ITERATIONS = 97
+"""Number of iterations of nonlinear conjugate gradients of a cold start of sparse M."""
+
+NEXT_ITERATIONS = 33
+"""Number of such iterations from the first basic solution on; from each further one on half as many more."""
+
+MOST_ITERATIONS = 1_000
+"""Maximum number of such iterations from one basic solution on."""
+
+MAX_ALTERNATIONS = 20
+"""Maximum number of basic solutions with such iterations between them; then rows are exchanged by their signs alone."""
 
 
 @compiled(types.void(matrix, vector, vector, vector, vector, vector))
@@ -141,11 +156,71 @@ def block_pivoting(
     return MAX_ITER, max_iter
 
 
-SOLVER = CompiledSolver(
+@dataclass(frozen=True, kw_only=True)
+class BlockPivoting(CompiledSolver):
+    """Block principal pivoting, compiled for dense and banded M, and by sparse LU for others."""
+
+    def init(self, M: Delassus) -> SolverState:
+        """Return the kernel for the storage of M."""
+        if isinstance(M, Sparse | Factored):
+            return SolverState(M.W, sparse_kernel(M), False, self.name)
+        return super().init(M)
+
+
+def sparse_kernel(M: Sparse | Factored) -> Kernel:
+    """Return the kernel for one M, which keeps the factors of its last free rows.
+
+    With the entries of a symmetric M, a cold start is that of nonlinear conjugate gradients, and some of their iterations
+    choose the next free rows: exchanges alone move the boundary of a contact area by one row at a time.
+    """
+    from scipy.sparse import csc_array, csr_array
+
+    from lcpimpact.lcp.sparse_pivoting import SparseContacts, SparseMatrix, SparseProduct, pivot
+
+    if isinstance(M, Sparse):
+        symmetric = M.has(Property.SYMMETRIC)
+        contacts: SparseContacts = SparseMatrix(M.M, symmetric)
+    else:
+        H = csr_array(M.H)
+        symmetric, contacts = False, SparseProduct(H, csc_array(M.A), H.T)
+
+    def kernel(W: Any, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
+        side, status, steps = np.empty(len(q), np.int64), Status.MAX_ITER, 0
+        np.minimum(np.maximum(z, lower), upper, out=z)
+        cold = bool(((z == lower) | (z == upper)).all())
+
+        def improve(iterations: int) -> None:
+            guess = z.copy()
+            code, _ = for_entries(nncg)(W, q, lower, upper, guess, tol, iterations)
+            if code in (SOLVED, MAX_ITER):
+                z[:] = guess
+
+        if cold and symmetric:
+            improve(START_ITERATIONS)
+        sides(z, lower, upper, side)
+        if cold and not symmetric:
+            w = contacts.product(z) + q
+            side[((side == LOWER) & (w < 0.0) | (side == UPPER) & (w > 0.0)) & (lower < upper)] = FREE
+        while symmetric and status is Status.MAX_ITER and steps < min(MAX_ALTERNATIONS, max_iter - 1):
+            status, _, _ = pivot(contacts, q, lower, upper, side, z, tol, 1)
+            steps += 1
+            if status is Status.MAX_ITER:
+                np.minimum(np.maximum(z, lower), upper, out=z)
+                improve(min(int(NEXT_ITERATIONS * 1.5 ** (steps - 1)), MOST_ITERATIONS))
+                sides(z, lower, upper, side)
+        if status is Status.MAX_ITER:
+            status, more, _ = pivot(contacts, q, lower, upper, side, z, tol, max_iter - steps)
+            steps += more
+        return (SOLVED if status is Status.INACCURATE else int(status)), steps
+
+    return kernel
+
+
+SOLVER = BlockPivoting(
     name="block-pivoting",
     summary="block principal pivoting: min-map Newton with a safeguard; for large definite M and P-matrices",
     requires=(Property.POSITIVE_DIAGONAL,),
-    storages=("dense", "banded"),
+    storages=("dense", "banded", "sparse", "factored"),
     boxed=True,
     tol=1e-10,
     max_iter=200,

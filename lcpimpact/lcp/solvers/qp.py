@@ -23,7 +23,7 @@ from scipy.sparse import csc_matrix, diags, eye, triu
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
-from lcpimpact.lcp.operators import Delassus, Dense, Property
+from lcpimpact.lcp.operators import Delassus, Dense, Property, Sparse
 from lcpimpact.lcp.problem import is_plain
 from lcpimpact.lcp.solver import Kernel, LCPSolver, SolverState
 from lcpimpact.registry import nearest
@@ -145,10 +145,12 @@ class QPSolver(LCPSolver):
 
     def _dual(self, operator: Delassus) -> tuple[Any, None, Array]:
         """Return the cost of the dual form scaled to a unit diagonal, and the units of its unknowns for max |q| = 1."""
-        M, d = operator.array(), np.empty(operator.n)
+        d = np.empty(operator.n)
         operator.diagonal(d)
         unit = inverse_root(d)
-        return self._cost(M * unit[:, None] * unit), None, unit
+        if isinstance(operator, Sparse) and not self.call.dense:
+            return self._cost(diags(unit) @ operator.M @ diags(unit)), None, unit
+        return self._cost(operator.array() * unit[:, None] * unit), None, unit
 
     def _primal(self, operator: Delassus) -> tuple[Any, Any, Array]:
         """Return P and G of the primal form for A with a unit diagonal and unit rows of H, and the multipliers' units.
@@ -275,7 +277,7 @@ def qp_solver(name: str) -> QPSolver:
         name=f"qp:{backend}" if form == "dual" else f"qp:{backend}:primal",
         summary=f"{backend} through qpsolvers, {form} form ({unknown})",
         requires=(Property.SYMMETRIC, Property.PSD),
-        storages=("dense", "banded", "factored"),
+        storages=("dense", "banded", "sparse", "factored"),
         boxed=form == "dual",
         tol=call.tol,
         max_iter=call.max_iter,
