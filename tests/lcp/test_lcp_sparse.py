@@ -315,6 +315,7 @@ def test_pivoting_alone_with_bounds_and_fixed_rows(seed):
 
 @pytest.mark.parametrize("name", ["qp:osqp", "qp:clarabel"])
 def test_backends_take_sparse_matrices(name, monkeypatch):
+    pytest.importorskip(name.removeprefix("qp:"))
     M, q = Sparse(lattice(30)), np.random.default_rng(7).standard_normal(900)
     wanted = solve_lcp(M, q).z
     monkeypatch.setattr(Sparse, "array", lambda self: pytest.fail("M was made dense"))
