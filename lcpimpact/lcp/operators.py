@@ -336,7 +336,9 @@ class Sparse(Delassus):
 
 
 class Factored(Delassus):
-    r"""The Delassus operator M = H A⁻¹ Hᵀ in factored form: A is factored once, and M is never formed.
+    r"""The Delassus operator M = H A⁻¹ Hᵀ in factored form: A is factored once.
+
+    M is formed by solver "auto" alone, where A is diagonal and H sparse, so that M is sparse.
 
     Parameters
     ----------
@@ -392,6 +394,23 @@ class Factored(Delassus):
     def longest_row(self) -> int:
         """Return the largest number of entries of a row of M."""
         return self.n
+
+    @property
+    def is_sparse(self) -> bool:
+        """Whether both factors are sparse."""
+        return _is_sparse(self.A) and _is_sparse(self.H)
+
+    def formed(self) -> Delassus | None:
+        """Return M by its entries, banded if it is, where A is diagonal, so that M is as sparse as H; None elsewhere."""
+        from scipy.sparse import csr_array, diags_array
+
+        if not self.is_sparse:
+            return None
+        A = self.A.tocoo()
+        if (A.data[A.row != A.col] != 0.0).any():
+            return None
+        H = csr_array(self._H)
+        return as_operator(H @ diags_array(1.0 / self.A.diagonal()) @ H.T, [each.name.lower() for each in self.tags])
 
     def _roots(self) -> Array:
         """Return sqrt(M_ii), for the bound |M_ij| <= sqrt(M_ii M_jj) of a semidefinite M."""

@@ -117,10 +117,10 @@ class PreparedLCP(NamedTuple):
         self, name: str, before: LCPSolution, q: Array, guess: Array | None, tol: float, max_iter: int | None
     ) -> LCPSolution:
         """Run another method after a failure; skip it if it does not accept the problem."""
-        method = SOLVERS[name]
+        method, operator = SOLVERS[name], self.state.chosen or self.operator
         try:
-            method.check(self.operator, boxed=not is_plain(self.lower, self.upper))
-            state = method.init(self.operator)
+            method.check(operator, boxed=not is_plain(self.lower, self.upper))
+            state = method.init(operator)
         except UnsupportedError:
             return before
         after = self._attempt(state, q, guess, tol, limits(method, None, max_iter)[1])

@@ -34,6 +34,7 @@ class SolverState(NamedTuple):
     compiled : bool             whether the kernel can be called from compiled code
     name : str                  name of the kernel's method
     fallbacks : tuple of str    methods to try in order if the kernel fails; set by automatic selection
+    chosen : Delassus or None   the form of M that they take, if not that of the problem
     """
 
     W: Any
@@ -41,6 +42,7 @@ class SolverState(NamedTuple):
     compiled: bool
     name: str
     fallbacks: tuple[str, ...] = ()
+    chosen: Delassus | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

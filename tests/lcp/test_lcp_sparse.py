@@ -364,6 +364,39 @@ def test_a_pile_of_discs_cold_and_warm():
     np.testing.assert_allclose(prepare_lcp(M, "nncg").solve(q).z, cold.z, rtol=0, atol=1e-6)
 
 
+@pytest.mark.parametrize("redundant", [False, True])
+@pytest.mark.parametrize("coupled", [False, True])
+def test_sparse_factors_give_the_answer_of_their_dense_product(coupled, redundant):
+    """Contacts of bodies with each other, where M is sparse too if A is diagonal, and with some of them stated twice."""
+    n, rng = 450, np.random.default_rng(8)
+    of, others = np.arange(n), (rng.integers(1, 5, n), rng.integers(0, n, n))
+    H = sp.csr_array(
+        (np.repeat([1.0, -1.0, 0.3], n), (np.tile(of, 3), np.r_[of, of + others[0], others[1]])), (n, n + 5)
+    )
+    H = sp.csr_array(sp.vstack([H, H[:40]])) if redundant else H
+    A = sp.diags_array(1.0 + rng.random(n + 5)) + coupled * 0.2 * sp.diags_array([1.0] * (n + 4), offsets=1)
+    A, q = sp.csc_array(0.5 * (A + A.T)), H @ rng.standard_normal(n + 5)
+    M = Factored(A, H)
+    assert (M.formed() is None) == coupled
+    found = solve_lcp(M, q)
+    assert found.route[0] == "block-pivoting"
+    full = H @ np.linalg.solve(A.toarray(), H.T.toarray())
+    np.testing.assert_allclose(found.w, full @ found.z + q, rtol=0, atol=1e-12 * np.abs(full).max() * found.z.max())
+    np.testing.assert_allclose(found.w, solve_lcp(full, q).w, rtol=0, atol=1e-8)
+    assert found.z.min() >= 0.0
+
+
+def test_sparse_factors_without_a_solution_are_disproved():
+    """Two walls that approach a body of many, which stands between them."""
+    n = 500
+    H = sp.csr_array(sp.vstack([sp.eye_array(n), -sp.eye_array(n, format="csr")[[7]]]))
+    q = np.ones(n + 1)
+    q[[7, n]] = -1.0
+    found = solve_lcp(Factored(sp.eye_array(n, format="csc"), H), q, throw=False)
+    assert found.status is Status.RAY
+    assert (np.flatnonzero(found.ray) == [7, n]).all()
+
+
 def test_prepared_solves_share_factors_and_not_answers():
     M, rng = lattice(40), np.random.default_rng(4)
     prepared, right = prepare_lcp(M), rng.standard_normal((12, 1600))

@@ -8,7 +8,7 @@ import numpy as np
 
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.lcp.operators import SMALLEST_SPARSE, Delassus, Dense, Property, Sparse, narrow
+from lcpimpact.lcp.operators import SMALLEST_SPARSE, Delassus, Dense, Factored, Property, Sparse, narrow
 from lcpimpact.lcp.solver import LCPSolver, SolverState
 from lcpimpact.lcp.solvers.block_triangular import is_irreducible
 
@@ -26,8 +26,10 @@ SMALLEST_BAND = 16
 
 def methods(M: Delassus) -> tuple[str, ...]:
     """Return the methods to try in order; those whose requirements M does not meet are skipped."""
-    if M.storage == "factored":
-        return "active-set", "apgd"
+    if isinstance(M, Factored):
+        if M.n < SMALLEST_SPARSE or not M.is_sparse:
+            return "active-set", "apgd"
+        return ("block-pivoting", "active-set", "apgd") if M.n <= LARGEST_TABLEAU else ("block-pivoting", "apgd")
     if isinstance(M, Sparse):
         return methods_of_sparse(M)
     if M.storage == "banded":
@@ -90,8 +92,10 @@ class Auto(LCPSolver):
     """Automatic choice by the properties of the matrix."""
 
     def init(self, M: Delassus) -> SolverState:
-        """Detect bands, and prepare the first method suitable for M."""
+        """Detect bands and factors whose product is sparse, and prepare the first method suitable for M."""
         chosen: Delassus = M
+        if isinstance(M, Factored) and M.n >= SMALLEST_SPARSE:
+            chosen = M.formed() or M
         if isinstance(M, Sparse) and M.n < SMALLEST_SPARSE:
             chosen = Dense(M.array(), [each.name.lower() for each in M.tags])
         if isinstance(chosen, Dense) and M.n >= SMALLEST_BAND:
@@ -107,7 +111,8 @@ class Auto(LCPSolver):
                 "rows it is made dense"
             )
         state = SOLVERS[first].init(chosen)
-        return SolverState(state.W, state.kernel, state.compiled, first, tuple(others))
+        formed = chosen if isinstance(M, Factored) and chosen is not M else None
+        return SolverState(state.W, state.kernel, state.compiled, first, tuple(others), formed)
 
 
 SOLVER = Auto(
