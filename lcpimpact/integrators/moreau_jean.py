@@ -210,10 +210,12 @@ class MoreauJean(LinearStep):
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step."""
         θ, r, driven, A, momentum = self.theta, y.P[0] / h, d.driven, self.matrix(d, h), self.momentum(y, d, h)
+        equations = d.joints & (not d.stores_energy)
+        impacts = (d.relative_degree == 2) & ~d.relays & ~equations
         mean_rate = y.prescribed.mean_rate[driven]
         A[driven], momentum[driven] = np.eye(len(A))[driven], mean_rate
-        if d.stores_energy and (d.C[driven].any() or d.K[driven].any()):
-            # Springs and dashpots follow the places, also where impacts take another mean of a rate that jumps.
+        if d.stores_energy and any(each[:, driven].any() for each in (d.C, d.K, d.H[~impacts])):
+            # All but impacts follow the places, also where these take another mean of a rate that jumps.
             momentum[driven] = (y.prescribed.place - y.q)[driven] / h
         w, at_rest = solve(A, momentum), 0.0 * y.v
         struck = w.copy()
@@ -222,9 +224,7 @@ class MoreauJean(LinearStep):
         v = np.where(d.massive[:, None], v, w)
         q[driven], v[driven] = y.prescribed.place[driven], y.prescribed.rate[driven]
 
-        equations = d.joints & (not d.stores_energy)
         slides = (d.slides | d.frictional)[:, None]
-        impacts = ((d.relative_degree == 2) & ~d.relays & ~equations)[:, None]
         # u is that at the end of the step, or at t_θ if it depends on r, a mean of the step; a slider has none.
         middle = np.where(d.relays, np.diag(d.D @ d.elimination) > 0.0, d.D.any(axis=1))
         at = np.where(middle, θ * h, h)[:, None]
@@ -236,8 +236,8 @@ class MoreauJean(LinearStep):
             rate[driven] = y.prescribed.rate[driven]
             position[second] = y.gap_rate(rate)[second]
         law = Law(
-            L=np.where(impacts, self.law_of_impact(y, struck, d.restitution), position),
-            touching=np.where(impacts, self.predicted_gap(y, h), -y.one),
+            L=np.where(impacts[:, None], self.law_of_impact(y, struck, d.restitution), position),
+            touching=np.where(impacts[:, None], self.predicted_gap(y, h), -y.one),
             springs_at=(y.q + θ * h * w, w),
         )
         paths, static = impulse_paths(d, θ, h), static_coordinates(d)

@@ -246,9 +246,18 @@ def test_a_massless_node_off_its_balance_is_found_out(monkeypatch):
     assert run.certificate.equilibrium > limits["equilibrium"]
 
 
-@pytest.mark.parametrize("extra", [[], [Dashpot("x", "floor", 0.5)], [Spring("x", "floor", 100.0)]])
+@pytest.mark.parametrize(
+    "extra",
+    [
+        [],
+        [Dashpot("x", "floor", 0.5)],
+        [Spring("x", "floor", 100.0)],
+        [Spring("plate", "ground", 200.0), Bumper("plate", "floor")],
+        [KelvinVoigt("plate", "ground", k=200.0, c=1.0), Bumper("plate", "floor")],
+    ],
+)
 def test_a_kink_of_a_motion_within_a_step_holds_the_laws(extra):
-    """Springs and dashpots follow the places of the floor, impacts its rates: dense and sparse."""
+    """Springs, dashpots and plates without mass follow the places of the floor, impacts its rates: dense and sparse."""
     floor = PrescribedMotion("floor", Ramp(0.0, -0.05, 0.0303, 0.1507))
     elements = [Mass("x", 0.1), Load("x", 1.0), Bumper("x", "floor", 0.001, 0.5), floor, *extra]
     dense, found = both(elements, 1e-3, 0.5)
