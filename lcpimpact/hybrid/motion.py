@@ -295,7 +295,7 @@ def _follow_contacts(motion: HybridMotion, table: ContactTable, until: float) ->
 
 def _limits(motion: HybridMotion, until: float) -> Limits:
     """Return where the compiled loop ends."""
-    return Limits(until, motion.end, motion.max_events, motion.max_at_once)
+    return Limits(float(until), float(motion.end), motion.max_events, motion.max_at_once)
 
 
 def _present(motion: HybridMotion, table: ContactTable) -> Present:

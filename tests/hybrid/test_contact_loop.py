@@ -99,6 +99,11 @@ def test_so_they_are_where_an_impact_is_at_the_end(late):
     assert_same(compiled, followed(problem, end, compiled=False))
 
 
+def test_the_end_may_be_a_whole_number():
+    problem = load_problem("system-1")
+    assert_same(followed(problem, np.int64(3)), followed(problem, 3.0))
+
+
 def test_a_named_solver_is_asked():
     problem = load_problem("system-1")
     assert begin_problem(problem, "exact", 3.0, "lemke").table is None
