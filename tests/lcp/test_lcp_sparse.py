@@ -325,7 +325,7 @@ def test_backends_take_sparse_matrices(name, monkeypatch):
 def test_contacts_against_least_squares_of_scipy():
     """With M = Bᵀ B and q = -Bᵀ b the LCP is min ‖B z - b‖ over z >= 0."""
     rng = np.random.default_rng(2)
-    B = sp.vstack([sp.random_array((400, 150), density=0.03, rng=rng), 0.1 * sp.eye_array(150)])
+    B = sp.vstack([sp.random_array((400, 150), density=0.03, random_state=rng), 0.1 * sp.eye_array(150)])
     b = rng.standard_normal(550)
     wanted, _ = nnls(B.toarray(), b)
     for name in ("block-pivoting", "nncg", "psor"):
@@ -431,7 +431,7 @@ def test_no_solution_is_proved_for_large_sparse_matrices(name):
 def test_unsymmetric_contacts_are_factored():
     rng = np.random.default_rng(6)
     n = 2_000
-    B = sp.random_array((n, n), density=2.0 / n, rng=rng)
+    B = sp.random_array((n, n), density=2.0 / n, random_state=rng)
     M = sp.csr_array(B + sp.diags_array(np.asarray(abs(B).sum(axis=1)).ravel() + 0.1))
     q = rng.standard_normal(n)
     found = solve_lcp(M, q)
