@@ -29,7 +29,7 @@ from lcpimpact.record import Event, Grid, Record, State
 from lcpimpact.registry import nearest
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.force_law import forces
-from lcpimpact.scheme.signals import Harmonic
+from lcpimpact.scheme.signals import check_harmonics
 from lcpimpact.scheme.sparse import SparseScheme
 from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.trajectory import Trajectory
@@ -371,9 +371,7 @@ def check_handled(integrator: Integrator, problem: Problem) -> None:
 def _check_forces(problem: Problem, t_end: float) -> None:
     """Refuse forces that fail at the start, or whose Jacobian there is not theirs, and signals too fast to follow."""
     d = problem.dynamics
-    for signal in (*(load for _, load in d.loads), *d.motions.values()):
-        if isinstance(signal, Harmonic):
-            signal.check_until(t_end)
+    check_harmonics((*(load for _, load in d.loads), *d.motions.values()), t_end)
     for law in d.force_laws:
         here = [d.nodes.index(node) for node in law.nodes]
         law.check(0.0, problem.initial_coordinates[here], problem.initial_velocities[here])

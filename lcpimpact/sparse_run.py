@@ -23,7 +23,7 @@ from lcpimpact.memory import check_memory
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Grid, State, Stats
 from lcpimpact.registry import nearest
-from lcpimpact.scheme.signals import Harmonic
+from lcpimpact.scheme.signals import check_harmonics
 from lcpimpact.scheme.sparse import SparseDynamics
 from lcpimpact.trajectory import Trajectory
 
@@ -105,9 +105,7 @@ class SparseRun:
     def __init__(self, problem: Problem, method: MoreauJean, grid: Grid, record: Sequence[str] | None) -> None:
         d = cast(SparseDynamics, problem.dynamics)
         self.problem, self.method, self.grid, self.dynamics = problem, method, grid, d
-        for signal in (*d.signals.listed, *d.motions.values()):
-            if isinstance(signal, Harmonic):
-                signal.check_until(grid.t_end)
+        check_harmonics((*d.signals.listed, *d.motions.values()), grid.t_end)
         self.stats, self.size = Stats(), 64 * len(d.nodes)
         nodes, reactions = _chosen(d, record)
         wanted = 8.0 * (grid.steps + 1) * (2 + 2 * len(nodes) + len(reactions))

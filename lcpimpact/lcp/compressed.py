@@ -53,42 +53,48 @@ def entry(W: Entries, i: int, j: int) -> float:
     return found
 
 
+@compiled(f8(indices, indices, vector, i8, vector), inline="always")
+def _sum_of(start: Indices, place: Indices, value: Array, i: int, x: Array) -> float:
+    """Return the product of row or column i with x."""
+    total = 0.0
+    for k in range(start[i], start[i + 1]):
+        total += value[k] * x[place[k]]
+    return total
+
+
+@compiled(f8(indices, indices, vector, i8, vector), inline="always")
+def _terms_of(start: Indices, place: Indices, value: Array, i: int, x: Array) -> float:
+    """Return the product of |row or column i| with |x|."""
+    total = 0.0
+    for k in range(start[i], start[i + 1]):
+        total += abs(value[k] * x[place[k]])
+    return total
+
+
 @compiled(f8(ENTRIES, i8, vector), inline="always")
 def row_product(W: Entries, i: int, z: Array) -> float:
     """Return M_i· z."""
-    total = 0.0
-    for k in range(W.row_start[i], W.row_start[i + 1]):
-        total += W.row_value[k] * z[W.row_column[k]]
-    return total
+    return _sum_of(W.row_start, W.row_column, W.row_value, i, z)
 
 
 @compiled(f8(ENTRIES, i8, vector))
 def row_terms(W: Entries, i: int, z: Array) -> float:
     """Return |M_i·| |z|."""
-    total = 0.0
-    for k in range(W.row_start[i], W.row_start[i + 1]):
-        total += abs(W.row_value[k] * z[W.row_column[k]])
-    return total
+    return _terms_of(W.row_start, W.row_column, W.row_value, i, z)
 
 
 @compiled(types.void(ENTRIES, vector, vector))
 def product(W: Entries, z: Array, w: Array) -> None:
     """Set w = M z."""
     for i in range(len(w)):
-        total = 0.0
-        for k in range(W.row_start[i], W.row_start[i + 1]):
-            total += W.row_value[k] * z[W.row_column[k]]
-        w[i] = total
+        w[i] = row_product(W, i, z)
 
 
 @compiled(types.void(ENTRIES, vector, vector))
 def transposed_product(W: Entries, v: Array, c: Array) -> None:
     """Set c = Mᵀ v."""
     for j in range(len(c)):
-        total = 0.0
-        for k in range(W.column_start[j], W.column_start[j + 1]):
-            total += W.column_value[k] * v[W.column_row[k]]
-        c[j] = total
+        c[j] = _sum_of(W.column_start, W.column_row, W.column_value, j, v)
 
 
 @compiled(types.void(ENTRIES, vector, vector))
@@ -102,10 +108,7 @@ def absolute_product(W: Entries, z: Array, c: Array) -> None:
 def absolute_transposed_product(W: Entries, v: Array, c: Array) -> None:
     """Set c = |M|ᵀ |v|."""
     for j in range(len(c)):
-        total = 0.0
-        for k in range(W.column_start[j], W.column_start[j + 1]):
-            total += abs(W.column_value[k] * v[W.column_row[k]])
-        c[j] = total
+        c[j] = _terms_of(W.column_start, W.column_row, W.column_value, j, v)
 
 
 @compiled(types.void(ENTRIES, i8, f8, vector))

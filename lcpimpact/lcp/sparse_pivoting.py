@@ -197,10 +197,15 @@ def pivot_contacts(
     return pivot(W, q, np.zeros(len(q)), np.where(active, np.inf, 0.0), side, z, tol, max_iter)
 
 
-def natural_residual(W: SparseContacts, q: Array, lower: Array, upper: Array, z: Array) -> float:
-    """Return the largest w_i of a wrong sign in units of its terms; inf if z lies outside its bounds."""
+def natural_residual(W: SparseContacts, q: Array, lower: Array, upper: Array, z: Array, least: float = 0.0) -> float:
+    """Return the largest w_i of a wrong sign in units of its terms; inf if z lies outside its bounds.
+
+    Terms of less than ``least`` times the largest of the rows with lower < upper count as that part of it: the rounding of
+    A⁻¹ leads from rows that carry much to rows at rest beside them.
+    """
     w, size = W.product(z) + q, W.terms(np.abs(z)) + np.abs(q)
     if not ((lower <= z) & (z <= upper)).all():
         return np.inf
     off = np.where(z > lower, np.maximum(w, 0.0), 0.0) + np.where(z < upper, np.maximum(-w, 0.0), 0.0)
+    size = np.maximum(size, least * size[lower < upper].max(initial=0.0))
     return float((off / np.where(size > 0.0, size, 1.0)).max(initial=0.0))

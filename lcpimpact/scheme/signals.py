@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Real
@@ -588,6 +588,13 @@ class Signals:
         for place, signal in self._others.values():
             values[..., place] = values_at(signal, times)
         return values
+
+
+def check_harmonics(signals: Iterable[Any], end: float) -> None:
+    """Refuse harmonic signals that steps cannot follow until ``end``: `Harmonic.check_until`."""
+    for signal in signals:
+        if isinstance(signal, Harmonic):
+            signal.check_until(end)
 
 
 def _check_wave(signal: Any, amplitude: float, omega: float, phase: float) -> None:

@@ -168,7 +168,8 @@ def _refuse_falling_nodes(K: Sparse, static: Sparse, nodes: Sequence[str]) -> No
         scaled = (unit @ stiffness @ unit).tocsc()
         try:
             factor = splu(scaled, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-            pivots = factor.U.diagonal()[factor.perm_c]
+            # A row that takes another's place had the pivot zero.
+            pivots = np.where(factor.perm_r == factor.perm_c, factor.U.diagonal()[factor.perm_c], 0.0)
         except RuntimeError:
             pivots = np.zeros(1)
     # The diagonal in units of its own: a soft spring is no falling node.

@@ -332,6 +332,16 @@ def test_waves_of_one_frequency_and_phase_are_one_signal():
             "impulses pass through 'z'.*give it a Mass, or take Scheme",
         ),
         ([Mass("x", 1.0), Spring("x", "z", 1.0), NegativeSpring("z", "ground", 2.0)], InputError, "outweighs"),
+        (
+            [
+                Mass("x", 1.0),
+                Spring("x", "a", 1.0),
+                *(NegativeSpring("a", "b", 2.0), Spring("a", "c", 3.0), Spring("b", "c", 3.0)),
+                *(NegativeSpring("a", "ground", 1.0), Spring("b", "ground", 2.0), Spring("c", "ground", 3.0)),
+            ],
+            InputError,
+            "outweighs",
+        ),
         ([Mass("x", 1.0), Spring("x", "z", 1.0), Load("z", Square(1.0, 3.0))], InputError, "jumps, and so would"),
         (
             [Mass("x", 1.0), Spring("x", "z", 1.0), Bumper({"z": 2.0}, "ground", 1.0)],

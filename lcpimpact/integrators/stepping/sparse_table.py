@@ -41,7 +41,14 @@ from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits
 from lcpimpact.lcp.solver import Kernel, SolverState
 from lcpimpact.lcp.solvers.banded import chain_masses, pools_for
-from lcpimpact.lcp.sparse_pivoting import MAX_PIVOTS, SparseContacts, SparseMatrix, SparseProduct, pivot_contacts
+from lcpimpact.lcp.sparse_pivoting import (
+    MAX_PIVOTS,
+    SparseContacts,
+    SparseMatrix,
+    SparseProduct,
+    natural_residual,
+    pivot_contacts,
+)
 from lcpimpact.scheme.sparse import SparseDynamics
 from lcpimpact.scheme.sparse_decomposition import Sparse
 
@@ -188,23 +195,12 @@ def _solver(
     def solve_many(contacts: Contacts, z: Array, kernel: Kernel) -> tuple[int, int, float]:
         status, count, residual = pivot_contacts(W, contacts.L, contacts.active, z, contacts.tol, most)
         if status is Status.INACCURATE:
-            residual = residual_of_coupled_rows(W, contacts, z)
+            most_of_z = np.where(contacts.active, np.inf, 0.0)
+            residual = natural_residual(W, contacts.L, np.zeros(nc), most_of_z, z, LEAST_TERMS)
             status = Status.SOLVED if residual <= contacts.tol else status
         return int(status), count, residual
 
     return _contacts(np.zeros((0, 0)), mass, limits), solve_many, None
-
-
-def residual_of_coupled_rows(W: SparseContacts, contacts: Contacts, z: Array) -> float:
-    """Return the largest |min(z, w)| of the active rows relative to their terms, which are at least a part of the largest.
-
-    The rounding of A⁻¹ leads from rows that carry much to rows at rest beside them.
-    """
-    w, size = W.product(z) + contacts.L, W.terms(np.abs(z)) + np.abs(contacts.L)
-    if not contacts.active.any() or not (z >= 0.0).all() or (z[~contacts.active] != 0.0).any():
-        return np.inf
-    off, size = np.where(z > 0.0, np.abs(w), np.maximum(-w, 0.0))[contacts.active], size[contacts.active]
-    return float((off / np.maximum(size, LEAST_TERMS * size.max())).max())
 
 
 def _solve_sparse(solve: Callable[[Array], Array], factor: Array, b: Array) -> None:
