@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from lcpimpact.arguments import is_name
 from lcpimpact.errors import InputError
-from lcpimpact.numbers import is_real
+from lcpimpact.numbers import finite_array, is_real
 from lcpimpact.numbers import positive as positive_number
 from lcpimpact.scheme.terms import GROUND, End, Terms, name_of, nodes_of
 
@@ -23,8 +23,10 @@ __all__ = [
     "Element",
     "Link",
     "Polyline",
+    "Values",
     "distinct",
     "named",
+    "one_or_each",
     "positive",
 ]
 
@@ -32,6 +34,9 @@ MISSING: Any = None
 """Default of every physical constant: physics has no default, so an element that is left with it is refused."""
 
 Polyline = Sequence[tuple[float, float]]
+
+Values = float | tuple[float, ...]
+"""One value for all, or one for each."""
 
 
 class Element(ABC):
@@ -142,9 +147,6 @@ def distinct(element: Element) -> None:
 
     An end that is a sum of coordinates must have finite coefficients other than zero.
     """
-    count, symbols = len(getattr(type(element), "symbols", ())), getattr(element, "symbols", ())
-    if not isinstance(symbols, tuple) or len(symbols) != count or not all(map(is_name, symbols)):
-        raise InputError(f"symbols = {symbols!r} of a {type(element).__name__} must be a tuple of {count} strings")
     named(element)
     for end in element.ends if isinstance(element, Link) else ():
         if isinstance(end, str) or not isinstance(end, Mapping):
@@ -166,8 +168,19 @@ def distinct(element: Element) -> None:
 
 
 def named(element: Any) -> None:
-    """Check the ``name`` of an element, if given."""
+    """Check the symbols of an element, and its ``name``, if given."""
+    count, symbols = len(getattr(type(element), "symbols", ())), getattr(element, "symbols", ())
+    if not isinstance(symbols, tuple) or len(symbols) != count or not all(map(is_name, symbols)):
+        raise InputError(f"symbols = {symbols!r} of a {type(element).__name__} must be a tuple of {count} strings")
     if getattr(element, "name", None) is not None and not is_name(element.name):
         raise InputError(
             f"{type(element).__name__}: name = {element.name!r} must be a string, not empty and without hidden characters"
         )
+
+
+def one_or_each(label: str, given: Any, count: int) -> Values:
+    """Return one number for all, or ``count`` of them as a tuple, by which schemes can be compared; refuse others."""
+    values = finite_array(label, given)
+    if values.ndim > 1 or (values.ndim == 1 and len(values) != count):
+        raise InputError(f"{label} must be one number, or {count} of them, and has the shape {values.shape}")
+    return tuple(values.tolist()) if values.ndim else float(values)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lcpimpact.arrays import Indices
-from lcpimpact.scheme.elements.base import MISSING
-from lcpimpact.scheme.elements.linked_masses import Ends, LinkedMasses, Values
+from lcpimpact.scheme.elements.base import MISSING, Values
+from lcpimpact.scheme.elements.linked_masses import Ends, LinkedMasses
 
 
 @dataclass(frozen=True)

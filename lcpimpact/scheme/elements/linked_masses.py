@@ -10,8 +10,8 @@ import numpy as np
 from lcpimpact.arguments import is_name
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import InputError
-from lcpimpact.numbers import finite_array, is_count
-from lcpimpact.scheme.elements.base import GROUND, MISSING, ArrayElement, Element, Polyline, named
+from lcpimpact.numbers import is_count
+from lcpimpact.scheme.elements.base import GROUND, MISSING, ArrayElement, Element, Polyline, named, one_or_each
 from lcpimpact.scheme.elements.bumper import Bumper
 from lcpimpact.scheme.elements.dashpot import Dashpot
 from lcpimpact.scheme.elements.load import Load
@@ -20,9 +20,6 @@ from lcpimpact.scheme.elements.spring import Spring
 
 if TYPE_CHECKING:
     from lcpimpact.scheme.sparse import SparseTerms
-
-Values = float | tuple[float, ...]
-"""One value for all, or one for each."""
 
 Ends = tuple[Indices, Indices]
 """The upper and the lower end of each link, by their places in the nodes."""
@@ -85,7 +82,7 @@ class LinkedMasses(ArrayElement):
     def _check_constants(self) -> None:
         """Check the constants, the outer nodes and the symbols."""
         named(self)
-        kind, masses = type(self).__name__, len(self.masses)
+        masses = len(self.masses)
         if self._given("m") is MISSING:
             raise InputError(f"{self}: m is missing; give a positive number in kg, or one for each mass")
         if (self._given("gap") is None) != (self._given("e") is None):
@@ -108,26 +105,19 @@ class LinkedMasses(ArrayElement):
                 raise InputError(
                     f"{self}: the ends {self.outer!r} must be different nodes beside its masses, or ground"
                 )
-        symbols = self.symbols
-        if not isinstance(symbols, tuple) or len(symbols) != 1 or not all(map(is_name, symbols)):
-            raise InputError(f"symbols = {symbols!r} of a {kind} must be a tuple of 1 strings")
 
     def _given(self, symbol: str) -> Any:
         return getattr(self, symbol, None)
 
     def _check(self, symbol: str, count: int, least: str) -> None:
-        """Check a constant, and keep a sequence of it as a tuple, by which schemes can be compared."""
+        """Check a constant, and keep it as a number or a tuple."""
         given = self._given(symbol)
         if given is None:
             return
-        values = finite_array(f"{self}: {symbol}", given)
-        if values.ndim > 1 or (values.ndim == 1 and len(values) != count):
-            raise InputError(
-                f"{self}: {symbol} must be one number, or {count} of them, and has the shape {values.shape}"
-            )
-        if least and not (values > 0.0).all():
-            raise InputError(f"{self}: {symbol} must be positive, and is {float(values.min()):g}")
-        object.__setattr__(self, symbol, tuple(values.tolist()) if values.ndim else float(values))
+        values = one_or_each(f"{self}: {symbol}", given, count)
+        if least and not np.min(values, initial=np.inf) > 0.0:
+            raise InputError(f"{self}: {symbol} must be positive, and is {np.min(values):g}")
+        object.__setattr__(self, symbol, values)
 
     def values(self, symbol: str) -> Array:
         """Return a constant of all masses or links, by its symbol; zeros where it is None."""

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from lcpimpact.arguments import is_name, is_sequence
+from lcpimpact.arguments import is_sequence
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.numbers import finite_array, is_count, is_real
-from lcpimpact.scheme.elements.base import MISSING, ArrayElement, Element, Polyline, named
-from lcpimpact.scheme.elements.linked_masses import Values
+from lcpimpact.numbers import is_count, is_real
+from lcpimpact.scheme.elements.base import MISSING, ArrayElement, Element, Polyline, Values, named, one_or_each
 from lcpimpact.scheme.elements.load import Load
 from lcpimpact.scheme.signals import Signal, checked, scaled
 
@@ -83,12 +82,7 @@ class Loads(ArrayElement):
         object.__setattr__(self, "at", numbers if len(at[0]) > 1 else tuple(i for (i,) in numbers))
         if self.f is MISSING or not (callable(self.f) or is_real(self.f)):
             raise InputError(f"{self}: f = {self.f!r} must be a finite number or a function of time")
-        factors = finite_array(f"{self}: a", self.a)
-        if factors.ndim > 1 or (factors.ndim == 1 and len(factors) != len(at)):
-            raise InputError(f"{self}: a must be one number, or {len(at)} of them, and has the shape {factors.shape}")
-        object.__setattr__(self, "a", tuple(factors.tolist()) if factors.ndim else float(factors))
-        if not isinstance(self.symbols, tuple) or len(self.symbols) != 1 or not all(map(is_name, self.symbols)):
-            raise InputError(f"symbols = {self.symbols!r} of Loads must be a tuple of 1 strings")
+        object.__setattr__(self, "a", one_or_each(f"{self}: a", self.a, len(at)))
         if callable(self.f) and Load(self.nodes[0], self.f).follows_motion:
             raise InputError(f"{self}: f must be a function of the time alone; take a Load for each node")
 

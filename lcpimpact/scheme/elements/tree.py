@@ -11,8 +11,8 @@ from lcpimpact.arguments import is_sequence
 from lcpimpact.arrays import Indices
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import is_count
-from lcpimpact.scheme.elements.base import MISSING
-from lcpimpact.scheme.elements.linked_masses import Ends, LinkedMasses, Values
+from lcpimpact.scheme.elements.base import MISSING, Values
+from lcpimpact.scheme.elements.linked_masses import Ends, LinkedMasses
 
 
 @dataclass(frozen=True)
@@ -25,14 +25,14 @@ class Tree(LinkedMasses):
 
     ::
 
-        +---+     +---+     +---+
-        | 2 |     | 3 |     | 4 |       on = (0, 1, 1, 1)
-        +---+     +---+     +---+
-            \\       =       /          each link: k, c, and a bumper with gap and e
-              \\   +---+   /
-                 == | 1 | ==
-                    +---+
-                  =
+        +---+   +---+   +---+
+        | 2 |   | 3 |   | 4 |       on = (0, 1, 1, 1)
+        +---+   +---+   +---+
+             \    |    /            each link: k, c, and a bumper with gap and e
+              +-------+
+              |   1   |
+              +-------+
+                  |
                   o b
 
     Parameters
@@ -92,7 +92,7 @@ class Tree(LinkedMasses):
         self._check_constants()
 
     def _refuse_loops(self) -> None:
-        """Refuse masses that rest on themselves: after n halvings of the ways all must lead to a root."""
+        """Refuse masses that rest on themselves: links of 2, 4, 8, ... masses at once must lead to a root."""
         below = np.array((0, *self.on))
         for _ in range(len(self.on).bit_length()):
             below = below[below]
