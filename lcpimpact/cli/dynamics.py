@@ -142,12 +142,15 @@ def basins(
     ],
     set_: Set = None,
     longest: Annotated[int, typer.Option(min=1, help="Maximum number of periods of the force to convergence.")] = 400,
+    method: ExactMethod = None,
+    dt: SteppingDt = None,
+    solver: Solver = None,
     workers: Workers = 1,
     out: Table = None,
     plot: Plot = None,
     report: Report = None,
 ) -> None:
-    """Compute basins of attraction in a plane of initial states, by the exact motion.
+    """Compute basins of attraction in a plane of initial states.
 
     Example: lcpimpact basins shaw-holmes --set omega=3.2 --over x0=-1:0:40 --over v0=-1:1:40 --plot basins.pdf
     """
@@ -161,8 +164,8 @@ def basins(
         raise InputError(f"--over {one} is given twice: a plane needs two different initial values")
     if len(first) * len(second) > MAX_VALUES:
         raise InputError(f"{len(first) * len(second):,} initial states are more than {MAX_VALUES:,}: take fewer")
-    _resolve(problem, set_, "exact", one, other)
-    family = _problem_family(problem, set_, "exact")
+    spec = _resolve(problem, set_, method, one, other, solver=solver)
+    family = _problem_family(problem, set_, method)
     from lcpimpact.study.dynamics.basins import basins as of
 
     study = of(
@@ -172,6 +175,10 @@ def basins(
         parameters=(one, other),
         longest=longest,
         workers=workers,
+        method=spec.run.method,
+        dt=dt,
+        lcp_solver=spec.run.solver,
+        **spec.run.options,
     )
     finish(study, out, plot, report)
 

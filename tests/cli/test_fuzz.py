@@ -283,7 +283,7 @@ COMMANDS = {
         **STUDY,
     },
     "bifurcation": {"--over": OVER, "--section": WORDS, "--skip": COUNTS, "--points": COUNTS, "--y": WORDS, **STUDY},
-    "basins": {"--over": OVER, "--longest": COUNTS, "--workers": COUNTS, **STUDY},
+    "basins": {"--over": OVER, "--longest": COUNTS, "--workers": COUNTS, "--dt": STEPS, **STUDY},
     "orbit": {"--periods": COUNTS, "--period": NUMBERS, "--transient": COUNTS, **STUDY},
 }
 """Options of each command, with what they are given; None: nothing, or --set of a parameter. "" is an argument."""

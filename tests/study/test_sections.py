@@ -420,6 +420,14 @@ def test_the_commands_say_draw_and_write(capsys, tmp_path):
     assert code == 0
     assert "attractor 2: period 1, of 50.0% of the starts" in said, "beside one of period 3"
     assert sorted(pd.read_csv(tmp_path / "basins.csv")["period"]) == [1, 1, 3, 3]
+    starts = ("--over", "x0=-0.6:-0.2:2", "--over", "v0=0:0.5:2")
+    table = tmp_path / "steps.csv"
+    code, _, _ = call(capsys, "basins", "shaw-holmes", *starts, "--method", "moreau-jean", "--dt", 0.01, "--out", table)
+    assert code == 0
+    by_steps = li.basins(
+        lambda x0, v0: oscillator(x0=x0, v0=v0), [-0.6, -0.2], [0.0, 0.5], method="moreau-jean", dt=0.01
+    )
+    assert pd.read_csv(table)["period"].tolist() == by_steps.table["period"].tolist()
 
     code, said, _ = call(capsys, "orbit", "shaw-holmes", "--transient", 10, *asked("orbit"))
     assert code == 0
