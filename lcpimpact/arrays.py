@@ -1,4 +1,4 @@
-"""The array types of the project's own signatures."""
+"""The array types of the project's own signatures, and the inverse of a permutation."""
 
 from typing import TypeAlias
 
@@ -9,3 +9,10 @@ Array: TypeAlias = NDArray[np.float64]
 Indices: TypeAlias = NDArray[np.int64]
 Places: TypeAlias = NDArray[np.uint64]
 Flags: TypeAlias = NDArray[np.bool_]
+
+
+def inverse(order: Indices) -> Indices:
+    """Return the permutation that puts what was taken in an order back in its place: a[order][inverse(order)] is a (n,)."""
+    back = np.empty_like(order)
+    back[order] = np.arange(len(order))
+    return back

@@ -30,7 +30,7 @@ SPLIT = 134217729.0
 pair = types.UniTuple(f8, 2)
 
 
-@compiled(pair(f8, f8))
+@compiled(pair(f8, f8), allocates=False)
 def two_sum(a: float, b: float) -> tuple[float, float]:
     """Return a + b and the rounding error of the sum."""
     s = a + b
@@ -38,7 +38,7 @@ def two_sum(a: float, b: float) -> tuple[float, float]:
     return s, (a - (s - t)) + (b - t)
 
 
-@compiled(pair(f8, f8))
+@compiled(pair(f8, f8), allocates=False)
 def two_product(a: float, b: float) -> tuple[float, float]:
     """Return a b and the rounding error of the product."""
     p = a * b
@@ -51,7 +51,7 @@ def two_product(a: float, b: float) -> tuple[float, float]:
     return p, ((a1 * b1 - p) + a1 * b2 + a2 * b1) + a2 * b2
 
 
-@compiled(pair(f8, f8, f8, f8))
+@compiled(pair(f8, f8, f8, f8), allocates=False)
 def add(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
     """Return the sum of two double-doubles."""
     s, e = two_sum(a, b)
@@ -62,7 +62,7 @@ def add(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
     return s + e, e - ((s + e) - s)
 
 
-@compiled(pair(f8, f8, f8, f8))
+@compiled(pair(f8, f8, f8, f8), allocates=False)
 def multiply(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
     """Return the product of two double-doubles."""
     p, e = two_product(a, b)
@@ -103,7 +103,7 @@ def times(a: Array, b: Array) -> Array:
     return c
 
 
-@compiled(pair(f8, f8, f8, f8))
+@compiled(pair(f8, f8, f8, f8), allocates=False)
 def divide(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float]:
     """Return the quotient of two double-doubles."""
     q, q_lo = a / b, 0.0

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.arrays import Array, Flags, Indices, inverse
 from lcpimpact.certificate.energy import Account, Sinks
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses
 from lcpimpact.certificate.laws import (
@@ -21,6 +22,7 @@ from lcpimpact.certificate.laws import (
 from lcpimpact.certificate.quadrature import Pieces, running_sum
 from lcpimpact.certificate.scales import Judgement, Scales, largest_violation
 from lcpimpact.certificate.theta_balance import DAMPED, FREE, MASSIVE
+from lcpimpact.compiled import compiled, matrix, vector
 from lcpimpact.integrators.base import Limits
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
@@ -119,14 +121,19 @@ def judge_continuous(
     """Judge a continuous solution, piece by piece between its cuts and events."""
     run = SampledMotion.of(d, start, record.t, dense, events)
     q, v, r = (np.concatenate(each) for each in zip((run.q, run.v, run.r), run.right, strict=True))
-    h = np.where(run.resolved, np.diff(run.pieces.cuts), 0.0)
+    h = np.where(run.resolved, run.pieces.lengths, 0.0)
     scales = Scales.of(d, q, np.concatenate([v, run.left[1]]), r, run.f).at_least(float(h.max(initial=0.0)))
     elapsed = SUM_RTOL * np.cumsum(np.append(0.0, h))
     error_p, error_q = (limits.slack * run.pieces.error(each, limits.order) for each in (run.g, run.v))
-    energy, allowed_E, scale = _energy_balance(d, run, scales, limits, elapsed)
+    momentum, way, energy, energies, power = _imbalances(d, run)
+    scale = float(np.abs(energies).max())
+    # An energy of large terms that cancel has their rounding error.
+    terms = SUM_RTOL * float(scales.forces @ scales.q + scales.momenta @ scales.v)
+    allowed_E = limits.precision * scale + terms + elapsed * np.abs(power).max()
+    allowed_E += limits.slack * run.pieces.error(power[:, None], limits.order)[:, 0]
     allowed_E += error_p @ scales.v + error_q @ scales.forces
     found = {
-        **_judge_nodes(d, run, scales, limits, elapsed, (error_p, error_q)),
+        **_judge_nodes(d, run, (momentum, way), scales, limits, elapsed, (error_p, error_q)),
         **_judge_contacts(d, run, scales, limits, largest_impulses(d, events), np.abs(d.H) @ error_q[-1]),
         "energy_balance": largest_violation(np.abs(energy), np.repeat(allowed_E, 2)),
         "sampling": _sampling(record, dense, run.grid, scales, limits.precision),
@@ -134,31 +141,37 @@ def judge_continuous(
     return found, scales, (float(np.abs(energy).max()), scale)
 
 
-def _energy_balance(
-    d: Dynamics, run: SampledMotion, scales: Scales, limits: Limits, elapsed: Array
-) -> tuple[Array, Array, float]:
-    """Return the energy imbalance on both sides of each cut, its limit at each, and the scale of the energy."""
-    account = Account(d, Sinks.all_as_one(d))
-    right, left = (account.stored(*each[:2], run.left[0][0]) for each in (run.right, run.left))
-    flows, power = account.of_impacts(run.impacts), account.balance(account.powers(run.t, run.q, run.v, run.r))
-    energy = run.imbalance(right.sum(axis=1), left.sum(axis=1), run.at_cuts(account.balance(flows)), power)
+def _imbalances(d: Dynamics, run: SampledMotion) -> tuple[Array, Array, Array, Array, Array]:
+    """Return the imbalances of momentum (2 nk, n), way (2 nk, n) and energy (2 nk,), the stored energies, and the power."""
+    account, n, nk = Account(d, Sinks.all_as_one(d)), len(d.nodes), len(run.pieces.cuts)
+    (q, v, _), (q_left, v_left), impacts = run.right, run.left, run.impacts
+    stored = account.stored(np.concatenate([q, q_left]), np.concatenate([v, v_left]), q_left[0])
+    total = stored.sum(axis=1)[:, None]
+    power = account.balance(account.powers_under(run.f, run.q, run.v, run.r))
+    gained = account.balance(account.of_impacts(impacts))[:, None]
+    off = run.imbalance(
+        np.hstack([v @ d.M.T, q, total[:nk]]),
+        np.hstack([v_left @ d.M.T, q_left, total[nk:]]),
+        run.at_cuts(np.hstack([impacts.P @ d.B.T, np.zeros((len(impacts.t), n)), gained])),
+        np.hstack([run.g, run.v, power[:, None]]),
+    )
     # An initial jump is judged by the momentum: massless nodes between springs jump to equilibrium.
-    energy = np.append(0.0, energy[1:] - energy[1])
-    scale = float(max(np.abs(each[:, :2].sum(axis=1)).max() for each in (right, left)))
-    # An energy of large terms that cancel has their rounding error.
-    terms = SUM_RTOL * float(scales.forces @ scales.q + scales.momenta @ scales.v)
-    allowed = limits.precision * scale + terms + elapsed * np.abs(power).max()
-    return energy, allowed + limits.slack * run.pieces.error(power[:, None], limits.order)[:, 0], scale
+    energy = np.append(0.0, off[1:, -1] - off[1, -1])
+    return off[:, :n], off[:, n:-1], energy, stored[:, :2].sum(axis=1), power
 
 
 def _judge_nodes(
-    d: Dynamics, run: SampledMotion, scales: Scales, limits: Limits, elapsed: Array, errors: tuple[Array, Array]
+    d: Dynamics,
+    run: SampledMotion,
+    imbalances: tuple[Array, Array],
+    scales: Scales,
+    limits: Limits,
+    elapsed: Array,
+    errors: tuple[Array, Array],
 ) -> Judgement:
-    """Judge momentum, kinematics, and the balance of massless nodes."""
+    """Judge momentum, kinematics, and the balance of massless nodes; the former two by their imbalances (2 nk, n)."""
     ε, kind, forces = limits.precision, node_kinds(d), scales.forces
-    (q, v, _), (q_left, v_left) = run.right, run.left
-    momentum = run.imbalance(v @ d.M.T, v_left @ d.M.T, run.at_cuts(run.impacts.P @ d.B.T), run.g)
-    way = run.imbalance(q, q_left, np.zeros_like(q), run.v)
+    momentum, way = imbalances
     allowed_p = np.repeat(ε * scales.momenta + elapsed[:, None] * forces + errors[0], 2, axis=0)
     allowed_q = np.repeat(ε * scales.q + elapsed[:, None] * scales.v + errors[1], 2, axis=0)
     massive, moves, massless = kind == MASSIVE, (kind >= DAMPED) & ~d.jumping, np.isin(kind, (DAMPED, FREE))
@@ -175,14 +188,11 @@ def _judge_contacts(
     """Judge complementarity, penetration, bounds and the impact law; ``gap_error`` is the error of gaps in m (nc,)."""
     ε, end = limits.precision, float(run.pieces.cuts[-1])
     q_right, _, r_right = run.right
-    u, u_right, U = d.gap(run.q) + run.r @ d.D.T, d.gap(q_right) + r_right @ d.D.T, d.gap_rate(run.v)
+    u, u_right = d.gap(run.q) + run.r @ d.D.T, d.gap(q_right) + r_right @ d.D.T
     product = np.maximum(np.abs(run.r * u).max(axis=0), np.abs(r_right * u_right).max(axis=0))
-    switch = np.maximum(switch_residual(d, run.r, u).max(axis=0), switch_residual(d, r_right, u_right).max(axis=0))
-    if d.relays.any() and len(run.before[0]):
-        q_before, r_before = run.before
-        u_before = d.gap(q_before) + r_before @ d.D.T
-        switch = np.maximum(switch, switch_residual(d, r_before, u_before).max(axis=0))
-    friction = np.abs(run.pieces.each(friction_residual(d, run.r, U))).max(axis=0)
+    friction = np.zeros(len(d.contacts))
+    if d.rubs.any():
+        friction = np.abs(run.pieces.each(friction_residual(d, run.r, d.gap_rate(run.v)))).max(axis=0)
     # What touches but for rounding may be one of the next instant.
     violation, by_impacts = judge_impacts(d, run.impacts, -ε * scales.u, limits.rest * end)
     slow = ε * scales.U + limits.rest * end * accelerations(d, run.g)
@@ -196,9 +206,7 @@ def _judge_contacts(
     beyond = np.maximum(bound_violation(d, run.r).max(axis=0), bound_violation(d, r_right).max(axis=0))
     return {
         "complementarity": largest_violation(
-            np.maximum(
-                np.where(d.relays, switch, np.where(one_sided, product, np.where(d.rubs, friction, 0.0))), by_impacts
-            ),
+            np.maximum(np.where(one_sided, product, friction) + _switch_residuals(d, run, u, u_right), by_impacts),
             np.where(d.relays, d.r_max - d.r_min, scales.r) * reach
             + largest * slow
             + bounds * (gap_error + ε * end * scales.U),
@@ -209,12 +217,23 @@ def _judge_contacts(
     }
 
 
+def _switch_residuals(d: Dynamics, run: SampledMotion, u: Array, u_right: Array) -> Array:
+    """Return the largest residual of each relay; zero for other rows (nc,)."""
+    if not d.relays.any():
+        return np.zeros(len(d.contacts))
+    seen = [(run.r, u), (run.right[2], u_right)]
+    if len(run.before[0]):
+        q_before, r_before = run.before
+        seen.append((r_before, d.gap(q_before) + r_before @ d.D.T))
+    return np.asarray(np.max([switch_residual(d, *each).max(axis=0) for each in seen], axis=0))
+
+
 def _read_together(dense: ContinuousSolution, times: Sequence[Array]) -> list[tuple[Array, Array, Array]]:
     """Return q, v and r at each of several series of times, right limits, in one reading."""
-    together = np.concatenate(times)
+    together, ends = np.concatenate(times), np.cumsum([len(each) for each in times])[:-1]
     order = np.argsort(together, kind="stable")
-    back, ends = np.argsort(order, kind="stable"), np.cumsum([len(each) for each in times])[:-1]
-    q, v, r = (np.split(each[back], ends) for each in dense.read(together[order], "right"))
+    back = inverse(order)
+    q, v, r = (np.split(each.take(back, axis=0), ends) for each in dense.read(together[order], "right"))
     return list(zip(q, v, r, strict=True))
 
 
@@ -228,7 +247,12 @@ def _sampling(
     ours, sizes = (record.q, record.v, record.reaction), (scales.q, scales.v, scales.r)
 
     def differences(read: tuple[Array, Array, Array]) -> Array:
-        return np.asarray(np.max([_relative_difference(*each) for each in zip(ours, read, sizes, strict=True)], axis=0))
+        largest = np.zeros(len(record.t))
+        for mine, theirs, size in zip(ours, read, sizes, strict=True):
+            if mine.shape != theirs.shape:
+                raise ValueError(f"a record of the shape {mine.shape} for a solution of {theirs.shape}")
+            _note_differences(np.ascontiguousarray(mine), np.ascontiguousarray(theirs), size, largest)
+        return largest
 
     largest = differences(right)
     if (largest > ε).any():
@@ -236,6 +260,13 @@ def _sampling(
     return float(largest.max()), ε
 
 
-def _relative_difference(a: Array, b: Array, size: Array) -> Array:
-    """Return the largest |a - b| at each instant, relative to the size of each column (nt,)."""
-    return np.asarray((np.abs(a - b) / np.where(size > 0.0, size, 1.0)).max(axis=1, initial=0.0))
+@compiled(types.void(matrix, matrix, vector, vector), allocates=False)
+def _note_differences(a: Array, b: Array, size: Array, largest: Array) -> None:
+    """Raise ``largest`` (nt,) to |a - b| of each instant (nt, m), relative to the size of each column; NaN is largest."""
+    for k in range(len(a)):
+        for j in range(len(size)):
+            off = abs(a[k, j] - b[k, j])
+            if size[j] > 0.0:
+                off /= size[j]
+            if off > largest[k] or off != off:
+                largest[k] = off

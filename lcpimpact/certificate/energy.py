@@ -130,7 +130,11 @@ class Account:
 
     def powers(self, t: Array, q: Array, v: Array, r: Array) -> Array:
         """Return all flows in W (nt, 2 + m)."""
-        return self._without_contacts(self.d.applied(t, q, v), q, v, self.d.push(q, v)) + self.of_contacts(v, r)
+        return self.powers_under(self.d.applied(t, q, v), q, v, r)
+
+    def powers_under(self, f: Array, q: Array, v: Array, r: Array) -> Array:
+        """Return all flows in W (nt, 2 + m) under given loads f (nt, n)."""
+        return self._without_contacts(f, q, v, self.d.push(q, v)) + self.of_contacts(v, r)
 
     def balance(self, flows: Array) -> Array:
         """Return the change of the stored energy (...) by flows (..., 2 + m)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -20,16 +21,21 @@ class Pieces:
 
     cuts: Array
 
+    @cached_property
+    def lengths(self) -> Array:
+        """The length of each piece (nk - 1,)."""
+        return np.diff(self.cuts)
+
     @property
     def times(self) -> Array:
         """The Gauss nodes in ascending order (nt,)."""
-        half = 0.5 * np.diff(self.cuts)
+        half = 0.5 * self.lengths
         return np.asarray(((self.cuts[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES).ravel())
 
     def each(self, values: Array) -> Array:
         """Return the integral of values (nt, ...) at the nodes over each piece (nk - 1, ...)."""
         inner = np.asarray(values).reshape(len(self.cuts) - 1, len(GAUSS_NODES), *values.shape[1:])
-        return np.asarray(np.einsum("kg...,g,k->k...", inner, GAUSS_WEIGHTS, 0.5 * np.diff(self.cuts)))
+        return np.asarray(np.einsum("kg...,g,k->k...", inner, GAUSS_WEIGHTS, 0.5 * self.lengths))
 
     def integral(self, values: Array) -> Array:
         """Return the integral of values (nt, ...) at the nodes from the first cut to each (nk, ...)."""
@@ -40,7 +46,7 @@ class Pieces:
         """Return h Σ |a_j|, j = ``degree`` ... 5, with the Legendre coefficients a_j on each piece (nk - 1, ...)."""
         inner = np.asarray(values).reshape(len(self.cuts) - 1, len(GAUSS_NODES), *values.shape[1:])
         a = np.abs(np.einsum("kg...,gj->kj...", inner, LEGENDRE[:, min(degree, 5) :])).sum(axis=1)
-        return np.asarray(a * np.diff(self.cuts).reshape(-1, *[1] * (values.ndim - 1)))
+        return np.asarray(a * self.lengths.reshape(-1, *[1] * (values.ndim - 1)))
 
     def error(self, values: Array, order: float) -> Array:
         """Return the estimated error of the integral of values (nt, n) of a solution of given order up to each cut (nk, n).

@@ -135,7 +135,7 @@ def unresolved(plant: Plant, present: Present, no_gap: Flags, no_rate: Flags, sc
     return False
 
 
-@compiled(i8(modes_type, flags))
+@compiled(i8(modes_type, flags), allocates=False)
 def place_of(modes: Modes, closed: Flags) -> int:
     """Return the place of a mode in the table, or -1."""
     for k in range(len(modes.closed)):
@@ -179,7 +179,7 @@ def find_end(plant: Plant, modes: Modes, present: Present, limits: Limits) -> bo
     return True
 
 
-@compiled(types.boolean(plant_type, present_type, vector, flags))
+@compiled(types.boolean(plant_type, present_type, vector, flags), allocates=False)
 def may_accumulate(plant: Plant, present: Present, P: Array, passes_on: Flags) -> bool:
     """Return whether the impacts of a row with e < 1 may have accumulated, after the impulses P (nc,) of the next event."""
     t, t_lo = present.t[0], present.t[1]

@@ -27,7 +27,7 @@ plant_type = types.NamedTuple(
 )
 
 
-@compiled(f8(vector, vector))
+@compiled(f8(vector, vector), allocates=False)
 def size_of(row: Array, scale: Array) -> float:
     """Return Σ |c_j| s_j, the size of the terms of c·X."""
     size = 0.0

@@ -168,7 +168,7 @@ def first_fall(b: Array, floor: float) -> float:
     return math.nan
 
 
-@compiled(types.UniTuple(f8, 2)(matrix, f8))
+@compiled(types.UniTuple(f8, 2)(matrix, f8), allocates=False)
 def polish(a: Array, s: float) -> tuple[float, float]:
     """Return the root of Σ a_i s^i near s, a double-double, by Newton's method; s itself where the root is not simple."""
     x, x_lo = s, 0.0
@@ -299,7 +299,7 @@ def factor(P: Array, w: int) -> Array:
     return band
 
 
-@compiled(types.void(cube, i8, vector))
+@compiled(types.void(cube, i8, vector), allocates=False)
 def divide_by_block(band: Array, first: int, x: Array) -> None:
     """Replace x (N,) by P⁻¹ x."""
     n, w = band.shape[1], band.shape[2] - 1
@@ -313,7 +313,7 @@ def divide_by_block(band: Array, first: int, x: Array) -> None:
             x[first + i - w + k] -= band[0, i, k] * x[first + i]
 
 
-@compiled(types.void(cube, i8, matrix))
+@compiled(types.void(cube, i8, matrix), allocates=False)
 def divide_finely(band: Array, first: int, x: Array) -> None:
     """Replace x (2, N), double-doubles, by P⁻¹ x."""
     n, w = band.shape[1], band.shape[2] - 1
@@ -332,7 +332,7 @@ def divide_finely(band: Array, first: int, x: Array) -> None:
             x[0, at - w + k], x[1, at - w + k] = add(x[0, at - w + k], x[1, at - w + k], -y, -y_lo)
 
 
-@compiled(pair(sparse_type, i8, matrix))
+@compiled(pair(sparse_type, i8, matrix), allocates=False)
 def on_row(A: SparseRows, m: int, X: Array) -> tuple[float, float]:
     """Return row m of A X, a double-double."""
     x, x_lo = 0.0, 0.0
@@ -343,7 +343,7 @@ def on_row(A: SparseRows, m: int, X: Array) -> tuple[float, float]:
     return x, x_lo
 
 
-@compiled(types.boolean(generator_type, f8, matrix, i8))
+@compiled(types.boolean(generator_type, f8, matrix, i8), allocates=False)
 def next_term(A: Generator, δ: float, Y: Array, i: int) -> bool:
     """Write A δ Y_{i-1}/i into Y_i (p + 1, N), in floats, and return whether it is not zero."""
     Q, scale, moves = A.Q, δ / i, False
@@ -358,52 +358,58 @@ def next_term(A: Generator, δ: float, Y: Array, i: int) -> bool:
     return moves
 
 
-@compiled(matrix(generator_type, f8, vector, i8))
-def expand(A: Generator, δ: float, X: Array, degree: int) -> Array:
-    """Return (A δ)^i X/i! in floats, up to the last nonzero one: (at most degree + 1, N)."""
-    Y = np.empty((degree + 1, len(X)))
-    Y[0] = X
-    for i in range(1, degree + 1):
+@compiled(i8(generator_type, f8, matrix), allocates=False)
+def write_terms(A: Generator, δ: float, Y: Array) -> int:
+    """Write (A δ)^i Y_0/i! into Y_i (p + 1, N), in floats, up to the last nonzero one, and return how many there are."""
+    for i in range(1, len(Y)):
         if not next_term(A, δ, Y, i):
-            return Y[:i]
-    return Y
+            return i
+    return len(Y)
 
 
-@compiled(cube(generator_type, f8, matrix, i8))
-def expand_finely(A: Generator, δ: float, X: Array, degree: int) -> Array:
-    """Return (A δ)^i X/i!, up to the last nonzero one, double-doubles (at most degree + 1, 2, N).
+@compiled(i8(generator_type, f8, cube, matrix), allocates=False)
+def write_fine_terms(A: Generator, δ: float, Z: Array, Y: Array) -> int:
+    """Write (A δ)^i Z_0/i! into Z_i (p + 1, 2, N), up to the last nonzero one, and return how many there are.
 
-    δ is a power of two.
+    The first `FINE_TERMS` are double-doubles; Y (p - `FINE_TERMS` + 1, N) takes the later ones. δ is a power of two.
     """
-    fine = min(degree, FINE_TERMS)
-    Z = np.empty((degree + 1, 2, X.shape[1]))
-    Z[0] = X
+    fine, n = min(len(Z) - 1, FINE_TERMS), Z.shape[2]
     for i in range(1, fine + 1):
         inverse, moves = 1.0 / i, False
         p, p_lo = two_product(inverse, float(i))
         rest = ((1.0 - p) - p_lo) / i
-        for m in range(X.shape[1]):
+        for m in range(n):
             x, x_lo = on_row(A.Q, m, Z[i - 1])
             Z[i, 0, m], Z[i, 1, m] = multiply(δ * x, δ * x_lo, inverse, rest)
             moves |= x != 0.0
         if not moves:
-            return Z[:i]
+            return i
         if A.band.shape[1]:
             divide_finely(A.band, A.first, Z[i])
-    Y = np.empty((degree - fine + 1, X.shape[1]))
-    Y[0] = Z[fine, 0]
-    for i in range(fine + 1, degree + 1):
-        Z[i, 1] = 0.0
+    for m in range(n):
+        Y[0, m] = Z[fine, 0, m]
+    for i in range(fine + 1, len(Z)):
         if not next_term(A, δ * (i - fine) / i, Y, i - fine):
-            return Z[:i]
-        Z[i, 0] = Y[i - fine]
-    return Z
+            return i
+        for m in range(n):
+            Z[i, 0, m], Z[i, 1, m] = Y[i - fine, m], 0.0
+    return len(Z)
 
 
-@compiled(types.boolean(sparse_type, i8, matrix, i8, matrix))
-def stays_positive(rows: SparseRows, row: int, Y: Array, drop: int, basis: Array) -> bool:
-    """Return whether floats prove that a row stays positive over a window, without its first ``drop`` powers."""
-    a, noise = np.zeros(max(len(Y) - drop, 1)), 0.0
+@compiled(cube(generator_type, f8, matrix, i8))
+def expand_finely(A: Generator, δ: float, X: Array, degree: int) -> Array:
+    """Return (A δ)^i X/i!, up to the last nonzero one, double-doubles (at most degree + 1, 2, N); δ is a power of two."""
+    Z = np.empty((degree + 1, 2, X.shape[1]))
+    Z[0] = X
+    return Z[: write_fine_terms(A, δ, Z, np.empty((degree + 1, X.shape[1])))]
+
+
+@compiled(types.boolean(sparse_type, i8, matrix, i8, matrix, vector), allocates=False)
+def stays_positive(rows: SparseRows, row: int, Y: Array, drop: int, basis: Array, a: Array) -> bool:
+    """Return whether floats prove that a row without its first ``drop`` powers is positive over a window; a is scratch."""
+    noise, count = 0.0, max(len(Y) - drop, 1)
+    for i in range(count):
+        a[i] = 0.0
     for i in range(len(Y)):
         for at in range(rows.starts[row], rows.starts[row + 1]):
             y = rows.entries[0, at] * Y[i, rows.columns[at]]
@@ -412,13 +418,13 @@ def stays_positive(rows: SparseRows, row: int, Y: Array, drop: int, basis: Array
                 a[i - drop] += y
     noise *= ROUNDING
     low = a[0]
-    for i in range(1, len(a)):
+    for i in range(1, count):
         low -= abs(a[i])
     if low > noise:
         return True
     for m in range(len(basis)):
         b = 0.0
-        for i in range(min(m + 1, len(a))):
+        for i in range(min(m + 1, count)):
             b += basis[m, i] * a[i]
         if not b > noise:
             return False
@@ -462,16 +468,18 @@ def summed(Z: Array) -> Array:
     return np.asarray(X)
 
 
-@compiled(matrix(cube, matrix))
-def moved(step: Array, X: Array) -> Array:
-    """Return the product of a matrix (2, N, N) and a state (2, N)."""
-    Y = np.zeros_like(X)
+@compiled(types.void(cube, matrix, matrix), allocates=False)
+def move_by(step: Array, X: Array, Y: Array) -> None:
+    """Replace a state X (2, N) by its product with a matrix (2, N, N); Y (2, N) is scratch."""
     for i in range(X.shape[1]):
+        y, y_lo = 0.0, 0.0
         for k in range(X.shape[1]):
             if step[0, i, k] != 0.0:
                 x, x_lo = multiply(step[0, i, k], step[1, i, k], X[0, k], X[1, k])
-                Y[0, i], Y[1, i] = add(Y[0, i], Y[1, i], x, x_lo)
-    return np.asarray(Y)
+                y, y_lo = add(y, y_lo, x, x_lo)
+        Y[0, i], Y[1, i] = y, y_lo
+    for i in range(X.shape[1]):
+        X[0, i], X[1, i] = Y[0, i], Y[1, i]
 
 
 @compiled(cube(generator_type, f8, i8, i8))
@@ -515,18 +523,18 @@ def scan(
     negative order is zero for ever.
     """
     (A, δ, step), p, n = window, basis.shape[1] - 1, X.shape[1]
-    Z = np.empty((0, 2, n))
+    Y, Z, a, work = np.empty((p + 1, n)), np.empty((0, 2, n)), np.empty(p + 1), np.empty((2, n))
     for j in range(count):
         for i in range(n):
-            scale[i] = max(scale[i], abs(X[0, i]))
-        Y = expand(A, δ, X[0], p)
+            Y[0, i], scale[i] = X[0, i], max(scale[i], abs(X[0, i]))
+        terms = write_terms(A, δ, Y)
         known = False
         first, where, rest = -1, math.inf, 0.0
         for row in range(len(order)):
             if order[row] < 0:
                 continue
             drop = order[row] if j == 0 else 0
-            if stays_positive(rows, row, Y, drop, basis[0]):
+            if stays_positive(rows, row, Y[:terms], drop, basis[0], a):
                 continue
             if not known:
                 Z, known = expand_finely(A, δ, X, p), True
@@ -537,7 +545,7 @@ def scan(
             X[:] = horner(Z, where, rest)
             return j, first, where, rest
         if len(step[0]):
-            X[:] = moved(step, X)
+            move_by(step, X, work)
         else:
             X[:] = summed(Z if known else expand_finely(A, δ, X, p))
     return -1, -1, 0.0, 0.0
@@ -552,6 +560,39 @@ def on_rows(R: SparseRows, X: Array) -> Array:
     return found
 
 
+@compiled(i8(sparse_type, cube, matrix, matrix), allocates=False)
+def read_terms(R: SparseRows, Z: Array, a: Array, sums: Array) -> int:
+    """Write R Z_i (m, p + 1) into a, and return the last term that counts in a row; ``sums`` (2, p + 1) is scratch."""
+    last, terms = 0, len(Z)
+    for j in range(len(a)):
+        for i in range(terms):
+            sums[0, i], sums[1, i] = 0.0, 0.0
+        for at in range(R.starts[j], R.starts[j + 1]):
+            c, c_lo, k = R.entries[0, at], R.entries[1, at], R.columns[at]
+            for i in range(terms):
+                x, x_lo = multiply(c, c_lo, Z[i, 0, k], Z[i, 1, k])
+                sums[0, i], sums[1, i] = add(sums[0, i], sums[1, i], x, x_lo)
+        size = 0.0
+        for i in range(terms):
+            a[j, i] = sums[0, i]
+            size = max(size, abs(a[j, i]))
+            last = max(last, i) if abs(a[j, i]) > READING_RTOL * size else last
+    return last
+
+
+@compiled(types.void(matrix, i8, vector, vector, matrix), allocates=False)
+def evaluate(a: Array, last: int, s: Array, x: Array, found: Array) -> None:
+    """Write Σ a_i s^i, i <= ``last``, of each row of a (m, p + 1) and s (nt,) into found (nt, m); x (nt,) is scratch."""
+    for j in range(len(a)):
+        for k in range(len(s)):
+            x[k] = 0.0
+        for i in range(last, -1, -1):
+            for k in range(len(s)):
+                x[k] = x[k] * s[k] + a[j, i]
+        for k in range(len(s)):
+            found[k, j] = x[k]
+
+
 @compiled(matrix(generator_type, f8, cube, types.float64[:, :, :, ::1], vector, indices, sparse_type, i8))
 def sample(
     A: Generator, δ: float, starts: Array, powers: Array, times: Array, start: Indices, R: SparseRows, degree: int
@@ -561,34 +602,36 @@ def sample(
     Cancellation in R X, as in a stiff force, happens in the coefficients of a window, which are double-doubles;
     ``powers`` are exp(2ᵏ A δ), or none to walk from window to window.
     """
-    n, m = starts.shape[2], len(R.starts) - 1
-    found, a, sizes, last = np.zeros((len(times), m)), np.zeros((degree + 1, m)), np.zeros(m), 0
-    state, here, of, Z = np.zeros((2, n)), -1, -1, np.zeros((1, 2, n))
-    for k in range(len(times)):
-        window = int(max(times[k], 0.0) / δ)
-        if window != here or start[k] != of:
-            if window < here or start[k] != of:
-                state, here, of = starts[start[k]].copy(), 0, start[k]
-            elif len(powers) == 0:
-                state, here = summed(Z), here + 1
-            jump, bit = window - here, 0
-            if len(powers) == 0:
-                state, jump = walk(A, δ, state, jump, degree), 0
-            while jump:
-                if jump & 1:
-                    state = moved(powers[bit], state)
-                jump, bit = jump >> 1, bit + 1
-            here, Z = window, expand_finely(A, δ, state, degree)
-            last = 0
-            for i in range(len(Z)):
-                for j in range(m):
-                    a[i, j], _ = on_row(R, j, Z[i])
-                    sizes[j] = abs(a[i, j]) if i == 0 else max(sizes[j], abs(a[i, j]))
-                    last = i if abs(a[i, j]) > READING_RTOL * sizes[j] else last
-        s = times[k] / δ - window
-        for i in range(last, -1, -1):
-            for j in range(m):
-                found[k, j] = found[k, j] * s + a[i, j]
+    nt, m, first = len(times), len(R.starts) - 1, 0
+    found, a, sums, s, x = (
+        np.empty((nt, m)),
+        np.empty((m, degree + 1)),
+        np.empty((2, degree + 1)),
+        times / δ,
+        np.empty(nt),
+    )
+    state, work, Z = np.zeros((2, starts.shape[2])), np.empty((2, starts.shape[2])), np.zeros((1, 2, starts.shape[2]))
+    here, of = -1, -1
+    while first < nt:
+        window, end = int(max(s[first], 0.0)), first + 1
+        while end < nt and start[end] == start[first] and int(max(s[end], 0.0)) == window:
+            end += 1
+        if window < here or start[first] != of:
+            state, here, of = starts[start[first]].copy(), 0, start[first]
+        elif len(powers) == 0:
+            state, here = summed(Z), here + 1
+        jump, bit = window - here, 0
+        if len(powers) == 0:
+            state, jump = walk(A, δ, state, jump, degree), 0
+        while jump:
+            if jump & 1:
+                move_by(powers[bit], state, work)
+            jump, bit = jump >> 1, bit + 1
+        here, Z = window, expand_finely(A, δ, state, degree)
+        last, now = read_terms(R, Z, a, sums), s[first:end]
+        now -= window
+        evaluate(a, last, now, x, found[first:end])
+        first = end
     return found
 
 
@@ -767,7 +810,7 @@ class Flow:
         """
         windows = math.ceil(length / self.window)
         if windows <= max(most, 1):
-            return np.linspace(0.0, length, windows, endpoint=False), np.ones(windows, np.bool_)
+            return np.arange(windows, dtype=np.float64) * (length / max(windows, 1)), np.ones(windows, np.bool_)
         if self.slower is not None and self.settling < min(length, most * self.window):
             first = self.window * np.arange(math.ceil(self.settling / self.window))
             since = len(first) * self.window

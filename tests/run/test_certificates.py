@@ -183,6 +183,21 @@ def test_velocities_that_are_not_the_rates_of_the_coordinates_are_found_out(runs
     assert beyond(dataclasses.replace(run, v=1.05 * run.v).certify()) & {"kinematics", "momentum", "sampling"}
 
 
+@pytest.mark.parametrize("name", ["q", "v", "reaction"])
+@pytest.mark.parametrize("k", [0, 700, -1])
+def test_the_record_of_an_exact_run_is_held_against_its_solution_at_each_instant(name, k):
+    run = li.simulate(li.load_problem("system-3"), "exact", dt=3e-3, t_end=3.0)
+    for column in range(getattr(run, name).shape[1]):
+        series = getattr(run, name).copy()
+        size = np.abs(series[:, column]).max()
+        series[k, column] += 1e-5 * size
+        found = dataclasses.replace(run, **{name: series}).certify()
+        assert "sampling" in beyond(found)
+        assert 0.5e-5 < found.sampling <= 1.001e-5
+        series[k, column] = math.nan
+        assert "sampling" in beyond(dataclasses.replace(run, **{name: series}).certify())
+
+
 @pytest.mark.parametrize("name", METHODS)
 def test_a_certificate_needs_nothing_that_a_pickled_copy_has_not(runs, name):
     run = dataclasses.replace(runs[name], dense=None, problem=None)
