@@ -61,6 +61,7 @@ class GeneralizedAlpha(LinearStep):
 
     laws: ClassVar[int] = 2
     remembers: ClassVar[tuple[str, ...]] = ("a", "d")
+    sums_alone: ClassVar[bool] = False
 
     name: ClassVar[str] = "generalized-alpha"
     declared: ClassVar[Declared] = Declared(

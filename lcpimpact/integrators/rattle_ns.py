@@ -38,6 +38,7 @@ class RattleNS(LinearStep):
     halves: ClassVar[bool] = False
     laws: ClassVar[int] = 2
     instants: ClassVar[tuple[float, ...]] = (0.0, 1.0)
+    sums_alone: ClassVar[bool] = False
 
     name: ClassVar[str] = "rattle-ns"
     declared: ClassVar[Declared] = Declared(

@@ -42,6 +42,7 @@ class SchatzmanPaoli(LinearStep):
     remembers: ClassVar[tuple[str, ...]] = ("q_before",)
     halves: ClassVar[bool] = False
     impact_steps: ClassVar[int] = 2
+    sums_alone: ClassVar[bool] = False
 
     name: ClassVar[str] = "schatzman-paoli"
     family: ClassVar[str] = "Schatzman-Paoli"

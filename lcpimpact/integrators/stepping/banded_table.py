@@ -33,6 +33,10 @@ BANDED_COST = 4.0
 """Time of a product of banded rows, or of a sweep, over that of a product of a dense table."""
 
 
+AGREES_RTOL = 1e-6
+"""Largest difference of a row from that of the dense table, relative to its terms, that is rounding."""
+
+
 class BandedTable(NamedTuple):
     """The rows of a step and its equations A w = b; no factors where the dense table is taken.
 
@@ -55,15 +59,15 @@ DENSE = BandedTable(EMPTY, np.zeros((0, 0, 0)), EMPTY)
 """The place holder of steps that take the dense table."""
 
 
-def banded_table(equations: list[tuple[Array, Array]], rows: Array, one: int, products: int) -> BandedTable:
-    """Return the banded form of a step, or `DENSE` where it has none or would take longer.
+def banded_table(equations: list[tuple[Array, Array]], rows: Array, one: int, dense: Any) -> BandedTable:
+    """Return the banded form of a step, or `DENSE` where it has none, would take longer, or is another function.
 
     Parameters
     ----------
     equations : list of (A, b)      each with a row of b, in the symbols of x and w, for a row of A
     rows : array                    the rows of the table in the same symbols
     one : int                       the column of the constant 1
-    products : int                  the number of products of the dense table
+    dense : StepTable               the dense table
     """
     matrices = [sparse.csr_array(A) for A, _ in equations]
     if not matrices or any((A != A.T).nnz for A in matrices):
@@ -71,13 +75,26 @@ def banded_table(equations: list[tuple[Array, Array]], rows: Array, one: int, pr
     width = max(half_bandwidth(A) for A in matrices)
     sides, ends = (sparse.csr_array(each) for each in (np.vstack([b for _, b in equations]), rows))
     terms = sides.nnz + ends.nnz + 2 * (width + 1) * sides.shape[0]
-    if BANDED_COST * terms > products:
+    if BANDED_COST * terms > dense.known.size:
         return DENSE
     try:
         factors = np.array([factor_bands(lower_bands(A, width)) for A in matrices])
     except np.linalg.LinAlgError:
         return DENSE
-    return BandedTable(_affine(sides, one), factors, _affine(ends, one))
+    table = BandedTable(_affine(sides, one), factors, _affine(ends, one))
+    return table if _agrees(table, one, dense) else DENSE
+
+
+def _agrees(table: BandedTable, one: int, dense: Any) -> bool:
+    """Return whether a table has the rows of the dense one for some x, to rounding.
+
+    That of equations that read the coefficients of their symbols has others.
+    """
+    columns, equations, rows = np.vstack([dense.known, dense.unknown]), len(table.right.c), np.zeros(len(table.rows.c))
+    x = np.cos(np.arange(float(len(columns))))
+    x[one] = 1.0
+    find_rows(table, np.concatenate([x, np.zeros(equations)]), np.zeros(equations), rows)
+    return bool(np.all(np.abs(rows - x @ columns) <= AGREES_RTOL * (np.abs(x) @ np.abs(columns))))
 
 
 def _affine(rows: Any, one: int) -> Stencil:

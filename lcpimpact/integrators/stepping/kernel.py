@@ -25,6 +25,7 @@ from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.banded_table import BANDED, DENSE, BandedTable, find_rows
 from lcpimpact.integrators.stepping.friction import active_friction, solve_same_case
 from lcpimpact.integrators.stepping.impulse_paths import PATHS, Paths, closes, write_shifts
+from lcpimpact.integrators.stepping.kept_basis import KEPT, KeptBasis, solve_from_basis
 from lcpimpact.integrators.stepping.law import (
     PROBLEM,
     SOLVING,
@@ -96,10 +97,18 @@ class StepSprings(NamedTuple):
 
 
 class StepState(NamedTuple):
-    """State carried from step to step: y (N,), and the impulses of each law (m, nc), 0 at inactive contacts."""
+    """State carried from step to step.
+
+    Attributes
+    ----------
+    y : (N,) array
+    P : (m, nc) array       the impulses of each law, 0 at inactive contacts
+    kept : KeptBasis        the basis of the last LCP, where it is kept
+    """
 
     y: Array
     P: Array
+    kept: KeptBasis
 
 
 class StepOutput(NamedTuple):
@@ -119,6 +128,7 @@ class Block(NamedTuple):
     loads : (steps, nl)     variable loads, one row a step
     tol, max_iter           tolerance of the LCP solver, and its limit of iterations
     stops : bool            whether to stop before a step with other active contacts than the last one
+    keeps : bool            whether the basis of the LCP is kept from step to step
     """
 
     first: int
@@ -127,6 +137,7 @@ class Block(NamedTuple):
     tol: float
     max_iter: int
     stops: bool
+    keeps: bool
 
 
 class Workspace(NamedTuple):
@@ -176,9 +187,9 @@ class StaticFriction(NamedTuple):
 
 TABLE: Any = named_tuple((matrix, matrix, cube, matrix, matrix, flags, matrix), StepTable)
 STEP_SPRINGS: Any = named_tuple((matrix, vector, f8), StepSprings)
-STEP_STATE: Any = named_tuple((vector, matrix), StepState)
+STEP_STATE: Any = named_tuple((vector, matrix, KEPT), StepState)
 PATH: Any = named_tuple((matrix, matrix, matrix), StepOutput)
-BLOCK: Any = named_tuple((i8, i8, matrix, f8, i8, types.boolean), Block)
+BLOCK: Any = named_tuple((i8, i8, matrix, f8, i8, types.boolean, types.boolean), Block)
 ROOM: Any = named_tuple((vector, indices, vector, vector, SPRING_ROOM, vector, vector), Workspace)
 STATIC_FRICTION: Any = named_tuple((vector, vector, matrix, vector, vector, flags), StaticFriction)
 FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION))
@@ -214,6 +225,18 @@ def solve_rows(
     if na < len(q):
         return solve_active(rows, room.active[:na], room.z[:na], solving)
     return solve_law(rows, room.z, solving)
+
+
+@compiled(types.Tuple((i8, i8, f8))(TABLE, vector, i8, ROOM, KEPT, SOLVING))
+def solve_many_rows(
+    table: StepTable, q: Array, na: int, room: Workspace, kept: KeptBasis, solving: Solving
+) -> tuple[int, int, float]:
+    """Solve a single law on its ``na`` active rows from the basis of the last step, if it can."""
+    rows = ContactProblem(table.W[0], q, table.lower[0], table.upper[0])
+    residual = solve_from_basis(rows, room.active[:na], kept, room.z[:na], solving.tol)
+    if residual < np.inf:
+        return SOLVED, 0, residual
+    return solve_rows(table, 0, q, na, room, solving)
 
 
 @compiled(types.void(TABLE, i8, i8, i8, ROOM, vector), inline="always", allocates=False)
@@ -476,7 +499,9 @@ def steps(
             if len(friction.rows) > 0:
                 na = add_friction_rows(friction, na, P, room)
             status, count, tried, residual = SOLVED, 0, 0, 0.0
-            if simple and na > 0:
+            if simple and na > 0 and block.keeps:
+                status, count, residual = solve_many_rows(table, sums[nc:after], na, room, state.kept, solving)
+            elif simple and na > 0:
                 status, count, residual = solve_rows(table, law, sums[first + nc : after], na, room, solving)
             elif na + ns > 0:
                 again = True

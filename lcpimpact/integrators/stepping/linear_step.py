@@ -31,6 +31,7 @@ from lcpimpact.integrators.stepping.banded_table import DENSE, BandedTable, band
 from lcpimpact.integrators.stepping.elimination import MAX_ROWS, product, solve
 from lcpimpact.integrators.stepping.force_newton import solve_with_forces
 from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
+from lcpimpact.integrators.stepping.kept_basis import kept_basis
 from lcpimpact.integrators.stepping.kernel import (
     SWITCHES,
     Block,
@@ -241,6 +242,7 @@ class Tabulated:
     solver : SolverState                the LCP solver prepared for it
     tol, max_iter : float, int          its tolerance and limit of iterations
     at_switches : Tabulated, optional   the step used instead at a change of the active contacts
+    keeps : bool                        whether the basis of the LCP may be kept from step to step
     """
 
     table: StepTable
@@ -254,6 +256,7 @@ class Tabulated:
     tol: float
     max_iter: int
     at_switches: Tabulated | None
+    keeps: bool
 
     @property
     def constant(self) -> bool:
@@ -295,6 +298,9 @@ class LinearStep(TimeStepping[Tabulated]):
 
     remembers: ClassVar[tuple[str, ...]] = ()
     """Names of the memory beside q and v, one vector (n,) each."""
+
+    sums_alone: ClassVar[bool] = True
+    """Whether the equations only add symbols, so that solutions may stay unknowns, and never read a coefficient of one."""
 
     @property
     def reaction_at(self) -> float:
@@ -365,6 +371,7 @@ class LinearStep(TimeStepping[Tabulated]):
             solver.init(contacts[0]),
             *limits(solver, self.tol, self.max_iter),
             at_switches=other.prepare(d, h, lcp_solver) if other else None,
+            keeps=lcp_solver == "auto" and self.laws == 1 and other is None,
         )
 
     def prepared(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
@@ -384,19 +391,19 @@ class LinearStep(TimeStepping[Tabulated]):
 
     def first_state(self, d: Dynamics, y: Array, h: float) -> StepState:
         """Return the initial state, y without impulses."""
-        return StepState(y.copy(), np.zeros((self.laws, len(d.contacts))))
+        nc = len(d.contacts)
+        # Steps of one length have one matrix.
+        return StepState(y.copy(), np.zeros((self.laws, nc)), kept_basis(nc if self.rtol is None else 0))
 
     def _banded(self, d: Dynamics, h: float, table: StepTable) -> BandedTable:
         """Return the step with banded equations, where its dense table of many nodes takes longer."""
-        if len(d.nodes) <= MAX_ROWS or len(d.pushes):
+        if len(d.nodes) <= MAX_ROWS or len(d.pushes) or not self.sums_alone:
             return DENSE
         symbols = self._symbols(d, MOST_EQUATIONS)
         rows, _ = step_rows(symbols, self.equations(symbols, d, h), self.remembers, h)
         used = len(symbols.q.T) - (MOST_EQUATIONS - len(symbols.equations)) * len(d.nodes)
         equations = [(A, b[:, :used]) for A, b in symbols.equations]
-        return banded_table(
-            equations[:MOST_EQUATIONS], rows[:, :used], int(np.argmax(symbols.one[0])), table.known.size
-        )
+        return banded_table(equations[:MOST_EQUATIONS], rows[:, :used], int(np.argmax(symbols.one[0])), table)
 
     def _symbols(self, d: Dynamics, kept: int = 0) -> Symbols:
         """Return one column for each known and unknown; constant loads belong to the column of 1.
@@ -469,7 +476,8 @@ class LinearStep(TimeStepping[Tabulated]):
         elif solver.compiled:
             solve, springs = address(solve, KERNEL), address(step.springs, SPRING_SOLVER)
         last, stops = first + len(times) - 1, step.at_switches is not None
-        block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops)
+        keeps = len(state.kept.T) > 0 and step.keeps and solver is step.solver
+        block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops, keeps)
         path = StepOutput(record.q, record.v, record.reaction)
         room = room_for(table, len(features[0].law), step.banded)
         if line:
