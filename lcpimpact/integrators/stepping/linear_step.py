@@ -48,6 +48,7 @@ from lcpimpact.integrators.stepping.law import SPRING_SOLVER, SpringSolver, no_s
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
 from lcpimpact.integrators.stepping.straight_line import (
     IRREGULAR,
+    MAX_TERMS,
     SHORT_BLOCK,
     StraightLine,
     covers,
@@ -397,7 +398,9 @@ class LinearStep(TimeStepping[Tabulated]):
 
     def _banded(self, d: Dynamics, h: float, table: StepTable) -> BandedTable:
         """Return the step with banded equations, where its dense table of many nodes takes longer."""
-        if len(d.nodes) <= MAX_ROWS or len(d.pushes) or not self.sums_alone:
+        # Straight-line code and lanes, of few terms, have the bits of the dense table.
+        few = len(d.nodes) <= MAX_ROWS or np.count_nonzero(table.known) <= MAX_TERMS
+        if few or len(d.pushes) or not self.sums_alone:
             return DENSE
         symbols = self._symbols(d, MOST_EQUATIONS)
         rows, _ = step_rows(symbols, self.equations(symbols, d, h), self.remembers, h)
