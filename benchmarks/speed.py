@@ -2,7 +2,7 @@ r"""What a step costs: `simulate` against a C loop for System 1 alone, against S
 
     python benchmarks/speed.py [--steps 1000000] [--repeats 7] [--out FILE.json|.csv]
 
-A last table times kernel and certificate apart on other problems, too: `PARTS`.
+Further tables time kernel and certificate apart on other problems, `PARTS`, and the steps of bars, `BARS`.
 
 All run the θ-method with θ = 1/2 on System 1. Contestants take turns within each repeat, so that a slow minute of the
 machine meets them all; medians are compared. `simulate` and the C loop record every step into arrays of their own, in
@@ -25,7 +25,7 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import date
 from pathlib import Path
 from statistics import median
@@ -42,6 +42,8 @@ from lcpimpact.events import events_of_steps
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.integrators.newmark_ns import NewmarkNS
+from lcpimpact.integrators.stepping.banded_table import DENSE
+from lcpimpact.integrators.stepping.stencil import solve_banded
 from lcpimpact.record import Grid, Record
 from lcpimpact.trajectory import whole_file
 
@@ -62,6 +64,9 @@ PARTS: tuple[tuple[str, Integrator, float], ...] = (
 )
 """Problems and methods whose kernel and certificate are timed apart, each up to its t_end in s."""
 PART_STEPS = 100_000
+BARS = ("bar-impact", "bouncing-bar", "plastic-bar-impact")
+"""Bars whose steps by banded equations are timed beside those by the dense table, and two sweeps over a band alone."""
+BAR_STEPS = 20_000
 IMPORTS = 15
 PAUSE = 0.1
 FIRST_CALL = """
@@ -271,6 +276,40 @@ def measure_parts(repeats: int) -> list[dict[str, Any]]:
     ]
 
 
+def measure_bars(repeats: int) -> list[dict[str, Any]]:
+    """Return what steps of the bars cost, in ns a node, medians of processor time."""
+    return [{"problem": name} | bar_costs(load_problem(name), repeats) for name in BARS]
+
+
+def bar_costs(problem: Problem, repeats: int) -> dict[str, float]:
+    """Return the kernel with banded equations and the LCP of the last basis, without each, and two sweeps alone."""
+    d, grid, integrator = problem.dynamics, Grid(problem.t_end, BAR_STEPS), MoreauJean()
+    n, nc, samples = len(d.nodes), len(d.contacts), defaultdict[str, list[float]](list)
+    step = integrator.prepare(d, grid.h, "auto")
+    steps = {"banded": step, "dense": replace(step, banded=DENSE, keeps=False)}
+    right = np.ones(n)
+    for _ in range(repeats):
+        for name, each in steps.items():
+            record = Record(
+                grid.times(0, BAR_STEPS),
+                *np.zeros((2, BAR_STEPS + 1, n)),
+                integrator.reaction_times(grid),
+                np.zeros((BAR_STEPS, nc)),
+            )
+            carry = replace(integrator.start(problem, grid, "auto", record), steps={0: each})
+            began = time.process_time()
+            integrator.advance(carry, record, 0, BAR_STEPS)
+            samples[name].append(time.process_time() - began)
+        began = time.process_time()
+        simulate(problem, dt=grid.h, t_end=problem.t_end)
+        samples["simulate"].append(time.process_time() - began)
+        began = time.process_time()
+        for _ in range(BAR_STEPS):
+            solve_banded(step.banded.factors[0], right)
+        samples["sweeps"].append(time.process_time() - began)
+    return {name: 1e9 * median(values) / (BAR_STEPS * n) for name, values in samples.items()}
+
+
 def measure_imports(repeats: int) -> Samples:
     """Import numpy and lcpimpact by turns, each in an interpreter of its own, after one that warms the caches."""
     samples: Samples = defaultdict(list)
@@ -396,6 +435,17 @@ def methods_table(rows: list[dict[str, Any]]) -> Table:
     return drawn
 
 
+def bars_table(rows: list[dict[str, Any]]) -> Table:
+    """Return the costs of the bars."""
+    drawn = Table(
+        "bar", "kernel", "by dense table", "simulate", "two sweeps", title=f"ns a node and step, {BAR_STEPS:,} steps"
+    )
+    for row in rows:
+        costs = (f"{row[name]:.1f}" for name in ("banded", "dense", "simulate", "sweeps"))
+        drawn.add_row(row["problem"], *costs)
+    return drawn
+
+
 def write(path: Path, report: Mapping[str, Any]) -> None:
     """Write the report as JSON, or its two tables as CSV; the file appears whole or not at all."""
     with whole_file(path) as part:
@@ -437,6 +487,7 @@ def main() -> int:
         first = first_calls(folder / "cache")
         checks = agreements(problem, options.steps, loop, answer)
         methods = measure_parts(options.repeats)
+        bars = measure_bars(options.repeats)
 
     rows = step_rows(samples, options.steps, loop, answer) + process_rows(imports, first)
     parts = breakdown(samples, options.steps)
@@ -444,6 +495,7 @@ def main() -> int:
     console.print(main_table(f"System 1, {options.steps:,} steps, medians of {options.repeats}", rows))
     console.print(parts_table("Where the time of simulate goes", parts))
     console.print(methods_table(methods))
+    console.print(bars_table(bars))
     for check in checks:
         verdict = "agree" if check.holds else "DISAGREE"
         console.print(f"{check.what} {verdict}: {check.difference:.1e} relative, {check.allowed:g} allowed")
@@ -462,6 +514,7 @@ def main() -> int:
             "rows": [asdict(row) for row in rows],
             "breakdown": [asdict(row) for row in parts],
             "methods": methods,
+            "bars": bars,
             "agreements": [asdict(check) for check in checks],
             "seconds": {**samples, **{f"import {module}": values for module, values in imports.items()}},
         }

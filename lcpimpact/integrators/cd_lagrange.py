@@ -22,7 +22,6 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.elimination import solve
 from lcpimpact.integrators.stepping.kernel import StepState
 from lcpimpact.integrators.stepping.linear_step import (
     REST_GAP_FACTOR,
@@ -92,11 +91,11 @@ class CDLagrange(LinearStep):
         q = y.q + h * V
         # F contains C (V + V⁺)/2, of which C V⁺/2 is on the left-hand side.
         kick = y.momentum(V) + h * y.force(1.0, q, 0.5 * V) + y.push(P)
-        V_next = solve(d.M + 0.5 * h * d.C, kick)
-        v = 0.5 * (V + V_next) + solve(d.M, y.push(p))
+        V_next = y.solve(d.M + 0.5 * h * d.C, kick)
+        v = 0.5 * (V + V_next) + y.solve(d.M, y.push(p))
         impact = Law(
             L=y.gap_rate(V_next) + d.restitution[:, None] * y.gap_rate(V),
-            touching=y.gap(q + REST_GAP_FACTOR * (h * h) * solve(d.M, y.force(1.0, q, V))),
+            touching=y.gap(q + REST_GAP_FACTOR * (h * h) * y.solve(d.M, y.force(1.0, q, V))),
             springs_at=(q, 0.5 * (V + V_next)),
         )
         reading = Law(L=y.gap_rate(v - V_next), touching=-P, strictly=True, springs_at=(q, V), weight=0.0)

@@ -22,7 +22,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.elimination import solve
 from lcpimpact.integrators.stepping.linear_step import (
     AT_VELOCITY_LEVEL,
     REST_GAP_FACTOR,
@@ -69,14 +68,14 @@ class D1Minus(LinearStep):
     def equations(self, y: Symbols, d: Dynamics, h: float) -> Step:
         """Write the step; the unknowns of its first two laws are h λ."""
         e, U = d.restitution[:, None], y.gap_rate(y.v)
-        kick = solve(d.M, h * y.force(0.0, y.q, y.v))
-        change = kick + solve(d.M, y.push(y.P[0]))
+        kick = y.solve(d.M, h * y.force(0.0, y.q, y.v))
+        change = kick + y.solve(d.M, y.push(y.P[0]))
         v_1 = y.v + change
         q = y.q + 0.5 * h * (y.v + v_1)
-        kick_again = solve(d.M, h * y.force(1.0, q, v_1, law=1))
-        change_again = kick_again + solve(d.M, y.push(y.P[1]))
+        kick_again = y.solve(d.M, h * y.force(1.0, q, v_1, law=1))
+        change_again = kick_again + y.solve(d.M, y.push(y.P[1]))
         v_minus = y.v + 0.5 * (change + change_again)
-        v = v_minus + solve(d.M, y.push(y.P[2]))
+        v = v_minus + y.solve(d.M, y.push(y.P[2]))
         at_start, at_end = y.gap(y.q + REST_GAP_FACTOR * h * kick), y.gap(q + REST_GAP_FACTOR * h * kick_again)
         after = Law(L=y.gap_rate(v_1) + e * U, touching=at_start, springs_at=(y.q, y.v))
         before = Law(L=y.gap_rate(v_minus) + e * U, touching=at_start, springs_at=(q, v_1))

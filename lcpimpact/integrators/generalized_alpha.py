@@ -61,6 +61,7 @@ class GeneralizedAlpha(LinearStep):
 
     laws: ClassVar[int] = 2
     remembers: ClassVar[tuple[str, ...]] = ("a", "d")
+    sums_alone: ClassVar[bool] = False
 
     name: ClassVar[str] = "generalized-alpha"
     declared: ClassVar[Declared] = Declared(
@@ -100,12 +101,12 @@ class GeneralizedAlpha(LinearStep):
         q_0 = y.q + h * y.v + (h * h) * ((0.5 - β) * y.memory["a"] + β * a_0)
         A = d.M + c * γ * h * d.C
         S = A + c * β * (h * h) * d.K
-        free = solve(S, y.force(1.0, q_0, v_0))
-        D, w = solve(A, y.push(y.P[0])), solve(d.M, y.push(y.P[1]))
-        a = solve(S, y.force(1.0, q_0 + D, v_0))
+        free = y.solve(S, y.force(1.0, q_0, v_0))
+        D, w = y.solve(A, y.push(y.P[0])), y.solve(d.M, y.push(y.P[1]))
+        a = y.solve(S, y.force(1.0, q_0 + D, v_0))
         q = q_0 + D + c * β * (h * h) * a
         # The changes by w and the springs; K q would be lost in rounding for h far above 2/ω.
-        a = a + solve(A, y.force(1.0, q, v_0 + w, law=1) - y.force(1.0, q, v_0))
+        a = a + y.solve(A, y.force(1.0, q, v_0 + w, law=1) - y.force(1.0, q, v_0))
         v = v_0 + w + c * γ * h * a
         place = Law(L=y.gap(q), touching=None, springs_at=(q_0 + c * β * (h * h) * free, v_0 + c * γ * h * free))
         velocity = Law(

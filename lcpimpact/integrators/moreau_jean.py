@@ -53,7 +53,7 @@ from scipy.optimize import linprog
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.elimination import product, solve
+from lcpimpact.integrators.stepping.elimination import product
 from lcpimpact.integrators.stepping.impulse_paths import impulse_paths
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, Tabulated
 from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, SparseSymbols, select
@@ -217,7 +217,7 @@ class MoreauJean(LinearStep):
         if d.stores_energy and any(each[:, driven].any() for each in (d.C, d.K, d.H[~impacts])):
             # All but impacts follow the places, also where these take another mean of a rate that jumps.
             momentum[driven] = (y.prescribed.place - y.q)[driven] / h
-        w, at_rest = solve(A, momentum), 0.0 * y.v
+        w, at_rest = y.solve(A, momentum), 0.0 * y.v
         struck = w.copy()
         struck[driven] = mean_rate
         q, v = self.end(y, w, h)
@@ -248,7 +248,7 @@ class MoreauJean(LinearStep):
         at_rest, A = 0.0 * y.v, d.C + h * d.K
         right = product(d.C, y.q) + h * (y.force(1.0, at_rest, at_rest) + y.push(y.P[0] / h))
         A[d.driven], right[d.driven] = np.eye(len(A))[d.driven], y.prescribed.place[d.driven]
-        return solve(A, right)
+        return y.solve(A, right)
 
     def contact_matrix(self, d: Dynamics, h: float, W: Array) -> Dense:
         """Return W = H A⁻¹ Hᵀ/h, with A and H/√h where it has that form."""

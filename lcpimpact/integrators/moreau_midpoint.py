@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.elimination import solve
 from lcpimpact.integrators.stepping.linear_step import (
     AT_VELOCITY_LEVEL,
     REST_GAP_FACTOR,
@@ -63,10 +62,10 @@ class MoreauMidpoint(LinearStep):
         q_M = y.q + 0.5 * h * y.v
         # F contains C (v + v⁺)/2, of which C v⁺/2 is on the left-hand side.
         kick = y.momentum(y.v) + h * y.force(0.5, q_M, 0.5 * y.v) + y.push(y.P[0])
-        v = solve(d.M + 0.5 * h * d.C, kick)
+        v = y.solve(d.M + 0.5 * h * d.C, kick)
         impact = Law(
             L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
-            touching=y.gap(q_M + REST_GAP_FACTOR * (h * h) * solve(d.M, y.force(0.5, q_M, y.v))),
+            touching=y.gap(q_M + REST_GAP_FACTOR * (h * h) * y.solve(d.M, y.force(0.5, q_M, y.v))),
             springs_at=(q_M, 0.5 * (y.v + v)),
         )
         return Step(q=q_M + 0.5 * h * v, v=v, impulse=y.P[0], laws=(impact,))

@@ -111,12 +111,12 @@ class NewmarkNS(LinearStep):
                 f"newmark-ns does not handle non-linear springs beside contacts with 2 beta = {2.0 * β:g} and "
                 f"gamma = {γ:g}: take alpha=0.0 with 2 beta = gamma, or method='generalized-alpha'"
             )
-        w = solve(d.M, y.push(y.P[0]))
+        w = y.solve(d.M, y.push(y.P[0]))
         q_0 = y.q + h * y.v + (0.5 - β) * (h * h) * a + 0.5 * h * w
         v_0 = y.v + (1.0 - γ) * h * a + w
         # The part of F in a⁺ is on the left-hand side.
         S = d.M + (1.0 + α) * (γ * h * d.C + β * (h * h) * d.K)
-        a = solve(S, (1.0 + α) * y.force(1.0, q_0, v_0) - α * y.memory["F"])
+        a = y.solve(S, (1.0 + α) * y.force(1.0, q_0, v_0) - α * y.memory["F"])
         q, v = q_0 + β * (h * h) * a, v_0 + γ * h * a
         impact = Law(
             L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),

@@ -17,7 +17,6 @@ from typing import ClassVar
 import numpy as np
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.elimination import solve
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, pushed
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 
@@ -39,6 +38,7 @@ class RattleNS(LinearStep):
     halves: ClassVar[bool] = False
     laws: ClassVar[int] = 2
     instants: ClassVar[tuple[float, ...]] = (0.0, 1.0)
+    sums_alone: ClassVar[bool] = False
 
     name: ClassVar[str] = "rattle-ns"
     declared: ClassVar[Declared] = Declared(
@@ -61,9 +61,9 @@ class RattleNS(LinearStep):
         P_1, P = y.P
         # F contains C v½, which is on the left-hand side.
         kick = y.momentum(y.v) + 0.5 * h * y.force(0.0, y.q, 0.0 * y.v) + y.push(P_1)
-        v_half = solve(d.M + 0.5 * h * d.C, kick)
+        v_half = y.solve(d.M + 0.5 * h * d.C, kick)
         q = y.q + h * v_half
-        v = v_half + solve(d.M, 0.5 * h * y.force(1.0, q, v_half, law=1) + y.push(P - P_1))
+        v = v_half + y.solve(d.M, 0.5 * h * y.force(1.0, q, v_half, law=1) + y.push(P - P_1))
         place = Law(
             L=np.where(d.slides[:, None], h * y.gap_rate(v_half), y.gap(q)),
             touching=None,

@@ -19,7 +19,6 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.elimination import solve
 from lcpimpact.integrators.stepping.linear_step import Law, LinearStep, Step, Symbols, first_acceleration, pushed
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 
@@ -43,6 +42,7 @@ class SchatzmanPaoli(LinearStep):
     remembers: ClassVar[tuple[str, ...]] = ("q_before",)
     halves: ClassVar[bool] = False
     impact_steps: ClassVar[int] = 2
+    sums_alone: ClassVar[bool] = False
 
     name: ClassVar[str] = "schatzman-paoli"
     family: ClassVar[str] = "Schatzman-Paoli"
@@ -78,10 +78,10 @@ class SchatzmanPaoli(LinearStep):
         slides = d.slides[:, None]
         # F contains C (q⁺ - q₋)/2h, of which C q⁺/2h is on the left-hand side.
         drive = y.momentum(2.0 * y.q - q_before) + (h * h) * y.force(0.0, y.q, -q_before / (2.0 * h)) + h * y.push(P)
-        q = solve(d.M + 0.5 * h * d.C, drive)
+        q = y.solve(d.M + 0.5 * h * d.C, drive)
         V = (q - y.q) / h
         half_kick = 0.5 * h * y.force(1.0, q, V, law=1) + y.push(0.5 * np.where(slides, P, 0.0) + p)
-        v = V + solve(d.M, half_kick)
+        v = V + y.solve(d.M, half_kick)
         place = Law(
             L=np.where(slides, h * y.gap_rate(V), y.gap(q) + d.restitution[:, None] * y.gap(q_before)),
             touching=None,

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from lcpimpact.integrators.base import Declared
-from lcpimpact.integrators.stepping.elimination import solve
 from lcpimpact.integrators.stepping.linear_step import AT_VELOCITY_LEVEL, Law, LinearStep, Step, Symbols
 from lcpimpact.scheme.dynamics import Dynamics
 
@@ -57,10 +56,10 @@ class StormerVerletNS(LinearStep):
         """Write the step."""
         # F contains C v½, which is on the left-hand side.
         A, P = d.M + 0.5 * h * d.C, y.P[1]
-        v_free = solve(A, y.momentum(y.v) + 0.5 * h * y.force(0.0, y.q, 0.0 * y.v))
-        v_half = v_free + solve(A, 0.5 * y.push(P))
+        v_free = y.solve(A, y.momentum(y.v) + 0.5 * h * y.force(0.0, y.q, 0.0 * y.v))
+        v_half = v_free + y.solve(A, 0.5 * y.push(P))
         q = y.q + h * v_half
-        v = v_half + solve(d.M, 0.5 * h * y.force(1.0, q, v_half, law=1) + 0.5 * y.push(P))
+        v = v_half + y.solve(d.M, 0.5 * h * y.force(1.0, q, v_half, law=1) + 0.5 * y.push(P))
         # A law without contacts, for the non-linear springs of the first kick, before the impulses.
         springs = Law(L=y.P[0], touching=0.0 * y.P[0] + y.one, springs_at=(y.q, v_free), weight=0.0)
         impact = Law(

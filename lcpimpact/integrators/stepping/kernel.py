@@ -22,8 +22,10 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, function_at, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status
+from lcpimpact.integrators.stepping.banded_table import BANDED, DENSE, BandedTable, find_rows
 from lcpimpact.integrators.stepping.friction import active_friction, solve_same_case
 from lcpimpact.integrators.stepping.impulse_paths import PATHS, Paths, closes, write_shifts
+from lcpimpact.integrators.stepping.kept_basis import KEPT, KeptBasis, solve_from_basis
 from lcpimpact.integrators.stepping.law import (
     PROBLEM,
     SOLVING,
@@ -55,6 +57,9 @@ MAX_ROWS = 3
 """Maximum number of rows by which a formulation of friction replaces one of its rows."""
 
 NO_SPRINGS = room_for_springs(0, 0)
+
+FEW_IMPULSES = 16
+"""Number of impulses of a banded step up to which adding their dense columns is faster than to solve its equations again."""
 
 SWITCHES = -1
 """Status of steps that stop at a change of the active contacts."""
@@ -92,10 +97,18 @@ class StepSprings(NamedTuple):
 
 
 class StepState(NamedTuple):
-    """State carried from step to step: y (N,), and the impulses of each law (m, nc), 0 at inactive contacts."""
+    """State carried from step to step.
+
+    Attributes
+    ----------
+    y : (N,) array
+    P : (m, nc) array       the impulses of each law, 0 at inactive contacts
+    kept : KeptBasis        the basis of the last LCP, where it is kept
+    """
 
     y: Array
     P: Array
+    kept: KeptBasis
 
 
 class StepOutput(NamedTuple):
@@ -115,6 +128,7 @@ class Block(NamedTuple):
     loads : (steps, nl)     variable loads, one row a step
     tol, max_iter           tolerance of the LCP solver, and its limit of iterations
     stops : bool            whether to stop before a step with other active contacts than the last one
+    keeps : bool            whether the basis of the LCP is kept from step to step
     """
 
     first: int
@@ -123,23 +137,33 @@ class Block(NamedTuple):
     tol: float
     max_iter: int
     stops: bool
+    keeps: bool
 
 
 class Workspace(NamedTuple):
-    """Arrays a step works in: sums (rows,), the active contacts of a law (nc,), their z (nc,), spring forces s (ns,)."""
+    """Arrays a step works in: sums (rows,), the active contacts of a law (nc,), their z (nc,), spring forces s (ns,).
+
+    Those of banded equations are their knowns and unknowns x, and right sides.
+    """
 
     sums: Array
     active: Indices
     z: Array
     s: Array
     springs: SpringRoom
+    x: Array
+    right: Array
 
 
-def room_for(table: StepTable, ns: int) -> Workspace:
+def room_for(table: StepTable, ns: int, banded: BandedTable = DENSE) -> Workspace:
     """Return arrays for the steps of a table with ns springs."""
     nc = table.W.shape[1]
     springs = room_for_springs(MAX_ROWS * nc, ns) if ns else NO_SPRINGS
-    return Workspace(np.zeros(table.known.shape[1]), np.zeros(nc, np.int64), np.zeros(nc), np.zeros(ns), springs)
+    right = np.zeros(len(banded.right.c))
+    x = np.zeros(len(table.known) + len(table.W) * nc + len(right))
+    return Workspace(
+        np.zeros(table.known.shape[1]), np.zeros(nc, np.int64), np.zeros(nc), np.zeros(ns), springs, x, right
+    )
 
 
 class StaticFriction(NamedTuple):
@@ -163,10 +187,10 @@ class StaticFriction(NamedTuple):
 
 TABLE: Any = named_tuple((matrix, matrix, cube, matrix, matrix, flags, matrix), StepTable)
 STEP_SPRINGS: Any = named_tuple((matrix, vector, f8), StepSprings)
-STEP_STATE: Any = named_tuple((vector, matrix), StepState)
+STEP_STATE: Any = named_tuple((vector, matrix, KEPT), StepState)
 PATH: Any = named_tuple((matrix, matrix, matrix), StepOutput)
-BLOCK: Any = named_tuple((i8, i8, matrix, f8, i8, types.boolean), Block)
-ROOM: Any = named_tuple((vector, indices, vector, vector, SPRING_ROOM), Workspace)
+BLOCK: Any = named_tuple((i8, i8, matrix, f8, i8, types.boolean, types.boolean), Block)
+ROOM: Any = named_tuple((vector, indices, vector, vector, SPRING_ROOM, vector, vector), Workspace)
 STATIC_FRICTION: Any = named_tuple((vector, vector, matrix, vector, vector, flags), StaticFriction)
 FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION))
 ALL_FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION, STATIC_FRICTION))
@@ -201,6 +225,18 @@ def solve_rows(
     if na < len(q):
         return solve_active(rows, room.active[:na], room.z[:na], solving)
     return solve_law(rows, room.z, solving)
+
+
+@compiled(types.Tuple((i8, i8, f8))(TABLE, vector, i8, ROOM, KEPT, SOLVING))
+def solve_many_rows(
+    table: StepTable, q: Array, na: int, room: Workspace, kept: KeptBasis, solving: Solving
+) -> tuple[int, int, float]:
+    """Solve a single law on its ``na`` active rows from the basis of the last step, if it can."""
+    rows = ContactProblem(table.W[0], q, table.lower[0], table.upper[0])
+    residual = solve_from_basis(rows, room.active[:na], kept, room.z[:na], solving.tol)
+    if residual < np.inf:
+        return SOLVED, 0, residual
+    return solve_rows(table, 0, q, na, room, solving)
 
 
 @compiled(types.void(TABLE, i8, i8, i8, ROOM, vector), inline="always", allocates=False)
@@ -363,6 +399,40 @@ def add_knowns(columns: Array, y: Array, loads: Array, k: int, sums: Array) -> N
         add_column(sums, loads[k, j], columns, N + 1 + j, 0)
 
 
+@compiled(types.void(TABLE, BANDED, STEP_STATE, matrix, i8, ROOM), inline="always", allocates=False)
+def begin_step(table: StepTable, banded: BandedTable, state: StepState, loads: Array, k: int, room: Workspace) -> None:
+    """Write the rows of step k without impulses."""
+    if len(banded.factors) == 0:
+        add_knowns(table.known, state.y, loads, k, room.sums)
+        return
+    x, N, known = room.x, len(state.y), len(table.known)
+    copy(state.y, x)
+    for j in range(loads.shape[1]):
+        x[N + 1 + j] = loads[k, j]
+    for j in range(known, known + state.P.size):
+        x[j] = 0.0
+    find_rows(banded, x, room.right, room.sums)
+
+
+@compiled(types.void(TABLE, BANDED, i8, i8, i8, ROOM, STEP_STATE), inline="always", allocates=False)
+def end_law(
+    table: StepTable, banded: BandedTable, law: int, na: int, after: int, room: Workspace, state: StepState
+) -> None:
+    """Add the impulses of a law to the rows from ``after`` on, and store them in the state."""
+    P, ns = state.P[law], len(room.s)
+    nc = len(P)
+    if len(banded.factors) == 0:
+        add_impulses(table, law * (nc + ns), na, after, room, P)
+        return
+    first = len(table.known) + law * nc
+    add_impulses(table, law * nc, na if na <= FEW_IMPULSES else 0, after, room, P)
+    for a in range(na):
+        P[room.active[a]] = room.z[a]
+    copy(P, room.x[first : first + nc])
+    if na > FEW_IMPULSES:
+        find_rows(banded, room.x, room.right, room.sums)
+
+
 @compiled(i8(TABLE, i8, i8, vector, ROOM), inline="always", allocates=False)
 def choose_rows(table: StepTable, law: int, first: int, P: Array, room: Workspace) -> int:
     """Write the active contacts of a law whose rows begin at ``first``, with P as a guess of z; return their number."""
@@ -396,10 +466,11 @@ def switches(active: Indices, z: Array, P: Array) -> bool:
     return changed
 
 
-@compiled(RESULT(BLOCK, TABLE, ALL_FEATURES, STEP_STATE, PATH, ROOM, KERNEL, SPRING_SOLVER), allocates=False)
+@compiled(RESULT(BLOCK, TABLE, BANDED, ALL_FEATURES, STEP_STATE, PATH, ROOM, KERNEL, SPRING_SOLVER), allocates=False)
 def steps(
     block: Block,
     table: StepTable,
+    banded: BandedTable,
     features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction],
     state: StepState,
     path: StepOutput,
@@ -420,7 +491,7 @@ def steps(
     simple, holds = simple and len(friction.rows) == 0, len(memory.static) > 0
     iterations, newton, worst = 0, 0, 0.0
     for k in range(block.first, block.last):
-        add_knowns(table.known, state.y, block.loads, k - block.first, sums)
+        begin_step(table, banded, state, block.loads, k - block.first, room)
         for law in range(m):
             first = law * 2 * (nc + ns)
             after, P = first + 2 * (nc + ns), state.P[law]
@@ -428,7 +499,9 @@ def steps(
             if len(friction.rows) > 0:
                 na = add_friction_rows(friction, na, P, room)
             status, count, tried, residual = SOLVED, 0, 0, 0.0
-            if simple and na > 0:
+            if simple and na > 0 and block.keeps:
+                status, count, residual = solve_many_rows(table, sums[nc:after], na, room, state.kept, solving)
+            elif simple and na > 0:
                 status, count, residual = solve_rows(table, law, sums[first + nc : after], na, room, solving)
             elif na + ns > 0:
                 again = True
@@ -446,7 +519,7 @@ def steps(
             worst = max(worst, residual)
             if block.stops and (k == 0 or switches(active[:na], z, P)):
                 return SWITCHES, k, iterations, newton, worst
-            add_impulses(table, law * (nc + ns), na, after, room, P)
+            end_law(table, banded, law, na, after, room, state)
             for j in range(ns):
                 add_column(sums, room.s[j], table.unknown, law * (nc + ns) + nc + j, after)
         for i in range(n):
@@ -461,10 +534,11 @@ def steps(
     return SOLVED, block.last, iterations, newton, worst
 
 
-@compiled(RESULT(BLOCK, TABLE, ALL_FEATURES, STEP_STATE, PATH, ROOM, i8, i8), allocates=False)
+@compiled(RESULT(BLOCK, TABLE, BANDED, ALL_FEATURES, STEP_STATE, PATH, ROOM, i8, i8), allocates=False)
 def take_steps(
     block: Block,
     table: StepTable,
+    banded: BandedTable,
     features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction],
     state: StepState,
     path: StepOutput,
@@ -473,4 +547,4 @@ def take_steps(
     solve_springs: Any,
 ) -> tuple[int, int, int, int, float]:
     """Take `steps`, with the solvers by their addresses."""
-    return steps(block, table, features, state, path, room, solver_at(solve), spring_solver_at(solve_springs))
+    return steps(block, table, banded, features, state, path, room, solver_at(solve), spring_solver_at(solve_springs))

@@ -27,9 +27,11 @@ import numpy as np
 from lcpimpact.arrays import Array, Flags
 from lcpimpact.compiled import address, interpreted
 from lcpimpact.errors import InputError, Status
-from lcpimpact.integrators.stepping.elimination import product, solve
+from lcpimpact.integrators.stepping.banded_table import DENSE, BandedTable, banded_table
+from lcpimpact.integrators.stepping.elimination import MAX_ROWS, product, solve
 from lcpimpact.integrators.stepping.force_newton import solve_with_forces
 from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
+from lcpimpact.integrators.stepping.kept_basis import kept_basis
 from lcpimpact.integrators.stepping.kernel import (
     SWITCHES,
     Block,
@@ -46,6 +48,7 @@ from lcpimpact.integrators.stepping.law import SPRING_SOLVER, SpringSolver, no_s
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
 from lcpimpact.integrators.stepping.straight_line import (
     IRREGULAR,
+    MAX_TERMS,
     SHORT_BLOCK,
     StraightLine,
     covers,
@@ -77,6 +80,9 @@ AT_VELOCITY_LEVEL = (
 
 MAX_TABLES = 16
 """Number of tables of a system that are kept for its next runs."""
+
+MOST_EQUATIONS = 6
+"""Number of solutions w of a step that are kept as unknowns at most; others are eliminated, which is slower."""
 
 REST_GAP_FACTOR = 1e-6
 """Opening below which a resting contact is closed, as a fraction of the displacement that its force causes in a step."""
@@ -119,6 +125,8 @@ class Symbols:
     prescribed : Prescribed             places and rates of the nodes whose motion is prescribed
     P : tuple of (nc, size) arrays      the impulses of each law in N s
     s : tuple of (ns, size) arrays      the forces of the non-linear springs in N, and of any kind after them, in each law
+    w : tuple of (n, size) arrays       the solutions of the first equations A w = b, where they are kept as unknowns
+    equations : list of (A, b)          those solved so far
     """
 
     dynamics: Dynamics
@@ -130,6 +138,14 @@ class Symbols:
     prescribed: Prescribed
     P: tuple[Array, ...]
     s: tuple[Array, ...]
+    w: tuple[Array, ...] = ()
+    equations: list[tuple[Array, Array]] = field(default_factory=list)
+
+    def solve(self, A: Array, b: Array) -> Array:
+        """Return w with A w = b (n, size): A⁻¹ b, or the unknown w where it is kept as one."""
+        self.equations.append((A, b))
+        kept = len(self.equations) <= len(self.w)
+        return self.w[len(self.equations) - 1] if kept else solve(A, b)
 
     def gap(self, q: Array) -> Array:
         """Return u = H q + u0 (nc, size)."""
@@ -218,6 +234,7 @@ class Tabulated:
     Attributes
     ----------
     table : StepTable                   the coefficients for the kernel
+    banded : BandedTable                those with banded equations, where they take less time
     features : tuple                    springs, impulse paths, static coordinates, friction, and what of it is static
     springs : callable                  the Newton solver of the springs
     forces : callable, optional         that of springs and forces of any kind, for the instant at which these are evaluated
@@ -226,9 +243,11 @@ class Tabulated:
     solver : SolverState                the LCP solver prepared for it
     tol, max_iter : float, int          its tolerance and limit of iterations
     at_switches : Tabulated, optional   the step used instead at a change of the active contacts
+    keeps : bool                        whether the basis of the LCP may be kept from step to step
     """
 
     table: StepTable
+    banded: BandedTable
     features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction]
     springs: SpringSolver
     forces: Callable[[float], SpringSolver] | None
@@ -238,6 +257,7 @@ class Tabulated:
     tol: float
     max_iter: int
     at_switches: Tabulated | None
+    keeps: bool
 
     @property
     def constant(self) -> bool:
@@ -279,6 +299,9 @@ class LinearStep(TimeStepping[Tabulated]):
 
     remembers: ClassVar[tuple[str, ...]] = ()
     """Names of the memory beside q and v, one vector (n,) each."""
+
+    sums_alone: ClassVar[bool] = True
+    """Whether the equations only add symbols, so that solutions may stay unknowns, and never read a coefficient of one."""
 
     @property
     def reaction_at(self) -> float:
@@ -340,6 +363,7 @@ class LinearStep(TimeStepping[Tabulated]):
         other = self.at_switches(d)
         return Tabulated(
             table,
+            self._banded(d, h, table),
             (springs, step.paths, step.static, self._friction_rows(d, lcp_solver), _static_friction(d)),
             spring_solver(d),
             partial(solve_with_forces, d) if d.force_laws else None,
@@ -348,6 +372,7 @@ class LinearStep(TimeStepping[Tabulated]):
             solver.init(contacts[0]),
             *limits(solver, self.tol, self.max_iter),
             at_switches=other.prepare(d, h, lcp_solver) if other else None,
+            keeps=lcp_solver == "auto" and self.laws == 1 and other is None,
         )
 
     def prepared(self, d: Dynamics, h: float, lcp_solver: str) -> Tabulated:
@@ -367,13 +392,30 @@ class LinearStep(TimeStepping[Tabulated]):
 
     def first_state(self, d: Dynamics, y: Array, h: float) -> StepState:
         """Return the initial state, y without impulses."""
-        return StepState(y.copy(), np.zeros((self.laws, len(d.contacts))))
+        nc = len(d.contacts)
+        # Steps of one length have one matrix.
+        return StepState(y.copy(), np.zeros((self.laws, nc)), kept_basis(nc if self.rtol is None else 0))
 
-    def _symbols(self, d: Dynamics) -> Symbols:
-        """Return one column for each known and unknown; constant loads belong to the column of 1."""
+    def _banded(self, d: Dynamics, h: float, table: StepTable) -> BandedTable:
+        """Return the step with banded equations, where its dense table of many nodes takes longer."""
+        # Straight-line code and lanes, of few terms, have the bits of the dense table.
+        few = len(d.nodes) <= MAX_ROWS or np.count_nonzero(table.known) <= MAX_TERMS
+        if few or len(d.pushes) or not self.sums_alone:
+            return DENSE
+        symbols = self._symbols(d, MOST_EQUATIONS)
+        rows, _ = step_rows(symbols, self.equations(symbols, d, h), self.remembers, h)
+        used = len(symbols.q.T) - (MOST_EQUATIONS - len(symbols.equations)) * len(d.nodes)
+        equations = [(A, b[:, :used]) for A, b in symbols.equations]
+        return banded_table(equations[:MOST_EQUATIONS], rows[:, :used], int(np.argmax(symbols.one[0])), table)
+
+    def _symbols(self, d: Dynamics, kept: int = 0) -> Symbols:
+        """Return one column for each known and unknown; constant loads belong to the column of 1.
+
+        The first ``kept`` solutions of equations are unknowns, too.
+        """
         n, nc, ns, varying = len(d.nodes), len(d.contacts), len(d.pushes), varying_loads(d)
         sizes = [n] * (2 + len(self.remembers)) + [1] + [varying.sum()] * len(self.instants) + [d.driven.sum()] * 3
-        sizes += [nc] * self.laws + [ns] * self.laws
+        sizes += [nc] * self.laws + [ns] * self.laws + [n] * kept
         blocks = iter(np.split(np.eye(sum(sizes)), np.cumsum(sizes)[:-1]))
         q, v = next(blocks), next(blocks)
         memory = {name: next(blocks) for name in self.remembers}
@@ -383,7 +425,7 @@ class LinearStep(TimeStepping[Tabulated]):
         prescribed = Prescribed(*(np.eye(n)[:, d.driven] @ next(blocks) for _ in range(3)))
         P, s = (tuple(next(blocks) for _ in range(self.laws)) for _ in range(2))
         memory, loads = Named("remembers", memory), Named("instants", loads)
-        return Symbols(d, q, v, memory, one, loads, prescribed, P=P, s=s)
+        return Symbols(d, q, v, memory, one, loads, prescribed, P=P, s=s, w=tuple(blocks))
 
     def loads(self, d: Dynamics, h: float) -> Callable[[Array], Array]:
         """Return the function that lists variable loads and prescribed motion in the steps between instants."""
@@ -437,13 +479,15 @@ class LinearStep(TimeStepping[Tabulated]):
         elif solver.compiled:
             solve, springs = address(solve, KERNEL), address(step.springs, SPRING_SOLVER)
         last, stops = first + len(times) - 1, step.at_switches is not None
-        block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops)
-        path, room = StepOutput(record.q, record.v, record.reaction), room_for(table, len(features[0].law))
+        keeps = len(state.kept.T) > 0 and step.keeps and solver is step.solver
+        block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops, keeps)
+        path = StepOutput(record.q, record.v, record.reaction)
+        room = room_for(table, len(features[0].law), step.banded)
         if line:
             result = line.run(block, table, line.coefficients(table, features[2]), state, path, room, solve)
         else:
             kernel: Callable[..., Any] = take_steps if solver.compiled and not step.forces else in_python(steps)
-            result = kernel(block, table, features, state, path, room, solve, springs)
+            result = kernel(block, table, step.banded, features, state, path, room, solve, springs)
         code, reached, iterations, newton, residual = result
         record.stats.add_lcps(self.laws * (reached - first), iterations, residual, newton)
         return code, reached
@@ -476,21 +520,14 @@ def varying_loads(d: Dynamics) -> Flags:
     return np.isin(np.arange(len(d.nodes)), [i for i, load in d.loads if callable(load)])
 
 
-def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tuple[StepTable, StepSprings]:
-    """Return the coefficients of a step for the kernel."""
+def step_rows(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tuple[Array, Array]:
+    """Return the rows of the table of a step, in its symbols, and θh of the springs of each law."""
     d, N = y.dynamics, y.dynamics.pushes
-    springs = np.pad(d.power_laws, [(0, len(d.acted_on)), (0, 0)])
-    weights = [h if law.weight is None else law.weight for law in step.laws]
-    # The bounds of sliders and relays are forces; others are 0 or infinite.
-    forces = d.slides | d.relays
-    lower, upper = (
-        np.array([weight * np.where(forces, bound, 0.0) + np.where(forces, 0.0, bound) for weight in weights])
-        for bound in (d.r_min, d.r_max)
-    )
-    rows, θh, always = [], [], forces | d.joints
-    for law, low, high, P, s in zip(step.laws, lower, upper, y.P, y.s, strict=True):
+    gaps = np.pad(d.power_laws, [(0, len(d.acted_on)), (0, 0)])[:, :1]
+    rows, θh, always = [], [], d.slides | d.relays | d.joints
+    for law, (low, high), P, s in zip(step.laws, _bounds(d, step, h), y.P, y.s, strict=True):
         rate = product(N, law.springs_at[1])
-        approach = -(product(N, law.springs_at[0]) + springs[:, :1] * y.one)
+        approach = -(product(N, law.springs_at[0]) + gaps * y.one)
         touching = -y.one if law.touching is None else np.where(always[:, None], -y.one, law.touching)
         touching = np.where(d.frictional[:, None], y.one, touching)
         rows += [np.where((high > low)[:, None], touching, y.one), law.L, rate, approach]
@@ -499,7 +536,26 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
     static = step.static.S
     if static.size:
         rows.append(product(static.T, y.loads[1.0] - product(d.K, step.q) + y.push(step.impulse / h)))
-    columns = np.array(np.vstack(rows).T, order="C")
+    return np.vstack(rows), np.array(θh)
+
+
+def _bounds(d: Dynamics, step: Step, h: float) -> list[tuple[Array, Array]]:
+    """Return the bounds of P in each law: those of sliders and relays are forces, and others are 0 or infinite."""
+    forces = d.slides | d.relays
+    weights = [h if law.weight is None else law.weight for law in step.laws]
+
+    def impulses(weight: float, bound: Array) -> Array:
+        return np.asarray(weight * np.where(forces, bound, 0.0) + np.where(forces, 0.0, bound))
+
+    return [(impulses(weight, d.r_min), impulses(weight, d.r_max)) for weight in weights]
+
+
+def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tuple[StepTable, StepSprings]:
+    """Return the coefficients of a step for the kernel."""
+    d = y.dynamics
+    lower, upper = (np.array(bounds) for bounds in zip(*_bounds(d, step, h), strict=True))
+    rows, θh = step_rows(y, step, remembers, h)
+    columns = np.array(rows.T, order="C")
     known = len(columns) - sum(map(len, (*y.P, *y.s)))
     unknown = np.vstack([each for pair in zip(y.P, y.s, strict=True) for each in pair])
     W = np.array([product(law.L, P.T) for law, P in zip(step.laws, y.P, strict=True)])
@@ -515,7 +571,7 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
         np.array([law.strictly for law in step.laws]),
         near,
     )
-    return table, StepSprings(springs, np.array(θh), h)
+    return table, StepSprings(np.pad(d.power_laws, [(0, len(d.acted_on)), (0, 0)]), θh, h)
 
 
 def smooth_force(d: Dynamics, q: Array, v: Array) -> Array:

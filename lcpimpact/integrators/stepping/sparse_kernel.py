@@ -73,7 +73,7 @@ class SparseTable(NamedTuple):
     Attributes
     ----------
     touching, L : Stencil       predicted gaps, and L without its part W P
-    momentum, factor            right side of A w = b, and the bands of the Cholesky factor of A; empty where A is diagonal
+    momentum, factor            right side of A w = b, and the factors of A in bands; empty where A is diagonal
     end : Stencil               q⁺ and v⁺ (2n rows)
     unbalanced : Stencil        the forces on the static coordinates at the end
     static : StaticCoordinates

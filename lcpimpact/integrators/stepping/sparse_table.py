@@ -35,7 +35,7 @@ from lcpimpact.integrators.stepping.sparse_kernel import (
     take_step,
 )
 from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, input_sizes
-from lcpimpact.integrators.stepping.stencil import Stencil, apply, stencil
+from lcpimpact.integrators.stepping.stencil import Stencil, apply, factor_bands, half_bandwidth, lower_bands, stencil
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits
@@ -69,24 +69,10 @@ def affine(rows: Sparse) -> Stencil:
     return stencil(rows[:, :-1], rows[:, [-1]].toarray()[:, 0])
 
 
-def half_bandwidth(A: Sparse) -> int:
-    """Return the largest |i - j| with an entry."""
-    entries = A.tocoo()
-    return int(np.abs(entries.row - entries.col).max(initial=0))
-
-
-def lower_bands(A: Sparse, width: int) -> Array:
-    """Return the lower bands (width + 1, n) of a symmetric matrix."""
-    bands = np.zeros((width + 1, A.shape[0]))
-    for k in range(width + 1):
-        bands[k, : A.shape[0] - k] = A.diagonal(-k)
-    return bands
-
-
 def banded_factor(A: Sparse) -> Array:
-    """Return the bands of the Cholesky factor of A = M/(θ h) + C + θ h K."""
+    """Return the factors of A = M/(θ h) + C + θ h K in bands."""
     try:
-        return np.ascontiguousarray(linalg.cholesky_banded(lower_bands(A, half_bandwidth(A)), lower=True))
+        return factor_bands(lower_bands(A, half_bandwidth(A)))
     except linalg.LinAlgError:
         raise UnsupportedError(
             "the matrix of a step, M/(θ h) + C + θ h K, is not positive definite: take a smaller dt, or Scheme in place of "

@@ -1,0 +1,128 @@
+r"""The LCP of many rows that keep their sides from step to step, by a basis that is kept with its transformed matrix.
+
+With the rows α free and the others at a bound, the principal pivotal transform T of W gives the basic solution by one
+product,
+
+.. math:: \begin{pmatrix} z_α \\ w_β - q_β \end{pmatrix} = T \begin{pmatrix} -q_α \\ z_β \end{pmatrix},
+
+and a row that changes sides costs one exchange, n² products as well. A solution is judged with W itself; where it is not
+found within a few exchanges, or does not hold, the LCP is left to its solver.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.compiled import compiled, f8, flags, indices, matrix, named_tuple, vector
+from lcpimpact.integrators.stepping.law import PROBLEM, SOLVED, ContactProblem, examine, restrict
+from lcpimpact.lcp.basis import sides
+from lcpimpact.lcp.judge import clear_residual
+from lcpimpact.lcp.lapack import multiply
+from lcpimpact.lcp.pivoting import PIVOT_TOL, exchange
+from lcpimpact.lcp.problem import FREE, LOWER, UPPER
+
+SMALLEST_KEPT = 20
+"""Number of rows up to which a factorisation costs no more than what would be kept."""
+
+MOST_TURNS = 4
+"""Maximum number of times that the rows of wrong sign change sides in a step."""
+
+
+class KeptBasis(NamedTuple):
+    """The basis of the last LCP.
+
+    Attributes
+    ----------
+    T : (nc, nc) array          the transform of W; no rows where no basis is kept
+    free : (nc,) flags          the rows that are free in T
+    made : (1,) flags           whether T is that of W
+    """
+
+    T: Array
+    free: Flags
+    made: Flags
+
+
+KEPT: Any = named_tuple((matrix, flags, flags), KeptBasis)
+
+
+def kept_basis(nc: int) -> KeptBasis:
+    """Return room for the basis of nc rows, if these are many."""
+    n = nc if nc > SMALLEST_KEPT else 0
+    return KeptBasis(np.zeros((n, n)), np.zeros(n, np.bool_), np.zeros(1, np.bool_))
+
+
+@compiled(types.boolean(matrix, KEPT, indices))
+def take_sides(W: Array, kept: KeptBasis, side: Indices) -> bool:
+    """Exchange the rows whose sides have changed; return whether all pivots are positive beyond rounding."""
+    T, free = kept.T, kept.free
+    if not kept.made[0]:
+        T[:, :] = W
+        free[:], kept.made[0] = False, True
+    for i in range(len(side)):
+        if free[i] != (side[i] == FREE):
+            # The pivot of a row that becomes free is at most W_ii, and that of one that ceases to be at least 1/W_ii.
+            pivot = T[i, i] / W[i, i] if side[i] == FREE else 1.0 / (T[i, i] * W[i, i])
+            if not PIVOT_TOL < pivot < np.inf:
+                kept.made[0] = False
+                return False
+            exchange(T, i, i)
+            free[i] = not free[i]
+    return True
+
+
+@compiled(types.void(matrix, vector, vector, indices, vector, vector))
+def basic_solution(T: Array, q: Array, bound: Array, side: Indices, given: Array, found: Array) -> None:
+    """Write z of the free rows and w of the others."""
+    n = len(q)
+    for i in range(n):
+        given[i] = -q[i] if side[i] == FREE else bound[i]
+    multiply(T, given, found)
+    for i in range(n):
+        found[i] += 0.0 if side[i] == FREE else q[i]
+
+
+@compiled(f8(PROBLEM, indices, KEPT, vector, f8))
+def solve_from_basis(rows: ContactProblem, active: Indices, kept: KeptBasis, guess: Array, tol: float) -> float:
+    """Overwrite the guess z of the active rows by the solution; return the residual, infinite if none was found."""
+    n, na = len(rows.q), len(active)
+    vectors, side = np.zeros((5, n)), np.empty(n, np.int64)
+    lower, upper, z, given, found = vectors[0], vectors[1], vectors[2], vectors[3], vectors[4]
+    for a in range(na):
+        i = active[a]
+        lower[i], upper[i], z[i] = rows.lower[i], rows.upper[i], guess[a]
+    sides(z, lower, upper, side)
+    for _ in range(MOST_TURNS):
+        if not take_sides(rows.W, kept, side):
+            return np.inf
+        for i in range(n):
+            z[i] = lower[i] if side[i] == LOWER else upper[i]
+        basic_solution(kept.T, rows.q, z, side, given, found)
+        turned = False
+        for i in range(n):
+            if side[i] == FREE:
+                z[i] = found[i]
+                if not lower[i] <= z[i] <= upper[i]:
+                    side[i], turned = LOWER if z[i] < lower[i] else UPPER, True
+            elif lower[i] < upper[i] and (found[i] < 0.0 if side[i] == LOWER else found[i] > 0.0):
+                side[i], turned = FREE, True
+        if not turned:
+            break
+    if turned:
+        return np.inf
+    part = z
+    if na < n:
+        part, rows = z[active], restrict(rows, active)
+    W, q, low, high = rows
+    status, residual = SOLVED, clear_residual(W, q, low, high, part, tol)
+    if residual == np.inf:
+        status, residual = examine(SOLVED, W, q, low, high, part, tol)
+    kept.made[0] = residual == 0.0  # Else exchanges have lost digits.
+    if status != SOLVED:
+        return np.inf
+    guess[:] = part
+    return residual
