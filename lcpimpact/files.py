@@ -6,7 +6,6 @@ import os
 import secrets
 import shutil
 import signal
-import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -228,19 +227,8 @@ def atomic_outputs() -> Iterator[None]:
             _remove(part for part, _ in batch.pending)
 
 
-@contextmanager
-def scratch_folder() -> Iterator[Path]:
-    """Yield a new temporary folder, which is removed at the end of the block or on SIGTERM."""
-    with _sigterm_handler(), tempfile.TemporaryDirectory() as folder:
-        _temporaries.add(Path(folder))
-        try:
-            yield Path(folder)
-        finally:
-            _temporaries.discard(Path(folder))
-
-
 _temporaries: set[Path] = set()
-"""Existing temporary files, backups and scratch folders of this process."""
+"""Existing temporary files and backups of this process."""
 
 
 @contextmanager
@@ -280,12 +268,9 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 
 def remove_temporaries() -> None:
-    """Remove the temporary files, backups and scratch folders of this process before it ends."""
+    """Remove the temporary files and backups of this process before it ends."""
     for path in tuple(_temporaries):
-        if path.is_dir():
-            shutil.rmtree(path, ignore_errors=True)
-        else:
-            path.unlink(missing_ok=True)
+        path.unlink(missing_ok=True)
 
 
 def _replace(parts: Sequence[Path], targets: Sequence[Path]) -> None:

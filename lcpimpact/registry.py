@@ -27,6 +27,12 @@ def load(location: str) -> Any:
     return getattr(import_module(module), attribute)
 
 
+def html_of(thing: Any) -> str:
+    """Return what notebooks show of a problem, scheme, run, solution, trace or study."""
+    html: str = load("lcpimpact.report.notebook:html_of")(thing)
+    return html
+
+
 def nearest(name: str, known: list[str], kind: str, also: Sequence[str] = ()) -> str:
     """Return the error message for an unknown ``name``: the nearest match of ``known`` and ``also``, and the known names."""
     close = [each for each in also if each.startswith(f"{name}_")]

@@ -21,7 +21,7 @@ from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
 from lcpimpact.quantities import SUMMARY
 from lcpimpact.record import ContinuousSolution, Event, Record, State, Stats
-from lcpimpact.registry import load, nearest
+from lcpimpact.registry import html_of, load, nearest
 from lcpimpact.scheme.dynamics import Contact
 from lcpimpact.scheme.power_law import mean_forces
 
@@ -381,6 +381,9 @@ class Trajectory:
                     f"netCDF takes plain letters, and the series {name!r} has others: save as .npz or .csv"
                 )
         self.to_xarray().to_netcdf(path, engine="scipy")
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
 
     def __repr__(self) -> str:
         d, c = self.problem.dynamics, self.certificate

@@ -44,7 +44,7 @@ BASE = {
 }
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "record", "hybrid", "integrators"}
-RUN = METHOD | {"events", "certificate", "quantities", "trajectory", "simulation"}
+RUN = METHOD | {"events", "certificate", "quantities", "trajectory", "sparse_run", "simulation"}
 STUDY = RUN | {"sweeps", "study"}
 MAY_IMPORT = {
     "errors": set(),
@@ -96,7 +96,7 @@ ONLY = {
 }
 """Third-party packages to the layers that may import them."""
 
-BY_NAME = {("trajectory", "plotting"), ("study", "plotting"), ("study", "report")}
+BY_NAME = {("trajectory", "plotting"), ("study", "plotting"), ("study", "report"), ("registry", "report")}
 """References upwards by a string that the registry loads when asked: ``traj.plot()``, ``study.report(path)``."""
 
 

@@ -21,6 +21,7 @@ from lcpimpact.compiled import compiled, f8, i8, matrix, vector
 from lcpimpact.errors import InputError, Status
 from lcpimpact.lcp.operators import real_array
 from lcpimpact.lcp.trace import Trace
+from lcpimpact.registry import html_of
 
 SIGNATURE = types.UniTuple(i8, 2)(matrix, vector, vector, vector, vector, f8, i8)
 """Signature of a solver's kernel(W, q, lower, upper, z, tol, max_iter) -> (status, iterations)."""
@@ -74,6 +75,9 @@ class LCPSolution(NamedTuple):
         *failed, last = self.route
         before = f" after {', '.join(failed)} had given no answer that holds" if failed else ""
         return f"{self.solver}: {last}{before} ({self.iterations} iterations, residual {self.residual:.1e})"
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
 
 
 @compiled(types.boolean(vector, vector))

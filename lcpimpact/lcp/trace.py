@@ -11,6 +11,7 @@ from numba import types
 
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, i8, indices, interpreted, vector
+from lcpimpact.registry import html_of
 
 NONE = -1
 """Index when no single variable entered or left the basis."""
@@ -110,6 +111,9 @@ class Trace:
                 + "".join(f"{_short(value):>12}" for value in values)
             )
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
 
     def tableau(self, k: int) -> str:
         """Return the tableau of step k: each basic variable in terms of the nonbasic ones.

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.energy import INFLOWS, STORED
-from lcpimpact.plotting.style import EXACT, GREY, INK, PALETTE, style
+from lcpimpact.plotting.style import EXACT, GREY, INK, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import (
     curves,
     mark_events,
@@ -72,14 +72,14 @@ def plot_comparison(comparison: Comparison) -> Figure:
     truth = comparison.reference.trajectory if comparison.reference is not None else None
     first = truth if truth is not None else next(iter(runs.values()), None)
     if first is None:
-        figure = Figure(figsize=(7.0, 1.5), layout="constrained")
+        figure = Drawing(figsize=(7.0, 1.5), layout="constrained")
         figure.text(0.5, 0.5, "no method reached the end", ha="center", va="center", color=GREY)
         return figure
     nodes, contacts = shown_nodes(first)[:MAX_COORDINATES], shown_forces(first)[:MAX_COORDINATES]
     impulsive = any(event.impulse > 0.0 for event in shown_events(first))
     forces = bool(contacts) and not (impulsive and not np.nan_to_num(first.forces[:, contacts]).any())
     heights = [2.8, *[1.9] * forces, *[1.3] * impulsive, 1.6]
-    figure = Figure(figsize=(7.0, 1.1 + sum(heights)), layout="constrained")
+    figure = Drawing(figsize=(7.0, 1.1 + sum(heights)), layout="constrained")
     axes = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
     units = first.problem.dynamics.stores_energy
 
@@ -222,7 +222,7 @@ def plot_ledger(ledger: Ledger) -> Figure:
     table = ledger.table
     t = table["t"].to_numpy()
     layers = _layers(table, ledger.dissipated)
-    figure = Figure(figsize=(7.0, 4.6), layout="constrained")
+    figure = Drawing(figsize=(7.0, 4.6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[3.2, 1.0])
     colors = {"kinetic": PALETTE[0], "elastic": PALETTE[5], "gravity": "#a9c4da"}
     warm = iter((PALETTE[1], PALETTE[4], PALETTE[3], PALETTE[2], "#8c6d46", "#b9b2a5"))
@@ -288,7 +288,7 @@ def plot_cross_validation(verdict: CrossValidation) -> Figure:
     ['moreau-jean', 'exact']
     """
     table = verdict.table[(verdict.table["failure"] == "") & verdict.table["difference"].notna()].iloc[::-1]
-    figure = Figure(figsize=(7.0, 1.5 + 0.3 * max(2, len(table))), layout="constrained")
+    figure = Drawing(figsize=(7.0, 1.5 + 0.3 * max(2, len(table))), layout="constrained")
     ax = figure.add_subplot()
     scale = verdict.scale or 1.0
     lowest = 1e-17 * scale

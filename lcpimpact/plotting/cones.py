@@ -28,7 +28,7 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.lcp.operators import as_operator, finite_array
 from lcpimpact.lcp.solvers.enumeration import all_solutions
-from lcpimpact.plotting.style import INK, LCP, PALETTE, RK4, save, style
+from lcpimpact.plotting.style import INK, LCP, PALETTE, RK4, Drawing, save, style
 
 BASES = ((), (0,), (1,), (0, 1))
 """Complementary bases, each as the rows whose z is basic; w is basic in the others."""
@@ -169,7 +169,7 @@ def plot_cones(
     right = None if q is None else finite_array("q", q)
     if right is not None and right.shape != (2,):
         raise InputError(f"q must have shape (2,) to fit M, and its shape is {right.shape}")
-    figure = Figure(figsize=(7.2, 4.6), layout="constrained") if ax is None else None
+    figure = Drawing(figsize=(7.2, 4.6), layout="constrained") if ax is None else None
     panel = ax if figure is None else figure.add_subplot()
     assert panel is not None
 

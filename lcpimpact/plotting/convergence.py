@@ -18,7 +18,7 @@ from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullFormatter
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.plotting.style import GREY, LIGHT_GREY, PALETTE, style
+from lcpimpact.plotting.style import GREY, LIGHT_GREY, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.accuracy.convergence import COSTS, Convergence, WorkPrecision, observed_orders
@@ -84,7 +84,7 @@ def plot_convergence(study: Convergence, *, norm: str | None = None) -> Figure:
     """
     table, norm = study.table, _chosen_norm(study, norm)
     orders = observed_orders(study, norm).set_index(["method", "law", "k"])
-    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
+    figure = Drawing(figsize=(7.0, 4.2), layout="constrained")
     ax = figure.add_subplot()
     lines, slopes, resolved = [], [], []
     any_resolved = bool(orders["points"].any())
@@ -140,7 +140,7 @@ def plot_work_precision(study: WorkPrecision, *, norm: str | None = None, cost: 
     cost = study.cost if cost is None else cost
     if cost not in COSTS:
         raise InputError(nearest(str(cost), list(COSTS), "cost"))
-    figure = Figure(figsize=(7.0, 4.2), layout="constrained")
+    figure = Drawing(figsize=(7.0, 4.2), layout="constrained")
     ax = figure.add_subplot()
     for (key, runs), look in zip(_groups(table), _line_styles(table), strict=True):
         solved = runs[runs["failure"] == ""]

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from lcpimpact.arguments import checked
-from lcpimpact.plotting.style import EXACT, GREY, INK, LIGHT_GREY, PALETTE, style
+from lcpimpact.plotting.style import EXACT, GREY, INK, LIGHT_GREY, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import math_text, plain_text
 from lcpimpact.problems.reading import read
 from lcpimpact.study.design.fit import Fit
@@ -55,7 +55,7 @@ def plot_design(design: Design) -> Figure:
     force[0] = read(run, design.force(run), [0.0])[0]
     if math.isfinite(design.contact_time):
         displacement[-1] = read(run, "x", [end])[0]
-    figure = Figure(figsize=(7.0, 3.3), layout="constrained")
+    figure = Drawing(figsize=(7.0, 3.3), layout="constrained")
     over_time, over_displacement = figure.subplots(1, 2, sharey=True)
     over_time.plot(np.append(0.0, t), np.append(0.0, force), color=PALETTE[0])
     over_displacement.fill(np.append(0.0, displacement), np.append(0.0, force), color=LIGHT_GREY)
@@ -152,7 +152,7 @@ def plot_fit(fit: Fit) -> Figure:
     curves = [(name, rows) for name, rows in left[left["t"].notna()].groupby("series", sort=False)]
     targets = left[left["t"].isna()]
     heights = [2.4, 1.0] * len(curves) + [0.5 + 0.28 * len(targets)] * bool(len(targets))
-    figure = Figure(figsize=(7.0, 1.2 + sum(heights)), layout="constrained")
+    figure = Drawing(figsize=(7.0, 1.2 + sum(heights)), layout="constrained")
     axes = list(figure.subplots(len(heights), 1, squeeze=False, height_ratios=heights)[:, 0])
     end = float(fit.run.t[-1])
     fine = np.unique(

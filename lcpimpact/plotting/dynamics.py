@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.plotting.style import GREY, INK, LIGHT_GREY, PALETTE, style
+from lcpimpact.plotting.style import GREY, INK, LIGHT_GREY, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import math_text, plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.dynamics.basins import Basins
@@ -69,7 +69,7 @@ def plot_poincare(study: PoincareSection, *, x: str | None = None, y: str | None
     across = x or ("phase" if fixed and "phase" in table and table["phase"].notna().all() else node)
     up = y or f"v_{node}"
     _check(table, across, up)
-    figure = Figure(figsize=(5.2, 4.2), layout="constrained")
+    figure = Drawing(figsize=(5.2, 4.2), layout="constrained")
     ax = figure.add_subplot()
     few = len(np.unique(np.round(table[[across, up]].to_numpy(), 6), axis=0)) <= MAX_LARGE_POINTS
     ax.plot(table[across], table[up], "o", color=PALETTE[0], ms=5.0 if few else 1.8, mew=0.0)
@@ -116,7 +116,7 @@ def plot_bifurcation(
     node = _first_node(table)
     up = y or study.y or ("speed" if isinstance(study.section, Impacts) else node)
     _check(table, up)
-    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    figure = Drawing(figsize=(6.4, 4.0), layout="constrained")
     ax = figure.add_subplot()
     count = len(table)
     size = float(np.clip(90.0 / math.sqrt(count), 0.8, 2.5))
@@ -163,7 +163,7 @@ def plot_branch(branch: Branch, *, y: str | None = None) -> Figure:
     """
     nodes = branch.orbits[0].problem.dynamics.nodes
     up = y or ("speed" if branch.table["impacts"].max() > 0 else nodes[0])
-    figure = Figure(figsize=(6.4, 4.0), layout="constrained")
+    figure = Drawing(figsize=(6.4, 4.0), layout="constrained")
     ax = figure.add_subplot()
     _draw_branch(ax, branch, up)
     figure.legend(handles=_STABILITY, loc="outside lower center", ncols=2, frameon=False)
@@ -196,7 +196,7 @@ def plot_lyapunov(study: LyapunovExponents) -> Figure:
     study : LyapunovExponents
         Of `lcpimpact.lyapunov`.
     """
-    figure = Figure(figsize=(6.4, 3.6), layout="constrained")
+    figure = Drawing(figsize=(6.4, 3.6), layout="constrained")
     ax = figure.add_subplot()
     for k, name in enumerate(study.table.columns[1:]):
         label = f"λ = {study.exponents[k]:.4g}"
@@ -227,7 +227,7 @@ def plot_basins(result: Basins) -> Figure:
     count = int(table["attractor"].max())
     shown = min(count, len(BASIN_COLORS))
     colors = ListedColormap([NO_ATTRACTOR_COLOR, *BASIN_COLORS[:shown]])
-    figure = Figure(figsize=(6.0, 4.4), layout="constrained")
+    figure = Drawing(figsize=(6.0, 4.4), layout="constrained")
     ax = figure.add_subplot()
     ax.pcolormesh(
         _edges(grid.columns.to_numpy()),
@@ -305,7 +305,7 @@ def plot_orbit(orbit: PeriodicOrbit, *, node: str | None = None) -> Figure:
         raise InputError(nearest(node, list(d.nodes), "coordinate"))
     massive = np.flatnonzero(d.massive)
     i = d.nodes.index(node) if node is not None else int(massive[0]) if len(massive) else 0
-    figure = Figure(figsize=(7.6, 3.9), layout="constrained")
+    figure = Drawing(figsize=(7.6, 3.9), layout="constrained")
     phase, circle = figure.subplots(1, 2)
 
     joins = np.array(sorted({event.t for event in orbit.events}))

@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from lcpimpact.arrays import Array
-from lcpimpact.plotting.style import EXACT, GREY, INK, LCP, LIGHT_GREY, PALETTE, RK4, style
+from lcpimpact.plotting.style import EXACT, GREY, INK, LCP, LIGHT_GREY, PALETTE, RK4, Drawing, style
 from lcpimpact.plotting.timeline import contact_intervals, curves, mark_events, math_text
 from lcpimpact.trajectory import Trajectory
 
@@ -78,7 +78,7 @@ def figure_3() -> Figure:
 
 
 def _draw_corner(text: Corner) -> Figure:
-    figure = Figure(figsize=(4.2, 3.6), layout="constrained")
+    figure = Drawing(figsize=(4.2, 3.6), layout="constrained")
     ax = figure.add_subplot(aspect="equal")
     low, high = -1.0, 2.4
     for corner, width, height in (((low, low), -low, high - low), ((0.0, low), high, -low)):
@@ -181,7 +181,7 @@ def motion_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number
 
 
 def _two_panels(title: str) -> tuple[Figure, Axes, Axes]:
-    figure = Figure(figsize=(7.0, 5.0), layout="constrained")
+    figure = Drawing(figsize=(7.0, 5.0), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1.0])
     lower.set_xlabel("$t$ [s]")
     figure.suptitle(title, x=0.01, ha="left", fontsize=11.0)

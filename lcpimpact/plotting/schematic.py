@@ -27,7 +27,7 @@ from lcpimpact.plotting.layout import (
     label,
     width,
 )
-from lcpimpact.plotting.style import GREY, INK, LIGHT_GREY, PALETTE, style
+from lcpimpact.plotting.style import GREY, INK, LIGHT_GREY, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import math_text
 from lcpimpact.scheme.elements.bar import Bar
 from lcpimpact.scheme.elements.base import GROUND, Element
@@ -159,7 +159,7 @@ def draw_scheme(
     >>> sorted(text.get_text() for text in figure.axes[0].texts)
     ['$R$', '$R$', '$c_o$', '$k_o$', '$m$', '$mg$', '$x$', '$z$']
     """
-    figure = Figure(layout="constrained") if ax is None else None
+    figure = Drawing(layout="constrained") if ax is None else None
     panel = ax if figure is None else figure.add_subplot()
     assert panel is not None
     if isinstance(scheme, LinearComplementaritySystem):

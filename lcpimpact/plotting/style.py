@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -84,6 +85,20 @@ def style() -> Iterator[None]:
     }
     with matplotlib.rc_context(ours | RC):
         yield
+
+
+class Drawing(Figure):
+    """A figure that notebooks show without any magic command."""
+
+    def _repr_svg_(self) -> str:
+        return svg_text(self)
+
+
+def svg_text(figure: Figure) -> str:
+    """Return a figure as the text of an SVG file; the same figure always gives the same text."""
+    with style(), StringIO() as text:
+        figure.savefig(text, format="svg", metadata=METADATA[".svg"])
+        return text.getvalue()
 
 
 @checked

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.plotting.style import INK, PALETTE, style
+from lcpimpact.plotting.style import INK, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import math_text, plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.sweeps.samples import SAMPLE, swept_parameters
@@ -103,7 +103,7 @@ def plot_sobol(table: pd.DataFrame, title: str = "") -> Figure:
     for name in ("parameter", "first", "total"):
         if name not in table:
             raise InputError(f"the table has no column {name!r}: get it from sobol_indices")
-    figure = Figure(figsize=(5.2, 1.4 + 0.5 * len(table)), layout="constrained")
+    figure = Drawing(figsize=(5.2, 1.4 + 0.5 * len(table)), layout="constrained")
     ax = figure.add_subplot()
     ordered = table.sort_values("total")
     place = np.arange(len(ordered))
@@ -155,7 +155,7 @@ def _title(dataset: Any) -> str:
 
 
 def _lines(dataset: Any, chosen: Any, x: str) -> Figure:
-    figure = Figure(figsize=(6.0, 3.8), layout="constrained")
+    figure = Drawing(figsize=(6.0, 3.8), layout="constrained")
     ax = figure.add_subplot()
     across = np.asarray(dataset[x])
     order = np.argsort(across)
@@ -196,7 +196,7 @@ def _color_scale(values: Array) -> tuple[Any, ScalarMappable]:
 
 
 def _heat_map(dataset: Any, chosen: Any) -> Figure:
-    figure = Figure(figsize=(5.6, 4.2), layout="constrained")
+    figure = Drawing(figsize=(5.6, 4.2), layout="constrained")
     ax = figure.add_subplot()
     up, across = map(str, chosen.dims[::-1])
     ordered = chosen.sortby([across, up])
@@ -222,7 +222,7 @@ def _parallel_coordinates(dataset: Any, chosen: Any) -> Figure:
     columns = np.column_stack([np.asarray(dataset[name], dtype=np.float64) for name in names])
     low, high = np.nanmin(columns, axis=0), np.nanmax(columns, axis=0)
     heights = (columns - low) / np.where(high > low, high - low, 1.0)
-    figure = Figure(figsize=(max(4.5, 1.5 * len(names) + 1.0), 4.0), layout="constrained")
+    figure = Drawing(figsize=(max(4.5, 1.5 * len(names) + 1.0), 4.0), layout="constrained")
     ax = figure.add_subplot()
     output = columns[:, -1]
     colors, scale = _color_scale(output)

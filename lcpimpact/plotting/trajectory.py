@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.integrators import METHODS
-from lcpimpact.plotting.style import save, style
+from lcpimpact.plotting.style import Drawing, save, style
 from lcpimpact.plotting.timeline import (
     MAX_NAMED_EVENTS,
     curves,
@@ -79,7 +79,7 @@ def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> F
     events = shown_events(trajectory)
     impacts = any(event.impulse > 0.0 for event in events)
     heights = [3.0, 2.0][: len(contents)] + [1.2] * impacts
-    figure = Figure(figsize=(7.0, 0.9 + sum(heights)), layout="constrained")
+    figure = Drawing(figsize=(7.0, 0.9 + sum(heights)), layout="constrained")
     axes = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
     for ax, panel in zip(axes, contents, strict=False):
         draw_panel(ax, panel)

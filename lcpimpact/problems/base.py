@@ -16,7 +16,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.formula import number, sqrt
 from lcpimpact.numbers import between, finite, is_count
 from lcpimpact.problems.facts import Fact
-from lcpimpact.registry import nearest
+from lcpimpact.registry import html_of, nearest
 from lcpimpact.scheme.assembly import MAX_NODES
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
@@ -216,6 +216,9 @@ class Problem:
     def initial_velocities(self) -> Array:
         """v(0) in the order of the nodes (n,)."""
         return self._initial(self.v0, 1)
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
 
     def _initial(self, given: Mapping[str, float], derivative: int) -> Array:
         d = self.dynamics

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,8 +13,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from lcpimpact import __version__
 from lcpimpact.arguments import checked
-from lcpimpact.files import check_output, scratch_folder, whole_file
-from lcpimpact.plotting.style import save
+from lcpimpact.files import check_output, whole_file
+from lcpimpact.plotting.style import svg_text
 from lcpimpact.study.result import cell
 
 if TYPE_CHECKING:
@@ -90,6 +91,31 @@ def write_report(path: str | Path, title: str, lead: str, sections: Sequence[Sec
     """
     path = Path(path)
     check_output(path, ENDINGS)
+    page = _rendered("page.html.j2", sections, title=title, lead=lead, version=__version__)
+    with whole_file(path) as part:
+        part.write_text(page, encoding="utf-8")
+    return path
+
+
+def fragment(lead: str, sections: Sequence[Section]) -> str:
+    """Return sections as HTML that stands within another page, as of a notebook.
+
+    Parameters
+    ----------
+    lead : str
+        The first paragraph, in HTML.
+    sections : sequence of Section
+        The sections in their order.
+    """
+    return _rendered("fragment.html.j2", sections, lead=lead)
+
+
+def folded(title: str, text: str) -> str:
+    """Return text that opens on demand, as HTML."""
+    return f"<details><summary>{escape(title)}</summary><pre>{escape(text)}</pre></details>"
+
+
+def _rendered(template: str, sections: Sequence[Section], **given: str) -> str:
     environment = Environment(
         loader=PackageLoader("lcpimpact.report", ""), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
@@ -101,17 +127,13 @@ def write_report(path: str | Path, title: str, lead: str, sections: Sequence[Sec
         }
         for section in sections
     ]
-    page = environment.get_template("page.html.j2").render(title=title, lead=lead, sections=shown, version=__version__)
-    with whole_file(path) as part:
-        part.write_text(page, encoding="utf-8")
-    return path
+    return environment.get_template(template).render(sections=shown, **given)
 
 
 def _picture(given: Figure | Picture) -> dict[str, Any]:
     picture = given if isinstance(given, Picture) else Picture(given)
-    with scratch_folder() as folder:
-        here = picture.figure
-        svg = (here if isinstance(here, Path) else save(here, folder / "figure.svg")).read_bytes()
+    here = picture.figure
+    svg = here.read_bytes() if isinstance(here, Path) else svg_text(here).encode()
     return {**vars(picture), "data": "data:image/svg+xml;base64," + base64.b64encode(svg).decode("ascii")}
 
 

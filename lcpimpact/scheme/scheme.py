@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite_array
+from lcpimpact.registry import html_of
 from lcpimpact.scheme.assembly import assemble
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.elements.base import Element
@@ -139,6 +140,9 @@ class Scheme:
         return type(other) is type(self) and self.elements == other.elements
 
     __hash__ = None  # type: ignore[assignment]
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
 
     def __repr__(self) -> str:
         lines = [f"    {type(e).__name__}({', '.join(_arguments(e))})," for e in self.elements]

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 from lcpimpact.arguments import is_name, is_sequence
 from lcpimpact.errors import InputError
 from lcpimpact.numbers import finite_array, is_real
+from lcpimpact.registry import html_of
 from lcpimpact.scheme.decomposition import is_singular
 from lcpimpact.scheme.dynamics import Contact, Dynamics
 from lcpimpact.scheme.signals import SIGNAL_NAMES, Described, PiecewisePolynomial, checked
@@ -264,6 +265,9 @@ class LinearComplementaritySystem:
                 f"y of {d.contacts[i].name!r} feels λ only by way of the equations, which cancel it: solve these for "
                 "λ, and give the system without them"
             )
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
 
     def assemble(self) -> Dynamics:
         """Return the equations in the form that integrators take."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeAlias
 
-from tqdm import tqdm
+from tqdm.auto import tqdm
 
 Progress: TypeAlias = bool | Callable[[Iterable[Any], int, str], Iterable[Any]]
 """Whether a progress bar is shown on a terminal after one second; or a function in its place, which takes items, their

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import pandas as pd
 
 from lcpimpact.arguments import checked
-from lcpimpact.registry import load
+from lcpimpact.registry import html_of, load
 
 
 class Study:
@@ -88,6 +88,9 @@ class Study:
 
     def __repr__(self) -> str:
         return self.summary()
+
+    def _repr_html_(self) -> str:
+        return html_of(self)
 
 
 def failed_rows(table: pd.DataFrame) -> pd.DataFrame:

@@ -1,0 +1,1 @@
+"""The pictures and tables of each kind of object."""

@@ -1,0 +1,88 @@
+"""Schemes, systems and problems: the drawing, the parameters and the matrices."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from html import escape
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from lcpimpact.plotting.schematic import draw_scheme
+from lcpimpact.problems.base import Problem
+from lcpimpact.report.report import Section
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.sparse import SparseScheme
+from lcpimpact.scheme.system import LinearComplementaritySystem
+
+MAX_ORDER = 8
+"""Largest number of nodes or contacts with which matrices are shown."""
+
+MAX_ELEMENTS = 200
+"""Largest number of elements that are drawn."""
+
+MAX_ROWS = 30
+"""Largest number of rows of a table."""
+
+
+def scheme(given: Scheme) -> tuple[str, list[Section]]:
+    """Return the drawing and the matrices of a scheme."""
+    return f"{type(given).__name__} of {len(given.elements)} elements", _sections(given, given.assemble())
+
+
+def system(given: LinearComplementaritySystem) -> tuple[str, list[Section]]:
+    """Return the block diagram and the matrices of a system."""
+    return "Linear complementarity system", _sections(given, given.assemble())
+
+
+def problem(given: Problem) -> tuple[str, list[Section]]:
+    """Return the scheme of a problem, its parameters, its initial state and its matrices."""
+    d = given.dynamics
+    drawing, *matrices = _sections(given.scheme, d)
+    source = "" if given.source == "-" else f" {escape(given.source)}."
+    lead = f"<b>{escape(given.name)}</b>, 0 ... {given.t_end:g} s.{source}"
+    parameters = pd.DataFrame(list(given.parameters.items()), columns=["parameter", "value"])
+    start = pd.DataFrame({"node": d.nodes, "q(0)": given.initial_coordinates, "v(0)": given.initial_velocities}).head(
+        MAX_ROWS
+    )
+    sections = [drawing, Section("Parameters", table=parameters, form="g")] if len(parameters) else [drawing]
+    return lead, [*sections, Section("Initial state", table=start, form="g"), *matrices]
+
+
+def _sections(scheme: Scheme | LinearComplementaritySystem, d: Dynamics) -> list[Section]:
+    """Return the drawing, and the matrices if they are small."""
+    if isinstance(scheme, SparseScheme):
+        return [Section("", text=f"{len(d.nodes):,} nodes and {len(d.u0):,} contacts in sparse matrices.")]
+    drawn = not isinstance(scheme, Scheme) or len(scheme.elements) <= MAX_ELEMENTS
+    figures = [draw_scheme(scheme)] if drawn else []
+    sections = [Section("", text="" if drawn else "The scheme is too large to be drawn.", figures=figures)]
+    if max(len(d.nodes), len(d.contacts)) > MAX_ORDER:
+        return sections
+    return [*sections, Section("Equations", text=f'<div class="row">{"".join(_matrices(scheme, d))}</div>')]
+
+
+def _matrices(scheme: Scheme | LinearComplementaritySystem, d: Dynamics) -> Iterator[str]:
+    """Yield the tables of M, C, K, H and the gaps, or of A, B, C and D."""
+    if isinstance(scheme, LinearComplementaritySystem):
+        x, λ = tuple(scheme.states or ()), tuple(scheme.multipliers or ())
+        for name, A, rows, columns in (
+            ("A", scheme.A, x, x),
+            ("B", scheme.B, x, λ),
+            ("C", scheme.C, λ, x),
+            ("D", scheme.D, λ, λ),
+        ):
+            yield _matrix(name, A, rows, columns)
+        return
+    reactions = tuple(contact.name for contact in d.contacts)
+    for name, A, unit in (("M", d.M, "kg"), ("C", d.C, "N s/m"), ("K", d.K, "N/m")):
+        yield _matrix(f"{name} [{unit}]", A, d.nodes, d.nodes)
+    if reactions:
+        yield _matrix("H", d.H, reactions, d.nodes)
+        yield _matrix("u at q = 0 [m]", d.u0[:, None], reactions, ("",))
+
+
+def _matrix(title: str, A: Any, rows: tuple[str, ...], columns: tuple[str, ...]) -> str:
+    frame = pd.DataFrame(np.asarray(A), index=list(rows), columns=list(columns))
+    return f"<div>{escape(title)}{frame.to_html(float_format=lambda x: format(x + 0.0, '.6g'), border=0)}</div>"

@@ -1,0 +1,21 @@
+"""Studies: the summary, the picture and the table."""
+
+from __future__ import annotations
+
+from html import escape
+
+from lcpimpact.report.report import Section
+from lcpimpact.study.result import Study
+
+MAX_ROWS = 30
+"""Largest number of lines of the summary, and of rows of the table."""
+
+
+def study(given: Study) -> tuple[str, list[Section]]:
+    """Return the summary, the picture and the first rows of the table."""
+    lines = given.summary().split("\n")
+    table = given.table.head(MAX_ROWS)
+    return f"<pre>{escape(chr(10).join(lines[:MAX_ROWS]))}</pre>", [
+        Section("", figures=[given.plot()]),
+        Section("", table=table, form=".6g", folded=True),
+    ]
