@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 import lcpimpact as li
 from lcpimpact.integrators import METHODS as EVERY
 from lcpimpact.integrators.event_driven import SCIPY_SOLVERS
+from lcpimpact.record import Grid
 
 METHODS = ("exact", "event-driven", "radau-fesd")
 
@@ -135,3 +136,14 @@ def test_a_start_that_overlaps_by_rounding_touches(method, v0):
     fallen = 9.81 * run.t - 0.5 if v0 else np.zeros_like(run.t)
     assert_allclose(run["v_x"][2:], fallen[2:], rtol=0, atol=2e-3)
     assert_allclose(run["x"][2:], gap + (4.905 * run.t**2 - 0.5 * run.t if v0 else 0.0 * run.t)[2:], rtol=0, atol=2e-4)
+
+
+@pytest.mark.parametrize(("method", "options"), [("moreau-jean", {"theta": 1.0}), ("cd-lagrange", {})])
+def test_a_force_at_the_end_of_a_step_is_not_after_the_run(method, options):
+    slider = li.Problem("slider", li.Scheme(li.Mass("x", 1.0), li.Slider("x", "ground", 1.0)), v0={"x": 0.19975})
+    found = run(slider, method, 0.2, 400, **options)
+    assert [event.kind for event in found.events] == ["stick"], "in the last step"
+    for t_end in (0.2, 0.3, 0.7, 3.0):
+        for steps in (3, 10, 401):
+            grid = Grid(t_end, steps)
+            assert_array_equal(EVERY[method](**options).reaction_times(grid), grid.times(1, steps))

@@ -120,10 +120,12 @@ class TimeStepping(Integrator, Generic[S]):
         """Take the steps between the times, the first of which has the index ``first`` in the record; leave the state."""
 
     def reaction_times(self, grid: Grid) -> Array:
-        """Return one instant for each step."""
-        t = grid.times(0, grid.steps - 1)
-        t += self.reaction_at * grid.h
-        return t
+        """Return one instant for each step, which rounding does not put outside it."""
+        t = grid.times(0, grid.steps)
+        instants = np.diff(t)
+        instants *= self.reaction_at
+        instants += t[:-1]
+        return instants
 
     def start(self, problem: Problem, grid: Grid, lcp_solver: str, record: Record) -> SteppingRun[S]:
         """Write the initial state and the prescribed motion, and prepare the step."""
