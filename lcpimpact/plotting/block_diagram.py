@@ -40,7 +40,7 @@ def draw_system(ax: Axes, system: LinearComplementaritySystem) -> tuple[float, f
     for line, height in zip((*equations, names[0]), (4.25, 3.55, 2.9), strict=True):
         _draw_text(ax, line, height, 11.0 if line == names[0] else 14.0)
     _box(ax, half, 0.0, 1.6)
-    law = r"\underline{λ} \leq λ \leq \overline{λ} \perp w"
+    law = r"λ_{\min} \leq λ \leq λ_{\max} \perp w"
     if all(low == 0.0 and math.isinf(high) for low, high in system.bounds):
         law = r"0 \leq λ \perp w \geq 0"
     elif all(math.isinf(low) for low, _ in system.bounds):

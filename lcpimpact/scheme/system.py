@@ -1,8 +1,8 @@
 r"""Linear complementarity systems given by their matrices, for circuits, control and tests of theory.
 
 .. math:: x' = A x + B λ + a(t), \qquad y = C x + D λ + c(t), \qquad
-          λ_i = \underline{λ}_i \text{ where } y_i > 0, \quad λ_i = \overline{λ}_i \text{ where } y_i < 0, \quad
-          \underline{λ}_i \le λ_i \le \overline{λ}_i \text{ where } y_i = 0
+          λ_i = λ_{\min,i} \text{ where } y_i > 0, \quad λ_i = λ_{\max,i} \text{ where } y_i < 0, \quad
+          λ_{\min,i} \le λ_i \le λ_{\max,i} \text{ where } y_i = 0
 
 With the bounds 0 and ∞ a row is the contact law 0 <= λ ⟂ y >= 0; with finite bounds it is a *relay*, whose solution is that
 of Filippov; without bounds it is an *equation*, y = 0 for any λ, as the loops of a circuit or the constraints of a

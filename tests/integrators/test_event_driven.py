@@ -167,7 +167,8 @@ def test_the_ball_comes_to_rest_after_its_accumulation(e):
     t_end = 12.0
     found = run(li.load_problem("bouncing-ball", e=e), t_end=t_end)
     x, _ = closed_form(found.t, 9.81, 1.0, e)
-    assert_allclose(found["x"], x, rtol=0, atol=1e-12)
+    # An impact of speed v is met with a time error of some eps/v, which v falling by e each time sums up.
+    assert_allclose(found["x"], x, rtol=0, atol=4e-12)
     rest = math.sqrt(2.0 / 9.81) * (1.0 + e) / (1.0 - e)
     closed = [event.t for event in found.events if event.kind == "close"]
     # The rule: what is left out after a flight of T is e T/(1 - e), T of the tolerance or of the rounding of the gap.
@@ -281,8 +282,8 @@ def test_four_bodies_that_collapse_come_to_rest(e):
 def test_three_bodies_meet_eleven_times_at_e_of_8_per_cent():
     found = run(column((1.0, 1.0, 1.0), (1.0, 1.0), (1.0, 0.0, -0.5), 0.08), dt=0.5, t_end=20.0)
     assert len(found.events) == 11
-    # Gaps shrink to 1e-7 and grow again, and their rounding with them.
-    assert_allclose(found.events[-1].t, 10.90824943252093, rtol=1e-9)
+    # Gaps shrink to 1e-7 and grow again, and their rounding, 1e-16/1e-7, with them.
+    assert_allclose(found.events[-1].t, 10.90824943252093, rtol=5e-9)
 
 
 def test_a_collapse_under_a_load_that_is_any_function():
