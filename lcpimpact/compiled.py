@@ -8,11 +8,11 @@ cannot be read or written, the code is compiled again, with a warning.
 from __future__ import annotations
 
 import hashlib
-import logging
 import os
 import pickle
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib.abc import Loader
@@ -24,11 +24,12 @@ from typing import Any, Literal, TypeVar, cast
 
 import numba
 from numba import types
-from numba.core import cgutils
+from numba.core import cgutils, event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.extending import intrinsic
 
 from lcpimpact.cache import folder, mark_used
+from lcpimpact.logs import LOG
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -49,8 +50,6 @@ CONFIG: Any = numba.config
 
 COMPILING = not CONFIG.DISABLE_JIT
 """Whether functions are compiled in this process."""
-
-LOG = logging.getLogger("lcpimpact")
 
 DIGEST = 32
 """Bytes of a SHA-256."""
@@ -168,6 +167,26 @@ def warn_once(what: str) -> None:
             what,
         )
     warned.append(what)
+
+
+class _Compilations(event.Listener):
+    """Logs each function that is compiled, with its time; code from the cache is not compiled."""
+
+    def __init__(self) -> None:
+        self._started: list[float] = []
+
+    def on_start(self, event: Any) -> None:
+        self._started.append(time.perf_counter())
+
+    def on_end(self, event: Any) -> None:
+        name = event.data["dispatcher"].py_func.__qualname__
+        LOG.debug("compiled %s in %.2f s", name, time.perf_counter() - self._started.pop())
+
+
+@cache
+def log_compilation() -> None:
+    """Log each compiled function at the level DEBUG from now on."""
+    event.register("numba:compile", _Compilations())
 
 
 @cache

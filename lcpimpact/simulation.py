@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -22,6 +23,7 @@ from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.lcp import SOLVERS
+from lcpimpact.logs import LOG, bar_disabled
 from lcpimpact.memory import check_memory
 from lcpimpact.numbers import positive
 from lcpimpact.problems.base import Problem
@@ -140,6 +142,12 @@ def simulate(
 
 def _finish(trajectory: Trajectory, throw: bool) -> Trajectory:
     """Return a run, or raise an error if it failed and ``throw`` is set."""
+    if LOG.isEnabledFor(logging.INFO):
+        stats = trajectory.stats
+        LOG.info(
+            "%s by %s: %d steps in %.3g s, %s",
+            trajectory.problem.name, trajectory.method, stats.steps, stats.seconds, trajectory.status.name,
+        )  # fmt: skip
     if throw and not trajectory.success:
         if trajectory.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
@@ -236,8 +244,7 @@ def _run(
         with suppress(KeyboardInterrupt):
             return advance(0, grid.steps)
         return Status.INTERRUPTED, 0
-    disable = None if progress else True
-    with tqdm(total=grid.steps, desc=name, unit="step", delay=1.0, disable=disable, leave=False) as bar:
+    with tqdm(total=grid.steps, desc=name, unit="step", delay=1.0, disable=bar_disabled(progress), leave=False) as bar:
         try:
             while reached < grid.steps:
                 began = time.perf_counter()
@@ -267,7 +274,7 @@ def _why_it_stopped(
 
 def _violation_remedy(integrator: Integrator, dynamics: Dynamics) -> str:
     """Return the advice for a run with a failed certificate, with methods of other families that handle the system."""
-    others = [name for name in _able(dynamics) if METHODS[name].family != integrator.family]
+    others = [name for name in methods_that_handle(dynamics) if METHODS[name].family != integrator.family]
     named = f" such as {' or '.join(map(repr, others[:MAX_ALTERNATIVES]))}" if others else ""
     return f"{Status.VIOLATED.sentence.rstrip('.')}{named}."
 
@@ -355,7 +362,7 @@ def check_handled(integrator: Integrator, problem: Problem) -> None:
     dynamics = problem.dynamics
     missing = _missing(integrator.declared, dynamics)
     if missing:
-        able = _able(dynamics)
+        able = methods_that_handle(dynamics)
         names = " or ".join(map(repr, able[:MAX_ALTERNATIVES]))
         others = (
             f" or one of {len(able) - MAX_ALTERNATIVES} more of 'lcpimpact list methods'"
@@ -377,7 +384,7 @@ def _check_forces(problem: Problem, t_end: float) -> None:
         law.check(0.0, problem.initial_coordinates[here], problem.initial_velocities[here])
 
 
-def _able(dynamics: Dynamics) -> list[str]:
+def methods_that_handle(dynamics: Dynamics) -> list[str]:
     """Return the methods that handle a system, by their declarations, the most general first."""
     able = [name for name, kind in METHODS.items() if not _missing(kind.declared, dynamics)]
     return sorted(able, key=lambda name: -len(METHODS[name].declared.handles))

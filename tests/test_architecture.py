@@ -39,6 +39,7 @@ BASE = {
     "arrays",
     "numbers",
     "files",
+    "logs",
     "compiled",
     "double_double",
 }
@@ -56,8 +57,9 @@ MAY_IMPORT = {
     "arrays": set(),
     "numbers": {"errors", "arrays", "formula"},
     "files": {"errors"},
+    "logs": set(),
     "cache": set(),
-    "compiled": {"errors", "arrays", "cache"},
+    "compiled": {"errors", "arrays", "cache", "logs"},
     "double_double": {"arrays", "compiled"},
     "lcp": BASE,
     "scheme": BASE,

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from lcpimpact.cache import base, folders, remove, size
-from lcpimpact.cli.finish import print_lines
+from lcpimpact.cli.output import print_answer
 from lcpimpact.errors import InputError
 
 
@@ -19,11 +19,15 @@ def cache(
     Each version of lcpimpact has its own folder; those of other versions are removed after a month without use.
     """
     found = folders()
-    kept = f"{sum(map(size, found)) / 1e6:.1f} MB of compiled code of {len(found)} version{'s' * (len(found) != 1)}"
+    held = sum(map(size, found))
+    kept = f"{held / 1e6:.1f} MB of compiled code of {len(found)} version{'s' * (len(found) != 1)}"
     if clear:
         try:
             for each in found:
                 remove(each)
         except OSError as error:
             raise InputError(f"cannot empty {str(base())!r}: {error.strerror}; remove it by hand") from None
-    print_lines(f"{base()}: {kept}{' removed' if clear else ''}")
+    print_answer(
+        [f"{base()}: {kept}{' removed' if clear else ''}"],
+        lambda: {"folder": base(), "bytes": held, "versions": len(found), "removed": clear},
+    )

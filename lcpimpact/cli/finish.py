@@ -6,10 +6,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
-from lcpimpact.arguments import visible
 from lcpimpact.cli.options import files
+from lcpimpact.cli.output import print_answer
 from lcpimpact.files import check_outputs, escape_cell, whole_file
 
 if TYPE_CHECKING:
@@ -58,7 +56,7 @@ def finish(
     scheme : (Problem, Run), optional
         Contents of ``out`` if it ends in .toml.
     """
-    lines = [result.summary()]
+    lines, written = [result.summary()], [out, plot, report]
     if out is not None and scheme is not None and out.suffix == SCHEME:
         from lcpimpact.schemefile import write_scheme_file
 
@@ -66,13 +64,23 @@ def finish(
         lines.append(f"wrote {write_scheme_file(problem, out, run)}")
     elif out is not None:
         lines.append(write_table(result.table, out))
-    lines += [write_table(table(), path) for table, path in more if path is not None]
+    for table, path in more:
+        if path is not None:
+            lines.append(write_table(table(), path))
+            written.append(path)
     if plot is not None:
         result.plot(plot)
         lines.append(f"drew {plot}")
     if report is not None:
         lines.append(f"wrote {result.report(report)}")
-    print_lines(*lines)
+    print_answer(
+        lines,
+        lambda: {
+            "summary": result.summary().split("\n"),
+            "table": result.table.to_dict("records"),
+            "files": [path for path in written if path is not None],
+        },
+    )
 
 
 def write_table(table: DataFrame, path: Path) -> str:
@@ -89,8 +97,3 @@ def write_table(table: DataFrame, path: Path) -> str:
 
 def _cell(value: Any) -> Any:
     return escape_cell(value) if isinstance(value, str) else value
-
-
-def print_lines(*lines: str) -> None:
-    """Print lines without markup."""
-    Console(highlight=False, soft_wrap=True, markup=False, emoji=False).print(visible("\n".join(lines)))

@@ -11,9 +11,11 @@ import numpy as np
 import typer
 
 from lcpimpact.arrays import Array
-from lcpimpact.cli.finish import print_lines
+from lcpimpact.cli.options import names_of
+from lcpimpact.cli.output import print_answer
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.files import check_outputs, whole_file
+from lcpimpact.lcp import SOLVERS
 
 if TYPE_CHECKING:
     from lcpimpact.lcp.files import LCPFile
@@ -35,7 +37,10 @@ SAVED_AS = (".csv", ".npz")
 def solve(
     file: Annotated[Path, typer.Argument(help="The LCP: .lcp, .txt, .csv, .npz, .npy or .mtx.", show_default=False)],
     q: Annotated[Path | None, typer.Option(help="File with q, if the first has only M.")] = None,
-    solver: Annotated[str, typer.Option(help="A name of [bold]lcpimpact list solvers[/bold].")] = "auto",
+    solver: Annotated[
+        str,
+        typer.Option(help="A name of [bold]lcpimpact list solvers[/bold].", autocompletion=names_of(SOLVERS)),
+    ] = "auto",
     tol: Annotated[float | None, typer.Option(help="Largest scaled residual; by default the solver's own.")] = None,
     max_iter: Annotated[int | None, typer.Option(help="Limit of iterations; by default the solver's own.")] = None,
     lower: Annotated[
@@ -95,7 +100,23 @@ def solve(
 
         plot_cones(M, problem.q, plot)
         lines += [f"  drew        {plot}"]
-    print_lines(*lines)
+    print_answer(
+        lines,
+        lambda: {
+            "problem": problem.name,
+            "solver": solution.solver,
+            "route": solution.route,
+            "status": solution.status,
+            "success": solution.success,
+            "message": solution.message,
+            "residual": solution.residual,
+            "iterations": solution.iterations,
+            "z": solution.z,
+            "w": solution.w,
+            "ray": solution.ray,
+            "files": [path for path in (out if solution.success else None, plot) if path is not None],
+        },
+    )
     if not solution.success:
         unwritten = f" ({str(out)!r} was not written)" if out is not None else ""
         raise FailureError(f"{problem.name} by {solution.solver}: {solution.message}{unwritten}", solution)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -11,6 +12,7 @@ import typer
 
 from lcpimpact.errors import InputError
 from lcpimpact.integrators import METHODS
+from lcpimpact.lcp import SOLVERS
 from lcpimpact.problems import PROBLEMS
 from lcpimpact.registry import nearest
 
@@ -18,8 +20,18 @@ if TYPE_CHECKING:
     from lcpimpact.integrators.base import Integrator
     from lcpimpact.schemefile import SchemeFile
 
+
+def names_of(registry: Mapping[str, Any]) -> Callable[[str], list[str]]:
+    """Return the function by which a shell completes a name of a registry."""
+    return lambda incomplete: [name for name in registry if name.startswith(incomplete)]
+
+
 Named = Annotated[
-    str, typer.Argument(help="A name of [bold]lcpimpact list problems[/bold], or a file ending in .toml.")
+    str,
+    typer.Argument(
+        help="A name of [bold]lcpimpact list problems[/bold], or a file ending in .toml.",
+        autocompletion=names_of(PROBLEMS),
+    ),
 ]
 Set = Annotated[
     list[str] | None,
@@ -30,6 +42,7 @@ Method = Annotated[
     typer.Option(
         help="A name of [bold]lcpimpact list methods[/bold]; by default as in the file, or moreau-jean.",
         show_default=False,
+        autocompletion=names_of(METHODS),
     ),
 ]
 Step = Annotated[
@@ -46,7 +59,9 @@ End = Annotated[
 Solver = Annotated[
     str | None,
     typer.Option(
-        help="A name of [bold]lcpimpact list solvers[/bold]; by default that of the file, or auto.", show_default=False
+        help="A name of [bold]lcpimpact list solvers[/bold]; by default that of the file, or auto.",
+        show_default=False,
+        autocompletion=names_of(SOLVERS),
     ),
 ]
 Table = Annotated[

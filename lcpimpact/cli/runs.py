@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lcpimpact.cli.finish import print_lines
 from lcpimpact.cli.options import End, Method, Named, Set, Solver, Step, files, resolve_run, stem
+from lcpimpact.cli.output import print_answer
 from lcpimpact.errors import LcpImpactError
 from lcpimpact.files import check_outputs
 
 if TYPE_CHECKING:
+    from lcpimpact.problems.facts import Fact
     from lcpimpact.trajectory import Trajectory
 
 
@@ -47,7 +48,7 @@ def simulate(
     if plot is not None:
         trajectory.plot(plot)
         lines.append(f"  drew        {plot}")
-    print_lines(*lines)
+    print_answer(lines, lambda: _answer(trajectory, out, beside, plot))
 
 
 def draw(
@@ -69,7 +70,7 @@ def draw(
     path = Path(f"{stem(problem)}.svg") if out is None else out
     check_outputs([(path, DRAWN_AS)], files(problem))
     save(draw_scheme(resolve_run(problem, set_).problem.scheme), path)
-    print_lines(f"drew {path}")
+    print_answer([f"drew {path}"], lambda: {"files": [path]})
 
 
 def animate(
@@ -93,7 +94,7 @@ def animate(
     trajectory = resolve_run(problem, set_, method, dt, t_end, solver).simulate()
     options = {"seconds": seconds, "fps": fps}
     trajectory.animate(out, **{name: value for name, value in options.items() if value is not None})
-    print_lines(str(trajectory), f"  drew        {out}")
+    print_answer([str(trajectory), f"  drew        {out}"], lambda: _answer(trajectory, out))
 
 
 def export(
@@ -113,17 +114,45 @@ def export(
 
     check_outputs([(out, (ENDING,))], files(problem))
     spec = resolve_run(problem, set_, method, dt, t_end, solver)
-    print_lines(f"wrote {write_scheme_file(spec.problem, out, spec.run)}")
+    written = write_scheme_file(spec.problem, out, spec.run)
+    print_answer([f"wrote {written}"], lambda: {"files": [written]})
+
+
+def _answer(trajectory: Trajectory, *files: Path | None) -> dict[str, Any]:
+    """Return what --json prints of a run."""
+    return {
+        "problem": trajectory.problem.name,
+        "method": trajectory.method,
+        "status": trajectory.status,
+        "success": trajectory.success,
+        "message": trajectory.message,
+        "parameters": trajectory.problem.parameters,
+        "steps": trajectory.stats.steps,
+        "t_end": trajectory.t[-1],
+        "seconds": trajectory.stats.seconds,
+        "summary": trajectory.summary(),
+        "facts": {
+            fact.symbol: {"value": fact.value, "unit": fact.unit, "measured": _measured(fact, trajectory)}
+            for fact in trajectory.problem.facts
+        },
+        "files": [each for each in files if each is not None],
+    }
+
+
+def _measured(fact: Fact, trajectory: Trajectory) -> float | None:
+    """Return the value of a closed-form quantity in a run, or None if it is not measurable."""
+    try:
+        return fact.measure(trajectory)
+    except (LcpImpactError, ArithmeticError, LookupError, ValueError):
+        return None
 
 
 def _fact_table(trajectory: Trajectory) -> list[str]:
     """Return the lines of a table of the closed-form facts and their measured values; '-' if not measurable."""
     rows = [("", "closed form", "measured", "relative error", "")]
     for fact in trajectory.problem.facts:
-        try:
-            measured, error = f"{fact.measure(trajectory):.8g}", f"{fact.error(trajectory):.1e}"
-        except (LcpImpactError, ArithmeticError, LookupError, ValueError):
-            measured, error = "-", "-"
+        value = _measured(fact, trajectory)
+        measured, error = ("-", "-") if value is None else (f"{value:.8g}", f"{fact.error(trajectory):.1e}")
         rows.append((fact.symbol, f"{fact.value:.8g} {fact.unit}".strip(), measured, error, fact.what))
     if len(rows) == 1:
         return []

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from lcpimpact.cli.finish import print_lines, write_table
+from lcpimpact.cli.finish import write_table
 from lcpimpact.cli.options import End, Method, Named, Plot, Solver, Step, files, numbers, resolve_run
+from lcpimpact.cli.output import print_answer
 from lcpimpact.errors import FailureError, InputError, Status
 from lcpimpact.files import check_outputs, whole_file
 
@@ -95,7 +96,15 @@ def sweep(
         lines.append(f"wrote {out}")
     if plot is not None:
         lines.append(_draw(found, plot))
-    print_lines(*lines)
+    print_answer(
+        lines,
+        lambda: {
+            "problem": found.attrs["problem"],
+            "method": found.attrs["method"],
+            "table": _table(found).to_dict("records"),
+            "files": [path for path in (out, plot) if path is not None],
+        },
+    )
 
 
 def _parts(set_: Sequence[str], ranges: bool) -> tuple[list[str], dict[str, Any]]:
@@ -205,12 +214,16 @@ def _summary(found: Any) -> list[str]:
 
 def _write(found: Any, path: Path) -> str:
     if path.suffix == ".csv":
-        table = found.to_dataframe().reset_index()
-        names = [*found.attrs["parameters"].split(", "), *found.attrs["outputs"].split(", "), "status", "message"]
-        return write_table(table[names], path)
+        return write_table(_table(found), path)
     with whole_file(path) as part:
         found.to_netcdf(part, engine="scipy")
     return f"wrote {path}"
+
+
+def _table(found: Any) -> Any:
+    """Return a row for each set: its parameters, outputs, status and message."""
+    names = [*found.attrs["parameters"].split(", "), *found.attrs["outputs"].split(", "), "status", "message"]
+    return found.to_dataframe().reset_index()[names]
 
 
 def _draw(found: Any, path: Path) -> str:

@@ -8,6 +8,8 @@ from typing import Any, TypeAlias
 
 from tqdm.auto import tqdm
 
+from lcpimpact.logs import bar_disabled
+
 Progress: TypeAlias = bool | Callable[[Iterable[Any], int, str], Iterable[Any]]
 """Whether a progress bar is shown on a terminal after one second; or a function in its place, which takes items, their
 number and their name, and yields the items."""
@@ -20,7 +22,7 @@ def watched(items: Iterable[Any], total: int, what: str, progress: Progress) -> 
     if callable(progress):
         return progress(items, total, what)
     shown: Iterable[Any] = tqdm(
-        items, total=total, desc=what, bar_format=LAYOUT, delay=1.0, disable=None if progress else True
+        items, total=total, desc=what, bar_format=LAYOUT, delay=1.0, disable=bar_disabled(progress)
     )
     return shown
 

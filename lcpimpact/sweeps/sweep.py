@@ -16,6 +16,7 @@ from tqdm.auto import tqdm
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
 from lcpimpact.integrators.base import Integrator
+from lcpimpact.logs import bar_disabled
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
 from lcpimpact.simulation import RUN_ARGUMENTS, check_handled, check_lcp_solver, make_integrator, time_grid
@@ -120,7 +121,6 @@ def sweep(
     if store.resumed:
         blocks = [block for block in blocks if not store.is_done(block)]
     done = plan.size - sum(math.prod(each.stop - each.start for each in block) for block in blocks)
-    disable = None if progress else True
     with tqdm(
         total=plan.size,
         initial=done,
@@ -128,7 +128,7 @@ def sweep(
         unit="set",
         unit_scale=True,
         delay=1.0,
-        disable=disable,
+        disable=bar_disabled(progress),
         leave=False,
     ) as bar:
         for block, sets in run_blocks(job, plan, blocks, executor, known, threads):
