@@ -1,0 +1,5 @@
+"""The command line as ``python -m lcpimpact``."""
+
+from lcpimpact.cli.main import main
+
+main()
