@@ -1,4 +1,4 @@
-"""Compilation: hot loops are plain Python functions, compiled ahead of their first call for given types.
+"""Compilation: hot loops are plain Python functions, compiled for given types when they are first called.
 
 With the environment variable ``NUMBA_DISABLE_JIT=1`` the same code runs in the interpreter, with bitwise equal results
 (no fast-math, no reordering). Compiled code is cached on disk in the `folder` of this version of the source. If the cache
@@ -26,6 +26,7 @@ import numba
 from numba import types
 from numba.core import cgutils, event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
+from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 
 from lcpimpact.cache import folder, mark_used
@@ -200,8 +201,49 @@ def usable() -> bool:
     return True
 
 
+class Deferred(CPUDispatcher):
+    """A function that is compiled, or read from the cache, when it is first called or compiled into another one."""
+
+    declared: Any = None
+    """Its signature."""
+
+    def resolve(self) -> None:
+        """Compile the function for its signature, or read the compiled code."""
+        if self.declared is None or self.declared.args in self.overloads or self.is_compiling:
+            return
+        if usable() and Path(self.py_func.__code__.co_filename).exists():
+            self._cache = CheckedCache(self.py_func)
+        self.compile(self.declared)
+        self.disable_compile()
+
+    def _compile_for_args(self, *arguments: Any, **named: Any) -> Any:
+        """Return what is called in place of a function without compiled code (for numba)."""
+        self.resolve()
+        return self
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return what compiled code calls (for numba)."""
+        self.resolve()
+        return super().get_call_template(args, kws)
+
+    def get_compile_result(self, sig: Any) -> Any:
+        """Return the compiled code for a signature (for numba)."""
+        self.resolve()
+        return super().get_compile_result(sig)
+
+
+DEFERRED: list[Deferred] = []
+"""All compiled functions of this process."""
+
+
+def compile_imported() -> None:
+    """Compile all functions of the modules imported so far into the cache."""
+    for each in DEFERRED:
+        each.resolve()
+
+
 def compiled(signature: Any, inline: Literal["never", "always"] = "never", allocates: bool = True) -> Callable[[F], F]:
-    """Compile a function for one signature, and cache the result on disk.
+    """Compile a function for one signature when it is first called, and cache the result on disk.
 
     Parameters
     ----------
@@ -219,13 +261,11 @@ def compiled(signature: Any, inline: Literal["never", "always"] = "never", alloc
         if not COMPILING:
             cast(Any, function).py_func = function  # as for a compiled function
             return function
-        options: dict[str, Any] = {"error_model": "numpy", "inline": inline, "_nrt": allocates, "nogil": True}
-        decorated: Any = numba.njit(**options)(function)
-        if usable() and Path(function.__code__.co_filename).exists():
-            decorated._cache = CheckedCache(function)
-        decorated.compile(signature)
-        decorated.disable_compile()
-        return cast(F, decorated)
+        options = {"nopython": True, "error_model": "numpy", "inline": inline, "_nrt": allocates, "nogil": True}
+        deferred: Any = Deferred(function, targetoptions=options)
+        deferred.declared = signature
+        DEFERRED.append(deferred)
+        return cast(F, deferred)
 
     return decorate
 
@@ -306,7 +346,8 @@ def compile_ahead(*parts: Sequence[str]) -> None:
         return
     # With the path of this process: of its own, a process would import, and compile, what lies in the current folder.
     path = f"import sys; sys.path[:] = {sys.path!r}"
-    imports = ["; ".join([path, *(f"import {name}" for name in part)]) for part in parts]
+    end = "from lcpimpact.compiled import compile_imported; compile_imported()"
+    imports = ["; ".join([path, *(f"import {name}" for name in part), end]) for part in parts]
     running = [subprocess.Popen([sys.executable, "-c", each], stderr=subprocess.DEVNULL) for each in imports]
     try:
         codes = [process.wait() for process in running]

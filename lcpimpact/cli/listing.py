@@ -2,32 +2,14 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import MISSING as NO_DEFAULT
-from dataclasses import fields
 from enum import StrEnum
-from importlib.metadata import metadata
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
-from lcpimpact.cli.output import AS_JSON, plain, print_answer
+from lcpimpact.cli.output import AS_JSON, print_answer
 from lcpimpact.errors import InputError
-from lcpimpact.integrators import METHODS
-from lcpimpact.lcp import SOLVERS
-from lcpimpact.problems import PROBLEMS, load_problem
-from lcpimpact.scheme.elements import ELEMENTS
-from lcpimpact.simulation import methods_that_handle
-
-Entry: TypeAlias = dict[str, Any]
-"""What is known of an entry of a registry: "name", "summary", "about" (the docstring), and its declared properties."""
-
-MAX_CONTACTS = 3
-"""Maximum number of contacts listed in the table of problems."""
 
 
 class Kind(StrEnum):
@@ -55,14 +37,15 @@ def list_(
 
     Example: lcpimpact list methods --for system-1 --matching energy
     """
+    from lcpimpact.cli.entries import ENTRIES, TABLES, details, matches, names
+
     if name is not None:
         if matching or for_ is not None:
             raise InputError(f"{name!r} is one entry: leave --matching and --for out, or leave the name out")
         entry = ENTRIES[kind](name)
-        print_answer(_details(entry), lambda: entry)
+        print_answer(details(entry), lambda: entry)
         return
-    names = _names(kind, for_)
-    entries = [each for each in map(ENTRIES[kind], names) if _matches(each, matching or [])]
+    entries = [each for each in map(ENTRIES[kind], names(kind, for_)) if matches(each, matching or [])]
     if AS_JSON.get():
         print_answer((), lambda: entries)
         return
@@ -70,231 +53,3 @@ def list_(
     if not console.is_terminal:
         console = Console(width=200)
     console.print(TABLES[kind](entries, not matching and for_ is None))
-
-
-def _names(kind: Kind, for_: str | None) -> list[str]:
-    if for_ is None:
-        return list(REGISTRIES[kind])
-    if kind is Kind.methods:
-        return methods_that_handle(load_problem(for_).dynamics)
-    if kind is Kind.problems:
-        METHODS[for_]
-        return [each for each in PROBLEMS if for_ in methods_that_handle(load_problem(each).dynamics)]
-    raise InputError(f"--for {for_!r} goes with problems and methods: leave it out for {kind}")
-
-
-def _matches(entry: Entry, texts: list[str]) -> bool:
-    words = " ".join(_words(plain(entry))).lower()
-    return all(text.lower() in words for text in texts)
-
-
-def _words(value: Any) -> Iterator[str]:
-    """Yield all text of an entry, without the line breaks of docstrings."""
-    if isinstance(value, Mapping):
-        for key, each in value.items():
-            yield from (str(key), *_words(each))
-    elif isinstance(value, list):
-        for each in value:
-            yield from _words(each)
-    else:
-        yield " ".join(str(value).split())
-
-
-def _entry(name: str, summary: str, documented: Any, **properties: Any) -> Entry:
-    return {"name": name, "summary": summary, **properties, "about": inspect.getdoc(documented) or ""}
-
-
-def _problem(name: str) -> Entry:
-    problem = load_problem(name)
-    d = problem.dynamics
-    return _entry(
-        name,
-        _first_line(PROBLEMS[name]),
-        PROBLEMS[name],
-        parameters=dict(problem.parameters),
-        nodes=list(d.nodes),
-        contacts=[{"name": each.name, "relative degree": each.relative_degree} for each in d.contacts],
-        degrees=[each.sentence for each in d.contacts],
-        facts={each.symbol: {"value": each.value, "unit": each.unit, "what": each.what} for each in problem.facts},
-        t_end=problem.t_end,
-        methods=methods_that_handle(d),
-        source=problem.source,
-    )
-
-
-def _method(name: str) -> Entry:
-    kind = METHODS[name]
-    d = kind.declared
-    options = {each.name: each.default for each in fields(kind) if each.default is not NO_DEFAULT}  # type: ignore[arg-type]
-    return _entry(
-        name,
-        d.summary,
-        kind,
-        orders=d.orders,
-        relative_degrees=list(d.relative_degrees),
-        handles=[feature.value for feature in d.handles],
-        level=d.level,
-        penetration=d.penetration,
-        reaction_time=d.reaction_time,
-        energy=d.energy + ("; impacts never increase it" if d.dissipates else ""),
-        steps=d.adaptive or "dt",
-        solves_lcp=kind.solves_lcp,
-        options=options,
-        source=d.source,
-    )
-
-
-def _solver(name: str) -> Entry:
-    solver = SOLVERS[name]
-    return _entry(
-        name,
-        solver.summary,
-        getattr(solver, "kernel", type(solver)),
-        requires=[each.value for each in solver.requires],
-        storages=list(solver.storages),
-        bounds=solver.boxed,
-        largest=solver.largest,
-        residual=solver.tol,
-        max_iter=solver.max_iter,
-        source=solver.source,
-    )
-
-
-def _element(name: str) -> Entry:
-    kind = ELEMENTS[name]
-    constants = [each.name for each in fields(kind) if each.name != "symbols"]  # type: ignore[arg-type]
-    return _entry(name, _first_line(kind), kind, constants=constants)
-
-
-def _first_line(thing: Any) -> str:
-    return (inspect.getdoc(thing) or "").split("\n")[0].strip()
-
-
-def _details(entry: Entry) -> Iterator[str]:
-    """Yield the lines that say all of an entry."""
-    yield f"{entry['name']}: {entry['summary']}"
-    for key, value in entry.items():
-        if key in ("name", "summary", "about", "contacts"):
-            continue
-        if key == "facts":
-            yield from (f"  {symbol} = {_fact(fact)}" for symbol, fact in value.items())
-        elif key == "degrees":
-            yield from (f"  {sentence}" for sentence in value)
-        else:
-            yield f"  {key.replace('_', ' ')}: {_listed(value)}"
-    yield ""
-    yield from entry["about"].split("\n")[1:]
-
-
-def _fact(fact: Mapping[str, Any]) -> str:
-    return f"{fact['value']:.10g} {fact['unit']}".rstrip() + f"  ({fact['what']})"
-
-
-def _listed(value: Any) -> str:
-    """Return a property in one line."""
-    if isinstance(value, Mapping):
-        return ", ".join(f"{key}={_listed(each)}" for key, each in value.items()) or "none"
-    if isinstance(value, list):
-        return ", ".join(map(str, value)) or "none"
-    if value is None or isinstance(value, bool):
-        return {None: "none", True: "yes", False: "no"}[value]
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _table(*columns: str) -> Table:
-    table = Table(box=None, header_style="bold", pad_edge=False)
-    for column in columns:
-        table.add_column(column, overflow="fold")
-    return table
-
-
-def _problems(entries: list[Entry], whole: bool) -> Table:
-    table = _table("problem", "parameters (SI)", "relative degree", "closed forms", "source")
-    for each in entries:
-        degrees = each["degrees"]
-        more = f" And {len(degrees) - MAX_CONTACTS} more." if len(degrees) > MAX_CONTACTS else ""
-        sentences = " ".join(degrees[:MAX_CONTACTS]) + more
-        table.add_row(each["name"], _listed(each["parameters"]), sentences, ", ".join(each["facts"]), each["source"])
-    return table
-
-
-def _methods(entries: list[Entry], whole: bool) -> Table:
-    table = _table("method", "what it is; what it declares; where it is from")
-    for each in entries:
-        degrees = _listed(each["relative_degrees"])
-        handles = ", ".join(each["handles"]) or "no further features"
-        lines = (
-            "orders: " + ", ".join(f"{where} {order}" for where, order in each["orders"].items()),
-            f"relative degrees {degrees}; {handles}",
-            f"contacts at level: {each['level']}; penetration after impacts: {each['penetration']}; "
-            f"force {each['reaction_time']}",
-            f"energy: {each['energy']}",
-            *[f"steps: {each['steps']}"] * (each["steps"] != "dt"),
-            f"options: {_listed(each['options'])}",
-            each["source"],
-        )
-        table.add_row(each["name"], _lines(each["summary"], *lines))
-    for name, reason in METHODS.broken.items() if whole else ():
-        table.add_row(name, _lines("broken: registered by another package, and cannot be loaded", reason))
-    return table
-
-
-def _solvers(entries: list[Entry], whole: bool) -> Table:
-    table = _table("solver", "what it is; what it declares; where it is from")
-    for each in entries:
-        declared = (
-            f"M: {', '.join(each['requires'])}" if each["requires"] else "any M",
-            f"reads {', '.join(each['storages'])}",
-            f"bounds: {_listed(each['bounds'])}",
-            "any n" if each["largest"] is None else f"n <= {each['largest']}",
-            f"residual {each['residual']:g}",
-        )
-        lines = ("; ".join(declared), *[each["source"]] * (each["source"] != "-"))
-        table.add_row(each["name"], _lines(each["summary"], *lines))
-    if whole:
-        here, elsewhere = _backends()
-        installed = f"any backend of qpsolvers, as qp:osqp; installed: {', '.join(here) or 'none'}"
-        install = f"not installed: {', '.join(elsewhere) or 'none'}; pip install 'qpsolvers[NAME]' installs one of them"
-        table.add_row("qp:NAME", _lines(installed))
-        table.add_row("", _lines(install))
-    return table
-
-
-def _lines(first: str, *others: str) -> Text:
-    return Text(first).append("".join(f"\n{line}" for line in others), style="dim")
-
-
-def _backends() -> tuple[list[str], list[str]]:
-    """Return the QP backends that pip can install with qpsolvers: the installed ones, and the others."""
-    extras = metadata("qpsolvers").get_all("Provides-Extra") or []
-    # Two of the extras are collections of others.
-    names = sorted(name for name in extras if "-" not in name and f"qp:{name}" not in list(SOLVERS))
-    here = [name for name in names if f"qp:{name}" in SOLVERS]
-    return here, [name for name in names if name not in here]
-
-
-def _elements(entries: list[Entry], whole: bool) -> Table:
-    table = _table("element", "what it is", "constants")
-    for each in entries:
-        table.add_row(each["name"], each["summary"], ", ".join(each["constants"]))
-    return table
-
-
-REGISTRIES: dict[Kind, Mapping[str, Any]] = {
-    Kind.problems: PROBLEMS,
-    Kind.methods: METHODS,
-    Kind.solvers: SOLVERS,
-    Kind.elements: ELEMENTS,
-}
-ENTRIES: dict[Kind, Callable[[str], Entry]] = {
-    Kind.problems: _problem,
-    Kind.methods: _method,
-    Kind.solvers: _solver,
-    Kind.elements: _element,
-}
-TABLES: dict[Kind, Callable[[list[Entry], bool], Table]] = {
-    Kind.problems: _problems,
-    Kind.methods: _methods,
-    Kind.solvers: _solvers,
-    Kind.elements: _elements,
-}

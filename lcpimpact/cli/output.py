@@ -99,6 +99,7 @@ def plain(value: Any) -> Any:
 
     Examples
     --------
+    >>> from pathlib import Path
     >>> plain({"t": (0.5, float("nan")), "out": Path("run.csv")})
     {'t': [0.5, None], 'out': 'run.csv'}
     """

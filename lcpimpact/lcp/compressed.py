@@ -198,9 +198,7 @@ def for_entries(function: F) -> F:
         return interpreted(function, **STORAGE)
 
     def again(before: Any, python: Any) -> Any:
-        (arguments,) = before.signatures
-        kinds = [ENTRIES if each == matrix else each for each in arguments]
-        result = before.overloads[arguments].signature.return_type
-        return compiled(result(*kinds))(python)
+        kinds = [ENTRIES if each == matrix else each for each in before.declared.args]
+        return compiled(before.declared.return_type(*kinds))(python)
 
     return interpreted(function, again, **STORAGE)
