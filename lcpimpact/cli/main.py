@@ -52,20 +52,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
             )
     except (KeyboardInterrupt, Abort):
         code = INTERRUPTED
-    except TyperException as error:
-        code = _print_error(f"{error.format_message()} (see: lcpimpact --help)", 2)
-    except FailureError as error:
-        code = _print_error(str(error), 1)
-    except LcpImpactError as error:
-        code = _print_error(str(error), 2)
-    except MemoryError:
-        code = _print_error("there is not enough memory: take fewer steps, values or coordinates", 2)
-    except BrokenPipeError:
-        sys.stderr.close()
-        code = 1
     except Exception as error:  # noqa: BLE001 - any unexpected error is reported as a defect
-        code = INTERRUPTED if interrupts else _defect(error)
+        # An import that Ctrl-C ended may appear as any error.
+        code = INTERRUPTED if interrupts else _failure(error)
     if code == INTERRUPTED:
+        remove_temporaries()  # Ctrl-C may arrive within their removal
         _print_interrupted()
     sys.exit(int(code or 0))
 
@@ -104,13 +95,27 @@ def _interruptible(interrupts: list[threading.Timer]) -> Iterator[None]:
 
 def _exit_now() -> None:
     """End the process at once, without partly written files."""
-    remove_temporaries()
     _print_interrupted()
+    remove_temporaries()  # last, since the main thread may still write
     os._exit(INTERRUPTED)
 
 
 def _print_interrupted() -> None:
     _print_error("interrupted: finished files are complete, and no partial file remains", INTERRUPTED)
+
+
+def _failure(error: Exception) -> int:
+    """Print an error in one line, and return its exit code."""
+    if isinstance(error, BrokenPipeError):
+        sys.stderr.close()
+        return 1
+    if isinstance(error, TyperException):
+        return _print_error(f"{error.format_message()} (see: lcpimpact --help)", 2)
+    if isinstance(error, MemoryError):
+        return _print_error("there is not enough memory: take fewer steps, values or coordinates", 2)
+    if isinstance(error, LcpImpactError):
+        return _print_error(str(error), 1 if isinstance(error, FailureError) else 2)
+    return _defect(error)
 
 
 def _defect(error: Exception) -> int:
