@@ -7,6 +7,7 @@ cannot be read or written, the code is compiled again, with a warning.
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import os
 import pickle
@@ -18,8 +19,9 @@ from functools import cache
 from importlib.abc import Loader
 from importlib.machinery import ModuleSpec
 from importlib.util import module_from_spec, spec_from_file_location
+from multiprocessing import parent_process
 from pathlib import Path
-from types import FunctionType
+from threading import Lock
 from typing import Any, Literal, TypeVar, cast
 
 import numba
@@ -30,6 +32,7 @@ from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 
 from lcpimpact.cache import folder, mark_used
+from lcpimpact.interpreter import interpret, size_of, throughout
 from lcpimpact.logs import LOG
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -51,6 +54,21 @@ CONFIG: Any = numba.config
 
 COMPILING = not CONFIG.DISABLE_JIT
 """Whether functions are compiled in this process."""
+
+WHEN_TO_COMPILE = "LCPIMPACT_COMPILE"
+"""Environment variable: "later" or "first", before the first call of each function."""
+
+PATIENCE = 0.5
+"""Time that a function may take in the interpreter before it is compiled [s]."""
+
+LONGEST = 1 << 21
+"""Maximum count of numbers in the arguments of a call by the interpreter, a microsecond each."""
+
+FEW_ROWS = 1 << 11
+"""That of a function that takes n³ operations for n² numbers, or more."""
+
+NICENESS = 10
+"""By which a process that compiles beside this one gives way to others."""
 
 DIGEST = 32
 """Bytes of a SHA-256."""
@@ -131,6 +149,11 @@ class CheckedCache(FunctionCache):
             warn_once(f"cannot be read ({reason(error)}) and is compiled again")
             return None
 
+    @property
+    def filled(self) -> bool:
+        """Whether there is compiled code in the cache."""
+        return Path(self._cache_file._data_path(self._cache_file._data_name(1))).exists()
+
     def save_overload(self, sig: Any, data: Any) -> None:
         """Save compiled code, replacing a damaged file."""
         try:
@@ -158,8 +181,6 @@ warned: list[str] = []
 
 def warn_once(what: str) -> None:
     """Warn about the cache, once in a program: not for each function, and not in each worker."""
-    from multiprocessing import parent_process
-
     if not warned and parent_process() is None:
         LOG.warning(
             "lcpimpact: the compiled code in %s %s; `lcpimpact cache --clear` empties the folder, and the environment "
@@ -201,23 +222,103 @@ def usable() -> bool:
     return True
 
 
+class Beside:
+    """A process beside this one, which compiles functions into the cache."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        self._asked: set[Deferred] = set()
+        self._lock = Lock()
+
+    def compiles(self, function: Deferred) -> bool:
+        """Return whether a function is being compiled, or is yet to be; the process takes one after the other."""
+        name, module = function.py_func.__name__, function.py_func.__module__
+        if function.cached_code() is None or getattr(sys.modules.get(module), name, None) is not function:
+            return False
+        with self._lock:
+            if self._process is None or self._process.poll() is not None:
+                if function in self._asked:
+                    return False
+                self._asked.add(function)
+                gives_way = f"import os; getattr(os, 'nice', int)({NICENESS})"  # there is no nice on Windows
+                self._process = start_python(f"{gives_way}; from {module} import {name}; {name}.resolve()")
+        return True
+
+    def end(self) -> None:
+        """End the process."""
+        if self._process:
+            self._process.kill()
+
+
+BESIDE = Beside()
+atexit.register(BESIDE.end)
+
+
+def patient() -> bool:
+    """Return whether functions without compiled code run in the interpreter at first, as in a program of one process."""
+    return os.environ.get(WHEN_TO_COMPILE, "later") != "first" and parent_process() is None
+
+
 class Deferred(CPUDispatcher):
-    """A function that is compiled, or read from the cache, when it is first called or compiled into another one."""
+    """A function that is compiled, or read from the cache, when its calls or another compiled function need that.
+
+    While there is no compiled code, short calls run in the interpreter, with the same bits; if they take more than
+    `PATIENCE` together, a process beside this one compiles the function. A call in which the interpreter raises an
+    error is repeated by compiled code.
+    """
+
+    _cache: Any
 
     declared: Any = None
     """Its signature."""
 
+    ready = False
+    """Whether the compiled code is in memory."""
+
+    most = LONGEST
+    """Maximum count of numbers in the arguments of a call by the interpreter."""
+
+    seconds = 0.0
+    """Time taken in the interpreter [s]."""
+
     def resolve(self) -> None:
         """Compile the function for its signature, or read the compiled code."""
-        if self.declared is None or self.declared.args in self.overloads or self.is_compiling:
+        if self.declared is None or self.ready or self.is_compiling:
             return
-        if usable() and Path(self.py_func.__code__.co_filename).exists():
-            self._cache = CheckedCache(self.py_func)
+        self._cache = self.cached_code() or self._cache
         self.compile(self.declared)
         self.disable_compile()
+        self.ready = True
+
+    def cached_code(self) -> CheckedCache | None:
+        """Return the cache of its compiled code, if it can have one."""
+        return CheckedCache(self.py_func) if usable() and Path(self.py_func.__code__.co_filename).exists() else None
+
+    def waits(self, arguments: Sequence[Any], size: int | None = None) -> bool:
+        """Return whether a call is left to the interpreter; its size is that of the arguments unless given."""
+        if self.ready or not patient() or any(getattr(each, "most", 1) == 0 for each in (self, *arguments)):
+            return False
+        if (size_of(arguments) if size is None else size) > self.most:
+            return False
+        found = self.cached_code()
+        return not (found and found.filled) and (self.seconds < PATIENCE or BESIDE.compiles(self))
+
+    def interpret(self, arguments: Sequence[Any], compiled: Callable[[], Any]) -> Any:
+        """Call the function in the interpreter, or, if that raises an error, by the compiled code that is given."""
+        began = time.perf_counter()
+        try:
+            return interpret(self, self.declared, arguments)
+        except Exception:  # noqa: BLE001 (such as 1.0/0.0, which is infinite in compiled code)
+            LOG.debug("%s is compiled, since the interpreter raised an error", self.py_func.__qualname__, exc_info=True)
+            self.resolve()
+        finally:
+            self.seconds += time.perf_counter() - began
+        return compiled()
 
     def _compile_for_args(self, *arguments: Any, **named: Any) -> Any:
         """Return what is called in place of a function without compiled code (for numba)."""
+        if self.waits(arguments):
+            return lambda *arguments: self.interpret(arguments, lambda: self(*arguments))
         self.resolve()
         return self
 
@@ -242,8 +343,10 @@ def compile_imported() -> None:
         each.resolve()
 
 
-def compiled(signature: Any, inline: Literal["never", "always"] = "never", allocates: bool = True) -> Callable[[F], F]:
-    """Compile a function for one signature when it is first called, and cache the result on disk.
+def compiled(
+    signature: Any, inline: Literal["never", "always"] = "never", allocates: bool = True, most: int = LONGEST
+) -> Callable[[F], F]:
+    """Compile a function for one signature when its calls repay that, and cache the result on disk.
 
     Parameters
     ----------
@@ -255,6 +358,9 @@ def compiled(signature: Any, inline: Literal["never", "always"] = "never", alloc
     allocates : bool
         Whether it allocates arrays. Otherwise reference counting is switched off, which costs more than the arithmetic of a
         few rows.
+    most : int
+        Maximum count of numbers in the arguments of a call that may run in the interpreter; 0 if this bounds no time, as in
+        an iteration.
     """
 
     def decorate(function: F) -> F:
@@ -263,11 +369,16 @@ def compiled(signature: Any, inline: Literal["never", "always"] = "never", alloc
             return function
         options = {"nopython": True, "error_model": "numpy", "inline": inline, "_nrt": allocates, "nogil": True}
         deferred: Any = Deferred(function, targetoptions=options)
-        deferred.declared = signature
+        deferred.declared, deferred.most = signature, most
         DEFERRED.append(deferred)
         return cast(F, deferred)
 
     return decorate
+
+
+def as_it_is(function: Any) -> Any:
+    """Return the function itself."""
+    return function
 
 
 @cache
@@ -279,13 +390,24 @@ def address(function: Any, kind: Any) -> Any:
     return int(code.library.get_pointer_to_function(code.fndesc.llvm_cfunc_wrapper_name))
 
 
+def call_with(function: Any, arguments: Sequence[Any], functions: Any, kinds: Sequence[Any]) -> Any:
+    """Call a function whose last argument is a named tuple of addresses of other functions, given with their types."""
+
+    def compiled() -> Any:
+        return function(*arguments, functions._make(map(address, functions, kinds)))
+
+    if COMPILING and function.waits((*arguments, *functions), size=1):
+        return function.interpret((*arguments, functions._make(map(throughout, functions))), compiled)
+    return compiled()
+
+
 def function_at(kind: Any) -> Callable[[Any], Any]:
     """Return what compiled code calls to get a function of a FunctionType from its `address`.
 
     A function as an argument of another costs more than a short run: numba looks for its address at each call.
     """
     if not COMPILING:
-        return lambda function: function
+        return as_it_is
 
     def read(context: Any, address: Any) -> Any:
         def code(context: Any, builder: Any, _: Any, arguments: Any) -> Any:
@@ -295,7 +417,9 @@ def function_at(kind: Any) -> Callable[[Any], Any]:
 
         return kind(types.int64), code
 
-    return cast(Callable[[Any], Any], intrinsic(read))
+    found: Any = intrinsic(read)
+    found.py_func = as_it_is
+    return cast(Callable[[Any], Any], found)
 
 
 def source_file(text: str) -> Path:
@@ -330,7 +454,13 @@ def compiled_text(text: str, name: str, signature: Any, names: Mapping[str, Any]
     except OSError as error:
         warn_once(f"cannot be written ({reason(error)}) and is compiled again in each run")
         return None
-    return compiled(signature, allocates=False)(cast(Callable[..., Any], vars(module)[name]))
+    return compiled(signature, allocates=False, most=0)(cast(Callable[..., Any], vars(module)[name]))
+
+
+def start_python(code: str) -> subprocess.Popen[bytes]:
+    """Start a process that runs code, with the path of this one: with its own it would import what lies in the folder."""
+    path = f"import sys; sys.path[:] = {sys.path!r}"
+    return subprocess.Popen([sys.executable, "-c", f"{path}; {code}"], stderr=subprocess.DEVNULL)
 
 
 def compile_ahead(*parts: Sequence[str]) -> None:
@@ -344,11 +474,8 @@ def compile_ahead(*parts: Sequence[str]) -> None:
     done = folder() / hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
     if not COMPILING or not usable() or done.exists():
         return
-    # With the path of this process: of its own, a process would import, and compile, what lies in the current folder.
-    path = f"import sys; sys.path[:] = {sys.path!r}"
     end = "from lcpimpact.compiled import compile_imported; compile_imported()"
-    imports = ["; ".join([path, *(f"import {name}" for name in part), end]) for part in parts]
-    running = [subprocess.Popen([sys.executable, "-c", each], stderr=subprocess.DEVNULL) for each in imports]
+    running = [start_python("; ".join([*(f"import {name}" for name in part), end])) for part in parts]
     try:
         codes = [process.wait() for process in running]
         if not any(codes):
@@ -358,39 +485,3 @@ def compile_ahead(*parts: Sequence[str]) -> None:
     finally:
         for process in running:
             process.kill()
-
-
-def as_it_is(before: Any, python: Any) -> Any:
-    """Return the Python function that `interpreted` has made of a compiled one."""
-    return python
-
-
-def interpreted(function: F, made: Callable[[Any, Any], Any] = as_it_is, **names: Any) -> F:
-    """Return the Python function of a compiled one, to be run by the interpreter.
-
-    Parameters
-    ----------
-    function : compiled function
-        If compilation is switched off, the function itself.
-    made : callable
-        made(compiled, python) -> what takes the place of a function whose names are replaced, as one compiled again.
-    **names
-        Functions that replace the global names of ``function`` and of the functions that it calls, such as the product of an
-        operator in place of that of an array, or a recording of iterates.
-    """
-    python: Any = getattr(function, "py_func", function)
-    changed = {}
-    for name in python.__code__.co_names if names else ():
-        called = python.__globals__.get(name)
-        if name in names:
-            changed[name] = names[name]
-        elif getattr(called, "py_func", function) is not function:
-            inner = interpreted(called, made, **names)
-            changed |= {name: inner} if inner is not called.py_func else {}
-    if changed:
-        python = made(
-            function,
-            FunctionType(python.__code__, python.__globals__ | changed, python.__name__, None, python.__closure__),
-        )
-    found: F = python
-    return found

@@ -19,7 +19,7 @@ from numba import types
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, cube, f8, matrix
+from lcpimpact.compiled import FEW_ROWS, compiled, cube, f8, matrix
 
 EPS = 2.0**-100
 """Relative rounding error of a few sums and products."""
@@ -70,7 +70,7 @@ def multiply(a: float, a_lo: float, b: float, b_lo: float) -> tuple[float, float
     return p + e, e - ((p + e) - p)
 
 
-@compiled(cube(cube, cube))
+@compiled(cube(cube, cube), most=FEW_ROWS)
 def product(A: Array, B: Array) -> Array:
     """Return the product of two matrices (2, n, m) and (2, m, p)."""
     n, m, p = A.shape[1], A.shape[2], B.shape[2]
@@ -123,7 +123,7 @@ def over(a: Array, b: Array) -> Array:
     return c
 
 
-@compiled(cube(cube, cube))
+@compiled(cube(cube, cube), most=FEW_ROWS)
 def eliminate(A: Array, b: Array) -> Array:
     """Return A⁻¹ b, for A (2, n, n) and b (2, n, p), by elimination with scaled pivots; NaN where A is singular."""
     n, A, x = A.shape[1], A.copy(), b.copy()

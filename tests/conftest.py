@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, settings
 
 settings.register_profile("ci", deadline=None, derandomize=True, max_examples=40)
 settings.register_profile("thorough", deadline=None, max_examples=1000, suppress_health_check=[HealthCheck.too_slow])
+os.environ.setdefault("LCPIMPACT_COMPILE", "first")  # so that what is tested is compiled
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "ci"))
 
 

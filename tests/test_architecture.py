@@ -40,6 +40,7 @@ BASE = {
     "numbers",
     "files",
     "logs",
+    "interpreter",
     "compiled",
     "double_double",
 }
@@ -59,7 +60,8 @@ MAY_IMPORT = {
     "files": {"errors"},
     "logs": set(),
     "cache": set(),
-    "compiled": {"errors", "arrays", "cache", "logs"},
+    "interpreter": {"arrays"},
+    "compiled": {"errors", "arrays", "cache", "interpreter", "logs"},
     "double_double": {"arrays", "compiled"},
     "lcp": BASE,
     "scheme": BASE,

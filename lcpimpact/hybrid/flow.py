@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import matrix_balance, schur, solve_sylvester
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, cube, f8, i8, indices, matrix, vector
+from lcpimpact.compiled import FEW_ROWS, compiled, cube, f8, i8, indices, matrix, vector
 from lcpimpact.double_double import EPS, DoubleDouble, add, divide, multiply, pair, solve, two_product
 from lcpimpact.errors import InputError
 
@@ -482,7 +482,7 @@ def move_by(step: Array, X: Array, Y: Array) -> None:
         X[0, i], X[1, i] = Y[0, i], Y[1, i]
 
 
-@compiled(cube(generator_type, f8, i8, i8))
+@compiled(cube(generator_type, f8, i8, i8), most=FEW_ROWS)
 def exponential(A: Generator, δ: float, n: int, degree: int) -> Array:
     """Return exp(A δ) (2, n, n)."""
     found, unit = np.empty((2, n, n)), np.zeros((2, n))
@@ -493,7 +493,7 @@ def exponential(A: Generator, δ: float, n: int, degree: int) -> Array:
     return found
 
 
-@compiled(matrix(generator_type, f8, matrix, i8, i8))
+@compiled(matrix(generator_type, f8, matrix, i8, i8), most=FEW_ROWS)
 def walk(A: Generator, δ: float, X: Array, windows: int, degree: int) -> Array:
     """Return the state (2, N) after a number of windows, one after the other."""
     for _ in range(windows):

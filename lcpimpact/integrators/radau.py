@@ -26,7 +26,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.compiled import compiled, f8, flags, i8, interpreted, matrix, named_tuple, vector
+from lcpimpact.compiled import compiled, f8, flags, i8, matrix, named_tuple, vector
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.flow import balance
 from lcpimpact.hybrid.impacts import refuse_velocity_jumps
@@ -60,6 +60,7 @@ from lcpimpact.integrators.stepping.law import (
     with_fallbacks,
 )
 from lcpimpact.integrators.stepping.radau_iia import RadauIIA, radau_iia
+from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.friction import FRICTION, GLOCKER, FrictionRows, lcp_matrix
 from lcpimpact.lcp.operators import Dense

@@ -12,7 +12,8 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import COMPILING, F, compiled, f8, i8, indices, interpreted, matrix, named_tuple, vector
+from lcpimpact.compiled import COMPILING, F, compiled, f8, i8, indices, matrix, named_tuple, vector
+from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp.lapack import EPS
 
 
@@ -199,6 +200,6 @@ def for_entries(function: F) -> F:
 
     def again(before: Any, python: Any) -> Any:
         kinds = [ENTRIES if each == matrix else each for each in before.declared.args]
-        return compiled(before.declared.return_type(*kinds))(python)
+        return compiled(before.declared.return_type(*kinds), most=0)(python)
 
     return interpreted(function, again, **STORAGE)

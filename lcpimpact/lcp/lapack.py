@@ -31,12 +31,15 @@ PIVOT_TOL = 1e-14
 def _routine(module: str, name: str, arguments: int, returns: Any = types.void) -> Any:
     """Return a routine whose arguments are all pointers, callable from compiled code and from Python."""
     address = get_cython_function_address(f"scipy.linalg.{module}", name)
+    result = {types.void: None, types.int32: ctypes.c_int, types.float64: ctypes.c_double}[returns]
+    python = ctypes.CFUNCTYPE(result, *[ctypes.c_void_p] * arguments)(address)
     if not COMPILING:
-        result = {types.void: None, types.int32: ctypes.c_int, types.float64: ctypes.c_double}[returns]
-        return ctypes.CFUNCTYPE(result, *[ctypes.c_void_p] * arguments)(address)
+        return python
     symbol = f"lcpimpact_{name}"
     llvmlite.binding.add_symbol(symbol, address)
-    return types.ExternalFunction(symbol, returns(*[types.voidptr] * arguments))
+    routine: Any = types.ExternalFunction(symbol, returns(*[types.voidptr] * arguments))
+    routine.py_func = python
+    return routine
 
 
 _dgemv = _routine("cython_blas", "dgemv", 11)

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import COMPILING, F, interpreted
+from lcpimpact.compiled import COMPILING, F
 from lcpimpact.errors import UnsupportedError
+from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp.compressed import Entries, for_entries
 from lcpimpact.lcp.operators import Delassus, Dense, Factored, Property
 

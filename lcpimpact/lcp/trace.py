@@ -10,7 +10,8 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, i8, indices, interpreted, vector
+from lcpimpact.compiled import compiled, i8, indices, vector
+from lcpimpact.interpreter import interpreted
 from lcpimpact.registry import html_of
 
 NONE = -1

@@ -29,11 +29,11 @@ from lcpimpact import (
     solve_lcp,
     write_scheme_file,
 )
-from lcpimpact.compiled import interpreted
 from lcpimpact.errors import FailureError, InputError, UnsupportedError
 from lcpimpact.events import steps_of
 from lcpimpact.integrators.stepping import sparse_kernel, sparse_table
 from lcpimpact.integrators.stepping.stencil import apply, solve_banded, stencil
+from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp.judge import clear_residual_of_chain, holds, measure
 from lcpimpact.lcp.solvers.banded import isotonic_chain, pools_for
 from lcpimpact.lcp.sparse_pivoting import SparseMatrix, SparseProduct, pivot_contacts

@@ -11,7 +11,8 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled, interpreted, matrix
+from lcpimpact.compiled import compiled, matrix
+from lcpimpact.interpreter import interpreted
 
 MAX_ROWS = 32
 """Number of rows above which LAPACK is faster by more than its call costs."""

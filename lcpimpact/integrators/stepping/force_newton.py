@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import interpreted
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.law import ContactProblem, Solving, Springs, SpringSolver, solve_law
+from lcpimpact.interpreter import interpreted
 from lcpimpact.scheme import force_law
 from lcpimpact.scheme.dynamics import Dynamics
 

@@ -23,35 +23,24 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, function_at, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status
 from lcpimpact.integrators.stepping.banded_table import BANDED, DENSE, BandedTable, find_rows
-from lcpimpact.integrators.stepping.friction import active_friction, solve_same_case
-from lcpimpact.integrators.stepping.impulse_paths import PATHS, Paths, closes, write_shifts
-from lcpimpact.integrators.stepping.kept_basis import KEPT, KeptBasis, solve_from_basis
+from lcpimpact.integrators.stepping.impulse_paths import PATHS, Paths
+from lcpimpact.integrators.stepping.kept_basis import KEPT, KeptBasis
 from lcpimpact.integrators.stepping.law import (
-    PROBLEM,
     SOLVING,
     SPRING_ROOM,
     SPRING_SOLVER,
     ContactProblem,
     Solving,
     SpringRoom,
-    Springs,
-    SpringSolver,
-    restrict,
     room_for_springs,
     solve_active,
     solve_law,
 )
 from lcpimpact.integrators.stepping.static_balance import STATIC, Static, balance
-from lcpimpact.lcp.friction import FRICTION, FrictionRows, friction_maps, unknowns
+from lcpimpact.lcp.friction import FRICTION, FrictionRows
 from lcpimpact.lcp.problem import KERNEL
-from lcpimpact.lcp.solver import Kernel
 
 SOLVED, NON_FINITE = int(Status.SOLVED), int(Status.NON_FINITE)
-
-HOLDING_RTOL = 1e-9
-"""Slip rate of surfaces that stick, relative to what their friction can change in a step."""
-
-ROUNDING = 16.0 * float(np.finfo(float).eps)
 
 MAX_ROWS = 3
 """Maximum number of rows by which a formulation of friction replaces one of its rows."""
@@ -166,6 +155,23 @@ def room_for(table: StepTable, ns: int, banded: BandedTable = DENSE) -> Workspac
     )
 
 
+class Ways(NamedTuple):
+    """The functions that solve a law; a step calls them by their addresses, so that only those that it needs are compiled.
+
+    Attributes
+    ----------
+    plain       the kernel of the LCP solver
+    kept        a law of many rows, from the basis of the last step
+    featured    a law with springs, friction or impulse paths
+    springs     the Newton solver of springs
+    """
+
+    plain: Any
+    kept: Any
+    featured: Any
+    springs: Any
+
+
 class StaticFriction(NamedTuple):
     """Static friction above the kinetic one, and its memory in a step; no rows without.
 
@@ -192,13 +198,22 @@ PATH: Any = named_tuple((matrix, matrix, matrix), StepOutput)
 BLOCK: Any = named_tuple((i8, i8, matrix, f8, i8, types.boolean, types.boolean), Block)
 ROOM: Any = named_tuple((vector, indices, vector, vector, SPRING_ROOM, vector, vector), Workspace)
 STATIC_FRICTION: Any = named_tuple((vector, vector, matrix, vector, vector, flags), StaticFriction)
-FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION))
-ALL_FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION, STATIC_FRICTION))
-CHANGE: Any = types.Tuple((types.boolean, matrix, matrix))
-SOLVERS: Any = types.Tuple((SOLVING, SPRING_SOLVER))
+FEATURES: Any = types.Tuple((STEP_SPRINGS, PATHS, STATIC, FRICTION, STATIC_FRICTION))
 RESULT: Any = types.Tuple((i8, i8, i8, i8, f8))
 
-solver_at, spring_solver_at = function_at(KERNEL), function_at(SPRING_SOLVER)
+KEPT_SIGNATURE: Any = types.Tuple((i8, i8, f8))(TABLE, vector, i8, ROOM, KEPT, SOLVING)
+"""Signature of `features.solve_kept_rows`."""
+
+FEATURED_SIGNATURE: Any = types.Tuple((i8, i8, i8, f8))(
+    TABLE, FEATURES, STEP_STATE, ROOM, types.UniTuple(i8, 2), SOLVING, SPRING_SOLVER
+)
+"""Signature of `features.solve_features`."""
+
+KEPT_SOLVER, FEATURED_SOLVER = types.FunctionType(KEPT_SIGNATURE), types.FunctionType(FEATURED_SIGNATURE)
+WAY_TYPES = KERNEL, KEPT_SOLVER, FEATURED_SOLVER, SPRING_SOLVER
+WAYS: Any = named_tuple((i8,) * len(WAY_TYPES), Ways)
+
+kernel_at, kept_at, featured_at, springs_at = map(function_at, WAY_TYPES)
 
 
 @compiled(types.void(vector, vector), inline="always", allocates=False)
@@ -227,18 +242,6 @@ def solve_rows(
     return solve_law(rows, room.z, solving)
 
 
-@compiled(types.Tuple((i8, i8, f8))(TABLE, vector, i8, ROOM, KEPT, SOLVING))
-def solve_many_rows(
-    table: StepTable, q: Array, na: int, room: Workspace, kept: KeptBasis, solving: Solving
-) -> tuple[int, int, float]:
-    """Solve a single law on its ``na`` active rows from the basis of the last step, if it can."""
-    rows = ContactProblem(table.W[0], q, table.lower[0], table.upper[0])
-    residual = solve_from_basis(rows, room.active[:na], kept, room.z[:na], solving.tol)
-    if residual < np.inf:
-        return SOLVED, 0, residual
-    return solve_rows(table, 0, q, na, room, solving)
-
-
 @compiled(types.void(TABLE, i8, i8, i8, ROOM, vector), inline="always", allocates=False)
 def add_impulses(table: StepTable, column: int, na: int, first: int, room: Workspace, P: Array) -> None:
     """Add the columns of the ``na`` impulses in the workspace, from a given row, and store them in P."""
@@ -247,144 +250,6 @@ def add_impulses(table: StepTable, column: int, na: int, first: int, room: Works
     for a in range(na):
         P[room.active[a]] = room.z[a]
         add_column(room.sums, room.z[a], table.unknown, column + room.active[a], first)
-
-
-@compiled(types.void(TABLE, STEP_SPRINGS, types.UniTuple(i8, 2), ROOM), allocates=False)
-def couple_springs(table: StepTable, springs: StepSprings, which: tuple[int, int], room: Workspace) -> None:
-    """Write how the springs in law ``which[0]`` couple with its ``which[1]`` active rows, and their free motion."""
-    (law, na), nc, ns, (vectors, HGs, NG, _, NGs, _) = which, table.W.shape[1], len(springs.law), room.springs
-    rates, P, at_s = law * 2 * (nc + ns) + 2 * nc, law * (nc + ns), law * (nc + ns) + nc
-    for j in range(ns):
-        y_free = room.sums[rates + j]
-        vectors[0, j], vectors[1, j] = y_free, room.sums[rates + ns + j] + springs.θh[law] * y_free
-        vectors[2, j], room.s[j] = y_free, 0.0
-        for a in range(na):
-            HGs[a, j] = table.unknown[at_s + j, rates - nc + room.active[a]]
-            NG[j, a] = table.unknown[P + room.active[a], rates + j]
-        for i in range(ns):
-            NGs[j, i] = table.unknown[at_s + i, rates + j]
-
-
-@compiled(
-    types.Tuple((i8, i8, i8, f8))(TABLE, STEP_SPRINGS, ROOM, types.UniTuple(i8, 2), PROBLEM, CHANGE, vector, SOLVERS)
-)
-def solve_once(
-    table: StepTable,
-    springs: StepSprings,
-    room: Workspace,
-    which: tuple[int, int],
-    rows: ContactProblem,
-    change: tuple[bool, Array, Array],
-    z: Array,
-    solvers: tuple[Solving, SpringSolver],
-) -> tuple[int, int, int, float]:
-    """Solve rows and springs from the guess z; ``change`` are E and T of rows that friction has changed, if it has."""
-    (rough, E, T), (law, na), (solving, solve_springs), coupled = change, which, solvers, room.springs
-    if len(springs.law) > 0:
-        couple_springs(table, springs, which, room)
-        if rough:
-            m = len(z)
-            HGs, NG = E @ coupled.HGs[:na], np.ascontiguousarray(coupled.NG[:, :na]) @ T
-            coupled.HGs[:m], coupled.NG[:, :m] = HGs, NG
-        y_free, δ, y = coupled.vectors[0], coupled.vectors[1], coupled.vectors[2]
-        now = Springs(springs.law, springs.θh[law], springs.h, coupled)
-        status, count, newton, residual = solve_springs(rows, now, y_free, δ, z, y, room.s, solving)
-    else:
-        newton = 0
-        status, count, residual = solve_law(rows, z, solving)
-    if rough:
-        room.z[:na] = T @ z
-    return status, count, newton, residual
-
-
-@compiled(
-    types.Tuple((i8, i8, i8, f8))(TABLE, FEATURES, STEP_STATE, ROOM, types.UniTuple(i8, 2), SOLVING, SPRING_SOLVER)
-)
-def solve_features(
-    table: StepTable,
-    features: tuple[StepSprings, Paths, Static, FrictionRows],
-    state: StepState,
-    room: Workspace,
-    which: tuple[int, int],
-    solving: Solving,
-    solve_springs: SpringSolver,
-) -> tuple[int, int, int, float]:
-    """Solve law ``which[0]`` on its ``which[1]`` active rows with springs and friction; again while impulse paths close."""
-    (springs, paths, _, all_friction), (law, na) = features, which
-    nc, ns, n = table.W.shape[1], len(springs.law), paths.H.shape[1]
-    first, active, P = law * 2 * (nc + ns) + nc, room.active[:na], room.z[:na]
-    all_rows = ContactProblem(table.W[law], room.sums[first : first + nc], table.lower[law], table.upper[law])
-    if all_friction.continues and ns == 0 and len(paths.lines) == 0:
-        residual = solve_same_case(all_rows, active, all_friction, state.P[law], P)
-        if residual <= solving.tol:
-            return SOLVED, 0, 0, residual
-    rough, rows, z = len(all_friction.rows) > 0, all_rows, P
-    if rough or na < nc or len(paths.lines) > 0:
-        rows = restrict(all_rows, active)
-    q, E, T = rows.q, rows.W, rows.W  # E and T are placeholders without friction
-    if rough:
-        friction = active_friction(all_friction, active)
-        E, T, V, lower, upper = friction_maps(rows.W, rows.lower, rows.upper, friction)
-        rows, z = ContactProblem(E @ rows.W @ T + V, E @ q, lower, upper), unknowns(T, P, friction)
-    solvers = solving, solve_springs
-    status, iterations, newton, residual = solve_once(table, springs, room, which, rows, (rough, E, T), z, solvers)
-    if len(paths.lines) == 0:
-        return status, iterations, newton, residual
-    closed, shift, at_active, q = np.zeros(len(paths.lines), np.bool_), np.zeros(nc), np.zeros(na), q.copy()
-    while status == SOLVED and closes(paths.lines, closed, active, P):
-        write_shifts(paths, closed, state.y[:n], state.y[n : 2 * n], shift)
-        for a in range(na):
-            at_active[a] = q[a] + shift[active[a]] / paths.h
-        rows.q[:] = E @ at_active if rough else at_active
-        status, count, tried, residual = solve_once(table, springs, room, which, rows, (rough, E, T), z, solvers)
-        iterations, newton = iterations + count, newton + tried
-    return status, iterations, newton, residual
-
-
-@compiled(types.void(TABLE, i8, f8, FRICTION, STATIC_FRICTION, STEP_STATE))
-def recall_slip(
-    table: StepTable, law: int, h: float, friction: FrictionRows, memory: StaticFriction, state: StepState
-) -> None:
-    """Give what sticks at the start of a step its static coefficient of friction, and what slides its kinetic one."""
-    n = memory.H.shape[1]
-    for k in range(len(memory.static)):
-        U, size, i = 0.0, 0.0, friction.rows[k]
-        for j in range(n):
-            U += memory.H[k, j] * state.y[n + j]
-            # The mean rate of a node with prescribed motion is a difference of its places.
-            size += abs(memory.H[k, j]) * (abs(state.y[n + j]) + abs(state.y[j]) / h)
-        memory.near[k], memory.turned[k] = ROUNDING * size, False
-        reach = memory.static[k] * abs(table.W[law, i, i]) * max(state.P[law, friction.normals[k]], 0.0)
-        sticks = abs(U) <= memory.near[k] + HOLDING_RTOL * reach
-        memory.U[k], friction.mu[k] = (0.0, memory.static[k]) if sticks else (U, memory.kinetic[k])
-
-
-@compiled(types.boolean(TABLE, types.UniTuple(i8, 2), FRICTION, STATIC_FRICTION, ROOM))
-def breaks_loose(
-    table: StepTable, which: tuple[int, int], friction: FrictionRows, memory: StaticFriction, room: Workspace
-) -> bool:
-    """Return whether a law must be solved again, since what sticks slips, now with μ, or slip turns back, now with μ_s.
-
-    ``which`` are the law and its number of active rows.
-    """
-    (law, na), nc, ns, again = which, table.W.shape[1], len(room.s), False
-    column = law * (nc + ns)
-    for k in range(len(memory.static)):
-        i, reach = friction.rows[k], 0.0
-        row = 2 * column + nc + i
-        L = room.sums[row]
-        for a in range(na):
-            L += table.unknown[column + room.active[a], row] * room.z[a]
-            if room.active[a] == friction.normals[k]:
-                reach = friction.mu[k] * abs(table.W[law, i, i]) * room.z[a]
-        for j in range(ns):
-            L += table.unknown[column + nc + j, row] * room.s[j]
-        moves, static = abs(L) > memory.near[k] + HOLDING_RTOL * reach, friction.mu[k] > memory.kinetic[k]
-        if moves and static and (memory.U[k] == 0.0 or memory.turned[k]):
-            friction.mu[k], again = memory.kinetic[k], True
-        elif moves and memory.U[k] * L < 0.0 and not memory.turned[k]:
-            friction.mu[k], memory.turned[k], again = memory.static[k], True, True
-    return again
 
 
 @compiled(types.void(matrix, vector, matrix, i8, vector), inline="always", allocates=False)
@@ -406,7 +271,7 @@ def begin_step(table: StepTable, banded: BandedTable, state: StepState, loads: A
         add_knowns(table.known, state.y, loads, k, room.sums)
         return
     x, N, known = room.x, len(state.y), len(table.known)
-    copy(state.y, x)
+    copy(state.y, x[:N])
     for j in range(loads.shape[1]):
         x[N + 1 + j] = loads[k, j]
     for j in range(known, known + state.P.size):
@@ -466,7 +331,7 @@ def switches(active: Indices, z: Array, P: Array) -> bool:
     return changed
 
 
-@compiled(RESULT(BLOCK, TABLE, BANDED, ALL_FEATURES, STEP_STATE, PATH, ROOM, KERNEL, SPRING_SOLVER), allocates=False)
+@compiled(RESULT(BLOCK, TABLE, BANDED, FEATURES, STEP_STATE, PATH, ROOM, WAYS), allocates=False)
 def steps(
     block: Block,
     table: StepTable,
@@ -475,20 +340,20 @@ def steps(
     state: StepState,
     path: StepOutput,
     room: Workspace,
-    solve: Kernel,
-    solve_springs: SpringSolver,
+    ways: Ways,
 ) -> tuple[int, int, int, int, float]:
-    """Take a block of steps and overwrite the state.
+    """Take a block of steps and overwrite the state; compiled code knows the ways to solve a law by their addresses.
 
     Returns the status, SWITCHES at a change of the active contacts, the step reached, the sums of the LCP and Newton
     iterations, and the largest independent residual.
     """
-    (springs, paths, static, friction, memory), sums, active, z = features, room.sums, room.active, room.z
+    (springs, paths, static, friction, _), sums, active, z = features, room.sums, room.active, room.z
     n, nc, ns, N, m = path.q.shape[1], table.W.shape[1], len(springs.law), len(state.y), len(table.W)
     new = m * 2 * (nc + ns)
     forces = new + N
-    simple, solving = ns == 0 and len(paths.lines) == 0, Solving(block.tol, block.max_iter, solve)
-    simple, holds = simple and len(friction.rows) == 0, len(memory.static) > 0
+    simple, solving = ns == 0 and len(paths.lines) == 0, Solving(block.tol, block.max_iter, kernel_at(ways.plain))
+    simple = simple and len(friction.rows) == 0
+    solve_kept, solve_featured, solve_springs = kept_at(ways.kept), featured_at(ways.featured), springs_at(ways.springs)
     iterations, newton, worst = 0, 0, 0.0
     for k in range(block.first, block.last):
         begin_step(table, banded, state, block.loads, k - block.first, room)
@@ -500,18 +365,13 @@ def steps(
                 na = add_friction_rows(friction, na, P, room)
             status, count, tried, residual = SOLVED, 0, 0, 0.0
             if simple and na > 0 and block.keeps:
-                status, count, residual = solve_many_rows(table, sums[nc:after], na, room, state.kept, solving)
+                status, count, residual = solve_kept(table, sums[nc:after], na, room, state.kept, solving)
             elif simple and na > 0:
                 status, count, residual = solve_rows(table, law, sums[first + nc : after], na, room, solving)
             elif na + ns > 0:
-                again = True
-                if holds:
-                    recall_slip(table, law, springs.h, friction, memory, state)
-                while again and status == SOLVED:
-                    status, count, tried, residual = solve_features(
-                        table, (springs, paths, static, friction), state, room, (law, na), solving, solve_springs
-                    )
-                    again = holds and breaks_loose(table, (law, na), friction, memory, room)
+                status, count, tried, residual = solve_featured(
+                    table, features, state, room, (law, na), solving, solve_springs
+                )
             iterations += count
             newton += tried
             if status != SOLVED:
@@ -532,19 +392,3 @@ def steps(
         copy(state.y[:n], path.q[k + 1])
         copy(state.y[n : 2 * n], path.v[k + 1])
     return SOLVED, block.last, iterations, newton, worst
-
-
-@compiled(RESULT(BLOCK, TABLE, BANDED, ALL_FEATURES, STEP_STATE, PATH, ROOM, i8, i8), allocates=False)
-def take_steps(
-    block: Block,
-    table: StepTable,
-    banded: BandedTable,
-    features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction],
-    state: StepState,
-    path: StepOutput,
-    room: Workspace,
-    solve: Any,
-    solve_springs: Any,
-) -> tuple[int, int, int, int, float]:
-    """Take `steps`, with the solvers by their addresses."""
-    return steps(block, table, banded, features, state, path, room, solver_at(solve), spring_solver_at(solve_springs))

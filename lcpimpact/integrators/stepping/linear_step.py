@@ -25,26 +25,28 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.compiled import address, interpreted
+from lcpimpact.compiled import address, as_it_is, call_with
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.stepping.banded_table import DENSE, BandedTable, banded_table
 from lcpimpact.integrators.stepping.elimination import MAX_ROWS, product, solve
+from lcpimpact.integrators.stepping.features import no_features, no_kept_rows, solve_features, solve_kept_rows
 from lcpimpact.integrators.stepping.force_newton import solve_with_forces
 from lcpimpact.integrators.stepping.impulse_paths import Paths, no_paths
 from lcpimpact.integrators.stepping.kept_basis import kept_basis
 from lcpimpact.integrators.stepping.kernel import (
     SWITCHES,
+    WAY_TYPES,
     Block,
     StaticFriction,
     StepOutput,
     StepSprings,
     StepState,
     StepTable,
+    Ways,
     room_for,
     steps,
-    take_steps,
 )
-from lcpimpact.integrators.stepping.law import SPRING_SOLVER, SpringSolver, no_springs, solve_law
+from lcpimpact.integrators.stepping.law import SpringSolver, no_springs, solve_law
 from lcpimpact.integrators.stepping.static_balance import Static, no_static
 from lcpimpact.integrators.stepping.straight_line import (
     IRREGULAR,
@@ -56,6 +58,7 @@ from lcpimpact.integrators.stepping.straight_line import (
     straight_line,
 )
 from lcpimpact.integrators.stepping.time_stepping import TimeStepping
+from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.friction import ANITESCU_POTRA, FORMULATIONS, GLOCKER, FrictionRows, lcp_matrix
 from lcpimpact.lcp.operators import Dense
@@ -83,6 +86,9 @@ MAX_TABLES = 16
 
 MOST_EQUATIONS = 6
 """Number of solutions w of a step that are kept as unknowns at most; others are eliminated, which is slower."""
+
+READERS: dict[str, Any] = dict.fromkeys(("kernel_at", "kept_at", "featured_at", "springs_at"), as_it_is)
+"""What reads the ways to solve a law where the interpreter has the functions themselves."""
 
 REST_GAP_FACTOR = 1e-6
 """Opening below which a resting contact is closed, as a fraction of the displacement that its force causes in a step."""
@@ -263,6 +269,12 @@ class Tabulated:
     def constant(self) -> bool:
         """Whether no run changes it: neither a solver that is not a compiled function, nor static friction."""
         return self.solver.compiled and len(self.features[4].static) == 0
+
+    @cached_property
+    def featured(self) -> Callable[..., Any]:
+        """The function that solves a law with springs, friction or impulse paths, if there are any."""
+        springs, paths, _, friction, _ = self.features
+        return solve_features if len(springs.law) + len(paths.lines) + len(friction.rows) else no_features
 
     @cached_property
     def regular(self) -> bool:
@@ -473,21 +485,23 @@ class LinearStep(TimeStepping[Tabulated]):
         Forces of any kind depend on the time, so that they take one step at a time.
         """
         table, features = step.table, step.features
-        solve, springs = solver.kernel, in_python(step.springs)
-        if step.forces:
-            springs = step.forces(float(times[0] + self.reaction_at * (times[1] - times[0])))
-        elif solver.compiled:
-            solve, springs = address(solve, KERNEL), address(step.springs, SPRING_SOLVER)
         last, stops = first + len(times) - 1, step.at_switches is not None
         keeps = len(state.kept.T) > 0 and step.keeps and solver is step.solver
         block = Block(first, last, step.loads(times), step.tol, step.max_iter, stops, keeps)
         path = StepOutput(record.q, record.v, record.reaction)
         room = room_for(table, len(features[0].law), step.banded)
+        arguments = block, table, step.banded, features, state, path, room
+        ways = Ways(solver.kernel, solve_kept_rows if keeps else no_kept_rows, step.featured, step.springs)
         if line:
-            result = line.run(block, table, line.coefficients(table, features[2]), state, path, room, solve)
+            coefficients = line.coefficients(table, features[2])
+            result = line.run(block, table, coefficients, state, path, room, address(solver.kernel, KERNEL))
+        elif solver.compiled and not step.forces:
+            result = call_with(steps, arguments, ways, WAY_TYPES)
         else:
-            kernel: Callable[..., Any] = take_steps if solver.compiled and not step.forces else in_python(steps)
-            result = kernel(block, table, step.banded, features, state, path, room, solve, springs)
+            kept, featured, springs = map(in_python, ways[1:])
+            if step.forces:
+                springs = step.forces(float(times[0] + self.reaction_at * (times[1] - times[0])))
+            result = in_python(steps)(*arguments, Ways(solver.kernel, kept, featured, springs))
         code, reached, iterations, newton, residual = result
         record.stats.add_lcps(self.laws * (reached - first), iterations, residual, newton)
         return code, reached
@@ -496,7 +510,7 @@ class LinearStep(TimeStepping[Tabulated]):
 @cache
 def in_python(function: F) -> F:
     """Return a compiled function as the interpreter runs it, with the LCP solver's own kernel in it."""
-    return interpreted(function, solve_law=interpreted(solve_law))
+    return interpreted(function, solve_law=interpreted(solve_law), **READERS)
 
 
 def spring_solver(d: Dynamics) -> SpringSolver:

@@ -37,7 +37,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, interpreted, matrix, named_tuple, vector
+from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import InputError, Status
 from lcpimpact.hybrid.impacts import refuse_velocity_jumps
 from lcpimpact.hybrid.system import System, refuse_mixed_degrees
@@ -53,6 +53,7 @@ from lcpimpact.integrators.stepping.law import (
     with_fallbacks,
 )
 from lcpimpact.integrators.stepping.tableau import Tableau
+from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.problem import KERNEL

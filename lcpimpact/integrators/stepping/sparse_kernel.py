@@ -535,6 +535,7 @@ def take_step(
         STEPS, TABLE, types.Tuple((LAWS, ROOM, FOUND)), CONTACTS, MOTION, RECORDED, CONTACT_SOLVER, KERNEL
     ),
     allocates=False,
+    most=0,
 )
 def sparse_steps(
     block: Steps,

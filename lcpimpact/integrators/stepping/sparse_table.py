@@ -12,7 +12,6 @@ from scipy import linalg, sparse
 from scipy.sparse.linalg import splu
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import interpreted
 from lcpimpact.errors import Status, UnsupportedError
 from lcpimpact.integrators.stepping.linear_step import REST_GAP_FACTOR
 from lcpimpact.integrators.stepping.sparse_kernel import (
@@ -36,6 +35,7 @@ from lcpimpact.integrators.stepping.sparse_kernel import (
 )
 from lcpimpact.integrators.stepping.sparse_symbols import SparseStep, input_sizes
 from lcpimpact.integrators.stepping.stencil import Stencil, apply, factor_bands, half_bandwidth, lower_bands, stencil
+from lcpimpact.interpreter import interpreted
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.operators import Dense
 from lcpimpact.lcp.solve import limits

@@ -28,8 +28,8 @@ from lcpimpact.integrators.stepping.kernel import (
     STEP_STATE,
     TABLE,
     StepTable,
+    kernel_at,
     solve_rows,
-    solver_at,
 )
 from lcpimpact.integrators.stepping.law import Solving
 from lcpimpact.integrators.stepping.static_balance import Static
@@ -278,7 +278,7 @@ def python_source(writer: Writer) -> str:
         *(f"y{i} = state.y[{i}]" for i in range(states)),
         *(f"P{law * nc + i} = state.P[{law}, {i}]" for law in range(laws) for i in range(nc)),
         "first, last, tol, worst, iterations = block.first, block.last, block.tol, 0.0, 0",
-        "solving = Solving(tol, block.max_iter, solver_at(solve))",
+        "solving = Solving(tol, block.max_iter, kernel_at(solve))",
         f"free, reached, status = room.sums[:{nc}], first, IRREGULAR",
     ]
     step = [f"load{j} = block.loads[k - first, {j}]" for j in range(loads)]
@@ -368,7 +368,7 @@ def straight_line(key: bytes, table: StepTable, static: Static, n: int, steps: i
         tally.writer = tally.writer or write_step(table, static, n)
         source = python_source(tally.writer)
         if tally.steps >= WORTH_COMPILING or source_file(source).exists():
-            names = {"Solving": Solving, "solver_at": solver_at, "solve_rows": solve_rows, "np": np, "SOLVED": SOLVED}
+            names = {"Solving": Solving, "kernel_at": kernel_at, "solve_rows": solve_rows, "np": np, "SOLVED": SOLVED}
             run = compiled_text(source, "run", SIGNATURE, names | {"INFINITY": np.inf, "IRREGULAR": IRREGULAR})
             tally.code = StraightLine(tuple(tally.writer.coefficients.values()), run) if run else None
     return tally.code

@@ -13,7 +13,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, f8, flags, i8, indices, matrix, named_tuple, vector
+from lcpimpact.compiled import FEW_ROWS, compiled, f8, flags, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.basis import row_roots
 from lcpimpact.lcp.lapack import EPS
@@ -339,7 +339,7 @@ def descend(
     return MAX_ITER, max_iter
 
 
-@compiled(SIGNATURE)
+@compiled(SIGNATURE, most=FEW_ROWS)
 def active_set(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Allocate the workspace and `descend` from the initial guess.
 

@@ -45,7 +45,7 @@ def start(W: Array, q: Array, lower: Array, upper: Array, z: Array, d: Array) ->
     return True
 
 
-@compiled(SIGNATURE)
+@compiled(SIGNATURE, most=0)
 def apgd(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     r"""Take projected gradient steps from an extrapolated point y, v = M y + q, in the metric of D = diag(M).
 

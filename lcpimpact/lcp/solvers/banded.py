@@ -16,7 +16,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, i8, indices, matrix, named_tuple, vector
+from lcpimpact.compiled import FEW_ROWS, compiled, i8, indices, matrix, named_tuple, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.operators import Property
@@ -123,7 +123,7 @@ def isotonic_chain(mass: Array, q: Array, z: Array, room: Pools) -> int:
     return SOLVED
 
 
-@compiled(SIGNATURE)
+@compiled(SIGNATURE, most=FEW_ROWS)
 def banded(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Solve by isotonic regression if M is that of a chain and the only bounds are z >= 0, else by block pivoting."""
     mass = np.empty(len(q) + 1)

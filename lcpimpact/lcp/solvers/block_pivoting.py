@@ -14,7 +14,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, indices, matrix, vector
+from lcpimpact.compiled import FEW_ROWS, compiled, indices, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.basis import PATIENCE, basic_solution, is_rounding, row_roots, sides, violation
 from lcpimpact.lcp.compressed import for_entries
@@ -89,7 +89,7 @@ def equal(a: Indices, b: Indices) -> bool:
     return same
 
 
-@compiled(SIGNATURE)
+@compiled(SIGNATURE, most=FEW_ROWS)
 def block_pivoting(
     W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
 ) -> tuple[int, int]:

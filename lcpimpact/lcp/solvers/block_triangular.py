@@ -10,7 +10,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, i8, indices, matrix
+from lcpimpact.compiled import FEW_ROWS, compiled, i8, indices, matrix
 from lcpimpact.errors import Status
 from lcpimpact.lcp.lapack import EPS
 from lcpimpact.lcp.problem import SIGNATURE
@@ -91,7 +91,7 @@ def components(M: Array, block: Indices) -> int:
     return blocks
 
 
-@compiled(SIGNATURE)
+@compiled(SIGNATURE, most=FEW_ROWS)
 def block_triangular(
     W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
 ) -> tuple[int, int]:

@@ -13,7 +13,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Flags, Indices
-from lcpimpact.compiled import compiled, f8, flags, i8, indices, vector
+from lcpimpact.compiled import FEW_ROWS, compiled, f8, flags, i8, indices, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.operators import Property
@@ -236,7 +236,7 @@ def drive(
             return (SOLVED if s == r else SINGULAR), count
 
 
-@compiled(SIGNATURE)
+@compiled(SIGNATURE, most=FEW_ROWS)
 def dantzig(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Add the rows without bounds, then the others, each starting from the z nearest to zero.
 

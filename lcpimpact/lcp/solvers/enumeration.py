@@ -52,7 +52,7 @@ def try_basis(W: Array, q: Array, lower: Array, upper: Array, side: Indices, z: 
     return solved, not solved and (not regular or scaled <= 10.0 * max(tol, rounding))
 
 
-@compiled(SIGNATURE)
+@compiled(SIGNATURE, most=0)
 def enumeration(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Return the first basic solution, in the order of the bases, whose residual is within tol.
 

@@ -257,7 +257,7 @@ def predict_correct(
     return length
 
 
-@compiled(SIGNATURE)
+@compiled(SIGNATURE, most=0)
 def interior_point(
     W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int
 ) -> tuple[int, int]:

@@ -9,7 +9,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
+from lcpimpact.compiled import FEW_ROWS, compiled, f8, i8, indices, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.operators import Property
@@ -108,7 +108,7 @@ def drive(
             return (SOLVED if s == r else SINGULAR), count
 
 
-@compiled(SIGNATURE)
+@compiled(SIGNATURE, most=FEW_ROWS)
 def keller(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Drive the most negative variable of a pair to zero, at first a w_r, until none is negative.
 

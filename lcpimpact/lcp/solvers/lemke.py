@@ -8,7 +8,7 @@ import numpy as np
 from numba import types
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
+from lcpimpact.compiled import FEW_ROWS, compiled, f8, i8, indices, matrix, vector
 from lcpimpact.errors import Status
 from lcpimpact.lcp.judge import proves_infeasible
 from lcpimpact.lcp.pivoting import PIVOT_TOL, exchange
@@ -186,7 +186,7 @@ def follow(path: LemkePath, r: int, size: float, y: Array, count: int, max_iter:
     return RAY, count, c
 
 
-@compiled(SIGNATURE)
+@compiled(SIGNATURE, most=FEW_ROWS)
 def lemke(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Follow the almost complementary path of w = M z + q + d z0 from a large z0 until z0 leaves the basis.
 

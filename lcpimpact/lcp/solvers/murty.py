@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from lcpimpact.arrays import Array
-from lcpimpact.compiled import compiled
+from lcpimpact.compiled import FEW_ROWS, compiled
 from lcpimpact.errors import Status
 from lcpimpact.lcp.basis import basic_solution, is_rounding, row_roots, sides, violation
 from lcpimpact.lcp.lapack import EPS
@@ -21,7 +21,7 @@ from lcpimpact.lcp.trace import NONE, note
 SOLVED, SINGULAR, MAX_ITER = int(Status.SOLVED), int(Status.SINGULAR), int(Status.MAX_ITER)
 
 
-@compiled(SIGNATURE)
+@compiled(SIGNATURE, most=FEW_ROWS)
 def murty(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Exchange w_i and z_i for the least i whose basic variable is negative, until there is none.
 

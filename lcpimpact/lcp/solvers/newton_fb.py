@@ -130,7 +130,7 @@ def line_search(problem: Scaled, x: Array, y: Array, psi: float, gradient: Array
     return False
 
 
-@compiled(SIGNATURE)
+@compiled(SIGNATURE, most=0)
 def newton_fb(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Take damped Newton steps -J⁻¹ Φ that decrease Ψ = ½ Φ·Φ, until the active set is identified.
 

@@ -35,7 +35,7 @@ def sweep(W: Array, d: Array, q: Array, lower: Array, upper: Array, z: Array) ->
         z[i] = min(max(z[i] - (row_product(W, i, z) + q[i]) / d[i], lower[i]), upper[i])
 
 
-@compiled(SIGNATURE)
+@compiled(SIGNATURE, most=0)
 def nncg(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     r"""Take the step s of a sweep there and back, and then β p, projected, with p the sum of the steps before.
 

@@ -17,7 +17,7 @@ from lcpimpact.lcp.trace import NONE, note
 SOLVED, MAX_ITER = int(Status.SOLVED), int(Status.MAX_ITER)
 
 
-@compiled(SIGNATURE)
+@compiled(SIGNATURE, most=0)
 def pgs(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Sweep z_i <- P(z_i - (M z + q)_i / M_ii) until the residual is within tol or its rounding error."""
     n = len(q)

@@ -81,7 +81,7 @@ def proposal(best: float, contraction: float, reach: float, direction: int) -> f
     return 2.0 - min(max(ratio * (2.0 - best), MIN_DAMPING), 1.0)
 
 
-@compiled(SIGNATURE)
+@compiled(SIGNATURE, most=0)
 def psor(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, max_iter: int) -> tuple[int, int]:
     """Sweep z_i <- P(z_i - ω (M z + q)_i / M_ii) until the residual is within tol or repeating steps certify infeasibility.
 

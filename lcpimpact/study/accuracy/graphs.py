@@ -103,7 +103,7 @@ def nearest_segment(x: float, y: float, B: Array) -> int:
     return best
 
 
-@compiled(f8(matrix, matrix, f8, i8))
+@compiled(f8(matrix, matrix, f8, i8), most=0)
 def farthest(A: Array, B: Array, reached: float, most: int) -> float:
     """Return the largest distance from B of a point of A, or ``reached`` if that is larger.
 

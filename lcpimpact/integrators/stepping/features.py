@@ -1,0 +1,246 @@
+"""Laws of a step that are more than plain rows: those with springs, friction and impulse paths, and those of many rows.
+
+The kernel calls `solve_features` and `solve_kept_rows` by their addresses, so that steps without them do not compile them.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import types
+
+from lcpimpact.arrays import Array
+from lcpimpact.compiled import compiled, f8, i8, matrix, vector
+from lcpimpact.integrators.stepping.friction import active_friction, solve_same_case
+from lcpimpact.integrators.stepping.impulse_paths import Paths, closes, write_shifts
+from lcpimpact.integrators.stepping.kept_basis import KeptBasis, solve_from_basis
+from lcpimpact.integrators.stepping.kernel import (
+    FEATURED_SIGNATURE,
+    KEPT_SIGNATURE,
+    ROOM,
+    SOLVED,
+    STATIC_FRICTION,
+    STEP_SPRINGS,
+    STEP_STATE,
+    TABLE,
+    StaticFriction,
+    StepSprings,
+    StepState,
+    StepTable,
+    Workspace,
+    solve_rows,
+)
+from lcpimpact.integrators.stepping.law import (
+    PROBLEM,
+    SOLVING,
+    SPRING_SOLVER,
+    ContactProblem,
+    Solving,
+    Springs,
+    SpringSolver,
+    restrict,
+    solve_law,
+)
+from lcpimpact.integrators.stepping.static_balance import Static
+from lcpimpact.lcp.friction import FRICTION, FrictionRows, friction_maps, unknowns
+
+HOLDING_RTOL = 1e-9
+"""Slip rate of surfaces that stick, relative to what their friction can change in a step."""
+
+ROUNDING = 16.0 * float(np.finfo(float).eps)
+
+CHANGE: Any = types.Tuple((types.boolean, matrix, matrix))
+SOLVERS: Any = types.Tuple((SOLVING, SPRING_SOLVER))
+
+
+@compiled(KEPT_SIGNATURE)
+def solve_kept_rows(
+    table: StepTable, q: Array, na: int, room: Workspace, kept: KeptBasis, solving: Solving
+) -> tuple[int, int, float]:
+    """Solve a single law on its ``na`` active rows from the basis of the last step, if it can."""
+    rows = ContactProblem(table.W[0], q, table.lower[0], table.upper[0])
+    residual = solve_from_basis(rows, room.active[:na], kept, room.z[:na], solving.tol)
+    if residual < np.inf:
+        return SOLVED, 0, residual
+    return solve_rows(table, 0, q, na, room, solving)
+
+
+@compiled(types.void(TABLE, STEP_SPRINGS, types.UniTuple(i8, 2), ROOM), allocates=False)
+def couple_springs(table: StepTable, springs: StepSprings, which: tuple[int, int], room: Workspace) -> None:
+    """Write how the springs in law ``which[0]`` couple with its ``which[1]`` active rows, and their free motion."""
+    (law, na), nc, ns, (vectors, HGs, NG, _, NGs, _) = which, table.W.shape[1], len(springs.law), room.springs
+    rates, P, at_s = law * 2 * (nc + ns) + 2 * nc, law * (nc + ns), law * (nc + ns) + nc
+    for j in range(ns):
+        y_free = room.sums[rates + j]
+        vectors[0, j], vectors[1, j] = y_free, room.sums[rates + ns + j] + springs.θh[law] * y_free
+        vectors[2, j], room.s[j] = y_free, 0.0
+        for a in range(na):
+            HGs[a, j] = table.unknown[at_s + j, rates - nc + room.active[a]]
+            NG[j, a] = table.unknown[P + room.active[a], rates + j]
+        for i in range(ns):
+            NGs[j, i] = table.unknown[at_s + i, rates + j]
+
+
+@compiled(
+    types.Tuple((i8, i8, i8, f8))(TABLE, STEP_SPRINGS, ROOM, types.UniTuple(i8, 2), PROBLEM, CHANGE, vector, SOLVERS)
+)
+def solve_once(
+    table: StepTable,
+    springs: StepSprings,
+    room: Workspace,
+    which: tuple[int, int],
+    rows: ContactProblem,
+    change: tuple[bool, Array, Array],
+    z: Array,
+    solvers: tuple[Solving, SpringSolver],
+) -> tuple[int, int, int, float]:
+    """Solve rows and springs from the guess z; ``change`` are E and T of rows that friction has changed, if it has."""
+    (rough, E, T), (law, na), (solving, solve_springs), coupled = change, which, solvers, room.springs
+    if len(springs.law) > 0:
+        couple_springs(table, springs, which, room)
+        if rough:
+            m = len(z)
+            HGs, NG = E @ coupled.HGs[:na], np.ascontiguousarray(coupled.NG[:, :na]) @ T
+            coupled.HGs[:m], coupled.NG[:, :m] = HGs, NG
+        y_free, δ, y = coupled.vectors[0], coupled.vectors[1], coupled.vectors[2]
+        now = Springs(springs.law, springs.θh[law], springs.h, coupled)
+        status, count, newton, residual = solve_springs(rows, now, y_free, δ, z, y, room.s, solving)
+    else:
+        newton = 0
+        status, count, residual = solve_law(rows, z, solving)
+    if rough:
+        room.z[:na] = T @ z
+    return status, count, newton, residual
+
+
+@compiled(FEATURED_SIGNATURE)
+def solve_in_turn(
+    table: StepTable,
+    features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction],
+    state: StepState,
+    room: Workspace,
+    which: tuple[int, int],
+    solving: Solving,
+    solve_springs: SpringSolver,
+) -> tuple[int, int, int, float]:
+    """Solve law ``which[0]`` on its ``which[1]`` active rows with springs and friction; again while impulse paths close."""
+    (springs, paths, _, all_friction, _), (law, na) = features, which
+    nc, ns, n = table.W.shape[1], len(springs.law), paths.H.shape[1]
+    first, active, P = law * 2 * (nc + ns) + nc, room.active[:na], room.z[:na]
+    all_rows = ContactProblem(table.W[law], room.sums[first : first + nc], table.lower[law], table.upper[law])
+    if all_friction.continues and ns == 0 and len(paths.lines) == 0:
+        residual = solve_same_case(all_rows, active, all_friction, state.P[law], P)
+        if residual <= solving.tol:
+            return SOLVED, 0, 0, residual
+    rough, rows, z = len(all_friction.rows) > 0, all_rows, P
+    if rough or na < nc or len(paths.lines) > 0:
+        rows = restrict(all_rows, active)
+    q, E, T = rows.q, rows.W, rows.W  # E and T are placeholders without friction
+    if rough:
+        friction = active_friction(all_friction, active)
+        E, T, V, lower, upper = friction_maps(rows.W, rows.lower, rows.upper, friction)
+        rows, z = ContactProblem(E @ rows.W @ T + V, E @ q, lower, upper), unknowns(T, P, friction)
+    solvers = solving, solve_springs
+    status, iterations, newton, residual = solve_once(table, springs, room, which, rows, (rough, E, T), z, solvers)
+    if len(paths.lines) == 0:
+        return status, iterations, newton, residual
+    closed, shift, at_active, q = np.zeros(len(paths.lines), np.bool_), np.zeros(nc), np.zeros(na), q.copy()
+    while status == SOLVED and closes(paths.lines, closed, active, P):
+        write_shifts(paths, closed, state.y[:n], state.y[n : 2 * n], shift)
+        for a in range(na):
+            at_active[a] = q[a] + shift[active[a]] / paths.h
+        rows.q[:] = E @ at_active if rough else at_active
+        status, count, tried, residual = solve_once(table, springs, room, which, rows, (rough, E, T), z, solvers)
+        iterations, newton = iterations + count, newton + tried
+    return status, iterations, newton, residual
+
+
+@compiled(types.void(TABLE, i8, f8, FRICTION, STATIC_FRICTION, STEP_STATE))
+def recall_slip(
+    table: StepTable, law: int, h: float, friction: FrictionRows, memory: StaticFriction, state: StepState
+) -> None:
+    """Give what sticks at the start of a step its static coefficient of friction, and what slides its kinetic one."""
+    n = memory.H.shape[1]
+    for k in range(len(memory.static)):
+        U, size, i = 0.0, 0.0, friction.rows[k]
+        for j in range(n):
+            U += memory.H[k, j] * state.y[n + j]
+            # The mean rate of a node with prescribed motion is a difference of its places.
+            size += abs(memory.H[k, j]) * (abs(state.y[n + j]) + abs(state.y[j]) / h)
+        memory.near[k], memory.turned[k] = ROUNDING * size, False
+        reach = memory.static[k] * abs(table.W[law, i, i]) * max(state.P[law, friction.normals[k]], 0.0)
+        sticks = abs(U) <= memory.near[k] + HOLDING_RTOL * reach
+        memory.U[k], friction.mu[k] = (0.0, memory.static[k]) if sticks else (U, memory.kinetic[k])
+
+
+@compiled(types.boolean(TABLE, types.UniTuple(i8, 2), FRICTION, STATIC_FRICTION, ROOM))
+def breaks_loose(
+    table: StepTable, which: tuple[int, int], friction: FrictionRows, memory: StaticFriction, room: Workspace
+) -> bool:
+    """Return whether a law must be solved again, since what sticks slips, now with μ, or slip turns back, now with μ_s.
+
+    ``which`` are the law and its number of active rows.
+    """
+    (law, na), nc, ns, again = which, table.W.shape[1], len(room.s), False
+    column = law * (nc + ns)
+    for k in range(len(memory.static)):
+        i, reach = friction.rows[k], 0.0
+        row = 2 * column + nc + i
+        L = room.sums[row]
+        for a in range(na):
+            L += table.unknown[column + room.active[a], row] * room.z[a]
+            if room.active[a] == friction.normals[k]:
+                reach = friction.mu[k] * abs(table.W[law, i, i]) * room.z[a]
+        for j in range(ns):
+            L += table.unknown[column + nc + j, row] * room.s[j]
+        moves, static = abs(L) > memory.near[k] + HOLDING_RTOL * reach, friction.mu[k] > memory.kinetic[k]
+        if moves and static and (memory.U[k] == 0.0 or memory.turned[k]):
+            friction.mu[k], again = memory.kinetic[k], True
+        elif moves and memory.U[k] * L < 0.0 and not memory.turned[k]:
+            friction.mu[k], memory.turned[k], again = memory.static[k], True, True
+    return again
+
+
+@compiled(FEATURED_SIGNATURE)
+def solve_features(
+    table: StepTable,
+    features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction],
+    state: StepState,
+    room: Workspace,
+    which: tuple[int, int],
+    solving: Solving,
+    solve_springs: SpringSolver,
+) -> tuple[int, int, int, float]:
+    """Solve law ``which[0]`` on its ``which[1]`` active rows with all features; again while static friction changes."""
+    (springs, _, _, friction, memory), (law, _), iterations, newton, again = features, which, 0, 0, True
+    status, count, tried, residual, holds = SOLVED, 0, 0, 0.0, len(memory.static) > 0
+    if holds:
+        recall_slip(table, law, springs.h, friction, memory, state)
+    while again and status == SOLVED:
+        status, count, tried, residual = solve_in_turn(table, features, state, room, which, solving, solve_springs)
+        iterations, newton = iterations + count, newton + tried
+        again = holds and breaks_loose(table, which, friction, memory, room)
+    return status, iterations, newton, residual
+
+
+@compiled(KEPT_SIGNATURE)
+def no_kept_rows(
+    table: StepTable, q: Array, na: int, room: Workspace, kept: KeptBasis, solving: Solving
+) -> tuple[int, int, float]:
+    """Placeholder for steps that keep no basis; never called."""
+    return SOLVED, 0, 0.0
+
+
+@compiled(FEATURED_SIGNATURE)
+def no_features(
+    table: StepTable,
+    features: tuple[StepSprings, Paths, Static, FrictionRows, StaticFriction],
+    state: StepState,
+    room: Workspace,
+    which: tuple[int, int],
+    solving: Solving,
+    solve_springs: SpringSolver,
+) -> tuple[int, int, int, float]:
+    """Placeholder for steps of plain rows; never called."""
+    return SOLVED, 0, 0, 0.0

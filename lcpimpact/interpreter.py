@@ -1,0 +1,93 @@
+"""Compiled functions as the interpreter runs them, with the same bits: with other functions in them, or uncompiled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import cache
+from types import FunctionType
+from typing import Any, TypeVar
+
+import numpy as np
+from numba import types
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def interpreted(function: F, made: Callable[[Any, Any], Any] | None = None, **names: Any) -> F:
+    """Return the Python function of a compiled one, to be run by the interpreter.
+
+    Parameters
+    ----------
+    function : compiled function
+        If compilation is switched off, the function itself.
+    made : callable
+        made(compiled, python) -> what takes the place of a function whose names are replaced, as one compiled again.
+    **names
+        Functions that replace the global names of ``function`` and of the functions that it calls, such as the product of an
+        operator in place of that of an array, or a recording of iterates.
+    """
+    python: Any = getattr(function, "py_func", function)
+    changed = {}
+    for name in python.__code__.co_names if names else ():
+        called = python.__globals__.get(name)
+        if name in names:
+            changed[name] = names[name]
+        elif isinstance(getattr(called, "py_func", None), FunctionType):
+            inner = interpreted(called, made, **names)
+            changed |= {name: inner} if inner is not called.py_func else {}
+    if changed:
+        python = _with_names(python, changed)
+        python = made(function, python) if made else python
+    found: F = python
+    return found
+
+
+@cache
+def throughout(function: Any) -> Any:
+    """Return the Python function of a compiled one, in which all functions that it calls are Python functions too."""
+    python = getattr(function, "py_func", function)
+    if not isinstance(python, FunctionType):
+        return python
+    called = {name: python.__globals__.get(name) for name in python.__code__.co_names}
+    changed = {name: throughout(each) for name, each in called.items() if hasattr(each, "py_func")}
+    return _with_names(python, changed) if changed else python
+
+
+def _with_names(python: Any, names: dict[str, Any]) -> Any:
+    """Return a Python function in which some global names stand for something else."""
+    return FunctionType(python.__code__, python.__globals__ | names, python.__name__, None, python.__closure__)
+
+
+def arrays_in(arguments: Sequence[Any]) -> Iterator[np.ndarray]:
+    """Yield the arrays of some arguments, which may be tuples of arrays."""
+    for each in arguments:
+        if isinstance(each, np.ndarray):
+            yield each
+        elif isinstance(each, tuple):
+            yield from arrays_in(each)
+
+
+def size_of(arguments: Sequence[Any]) -> int:
+    """Return the count of numbers in the arrays of some arguments."""
+    return sum(each.size for each in arrays_in(arguments))
+
+
+def as_declared(value: Any, kind: Any) -> Any:
+    """Return a result as compiled code does: of the type of numbers that its signature declares."""
+    if isinstance(kind, types.BaseTuple) and not hasattr(kind, "instance_class"):
+        return tuple(as_declared(each, of) for each, of in zip(value, kind, strict=True))
+    convert: Any = {types.float64: float, types.int64: int, types.boolean: bool}.get(kind)
+    return convert(value) if convert else value
+
+
+def interpret(function: Any, signature: Any, arguments: Sequence[Any]) -> Any:
+    """Call a compiled function in the interpreter; if that raises an error, its arrays are as before the call."""
+    before = [(each, each.copy()) for each in arrays_in(arguments)]
+    given = [throughout(each) if hasattr(each, "py_func") else each for each in arguments]
+    try:
+        with np.errstate(all="ignore"):
+            return as_declared(throughout(function)(*given), signature.return_type)
+    except BaseException:
+        for each, copied in before:
+            each[...] = copied
+        raise
