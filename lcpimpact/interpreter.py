@@ -74,8 +74,9 @@ def size_of(arguments: Sequence[Any]) -> int:
 
 def as_declared(value: Any, kind: Any) -> Any:
     """Return a result as compiled code does: of the type of numbers that its signature declares."""
+    kinds: Any = kind
     if isinstance(kind, types.BaseTuple) and not hasattr(kind, "instance_class"):
-        return tuple(as_declared(each, of) for each, of in zip(value, kind, strict=True))
+        return tuple(as_declared(each, of) for each, of in zip(value, kinds, strict=True))
     convert: Any = {types.float64: float, types.int64: int, types.boolean: bool}.get(kind)
     return convert(value) if convert else value
 
