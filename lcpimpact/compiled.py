@@ -28,6 +28,7 @@ import numba
 from numba import types
 from numba.core import cgutils, event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
+from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 
@@ -283,12 +284,13 @@ class Deferred(CPUDispatcher):
 
     def resolve(self) -> None:
         """Compile the function for its signature, or read the compiled code."""
-        if self.declared is None or self.ready or self.is_compiling:
-            return
-        self._cache = self.cached_code() or self._cache
-        self.compile(self.declared)
-        self.disable_compile()
-        self.ready = True
+        with global_compiler_lock:
+            if self.declared is None or self.ready or self.is_compiling:
+                return
+            self._cache = self.cached_code() or self._cache
+            self.compile(self.declared)
+            self.disable_compile()
+            self.ready = True
 
     def cached_code(self) -> CheckedCache | None:
         """Return the cache of its compiled code, if it can have one."""

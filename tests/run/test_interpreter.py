@@ -1,6 +1,8 @@
 """Functions without compiled code: what runs in the interpreter, when it is compiled, and that both have the same bits."""
 
 import json
+import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -96,6 +98,20 @@ def test_compilation_first_is_a_choice(later, monkeypatch):
     monkeypatch.setenv(compiled.WHEN_TO_COMPILE, "first")
     function = compiled.compiled(i8(vector))(type_of)
     assert function(np.zeros(3)) == 3
+    assert function.ready
+
+
+def test_threads_that_call_a_function_first_compile_it_once(later, monkeypatch):
+    """All but the first were answered that compilation is disabled."""
+    monkeypatch.setenv(compiled.WHEN_TO_COMPILE, "first")
+    function, begin = compiled.compiled(f8(f8))(lambda x: x * x), threading.Barrier(4)
+
+    def call(x):
+        begin.wait()
+        return function(x)
+
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(call, [1.0, 2.0, 3.0, 4.0])) == [1.0, 4.0, 9.0, 16.0]
     assert function.ready
 
 
