@@ -13,7 +13,7 @@ from scipy.io import loadmat
 
 import lcpimpact as li
 from lcpimpact.run_files import WRITERS, companions, matlab_names
-from lcpimpact.study.design.fit import CSV_OPTIONS
+from lcpimpact.study.design.curves import CSV_OPTIONS
 
 HAS = {name: importlib.util.find_spec(name) is not None for name in ("pyarrow", "xarray")}
 needs_pyarrow = pytest.mark.skipif(not HAS["pyarrow"], reason="needs pyarrow")
