@@ -52,7 +52,7 @@ def solve(
     every: Annotated[bool, typer.Option("--all", help="List all solutions, for n <= 15.")] = False,
     out: Annotated[Path | None, typer.Option(help="File for z and w: .csv or .npz.")] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="File for the complementary cones, for n = 2: .png, .svg or .pdf.")
+        Path | None, typer.Option(help="File for the complementary cones, for n = 2 or 3: .png, .svg or .pdf.")
     ] = None,
 ) -> None:
     """Solve the LCP of a file, w = M z + q, 0 <= z ⟂ w >= 0 or between bounds, and print the solution and its properties.
@@ -75,8 +75,8 @@ def solve(
         problem.lower if lower is None else _numbers("--lower", lower, n),
         problem.upper if upper is None else _numbers("--upper", upper, n),
     )
-    if plot is not None and (n != 2 or bounded):
-        raise InputError("--plot needs an LCP with n = 2 and without bounds, whose cones it draws: leave it out")
+    if plot is not None and (n not in (2, 3) or bounded):
+        raise InputError("--plot needs an LCP with n = 2 or 3 and without bounds, whose cones it draws: leave it out")
     if every:
         _check_bases(low, high)
 

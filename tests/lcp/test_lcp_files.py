@@ -642,7 +642,7 @@ REFUSED = {
     "a step too far": (["--tableau", "3", "--solver", "lemke"], "the trace has the steps 1 to 2"),
     "an ending of an answer": (["--out", "z.lcp"], "must end in one of .csv, .npz"),
     "an ending of a picture": (["--plot", "z.jpg"], ".png, .svg, .pdf"),
-    "cones of a box": (["--plot", "z.png", "--upper", "1"], "--plot needs an LCP with n = 2"),
+    "cones of a box": (["--plot", "z.png", "--upper", "1"], "--plot needs an LCP with n = 2 or 3"),
     "no folder": (["--out", "nowhere/z.csv"], "there is no folder 'nowhere'"),
     "q twice": (["--q", ROOT / "docs" / "three.lcp"], "q stands in it already"),
     "an unknown option": (["--tabloo", "3"], "--tabloo"),

@@ -33,9 +33,9 @@ def solution(given: LCPSolution) -> tuple[str, list[Section]]:
 
 
 def trace(given: Trace) -> tuple[str, list[Section]]:
-    """Return the steps with their tableaus, and in the plane the complementary cones."""
+    """Return the steps with their tableaus, and of order 2 or 3 the complementary cones."""
     first, *rows = str(given).split("\n")
-    figures = [plot_cones(given.M, given.q)] if len(given.q) == 2 else []
+    figures = [plot_cones(given.M, given.q)] if len(given.q) in (2, 3) else []
     tableaus = "".join(
         folded(f"Tableau {k + 1}", given.tableau(k))
         for k in range(min(len(given), MAX_ROWS))
