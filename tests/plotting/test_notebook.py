@@ -81,7 +81,7 @@ def test_a_solution_shows_z_and_w_and_a_trace_its_tableaus():
     solution = li.solve_lcp([[2.0, 1.0], [1.0, 2.0]], [-5.0, -6.0], "lemke", trace=True)
     cell = shown(solution)
     assert cell.cells[:9] == ["i", "z", "w", "1", "1.33333", "0", "2", "2.33333", "0"]
-    assert len(cell.pictures) == 1, "the cones"
+    assert len(cell.pictures) == 2, "the path and the cones"
     assert [word for word in cell.words if word.startswith("Tableau")] == ["Tableau 1", "Tableau 2", "Tableau 3"]
     large = shown(li.solve_lcp(np.eye(100), -np.ones(100)))
     assert "The first 30 of 100 rows." in large.words
