@@ -21,7 +21,7 @@ from lcpimpact.plotting.style import GREY, INK, LCP, PALETTE, RK4, Drawing, save
 ROOM = 0.18
 """Margin around the path, relative to its extent."""
 
-SAME_PLACE_TOL = 0.05
+SAME_PLACE_TOL = 0.03
 """Distance of two steps, relative to the extent of the path, below which they have one label."""
 
 MAX_NAMED_STEPS = 12
@@ -78,7 +78,7 @@ def plot_trace(trace: Trace, path: str | Path | None = None) -> Figure:
     if n == 2:
         _draw_in_plane(ax, trace, z)
     else:
-        _draw_in_space(ax, z)
+        _draw_in_space(ax, trace, z)
     _draw_progress(figure.add_subplot(1, 2, 2), trace)
     last = ", ".join(f"{each:.4g}" for each in z[-1] + 0.0)
     z0, steps = trace.steps[-1].z0, f"{len(trace)} step{'s' if len(trace) > 1 else ''}"
@@ -98,8 +98,10 @@ def _covering(trace: Trace) -> str:
     return ""
 
 
-def _places(z: Array) -> list[tuple[Array, str]]:
-    """Return the points of the path that are apart, each with the numbers of the steps there."""
+def _places(trace: Trace, z: Array) -> list[tuple[Array, str]]:
+    """Return the points of the path that are apart, each with the numbers of the steps there; of iterates the ends."""
+    if not any(step.entering or step.leaving for step in trace.steps):
+        return [(z[0], "1"), *([(z[-1], str(len(z)))] if len(z) > 1 else [])]
     size = float(np.ptp(z, axis=0).max()) or 1.0
     found: list[tuple[Array, list[int]]] = []
     for number, point in enumerate(z, 1):
@@ -144,14 +146,14 @@ def _draw_in_plane(ax: Axes, trace: Trace, z: Array) -> None:
         arrow = {"arrowstyle": "-|>", "color": LCP, "linewidth": 1.4, "shrinkA": 0.0, "shrinkB": 0.0}
         ax.annotate("", (ahead[0], ahead[1]), (middle[0], middle[1]), arrowprops=arrow, zorder=3.0)
     ax.plot(*z[-1], color=RK4, linestyle="", marker="D", markersize=7.0, zorder=3.5)
-    for (x, y), name in _places(z):
+    for (x, y), name in _places(trace, z):
         ax.annotate(name, (x, y), (7.0, 7.0), textcoords="offset points", fontsize=11.0, path_effects=HALO, zorder=4.0)
     ax.set(xlim=(left, right), ylim=(low, high), xlabel="$z_1$", ylabel="$z_2$")
     if ax.get_legend_handles_labels()[0]:
         ax.legend(loc="best")
 
 
-def _draw_in_space(ax: Any, z: Array) -> None:
+def _draw_in_space(ax: Any, trace: Trace, z: Array) -> None:
     """Draw the path with its shadow on the plane of z1 and z2."""
     limits = _limits(z)
     floor = np.column_stack([z[:, :2], np.full(len(z), limits[2, 0])])
@@ -160,7 +162,7 @@ def _draw_in_space(ax: Any, z: Array) -> None:
         ax.plot(*np.array([below, point]).T, color=GREY, linestyle=":", linewidth=0.9)
     ax.plot(*z.T, color=LCP, linestyle="-", marker="o", markersize=5.0)
     ax.plot(*z[-1:].T, color=RK4, linestyle="", marker="D", markersize=7.0)
-    for point, name in _places(z):
+    for point, name in _places(trace, z):
         ax.text(*point, f"  {name}", fontsize=11.0, path_effects=HALO, zorder=10.0)
     ax.set(xlim=limits[0], ylim=limits[1], zlim=limits[2], xlabel="$z_1$", ylabel="$z_2$", zlabel="$z_3$")
     ax.view_init(elev=22.0, azim=-58.0)
