@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 from test_plotting import assert_nothing_is_cut_off, assert_nothing_overlaps
 
 import lcpimpact as li
+from lcpimpact.plotting.style import LCP
 
 KAPPEL = ([[2.0, 1.0], [1.0, 2.0]], [-5.0, -6.0])
 """The LCP of docs/lcp.md: Lemke's method goes from z = 0 by (0, 1) to (4/3, 7/3), and z0 from 6 by 4 to 0."""
