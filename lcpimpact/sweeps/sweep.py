@@ -11,12 +11,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from tqdm.auto import tqdm
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
 from lcpimpact.integrators.base import Integrator
-from lcpimpact.logs import bar_disabled
+from lcpimpact.logs import progress_bar
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import import_extra
@@ -122,14 +121,13 @@ def sweep(
     if store.resumed:
         blocks = [block for block in blocks if not store.is_done(block)]
     done = plan.size - sum(math.prod(each.stop - each.start for each in block) for block in blocks)
-    with tqdm(
+    with progress_bar(
+        progress,
         total=plan.size,
         initial=done,
         desc="sweep",
         unit="set",
         unit_scale=True,
-        delay=1.0,
-        disable=bar_disabled(progress),
         leave=False,
     ) as bar:
         for block, sets in run_blocks(job, plan, blocks, executor, known, threads):
