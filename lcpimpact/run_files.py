@@ -23,6 +23,9 @@ EVENT_COLUMNS = ("t", "contact", "kind", "impulse")
 
 SIDES = ("left", "right")
 
+EXTRAS = {".nc": ("xarray", "sweep"), ".parquet": ("pyarrow", "parquet")}
+"""Ending to the package that writes it, and the extra that has it."""
+
 MATLAB_NAME_LENGTH = 63
 """Maximum length of a name in MATLAB."""
 
@@ -31,6 +34,18 @@ MATLAB_OWN = (
     "function", "global", "if", "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "while",
 )  # fmt: skip
 """Names that a series cannot have in a .mat file: the structs beside it, and MATLAB's keywords."""
+
+
+def check_format(path: Path) -> None:
+    """Check, before any computation, that the package that writes the format of a file is installed.
+
+    Raises
+    ------
+    UnsupportedError
+        Naming the package and its extra.
+    """
+    if path.suffix in EXTRAS:
+        import_extra(*EXTRAS[path.suffix])
 
 
 def save(run: Any, path: Path) -> None:
@@ -44,6 +59,7 @@ def save(run: Any, path: Path) -> None:
         If the package that writes the format is not installed.
     """
     check_output(path, WRITERS)
+    check_format(path)
     with whole_files(*companions(path), path) as parts:
         WRITERS[path.suffix](run, *parts)
 
@@ -140,7 +156,7 @@ def to_pandas(run: Any) -> Any:
 
 def to_xarray(run: Any) -> Any:
     """Return a run as an xarray Dataset, with units in the attributes of its variables and metadata in its own."""
-    xarray = import_extra("xarray", "sweep")
+    xarray = import_extra(*EXTRAS[".nc"])
     given, unit = columns(run), units(run)
     forces = list(run.names[2 * len(run.nodes) :])
     axes = {name: "t_R" if name in forces else "t" for name in run.names}
@@ -237,7 +253,6 @@ def _write_netcdf(run: Any, path: Path) -> None:
 
 
 def _write_parquet(run: Any, events: Path, path: Path) -> None:
-    import_extra("pyarrow", "parquet")
     import pandas as pd
 
     frame = to_pandas(run)

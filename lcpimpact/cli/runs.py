@@ -38,10 +38,12 @@ def simulate(
     Example: lcpimpact simulate system-1 --set c_o=300 --set theta=1 --dt 1e-3 --out run.csv --plot run.png
     """
     from lcpimpact.plotting.style import METADATA as DRAWN_AS
-    from lcpimpact.run_files import WRITERS, companions
+    from lcpimpact.run_files import WRITERS, check_format, companions
 
     beside = () if out is None else companions(out)
     check_outputs(((out, WRITERS), *((each, (each.suffix,)) for each in beside), (plot, DRAWN_AS)), files(problem))
+    if out is not None:
+        check_format(out)
     trajectory = resolve_run(problem, set_, method, dt, t_end, solver).simulate()
     lines = [str(trajectory), *_fact_table(trajectory)]
     if out is not None:

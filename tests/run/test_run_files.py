@@ -170,6 +170,17 @@ def test_without_pyarrow_the_remedy_is_named_and_nothing_written(run, tmp_path, 
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_command_misses_a_package_before_it_runs(tmp_path, capsys, monkeypatch):
+    from lcpimpact.cli.main import main
+
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    monkeypatch.setattr("lcpimpact.simulation.simulate", lambda *_, **__: pytest.fail("it ran"))
+    with pytest.raises(SystemExit) as stop:
+        main(["simulate", "bouncing-ball", "--dt", "0.01", "--out", str(tmp_path / "run.parquet")])
+    assert stop.value.code == 2
+    assert "pip install 'lcpimpact[parquet]'" in " ".join(capsys.readouterr().err.split())
+
+
 @pytest.mark.parametrize("ending", list(WRITERS))
 def test_the_command_line_writes_every_format(ending, tmp_path, capsys):
     if (ending, HAS["xarray"]) == (".nc", False) or (ending, HAS["pyarrow"]) == (".parquet", False):
