@@ -16,7 +16,7 @@ from lcpimpact.certificate import Certificate, certify
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
-from lcpimpact.quantities import SUMMARY
+from lcpimpact.quantities import SUMMARY, Summary
 from lcpimpact.record import ContinuousSolution, Event, Record, State, Stats
 from lcpimpact.registry import html_of, load, nearest
 from lcpimpact.run_files import save, to_pandas, to_xarray
@@ -225,7 +225,7 @@ class Trajectory:
         events = tuple(event for event in self.events if event.contact in rigid and event.kind != "jump")
         return certify(d, start, record, self.dense, events, self.integrator)
 
-    def summary(self) -> dict[str, float]:
+    def summary(self) -> Summary:
         """Return the usual quantities of an impact in SI units, by name.
 
         The keys are always those of `lcpimpact.quantities.SUMMARY`, so that the summaries of many runs make a table; a
@@ -234,10 +234,11 @@ class Trajectory:
 
         Returns
         -------
-        dict of str to float
-            ``peak_force`` (N) and ``peak_time`` (s) of the contacts; ``contact_time`` (s), ``restitution`` -U⁺/U⁻ and
-            ``rebound_speed`` U⁺ (m/s) of the first touch; the number of ``impacts``; the ``impulse`` (N s) of the
-            contacts; the energy ``dissipated`` (J); the greatest ``deformation`` (m). Formulas: `lcpimpact.quantities`.
+        Summary
+            A dictionary of numbers that prints as a table: ``peak_force`` (N) and ``peak_time`` (s) of the contacts;
+            ``contact_time`` (s), ``restitution`` -U⁺/U⁻ and ``rebound_speed`` U⁺ (m/s) of the first touch; the number of
+            ``impacts``; the ``impulse`` (N s) of the contacts; the energy ``dissipated`` (J); the greatest ``deformation``
+            (m). Formulas: `lcpimpact.quantities`.
 
         Examples
         --------
@@ -246,7 +247,7 @@ class Trajectory:
         >>> found["impacts"], round(found["restitution"], 9), round(found["rebound_speed"], 6), found["peak_force"]
         (2.0, 0.5, 2.214723, 0.0)
         """
-        return {name: float(measure(self)) for name, (_, measure) in SUMMARY.items()}
+        return Summary({name: float(measure(self)) for name, (_, measure) in SUMMARY.items()})
 
     @checked
     def plot(self, path: str | Path | None = None) -> Any:

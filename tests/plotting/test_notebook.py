@@ -1,11 +1,14 @@
 """What notebooks show: pictures and tables of problems, runs, solutions and studies."""
 
 import base64
+import json
+import pickle
 import re
 import xml.etree.ElementTree as ElementTree
 from html.parser import HTMLParser
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import lcpimpact as li
@@ -70,6 +73,18 @@ def test_a_run_shows_its_curves_and_the_quantities_of_its_summary():
         i = cell.cells.index(name.replace("_", " "))
         assert cell.cells[i + 1] == ("-" if np.isnan(value) else format(value, ".6g"))
     assert cell.cells[cell.cells.index("restitution") + 1] == "0.5"
+
+
+def test_a_summary_is_a_table_and_numbers():
+    found = li.simulate(li.load_problem("bouncing-ball", e=0.5), "exact", dt=0.1, t_end=1.0).summary()
+    assert shown(found).cells[:6] == ["quantity", "value", "unit", "peak force", "0", "N"]
+    lines = str(found).split("\n")
+    assert [line.split()[:2] for line in lines[3:5]] == [["restitution", "0.5"], ["rebound", "speed"]]
+    assert len(lines) == len(found)
+    assert found == dict(found)
+    assert pd.Series(found)["restitution"] == found["restitution"] == pytest.approx(0.5)
+    assert pickle.loads(pickle.dumps(found)) == pytest.approx(found, nan_ok=True)
+    assert json.loads(json.dumps(found))["impacts"] == 2.0
 
 
 @pytest.mark.parametrize(("m", "verdict"), [(-1.0, "fails"), (1.0, "holds")])
