@@ -21,6 +21,7 @@ from lcpimpact.lcp.solve import prepare_lcp as prepare_lcp
 from lcpimpact.lcp.solve import solve_lcp as solve_lcp
 from lcpimpact.lcp.solvers.enumeration import all_solutions as all_solutions
 from lcpimpact.plotting.cones import plot_cones as plot_cones
+from lcpimpact.plotting.pivots import plot_trace as plot_trace
 from lcpimpact.plotting.sweeps import plot_sobol as plot_sobol
 from lcpimpact.plotting.sweeps import plot_sweep as plot_sweep
 from lcpimpact.problems import load_problem as load_problem

@@ -36,7 +36,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.events import steps_of
 from lcpimpact.problems.reading import at, highest
 from lcpimpact.record import ContinuousSolution, Event, Record
-from lcpimpact.registry import nearest
+from lcpimpact.registry import html_of, nearest
 from lcpimpact.scheme.dynamics import Dynamics
 
 KINDS = ("close", "open", "impact", "stick", "slip", "slide", "switch", "jump")
@@ -397,3 +397,25 @@ SUMMARY: dict[str, tuple[str, Callable[[Any], float]]] = {
     "deformation": ("m", deformation),
 }
 """The quantities that need no name of a series or event: their units and measures."""
+
+
+class Summary(dict[str, float]):
+    """The quantities of `SUMMARY` by name, in SI units: numbers, printed and shown in notebooks as a table.
+
+    Examples
+    --------
+    >>> print(Summary(peak_force=1234.5678, restitution=math.nan))
+    peak force         1234.57 N
+    restitution              -
+    """
+
+    def rows(self) -> list[tuple[str, float, str]]:
+        """Return the rows of the table: quantity in words, value and unit."""
+        return [(name.replace("_", " "), value, SUMMARY[name][0]) for name, value in self.items()]
+
+    def __str__(self) -> str:
+        lines = (f"{words:<14}{'-' if math.isnan(x) else f'{x:.6g}':>12} {unit}" for words, x, unit in self.rows())
+        return "\n".join(line.rstrip() for line in lines)
+
+    def _repr_html_(self) -> str:
+        return html_of(self)

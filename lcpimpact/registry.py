@@ -10,7 +10,7 @@ from importlib import import_module
 from textwrap import shorten
 from typing import Any, Generic, TypeVar
 
-from lcpimpact.errors import InputError, UnknownNameError
+from lcpimpact.errors import InputError, UnknownNameError, UnsupportedError
 
 T = TypeVar("T")
 
@@ -25,6 +25,20 @@ def load(location: str) -> Any:
     """Import ``"package.module:attribute"`` and return the attribute."""
     module, attribute = location.split(":")
     return getattr(import_module(module), attribute)
+
+
+def import_extra(package: str, extra: str) -> Any:
+    """Import a package of an extra of lcpimpact.
+
+    Raises
+    ------
+    UnsupportedError
+        Where it is not installed.
+    """
+    try:
+        return import_module(package)
+    except ImportError:
+        raise UnsupportedError(f"{package} is not installed: pip install 'lcpimpact[{extra}]'") from None
 
 
 def html_of(thing: Any) -> str:

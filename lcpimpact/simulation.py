@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from tqdm.auto import tqdm
 
 from lcpimpact.arguments import check_kind
 from lcpimpact.certificate import certify
@@ -23,7 +22,7 @@ from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.lcp import SOLVERS
-from lcpimpact.logs import LOG, bar_disabled
+from lcpimpact.logs import LOG, progress_bar
 from lcpimpact.memory import check_memory
 from lcpimpact.numbers import positive
 from lcpimpact.problems.base import Problem
@@ -244,7 +243,7 @@ def _run(
         with suppress(KeyboardInterrupt):
             return advance(0, grid.steps)
         return Status.INTERRUPTED, 0
-    with tqdm(total=grid.steps, desc=name, unit="step", delay=1.0, disable=bar_disabled(progress), leave=False) as bar:
+    with progress_bar(progress, total=grid.steps, desc=name, unit="step", leave=False) as bar:
         try:
             while reached < grid.steps:
                 began = time.perf_counter()

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -15,25 +13,18 @@ from numpy.typing import ArrayLike
 from lcpimpact.arguments import checked, short
 from lcpimpact.arrays import Array
 from lcpimpact.certificate import Certificate, certify
-from lcpimpact.errors import InputError, Status, UnsupportedError
-from lcpimpact.files import check_output, escape_cell, whole_file, whole_files
+from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
-from lcpimpact.quantities import SUMMARY
+from lcpimpact.quantities import SUMMARY, Summary
 from lcpimpact.record import ContinuousSolution, Event, Record, State, Stats
 from lcpimpact.registry import html_of, load, nearest
+from lcpimpact.run_files import save, to_pandas, to_xarray
 from lcpimpact.scheme.dynamics import Contact
 from lcpimpact.scheme.power_law import mean_forces
 
-SAVED_AS = (".csv", ".npz", ".nc")
-
-EVENT_COLUMNS = ("t", "contact", "kind", "impulse")
-"""Columns of an event in a file, beside those of its two limits."""
-
 ARRAYS = ("t", "q", "v", "t_reaction", "reaction")
 """Arrays of a run, which are read-only."""
-
-SIDES = ("left", "right")
 
 MAX_SHOWN = 8
 """Maximum number of coordinates or reactions in the summary."""
@@ -234,7 +225,7 @@ class Trajectory:
         events = tuple(event for event in self.events if event.contact in rigid and event.kind != "jump")
         return certify(d, start, record, self.dense, events, self.integrator)
 
-    def summary(self) -> dict[str, float]:
+    def summary(self) -> Summary:
         """Return the usual quantities of an impact in SI units, by name.
 
         The keys are always those of `lcpimpact.quantities.SUMMARY`, so that the summaries of many runs make a table; a
@@ -243,10 +234,11 @@ class Trajectory:
 
         Returns
         -------
-        dict of str to float
-            ``peak_force`` (N) and ``peak_time`` (s) of the contacts; ``contact_time`` (s), ``restitution`` -U⁺/U⁻ and
-            ``rebound_speed`` U⁺ (m/s) of the first touch; the number of ``impacts``; the ``impulse`` (N s) of the
-            contacts; the energy ``dissipated`` (J); the greatest ``deformation`` (m). Formulas: `lcpimpact.quantities`.
+        Summary
+            A dictionary of numbers that prints as a table: ``peak_force`` (N) and ``peak_time`` (s) of the contacts;
+            ``contact_time`` (s), ``restitution`` -U⁺/U⁻ and ``rebound_speed`` U⁺ (m/s) of the first touch; the number of
+            ``impacts``; the ``impulse`` (N s) of the contacts; the energy ``dissipated`` (J); the greatest ``deformation``
+            (m). Formulas: `lcpimpact.quantities`.
 
         Examples
         --------
@@ -255,7 +247,7 @@ class Trajectory:
         >>> found["impacts"], round(found["restitution"], 9), round(found["rebound_speed"], 6), found["peak_force"]
         (2.0, 0.5, 2.214723, 0.0)
         """
-        return {name: float(measure(self)) for name, (_, measure) in SUMMARY.items()}
+        return Summary({name: float(measure(self)) for name, (_, measure) in SUMMARY.items()})
 
     @checked
     def plot(self, path: str | Path | None = None) -> Any:
@@ -270,117 +262,51 @@ class Trajectory:
 
     @checked
     def save(self, path: str | Path) -> Path:
-        """Write the run to a file whose ending gives the format: .csv, .npz, or .nc (with the extra ``sweep``).
+        """Write the run to a file whose ending gives the format: .csv, .npz, .nc, .parquet or .mat.
 
-        All hold the events too, each with contact, kind, time, impulse and both limits of q, v and r; a .csv has them in a
-        second file, run.events.csv beside run.csv. Files appear whole or not at all, and older ones of the name are replaced
-        only by whole ones, both or neither. See docs/run-files.md.
+        Each holds the events too, with contact, kind, time, impulse and both limits of q, v and r; the units; and the
+        problem, parameters, method, dt, t_end, status, message and version. Of a .csv these are in run.events.csv and
+        run.meta.json beside run.csv, and the events of a .parquet in run.events.parquet. Files appear whole or not at all,
+        and older ones of the name are replaced only by whole ones, all or none. See docs/run-files.md.
 
         Raises
         ------
         InputError
             For another ending, or a folder that cannot be written.
+        UnsupportedError
+            Without the extra ``sweep`` for .nc, or ``parquet`` for .parquet.
         """
         path = Path(path)
-        check_output(path, SAVED_AS)
-        if path.suffix == ".csv":
-            with whole_files(events_beside(path), path) as (events, part):
-                self._write_csv(part)
-                self._write_events(events)
-            return path
-        with whole_file(path) as part:
-            (self._write_npz if path.suffix == ".npz" else self._write_netcdf)(part)
+        save(self, path)
         return path
+
+    def to_pandas(self) -> Any:
+        """Return the run as a pandas DataFrame with the columns of its CSV file.
+
+        Returns
+        -------
+        DataFrame
+            t, the coordinates by name and the velocities v_NAME at the instants of the grid; then t_R and the forces at
+            their own instants, which may be fewer: the rest of these columns is NaN. ``attrs`` has the metadata of `save`,
+            and the ``units`` by column.
+
+        Examples
+        --------
+        >>> from lcpimpact import load_problem, simulate
+        >>> frame = simulate(load_problem("system-1"), dt=1e-2, t_end=1.0).to_pandas()
+        >>> list(frame), len(frame), len(frame["R"].dropna()), frame.attrs["units"]["v_x"]
+        (['t', 'x', 'z', 'v_x', 'v_z', 't_R', 'R'], 101, 100, 'm/s')
+        """
+        return to_pandas(self)
 
     def to_xarray(self) -> Any:
         """Return the run as an xarray Dataset (needs the extra ``sweep``).
 
         Coordinates and velocities lie on t, reactions on t_R, and the events on a dimension of their own: event_t,
         event_contact, event_kind, event_impulse, and event_q, event_v and event_reaction on event_side "left" and "right".
+        Each variable has the attribute ``units``, and the Dataset the metadata of `save`, the parameters as JSON.
         """
-        try:
-            import xarray
-        except ImportError:
-            raise UnsupportedError("xarray is not installed: pip install 'lcpimpact[sweep]'") from None
-        n = len(self.nodes)
-        series = {name: ("t", self[name]) for name in self.names[: 2 * n]}
-        forces = {name: ("t_R", self[name]) for name in self.names[2 * n :]}
-        found = self._event_arrays()
-        events: dict[str, Any] = {f"event_{name}": ("event", found[f"event_{name}"]) for name in EVENT_COLUMNS}
-        axes: dict[str, Any] = {"t": self.t, "t_R": self.t_reaction, "event_side": list(SIDES)}
-        axes["event_node"] = list(self.names[:n])
-        places = {"q": "event_node", "v": "event_node"}
-        if forces:  # netCDF has no axis of length 0 except that of the events
-            axes["event_row"] = list(forces)
-            places["reaction"] = "event_row"
-        for name, place in places.items():
-            sides = [found[f"event_{name}_{side}"] for side in SIDES]
-            events[f"event_{name}"] = (("event", "event_side", place), np.stack(sides, axis=1))
-        for name in self.names:
-            if name == "event" or name in events or name in axes:
-                raise InputError(f"the series {name!r} has a name that a Dataset needs for the events: rename it")
-        attributes = {"problem": self.problem.name, "method": self.method, "status": self.status.name}
-        return xarray.Dataset(series | forces | events, coords=axes, attrs=attributes)
-
-    def _event_arrays(self) -> dict[str, Any]:
-        """Return the fields of the events as arrays with one row per event (ne, ...)."""
-        n, nc = len(self.nodes), self.reaction.shape[1]
-        arrays = {f"event_{name}": np.array([getattr(each, name) for each in self.events]) for name in EVENT_COLUMNS}
-        for name in ("contact", "kind"):
-            arrays[f"event_{name}"] = arrays[f"event_{name}"].astype(str)
-        for side in SIDES:
-            for name, size in (("q", n), ("v", n), ("reaction", nc)):
-                values = [getattr(getattr(each, side), name) for each in self.events]
-                arrays[f"event_{name}_{side}"] = np.array(values, dtype=np.float64).reshape(len(values), size)
-        return arrays
-
-    def _write_csv(self, path: Path) -> None:
-        n = len(self.nodes)
-        header = ["t", *self.names[: 2 * n], "t_R", *self.names[2 * n :]]
-        motion = np.column_stack([self.t, self.q, self.v]).tolist()
-        forces = np.column_stack([self.t_reaction, self.forces]).tolist()
-        empty = [""] * (1 + self.forces.shape[1])
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(map(escape_cell, header))
-            writer.writerows(a + b for a, b in zip_longest(motion, forces, fillvalue=empty))
-
-    def _write_events(self, path: Path) -> None:
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(
-                map(escape_cell, [*EVENT_COLUMNS, *(f"{name}_{side}" for side in SIDES for name in self.names)])
-            )
-            for event in self.events:
-                limits = [getattr(event, side) for side in SIDES]
-                numbers = [np.concatenate([each.q, each.v, each.reaction]).tolist() for each in limits]
-                row = [event.t, escape_cell(event.contact), event.kind, event.impulse]
-                writer.writerow([*row, *numbers[0], *numbers[1]])
-
-    def _write_npz(self, path: Path) -> None:
-        with path.open("wb") as file:
-            np.savez_compressed(
-                file,
-                t=self.t,
-                q=self.q,
-                v=self.v,
-                t_reaction=self.t_reaction,
-                reaction=self.reaction,
-                push=self.push,
-                names=np.array(self.names),
-                **self._event_arrays(),
-                problem=self.problem.name,
-                method=self.method,
-                status=self.status.name,
-            )
-
-    def _write_netcdf(self, path: Path) -> None:
-        for name in self.names:
-            if not name.isascii():
-                raise InputError(
-                    f"netCDF takes plain letters, and the series {name!r} has others: save as .npz or .csv"
-                )
-        self.to_xarray().to_netcdf(path, engine="scipy")
+        return to_xarray(self)
 
     def _repr_html_(self) -> str:
         return html_of(self)
@@ -414,11 +340,6 @@ class Trajectory:
             lines.append(f"  impacts     {c.impact_gain.sentence}")
         lines.append(f"  {self.message}")
         return "\n".join(lines)
-
-
-def events_beside(path: Path) -> Path:
-    """Return the name of the file of events beside that of a run, run.events.csv beside run.csv."""
-    return path.with_suffix(f".events{path.suffix}")
 
 
 def _for_compiled(array: Array) -> Array:

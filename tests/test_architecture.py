@@ -46,7 +46,7 @@ BASE = {
 }
 MECHANICS = BASE | {"scheme", "problems"}
 METHOD = MECHANICS | {"lcp", "record", "hybrid", "integrators"}
-RUN = METHOD | {"events", "certificate", "quantities", "trajectory", "sparse_run", "simulation"}
+RUN = METHOD | {"events", "certificate", "quantities", "run_files", "trajectory", "sparse_run", "simulation"}
 STUDY = RUN | {"sweeps", "study"}
 MAY_IMPORT = {
     "errors": set(),
@@ -72,7 +72,8 @@ MAY_IMPORT = {
     "events": METHOD,
     "certificate": METHOD | {"events"},
     "quantities": METHOD | {"events", "certificate"},
-    "trajectory": METHOD | {"events", "certificate", "quantities"},
+    "run_files": METHOD,
+    "trajectory": METHOD | {"events", "certificate", "quantities", "run_files"},
     "sparse_run": METHOD | {"certificate", "trajectory"},
     "simulation": METHOD | {"events", "certificate", "trajectory", "sparse_run"},
     "schemefile": RUN,
@@ -93,12 +94,15 @@ ONLY = {
     "rich": {"cli"},
     "dask": {"sweeps"},
     "zarr": {"sweeps"},
-    "xarray": {"sweeps", "trajectory"},
-    "pandas": {"study", "sweeps", "plotting", "report", "reproduce", "cli"},
+    "xarray": {"sweeps", "run_files"},
+    "pandas": {"run_files", "study", "sweeps", "plotting", "report", "reproduce", "cli"},
     "qpsolvers": {"lcp"},
     "numba": {"compiled", "double_double", "scheme", "lcp", "hybrid", "integrators", "certificate"},
 }
 """Third-party packages to the layers that may import them."""
+
+IMPORTERS = ("import_module", "import_extra", "__import__")
+"""Functions that import the module of a name."""
 
 BY_NAME = {("trajectory", "plotting"), ("study", "plotting"), ("study", "report"), ("registry", "report")}
 """References upwards by a string that the registry loads when asked: ``traj.plot()``, ``study.report(path)``."""
@@ -140,7 +144,11 @@ def imports(file: Path) -> list[str]:
             # `from lcpimpact import x` means what x is; the version is nobody's.
             names = [alias.name for alias in node.names if alias.name != "__version__"]
             found += [lcpimpact._LOCATIONS.get(name, f"lcpimpact.{name}").split(":")[0] for name in names]
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("import_module", "__import__"):
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in (
+            "import_module",
+            "import_extra",
+            "__import__",
+        ):
             found += [a.value for a in node.args if isinstance(a, ast.Constant) and isinstance(a.value, str)]
     return found
 

@@ -76,6 +76,12 @@ def fit(
             metavar="A,B,...", help="Columns to fit to, as R or x; by default all of the run.", show_default=False
         ),
     ] = None,
+    decimal: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MARK", help="Decimal mark of the file, . or ,; by default as its numbers show.", show_default=False
+        ),
+    ] = None,
     set_: Set = None,
     bounds: Annotated[
         list[str] | None,
@@ -115,7 +121,7 @@ def fit(
     # The [run] table of the file does not apply.
     step, end = (dt, t_end) if method is None else (spec.run.dt, spec.run.t_end)
     found = search(
-        spec.problem, given, to, column=column.split(",") if column else None, sigma=sigma,
+        spec.problem, given, to, column=column.split(",") if column else None, decimal=decimal, sigma=sigma,
         bounds=dict(map(_bound, bounds or [])), sampling=sampling, loss=loss, method=spec.run.method, dt=step, t_end=end,
         starts=starts, seed=seed, level=level, progress=starts > 1,
         lcp_solver=spec.run.solver, **spec.run.options,

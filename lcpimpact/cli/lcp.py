@@ -16,6 +16,7 @@ from lcpimpact.cli.output import print_answer
 from lcpimpact.errors import FailureError, InputError
 from lcpimpact.files import check_outputs, whole_file
 from lcpimpact.lcp import SOLVERS
+from lcpimpact.registry import load
 
 if TYPE_CHECKING:
     from lcpimpact.lcp.files import LCPFile
@@ -52,7 +53,10 @@ def solve(
     every: Annotated[bool, typer.Option("--all", help="List all solutions, for n <= 15.")] = False,
     out: Annotated[Path | None, typer.Option(help="File for z and w: .csv or .npz.")] = None,
     plot: Annotated[
-        Path | None, typer.Option(help="File for the complementary cones, for n = 2: .png, .svg or .pdf.")
+        Path | None, typer.Option(help="File for the complementary cones, for n = 2 or 3: .png, .svg or .pdf.")
+    ] = None,
+    plot_trace: Annotated[
+        Path | None, typer.Option(help="File for the path of z in the trace, for n = 2 or 3: .png, .svg or .pdf.")
     ] = None,
 ) -> None:
     """Solve the LCP of a file, w = M z + q, 0 <= z ⟂ w >= 0 or between bounds, and print the solution and its properties.
@@ -67,7 +71,7 @@ def solve(
     from lcpimpact.lcp.solve import solve_lcp
     from lcpimpact.plotting.style import METADATA as DRAWN_AS
 
-    check_outputs(((out, SAVED_AS), (plot, DRAWN_AS)), (file,) if q is None else (file, q))
+    check_outputs(((out, SAVED_AS), (plot, DRAWN_AS), (plot_trace, DRAWN_AS)), (file,) if q is None else (file, q))
     problem = read_lcp(file, q)
     M, n = problem.M, problem.M.n
     low, high, bounded = bounds(
@@ -75,14 +79,16 @@ def solve(
         problem.lower if lower is None else _numbers("--lower", lower, n),
         problem.upper if upper is None else _numbers("--upper", upper, n),
     )
-    if plot is not None and (n != 2 or bounded):
-        raise InputError("--plot needs an LCP with n = 2 and without bounds, whose cones it draws: leave it out")
+    if plot is not None and (n not in (2, 3) or bounded):
+        raise InputError("--plot needs an LCP with n = 2 or 3 and without bounds, whose cones it draws: leave it out")
+    if plot_trace is not None and n not in (2, 3):
+        raise InputError("--plot-trace needs an LCP with n = 2 or 3, whose z it draws: leave it out")
     if every:
         _check_bases(low, high)
 
     solution = solve_lcp(
         M, problem.q, solver, lower=low, upper=high, tol=tol, max_iter=max_iter,
-        throw=False, trace=trace or tableau is not None,
+        throw=False, trace=trace or tableau is not None or plot_trace is not None,
     )  # fmt: skip
     side = _row_sides(solution, problem.q, low, high)
     lines = _description(problem, solution, side, low, high)
@@ -100,6 +106,10 @@ def solve(
 
         plot_cones(M, problem.q, plot)
         lines += [f"  drew        {plot}"]
+    if plot_trace is not None:
+        assert solution.trace is not None
+        load("lcpimpact.plotting.pivots:plot_trace")(solution.trace, plot_trace)
+        lines += [f"  drew        {plot_trace}"]
     print_answer(
         lines,
         lambda: {
@@ -114,7 +124,7 @@ def solve(
             "z": solution.z,
             "w": solution.w,
             "ray": solution.ray,
-            "files": [path for path in (out if solution.success else None, plot) if path is not None],
+            "files": [path for path in (out if solution.success else None, plot, plot_trace) if path is not None],
         },
     )
     if not solution.success:

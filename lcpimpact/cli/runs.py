@@ -24,7 +24,10 @@ def simulate(
     dt: Step = None,
     t_end: End = None,
     solver: Solver = None,
-    out: Annotated[Path | None, typer.Option(help="File for the run: .csv (events beside it), .npz or .nc.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File for the run: .csv, .npz, .nc, .parquet or .mat."),
+    ] = None,
     plot: Annotated[Path | None, typer.Option(help="File for a picture of the run: .png, .svg or .pdf.")] = None,
 ) -> None:
     """Run one problem by one method, print the results, and write them to a file if requested.
@@ -35,20 +38,20 @@ def simulate(
     Example: lcpimpact simulate system-1 --set c_o=300 --set theta=1 --dt 1e-3 --out run.csv --plot run.png
     """
     from lcpimpact.plotting.style import METADATA as DRAWN_AS
-    from lcpimpact.trajectory import SAVED_AS, events_beside
+    from lcpimpact.run_files import WRITERS, check_format, companions
 
-    beside = events_beside(out) if out is not None and out.suffix == ".csv" else None
-    check_outputs(((out, SAVED_AS), (beside, SAVED_AS), (plot, DRAWN_AS)), files(problem))
+    beside = () if out is None else companions(out)
+    check_outputs(((out, WRITERS), *((each, (each.suffix,)) for each in beside), (plot, DRAWN_AS)), files(problem))
+    if out is not None:
+        check_format(out)
     trajectory = resolve_run(problem, set_, method, dt, t_end, solver).simulate()
     lines = [str(trajectory), *_fact_table(trajectory)]
     if out is not None:
-        lines.append(f"  wrote       {trajectory.save(out)}")
-        if beside is not None:
-            lines.append(f"  wrote       {beside}")
+        lines += [f"  wrote       {each}" for each in (trajectory.save(out), *beside)]
     if plot is not None:
         trajectory.plot(plot)
         lines.append(f"  drew        {plot}")
-    print_answer(lines, lambda: _answer(trajectory, out, beside, plot))
+    print_answer(lines, lambda: _answer(trajectory, out, *beside, plot))
 
 
 def draw(

@@ -1,10 +1,10 @@
-r"""The complementary cones of an LCP in two unknowns, and the number of solutions for each q.
+r"""The complementary cones of an LCP in two or three unknowns, and the number of solutions for each q.
 
 .. math:: q = I w - M z, \qquad z, w \ge 0, \quad z_i w_i = 0
 
 states that q lies in a complementary cone, spanned by one column of each pair e_i, -M_i. Each cone that contains q gives a
-solution: the four cones partition the plane if M is a P-matrix; where they overlap there are several solutions, and in a
-gap there is none.
+solution: the cones partition the plane or space if M is a P-matrix; where they overlap there are several solutions, and in
+a gap there is none.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import combinations
 from pathlib import Path
 from typing import Any, overload
 
@@ -21,6 +22,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Wedge
+from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike
 
 from lcpimpact.arguments import checked
@@ -28,12 +30,11 @@ from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.lcp.operators import as_operator, finite_array
 from lcpimpact.lcp.solvers.enumeration import all_solutions
-from lcpimpact.plotting.style import INK, LCP, PALETTE, RK4, Drawing, save, style
-
-BASES = ((), (0,), (1,), (0, 1))
-"""Complementary bases, each as the rows whose z is basic; w is basic in the others."""
+from lcpimpact.plotting import cones_in_space as space
+from lcpimpact.plotting.style import GREY, INK, LCP, PALETTE, RK4, Drawing, save, style
 
 COLORS = PALETTE[5], PALETTE[4], PALETTE[2], PALETTE[3]
+COLORS_IN_SPACE = *COLORS, PALETTE[0], PALETTE[1], "#f0e442", GREY
 RADII = 1.0, 0.84, 0.68, 0.52
 """Radius of each cone, distinct so that the rims of overlapping cones are visible."""
 
@@ -41,18 +42,19 @@ PARALLEL_TOL = 1e-12
 """Sine of the angle below which two columns are parallel."""
 
 COLUMN, RIGHT_SIDE = LCP, RK4
+HATCH = "#ccd3dc"
 HALF_WIDTH = 1.32
 """Half of the width of the picture, in units of the largest radius."""
 
 
 @dataclass(frozen=True)
 class Cone:
-    """The cone of non-negative combinations of two columns.
+    """The cone of non-negative combinations of n columns; its angles and kind are those in the plane, n = 2.
 
     Attributes
     ----------
-    basis : tuple of int        the rows whose column is that of -M
-    columns : (2, 2) array      the columns, each as a row
+    basis : tuple of int        the rows whose column is that of -M: z is basic there, and w in the others
+    columns : (n, n) array      the columns, each as a row
     """
 
     basis: tuple[int, ...]
@@ -100,9 +102,11 @@ class Cone:
 
 
 def cones(M: Array) -> list[Cone]:
-    """Return the four cones of a matrix (2, 2), in the order of `BASES`."""
-    pairs = np.eye(2), -M.T
-    return [Cone(basis, np.array([pairs[i in basis][i] for i in range(2)])) for basis in BASES]
+    """Return the 2ⁿ cones of a matrix (n, n), in the order of the sizes of their bases."""
+    n = len(M)
+    pairs = np.eye(n), -M.T
+    bases = [basis for size in range(n + 1) for basis in combinations(range(n), size)]
+    return [Cone(basis, np.array([pairs[i in basis][i] for i in range(n)])) for basis in bases]
 
 
 def sectors(all_cones: Sequence[Cone]) -> list[tuple[float, float, int]]:
@@ -126,22 +130,23 @@ def plot_cones(M: Any, q: ArrayLike | None = None, path: None = None, *, ax: Axe
 def plot_cones(
     M: Any, q: ArrayLike | None = None, path: str | Path | None = None, *, ax: Axes | None = None
 ) -> Figure | Axes:
-    """Draw the complementary cones of LCP(M, q) in the plane of q, with the directions of the columns and of q.
+    """Draw the complementary cones of LCP(M, q), with the directions of the columns and of q.
 
-    Each cone has its own radius; lengths have no meaning. A degenerate cone is a thick line, on which solutions form a
-    continuum. Regions outside all cones are hatched. The numbers of solutions in the title hold for q in the interior of
-    the cones.
+    Of order 2 they lie in the plane of q, each with its own radius; lengths have no meaning. Of order 3 they are triangles
+    on the sphere of the directions of q, seen from the front and from behind. A degenerate cone is a thick line, on which
+    solutions form a continuum. Regions outside all cones are hatched. The numbers of solutions in the title hold for q in
+    the interior of the cones.
 
     Parameters
     ----------
-    M : (2, 2) array_like, sparse matrix or operator
-        Any matrix.
-    q : (2,) array_like, optional
-        Right-hand side, drawn as an arrow; its solutions are listed.
+    M : (n, n) array_like, sparse matrix or operator
+        Any matrix of order 2 or 3.
+    q : (n,) array_like, optional
+        Right-hand side, drawn as an arrow or point; its solutions are listed.
     path : str or Path, optional
         A file ending in .png, .svg or .pdf to write.
     ax : Axes, optional
-        Axes to draw in; by default a new figure.
+        Axes to draw in, of order 2; by default a new figure.
 
     Returns
     -------
@@ -151,7 +156,7 @@ def plot_cones(
     Raises
     ------
     InputError
-        If M is not of order 2 or q not 2 numbers; for another ending, or a folder that cannot be written.
+        If M is not of order 2 or 3 or q does not fit it; for another ending, or a folder that cannot be written.
 
     Examples
     --------
@@ -163,16 +168,28 @@ def plot_cones(
     Cottle, Pang and Stone, *The Linear Complementarity Problem* (1992), section 1.3.
     """
     operator = as_operator(M)
-    if operator.n != 2:
-        raise InputError(f"M has order {operator.n}; the cones can be drawn for order 2 only: give a matrix of order 2")
+    if operator.n not in (2, 3):
+        raise InputError(f"M has order {operator.n}; the cones can be drawn for order 2 and 3: give such a matrix")
+    if operator.n == 3 and ax is not None:
+        raise InputError("the cones of a matrix of order 3 are drawn in a figure of two views: leave ax out")
     full = operator.array()
     right = None if q is None else finite_array("q", q)
-    if right is not None and right.shape != (2,):
-        raise InputError(f"q must have shape (2,) to fit M, and its shape is {right.shape}")
-    figure = Drawing(figsize=(7.2, 4.6), layout="constrained") if ax is None else None
-    panel = ax if figure is None else figure.add_subplot()
-    assert panel is not None
+    if right is not None and right.shape != (operator.n,):
+        raise InputError(f"q must have shape ({operator.n},) to fit M, and its shape is {right.shape}")
+    if operator.n == 3:
+        figure = _plot_in_space(full, right)
+    elif ax is not None:
+        _plot_in_plane(ax, full, right)
+        return ax
+    else:
+        figure = Drawing(figsize=(7.2, 4.6), layout="constrained")
+        _plot_in_plane(figure.add_subplot(), full, right)
+    if path is not None:
+        save(figure, path)
+    return figure
 
+
+def _plot_in_plane(panel: Axes, full: Array, right: Array | None) -> None:
     drawn = cones(full)
     parts = sectors(drawn)
     panel.set(xlim=(-HALF_WIDTH, HALF_WIDTH), ylim=(-HALF_WIDTH, HALF_WIDTH), aspect="equal")
@@ -182,20 +199,53 @@ def plot_cones(
         _draw_cone(panel, cone, color, radius)
     _draw_directions(panel, full, right)
     _name_cones(panel, drawn)
-    entries = [_entry(cone, color) for cone, color in zip(drawn, COLORS, strict=True)]
-    if gaps:
-        entries.append(Patch(facecolor="none", edgecolor="#ccd3dc", hatch="////", label="no solution"))
-    entries += [_text_entry(f"${{-}}M_{i + 1} = 0$") for i in range(2) if not full[:, i].any()]
+    entries = [_entry(cone, cone.kind, color) for cone, color in zip(drawn, COLORS, strict=True)]
+    entries += _other_entries(full, bool(gaps))
     if right is not None:
-        entries += _answers(full, right, drawn)
+        entries += _answers(full, right, any(cone.is_dependent_at(right) for cone in drawn))
     panel.legend(handles=entries, loc="center left", bbox_to_anchor=(1.0, 0.5))
-    rows = ", ".join(f"[{row[0]:.4g}, {row[1]:.4g}]" for row in full + 0.0)
-    panel.set_title(f"Complementary cones of $M$ = [{rows}]\n{_verdict(drawn, parts)}", loc="left")
-    if figure is None:
-        return panel
-    if path is not None:
-        save(figure, path)
+    verdict = _verdict([count for _, _, count in parts], [cone.kind for cone in drawn])
+    panel.set_title(f"{_title(full)}\n{verdict}", loc="left")
+
+
+def _plot_in_space(full: Array, right: Array | None) -> Figure:
+    drawn = cones(full)
+    columns = [cone.columns for cone in drawn]
+    kinds = [space.kind_of(each) for each in columns]
+    figure = Drawing(figsize=(10.4, 4.6), layout="constrained")
+    panels = dict(zip(space.VIEWS, figure.subplots(1, 2), strict=True))
+    gaps = [space.draw_sphere(ax, view, columns, COLORS_IN_SPACE, INK, HATCH) for view, ax in panels.items()]
+    labels = [(view, place) for view, ax in panels.items() for place in _draw_points(ax, view, full, right)]
+    for cone, color, place in zip(drawn, COLORS_IN_SPACE, space.name_places(columns, labels), strict=True):
+        if place is not None:
+            _name_cone(panels[place[0]], cone, color, place[1])
+    entries = [_entry(cone, kind, color) for cone, kind, color in zip(drawn, kinds, COLORS_IN_SPACE, strict=True)]
+    entries += _other_entries(full, any(gaps))
+    if right is not None:
+        entries += _answers(full, right, any(space.is_dependent_at(each, right) for each in columns))
+    figure.legend(handles=entries, loc="outside right center")
+    counts = space.counts([each for each, kind in zip(columns, kinds, strict=True) if kind == "wedge"])
+    figure.suptitle(f"{_title(full)}\n{_verdict(counts, kinds)}", x=0.01, ha="left", fontsize=10.0)
     return figure
+
+
+def _draw_points(ax: Axes, view: space.View, M: Array, q: Array | None) -> list[Array]:
+    """Mark the directions of the columns and of q that a view of the sphere shows; return the places of their names."""
+    placed: list[Array] = []
+    halo = [withStroke(linewidth=3.0, foreground="white")]
+    for name, vector, color in _directions(M, q):
+        if not vector.any() or not view.shows(vector):
+            continue
+        at = view.flat(vector / np.linalg.norm(vector))
+        marker = "D" if name == "$q$" else "o"
+        ax.plot(*at, color=color, marker=marker, markersize=5.5, linestyle="", zorder=3.0)
+        outward = np.degrees(np.arctan2(at[1], at[0])) if np.hypot(*at) > 0.1 else 90.0
+        places = [at + _at(outward + turn, 0.16) for turn in (0.0, 60.0, -60.0, 120.0, -120.0, 180.0)]
+        free = (each for each in places if all(_clear(each, other) > 0.0 for other in placed))
+        x, y = next(free, places[0])
+        placed.append(np.array([x, y]))
+        ax.text(x, y, name, ha="center", va="center", fontsize=12.0, color=color, path_effects=halo, zorder=4.0)
+    return placed
 
 
 def _angle(vector: Array) -> float:
@@ -211,23 +261,27 @@ def _at(angle: float, radius: float) -> Array:
     return radius * np.array([np.cos(np.radians(angle)), np.sin(np.radians(angle))])
 
 
-def _verdict(drawn: Sequence[Cone], parts: Sequence[tuple[float, float, int]]) -> str:
-    counts = sorted({count for _, _, count in parts})
+def _title(M: Array) -> str:
+    rows = ", ".join(f"[{', '.join(f'{each:.4g}' for each in row)}]" for row in M + 0.0)
+    return f"Complementary cones of $M$ = [{rows}]"
+
+
+def _verdict(numbers: Sequence[int], kinds: Sequence[str]) -> str:
+    """Return the numbers of solutions in words, of the regions of q and the kinds of the cones."""
+    counts, flat = sorted(set(numbers)), any(kind != "wedge" for kind in kinds)
     if counts == [1]:
-        text = "one solution for every $q$: a P-matrix"
-        if any(cone.kind != "wedge" for cone in drawn):
-            text = "one solution"
+        text = "one solution" if flat else "one solution for every $q$: a P-matrix"
     else:
         *some, last = map(str, counts)
         text = f"{', '.join(some)} or {last} solutions, depending on $q$" if some else f"{last} solutions"
-    if any(cone.kind != "wedge" for cone in drawn):
+    if flat:
         text += "; infinitely many on a thick line"
     return text
 
 
 def _draw_gaps(ax: Axes, parts: Sequence[tuple[float, float, int]]) -> int:
     empty = [(first, last) for first, last, count in parts if count == 0]
-    hatched: dict[str, Any] = {"facecolor": "none", "edgecolor": "#ccd3dc", "hatch": "////", "label": "no solution"}
+    hatched: dict[str, Any] = {"facecolor": "none", "edgecolor": HATCH, "hatch": "////", "label": "no solution"}
     for first, last in empty:
         ax.add_patch(Wedge((0.0, 0.0), RADII[0], first, last, linewidth=0.0, **hatched))
     return len(empty)
@@ -251,13 +305,17 @@ def _draw_cone(ax: Axes, cone: Cone, color: str, radius: float) -> None:
     )  # fmt: skip
 
 
+def _directions(M: Array, q: Array | None) -> list[tuple[str, Array, str]]:
+    """Return the columns and q with their names and colours."""
+    named = [(f"$e_{i + 1}$", each, INK) for i, each in enumerate(np.eye(len(M)))]
+    named += [(f"${{-}}M_{i + 1}$", -each, COLUMN) for i, each in enumerate(M.T)]
+    return named if q is None else [*named, ("$q$", q, RIGHT_SIDE)]
+
+
 def _draw_directions(ax: Axes, M: Array, q: Array | None) -> None:
     """Draw the columns and q as arrows to the rim, with labels that do not overlap."""
-    named = [("$e_1$", np.array([1.0, 0.0]), INK), ("$e_2$", np.array([0.0, 1.0]), INK)]
-    named += [(f"${{-}}M_{i + 1}$", -M[:, i], COLUMN) for i in range(2)]
-    named += [] if q is None else [("$q$", q, RIGHT_SIDE)]
     labels: dict[float, list[tuple[str, str]]] = {}
-    for name, vector, color in named:
+    for name, vector, color in _directions(M, q):
         if not vector.any():
             continue
         angle = _angle(vector)
@@ -297,9 +355,13 @@ def _name_cones(ax: Axes, drawn: Sequence[Cone]) -> None:
         places = list(_places(cone, radius - 0.08))
         best = max(places, key=lambda place: min((_clear(place, other) for other in placed), default=0.0) > 0.0)
         placed.append(best)
-        name = "$\\{" + cone.name[1:-1] + "\\}$"
-        ground = {"facecolor": "white", "edgecolor": color, "boxstyle": "round,pad=0.15", "linewidth": 0.8}
-        ax.text(best[0], best[1], name, ha="center", va="center", fontsize=9.0, color=INK, bbox=ground, zorder=4.0)
+        _name_cone(ax, cone, color, best)
+
+
+def _name_cone(ax: Axes, cone: Cone, color: str, place: Array) -> None:
+    name = "$\\{" + cone.name[1:-1] + "\\}$"
+    ground = {"facecolor": "white", "edgecolor": color, "boxstyle": "round,pad=0.15", "linewidth": 0.8}
+    ax.text(place[0], place[1], name, ha="center", va="center", fontsize=9.0, color=INK, bbox=ground, zorder=4.0)
 
 
 def _places(cone: Cone, radius: float) -> Iterator[Array]:
@@ -321,27 +383,38 @@ def _clear(one: Array, other: Array) -> float:
     return float(max(abs(one[0] - other[0]) - 0.24, abs(one[1] - other[1]) - 0.16))
 
 
-def _entry(cone: Cone, color: str) -> Artist:
-    columns = ", ".join(f"{{-}}M_{i + 1}" if i in cone.basis else f"e_{i + 1}" for i in range(2))
+def _entry(cone: Cone, kind: str, color: str) -> Artist:
+    columns = ", ".join(f"{{-}}M_{i + 1}" if i in cone.basis else f"e_{i + 1}" for i in range(len(cone.columns)))
     text = f"$\\{{{cone.name[1:-1]}\\}}$: pos$({columns})$"
-    if cone.kind == "wedge":
+    if kind == "wedge":
         return Patch(facecolor=(color, 0.3), edgecolor=color, linewidth=1.4, label=text)
-    if cone.kind == "origin":
+    if kind == "origin":
         return Line2D([], [], color=color, linestyle="none", marker="o", label=f"{text}, the origin")
-    return Line2D([], [], color=color, linewidth=6.0, label=f"{text}, a {cone.kind}")
+    return Line2D([], [], color=color, linewidth=6.0, label=f"{text}, a {kind}")
 
 
-def _answers(M: Array, q: Array, drawn: Sequence[Cone]) -> list[Artist]:
+def _other_entries(M: Array, gaps: bool) -> list[Artist]:
+    """Return the legend entries of regions without solution and of columns without direction."""
+    hatched = Patch(facecolor="none", edgecolor=HATCH, hatch="////", label="no solution")
+    zero = [_text_entry(f"${{-}}M_{i + 1} = 0$") for i in range(len(M)) if not M[:, i].any()]
+    return [*([hatched] if gaps else []), *zero]
+
+
+def _answers(M: Array, q: Array, endless: bool) -> list[Artist]:
     """Return the legend entries with the number and list of solutions for q."""
     found = all_solutions(M, q)
-    endless = any(cone.is_dependent_at(q) for cone in drawn)
     number = str(len(found)) if found else "no"
-    text = f"$q$ = ({q[0]:.4g}, {q[1]:.4g}): {number} solution{'' if len(found) == 1 else 's'}"
+    given = f"$q$ = {_tuple(q)}"
+    text = f"{given}: {number} solution{'' if len(found) == 1 else 's'}"
     if endless:
-        text = f"$q$ = ({q[0]:.4g}, {q[1]:.4g}): infinitely many, among them"
+        text = f"{given}: infinitely many, among them"
     arrow = _text_entry(text)
     arrow.set(marker="$\\rightarrow$", markersize=14.0, color=RIGHT_SIDE)
-    return [arrow, *(_text_entry(f"$z$ = ({z[0]:.4g}, {z[1]:.4g})") for z in found)]
+    return [arrow, *(_text_entry(f"$z$ = {_tuple(z)}") for z in found)]
+
+
+def _tuple(values: Array) -> str:
+    return f"({', '.join(f'{each:.4g}' for each in values)})"
 
 
 def _text_entry(text: str) -> Line2D:

@@ -14,6 +14,7 @@ CONTENTS = {
     "LinearComplementaritySystem": "lcpimpact.report.contents.schemes:system",
     "Problem": "lcpimpact.report.contents.schemes:problem",
     "Trajectory": "lcpimpact.report.contents.runs:run",
+    "Summary": "lcpimpact.report.contents.runs:summary",
     "SparseTrajectory": "lcpimpact.report.contents.runs:sparse_run",
     "LCPSolution": "lcpimpact.report.contents.lcps:solution",
     "Trace": "lcpimpact.report.contents.lcps:trace",

@@ -6,9 +6,7 @@ from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeAlias
 
-from tqdm.auto import tqdm
-
-from lcpimpact.logs import bar_disabled
+from lcpimpact.logs import progress_bar
 
 Progress: TypeAlias = bool | Callable[[Iterable[Any], int, str], Iterable[Any]]
 """Whether a progress bar is shown on a terminal after one second; or a function in its place, which takes items, their
@@ -21,9 +19,7 @@ def watched(items: Iterable[Any], total: int, what: str, progress: Progress) -> 
     """Return an iterable of the items that shows progress during iteration."""
     if callable(progress):
         return progress(items, total, what)
-    shown: Iterable[Any] = tqdm(
-        items, total=total, desc=what, bar_format=LAYOUT, delay=1.0, disable=bar_disabled(progress)
-    )
+    shown: Iterable[Any] = progress_bar(progress, items, total=total, desc=what, bar_format=LAYOUT)
     return shown
 
 

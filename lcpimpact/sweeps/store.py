@@ -15,14 +15,18 @@ import numpy as np
 
 from lcpimpact import __version__
 from lcpimpact.arrays import Array
-from lcpimpact.errors import InputError, Status, UnsupportedError
+from lcpimpact.errors import InputError, Status
 from lcpimpact.memory import check_memory
+from lcpimpact.registry import import_extra
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.simulation import describe
 from lcpimpact.sweeps.job import Job, Sets
 from lcpimpact.sweeps.samples import Plan
 
 ENDING = ".zarr"
+
+EXTRA = "sweep"
+"""The extra of lcpimpact with the packages of sweeps."""
 
 NOT_YET = -1
 """Status of a set that has not been run yet."""
@@ -80,26 +84,12 @@ class Store:
 
     def dataset(self) -> Any:
         """Return the results as an xarray Dataset; from a folder they are read when they are used."""
-        xarray = import_extra("xarray")
+        xarray = import_extra("xarray", EXTRA)
         if self.path is not None:
             found = xarray.open_zarr(self.path)
             return found.assign(message=found["message"].astype(object))  # the same type as in memory
         data = {name: (each.dims, self.arrays[name], each.attributes) for name, each in self.variables.items()}
         return xarray.Dataset(data, coords=dict(self.coordinates), attrs=dict(self.attributes))
-
-
-def import_extra(package: str) -> Any:
-    """Import a package of the extra ``sweep``.
-
-    Raises
-    ------
-    UnsupportedError
-        Where it is not installed.
-    """
-    try:
-        return __import__(package)
-    except ImportError:
-        raise UnsupportedError(f"{package} is not installed: pip install 'lcpimpact[sweep]'") from None
 
 
 def open_store(job: Job, plan: Plan, chunk: tuple[int, ...], path: Path | None) -> Store:
@@ -121,7 +111,7 @@ def open_store(job: Job, plan: Plan, chunk: tuple[int, ...], path: Path | None) 
 
 def _in_folder(store: Store, chunk: tuple[int, ...]) -> Store:
     """Return a store in its folder."""
-    zarr, path = import_extra("zarr"), store.path
+    zarr, path = import_extra("zarr", EXTRA), store.path
     assert path is not None
     if path.exists():
         return _reopened(store)
@@ -145,7 +135,7 @@ def _in_folder(store: Store, chunk: tuple[int, ...]) -> Store:
 
 def _reopened(store: Store) -> Store:
     """Return the store in a folder that is there, after a check that it holds this sweep."""
-    zarr, path = import_extra("zarr"), store.path
+    zarr, path = import_extra("zarr", EXTRA), store.path
     remedy = "name another folder, or remove it"
     try:
         root = zarr.open_group(path, mode="r+")

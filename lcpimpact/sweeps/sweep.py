@@ -11,19 +11,19 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from tqdm.auto import tqdm
 
 from lcpimpact.arguments import checked
 from lcpimpact.errors import InputError
 from lcpimpact.integrators.base import Integrator
-from lcpimpact.logs import bar_disabled
+from lcpimpact.logs import progress_bar
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
+from lcpimpact.registry import import_extra
 from lcpimpact.simulation import RUN_ARGUMENTS, check_handled, check_lcp_solver, make_integrator, time_grid
 from lcpimpact.sweeps.chunks import blocks_of, chunk_shape, run_blocks, sets_per_chunk, try_sets
 from lcpimpact.sweeps.job import Job, changes_of
 from lcpimpact.sweeps.samples import SAMPLE, Plan, Samples
-from lcpimpact.sweeps.store import ENDING, import_extra, open_store
+from lcpimpact.sweeps.store import ENDING, EXTRA, open_store
 
 TAKEN = ("status", "message", "t", "t_R", SAMPLE)
 """Names of variables and dimensions that a sweep gives itself."""
@@ -121,14 +121,13 @@ def sweep(
     if store.resumed:
         blocks = [block for block in blocks if not store.is_done(block)]
     done = plan.size - sum(math.prod(each.stop - each.start for each in block) for block in blocks)
-    with tqdm(
+    with progress_bar(
+        progress,
         total=plan.size,
         initial=done,
         desc="sweep",
         unit="set",
         unit_scale=True,
-        delay=1.0,
-        disable=bar_disabled(progress),
         leave=False,
     ) as bar:
         for block, sets in run_blocks(job, plan, blocks, executor, known, threads):
@@ -139,13 +138,13 @@ def sweep(
 
 def _check(job: Job, plan: Plan, path: Path | None) -> None:
     """Refuse a call that means nothing, before anything runs."""
-    import_extra("xarray")
+    import_extra("xarray", EXTRA)
     if path is not None:
         if path.suffix != ENDING:
             raise InputError(f"out = {str(path)!r} must end in {ENDING}; write other files from the Dataset")
         if not path.parent.is_dir():
             raise InputError(f"out = {str(path)!r}: there is no folder {str(path.parent)!r}; make it, or name another")
-        import_extra("zarr")
+        import_extra("zarr", EXTRA)
     check_handled(job.integrator, job.problem)
     changes_of(job, tuple(plan.axes))
     steps = plan.axes.get("dt", np.array([job.dt]))

@@ -46,7 +46,7 @@ from lcpimpact.scheme.elements import ELEMENTS
 from lcpimpact.study.accuracy.norms import NORMS, errors
 from lcpimpact.study.accuracy.orders import observed_order
 from lcpimpact.study.accuracy.reference import reference
-from lcpimpact.study.design.fit import read_curve
+from lcpimpact.study.design.curves import CurveTable
 from lcpimpact.study.dynamics.grazing import least_gap
 
 LONGEST = 20.0
@@ -630,7 +630,7 @@ def calls():
         (li.penalized, {"problem": g["problem"], "law": "kelvin-voigt", "k": 1e6}),
         (li.with_values, {"problem": g["block"], "values": {"k_o": 1.0}}),
         (value_at, {"problem": g["block"], "address": "k_o"}),
-        (read_curve, {"data": g["data"], "columns": ["x"]}),
+        (CurveTable.of, {"data": g["data"], "decimal": None}),
         (errors, {"run": g["run"], "truth": g["run"], "norms": ["sup_q"]}),
         (reference, {"problem": g["problem"], "t_end": 0.1, "unlike": []}),
         (

@@ -629,6 +629,19 @@ def test_the_cones_are_drawn(capsys, tmp_path):
     assert plot.read_bytes().startswith(b"<?xml")
 
 
+def test_the_path_of_the_trace_is_drawn(capsys, tmp_path):
+    plot = tmp_path / "a.svg"
+    code, said, _ = call(capsys, "solve", ROOT / "docs" / "three.lcp", "--solver", "lemke", "--plot-trace", plot)
+    assert code == 0
+    assert f"drew        {plot}" in said
+    assert plot.read_bytes().startswith(b"<?xml")
+    assert "step  enters" not in said
+    large = tmp_path / "large.lcp"
+    write_lcp(large, np.eye(4), -np.ones(4))
+    code, _, error = call(capsys, "solve", large, "--plot-trace", tmp_path / "b.svg")
+    assert (code, "--plot-trace needs an LCP with n = 2 or 3" in error) == (2, True)
+
+
 REFUSED = {
     "unknown solver": (["--solver", "lemk"], "did you mean 'lemke'"),
     "a property is lacking": (["--solver", "pgs"], "positive semidefinite"),
@@ -642,7 +655,7 @@ REFUSED = {
     "a step too far": (["--tableau", "3", "--solver", "lemke"], "the trace has the steps 1 to 2"),
     "an ending of an answer": (["--out", "z.lcp"], "must end in one of .csv, .npz"),
     "an ending of a picture": (["--plot", "z.jpg"], ".png, .svg, .pdf"),
-    "cones of a box": (["--plot", "z.png", "--upper", "1"], "--plot needs an LCP with n = 2"),
+    "cones of a box": (["--plot", "z.png", "--upper", "1"], "--plot needs an LCP with n = 2 or 3"),
     "no folder": (["--out", "nowhere/z.csv"], "there is no folder 'nowhere'"),
     "q twice": (["--q", ROOT / "docs" / "three.lcp"], "q stands in it already"),
     "an unknown option": (["--tabloo", "3"], "--tabloo"),

@@ -1,11 +1,14 @@
 """What notebooks show: pictures and tables of problems, runs, solutions and studies."""
 
 import base64
+import json
+import pickle
 import re
 import xml.etree.ElementTree as ElementTree
 from html.parser import HTMLParser
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import lcpimpact as li
@@ -72,6 +75,18 @@ def test_a_run_shows_its_curves_and_the_quantities_of_its_summary():
     assert cell.cells[cell.cells.index("restitution") + 1] == "0.5"
 
 
+def test_a_summary_is_a_table_and_numbers():
+    found = li.simulate(li.load_problem("bouncing-ball", e=0.5), "exact", dt=0.1, t_end=1.0).summary()
+    assert shown(found).cells[:6] == ["quantity", "value", "unit", "peak force", "0", "N"]
+    lines = str(found).split("\n")
+    assert [line.split()[:2] for line in lines[3:5]] == [["restitution", "0.5"], ["rebound", "speed"]]
+    assert len(lines) == len(found)
+    assert found == dict(found)
+    assert pd.Series(found)["restitution"] == found["restitution"] == pytest.approx(0.5)
+    assert pickle.loads(pickle.dumps(found)) == pytest.approx(found, nan_ok=True)
+    assert json.loads(json.dumps(found))["impacts"] == 2.0
+
+
 @pytest.mark.parametrize(("m", "verdict"), [(-1.0, "fails"), (1.0, "holds")])
 def test_a_verdict_has_its_colour(m, verdict):
     assert f'class="verdict {verdict}"' in li.solve_lcp([[m]], [-1.0], throw=False)._repr_html_()
@@ -81,7 +96,7 @@ def test_a_solution_shows_z_and_w_and_a_trace_its_tableaus():
     solution = li.solve_lcp([[2.0, 1.0], [1.0, 2.0]], [-5.0, -6.0], "lemke", trace=True)
     cell = shown(solution)
     assert cell.cells[:9] == ["i", "z", "w", "1", "1.33333", "0", "2", "2.33333", "0"]
-    assert len(cell.pictures) == 1, "the cones"
+    assert len(cell.pictures) == 2, "the path and the cones"
     assert [word for word in cell.words if word.startswith("Tableau")] == ["Tableau 1", "Tableau 2", "Tableau 3"]
     large = shown(li.solve_lcp(np.eye(100), -np.ones(100)))
     assert "The first 30 of 100 rows." in large.words

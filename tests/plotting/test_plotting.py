@@ -14,6 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Wedge
+from matplotlib.path import Path as MplPath
 from matplotlib.text import Text
 
 import lcpimpact
@@ -43,6 +44,7 @@ from lcpimpact import (
     Trajectory,
     Zener,
 )
+from lcpimpact.plotting import cones_in_space as space
 from lcpimpact.plotting.cones import RADII, Cone, cones, plot_cones, sectors
 from lcpimpact.plotting.figures import figure_2, figure_3, force_figure, motion_figure
 from lcpimpact.plotting.layout import CEILING, Layout, half_breadth
@@ -878,16 +880,101 @@ def test_cones_are_drawn_into_given_axes_or_a_file(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("M", "q", "path", "said"),
     [
-        (np.eye(3), None, None, "M has order 3; the cones can be drawn for order 2 only"),
+        (np.eye(4), None, None, "M has order 4; the cones can be drawn for order 2 and 3"),
         ([[1.0, np.nan], [0.0, 1.0]], None, None, "not finite"),
         (np.eye(2), [1.0], None, r"q must have shape \(2,\)"),
         (np.eye(2), [1.0, np.inf], None, "q has an entry that is not finite"),
+        (np.eye(3), [1.0, 0.0], None, r"q must have shape \(3,\)"),
         (np.eye(2), None, "cones.jpg", "must end in one of"),
     ],
 )
-def test_cones_of_what_is_no_plane_are_refused(M: Any, q: Any, path: str | None, said: str) -> None:
+def test_cones_that_cannot_be_drawn_are_refused(M: Any, q: Any, path: str | None, said: str) -> None:
     with pytest.raises(InputError, match=said):
         plot_cones(M, q, path)
+
+
+# --- complementary cones in space --------------------------------------------------------------------------------------
+
+CASES_IN_SPACE = {
+    "a P-matrix": ([[2, -1, 0], [-1, 2, -1], [0, -1, 2]], [-1, -1, 0.5], "one solution for every $q$: a P-matrix"),
+    "not symmetric": ([[1, 2, 2], [0, 1, 2], [0, 0, 1]], [-1, -1, -1], "one solution for every $q$: a P-matrix"),
+    "indefinite": ([[1, 2, 0], [2, 1, 0], [0, 0, 1]], [-4, -5, -1], "1 or 3 solutions, depending on $q$"),
+    "redundant contacts": ([[1, 1, 0], [1, 1, 0], [0, 0, 1]], [-1, -1, -1], "one solution; infinitely many on a thick"),
+    "negative": (-np.eye(3), [1, 1, 1], "0 or 8 solutions, depending on $q$"),
+    "zero": (np.zeros((3, 3)), [0, 1, 0], "0 or 1 solutions, depending on $q$; infinitely many on a thick line"),
+}
+
+
+@pytest.mark.parametrize("case", CASES_IN_SPACE)
+def test_the_eight_cones_are_drawn_named_and_counted(case: str, tmp_path: Path) -> None:
+    M, q, verdict = CASES_IN_SPACE[case]
+    figure = plot_cones(np.array(M, dtype=float), q, tmp_path / "cones.svg")
+    assert verdict in figure.get_suptitle()
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    names = ["$\\{" + cone.name[1:-1] + "\\}$" for cone in cones(np.array(M, dtype=float))]
+    assert [f"{text.split('$:')[0]}$" for text in legend[:8]] == names
+    written = [text.get_text() for ax in figure.axes for text in ax.texts]
+    degenerate = 1 if case == "zero" else 0  # the cone {0} has no place
+    assert len([name for name in names if name in written]) == 8 - degenerate
+    assert "$e_1$" in written
+    found = lcpimpact.all_solutions(np.array(M, dtype=float), q)
+    assert len([text for text in legend if text.startswith("$z$")]) == len(found)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_direction_in_space_lies_in_as_many_cones_as_the_problem_has_solutions(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    M = rng.normal(size=(3, 3)) + seed % 4 * np.eye(3)
+    columns = [cone.columns for cone in cones(M)]
+    numbers = space.counts(columns)
+    q = rng.normal(size=(40, 3))
+    counted = np.sum([space.holds(cone, q) for cone in columns], axis=0)
+    assert counted.tolist() == [len(lcpimpact.all_solutions(M, each)) for each in q]
+    assert set(counted.tolist()) <= set(numbers)
+    minors = [np.linalg.det(M[np.ix_(rows, rows)]) for k in (1, 2, 3) for rows in map(list, combinations(range(3), k))]
+    assert (numbers == [1]) == (min(minors) > 0.0), "one solution for every q: exactly the P-matrices"
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_outline_in_each_view_holds_what_its_cone_holds(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for cone in cones(rng.normal(size=(3, 3))):
+        for view in space.VIEWS:
+            rays = space.clipped(list(space.unit_columns(cone.columns)), view)
+            points = rng.normal(size=(200, 3))
+            points /= np.linalg.norm(points, axis=1, keepdims=True)
+            points = points[points @ view.axes[2] > 0.0]
+            inside = space.holds(cone.columns, points)
+            if len(rays) < 3:
+                assert not inside.any()
+                continue
+            rim, places = view.flat(space.outline(rays)), view.flat(points)
+            sure = np.linalg.norm(places[:, None] - rim, axis=2).min(axis=1) > 0.05
+            np.testing.assert_array_equal(MplPath(rim).contains_points(places)[sure], inside[sure])
+            assert sure.mean() > 0.5
+
+
+@pytest.mark.parametrize(
+    ("columns", "q", "kind", "endless"),
+    [
+        ([[1, 0, 0], [0, 1, 0], [1, 1, 0]], [1, 1, 0], "sector", True),
+        ([[1, 0, 0], [0, 1, 0], [1, 1, 0]], [1, 0, 0], "sector", False),
+        ([[1, 0, 0], [0, 1, 0], [1, 1, 0]], [1, 0, 1], "sector", False),
+        ([[1, 0, 0], [2, 0, 0], [3, 0, 0]], [1, 0, 0], "ray", True),
+        ([[1, 0, 0], [-2, 0, 0], [3, 0, 0]], [0, 0, 0], "line", True),
+        ([[1, 0, 0], [0, 0, 0], [0, 1, 0]], [1, 0, 0], "sector", True),
+        ([[0, 0, 0]] * 3, [0, 0, 1], "origin", False),
+        ([[1, 0, 0], [0, 1, 0], [0, 0, 1]], [1, 1, 1], "wedge", False),
+    ],
+)
+def test_flat_cones_hold_a_direction_in_one_way_or_many(columns: Any, q: Any, kind: str, endless: bool) -> None:
+    assert space.kind_of(np.array(columns, dtype=float)) == kind
+    assert space.is_dependent_at(np.array(columns, dtype=float), np.array(q, dtype=float)) == endless
+
+
+def test_axes_are_for_the_plane() -> None:
+    with pytest.raises(InputError, match="a figure of two views: leave ax out"):
+        plot_cones(np.eye(3), ax=Figure().add_subplot())
 
 
 # --- files -------------------------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ from lcpimpact.cli.main import main
 from lcpimpact.lcp.files import read_lcp
 from lcpimpact.numbers import is_count, is_real
 from lcpimpact.study.accuracy.reference import reference
-from lcpimpact.study.design.fit import read_curve
+from lcpimpact.study.design.curves import CurveTable
 
 
 def ball(name="ball", node="x", contact="R"):
@@ -83,7 +83,7 @@ def test_no_spreadsheet_runs_a_name_and_our_own_reader_knows_it(name, tmp_path):
             ]
     if name != "x=1":
         assert f"t,'{name}," in (tmp_path / "run.csv").read_text(encoding="utf-8")
-    assert read_curve(tmp_path / "run.csv", [name])[name].tolist() == given[name].tolist()
+    assert CurveTable.of(tmp_path / "run.csv").curve([name])[name].tolist() == given[name].tolist()
 
 
 def test_a_trace_of_a_box_is_that_of_the_problem_that_was_solved():
@@ -153,7 +153,7 @@ def test_a_file_of_words_is_written_as_words(tmp_path):
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda: read_curve(pd.DataFrame({"t": [0.0], "x": ["a"]}), pd.DataFrame({"x": []})), "x"),
+        (lambda: CurveTable.of(pd.DataFrame({"t": [0.0], "x": ["a"]})).curve(pd.DataFrame({"x": []})), "x"),
         (lambda: li.LinearComplementaritySystem([[1.0]], None, [[1.0]]), "B"),
         (lambda: reference(li.load_problem("bouncing-ball"), 10**400), "t_end = .* must be a finite number"),
         (lambda: li.simulate(li.load_problem("bouncing-ball"), "exact", dt=1e297, t_end=1e300), "shorter t_end"),

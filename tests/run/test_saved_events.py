@@ -7,13 +7,21 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.io import loadmat
 
 import lcpimpact as li
 from lcpimpact.cli.main import main
 
-FORMATS = [".csv", ".npz"] + [".nc"] * (importlib.util.find_spec("xarray") is not None)
+FORMATS = [
+    ".csv",
+    ".npz",
+    ".mat",
+    *[".nc"] * (importlib.util.find_spec("xarray") is not None),
+    *[".parquet"] * (importlib.util.find_spec("pyarrow") is not None),
+]
 METHODS = ("moreau-jean", "exact", "event-driven", "newmark-ns", "rattle-ns")
 
 BALL, BALLS = "bouncing-ball", "three-balls"
@@ -32,13 +40,19 @@ def read_csv(path):
     return {name: np.array(v) if name in ("contact", "kind") else np.array(v, float) for name, v in columns.items()}
 
 
+def read_parquet(path):
+    frame = pd.read_parquet(path)
+    return {name: frame[name].dropna().to_numpy() for name in frame}
+
+
 def read(path, nodes, contacts):
     """Return t, v, t_R, R, and of the events t, contact, kind, impulse, q, v and r, from nothing but the file.
 
     Limits have the shape (ne, 2, ...).
     """
-    if path.suffix == ".csv":
-        told, events = read_csv(path), read_csv(path.with_name(f"{path.stem}.events.csv"))
+    if path.suffix in (".csv", ".parquet"):
+        beside = path.with_name(f"{path.stem}.events{path.suffix}")
+        told, events = map(read_csv if path.suffix == ".csv" else read_parquet, (path, beside))
 
         def both(names):
             sides = [[events[f"{name}_{side}"] for name in names] for side in ("left", "right")]
@@ -63,6 +77,21 @@ def read(path, nodes, contacts):
             ]
             series = [told[name] for name in ("t", "v", "t_reaction", "reaction")]
             return series, [*(told[f"event_{name}"] for name in ("t", "contact", "kind", "impulse")), *limits]
+    if path.suffix == ".mat":
+        told = loadmat(path, squeeze_me=False)
+        series = [
+            told["t"][:, 0],
+            np.hstack([told[f"v_{node}"] for node in nodes]),
+            told["t_R"][:, 0],
+            np.hstack([told[contact] for contact in contacts]),
+        ]
+        events = {name: told["events"][name][0, 0] for name in told["events"].dtype.names}
+        words = [np.array([each[0] for each in events[name].ravel()], dtype=str) for name in ("contact", "kind")]
+        limits = [
+            np.stack([events[f"{name}_{side}"] for side in ("left", "right")], axis=1)
+            for name in ("q", "v", "reaction")
+        ]
+        return series, [events["t"].ravel(), *words, events["impulse"].ravel(), *limits]
     import xarray
 
     told = xarray.load_dataset(path, engine="scipy")
@@ -149,7 +178,7 @@ def test_a_run_without_events_or_contacts_is_saved_and_read(ending, tmp_path):
 @pytest.mark.skipif(".nc" not in FORMATS, reason="needs xarray")
 def test_names_that_netcdf_cannot_hold_are_refused(tmp_path):
     block = li.simulate(li.load_problem("rocking-block"), dt=0.01, t_end=0.1)
-    with pytest.raises(li.InputError, match=r"netCDF takes plain letters, .*'θ'.*save as \.npz or \.csv"):
+    with pytest.raises(li.InputError, match=r"netCDF takes plain letters, .*'θ'.*save as \.npz, \.csv"):
         block.save(tmp_path / "run.nc")
     clash = li.Scheme(li.Mass("x", 1.0), li.Bumper("x", "ground", gap=1.0, e=0.0, name="event_t"))
     with pytest.raises(li.InputError, match="'event_t' has a name that a Dataset needs"):

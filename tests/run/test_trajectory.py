@@ -30,6 +30,7 @@ from lcpimpact import (
 )
 from lcpimpact.files import whole_file
 from lcpimpact.integrators.moreau_jean import MoreauJean
+from lcpimpact.run_files import WRITERS
 
 OPEN_1 = 0.522438236432474
 """When System No. 1 first lets go (40-digit arithmetic)."""
@@ -261,7 +262,7 @@ def test_saving_again_replaces_the_file_and_leaves_nothing_else(theta, exact, tm
     first = (tmp_path / "run.csv").read_bytes()
     exact.save(tmp_path / "run.csv")
     assert (tmp_path / "run.csv").read_bytes() != first
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.csv", "run.events.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.csv", "run.events.csv", "run.meta.json"]
 
 
 @pytest.mark.parametrize("ending", [".csv", ".npz"])
@@ -273,12 +274,11 @@ def test_a_writer_that_fails_half_way_leaves_the_older_file(theta, tmp_path, mon
     target = tmp_path / f"run{ending}"
     target.write_bytes(b"older and whole")
 
-    def half(self, path: Path) -> None:
-        path.write_bytes(b"t,x\n0.0,")
+    def half(run, *paths: Path) -> None:
+        paths[0].write_bytes(b"t,x\n0.0,")
         raise error
 
-    monkeypatch.setattr(type(theta), "_write_csv", half)
-    monkeypatch.setattr(type(theta), "_write_npz", half)
+    monkeypatch.setitem(WRITERS, ending, half)
     with pytest.raises(raised) as caught:
         theta.save(target)
     assert target.read_bytes() == b"older and whole"
@@ -289,11 +289,11 @@ def test_a_writer_that_fails_half_way_leaves_the_older_file(theta, tmp_path, mon
 
 
 def test_a_writer_that_fails_half_way_leaves_no_new_file(theta, tmp_path, monkeypatch):
-    def half(self, path: Path) -> None:
-        path.write_bytes(b"t,x\n0.0,")
+    def half(run, *paths: Path) -> None:
+        paths[0].write_bytes(b"t,x\n0.0,")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(type(theta), "_write_csv", half)
+    monkeypatch.setitem(WRITERS, ".csv", half)
     with pytest.raises(InputError, match=r"cannot write .*run\.csv.*No space left"):
         theta.save(tmp_path / "run.csv")
     assert list(tmp_path.iterdir()) == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from pathlib import Path
 
 import pytest
 
@@ -92,3 +93,30 @@ def test_every_function_of_the_package_that_shows_progress_calls_it_so():
     }  # fmt: skip
     for name in shows:
         assert inspect.signature(functions[name]).parameters["progress"].default is True, name
+
+
+NOTEBOOK = """
+import json, sys, types, warnings
+kernel = types.SimpleNamespace(config={"IPKernelApp": {}})
+sys.modules["IPython"] = types.SimpleNamespace(get_ipython=lambda: kernel)
+sys.modules["ipykernel.zmqshell"] = types.ModuleType("zmqshell")
+sys.modules["ipywidgets"] = sys.modules["IPython.html"] = sys.modules["IPython.display"] = None
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    BAR
+print(json.dumps([str(each.message) for each in caught]))
+"""
+"""A kernel of a notebook without ipywidgets."""
+
+
+def test_a_notebook_without_widgets_gets_no_warning(python):
+    by_tqdm = python(NOTEBOOK.replace("BAR", "from tqdm.auto import tqdm"))
+    assert "IProgress not found" in by_tqdm[0], "or this is no longer needed"
+    assert python(NOTEBOOK.replace("BAR", "from lcpimpact.logs import progress_bar; progress_bar(True, [1])")) == []
+
+
+def test_bars_are_made_in_one_place():
+    package = Path(li.__file__).parent
+    assert [file.name for file in package.rglob("*.py") if "import tqdm" in file.read_text(encoding="utf-8")] == [
+        "logs.py"
+    ]

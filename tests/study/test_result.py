@@ -12,7 +12,7 @@ from numpy.testing import assert_array_equal
 
 import lcpimpact as li
 from lcpimpact.plotting.style import save
-from lcpimpact.study.design.fit import CSV_OPTIONS
+from lcpimpact.study.design.curves import CSV_OPTIONS
 
 
 def driven(omega=2.7, **values):

@@ -9,6 +9,7 @@ import pandas as pd
 from lcpimpact.lcp.problem import LCPSolution
 from lcpimpact.lcp.trace import Trace
 from lcpimpact.plotting.cones import plot_cones
+from lcpimpact.plotting.pivots import plot_trace
 from lcpimpact.report.report import Section, folded
 
 MAX_ROWS = 30
@@ -33,9 +34,10 @@ def solution(given: LCPSolution) -> tuple[str, list[Section]]:
 
 
 def trace(given: Trace) -> tuple[str, list[Section]]:
-    """Return the steps with their tableaus, and in the plane the complementary cones."""
+    """Return the steps with their tableaus, and of order 2 or 3 their path and the complementary cones."""
     first, *rows = str(given).split("\n")
-    figures = [plot_cones(given.M, given.q)] if len(given.q) == 2 else []
+    drawn = len(given.q) in (2, 3) and len(given) > 0
+    figures = [plot_trace(given), plot_cones(given.M, given.q)] if drawn else []
     tableaus = "".join(
         folded(f"Tableau {k + 1}", given.tableau(k))
         for k in range(min(len(given), MAX_ROWS))

@@ -21,7 +21,7 @@ a sensor no faster than its sampling, biased for a faster one.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -33,9 +33,8 @@ from scipy.stats import norm
 from scipy.stats import t as student
 
 from lcpimpact.arguments import check_fields, checked
-from lcpimpact.arrays import Array, Indices
+from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError
-from lcpimpact.files import reading, unescape_cell
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import count, finite, is_real, positive
 from lcpimpact.problems.base import Problem
@@ -43,6 +42,7 @@ from lcpimpact.problems.parameters import value_at, with_values
 from lcpimpact.problems.reading import read
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import RUN_ARGUMENTS, check_lcp_solver, make_integrator, simulate
+from lcpimpact.study.design.curves import CurveTable
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study, failed_rows
 from lcpimpact.trajectory import Trajectory
@@ -75,11 +75,6 @@ START_SPREAD = math.log(3.0)
 
 LOSSES = ("linear", "soft_l1", "huber", "cauchy", "arctan")
 SAMPLINGS = ("point", "mean")
-
-CSV_OPTIONS: dict[str, Any] = {"encoding": "utf-8-sig", "skipinitialspace": True}
-"""Options of pandas.read_csv by which every version reads numbers to their last bit."""
-if tuple(map(int, pd.__version__.split(".")[:2])) < (3, 1):
-    CSV_OPTIONS["float_precision"] = "round_trip"
 
 
 @dataclass(frozen=True)
@@ -182,6 +177,7 @@ def fit(
     data: str | Path | pd.DataFrame | None = None,
     *,
     column: str | Sequence[str] | None = None,
+    decimal: str | None = None,
     outputs: Mapping[str, Target] | None = None,
     sigma: float | None = None,
     bounds: Mapping[str, tuple[float, float]] | None = None,
@@ -207,10 +203,12 @@ def fit(
         Addresses of the parameters to fit (`lcpimpact.problems.parameters`: ``k``, ``KelvinVoigt.c``, ``2.k``,
         ``v0.x``), which start from the values of the problem; or each with its start value.
     data : path or DataFrame, optional
-        A CSV file or table with an increasing column t in s, and columns named like the series of a run (``R``, ``x``,
-        ``v_x``). A file of `Trajectory.save` is accepted: its reactions are read at t_R.
+        A table or CSV file (`lcpimpact.study.design.curves`) with an increasing column t in s, and columns named like the
+        series of a run (``R``, ``x``, ``v_x``). A file of `Trajectory.save` is accepted: its reactions are read at t_R.
     column : str or sequence of str, optional
         Columns to fit; by default all that a run has.
+    decimal : {".", ","}, optional
+        Decimal mark of the file; by default the one that its numbers show.
     outputs : mapping of str to Target, optional
         Target outputs.
     sigma : float, optional
@@ -270,7 +268,7 @@ def fit(
         first = parameters.problem(parameters.start)
     except InputError as error:
         raise InputError(f"fit: the start values make no problem: {error}") from None
-    measured = _Measured.of(first, data, column, outputs or {}, sampling, sigma)
+    measured = _Measured.of(first, data, column, outputs or {}, sampling, sigma, decimal)
     end = t_end or measured.last or first.t_end
     _check_measured(measured, parameters, end)
     h = dt or end / (SAMPLES if math.isinf(integrator.declared.order_smooth) else STEPS)
@@ -298,71 +296,6 @@ def fit(
         success=bool(best.success) and rows[number]["failure"] == "",
         message=f"{str(best.message).rstrip('.')}.".replace("`", ""), notes=errors.notes, evaluations=model.evaluations,
     )  # fmt: skip
-
-
-@checked
-def read_curve(data: str | Path | pd.DataFrame, columns: Sequence[str]) -> pd.DataFrame:
-    """Return t and some columns of a measured curve, checked.
-
-    Parameters
-    ----------
-    data : path or DataFrame
-        A CSV file with a header, or a table.
-    columns : sequence of str
-        Besides t.
-
-    Raises
-    ------
-    InputError
-        For a file that cannot be read, a column that is missing, cells that hold no finite number, and times that are
-        negative or do not rise; the message names the lines of the file (its header is line 1) or the rows of the table.
-    """
-    columns = [name for name in dict.fromkeys(columns) if name != "t"]
-    if isinstance(data, pd.DataFrame):
-        return _checked_curve(data, columns, "row", 0)
-    path = Path(data)
-    table = _table(path, skip_blank_lines=False)
-    with reading(path, "cut the curve"):
-        blank = table.isna().all(axis=1)
-        return _checked_curve(table[~(blank & blank[::-1].cummin()[::-1])], columns, "line", 2)
-
-
-def _table(path: Path, **options: Any) -> pd.DataFrame:
-    """Return a CSV file of ours, or of a measurement."""
-    with reading(path, "cut the curve"):
-        try:
-            return pd.read_csv(path, **CSV_OPTIONS, **options)
-        except (ValueError, UnicodeDecodeError) as error:
-            raise InputError(f"it is no CSV file with one header and commas between cells: {error}") from None
-
-
-def _checked_curve(table: pd.DataFrame, columns: Sequence[str], what: str, first: int) -> pd.DataFrame:
-    names = _words(table.columns)
-    table = table.set_axis(names, axis=1)
-    if len(set(names)) < len(names):
-        raise InputError("two of its columns have one name; name each column once")
-    for name in ("t", *columns):
-        if name not in names:
-            raise InputError(f"{nearest(name, names, 'column')}; a curve needs t and {', '.join(columns)}")
-    table = table[["t", *columns]]
-    numbers = table.apply(pd.to_numeric, errors="coerce").astype(float)
-    for name in numbers.columns:
-        bad: Indices = np.flatnonzero(~np.isfinite(numbers[name].to_numpy()))
-        if len(bad):
-            raise InputError(f"column {name}: no finite number in {_places(bad, what, first)}; fill or delete them")
-    t = numbers["t"].to_numpy()
-    if len(t) and t[0] < 0.0:
-        raise InputError(f"t = {t[0]:g} s in {what} {first} lies before the run, which begins at 0; shift the times")
-    stuck: Indices = 1 + np.flatnonzero(np.diff(t) <= 0.0)
-    if len(stuck):
-        raise InputError(f"t does not rise in {_places(stuck, what, first)}; sort the rows and delete doubles")
-    return numbers.reset_index(drop=True)
-
-
-def _places(rows: Indices, what: str, first: int) -> str:
-    shown = ", ".join(str(first + int(row)) for row in rows[:5])
-    more = f" and {len(rows) - 5} more" if len(rows) > 5 else ""
-    return f"{what}{'s' if len(rows) > 1 else ''} {shown}{more}"
 
 
 def _check_settings(sampling: str, loss: str, starts: int, level: float, sigma: float | None) -> None:
@@ -586,11 +519,12 @@ class _Measured:
         outputs: Mapping[str, Target],
         sampling: str,
         sigma: float | None,
+        decimal: str | None,
     ) -> _Measured:
         """Read and check the data."""
         if data is None and not outputs:
             raise InputError("fit: nothing to fit to; give data, a curve, or outputs")
-        curves = [] if data is None else _curves(problem, data, column)
+        curves = [] if data is None else _curves(problem, data, column, decimal)
         values = [y for _, _, y in curves] + [np.array([target.value for target in outputs.values()])]
         scales = [np.full(len(y), sigma or float(np.sqrt(np.mean(y**2))) or 1.0) for _, _, y in curves]
         scales.append(np.array([target.scale for target in outputs.values()]))
@@ -630,13 +564,14 @@ class _Measured:
 
 
 def _curves(
-    problem: Problem, data: str | Path | pd.DataFrame, column: str | Sequence[str] | None
+    problem: Problem, data: str | Path | pd.DataFrame, column: str | Sequence[str] | None, decimal: str | None
 ) -> list[tuple[str, Array, Array]]:
     """Return series, times and values of each curve in the data."""
     d = problem.dynamics
     forces = [each.name for each in d.forces]
     known = [*d.nodes, *(f"v_{node}" for node in d.nodes), *forces]
-    header = _words(data.columns) if isinstance(data, pd.DataFrame) else _header(Path(data))
+    table = CurveTable.of(data, decimal)
+    header = table.header
     wanted = [column] if isinstance(column, str) else list(column or [name for name in known if name in header])
     for name in wanted:
         if name not in known:
@@ -646,33 +581,13 @@ def _curves(
             f"fit: none of the columns {', '.join(map(str, header))} is a series of problem {problem.name!r}, which has "
             f"{', '.join(known)}: rename one"
         )
-    own = "t_R" in header
     found = []
     for name in wanted:
-        table = _own_times(data, name) if own and name in forces else read_curve(data, [name])
-        if not len(table):
+        curve = table.curve([name], time="t_R" if name in forces and "t_R" in header else "t")
+        if not len(curve):
             raise InputError(f"fit: column {name} holds no numbers; measure some")
-        found.append((name, table["t"].to_numpy(), table[name].to_numpy()))
+        found.append((name, curve["t"].to_numpy(), curve[name].to_numpy()))
     return found
-
-
-def _header(path: Path) -> list[str]:
-    return _words(_table(path, nrows=0).columns)
-
-
-def _words(header: Iterable[Any]) -> list[str]:
-    """Return the names of columns."""
-    return [unescape_cell(str(name).strip()) for name in header]
-
-
-def _own_times(data: str | Path | pd.DataFrame, name: str) -> pd.DataFrame:
-    """Return a reaction of a saved run at its own times, which may be fewer than those of the motion."""
-    table = data if isinstance(data, pd.DataFrame) else _table(Path(data))
-    table = table.set_axis(_words(table.columns), axis=1)
-    if name not in table.columns:
-        raise InputError(nearest(name, list(table.columns), "column"))
-    pair = table[["t_R", name]].set_axis(["t", name], axis=1)
-    return _checked_curve(pair[~pair.isna().all(axis=1)], [name], "row", 0)
 
 
 def _means(run: Trajectory, series: str, t: Array) -> Array:

@@ -1,0 +1,331 @@
+"""Runs as tables and files: pandas, xarray, CSV, NumPy, netCDF, Parquet and MATLAB, each with units and metadata."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import unicodedata
+from collections.abc import Callable, Iterable, Mapping
+from itertools import chain, zip_longest
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lcpimpact.errors import InputError
+from lcpimpact.files import check_output, escape_cell, whole_files
+from lcpimpact.registry import import_extra
+from lcpimpact.scheme.system import LinearComplementaritySystem
+
+EVENT_COLUMNS = ("t", "contact", "kind", "impulse")
+"""Columns of an event in a file, beside those of its two limits."""
+
+SIDES = ("left", "right")
+
+EXTRAS = {".nc": ("xarray", "sweep"), ".parquet": ("pyarrow", "parquet")}
+"""Ending to the package that writes it, and the extra that has it."""
+
+MATLAB_NAME_LENGTH = 63
+"""Maximum length of a name in MATLAB."""
+
+MATLAB_OWN = (
+    "units", "metadata", "events", "names", "break", "case", "catch", "classdef", "continue", "else", "elseif", "end", "for",
+    "function", "global", "if", "otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "while",
+)  # fmt: skip
+"""Names that a series cannot have in a .mat file: the structs beside it, and MATLAB's keywords."""
+
+
+def check_format(path: Path) -> None:
+    """Check, before any computation, that the package that writes the format of a file is installed.
+
+    Raises
+    ------
+    UnsupportedError
+        Naming the package and its extra.
+    """
+    if path.suffix in EXTRAS:
+        import_extra(*EXTRAS[path.suffix])
+
+
+def save(run: Any, path: Path) -> None:
+    """Write a run to the files of `companions` and to ``path``, all of them or none.
+
+    Raises
+    ------
+    InputError
+        For an unknown ending, names that the format cannot hold, or a folder that cannot be written.
+    UnsupportedError
+        If the package that writes the format is not installed.
+    """
+    check_output(path, WRITERS)
+    check_format(path)
+    with whole_files(*companions(path), path) as parts:
+        WRITERS[path.suffix](run, *parts)
+
+
+def companions(path: Path) -> tuple[Path, ...]:
+    """Return the names of the files beside that of a run: run.events.csv and run.meta.json beside run.csv.
+
+    Examples
+    --------
+    >>> [each.name for each in companions(Path("run.parquet"))], companions(Path("run.npz"))
+    (['run.events.parquet'], ())
+    """
+    events, meta = path.with_suffix(f".events{path.suffix}"), path.with_suffix(".meta.json")
+    return {".csv": (events, meta), ".parquet": (events,)}.get(path.suffix, ())
+
+
+# ---- units and metadata ---------------------------------------------------------------------------------------------
+
+
+def units(run: Any) -> dict[str, str]:
+    """Return the unit of each series, of t and of t_R; "" for the series of a system of equations, which states none."""
+    metre, metre_per_second, newton = ("m", "m/s", "N")
+    if isinstance(run.problem.scheme, LinearComplementaritySystem):
+        metre = metre_per_second = newton = ""
+    n = len(run.nodes)
+    of_series = [*[metre] * n, *[metre_per_second] * n, *[newton] * len(run.force_names)]
+    return {"t": "s", "t_R": "s"} | dict(zip(run.names, of_series, strict=True))
+
+
+def metadata(run: Any) -> dict[str, Any]:
+    """Return what made a run and how it ended: strings, numbers and the parameters by name.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem, simulate
+    >>> found = metadata(simulate(load_problem("bouncing-ball", e=0.5), dt=0.1, t_end=1.0))
+    >>> found["problem"], found["parameters"]["e"], found["dt"], found["t_end"], found["status"]
+    ('bouncing-ball', 0.5, 0.1, 1.0, 'SOLVED')
+    """
+    from lcpimpact import __version__
+
+    return {
+        "problem": run.problem.name,
+        "parameters": {name: float(value) for name, value in run.problem.parameters.items()},
+        "method": run.method,
+        "dt": float(run.t[1] - run.t[0]) if len(run.t) > 1 else float("nan"),
+        "t_end": float(run.t[-1]),
+        "status": run.status.name,
+        "message": run.message,
+        "version": f"lcpimpact {__version__}",
+    }
+
+
+def _flat_metadata(run: Any) -> dict[str, Any]:
+    """Return the metadata with the parameters as JSON, for formats without nesting."""
+    found = metadata(run)
+    return found | {"parameters": json.dumps(found["parameters"], ensure_ascii=False)}
+
+
+# ---- tables ---------------------------------------------------------------------------------------------------------
+
+
+def columns(run: Any) -> dict[str, Any]:
+    """Return the columns of a run: t, coordinates, velocities; then t_R and the forces, which may be of other length."""
+    motion, forces = run.names[: 2 * len(run.nodes)], run.names[2 * len(run.nodes) :]
+    return {
+        "t": run.t,
+        **{name: run[name] for name in motion},
+        "t_R": run.t_reaction,
+        **{name: run[name] for name in forces},
+    }
+
+
+def _event_header(run: Any) -> list[str]:
+    return [*EVENT_COLUMNS, *(f"{name}_{side}" for side in SIDES for name in run.names)]
+
+
+def _event_rows(run: Any) -> Iterable[list[Any]]:
+    """Yield the cells of each event."""
+    for event in run.events:
+        limits = ((side.q, side.v, side.reaction) for side in (event.left, event.right))
+        numbers = np.concatenate([*chain.from_iterable(limits)]).tolist()
+        yield [event.t, event.contact, event.kind, event.impulse, *numbers]
+
+
+def to_pandas(run: Any) -> Any:
+    """Return the columns of a run as a DataFrame, with units and metadata in ``attrs``."""
+    import pandas as pd
+
+    frame = pd.DataFrame({name: pd.Series(values) for name, values in columns(run).items()})
+    frame.attrs = metadata(run) | {"units": units(run)}
+    return frame
+
+
+def to_xarray(run: Any) -> Any:
+    """Return a run as an xarray Dataset, with units in the attributes of its variables and metadata in its own."""
+    xarray = import_extra(*EXTRAS[".nc"])
+    given, unit = columns(run), units(run)
+    forces = list(run.names[2 * len(run.nodes) :])
+    axes = {name: "t_R" if name in forces else "t" for name in run.names}
+    series = {name: (axis, given[name], _unit_attribute(unit[name])) for name, axis in axes.items()}
+    found = _event_arrays(run)
+    events: dict[str, Any] = {f"event_{name}": ("event", found[f"event_{name}"]) for name in EVENT_COLUMNS}
+    coordinates: dict[str, Any] = {name: (name, given[name], {"units": "s"}) for name in ("t", "t_R")}
+    coordinates["event_side"], coordinates["event_node"] = list(SIDES), list(run.nodes)
+    places = {"q": "event_node", "v": "event_node"}
+    if forces:  # netCDF has no axis of length 0 except that of the events
+        coordinates["event_row"] = forces
+        places["reaction"] = "event_row"
+    for name, place in places.items():
+        sides = [found[f"event_{name}_{side}"] for side in SIDES]
+        events[f"event_{name}"] = (("event", "event_side", place), np.stack(sides, axis=1))
+    for name in run.names:
+        if name == "event" or name in events or name in coordinates:
+            raise InputError(f"the series {name!r} has a name that a Dataset needs for the events: rename it")
+    return xarray.Dataset(series | events, coords=coordinates, attrs=_flat_metadata(run))
+
+
+def _unit_attribute(unit: str) -> dict[str, str]:
+    return {"units": unit} if unit else {}
+
+
+def _event_arrays(run: Any) -> dict[str, Any]:
+    """Return the fields of the events as arrays with one row per event (ne, ...)."""
+    n, nc = len(run.nodes), run.reaction.shape[1]
+    arrays = {f"event_{name}": np.array([getattr(each, name) for each in run.events]) for name in EVENT_COLUMNS}
+    for name in ("contact", "kind"):
+        arrays[f"event_{name}"] = arrays[f"event_{name}"].astype(str)
+    for side in SIDES:
+        for name, size in (("q", n), ("v", n), ("reaction", nc)):
+            values = [getattr(getattr(each, side), name) for each in run.events]
+            arrays[f"event_{name}_{side}"] = np.array(values, dtype=np.float64).reshape(len(values), size)
+    return arrays
+
+
+# ---- files ----------------------------------------------------------------------------------------------------------
+
+
+def _write_csv(run: Any, events: Path, meta: Path, path: Path) -> None:
+    """Write the series and the events as tables of plain numbers, and the metadata as JSON beside them."""
+    series = columns(run)
+    rows = zip_longest(*(values.tolist() for values in series.values()), fillvalue="")
+    _write_rows(path, series, rows)
+    _write_rows(events, _event_header(run), ([_escaped(cell) for cell in row] for row in _event_rows(run)))
+    meta.write_text(_json(metadata(run) | {"units": units(run)}), encoding="utf-8")
+
+
+def _escaped(cell: Any) -> Any:
+    """Return a cell, a text escaped for spreadsheets."""
+    return escape_cell(cell) if isinstance(cell, str) else cell
+
+
+def _write_rows(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(map(escape_cell, header))
+        writer.writerows(rows)
+
+
+def _json(found: Mapping[str, Any]) -> str:
+    """Return metadata as JSON, which has no word for NaN: null."""
+    known = {name: None if value != value else value for name, value in found.items()}
+    return json.dumps(known, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+
+
+def _write_npz(run: Any, path: Path) -> None:
+    unit = units(run)
+    with path.open("wb") as file:
+        np.savez_compressed(
+            file,
+            t=run.t,
+            q=run.q,
+            v=run.v,
+            t_reaction=run.t_reaction,
+            reaction=run.reaction,
+            push=run.push,
+            names=np.array(run.names),
+            units=np.array([unit[name] for name in run.names]),
+            **_event_arrays(run),
+            **_flat_metadata(run),
+        )
+
+
+def _write_netcdf(run: Any, path: Path) -> None:
+    for name in run.names:
+        if not name.isascii():
+            raise InputError(
+                f"netCDF takes plain letters, and the series {name!r} has others: save as .npz, .csv, .parquet or .mat"
+            )
+    to_xarray(run).to_netcdf(path, engine="scipy")
+
+
+def _write_parquet(run: Any, events: Path, path: Path) -> None:
+    import pandas as pd
+
+    frame = to_pandas(run)
+    frame.to_parquet(path, engine="pyarrow", index=False)
+    found = pd.DataFrame(list(_event_rows(run)), columns=_event_header(run))
+    found = found.astype({name: "str" if name in ("contact", "kind") else "float64" for name in found})
+    found.attrs = frame.attrs
+    found.to_parquet(events, engine="pyarrow", index=False)
+
+
+def _write_matlab(run: Any, path: Path) -> None:
+    """Write each series as a column, and the structs units, metadata, events and names, which has the names of the run."""
+    from scipy.io import savemat
+    from scipy.io.matlab import MatWriteError
+
+    series, told = columns(run), metadata(run)
+    valid = dict(zip(series, matlab_names(series), strict=True))
+    parameters = told["parameters"]
+    told["parameters"] = dict(zip(matlab_names(parameters), parameters.values(), strict=True))
+    found = _event_arrays(run)
+    events = {name.removeprefix("event_"): found[name] for name in found}
+    events |= {name: events[name].astype(object) for name in ("contact", "kind")}  # cell arrays of texts
+    everything = {valid[name]: values for name, values in series.items()} | {
+        "units": {valid[name]: unit for name, unit in units(run).items()},
+        "names": {valid[name]: name for name in series},
+        "metadata": told,
+        "events": events,
+    }
+    try:
+        with path.open("wb") as file:
+            savemat(file, everything, long_field_names=True, do_compression=True, oned_as="column")
+            file.seek(0)  # SciPy's heading holds the date, which would make each file another one
+            file.write(f"MATLAB 5.0 MAT-file by {told['version']}".encode().ljust(116)[:116])
+    except MatWriteError as error:
+        raise InputError(f"a .mat file cannot hold this run ({error}): save as .npz or .parquet") from None
+
+
+def matlab_names(names: Iterable[str]) -> list[str]:
+    """Return names as MATLAB accepts them: ASCII letters, digits and underscores after a letter, each another one.
+
+    Examples
+    --------
+    >>> matlab_names(["x", "v_x", "θ", "theta", "1 a", "end", "units"])
+    ['x', 'v_x', 'theta', 'theta_2', 'x1_a', 'end_2', 'units_2']
+    """
+    taken, found = set(MATLAB_OWN), []
+    for name in names:
+        plain = re.sub(r"\W", "_", "".join(map(_ascii, name)), flags=re.ASCII)
+        plain = plain if plain[:1].isalpha() else f"x{plain}"
+        plain = valid = plain[: MATLAB_NAME_LENGTH - 7]
+        number = 1
+        while valid in taken:
+            number += 1
+            valid = f"{plain}_{number}"
+        taken.add(valid)
+        found.append(valid)
+    return found
+
+
+def _ascii(letter: str) -> str:
+    """Return a Greek letter by its name, and any other as it is."""
+    words = unicodedata.name(letter, "").split()
+    if words[:1] != ["GREEK"] or "LETTER" not in words:
+        return letter
+    name = words[words.index("LETTER") + 1].lower()
+    return name if "SMALL" in words else name.capitalize()
+
+
+WRITERS: dict[str, Callable[..., None]] = {
+    ".csv": _write_csv,
+    ".npz": _write_npz,
+    ".nc": _write_netcdf,
+    ".parquet": _write_parquet,
+    ".mat": _write_matlab,
+}
+"""Ending to the function that writes a run to the `companions` and the file itself."""
