@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from lcpimpact.arrays import Array
-from lcpimpact.certificate.energy import INFLOWS, Account, Sinks
+from lcpimpact.certificate.energy import INFLOWS, Account, account_of
 from lcpimpact.certificate.impacts import RunImpacts
 from lcpimpact.certificate.quadrature import Pieces
 from lcpimpact.errors import InputError
@@ -339,7 +339,7 @@ def dissipated(run: Any) -> float:
     d = run.problem.dynamics
     if not d.stores_energy:
         return math.nan
-    return float(energy_flows(run, Account(d, Sinks.all_as_one(d)))[3][-1, len(INFLOWS) :].sum())
+    return float(energy_flows(run, account_of(d))[3][-1, len(INFLOWS) :].sum())
 
 
 def energy_flows(run: Any, account: Account) -> tuple[Array, Array, Array, Array]:

@@ -152,7 +152,7 @@ class ContinuousSolution:
 
     def resolves(self, cuts: Array) -> Flags:
         """Return whether the solution is resolved between other, finer cuts (nk - 1,)."""
-        if self.resolved is None or len(self.resolved) == 0:
+        if self.resolved is None or self.resolved.all():
             return np.ones(len(cuts) - 1, np.bool_)
         own = np.searchsorted(self.cuts, cuts[:-1], side="right") - 1
         return np.asarray(self.resolved[np.clip(own, 0, len(self.resolved) - 1)])

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import types
 
-from lcpimpact.arrays import Array, Flags, Indices, inverse
-from lcpimpact.certificate.energy import Account, Sinks
+from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.certificate.energy import account_of
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses
 from lcpimpact.certificate.laws import (
     accelerations,
@@ -19,13 +19,13 @@ from lcpimpact.certificate.laws import (
     node_kinds,
     switch_residual,
 )
-from lcpimpact.certificate.quadrature import Pieces, running_sum
+from lcpimpact.certificate.quadrature import SAMPLES, Pieces, running_sum
 from lcpimpact.certificate.scales import Judgement, Scales, largest_violation
 from lcpimpact.certificate.theta_balance import DAMPED, FREE, MASSIVE
-from lcpimpact.compiled import compiled, matrix, vector
+from lcpimpact.compiled import compiled, f8, vector
 from lcpimpact.integrators.base import Limits
 from lcpimpact.record import ContinuousSolution, Event, Record
-from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.dynamics import Dynamics, once
 
 SUM_RTOL = 64.0 * float(np.finfo(float).eps)
 """Rounding of sums over a run, relative to the largest term."""
@@ -33,65 +33,56 @@ SUM_RTOL = 64.0 * float(np.finfo(float).eps)
 
 @dataclass(frozen=True, eq=False)
 class SampledMotion:
-    """A continuous solution at the Gauss nodes and on both sides of its cuts.
+    """A continuous solution at its cuts and at the Gauss nodes between them.
 
     Attributes
     ----------
     pieces : Pieces
     resolved : (nk - 1,) array of bool      pieces on which the quadrature resolves the solution
-    t, q, v, r : (nt, ...) arrays           at the Gauss nodes
-    f, g : (nt, n) arrays                   the loads, and the sum of the forces on each node
-    right, left : tuples                    q, v, r after each cut (nk, ...), and q, v before it
-    before : tuple                          q and r before each event
+    q, v, r : (ns, ...) arrays              at the `Pieces.samples`, right limits
+    f, g : (nt, n) arrays                   the loads, and the sum of the forces on each node, at the Gauss nodes
+    left : tuple                            q and v before each cut
     impacts : RunImpacts
     at : (ni,) array                        the cut of each impact
-    grid : tuple                            q, v, r at the times of the record, right limits
     """
 
     pieces: Pieces
     resolved: Flags
-    t: Array
     q: Array
     v: Array
     r: Array
     f: Array
     g: Array
-    right: tuple[Array, Array, Array]
     left: tuple[Array, Array]
-    before: tuple[Array, Array]
     impacts: RunImpacts
     at: Indices
-    grid: tuple[Array, Array, Array]
 
     @classmethod
     def of(
         cls,
         d: Dynamics,
         start: tuple[Array, Array],
-        grid: Array,
+        end: float,
         dense: ContinuousSolution,
         events: Sequence[Event],
     ) -> SampledMotion:
-        """Return the samples up to the end of a run on a grid; ``start`` holds the initial q and v."""
-        end = float(grid[-1])
+        """Return the samples up to the end of a run; ``start`` holds the initial q and v."""
         inside = dense.cuts[dense.cuts <= end]
-        pieces = Pieces(np.unique(np.concatenate([inside, [event.t for event in events if event.t <= end], [end]])))
-        t, cuts = pieces.times, pieces.cuts
-        (q, v, r), right, on_grid = _read_together(dense, (t, cuts, grid))
-        q_left, v_left = right[0].copy(), right[1].copy()
-        q_left[0], v_left[0] = start if d.stores_energy else (right[0][0], start[1])
-        instants, first = np.unique([event.t for event in events], return_index=True)
-        for k, one in zip(np.searchsorted(cuts, instants), first, strict=True):
+        events = [event for event in events if event.t <= end]
+        pieces = Pieces(np.unique(np.concatenate([inside, [event.t for event in events], [end]])))
+        cuts = pieces.cuts
+        q, v, r = dense.read(pieces.samples, "right")
+        q_left, v_left = q[:: SAMPLES - 1].copy(), v[:: SAMPLES - 1].copy()
+        q_left[0], v_left[0] = start if d.stores_energy else (q[0], start[1])
+        first = {event.t: event.left for event in reversed(events)}
+        for k, before in zip(cuts.searchsorted(list(first)).tolist(), first.values(), strict=True):
             if 0 < k < len(cuts):
-                q_left[k], v_left[k] = events[one].left.q, events[one].left.v
+                q_left[k], v_left[k] = before.q, before.v
         impacts = RunImpacts.of(d, events)
-        impacts = impacts[impacts.t <= end]
-        f, g = forces_on_nodes(d, t, q, v, r)
-        before = np.array([each.left.q for each in events]), np.array([each.left.reaction for each in events])
-        at = np.asarray(np.searchsorted(cuts, impacts.t), dtype=np.int64)
+        f, g = forces_on_nodes(d, pieces.times, *map(pieces.at_nodes, (q, v, r)))
         return cls(
-            pieces=pieces, resolved=dense.resolves(cuts), t=t, q=q, v=v, r=r, f=f, g=g,
-            right=right, left=(q_left, v_left), before=before, impacts=impacts, at=at, grid=on_grid,
+            pieces=pieces, resolved=dense.resolves(cuts), q=q, v=v, r=r, f=f, g=g, left=(q_left, v_left),
+            impacts=impacts, at=np.asarray(cuts.searchsorted(impacts.t), dtype=np.int64),
         )  # fmt: skip
 
     def at_cuts(self, values: Array) -> Array:
@@ -101,13 +92,14 @@ class SampledMotion:
         return sums
 
     def imbalance(self, right: Array, left: Array, jumps: Array, rate: Array) -> Array:
-        """Return right - left(0) - Σ jumps - ∫ rate dt on both sides of each cut (2 nk, ...).
+        """Return right - left(0) - Σ jumps - ∫ rate dt on both sides of each cut (2 nk, m).
 
         Pieces that the quadrature does not resolve are omitted.
         """
         between = (left[1:] - right[:-1]) - self.pieces.each(rate)
-        resolved = self.resolved.reshape(-1, *[1] * (between.ndim - 1))
-        return running_sum((right - left) - jumps, between * resolved)
+        if not self.resolved.all():
+            between *= self.resolved[:, None]
+        return running_sum((right - left) - jumps, between)
 
 
 def judge_continuous(
@@ -119,12 +111,13 @@ def judge_continuous(
     limits: Limits,
 ) -> tuple[Judgement, Scales, tuple[float, float]]:
     """Judge a continuous solution, piece by piece between its cuts and events."""
-    run = SampledMotion.of(d, start, record.t, dense, events)
-    q, v, r = (np.concatenate(each) for each in zip((run.q, run.v, run.r), run.right, strict=True))
+    run = SampledMotion.of(d, start, float(record.t[-1]), dense, events)
     h = np.where(run.resolved, run.pieces.lengths, 0.0)
-    scales = Scales.of(d, q, np.concatenate([v, run.left[1]]), r, run.f).at_least(float(h.max(initial=0.0)))
+    scales = Scales.of(d, run.q, np.concatenate([run.v, run.left[1]]), run.r, run.f).at_least(float(h.max(initial=0.0)))
     elapsed = SUM_RTOL * np.cumsum(np.append(0.0, h))
-    error_p, error_q = (limits.slack * run.pieces.error(each, limits.order) for each in (run.g, run.v))
+    error_p, error_q = (
+        limits.slack * run.pieces.error(each, limits.order) for each in (run.g, run.pieces.at_nodes(run.v))
+    )
     momentum, way, energy, energies, power = _imbalances(d, run)
     scale = float(np.abs(energies).max())
     # An energy of large terms that cancel has their rounding error.
@@ -134,30 +127,47 @@ def judge_continuous(
     allowed_E += error_p @ scales.v + error_q @ scales.forces
     found = {
         **_judge_nodes(d, run, (momentum, way), scales, limits, elapsed, (error_p, error_q)),
-        **_judge_contacts(d, run, scales, limits, largest_impulses(d, events), np.abs(d.H) @ error_q[-1]),
-        "energy_balance": largest_violation(np.abs(energy), np.repeat(allowed_E, 2)),
-        "sampling": _sampling(record, dense, run.grid, scales, limits.precision),
+        **_judge_contacts(d, run, scales, limits, events, np.abs(d.H) @ error_q[-1]),
+        "energy_balance": largest_violation(energy, allowed_E),
+        "sampling": _sampling(record, dense, scales, limits.precision),
     }
-    return found, scales, (float(np.abs(energy).max()), scale)
+    return found, scales, (float(energy.max()), scale)
 
 
 def _imbalances(d: Dynamics, run: SampledMotion) -> tuple[Array, Array, Array, Array, Array]:
-    """Return the imbalances of momentum (2 nk, n), way (2 nk, n) and energy (2 nk,), the stored energies, and the power."""
-    account, n, nk = Account(d, Sinks.all_as_one(d)), len(d.nodes), len(run.pieces.cuts)
-    (q, v, _), (q_left, v_left), impacts = run.right, run.left, run.impacts
+    """Return the imbalances of momentum (nk, n), way (nk, n) and energy (nk,), the stored energies, and the power.
+
+    Of the imbalances on both sides of a cut it is the absolute value of the larger one.
+    """
+    account, n, pieces, impacts = account_of(d), len(d.nodes), run.pieces, run.impacts
+    (q, v), (q_left, v_left) = map(pieces.at_cuts, (run.q, run.v)), run.left
+    q_in, v_in, r_in = map(pieces.at_nodes, (run.q, run.v, run.r))
     stored = account.stored(np.concatenate([q, q_left]), np.concatenate([v, v_left]), q_left[0])
     total = stored.sum(axis=1)[:, None]
-    power = account.balance(account.powers_under(run.f, run.q, run.v, run.r))
-    gained = account.balance(account.of_impacts(impacts))[:, None]
+    power = account.balance(account.powers_under(run.f, q_in, v_in, r_in))
+    jumps: Array = np.zeros(2 * n + 1)
+    if len(impacts.t):
+        gained = account.balance(account.of_impacts(impacts))[:, None]
+        jumps = run.at_cuts(np.hstack([impacts.P @ d.B.T, np.zeros((len(impacts.t), n)), gained]))
     off = run.imbalance(
-        np.hstack([v @ d.M.T, q, total[:nk]]),
-        np.hstack([v_left @ d.M.T, q_left, total[nk:]]),
-        run.at_cuts(np.hstack([impacts.P @ d.B.T, np.zeros((len(impacts.t), n)), gained])),
-        np.hstack([run.g, run.v, power[:, None]]),
+        np.concatenate([v @ d.M.T, q, total[: len(q)]], axis=1),
+        np.concatenate([v_left @ d.M.T, q_left, total[len(q) :]], axis=1),
+        jumps,
+        np.concatenate([run.g, v_in, power[:, None]], axis=1),
     )
     # An initial jump is judged by the momentum: massless nodes between springs jump to equilibrium.
-    energy = np.append(0.0, off[1:, -1] - off[1, -1])
-    return off[:, :n], off[:, n:-1], energy, stored[:, :2].sum(axis=1), power
+    off[1:, -1] -= off[1, -1]
+    off[0, -1] = 0.0
+    sizes = np.abs(off)
+    sizes = np.maximum(sizes[::2], sizes[1::2])
+    return sizes[:, :n], sizes[:, n:-1], sizes[:, -1], stored[:, :2].sum(axis=1), power
+
+
+@once
+def _judged_nodes(d: Dynamics) -> tuple[Flags, Flags, Flags]:
+    """Return the nodes with mass, those whose velocities are independent states, and those without mass (n,)."""
+    kind = node_kinds(d)
+    return kind == MASSIVE, (kind >= DAMPED) & ~d.jumping, np.isin(kind, (DAMPED, FREE))
 
 
 def _judge_nodes(
@@ -169,103 +179,91 @@ def _judge_nodes(
     elapsed: Array,
     errors: tuple[Array, Array],
 ) -> Judgement:
-    """Judge momentum, kinematics, and the balance of massless nodes; the former two by their imbalances (2 nk, n)."""
-    ε, kind, forces = limits.precision, node_kinds(d), scales.forces
+    """Judge momentum, kinematics, and the balance of massless nodes; the former two by their imbalances (nk, n)."""
+    ε, forces, (massive, moves, massless) = limits.precision, scales.forces, _judged_nodes(d)
     momentum, way = imbalances
-    allowed_p = np.repeat(ε * scales.momenta + elapsed[:, None] * forces + errors[0], 2, axis=0)
-    allowed_q = np.repeat(ε * scales.q + elapsed[:, None] * scales.v + errors[1], 2, axis=0)
-    massive, moves, massless = kind == MASSIVE, (kind >= DAMPED) & ~d.jumping, np.isin(kind, (DAMPED, FREE))
+    allowed_p = ε * scales.momenta + elapsed[:, None] * forces + errors[0]
+    allowed_q = ε * scales.q + elapsed[:, None] * scales.v + errors[1]
     return {
-        "momentum": largest_violation(np.abs(momentum[:, massive]), allowed_p[:, massive]),
+        "momentum": largest_violation(momentum[:, massive], allowed_p[:, massive]),
         "equilibrium": largest_violation(np.abs(run.g[:, massless]).max(axis=0), ε * forces[massless]),
-        "kinematics": largest_violation(np.abs(way[:, moves]), allowed_q[:, moves]),
+        "kinematics": largest_violation(way[:, moves], allowed_q[:, moves]),
     }
 
 
 def _judge_contacts(
-    d: Dynamics, run: SampledMotion, scales: Scales, limits: Limits, largest: Array, gap_error: Array
+    d: Dynamics, run: SampledMotion, scales: Scales, limits: Limits, events: Sequence[Event], gap_error: Array
 ) -> Judgement:
     """Judge complementarity, penetration, bounds and the impact law; ``gap_error`` is the error of gaps in m (nc,)."""
-    ε, end = limits.precision, float(run.pieces.cuts[-1])
-    q_right, _, r_right = run.right
-    u, u_right = d.gap(run.q) + run.r @ d.D.T, d.gap(q_right) + r_right @ d.D.T
-    product = np.maximum(np.abs(run.r * u).max(axis=0), np.abs(r_right * u_right).max(axis=0))
-    friction = np.zeros(len(d.contacts))
+    ε, end, r, pieces = limits.precision, float(run.pieces.cuts[-1]), run.r, run.pieces
+    u = d.gap(run.q) + r @ d.D.T
+    product = np.abs(r * u).max(axis=0)
     if d.rubs.any():
-        friction = np.abs(run.pieces.each(friction_residual(d, run.r, d.gap_rate(run.v)))).max(axis=0)
+        missing = friction_residual(d, pieces.at_nodes(r), d.gap_rate(pieces.at_nodes(run.v)))
+        product = np.where(d.unilateral, product, np.abs(pieces.each(missing)).max(axis=0))
+    else:
+        product = np.where(d.unilateral, product, 0.0)
     # What touches but for rounding may be one of the next instant.
     violation, by_impacts = judge_impacts(d, run.impacts, -ε * scales.u, limits.rest * end)
     slow = ε * scales.U + limits.rest * end * accelerations(d, run.g)
     for path in d.impulse_lines > 0.0:
         slow[path] = np.maximum(slow[path], slow[path].sum())
-    one_sided, bounds = d.unilateral, d.friction_bounds(scales.r)
+    one_sided, bounds, largest = d.unilateral, d.friction_bounds(scales.r), largest_impulses(d, events)
     largest = np.maximum(largest, d.friction_bounds(largest) * d.frictional)
     reach = ε * scales.u + gap_error
-    penetration = np.maximum(0.0, -np.minimum(u.min(axis=0), u_right.min(axis=0)))
-    penetration = np.where(d.joints, np.maximum(np.abs(u).max(axis=0), np.abs(u_right).max(axis=0)), penetration)
-    beyond = np.maximum(bound_violation(d, run.r).max(axis=0), bound_violation(d, r_right).max(axis=0))
+    penetration = np.maximum(0.0, -u.min(axis=0)) * one_sided
+    if d.joints.any():
+        penetration = np.where(d.joints, np.abs(u).max(axis=0), penetration)
     return {
         "complementarity": largest_violation(
-            np.maximum(np.where(one_sided, product, friction) + _switch_residuals(d, run, u, u_right), by_impacts),
+            np.maximum(product + _switch_residuals(d, r, u, events), by_impacts),
             np.where(d.relays, d.r_max - d.r_min, scales.r) * reach
             + largest * slow
             + bounds * (gap_error + ε * end * scales.U),
         ),
-        "penetration": largest_violation(penetration * (one_sided | d.joints), reach),
-        "tension": largest_violation(beyond, ε * (scales.r + bounds * d.frictional)),
+        "penetration": largest_violation(penetration, reach),
+        "tension": largest_violation(bound_violation(d, r).max(axis=0), ε * (scales.r + bounds * d.frictional)),
         "impact_law": largest_violation(violation, slow),
     }
 
 
-def _switch_residuals(d: Dynamics, run: SampledMotion, u: Array, u_right: Array) -> Array:
-    """Return the largest residual of each relay; zero for other rows (nc,)."""
+def _switch_residuals(d: Dynamics, r: Array, u: Array, events: Sequence[Event]) -> Array:
+    """Return the largest residual of each relay, at the samples and before each event; zero for other rows (nc,)."""
     if not d.relays.any():
         return np.zeros(len(d.contacts))
-    seen = [(run.r, u), (run.right[2], u_right)]
-    if len(run.before[0]):
-        q_before, r_before = run.before
+    seen = [(r, u)]
+    if events:
+        q_before, r_before = (np.array([getattr(each.left, name) for each in events]) for name in ("q", "reaction"))
         seen.append((r_before, d.gap(q_before) + r_before @ d.D.T))
     return np.asarray(np.max([switch_residual(d, *each).max(axis=0) for each in seen], axis=0))
 
 
-def _read_together(dense: ContinuousSolution, times: Sequence[Array]) -> list[tuple[Array, Array, Array]]:
-    """Return q, v and r at each of several series of times, right limits, in one reading."""
-    together, ends = np.concatenate(times), np.cumsum([len(each) for each in times])[:-1]
-    order = np.argsort(together, kind="stable")
-    back = inverse(order)
-    q, v, r = (np.split(each.take(back, axis=0), ends) for each in dense.read(together[order], "right"))
-    return list(zip(q, v, r, strict=True))
-
-
-def _sampling(
-    record: Record, dense: ContinuousSolution, right: tuple[Array, Array, Array], scales: Scales, ε: float
-) -> tuple[float, float]:
-    """Return the largest difference of the record from either limit of the continuous solution, relative to each scale.
-
-    ``right`` holds the right limits.
-    """
+def _sampling(record: Record, dense: ContinuousSolution, scales: Scales, ε: float) -> tuple[float, float]:
+    """Return the largest difference of the record from either limit of the continuous solution, relative to each scale."""
     ours, sizes = (record.q, record.v, record.reaction), (scales.q, scales.v, scales.r)
 
-    def differences(read: tuple[Array, Array, Array]) -> Array:
+    def differences(side: str) -> Array:
         largest = np.zeros(len(record.t))
-        for mine, theirs, size in zip(ours, read, sizes, strict=True):
+        for mine, theirs, size in zip(ours, dense.read(record.t, side), sizes, strict=True):
             if mine.shape != theirs.shape:
                 raise ValueError(f"a record of the shape {mine.shape} for a solution of {theirs.shape}")
-            _note_differences(np.ascontiguousarray(mine), np.ascontiguousarray(theirs), size, largest)
+            _note_differences(mine, theirs, size, largest)
         return largest
 
-    largest = differences(right)
-    if (largest > ε).any():
-        largest = np.minimum(largest, differences(dense.read(record.t, "left")))
+    largest = differences("right")
+    if not (largest <= ε).all():
+        largest = np.minimum(largest, differences("left"))
     return float(largest.max()), ε
 
 
-@compiled(types.void(matrix, matrix, vector, vector), allocates=False)
+@compiled(types.void(f8[:, :], f8[:, :], vector, vector), allocates=False)
 def _note_differences(a: Array, b: Array, size: Array, largest: Array) -> None:
     """Raise ``largest`` (nt,) to |a - b| of each instant (nt, m), relative to the size of each column; NaN is largest."""
-    for k in range(len(a)):
-        for j in range(len(size)):
+    for j in range(len(size)):
+        for k in range(len(a)):
             off = abs(a[k, j] - b[k, j])
+            if off == 0.0:
+                continue
             if size[j] > 0.0:
                 off /= size[j]
             if off > largest[k] or off != off:

@@ -29,7 +29,7 @@ from lcpimpact.certificate.laws import motion_forces_in_steps
 from lcpimpact.events import steps_of
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Record
-from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.dynamics import Dynamics, once
 from lcpimpact.scheme.elements.base import GROUND, Element
 from lcpimpact.scheme.power_law import mean_forces
 from lcpimpact.scheme.scheme import Scheme
@@ -47,21 +47,20 @@ class Sinks:
     ----------
     names : tuple of m str
     dashpots : tuple of pairs
-        Nodes and damping matrix of each of the first sinks, which are dashpots.
+        Nodes, a list or all, and damping matrix of each of the first sinks, which are dashpots.
     springs, contacts : (ns, m), (nc, m) arrays
         1 if a sink includes the loss of a non-linear spring, or of a contact or slider; else 0.
     """
 
     names: tuple[str, ...]
-    dashpots: tuple[tuple[list[int], Array], ...]
+    dashpots: tuple[tuple[list[int] | slice, Array], ...]
     springs: Array
     contacts: Array
 
     @classmethod
     def all_as_one(cls, d: Dynamics) -> Sinks:
         """Return one sink for all dissipating elements."""
-        every = list(range(len(d.nodes)))
-        dashpots = ((every, d.C),) if d.C.any() else ()
+        dashpots = ((slice(None), d.C),) if d.C.any() else ()
         return cls(("dissipated",), dashpots, np.ones((len(d.springs), 1)), np.ones((len(d.contacts), 1)))
 
     @classmethod
@@ -69,7 +68,8 @@ class Sinks:
         """Return a sink for each dashpot, lossy spring, slider and contact."""
         d, index = problem.dynamics, {node: i for i, node in enumerate(problem.dynamics.nodes)}
         elements = problem.scheme.elements if isinstance(problem.scheme, Scheme) else ()
-        names, dashpots = [], []
+        names: list[str] = []
+        dashpots: list[tuple[list[int] | slice, Array]] = []
         for part in (part for element in elements for part in _elementary_parts(element)):
             own = [node for node in part.nodes if node != GROUND]
             terms = Terms(own)
@@ -123,10 +123,15 @@ class Account:
                 f0[i] += load
         return f0
 
+    @cached_property
+    def signs(self) -> Array:
+        """The sign with which each flow changes the stored energy (2 + m,)."""
+        return np.repeat([1.0, -1.0], [len(INFLOWS), len(self.sinks.names)])
+
     def stored(self, q: Array, v: Array, start: Array) -> Array:
         """Return the kinetic, elastic and potential energy -f_0·(q - q(0)) in J (nt, 3)."""
         potential = -(q - start) @ self.steady_loads
-        return np.column_stack([self.d.kinetic_energy(v), self.d.elastic_energy(q), potential])
+        return np.stack([self.d.kinetic_energy(v), self.d.elastic_energy(q), potential], axis=1)
 
     def powers(self, t: Array, q: Array, v: Array, r: Array) -> Array:
         """Return all flows in W (nt, 2 + m)."""
@@ -138,8 +143,7 @@ class Account:
 
     def balance(self, flows: Array) -> Array:
         """Return the change of the stored energy (...) by flows (..., 2 + m)."""
-        signs = np.repeat([1.0, -1.0], [len(INFLOWS), len(self.sinks.names)])
-        return np.asarray(flows @ signs)
+        return np.asarray(flows @ self.signs)
 
     def imbalance(self, stored: Array, first: Array, net: Array) -> Array:
         """Return the imbalance in J (nt,) of stored energies (nt, 3), their initial values (3,) and the net inflow (nt,)."""
@@ -204,6 +208,12 @@ class Account:
             if not d.constant_loads:
                 flows[:, 0] = np.einsum("ki,ki->k", 0.5 * (f[1:] + f[:-1]) - self.steady_loads, np.diff(q, axis=0))
         return flows
+
+
+@once
+def account_of(d: Dynamics) -> Account:
+    """Return the account of a system with one sink for all."""
+    return Account(d, Sinks.all_as_one(d))
 
 
 def _impulses(d: Dynamics, record: Record, events: Sequence[Event], impact_steps: int) -> Array:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.certificate.energy import Account, Sinks
+from lcpimpact.certificate.energy import account_of
 from lcpimpact.certificate.impacts import RunImpacts, judge_impacts, largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import (
     accelerations,
@@ -163,7 +163,7 @@ def judge_grid(
         )
         for name, pair in single.items():
             found[name] = larger_violation(found[name], pair)
-    account = Account(d, Sinks.all_as_one(d))
+    account = account_of(d)
     stored = account.stored(record.q, record.v, record.q[0])
     net = np.cumsum(account.balance(account.by_trapezoidal_rule(record, events, run.spread)))
     energy = float(np.abs(account.imbalance(stored[1:], stored[0], net)).max(initial=0.0))

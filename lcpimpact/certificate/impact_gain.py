@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lcpimpact.arrays import Array, Flags
-from lcpimpact.certificate.energy import Account, Sinks
+from lcpimpact.certificate.energy import account_of
 from lcpimpact.certificate.impacts import RunImpacts
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.record import Event, Record
@@ -189,7 +189,7 @@ def impact_gain(
     eigenvalues = _eigenvalues(d, (impacts.P != 0.0) & (d.unilateral | d.frictional))
     if not d.motions and (eigenvalues == 0.0).all():
         return none
-    _, by_motions, lost = Account(d, Sinks.all_as_one(d)).of_impacts(impacts).T
+    _, by_motions, lost = account_of(d).of_impacts(impacts).T
     speeds = np.abs(d.gap_rate(impacts.before)) + np.abs(d.gap_rate(impacts.after))
     counts = (eigenvalues < 0.0) & (-lost > precision * (np.abs(impacts.P) * speeds).sum(axis=1))
     gains = np.where(counts, -lost, 0.0)

@@ -49,11 +49,14 @@ class RunImpacts:
     @classmethod
     def of(cls, d: Dynamics, events: Sequence[Event]) -> RunImpacts:
         """Return the impacts of a list of events; events with common limits are merged."""
-        rows = rows_by_name(d)
+        rows, n = rows_by_name(d), len(d.nodes)
         struck = [event for event in events if event.impulse != 0.0]
+        if not struck:
+            none = np.zeros((0, n))
+            return cls(np.zeros(0), none, none, none, np.zeros((0, len(rows))))
         limits = [(event.t, event.left.v.tobytes(), event.right.v.tobytes()) for event in struck]
         first = [k for k, each in enumerate(limits) if k == 0 or each != limits[k - 1]]
-        n, P = len(d.nodes), np.zeros((len(first), len(d.contacts)))
+        P = np.zeros((len(first), len(d.contacts)))
         one = np.searchsorted(first, np.arange(len(struck)), side="right") - 1
         row = np.array([rows[event.contact] for event in struck], dtype=np.int64)
         np.add.at(P, (one, row), [event.impulse for event in struck])
@@ -127,6 +130,8 @@ def judge_impacts(d: Dynamics, impacts: RunImpacts, touch: Array, shortest: floa
 
     A row that was open for less than ``shortest`` may stay closed, which ends an accumulation of impacts.
     """
+    if not len(impacts.t):
+        return np.zeros(len(d.contacts)), np.zeros(len(d.contacts))
     violation, count = _impact_law(d, impacts, touch), np.arange(len(impacts.t))
     flown = np.full(violation.shape, np.inf)
     for i in range(len(d.contacts)):

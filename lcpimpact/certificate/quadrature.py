@@ -11,6 +11,9 @@ from lcpimpact.arrays import Array
 
 GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(6)
 
+SAMPLES = len(GAUSS_NODES) + 2
+"""Samples of a piece: both of its ends, and the Gauss nodes."""
+
 LEGENDRE = np.polynomial.legendre.legvander(GAUSS_NODES, 5) * GAUSS_WEIGHTS[:, None] * (np.arange(6) + 0.5)
 """Matrix from values at the Gauss nodes to Legendre coefficients."""
 
@@ -31,6 +34,24 @@ class Pieces:
         """The Gauss nodes in ascending order (nt,)."""
         half = 0.5 * self.lengths
         return np.asarray(((self.cuts[:-1] + half)[:, None] + half[:, None] * GAUSS_NODES).ravel())
+
+    @property
+    def samples(self) -> Array:
+        """The cuts, each followed by the Gauss nodes of its piece (ns,)."""
+        found = np.append(np.empty((len(self.cuts) - 1) * (SAMPLES - 1)), self.cuts[-1])
+        inner = found[:-1].reshape(-1, SAMPLES - 1)
+        inner[:, 0], inner[:, 1:] = self.cuts[:-1], self.times.reshape(-1, len(GAUSS_NODES))
+        return found
+
+    def at_cuts(self, values: Array) -> Array:
+        """Return those of the values (ns, m) at the samples that are at the cuts (nk, m)."""
+        return values[:: SAMPLES - 1]
+
+    def at_nodes(self, values: Array) -> Array:
+        """Return those of the values (ns, m) at the samples that are at the Gauss nodes (nt, m)."""
+        m, pieces = values.shape[1], len(self.cuts) - 1
+        inner = values.T[:, :-1].reshape(m, pieces, SAMPLES - 1)[:, :, 1:]
+        return inner.reshape(m, pieces * len(GAUSS_NODES)).T
 
     def each(self, values: Array) -> Array:
         """Return the integral of values (nt, ...) at the nodes over each piece (nk - 1, ...)."""

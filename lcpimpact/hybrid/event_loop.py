@@ -15,7 +15,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from lcpimpact.arrays import Array, Indices, inverse
+from lcpimpact.arrays import Array, Indices
 from lcpimpact.errors import FailureError, Status, UnsupportedError
 from lcpimpact.hybrid.mode_choice import Ambiguous, TooManyRows
 from lcpimpact.hybrid.system import System
@@ -165,18 +165,15 @@ def read_segments(
     Segment i has the ``kind[i]`` and lasts from ``starts[i]`` to the start of the next. ``read(owner, mine)`` returns
     q, v and r at the times t[mine], which are in the segments ``owner`` of one kind.
     """
-    owner = np.maximum(np.searchsorted(starts, t, side="right" if side == "right" else "left") - 1, 0)
+    n, nc = len(system.dynamics.nodes), len(system.degree)
+    q, v, r = np.empty((len(t), n)), np.empty((len(t), n)), np.empty((len(t), nc))
     if len(t) == 0:
-        n, nc = len(system.dynamics.nodes), len(system.degree)
-        return np.empty((0, n)), np.empty((0, n)), np.empty((0, nc))
+        return q, v, r
+    owner = np.maximum(starts.searchsorted(t, side="right" if side == "right" else "left") - 1, 0)
     kinds = kind[owner]
     order = np.argsort(kinds, kind="stable") if (kinds[1:] < kinds[:-1]).any() else None
     sorted_kinds = kinds if order is None else kinds[order]
     cuts = [0, *(np.flatnonzero(sorted_kinds[1:] != sorted_kinds[:-1]) + 1).tolist(), len(t)]
-    places = [slice(*each) if order is None else order[slice(*each)] for each in pairwise(cuts)]
-    parts = [read(owner[here], here) for here in places]
-    q, v, r = (np.concatenate(each) for each in zip(*parts, strict=True))
-    if order is None:
-        return q, v, r
-    back = inverse(order)
-    return q.take(back, axis=0), v.take(back, axis=0), r.take(back, axis=0)
+    for here in (slice(*each) if order is None else order[slice(*each)] for each in pairwise(cuts)):
+        q[here], v[here], r[here] = read(owner[here], here)
+    return q, v, r

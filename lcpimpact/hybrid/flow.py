@@ -32,7 +32,7 @@ from numba import types
 from numpy.typing import ArrayLike
 from scipy.linalg import matrix_balance, schur, solve_sylvester
 
-from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.arrays import Array, Flags, Indices, inverse
 from lcpimpact.compiled import FEW_ROWS, compiled, cube, f8, i8, indices, matrix, vector
 from lcpimpact.double_double import EPS, DoubleDouble, add, divide, multiply, pair, solve, two_product
 from lcpimpact.errors import InputError
@@ -45,6 +45,9 @@ FINE_TERMS = 20
 
 READING_RTOL = 2.0**-75
 """Terms of a reading in floats, relative to the largest, that are omitted after the last larger one."""
+
+KEPT = 1 << 20
+"""Numbers in the polynomials that are kept from one reading to the next: 8 MB."""
 
 FIRST_WINDOWS, WINDOWS_PER_CALL = 64, 20_000
 """Smallest number of windows in the first call of compiled code, and number in each later one; Ctrl-C acts between calls."""
@@ -273,7 +276,7 @@ class Generator(NamedTuple):
 
 generator_type = types.NamedTuple((sparse_type, i8, cube), Generator)
 
-NO_BAND = np.zeros((2, 0, 1))
+NO_BAND, NO_STEP = np.zeros((2, 0, 1)), np.zeros((2, 0, 0))
 
 
 @compiled(cube(cube, i8))
@@ -337,8 +340,10 @@ def on_row(A: SparseRows, m: int, X: Array) -> tuple[float, float]:
     """Return row m of A X, a double-double."""
     x, x_lo = 0.0, 0.0
     for at in range(A.starts[m], A.starts[m + 1]):
-        j = A.columns[at]
-        y, y_lo = multiply(A.entries[0, at], A.entries[1, at], X[0, j], X[1, j])
+        c, c_lo, j = A.entries[0, at], A.entries[1, at], A.columns[at]
+        y, y_lo = X[0, j], X[1, j]
+        if c != 1.0 or c_lo != 0.0:
+            y, y_lo = multiply(c, c_lo, y, y_lo)
         x, x_lo = add(x, x_lo, y, y_lo)
     return x, x_lo
 
@@ -562,16 +567,23 @@ def on_rows(R: SparseRows, X: Array) -> Array:
 
 @compiled(i8(sparse_type, cube, matrix, matrix), allocates=False)
 def read_terms(R: SparseRows, Z: Array, a: Array, sums: Array) -> int:
-    """Write R Z_i (m, p + 1) into a, and return the last term that counts in a row; ``sums`` (2, p + 1) is scratch."""
-    last, terms = 0, len(Z)
+    """Write R Z_i (m, p + 1) into a, and return the last term that counts in a row; ``sums`` (2, p + 1) is scratch.
+
+    The terms after the first `FINE_TERMS` are floats, and so are their sums.
+    """
+    last, terms, fine = 0, len(Z), min(len(Z), FINE_TERMS + 1)
     for j in range(len(a)):
         for i in range(terms):
             sums[0, i], sums[1, i] = 0.0, 0.0
         for at in range(R.starts[j], R.starts[j + 1]):
             c, c_lo, k = R.entries[0, at], R.entries[1, at], R.columns[at]
-            for i in range(terms):
-                x, x_lo = multiply(c, c_lo, Z[i, 0, k], Z[i, 1, k])
+            for i in range(fine):
+                x, x_lo = Z[i, 0, k], Z[i, 1, k]
+                if c != 1.0 or c_lo != 0.0:
+                    x, x_lo = multiply(c, c_lo, x, x_lo)
                 sums[0, i], sums[1, i] = add(sums[0, i], sums[1, i], x, x_lo)
+            for i in range(fine, terms):
+                sums[0, i] += c * Z[i, 0, k]
         size = 0.0
         for i in range(terms):
             a[j, i] = sums[0, i]
@@ -580,59 +592,101 @@ def read_terms(R: SparseRows, Z: Array, a: Array, sums: Array) -> int:
     return last
 
 
-@compiled(types.void(matrix, i8, vector, vector, matrix), allocates=False)
-def evaluate(a: Array, last: int, s: Array, x: Array, found: Array) -> None:
-    """Write Σ a_i s^i, i <= ``last``, of each row of a (m, p + 1) and s (nt,) into found (nt, m); x (nt,) is scratch."""
+@compiled(types.void(matrix, i8, vector, matrix, i8), allocates=False)
+def evaluate(a: Array, last: int, s: Array, found: Array, first: int) -> None:
+    """Write Σ a_i s^i, i <= ``last``, of each row of a (m, p + 1) and s (nt,) into found (m, ...), from column ``first``."""
     for j in range(len(a)):
+        x = found[j, first : first + len(s)]
         for k in range(len(s)):
-            x[k] = 0.0
-        for i in range(last, -1, -1):
+            x[k] = a[j, last]
+        for i in range(last - 1, -1, -1):
             for k in range(len(s)):
                 x[k] = x[k] * s[k] + a[j, i]
-        for k in range(len(s)):
-            found[k, j] = x[k]
 
 
-@compiled(matrix(generator_type, f8, cube, types.float64[:, :, :, ::1], vector, indices, sparse_type, i8))
-def sample(
-    A: Generator, δ: float, starts: Array, powers: Array, times: Array, start: Indices, R: SparseRows, degree: int
-) -> Array:
-    """Return R exp(A t) X in floats at the times t >= 0 (nt,) after ``start`` (nt,) of the ``starts`` X (ns, 2, N): (nt, m).
+class Expansions(NamedTuple):
+    """The polynomials of R X in the windows of some segments, one segment after the other (nw).
 
-    Cancellation in R X, as in a stiff force, happens in the coefficients of a window, which are double-doubles;
-    ``powers`` are exp(2ᵏ A δ), or none to walk from window to window.
+    Attributes
+    ----------
+    first : (k + 1,) array          the first window of each segment, and the end; (1,) if none are kept
+    last : (nw,) array              the last power that counts, or -1 as long as they are not computed
+    a : (nw, m, p + 1) array        the coefficients
     """
-    nt, m, first = len(times), len(R.starts) - 1, 0
-    found, a, sums, s, x = (
-        np.empty((nt, m)),
-        np.empty((m, degree + 1)),
-        np.empty((2, degree + 1)),
-        times / δ,
-        np.empty(nt),
-    )
-    state, work, Z = np.zeros((2, starts.shape[2])), np.empty((2, starts.shape[2])), np.zeros((1, 2, starts.shape[2]))
-    here, of = -1, -1
-    while first < nt:
-        window, end = int(max(s[first], 0.0)), first + 1
-        while end < nt and start[end] == start[first] and int(max(s[end], 0.0)) == window:
-            end += 1
-        if window < here or start[first] != of:
-            state, here, of = starts[start[first]].copy(), 0, start[first]
-        elif len(powers) == 0:
-            state, here = summed(Z), here + 1
-        jump, bit = window - here, 0
-        if len(powers) == 0:
-            state, jump = walk(A, δ, state, jump, degree), 0
-        while jump:
-            if jump & 1:
-                move_by(powers[bit], state, work)
-            jump, bit = jump >> 1, bit + 1
-        here, Z = window, expand_finely(A, δ, state, degree)
-        last, now = read_terms(R, Z, a, sums), s[first:end]
-        now -= window
-        evaluate(a, last, now, x, found[first:end])
-        first = end
-    return found
+
+    first: Indices
+    last: Indices
+    a: Array
+
+
+expansions_type = types.NamedTuple((indices, indices, cube), Expansions)
+powers_type = types.float64[:, :, :, ::1]
+
+
+@compiled(matrix(generator_type, f8, powers_type, matrix, i8, i8))
+def moved(A: Generator, δ: float, powers: Array, X: Array, windows: int, degree: int) -> Array:
+    """Return the state (2, N) after a number of windows, by ``powers`` exp(2ᵏ A δ), or none to walk from one to the next."""
+    if len(powers) == 0:
+        return np.asarray(walk(A, δ, X, windows, degree))
+    X, work, bit = X.copy(), np.empty_like(X), 0
+    while windows:
+        if windows & 1:
+            move_by(powers[bit], X, work)
+        windows, bit = windows >> 1, bit + 1
+    return np.asarray(X)
+
+
+class Chain(NamedTuple):
+    """Segments, one after the other (ns): their initial instants (ns, 2) and states (ns, 2, N), double-doubles."""
+
+    starts: Array
+    states: Array
+
+
+chain_type = types.NamedTuple((matrix, cube), Chain)
+
+
+@compiled(
+    types.void(window_type, powers_type, chain_type, indices, vector, indices, sparse_type, expansions_type, matrix)
+)
+def sample(
+    window: Window, powers: Array, chain: Chain, mine: Indices, t: Array, bounds: Indices, R: SparseRows,
+    kept: Expansions, found: Array,
+) -> None:  # fmt: skip
+    """Write R X in floats at the sorted times t (nt,) in the segments ``mine`` of a chain into ``found`` (m, nt).
+
+    Segment i has the times t[bounds[i]] to t[bounds[i + 1] - 1]. Cancellation in R X, as in a stiff force, happens in the
+    coefficients of a window, which are double-doubles; those of the windows ``kept`` are computed once. ``powers`` are as
+    in `moved`.
+    """
+    (A, δ, _), (starts, states), degree = window, chain, DEGREE
+    scratch, sums = np.empty((len(found), degree + 1)), np.empty((2, degree + 1))
+    s = np.empty(len(t))
+    for j in range(len(mine)):
+        i, here = mine[j], 0
+        first, last = bounds[i], bounds[i + 1]
+        state, Z = states[i].copy(), np.empty((0, 2, states.shape[2]))
+        for k in range(first, last):
+            s[k] = ((t[k] - starts[i, 0]) - starts[i, 1]) / δ
+        while first < last:
+            w, end = int(max(s[first], 0.0)), first + 1
+            while end < last and int(max(s[end], 0.0)) == w:
+                end += 1
+            place = kept.first[j] + w if j + 1 < len(kept.first) else len(kept.last)
+            keeps = j + 1 < len(kept.first) and place < kept.first[j + 1]
+            a, power = (kept.a[place], kept.last[place]) if keeps else (scratch, -1)
+            if power < 0:
+                if len(Z) and len(powers) == 0:
+                    state, here = summed(Z), here + 1
+                state, here = moved(A, δ, powers, state, w - here, degree), w
+                Z = expand_finely(A, δ, state, degree)
+                power = read_terms(R, Z, a, sums)
+                if keeps:
+                    kept.last[place] = power
+            for k in range(first, end):
+                s[k] -= w
+            evaluate(a, power, s[first:end], found, first)
+            first = end
 
 
 class ZeroCrossing(NamedTuple):
@@ -709,7 +763,7 @@ class Flow:
     @cached_property
     def step(self) -> Array:
         """exp(A δ) (2, N, N), or an empty array if the flow walks."""
-        return np.zeros((2, 0, 0)) if self.walks else self.squares[0].parts
+        return NO_STEP if self.walks else self.squares[0].parts
 
     @cached_property
     def squares(self) -> list[DoubleDouble]:
@@ -741,28 +795,46 @@ class Flow:
 
     def at(self, X: ArrayLike | DoubleDouble, times: Array) -> Array:
         """Return exp(A t) X at the times t >= 0 (nt,), in floats: (nt, N)."""
-        starts, start = np.array(DoubleDouble.of(X).parts, order="C")[None], np.zeros(len(times), dtype=np.int64)
-        return self.read(
-            starts, np.asarray(times, dtype=np.float64), start, sparse(DoubleDouble.of(np.eye(len(self.A))))
-        )
+        t, order = np.asarray(times, dtype=np.float64), np.argsort(times, kind="stable")
+        chain = Chain(np.zeros((1, 2)), np.array(DoubleDouble.of(X).parts, order="C")[None])
+        found, rows = np.empty((len(self.A), len(t))), sparse(DoubleDouble.of(np.eye(len(self.A))))
+        kept, bounds = self.expansions(np.array([np.inf]), rows), np.array([0, len(t)])
+        self.read(chain, np.zeros(1, np.int64), t[order], bounds, rows, kept, found)
+        return np.asarray(found.T[inverse(order)])
 
-    def read(self, starts: Array, times: Array, start: Indices, rows: SparseRows) -> Array:
-        """Return R exp(A t) X at the times t >= 0 (nt,), each after one of the ``starts`` X, in floats: (nt, m).
+    def expansions(self, lengths: Array, rows: SparseRows) -> Expansions:
+        """Return room for the polynomials of segments of given lengths in s; none if it takes more than `KEPT` numbers."""
+        m, counts = len(rows.starts) - 1, np.floor(lengths / self.window) + 1.0
+        if not counts.sum() * m * (DEGREE + 1) <= KEPT:
+            counts = counts[:0]
+        first = np.concatenate([[0.0], np.cumsum(counts)]).astype(np.int64)
+        return Expansions(first, np.full(first[-1], -1), np.empty((first[-1], m, DEGREE + 1)))
+
+    def read(
+        self, chain: Chain, mine: Indices, t: Array, bounds: Indices, rows: SparseRows, kept: Expansions, found: Array
+    ) -> None:
+        """Write R X at the sorted times t (nt,) in some segments of a chain, in floats, into ``found`` (m, nt).
 
         Parameters
         ----------
-        starts : (ns, 2, N) array       states as double-doubles
-        times : (nt,) array
-        start : (nt,) array of int      which of the starts a time is after
-        rows : SparseRows                   R (m, N)
+        chain : Chain                   all segments (ns)
+        mine : (k,) array               those of this flow
+        t : (nt,) array
+        bounds : (ns + 1,) array        the first time in each segment, and the end
+        rows : SparseRows               R (m, N)
+        kept : Expansions               the polynomials that several readings share, those of `expansions`
+        found : (m, nt) array
         """
-        last = float(np.max(times, initial=0.0)) / self.window
-        if self.walks and last <= SPLIT_COST * (len(times) + len(self.A)):
+        read = mine[bounds[mine + 1] > bounds[mine]]
+        if not len(read):
+            return
+        last = max(float((t[bounds[read + 1] - 1] - chain.starts[read, 0]).max()), 0.0) / self.window
+        if self.walks and last <= SPLIT_COST * (len(t) + len(self.A)):
             powers = np.zeros((0, 2, 0, 0))
         else:
             self.doubled(max(int(last).bit_length() - 1, 0))
             powers = np.array([power.parts for power in self.squares])
-        return sample(self.factors, self.window, starts, powers, times, start, rows, DEGREE)
+        sample(Window(self.factors, self.window, NO_STEP), powers, chain, mine, t, bounds, rows, kept, found)
 
     @cached_property
     def slower(self) -> tuple[DoubleDouble, DoubleDouble, DoubleDouble, Flow] | None:

@@ -7,7 +7,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import ClassVar
+from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -33,9 +34,9 @@ from lcpimpact.hybrid.event_loop import (
     Ending,
     EventLoop,
     Unresolved,
-    read_segments,
     refuse_undetermined,
 )
+from lcpimpact.hybrid.flow import Chain, Expansions, Flow, SparseRows
 from lcpimpact.hybrid.gaps import gaps, still
 from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.state_jump import enter_constraint
@@ -120,6 +121,7 @@ class HybridMotion(EventLoop):
     collapsed : int                         the last segment that began by a collapse
     table : ContactTable, optional          that of the compiled loop, of a system that has one
     segments : list of Segment
+    solution : ExactSolution, optional            the motion once it has ended
     """
 
     next_event: tuple[DoubleDouble, Array, DoubleDouble]
@@ -129,6 +131,7 @@ class HybridMotion(EventLoop):
     row: int = -1
     collapsed: int = 0
     segments: list[Segment] = field(default_factory=list)
+    solution: ExactSolution | None = None
 
     max_at_once: ClassVar[int] = 1_000
 
@@ -457,17 +460,64 @@ def cuts(motion: HybridMotion) -> tuple[Array, Flags]:
     return np.append(times, motion.end), little
 
 
-def read(system: System, segments: tuple[Segment, ...], t: Array, side: str) -> tuple[Array, Array, Array]:
-    """Return q, v and r at the sorted times t; ``side`` selects the limit at an event."""
-    starts = np.array([segment.start.parts for segment in segments])
-    states = np.array([segment.state.parts for segment in segments])
-    kinds: dict[object, int] = {}
-    kind = np.array([kinds.setdefault(segment.mode.key, len(kinds)) for segment in segments], dtype=np.int64)
+@dataclass(frozen=True, eq=False)
+class ExactSolution:
+    """The segments of a motion up to ``end``, in s, which are read at any times.
 
-    def read_mode(owner: Indices, mine: Indices | slice) -> tuple[Array, Array, Array]:
-        """Return q, v and r at times in segments of one mode."""
-        mode, since = segments[owner[0]].mode, (t[mine] - starts[owner, 0]) - starts[owner, 1]
-        flow, _ = system.mode(mode)
-        return parted(system, flow.read(states, since, owner, system.coordinates(mode).entries))
+    What was read for a record is ``known`` until the certificate asks for it.
+    """
 
-    return read_segments(system, starts[:, 0], kind, t, side, read_mode)
+    system: System
+    segments: tuple[Segment, ...]
+    end: float
+    known: list[tuple[Array, Array]] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, motion: HybridMotion) -> ExactSolution:
+        """Return a motion as far as it is known."""
+        return cls(motion.system, tuple(motion.segments), motion.end)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"system": self.system, "segments": self.segments, "end": self.end, "known": []}
+
+    @cached_property
+    def chain(self) -> Chain:
+        """The initial instants and states of the segments."""
+        parts = [(segment.start.parts, segment.state.parts) for segment in self.segments]
+        starts, states = (np.array(each) for each in zip(*parts, strict=True))
+        return Chain(starts, states)
+
+    @cached_property
+    def kinds(self) -> list[tuple[Flow, Indices, SparseRows, Expansions]]:
+        """The flow of each mode, its segments, the rows of q, v and r, and their polynomials in its windows."""
+        found: dict[object, list[int]] = {}
+        for i, segment in enumerate(self.segments):
+            found.setdefault(segment.mode.key, []).append(i)
+        ends = np.append(self.chain.starts[1:, 0], self.end)
+        kinds = []
+        for each in found.values():
+            mode, mine = self.segments[each[0]].mode, np.array(each)
+            (flow, _), rows = self.system.mode(mode), self.system.coordinates(mode).entries
+            kinds.append((flow, mine, rows, flow.expansions(ends[mine] - self.chain.starts[mine, 0], rows)))
+        return kinds
+
+    def __call__(self, t: Array, side: str) -> tuple[Array, Array, Array]:
+        """Return q, v and r at the sorted times t; ``side`` selects the limit at an event."""
+        if side == "right" and self.known and self.known[0][0] is t:
+            return parted(self.system, self.known.pop()[1])
+        return parted(self.system, self._values(t, side))
+
+    def of_record(self, t: Array) -> tuple[Array, Array, Array]:
+        """Return q, v and r at the times of a record, right limits, and know them for the next reading there."""
+        self.known[:] = [(t, self._values(t, "right"))]
+        return parted(self.system, self.known[0][1])
+
+    def _values(self, t: Array, side: str) -> Array:
+        """Return the values of the rows of `System.coordinates` at the sorted times t (nt, 2 n + nc)."""
+        found = np.empty((2 * len(self.system.dynamics.nodes) + len(self.system.degree), len(t)))
+        bounds = np.empty(len(self.segments) + 1, np.int64)
+        bounds[:-1] = t.searchsorted(self.chain.starts[:, 0], "left" if side == "right" else "right")
+        bounds[0], bounds[-1] = 0, len(t)
+        for flow, mine, rows, kept in self.kinds:
+            flow.read(self.chain, mine, t, bounds, rows, kept, found)
+        return found.T

@@ -7,14 +7,13 @@ and after each event, and `lcpimpact.hybrid.flow` finds the end of each mode and
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import ClassVar
 
 import numpy as np
 
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.event_loop import follow
-from lcpimpact.hybrid.motion import HybridMotion, begin_problem, cuts, read
+from lcpimpact.hybrid.motion import ExactSolution, HybridMotion, begin_problem, cuts
 from lcpimpact.integrators.base import Declared, Integrator
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
@@ -84,8 +83,10 @@ class Exact(Integrator):
     def finish(self, carry: HybridMotion, record: Record) -> None:
         """Hand over the events, and the motion on the grid."""
         record.events = carry.events
-        record.q[:], record.v[:], record.reaction[:] = read(carry.system, tuple(carry.segments), record.t, "right")
+        carry.solution = ExactSolution.of(carry)
+        record.q[:], record.v[:], record.reaction[:] = carry.solution.of_record(record.t)
 
     def dense(self, carry: HybridMotion) -> ContinuousSolution:
         """Return the solution at any times of the run."""
-        return ContinuousSolution(partial(read, carry.system, tuple(carry.segments)), *cuts(carry))
+        solution = carry.solution or ExactSolution.of(carry)
+        return ContinuousSolution(solution, *cuts(carry))

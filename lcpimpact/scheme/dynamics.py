@@ -434,6 +434,8 @@ class Dynamics:
 
         With ``extended`` it is K |δ|ⁿ sign δ (1 + b δ') + c δ', without regard to contact.
         """
+        if not self.springs:
+            return np.zeros((*np.shape(q)[:-1], 0))
         from lcpimpact.scheme.power_law import forces
 
         return forces(self.power_laws, self.approach(q), self.approach_rate(v), extended)

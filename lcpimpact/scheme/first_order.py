@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -87,7 +88,7 @@ class FirstOrderForm:
     def breakpoints(self, start: float, end: float) -> Array:
         """Return the instants start < t <= end at which the states of the signals may jump, in their order."""
         pieces = [each.breakpoints(start, end) for each in self.sources if isinstance(each, PiecewisePolynomial)]
-        return np.unique(np.concatenate([np.zeros(0), *pieces]))
+        return np.unique(np.concatenate(pieces)) if pieces else np.zeros(0)
 
     def right_of(self, t: float, X: ArrayLike | DoubleDouble, scale: Array) -> DoubleDouble:
         """Return the state X at t, or a longer one that begins so, with the right limits of the piecewise polynomials.
@@ -103,15 +104,16 @@ class FirstOrderForm:
             at += states
         return DoubleDouble(parts)
 
-    def state(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return X at t = 0 for the coordinates q and velocities v of the scheme (n,); static ones are not states.
-
-        The basis consists of unit vectors, except for the static groups, which move with their first node.
-        """
-        q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
+    @cached_property
+    def basis(self) -> Array:
+        """The coordinates by kinds (n, n): unit vectors, except for the static groups, which move with their first node."""
         parts = self.parts
-        basis = np.column_stack([parts.massive, parts.damped, parts.static, parts.driven])
-        coordinates = np.linalg.solve(basis, q)
+        return np.column_stack([parts.massive, parts.damped, parts.static, parts.driven])
+
+    def state(self, q: ArrayLike, v: ArrayLike) -> Array:
+        """Return X at t = 0 for the coordinates q and velocities v of the scheme (n,); static ones are not states."""
+        q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
+        parts, coordinates = self.parts, np.linalg.solve(self.basis, q)
         dynamic = parts.massive.shape[1] + parts.damped.shape[1]
         return np.concatenate([coordinates[:dynamic], parts.massive.T @ v, self.signals])
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from piecewise_ode import solve
 
 import lcpimpact as li
 from lcpimpact.double_double import DoubleDouble
+from lcpimpact.hybrid import flow
 from lcpimpact.hybrid.flow import BERNSTEIN, DEGREE, Flow, first_fall
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.problems.reference import KNOWN
@@ -237,13 +238,28 @@ def test_first_sign_change_is_the_first_root(roots):
 
 @given(st.floats(0.0, 30.0), st.floats(0.1, 50.0))
 def test_flow_is_the_matrix_exponential(t, ω):
-    flow = Flow(DoubleDouble.of([[0.0, 1.0], [-(ω**2), 0.0]]), 30.0)
+    oscillator = Flow(DoubleDouble.of([[0.0, 1.0], [-(ω**2), 0.0]]), 30.0)
     assert_allclose(
-        flow.at(np.array([1.0, 0.0]), np.array([t]))[0],
+        oscillator.at(np.array([1.0, 0.0]), np.array([t]))[0],
         [np.cos(ω * t), -ω * np.sin(ω * t)],
         rtol=0,
         atol=1e-12 * (1.0 + ω) * (1.0 + ω * t),
     )
+
+
+@pytest.mark.parametrize("name", ["system-1", "bouncing-ball", "kelvin-voigt-tension", "bar-impact"])
+def test_polynomials_kept_from_one_reading_to_the_next_change_no_bit(name, monkeypatch):
+    problem = li.load_problem(name)
+    run = exact(problem, dt=problem.t_end / 50, t_end=problem.t_end)
+    t = np.random.default_rng(1).uniform(0.0, problem.t_end, 200)
+    monkeypatch.setattr(flow, "KEPT", 0)
+    alone = exact(problem, dt=problem.t_end / 50, t_end=problem.t_end)
+    for side in ("right", "left"):
+        one, other = run.sample(t, side), alone.sample(t, side)
+        for each in ("q", "v", "reaction"):
+            assert_array_equal(getattr(one, each), getattr(other, each))
+    assert_array_equal(run.q, alone.q)
+    assert run.certificate == alone.certificate
 
 
 def test_simultaneous_contacts_of_two_bodies_share_the_load():

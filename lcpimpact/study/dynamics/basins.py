@@ -13,7 +13,7 @@ import pandas as pd
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
-from lcpimpact.hybrid.motion import begin_problem, read
+from lcpimpact.hybrid.motion import ExactSolution, begin_problem
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import count
 from lcpimpact.problems.base import Problem
@@ -168,7 +168,7 @@ def _settled(problem: Problem, longest: int, tol: float) -> Points:
         reached = min(reached + BLOCK_PERIODS, longest)
         follow_exactly(motion, problem, reached * force)
         times = np.minimum(np.arange(max(0, reached - 2 * MAX_PERIOD), reached + 1) * force, motion.end)
-        q, v, _ = read(motion.system, tuple(motion.segments), times, "right")
+        q, v, _ = ExactSolution.of(motion)(times, "right")
         if reached == longest or _period(np.hstack([q, v]), tol):
             last = np.array([q[-1:], v[-1:]])[:, 0]
             return Points(times, q, v, *last_impacts(problem.dynamics, motion.events, times), last)

@@ -15,7 +15,7 @@ from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, LcpImpactError
 from lcpimpact.events import steps_of
-from lcpimpact.hybrid.motion import HybridMotion, read
+from lcpimpact.hybrid.motion import ExactSolution, HybridMotion
 from lcpimpact.hybrid.system import ZERO, System
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import count, is_real, positive
@@ -392,9 +392,9 @@ def impacts_of(events: Iterable[Event], contact: str | None) -> list[Event]:
 
 
 def _read_at(motion: HybridMotion, times: Array, side: str, force: float | None) -> Points:
-    segments = tuple(motion.segments)
-    q, v, _ = read(motion.system, segments, times, side)
-    q_last, v_last, _ = read(motion.system, segments, np.array([_whole_period(times, force)]), "right")
+    read = ExactSolution.of(motion)
+    q, v, _ = read(times, side)
+    q_last, v_last, _ = read(np.array([_whole_period(times, force)]), "right")
     struck = last_impacts(motion.system.dynamics, motion.events, times)
     return Points(times, q, v, *struck, np.concatenate([q_last, v_last]))
 

@@ -23,7 +23,7 @@ from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import FailureError, InputError, LcpImpactError, Status, UnsupportedError
 from lcpimpact.hybrid.event_loop import follow
-from lcpimpact.hybrid.motion import HybridMotion, begin, begin_problem, read, state_before
+from lcpimpact.hybrid.motion import ExactSolution, HybridMotion, begin, begin_problem, state_before
 from lcpimpact.hybrid.system import System
 from lcpimpact.hybrid.tangent import place_derivative, tangent
 from lcpimpact.numbers import count, positive
@@ -159,7 +159,7 @@ class PeriodicOrbit(Study):
         within = self.start + np.mod(times - self.start, self.T)
         order = np.argsort(within, kind="stable")
         back = np.argsort(order, kind="stable")
-        q, v, r = read(self.motion.system, tuple(self.motion.segments), within[order], side)
+        q, v, r = ExactSolution.of(self.motion)(within[order], side)
         return State(q[back], v[back], r[back])
 
 
