@@ -16,14 +16,15 @@ function simulate(problem, name, values, tEnd, N) {
   const p = [...method.names.map((each) => values[each]), tEnd];
   out.taken = -1;
   for (const run of method.cases) if (out.taken < 0) out.taken = run(p, N, out);
-  out.impulses = takeImpulses(problem, method, out, tEnd / N, values);
+  out.t = (k) => k === N ? tEnd : k * tEnd / N;
+  out.impulses = takeImpulses(problem, method, out, values);
   return out;
 }
 
 const equationsOf = (problem, values) => problem.equations(problem.names.map((each) => values[each]));
 
-// Where both sides of a contact have mass, the steps that close it hold an impact: their force is an impulse over h.
-function takeImpulses(problem, method, out, h, values) {
+// Where both sides of a contact have mass, the steps that close it hold an impact: their force is its impulse over h.
+function takeImpulses(problem, method, out, values) {
   const nc = problem.contacts.length, found = [], {u0} = equationsOf(problem, values);
   problem.contacts.forEach((contact, i) => {
     if (contact.law !== "contact" || contact.degree !== 2) return;
@@ -32,12 +33,12 @@ function takeImpulses(problem, method, out, h, values) {
     let before = closed[0] && gap(out.q, u0[i]) <= 0 && gap(out.v, 0) >= 0;
     for (let k = 0; k < out.taken; k++) {
       if (closed[k] && !before) {
-        let p = 0;
+        let force = 0;
         for (let j = k; j < min(k + method.impactSteps, out.taken); j++) {
-          p += out.r[j * nc + i] * h;
+          force += out.r[j * nc + i];
           out.r[j * nc + i] = 0;
         }
-        found.push({step: k, contact: i, p});
+        found.push({step: k, contact: i, p: force * (out.t(k + 1) - out.t(k))});
       }
       before = closed[k];
     }
