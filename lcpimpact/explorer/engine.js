@@ -146,7 +146,7 @@ function exactMotion(problem, values, instants) {
       if (!r) return null;
       held.forEach((i, k) => { R[i] = r[k]; });
     }
-    const flow = plus(A, times(B, R)), watch = [];
+    const flow = nc ? plus(A, times(B, R)) : A, watch = [];
     state.forEach((each, i) => {
       const u = rows[i].levels[0].map((c, j) => c + D[i].reduce((s, d, k) => s + d * R[k][j], 0));
       const U = apply(transposed(flow, N), u), gap = (row, sign) => watch.push({i, g: row.map((a) => sign * a)});
@@ -172,23 +172,26 @@ function exactMotion(problem, values, instants) {
   function settle(state, i, X) {
     const held = slider(rows[i]) ? "stick" : "closed", m = mode(state.map((each, k) => k === i ? held : each));
     if (!m) return null;
-    const r = dot(m.R[i], X), next = slider(rows[i])
+    let r = dot(m.R[i], X);
+    if (abs(r) <= 1e-12 * size(m.R[i], X) && !slider(rows[i])) r = dot(m.watch.find((each) => each.i === i).rate, X);
+    const next = slider(rows[i])
       ? (r > rows[i].hi ? "hi" : r < rows[i].lo ? "lo" : "stick") : (r > 0 ? "closed" : "open");
     return state.map((each, k) => k === i ? next : each);
   }
   let X = S.X.slice(), t = 0, fastest = 0;
+  const touching = (i) => dot(C[i], X) <= 1e-13 * size(C[i], X);
   // A closing: an impact where both sides have mass, and then rest where nothing of the rate is left.
   function close(state, i) {
     const row = rows[i];
     if (row.degree === 2) {
       const U = dot(row.levels[1], X);
-      if (state.some((each, k) => k !== i && each === "closed" && row.W[k])) return null;
+      if (state.some((each, k) => k !== i && row.W[k] && (each === "closed" || touching(k)))) return null;  // a common impact
       if (U < 0) {
         const p = -(1 + row.e) * U / row.W[i];
         X = X.map((x, k) => x + B[k][i] * p);
         found.events.push({t, contact: row.name, p});
         fastest = max(fastest, -U);
-        if (-row.e * U > 1e-8 * fastest) return state;
+        if (-row.e * U > 1e-11 * fastest) return state;
         const fast = dot(row.levels[1], X), push = B.map((b) => b[i] * -fast / row.W[i]);
         X = X.map((x, k) => x + push[k]);
       } else if (U > 0) return state;
@@ -196,7 +199,6 @@ function exactMotion(problem, values, instants) {
     return settle(state, i, X);
   }
   let state = rows.map((row) => slider(row) ? "stick" : "open");
-  const touching = (i) => dot(C[i], X) <= 1e-14 * size(C[i], X);
   rows.forEach((row, i) => {
     if (!state) return;
     if (slider(row)) {

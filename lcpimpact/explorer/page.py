@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import inspect
 import json
+import zlib
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -17,7 +19,7 @@ from lcpimpact.errors import InputError, UnsupportedError
 from lcpimpact.explorer.javascript import equations_source, run_source
 from lcpimpact.explorer.models import MOST_STEPS, STEPS, Model, model, why_not_exact
 from lcpimpact.files import check_output, whole_file
-from lcpimpact.plotting.layout import Layout, label
+from lcpimpact.plotting.layout import SYMBOL_WIDTH, Layout, label
 from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import is_registered
@@ -103,9 +105,9 @@ def page(found: Sequence[Model], refused: dict[str, str]) -> str:
     shapes: dict[str, int] = {}
     problems = ",\n".join(f"{_json(each.problem.name)}:{problem_source(each, shapes)}" for each in found)
     template = _environment().get_template("page.html.j2")
-    limits = {"steps": STEPS, "most": MOST_STEPS}
+    limits = {"steps": STEPS, "most": MOST_STEPS, "symbol": SYMBOL_WIDTH}
     return template.render(
-        problems=f"{{{problems}}}",
+        packed=base64.b64encode(zlib.compress(f"{{{problems}}}".encode(), 9)).decode(),
         strokes=f"[{','.join(shapes)}]",
         refused=_json(refused),
         limits=_json(limits),
