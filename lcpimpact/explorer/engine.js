@@ -159,11 +159,23 @@ function exactMotion(problem, values, instants) {
       }
     });
     for (const each of watch) each.rate = apply(transposed(flow, N), each.g);
-    const made = {state, R, flow, watch, steps: new Map()};
+    let power = flow;
+    for (let k = 0; k < 3; k++) power = times(power, power);
+    const rate = Math.max(...power.map((row) => row.reduce((s, a) => s + abs(a), 0))) ** 0.125;  // a bound of all |λ|
+    const made = {state, R, flow, longest: 1 / rate, watch, steps: new Map()};
     modes.set(key, made);
     return made;
   }
-  const moved = (m, X, t) => {
+  // Taylor's coefficients of the motion from X, which converge fast up to τ; none if they do not.
+  function series(m, X, τ) {
+    if (!(τ <= m.longest)) return null;
+    const found = [X];
+    for (let k = 1; k < 22; k++) found.push(apply(m.flow, found[k - 1]).map((a) => a / k));
+    return found;
+  }
+  const summed = (terms, t) => terms.reduceRight((sum, a) => sum * t + a, 0);
+  const moved = (m, X, t, terms = null) => {
+    if (terms) return X.map((_, i) => summed(terms.map((each) => each[i]), t));
     if (!m.steps.has(t)) { if (m.steps.size > 64) m.steps.clear(); m.steps.set(t, exponential(m.flow, t)); }
     return apply(m.steps.get(t), X);
   };
@@ -211,21 +223,22 @@ function exactMotion(problem, values, instants) {
     found.q.push(S.Qr.map((row, i) => q[i] + dot(row, r)));
     found.v.push(v); found.r.push(r); found.until = t;
   };
-  // The first instant in (0, τ] at which something watched falls below zero.
-  function firstCrossing(m, τ, end) {
+  // The first instant in (0, τ] at which something watched falls below zero; a motion of the mode ends at `end`.
+  function firstCrossing(m, τ, end, taylor) {
     let first = null;
     for (const each of m.watch) {
-      const g = (s) => dot(each.g, moved(m, X, s)), slope = (s) => dot(each.rate, moved(m, X, s));
-      const small = 1e-14 * size(each.g, X), g0 = dot(each.g, X), s0 = dot(each.rate, X), g1 = dot(each.g, end);
-      const s1 = dot(each.rate, end);
-      let low = 0, high = null;
-      if (g1 < -small) high = τ;
-      else if (s0 < 0 && s1 > 0) {
-        const bottom = root(slope, 0, τ);
-        if (g(bottom) < -small) high = bottom;
-      }
-      if (high === null) continue;
-      if (g0 <= small && s0 > 0) low = root(slope, 0, high, true);
+      const small = 1e-14 * size(each.g, X), g0 = dot(each.g, X), g1 = dot(each.g, end), least = Math.min(g0, 0) - small;
+      const s0 = dot(each.rate, X), s1 = dot(each.rate, end), turns = s0 < 0 && s1 > 0;
+      if (g1 >= least && !turns) continue;
+      const along = (row) => {
+        const terms = taylor();
+        if (!terms) return (s) => dot(row, moved(m, X, s));
+        const a = terms.map((term) => dot(row, term));
+        return (s) => summed(a, s);
+      };
+      const g = along(each.g), slope = along(each.rate), high = g1 < least ? τ : root(slope, 0, τ);
+      if (g1 >= least && g(high) >= least) continue;
+      const low = g0 <= small && s0 > 0 ? root(slope, 0, high, true) : 0;
       const s = g0 <= small && s0 <= 0 ? 0 : root((x) => -g(x), low, high);
       if (!first || s < first.s) first = {s, ...each};
     }
@@ -249,10 +262,14 @@ function exactMotion(problem, values, instants) {
   for (let k = 1; k < instants.length && m; k++) {
     let left = t === instants[k - 1] && abs(instants[k] - t - h) < 1e-9 * h ? h : instants[k] - t;
     while (m && left > 0) {
-      const end = moved(m, X, left), crossing = firstCrossing(m, left, end);
-      if (!crossing) { X = end; t = instants[k]; break; }
+      // In so short a part what is watched turns once at most.
+      const part = Math.min(left, Math.max(m.longest, h / 100));
+      let terms;
+      const taylor = () => terms === undefined ? terms = series(m, X, part) : terms;
+      const end = moved(m, X, part, part === h ? null : taylor()), crossing = firstCrossing(m, part, end, taylor);
+      if (!crossing) { X = end; t = part === left ? instants[k] : t + part; left -= part; continue; }
       if (++changes > 3000) { m = null; break; }
-      X = moved(m, X, crossing.s);
+      X = moved(m, X, crossing.s, taylor());
       t += crossing.s; left -= crossing.s;
       const {i, bound} = crossing, was = m.state[i];
       if (was === "open") state = close(m.state, i);

@@ -1,6 +1,7 @@
 const by = (id) => document.getElementById(id);
-const SVG = "http://www.w3.org/2000/svg", SYMBOL_WIDTH = LIMITS.symbol, EXACT_SAMPLES = 400, TICKS = 1000;
+const SVG = "http://www.w3.org/2000/svg", SYMBOL_WIDTH = LIMITS.symbol, EXACT_SAMPLES = 400, TICKS = 1000, QUICK = 4;
 const state = {problem: "", method: "", values: {}, tEnd: 1, steps: LIMITS.steps, k: 0};
+let cost = 0, following = 0;
 let problems = {}, problem = null, run = null, exact = null, panels = [], drawing = null, playing = 0;
 
 const short = (x) => Number.isFinite(x) ? String(Number(x.toPrecision(5))).replace("-", "−") : "–";
@@ -44,6 +45,7 @@ function show() {
   lay(by("sliders"));
   layPanels();
   layScheme();
+  measure();
   compute();
 }
 
@@ -96,18 +98,24 @@ function compute() {
   run.at = method.names.includes("theta") && !("theta" in problem.numbers) ? values.theta : method.at;
   run.values = used;
   exact = null;
-  if (run.taken >= 0 && !problem.inexact) {
-    const stride = Math.ceil(steps / EXACT_SAMPLES), numbers = [];
-    for (let k = 0; k < steps; k += stride) numbers.push(k);
-    numbers.push(steps);
-    exact = exactMotion(problem, used, numbers.map(run.t));
-    exact.steps = numbers.slice(0, exact.q.length);
-  }
+  clearTimeout(following);
+  if (run.taken >= 0 && !problem.inexact && cost < QUICK) follow();
+  else if (run.taken >= 0 && !problem.inexact) following = setTimeout(() => { follow(); say(); drawCurves(); }, 0);
   state.k = Math.min(state.k, Math.max(run.taken, 0));
   by("cursor").max = Math.max(run.taken, 0);
   say();
   drawCurves();
   moveTo(state.k);
+}
+
+// The exact motion at some of the instants; a slow one is drawn after what a slider changes first.
+function follow() {
+  const {steps} = state, stride = Math.ceil(steps / EXACT_SAMPLES), numbers = [], since = performance.now();
+  for (let k = 0; k < steps; k += stride) numbers.push(k);
+  numbers.push(steps);
+  exact = exactMotion(problem, run.values, numbers.map(run.t));
+  exact.steps = numbers.slice(0, exact.q.length);
+  cost = performance.now() - since;
 }
 
 function say() {
@@ -124,7 +132,8 @@ function say() {
     status.textContent = `The step at t = ${short(run.t(run.taken))} s is out of the ordinary, as several impacts at once: the command below takes it.`;
   } else {
     let text = `h = ${short(h)} s`;
-    if (problem.inexact) text += `; ${problem.inexact}`;
+    if (!exact && !problem.inexact) text += "; the exact motion follows";
+    else if (problem.inexact) text += `; ${problem.inexact}`;
     else {
       const worst = Math.max(...errors().map((each) => each[1]), 0);
       text += `; largest error of q ${worst.toExponential(2)} m`;
@@ -146,14 +155,16 @@ function errors() {
 
 function energies() {
   const {M, K, f} = equationsOf(problem, run.values), n = problem.nodes.length, found = new Float64Array(run.taken + 1);
+  let size = 0;
   for (let k = 0; k <= run.taken; k++) {
     let E = 0;
     for (const [i, j, m] of M) E += 0.5 * m * run.v[k * n + i] * run.v[k * n + j];
+    size = Math.max(size, E);
     for (const [i, j, c] of K) E += 0.5 * c * run.q[k * n + i] * run.q[k * n + j];
     for (const [i, load] of f) E -= load * run.q[k * n + i];
     found[k] = E;
   }
-  return found;
+  return {values: found, size};
 }
 
 function layPanels() {
@@ -178,10 +189,13 @@ function layPanels() {
   });
 }
 
+function measure() {
+  for (const panel of panels) Object.assign(panel, {width: panel.canvas.clientWidth, height: panel.canvas.clientHeight});
+}
+
 function drawCurves() {
   for (const panel of panels) {
-    const {canvas} = panel, ratio = window.devicePixelRatio || 1;
-    const width = canvas.clientWidth || 600, height = canvas.clientHeight || 132;
+    const {canvas, width, height} = panel, ratio = window.devicePixelRatio || 1;
     canvas.width = width * ratio;
     canvas.height = height * ratio;
     const pen = canvas.getContext("2d");
@@ -191,8 +205,8 @@ function drawCurves() {
     let low = Infinity, high = -Infinity;
     for (const {values} of curves) for (const y of values) if (Number.isFinite(y)) { if (y < low) low = y; if (y > high) high = y; }
     if (!(low < Infinity)) continue;
-    if (panel.what === "error") low = Math.max(low, high - 18);
-    if (!(high - low > 1e-12 * (abs(low) + abs(high)))) { low -= 1 + abs(low) * 0.1; high += 1 + abs(high) * 0.1; }
+    if (panel.what === "error") low = Math.max(low, high - 12);
+    if (!(high - low > 1e-12 * (abs(low) + abs(high) + (curves[0].size || 0)))) { low -= 1 + abs(low) * 0.1; high += 1 + abs(high) * 0.1; }
     const X = (t) => width * t / state.tEnd, Y = (y) => height - 8 - (height - 16) * (y - low) / (high - low);
     pen.strokeStyle = shade("--faint");
     if (low < 0 && high > 0 && panel.what !== "error") line(pen, [[0, Y(0)], [width, Y(0)]], 1);
@@ -218,9 +232,9 @@ function drawCurves() {
 
 function curvesOf({what, keys}) {
   const n = problem.nodes.length, nc = problem.contacts.length, found = [], {taken} = run;
-  if (what === "E") return [{t: run.t, values: energies(), color: color(0)}];
+  if (what === "E") return [{t: run.t, ...energies(), color: color(0)}];
   if (what === "error") {
-    const known = errors();
+    const known = exact ? errors() : [];
     return [{t: (j) => known[j][0], values: known.map((each) => Math.log10(each[1])), color: color(1)}];
   }
   const size = what === "r" ? nc : n, h = state.tEnd / state.steps;
@@ -242,7 +256,7 @@ function line(pen, points, width) {
   pen.stroke();
 }
 
-// A curve: of many points in one column of pixels, the first, the lowest, the highest and the last.
+// A curve: of many points in one column of pixels, the lowest and the highest.
 function polyline(pen, {t, values, broad}, X, Y, width) {
   pen.lineWidth = broad ? 5 : 1.4;
   pen.beginPath();
@@ -252,12 +266,13 @@ function polyline(pen, {t, values, broad}, X, Y, width) {
     if (down) pen.lineTo(X(t(k)), Y(values[k])); else pen.moveTo(X(t(k)), Y(values[k]));
     down = true;
   };
-  const group = Math.max(Math.floor(values.length / (2 * width)), 1);
+  const group = Math.max(Math.floor(values.length / width), 1);
   for (let k = 0; k < values.length; k += group) {
     let low = k, high = k;
     const end = Math.min(k + group, values.length);
     for (let j = k; j < end; j++) { if (values[j] < values[low]) low = j; if (values[j] > values[high]) high = j; }
-    for (const j of new Set([k, Math.min(low, high), Math.max(low, high), end - 1])) go(j);
+    go(Math.min(low, high));
+    if (low !== high) go(Math.max(low, high));
   }
   pen.stroke();
 }
@@ -402,7 +417,7 @@ function moveTo(k) {
   state.k = Math.min(max(k, 0), Math.max(run.taken, 0));
   by("cursor").value = state.k;
   by("time").textContent = run.taken < 0 ? "" : `step ${state.k}, t = ${short(run.t(state.k))} s`;
-  for (const {mark, canvas} of panels) mark.style.left = `${(canvas.clientWidth - 1) * state.k / state.steps}px`;
+  for (const {mark, width} of panels) mark.style.transform = `translateX(${(width - 1) * state.k / state.steps}px)`;
   drawScheme();
   drawLaw();
   remember();
@@ -456,7 +471,7 @@ function listen() {
     event.preventDefault();
   });
   window.addEventListener("hashchange", () => { recall(); show(); });
-  window.addEventListener("resize", () => { drawCurves(); moveTo(state.k); });
+  window.addEventListener("resize", () => { measure(); drawCurves(); moveTo(state.k); });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawCurves);
 }
 
