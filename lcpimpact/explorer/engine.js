@@ -190,9 +190,9 @@ function exactMotion(problem, values, instants) {
       ? (r > rows[i].hi ? "hi" : r < rows[i].lo ? "lo" : "stick") : (r > 0 ? "closed" : "open");
     return state.map((each, k) => k === i ? next : each);
   }
-  let X = S.X.slice(), t = 0, fastest = 0;
+  let X = S.X.slice(), t = 0, fastest = 0, farthest = 0;
   const touching = (i) => dot(C[i], X) <= 1e-13 * size(C[i], X);
-  // A closing: an impact where both sides have mass, and then rest where nothing of the rate is left.
+  // A closing: an impact where both sides have mass, and then rest where the body would rise by less than rounding.
   function close(state, i) {
     const row = rows[i];
     if (row.degree === 2) {
@@ -203,7 +203,9 @@ function exactMotion(problem, values, instants) {
         X = X.map((x, k) => x + B[k][i] * p);
         found.events.push({t, contact: row.name, p});
         fastest = max(fastest, -U);
-        if (-row.e * U > 1e-11 * fastest) return state;
+        const held = mode(state.map((each, k) => k === i ? "closed" : each)), a = held ? dot(held.R[i], X) * row.W[i] : 0;
+        const rises = a > 0 ? (row.e * U) ** 2 / (2 * a) : Infinity;
+        if (rises > 1e-14 * farthest && -row.e * U > 1e-11 * fastest) return state;
         const fast = dot(row.levels[1], X), push = B.map((b) => b[i] * -fast / row.W[i]);
         X = X.map((x, k) => x + push[k]);
       } else if (U > 0) return state;
@@ -222,6 +224,7 @@ function exactMotion(problem, values, instants) {
     const r = apply(m.R, X), q = apply(S.Q, X), v = apply(S.V, X);
     found.q.push(S.Qr.map((row, i) => q[i] + dot(row, r)));
     found.v.push(v); found.r.push(r); found.until = t;
+    for (const c of C) farthest = max(farthest, size(c, X));
   };
   // The first instant in (0, τ] at which something watched falls below zero; a motion of the mode ends at `end`.
   function firstCrossing(m, τ, end, taylor) {

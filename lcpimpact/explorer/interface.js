@@ -120,16 +120,19 @@ function follow() {
 
 function say() {
   const status = by("status"), h = state.tEnd / state.steps;
-  const sets = problem.methods[state.method].names.filter((name) => state.values[name] !== problem.numbers[name])
-    .filter((name) => name in problem.numbers || state.values[name] !== 0.5).map((name) => `--set ${name}=${state.values[name]}`);
-  const command = ["lcpimpact simulate", state.problem + (problem.registered ? "" : ".toml"), `--method ${state.method}`, ...sets,
-    `--dt ${h}`, `--t-end ${state.tEnd}`].join(" ");
+  const given = {theta: 0.5, ...problem.numbers}, used = problem.methods[state.method].names;
+  const changed = used.filter((name) => state.values[name] !== given[name]).map((name) => [name, python(state.values[name])]);
+  const numbers = changed.filter(([name]) => name in problem.numbers).map(([name, x]) => `"${name}": ${x}`).join(", ");
+  const options = changed.filter(([name]) => !(name in problem.numbers)).map(([name, x]) => `, ${name}=${x}`).join("");
+  const loaded = problem.registered ? `li.load_problem("${state.problem}")` : "problem";
+  const command = `li.simulate(${numbers ? `li.with_values(${loaded}, {${numbers}})` : loaded}, "${state.method}", `
+    + `dt=${python(state.tEnd)}/${state.steps}, t_end=${python(state.tEnd)}${options})`;
   by("command").textContent = command;
   status.className = run.taken === state.steps ? "" : "alarm";
   if (run.taken < 0) {
-    status.textContent = "These values are refused, or need formulas that this page does not hold: the command below says which.";
+    status.textContent = "These values are refused, or need formulas that this page does not hold: the call below says which, or runs them.";
   } else if (run.taken < state.steps) {
-    status.textContent = `The step at t = ${short(run.t(run.taken))} s is out of the ordinary, as several impacts at once: the command below takes it.`;
+    status.textContent = `The step at t = ${short(run.t(run.taken))} s is out of the ordinary, as several impacts at once: the call below takes it.`;
   } else {
     let text = `h = ${short(h)} s`;
     if (!exact && !problem.inexact) text += "; the exact motion follows";
@@ -142,6 +145,8 @@ function say() {
     status.textContent = text;
   }
 }
+
+const python = (x) => Number.isInteger(x) ? `${x}.0` : String(x);
 
 // The largest distance of a coordinate from the exact motion, at the instants at which that is known.
 function errors() {

@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -162,10 +163,10 @@ def equations_source(program: Program, dynamics: Dynamics, start: tuple[Array, A
         ``motions`` of (i, a, ω, φ), and u0, e, the bounds lo and hi, q and v are lists.
     """
     d = dynamics
-    constant = [(i, load) for i, load in d.loads if not callable(load)]
+    constant: list[Any] = [(i, load) for i, load in d.loads if not callable(load)]
     waves = [(i, load) for i, load in d.loads if isinstance(load, Harmonic)]
     motions = [(i, motion) for i, motion in sorted(d.motions.items()) if isinstance(motion, Harmonic)]
-    rows: dict[str, list[tuple[Number, ...]]] = {
+    rows: dict[str, list[Any]] = {
         **{
             name: [(i, j, A[i, j]) for i, j in np.argwhere(A != 0.0)]
             for name, A in zip("MCK", (d.M, d.C, d.K), strict=True)
@@ -197,7 +198,7 @@ def _text(value: Number) -> str:
 
 def _assigned(lines: Iterable[str]) -> dict[str, str]:
     """Return the targets and values of lines with one assignment each."""
-    return dict(line.split(" = ", 1) for line in lines)  # type: ignore[misc]
+    return dict(line.split(" = ", 1) for line in lines)
 
 
 def _assignment(target: str, value: str, names: Names) -> str:

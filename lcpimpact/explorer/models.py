@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -117,7 +117,6 @@ class Model:
     sliders : list of Slider
     numbers : dict of str to float          all numbers, those without a slider too
     traces : dict of str to list of Trace   by method: the formulas of its runs, in the cases that sliders reach
-    refused : dict of str to str            methods that the page does not hold, and why
     """
 
     problem: Problem
@@ -125,7 +124,22 @@ class Model:
     sliders: list[Slider]
     numbers: dict[str, float]
     traces: dict[str, list[Trace]]
-    refused: dict[str, str]
+
+
+def why_not_taken(d: Dynamics | SparseDynamics) -> str:
+    """Return what a system has that no step in closed form handles; "" for none."""
+    if isinstance(d, SparseDynamics) or len(d.nodes) > MAX_NODES:
+        return f"more than {MAX_NODES} nodes, whose formulas are too long for a page"
+    for has, what in (
+        (bool(d.force_laws), "forces by a function of the motion"),
+        (bool(d.springs), "non-linear springs"),
+        (d.frictional.any(), "friction that the reaction of a contact bounds"),
+        (len(d.contacts) > 2, f"{len(d.contacts)} contacts, and steps in closed form have two at most"),
+        (len(d.contacts) == 2 and not d.unilateral.all(), "two rows that are not both contacts"),
+    ):
+        if has:
+            return what
+    return ""
 
 
 def why_not_exact(d: Dynamics) -> str:
@@ -152,10 +166,8 @@ def model(problem: Problem, t_end: float, methods: Sequence[str] = (), most: int
     UnsupportedError
         If no method has such a step for the problem.
     """
-    if isinstance(problem.dynamics, SparseDynamics) or len(problem.dynamics.nodes) > MAX_NODES:
-        raise UnsupportedError(
-            f"{problem.name!r} has more than {MAX_NODES} nodes, whose formulas are too long for a page"
-        )
+    if why := why_not_taken(problem.dynamics):
+        raise UnsupportedError(f"the explorer does not take {problem.name!r}: it has {why}")
     traces, refused = dict[str, list[Trace]](), dict[str, str]()
     numbers = _numbers(problem, t_end)
     for method in methods or FIRST:
@@ -163,19 +175,19 @@ def model(problem: Problem, t_end: float, methods: Sequence[str] = (), most: int
             break
         try:
             traces[method] = [trace_most(problem, method, numbers, t_end)]
-        except REFUSALS as error:
+        except LcpImpactError as error:
             refused[method] = str(error)
+        except REFUSALS:
+            refused[method] = "its equations are no sums, products and square roots of its numbers"
     if not traces:
-        raise UnsupportedError(
-            f"no method has a step for {problem.name!r} that a page can take: {next(iter(refused.values()))}"
-        )
+        raise UnsupportedError(f"the explorer does not take {problem.name!r}: {next(iter(refused.values()))}")
     sliders = []
     for name in dict.fromkeys(name for each in traces.values() for name in each[0].names):
         uses = [each[0] for each in traces.values() if name in each[0].names]
         slider = _slider(name, problem, uses[0], numbers, t_end)
         if slider:
             sliders.append(slider)
-    found = Model(problem, t_end, sliders, numbers, traces, refused)
+    found = Model(problem, t_end, sliders, numbers, traces)
     _add_cases(found)
     return found
 
@@ -218,7 +230,7 @@ def trace(problem: Problem, method: str, values: Mapping[str, float], t_end: flo
     job = Job(problem, make_integrator(method, {}), t_end / steps, t_end, "auto")
     change = changes_of(job, tuple(values))
     program = Program()
-    formulas = {name: program.parameter(value) for name, value in values.items()}
+    formulas: dict[str, Any] = {name: program.parameter(value) for name, value in values.items()}
     alone, traced = change(values), change(formulas)
     end = program.parameter(t_end)
     methods = cast(LinearStep, traced.integrator), cast(LinearStep, alone.integrator)
@@ -234,6 +246,7 @@ def _slider(name: str, problem: Problem, traced: Trace, numbers: Mapping[str, fl
     value = values[name]
     if name not in numbers:
         return Slider(name, value, *THETA)
+    factors: tuple[Sequence[float], Sequence[float]]
     if value == 0.0:
         factors = ((-1.0, -0.1), (1.0, 0.1))
     else:

@@ -15,7 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from lcpimpact import __version__
 from lcpimpact.arguments import checked
-from lcpimpact.errors import InputError, UnsupportedError
+from lcpimpact.errors import UnsupportedError
 from lcpimpact.explorer.javascript import equations_source, run_source
 from lcpimpact.explorer.models import MOST_STEPS, STEPS, Model, model, why_not_exact
 from lcpimpact.files import check_output, whole_file
@@ -35,7 +35,7 @@ METHODS_OF_ALL = 3
 
 
 @checked
-def explorer(
+def explore(
     problem: Problem | str | None = None, path: str | Path = "explorer.html", *, t_end: float | None = None
 ) -> Path:
     """Write the explorer: one HTML file in which sliders change a problem, and its run and its exact motion follow.
@@ -49,7 +49,7 @@ def explorer(
     path : str or Path
         A file ending in .html.
     t_end : float, optional
-        End of the runs in s, where the problem has none.
+        End of the runs in s; by default that of the problem.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def explorer(
     Raises
     ------
     InputError
-        For another ending, a folder that cannot be written, or a scheme without t_end.
+        For another ending, or a folder that cannot be written.
     UnsupportedError
         For a problem that the page does not take, with the reason.
 
@@ -67,7 +67,7 @@ def explorer(
     --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
-    ...     explorer("system-1", f"{folder}/system-1.html").name
+    ...     explore("system-1", f"{folder}/system-1.html").name
     'system-1.html'
     """
     path = Path(path)
@@ -82,8 +82,6 @@ def models(problem: Problem | str, t_end: float | None = None) -> tuple[list[Mod
     """Return one problem by all methods that a page takes, and no refusals."""
     problem = load_problem(problem) if isinstance(problem, str) else problem
     end = problem.t_end if t_end is None else t_end
-    if end is None:
-        raise InputError(f"{problem.name!r} has no t_end: give t_end=, or t_end under [run] of its file")
     return [model(problem, end, most=METHODS_OF_ONE)], {}
 
 
@@ -93,7 +91,6 @@ def all_models() -> tuple[list[Model], dict[str, str]]:
     for name in PROBLEMS:
         problem = load_problem(name)
         try:
-            assert problem.t_end is not None
             found.append(model(problem, problem.t_end, most=METHODS_OF_ALL))
         except UnsupportedError as error:
             refused[name] = str(error)
@@ -186,7 +183,7 @@ def drawing(problem: Problem, shapes: dict[str, int]) -> dict[str, Any] | None:
     links = []
     for link in layout.links:
         strokes = _json([[[_short(s), _short(t)] for s, t in stroke] for stroke in link.part.strokes])
-        ends = [(layout.edge(y, node, side), index(node)) for node, side in ((link.top, -1), (link.bottom, 1))]
+        ends = [(layout.edge(y, link.top, -1), index(link.top)), (layout.edge(y, link.bottom, 1), index(link.bottom))]
         numbers = [link.x, *link.leads, link.body]
         shape = shapes.setdefault(strokes, len(shapes))
         reaction = getattr(link.part, "name", None) or link.part.reaction or ""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import fcntl
 import json
 import os
 import shutil
@@ -72,8 +74,6 @@ class Page:
 
     def picture(self, path: Path) -> None:
         """Write what the window shows as a PNG."""
-        import base64
-
         path.write_bytes(base64.b64decode(self.send("Page.captureScreenshot")["data"]))
 
 
@@ -82,26 +82,31 @@ def opened(address: str, width: int = 1280, height: int = 800) -> Iterator[Page]
     """Open an address in a window of its own; the page's promise ``ready`` is awaited."""
     program = chromium()
     assert program is not None
-    to_browser, from_us = os.pipe()
-    from_browser, to_us = os.pipe()
+    ends = [os.pipe(), os.pipe()]
+    from_browser, from_us = ends[1][0], ends[0][1]
+    to_browser, to_us = (fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (ends[0][0], ends[1][1]))
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
         # The program reads from its descriptor 3 and writes to 4.
         command = f'exec "$@" 3<&{to_browser} 4>&{to_us}'
         run = subprocess.Popen(
-            ["sh", "-c", command, "sh", program, *FLAGS, f"--user-data-dir={profile}", "about:blank"],
+            ["bash", "-c", command, "bash", program, *FLAGS, f"--user-data-dir={profile}", "about:blank"],
             pass_fds=(to_browser, to_us), stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
         )  # fmt: skip
-        os.close(to_browser)
-        os.close(to_us)
+        for each in (to_browser, to_us, ends[0][0], ends[1][1]):
+            os.close(each)
         try:
             page = Page(from_browser, from_us)
             target = page.send("Target.createTarget", url="about:blank")["targetId"]
             page.session = page.send("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
-            page.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+            page.send(
+                "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False
+            )
             for domain in ("Network", "Runtime", "Page"):
                 page.send(f"{domain}.enable")
             page.send("Page.navigate", url=address)
-            page.value("new Promise((done) => document.readyState === 'complete' ? done() : addEventListener('load', done))")
+            page.value(
+                "new Promise((done) => document.readyState === 'complete' ? done() : addEventListener('load', done))"
+            )
             page.value("ready")
             yield page
         finally:
