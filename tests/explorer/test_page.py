@@ -72,7 +72,7 @@ def test_every_number_of_the_page_is_that_of_simulate(whole):
             theirs = numbers(result[name], ours.shape[1])[:rows]
             assert (theirs == ours[:rows]).all(), f"{name} of {each.problem.name} by {method}"
             equal += theirs.size
-    assert equal > 100_000
+    assert equal > 70_000
 
 
 @in_chromium
