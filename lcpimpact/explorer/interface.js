@@ -176,7 +176,7 @@ function layPanels() {
   const {nodes, contacts, inexact} = problem, massive = problem.parts.massive.flatMap((unit) => unit.indexOf(1));
   const names = (list, all) => list.map((i) => [all[i], i]), indices = nodes.map((_, i) => i), system = !problem.drawing;
   const wanted = [{what: "q", title: system ? "states x" : "coordinates q in m", keys: names(indices, nodes)}];
-  if (!system) wanted.push({what: "v", title: "velocities v in m/s", keys: names(massive, nodes)});
+  if (massive.length) wanted.push({what: "v", title: "velocities v in m/s", keys: names(massive, nodes)});
   if (contacts.length) wanted.push({what: "r", title: system ? "multipliers r" : "reactions r in N, impulses as ticks", keys: contacts.map((each, i) => [each.name, i])});
   if (!system) wanted.push({what: "E", title: "energy in J: kinetic, of springs and of constant loads", keys: []});
   if (!inexact) wanted.push({what: "error", title: "error of q in m, logarithmic", keys: []});
@@ -300,17 +300,18 @@ function layScheme() {
     if (text) element("svg:text", {x: (left + right) / 2, y: 0.18 - y, "text-anchor": "middle", style: "font-size:0.5px"}, group, plain(text));
     drawing.moving.push((shift) => group.setAttribute("transform", `translate(0 ${shift(node)})`));
   }
-  for (const [shape, [top, above], [bottom, below], [x, lead, tail, height], split, down, text, reaction] of drawing.links) {
+  for (const [shape, [top, above], [bottom, below], [x, lead, tail, height], split, down, side, text, reaction] of drawing.links) {
     const group = element("svg:g", {stroke: "var(--ink)", "stroke-width": 0.06, fill: "none"}, svg);
     const strokes = STROKES[shape].map((points) => [element("svg:polyline", {}, group), points]);
-    const words = element("svg:text", {x: x + 0.55, stroke: "none", style: "font-size:0.5px"}, group, plain(text));
+    const words = element("svg:text", {x: x + 0.7 * side, "text-anchor": side > 0 ? "start" : "end", stroke: "none", style: "font-size:0.5px"}, group, plain(text));
     const contact = problem.contacts.findIndex((each) => each.name === reaction);
     drawing.moving.push((shift) => {
       const first = -top + shift(above), last = -bottom + shift(below), length = last - first;
+      const room = split === null ? 1 : Math.max(Math.min(1, length / (top - bottom)), 0);  // a pressed symbol is smaller
       for (const [line, points] of strokes) {
-        const most = Math.max(...points.map(([s]) => s), 0), body = split === null ? length - lead - tail : height;
+        const most = Math.max(...points.map(([s]) => s), 0), body = split === null ? length - lead - tail : room * height;
         const placed = points.map(([s, t]) => {
-          let d = split !== null && most > split ? length - tail - (1 - s) * body : lead + s * body;
+          let d = split !== null && most > split ? length - room * tail - (1 - s) * body : room * lead + s * body;
           d = s === 0 ? 0 : s === 1 ? length : d;
           return `${x + SYMBOL_WIDTH * t},${down ? first + d : last - d}`;
         });
@@ -339,7 +340,7 @@ function drawScheme() {
   const left = Math.min(...xs, -1.5), right = drawing.links.reduce((m, each) => Math.max(m, each[3][0] + 1.9), Math.max(...xs));
   const high = drawing.nodes.reduce((m, [, y, , , half]) => Math.max(m, y + half), 0) - scale * shifts[0] + 0.4;
   const low = drawing.nodes.reduce((m, [, y, , , half]) => Math.min(m, y - half), 0) - Math.max(scale * shifts[1], 0) - 0.5;
-  by("scheme").setAttribute("viewBox", `${left} ${-high} ${right - left} ${high - Math.max(low, drawing.nodes.some((each) => each[0] < 0) ? low : low)}`);
+  by("scheme").setAttribute("viewBox", `${left} ${-high} ${right - left} ${high - low}`);
   for (const move of drawing.moving) move((node) => scale * q(state.k, node));
 }
 
@@ -364,10 +365,11 @@ function drawLaw() {
     }
   }
   text.textContent = lines.join("\n");
-  const chosen = all.find(({q}) => q.every((each) => !Number.isNaN(each))) || all[0];
   svg.setAttribute("viewBox", "-150 -110 300 220");
-  if (nc === 1) drawLine(svg, chosen);
-  else if (nc === 2) drawCones(svg, chosen);
+  const acting = (law) => law.q.map((_, i) => i).filter((i) => !Number.isNaN(law.q[i]));
+  const law = all.find((each) => acting(each).length === nc) || all.find((each) => acting(each).length) || all[0];
+  if (nc === 2 && acting(law).length !== 1) drawCones(svg, law);
+  else drawLine(svg, law, acting(law)[0] || 0);
 }
 
 function stroke(svg, x1, y1, x2, y2, paint, width) {
@@ -375,9 +377,10 @@ function stroke(svg, x1, y1, x2, y2, paint, width) {
 }
 
 // One row: the line w = q + W z meets the graph of the law.
-function drawLine(svg, {q: [q], z: [z], w: [w], W: [[W]]}) {
-  const e = equationsOf(problem, run.values), h = state.tEnd / state.steps, slider = problem.contacts[0].law !== "contact";
-  const lo = slider ? e.lo[0] * h : 0, hi = slider ? e.hi[0] * h : Infinity, free = Number.isNaN(q);
+function drawLine(svg, law, i) {
+  const q = law.q[i], z = law.z[i], w = law.w[i], W = law.W[i][i];
+  const e = equationsOf(problem, run.values), h = state.tEnd / state.steps, slider = problem.contacts[i].law !== "contact";
+  const lo = slider ? e.lo[i] * h : 0, hi = slider ? e.hi[i] * h : Infinity, free = Number.isNaN(q);
   const zs = 90 / (Math.max(abs(z), slider ? Math.max(abs(lo), abs(hi)) : 0, free ? 1 : abs(q) / W, 1e-300) * 1.15);
   const ws = 80 / Math.max(free ? 1 : abs(q), abs(w), 1e-300), bottom = slider ? -100 : 0;
   stroke(svg, -140, 0, 140, 0, "var(--faint)", 1);
@@ -387,6 +390,7 @@ function drawLine(svg, {q: [q], z: [z], w: [w], W: [[W]]}) {
   if (Number.isFinite(hi)) stroke(svg, hi * zs, 0, hi * zs, bottom, "var(--c0)", 4);
   element("svg:text", {x: 128, y: 16}, svg, "z");
   element("svg:text", {x: 8, y: -96}, svg, "w");
+  if (problem.contacts.length > 1) element("svg:text", {x: -140, y: -94}, svg, problem.contacts[i].name);
   if (free) { element("svg:text", {x: -140, y: 100}, svg, "open: no LCP in this step"); return; }
   stroke(svg, -140, (q + W * (-140 / zs)) * ws, 140, (q + W * (140 / zs)) * ws, "var(--force)", 1.5);
   element("svg:circle", {cx: z * zs, cy: -(abs(w) < 1e-9 * abs(q) ? 0 : w) * ws, r: 5, fill: "var(--force)"}, svg);
@@ -410,7 +414,7 @@ function drawCones(svg, {q, z, W}) {
     stroke(svg, 0, 0, x, -y, "var(--grey)", 1);
     element("svg:text", {x: 1.08 * x - 8, y: 1.08 * y + 4}, svg, name);
   }
-  if (q.some(Number.isNaN)) { element("svg:text", {x: -145, y: 106}, svg, "not both contacts take part"); return; }
+  if (q.some(Number.isNaN)) { element("svg:text", {x: -145, y: 106}, svg, "both are open: no LCP in this step"); return; }
   const size = Math.hypot(...q) || 1;
   stroke(svg, 0, 0, 78 * q[0] / size, 78 * q[1] / size, "var(--force)", 3);
   element("svg:circle", {cx: 78 * q[0] / size, cy: -78 * q[1] / size, r: 5, fill: "var(--force)"}, svg);

@@ -163,8 +163,9 @@ def _about(problem: Problem) -> str:
 def drawing(problem: Problem, shapes: dict[str, int]) -> dict[str, Any] | None:
     """Return where a page draws the nodes and the elements of a scheme; None for a system given by its matrices.
 
-    Nodes are (index, or -1 of what does not move, y, left, right, half of the height, label), and links (strokes, x, node
-    and edge above, node and edge below, leads, body, split, whether the first end is above, label).
+    Nodes are (index, or -1 of what does not move, y, left, right, half of the height, label), and links (strokes, node
+    and edge above, node and edge below, x, leads and body, split, whether the first end is above, side of the label, label, name
+    of the reaction).
     """
     if not isinstance(problem.scheme, Scheme):
         return None
@@ -187,7 +188,7 @@ def drawing(problem: Problem, shapes: dict[str, int]) -> dict[str, Any] | None:
         numbers = [link.x, *link.leads, link.body]
         shape = shapes.setdefault(strokes, len(shapes))
         reaction = getattr(link.part, "name", None) or link.part.reaction or ""
-        links.append([shape, *ends, numbers, link.part.split, link.down, label(link.part), reaction])
+        links.append([shape, *ends, numbers, link.part.split, link.down, link.side, label(link.part), reaction])
     return {"nodes": _rounded(nodes), "links": _rounded(links)}
 
 
