@@ -163,9 +163,11 @@ def _about(problem: Problem) -> str:
 def drawing(problem: Problem, shapes: dict[str, int]) -> dict[str, Any] | None:
     """Return where a page draws the nodes and the elements of a scheme; None for a system given by its matrices.
 
-    Nodes are (index, or -1 of what does not move, y, left, right, half of the height, label), and links (strokes, node
-    and edge above, node and edge below, x, leads and body, split, whether the first end is above, side of the label, label, name
-    of the reaction).
+    Nodes
+        Index, or -1 of what does not move; y, left, right; half of its height; label.
+    Links
+        Number of its strokes; edge and node above, and below; x, leads and length of the symbol; split; whether its first
+        end is above; side of the label; label; name of the reaction.
     """
     if not isinstance(problem.scheme, Scheme):
         return None
