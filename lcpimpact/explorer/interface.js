@@ -130,7 +130,7 @@ function say() {
   by("command").textContent = command;
   status.className = run.taken === state.steps ? "" : "alarm";
   if (run.taken < 0) {
-    status.textContent = "These values are refused, or need formulas that this page does not hold: the call below says which, or runs them.";
+    status.textContent = refusal() || "These values are refused, or need formulas that this page does not hold: the call below says which, or runs them.";
   } else if (run.taken < state.steps) {
     status.textContent = `The step at t = ${short(run.t(run.taken))} s is out of the ordinary, as several impacts at once: the call below takes it.`;
   } else {
@@ -144,6 +144,18 @@ function say() {
     }
     status.textContent = text;
   }
+}
+
+// What Python says of a number that it refuses.
+function refusal() {
+  if (!(state.tEnd > 0)) return `t_end = ${python(state.tEnd)} must be a positive finite number in s`;
+  for (const name of problem.methods[state.method].names) {
+    const x = state.values[name];
+    for (const [comparison, bound, text] of problem.refusals[name] || []) {
+      if (comparison === "<" ? x < bound : comparison === ">" ? x > bound : x === bound) return text.replace("{value}", python(x));
+    }
+  }
+  return "";
 }
 
 const python = (x) => Number.isInteger(x) ? `${x}.0` : String(x);

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
@@ -260,6 +261,36 @@ def _slider(name: str, problem: Problem, traced: Trace, numbers: Mapping[str, fl
         )
     low, high = sorted(ends)
     return Slider(name, value, low, high) if low < high else None
+
+
+def refusals_of(found: Model) -> dict[str, list[tuple[str, float, str]]]:
+    """Return the messages of Python for numbers that it refuses, by name: a comparison, a bound, and a text with {value}."""
+    refused: dict[str, list[tuple[str, float, str]]] = {}
+    for name in (each.name for each in found.sliders):
+        tried: list[tuple[str, float, tuple[float, ...]]] = [("<", 0.0, (-1.5, -2.0)), ("=", 0.0, (0.0,))]
+        if name not in found.numbers:
+            tried = [("<", THETA[0], (0.25, 0.375)), (">", THETA[1], (1.5, 2.5))]
+        elif name.rpartition(".")[2] == "e":
+            tried.append((">", 1.0, (1.5, 2.5)))
+        for comparison, bound, values in tried:
+            texts = {_refusal(found, name, value) for value in values}
+            text = texts.pop() if len(texts) == 1 else ""
+            # What names other numbers, too, would not be true of theirs.
+            if "= {value}" in text and not re.search(r"= -?\d", text):
+                refused.setdefault(name, []).append((comparison, bound, text))
+    return refused
+
+
+def _refusal(found: Model, name: str, value: float) -> str:
+    """Return the message for a number that is refused, with {value} in its place; "" if it is not."""
+    try:
+        if name in found.numbers:
+            changed = changes_at(found.problem, (name,))({name: value})
+            return "" if changed.dynamics.nodes else "?"
+        make_integrator("moreau-jean", {name: value})
+    except LcpImpactError as error:
+        return str(error).replace(repr(value), "{value}")
+    return ""
 
 
 def _accepts(

@@ -17,7 +17,7 @@ from lcpimpact import __version__
 from lcpimpact.arguments import checked
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.explorer.javascript import equations_source, run_source
-from lcpimpact.explorer.models import MOST_STEPS, STEPS, Model, model, why_not_exact
+from lcpimpact.explorer.models import MOST_STEPS, STEPS, Model, model, refusals_of, why_not_exact
 from lcpimpact.files import check_output, whole_file
 from lcpimpact.plotting.layout import SYMBOL_WIDTH, Layout, label
 from lcpimpact.problems import PROBLEMS, load_problem
@@ -139,6 +139,7 @@ def problem_source(found: Model, shapes: dict[str, int]) -> str:
         "names": first.names,
         "numbers": found.numbers,
         "sliders": [[each.name, each.value, each.low, each.high] for each in found.sliders],
+        "refusals": refusals_of(found),
         "drawing": drawing(problem, shapes),
     }
     methods = []

@@ -101,9 +101,16 @@ def test_keys_sliders_and_permalinks(tmp_path):
         browser.press("ArrowRight", 39)
         assert browser.value("run.q[200]") != before
         assert browser.value("document.documentElement.scrollWidth") <= 390
-        # What cannot be run is said, and nothing is drawn.
-        browser.value("state.values.m = -1; compute()")
-        assert "refused" in browser.value("document.getElementById('status').textContent")
+        # What cannot be run is said in the words of Python, and nothing is drawn.
+        for name, value in {"m": -3, "c_o": 0, "theta": 0.4}.items():
+            browser.value(f"choose('system-1'); state.values.{name} = {value}; compute()")
+            said = browser.value("document.getElementById('status').textContent")
+            options = {name: float(value)}
+            with pytest.raises(li.InputError) as error:
+                li.load_problem("system-1", **options) if name != "theta" else li.simulate(
+                    li.load_problem("system-1"), dt=0.1, **options
+                )
+            assert said == str(error.value)
         assert browser.errors == []
 
 
