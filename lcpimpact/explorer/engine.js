@@ -29,7 +29,8 @@ function takeImpulses(problem, method, out, values) {
   problem.contacts.forEach((contact, i) => {
     if (contact.law !== "contact" || contact.degree !== 2) return;
     const gap = (x, start) => problem.H[i].reduce((sum, each, j) => sum + each * x[j], start);
-    const closed = Array.from({length: out.taken}, (_, k) => out.r[k * nc + i] > 0);
+    const closed = new Uint8Array(out.taken);
+    for (let k = 0; k < out.taken; k++) closed[k] = out.r[k * nc + i] > 0 ? 1 : 0;
     let before = closed[0] && gap(out.q, u0[i]) <= 0 && gap(out.v, 0) >= 0;
     for (let k = 0; k < out.taken; k++) {
       if (closed[k] && !before) {

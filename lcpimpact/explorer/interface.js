@@ -172,15 +172,11 @@ function errors() {
 
 function energies() {
   const {M, K, f} = equationsOf(problem, run.values), n = problem.nodes.length, found = new Float64Array(run.taken + 1);
-  let size = 0;
-  for (let k = 0; k <= run.taken; k++) {
-    let E = 0;
-    for (const [i, j, m] of M) E += 0.5 * m * run.v[k * n + i] * run.v[k * n + j];
-    size = Math.max(size, E);
-    for (const [i, j, c] of K) E += 0.5 * c * run.q[k * n + i] * run.q[k * n + j];
-    for (const [i, load] of f) E -= load * run.q[k * n + i];
-    found[k] = E;
-  }
+  const {q, v, taken} = run;
+  for (const [i, j, m] of M) for (let k = 0; k <= taken; k++) found[k] += 0.5 * m * v[k * n + i] * v[k * n + j];
+  const size = found.reduce((most, E) => E > most ? E : most, 0);
+  for (const [i, j, c] of K) for (let k = 0; k <= taken; k++) found[k] += 0.5 * c * q[k * n + i] * q[k * n + j];
+  for (const [i, load] of f) for (let k = 0; k <= taken; k++) found[k] -= load * q[k * n + i];
   return {values: found, size};
 }
 
@@ -220,7 +216,10 @@ function drawCurves() {
     if (run.taken < 0) continue;
     const curves = curvesOf(panel);
     let low = Infinity, high = -Infinity;
-    for (const {values} of curves) for (const y of values) if (Number.isFinite(y)) { if (y < low) low = y; if (y > high) high = y; }
+    for (const {values} of curves) for (let k = 0; k < values.length; k++) {
+      if (values[k] < low && values[k] > -Infinity) low = values[k];
+      if (values[k] > high && values[k] < Infinity) high = values[k];
+    }
     if (!(low < Infinity)) continue;
     if (panel.what === "error") low = Math.max(low, high - 12);
     if (!(high - low > 1e-12 * (abs(low) + abs(high) + (curves[0].size || 0)))) { low -= 1 + abs(low) * 0.1; high += 1 + abs(high) * 0.1; }

@@ -37,6 +37,7 @@ class Page:
         self.session = ""
 
     def send(self, method: str, **params: Any) -> Any:
+        """Return the answer to a command of the Chrome DevTools Protocol."""
         self.count += 1
         message = {"id": self.count, "method": method, "params": params}
         if self.session:
