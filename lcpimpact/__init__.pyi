@@ -8,6 +8,7 @@ from lcpimpact.errors import LcpImpactError as LcpImpactError
 from lcpimpact.errors import Status as Status
 from lcpimpact.errors import UnknownNameError as UnknownNameError
 from lcpimpact.errors import UnsupportedError as UnsupportedError
+from lcpimpact.explorer.page import explore as explore
 from lcpimpact.integrators.base import Declared as Declared
 from lcpimpact.integrators.base import Integrator as Integrator
 from lcpimpact.integrators.stepping.linear_step import LinearStep as LinearStep

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeAlias, cast
 
@@ -223,6 +223,31 @@ class Program:
         """Return the comparisons that hold for all sets of parameters for which the formulas do."""
         return [" ".join(each) for each in self.assumed]
 
+    def holds(self, values: Sequence[float]) -> bool:
+        """Return whether the comparisons come out as they did for these values of the parameters.
+
+        Examples
+        --------
+        >>> program = Program()
+        >>> k = program.parameter(4.0)
+        >>> k > 1.0, program.holds([2.0]), program.holds([0.5])
+        (True, True, False)
+        """
+        known = {each.name: value for each, value in zip(self.parameters, values, strict=True)}
+
+        def read(text: str) -> float:
+            return known[text] if text in known else float(text)
+
+        try:
+            for (operation, *operands), formula in self.lines.items():
+                known[formula.name] = float(OPERATIONS[operation](*map(read, operands)))
+        except (ArithmeticError, ValueError):
+            return False
+        return all(
+            read(a) != read(b) if comparison == "!=" else COMPARISONS[comparison](read(a), read(b))
+            for a, comparison, b in self.assumed
+        )
+
     def depending_on(self, parameters: Iterable[Formula]) -> set[str]:
         """Return the names of the formulas in which some parameters are, and of these."""
         found = {each.name for each in parameters}
@@ -231,16 +256,17 @@ class Program:
                 found.add(formula.name)
         return found
 
-    def source(self, results: Mapping[str, Number], known: Iterable[str] = ()) -> list[str]:
+    def source(self, results: Mapping[str, Number], known: Iterable[str] = (), assumed: bool = True) -> list[str]:
         """Return the lines that compute results, and what the assumptions compare, from the parameters p0, p1, ...
 
         Parameters
         ----------
         results : mapping of str to number      variable to its formula
         known : iterable of str                 variables that have been computed
+        assumed : bool                          whether to compute what the assumptions compare
         """
         lines = []
-        for (operation, *operands), formula in self._lines_for(results, set(known)):
+        for (operation, *operands), formula in self._lines_for(results, set(known), assumed):
             right = f" {operation} ".join(operands) if len(operands) == 2 else f"{operation}({operands[0]})"
             lines.append(f"{formula.name} = {right}")
         return lines + [f"{name} = {_text(value)}" for name, value in results.items() if name != _text(value)]
@@ -250,10 +276,14 @@ class Program:
         used = {each for line, _ in self._lines_for(results, set(known)) for each in line[1:]}
         return {each.name: each for each in (*self.parameters, *self.lines.values()) if each.name in used & set(known)}
 
-    def _lines_for(self, results: Mapping[str, Number], known: set[str]) -> list[tuple[tuple[str, ...], Formula]]:
+    def _lines_for(
+        self, results: Mapping[str, Number], known: set[str], assumed: bool = True
+    ) -> list[tuple[tuple[str, ...], Formula]]:
         """Return the lines that results and assumptions need beside known ones, in their order."""
         needed = {each.name for each in results.values() if isinstance(each, Formula)}
-        needed = needed.union(name for a, _, b in self.assumed for name in (a, b)) - known
+        if assumed:
+            needed = needed.union(name for a, _, b in self.assumed for name in (a, b))
+        needed -= known
         found = []
         for line, formula in reversed(self.lines.items()):
             if formula.name in needed:

@@ -80,9 +80,10 @@ MAY_IMPORT = {
     "study": RUN | {"sweeps"},
     "plotting": STUDY,
     "sweeps": RUN,
+    "explorer": RUN | {"sweeps", "plotting"},
     "report": STUDY | {"plotting"},
     "reproduce": STUDY | {"plotting", "report"},
-    "cli": STUDY | {"cache", "schemefile", "plotting", "report", "reproduce"},
+    "cli": STUDY | {"cache", "schemefile", "plotting", "explorer", "report", "reproduce"},
     "__main__": {"cli"},
 }
 """Layer (module or folder right under the package) to the layers that it may import, besides itself."""

@@ -14,6 +14,7 @@ from lcpimpact.cli.comparison import compare, cross_validate
 from lcpimpact.cli.convergence import converge, work_precision
 from lcpimpact.cli.design import design, fit
 from lcpimpact.cli.dynamics import basins, bifurcation, orbit, poincare
+from lcpimpact.cli.explore import explore
 from lcpimpact.cli.lcp import solve
 from lcpimpact.cli.listing import list_
 from lcpimpact.cli.output import print_answer, with_output_options
@@ -90,6 +91,7 @@ for command in (
     simulate,
     draw,
     animate,
+    explore,
     design,
     fit,
     export,

@@ -11,6 +11,7 @@ An address is
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
@@ -144,6 +145,41 @@ def place(problem: Problem, address: str, parameters: Sequence[str]) -> Place:
         raise InputError(f"{address} of problem {problem.name!r} names several constants: say one of {several}")
     addresses = [*parameters, *(f"{number}.{constant}" for number, _, constant in known)]
     raise InputError(f"{nearest(address, addresses, f'number of problem {problem.name!r}')}; and q0.NODE, v0.NODE")
+
+
+def numbers_of(problem: Problem) -> dict[str, float]:
+    """Return the parameters of a registered problem that do not follow from others, and of another its `constants_of`.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem
+    >>> list(numbers_of(load_problem("system-1")))
+    ['m', 'k_o', 'c_o', 'g', 'h_o']
+    """
+    if not is_registered(problem):
+        return constants_of(problem)
+    derived = _derived(problem)
+    return {name: value for name, value in problem.parameters.items() if name not in derived}
+
+
+def constants_of(problem: Problem) -> dict[str, float]:
+    """Return the constants of the elements and the initial values of a scheme by address, without those that are 0.
+
+    Examples
+    --------
+    >>> from lcpimpact import load_problem
+    >>> list(constants_of(load_problem("system-1")))
+    ['Mass.m', 'Load.f', 'KelvinVoigt.k', 'KelvinVoigt.c', 'v0.x']
+    """
+    known = _constants(problem)
+    addresses = []
+    for number, names, name in known:
+        kind = next(iter(names - {str(number), getattr(problem.scheme.elements[number], "name", "")}))  # type: ignore[union-attr]
+        alone = sum(kind in others and each == name for _, others, each in known) == 1
+        addresses.append(f"{kind if alone else number}.{name}")
+    addresses += [f"{kind}.{node}" for kind in INITIAL for node in getattr(problem, kind)]
+    found = {address: value_at(problem, address) for address in addresses}
+    return {address: value for address, value in found.items() if value != 0.0 and math.isfinite(value)}
 
 
 def is_registered(problem: Problem) -> bool:

@@ -393,10 +393,12 @@ class Dynamics:
 
     def motion_forces(self, t: ArrayLike, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the forces of any kind alone in N (..., n)."""
+        if not self.force_laws:
+            return np.zeros(np.shape(q))
         q, v = np.asarray(q, dtype=np.float64), np.asarray(v, dtype=np.float64)
         times = np.broadcast_to(np.asarray(t, dtype=np.float64), q.shape[:-1])
         f, here = np.zeros(q.shape), self.acted_on
-        for at in np.ndindex(times.shape) if self.force_laws else ():
+        for at in np.ndindex(times.shape):
             np.add.at(f[at], here, force_law.forces(self.force_laws, float(times[at]), q[at][here], v[at][here]))
         return f
 

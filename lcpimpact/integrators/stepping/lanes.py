@@ -173,43 +173,19 @@ def lanes(
     Raises
     ------
     UnsupportedError
-        If the step is none that lanes can take: see `lcpimpact.integrators.stepping.straight_line`; beyond two contacts,
-        or with one slider of two; with a tolerance beyond `TOLERANCES`; or it is to be compiled first.
+        If the step is none that lanes can take (see `trace_run`), or it is to be compiled first.
     NotTracedError
         If loads that depend on time and prescribed motions are not shared, and one is no sum of harmonics.
     """
-    (method, known_method), (d, with_values) = methods, dynamics
-    known = known_method.prepare(with_values, grid.h, lcp_solver)
-    nc = len(with_values.contacts)
-    closed = nc < 2 or (nc == 2 and known.solver.name == "closed-form" and with_values.unilateral.all())
-    if not (COMPILING and known.regular and closed):
-        raise UnsupportedError("lanes take compiled linear steps with at most two contacts")
-    if not TOLERANCES[0] <= known.tol <= TOLERANCES[1]:
-        raise UnsupportedError("lanes take tolerances that bound the rounding of a row")
-    sets, loads, signals = len(program.parameters), np.zeros((grid.steps, 0)), []
-    given = (end.value if end else grid.t_end, grid.steps, 0.0, grid.h)
-    ours, *others = map(program.parameter, given)  # parameters, so that runs of all lengths share their code
-    clock = Clock(end or ours, *others)
-    h: Any = clock.end / clock.steps
-    table, _, step = method.tabulate(d, h)
-    y = method.begin(d, *start, h)
-    if end is None and _same_signals(d, with_values):
-        loads = known.loads(grid.times(0, grid.steps))
-    else:
-        signals = list(method.loads(d, h)(np.array([clock.before, clock.after]))[0])
-    writer = write_step(_pattern(table), _pattern(step.static), len(d.nodes))
-    for law, i, j in np.ndindex(table.W.shape if nc == 2 else (0, 0, 0)):
-        writer.coefficient("W", law, i, j)
-    arrays = table._asdict() | step.static._asdict()
-    coefficients = {name: arrays[key][index] for name, (key, index) in writer.coefficients.items()}
-    first = {f"y{i}": value for i, value in enumerate(y)}
-    traced = Traced(program, sets, clock, signals)
+    if not COMPILING:
+        raise UnsupportedError("lanes are compiled")
+    run = trace_run(methods, dynamics, start, grid, program, end, lcp_solver)
     ends = np.array(sorted({*stops, grid.steps}), dtype=np.int64)
-    source = _source(writer, coefficients, first, traced, tuple(readings), bool(stops), impacts)
+    source = _source(run, tuple(readings), bool(stops), impacts)
     if not compiles and not source_file(source.text).exists():
         raise UnsupportedError("the lanes of this problem are not compiled yet")
-    run = _compiled(source.text)
-    return Lanes(run, np.array([known.tol, *source.constants]), source.rows, tuple(readings), ends, loads, source.state)
+    constants = np.array([run.tol, *source.constants])
+    return Lanes(_compiled(source.text), constants, source.rows, tuple(readings), ends, run.loads, source.state)
 
 
 @cache
@@ -280,6 +256,79 @@ class Traced:
 
 
 @dataclass(frozen=True, eq=False)
+class TracedRun:
+    """A run of a problem as formulas: the statements of a step, and what they name.
+
+    Attributes
+    ----------
+    writer : Writer
+    coefficients : dict of str to number    those of the step
+    y : dict of str to number               the initial state
+    traced : Traced
+    loads : (steps, nl) array               loads that depend on time, unless they are formulas
+    tol : float                             tolerance of the LCP
+    """
+
+    writer: Writer
+    coefficients: dict[str, Number]
+    y: dict[str, Number]
+    traced: Traced
+    loads: Array
+    tol: float
+
+    def positive(self) -> list[str]:
+        """Return the coefficients that are above zero where the closed forms of the step hold."""
+        return [name for name in self.coefficients if re.fullmatch(r"W_\d+_(\d+)_\1|SKS_.*", name)]
+
+
+def trace_run(
+    methods: tuple[LinearStep, LinearStep],
+    dynamics: tuple[Dynamics, Dynamics],
+    start: tuple[Array, Array],
+    grid: Grid,
+    program: Program,
+    end: Formula | None = None,
+    lcp_solver: str = "auto",
+) -> TracedRun:
+    """Trace the runs of a problem; arguments as of `lanes`.
+
+    Raises
+    ------
+    UnsupportedError
+        If the step is none of straight-line code (see `lcpimpact.integrators.stepping.straight_line`), has more than two
+        contacts, or two with a slider among them, or a tolerance beyond `TOLERANCES`.
+    NotTracedError
+        If loads that depend on time and prescribed motions are not shared, and one is no sum of harmonics.
+    """
+    (method, known_method), (d, with_values) = methods, dynamics
+    known = known_method.prepare(with_values, grid.h, lcp_solver)
+    nc = len(with_values.contacts)
+    closed = nc < 2 or (nc == 2 and known.solver.name == "closed-form" and with_values.unilateral.all())
+    if not (known.plain and closed):
+        raise UnsupportedError("only linear steps with at most two contacts are straight-line code in closed form")
+    if not TOLERANCES[0] <= known.tol <= TOLERANCES[1]:
+        raise UnsupportedError(f"tol = {known.tol:g} does not bound the rounding of a row")
+    sets, loads, signals = len(program.parameters), np.zeros((grid.steps, 0)), []
+    given = (end.value if end else grid.t_end, grid.steps, 0.0, grid.h)
+    ours, *others = map(program.parameter, given)  # parameters, so that runs of all lengths share their code
+    clock = Clock(end or ours, *others)
+    h: Any = clock.end / clock.steps
+    table, _, step = method.tabulate(d, h)
+    y = method.begin(d, *start, h)
+    if end is None and _same_signals(d, with_values):
+        loads = known.loads(grid.times(0, grid.steps))
+    else:
+        signals = list(method.loads(d, h)(np.array([clock.before, clock.after]))[0])
+    writer = write_step(_pattern(table), _pattern(step.static), len(d.nodes))
+    for law, i, j in np.ndindex(table.W.shape if nc == 2 else (0, 0, 0)):
+        writer.coefficient("W", law, i, j)
+    arrays = table._asdict() | step.static._asdict()
+    coefficients = {name: arrays[key][index] for name, (key, index) in writer.coefficients.items()}
+    first = {f"y{i}": value for i, value in enumerate(y)}
+    return TracedRun(writer, coefficients, first, Traced(program, sets, clock, signals), loads, known.tol)
+
+
+@dataclass(frozen=True, eq=False)
 class Source:
     """The source of the runs, and what it reads and keeps.
 
@@ -297,24 +346,17 @@ class Source:
     state: int
 
 
-def _source(
-    writer: Writer,
-    coefficients: dict[str, Number],
-    y: dict[str, Number],
-    traced: Traced,
-    readings: tuple[Reading, ...],
-    states_kept: bool,
-    impacts: bool,
-) -> Source:
-    """Return the source of a function that runs sets of parameters, the coefficients and initial state y as formulas."""
+def _source(run: TracedRun, readings: tuple[Reading, ...], states_kept: bool, impacts: bool) -> Source:
+    """Return the source of a function that runs sets of parameters."""
+    writer, traced = run.writer, run.traced
     states, loads, nc, _ = writer.sizes
     in_time, inputs = traced.in_time()
     of_sets = traced.program.depending_on(traced.program.parameters[: traced.sets])
-    known = coefficients | inputs
+    known = run.coefficients | inputs
     varying = {name: value for name, value in known.items() if getattr(value, "name", "") in of_sets}
     fixed = {each.name: each.value for each in traced.shared}
     fixed |= {name: value_of(value) for name, value in known.items() if name not in varying}
-    first = _first(writer, y | varying, traced, readings)
+    first = _first(run, run.y | varying, readings)
     lasting = _lasting(writer)
     certain = {ROUNDED, *(finite(f"new{i}") for i in lasting)}
     step = [line for statement in writer.statements for line in _lane(statement, certain)] + _kept(readings, writer.n)
@@ -359,13 +401,14 @@ def _source(
     return Source(head + "".join(f"    {line}\n" for line in lines), list(fixed.values()), len(place), len(state))
 
 
-def _first(writer: Writer, given: dict[str, Number], traced: Traced, readings: tuple[Reading, ...]) -> list[str]:
+def _first(run: TracedRun, given: dict[str, Number], readings: tuple[Reading, ...]) -> list[str]:
     """Return the lines that begin the run of one lane: the coefficients, and whether they are those of its parameters."""
+    writer, traced = run.writer, run.traced
     _, _, nc, laws = writer.sizes
     lines = [f"p{i} = parameters[{i}, start + min(l, count - 1)]" for i in range(traced.sets)]
     lines += traced.program.source(given)
     assumed = [*traced.program.assumptions(), *map(finite, given)]
-    assumed += [f"{name} > 0.0" for name in given if re.fullmatch(r"W_\d+_(\d+)_\1|SKS_.*", name)]
+    assumed += [f"{name} > 0.0" for name in run.positive() if name in given]
     lines += ["bad = 0.0", *(f"bad = bad if {each} else 1.0" for each in assumed)]
     lines += [f"P{i} = 0.0" for i in range(laws * nc)] + [f"r{i} = 0.0" for i in range(nc)]
     for i, each in enumerate(readings):
@@ -421,7 +464,7 @@ def _impact(n: int) -> list[str]:
     ]
 
 
-def _two_rows(solve: SolveLaw) -> list[str]:
+def two_rows(solve: SolveLaw) -> list[str]:
     """Return the lines that solve a law of two rows as `closed_form` does, on those of them that are active, and check it.
 
     With x and y from one row alone, and x_both and y_both from both, the same cases are looked at in the same order.
@@ -473,4 +516,4 @@ def _lane(statement: Statement, certain: set[str]) -> list[str]:
         case Unless(condition):
             return [f"bad = bad if {each} else 1.0" for each in condition.split(" and ") if each not in certain]
         case SolveLaw():
-            return _two_rows(statement)
+            return two_rows(statement)

@@ -277,12 +277,17 @@ class Tabulated:
         return solve_features if len(springs.law) + len(paths.lines) + len(friction.rows) else no_features
 
     @cached_property
-    def regular(self) -> bool:
-        """Whether its steps can be straight-line code: in that a law of one row has its closed form."""
+    def plain(self) -> bool:
+        """Whether its steps are straight-line statements: in that a law of one row has its closed form."""
         springs, paths, static, friction, _ = self.features
-        plain = self.solver.compiled and not self.forces and self.at_switches is None
-        plain = plain and (self.table.W.shape[1] != 1 or self.solver.name == "closed-form")
+        closed = self.table.W.shape[1] != 1 or self.solver.name == "closed-form"
+        plain = closed and not self.forces and self.at_switches is None
         return plain and covers(self.table, static, len(springs.law), len(paths.lines), len(friction.rows))
+
+    @cached_property
+    def regular(self) -> bool:
+        """Whether its steps can be compiled straight-line code."""
+        return self.solver.compiled and self.plain
 
     @cached_property
     def pattern(self) -> bytes:

@@ -1,0 +1,206 @@
+"""The page: problems, their runs as JavaScript, and the interface, in one HTML file."""
+
+from __future__ import annotations
+
+import base64
+import inspect
+import json
+import zlib
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from lcpimpact import __version__
+from lcpimpact.arguments import checked
+from lcpimpact.errors import UnsupportedError
+from lcpimpact.explorer.javascript import equations_source, run_source
+from lcpimpact.explorer.models import MOST_STEPS, STEPS, Model, model, refusals_of, why_not_exact
+from lcpimpact.files import check_output, whole_file
+from lcpimpact.plotting.layout import SYMBOL_WIDTH, Layout, label
+from lcpimpact.problems import PROBLEMS, load_problem
+from lcpimpact.problems.base import Problem
+from lcpimpact.problems.parameters import is_registered
+from lcpimpact.scheme.scheme import Scheme
+
+ENDINGS = (".html",)
+
+METHODS_OF_ONE = 9
+"""Number of methods in a page of one problem."""
+
+METHODS_OF_ALL = 3
+"""Number of methods for each problem in a page of all, which has 150 kB."""
+
+
+@checked
+def explore(
+    problem: Problem | str | None = None, path: str | Path = "explorer.html", *, t_end: float | None = None
+) -> Path:
+    """Write the explorer: one HTML file in which sliders change a problem, and its run and its exact motion follow.
+
+    The page opens from disk and requests nothing. Its runs are those of `lcpimpact.simulate`, bit for bit.
+
+    Parameters
+    ----------
+    problem : Problem or str, optional
+        What the page holds: a problem, by its name or any scheme; by default all registered ones that it takes.
+    path : str or Path
+        A file ending in .html.
+    t_end : float, optional
+        End of the runs in s; by default that of the problem.
+
+    Returns
+    -------
+    Path
+        The file, which is written atomically.
+
+    Raises
+    ------
+    InputError
+        For another ending, or a folder that cannot be written.
+    UnsupportedError
+        For a problem that the page does not take, with the reason.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     explore("system-1", f"{folder}/system-1.html").name
+    'system-1.html'
+    """
+    path = Path(path)
+    check_output(path, ENDINGS)
+    text = page(*(models(problem, t_end) if problem is not None else all_models()))
+    with whole_file(path) as part:
+        part.write_text(text, encoding="utf-8")
+    return path
+
+
+def models(problem: Problem | str, t_end: float | None = None) -> tuple[list[Model], dict[str, str]]:
+    """Return one problem by all methods that a page takes, and no refusals."""
+    problem = load_problem(problem) if isinstance(problem, str) else problem
+    end = problem.t_end if t_end is None else t_end
+    return [model(problem, end, most=METHODS_OF_ONE)], {}
+
+
+def all_models() -> tuple[list[Model], dict[str, str]]:
+    """Return the registered problems that a page takes, and why it does not take the others, by name."""
+    found, refused = list[Model](), dict[str, str]()
+    for name in PROBLEMS:
+        problem = load_problem(name)
+        try:
+            found.append(model(problem, problem.t_end, most=METHODS_OF_ALL))
+        except UnsupportedError as error:
+            refused[name] = str(error)
+    return found, refused
+
+
+def page(found: Sequence[Model], refused: dict[str, str]) -> str:
+    """Return the HTML page of some problems; ``refused`` are the others, and why."""
+    shapes: dict[str, int] = {}
+    problems = ",\n".join(f"{_json(each.problem.name)}:{problem_source(each, shapes)}" for each in found)
+    template = _environment().get_template("page.html.j2")
+    limits = {"steps": STEPS, "most": MOST_STEPS, "symbol": SYMBOL_WIDTH}
+    return template.render(
+        packed=base64.b64encode(zlib.compress(f"{{{problems}}}".encode(), 9)).decode(),
+        strokes=f"[{','.join(shapes)}]",
+        refused=_json(refused),
+        limits=_json(limits),
+        version=__version__,
+    )
+
+
+@cache
+def _environment() -> Environment:
+    return Environment(loader=PackageLoader("lcpimpact", "explorer"), undefined=StrictUndefined, trim_blocks=True)
+
+
+def _json(value: Any) -> str:
+    """Return a value as JSON that may stand in a script."""
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":")).replace("</", "<\\/")
+
+
+def problem_source(found: Model, shapes: dict[str, int]) -> str:
+    """Return a problem as a JavaScript object; ``shapes`` gathers the strokes of its elements, by their text."""
+    problem, d = found.problem, found.problem.dynamics
+    first = max((traces[0] for traces in found.traces.values()), key=lambda each: len(each.names))
+    parts = d.decomposition
+    fields = {
+        "about": _about(problem),
+        "registered": is_registered(problem),
+        "tEnd": found.t_end,
+        "nodes": list(d.nodes),
+        "contacts": [{"name": each.name, "law": str(each.law), "degree": each.relative_degree} for each in d.contacts],
+        "H": d.H.astype(float).tolist(),
+        "parts": {name: getattr(parts, name).T.tolist() for name in ("massive", "damped", "static", "driven")},
+        "inexact": why_not_exact(d),
+        "names": first.names,
+        "numbers": found.numbers,
+        "sliders": [[each.name, each.value, each.low, each.high] for each in found.sliders],
+        "refusals": refusals_of(found),
+        "drawing": drawing(problem, shapes),
+    }
+    methods = []
+    for name, traces in found.traces.items():
+        cases = ",\n".join(run_source(each.program, each.run) for each in traces)
+        method = traces[0].method
+        own = {
+            "names": traces[0].names, "laws": traces[0].run.writer.sizes[3], "impactSteps": method.impact_steps,
+            "at": method.reaction_at, "summary": method.declared.summary,
+        }  # fmt: skip
+        methods.append(f"{_json(name)}:{{...{_json(own)},cases:[{cases}]}}")
+    equations = equations_source(first.program, first.dynamics, first.start)
+    return f"{{...{_json(fields)},equations:{equations},methods:{{{','.join(methods)}}}}}"
+
+
+def _about(problem: Problem) -> str:
+    """Return the first line of what the registry says of a problem."""
+    known = PROBLEMS[problem.name] if is_registered(problem) else None
+    return (inspect.getdoc(known) or "").split("\n")[0] if known else ""
+
+
+def drawing(problem: Problem, shapes: dict[str, int]) -> dict[str, Any] | None:
+    """Return where a page draws the nodes and the elements of a scheme; None for a system given by its matrices.
+
+    Nodes
+        Index, or -1 of what does not move; y, left, right; half of its height; label.
+    Links
+        Number of its strokes; edge and node above, and below; x, leads and length of the symbol; split; whether its first
+        end is above; side of the label; label; name of the reaction.
+    """
+    if not isinstance(problem.scheme, Scheme):
+        return None
+    layout, names = Layout(problem.scheme.elements), list(problem.dynamics.nodes)
+
+    def index(node: str) -> int:
+        return names.index(node) if node in names else -1
+
+    y, bars = layout.y, layout.inner_bars
+    nodes = []
+    for node in y:
+        left, right = bars[node] if node in bars else layout.span(node)
+        half = layout.edge(y, node, 1) - y[node] if node in layout.nodes and layout.bodies(node) else 0.0
+        text = " + ".join(map(label, layout.bodies(node))) if node in layout.nodes else ""
+        nodes.append([index(node), y[node], left, right, half, text])
+    links = []
+    for link in layout.links:
+        strokes = _json([[[_short(s), _short(t)] for s, t in stroke] for stroke in link.part.strokes])
+        ends = [(layout.edge(y, link.top, -1), index(link.top)), (layout.edge(y, link.bottom, 1), index(link.bottom))]
+        numbers = [link.x, *link.leads, link.body]
+        shape = shapes.setdefault(strokes, len(shapes))
+        reaction = getattr(link.part, "name", None) or link.part.reaction or ""
+        links.append([shape, *ends, numbers, link.part.split, link.down, link.side, label(link.part), reaction])
+    return {"nodes": _rounded(nodes), "links": _rounded(links)}
+
+
+def _short(value: float) -> float:
+    return round(float(value), 3)
+
+
+def _rounded(value: Any) -> Any:
+    """Return nested lists with numbers of three decimals."""
+    if isinstance(value, list | tuple):
+        return [_rounded(each) for each in value]
+    return _short(value) if isinstance(value, float) else value

@@ -1,0 +1,217 @@
+"""The runs and the exact motion of the page, in node: the runs have the bits of `simulate`."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+import lcpimpact as li
+from lcpimpact import InputError, load_problem, simulate
+from lcpimpact.explorer.javascript import assignment, expression
+from lcpimpact.explorer.models import Model, model, why_not_exact
+from lcpimpact.explorer.page import problem_source
+from lcpimpact.problems.parameters import with_values
+
+STEPS = 400
+
+NODE = """
+const given = JSON.parse(require("node:fs").readFileSync(0, "utf8"));
+const hex = (a) => Buffer.from(new Float64Array(a).buffer).toString("hex");
+const jobs = {
+  run: ({method, values, tEnd, steps}) => {
+    const o = simulate(PROBLEM, method, values, tEnd, steps);
+    return {taken: o.taken, q: hex(o.q), v: hex(o.v), r: hex(o.r), impulses: o.impulses};
+  },
+  exact: ({values, instants}) => {
+    const o = exactMotion(PROBLEM, values, instants);
+    return {q: hex(o.q.flat()), v: hex(o.v.flat()), events: o.events, until: o.until};
+  },
+};
+console.log(JSON.stringify(given.map((each) => jobs[each.what](each))));
+"""
+
+pytestmark = pytest.mark.skipif(
+    shutil.which("node") is None, reason="node, which runs the page's code, is not installed"
+)
+
+
+def in_node(found: Model, jobs: list[dict]) -> list[dict]:
+    """Return what the page's code gives for jobs on a problem."""
+    engine = (files("lcpimpact.explorer") / "engine.js").read_text(encoding="utf-8")
+    script = f'"use strict";\n{engine}\nconst PROBLEM = {problem_source(found, {})};\n{NODE}'
+    done = subprocess.run(
+        ["node", "-e", script],
+        input=json.dumps(jobs).replace("Infinity", "1e999"),
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def numbers(text: str, columns: int) -> np.ndarray:
+    return np.frombuffer(bytes.fromhex(text)).reshape(-1, max(columns, 1))
+
+
+@cache
+def model_of(name: str) -> Model:
+    problem = load_problem(name)
+    return model(problem, problem.t_end)
+
+
+def cases(found: Model, count: int) -> list[dict[str, float]]:
+    """Return values of all sliders: those of the problem, and others at random."""
+    rng = np.random.default_rng(1)
+    first = {"theta": 0.5, **found.numbers}
+    return [first] + [
+        first | {each.name: rng.uniform(each.low, each.high) for each in found.sliders} for _ in range(count - 1)
+    ]
+
+
+def python_run(found: Model, method: str, values: dict[str, float], steps: int):
+    """Return the run of `simulate` with what a method of the page takes of the values of the sliders."""
+    used = {name: values[name] for name in found.traces[method][0].names}
+    options = {name: used.pop(name) for name in [*used] if name not in found.numbers}
+    problem = with_values(found.problem, used) if used else found.problem
+    dt = found.t_end / steps
+    return simulate(problem, method, dt=dt, t_end=found.t_end, throw=False, progress=False, **options)
+
+
+def equal_numbers(found: Model, count: int = 3, steps: int = STEPS) -> int:
+    """Compare the runs of a problem by all its methods with `simulate`; return how many numbers are equal."""
+    n, nc, equal = len(found.problem.dynamics.nodes), len(found.problem.dynamics.contacts), 0
+    sets = [(method, values) for method in found.traces for values in cases(found, count)]
+    jobs = [{"what": "run", "method": m, "values": v, "tEnd": found.t_end, "steps": steps} for m, v in sets]
+    for k, ((method, values), page) in enumerate(zip(sets, in_node(found, jobs), strict=True)):
+        taken, where = page["taken"], f"{found.problem.name}, {method}, {values}"
+        if taken < 0:  # the page says so, and draws nothing; with the problem's own values it must not happen
+            assert k % count > 0, where
+            continue
+        try:
+            run = python_run(found, method, values, steps)
+        except InputError as error:
+            raise AssertionError(f"the page runs what Python refuses: {where}: {error}") from error
+        kept = taken if taken == steps else max(taken - 2, 0)  # impulses over two steps may be cut at the end
+        for name, ours, columns, rows in (
+            ("q", run.q, n, taken + 1),
+            ("v", run.v, n, taken + 1),
+            ("r", run.reaction, nc, kept),
+        ):
+            if ours.size:
+                theirs = numbers(page[name], columns)[:rows]
+                assert theirs.tobytes() == ours[:rows].tobytes() or np.array_equal(theirs, ours[:rows]), (
+                    f"{name} of {where}"
+                )
+                equal += theirs.size
+        if taken == steps:
+            impacts = [each for each in run.events if each.kind == "impact"]
+            np.testing.assert_array_equal(sorted(i["p"] for i in page["impulses"]), sorted(i.impulse for i in impacts))
+    return equal
+
+
+@pytest.mark.parametrize("name", ["system-1", "bouncing-ball", "shaw-holmes", "two-ball-drop", "coulomb-oscillator"])
+def test_runs_have_the_bits_of_simulate(name):
+    assert equal_numbers(model_of(name)) > 2 * STEPS
+
+
+def test_a_run_ends_before_a_step_out_of_the_ordinary():
+    """Three balls in a row, two of them touching: the impact at both contacts at once has no basis with clear signs."""
+    found = model_of("three-balls")
+    (page,) = in_node(
+        found,
+        [{"what": "run", "method": "moreau-jean", "values": cases(found, 1)[0], "tEnd": found.t_end, "steps": STEPS}],
+    )
+    assert page["taken"] == STEPS // 2
+
+
+@pytest.mark.parametrize("values", [{"c_o": -1.0}, {"m": 0.0}, {"theta": 0.4}, {"k_o": float("inf")}])
+def test_values_that_python_refuses_are_not_run(values):
+    found = model_of("system-1")
+    job = {"what": "run", "method": "moreau-jean", "values": cases(found, 1)[0] | values, "tEnd": 3.0, "steps": 10}
+    (page,) = in_node(found, [job])
+    assert page["taken"] == -1
+    with pytest.raises(InputError):
+        python_run(found, "moreau-jean", job["values"], 10)
+
+
+def test_a_case_of_the_formulas_is_found_for_every_value():
+    """A slider reaches other pivots of an elimination than the given values: the page holds their formulas too."""
+    found = model_of("jenkins-cycle")
+    assert len(found.traces["moreau-jean"]) == 2
+    jobs = [
+        {"what": "run", "method": "moreau-jean", "values": each, "tEnd": found.t_end, "steps": 50}
+        for each in cases(found, 12)
+    ]
+    assert all(page["taken"] == 50 for page in in_node(found, jobs))
+
+
+EXACT = [
+    "system-1",
+    "system-2",
+    "system-3",
+    "bouncing-ball",
+    "maxwell-impact",
+    "impact-oscillator",
+    "coulomb-oscillator",
+]
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_the_exact_motion_is_that_of_the_method_exact(name):
+    found, count = model_of(name), 200
+    assert why_not_exact(found.problem.dynamics) == ""
+    sets = cases(found, 3)
+    runs = [
+        simulate(
+            with_values(found.problem, {name: values[name] for name in found.numbers}),
+            "exact",
+            dt=found.t_end / count,
+            t_end=found.t_end,
+            progress=False,
+        )
+        for values in sets
+    ]
+    jobs = [
+        {"what": "exact", "values": values, "instants": run.t.tolist()} for values, run in zip(sets, runs, strict=True)
+    ]
+    for run, page in zip(runs, in_node(found, jobs), strict=True):
+        assert page["until"] == run.t[-1]
+        q = numbers(page["q"], run.q.shape[1])
+        np.testing.assert_allclose(q, run.q, rtol=0.0, atol=2e-12 * np.abs(run.q).max())
+
+
+def test_the_exact_motion_ends_where_it_is_not_followed():
+    """Two contacts at one instant are left to Python: nothing is drawn after them."""
+    found = model_of("three-balls")
+    instants = np.linspace(0.0, found.t_end, 101).tolist()
+    (page,) = in_node(found, [{"what": "exact", "values": cases(found, 1)[0], "instants": instants}])
+    assert 0.0 < page["until"] <= 0.5
+    assert len(numbers(page["q"], 3)) == len([t for t in instants if t <= page["until"]])
+
+
+def test_a_scheme_of_ones_own():
+    scheme = li.Scheme(
+        li.Mass("x", m=2.0), li.Load("x", f=20.0), li.Bumper("x", "z"), li.KelvinVoigt("z", "ground", k=300.0, c=4.0)
+    )
+    found = model(li.Problem("mine", scheme, v0={"x": 1.0}), 2.0)
+    assert set(found.numbers) == {"Mass.m", "Load.f", "KelvinVoigt.k", "KelvinVoigt.c", "v0.x"}
+    assert equal_numbers(found) == 3 * (2 * 2 * (STEPS + 1) + STEPS)
+
+
+def test_printed_expressions_keep_the_order_of_operations():
+    assert expression("a - (b - c) - -d * (e / f)") == "a-(b-c)- -d*(e/f)"
+    assert expression("0.0 <= x and (x < INFINITY or not y == -1.0)") == "0<=x&&(x<Infinity||!(y===-1))"
+    assert expression("a if b < 1e-09 else -2.5", {"a": "t3"}) == "(b<1e-09?t3:-2.5)"
+    assert assignment("x, y = a + 1.0, b", {}) == "x=a+1;y=b;"
+    with pytest.raises(TypeError, match="exchanges values"):
+        assignment("x, y = y, x", {})
+    with pytest.raises(TypeError, match="no arithmetic"):
+        expression("[a]")

@@ -1,0 +1,162 @@
+"""The page in headless Chromium, and what its command says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from chromium import chromium, opened
+from test_kernel import cases, numbers, python_run
+
+import lcpimpact as li
+from lcpimpact.cli.main import main
+from lcpimpact.explorer.models import Model
+from lcpimpact.explorer.page import all_models, page
+from lcpimpact.problems import PROBLEMS
+
+STEPS = 300
+
+in_chromium = pytest.mark.skipif(chromium() is None, reason="Chromium, which shows the page, is not installed")
+
+RUN = """
+ready.then(() => JSON.stringify(JOBS.map(({problem, method, values, tEnd, steps}) => {
+  const o = simulate(problems[problem], method, values, tEnd, steps);
+  const hex = (a) => Array.from(new Uint8Array(a.buffer), (x) => x.toString(16).padStart(2, "0")).join("");
+  return {taken: o.taken, q: hex(o.q), v: hex(o.v), r: hex(o.r)};
+})))
+"""
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> tuple[Path, list[Model], dict[str, str]]:
+    """The page of all problems."""
+    found, refused = all_models()
+    path = tmp_path_factory.mktemp("explorer") / "explorer.html"
+    path.write_text(page(found, refused), encoding="utf-8")
+    return path, found, refused
+
+
+def test_the_page_is_small_and_complete(whole):
+    path, found, refused = whole
+    assert path.stat().st_size <= 150_000
+    assert {each.problem.name for each in found} | refused.keys() == set(PROBLEMS)
+    assert len(found) >= 27
+    text = path.read_text(encoding="utf-8")
+    assert not any(each in text for each in ('<link rel="stylesheet', "src=", "@import", "fetch("))
+
+
+@in_chromium
+def test_every_number_of_the_page_is_that_of_simulate(whole):
+    path, found, _ = whole
+    sets = [(each, method, values) for each in found for method in each.traces for values in cases(each, 1)]
+    jobs = [
+        {"problem": each.problem.name, "method": method, "values": values, "tEnd": each.t_end, "steps": STEPS}
+        for each, method, values in sets
+    ]
+    equal = 0
+    with opened(path.as_uri()) as browser:
+        results = json.loads(browser.value(RUN.replace("JOBS", json.dumps(jobs))))
+        assert browser.requests == [path.as_uri()]
+        assert browser.errors == []
+    for (each, method, values), result in zip(sets, results, strict=True):
+        run, taken = python_run(each, method, values, STEPS), result["taken"]
+        assert taken == STEPS or each.problem.name == "three-balls"
+        for name, ours, rows in (
+            ("q", run.q, taken + 1),
+            ("v", run.v, taken + 1),
+            ("r", run.reaction, max(taken - 2, 0)),
+        ):
+            if not ours.size:
+                continue
+            theirs = numbers(result[name], ours.shape[1])[:rows]
+            assert (theirs == ours[:rows]).all(), f"{name} of {each.problem.name} by {method}"
+            equal += theirs.size
+    assert equal > 70_000
+
+
+@in_chromium
+def test_keys_sliders_and_permalinks(tmp_path):
+    path = li.explore("system-1", tmp_path / "page.html")
+    with opened(path.as_uri() + "#system-1&moreau-jean&c_o=300&steps=500&t_end=2&at=40", 390, 844) as browser:
+        assert browser.value("[state.values.c_o, state.steps, state.tEnd, state.k]") == [300.0, 500, 2.0, 40]
+        browser.press("ArrowRight", 39)
+        browser.press("ArrowRight", 39)
+        browser.press("ArrowLeft", 37)
+        assert browser.value("state.k") == 41
+        browser.press("End", 35)
+        assert browser.value("state.k") == 500
+        # The Tab key alone reaches every control.
+        reached = set()
+        for _ in range(60):
+            browser.press("Tab", 9)
+            reached.add(browser.value("[...document.querySelectorAll('*')].indexOf(document.activeElement)"))
+        controls = "[...document.querySelectorAll('select, button, input, summary')].filter((each) => !each.disabled)"
+        assert (
+            set(browser.value(f"{controls}.map((each) => [...document.querySelectorAll('*')].indexOf(each))"))
+            <= reached
+        )
+        before = browser.value("run.q[200]")
+        browser.value("document.querySelector('#sliders input[type=range]').focus()")
+        browser.press("ArrowRight", 39)
+        assert browser.value("run.q[200]") != before
+        assert browser.value("document.documentElement.scrollWidth") <= 390
+        # What cannot be run is said in the words of Python, and nothing is drawn.
+        for name, value in {"m": -3, "c_o": 0, "theta": 0.4}.items():
+            browser.value(f"choose('system-1'); state.values.{name} = {value}; compute()")
+            said = browser.value("document.getElementById('status').textContent")
+            options = {name: float(value)}
+            with pytest.raises(li.InputError) as error:
+                li.load_problem("system-1", **options) if name != "theta" else li.simulate(
+                    li.load_problem("system-1"), dt=0.1, **options
+                )
+            assert said == str(error.value)
+        assert browser.errors == []
+
+
+@in_chromium
+def test_the_call_that_the_page_shows_gives_its_run(tmp_path):
+    path = li.explore("impact-oscillator", tmp_path / "page.html")
+    with opened(path.as_uri() + "#impact-oscillator&moreau-jean&Mass.m=1.25&theta=0.75&steps=200") as browser:
+        call, last = browser.value("[document.getElementById('command').textContent, run.q[200]]")
+    assert "Mass.m" in call
+    assert "theta=0.75" in call
+    run = eval(call, {"li": li})
+    assert run.q[-1, 0] == last
+
+
+def test_the_command_writes_and_opens_the_page(capsys, tmp_path, monkeypatch):
+    seen = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("webbrowser.open", seen.append)
+    li.write_scheme_file(li.load_problem("system-1"), Path("my.toml"))
+    for words in (["my.toml", "--t-end", "2"], ["bouncing-ball", "--no-open", "--out", "ball.html"]):
+        with pytest.raises(SystemExit) as stop:
+            main(["explore", *words])
+        assert stop.value.code == 0
+    assert seen == [(tmp_path / "my.html").as_uri()]
+    assert "wrote ball.html" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["woodpecker"], "friction that the reaction of a contact bounds"),
+        (["newtons-cradle"], "4 contacts"),
+        (["hertz-impact"], "non-linear springs"),
+        (["bar-impact"], "more than 8 nodes"),
+        (["system-9"], "did you mean"),
+        (["system-1", "--t-end", "-1"], "must be a positive finite number"),
+        (["system-1", "--out", "page.txt"], "must end in one of .html"),
+        (["--set", "k_o=1"], "go with a problem"),
+    ],
+)
+def test_what_is_not_taken_is_refused_in_one_line(capsys, tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as stop:
+        main(["explore", "--no-open", *words])
+    assert stop.value.code == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+    assert [*tmp_path.iterdir()] == []
