@@ -25,6 +25,7 @@ from threading import Lock
 from typing import Any, Literal, TypeVar, cast
 
 import numba
+import numpy as np
 from numba import types
 from numba.core import cgutils, event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
@@ -33,7 +34,7 @@ from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 
 from lcpimpact.cache import folder, mark_used
-from lcpimpact.interpreter import interpret, size_of, throughout
+from lcpimpact.interpreter import arrays_in, size_of, throughout
 from lcpimpact.logs import LOG
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -221,6 +222,28 @@ def usable() -> bool:
         warn_once(f"has no folder ({reason(error)}) and is compiled again in each run")
         return False
     return True
+
+
+def as_declared(value: Any, kind: Any) -> Any:
+    """Return a result as compiled code does: of the type of numbers that its signature declares."""
+    kinds: Any = kind
+    if isinstance(kind, types.BaseTuple) and not hasattr(kind, "instance_class"):
+        return tuple(as_declared(each, of) for each, of in zip(value, kinds, strict=True))
+    convert: Any = {types.float64: float, types.int64: int, types.boolean: bool}.get(kind)
+    return convert(value) if convert else value
+
+
+def interpret(function: Any, signature: Any, arguments: Sequence[Any]) -> Any:
+    """Call a compiled function in the interpreter; if that raises an error, its arrays are as before the call."""
+    before = [(each, each.copy()) for each in arrays_in(arguments)]
+    given = [throughout(each) if hasattr(each, "py_func") else each for each in arguments]
+    try:
+        with np.errstate(all="ignore"):
+            return as_declared(throughout(function)(*given), signature.return_type)
+    except BaseException:
+        for each, copied in before:
+            each[...] = copied
+        raise
 
 
 class Beside:

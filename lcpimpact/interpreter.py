@@ -8,7 +8,6 @@ from types import FunctionType
 from typing import Any, TypeVar
 
 import numpy as np
-from numba import types
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -70,25 +69,3 @@ def arrays_in(arguments: Sequence[Any]) -> Iterator[np.ndarray]:
 def size_of(arguments: Sequence[Any]) -> int:
     """Return the count of numbers in the arrays of some arguments."""
     return sum(each.size for each in arrays_in(arguments))
-
-
-def as_declared(value: Any, kind: Any) -> Any:
-    """Return a result as compiled code does: of the type of numbers that its signature declares."""
-    kinds: Any = kind
-    if isinstance(kind, types.BaseTuple) and not hasattr(kind, "instance_class"):
-        return tuple(as_declared(each, of) for each, of in zip(value, kinds, strict=True))
-    convert: Any = {types.float64: float, types.int64: int, types.boolean: bool}.get(kind)
-    return convert(value) if convert else value
-
-
-def interpret(function: Any, signature: Any, arguments: Sequence[Any]) -> Any:
-    """Call a compiled function in the interpreter; if that raises an error, its arrays are as before the call."""
-    before = [(each, each.copy()) for each in arrays_in(arguments)]
-    given = [throughout(each) if hasattr(each, "py_func") else each for each in arguments]
-    try:
-        with np.errstate(all="ignore"):
-            return as_declared(throughout(function)(*given), signature.return_type)
-    except BaseException:
-        for each, copied in before:
-            each[...] = copied
-        raise
