@@ -19,7 +19,7 @@ from lcpimpact.arrays import Array, Flags, Indices
 from lcpimpact.compiled import compiled, cube, f8, flags, i8, indices, matrix, vector
 from lcpimpact.double_double import add
 from lcpimpact.hybrid.contacts import choose, plant_type, settle, size_of, strike
-from lcpimpact.hybrid.flow import Generator, SparseRows, Window, on_rows, scan, sparse
+from lcpimpact.hybrid.flow import Generator, SparseRows, Window, hulls, on_rows, scan, sparse
 from lcpimpact.hybrid.gaps import reading
 from lcpimpact.hybrid.system import FINE_ZERO, Mode, Plant, System, contact_mode
 
@@ -47,7 +47,7 @@ table, the last mode has no end yet, or the log is full."""
 
 
 class Modes(NamedTuple):
-    """The modes met so far, one after the other (nm): closed rows, windows, exp(A δ); generators, event rows and readings.
+    """The modes met so far (nm): closed rows, windows, exp(A δ), `hulls`; generators, event rows and readings.
 
     The entries of all sparse matrices of a kind are in one array, into which the rows of ``starts`` point.
     """
@@ -55,6 +55,7 @@ class Modes(NamedTuple):
     closed: Flags
     δ: Array
     step: Array
+    hull: Array
     entries: Array
     starts: Indices
     columns: Indices
@@ -115,7 +116,9 @@ class Limits(NamedTuple):
 
 
 flags2, indices2 = types.boolean[:, ::1], types.int64[:, ::1]
-modes_type = types.NamedTuple((flags2, vector, types.float64[:, :, :, ::1], *3 * (matrix, indices2, indices)), Modes)
+modes_type = types.NamedTuple(
+    (flags2, vector, *2 * (types.float64[:, :, :, ::1],), *3 * (matrix, indices2, indices)), Modes
+)
 present_type = types.NamedTuple(
     (vector, matrix, vector, matrix, vector, indices, matrix, indices, indices, flags), Present
 )
@@ -163,7 +166,8 @@ def find_end(plant: Plant, modes: Modes, present: Present, limits: Limits) -> bo
     rows = SparseRows(modes.row_entries, modes.row_starts[mode], modes.row_columns)
     window = Window(Generator(A, 0, np.zeros((2, 0, 1))), δ, modes.step[mode])
     X, largest = present.state.copy(), present.scale.copy()
-    j, row, s, s_lo = scan(window, X, rows, present.order, plant.basis, min(windows, WINDOWS), largest)
+    count = min(windows, WINDOWS)
+    j, row, s, s_lo = scan(window, X, rows, modes.hull[mode], present.order, plant.basis, count, largest)
     t, t_lo = np.inf, 0.0
     if j >= 0:
         t, t_lo = add(s * δ, s_lo * δ, j * δ, 0.0)
@@ -283,8 +287,9 @@ class ContactTable:
         if "contacts" not in system.tables:
             N, nc, m = len(plant.moves), len(plant.e), 2 * len(system.dynamics.nodes) + len(plant.e)
             none, step, closed = np.zeros(0, np.int64), np.zeros((0, 2, N, N)), np.zeros((0, nc), np.bool_)
+            hull = np.zeros((0, nc, N, plant.basis.shape[1] + 1))
             rows = [(np.zeros((2, 0)), np.zeros((0, n + 1), np.int64), none) for n in (N, nc, m)]
-            modes = Modes(closed, np.zeros(0), step, *rows[0], *rows[1], *rows[2])
+            modes = Modes(closed, np.zeros(0), step, hull, *rows[0], *rows[1], *rows[2])
             system.tables["contacts"] = cls(plant, modes)
         table: ContactTable = system.tables["contacts"]
         return table
@@ -302,8 +307,9 @@ class ContactTable:
         flow, _ = system.reaction(mode)
         rows = system.ends(mode)[2]
         found: list[Any] = []
-        for k, each in enumerate((sparse(flow.generator), sparse(rows), system.coordinates(mode).entries)):
-            entries, starts, columns = old[3 + 3 * k : 6 + 3 * k]
+        generator, ends = sparse(flow.generator), sparse(rows)
+        for k, each in enumerate((generator, ends, system.coordinates(mode).entries)):
+            entries, starts, columns = old[4 + 3 * k : 7 + 3 * k]
             found += [
                 np.concatenate([entries, each.entries], axis=1),
                 np.concatenate([starts, each.starts[None] + entries.shape[1]]),
@@ -311,8 +317,9 @@ class ContactTable:
             ]
         shut = np.isin(np.arange(len(system.degree)), closed)[None]
         step = np.concatenate([old.step, flow.squares[0].parts[None]])
+        hull = np.concatenate([old.hull, hulls(generator, flow.window, ends, self.plant.basis[0])[None]])
         self.rows.append(rows.hi)  # before the compiled loop of another thread can name the mode
-        self.modes = Modes(np.concatenate([old.closed, shut]), np.append(old.δ, flow.window), step, *found)
+        self.modes = Modes(np.concatenate([old.closed, shut]), np.append(old.δ, flow.window), step, hull, *found)
         self.places[closed] = len(self.places)
 
     def mode(self, place: int, order: Indices) -> Mode:

@@ -436,6 +436,51 @@ def stays_positive(rows: SparseRows, row: int, Y: Array, drop: int, basis: Array
     return True
 
 
+@compiled(cube(sparse_type, f8, sparse_type, matrix))
+def hulls(A: SparseRows, δ: float, rows: SparseRows, basis: Array) -> Array:
+    """Return how the Bernstein coefficients of rows over a window depend on X, in floats, and their rounding (k, N, p + 2).
+
+    Column m < p + 1 of the matrix of row c is Σ_i basis[m, i] c (A δ)^i/i!, the last one `ROUNDING` Σ_i |c| (|A| δ)^i/i!.
+    """
+    n, p = len(A.starts) - 1, len(basis)
+    found = np.zeros((len(rows.starts) - 1, n, p + 1))
+    for k in range(len(found)):
+        c, size = np.zeros(n), np.zeros(n)
+        for at in range(rows.starts[k], rows.starts[k + 1]):
+            c[rows.columns[at]], size[rows.columns[at]] = rows.entries[0, at], abs(rows.entries[0, at])
+        for i in range(p):
+            for j in range(n):
+                found[k, j, p] += ROUNDING * size[j]
+                for m in range(i, p):
+                    found[k, j, m] += basis[m, i] * c[j]
+            next_c, next_size = np.zeros(n), np.zeros(n)
+            for m in range(n):
+                for at in range(A.starts[m], A.starts[m + 1]):
+                    j, entry = A.columns[at], A.entries[0, at] * (δ / (i + 1))
+                    next_c[j] += c[m] * entry
+                    next_size[j] += size[m] * abs(entry)
+            c, size = next_c, next_size
+    return found
+
+
+NO_HULLS = np.zeros((0, 0, 0))
+
+
+@compiled(types.boolean(matrix, matrix, vector), allocates=False)
+def lies_above(hull: Array, X: Array, b: Array) -> bool:
+    """Return whether floats prove that a row is positive over the window from X (2, N), by its `hulls`; b is scratch."""
+    noise, count, above = 0.0, hull.shape[1] - 1, True
+    for m in range(count):
+        b[m] = 0.0
+    for j in range(len(hull)):
+        noise += hull[j, count] * abs(X[0, j])
+        for m in range(count):
+            b[m] += hull[j, m] * X[0, j]
+    for m in range(count):
+        above &= b[m] > noise
+    return above
+
+
 @compiled(types.UniTuple(f8, 2)(sparse_type, i8, cube, i8, cube, vector))
 def fall(rows: SparseRows, row: int, Z: Array, drop: int, basis: Array, scale: Array) -> tuple[float, float]:
     """Return where in a window a row falls below zero, a double-double, or NaN; its first ``drop`` powers are zero."""
@@ -517,29 +562,30 @@ class Window(NamedTuple):
 window_type = types.NamedTuple((generator_type, f8, cube), Window)
 
 
-@compiled(types.Tuple((i8, i8, f8, f8))(window_type, matrix, sparse_type, indices, cube, i8, vector))
+@compiled(types.Tuple((i8, i8, f8, f8))(window_type, matrix, sparse_type, cube, indices, cube, i8, vector))
 def scan(
-    window: Window, X: Array, rows: SparseRows, order: Indices, basis: Array, count: int, scale: Array
+    window: Window, X: Array, rows: SparseRows, hull: Array, order: Indices, basis: Array, count: int, scale: Array
 ) -> tuple[int, int, float, float]:
     """Return the first window in which a row turns negative, the row, and where in the window, a double-double.
 
     X (2, N) moves on to that instant, or past the last of ``count`` windows, where the window is -1; ``scale`` (N,) grows
     to the largest |X| at the starts of windows. In the first window the powers below ``order`` of a row are zero; a row of
-    negative order is zero for ever.
+    negative order is zero for ever. ``hull`` are the `hulls` of the rows, or none: then each window is expanded.
     """
-    (A, δ, step), p, n = window, basis.shape[1] - 1, X.shape[1]
+    (A, δ, step), p, n, terms = window, basis.shape[1] - 1, X.shape[1], 0
     Y, Z, a, work = np.empty((p + 1, n)), np.empty((0, 2, n)), np.empty(p + 1), np.empty((2, n))
     for j in range(count):
         for i in range(n):
             Y[0, i], scale[i] = X[0, i], max(scale[i], abs(X[0, i]))
-        terms = write_terms(A, δ, Y)
-        known = False
+        expands, known = j == 0 or len(hull) == 0, False
+        if expands:
+            terms = write_terms(A, δ, Y)
         first, where, rest = -1, math.inf, 0.0
         for row in range(len(order)):
             if order[row] < 0:
                 continue
             drop = order[row] if j == 0 else 0
-            if stays_positive(rows, row, Y[:terms], drop, basis[0], a):
+            if stays_positive(rows, row, Y[:terms], drop, basis[0], a) if expands else lies_above(hull[row], X, a):
                 continue
             if not known:
                 Z, known = expand_finely(A, δ, X, p), True
@@ -920,7 +966,7 @@ class Flow:
         zeros, entries = np.asarray(order, dtype=np.int64), entries or sparse(lines)
         while done < total:
             count = min(count, total - done)
-            j, row, s, s_lo = scan(window, state, entries, zeros, BERNSTEIN, count, largest)
+            j, row, s, s_lo = scan(window, state, entries, NO_HULLS, zeros, BERNSTEIN, count, largest)
             if j >= 0:
                 t = DoubleDouble(np.array(add(s * δ, s_lo * δ, (done + j) * δ, 0.0)))  # δ is a power of two
                 return ZeroCrossing(row if t.hi <= horizon else -1, t, largest, DoubleDouble(state))

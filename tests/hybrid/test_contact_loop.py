@@ -5,12 +5,25 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from schemes import column, random_problem
+from scipy.linalg import expm
 
 from lcpimpact import Bumper, Load, Mass, Problem, Scheme, Square, load_problem, simulate
 from lcpimpact.double_double import DoubleDouble
 from lcpimpact.errors import Status
 from lcpimpact.hybrid.event_loop import follow
-from lcpimpact.hybrid.flow import Flow, couplings, spectral_radius
+from lcpimpact.hybrid.flow import (
+    BERNSTEIN,
+    DEGREE,
+    NO_HULLS,
+    Flow,
+    Window,
+    couplings,
+    hulls,
+    lies_above,
+    scan,
+    sparse,
+    spectral_radius,
+)
 from lcpimpact.hybrid.motion import begin_problem
 
 PROBLEMS = (
@@ -56,6 +69,38 @@ def test_compiled_events_are_those_of_the_general_code(name):
 def test_so_they_are_in_random_schemes(seed):
     problem = random_problem(seed)
     assert_same(followed(problem, 3.0), followed(problem, 3.0, compiled=False))
+
+
+@pytest.mark.parametrize("name", ["system-1", "system-2", "system-3", "bouncing-ball", "shaw-holmes"])
+def test_hulls_find_the_events_of_the_expanded_windows_bit_by_bit(name):
+    problem = load_problem(name)
+    motion = begin_problem(problem, "exact", problem.t_end)
+    follow(motion, problem.t_end)
+    for segment in motion.segments[:8]:
+        (flow, _), watch = motion.system.reaction(segment.mode), motion.system.watch(segment.mode)
+        window, order = Window(flow.factors, flow.window, flow.step), np.asarray(watch.order, dtype=np.int64)
+        hull = hulls(flow.factors.Q, flow.window, watch.entries, BERNSTEIN[0])
+        found = []
+        for each in (hull, NO_HULLS):
+            X, scale = np.array(segment.state.parts, order="C"), np.abs(segment.X)
+            found.append(
+                (scan(window, X, watch.entries, each, order, BERNSTEIN, 200, scale), X.tolist(), scale.tolist())
+            )
+        assert found[0] == found[1]
+
+
+def test_a_row_above_its_hull_is_positive_over_the_window():
+    rng, proven = np.random.default_rng(3), 0
+    for _ in range(200):
+        A, c, X = rng.normal(size=(4, 4)), rng.normal(size=4), rng.normal(size=(2, 4))
+        X[1], δ = 0.0, 0.25
+        hull = hulls(sparse(DoubleDouble.of(A)), δ, sparse(DoubleDouble.of(c[None])), BERNSTEIN[0])[0]
+        values = np.array([c @ expm(A * s) @ X[0] for s in np.linspace(0.0, δ, 60)])
+        above = lies_above(hull, X, np.empty(DEGREE + 1))
+        proven += above
+        assert not above or values.min() > 0.0
+        assert above or values.min() < 0.3 * np.abs(values).max()
+    assert proven > 50
 
 
 @pytest.mark.parametrize("e", [0.0, 0.5, 1.0])

@@ -11,8 +11,10 @@ from piecewise_ode import solve
 
 import lcpimpact as li
 from lcpimpact.double_double import DoubleDouble
+from lcpimpact.errors import Status
 from lcpimpact.hybrid import flow
 from lcpimpact.hybrid.flow import BERNSTEIN, DEGREE, Flow, first_fall
+from lcpimpact.integrators.exact import Exact
 from lcpimpact.problems.bouncing_ball import closed_form
 from lcpimpact.problems.reference import KNOWN
 from lcpimpact.reproduce.runs import peak_reaction
@@ -260,6 +262,22 @@ def test_polynomials_kept_from_one_reading_to_the_next_change_no_bit(name, monke
             assert_array_equal(getattr(one, each), getattr(other, each))
     assert_array_equal(run.q, alone.q)
     assert run.certificate == alone.certificate
+
+
+class Altered(Exact):
+    """Alters one instant of its record."""
+
+    def finish(self, carry, record):
+        super().finish(carry, record)
+        record.v[7] *= 1.0 + 1e-6
+
+
+def test_a_record_that_is_not_the_solution_is_no_solved_run():
+    run = li.simulate(li.load_problem("system-2"), Altered(), dt=1e-2, t_end=3.0, throw=False)
+    assert run.status is Status.VIOLATED
+    assert [failure.split(" by ")[0] for failure in run.certificate.failures] == [
+        "the record differs from the continuous solution"
+    ]
 
 
 def test_simultaneous_contacts_of_two_bodies_share_the_load():

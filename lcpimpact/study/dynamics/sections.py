@@ -31,7 +31,10 @@ from lcpimpact.study.result import Study, table_lines
 from lcpimpact.trajectory import Trajectory
 
 BLOCK_PERIODS = 8
-"""Number of periods simulated at a time until enough points are found."""
+"""Number of periods simulated first, until enough points are found."""
+
+SPARE = 1.1
+"""Time that is simulated next, relative to that in which as many points as are missing have been found."""
 
 MAX_POINTS_SHOWN = 12
 """Maximum number of points in a summary."""
@@ -363,7 +366,7 @@ def _on_motion(
 ) -> Points:
     """Follow the exact motion until enough points of the section are found, or to the end."""
     end = motion.end
-    block = BLOCK_PERIODS * (force or problem.t_end)
+    block = shortest = BLOCK_PERIODS * (force or problem.t_end)
     reached = 0.0
     if isinstance(where, Stroboscope):
         times = np.minimum(instants(where, float(force or 0.0), need, end), end)
@@ -382,7 +385,8 @@ def _on_motion(
         else:
             times = _crossings(motion, where, reached)
         done(min(len(times), need))
-        block *= 2.0
+        likely = SPARE * (need - len(times)) * reached / max(len(times), 1)
+        block = min(2.0 * block, max(likely, shortest))
     return _read_at(motion, times[:need], where.side if isinstance(where, Impacts) else "right", force)
 
 
@@ -403,10 +407,11 @@ def last_impacts(
     dynamics: Any, events: Sequence[Event], times: Array, began: Callable[[Sequence[Event]], Any] | None = None
 ) -> tuple[Array, Array]:
     """Return -U⁻ and the instant of the last impact at or before each time, or when it ``began``; NaN without one."""
-    names = [contact.name for contact in dynamics.contacts]
+    rows = {contact.name: i for i, contact in enumerate(dynamics.contacts)}
     hits = impacts_of(events, None)
-    at = np.array([event.t for event in hits])
-    speed = np.array([np.nan, *(-dynamics.gap_rate(event.left.v)[names.index(event.contact)] for event in hits)])
+    at, row = np.array([event.t for event in hits]), np.array([rows[event.contact] for event in hits], dtype=np.int64)
+    before = np.array([event.left.v for event in hits]).reshape(-1, len(dynamics.nodes))
+    speed = np.append(np.nan, -dynamics.gap_rate(before)[np.arange(len(hits)), row])
     last = np.searchsorted(at, times, side="right")
     return speed[last], np.append(np.nan, at if began is None else began(hits))[last]
 
