@@ -21,7 +21,7 @@ from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import Harmonic
 from lcpimpact.scheme.sparse import SparseDynamics
 from lcpimpact.scheme.terms import RowLaw
-from lcpimpact.simulation import make_integrator
+from lcpimpact.simulation import check_handled, make_integrator
 from lcpimpact.sweeps.job import Job, changes_of
 
 STEPS = 1000
@@ -207,6 +207,7 @@ def trace_most(problem: Problem, method: str, numbers: Mapping[str, float], t_en
     integrator = make_integrator(method, {})
     if not isinstance(integrator, LinearStep):
         raise UnsupportedError(f"a step of {method!r} is no linear one")
+    check_handled(integrator, problem)
     options = {"theta": integrator.theta} if isinstance(integrator, MoreauJean) and "theta" not in numbers else {}
     every = {**numbers, **options}
     try:
