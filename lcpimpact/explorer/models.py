@@ -18,7 +18,7 @@ from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import changes_at, constants_of, is_registered, numbers_of
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.signals import Harmonic
+from lcpimpact.scheme.signals import Harmonic, check_harmonics
 from lcpimpact.scheme.sparse import SparseDynamics
 from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.simulation import check_handled, make_integrator
@@ -234,10 +234,11 @@ def trace(problem: Problem, method: str, values: Mapping[str, float], t_end: flo
     program = Program()
     formulas: dict[str, Any] = {name: program.parameter(value) for name, value in values.items()}
     alone, traced = change(values), change(formulas)
-    end = program.parameter(t_end)
+    end: Any = program.parameter(t_end)
     methods = cast(LinearStep, traced.integrator), cast(LinearStep, alone.integrator)
     start = traced.problem.initial_coordinates, traced.problem.initial_velocities
     d = traced.problem.dynamics
+    check_harmonics((*(load for _, load in d.loads), *d.motions.values()), end)
     run = trace_run(methods, (d, alone.problem.dynamics), start, job.grid, program, end=end)
     return Trace(tuple(values), methods[1], program, d, start, run)
 

@@ -143,6 +143,16 @@ def test_values_that_python_refuses_are_not_run(values):
         python_run(found, "moreau-jean", job["values"], 10)
 
 
+def test_signals_that_steps_cannot_follow_are_not_run():
+    found = model_of("shaw-holmes")
+    for omega, taken in ((2.0, 10), (2.0**30, -1)):
+        values = cases(found, 1)[0] | {"omega": omega}
+        job = {"what": "run", "method": "moreau-jean", "values": values, "tEnd": 1.5, "steps": 10}
+        assert in_node(found, [job])[0]["taken"] == taken
+    with pytest.raises(InputError, match="rad are followed"):
+        simulate(load_problem("shaw-holmes", omega=2.0**30), dt=0.15, t_end=1.5)
+
+
 def test_a_case_of_the_formulas_is_found_for_every_value():
     """A slider reaches other pivots of an elimination than the given values: the page holds their formulas too."""
     found = model_of("jenkins-cycle")
