@@ -17,7 +17,7 @@ function simulate(problem, name, values, tEnd, N) {
   out.taken = -1;
   for (const run of method.cases) if (out.taken < 0) out.taken = run(p, N, out);
   out.t = (k) => k === N ? tEnd : k * tEnd / N;
-  out.impulses = takeImpulses(problem, method, out, values);
+  out.impulses = out.taken > 0 ? takeImpulses(problem, method, out, values) : [];
   return out;
 }
 

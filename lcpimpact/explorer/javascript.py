@@ -104,12 +104,21 @@ def assignment(line: str, names: Names) -> str:
 
 
 def run_source(program: Program, run: TracedRun) -> str:
-    """Return a JavaScript function that takes the steps of a run.
+    """Return a JavaScript function (p, N, out) that takes the N steps of a run.
 
-    Its arguments are the parameters of the program up to the end of the run, the number of steps, and typed arrays: q and v
-    (n each for every instant), r (nc for every step), free and z (nc for every law of every step, free NaN where a contact
-    takes no part), and W (nc² for every law). It returns the number of steps taken; fewer if one is out of the ordinary, and
-    -1 if the formulas do not hold for the parameters.
+    Parameters
+    ----------
+    program : Program
+        Its parameters up to the end of the run are the numbers p.
+    run : TracedRun
+
+    Returns
+    -------
+    str
+        The function writes to the typed arrays of ``out``: q and v (n at each instant), r (nc for each step), L and z (nc
+        for each law of each step: the q of its LCP, NaN where a contact takes no part, and its solution), and W (nc² for
+        each law). It returns the number of steps taken: fewer than N if the next one is out of the ordinary, and -1 if the
+        formulas do not hold for these parameters.
     """
     writer, traced = run.writer, run.traced
     _, _, nc, laws = writer.sizes
@@ -168,7 +177,7 @@ def equations_source(program: Program, dynamics: Dynamics, start: tuple[Array, A
     motions = [(i, motion) for i, motion in sorted(d.motions.items()) if isinstance(motion, Harmonic)]
     rows: dict[str, list[Any]] = {
         **{
-            name: [(i, j, A[i, j]) for i, j in np.argwhere(A != 0.0)]
+            name: [(i, j, A[i, j]) for i, j in np.ndindex(A.shape) if isinstance(A[i, j], Formula) or A[i, j] != 0.0]
             for name, A in zip("MCK", (d.M, d.C, d.K), strict=True)
         },
         "f": constant,

@@ -18,10 +18,10 @@ from lcpimpact.integrators.stepping.linear_step import LinearStep
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import changes_at, constants_of, is_registered, numbers_of
 from lcpimpact.scheme.dynamics import Dynamics
-from lcpimpact.scheme.signals import Harmonic
+from lcpimpact.scheme.signals import Harmonic, check_harmonics
 from lcpimpact.scheme.sparse import SparseDynamics
 from lcpimpact.scheme.terms import RowLaw
-from lcpimpact.simulation import make_integrator
+from lcpimpact.simulation import check_handled, make_integrator
 from lcpimpact.sweeps.job import Job, changes_of
 
 STEPS = 1000
@@ -207,6 +207,7 @@ def trace_most(problem: Problem, method: str, numbers: Mapping[str, float], t_en
     integrator = make_integrator(method, {})
     if not isinstance(integrator, LinearStep):
         raise UnsupportedError(f"a step of {method!r} is no linear one")
+    check_handled(integrator, problem)
     options = {"theta": integrator.theta} if isinstance(integrator, MoreauJean) and "theta" not in numbers else {}
     every = {**numbers, **options}
     try:
@@ -233,10 +234,11 @@ def trace(problem: Problem, method: str, values: Mapping[str, float], t_end: flo
     program = Program()
     formulas: dict[str, Any] = {name: program.parameter(value) for name, value in values.items()}
     alone, traced = change(values), change(formulas)
-    end = program.parameter(t_end)
+    end: Any = program.parameter(t_end)
     methods = cast(LinearStep, traced.integrator), cast(LinearStep, alone.integrator)
     start = traced.problem.initial_coordinates, traced.problem.initial_velocities
     d = traced.problem.dynamics
+    check_harmonics((*(load for _, load in d.loads), *d.motions.values()), end)
     run = trace_run(methods, (d, alone.problem.dynamics), start, job.grid, program, end=end)
     return Trace(tuple(values), methods[1], program, d, start, run)
 

@@ -17,6 +17,7 @@ from lcpimpact.explorer.javascript import assignment, expression
 from lcpimpact.explorer.models import Model, model, why_not_exact
 from lcpimpact.explorer.page import problem_source
 from lcpimpact.problems.parameters import with_values
+from lcpimpact.simulation import methods_that_handle
 
 STEPS = 400
 
@@ -142,6 +143,16 @@ def test_values_that_python_refuses_are_not_run(values):
         python_run(found, "moreau-jean", job["values"], 10)
 
 
+def test_signals_that_steps_cannot_follow_are_not_run():
+    found = model_of("shaw-holmes")
+    for omega, taken in ((2.0, 10), (2.0**30, -1)):
+        values = cases(found, 1)[0] | {"omega": omega}
+        job = {"what": "run", "method": "moreau-jean", "values": values, "tEnd": 1.5, "steps": 10}
+        assert in_node(found, [job])[0]["taken"] == taken
+    with pytest.raises(InputError, match="are followed"):
+        simulate(load_problem("shaw-holmes", omega=2.0**30), dt=0.15, t_end=1.5)
+
+
 def test_a_case_of_the_formulas_is_found_for_every_value():
     """A slider reaches other pivots of an elimination than the given values: the page holds their formulas too."""
     found = model_of("jenkins-cycle")
@@ -195,6 +206,15 @@ def test_the_exact_motion_ends_where_it_is_not_followed():
     (page,) = in_node(found, [{"what": "exact", "values": cases(found, 1)[0], "instants": instants}])
     assert 0.0 < page["until"] <= 0.5
     assert len(numbers(page["q"], 3)) == len([t for t in instants if t <= page["until"]])
+
+
+@pytest.mark.parametrize("name", ["coulomb-oscillator", "system-3", "rocking-block"])
+def test_the_page_of_one_problem_has_all_methods_that_python_runs(name):
+    problem = load_problem(name)
+    found = model(problem, problem.t_end, most=9)
+    assert set(found.traces) <= set(methods_that_handle(problem.dynamics))
+    assert len(found.traces) >= (1 if name == "system-3" else 6)
+    assert equal_numbers(found, 2, 100) > 100
 
 
 def test_a_scheme_of_ones_own():
