@@ -406,7 +406,7 @@ def begin_step(table: StepTable, banded: BandedTable, state: StepState, loads: A
         add_knowns(table.known, state.y, loads, k, room.sums)
         return
     x, N, known = room.x, len(state.y), len(table.known)
-    copy(state.y, x)
+    copy(state.y, x[:N])
     for j in range(loads.shape[1]):
         x[N + 1 + j] = loads[k, j]
     for j in range(known, known + state.P.size):
