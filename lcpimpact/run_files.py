@@ -72,8 +72,8 @@ def companions(path: Path) -> tuple[Path, ...]:
     >>> [each.name for each in companions(Path("run.parquet"))], companions(Path("run.npz"))
     (['run.events.parquet'], ())
     """
-    events, meta = path.with_suffix(f".events{path.suffix}"), path.with_suffix(".meta.json")
-    return {".csv": (events, meta), ".parquet": (events,)}.get(path.suffix, ())
+    beside = {".csv": (".events.csv", ".meta.json"), ".parquet": (".events.parquet",)}
+    return tuple(path.with_suffix(each) for each in beside.get(path.suffix, ()))
 
 
 # ---- units and metadata ---------------------------------------------------------------------------------------------

@@ -142,6 +142,7 @@ INPUTS = [
     "broken.toml",
     "curve.csv",
     "wild.csv",
+    "comma.csv",
     "two.lcp",
     "box.txt",
     "q.csv",
@@ -154,6 +155,8 @@ OUTPUTS = [
     "out.toml",
     "out.npz",
     "out.nc",
+    "out.parquet",
+    "out.mat",
     "out.html",
     "out.png",
     "out.svg",
@@ -213,6 +216,7 @@ COMMANDS = {
         "--all": None,
         "--out": OUTPUTS,
         "--plot": OUTPUTS,
+        "--plot-trace": OUTPUTS,
     },
     "design": {
         "": ["kelvin-voigt", "kelvin-voigt-tension", "maxwell", "hertz", "hunt-crossley", *WORDS],
@@ -235,6 +239,7 @@ COMMANDS = {
         "--free": ["k_o", "k_o,c_o", "k_o=1e300", "k", "v0.x=0", *WORDS],
         "--to": INPUTS,
         "--column": WORDS,
+        "--decimal": [".", ",", *WORDS],
         "--bound": ["k_o=1:2", "k_o=nan:nan", *WORDS],
         "--sigma": NUMBERS,
         "--sampling": ["point", "mean", ""],
@@ -516,6 +521,7 @@ def things():
         "block": block,
         "forced": forced,
         "run": run,
+        "trace": li.solve_lcp([[2.0, 1.0], [1.0, 2.0]], [-5.0, -6.0], "lemke", trace=True).trace,
         "convergence": convergence,
         "costs": costs,
         "section": section,
@@ -597,6 +603,7 @@ def calls():
         (li.prepare_lcp, {"M": g["M"], "solver": "lemke", "lower": None, "upper": None}),
         (li.all_solutions, {"M": g["M"], "q": g["q"], "lower": None, "upper": None}),
         (li.plot_cones, {"M": g["M"], "q": g["q"], "path": "out.png"}),
+        (li.plot_trace, {"trace": g["trace"], "path": "out.png"}),
         (write_lcp, {"path": "again.lcp", "M": g["M"], "q": g["q"], "lower": None, "upper": None}),
         (read_lcp, {"path": "two.lcp", "q": None}),
         (li.read_scheme_file, {"path": "ball.toml"}),
@@ -912,6 +919,7 @@ WRITTEN = {
     + '[[elements]]\ntype = "KelvinVoigt"\na = "x"\nb = "ground"\nk = 100.0\nc = 1.0\n[run]\nmethod = "rk4"\n',
     "broken.toml": "name = [",
     "curve.csv": "t,R,x\n0,100,0\n0.05,300,0.1\n0.1,200,0.2\n",
+    "comma.csv": "t;R;x\n0,1;1,234;x\n0,2;1.234,5;2,345\n",
     "wild.csv": "=t,\x1b,R\nnan,1e999,x\n",
     "two.lcp": "2 1 -5\n1 2 -6\n",
     "box.txt": "M: 2 1\n1 2\nq: -5 -6\nlower: -1 0\nupper: 1 2\n",
@@ -940,7 +948,7 @@ def written(words):
     told = {
         name
         for option, name in pairs
-        if option in ("--out", "--plot", "--report", "--events", "--forces", "--energies", "--orders")
+        if option in ("--out", "--plot", "--plot-trace", "--report", "--events", "--forces", "--energies", "--orders")
     }
     told |= {"curve.csv"} if "link.csv" in told else set()
     read = {words[1], *(name for option, name in pairs if option in ("--to", "--q"))}

@@ -126,7 +126,7 @@ def test_a_run_as_json_has_the_numbers_of_the_run(capsys, tmp_path):
     assert (found["status"], found["steps"], found["t_end"]) == ("SOLVED", 100, 1.0)
     assert found["facts"]["t_1"]["value"] == pytest.approx(math.sqrt(2.0 / 9.81))
     assert found["facts"]["t_∞"]["measured"] is None
-    assert found["files"] == [str(out), str(tmp_path / "run.events.csv")]
+    assert found["files"] == [str(out), *(str(tmp_path / name) for name in ("run.events.csv", "run.meta.json"))]
 
 
 def test_a_study_and_a_sweep_as_json_are_their_tables(capsys, tmp_path):
