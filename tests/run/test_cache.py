@@ -165,7 +165,8 @@ def test_a_process_that_cannot_write_says_so_on_stderr_and_goes_on(tmp_path):
         for _ in range(2):
             done = subprocess.run(
                 [sys.executable, "-c", CODE.format(limit=limit)],
-                env=os.environ | {"NUMBA_CACHE_DIR": str(place), "LCPIMPACT_COMPILE": "first"}, capture_output=True, text=True, timeout=240,
+                env=os.environ | {"NUMBA_CACHE_DIR": str(place), "LCPIMPACT_COMPILE": "first"},
+                capture_output=True, text=True, timeout=240,
             )  # fmt: skip
             assert done.returncode == 0, done.stderr
             assert json.loads(done.stdout) == [6.0, 0]
