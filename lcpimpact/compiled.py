@@ -257,7 +257,8 @@ class Beside:
     def compiles(self, function: Deferred) -> bool:
         """Return whether a function is being compiled, or is yet to be; the process takes one after the other."""
         name, module = function.py_func.__name__, function.py_func.__module__
-        if function.cached_code() is None or getattr(sys.modules.get(module), name, None) is not function:
+        imported = getattr(sys.modules.get(module), name, None) is function
+        if not imported or function.cached_code() is None or parent_process() is not None:
             return False
         with self._lock:
             if self._process is None or self._process.poll() is not None:
@@ -265,7 +266,7 @@ class Beside:
                     return False
                 self._asked.add(function)
                 gives_way = f"import os; getattr(os, 'nice', int)({NICENESS})"  # there is no nice on Windows
-                self._process = start_python(f"{gives_way}; from {module} import {name}; {name}.resolve()")
+                self._process = start_python(f"{gives_way}; {_compile(f'{module}:{name}')}")
         return True
 
     def end(self) -> None:
@@ -279,16 +280,16 @@ atexit.register(BESIDE.end)
 
 
 def patient() -> bool:
-    """Return whether functions without compiled code run in the interpreter at first, as in a program of one process."""
-    return os.environ.get(WHEN_TO_COMPILE, "later") != "first" and parent_process() is None
+    """Return whether functions without compiled code run in the interpreter at first."""
+    return os.environ.get(WHEN_TO_COMPILE, "later") != "first"
 
 
 class Deferred(CPUDispatcher):
     """A function that is compiled, or read from the cache, when its calls or another compiled function need that.
 
     While there is no compiled code, short calls run in the interpreter, with the same bits; if they take more than
-    `PATIENCE` together, a process beside this one compiles the function. A call in which the interpreter raises an
-    error is repeated by compiled code.
+    `PATIENCE` together, a process beside this one compiles the function; workers of a pool do so themselves. A call in which
+    the interpreter raises an error is repeated by compiled code.
     """
 
     _cache: Any
@@ -489,18 +490,18 @@ def start_python(code: str) -> subprocess.Popen[bytes]:
 
 
 def compile_ahead(*parts: Sequence[str]) -> None:
-    """Compile modules into the cache, once for each version of the source, each part in its own process.
+    """Compile functions into the cache, once for each version of the source, each part in its own process.
 
     Parameters
     ----------
     *parts
-        Names of modules in the order of their imports; a part should import little that another part compiles.
+        Names of functions, "module:function", or of modules with all their functions, in the order of their imports; a part
+        should import little that another part compiles.
     """
     done = folder() / hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
     if not COMPILING or not usable() or done.exists():
         return
-    end = "from lcpimpact.compiled import compile_imported; compile_imported()"
-    running = [start_python("; ".join([*(f"import {name}" for name in part), end])) for part in parts]
+    running = [start_python("; ".join(map(_compile, part))) for part in parts]
     try:
         codes = [process.wait() for process in running]
         if not any(codes):
@@ -510,3 +511,11 @@ def compile_ahead(*parts: Sequence[str]) -> None:
     finally:
         for process in running:
             process.kill()
+
+
+def _compile(name: str) -> str:
+    """Return the statements that compile a function, or all functions of the modules that are then imported."""
+    module, _, function = name.partition(":")
+    if function:
+        return f"from {module} import {function}; {function}.resolve()"
+    return f"import {module}; from lcpimpact.compiled import compile_imported; compile_imported()"

@@ -6,11 +6,13 @@ import re
 import subprocess
 import sys
 from html.parser import HTMLParser
+from importlib import import_module
 
 import numpy as np
 import pytest
 
 from lcpimpact.problems.reference import KNOWN
+from lcpimpact.reproduce import COMPILED_PARTS
 from lcpimpact.reproduce.checks import Check, all_checks
 from lcpimpact.reproduce.run import FIGURES
 from lcpimpact.reproduce.runs import Case, CaseResult, PaperRuns, all_cases, run_all, run_case, switch_errors
@@ -153,3 +155,9 @@ def test_the_command_writes_everything_and_exits_0(tmp_path):
     for text in FIGURES:
         plain = re.sub(r"<[^>]*>|&[a-z]+;", "", text.caption)
         assert len(re.findall(r"[.](?:\s|$)", plain.replace("No. ", "No "))) == 2
+
+
+def test_what_is_compiled_ahead_is_there():
+    """Where a function is missing, its process ends, and each worker compiles for itself."""
+    named = [name.split(":") for part in COMPILED_PARTS for name in part]
+    assert [name for module, name in named if not callable(getattr(import_module(module), name, None))] == []

@@ -82,10 +82,10 @@ def test_modules_are_compiled_ahead_once_and_again_where_that_failed(folder, mon
     monkeypatch.setattr(compiled.subprocess, "Popen", Process)
     folder.mkdir(parents=True)
     for _ in range(3):
-        compiled.compile_ahead(("one", "two"), ("three",))
-    imports = [each.split("]; ")[1].split("; from")[0] for each in started]
-    assert imports == ["import one; import two", "import three"] * 2
-    assert all(each.endswith("compile_imported()") for each in started)
+        compiled.compile_ahead(("one", "two"), ("three:four",))
+    everything = "from lcpimpact.compiled import compile_imported; compile_imported()"
+    modules = f"import one; {everything}; import two; {everything}"
+    assert [each.split("]; ")[1] for each in started] == [modules, "from three import four; four.resolve()"] * 2
 
 
 DAMAGE = {

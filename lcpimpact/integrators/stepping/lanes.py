@@ -307,7 +307,7 @@ def trace_run(
     if not (known.plain and closed):
         raise UnsupportedError("only linear steps with at most two contacts are straight-line code in closed form")
     if not TOLERANCES[0] <= known.tol <= TOLERANCES[1]:
-        raise UnsupportedError(f"tol = {known.tol:g} does not bound the rounding of a row")
+        raise UnsupportedError(f"the tolerance {known.tol:g} does not bound the rounding of a row")
     sets, loads, signals = len(program.parameters), np.zeros((grid.steps, 0)), []
     given = (end.value if end else grid.t_end, grid.steps, 0.0, grid.h)
     ours, *others = map(program.parameter, given)  # parameters, so that runs of all lengths share their code
