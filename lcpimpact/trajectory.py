@@ -161,7 +161,9 @@ class Trajectory:
         try:
             times = np.atleast_1d(np.asarray(t, dtype=np.float64))
         except (TypeError, ValueError, OverflowError):
-            raise InputError(f"t = {short(t)} must be times in s: a number, or a sequence of numbers") from None
+            times = np.empty((0, 0))
+        if times.ndim > 1:
+            raise InputError(f"t = {short(t)} must be times in s: a number, or a sequence of numbers")
         if side not in ("right", "left"):
             raise InputError(f"side = {side!r} must be 'right' or 'left'")
         if not ((times >= self.t[0]) & (times <= self.t[-1])).all():
