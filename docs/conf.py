@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from importlib.metadata import files
 from pathlib import Path
 
 from lcpimpact import __version__, explore
@@ -24,7 +25,6 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
-    "sphinx-mathjax-offline",
     "sphinx_copybutton",
     "sphinx_design",
     "sphinxcontrib.bibtex",
@@ -38,6 +38,9 @@ html_theme = "furo"
 html_title = "lcpimpact"
 html_show_sourcelink = False
 html_extra_path = ["extra"]
+MATHJAX = next(file for file in files("sphinx-mathjax-offline") or () if file.name == "tex-chtml.js")
+html_static_path = [str(Path(str(MATHJAX.locate())).parents[1])]  # the folder that holds mathjax/
+mathjax_path = "mathjax/tex-chtml.js"
 html_theme_options = {"navigation_with_keys": True}
 
 myst_enable_extensions = ["amsmath", "attrs_block", "colon_fence", "deflist", "dollarmath"]
