@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import sys
+from pathlib import Path
 
 from lcpimpact import __version__
 
 os.environ.setdefault("LCPIMPACT_COMPILE", "later")
+sys.path.insert(0, str(Path(__file__).parent))  # for notebooks.py
 
 project = "lcpimpact"
 author = "The lcpimpact developers"
@@ -23,6 +26,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
     "sphinxcontrib.bibtex",
+    "notebooks",
 ]
 root_doc = "index"
 exclude_patterns = ["images/problems/*.md", "site", "paper"]

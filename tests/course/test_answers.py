@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -28,6 +29,7 @@ from lcpimpact.course.zeno import rest_time
 from lcpimpact.errors import InputError
 
 ANSWERS = Path(__file__).parent / "answers"
+PAGES = Path(__file__).parents[2] / "docs" / "course"
 
 
 def model(lesson):
@@ -339,3 +341,18 @@ def test_the_command_says_the_verdict_in_json(tmp_path):
     assert verdict["right"] is False
     assert verdict["found"] == "4.43 N s"
     assert verdict["expected"] == "7.974 N s"
+
+
+# ---- the notebooks --------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("lesson", LESSONS)
+def test_the_stub_of_the_notebook_is_no_answer(lesson, tmp_path):
+    """The page shows what the answer must define, and its stub is wrong as it stands."""
+    text = (PAGES / f"lesson-{int(lesson.split('-')[1]):02d}.md").read_text(encoding="utf-8")
+    stub = re.search(r"^```python\n# answer\.py\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    assert stub, "a block that begins with # answer.py"
+    assert f"lcpimpact check {lesson} answer.py" in text
+    for task in LESSONS[lesson].tasks:
+        assert task.stated in stub[1]
+    assert not judged(tmp_path, lesson, stub[1]).right
