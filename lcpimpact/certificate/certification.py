@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from lcpimpact.arrays import Array
-from lcpimpact.certificate.continuous import judge_continuous
+from lcpimpact.certificate.continuous import SUM_RTOL, judge_continuous
+from lcpimpact.certificate.energy import account_of
 from lcpimpact.certificate.grid import judge_grid
 from lcpimpact.certificate.impact_gain import ImpactGain, impact_gain
 from lcpimpact.certificate.scales import Judgement, Scales, largest_violation
@@ -21,10 +22,14 @@ from lcpimpact.scheme.dynamics import Dynamics
 RESIDUAL_FACTOR = 1e3
 """Violation of a law, in its own unit, per unit of the residual to which the LCPs are solved."""
 
+GROWTH = 0.5
+"""Fraction of its largest stored energy by which the energy of a run may grow where nothing supplies any."""
+
 SENTENCES = {
     "complementarity": "force and gap, or friction and sliding, violate complementarity by {:.3g} J",
     "penetration": "bodies penetrate by {:.3g} m",
     "energy_balance": "the energy is out of balance by {:.3g} J",
+    "energy_growth": "the energy grows by {:.3g} J, which nothing supplies: take shorter steps",
     "tension": "a reaction is outside its bounds by {:.3g} N",
     "impact_law": "the impact law is violated by {:.3g} m/s",
     "momentum": "the momentum is out of balance by {:.3g} N s",
@@ -55,6 +60,11 @@ class Certificate:
         matrices, which has no energy.
     energy_scale : float
         Largest stored energy of the run in J, for comparison.
+    energy_growth : float
+        Largest growth in J of the stored energy over that at t = 0, beyond what impacts gained, where loads are constant and
+        nothing moves or drives the system. It is computed only if the energy is out of balance by half the energy scale,
+        which no convergent run is, and zero otherwise: an explicit method on a contact that is too stiff for its steps
+        throws bodies up.
     tension : float
         Largest violation of the bounds of a reaction in N: -r, -P/h for an impulse in a step, or |r| - r0 of a slider.
     impact_law : float
@@ -85,6 +95,7 @@ class Certificate:
     penetration: float
     energy_balance: float
     energy_scale: float
+    energy_growth: float = 0.0
     tension: float = 0.0
     impact_law: float = 0.0
     momentum: float = 0.0
@@ -162,6 +173,8 @@ def certify(
         found["motion"] = _motion(d, record, limits)
         forces, momenta = scales.forces, scales.momenta
         gained = impact_gain(d, record, events, integrator, limits.precision) if d.stores_energy else ImpactGain()
+        if d.stores_energy and not _driven(d) and energies[0] > GROWTH * energies[1]:
+            found["energy_growth"] = _growth(d, start, record, scales, energies[1], gained)
     if not d.stores_energy:
         energies = (np.nan, np.nan)
     allowed = {name: limit for name, (_, limit) in found.items()} if integrator is not None else {}
@@ -191,6 +204,30 @@ def _nothing(d: Dynamics, record: Record) -> tuple[Judgement, Scales, tuple[floa
     energy = float(np.abs(d.energy(q, v)).max(initial=0.0))
     laws = ("complementarity", "penetration", "energy_balance")
     return dict.fromkeys(laws, (0.0, 0.0)), Scales.of(d, q, v, r, d.applied(record.t, q, v)), (0.0, energy)
+
+
+def _growth(
+    d: Dynamics,
+    start: tuple[Array, Array],
+    record: Record,
+    scales: Scales,
+    scale: float,
+    gained: ImpactGain,
+) -> tuple[float, float]:
+    """Return the largest growth of the stored energy of a system that nothing drives, and its limit."""
+    account = account_of(d)
+    q0, v0 = start
+    before = account.stored(q0[None], v0[None], q0).sum()
+    growth = float((account.stored(record.q, record.v, q0).sum(axis=1) - before).max(initial=0.0)) - gained.gained
+    # What rests may be moved by the loads of one step, and energies of large terms that cancel have their rounding error.
+    h, v = float(np.diff(record.t).max(initial=0.0)), np.abs(record.v).max(axis=0)
+    limit = GROWTH * scale + h * float(np.abs(account.steady_loads) @ v)
+    return max(growth, 0.0), limit + SUM_RTOL * float(scales.forces @ scales.q + scales.momenta @ v)
+
+
+def _driven(d: Dynamics) -> bool:
+    """Return whether something may supply energy: a load that changes, a prescribed motion, a force of any kind."""
+    return not d.constant_loads or bool(d.motions) or bool(d.force_laws)
 
 
 def _motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:
