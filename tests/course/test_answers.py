@@ -48,6 +48,55 @@ def test_the_model_answer_is_right(lesson, tmp_path):
     assert verdict.right, verdict.message
 
 
+VERLET = """
+    def equations(self, y, d, h):
+        v_half = solve(d.M, y.momentum(y.v) + 0.5 * h * y.force(0.0, y.q, y.v))
+        q = y.q + h * v_half
+        v = solve(d.M, y.momentum(v_half) + 0.5 * h * y.force(1.0, q, v_half) + y.push(y.P[0]))
+        impact = Law(
+            L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v), touching=y.gap(q), springs_at=(y.q, y.v)
+        )
+        return Step(q=q, v=v, impulse=y.P[0], laws=(impact,))
+"""
+MIDPOINT = """
+    def equations(self, y, d, h):
+        A = d.M + 0.25 * h**2 * d.K
+        start = y.momentum(y.v) + h * y.force(0.5, y.q + 0.25 * h * y.v, y.v)
+        v = solve(A, start + y.push(y.P[0]))
+        impact = Law(
+            L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
+            touching=y.gap(y.q + 0.5 * h * y.v),
+            springs_at=(y.q, y.v),
+        )
+        return Step(q=y.q + 0.5 * h * (y.v + v), v=v, impulse=y.P[0], laws=(impact,))
+"""
+
+
+@pytest.mark.parametrize(("instants", "equations"), [("(0.0, 1.0)", VERLET), ("(0.5,)", MIDPOINT)])
+def test_other_methods_of_order_two_are_right(instants, equations, tmp_path):
+    head = model("lesson-10").split("    def equations")[0].rstrip() + "\n"
+    verdict = judged(tmp_path, "lesson-10", head.replace("(0.5,)", instants) + equations)
+    assert verdict.right, verdict.message
+
+
+def test_a_damping_found_by_simulations_is_right(tmp_path):
+    text = """
+import numpy as np
+from lcpimpact import load_problem, simulate
+
+def damping(m, k_o, g, v_o):
+    h = 2e-3 * np.sqrt(m / k_o)
+    def peak(c):
+        problem = load_problem("system-1", m=m, k_o=k_o, g=g, v_o=v_o, c_o=c)
+        return simulate(problem, dt=h, t_end=1500 * h)["R"].max()
+    trials = np.sqrt(m * k_o) * np.linspace(0.4, 1.2, 33)
+    peaks = [peak(c) for c in trials]
+    return trials[int(np.argmin(peaks))]
+"""
+    verdict = judged(tmp_path, "lesson-3", text)
+    assert verdict.right, verdict.message
+
+
 WRONG = [
     ("lesson-1", "(1 + 2 * e", "(1 + e", "only the first fall is half a flight"),
     ("lesson-1", "(1 + 2 * e", "(2 + 2 * e", "begins at rest"),
