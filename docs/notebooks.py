@@ -10,7 +10,7 @@ import jupytext
 from sphinx.application import Sphinx
 
 LESSONS = re.compile(r"course/lesson-\d+")
-REFERENCE = re.compile(r"\{doc\}`([^`<]+?) *<[^`]*>`|\{eq\}`([^`]+)`|\{cite:[pt]\}`([^`]+)`")
+REFERENCE = re.compile(r"\[([^\]]+)\]\([^):]+\.md\)|\{eq\}`([^`]+)`|\{cite:[pt]\}`([^`]+)`")
 """What Sphinx resolves and a notebook does not: its text is kept."""
 
 LABEL = re.compile(r"(\$\$) \(([\w-]+)\)$", re.MULTILINE)
