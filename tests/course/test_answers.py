@@ -1,5 +1,6 @@
 """Model answers are right, typical wrong answers get the sentence that helps, and whatever else a file does is refused."""
 
+import importlib.util
 import json
 import math
 import re
@@ -405,3 +406,21 @@ def test_the_stub_of_the_notebook_is_no_answer(lesson, tmp_path):
     for task in LESSONS[lesson].tasks:
         assert task.stated in stub[1]
     assert not judged(tmp_path, lesson, stub[1]).right
+
+
+@pytest.mark.parametrize("page", sorted(PAGES.glob("lesson-*.md")), ids=lambda page: page.stem)
+def test_a_lesson_is_a_notebook_that_jupyter_can_show(page):
+    """Nothing that only Sphinx resolves is left in it, and its code compiles."""
+    for package in ("jupytext", "sphinx"):
+        pytest.importorskip(package)
+    spec = importlib.util.spec_from_file_location("notebooks", PAGES.parent / "notebooks.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    cells = module.notebook_of(page).cells
+    assert cells[0].source.startswith("# Lesson ")
+    assert sum(cell.cell_type == "code" for cell in cells) >= 3
+    for cell in cells:
+        if cell.cell_type == "code":
+            compile(cell.source, page.name, "exec")
+        else:
+            assert not re.search(r"\{(doc|eq|cite)|\.md\)|\$\$ \(|^:::|^```\{", cell.source, re.MULTILINE), cell.source
