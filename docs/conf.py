@@ -34,7 +34,7 @@ extensions = [
 root_doc = "index"
 default_role = "py:obj"
 templates_path = ["_templates"]
-exclude_patterns = ["paper", "_templates", "images", "pictures"]
+exclude_patterns = [".jupyter_cache", "paper", "_templates", "images", "pictures"]
 
 html_theme = "furo"
 html_title = "lcpimpact"
