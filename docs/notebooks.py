@@ -10,7 +10,7 @@ import jupytext
 from sphinx.application import Sphinx
 
 LESSONS = re.compile(r"course/lesson-\d+")
-REFERENCE = re.compile(r"\{doc\}`([^`<]+?) *<[^`]*>`|\{eq\}`([^`]+)`|\{cite:[pt]\}`([^`]+)`")
+REFERENCE = re.compile(r"\[([^\]]+)\]\([^):]+\.md\)|\{eq\}`([^`]+)`|\{cite:[pt]\}`([^`]+)`")
 """What Sphinx resolves and a notebook does not: its text is kept."""
 
 LABEL = re.compile(r"(\$\$) \(([\w-]+)\)$", re.MULTILINE)
@@ -24,17 +24,22 @@ def add_link(app: Sphinx, page: str, template: str, context: dict[str, Any], tre
         context["body"] = context["body"].replace("</h1>", f"</h1>\n{link}", 1)
 
 
+def notebook_of(lesson: Path) -> Any:
+    """Return a lesson as a notebook without outputs, its references as plain text."""
+    notebook = jupytext.read(lesson)
+    for cell in notebook.cells:
+        if cell.cell_type == "markdown":
+            text = REFERENCE.sub(lambda found: next(filter(None, found.groups())), cell.source)
+            cell.source = LABEL.sub(r"\1", text)
+    return notebook
+
+
 def write_notebooks(app: Sphinx, error: Exception | None) -> None:
-    """Write each lesson as .ipynb, without outputs."""
+    """Write each lesson as .ipynb beside its page."""
     if error is not None or app.builder.name != "html":
         return
     for page in filter(LESSONS.fullmatch, sorted(app.env.found_docs)):
-        notebook = jupytext.read(Path(app.srcdir, f"{page}.md"))
-        for cell in notebook.cells:
-            if cell.cell_type == "markdown":
-                text = REFERENCE.sub(lambda found: next(filter(None, found.groups())), cell.source)
-                cell.source = LABEL.sub(r"\1", text)
-        jupytext.write(notebook, Path(app.outdir, f"{page}.ipynb"), fmt="ipynb")
+        jupytext.write(notebook_of(Path(app.srcdir, f"{page}.md")), Path(app.outdir, f"{page}.ipynb"), fmt="ipynb")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:

@@ -11,6 +11,7 @@ import typer
 from lcpimpact.cli.options import names_of
 from lcpimpact.cli.output import print_answer
 from lcpimpact.course import LESSONS
+from lcpimpact.course.check import SECONDS, check_answer
 
 
 def check(
@@ -21,7 +22,7 @@ def check(
         ),
     ],
     file: Annotated[Path, typer.Argument(help="The Python file with your answer.", show_default=False)],
-    seconds: Annotated[float, typer.Option(help="Limit of time in s.")] = 60.0,
+    seconds: Annotated[float, typer.Option(help="Limit of time in s.")] = SECONDS,
 ) -> None:
     """Check the answer to the exercise of a lesson: say that it is right, or where it is wrong.
 
@@ -29,8 +30,6 @@ def check(
 
     Example: lcpimpact check lesson-3 answer.py
     """
-    from lcpimpact.course.check import check_answer
-
     verdict = check_answer(lesson, file, seconds)
     print_answer(
         [f"{lesson}: {'right' if verdict.right else 'wrong'}: {verdict.message}"],

@@ -1,5 +1,6 @@
 """Model answers are right, typical wrong answers get the sentence that helps, and whatever else a file does is refused."""
 
+import importlib.util
 import json
 import math
 import re
@@ -45,6 +46,55 @@ def judged(tmp_path, lesson, text):
 @pytest.mark.parametrize("lesson", LESSONS)
 def test_the_model_answer_is_right(lesson, tmp_path):
     verdict = judged(tmp_path, lesson, model(lesson))
+    assert verdict.right, verdict.message
+
+
+VERLET = """
+    def equations(self, y, d, h):
+        v_half = solve(d.M, y.momentum(y.v) + 0.5 * h * y.force(0.0, y.q, y.v))
+        q = y.q + h * v_half
+        v = solve(d.M, y.momentum(v_half) + 0.5 * h * y.force(1.0, q, v_half) + y.push(y.P[0]))
+        impact = Law(
+            L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v), touching=y.gap(q), springs_at=(y.q, y.v)
+        )
+        return Step(q=q, v=v, impulse=y.P[0], laws=(impact,))
+"""
+MIDPOINT = """
+    def equations(self, y, d, h):
+        A = d.M + 0.25 * h**2 * d.K
+        start = y.momentum(y.v) + h * y.force(0.5, y.q + 0.25 * h * y.v, y.v)
+        v = solve(A, start + y.push(y.P[0]))
+        impact = Law(
+            L=y.gap_rate(v) + d.restitution[:, None] * y.gap_rate(y.v),
+            touching=y.gap(y.q + 0.5 * h * y.v),
+            springs_at=(y.q, y.v),
+        )
+        return Step(q=y.q + 0.5 * h * (y.v + v), v=v, impulse=y.P[0], laws=(impact,))
+"""
+
+
+@pytest.mark.parametrize(("instants", "equations"), [("(0.0, 1.0)", VERLET), ("(0.5,)", MIDPOINT)])
+def test_other_methods_of_order_two_are_right(instants, equations, tmp_path):
+    head = model("lesson-10").split("    def equations")[0].rstrip() + "\n"
+    verdict = judged(tmp_path, "lesson-10", head.replace("(0.5,)", instants) + equations)
+    assert verdict.right, verdict.message
+
+
+def test_a_damping_found_by_simulations_is_right(tmp_path):
+    text = """
+import numpy as np
+from lcpimpact import load_problem, simulate
+
+def damping(m, k_o, g, v_o):
+    h = 2e-3 * np.sqrt(m / k_o)
+    def peak(c):
+        problem = load_problem("system-1", m=m, k_o=k_o, g=g, v_o=v_o, c_o=c)
+        return simulate(problem, dt=h, t_end=1500 * h)["R"].max()
+    trials = np.sqrt(m * k_o) * np.linspace(0.4, 1.2, 33)
+    peaks = [peak(c) for c in trials]
+    return trials[int(np.argmin(peaks))]
+"""
+    verdict = judged(tmp_path, "lesson-3", text)
     assert verdict.right, verdict.message
 
 
@@ -356,3 +406,21 @@ def test_the_stub_of_the_notebook_is_no_answer(lesson, tmp_path):
     for task in LESSONS[lesson].tasks:
         assert task.stated in stub[1]
     assert not judged(tmp_path, lesson, stub[1]).right
+
+
+@pytest.mark.parametrize("page", sorted(PAGES.glob("lesson-*.md")), ids=lambda page: page.stem)
+def test_a_lesson_is_a_notebook_that_jupyter_can_show(page):
+    """Nothing that only Sphinx resolves is left in it, and its code compiles."""
+    for package in ("jupytext", "sphinx"):
+        pytest.importorskip(package)
+    spec = importlib.util.spec_from_file_location("notebooks", PAGES.parent / "notebooks.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    cells = module.notebook_of(page).cells
+    assert cells[0].source.startswith("# Lesson ")
+    assert sum(cell.cell_type == "code" for cell in cells) >= 3
+    for cell in cells:
+        if cell.cell_type == "code":
+            compile(cell.source, page.name, "exec")
+        else:
+            assert not re.search(r"\{(doc|eq|cite)|\.md\)|\$\$ \(|^:::|^```\{", cell.source, re.MULTILINE), cell.source
