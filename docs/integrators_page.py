@@ -13,6 +13,8 @@ from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
 
+from tex import spelled, with_tex
+
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Declared
 from lcpimpact.scheme.dynamics import Feature
@@ -83,7 +85,7 @@ def page() -> str:
     ]
     for wish, offers in WISHES:
         able = [name for name, declared in methods.items() if offers(declared)]
-        lines.append(f"| {wish} | {', '.join(f'[{name}](#{name})' for name in able) or 'none'} |")
+        lines.append(f"| {with_tex(wish)} | {', '.join(f'[{name}](#{name})' for name in able) or 'none'} |")
     lines += [
         "",
         "Otherwise: `moreau-jean` for studies, `exact` as the reference, `event-driven` for a smooth method of",
@@ -106,7 +108,7 @@ def page() -> str:
         "",
         "## Orders",
         "",
-        "In the coordinates with mass (sup norm), across impacts in the velocities (L1 norm; their sup norm converges",
+        "In the coordinates with mass (sup norm), across impacts in the velocities ($L^1$ norm; their sup norm converges",
         "for no method; what is declared is a median: [slopes scatter](convergence.md#the-order-across-many-impacts)).",
         "*force kink*: relative degree 0; *force jump*: degree 1; *friction*: reversal or sticking of a body",
         "on a slider; *relays*: switches, and the start of sliding modes. What is said of energy leaves out what",
@@ -119,7 +121,7 @@ def page() -> str:
         "|---|" + "---|" * 9,
     ]
     for name, d in methods.items():
-        cells = [*d.orders.values(), d.penetration, "yes" if d.dissipates else "", d.adaptive or "dt"]
+        cells = [*d.orders.values(), with_tex(d.penetration), "yes" if d.dissipates else "", d.adaptive or "dt"]
         lines.append(f"| [{name}](#{name}) | " + " | ".join(cells) + " |")
     lines.append("")
     for name, d in methods.items():
@@ -138,8 +140,8 @@ def section(name: str, d: Declared) -> list[str]:
         markdown(module),
         "",
         f"- Contacts at level: {d.level}.",
-        f"- Force: {d.reaction_time}.",
-        f"- Energy: {d.energy}.",
+        f"- Force: {with_tex(d.reaction_time)}.",
+        f"- Energy: {with_tex(d.energy)}.",
         f"- Options: {options or 'none'}.",
         f"- Source: {d.source}.",
         "",
@@ -152,7 +154,7 @@ def markdown(text: str) -> str:
     for line in text.splitlines():
         if line.startswith(".. math::"):
             formula = True
-            lines.append("$$" + line.removeprefix(".. math::").strip())
+            lines.append("$$" + spelled(line.removeprefix(".. math::").strip()))
         elif formula and line and not line.startswith(" "):
             raise ValueError(f"a formula must be indented and end with an empty line: {line!r}")
         elif formula and not line:
@@ -162,10 +164,10 @@ def markdown(text: str) -> str:
             lines[-1] += "$$"
             lines.append("")
         else:
-            lines.append(line.strip() if formula else line.replace("``", "`"))
+            lines.append(spelled(line.strip()) if formula else line)
     if formula:
         lines[-1] += "$$"
-    return "\n".join(lines)
+    return with_tex("\n".join(lines)).replace("``", "`")
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 from PIL import Image
+from tex import tex, with_tex
 
 from lcpimpact import UnsupportedError, load_problem, simulate
 from lcpimpact.plotting.animation import common_palette
@@ -105,11 +106,13 @@ def section(name: str) -> str:
     ]
     if problem.facts:
         lines += ["| known in closed form | | value |", "|---|---|---|"]
-        lines += [_row(fact.symbol, fact.what, f"{fact.value:.10g} {fact.unit}") for fact in problem.facts]
+        lines += [
+            _row(_symbol(fact.symbol), with_tex(fact.what), f"{fact.value:.10g} {fact.unit}") for fact in problem.facts
+        ]
         lines.append("")
     if problem.motion is not None:
-        lines += ["The whole motion is known in closed form: `load_problem(...).motion(t)` returns q and v.", ""]
-    lines += [f"Source: {problem.source}.", ""]
+        lines += ["The whole motion is known in closed form: `load_problem(...).motion(t)` returns $q$ and $v$.", ""]
+    lines += [f"Source: {with_tex(problem.source)}.", ""]
     return "\n".join(lines)
 
 
@@ -131,10 +134,18 @@ def _summary(name: str) -> str:
     return (inspect.getdoc(PROBLEMS[name]) or "").split("\n\n")[0].replace("\n", " ")
 
 
+def _symbol(symbol: str) -> str:
+    """Return the symbol of a fact as a formula, or as it is."""
+    try:
+        return f"${tex(symbol)}$"
+    except ValueError:
+        return symbol
+
+
 def _plain(text: str) -> str:
     """Return a docstring's text as Markdown; a name of another problem's builder becomes its link."""
     links = {name.replace("-", "_"): f"[{name}](#{name})" for name in PROBLEMS}
-    text = re.sub(r"``([^`]+)``", "\0\\1\0", text.strip())
+    text = re.sub(r"``([^`]+)``", "\0\\1\0", with_tex(text.strip()))
     return re.sub(r"`(\w+)`", lambda match: links.get(match[1], match[0]), text).replace("\0", "`")
 
 

@@ -1,6 +1,6 @@
 r"""The nonsmooth generalized-α method: smooth forces at order 2, separate impulses, contact at both levels.
 
-The smooth part is that of Chung and Hulbert, with a that follows the acceleration d of the smooth forces alone,
+The smooth part is that of Chung and Hulbert, with ``a`` that follows the acceleration d of the smooth forces alone,
 
 .. math:: (1 - α_m) a^+ + α_m a = (1 - α_f) d^+ + α_f d, \qquad
           \tilde v = v + h \bigl((1 - γ) a + γ a^+\bigr), \qquad

@@ -3,10 +3,10 @@
 It is independent of the LCP methods: it uses the constants of the paper's systems, not the assembled scheme.
 
 "z - x = 0" needs a tolerance in floating point. ``contact="project"``, the default, closes the contact for
-z - x <= CLOSED_GAP and, after each step, projects the massless side onto the other where they penetrate; ``"clip"`` does not
-project, so that the penetration of the closing step stays for the whole contact; ``"sign"`` requires z - x <= 0, so that a
-gap of one rounding error opens the contact for a stage; ``"equal"`` is the printed equality, which never holds again after
-the first flight.
+``z - x <= CLOSED_GAP`` and, after each step, projects the massless side onto the other where they penetrate; ``"clip"``
+does not project, so that the penetration of the closing step stays for the whole contact; ``"sign"`` requires z - x <= 0,
+so that a gap of one rounding error opens the contact for a stage; ``"equal"`` is the printed equality, which never holds
+again after the first flight.
 """
 
 from __future__ import annotations

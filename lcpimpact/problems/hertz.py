@@ -107,9 +107,9 @@ def hunt_crossley_impact(
     - ``e = (1 + W_0(-(1 + a) exp(-(1 + a))))/a``, with Lambert's W_0,
     - ``F_max = K δⁿ (1 + w)`` where w = b δ' solves ``n w + (n + 1)(w - ln(1 + w)) = (n + 1)(a - ln(1 + a))``.
 
-    e depends on a alone, and is about ``1 - 2a/3`` for small a: hence the usual ``b = 3 (1 - e)/(2 v0)``, which is not the
-    truth for low e (asked for 1/2 it gives 0.66). Unlike the dashpot of Kelvin and Voigt, the force starts from zero and
-    never pulls. The trap is to take the e of one speed as a constant of the material.
+    e depends on ``a`` alone, and is about ``1 - 2a/3`` for small ``a``: hence the usual ``b = 3 (1 - e)/(2 v0)``, which is
+    not the truth for low e (asked for 1/2 it gives 0.66). Unlike the dashpot of Kelvin and Voigt, the force starts from
+    zero and never pulls. The trap is to take the e of one speed as a constant of the material.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ def pi_billiard(m: float = 1.0, M: float = 100.0, v0: float = 1.0, D: float = 1.
     - the n-th impact is at ``t_n = (D + d - d sqrt(m/M) cot n θ)/v0``, odd n of the balls and even n at the wall,
     - n θ < π leaves ``N = ceil(π/θ) - 1`` impacts, and the heavy ball goes back at ``-v0 cos(π - 2 ⌈N/2⌉ θ)``.
 
-    M = m gives 3 impacts, 100 m gives 31, 10⁴ m gives 314: while π/θ and π sqrt(M/m) have one integer part, N is
+    M = m gives 3 impacts, ``100 m`` gives 31, ``10⁴ m`` gives 314: while π/θ and π sqrt(M/m) have one integer part, N is
     ``floor(π/θ)``, and its digits are those of π. Where π/θ is a whole number the last image is parallel to the line and is
     never met, so it is not floor(π/θ) there but one less: M = m has π/θ = 4. The trap is a step longer than the shortest
     time between impacts, ``θ d sqrt(m/M)/v0``: energy comes out right, the count does not.

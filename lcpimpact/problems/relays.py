@@ -176,7 +176,7 @@ def _sliding_mode_motion(t: Array, *, push: float, c: float, x0: float, t_s: flo
 def relay_oscillator(a: float = 1.0, x0: float = 1.0) -> Problem:
     r"""A mass driven by a switch, always at full force towards the middle: parabolas, and a period that knows the amplitude.
 
-    ``x'' = -a λ`` with ``λ`` in Sgn(x), let go at x0. The force has the potential a |x|, so nothing is lost:
+    ``x'' = -a λ`` with ``λ`` in Sgn(x), let go at x0. The force has the potential ``a |x|``, so nothing is lost:
 
     - it passes the middle at ``t_1 = sqrt(2 x0/a)``, a quarter of the period ``T = 4 sqrt(2 x0/a)``,
     - with the speed ``sqrt(2 a x0)``.

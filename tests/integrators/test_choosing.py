@@ -16,7 +16,7 @@ from lcpimpact.registry import Registry
 from lcpimpact.scheme.dynamics import Feature
 
 DOCS = Path(__file__).parents[2] / "docs"
-NEW_METHOD = (DOCS / "new-method.md").read_text(encoding="utf-8")
+NEW_METHOD = (DOCS / "howto" / "new-method.md").read_text(encoding="utf-8")
 CODE = re.findall(r"```python\n(.*?)```", NEW_METHOD, re.DOTALL)
 
 

@@ -9,6 +9,7 @@ from types import ModuleType
 
 import pytest
 from PIL import Image
+from tex import with_tex
 
 from lcpimpact import load_problem
 from lcpimpact.problems import PROBLEMS
@@ -39,11 +40,11 @@ def test_the_page_is_up_to_date(gallery: ModuleType, written: str) -> None:
 def test_a_problem_has_its_section_and_its_pictures(name: str, written: str) -> None:
     problem = load_problem(name)
     (section,) = re.findall(rf"^## {name}\n(.*?)(?=^## |\Z)", written, flags=re.DOTALL | re.MULTILINE)
-    assert f"Source: {problem.source}." in section
+    assert f"Source: {with_tex(problem.source)}." in section
     for parameter in problem.parameters:
         assert re.search(rf"^\| ([\w, ]+, )?{parameter}(, [\w, ]+)? \|", section, flags=re.MULTILINE), parameter
     for fact in problem.facts:
-        assert f"| {fact.what} | {fact.value:.10g}" in section
+        assert f"| {with_tex(fact.what)} | {fact.value:.10g}" in section
     pictures = re.findall(r"!\[[^\]]+\]\(([^)]+)\)", section)
     assert len(pictures) == 2
     for picture in pictures:
@@ -59,8 +60,8 @@ def test_no_picture_is_left_of_a_problem_that_is_gone(written: str) -> None:
 
 
 def test_the_text_of_a_docstring_reads_as_markdown(gallery: ModuleType) -> None:
-    assert gallery._plain("``a + b`` as in `kelvin_voigt_tension`, by `Bar`") == (
-        "`a + b` as in [kelvin-voigt-tension](#kelvin-voigt-tension), by `Bar`"
+    assert gallery._plain("``2 a b`` by ``run.t`` as in `kelvin_voigt_tension`, by `Bar`") == (
+        "$2 a b$ by `run.t` as in [kelvin-voigt-tension](#kelvin-voigt-tension), by `Bar`"
     )
     (row,) = [row for row in gallery.parameters("system-1") if row[0] == "k_o, c_o"]
     assert row[1] == "3924, 250"
