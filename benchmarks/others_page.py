@@ -64,10 +64,11 @@ Python; Drake and Chrono were not tried.
 
     pip install -e ".[peers]"
     apt-get install python3-siconos
-    python benchmarks/others.py                          # everything: the table and this page
-    python benchmarks/others.py --only bouncing-ball     # one problem, or one contestant: printed
+    python benchmarks/others.py
+    python benchmarks/others.py --only bouncing-ball
 
-What is missing on a machine is a row with its reason.
+The first runs everything and writes the table and this page; the second prints one problem, or one contestant. What is
+missing on a machine is a row with its reason.
 """
 
 
@@ -153,8 +154,8 @@ def fast(table: pd.DataFrame) -> pd.Series:
 
 
 def number(value: float, form: str = ".1e") -> str:
-    """Return a number as the page shows it."""
-    return "-" if math.isnan(value) else format(value, form)
+    """Return a number as the page shows it, with a hyphen in its exponent at which no line is broken."""
+    return "-" if math.isnan(value) else format(value, form).replace("e-", "e\N{NON-BREAKING HYPHEN}")
 
 
 def seen(table: pd.DataFrame) -> Iterator[str]:
@@ -202,9 +203,9 @@ SEEN: list[tuple[list[tuple[str, str, str]], str]] = [
             ("system-1", "Siconos", "γ = 1/2"),
             ("system-1", "lcpimpact", "default"),
         ],
-        "Siconos' EulerMoreauOSI weights the multiplier by γ, which is the user's choice. System 1 has $D = 0$: "
-        "with its default, γ = 1, the error is {0.sup_q:.2e} m, that of moreau-jean ({2.sup_q:.2e} m). With γ = "
-        "1/2 the motion remains right ({1.sup_q:.1e} m), but the force rings: its peak is {1.asked:.0f} N in "
+        "Siconos' EulerMoreauOSI weights the multiplier by $\\gamma$, which is the user's choice. System 1 has $D = 0$: "
+        "with its default, $\\gamma = 1$, the error is {0.sup_q:.2e} m, that of moreau-jean ({2.sup_q:.2e} m). With "
+        "$\\gamma = 1/2$ the motion remains right ({1.sup_q:.1e} m), but the force rings: its peak is {1.asked:.0f} N in "
         "place of {1.true:.0f} N.",
     ),
     (
@@ -216,9 +217,9 @@ SEEN: list[tuple[list[tuple[str, str, str]], str]] = [
             ("diode-bridge", "lcpimpact", "default"),
             ("diode-bridge", "Siconos", "tuned"),
         ],
-        "With $D \\neq 0$ it is the other way round: on System 2 and the diode bridge γ = 1 leaves {0.sup_q:.1e} m "
+        "With $D \\neq 0$ it is the other way round: on System 2 and the diode bridge $\\gamma = 1$ leaves {0.sup_q:.1e} m "
         "and {3.sup_q:.1e} V, where moreau-jean, which chooses by the relative degree, leaves {1.sup_q:.1e} m and "
-        "{4.sup_q:.1e} V with the same steps. Siconos with γ = 1/2 and a smaller step gets System 2 to "
+        "{4.sup_q:.1e} V with the same steps. Siconos with $\\gamma = 1/2$ and a smaller step gets System 2 to "
         "{2.sup_q:.1e} m and the bridge to {5.sup_q:.1e} V.",
     ),
     (
@@ -249,7 +250,7 @@ SEEN: list[tuple[list[tuple[str, str, str]], str]] = [
             ("bouncing-ball", "SciPy, penalty", "tuned"),
         ],
         "A stiff spring in place of a contact delays every rebound by about $\\pi\\sqrt{{m/k}}$, and a body at rest "
-        "sinks in by $m g/k$, 1 mm at 10⁴ N/m: {0.sup_q:.1e} m on the ball, and {1.sup_q:.1e} m at 10⁸ N/m with "
+        "sinks in by $m g/k$, 1 mm at $10^4$ N/m: {0.sup_q:.1e} m on the ball, and {1.sup_q:.1e} m at $10^8$ N/m with "
         "the exact damping.",
     ),
     (
@@ -257,16 +258,16 @@ SEEN: list[tuple[list[tuple[str, str, str]], str]] = [
             ("block-on-incline", "SciPy, penalty", "default"),
             ("block-on-incline", "SciPy, penalty", "tuned"),
         ],
-        "Friction as $\\tanh(v/\\varepsilon)$ lets the block on the incline creep for ever at $\\varepsilon "
-        "\\operatorname{{artanh}}(\\tan\\alpha/\\mu)$: it is {0.asked_error:.1e} m off after 2.8 s with ε = 0.01 m/s, "
-        "{1.asked_error:.1e} m with 10⁻⁶.",
+        "Friction as $\\tanh(v/\\varepsilon)$ lets the block on the incline creep for ever at "
+        "$\\varepsilon \\operatorname{{artanh}}(\\tan\\alpha/\\mu)$: it is {0.asked_error:.1e} m off after 2.8 s with "
+        "$\\varepsilon = 0.01$ m/s, {1.asked_error:.1e} m with $10^{{-6}}$ m/s.",
     ),
     (
         [
             ("diode-bridge", "SciPy, penalty", "default"),
             ("diode-bridge", "SciPy, penalty", "tuned"),
         ],
-        "Shockley's diodes are not the ideal ones: the drop of two of them is {0.sup_q:.1e} V of 10 V. That is a "
+        "Shockley's diodes are not the ideal ones: the drop of two of them is {0.sup_q:.2f} V of 10 V. That is a "
         "difference of models, not an error of the integrator; at a hundredth of the thermal voltage it is "
         "{1.sup_q:.1e} V.",
     ),
