@@ -13,6 +13,7 @@ from lcpimpact import __version__, explore
 
 os.environ.setdefault("LCPIMPACT_COMPILE", "later")
 HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))  # for notebooks.py
 
 project = "lcpimpact"
 author = "The lcpimpact developers"
@@ -28,11 +29,12 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
     "sphinxcontrib.bibtex",
+    "notebooks",
 ]
 root_doc = "index"
 default_role = "py:obj"
 templates_path = ["_templates"]
-exclude_patterns = ["paper", "_templates", "images", "pictures"]
+exclude_patterns = [".jupyter_cache", "paper", "_templates", "images", "pictures"]
 
 html_theme = "furo"
 html_title = "lcpimpact"
