@@ -233,7 +233,7 @@ def page(text: str) -> str:
         "# The table of methods and problems",
         "",
         f"Made by `python benchmarks/table.py` on {first.removeprefix('# ').replace(': ', ' with ', 1)}.",
-        "[table.csv](../benchmarks/table.csv) has every number, in all norms. A test compares this page with it.",
+        "[table.csv](../../benchmarks/table.csv) has every number, in all norms. A test compares this page with it.",
         "",
         "An order is the slope of log error against log dt by least squares over six step counts or more, which are primes",
         "and keep clear of the events; ± is the standard deviation of log10 of the errors about the line. It is *off* if it",
