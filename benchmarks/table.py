@@ -204,8 +204,8 @@ def measure(titles: list[str], methods: list[str], workers: int) -> pd.DataFrame
     return pd.concat([found[job] for job in jobs], ignore_index=True)
 
 
-def conditions(seconds: float, workers: int) -> str:
-    """Return with what, where and when the table was made."""
+def conditions(seconds: float, workers: int, versions: dict[str, str] | None = None) -> str:
+    """Return with what, where and when a table was made; without versions, with those of what every table needs."""
     from importlib.metadata import version
 
     cpu = platform.processor() or platform.machine()
@@ -215,10 +215,12 @@ def conditions(seconds: float, workers: int) -> str:
             line.partition(":")[2].strip() for line in info.read_text().splitlines() if line.startswith("model name")
         ]
         cpu = names[0] if names else cpu
-    packages = ", ".join(f"{name} {version(name)}" for name in ("lcpimpact", "numpy", "scipy", "numba"))
+    versions = versions or {name: version(name) for name in ("lcpimpact", "numpy", "scipy", "numba")}
+    packages = ", ".join(f"{name} {number}" for name, number in versions.items())
+    processes = "1 process" if workers == 1 else f"{workers} processes"
     return (
         f"# {date.today().isoformat()}: {packages}, Python {platform.python_version()}, {cpu}, "
-        f"{workers} processes, {seconds:.0f} s"
+        f"{processes}, {seconds:.0f} s"
     )
 
 
