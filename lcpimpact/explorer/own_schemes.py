@@ -68,7 +68,10 @@ def hint(kind: Any) -> dict[str, Any]:
     kinds = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     held = {schemefile._container(each): each for each in kinds}
     what = dict.fromkeys(word for word in map(schemefile._describe_type, kinds) if word) or [schemefile.FUNCTION]
-    found: dict[str, Any] = {"types": [each.__name__ for each in kinds if isinstance(each, type)], "what": " or ".join(what)}
+    found: dict[str, Any] = {
+        "types": [each.__name__ for each in kinds if isinstance(each, type)],
+        "what": " or ".join(what),
+    }
     if "array" in held:
         found["array"] = hint(get_args(held["array"])[0])
     return found | {name: True for name in ("signal", "table") if name in held}
@@ -103,7 +106,8 @@ def file_facts() -> dict[str, Any]:
         "elements": list(ELEMENTS),
         "signals": list(SIGNALS),
         "solvers": list(SOLVERS),
-        "methods": {name: of_method(name) for name in [*FIRST, *(each for each in METHODS if each not in FIRST)]},
+        "methods": {name: of_method(name) for name in METHODS},
+        "first": FIRST,
         "theta": theta,
         "lower": LOWER,
         "upper": UPPER,
@@ -120,11 +124,19 @@ def _hints(kind: Any) -> dict[str, Any]:
 
 
 def source() -> str:
-    """Return a JavaScript expression: a function of LIMITS and of what engine.js defines, which gives `ownProblem`."""
+    """Return a JavaScript expression: a function that gives `ownProblem` of scheme.js."""
+
     def text(name: str) -> str:
         return (files("lcpimpact.explorer") / name).read_text(encoding="utf-8")
 
     methods = ",".join(METHODS[name].__name__ for name in FIRST)
     facts = f"const FILES={json.dumps(file_facts(), ensure_ascii=False)};"
-    parts = [text("runtime.js"), facts, translated(), f"const KINDS_OF_METHODS={{{methods}}};", text("toml.js"), text("scheme.js")]
-    return f"(()=>{{{chr(10).join(parts)}\nreturn {{ownProblem}};}})()"
+    parts = [
+        text("runtime.js"),
+        facts,
+        translated(),
+        f"const KINDS_OF_METHODS={{{methods}}};",
+        text("toml.js"),
+        text("scheme.js"),
+    ]
+    return f"()=>{{{chr(10).join(parts)}\nreturn ownProblem;}}"

@@ -5,9 +5,11 @@ from __future__ import annotations
 import base64
 import inspect
 import json
+import re
 import zlib
 from collections.abc import Sequence
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from lcpimpact import __version__
 from lcpimpact.arguments import checked
 from lcpimpact.errors import UnsupportedError
+from lcpimpact.explorer import own_schemes
 from lcpimpact.explorer.javascript import equations_source, run_source
 from lcpimpact.explorer.models import MOST_STEPS, STEPS, Model, model, refusals_of, why_not_exact
 from lcpimpact.files import check_output, whole_file
@@ -26,6 +29,37 @@ from lcpimpact.problems.parameters import is_registered
 from lcpimpact.scheme.scheme import Scheme
 
 ENDINGS = (".html",)
+
+EXAMPLE = """\
+name = "my buffer"
+t_end = 3.0
+
+[[elements]]
+type = "Mass"
+node = "x"
+m = 100.0
+
+[[elements]]
+type = "Load"
+node = "x"
+f = 981.0
+
+[[elements]]
+type = "Bumper"
+upper = "x"
+lower = "z"
+
+[[elements]]
+type = "KelvinVoigt"
+a = "z"
+b = "ground"
+k = 3924.0
+c = 250.0
+
+[initial.x]
+v = 9.90454
+"""
+"""The scheme file that a page shows."""
 
 METHODS_OF_ONE = 9
 """Number of methods in a page of one problem."""
@@ -103,13 +137,28 @@ def page(found: Sequence[Model], refused: dict[str, str]) -> str:
     problems = ",\n".join(f"{_json(each.problem.name)}:{problem_source(each, shapes)}" for each in found)
     template = _environment().get_template("page.html.j2")
     limits = {"steps": STEPS, "most": MOST_STEPS, "symbol": SYMBOL_WIDTH}
+    parts = _without_comments(f"{{problems:{{{problems}}},ownProblem:{own_schemes.source()}}}")
     return template.render(
-        packed=base64.b64encode(zlib.compress(f"{{{problems}}}".encode(), 9)).decode(),
+        packed=base64.b64encode(zlib.compress(parts.encode(), 9)).decode(),
+        engine=_without_comments(_text("engine.js")),
+        interface=_without_comments(_text("interface.js")),
+        example=EXAMPLE,
         strokes=f"[{','.join(shapes)}]",
         refused=_json(refused),
         limits=_json(limits),
         version=__version__,
     )
+
+
+def _text(name: str) -> str:
+    """Return the text of a file of the explorer."""
+    return (files("lcpimpact.explorer") / name).read_text(encoding="utf-8")
+
+
+def _without_comments(script: str) -> str:
+    """Return a script without comments that end a line and without indentation."""
+    lines = (re.sub(r"(^|  )//.*", "", line).strip() for line in script.split("\n"))
+    return "\n".join(line for line in lines if line)
 
 
 @cache

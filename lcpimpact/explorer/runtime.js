@@ -1,9 +1,9 @@
 // The operations of Python and NumPy that translated functions call. A vector is a Float64Array, of truth values a Uint8Array
 // and of indices an Int32Array; a matrix is an array of its rows with a `shape`.
 class Dict extends Map {}
-class InputError extends Error {}
+class InputError extends Error { get inWords() { return true; } }
 class UnknownNameError extends InputError {}
-class UnsupportedError extends InputError {}
+class UnsupportedError extends InputError { get unsupported() { return true; } }
 const mentions = () => false, _floor = Math.floor, ForceLaw = null;
 class Int extends Number {}  // a whole number of a file, which Python prints without a point
 const isArray = Array.isArray, isVector = (a) => ArrayBuffer.isView(a);
@@ -50,7 +50,7 @@ const ne = (a, b) => isTensor(a) || isTensor(b) ? elementwise((x, y) => x !== y,
 const truth = (x) => x instanceof Int ? Number(x) !== 0 : x instanceof Map || x instanceof Set ? x.size > 0
   : isArray(x) || isVector(x) ? x.length > 0 && (!isVector(x) || x.length !== 1 || x[0] !== 0) : Boolean(x);
 const and = (a, then) => truth(a) ? then() : a, or = (a, then) => truth(a) ? a : then();
-const has = (all, x) => isArray(all) ? all.some((each) => same(each, x)) : typeof all === "string" ? all.includes(x) : all.has(x);
+const has = (all, x) => isArray(all) ? all.some((each) => same(each, x)) : typeof all === "string" ? all.includes(x) : all.has ? all.has(x) : [...all].some((each) => same(each, x));
 
 // Products by sums in the order of NumPy's small ones are not needed: these are exact, of matrices of 0 and ±1 alone.
 function matmul(A, B) {

@@ -256,8 +256,9 @@ function ownProblem(text, stem) {
   const n = d.nodes.length, units = (E) => Array.from({length: E.shape[1]}, (_, j) => Array.from({length: n}, (_, i) => E[i][j])), parts = d.decomposition;
   const features = [["SLIDERS", any_of(d.slides)], ["MASSLESS", !all_of(d.massive)], ["RESTITUTION", d.contacts.some((each) => each.e > 0)]];
   const methods = {};
-  for (const [name, {degrees, handles, kind, summary, steps, at, laws}] of Object.entries(FILES.methods)) {
-    if (!kind || !d.contacts.every((each) => degrees.includes(each.relative_degree)) || features.some(([what, is]) => is && !handles.includes(what))) continue;
+  for (const name of FILES.first) {
+    const {degrees, handles, kind, summary, steps, at, laws} = FILES.methods[name];
+    if (!d.contacts.every((each) => degrees.includes(each.relative_degree)) || features.some(([what, is]) => is && !handles.includes(what))) continue;
     const θ = name === "moreau-jean", Method = KINDS_OF_METHODS[kind];
     const safely = (run) => (p, N, out) => { try { return run(p, N, out); } catch (error) { if (error instanceof InputError || error instanceof RangeError) return -1; throw error; } };
     methods[name] = {names: θ ? [...names, "theta"] : names, laws, impactSteps: steps, at, summary,

@@ -59,7 +59,9 @@ CONSTANTS = {"reaction", "laws", "instants", "remembers", "impact_steps", "name"
 @cache
 def runtime_names() -> frozenset[str]:
     """Return the names that runtime.js and engine.js define."""
-    text = "".join((files("lcpimpact.explorer") / name).read_text(encoding="utf-8") for name in ("engine.js", "runtime.js"))
+    text = "".join(
+        (files("lcpimpact.explorer") / name).read_text(encoding="utf-8") for name in ("engine.js", "runtime.js")
+    )
     lines = [line for line in text.split("\n") if line.startswith(("const ", "let "))]
     found = re.findall(r"^(?:function\*?|class) ([^\W\d]\w*)", text, re.MULTILINE)
     found += [name for line in lines for name in re.findall(r"(?:^const |, )([^\W\d]\w*) = ", line)]
@@ -136,7 +138,9 @@ class Translation:
         if issubclass(kind, tuple):
             return f"const {name}=record({json.dumps(kind._fields, ensure_ascii=False)});"
         only = next((names for base, names in self.only.items() if issubclass(kind, base)), None)
-        bases = [] if kind in self.only else [each for each in kind.__bases__ if each.__module__.startswith("lcpimpact")]
+        bases = (
+            [] if kind in self.only else [each for each in kind.__bases__ if each.__module__.startswith("lcpimpact")]
+        )
         head = f"class {name}{f' extends {self.name(bases[0])}' if bases else ''}"
         parts = []
         if is_dataclass(kind) and kind not in self.only:

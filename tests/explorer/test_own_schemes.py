@@ -25,9 +25,7 @@ const hex = (a) => Buffer.from(new Float64Array(a).buffer).toString("hex");
 console.log(JSON.stringify(given.map(({text, steps, changes}) => {
   let problem;
   try { problem = ownProblem(text, "my"); } catch (error) {
-    if (error.constructor.name === "UnsupportedError") return {unsupported: error.message};
-    if (error.constructor.name === "InputError" || error.constructor.name === "UnknownNameError") return {error: error.message};
-    return {defect: error.stack};
+    return error.unsupported ? {unsupported: error.message} : error.inWords ? {error: error.message} : {defect: error.stack};
   }
   const values = {theta: 0.5, ...problem.numbers, ...changes};
   const runs = Object.keys(problem.methods).map((method) => {
@@ -43,9 +41,9 @@ console.log(JSON.stringify(given.map(({text, steps, changes}) => {
 def in_node(jobs: list[dict]) -> list[dict]:
     """Return what the page makes of scheme files."""
     engine = (files("lcpimpact.explorer") / "engine.js").read_text(encoding="utf-8")
-    script = f'"use strict";\nconst LIMITS = {{most: 10000}};\n{engine}\nconst {{ownProblem}} = {source()};\n{NODE}'
+    script = f'"use strict";\nconst LIMITS = {{most: 10000}};\n{engine}\nconst ownProblem = ({source()})();\n{NODE}'
     done = subprocess.run(
-        ["node", "-"], input=script.replace('require("node:fs").readFileSync(0, "utf8")', json.dumps(json.dumps(jobs))),
+        ["node", "-"], input=script.replace('require("node:fs").readFileSync(0, "utf8")', json.dumps(json.dumps(jobs).replace("Infinity", "1e999"))),
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-3000:]
@@ -120,3 +118,157 @@ def test_runs_of_random_files_have_the_bits_of_simulate(tmp_path):
     assert taken > 60
     assert ended < 0.1 * taken
     assert equal > 50_000
+
+
+HEAD = '[[elements]]\ntype = "Mass"\nnode = "x"\nm = 2.0\n'
+SPRING = '[[elements]]\ntype = "Spring"\na = "x"\nb = "ground"\nk = 3.0\n'
+
+
+def element(**keys: object) -> str:
+    return "[[elements]]\n" + "".join(f"{key} = {value}\n" for key, value in keys.items())
+
+
+WRONG = [
+    "",
+    "name = 1",
+    "nam = 'x'\n" + HEAD,
+    "q = 1.0\n" + HEAD,
+    "dt = 1.0\n" + HEAD,
+    HEAD + "[system]\nA = [[0.0]]\n",
+    HEAD.replace("Mass", "Mas"),
+    HEAD.replace("Mass", "Quartz"),
+    HEAD.replace('type = "Mass"\n', ""),
+    HEAD.replace('"Mass"', "3"),
+    HEAD.replace("m = 2.0", "m = -2.0"),
+    HEAD.replace("m = 2.0", "m = -2"),
+    HEAD.replace("m = 2.0", "m = 0"),
+    HEAD.replace("m = 2.0", "m = nan"),
+    HEAD.replace("m = 2.0", "m = inf"),
+    HEAD.replace("m = 2.0", 'm = "2"'),
+    HEAD.replace("m = 2.0", "m = true"),
+    HEAD.replace("m = 2.0", "m = [2.0]"),
+    HEAD.replace("m = 2.0", "m = 2.0\nn = 1"),
+    HEAD.replace("m = 2.0\n", ""),
+    HEAD.replace("m = 2.0", "mm = 2.0"),
+    HEAD.replace('node = "x"\n', ""),
+    HEAD.replace('"x"', '"ground"'),
+    HEAD.replace('"x"', '""'),
+    HEAD.replace('"x"', '"a\\u0007b"'),
+    HEAD + SPRING.replace('"ground"', '"x"'),
+    HEAD + SPRING.replace("k = 3.0", "k = -1e-7"),
+    HEAD + SPRING.replace("k = 3.0", "k = -123456789012345678.0"),
+    HEAD + SPRING + "[initial.y]\nq = 1.0\n",
+    HEAD + SPRING + "[initial.x]\nw = 1.0\n",
+    HEAD + SPRING + "[initial.x]\nv = 'fast'\n",
+    HEAD + SPRING + "[initial.x]\nv = inf\n",
+    HEAD + SPRING + "[initial]\nx = 1.0\n",
+    HEAD + SPRING + "initial = 3\n",
+    "t_end = -1.0\n" + HEAD + SPRING,
+    "t_end = 'soon'\n" + HEAD + SPRING,
+    "t_end = 0\n" + HEAD + SPRING,
+    'name = ""\n' + HEAD + SPRING,
+    "elements = 3\n",
+    "elements = []\n",
+    HEAD + "[run]\nmethod = 'moreau-jaen'\n",
+    HEAD + "[run]\nmethood = 'moreau-jean'\n",
+    HEAD + "[run]\nsolver = 'lemk'\n",
+    HEAD + "[run]\ndt = -1.0\n",
+    HEAD + "[run]\ndt = 'x'\n",
+    HEAD + "[run.options]\nthetta = 0.6\n",
+    HEAD + "[run.options]\ntheta = 0.25\n",
+    "[built_from]\nk = 'x'\n" + HEAD + SPRING,
+    HEAD + element(type="'Bumper'", upper="'x'", lower="'ground'"),
+    HEAD + element(type="'Bumper'", upper="'x'", lower="'ground'", e="1.5"),
+    HEAD + element(type="'Bumper'", upper="'x'", lower="'ground'", e="0.5", gap="-0.25"),
+    HEAD + element(type="'Bumper'", upper="'x'", lower="'ground'", e="0.5", gap="nan"),
+    HEAD + element(type="'Bumper'", upper="'x'", lower="'z'"),
+    HEAD + element(type="'Bumper'", upper="'x'", lower="'z'", e="0.5") + SPRING.replace('"x"', '"z"'),
+    HEAD + 2 * element(type="'Bumper'", upper="'x'", lower="'ground'", e="0.5"),
+    HEAD + element(type="'Bumper'", upper="{ x = 0.0 }", lower="'ground'", e="0.5"),
+    HEAD + element(type="'Bumper'", upper="'x'", lower="{ z = 2.0 }") + SPRING.replace('"x"', '"z"'),
+    HEAD + element(type="'Rope'", a="'x'", b="'ground'", e="0.5"),
+    HEAD + element(type="'Slider'", a="'x'", b="'ground'", r0="0.0"),
+    HEAD + element(type="'Slider'", a="'x'", b="'ground'", r0="1.0", name="'x'"),
+    HEAD + element(type="'Slider'", a="'x'", b="'z'", r0="1.0"),
+    HEAD + element(type="'Load'", node="'x'"),
+    HEAD + element(type="'Load'", node="'ground'", f="1.0"),
+    HEAD + element(type="'Load'", node="'x'", f="inf"),
+    HEAD + element(type="'Load'", node="'x'", f="{ amplitude = 1.0, omega = -2.0 }"),
+    HEAD + element(type="'Load'", node="'x'", f="{ amplitude = 1.0 }"),
+    HEAD + element(type="'Load'", node="'x'", f="{ amplitud = 1.0, omega = 2.0 }"),
+    HEAD + element(type="'Load'", node="'x'", f="{ type = 'Harmonics', omega = 2.0 }"),
+    HEAD + element(type="'Load'", node="'x'", f="'x'"),
+    HEAD + element(type="'Maxwell'", a="'x'", b="'ground'", k="1.0", c="0.0"),
+    HEAD + 2 * element(type="'Maxwell'", a="'x'", b="'ground'", k="1.0", c="1.0"),
+    HEAD + element(type="'GeneralizedMaxwell'", a="'x'", b="'ground'", k_inf="1.0", k="[1.0]", tau="[1.0, 2.0]"),
+    HEAD + element(type="'GeneralizedMaxwell'", a="'x'", b="'ground'", k_inf="-1.0", k="[1.0]", tau="[1.0]"),
+    HEAD + element(type="'GeneralizedMaxwell'", a="'x'", b="'ground'", k_inf="1.0", k="[]", tau="[]"),
+    HEAD + element(type="'KelvinVoigt'", a="'x'", b="'ground'", k="1.0", c="1.0", symbols="['k']"),
+    element(type="'Spring'", a="'x'", b="'y'", k="1.0"),
+    # What is no TOML.
+    HEAD + "m = 3.0\n",
+    HEAD + "k 3\n",
+    HEAD + "k = \n",
+    HEAD + "k = 3 4\n",
+    HEAD + "k = 'x\n",
+    HEAD + 'k = "x\\q"\n',
+    HEAD + 'k = "x\n"\n',
+    HEAD + "k = [1, 2\n",
+    HEAD + "k = { a = 1, a = 2 }\n",
+    HEAD + "k = { a = 1\n",
+    HEAD + "[[elements]\n",
+    HEAD + "[x\n",
+    HEAD + "[initial.x]\nq = 1.0\n[initial.x]\n",
+    HEAD + "[elements]\n",
+    HEAD + "= 1\n",
+    HEAD + "# \x01\n",
+    HEAD + "ä = 1\n",
+    "initial = { x = { q = 1.0 } }\n" + HEAD + "[initial.x]\nv = 1.0\n",
+    "a.b = 1\n[a]\n" + HEAD,
+    "name = 012\n" + HEAD,
+    "name = 1__2\n" + HEAD,
+    "a" + ".a" * 60 + " = 1\n",
+    'name = "' + "a" * 1001 + '"\n' + HEAD,
+]
+
+
+def test_what_is_wrong_in_a_file_is_said_in_the_words_of_the_command_line(tmp_path):
+    path = tmp_path / "my.toml"
+    for text, page in zip(WRONG, in_node([{"text": text, "steps": 5} for text in WRONG]), strict=True):
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(li.InputError) as error:
+            read_scheme_file(path)
+        assert page.get("error") == str(error.value).removeprefix(f"cannot read {str(path)!r}: "), text
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('problem = "system-1"\n', "name a file with problem = NAME in lcpimpact explore"),
+        ("[system]\nA = [[0.0]]\nB = [[1.0]]\nC = [[1.0]]\n", "name a file with [system] in lcpimpact explore"),
+        (HEAD + element(type="'HertzSpring'", upper="'x'", lower="'ground'", K="1.0"), "does not take a HertzSpring"),
+        (HEAD + element(type="'Load'", node="'x'", f="{ type = 'Polynomial', coefficients = [0.0, 1.0] }"), "takes a Polynomial"),
+        (HEAD + "[run]\nmethod = 'exact'\n[run.options]\nmax_events = 3\n", "has no option max_events"),
+        ("name = 2026-11-25\n" + HEAD, "reads no dates and times"),
+        (HEAD + "".join(element(type="'Bumper'", upper="'x'", lower="'ground'", e="0.5", gap=f"{i}.5") for i in range(3)),
+         "3 rows with a law"),
+    ],
+)  # fmt: skip
+def test_what_the_page_does_not_take_names_the_command(text, said):
+    (page,) = in_node([{"text": text, "steps": 5}])
+    assert said in page["unsupported"]
+
+
+def test_a_number_of_a_file_is_refused_in_the_words_of_python(tmp_path):
+    path = tmp_path / "my.toml"
+    path.write_text(HEAD + element(type="'KelvinVoigt'", a="'x'", b="'ground'", k="3.0", c="1.0"), encoding="utf-8")
+    problem, changes = (
+        read_scheme_file(path).problem,
+        [{"Mass.m": -1.0}, {"KelvinVoigt.c": 0.0}, {"KelvinVoigt.k": 1e400}],
+    )
+    jobs = [{"text": path.read_text(encoding="utf-8"), "steps": 5, "changes": each} for each in changes]
+    for each, page in zip(changes, in_node(jobs), strict=True):
+        assert all(run["taken"] == -1 for run in page["runs"])
+        with pytest.raises(li.InputError) as error:
+            li.with_values(problem, each)
+        assert page["refusal"] == str(error.value)
