@@ -81,7 +81,7 @@ function lay(section) {
   const used = problem.methods[state.method].names;
   for (const [name, value, low, high] of problem.sliders) {
     if (name === "theta" && !used.includes(name)) continue;
-    const label = name === "theta" && !("theta" in problem.numbers) ? "θ" : name;
+    const unit = problem.units[name] ? ` in ${problem.units[name]}` : "", label = name === "theta" && !("theta" in problem.numbers) ? "θ" : name + unit;
     number(section, label, low, high, () => state.values[name], (x) => { state.values[name] = x; }, used.includes(name));
   }
   number(section, "steps", 10, LIMITS.most, () => state.steps, (x) => { state.steps = Math.min(max(Math.round(x), 1), LIMITS.most); });

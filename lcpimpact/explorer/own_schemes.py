@@ -13,6 +13,7 @@ from lcpimpact import schemefile
 from lcpimpact.errors import InputError
 from lcpimpact.explorer.models import FIRST, LOWER, MAX_NODES, UPPER
 from lcpimpact.explorer.translation import Translation
+from lcpimpact.explorer.units import OF_INITIAL, stated_units
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.integrators.stepping import elimination, kernel, linear_step
@@ -38,11 +39,12 @@ OF_STEPS = {
 """What a page runs of a method."""
 
 GIVEN = {
-    "InputError", "LcpImpactError", "UnsupportedError", "Named", "Terms", "_as_tuple", "_floor", "_locate_errors", "_shared_step",
-    "balance_together", "checked", "callable", "examine", "featured_at", "find_rows", "is_name", "is_real", "kept_at",
-    "kernel_at", "mentions", "no_paths", "number", "product", "solve", "solve_lcp", "springs_at", ".drawn", ".labels", ".modulus", ".tau",
-    "Load.follows_motion", "ForceLaw", "Described", "Harmonic.rate", "Run", "_convert", "MoreauJean.__post_init__",
-    "lcpimpact.integrators.stepping.impulse_paths.impulse_paths", "lcpimpact.integrators.stepping.elimination.solve",
+    ".drawn", ".labels", ".modulus", ".tau", "_as_tuple", "_convert", "_floor", "_locate_errors", "_shared_step",
+    "balance_together", "callable", "checked", "Described", "examine", "featured_at", "find_rows", "ForceLaw",
+    "Harmonic.rate", "InputError", "is_name", "is_real", "kept_at", "kernel_at",
+    "lcpimpact.integrators.stepping.elimination.solve", "lcpimpact.integrators.stepping.impulse_paths.impulse_paths",
+    "LcpImpactError", "Load.follows_motion", "mentions", "MoreauJean.__post_init__", "Named", "no_paths", "number",
+    "product", "Run", "solve", "solve_lcp", "springs_at", "Terms", "UnsupportedError",
 }  # fmt: skip
 """What scheme.js and runtime.js write themselves."""
 
@@ -79,7 +81,7 @@ def hint(kind: Any) -> dict[str, Any]:
 
 def of_method(name: str) -> dict[str, Any]:
     """Return what a page knows of a method: its options, and of one that it runs all that a run needs."""
-    kind = METHODS[name]
+    kind: Any = METHODS[name]
     found: dict[str, Any] = {"options": [each.name for each in fields(kind)]}
     if name in FIRST:
         method = cast(LinearStep, kind())
@@ -101,6 +103,7 @@ def file_facts() -> dict[str, Any]:
     kinds: tuple[Any, ...] = (*(ELEMENTS[name] for name in TAKEN), Harmonic, schemefile.Run)
     return {
         "hints": {each.__name__: {name: hint(of) for name, of in _hints(each).items()} for each in kinds},
+        "units": {name: stated_units(ELEMENTS[name]) for name in TAKEN} | OF_INITIAL,
         "number": hint(float),
         "text": hint(str),
         "elements": list(ELEMENTS),

@@ -21,6 +21,7 @@ from lcpimpact.errors import UnsupportedError
 from lcpimpact.explorer import own_schemes
 from lcpimpact.explorer.javascript import equations_source, run_source
 from lcpimpact.explorer.models import MOST_STEPS, STEPS, Model, model, refusals_of, why_not_exact
+from lcpimpact.explorer.units import units_of
 from lcpimpact.files import check_output, whole_file
 from lcpimpact.plotting.layout import SYMBOL_WIDTH, Layout, label
 from lcpimpact.problems import PROBLEMS, load_problem
@@ -187,6 +188,7 @@ def problem_source(found: Model, shapes: dict[str, int]) -> str:
         "inexact": why_not_exact(d),
         "names": first.names,
         "numbers": found.numbers,
+        "units": units_of(problem, first.names),
         "sliders": [[each.name, each.value, each.low, each.high] for each in found.sliders],
         "refusals": refusals_of(found),
         "drawing": drawing(problem, shapes),

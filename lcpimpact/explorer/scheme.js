@@ -278,7 +278,8 @@ function ownProblem(text, stem) {
     contacts: d.contacts.map((each) => ({name: each.name, law: each.law, degree: each.relative_degree})), H: d.H.map((row) => [...row]),
     parts: {massive: units(parts.massive), damped: units(parts.damped), static: units(parts.static), driven: []},
     inexact: d.contacts.every((each) => each.law !== "slider" || each.relative_degree) ? "" : FILES.inexact,
-    names, numbers: Object.fromEntries(names.map((name, k) => [name, given[k]])), sliders, refusals: {}, drawing: null, methods,
+    names, numbers: Object.fromEntries(names.map((name, k) => [name, given[k]])), sliders,
+    units: Object.fromEntries(names.map((name, k) => [name, FILES.units[places[k].initial ?? file.elements[places[k].element].constructor.name]]).map(([name, unit], k) => [name, typeof unit === "string" ? unit : unit[places[k].name]])), refusals: {}, drawing: null, methods,
     method: file.run.method, theta: Number(file.run.options?.get("theta") ?? 0.5), steps: step >= 1 && step <= LIMITS.most ? step : null,
     equations: (p) => {
       const {d: e, q, v} = build(p), constant = e.loads.filter(([, f]) => !callable(f)), waves = e.loads.filter(([, f]) => callable(f));

@@ -160,7 +160,7 @@ class Translation:
 
     def _method(self, kind: Any, key: str, value: Any) -> str:
         """Return a method or a property in JavaScript, "" if it is left out."""
-        method = value.fget if isinstance(value, property) else value
+        method: Any = value.fget if isinstance(value, property) else value
         left_out = not self.given.isdisjoint((f"{kind.__name__}.{key}", f".{key}"))
         own = isinstance(method, FunctionType) and method.__qualname__ == f"{kind.__qualname__}.{key}"
         special = key.startswith("__") and key not in ("__post_init__", "__str__")
@@ -324,9 +324,9 @@ class Writer:
         if isinstance(target, ast.Tuple):
             stars = [i for i, each in enumerate(target.elts) if isinstance(each, ast.Starred)]
             if stars and stars[0] < len(target.elts) - 1:
-                names = [each.value if isinstance(each, ast.Starred) else each for each in target.elts]
-                parts = f"parted({value},{stars[0]},{len(names) - 1 - stars[0]})"
-                return f"[{','.join(map(self._target, names))}]={parts};"
+                plain = [each.value if isinstance(each, ast.Starred) else each for each in target.elts]
+                parts = f"parted({value},{stars[0]},{len(plain) - 1 - stars[0]})"
+                return f"[{','.join(map(self._target, plain))}]={parts};"
             return f"{self._target(target)}=[...iter({value})];" if self.arrays else f"{self._target(target)}={value};"
         return f"{self._target(target)}={value};"
 

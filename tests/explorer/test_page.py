@@ -92,7 +92,8 @@ def test_keys_sliders_and_permalinks(tmp_path):
         for _ in range(60):
             browser.press("Tab", 9)
             reached.add(browser.value("[...document.querySelectorAll('*')].indexOf(document.activeElement)"))
-        controls = "[...document.querySelectorAll('select, button, input, summary, textarea')].filter((each) => !each.disabled)"
+        kinds = "select, button, input, summary, textarea"
+        controls = f"[...document.querySelectorAll('{kinds}')].filter((each) => !each.disabled)"
         assert (
             set(browser.value(f"{controls}.map((each) => [...document.querySelectorAll('*')].indexOf(each))"))
             <= reached
