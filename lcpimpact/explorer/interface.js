@@ -18,10 +18,8 @@ function element(kind, attributes = {}, parent = null, text = "") {
   return made;
 }
 
-async function unpack(text) {
-  const bytes = Uint8Array.from(atob(text), (each) => each.charCodeAt(0));
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  const source = await new Response(stream).text();
+// Problems and own schemes, from their source.
+function evaluated(source) {
   return new Function("abs", "sqrt", "floor", "finite", "min", "max", "LIMITS", `"use strict";return ${source}`)(
     abs, sqrt, floor, finite, min, max, LIMITS);
 }
@@ -522,11 +520,11 @@ function listen() {
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawCurves);
 }
 
-const ready = unpack(PACKED).then((found) => {
-  ({problems, ownProblem} = found);
+function begin(source) {
+  ({problems, ownProblem} = evaluated(source));
   by("problem").replaceChildren(...Object.keys(problems).map((each) => new Option(each, each)));
   for (const [name, why] of Object.entries(REFUSED)) element("li", {}, by("refused"), `${name}: ${why}`);
   listen();
   recall();
   show();
-});
+}

@@ -138,17 +138,21 @@ def page(found: Sequence[Model], refused: dict[str, str]) -> str:
     problems = ",\n".join(f"{_json(each.problem.name)}:{problem_source(each, shapes)}" for each in found)
     template = _environment().get_template("page.html.j2")
     limits = {"steps": STEPS, "most": MOST_STEPS, "symbol": SYMBOL_WIDTH}
-    parts = _without_comments(f"{{problems:{{{problems}}},ownProblem:{own_schemes.source()}}}")
+    known = {"STROKES": f"[{','.join(shapes)}]", "REFUSED": _json(refused), "LIMITS": _json(limits)}
+    constants = [f"const {name} = {value};" for name, value in known.items()]
+    script = "\n".join(['"use strict";', *constants, *map(_text, ("engine.js", "interface.js"))])
+    sources = f"{{problems:{{{problems}}},ownProblem:{own_schemes.source()}}}"
     return template.render(
-        packed=base64.b64encode(zlib.compress(parts.encode(), 9)).decode(),
-        engine=_without_comments(_text("engine.js")),
-        interface=_without_comments(_text("interface.js")),
+        packed=[_packed(_without_comments(each)) for each in (script, sources)],
         example=EXAMPLE,
-        strokes=f"[{','.join(shapes)}]",
-        refused=_json(refused),
-        limits=_json(limits),
+        some_refused=bool(refused),
         version=__version__,
     )
+
+
+def _packed(text: str) -> str:
+    """Return a text as base64 of its deflated bytes."""
+    return base64.b64encode(zlib.compress(text.encode(), 9)).decode()
 
 
 def _text(name: str) -> str:
