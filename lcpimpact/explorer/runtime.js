@@ -38,8 +38,8 @@ const add = (a, b) => typeof a === "string" ? a + b : isArray(a) && !isMatrix(a)
 const sub = (a, b) => a instanceof Set ? new Set([...a].filter((x) => !b.has(x))) : elementwise((x, y) => x - y, a, b);
 const mul = (a, b) => isArray(a) && !isMatrix(a) ? [].concat(...Array(Number(b)).fill(a)) : elementwise((x, y) => x * y, a, b);
 const div = (a, b) => elementwise((x, y) => x / y, a, b);
-const lt = (a, b) => elementwise((x, y) => x < y, a, b, true), le = (a, b) => elementwise((x, y) => x <= y, a, b, true);
-const gt = (a, b) => elementwise((x, y) => x > y, a, b, true), ge = (a, b) => elementwise((x, y) => x >= y, a, b, true);
+const compared = (f) => (a, b) => typeof a === "string" ? f(a, b) : elementwise(f, a, b, true);
+const lt = compared((x, y) => x < y), le = compared((x, y) => x <= y), gt = compared((x, y) => x > y), ge = compared((x, y) => x >= y);
 const both = (a, b) => elementwise((x, y) => x && y, a, b, true), either = (a, b) => elementwise((x, y) => x || y, a, b, true);
 const invert = (a) => isVector(a) ? a.map((x) => 1 - x) : matrix(...a.shape, (i, j) => 1 - a[i][j], Uint8Array);
 const negative = (a) => isTensor(a) ? elementwise((x) => -x, a, 0) : -a;
@@ -143,7 +143,7 @@ class Named extends Dict { constructor(_, symbols) { super(symbols); } }
 const dict = Object.assign((a) => new Dict(a instanceof Map ? a : [...a]), {fromkeys: (a, x = null) => new Dict([...iter(a)].map((key) => [key, x]))});
 
 const np = {
-  asarray: (a) => a, array: (a) => isArray(a) && !isMatrix(a) ? (a.length && isTensor(a[0]) ? stacked(a) : Float64Array.from(a)) : copy_of(a),
+  asarray: (a) => a, array: (a) => isArray(a) && !isMatrix(a) ? (a.length && (isTensor(a[0]) || isArray(a[0])) ? stacked(a) : Float64Array.from(a)) : copy_of(a),
   where,
   eye: (n) => matrix(n, n, (i, j) => i === j ? 1 : 0), ones: (n) => new Float64Array(n).fill(1),
   zeros: (n) => isArray(n) ? matrix(...n, () => 0) : new Float64Array(n), empty: (n) => np.zeros(n),
@@ -162,7 +162,7 @@ const np = {
   arange: (n) => Int32Array.from({length: n}, (_, i) => i), isin: (a, some) => Uint8Array.from(a, (x) => some.includes(x)),
   finfo: () => ({eps: 2 ** -52}), inf: Infinity,
 };
-const stacked = (list) => isVector(list[0]) ? shaped(list, list.length, list[0].length) : shaped(list, list.length, ...list[0].shape);
+const stacked = (list) => !isTensor(list[0]) ? stacked(list.map((row) => np.array(row))) : isVector(list[0]) ? shaped(list, list.length, list[0].length) : shaped(list, list.length, ...list[0].shape);
 function where(c, a, b) {
   const like = elementwise(() => 0, elementwise(() => 0, a, b), c);
   const read = (x) => !isTensor(x) ? () => x : isVector(x) ? (i, j) => x[x.length === 1 ? 0 : j] : (i, j) => x[x.shape[0] === 1 ? 0 : i][x.shape[1] === 1 ? 0 : j];

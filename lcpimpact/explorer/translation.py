@@ -69,6 +69,13 @@ def runtime_names() -> frozenset[str]:
     return frozenset([*found, *(name.strip() for line in unpacked for name in line.split(","))])
 
 
+@cache
+def numpy_names() -> frozenset[str]:
+    """Return the functions of NumPy that runtime.js has."""
+    text = (files("lcpimpact.explorer") / "runtime.js").read_text(encoding="utf-8")
+    return frozenset(re.findall(r"\w+", text.split("const np = {")[1].split("\n};")[0]))
+
+
 def python_of(function: Any) -> Any:
     """Return the Python function of a compiled one."""
     return getattr(function, "py_func", function)
@@ -388,7 +395,13 @@ class Writer:
     def _Attribute(self, node: ast.Attribute) -> str:
         if isinstance(node.value, ast.Name) and isinstance(self.globals.get(node.value.id), ModuleType):
             value = getattr(self.globals[node.value.id], node.attr)
-            return literal(value) if isinstance(value, float) else f"{node.value.id}.{node.attr}"
+            if isinstance(value, float):
+                return literal(value)
+            if node.value.id == "np" and node.attr in numpy_names():
+                return f"np.{node.attr}"
+            if node.attr in runtime_names():
+                return node.attr
+            raise TypeError(f"{ast.unparse(node)} is not in runtime.js")
         if node.attr == "__name__":
             return f"name_of_type({self.of(node.value)})"
         if self.arrays and node.attr in SPECIAL:
