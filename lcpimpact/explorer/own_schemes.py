@@ -28,7 +28,7 @@ from lcpimpact.scheme.signals import SIGNALS, Harmonic
 
 TAKEN = (
     "Mass", "Spring", "Dashpot", "KelvinVoigt", "Maxwell", "Zener", "GeneralizedMaxwell", "Jenkins", "Slider", "Bumper",
-    "Rope", "Load",
+    "Rope", "Load", "PrescribedMotion",
 )  # fmt: skip
 """The elements of a page."""
 
@@ -41,10 +41,11 @@ OF_STEPS = {
 GIVEN = {
     ".drawn", ".labels", ".modulus", ".tau", "_as_tuple", "_convert", "_floor", "_locate_errors", "_shared_step",
     "balance_together", "callable", "checked", "Described", "examine", "featured_at", "find_rows", "ForceLaw",
-    "Harmonic.rate", "InputError", "is_name", "is_real", "kept_at", "kernel_at",
+    "InputError", "is_name", "is_real", "kept_at", "kernel_at",
     "lcpimpact.integrators.stepping.elimination.solve", "lcpimpact.integrators.stepping.impulse_paths.impulse_paths",
-    "LcpImpactError", "Load.follows_motion", "mentions", "MoreauJean.__post_init__", "Named", "no_paths", "number",
-    "product", "Run", "solve", "solve_lcp", "springs_at", "Terms", "UnsupportedError",
+    "LcpImpactError", "Load.follows_motion", "mentions", "PiecewisePolynomial", "MoreauJean.__post_init__", "Named",
+    "no_paths",
+    "number", "product", "Run", "solve", "solve_lcp", "springs_at", "Terms", "UnsupportedError",
 }  # fmt: skip
 """What scheme.js and runtime.js write themselves."""
 
@@ -57,6 +58,7 @@ def translated() -> str:
     found.add(linear_step.tabulate, *(METHODS[name] for name in FIRST), Harmonic, *(ELEMENTS[name] for name in TAKEN))
     found.add(
         assembly._refuse_shared_inner_nodes, assembly._refuse_ambiguous_names, assembly._refuse_loose_nodes,
+        assembly._refuse_driven_masses,
         assembly.refuse_parallel_contacts, assembly._refuse_levers, assembly._check_restitution,
         decomposition.decompose, decomposition.relative_degrees, impulse_paths.impulse_paths, scheme._named, Problem,
         schemefile._check_size, schemefile._statement_kind, schemefile._read_initial, schemefile._read_numbers,

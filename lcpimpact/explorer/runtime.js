@@ -4,7 +4,7 @@ class Dict extends Map {}
 class InputError extends Error { get inWords() { return true; } }
 class UnknownNameError extends InputError {}
 class UnsupportedError extends InputError { get unsupported() { return true; } }
-const mentions = () => false, _floor = Math.floor, ForceLaw = null;
+const mentions = () => false, _floor = Math.floor, ForceLaw = null, PiecewisePolynomial = class {};
 class Int extends Number {}  // a whole number of a file, which Python prints without a point
 const isArray = Array.isArray, isVector = (a) => ArrayBuffer.isView(a);
 const isMatrix = (a) => isArray(a) && a.shape !== undefined, isTensor = (a) => isVector(a) || isMatrix(a);
@@ -136,7 +136,7 @@ const sorted = (a) => [...iter(a)].sort((x, y) => x < y ? -1 : x > y ? 1 : 0);
 const pairwise = (a) => a.slice(1).map((x, i) => [a[i], x]);
 const next = (a, other) => { const found = a.next(); return found.done ? other : found.value; };
 const cast = (_, x) => x, int = (x) => Number(x), bool = (x) => truth(x), set = (a = []) => new Set(iter(a));
-const Mapping = Map, callable = (x) => x instanceof Harmonic;
+const Mapping = Map, callable = (x) => x instanceof Harmonic || typeof x === "function";
 const isinstance = (x, kind) => kind === str ? typeof x === "string" : kind === tuple || kind === list ? isArray(x) : kind === dict ? x instanceof Map
   : isArray(kind) ? kind.some((each) => isinstance(x, each)) : x instanceof kind;
 class Named extends Dict { constructor(_, symbols) { super(symbols); } }

@@ -35,7 +35,7 @@ function _locate_errors(where, run) {
 class Terms {
   constructor(nodes) {
     const sum = () => ({value: matrix(nodes.length, nodes.length, () => 0), add(term, [i, j]) { this.value[i][j] += Number(term); }});
-    Object.assign(this, {index: new Dict(nodes.map((each, i) => [each, i])), M: sum(), C: sum(), K: sum(), loads: [], rows: [], springs: [], force_laws: []});
+    Object.assign(this, {index: new Dict(nodes.map((each, i) => [each, i])), M: sum(), C: sum(), K: sum(), loads: [], rows: [], springs: [], force_laws: [], motions: new Dict()});
   }
   direction(a, b) {
     const row = new Float64Array(this.index.size);
@@ -54,15 +54,17 @@ class Terms {
 function assemble(elements) {
   const nodes = [...new Set(elements.flatMap((each) => each.nodes).filter((node) => node !== "ground"))], n = nodes.length;
   _refuse_shared_inner_nodes(elements);
-  const terms = new Terms(nodes), none_driven = new Uint8Array(n);
+  const terms = new Terms(nodes);
   for (const each of elements) each.contribute(terms);
+  const {motions} = terms, driven = Uint8Array.from(nodes, (_, i) => motions.has(i)), movers = [...driven.keys()].filter((i) => driven[i]).map((i) => motions.get(i));
   const {rows} = terms, nc = rows.length, M = terms.M.value, C = terms.C.value, K = terms.K.value;
   _refuse_ambiguous_names(nodes, rows);
-  _refuse_loose_nodes(terms, nodes, none_driven);
+  _refuse_driven_masses(terms, nodes);
+  _refuse_loose_nodes(terms, nodes, driven);
   const H = shaped(rows.map((row) => terms.direction(row.upper, row.lower)), nc, n), u0 = Float64Array.from(rows, (row) => row.gap);
   refuse_parallel_contacts(rows);
-  const parts = decompose(M, C, none_driven), with_ = (law) => Uint8Array.from(rows, (row) => row.law === law);
-  _refuse_levers(H, rows, invert(any_of(parts.massive, {axis: 1})), nodes);
+  const parts = decompose(M, C, driven), with_ = (law) => Uint8Array.from(rows, (row) => row.law === law);
+  _refuse_levers(H, rows, invert(either(any_of(parts.massive, {axis: 1}), driven)), nodes);
   const degrees = relative_degrees(H, parts);
   const contacts = rows.map((row, i) => ({name: row.name, upper: name_of(row.upper), lower: name_of(row.lower), gap: row.gap, e: row.e ?? 0, relative_degree: degrees[i], law: row.law, bounds: row.bounds}));
   const unilateral = with_("contact"), B = transpose(H).length ? matrix(n, nc, (i, j) => H[j][i]) : no_rows(nc);
@@ -72,11 +74,12 @@ function assemble(elements) {
   const impulse = size(parts.massive) ? paths(impulse_paths_(on(parts.massive), on(np.column_stack([parts.damped, parts.static])))) : no_rows(nc);
   const d = {
     nodes, M, C, K, H, B, u0, contacts, unilateral, loads: terms.loads, D: matrix(nc, nc, () => 0), elimination: np.eye(nc), stores_energy: true,
-    decomposition: parts, driven: none_driven, massive: Uint8Array.from(nodes, (_, i) => M[i][i] > 0), relative_degree: Int32Array.from(degrees),
+    decomposition: parts, driven, massive: Uint8Array.from(nodes, (_, i) => M[i][i] > 0 && !driven[i]), relative_degree: Int32Array.from(degrees),
     restitution: Float64Array.from(contacts, (each) => each.e), r_min: Float64Array.from(rows, (row) => row.bounds[0]), r_max: Float64Array.from(rows, (row) => row.bounds[1]),
-    slides: with_("slider"), relays: new Uint8Array(nc), joints: new Uint8Array(nc), frictional: new Uint8Array(nc), springs: [], force_laws: [], motions: new Dict(),
+    slides: with_("slider"), relays: new Uint8Array(nc), joints: new Uint8Array(nc), frictional: new Uint8Array(nc), springs: [], force_laws: [], motions,
     power_laws: no_rows(5), acted_on: new Int32Array(0), pushes: no_rows(n), directions: no_rows(n), impulse_paths: impulse,
     impulse_lines: shaped(impulse.filter((row) => row.filter((x) => x).length > 1), 0, nc), gap_paths: paths(extreme_rays(on(parts.static))),
+    motion: (t) => [movers.map((each) => each.at(t)), movers.map((each) => each.rate(t))],
     force(t) {
       const f = new Float64Array(n);
       for (const [i, load] of terms.loads) f[i] += callable(load) ? load.at(t) : Number(load);
@@ -103,13 +106,17 @@ function refuseOthers(d) {
   for (const [is, what] of reasons) if (is) throw new UnsupportedError(`the page does not take a scheme with ${what}: lcpimpact simulate does`);
 }
 
+function checkSignals(d, tEnd) {
+  for (const each of [...d.loads.map(([, load]) => load), ...d.motions.values()]) if (callable(each)) each.check_until(tEnd);
+}
+
 // A run of a scheme by a method, with its options by name: what engine.js calls for the numbers p, of which the end is last.
 function runOf(build, Method, options) {
   return (p, N, out) => {
     const {d, q, v} = build(p), tEnd = p[p.length - 1], h = tEnd / N, n = d.nodes.length, nc = d.contacts.length;
     const method = make(Method, [], options(p));
-    for (const [, load] of d.loads) if (callable(load)) load.check_until(tEnd);
-    const y = method._symbols(d), step = method.equations(y, d, h), [table, springs] = tabulate(y, step, method.remembers ?? [], h);
+    checkSignals(d, tEnd);
+    const places = [...d.driven.keys()].filter((i) => d.driven[i]), y = method._symbols(d), step = method.equations(y, d, h), [table, springs] = tabulate(y, step, method.remembers ?? [], h);
     const laws = table.W.length, state = {y: method.begin(d, q, v, h), P: matrix(laws, nc, () => 0), kept: {T: []}};
     if (!finite(...state.y, ...table.W.flatMap((W) => W.flatMap((row) => [...row])))) return -1;
     table.W.forEach((W, law) => W.forEach((row, i) => out.W.set(row, (law * nc + i) * nc)));
@@ -121,7 +128,8 @@ function runOf(build, Method, options) {
     keep(0);
     for (let k = 0; k < N; k++) {
       const before = state.P.map((row) => row.slice()), forces = instants.map((c) => varying.length ? d.force((1 - c) * at(k) + c * at(k + 1)) : null);
-      const loads = [Float64Array.from(forces.flatMap((f) => varying.map((i) => f[i])))];
+      const [y0] = places.length ? d.motion(at(k)) : [[]], [y1, rate] = places.length ? d.motion(at(k + 1)) : [[], []];
+      const loads = [Float64Array.from([...forces.flatMap((f) => varying.map((i) => f[i])), ...y1, ...rate, ...y1.map((x, j) => (x - y0[j]) / h)])];
       loads.shape = [1, loads[0].length];
       const block = {first: 0, last: 1, loads, tol: FILES.tol, max_iter: 9, stops: false, keeps: false};
       path.q[1] = out.q.subarray((k + 1) * n, (k + 2) * n); path.v[1] = out.v.subarray((k + 1) * n, (k + 2) * n); path.r[0] = out.r.subarray(k * nc, (k + 1) * nc);
@@ -139,7 +147,7 @@ function runOf(build, Method, options) {
 
 // Scheme files, as lcpimpact.schemefile reads them.
 
-const KINDS = {Mass, Spring, Dashpot, KelvinVoigt, Maxwell, Zener, GeneralizedMaxwell, Jenkins, Slider, Bumper, Rope, Load};
+const KINDS = {Mass, Spring, Dashpot, KelvinVoigt, Maxwell, Zener, GeneralizedMaxwell, Jenkins, Slider, Bumper, Rope, Load, PrescribedMotion};
 const Run = class Run {
   static fields = Object.keys(FILES.hints.Run).map((name) => [name, null]);
   __post_init__() {
@@ -247,14 +255,17 @@ function ownProblem(text, stem) {
     const problem = {name: file.name, dynamics: d, initial_coordinates: vector_(initial.q0), initial_velocities: vector_(initial.v0)};
     for (const [kind, values] of Object.entries(initial)) for (const [node, x] of values) {
       if (!is_real(x)) throw new InputError(`problem ${repr(file.name)}: ${kind}[${repr(node)}] = ${repr(x)} must be a finite number`);
+      if (d.motions.has(d.nodes.indexOf(node))) throw new InputError(`${kind}[${repr(node)}] of problem ${repr(file.name)}: the motion of that node is given, and begins as it says; leave the value out`);
     }
+    const [place, rate] = d.motion(0);
+    [...d.driven.keys()].filter((i) => d.driven[i]).forEach((i, k) => { problem.initial_coordinates[i] = place[k]; problem.initial_velocities[i] = rate[k]; });
     Problem.prototype._refuse_penetration.call(problem);
     return {d, q: problem.initial_coordinates, v: problem.initial_velocities};
   };
   const given = places.map((each) => each.value), {d} = build(given);
   refuseOthers(d);
   const n = d.nodes.length, units = (E) => Array.from({length: E.shape[1]}, (_, j) => Array.from({length: n}, (_, i) => E[i][j])), parts = d.decomposition;
-  const features = [["SLIDERS", any_of(d.slides)], ["MASSLESS", !all_of(d.massive)], ["RESTITUTION", d.contacts.some((each) => each.e > 0)]];
+  const features = [["SLIDERS", any_of(d.slides)], ["MASSLESS", !all_of(either(d.massive, d.driven))], ["MOTIONS", any_of(d.driven)], ["RESTITUTION", d.contacts.some((each) => each.e > 0)]];
   const methods = {};
   for (const name of FILES.first) {
     const {degrees, handles, kind, summary, steps, at, laws} = FILES.methods[name];
@@ -276,7 +287,7 @@ function ownProblem(text, stem) {
   return {
     about: `${file.name}: ${file.elements.length} elements of a file`, registered: false, own: true, tEnd: file.tEnd, nodes: d.nodes,
     contacts: d.contacts.map((each) => ({name: each.name, law: each.law, degree: each.relative_degree})), H: d.H.map((row) => [...row]),
-    parts: {massive: units(parts.massive), damped: units(parts.damped), static: units(parts.static), driven: []},
+    parts: {massive: units(parts.massive), damped: units(parts.damped), static: units(parts.static), driven: units(parts.driven)},
     inexact: d.contacts.every((each) => each.law !== "slider" || each.relative_degree) ? "" : FILES.inexact,
     names, numbers: Object.fromEntries(names.map((name, k) => [name, given[k]])), sliders,
     units: Object.fromEntries(names.map((name, k) => [name, FILES.units[places[k].initial ?? file.elements[places[k].element].constructor.name]]).map(([name, unit], k) => [name, typeof unit === "string" ? unit : unit[places[k].name]])), refusals: {}, drawing: null, methods,
@@ -284,12 +295,11 @@ function ownProblem(text, stem) {
     equations: (p) => {
       const {d: e, q, v} = build(p), constant = e.loads.filter(([, f]) => !callable(f)), waves = e.loads.filter(([, f]) => callable(f));
       return {M: triples(e.M), C: triples(e.C), K: triples(e.K), f: constant.map(([i, f]) => [i, Number(f)]), waves: waves.map(([i, f]) => [i, f.amplitude, f.omega, f.phase].map(Number)),
-              motions: [], u0: [...e.u0], e: [...e.restitution], lo: [...e.r_min], hi: [...e.r_max], q: [...q], v: [...v]};
+              motions: [...e.motions].sort(([i], [j]) => i - j).map(([i, f]) => [i, f.amplitude, f.omega, f.phase].map(Number)), u0: [...e.u0], e: [...e.restitution], lo: [...e.r_min], hi: [...e.r_max], q: [...q], v: [...v]};
     },
     refusal: (p, tEnd) => {
       try {
-        const {d: e} = build(p);
-        for (const [, load] of e.loads) if (callable(load)) load.check_until(tEnd);
+        checkSignals(build(p).d, tEnd);
         return "";
       } catch (error) { if (error instanceof InputError) return error.message; throw error; }
     },

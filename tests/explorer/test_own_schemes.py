@@ -76,6 +76,9 @@ def a_scheme(rng: np.random.Generator) -> li.Problem:
             elements.append(li.Rope(node, "ground", slack=float(rng.random()), e=float(rng.random())))
         else:
             elements.append(li.Slider(node, "ground", r0=number()))
+    if rng.random() < 0.25:
+        elements += [li.KelvinVoigt("x0", "shaker", k=number(), c=number())]
+        elements += [li.PrescribedMotion("shaker", li.Harmonic(float(rng.random()), number(), float(rng.normal())))]
     return li.Problem("mine", li.Scheme(*elements), v0=v0, t_end=2.0)
 
 
@@ -94,13 +97,13 @@ def a_link(rng, a, b, number, i):
 
 def test_runs_of_random_files_have_the_bits_of_simulate(tmp_path):
     rng, texts = np.random.default_rng(3), []
-    while len(texts) < 40:
+    while len(texts) < 48:
         try:
             write_scheme_file(a_scheme(rng), tmp_path / f"{len(texts)}.toml")
         except li.InputError:
             continue
         texts.append((tmp_path / f"{len(texts)}.toml").read_text(encoding="utf-8"))
-    equal = ended = taken = 0
+    equal = ended = taken = shaken = 0
     for i, (text, page) in enumerate(zip(texts, in_node([{"text": t, "steps": 200} for t in texts]), strict=True)):
         problem = read_scheme_file(tmp_path / f"{i}.toml").problem
         assert "error" not in page, page
@@ -109,11 +112,13 @@ def test_runs_of_random_files_have_the_bits_of_simulate(tmp_path):
             kept = min(run["taken"] + 1, len(ours.t))
             ended += run["taken"] < 200
             taken += 1
+            shaken += "PrescribedMotion" in text
             for name, theirs in (("q", ours.q), ("v", ours.v)):
                 found = numbers(run[name], theirs.shape[1])[:kept]
                 assert np.array_equal(found, theirs[:kept], equal_nan=True), f"{name} by {run['method']} of\n{text}"
                 equal += found.size
     assert taken > 60
+    assert shaken > 5
     assert ended < 0.1 * taken
     assert equal > 50_000
 
@@ -203,6 +208,14 @@ WRONG = [
     HEAD + element(type="'GeneralizedMaxwell'", a="'x'", b="'ground'", k_inf="1.0", k="[]", tau="[]"),
     HEAD + element(type="'KelvinVoigt'", a="'x'", b="'ground'", k="1.0", c="1.0", symbols="['k']"),
     element(type="'Spring'", a="'x'", b="'y'", k="1.0"),
+    HEAD + element(type="'PrescribedMotion'", node="'x'", y="{ amplitude = 1.0, omega = 2.0 }"),
+    HEAD + element(type="'PrescribedMotion'", node="'ground'", y="{ amplitude = 1.0, omega = 2.0 }"),
+    HEAD + element(type="'PrescribedMotion'", node="'y'"),
+    HEAD + element(type="'PrescribedMotion'", node="'y'", y="1.0"),
+    HEAD + 2 * element(type="'PrescribedMotion'", node="'y'", y="{ amplitude = 1.0, omega = 2.0 }"),
+    HEAD
+    + element(type="'PrescribedMotion'", node="'y'", y="{ amplitude = 1.0, omega = 2.0 }")
+    + "[initial.y]\nq = 1.0\n",
     # What is no TOML.
     HEAD + "m = 3.0\n",
     HEAD + "k 3\n",
