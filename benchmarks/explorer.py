@@ -3,9 +3,9 @@
     python benchmarks/explorer.py [--moves 30]
     python benchmarks/explorer.py --exact 6
 
-For each problem and method, the first slider is moved and the time of the event taken: the run, the exact motion where it
-takes less than 4 ms and otherwise after the answer, the energy, and all drawing. The exit code is 1 if the page has more
-than 150 kB or requests anything, and 0 otherwise, whatever the speed.
+For each problem and method, and the scheme file that the page shows, the first slider is moved and the time of the event
+taken: the run, the exact motion where it takes less than 4 ms and otherwise after the answer, the energy, and all drawing.
+The exit code is 1 if the page has more than 150 kB or requests anything, and 0 otherwise, whatever the speed.
 
 With ``--exact`` it compares the page's exact motion with the method `exact`, for so many sets of random values of all
 sliders. An error is the largest of all coordinates and instants, relative to the largest coordinate. Beside it is how far
@@ -34,7 +34,7 @@ from lcpimpact.explorer.page import all_models, page
 MOST_BYTES = 150_000
 
 TIMED = """
-ready.then(() => Object.entries(problems).flatMap(([name, {methods}]) => Object.keys(methods).map((method) => {
+const every = () => Object.entries(problems).flatMap(([name, {methods}]) => Object.keys(methods).map((method) => {
   choose(name);
   state.method = method;
   state.steps = 10000;
@@ -51,7 +51,8 @@ ready.then(() => Object.entries(problems).flatMap(([name, {methods}]) => Object.
   const alone = (performance.now() - since) / 5;
   spent.sort((a, b) => a - b);
   return [name, method, spent[MOVES >> 1], spent[MOVES - 1], alone];
-})))
+}));
+ready.then(() => chooseFile(by("file").value)).then(every)
 """
 
 

@@ -228,14 +228,13 @@ function matching(a, b) {
   return best && best + matching(a.slice(0, at), b.slice(0, other)) + matching(a.slice(at + best), b.slice(other + best));
 }
 
-// Classes with fields, as Python's dataclasses and named tuples.
+// Classes with fields, as Python's dataclasses.
 function make(Kind, given, named = {}) {
   const made = new Kind();
   Kind.fields.forEach(([name, other], i) => { made[name] = i < given.length ? given[i] : name in named ? named[name] : typeof other === "function" ? other() : other; });
   if (made.__post_init__) made.__post_init__();
   return made;
 }
-const record = (names) => (...values) => Object.assign(values, Object.fromEntries(names.map((name, i) => [name, values[i]])));
 const replace = (thing, named) => make(thing.constructor, [], {...thing, ...named});
 const getattr = (thing, name, other) => thing.fields ? (thing.fields.find((each) => each[0] === name) || [name, other])[1] ?? other : name in thing && thing[name] !== undefined ? thing[name] : other;
 const fields = (kind) => kind.fields.map(([name]) => ({name}));

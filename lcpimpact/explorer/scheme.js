@@ -121,20 +121,26 @@ function runOf(build, Method, options) {
     if (!finite(...state.y, ...table.W.flatMap((W) => W.flatMap((row) => [...row])))) return -1;
     table.W.forEach((W, law) => W.forEach((row, i) => out.W.set(row, (law * nc + i) * nc)));
     const instants = method.instants ?? [1], varying = [...varying_loads(d).keys()].filter((i) => varying_loads(d)[i]);
-    const rows = table.known.shape[1], path = {q: shaped([null, null], 2, n), v: shaped([null, null], 2, n), r: [null]};
+    const rows = table.known.shape[1], path = {q: matrix(2, n, () => 0), v: matrix(2, n, () => 0), r: matrix(1, nc, () => 0)};
     const ns = shaped([], 0, 0), room = {sums: new Float64Array(rows), active: new Int32Array(nc), z: new Float64Array(nc), s: [], springs: ns, x: [], right: []};
     const features = [springs, {lines: []}, step.static, {rows: []}, {}], banded = {factors: []}, ways = {plain: closed_form};
-    const at = (k) => k === N ? tEnd : k * tEnd / N, keep = (k) => { out.q.set(state.y.subarray(0, n), k * n); out.v.set(state.y.subarray(n, 2 * n), k * n); };
+    const at = (k) => k === N ? tEnd : k * tEnd / N, keep = (k) => {
+      for (let i = 0; i < n; i++) { out.q[k * n + i] = state.y[i]; out.v[k * n + i] = state.y[n + i]; }
+    };
     keep(0);
+    const block = {first: 0, last: 1, loads: shaped([new Float64Array(0)], 1, 0), tol: FILES.tol, max_iter: 9, stops: false, keeps: false};
+    const before = matrix(laws, nc, () => 0);
     for (let k = 0; k < N; k++) {
-      const before = state.P.map((row) => row.slice()), forces = instants.map((c) => varying.length ? d.force((1 - c) * at(k) + c * at(k + 1)) : null);
-      const [y0] = places.length ? d.motion(at(k)) : [[]], [y1, rate] = places.length ? d.motion(at(k + 1)) : [[], []];
-      const loads = [Float64Array.from([...forces.flatMap((f) => varying.map((i) => f[i])), ...y1, ...rate, ...y1.map((x, j) => (x - y0[j]) / h)])];
-      loads.shape = [1, loads[0].length];
-      const block = {first: 0, last: 1, loads, tol: FILES.tol, max_iter: 9, stops: false, keeps: false};
-      path.q[1] = out.q.subarray((k + 1) * n, (k + 2) * n); path.v[1] = out.v.subarray((k + 1) * n, (k + 2) * n); path.r[0] = out.r.subarray(k * nc, (k + 1) * nc);
+      for (let law = 0; law < laws; law++) before[law].set(state.P[law]);
+      if (varying.length || places.length) {
+        const forces = instants.map((c) => d.force((1 - c) * at(k) + c * at(k + 1))), [y0] = d.motion(at(k)), [y1, rate] = d.motion(at(k + 1));
+        const loads = Float64Array.from([...forces.flatMap((f) => varying.map((i) => f[i])), ...y1, ...rate, ...y1.map((x, j) => (x - y0[j]) / h)]);
+        block.loads = shaped([loads], 1, loads.length);
+      }
       const [status] = steps(block, table, banded, features, state, path, room, ways);
       if (status !== 0) return k;
+      keep(k + 1);
+      for (let i = 0; i < nc; i++) out.r[k * nc + i] = path.r[0][i];
       for (let law = 0; law < laws; law++) for (let i = 0; i < nc; i++) {
         const touching = room.sums[2 * law * nc + i], on = touching < table.near[law][i] * max(before[law][i], 0) || (touching === 0 && !table.strictly[law]);
         out.L[(k * laws + law) * nc + i] = on ? room.sums[(2 * law + 1) * nc + i] : NaN;

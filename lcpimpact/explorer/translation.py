@@ -143,7 +143,11 @@ class Translation:
         if issubclass(kind, Enum):
             return f"const {name}={json.dumps({each.name: each.value for each in kind}, ensure_ascii=False)};"
         if issubclass(kind, tuple):
-            return f"const {name}=record({json.dumps(kind._fields, ensure_ascii=False)});"
+            # An array, which is unpacked, with its entries by name.
+            names = kind._fields
+            named = "".join(f"made.{each}={safe(each)};" for each in names)
+            given = ",".join(map(safe, names))
+            return f"function {name}({given}){{const made=[{given}];{named}return made}}"
         only = next((names for base, names in self.only.items() if issubclass(kind, base)), None)
         bases = (
             [] if kind in self.only else [each for each in kind.__bases__ if each.__module__.startswith("lcpimpact")]
@@ -564,6 +568,8 @@ class Writer:
         if isinstance(called, ast.Attribute):
             return self._method(called, given, named, options)
         if isinstance(called, ast.Name) and called.id not in self.local:
+            if called.id == "len" and not self.arrays:
+                return f"{given[0]}.length"
             if called.id == "iter":
                 return f"iterator({','.join(given)})"
             value = python_of(self.globals.get(called.id))
