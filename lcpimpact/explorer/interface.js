@@ -39,6 +39,10 @@ function choose(name) {
   state.method = methods.includes(wanted) ? wanted : methods[0];
 }
 
+// Text as letters of an address, and back.
+const letters = (text) => btoa(String.fromCharCode(...new TextEncoder().encode(text))).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
+const fromLetters = (given) => new TextDecoder().decode(Uint8Array.from(atob(given.replaceAll("-", "+").replaceAll("_", "/")), (each) => each.charCodeAt(0)));
+
 // A scheme file that is pasted, opened or dropped; what is wrong with it is said in the words of the command line.
 function chooseFile(text, name = "my") {
   by("file").value = text;
@@ -47,7 +51,7 @@ function chooseFile(text, name = "my") {
     const found = ownProblem()(text.replace(/^\ufeff/, ""), name);
     play(false);
     if (!(OWN in problems)) by("problem").append(new Option(OWN, OWN));
-    problems[OWN] = found;
+    problems[OWN] = {...found, text};
     by("said").textContent = "";
     choose(OWN);
     show();
@@ -480,13 +484,16 @@ function remember() {
   waiting = setTimeout(() => {
     const given = {theta: 0.5, ...problem.numbers}, changed = Object.entries(state.values).filter(([name, x]) => given[name] !== x);
     const parts = [...changed, ["steps", state.steps], ["t_end", state.tEnd], ["at", state.k]];
+    if (problem.own) parts.push(["text", letters(problem.text)]);
     history.replaceState(null, "", `#${[state.problem, state.method, ...parts.map(([name, x]) => `${encodeURIComponent(name)}=${x}`)].join("&")}`);
   }, 200);
 }
 
 function recall() {
   const [name, method, ...parts] = decodeURIComponent(location.hash.slice(1)).split("&");
+  const text = parts.find((each) => each.startsWith("text="));
   choose(name in problems ? name : Object.keys(problems)[0]);
+  if (text) chooseFile(fromLetters(text.slice(5)));
   if (method in problem.methods) state.method = method;
   for (const [key, value] of parts.map((each) => each.split("=")).filter((each) => Number.isFinite(Number(each[1])))) {
     const x = Number(value);

@@ -137,6 +137,8 @@ def test_a_scheme_file_is_pasted(tmp_path):
         browser.value("document.querySelector('#sliders input[type=range]').focus()")
         browser.press("ArrowRight", 39)
         assert browser.value("run.q[900]") != before
+        browser.value("new Promise((done) => setTimeout(done, 400))")
+        link, kept = browser.value("[location.href, Array.from(run.q)]")
         # What is wrong is said, and what was shown stays.
         browser.value(f"{paste.replace('Mass', 'Mas')}")
         (tmp_path / "my.toml").write_text(file.read_text(encoding="utf-8").replace("Mass", "Mas"), encoding="utf-8")
@@ -146,6 +148,8 @@ def test_a_scheme_file_is_pasted(tmp_path):
         assert browser.value("[by('problem').value, run.taken]") == ["a scheme file", 1000]
         assert browser.value("document.documentElement.scrollWidth") <= 390
         assert browser.errors == []
+    with opened(link) as browser:  # the address holds the file
+        assert browser.value("[by('problem').value, Array.from(run.q)]") == ["a scheme file", kept]
 
 
 @in_chromium
