@@ -54,6 +54,7 @@ def in_node(jobs: list[dict]) -> list[dict]:
 def a_scheme(rng: np.random.Generator) -> li.Problem:
     """Return a random scheme of the elements that the page takes: bodies in a column, with what joins them."""
     count, elements, v0 = int(rng.integers(1, 4)), [], {}
+    q0 = {}
     nodes = [f"x{i}" for i in range(count)]
     number = lambda: float(np.round(10.0 ** rng.uniform(-1.0, 2.5), int(rng.integers(1, 6))) or 0.5)  # noqa: E731
     for i, node in enumerate(nodes):
@@ -62,6 +63,8 @@ def a_scheme(rng: np.random.Generator) -> li.Problem:
         elements.append(a_link(rng, node, below, number, i))
         if rng.random() < 0.5:
             v0[node] = float(rng.normal())
+        if rng.random() < 0.5:
+            q0[node] = -float(rng.random())
         if rng.random() < 0.4:
             wave = li.Harmonic(number(), number(), float(rng.normal()))
             elements.append(li.Load(node, f=wave if rng.random() < 0.5 else float(rng.normal() * 20.0)))
@@ -79,7 +82,7 @@ def a_scheme(rng: np.random.Generator) -> li.Problem:
     if rng.random() < 0.25:
         elements += [li.KelvinVoigt("x0", "shaker", k=number(), c=number())]
         elements += [li.PrescribedMotion("shaker", li.Harmonic(float(rng.random()), number(), float(rng.normal())))]
-    return li.Problem("mine", li.Scheme(*elements), v0=v0, t_end=2.0)
+    return li.Problem("mine", li.Scheme(*elements), q0, v0, t_end=2.0)
 
 
 def a_link(rng, a, b, number, i):
