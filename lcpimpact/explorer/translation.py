@@ -156,8 +156,8 @@ class Translation:
         parts = []
         if is_dataclass(kind) and kind not in self.only:
             parts.append(f"static fields=[{','.join(map(self._field, fields(kind)))}];")
-        named = {each.name for each in fields(kind)} if is_dataclass(kind) else set()
-        for key in sorted((CONSTANTS & vars(kind).keys()) - named):
+        of_fields = {each.name for each in fields(kind)} if is_dataclass(kind) else set()
+        for key in sorted((CONSTANTS & vars(kind).keys()) - of_fields):
             parts.append(f"get {key}(){{return {literal(vars(kind)[key])}}}")
         parts += [self._method(kind, key, value) for key, value in vars(kind).items() if only is None or key in only]
         return f"{head}{{{''.join(parts)}}}"
