@@ -81,6 +81,8 @@ def a_scheme(rng: np.random.Generator) -> li.Problem:
             elements.append(li.Slider(node, "ground", r0=number()))
     if rng.random() < 0.25:
         elements += [li.KelvinVoigt("x0", "shaker", k=number(), c=number())]
+        if rng.random() < 0.6:
+            elements.append(li.Bumper("x0", "shaker", gap=1.2, e=float(rng.random())))
         elements += [li.PrescribedMotion("shaker", li.Harmonic(float(rng.random()), number(), float(rng.normal())))]
     return li.Problem("mine", li.Scheme(*elements), q0, v0, t_end=2.0)
 
@@ -106,12 +108,17 @@ def test_runs_of_random_files_have_the_bits_of_simulate(tmp_path):
         except li.InputError:
             continue
         texts.append((tmp_path / f"{len(texts)}.toml").read_text(encoding="utf-8"))
+    for name in ("vibrating-table", "impact-pair", "bouncing-ball", "maxwell-impact"):
+        path = write_scheme_file(li.load_problem(name), tmp_path / f"{len(texts)}.toml")
+        texts.append(path.read_text(encoding="utf-8"))
     equal = ended = taken = shaken = 0
     for i, (text, page) in enumerate(zip(texts, in_node([{"text": t, "steps": 200} for t in texts]), strict=True)):
         problem = read_scheme_file(tmp_path / f"{i}.toml").problem
         assert "error" not in page, page
         for run in page.get("runs", ()):
-            ours = li.simulate(problem, run["method"], dt=2.0 / 200, t_end=2.0, throw=False, progress=False)
+            ours = li.simulate(
+                problem, run["method"], dt=problem.t_end / 200, t_end=problem.t_end, throw=False, progress=False
+            )
             kept = min(run["taken"] + 1, len(ours.t))
             ended += run["taken"] < 200
             taken += 1
