@@ -34,6 +34,7 @@ from numba.core.registry import CPUDispatcher
 from numba.extending import intrinsic
 
 from lcpimpact.cache import folder, mark_used
+from lcpimpact.errors import InputError
 from lcpimpact.interpreter import arrays_in, size_of, throughout
 from lcpimpact.logs import LOG
 
@@ -58,7 +59,7 @@ COMPILING = not CONFIG.DISABLE_JIT
 """Whether functions are compiled in this process."""
 
 WHEN_TO_COMPILE = "LCPIMPACT_COMPILE"
-"""Environment variable: "later" or "first", before the first call of each function."""
+"""Environment variable: "later", which is the default, or "first", before the first call of each function."""
 
 PATIENCE = 0.5
 """Time that a function may take in the interpreter before it is compiled [s]."""
@@ -280,8 +281,19 @@ atexit.register(BESIDE.end)
 
 
 def patient() -> bool:
-    """Return whether functions without compiled code run in the interpreter at first."""
-    return os.environ.get(WHEN_TO_COMPILE, "later") != "first"
+    """Return whether functions without compiled code run in the interpreter at first.
+
+    Raises
+    ------
+    InputError
+        If the environment variable `WHEN_TO_COMPILE` has another value than "later" and "first".
+    """
+    when = os.environ.get(WHEN_TO_COMPILE) or "later"
+    if when not in ("later", "first"):
+        raise InputError(
+            f"the environment variable {WHEN_TO_COMPILE} = {when!r} must be 'later' or 'first', or not set"
+        )
+    return when == "later"
 
 
 class Deferred(CPUDispatcher):

@@ -81,7 +81,7 @@ MAY_IMPORT = {
     "study": RUN | {"sweeps"},
     "plotting": STUDY,
     "sweeps": RUN,
-    "explorer": RUN | {"sweeps", "plotting"},
+    "explorer": RUN | {"sweeps", "plotting", "schemefile"},
     "report": STUDY | {"plotting"},
     "reproduce": STUDY | {"plotting", "report"},
     "course": RUN,

@@ -110,7 +110,8 @@ def _failure(error: Exception) -> int:
         sys.stderr.close()
         return 1
     if isinstance(error, TyperException):
-        return _print_error(f"{error.format_message()} (see: lcpimpact --help)", 2)
+        # Typer begins what it says of a choice by the name of the exception.
+        return _print_error(f"{error.format_message().replace('Value error, ', '', 1)} (see: lcpimpact --help)", 2)
     if isinstance(error, MemoryError):
         return _print_error("there is not enough memory: take fewer steps, values or coordinates", 2)
     if isinstance(error, LcpImpactError):

@@ -1,8 +1,10 @@
 const by = (id) => document.getElementById(id);
 const SVG = "http://www.w3.org/2000/svg", SYMBOL_WIDTH = LIMITS.symbol, EXACT_SAMPLES = 400, TICKS = 1000, QUICK = 4;
+const OWN = "a scheme file";
 const state = {problem: "", method: "", values: {}, tEnd: 1, steps: LIMITS.steps, k: 0};
 let cost = 0, following = 0;
 let problems = {}, problem = null, run = null, exact = null, panels = [], drawing = null, playing = 0;
+let ownProblem = null;  // from the text of a scheme file, as lcpimpact reads it
 
 const short = (x) => Number.isFinite(x) ? String(Number(x.toPrecision(5))).replace("-", "−") : "–";
 const color = (i) => getComputedStyle(document.documentElement).getPropertyValue(`--c${i % 5}`);
@@ -16,12 +18,10 @@ function element(kind, attributes = {}, parent = null, text = "") {
   return made;
 }
 
-async function unpack(text) {
-  const bytes = Uint8Array.from(atob(text), (each) => each.charCodeAt(0));
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  const source = await new Response(stream).text();
-  return new Function("abs", "sqrt", "floor", "finite", "min", "max", `"use strict";return ${source}`)(
-    abs, sqrt, floor, finite, min, max);
+// Problems and own schemes, from their source.
+function evaluated(source) {
+  return new Function("abs", "sqrt", "floor", "finite", "min", "max", "LIMITS", `"use strict";return ${source}`)(
+    abs, sqrt, floor, finite, min, max, LIMITS);
 }
 
 // Choices.
@@ -29,14 +29,38 @@ async function unpack(text) {
 function choose(name) {
   problem = problems[name];
   state.problem = name;
-  state.values = {theta: 0.5, ...problem.numbers};
+  state.values = {theta: problem.theta ?? 0.5, ...problem.numbers};
   state.tEnd = problem.tEnd;
-  state.steps = LIMITS.steps;
-  state.k = Math.round(LIMITS.steps / 3);
+  state.steps = problem.steps ?? LIMITS.steps;
+  state.k = Math.round(state.steps / 3);
   const methods = Object.keys(problem.methods);
   by("method").replaceChildren(...methods.map((each) => new Option(each, each)));
-  state.method = methods.includes(state.method) ? state.method : methods[0];
+  const wanted = problem.method ?? state.method;
+  state.method = methods.includes(wanted) ? wanted : methods[0];
 }
+
+// Text as letters of an address, and back.
+const letters = (text) => btoa(String.fromCharCode(...new TextEncoder().encode(text))).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
+const fromLetters = (given) => new TextDecoder().decode(Uint8Array.from(atob(given.replaceAll("-", "+").replaceAll("_", "/")), (each) => each.charCodeAt(0)));
+
+// A scheme file that is pasted, opened or dropped; what is wrong with it is said in the words of the command line.
+function chooseFile(text, name = "my") {
+  by("file").value = text;
+  by("own").open = true;
+  try {
+    const found = ownProblem()(text.replace(/^\ufeff/, ""), name);
+    play(false);
+    if (!(OWN in problems)) by("problem").append(new Option(OWN, OWN));
+    problems[OWN] = {...found, text};
+    by("said").textContent = "";
+    choose(OWN);
+    show();
+  } catch (error) {
+    if (!error.inWords) throw error;
+    by("said").textContent = error.unsupported ? error.message : `cannot read '${name}.toml': ${error.message}`;
+  }
+}
+const openFile = (file) => file?.text().then((text) => chooseFile(text, file.name.replace(/\.toml$/, "")));
 
 function show() {
   by("problem").value = state.problem;
@@ -59,7 +83,7 @@ function lay(section) {
   const used = problem.methods[state.method].names;
   for (const [name, value, low, high] of problem.sliders) {
     if (name === "theta" && !used.includes(name)) continue;
-    const label = name === "theta" && !("theta" in problem.numbers) ? "θ" : name;
+    const unit = problem.units[name] ? ` in ${problem.units[name]}` : "", label = name === "theta" && !("theta" in problem.numbers) ? "θ" : name + unit;
     number(section, label, low, high, () => state.values[name], (x) => { state.values[name] = x; }, used.includes(name));
   }
   number(section, "steps", 10, LIMITS.most, () => state.steps, (x) => { state.steps = Math.min(max(Math.round(x), 1), LIMITS.most); });
@@ -124,7 +148,7 @@ function say() {
   const changed = used.filter((name) => state.values[name] !== given[name]).map((name) => [name, python(state.values[name])]);
   const numbers = changed.filter(([name]) => name in problem.numbers).map(([name, x]) => `"${name}": ${x}`).join(", ");
   const options = changed.filter(([name]) => !(name in problem.numbers)).map(([name, x]) => `, ${name}=${x}`).join("");
-  const loaded = problem.registered ? `li.load_problem("${state.problem}")` : "problem";
+  const loaded = problem.registered ? `li.load_problem("${state.problem}")` : problem.own ? 'li.read_scheme_file("my.toml").problem' : "problem";
   const command = `li.simulate(${numbers ? `li.with_values(${loaded}, {${numbers}})` : loaded}, "${state.method}", `
     + `dt=${python(state.tEnd)}/${state.steps}, t_end=${python(state.tEnd)}${options})`;
   by("command").textContent = command;
@@ -149,6 +173,7 @@ function say() {
 // What Python says of a number that it refuses.
 function refusal() {
   if (!(state.tEnd > 0)) return `t_end = ${python(state.tEnd)} must be a positive finite number in s`;
+  if (problem.refusal) return problem.refusal(problem.names.map((name) => state.values[name]), state.tEnd);
   for (const name of problem.methods[state.method].names) {
     const x = state.values[name];
     for (const [comparison, bound, text] of problem.refusals[name] || []) {
@@ -182,7 +207,7 @@ function energies() {
 
 function layPanels() {
   const {nodes, contacts, inexact} = problem, massive = problem.parts.massive.flatMap((unit) => unit.indexOf(1));
-  const names = (list, all) => list.map((i) => [all[i], i]), indices = nodes.map((_, i) => i), system = !problem.drawing;
+  const names = (list, all) => list.map((i) => [all[i], i]), indices = nodes.map((_, i) => i), system = !problem.drawing && !problem.own;
   const wanted = [{what: "q", title: system ? "states x" : "coordinates q in m", keys: names(indices, nodes)}];
   if (massive.length) wanted.push({what: "v", title: "velocities v in m/s", keys: names(massive, nodes)});
   if (contacts.length) wanted.push({what: "r", title: system ? "multipliers r" : "reactions r in N, impulses as ticks", keys: contacts.map((each, i) => [each.name, i])});
@@ -459,13 +484,16 @@ function remember() {
   waiting = setTimeout(() => {
     const given = {theta: 0.5, ...problem.numbers}, changed = Object.entries(state.values).filter(([name, x]) => given[name] !== x);
     const parts = [...changed, ["steps", state.steps], ["t_end", state.tEnd], ["at", state.k]];
+    if (problem.own) parts.push(["text", letters(problem.text)]);
     history.replaceState(null, "", `#${[state.problem, state.method, ...parts.map(([name, x]) => `${encodeURIComponent(name)}=${x}`)].join("&")}`);
   }, 200);
 }
 
 function recall() {
   const [name, method, ...parts] = decodeURIComponent(location.hash.slice(1)).split("&");
+  const text = parts.find((each) => each.startsWith("text="));
   choose(name in problems ? name : Object.keys(problems)[0]);
+  if (text) chooseFile(fromLetters(text.slice(5)));
   if (method in problem.methods) state.method = method;
   for (const [key, value] of parts.map((each) => each.split("=")).filter((each) => Number.isFinite(Number(each[1])))) {
     const x = Number(value);
@@ -485,21 +513,25 @@ function listen() {
   by("forward").addEventListener("click", () => step(1));
   by("play").addEventListener("click", () => { if (!playing && state.k >= run.taken) state.k = 0; play(!playing); });
   document.addEventListener("keydown", (event) => {
-    if (/INPUT|SELECT|BUTTON|SUMMARY/.test(event.target.tagName) || event.ctrlKey || event.altKey || event.metaKey) return;
+    if (/INPUT|SELECT|BUTTON|SUMMARY|TEXTAREA/.test(event.target.tagName) || event.ctrlKey || event.altKey || event.metaKey) return;
     const by = {ArrowLeft: -1, ArrowRight: 1, Home: -Infinity, End: Infinity}[event.key];
     if (by) step(by); else if (event.key === " ") play(!playing); else return;
     event.preventDefault();
   });
+  by("run").addEventListener("click", () => chooseFile(by("file").value));
+  by("open").addEventListener("change", (event) => openFile(event.target.files[0]));
+  document.addEventListener("dragover", (event) => event.preventDefault());
+  document.addEventListener("drop", (event) => { event.preventDefault(); openFile(event.dataTransfer.files[0]); });
   window.addEventListener("hashchange", () => { recall(); show(); });
   window.addEventListener("resize", () => { measure(); drawCurves(); moveTo(state.k); });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawCurves);
 }
 
-const ready = unpack(PACKED).then((found) => {
-  problems = found;
+function begin(source) {
+  ({problems, ownProblem} = evaluated(source));
   by("problem").replaceChildren(...Object.keys(problems).map((each) => new Option(each, each)));
   for (const [name, why] of Object.entries(REFUSED)) element("li", {}, by("refused"), `${name}: ${why}`);
   listen();
   recall();
   show();
-});
+}

@@ -5,9 +5,11 @@ from __future__ import annotations
 import base64
 import inspect
 import json
+import re
 import zlib
 from collections.abc import Sequence
 from functools import cache
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +18,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from lcpimpact import __version__
 from lcpimpact.arguments import checked
 from lcpimpact.errors import UnsupportedError
+from lcpimpact.explorer import own_schemes
 from lcpimpact.explorer.javascript import equations_source, run_source
 from lcpimpact.explorer.models import MOST_STEPS, STEPS, Model, model, refusals_of, why_not_exact
+from lcpimpact.explorer.units import units_of
 from lcpimpact.files import check_output, whole_file
 from lcpimpact.plotting.layout import SYMBOL_WIDTH, Layout, label
 from lcpimpact.problems import PROBLEMS, load_problem
@@ -26,6 +30,37 @@ from lcpimpact.problems.parameters import is_registered
 from lcpimpact.scheme.scheme import Scheme
 
 ENDINGS = (".html",)
+
+EXAMPLE = """\
+name = "my buffer"
+t_end = 3.0
+
+[[elements]]
+type = "Mass"
+node = "x"
+m = 100.0
+
+[[elements]]
+type = "Load"
+node = "x"
+f = 981.0
+
+[[elements]]
+type = "Bumper"
+upper = "x"
+lower = "z"
+
+[[elements]]
+type = "KelvinVoigt"
+a = "z"
+b = "ground"
+k = 3924.0
+c = 250.0
+
+[initial.x]
+v = 9.90454
+"""
+"""The scheme file that a page shows."""
 
 METHODS_OF_ONE = 9
 """Number of methods in a page of one problem."""
@@ -103,13 +138,32 @@ def page(found: Sequence[Model], refused: dict[str, str]) -> str:
     problems = ",\n".join(f"{_json(each.problem.name)}:{problem_source(each, shapes)}" for each in found)
     template = _environment().get_template("page.html.j2")
     limits = {"steps": STEPS, "most": MOST_STEPS, "symbol": SYMBOL_WIDTH}
+    known = {"STROKES": f"[{','.join(shapes)}]", "REFUSED": _json(refused), "LIMITS": _json(limits)}
+    constants = [f"const {name} = {value};" for name, value in known.items()]
+    script = "\n".join(['"use strict";', *constants, *map(_text, ("engine.js", "interface.js"))])
+    sources = f"{{problems:{{{problems}}},ownProblem:{own_schemes.source()}}}"
     return template.render(
-        packed=base64.b64encode(zlib.compress(f"{{{problems}}}".encode(), 9)).decode(),
-        strokes=f"[{','.join(shapes)}]",
-        refused=_json(refused),
-        limits=_json(limits),
+        packed=[_packed(_without_comments(each)) for each in (script, sources)],
+        example=EXAMPLE,
+        some_refused=bool(refused),
         version=__version__,
     )
+
+
+def _packed(text: str) -> str:
+    """Return a text as base64 of its deflated bytes."""
+    return base64.b64encode(zlib.compress(text.encode(), 9)).decode()
+
+
+def _text(name: str) -> str:
+    """Return the text of a file of the explorer."""
+    return (files("lcpimpact.explorer") / name).read_text(encoding="utf-8")
+
+
+def _without_comments(script: str) -> str:
+    """Return a script without comments that end a line and without indentation."""
+    lines = (re.sub(r"(^|  )//.*", "", line).strip() for line in script.split("\n"))
+    return "\n".join(line for line in lines if line)
 
 
 @cache
@@ -138,6 +192,7 @@ def problem_source(found: Model, shapes: dict[str, int]) -> str:
         "inexact": why_not_exact(d),
         "names": first.names,
         "numbers": found.numbers,
+        "units": units_of(problem, first.names),
         "sliders": [[each.name, each.value, each.low, each.high] for each in found.sliders],
         "refusals": refusals_of(found),
         "drawing": drawing(problem, shapes),

@@ -204,6 +204,7 @@ COMMANDS = {
     "export": RUN | {"--method": LABELS, "--out": OUTPUTS},
     "animate": RUN | {"--out": ["out.xls", "nowhere/out.gif", "out.csv"], "--seconds": NUMBERS, "--fps": COUNTS},
     "list": {"": ["problems", "methods", "solvers", "elements", "lessons", *WORDS]},
+    "explore": {"--set": None, "--t-end": ENDS, "--out": ["out.html", *OUTPUTS]},
     "solve": {
         "--q": ["q.csv", *WORDS],
         "--solver": [*SOLVERS, *WORDS],
@@ -304,10 +305,12 @@ SLOW = {
     "orbit": 0.3,
     "fit": 0.4,
     "check": 0.3,
+    "explore": 0.4,
 }
 """The commands that run much are given a wrong word more often, so that most of them end at once."""
 
 ALWAYS = {
+    "explore": ["--no-open"],
     "poincare": ["--skip", "1", "--points", "2"],
     "bifurcation": ["--skip", "1", "--points", "1"],
     "basins": ["--longest", "2"],
@@ -330,7 +333,7 @@ def a_command(rng):
     else:
         known = ["two.lcp", "box.txt", "two.npz"] if name == "solve" else problems
         words.append(one(rng, [*list(PROBLEMS), *INPUTS, *WORDS] if wild else known))
-    words += ALWAYS.get(name, []) if rng.random() < 0.9 else []
+    words += ALWAYS.get(name, []) if rng.random() < 0.9 or name == "explore" else []
     for _ in range(int(rng.integers(0, 5))):
         option = one(rng, [*options, "--help"])
         if rng.random() < 0.04:

@@ -196,7 +196,7 @@ def test_the_exact_motion_is_that_of_the_method_exact(name):
     for run, page in zip(runs, in_node(found, jobs), strict=True):
         assert page["until"] == run.t[-1]
         q = numbers(page["q"], run.q.shape[1])
-        np.testing.assert_allclose(q, run.q, rtol=0.0, atol=2e-12 * np.abs(run.q).max())
+        np.testing.assert_allclose(q, run.q, rtol=0.0, atol=1e-13 * np.abs(run.q).max())
 
 
 def test_the_exact_motion_ends_where_it_is_not_followed():

@@ -87,11 +87,13 @@ def test_keys_sliders_and_permalinks(tmp_path):
         browser.press("End", 35)
         assert browser.value("state.k") == 500
         # The Tab key alone reaches every control.
+        browser.value("document.getElementById('own').open = true")
         reached = set()
         for _ in range(60):
             browser.press("Tab", 9)
             reached.add(browser.value("[...document.querySelectorAll('*')].indexOf(document.activeElement)"))
-        controls = "[...document.querySelectorAll('select, button, input, summary')].filter((each) => !each.disabled)"
+        kinds = "select, button, input, summary, textarea"
+        controls = f"[...document.querySelectorAll('{kinds}')].filter((each) => !each.disabled)"
         assert (
             set(browser.value(f"{controls}.map((each) => [...document.querySelectorAll('*')].indexOf(each))"))
             <= reached
@@ -112,6 +114,42 @@ def test_keys_sliders_and_permalinks(tmp_path):
                 )
             assert said == str(error.value)
         assert browser.errors == []
+
+
+@in_chromium
+def test_a_scheme_file_is_pasted(tmp_path):
+    path = li.explore("system-1", tmp_path / "page.html")
+    file = li.write_scheme_file(li.load_problem("bouncing-ball", e=0.25), tmp_path / "my.toml")
+    with opened(path.as_uri(), 390, 844) as browser:
+        paste = f"by('file').value = {json.dumps(file.read_text(encoding='utf-8'))}; by('run').click()"
+        browser.value(paste)
+        assert browser.value("by('said').textContent") == ""
+        shown, method, steps, call = browser.value(
+            "[by('problem').value, state.method, state.steps, by('command').textContent]"
+        )
+        assert (shown, method, steps) == ("a scheme file", "moreau-jean", 1000)
+        assert browser.value("[...by('method').options].map((each) => each.value).length") == 9
+        ours = li.read_scheme_file(file).problem
+        assert call.startswith('li.simulate(li.read_scheme_file("my.toml").problem, "moreau-jean"')
+        run = li.simulate(ours, dt=ours.t_end / 1000, t_end=ours.t_end, progress=False)
+        assert browser.value("Array.from(run.q)") == run.q.ravel().tolist()
+        before = browser.value("run.q[900]")
+        browser.value("document.querySelector('#sliders input[type=range]').focus()")
+        browser.press("ArrowRight", 39)
+        assert browser.value("run.q[900]") != before
+        browser.value("new Promise((done) => setTimeout(done, 400))")
+        link, kept = browser.value("[location.href, Array.from(run.q)]")
+        # What is wrong is said, and what was shown stays.
+        browser.value(f"{paste.replace('Mass', 'Mas')}")
+        (tmp_path / "my.toml").write_text(file.read_text(encoding="utf-8").replace("Mass", "Mas"), encoding="utf-8")
+        with pytest.raises(li.InputError) as error:
+            li.read_scheme_file(file)
+        assert browser.value("by('said').textContent") == str(error.value).replace(str(file), "my.toml")
+        assert browser.value("[by('problem').value, run.taken]") == ["a scheme file", 1000]
+        assert browser.value("document.documentElement.scrollWidth") <= 390
+        assert browser.errors == []
+    with opened(link) as browser:  # the address holds the file
+        assert browser.value("[by('problem').value, Array.from(run.q)]") == ["a scheme file", kept]
 
 
 @in_chromium

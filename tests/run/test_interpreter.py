@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numba import types
 
+import lcpimpact as li
 from lcpimpact import compiled
 from lcpimpact.compiled import f8, i8, vector
 from lcpimpact.interpreter import throughout
@@ -99,6 +100,16 @@ def test_compilation_first_is_a_choice(later, monkeypatch):
     function = compiled.compiled(i8(vector))(type_of)
     assert function(np.zeros(3)) == 3
     assert function.ready
+
+
+def test_another_choice_is_refused(later, monkeypatch):
+    function = compiled.compiled(i8(vector))(type_of)
+    for value in ("frist", "First", "1"):
+        monkeypatch.setenv(compiled.WHEN_TO_COMPILE, value)
+        with pytest.raises(li.InputError, match=f"LCPIMPACT_COMPILE = '{value}' must be 'later' or 'first'"):
+            function(np.zeros(3))
+    monkeypatch.setenv(compiled.WHEN_TO_COMPILE, "")
+    assert function(np.zeros(3)) == 3
 
 
 def test_threads_that_call_a_function_first_compile_it_once(later, monkeypatch):

@@ -595,7 +595,8 @@ def tabulate(y: Symbols, step: Step, remembers: tuple[str, ...], h: float) -> tu
 
 def smooth_force(d: Dynamics, q: Array, v: Array) -> Array:
     """Return f - K q - C v + s at t = 0, without reactions (n,)."""
-    return np.asarray(d.applied(0.0, q, v) - d.K @ q - d.C @ v + d.spring_force(q, v))
+    Kq, Cv = (product(A, x[:, None])[:, 0] for A, x in ((d.K, q), (d.C, v)))
+    return np.asarray(d.applied(0.0, q, v) - Kq - Cv + d.spring_force(q, v))
 
 
 def first_reactions(d: Dynamics, q: Array, v: Array, h: float) -> Array:
