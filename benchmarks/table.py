@@ -10,8 +10,8 @@ log-log, the error at a fixed cost and the cost at a fixed error, counted in rig
 The exit code is 1 if an order lies outside the band about the declared one: 0.2 in smooth motion, 0.35 with events. What a
 method refuses, and what fails, is a row with its reason.
 
-The tables are in docs/table.md; benchmarks/table.csv has every number. The first line of the CSV says when and with what
-they were made.
+The tables are in docs/benchmarks/table.md; benchmarks/table.csv has every number. The first line of the CSV says when
+and with what they were made.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ from lcpimpact.study.accuracy.orders import COARSER_COUNTS, COUNTS
 from lcpimpact.study.accuracy.reference import reference
 
 CSV = Path(__file__).parent / "table.csv"
-PAGE = Path(__file__).parent.parent / "docs" / "table.md"
+PAGE = Path(__file__).parent.parent / "docs" / "benchmarks" / "table.md"
 
 MANY = tuple(round(307 * 1.25**i) for i in range(18))
 """Step counts of methods up to order 2, each raised to a prime. There are many, since the errors of a method that does not
@@ -239,7 +239,7 @@ def page(text: str) -> str:
         "declare their orders in sup q, and across impacts in the L1 norm of v. *exact*: the errors are rounding, or what",
         "the reference leaves; *refused*: the method does not handle the problem, and says so before the first step;",
         "*unstable*: errors with the larger steps are beyond all bounds. The reference is `exact`, or an independent method",
-        "for `exact` itself. [norms.md](norms.md) says what converges in which norm.",
+        "for `exact` itself. [norms.md](../guide/norms.md) says what converges in which norm.",
         "",
         "## Observed orders, in the norm in which they are declared",
         "",

@@ -28,7 +28,7 @@ registered problem; the table ``[run]`` has the run settings::
     theta = 1.0
 
 The keys of an element are its constants, named as in Python. A signal is a table { type, ... } of its constants; without a
-type it is a `Harmonic`. All keys are listed in docs/scheme-files.md.
+type it is a `Harmonic`. All keys are listed in docs/guide/scheme-files.md.
 """
 
 from __future__ import annotations

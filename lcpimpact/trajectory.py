@@ -269,7 +269,7 @@ class Trajectory:
         Each holds the events too, with contact, kind, time, impulse and both limits of q, v and r; the units; and the
         problem, parameters, method, dt, t_end, status, message and version. Of a .csv these are in run.events.csv and
         run.meta.json beside run.csv, and the events of a .parquet in run.events.parquet. Files appear whole or not at all,
-        and older ones of the name are replaced only by whole ones, all or none. See docs/run-files.md.
+        and older ones of the name are replaced only by whole ones, all or none. See docs/guide/run-files.md.
 
         Raises
         ------

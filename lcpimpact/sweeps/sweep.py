@@ -73,8 +73,9 @@ def sweep(
     chunk : int, optional
         Number of sets in a chunk; by default as many as take a moderate time.
     certify : bool
-        Whether the certificate of each set must hold. With False all methods of linear steps run sets side by side (see
-        docs/sweeps.md): their LCPs are checked in each step, but whether dt is fine enough is judged for a few sets only.
+        Whether the certificate of each set must hold. With False all methods of linear steps run sets side by side
+        (see docs/guide/sweeps.md): their LCPs are checked in each step, but whether dt is fine enough is judged for a few
+        sets only.
 
     Returns
     -------

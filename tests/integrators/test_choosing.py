@@ -22,14 +22,16 @@ CODE = re.findall(r"```python\n(.*?)```", NEW_METHOD, re.DOTALL)
 
 @pytest.fixture(scope="module")
 def choose():
-    spec = importlib.util.spec_from_file_location("choose", DOCS / "choose.py")
+    spec = importlib.util.spec_from_file_location("integrators_page", DOCS / "integrators_page.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
 def test_the_page_is_up_to_date(choose):
-    assert (DOCS / "integrators.md").read_text(encoding="utf-8") == choose.page(), "run: python docs/choose.py"
+    assert (DOCS / "guide" / "integrators.md").read_text(encoding="utf-8") == choose.page(), (
+        "run: python docs/integrators_page.py"
+    )
 
 
 @pytest.mark.parametrize("name", METHODS)

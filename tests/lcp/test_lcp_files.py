@@ -732,11 +732,11 @@ def test_the_list_of_solvers_says_what_each_declares(capsys):
     assert not any(f"qp:{name}" in SOLVERS for name in elsewhere.split(", "))
 
 
-PAGE = (ROOT / "docs" / "lcp.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "guide" / "lcp.md").read_text(encoding="utf-8")
 
 
 def test_the_examples_of_the_page_print_what_it_says():
-    outcome = doctest.testfile(str(ROOT / "docs" / "lcp.md"), module_relative=False, encoding="utf-8")
+    outcome = doctest.testfile(str(ROOT / "docs" / "guide" / "lcp.md"), module_relative=False, encoding="utf-8")
     assert outcome.attempted >= 8
     assert outcome.failed == 0
 

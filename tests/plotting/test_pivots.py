@@ -11,7 +11,7 @@ import lcpimpact as li
 from lcpimpact.plotting.style import LCP
 
 KAPPEL = ([[2.0, 1.0], [1.0, 2.0]], [-5.0, -6.0])
-"""The LCP of docs/lcp.md: Lemke's method goes from z = 0 by (0, 1) to (4/3, 7/3), and z0 from 6 by 4 to 0."""
+"""The LCP of docs/guide/lcp.md: Lemke's method goes from z = 0 by (0, 1) to (4/3, 7/3), and z0 from 6 by 4 to 0."""
 
 SPACE = ([[1.0, 2.0, 0.0], [2.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [-4.0, -5.0, -1.0])
 

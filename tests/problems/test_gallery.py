@@ -1,4 +1,4 @@
-"""The page of the problems is what docs/gallery.py writes, and its pictures are there, and small."""
+"""The page of the problems is what docs/problems_page.py writes, and its pictures are there, and small."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 @pytest.fixture(scope="module")
 def gallery() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("gallery", DOCS / "gallery.py")
+    spec = importlib.util.spec_from_file_location("problems_page", DOCS / "problems_page.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -32,7 +32,7 @@ def written() -> str:
 
 
 def test_the_page_is_up_to_date(gallery: ModuleType, written: str) -> None:
-    assert written == gallery.page(), "run: python docs/gallery.py"
+    assert written == gallery.page(), "run: python docs/problems_page.py"
 
 
 @pytest.mark.parametrize("name", list(PROBLEMS))

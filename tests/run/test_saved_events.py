@@ -210,7 +210,7 @@ def test_the_command_line_writes_both_files_or_neither(tmp_path, capsys):
 
 
 def test_the_example_of_the_docs_balances(tmp_path, monkeypatch, capsys):
-    page = (Path(__file__).parents[2] / "docs" / "run-files.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "guide" / "run-files.md").read_text(encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     exec(re.search(r"```python\n(.*?)```", page, re.DOTALL).group(1), {})
     assert capsys.readouterr().out == "True\n"

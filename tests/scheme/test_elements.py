@@ -689,7 +689,7 @@ def test_every_element_teaches(name):
         assert re.search(rf"^(\w+, )*{field.name}(, \w+)* : ", text, re.MULTILINE), field.name
 
 
-PAGE = (Path(__file__).parents[2] / "docs" / "elements.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "guide" / "elements.md").read_text(encoding="utf-8")
 
 
 def test_the_page_of_the_elements_lists_them_all():

@@ -898,7 +898,7 @@ def test_simulate_shows_the_closed_forms(capsys):
 
 SHOWN = [
     (page.name, text)
-    for page in (DOCS / "scheme-files.md", DOCS.parent / "README.md")
+    for page in (DOCS / "guide" / "scheme-files.md", DOCS.parent / "README.md")
     for text in re.findall(r"```toml\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
 ]
 
@@ -913,13 +913,13 @@ def test_what_the_pages_show_can_be_run(page, text, tmp_path):
 
 
 def test_the_page_shows_every_signal(folder):
-    lines = re.findall(r"^    (f = \{.*)$", (DOCS / "scheme-files.md").read_text("utf-8"), re.MULTILINE)
+    lines = re.findall(r"^    (f = \{.*)$", (DOCS / "guide" / "scheme-files.md").read_text("utf-8"), re.MULTILINE)
     shown = {type(read(folder, LOAD + line).problem.scheme.elements[1].f).__name__ for line in lines}
     assert shown == set(SIGNALS)
 
 
 def test_the_page_names_every_key():
-    page = (DOCS / "scheme-files.md").read_text("utf-8")
+    page = (DOCS / "guide" / "scheme-files.md").read_text("utf-8")
     keys = {key for keys in KEYS.values() for key in keys} | {each.name for each in dataclasses.fields(Run)}
     for key in keys:
         assert re.search(rf"`[^`]*\b{key}\b[^`]*`", page), key

@@ -6,7 +6,7 @@ runs their difference is smooth, and is represented by a Chebyshev series to rou
 of the series, so they do not depend on sampling.
 
 Across impacts the sup of v - v* converges for no method: for an impact delayed by δ the error equals the jump during δ. The
-integral is O(δ), and so is the distance of the graphs; see docs/norms.md.
+integral is O(δ), and so is the distance of the graphs; see docs/guide/norms.md.
 
 Massless nodes are excluded from the norms of q and v: they follow the others by force balance, and in the step in which a
 contact opens, a method that keeps it closed to the end of the step has an O(h) error there at that single instant.

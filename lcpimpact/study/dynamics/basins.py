@@ -106,7 +106,7 @@ def basins(
     progress : bool or callable
         As in `lcpimpact.study.progress`.
     method, dt, lcp_solver, **method_options
-        As of `poincare`: with ``moreau-jean`` many runs are side by side (see docs/sweeps.md).
+        As of `poincare`: with ``moreau-jean`` many runs are side by side (see docs/guide/sweeps.md).
 
     Raises
     ------

@@ -1,10 +1,10 @@
-"""Make the pictures of comparing.md: ``python docs/comparing.py``."""
+"""Make the pictures of comparing.md: ``python docs/pictures/comparing.py``."""
 
 from pathlib import Path
 
 from lcpimpact import compare, cross_validate, energy_ledger, load_problem, simulate
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "images"
 
 if __name__ == "__main__":
     system = load_problem("system-3")

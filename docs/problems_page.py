@@ -1,7 +1,7 @@
 """Write docs/problems.md: every registered problem with its text, its numbers, its scheme and a run of it.
 
-Run it as ``python docs/gallery.py`` after a problem or a drawing has changed, or with names of problems to redraw these
-only; the text is always written for all. A test compares the text with what this would write.
+Run it as ``python docs/problems_page.py`` after a problem or a drawing has changed, or with names of problems to redraw
+these only; the text is always written for all. A test compares the text with what this would write.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def page() -> str:
         "",
         "Every registered problem, with what is known of it in closed form. Coordinates are positive downwards. Load one by",
         "`load_problem(name, **parameters)`, or run it by `lcpimpact simulate NAME`; draw it by `lcpimpact draw NAME`, and",
-        "set it in motion by `lcpimpact animate NAME --out NAME.gif`. This page is written by `docs/gallery.py`.",
+        "set it in motion by `lcpimpact animate NAME --out NAME.gif`. This page is written by `docs/problems_page.py`.",
         "",
         *(f"- [{name}](#{name}): {_plain(_summary(name))}" for name in names),
         "",

@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/dynamics.md: ``python docs/dynamics.py``, or with the names of some of them.
+"""Draw the pictures of docs/guide/dynamics.md: ``python docs/pictures/dynamics.py``, or with the names of some of them.
 
 It takes about five minutes on one core.
 """
@@ -14,7 +14,7 @@ import numpy as np
 from lcpimpact import basins, bifurcation, continue_orbit, grazing, load_problem, periodic_orbit
 from lcpimpact.problems.base import Problem
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "images"
 
 
 def driven(omega: float) -> Problem:

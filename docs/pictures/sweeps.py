@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/sweeps.md: python docs/sweeps.py."""
+"""Draw the pictures of docs/guide/sweeps.md: python docs/pictures/sweeps.py."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import numpy as np
 from lcpimpact import draw_samples, load_problem, plot_sobol, plot_sweep, sobol_indices, sweep
 from lcpimpact.plotting.style import save
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "images"
 
 
 def main() -> None:

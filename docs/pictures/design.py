@@ -1,4 +1,4 @@
-"""Draw the pictures of docs/design.md. Run it as ``python docs/design.py``."""
+"""Draw the pictures of docs/guide/design.md. Run it as ``python docs/pictures/design.py``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pandas as pd
 
 from lcpimpact import design, fit, load_problem, simulate
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "images"
 
 
 def main() -> None:

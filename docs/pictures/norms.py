@@ -1,6 +1,6 @@
 """Draw docs/images/norms.svg: why the sup of v does not converge across impacts, and what does.
 
-python docs/norms.py
+python docs/pictures/norms.py
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from lcpimpact.plotting.style import EXACT, INK, PALETTE, save, style
 from lcpimpact.study.accuracy.norms import errors, sup_v
 from lcpimpact.study.accuracy.reference import reference
 
-PICTURE = Path(__file__).parent / "images" / "norms.svg"
+PICTURE = Path(__file__).parents[1] / "images" / "norms.svg"
 T_END = 1.7
 COUNTS = (53, 83, 131, 211, 331, 523, 829, 1307, 2069, 3271, 5167, 8167)
 SHOWN = {

@@ -1,7 +1,7 @@
-"""Write docs/integrators.md: how to choose an integrator, from the properties that the registered methods declare.
+"""Write docs/guide/integrators.md: how to choose an integrator, from the properties that the registered methods declare.
 
-Run it as ``python docs/choose.py`` after a method or what it declares has changed. A test compares the page with what this
-would write.
+Run it as ``python docs/integrators_page.py`` after a method or what it declares has changed. A test compares the page with
+what this would write.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Declared
 from lcpimpact.scheme.dynamics import Feature
 
-PAGE = Path(__file__).parent / "integrators.md"
+PAGE = Path(__file__).parent / "guide" / "integrators.md"
 
 FEATURES = (
     Feature.MASSLESS,
@@ -69,12 +69,12 @@ def page() -> str:
     lines = [
         "# How to choose an integrator",
         "",
-        "This page lists the declared properties of the methods, written by `docs/choose.py`; tests measure them",
+        "This page lists the declared properties of the methods, written by `docs/integrators_page.py`; tests measure them",
         "over the whole registry. `lcpimpact list methods` shows the same. `simulate` refuses what a method does not",
         "declare, before the first step, and names those that can. Measured orders with their scatter, errors and costs are",
-        "in [table.md](table.md), what a step costs in [benchmarks](../benchmarks/README.md). To add a method:",
-        "[new-method.md](new-method.md). Columns, chains and lattices of up to millions of nodes are run by `moreau-jean`",
-        "with sparse matrices: [many-contacts.md](many-contacts.md).",
+        "in [table.md](../benchmarks/table.md), what a step costs in [benchmarks](../benchmarks/index.md). To add a",
+        "method: [new-method.md](../howto/new-method.md). Columns, chains and lattices of up to millions of nodes are run",
+        "by `moreau-jean` with sparse matrices: [many-contacts.md](many-contacts.md).",
         "",
         "## Methods by requirement",
         "",

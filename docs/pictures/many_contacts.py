@@ -1,6 +1,6 @@
 """Draw docs/images/many-contacts.svg: a column of beads, a cradle, an elastic bar at a wall, a pile, and a lattice.
 
-python docs/many_contacts.py
+python docs/pictures/many_contacts.py
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from lcpimpact import Bumper, Chain, Harmonic, Lattice, Loads, PrescribedMotion,
 from lcpimpact.plotting.style import EXACT, INK, PALETTE, save, style
 from lcpimpact.problems.balls import pile
 
-PICTURE = Path(__file__).parent / "images" / "many-contacts.svg"
+PICTURE = Path(__file__).parents[1] / "images" / "many-contacts.svg"
 
 
 def draw_column(ax: Axes) -> None:

@@ -1,4 +1,4 @@
-"""Draw docs/images/convergence.svg and work-precision.svg: run it as ``python docs/convergence.py``."""
+"""Draw docs/images/convergence.svg and work-precision.svg: run it as ``python docs/pictures/convergence.py``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from lcpimpact import convergence, load_problem, work_precision
 
-IMAGES = Path(__file__).parent / "images"
+IMAGES = Path(__file__).parents[1] / "images"
 
 
 def main() -> None:
