@@ -22,10 +22,11 @@ extensions = [
     "sphinx-mathjax-offline",
     "sphinx_copybutton",
     "sphinx_design",
+    "sphinx_gallery.gen_gallery",
     "sphinxcontrib.bibtex",
 ]
 root_doc = "index"
-exclude_patterns = ["images/problems/*.md", "site", "paper"]
+exclude_patterns = ["images/problems/*.md", "site", "paper", "gallery", "examples/*.[!r]*"]
 
 html_theme = "furo"
 html_title = "lcpimpact"
@@ -39,6 +40,21 @@ nb_execution_mode = "auto"
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True
+
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "examples",
+    "within_subsection_order": "ExampleTitleSortKey",
+    "image_scrapers": ("matplotlib",),
+    "image_srcset": ["2x"],
+    "min_reported_time": 1e9,
+    "show_memory": False,
+    "show_signature": False,
+    "write_computation_times": False,
+    "abort_on_example_error": True,
+    "plot_gallery": True,
+    "download_all_examples": False,
+}
 
 bibtex_bibfiles = ["references.bib"]
 bibtex_default_style = "alpha"
