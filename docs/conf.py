@@ -1,12 +1,18 @@
-"""Sphinx's configuration of the site: ``python -m sphinx -W docs site`` builds it, without a network."""
+"""Sphinx's configuration of the site; ``python docs/build.py`` draws its pictures and builds it."""
 
 from __future__ import annotations
 
 import os
+import re
+import subprocess
+import sys
+from importlib.metadata import files
+from pathlib import Path
 
-from lcpimpact import __version__
+from lcpimpact import __version__, explore
 
 os.environ.setdefault("LCPIMPACT_COMPILE", "later")
+HERE = Path(__file__).parent
 
 project = "lcpimpact"
 author = "The lcpimpact developers"
@@ -19,24 +25,31 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
-    "sphinx-mathjax-offline",
     "sphinx_copybutton",
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "sphinxcontrib.bibtex",
 ]
 root_doc = "index"
-exclude_patterns = ["images/problems/*.md", "site", "paper", "gallery", "examples/*.[!r]*"]
+default_role = "py:obj"
+templates_path = ["_templates"]
+exclude_patterns = ["paper", "_templates", "images", "pictures", "gallery", "examples/*.[!r]*"]
 
 html_theme = "furo"
 html_title = "lcpimpact"
 html_show_sourcelink = False
+html_extra_path = ["extra"]
+MATHJAX = next(file for file in files("sphinx-mathjax-offline") or () if file.name == "tex-chtml.js")
+html_static_path = [str(Path(str(MATHJAX.locate())).parents[1])]  # the folder that holds mathjax/
+mathjax_path = "mathjax/tex-chtml.js"
+html_theme_options = {"navigation_with_keys": True}
 
-myst_enable_extensions = ["amsmath", "colon_fence", "deflist", "dollarmath", "attrs_block"]
+myst_enable_extensions = ["amsmath", "attrs_block", "colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 4
 myst_dmath_double_inline = True
 
-nb_execution_mode = "auto"
+nb_execution_mode = "cache"
+nb_execution_cache_path = str(HERE / ".jupyter_cache")
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True
@@ -56,5 +69,41 @@ sphinx_gallery_conf = {
     "download_all_examples": False,
 }
 
+autosummary_generate = True
+numpydoc_show_class_members = False
+autodoc_default_options = {"members": True, "exclude-members": "maketrans"}
+autodoc_typehints = "none"  # the docstrings state the types
+
 bibtex_bibfiles = ["references.bib"]
 bibtex_default_style = "alpha"
+
+
+def write_generated(*_: object) -> None:
+    """Write the page of the command line, from its help, and the explorer that the site embeds."""
+    reference = HERE / "reference" / "command-line.md"
+    command = ["utils", "docs", "--name", "lcpimpact", "--title", "Command line", "--output", str(reference)]
+    subprocess.run([sys.executable, "-m", "typer", "lcpimpact.cli.commands", *command], check=True, capture_output=True)
+    (HERE / "extra").mkdir(exist_ok=True)
+    explore(path=HERE / "extra" / "explorer-page.html")
+
+
+SPECIAL = re.compile(r"(?P<code>``.*?``|`[^`]*`_?)|[|]|(?<=\w)_(?=\W|$)")
+
+
+def escape_formulas(_app: object, _what: str, _name: str, _thing: object, _options: object, lines: list[str]) -> None:
+    """Escape what a formula in plain text and reStructuredText read differently, |u| and M_, outside of code."""
+    literal = None  # the indentation of the line before a literal block
+    for i, line in enumerate(lines):
+        indent = len(line) - len(line.lstrip())
+        if literal is not None and line.strip() and indent <= literal:
+            literal = None
+        if literal is None and not line.lstrip().startswith((">>>", "..", ":", "=")):
+            lines[i] = SPECIAL.sub(lambda found: found["code"] or f"\\{found[0]}", line)
+        if literal is None and (line.rstrip().endswith("::") or line.lstrip().startswith((">>>", ".. math::"))):
+            literal = indent
+
+
+def setup(app: object) -> None:
+    """Connect what the build writes itself, and what reads the docstrings before numpydoc does."""
+    app.connect("config-inited", write_generated, priority=0)  # type: ignore[attr-defined]
+    app.connect("autodoc-process-docstring", escape_formulas, priority=400)  # type: ignore[attr-defined]

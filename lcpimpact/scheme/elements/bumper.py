@@ -18,9 +18,9 @@ class Bumper(Link):
     ::
 
             o  upper plate, feels -R
-          =====
+          ━━━━━
             u   (opening)                     | positive downwards
-          =====                               v
+          ━━━━━                               v
             o  lower plate, feels +R
 
     Between two masses the velocity jumps at an impact, by Newton's law U⁺ = -e U⁻ for U = u'; if a plate is massless, on

@@ -36,8 +36,8 @@ class Friction(Link):
     ::
 
         o upper, feels -F
-        ===
-        ===  ---> U
+        ━━━
+        ━━━  ---> U
         o lower, feels +F
 
     Parameters

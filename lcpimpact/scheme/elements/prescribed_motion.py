@@ -20,7 +20,7 @@ class PrescribedMotion(Element):
     ::
 
            o  node
-        ======== | y(t)    positive downwards
+        ━━━━━━━━ | y(t)    positive downwards
            /|\   v
 
     Parameters

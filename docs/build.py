@@ -1,0 +1,48 @@
+"""Draw every picture of the site and build it, without a network: ``python docs/build.py [--out site] [--keep-pictures]``.
+
+Notebooks and examples are executed by Sphinx; a warning is an error. ``--keep-pictures`` takes docs/images as it is, which
+is what one wants while writing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+DOCS = Path(__file__).parent
+SCRIPTS = [*sorted((DOCS / "pictures").glob("*.py")), DOCS / "problems_page.py"]
+
+
+def run(*command: str | Path) -> None:
+    """Run Python with these arguments; what fails ends the build."""
+    subprocess.run([sys.executable, *map(str, command)], check=True)
+
+
+def main() -> int:
+    """Build the site, and say how long it took."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, default=Path("site"), help="folder of the site")
+    parser.add_argument("--keep-pictures", action="store_true", help="do not draw docs/images anew")
+    options = parser.parse_args()
+    begin, jobs = time.monotonic(), os.cpu_count() or 1
+    try:
+        if not options.keep_pictures:
+            with ThreadPoolExecutor(jobs) as pool:
+                list(pool.map(run, reversed(SCRIPTS)))
+        drawn = time.monotonic()
+        run("-m", "sphinx", "-W", "--keep-going", "--quiet", f"--jobs={jobs}", DOCS, options.out)
+    except subprocess.CalledProcessError as error:
+        print(f"the site was not built: {' '.join(error.cmd)} failed", file=sys.stderr)
+        return 1
+    end = time.monotonic()
+    print(f"pictures {drawn - begin:.0f} s, pages {end - drawn:.0f} s; open {options.out / 'index.html'}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
