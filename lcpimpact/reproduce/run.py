@@ -235,8 +235,9 @@ def _report_tables(found: PaperRuns, checks: tuple[Check, ...]) -> list[Section]
         _table(
             "Cross-validation",
             "Errors of the θ-step (with Lemke's method) and of the paper's RK4 against the exact solution; "
-            "t<sub>1</sub> ... t<sub>4</sub> are errors of the switching times, and the mean error of R is its L1 error over "
-            f"the length of the run, at the instants of the force (mid-step for θ = 1/2). {tables.compared_with_rk4(found)} "
+            "t<sub>1</sub> ... t<sub>4</sub> are errors of the switching times, and the mean error of R is its L1 error "
+            f"over the length of the run, at the instants of the force (mid-step for θ = 1/2). "
+            f"{tables.compared_with_rk4(found)} "
             f"{' '.join(f'{escape(line)}.' for verdict in found.verdicts.values() for line in verdict.head())}",
             tables.CROSS_VALIDATION_HEADER[:-4],
             [row[:-4] for row in shown],
