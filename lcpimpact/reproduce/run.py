@@ -239,8 +239,8 @@ def _report_tables(found: PaperRuns, checks: tuple[Check, ...]) -> list[Section]
             f"over the length of the run, at the instants of the force (mid-step for θ = 1/2). "
             f"{tables.compared_with_rk4(found)} "
             f"{' '.join(f'{escape(line)}.' for verdict in found.verdicts.values() for line in verdict.head())}",
-            tables.CROSS_VALIDATION_HEADER[:-4],
-            [row[:-4] for row in shown],
+            tables.CROSS_VALIDATION_HEADER[:-5],
+            [row[:-5] for row in shown],
             "cross-validation.csv",
         ),
         _table(
