@@ -13,6 +13,7 @@ from lcpimpact import __version__, explore
 
 os.environ.setdefault("LCPIMPACT_COMPILE", "later")
 HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE))  # for notebooks.py
 
 project = "lcpimpact"
 author = "The lcpimpact developers"
@@ -29,6 +30,7 @@ extensions = [
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "sphinxcontrib.bibtex",
+    "notebooks",
 ]
 root_doc = "index"
 default_role = "py:obj"

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 
 import lcpimpact
+from lcpimpact.course import LESSONS
 from lcpimpact.errors import InputError, UnknownNameError
 from lcpimpact.integrators import METHODS
 from lcpimpact.integrators.base import Declared, Integrator
@@ -83,7 +84,8 @@ MAY_IMPORT = {
     "explorer": RUN | {"sweeps", "plotting"},
     "report": STUDY | {"plotting"},
     "reproduce": STUDY | {"plotting", "report"},
-    "cli": STUDY | {"cache", "schemefile", "plotting", "explorer", "report", "reproduce"},
+    "course": RUN,
+    "cli": STUDY | {"cache", "schemefile", "plotting", "explorer", "report", "reproduce", "course"},
     "__main__": {"cli"},
 }
 """Layer (module or folder right under the package) to the layers that it may import, besides itself."""
@@ -403,7 +405,7 @@ def test_elements_declare_what_they_are(name):
     assert element.strokes or any(others), "can be drawn"
 
 
-REGISTRIES = [SOLVERS, METHODS, PROBLEMS, ELEMENTS]
+REGISTRIES = [SOLVERS, METHODS, PROBLEMS, ELEMENTS, LESSONS]
 
 
 @pytest.mark.parametrize("registry", REGISTRIES, ids=lambda r: r.kind)
@@ -427,6 +429,7 @@ def test_every_file_of_a_method_problem_or_element_is_registered():
         ("scheme/elements", ELEMENTS, {"base", "linked_masses"}),
         ("lcp/solvers", SOLVERS, set()),
         ("integrators", METHODS, {"base"}),
+        ("course", LESSONS, {"lesson", "check", "process"}),
         ("problems", PROBLEMS, {"base", "facts", "free_vibration", "parameters", "penalty", "reading", "reference"}),
     ):
         files = {file.stem for file in (PACKAGE / folder).glob("*.py")} - {"__init__"} - others

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from lcpimpact import __version__
 from lcpimpact.cli.cache import cache
+from lcpimpact.cli.check import check
 from lcpimpact.cli.comparison import compare, cross_validate
 from lcpimpact.cli.convergence import converge, work_precision
 from lcpimpact.cli.design import design, fit
@@ -105,6 +106,7 @@ for command in (
     orbit,
     compare,
     cross_validate,
+    check,
     cache,
 ):
     app.command()(with_output_options(command))

@@ -13,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from lcpimpact.cli.output import plain
+from lcpimpact.course import LESSONS
 from lcpimpact.errors import InputError
 from lcpimpact.integrators import METHODS
 from lcpimpact.lcp import SOLVERS
@@ -121,6 +122,11 @@ def _element(name: str) -> Entry:
     kind = ELEMENTS[name]
     constants = [each.name for each in fields(kind) if each.name != "symbols"]  # type: ignore[arg-type]
     return _entry(name, _first_line(kind), kind, constants=constants)
+
+
+def _lesson(name: str) -> Entry:
+    lesson = LESSONS[name]
+    return {"name": name, "summary": lesson.title, "asks for": [task.stated for task in lesson.tasks], "about": ""}
 
 
 def _first_line(thing: Any) -> str:
@@ -236,21 +242,31 @@ def _elements(entries: list[Entry], whole: bool) -> Table:
     return table
 
 
+def _lessons(entries: list[Entry], whole: bool) -> Table:
+    table = _table("lesson", "title", "the answer defines")
+    for each in entries:
+        table.add_row(each["name"], each["summary"], _lines(*each["asks for"]))
+    return table
+
+
 REGISTRIES: dict[str, Mapping[str, Any]] = {
     "problems": PROBLEMS,
     "methods": METHODS,
     "solvers": SOLVERS,
     "elements": ELEMENTS,
+    "lessons": LESSONS,
 }
 ENTRIES: dict[str, Callable[[str], Entry]] = {
     "problems": _problem,
     "methods": _method,
     "solvers": _solver,
     "elements": _element,
+    "lessons": _lesson,
 }
 TABLES: dict[str, Callable[[list[Entry], bool], Table]] = {
     "problems": _problems,
     "methods": _methods,
     "solvers": _solvers,
     "elements": _elements,
+    "lessons": _lessons,
 }

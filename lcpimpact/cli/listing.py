@@ -19,10 +19,11 @@ class Kind(StrEnum):
     methods = "methods"
     solvers = "solvers"
     elements = "elements"
+    lessons = "lessons"
 
 
 def list_(
-    kind: Annotated[Kind, typer.Argument(help="problems, methods, solvers or elements.")],
+    kind: Annotated[Kind, typer.Argument(help="problems, methods, solvers, elements or lessons.")],
     name: Annotated[str | None, typer.Argument(help="One of them: everything about it.", show_default=False)] = None,
     matching: Annotated[
         list[str] | None,
@@ -33,7 +34,7 @@ def list_(
         typer.Option("--for", metavar="NAME", help="Only methods for this problem, or problems for this method."),
     ] = None,
 ) -> None:
-    """List the registered problems, methods, solvers or elements with their declared properties.
+    """List the registered problems, methods, solvers, elements or lessons with their declared properties.
 
     Example: lcpimpact list methods --for system-1 --matching energy
     """

@@ -203,7 +203,7 @@ COMMANDS = {
     "draw": {"--set": None, "--out": OUTPUTS},
     "export": RUN | {"--method": LABELS, "--out": OUTPUTS},
     "animate": RUN | {"--out": ["out.xls", "nowhere/out.gif", "out.csv"], "--seconds": NUMBERS, "--fps": COUNTS},
-    "list": {"": ["problems", "methods", "solvers", "elements", *WORDS]},
+    "list": {"": ["problems", "methods", "solvers", "elements", "lessons", *WORDS]},
     "solve": {
         "--q": ["q.csv", *WORDS],
         "--solver": [*SOLVERS, *WORDS],
@@ -289,6 +289,7 @@ COMMANDS = {
     },
     "bifurcation": {"--over": OVER, "--section": WORDS, "--skip": COUNTS, "--points": COUNTS, "--y": WORDS, **STUDY},
     "basins": {"--over": OVER, "--longest": COUNTS, "--workers": COUNTS, "--dt": STEPS, **STUDY},
+    "check": {"": ["lesson-1", "lesson-10", "lesson-11", *WORDS], "--seconds": NUMBERS},
     "orbit": {"--periods": COUNTS, "--period": NUMBERS, "--transient": COUNTS, **STUDY},
 }
 """Options of each command, with what they are given; None: nothing, or --set of a parameter. "" is an argument."""
@@ -302,6 +303,7 @@ SLOW = {
     "basins": 0.3,
     "orbit": 0.3,
     "fit": 0.4,
+    "check": 0.3,
 }
 """The commands that run much are given a wrong word more often, so that most of them end at once."""
 
@@ -310,6 +312,7 @@ ALWAYS = {
     "bifurcation": ["--skip", "1", "--points", "1"],
     "basins": ["--longest", "2"],
     "fit": ["--t-end", "0.1"],
+    "check": ["answer.py"],
     "compare": ["--t-end", "0.1"],
     "converge": ["--t-end", "0.1", "--counts", "7"],
     "sweep": ["--set", "c_o=200:300:2", "--t-end", "0.1", "--dt", "0.05"],
@@ -925,6 +928,7 @@ WRITTEN = {
     "box.txt": "M: 2 1\n1 2\nq: -5 -6\nlower: -1 0\nupper: 1 2\n",
     "q.csv": "-1,-2\n",
     "old.csv": "older\n",
+    "answer.py": "def impact_time(n, g, H, e):\n    return 0.4\n",
 }
 
 

@@ -1,0 +1,26 @@
+"""The course of docs/course: what each lesson asks for, and the check of an answer."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from lcpimpact.registry import Registry
+
+if TYPE_CHECKING:
+    from lcpimpact.course.lesson import Lesson
+
+LESSONS: Registry[Lesson] = Registry(
+    "lesson",
+    {
+        "lesson-1": "lcpimpact.course.ball_on_a_floor:LESSON",
+        "lesson-2": "lcpimpact.course.step_as_lcp:LESSON",
+        "lesson-3": "lcpimpact.course.buffer:LESSON",
+        "lesson-4": "lcpimpact.course.three_views:LESSON",
+        "lesson-5": "lcpimpact.course.energy:LESSON",
+        "lesson-6": "lcpimpact.course.zeno:LESSON",
+        "lesson-7": "lcpimpact.course.friction:LESSON",
+        "lesson-8": "lcpimpact.course.convergence:LESSON",
+        "lesson-9": "lcpimpact.course.grazing:LESSON",
+        "lesson-10": "lcpimpact.course.own_integrator:LESSON",
+    },
+)
