@@ -4,7 +4,8 @@ Lemke's method walks along edges to the solution
 
 For the problem :math:`w = M z + q,\ 0 \le z \perp w \ge 0` Lemke's method adds a covering variable :math:`z_0` to each
 row, :math:`w = M z + q + z_0`, and exchanges one variable after another with :math:`z_i w_i = 0` throughout, until
-:math:`z_0` is gone. The cones show why there is one solution: M is a P-matrix, and each q lies in one complementary cone.
+:math:`z_0` is gone. The cones show why there is one solution: :math:`M` is a P-matrix, and
+each :math:`q` lies in one complementary cone.
 """
 
 import matplotlib.pyplot as plt
@@ -19,9 +20,9 @@ trace = li.solve_lcp(M, q, "lemke", trace=True).trace
 print(trace)
 
 # %%
-# On the left the path in the plane of z, with the lines :math:`(M z + q)_i = 0` that it ends on; the numbers are those of
-# the table, with the value of :math:`z_0`. On the right q in the cone spanned by :math:`-M_1` and :math:`-M_2`: both z are
-# above 0.
+# On the left the path in the plane of :math:`z`, with the lines :math:`(M z + q)_i = 0` that it ends on; the numbers are
+# those of the table, with the value of :math:`z_0`. On the right :math:`q` in the cone spanned by :math:`-M_1` and :math:`-M_2`: both
+# :math:`z_i` are above 0.
 
 figure, (path, cones) = plt.subplots(1, 2, figsize=(9.4, 4.0), layout="constrained")
 z = np.array([step.z for step in trace.steps])

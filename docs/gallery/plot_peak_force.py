@@ -29,6 +29,7 @@ ax.plot(
     "o",
     color=PALETTE[1],
     markeredgecolor="white",
+    clip_on=False,
     label="least of each column",
 )
 ax.set(xlabel="$k_o$ [N/m]", ylabel="$c_o$ [N s/m]")
