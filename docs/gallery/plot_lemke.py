@@ -21,8 +21,8 @@ print(trace)
 
 # %%
 # On the left the path in the plane of :math:`z`, with the lines :math:`(M z + q)_i = 0` that it ends on; the numbers are
-# those of the table, with the value of :math:`z_0`. On the right :math:`q` in the cone spanned by :math:`-M_1` and :math:`-M_2`: both
-# :math:`z_i` are above 0.
+# those of the table, with the value of :math:`z_0`. On the right :math:`q` in the cone spanned by :math:`-M_1` and
+# :math:`-M_2`: both :math:`z_i` are above 0.
 
 figure, (path, cones) = plt.subplots(1, 2, figsize=(9.4, 4.0), layout="constrained")
 z = np.array([step.z for step in trace.steps])
