@@ -35,7 +35,7 @@ extensions = [
 root_doc = "index"
 default_role = "py:obj"
 templates_path = ["_templates"]
-exclude_patterns = ["paper", "_templates", "images", "pictures", "gallery", "examples/*.[!r]*", ".jupyter_cache"]
+exclude_patterns = [".jupyter_cache", "paper", "_templates", "images", "pictures", "gallery", "examples/*.[!r]*"]
 
 html_theme = "furo"
 html_title = "lcpimpact"
