@@ -28,6 +28,7 @@ from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from statistics import median
+from typing import TYPE_CHECKING
 
 import numpy as np
 from lcp_contestants import Contestant, Instance, Ring, Siconos, Verdict, everyone
@@ -44,9 +45,13 @@ from lcpimpact.lcp.operators import Banded
 from lcpimpact.lcp.solve import prepare_lcp, solve_lcp
 from lcpimpact.lcp.solvers.closed_form import closed_form
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 WRONG = 1e-6
 TURNS = 3
 CURVES = 12
+MARKERS = 9
 STEPS = {1_000: 400, 10_000: 100, 100_000: 30, 1_000_000: 8}
 
 
@@ -454,32 +459,47 @@ def best_curves(curves: dict[str, Array], own: set[str]) -> tuple[list[str], lis
 
 def plot(path: Path, cells: list[Cell], contestants: list[Contestant]) -> None:
     """Draw the performance profile of Dolan and Moré for the best solvers of lcpimpact and the best others."""
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import FuncFormatter
-
-    from lcpimpact.plotting.style import PALETTE, save, style
+    from lcpimpact.plotting.style import save
 
     found = profiles(cells, contestants)
-    tau = np.geomspace(1.0, 2.0**14, 1000)
+    tau = np.geomspace(1.0, 2.0**14, 500)
     curves = {name: np.array([(ratios <= t).mean() for t in tau]) for name, ratios in found.items()}
     inside, outside = best_curves(curves, {each.name for each in contestants if each.kind == "lcpimpact"})
     last = max(ratios[np.isfinite(ratios)].max() for ratios in (found[name] for name in (*inside, *outside)))
     end = min(max(2.0 ** np.ceil(np.log2(last)), 2.0), tau[-1])
     count = len(next(iter(found.values())))
+    title = f"{count} problems of {len({cell.family for cell in cells})} families, each solved by someone"
+    best = ({name: curves[name] for name in chosen} for chosen in (inside, outside))
+    save(draw_profile(tau, *best, end, title), path)
+
+
+def draw_profile(
+    tau: Array, inside: Mapping[str, Array], outside: Mapping[str, Array], end: float, title: str
+) -> Figure:
+    """Draw curves over tau: those of lcpimpact full, and the others dashed, each with its own marker."""
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import FuncFormatter
+
+    from lcpimpact.plotting.style import PALETTE, style
+
     with style():
         figure = Figure(figsize=(9.0, 4.6), layout="constrained")
         axes = figure.add_subplot()
-        for names, line in ((inside, "-"), (outside, "--")):
-            for name, colour in zip(names, PALETTE, strict=False):
-                axes.step(tau, curves[name], line, where="post", color=colour, label=name)
+        every = max(1, np.searchsorted(tau, end) // MARKERS)
+        for curves, line, ground in ((inside, "-", None), (outside, "--", "white")):
+            for i, (name, colour, marker) in enumerate(zip(curves, PALETTE, "osD^vP*", strict=False)):
+                axes.step(
+                    tau, curves[name], line, where="post", color=colour, label=name, marker=marker, markersize=5.0,
+                    markerfacecolor=ground or colour, markevery=(i * every // len(curves), every),
+                )  # fmt: skip
         axes.set_xscale("log", base=2)
         axes.xaxis.set_major_formatter(FuncFormatter(lambda t, _: f"{t:g}"))
         axes.set(xlim=(1.0, end), ylim=(0.0, 1.02))
         axes.set_xlabel("factor over the fastest on each problem")
         axes.set_ylabel("fraction of the problems solved")
-        axes.set_title(f"{count} problems of {len({cell.family for cell in cells})} families, each solved by someone")
+        axes.set_title(title)
         figure.legend(loc="outside right center", title="full: lcpimpact\ndashed: others", alignment="left")
-        save(figure, path)
+    return figure
 
 
 # ---- the command ----------------------------------------------------------------------------------------------------

@@ -28,13 +28,14 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx_copybutton",
     "sphinx_design",
+    "sphinx_gallery.gen_gallery",
     "sphinxcontrib.bibtex",
     "notebooks",
 ]
 root_doc = "index"
 default_role = "py:obj"
 templates_path = ["_templates"]
-exclude_patterns = [".jupyter_cache", "paper", "_templates", "images", "pictures"]
+exclude_patterns = [".jupyter_cache", "paper", "_templates", "images", "pictures", "gallery", "examples/*.[!r]*"]
 
 html_theme = "furo"
 html_title = "lcpimpact"
@@ -54,6 +55,21 @@ nb_execution_cache_path = str(HERE / ".jupyter_cache")
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True
+
+sphinx_gallery_conf = {
+    "examples_dirs": "gallery",
+    "gallery_dirs": "examples",
+    "within_subsection_order": "ExampleTitleSortKey",
+    "image_scrapers": ("matplotlib",),
+    "image_srcset": ["2x"],
+    "min_reported_time": 1e9,
+    "show_memory": False,
+    "show_signature": False,
+    "write_computation_times": False,
+    "abort_on_example_error": True,
+    "plot_gallery": True,
+    "download_all_examples": False,
+}
 
 autosummary_generate = True
 numpydoc_show_class_members = False

@@ -16,7 +16,6 @@ import numpy as np
 from lcpimpact.errors import InputError
 from lcpimpact.files import check_output, escape_cell, whole_files
 from lcpimpact.registry import import_extra
-from lcpimpact.scheme.system import LinearComplementaritySystem
 
 EVENT_COLUMNS = ("t", "contact", "kind", "impulse")
 """Columns of an event in a file, beside those of its two limits."""
@@ -81,12 +80,8 @@ def companions(path: Path) -> tuple[Path, ...]:
 
 def units(run: Any) -> dict[str, str]:
     """Return the unit of each series, of t and of t_R; "" for the series of a system of equations, which states none."""
-    metre, metre_per_second, newton = ("m", "m/s", "N")
-    if isinstance(run.problem.scheme, LinearComplementaritySystem):
-        metre = metre_per_second = newton = ""
-    n = len(run.nodes)
-    of_series = [*[metre] * n, *[metre_per_second] * n, *[newton] * len(run.force_names)]
-    return {"t": "s", "t_R": "s"} | dict(zip(run.names, of_series, strict=True))
+    unit = run.problem.unit
+    return {"t": unit("t"), "t_R": unit("t")} | {name: unit(name) for name in run.names}
 
 
 def metadata(run: Any) -> dict[str, Any]:

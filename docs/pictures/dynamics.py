@@ -51,7 +51,7 @@ def draw_grazing(path: Path) -> None:
 
 def draw_basins(path: Path) -> None:
     """Draw the basins of the orbit that strikes in every period, and of one of three periods beside it."""
-    grid = np.linspace(-1.5, 0.0, 46), np.linspace(-1.5, 1.5, 31)
+    grid = np.linspace(-1.5, 0.0, 91), np.linspace(-1.5, 1.5, 91)
     basins(started, *grid, parameters=("x0", "v0"), longest=200).plot(path)
 
 

@@ -19,9 +19,9 @@ PICTURE = Path(__file__).parents[1] / "images" / "norms.svg"
 T_END = 1.7
 COUNTS = (53, 83, 131, 211, 331, 523, 829, 1307, 2069, 3271, 5167, 8167)
 SHOWN = {
-    "sup_q": r"$\sup\,|q-q^*|$ [m]",
-    "l1_v": r"$\int\,|v-v^*|\,dt$ [m]",
-    "l2_v": r"$\|v-v^*\|_{L^2}$ [m/s$^{1/2}$]",
+    "sup_q": r"$\sup\,|q-q^{\ast}|$ [m]",
+    "l1_v": r"$\int\,|v-v^{\ast}|\,dt$ [m]",
+    "l2_v": r"$\|v-v^{\ast}\|_{L^2}$ [m/s$^{1/2}$]",
 }
 
 
@@ -44,14 +44,14 @@ def draw() -> Figure:
     near.set_xlim(-0.06, 0.06)
     near.set_xlabel("$t - t_1$ [s]")
     near.set_ylabel("$v$ [m/s]")
-    near.legend(loc="lower left")
+    near.legend(loc="upper left", bbox_to_anchor=(0.52, 0.98))
 
     h = T_END / np.array(COUNTS)
     found = []
     for n in COUNTS:
         run = simulate(ball, dt=T_END / n, t_end=T_END)
         found.append([sup_v(run, truth), *errors(run, truth, [*SHOWN, "hausdorff_v"]).values()])
-    labels = [r"$\sup\,|v-v^*|$ [m/s]", *SHOWN.values(), r"$d_H(v, v^*)$"]
+    labels = [r"$\sup\,|v-v^{\ast}|$ [m/s]", *SHOWN.values(), r"$d_H(v, v^{\ast})$ (no unit)"]
     order = [0, 3, 2, 1, 4]
     for place, (i, marker) in enumerate(zip(order, "oDs^v", strict=True)):
         far.loglog(
@@ -63,6 +63,7 @@ def draw() -> Figure:
         far.loglog(guide, at * (guide / start) ** slope, color=INK, linewidth=0.8)
         far.text(1.1 * guide[1], at * 3.0**slope, text, va="center", fontsize=9)
     far.set_xlabel("$h$ [s]")
+    far.set_ylabel("error, in the unit of its norm")
     far.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
 

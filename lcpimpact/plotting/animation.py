@@ -32,7 +32,7 @@ from lcpimpact.plotting.block_diagram import draw_system
 from lcpimpact.plotting.layout import CEILING, Layout, sums
 from lcpimpact.plotting.schematic import INCH, Line, Piece, Posture, extent, paint, picture
 from lcpimpact.plotting.style import GREY, INK, style
-from lcpimpact.plotting.timeline import shown_events
+from lcpimpact.plotting.timeline import axis_label, impulse_label, shown_events
 from lcpimpact.plotting.trajectory import Panel, draw_panel, force_names, panels, title_of
 from lcpimpact.scheme.elements.base import GROUND
 from lcpimpact.scheme.scheme import Scheme
@@ -303,7 +303,7 @@ def _panels_with_impulses(trajectory: Trajectory) -> list[Panel]:
     for i, event in enumerate(impacts):
         needles[3 * i : 3 * i + 2, names.index(event.contact)] = 0.0, event.impulse
     t = np.repeat([event.t for event in impacts], 3)
-    return [*panels(trajectory), Panel("impulse [N s]", names, t, needles)]
+    return [*panels(trajectory), Panel(impulse_label(trajectory.problem), names, t, needles)]
 
 
 def _round3(value: float) -> str:
@@ -330,7 +330,7 @@ def _draw_curves(
         if i + 1 < len(contents):
             ax.tick_params(labelbottom=False)
         else:
-            ax.set_xlabel("$t$ [s]")
+            ax.set_xlabel(axis_label("$t$", trajectory.problem.unit("t")))
         pale = list(ax.get_lines())
         for line, entry in zip(pale, ax.get_legend().get_lines(), strict=True):  # type: ignore[union-attr]
             entry.set_alpha(1.0)

@@ -38,15 +38,15 @@ def draw_system(ax: Axes, system: LinearComplementaritySystem) -> tuple[float, f
 
     _box(ax, half, 2.5, 2.5)
     for line, height in zip((*equations, names[0]), (4.25, 3.55, 2.9), strict=True):
-        _draw_text(ax, line, height, 11.0 if line == names[0] else 14.0)
+        _draw_text(ax, line, height, 14.0 if line == names[0] else 17.0)
     _box(ax, half, 0.0, 1.6)
     law = r"λ_{\min} \leq λ \leq λ_{\max} \perp w"
     if all(low == 0.0 and math.isinf(high) for low, high in system.bounds):
         law = r"0 \leq λ \perp w \geq 0"
     elif all(math.isinf(low) for low, _ in system.bounds):
         law = "w = 0"
-    _draw_text(ax, f"${law}$", 1.1, 14.0)
-    _draw_text(ax, names[1], 0.45, 11.0)
+    _draw_text(ax, f"${law}$", 1.1, 17.0)
+    _draw_text(ax, names[1], 0.45, 14.0)
     outside = half + 1.2
     # w runs around the right side, and λ back on the left.
     for side, name, path in ((1.0, "$w$", (3.75, 0.8)), (-1.0, "$λ$", (0.8, 3.75))):

@@ -16,7 +16,10 @@ from lcpimpact.arrays import Array
 from lcpimpact.certificate.energy import INFLOWS, STORED
 from lcpimpact.plotting.style import EXACT, GREY, INK, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import (
+    axis_label,
+    coordinates_label,
     curves,
+    impulse_label,
     mark_events,
     math_text,
     plain_text,
@@ -46,6 +49,10 @@ MAX_COORDINATES = 3
 
 NEGLIGIBLE_RTOL = 1e-9
 """Energy, relative to the largest, below which a layer is left out."""
+
+
+ALLOWED: dict[str, Any] = {"marker": "|", "markersize": 15.0, "markeredgewidth": 2.4}
+"""Mark of an allowed difference."""
 
 
 @style()
@@ -82,6 +89,7 @@ def plot_comparison(comparison: Comparison) -> Figure:
     figure = Drawing(figsize=(7.0, 1.1 + sum(heights)), layout="constrained")
     axes = list(figure.subplots(len(heights), 1, sharex=True, squeeze=False, height_ratios=heights)[:, 0])
     units = first.problem.dynamics.stores_energy
+    names = [first.problem.dynamics.forces[i].name for i in contacts]
 
     if truth is not None:
         t, q, t_r, r = curves(truth)
@@ -100,17 +108,17 @@ def plot_comparison(comparison: Comparison) -> Figure:
                 markerfacecolor="none", markevery=(shift, every), color=look["color"],
             )  # fmt: skip
     _name_coordinates(axes[0], first, nodes)
-    axes[0].set_ylabel("coordinates [m]" if units else "states")
+    axes[0].set_ylabel(coordinates_label(first.problem))
     if forces:
         _name_forces(axes[1], first, contacts)
-        axes[1].set_ylabel(
-            "force [N]" if first.problem.dynamics.springs else "reaction [N]" if units else "multipliers"
-        )
+        what = "force" if first.problem.dynamics.springs else "reaction"
+        axes[1].set_ylabel(axis_label(what, first.problem.unit(names[0])) if units else "multipliers")
     if impulsive:
-        _draw_impulses(axes[-2], truth, runs, [first.problem.dynamics.forces[i].name for i in contacts])
-    _draw_differences(axes[-1], first, runs, units)
+        _draw_impulses(axes[-2], truth, runs, names)
+        axes[-2].set_ylabel(impulse_label(first.problem))
+    _draw_differences(axes[-1], first, runs)
     axes[0].set_xlim(float(first.t[0]), float(first.t[-1]))
-    axes[-1].set_xlabel("$t$ [s]")
+    axes[-1].set_xlabel(axis_label("$t$", first.problem.unit("t")))
     mark_events(axes, shown_events(first))
     _legend(figure, comparison)
     figure.suptitle(plain_text(comparison.problem.name), x=0.01, ha="left", fontsize=11.0)
@@ -177,10 +185,9 @@ def _draw_impulses(ax: Axes, truth: Trajectory | None, runs: Mapping[str, Trajec
             color=_line_style(number)["color"],
         )  # fmt: skip
     ax.set_ylim(bottom=0.0)
-    ax.set_ylabel("impulse [N s]")
 
 
-def _draw_differences(ax: Axes, truth: Trajectory, runs: Mapping[str, Trajectory], units: bool) -> None:
+def _draw_differences(ax: Axes, truth: Trajectory, runs: Mapping[str, Trajectory]) -> None:
     """Draw the largest difference of the coordinates at the grid points of each run, on a logarithmic scale."""
     massive = truth.problem.dynamics.massive
     judged = massive if massive.any() else ~massive
@@ -195,7 +202,7 @@ def _draw_differences(ax: Axes, truth: Trajectory, runs: Mapping[str, Trajectory
     if largest > 0.0:
         ax.set_ylim(largest * 10.0**-DIFFERENCE_DECADES, 4.0 * largest)
     base = next((f"from {plain_text(label)}" for label, run in runs.items() if run is truth), "")
-    ax.set_ylabel(f"difference {base}" if base else "largest difference [m]" if units else "largest difference")
+    ax.set_ylabel(coordinates_label(truth.problem, f"difference {base}" if base else "largest difference"))
 
 
 @style()
@@ -227,7 +234,7 @@ def plot_ledger(ledger: Ledger) -> Figure:
     colors = {"kinetic": PALETTE[0], "elastic": PALETTE[5], "gravity": "#a9c4da"}
     warm = iter((PALETTE[1], PALETTE[4], PALETTE[3], PALETTE[2], "#8c6d46", "#b9b2a5"))
     shades = [colors[name] if name in colors else next(warm) for name in layers]
-    upper.stackplot(t, list(layers.values()), colors=shades, linewidth=0.0, alpha=0.85)
+    upper.stackplot(t, list(layers.values()), colors=shades, linewidth=0.0, alpha=0.85, rasterized=True)
     inflow = table[list(INFLOWS)].sum(axis=1).to_numpy()
     initial = sum(values[0] for values in layers.values())
     upper.plot(t, initial + inflow, color=INK, linewidth=1.2, linestyle="-")
@@ -296,19 +303,22 @@ def plot_cross_validation(verdict: CrossValidation) -> Figure:
         color = PALETTE[2] if row.agrees else PALETTE[1]
         difference = max(float(row.difference), lowest)
         ax.plot([difference, row.allowed], [place, place], color=color, linewidth=1.2, alpha=0.5, linestyle="-")
-        ax.plot(difference, place, "o", color=color, markersize=6.0, zorder=3.0)
-        ax.plot(row.allowed, place, "|", color=INK, markersize=11.0, markeredgewidth=1.6, zorder=3.0)
+        ax.plot(difference, place, "o" if row.agrees else "X", color=color, markersize=7.0, zorder=3.0)
+        ax.plot(row.allowed, place, color=INK, zorder=3.0, **ALLOWED)
     ax.set_xscale("log")
     ax.set_yticks(range(len(table)), list(map(plain_text, table["route"])))
+    ax.tick_params(length=5.0, labelsize=11.0)
     ax.set_ylim(-0.6, len(table) - 0.4)
-    ax.set_xlabel("largest difference of the coordinates" + (" [m]" if verdict.problem.dynamics.stores_energy else ""))
+    ax.set_xlabel(coordinates_label(verdict.problem, "largest difference of the coordinates"))
     ax.grid(visible=False, axis="y")
     handles = [
         Line2D([], [], marker="o", color=PALETTE[2], linestyle="none", label="difference: agrees"),
-        Line2D([], [], marker="|", color=INK, linestyle="none", markersize=11.0, markeredgewidth=1.6, label="allowed"),
+        Line2D([], [], color=INK, linestyle="none", label="allowed", **ALLOWED),
     ]
     if not table["agrees"].all():
-        handles.insert(1, Line2D([], [], marker="o", color=PALETTE[1], linestyle="none", label="difference: does not"))
+        handles.insert(
+            1, Line2D([], [], marker="X", color=PALETTE[1], linestyle="none", label="difference: does not agree")
+        )
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     figure.suptitle(plain_text(f"{verdict.problem.name}: {verdict.outcome.value}"), x=0.01, ha="left", fontsize=11.0)
     return figure

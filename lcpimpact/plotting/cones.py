@@ -36,7 +36,7 @@ from lcpimpact.plotting.style import GREY, INK, LCP, PALETTE, RK4, Drawing, save
 COLORS = PALETTE[5], PALETTE[4], PALETTE[2], PALETTE[3]
 COLORS_IN_SPACE = *COLORS, PALETTE[0], PALETTE[1], "#f0e442", GREY
 RADII = 1.0, 0.84, 0.68, 0.52
-"""Radius of each cone, distinct so that the rims of overlapping cones are visible."""
+"""Radius of each cone where cones overlap, distinct so that their rims are visible; else all have the first."""
 
 PARALLEL_TOL = 1e-12
 """Sine of the angle below which two columns are parallel."""
@@ -132,7 +132,8 @@ def plot_cones(
 ) -> Figure | Axes:
     """Draw the complementary cones of LCP(M, q), with the directions of the columns and of q.
 
-    Of order 2 they lie in the plane of q, each with its own radius; lengths have no meaning. Of order 3 they are triangles
+    Of order 2 they lie in the plane of q; where they overlap each has its own radius, and the common sectors are hatched:
+    lengths have no meaning. Of order 3 they are triangles
     on the sphere of the directions of q, seen from the front and from behind. A degenerate cone is a thick line, on which
     solutions form a continuum. Regions outside all cones are hatched. The numbers of solutions in the title hold for q in
     the interior of the cones.
@@ -195,12 +196,18 @@ def _plot_in_plane(panel: Axes, full: Array, right: Array | None) -> None:
     panel.set(xlim=(-HALF_WIDTH, HALF_WIDTH), ylim=(-HALF_WIDTH, HALF_WIDTH), aspect="equal")
     panel.set_axis_off()
     gaps = _draw_gaps(panel, parts)
-    for cone, color, radius in zip(drawn, COLORS, RADII, strict=True):
+    several = sorted({count for _, _, count in parts if count > 1})
+    radii = RADII if several or any(cone.kind != "wedge" for cone in drawn) else RADII[:1] * len(drawn)
+    for cone, color, radius in zip(drawn, COLORS, radii, strict=True):
         _draw_cone(panel, cone, color, radius)
+    _draw_overlaps(panel, parts)
     _draw_directions(panel, full, right)
-    _name_cones(panel, drawn)
+    _name_cones(panel, drawn, radii)
     entries = [_entry(cone, cone.kind, color) for cone, color in zip(drawn, COLORS, strict=True)]
+    entries += [Patch(label=f"{count} cones overlap", **_overlap(count)) for count in several]
     entries += _other_entries(full, bool(gaps))
+    if several:
+        entries.append(_text_entry("radii: only to tell the cones apart"))
     if right is not None:
         entries += _answers(full, right, any(cone.is_dependent_at(right) for cone in drawn))
     panel.legend(handles=entries, loc="center left", bbox_to_anchor=(1.0, 0.5))
@@ -287,6 +294,23 @@ def _draw_gaps(ax: Axes, parts: Sequence[tuple[float, float, int]]) -> int:
     return len(empty)
 
 
+def _overlap(count: int) -> dict[str, Any]:
+    """Return the look of a sector that several cones have in common."""
+    return {
+        "facecolor": "none",
+        "edgecolor": GREY,
+        "hatch": {2: "\\\\\\\\", 3: "xxxx"}.get(count, "++++"),
+        "linewidth": 0.0,
+    }
+
+
+def _draw_overlaps(ax: Axes, parts: Sequence[tuple[float, float, int]]) -> None:
+    """Hatch the sectors in which cones overlap, up to the rim of the smallest."""
+    for first, last, count in parts:
+        if count > 1:
+            ax.add_patch(Wedge((0.0, 0.0), RADII[-1], first, last, zorder=2.05, **_overlap(count)))
+
+
 def _draw_cone(ax: Axes, cone: Cone, color: str, radius: float) -> None:
     if cone.kind == "wedge":
         shape: dict[str, Any] = {"label": cone.name, "zorder": 2.0}
@@ -348,10 +372,10 @@ def _apart(angles: Sequence[float], least: float = 17.0) -> list[float]:
     return moved
 
 
-def _name_cones(ax: Axes, drawn: Sequence[Cone]) -> None:
+def _name_cones(ax: Axes, drawn: Sequence[Cone], radii: Sequence[float]) -> None:
     """Label each cone with its basis, inside its rim and clear of other labels."""
     placed: list[Array] = []
-    for cone, color, radius in zip(drawn, COLORS, RADII, strict=True):
+    for cone, color, radius in zip(drawn, COLORS, radii, strict=True):
         places = list(_places(cone, radius - 0.08))
         best = max(places, key=lambda place: min((_clear(place, other) for other in placed), default=0.0) > 0.0)
         placed.append(best)

@@ -23,7 +23,7 @@ DEPENDENT_TOL = 1e-12
 NEAR = 1e-5
 """Distance from a corner at which the regions that meet there are sampled."""
 
-ARC_POINTS = 49
+ARC_POINTS = 33
 """Points of an arc."""
 
 GRID = 240

@@ -19,7 +19,7 @@ from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.plotting.style import GREY, LIGHT_GREY, PALETTE, Drawing, style
-from lcpimpact.plotting.timeline import plain_text
+from lcpimpact.plotting.timeline import axis_label, plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.accuracy.convergence import COSTS, Convergence, WorkPrecision, observed_orders
 from lcpimpact.study.accuracy.norms import NORMS
@@ -32,7 +32,7 @@ COST_LABELS = {
     "lcp_solves": "LCPs solved",
     "lcp_iterations": "pivots or sweeps",
     "newton_iterations": "Newton iterations",
-    "evaluations": "right sides",
+    "evaluations": "evaluations of the right-hand side",
     "seconds": "time [s]",
 }
 
@@ -92,7 +92,8 @@ def plot_convergence(study: Convergence, *, norm: str | None = None) -> Figure:
         row = orders.loc[key]
         # Errors at rounding level are drawn only if there are no others.
         good = runs[(runs["failure"] == "") & (runs[norm] > 0.0) & bool(row["points"] or not any_resolved)]
-        ax.plot(good["dt"], good[norm], label=f"{_group_name(key)}:  {_order_label(row, runs)}", **look)
+        shown = look if len(good) else {**look, "marker": "", "linestyle": "none"}
+        ax.plot(good["dt"], good[norm], label=f"{_group_name(key)}:  {_order_label(row, runs)}", **shown)
         resolved += list(good[norm])
         if len(good):
             known = row["standard_error"] < ORDER_TOL and abs(row["order"] - _nearest_half(row["order"])) < ORDER_TOL
@@ -100,7 +101,9 @@ def plot_convergence(study: Convergence, *, norm: str | None = None) -> Figure:
             slopes.append(_nearest_half(row["order"]) if known else 0.0)
         if len(good):
             _mark_failures(ax, runs["dt"], runs["failure"], look)
-    ax.set(xscale="log", yscale="log", xlabel="step $h$ [s]", ylabel=_label(norm))
+    ax.set(
+        xscale="log", yscale="log", xlabel=axis_label("step $h$", study.problem.unit("t")), ylabel=_label(study, norm)
+    )
     _set_title(ax, study, norm)
     _limit_errors(ax, study.scales.get(norm, 0.0), resolved)
     _draw_legend(figure, ax, "observed order ± scatter")
@@ -134,7 +137,7 @@ def plot_work_precision(study: WorkPrecision, *, norm: str | None = None, cost: 
     >>> from lcpimpact import load_problem, work_precision
     >>> study = work_precision(load_problem("system-1"), ["moreau-jean"], [0.03, 0.01], norms=["sup_q"], repeats=1)
     >>> study.plot(cost="evaluations").axes[0].get_xlabel()
-    'right sides'
+    'evaluations of the right-hand side'
     """
     table, norm = study.table, _chosen_norm(study, norm)
     cost = study.cost if cost is None else cost
@@ -151,8 +154,10 @@ def plot_work_precision(study: WorkPrecision, *, norm: str | None = None, cost: 
             note = ": no result"
         elif len(good) == 0 and len(solved):
             note = f": no {COST_LABELS[cost]}" if not (solved[cost] > 0).any() else ": no error"
+        if len(good) == 0:
+            look |= {"marker": "", "linestyle": "none"}
         ax.plot(good[cost].astype(float), good[norm], label=_group_name(key) + note, **look)
-    ax.set(xscale="log", yscale="log", xlabel=COST_LABELS[cost], ylabel=_label(norm))
+    ax.set(xscale="log", yscale="log", xlabel=COST_LABELS[cost], ylabel=_label(study, norm))
     _set_title(ax, study, norm)
     _limit_errors(ax, study.scales.get(norm, 0.0), [])
     _draw_legend(figure, ax, None)
@@ -243,8 +248,10 @@ def _draw_legend(figure: Figure, ax: Axes, title: str | None) -> None:
     figure.set_figheight(figure.get_figheight() + 0.2 * (len(labels) // 2 + 1))
 
 
-def _label(norm: str) -> str:
+def _label(study: Convergence, norm: str) -> str:
     found = NORMS[norm]
+    if study.problem.dimensionless:
+        return axis_label(f"${found.symbol}$", "")
     unit = found.unit.replace("^(1/2)", "$^{1/2}$")
     return f"${found.symbol}$" + (f"  [{unit}]" if unit else "")
 

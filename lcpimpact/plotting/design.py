@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -29,6 +29,13 @@ SYMBOLS = {
 }  # fmt: skip
 
 
+class Scale(NamedTuple):
+    """A unit, and the number of it in the SI unit."""
+
+    factor: float
+    unit: str
+
+
 @style()
 @checked
 def plot_design(design: Design) -> Figure:
@@ -46,7 +53,7 @@ def plot_design(design: Design) -> Figure:
     >>> from lcpimpact import design
     >>> figure = design("kelvin-voigt", m=1.0, v0=2.0, e=0.5, contact_time=0.01).plot()
     >>> [ax.get_xlabel() for ax in figure.axes]
-    ['$t$ [s]', '$x$ [m]']
+    ['$t$ [ms]', '$x$ [mm]']
     """
     run = design.simulate()
     end = min(design.contact_time, float(run.t[-1]))
@@ -57,11 +64,13 @@ def plot_design(design: Design) -> Figure:
         displacement[-1] = read(run, "x", [end])[0]
     figure = Drawing(figsize=(7.0, 3.3), layout="constrained")
     over_time, over_displacement = figure.subplots(1, 2, sharey=True)
-    over_time.plot(np.append(0.0, t), np.append(0.0, force), color=PALETTE[0])
-    over_displacement.fill(np.append(0.0, displacement), np.append(0.0, force), color=LIGHT_GREY)
-    over_displacement.plot(np.append(0.0, displacement), np.append(0.0, force), color=PALETTE[0])
-    over_time.set(xlabel="$t$ [s]", ylabel="force on the mass [N]")
-    over_displacement.set(xlabel="$x$ [m]")
+    second, metre = _scaled(float(t[-1]), "s"), _scaled(float(np.abs(displacement).max()), "m")
+    over_time.plot(np.append(0.0, t) * second.factor, np.append(0.0, force), color=PALETTE[0])
+    loop = np.append(0.0, displacement) * metre.factor, np.append(0.0, force)
+    over_displacement.fill(*loop, color=LIGHT_GREY)
+    over_displacement.plot(*loop, color=PALETTE[0])
+    over_time.set(xlabel=f"$t$ [{second.unit}]", ylabel="force on the mass [N]")
+    over_displacement.set(xlabel=f"$x$ [{metre.unit}]")
     low, high = min(0.0, float(force.min())), design.peak_force
     over_time.set_ylim(low - 0.04 * (high - low), high + 0.16 * (high - low))
     for ax in (over_time, over_displacement):
@@ -75,40 +84,42 @@ def plot_design(design: Design) -> Figure:
             "$m g$", (0.0, design.m * design.g), (3.0, 1.5), xycoords=over_displacement.get_yaxis_transform(),
             textcoords="offset points", ha="left", color=GREY, fontsize=8.5,
         )  # fmt: skip
-    _mark(over_time, design, "peak_force", horizontal=True)
-    _mark(over_time, design, "contact_time")
-    _mark(over_displacement, design, "deflection")
+    _mark(over_time, design, "peak_force", Scale(1.0, "N"))
+    _mark(over_time, design, "contact_time", second)
+    _mark(over_displacement, design, "deflection", metre)
     figure.suptitle(_title(design), x=0.01, ha="left", fontsize=10.0)
     return figure
 
 
-def _mark(ax: Axes, design: Design, name: str, *, horizontal: bool = False) -> None:
+def _scaled(largest: float, unit: str) -> Scale:
+    """Return the unit, or a thousandth or millionth of it, in which a value is at least 0.1."""
+    if largest >= 0.1 or largest == 0.0:
+        return Scale(1.0, unit)
+    return Scale(1e3, f"m{unit}") if largest >= 1e-4 else Scale(1e6, f"µ{unit}")
+
+
+def _mark(ax: Axes, design: Design, name: str, scale: Scale) -> None:
     """Draw a line at one of the outputs, with its value."""
-    value = getattr(design, name)
+    value = getattr(design, name) * scale.factor
     if not math.isfinite(value):
         return
     color = REQUIRED_COLOR if name in design.wanted else RESULT_COLOR
     line: dict[str, Any] = {"color": color, "linewidth": 0.9, "linestyle": "--", "zorder": 1.8}
-    text = f"{SYMBOLS[name]} = {value:.4g} {UNITS[name]}"
-    ground = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.85}
-    if horizontal:
+    look: dict[str, Any] = {"color": color, "fontsize": 9.0, "textcoords": "offset points"}
+    text = f"{SYMBOLS[name]} = {value:.4g} {scale.unit}"
+    if name == "peak_force":
         ax.axhline(value, **line)
         ax.annotate(
-            text, (0.92, value), (0.0, 3.0), xycoords=ax.get_yaxis_transform(), textcoords="offset points", ha="right",
-            va="bottom", color=color, fontsize=9.0,
-        )  # fmt: skip
+            text, (0.55, value), (0.0, 3.0), xycoords=ax.get_yaxis_transform(), ha="center", va="bottom", **look
+        )
         return
     ax.axvline(value, **line)
-    if name == "deflection":
-        ax.annotate(
-            text, (value, 0.99), (-3.0, 0.0), xycoords=ax.get_xaxis_transform(), textcoords="offset points", ha="right",
-            va="top", color=color, fontsize=9.0, bbox=ground,
-        )  # fmt: skip
-        return
+    # The force has fallen where it ends, so that there is room beside the line of the contact time.
+    height, va = (0.99, "top") if name == "deflection" else (0.75, "center")
+    ground = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.85}
     ax.annotate(
-        text, (value, 0.5), (-3.0, 0.0), xycoords=ax.get_xaxis_transform(), textcoords="offset points", ha="right",
-        va="center", rotation=90.0, color=color, fontsize=9.0, bbox=ground,
-    )  # fmt: skip
+        text, (value, height), (-3.0, 0.0), xycoords=ax.get_xaxis_transform(), ha="right", va=va, bbox=ground, **look
+    )
 
 
 def _title(design: Design) -> str:
@@ -169,7 +180,7 @@ def plot_fit(fit: Fit) -> Figure:
         below.axhline(0.0, color=INK, linewidth=0.7)
         below.vlines(rows["t"], 0.0, rows["residual"], colors=EXACT, linewidths=0.8)
         below.plot(rows["t"], rows["residual"], ".", color=PALETTE[1], markersize=3.0)
-        below.set(xlabel="$t$ [s]", ylabel="residual", xlim=(0.0, end))
+        below.set(xlabel="$t$ [s]", ylabel=f"residual {_series_unit(fit, str(name))}", xlim=(0.0, end))
     if len(targets):
         ax = axes[-1]
         relative = targets["residual"] / targets["measured"].abs().where(targets["measured"] != 0.0, 1.0)
@@ -201,9 +212,5 @@ def _fit_title(fit: Fit) -> str:
 
 
 def _series_unit(fit: Fit, name: str) -> str:
-    dynamics = fit.problem.dynamics
-    if not dynamics.stores_energy:
-        return ""
-    if name in dynamics.nodes:
-        return "[m]"
-    return "[m/s]" if name.startswith("v_") and name[2:] in dynamics.nodes else "[N]"
+    unit = fit.problem.unit(name)
+    return f"[{unit}]" if unit else ""

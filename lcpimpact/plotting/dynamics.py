@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
@@ -17,7 +19,7 @@ from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError
 from lcpimpact.plotting.style import GREY, INK, LIGHT_GREY, PALETTE, Drawing, style
-from lcpimpact.plotting.timeline import math_text, plain_text
+from lcpimpact.plotting.timeline import axis_label, math_text, plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.dynamics.basins import Basins
 from lcpimpact.study.dynamics.continuation import Branch
@@ -30,6 +32,9 @@ BASIN_COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00"
 """Okabe and Ito's colours for basins; initial states that do not converge are grey."""
 
 NO_ATTRACTOR_COLOR = "#8d95a1"
+
+ATTRACTOR: dict[str, Any] = {"marker": "o", "mfc": "white", "mec": INK, "ms": 5.0, "mew": 1.2}
+"""Mark of the points of an attractor."""
 
 POINTS = 2000
 """Number of points of an orbit."""
@@ -77,8 +82,8 @@ def plot_poincare(study: PoincareSection, *, x: str | None = None, y: str | None
     if across == "phase":
         ax.set_xlim(0.0, 1.0)
     _widen(ax)
-    ax.set_xlabel(_label(across))
-    ax.set_ylabel(_label(up))
+    ax.set_xlabel(_label(across, study.problem.units))
+    ax.set_ylabel(_label(up, study.problem.units))
     ax.set_title(plain_text(f"{study.problem.name} by {study.method}"))
     return figure
 
@@ -119,8 +124,8 @@ def plot_bifurcation(
     figure = Drawing(figsize=(6.4, 4.0), layout="constrained")
     ax = figure.add_subplot()
     count = len(table)
-    size = float(np.clip(90.0 / math.sqrt(count), 0.8, 2.5))
-    ax.plot(table["value"], table[up], "o", color=INK, ms=size, mew=0.0, alpha=0.75, rasterized=count > 5_000)
+    size = float(np.clip(150.0 / math.sqrt(count), 1.5, 3.0))
+    ax.plot(table["value"], table[up], "o", color=INK, ms=size, mew=0.0, alpha=0.75, rasterized=count > 2_000)
     for branch in branches:
         _draw_branch(ax, branch, up)
     for value, word in marks:
@@ -137,10 +142,9 @@ def plot_bifurcation(
     if len(handles) > 1:
         figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
     ax.margins(x=0.01)
-    ax.set_xlabel(math_text(study.parameter))
-    ax.set_ylabel(_label(up))
-    if not marks:
-        ax.set_title(plain_text(f"{study.name} by {study.method}"))
+    ax.set_xlabel(_parameter_label(study.parameter, study.units))
+    ax.set_ylabel(_label(up, study.units))
+    ax.set_title(plain_text(f"{study.name} by {study.method}"), pad=18.0 if marks else None)
     return figure
 
 
@@ -167,8 +171,9 @@ def plot_branch(branch: Branch, *, y: str | None = None) -> Figure:
     ax = figure.add_subplot()
     _draw_branch(ax, branch, up)
     figure.legend(handles=_STABILITY, loc="outside lower center", ncols=2, frameon=False)
-    ax.set_xlabel(math_text(branch.parameter))
-    ax.set_ylabel(_label(up))
+    units = branch.orbits[0].problem.units
+    ax.set_xlabel(_parameter_label(branch.parameter, units))
+    ax.set_ylabel(_label(up, units))
     ax.set_title(plain_text(branch.title.format(branch)))
     return figure
 
@@ -205,8 +210,9 @@ def plot_lyapunov(study: LyapunovExponents) -> Figure:
         )
     ax.axhline(0.0, color=INK, lw=0.7)
     figure.legend(loc="outside right upper")
-    ax.set_xlabel("$t$ [s]")
-    ax.set_ylabel("average of ln |R| over time [1/s]")
+    second = study.problem.unit("t")
+    ax.set_xlabel(axis_label("$t$", second))
+    ax.set_ylabel(axis_label("average of ln |R| over time", f"1/{second}" if second else ""))
     ax.set_title(plain_text(study.problem.name))
     return figure
 
@@ -238,16 +244,19 @@ def plot_basins(result: Basins) -> Figure:
         rasterized=True,
     )
     ax.grid(False)
-    _draw_attractors(ax, result, str(first), str(second))
+    marked = _draw_attractors(ax, result, str(first), str(second))
     named = enumerate(BASIN_COLORS[:shown], 1)
-    handles = [Patch(color=color, label=_attractor(result, k, shown < count)) for k, color in named]
+    handles: list[Artist] = [Patch(color=color, label=_attractor(result, k, shown < count)) for k, color in named]
     unattracted = float((table["attractor"] == 0).mean())
     if unattracted > 0.0:
         word = "no period found"
         handles.append(Patch(color=NO_ATTRACTOR_COLOR, label=f"{word}, {_percentage(unattracted)}"))
+    if marked:
+        handles.append(Line2D([], [], ls="none", label="attractor at phase 0", **ATTRACTOR))
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 3), frameon=False)
-    ax.set_xlabel(_start_label(str(first)))
-    ax.set_ylabel(_start_label(str(second)))
+    ax.set_xlabel(_start_label(str(first), result.units))
+    ax.set_ylabel(_start_label(str(second), result.units))
+    ax.set_title(plain_text(f"{result.name}: the attractor that each start leads to"))
     return figure
 
 
@@ -262,17 +271,18 @@ def _percentage(share: float) -> str:
     return f"{share:.0%}" if share >= 0.01 else "< 1%"
 
 
-def _draw_attractors(ax: Axes, result: Basins, first: str, second: str) -> None:
-    """Mark the points of the attractors if the grid is a coordinate and its velocity."""
+def _draw_attractors(ax: Axes, result: Basins, first: str, second: str) -> bool:
+    """Mark the points of the attractors if the grid is a coordinate and its velocity; return whether it is."""
     names = list(result.attractors.columns)
     across, up = first.rstrip("0").rstrip("_"), second.rstrip("0").rstrip("_")
     nodes = [name[2:] for name in names if name.startswith("v_")]
     up = f"v_{across}" if up == "v" and across in nodes else up
     if across not in names or up not in names:
-        return
+        return False
     limits = ax.axis()
-    ax.plot(result.attractors[across], result.attractors[up], "o", mfc="white", mec=INK, ms=4.5, mew=1.0)
+    ax.plot(result.attractors[across], result.attractors[up], ls="none", **ATTRACTOR)
     ax.axis(limits)
+    return True
 
 
 def _edges(x: Array) -> Array:
@@ -318,15 +328,19 @@ def plot_orbit(orbit: PeriodicOrbit, *, node: str | None = None) -> Figure:
     q = np.insert(now.q[:, i], after, np.column_stack([left.q[:, i], gap]).ravel())
     v = np.insert(now.v[:, i], after, np.column_stack([left.v[:, i], gap]).ravel())
     phase.plot(np.append(q, q[0]), np.append(v, v[0]), color=PALETTE[0])
-    jumps = np.abs(right.v[:, i] - left.v[:, i]) > 1e-9 * np.abs(v).max()
+    jumps = np.abs(right.v[:, i] - left.v[:, i]) > 1e-9 * np.abs(now.v[:, i]).max()
     for before, behind, x, y in zip(
         left.v[jumps, i], right.v[jumps, i], left.q[jumps, i], right.q[jumps, i], strict=True
     ):
-        phase.plot([x, y], [before, behind], color=PALETTE[1], lw=1.2, ls=":")
+        phase.plot([x, y], [before, behind], color=PALETTE[1], lw=1.4, ls="--")
     phase.plot(left.q[:, i], left.v[:, i], "o", color=PALETTE[1], ms=4.0)
-    phase.set_xlabel(_label(d.nodes[i]))
-    phase.set_ylabel(_label(f"v_{d.nodes[i]}"))
-    phase.set_title(f"{plain_text(orbit.problem.name)}: T = {orbit.T:.6g} s, {_impacts(orbit)}")
+    if jumps.any():
+        handle = Line2D([], [], color=PALETTE[1], marker="o", ms=4.0, ls="--", lw=1.4, label="impact, from the dot")
+        phase.legend(handles=[handle], loc="upper left", bbox_to_anchor=(0.0, -0.16), frameon=False)
+    phase.set_xlabel(_label(d.nodes[i], orbit.problem.units))
+    phase.set_ylabel(_label(f"v_{d.nodes[i]}", orbit.problem.units))
+    period = f"T = {orbit.T:.6g} {orbit.problem.unit('t')}".strip()
+    phase.set_title(f"{plain_text(orbit.problem.name)}: {period}, {_impacts(orbit)}")
 
     turn = np.linspace(0.0, 2.0 * math.pi, 361)
     circle.fill(np.cos(turn), np.sin(turn), color=LIGHT_GREY, zorder=0)
@@ -375,21 +389,27 @@ def _widen(ax: Axes) -> None:
             set_limits(middle - 100.0 * least, middle + 100.0 * least)
 
 
-def _label(name: str) -> str:
-    if name == "phase":
-        return "phase of the force"
+def _label(name: str, units: Mapping[str, str]) -> str:
+    """Return the label of a column, with the unit of its coordinate where that is not m."""
+    dimensionless = bool(units) and not any(units.values())
+    if name in ("phase", "period"):
+        return {"phase": "phase of the force"}.get(name, name)
     if name == "speed":
-        return "speed of the impact [m/s]"
+        return axis_label("speed of the impact", "" if dimensionless else "m/s")
     if name == "t":
-        return "t [s]"
+        return axis_label("$t$", "" if dimensionless else "s")
     if name.startswith("v_"):
-        return f"{math_text(name[2:])}' [m/s]"
-    return f"{math_text(name)} [m]" if name != "period" else "period"
+        unit = units.get(name[2:], "m")
+        return axis_label(f"{math_text(name[2:])}'", unit and f"{unit}/s")
+    return axis_label(math_text(name), units.get(name, "m"))
 
 
-def _start_label(name: str) -> str:
-    return (
-        math_text(f"{name[:-1]}_0")
-        if len(name) > 1 and name.endswith("0") and not name.endswith("_0")
-        else math_text(name)
-    )
+def _parameter_label(name: str, units: Mapping[str, str]) -> str:
+    """Return the label of a parameter, whose unit is known only in dimensionless problems."""
+    return axis_label(math_text(name), "") if units and not any(units.values()) else math_text(name)
+
+
+def _start_label(name: str, units: Mapping[str, str]) -> str:
+    """Return the label of an initial value: x0 as x_0."""
+    indexed = len(name) > 1 and name.endswith("0") and not name.endswith("_0")
+    return _parameter_label(f"{name[:-1]}_0" if indexed else name, units)

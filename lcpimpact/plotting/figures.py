@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,19 +10,25 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
+from matplotlib.ticker import LogLocator
 
 from lcpimpact.arrays import Array
 from lcpimpact.plotting.style import EXACT, GREY, INK, LCP, LIGHT_GREY, PALETTE, RK4, Drawing, style
 from lcpimpact.plotting.timeline import contact_intervals, curves, mark_events, math_text
 from lcpimpact.trajectory import Trajectory
 
-MARKER_COUNT = 60
-"""Approximate number of LCP markers on a curve."""
+MARKER_COUNT = 40
+"""Approximate number of markers of each method on a curve."""
 
-ERROR_DECADES = 8.0
-"""Number of decades below the largest error that are drawn."""
+ERROR_DECADES = 12.0
+"""Maximum number of decades below the largest error that are drawn."""
 
-CIRCLES: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 4.0, "markerfacecolor": "none"}
+DIPS = 0.01
+"""Fraction of the errors of a method that are below the axis."""
+
+CIRCLES: dict[str, Any] = {"linestyle": "none", "marker": "o", "markersize": 4.5, "markerfacecolor": "none"}
+CROSSES: dict[str, Any] = {"linestyle": "none", "marker": "x", "markersize": 4.5}
+"""Markers of the LCP and of RK4; RK4's are half way between those of the LCP."""
 
 
 class Corner(NamedTuple):
@@ -127,12 +134,14 @@ def force_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number:
     force.plot(
         lcp.t_reaction, lcp.reaction[:, 0], color=LCP, markevery=_every(lcp), label=f"LCP, {_step(lcp)}", **CIRCLES
     )
-    force.plot(rk4.t_reaction, rk4.reaction[:, 0], ":", color=RK4, linewidth=1.5, label=f"RK4, {_step(rk4)}")
+    force.plot(
+        rk4.t_reaction, rk4.reaction[:, 0], color=RK4, markevery=_every(rk4, 0.5), label=f"RK4, {_step(rk4)}", **CROSSES
+    )
     force.set(xlim=(exact.t[0], exact.t[-1]), ylim=(-0.03 * peak, 1.2 * peak), ylabel="$R$ [N]")
     figure.legend(loc="outside lower center", ncols=3)
     _annotate_peak(force, t, R[:, 0])
-    for run, line in ((lcp, {"color": LCP}), (rk4, {"color": RK4, "linestyle": ":"})):
-        _draw_error(error, run.t_reaction, run.reaction - exact.sample(run.t_reaction).reaction, line)
+    for run, look in _looks(lcp, rk4, LCP, RK4):
+        _draw_error(error, run.t_reaction, run.reaction - exact.sample(run.t_reaction).reaction, look)
     _limit_decades(error, "$|R-R_\\mathrm{exact}|$ [N]")
     mark_events((force, error), exact.events)
     return figure
@@ -155,34 +164,39 @@ def motion_figure(exact: Trajectory, lcp: Trajectory, rk4: Trajectory, *, number
     t, q, _, _ = curves(exact)
     for i, name in enumerate(names):
         color = PALETTE[i % len(PALETTE)]
-        # In contact y and z coincide: the later line is narrower, so that both are visible.
-        motion.plot(
-            t, q[:, i], color=color, alpha=0.35, linewidth=max(1.5, 6.5 - 2.0 * i), label=f"{math_text(name)} exact"
-        )
-        motion.plot(lcp.t, lcp.q[:, i], color=color, markevery=_every(lcp), **CIRCLES)
-        motion.plot(rk4.t, rk4.q[:, i], ":", color=INK, linewidth=1.2)
-    motion.set(xlim=(exact.t[0], exact.t[-1]), ylabel=f"{every} [m] (positive downwards)")
+        # In contact y and z coincide: the later line is narrower, and its markers are between, so that both are visible.
+        part = i / (2.0 * len(names))
+        motion.plot(t, q[:, i], color=color, alpha=0.35, linewidth=max(1.5, 6.5 - 2.0 * i))
+        motion.plot(lcp.t, lcp.q[:, i], color=color, markevery=_every(lcp, part), **CIRCLES)
+        motion.plot(rk4.t, rk4.q[:, i], color=INK, markevery=_every(rk4, 0.5 + part), **CROSSES)
+        top = int(np.nanargmax(np.abs(q[:, i])))
+        above = i + 1 == len(names) or q[top, i] < 0.0
+        motion.annotate(
+            math_text(name), (t[top], q[top, i]), (0.0, 6.0 if above else -6.0), textcoords="offset points", color=color,
+            fontsize=12.0, ha="center", va="bottom" if above else "top",
+        )  # fmt: skip
+    motion.set(xlim=(exact.t[0], exact.t[-1]), ylabel=f"{every} [m]")
     shading: dict[str, Any] = {"color": LIGHT_GREY, "linewidth": 0.0}
     for contact in exact.problem.dynamics.contacts:
         for start, end in contact_intervals(exact, contact.name):
             motion.axvspan(start, end, zorder=0.5, **shading)
-    methods = [
+    entries = [
+        Line2D([], [], color=GREY, alpha=0.35, linewidth=5.0, label="exact"),
         Line2D([], [], color=GREY, label=f"LCP, {_step(lcp)}", **CIRCLES),
-        Line2D([], [], color=INK, linestyle=":", linewidth=1.2, label=f"RK4, {_step(rk4)}"),
+        Line2D([], [], color=INK, label=f"RK4, {_step(rk4)}", **CROSSES),
         Rectangle((0.0, 0.0), 1.0, 1.0, label="in contact", **shading),
     ]
-    figure.legend(handles=[*motion.get_legend_handles_labels()[0], *methods], loc="outside lower center", ncols=6)
-    for run, line in ((lcp, {"color": GREY, "label": "LCP"}), (rk4, {"color": INK, "linestyle": ":", "label": "RK4"})):
-        _draw_error(error, run.t, run.q - exact.sample(run.t).q, line)
-    error.legend(loc="lower right", ncols=2)
+    figure.legend(handles=entries, loc="outside lower center", ncols=4)
+    for run, look in _looks(lcp, rk4, GREY, INK):
+        _draw_error(error, run.t, run.q - exact.sample(run.t).q, look)
     _limit_decades(error, "largest error [m]")
     mark_events((motion, error), exact.events)
     return figure
 
 
 def _two_panels(title: str) -> tuple[Figure, Axes, Axes]:
-    figure = Drawing(figsize=(7.0, 5.0), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.6, 1.0])
+    figure = Drawing(figsize=(7.0, 5.6), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[2.0, 1.0])
     lower.set_xlabel("$t$ [s]")
     figure.suptitle(title, x=0.01, ha="left", fontsize=11.0)
     return figure, upper, lower
@@ -196,8 +210,20 @@ def _step(trajectory: Trajectory) -> str:
     return f"$h={trajectory.t[1] - trajectory.t[0]:g}$ s"
 
 
-def _every(trajectory: Trajectory) -> int:
-    return max(1, len(trajectory.t) // MARKER_COUNT)
+def _every(trajectory: Trajectory, part: float = 0.0) -> tuple[int, int]:
+    """Return the first marker, at a part of the distance of two, and that distance in steps."""
+    every = max(1, len(trajectory.t) // MARKER_COUNT)
+    return int(part * every), every
+
+
+def _looks(
+    lcp: Trajectory, rk4: Trajectory, lcp_color: str, rk4_color: str
+) -> Sequence[tuple[Trajectory, dict[str, Any]]]:
+    """Return the two runs with the looks of their errors, with markers as those of their curves."""
+    return (
+        (lcp, {**CIRCLES, "color": lcp_color, "linestyle": "-", "markevery": _every(lcp)}),
+        (rk4, {**CROSSES, "color": rk4_color, "linestyle": ":", "markevery": _every(rk4, 0.5)}),
+    )
 
 
 def _annotate_peak(ax: Axes, t: Array, R: Array) -> None:
@@ -215,12 +241,17 @@ def _annotate_peak(ax: Axes, t: Array, R: Array) -> None:
     )
 
 
-def _draw_error(ax: Axes, t: Array, difference: Array, line: dict[str, Any]) -> None:
+def _draw_error(ax: Axes, t: Array, difference: Array, look: dict[str, Any]) -> None:
     """Draw the largest error at each instant on a logarithmic scale; the line is broken where it is zero."""
     error = np.abs(difference).max(axis=1)
-    ax.semilogy(t, np.where(error > 0.0, error, np.nan), linewidth=1.3, **line)
+    ax.semilogy(t, np.where(error > 0.0, error, np.nan), linewidth=1.1, **look)
 
 
 def _limit_decades(ax: Axes, label: str) -> None:
-    largest = max(np.nanmax(np.append(line.get_ydata(), 1e-300)) for line in ax.get_lines())
-    ax.set(ylim=(largest * 10.0**-ERROR_DECADES, 3.0 * largest), ylabel=label)
+    """Limit the axis to the errors, without the sharp dips where one changes its sign."""
+    errors = [np.asarray(line.get_ydata(), dtype=float) for line in ax.get_lines()]
+    largest = max(float(np.nanmax(np.append(each, 1e-300))) for each in errors)
+    least = min(float(np.nanquantile(np.append(each, largest), DIPS)) for each in errors)
+    low = max(0.3 * least, largest * 10.0**-ERROR_DECADES)
+    ax.set(ylim=(low, 3.0 * largest), ylabel=label)
+    ax.yaxis.set_major_locator(LogLocator(numticks=6))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import StringIO
@@ -31,6 +32,12 @@ METADATA: dict[str, dict[str, Any]] = {
     ".pdf": {"CreationDate": None, "Creator": None, "Producer": None},
 }
 """File metadata by format, cleared so that files do not depend on date and machine."""
+
+PLACES = re.compile(r'(\b[dxy]="|translate\()([^")]*)(["\)])')
+LONG_NUMBER = re.compile(r"-?\d+\.\d{3,}")
+INDENT = re.compile(r"\n\s+")
+COMMAND = re.compile(r"\s*([A-Za-z])\s*")
+"""In the text of an SVG file: coordinates, numbers of three digits and more behind the point, indents, letters of a path."""
 
 RC: dict[Any, Any] = {
     "axes.axisbelow": True,
@@ -95,10 +102,24 @@ class Drawing(Figure):
 
 
 def svg_text(figure: Figure) -> str:
-    """Return a figure as the text of an SVG file; the same figure always gives the same text."""
+    """Return a figure as the text of an SVG file; the same figure always gives the same text.
+
+    Coordinates are rounded to a hundredth of a point, and indents and the spaces around the letters of a path are left out,
+    so that files are smaller.
+    """
     with style(), StringIO() as text:
         figure.savefig(text, format="svg", metadata=METADATA[".svg"])
-        return text.getvalue()
+        return INDENT.sub("\n", PLACES.sub(_shortened, text.getvalue()))
+
+
+def _shortened(places: re.Match[str]) -> str:
+    name, value, end = places.groups()
+    value = LONG_NUMBER.sub(_rounded, value)
+    return name + (COMMAND.sub(r"\1", value) if name == 'd="' else value) + end
+
+
+def _rounded(number: re.Match[str]) -> str:
+    return f"{float(number[0]):.2f}".rstrip("0").rstrip(".")
 
 
 @checked
@@ -115,5 +136,8 @@ def save(figure: Figure, path: str | Path) -> Path:
     path = Path(path)
     check_output(path, METADATA)
     with style(), whole_file(path) as part:
-        figure.savefig(part, metadata=METADATA[path.suffix])
+        if path.suffix == ".svg":
+            part.write_text(svg_text(figure), encoding="utf-8")
+        else:
+            figure.savefig(part, metadata=METADATA[path.suffix])
     return path

@@ -10,9 +10,11 @@ from matplotlib.axes import Axes
 
 from lcpimpact.arrays import Array
 from lcpimpact.plotting.style import GREY, INK
+from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event
 from lcpimpact.scheme.elements.base import Element
 from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.system import LinearComplementaritySystem
 from lcpimpact.trajectory import Trajectory
 
 POINTS = 2000
@@ -60,6 +62,30 @@ def math_text(symbol: str) -> str:
     # A letter and a number behind it are a symbol with its index, x1 as well as x_1.
     symbol = re.sub(r"\b([^\W\d_])(\d+)\b", r"\1_\2", symbol)
     return "$" + re.sub(r"_(\w{2,})", r"_{\1}", symbol).replace(" ", r"\ ") + "$"
+
+
+def axis_label(symbol: str, unit: str) -> str:
+    """Return the label of an axis: what is drawn, and its unit.
+
+    Examples
+    --------
+    >>> axis_label("$x$", "m"), axis_label("$x$", "")
+    ('$x$ [m]', '$x$ (dimensionless)')
+    """
+    return f"{symbol} [{unit}]" if unit else f"{symbol} (dimensionless)"
+
+
+def coordinates_label(problem: Problem, what: str = "coordinates") -> str:
+    """Return the label of an axis that coordinates share, with their units."""
+    if isinstance(problem.scheme, LinearComplementaritySystem):
+        return what.replace("coordinates", "states")
+    return axis_label(what, ", ".join(dict.fromkeys(map(problem.unit, problem.dynamics.nodes))))
+
+
+def impulse_label(problem: Problem) -> str:
+    """Return the label of an axis of impulses."""
+    unit = problem.unit(problem.dynamics.forces[0].name)
+    return axis_label("impulse", f"{unit} s") if unit else "impulse\n(dimensionless)"
 
 
 def shown_nodes(trajectory: Trajectory) -> list[int]:
@@ -158,19 +184,26 @@ def mark_events(axes: Sequence[Axes], events: Sequence[Event]) -> None:
 
 def _name_events(ax: Axes, events: Sequence[Event]) -> None:
     several = len({event.contact for event in events}) > 1
+    one_kind = len({event.kind for event in events}) == 1
     first, last = ax.get_xlim()
-    row_ends = [-np.inf] * 3
+    row_ends, row_names = [-np.inf] * 3, [""] * 3
     for t in sorted({event.t for event in events}):
-        words = [
-            (f"{math_text(e.contact)} " if several else "") + WORDS.get(e.kind, e.kind) for e in events if e.t == t
-        ]
-        name = ", ".join(dict.fromkeys(words))
+        together: dict[str, list[str]] = {}
+        for event in (event for event in events if event.t == t):
+            together.setdefault(WORDS.get(event.kind, event.kind), []).append(math_text(event.contact))
+        words = [f"{', '.join(dict.fromkeys(names))} {word}" if several else word for word, names in together.items()]
+        name = ", ".join(words)
+        if several and one_kind and np.isfinite(row_ends[0]):
+            # Where all events are of one kind, the first label says which.
+            name = name.rpartition(" ")[0]
         # A letter is about 1/90 of the width; a name too near its neighbour goes one line up.
         place, half = (t - first) / (last - first), len(name.replace("$", "")) / 180.0
+        if row_names[0] == name and place - half <= row_ends[0]:
+            continue
         row = next((i for i, end in enumerate(row_ends) if place - half > end), None)
         if row is None:
             continue
-        row_ends[row] = place + half
+        row_ends[row], row_names[row] = place + half, name
         ax.annotate(
             name,
             (place, 1.0),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,10 +14,13 @@ from matplotlib.figure import Figure
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
 from lcpimpact.integrators import METHODS
-from lcpimpact.plotting.style import Drawing, save, style
+from lcpimpact.plotting.style import PALETTE, Drawing, save, style
 from lcpimpact.plotting.timeline import (
     MAX_NAMED_EVENTS,
+    axis_label,
+    coordinates_label,
     curves,
+    impulse_label,
     mark_events,
     math_text,
     plain_text,
@@ -29,6 +33,9 @@ from lcpimpact.scheme.dynamics import Contact
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.scheme.terms import RowLaw
 from lcpimpact.trajectory import Trajectory
+
+DASHES: tuple[Any, ...] = ("-", (0, (5, 3)), (0, (1.2, 1.8)), (0, (6, 2, 1.2, 2)))
+"""Line styles of the curves of a panel, in turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,10 +91,10 @@ def plot_trajectory(trajectory: Trajectory, path: str | Path | None = None) -> F
     for ax, panel in zip(axes, contents, strict=False):
         draw_panel(ax, panel)
     if impacts:
-        _draw_impulses(axes[-1], events, force_names(trajectory))
+        _draw_impulses(axes[-1], events, force_names(trajectory), impulse_label(trajectory.problem))
 
     axes[0].set_xlim(*_span(trajectory.t))
-    axes[-1].set_xlabel("$t$ [s]")
+    axes[-1].set_xlabel(axis_label("$t$", trajectory.problem.unit("t")))
     mark_events(axes, events)
     figure.suptitle(title_of(trajectory), x=0.01, ha="left", fontsize=10.0)
     if path is not None:
@@ -101,14 +108,15 @@ def panels(trajectory: Trajectory) -> list[Panel]:
     t, q, t_force, force = curves(trajectory)
     nodes, forces = shown_nodes(trajectory), shown_forces(trajectory)
     given = not isinstance(trajectory.problem.scheme, Scheme)
-    found = [Panel("states" if given else "coordinates [m]", tuple(dynamics.nodes[i] for i in nodes), t, q[:, nodes])]
+    problem = trajectory.problem
+    found = [Panel(coordinates_label(problem), tuple(dynamics.nodes[i] for i in nodes), t, q[:, nodes])]
     impulsive = any(event.impulse > 0.0 for event in shown_events(trajectory))
     if forces and not (impulsive and not np.nan_to_num(force[:, forces]).any()):
         unilateral = any(isinstance(each := dynamics.forces[i], Contact) and each.law is RowLaw.CONTACT for i in forces)
         label = "multipliers" if given else "reaction" if unilateral else "force"
         if len(trajectory.t_reaction) < len(trajectory.t):
             label = f"mean {label} of a step"
-        label = label if given else f"{label} [N]"
+        label = label if given else axis_label(label, problem.unit(dynamics.forces[forces[0]].name))
         found.append(Panel(label, force_names(trajectory), t_force, force[:, forces]))
     return found
 
@@ -123,9 +131,11 @@ def draw_panel(ax: Axes, panel: Panel, *, faint: bool = False) -> None:
     """Draw the curves of a panel, with their names beside it."""
     n = len(panel.names)
     for i, (name, column) in enumerate(zip(panel.names, panel.values.T, strict=True)):
-        # Later curves are narrower, so that coincident curves are all visible.
-        wide = 1.4 + 0.8 * max(0, min(n, 4) - 1 - i)
-        ax.plot(panel.t, column, label=math_text(name), linewidth=wide, alpha=0.25 if faint else 1.0)
+        # Later curves are narrower and broken, so that coincident curves are all visible.
+        look: Any = {"linewidth": 1.4 + 0.8 * max(0, min(n, 4) - 1 - i), "alpha": 0.25 if faint else 1.0}
+        if n <= len(PALETTE):
+            look["linestyle"] = DASHES[i % len(DASHES)]
+        ax.plot(panel.t, column, label=math_text(name), **look)
     ax.set_ylabel(panel.label)
     _name_lines(ax)
 
@@ -149,15 +159,15 @@ def _method(method: str) -> str:
     return f"{name}({', '.join(chosen)})" if chosen else name
 
 
-def _draw_impulses(ax: Axes, events: Sequence[Event], contacts: Sequence[str]) -> None:
+def _draw_impulses(ax: Axes, events: Sequence[Event], contacts: Sequence[str], label: str) -> None:
     for i, contact in enumerate(contacts):
         impacts = [(e.t, e.impulse) for e in events if e.contact == contact and e.impulse > 0.0]
         if impacts:
             t, impulse = np.array(impacts).T
             ax.vlines(t, 0.0, impulse, colors=f"C{i}", linewidths=1.0)
-            ax.plot(t, impulse, "o", color=f"C{i}", markersize=3.0, label=math_text(contact))
+            ax.plot(t, impulse, "os^Dv"[i % 5], color=f"C{i}", markersize=3.0, label=math_text(contact))
     ax.set_ylim(bottom=-0.06 * ax.get_ylim()[1])
-    ax.set_ylabel("impulse [N s]")
+    ax.set_ylabel(label)
     _name_lines(ax)
 
 

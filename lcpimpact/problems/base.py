@@ -70,6 +70,8 @@ class Problem:
         Suggested end time in s, or a function that returns it.
     parameters : mapping of str to float
         The values that the scheme was built from.
+    units : mapping of str to str
+        Unit of each coordinate that is not in m: "rad" for an angle, "" in a dimensionless problem.
     source : str
         Where it is from.
     facts : tuple of Fact
@@ -96,6 +98,7 @@ class Problem:
     v0: Mapping[str, float] = field(default_factory=dict)
     t_end: Deferred[float] = Deferred(1.0)
     parameters: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
     source: str = "-"
     facts: Deferred[tuple[Fact, ...]] = field(default=Deferred(()), compare=False, repr=False)
     motion: Callable[[Array], tuple[Array, Array]] | None = field(default=None, compare=False, repr=False)
@@ -109,13 +112,19 @@ class Problem:
             raise InputError(
                 f"scheme = {self.scheme!r} of problem {self.name!r} must be a Scheme or a LinearComplementaritySystem"
             )
-        of = {"q0": "nodes", "v0": "nodes", "parameters": "names"}
+        of = {"q0": "nodes", "v0": "nodes", "parameters": "names", "units": "nodes"}
         for kind, values in ((kind, getattr(self, kind)) for kind in of):
             if not isinstance(values, Mapping):
-                raise InputError(f"{kind} = {values!r} of problem {self.name!r} must map {of[kind]} to numbers")
+                what = "strings" if kind == "units" else "numbers"
+                raise InputError(f"{kind} = {values!r} of problem {self.name!r} must map {of[kind]} to {what}")
         for kind in of:
             object.__setattr__(self, kind, dict(getattr(self, kind)))
         nodes = {node: i for i, node in enumerate(self.dynamics.nodes)}
+        for node, unit in self.units.items():
+            if node not in nodes:
+                raise InputError(f"units of problem {self.name!r}: {nearest(str(node), list(nodes), 'node')}")
+            if not isinstance(unit, str):
+                raise InputError(f"units[{node!r}] = {unit!r} of problem {self.name!r} must be a string, as 'rad'")
         for kind, values in (("q0", self.q0), ("v0", self.v0)):
             for node, value in values.items():
                 if node not in nodes:
@@ -208,6 +217,36 @@ class Problem:
         return self.scheme.assemble()
 
     @property
+    def dimensionless(self) -> bool:
+        """Whether all quantities, the time included, are without unit."""
+        return bool(self.units) and not any(self.units.values())
+
+    def unit(self, series: str) -> str:
+        """Return the unit of a series of its runs: the time t, a coordinate, a velocity (v_NODE) or a force.
+
+        It is "" without a unit, as for a system given by its matrices. The force on angles alone is a moment in N m.
+
+        Examples
+        --------
+        >>> from lcpimpact import load_problem
+        >>> [load_problem("woodpecker").unit(series) for series in ("t", "y", "φ_M", "v_φ_M", "N1")]
+        ['s', 'm', 'rad', 'rad/s', 'N']
+        """
+        second = "" if self.dimensionless else "s"
+        nodes = self._nodes
+        if series == "t":
+            return second
+        if isinstance(self.scheme, LinearComplementaritySystem):
+            return ""
+        if series in nodes:
+            return self.units.get(series, "m")
+        if series.startswith("v_") and series[2:] in nodes:
+            length = self.units.get(series[2:], "m")
+            return f"{length}/{second}" if length else ""
+        angles = all(self.units.get(node) == "rad" for node in nodes)
+        return "" if self.dimensionless else "N m" if angles else "N"
+
+    @property
     def initial_coordinates(self) -> Array:
         """q(0) in the order of the nodes (n,)."""
         return self._initial(self.q0, 0)
@@ -216,6 +255,10 @@ class Problem:
     def initial_velocities(self) -> Array:
         """v(0) in the order of the nodes (n,)."""
         return self._initial(self.v0, 1)
+
+    @cached_property
+    def _nodes(self) -> frozenset[str]:
+        return frozenset(self.dynamics.nodes)
 
     def _repr_html_(self) -> str:
         return html_of(self)

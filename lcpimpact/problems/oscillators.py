@@ -267,6 +267,7 @@ def impact_oscillator(
         v0={"x": -e * v},
         t_end=5.5 * T,
         parameters={"zeta": ζ, "omega": ω, "f": f, "s": s, "e": e, "n": n},
+        units={"x": ""},
         source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
         facts=partial(_impact_oscillator_facts, v, T),
         motion=partial(_impact_oscillator_motion, T=T, orbit=orbit),
@@ -275,10 +276,8 @@ def impact_oscillator(
 
 def _impact_oscillator_facts(v: float, T: float) -> tuple[Fact, ...]:
     return (
-        Fact(
-            "v⁻", "speed of every impact", v, "m/s", partial(limit, kind="impact", number=3, of="v", i=0, side="left")
-        ),
-        Fact("T", "from impact to impact", T, "s", partial(interval, kind="impact", first=2, last=3)),
+        Fact("v⁻", "speed of every impact", v, "", partial(limit, kind="impact", number=3, of="v", i=0, side="left")),
+        Fact("T", "from impact to impact", T, "", partial(interval, kind="impact", first=2, last=3)),
     )
 
 
@@ -368,6 +367,7 @@ def shaw_holmes(
         v0={"x": v0},
         t_end=t_end,
         parameters={"zeta": zeta, "omega": omega, "f": f, "s": s, "e": e, "x0": x0, "v0": v0},
+        units={"x": ""},
         source="Shaw and Holmes, A periodically forced piecewise linear oscillator (1983)",
         facts=partial(_shaw_holmes_facts, zeta, omega, f, s, x0, v0, t_end),
     )
@@ -388,12 +388,12 @@ def _shaw_holmes_facts(ζ: float, ω: float, f: float, s: float, x0: float, v0: 
         return (Fact("x(T)", "position at the end, clear of the stop", end, "m", partial(final, series="x"), scale=G),)
     if t_1 > 0.0 or v0 > 0.0:
         return (
-            Fact("t_1", "first impact", t_1, "s", partial(instant, kind="impact"), scale=1.0),
+            Fact("t_1", "first impact", t_1, "", partial(instant, kind="impact"), scale=1.0),
             Fact(
                 "v_1",
                 "its speed",
                 float(free(t_1)[1]),
-                "m/s",
+                "",
                 partial(limit, kind="impact", of="v", i=0, side="left"),
                 scale=G,
             ),

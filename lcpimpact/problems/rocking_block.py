@@ -84,6 +84,7 @@ def rocking_block(p: float = 2.0, alpha: float = 0.2, theta: float = 0.1, e: flo
         q0={"θ": theta},
         t_end=partial(_end, p, e, s_0),
         parameters={"p": p, "alpha": alpha, "theta": theta, "e": e},
+        units={"θ": "rad"},
         source="Housner, The behavior of inverted pendulum structures during earthquakes (1963)",
         facts=partial(_facts, p, alpha, e, s_0),
         motion=partial(_rocking_block_motion, alpha=alpha, e=e, p=p, s_0=s_0, theta=theta),

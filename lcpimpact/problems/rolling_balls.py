@@ -159,6 +159,7 @@ def _slides_and_rolls(
         v0={"x": v0, "φ": omega0},
         t_end=1.75 * t_r,
         parameters={"m": m, "R": R, "k": k, "g": g, "mu": mu, "v0": v0, "omega0": omega0},
+        units={"φ": "rad"},
         source=CORIOLIS,
         facts=partial(_slides_and_rolls_facts, R, v0, t_r, v_r),
         motion=partial(_slides_and_rolls_motion, friction=mu * g, R=R, k=k, t_r=t_r, v0=v0, omega0=omega0),
@@ -267,6 +268,7 @@ def spinning_ball(
         parameters={
             "m": m, "R": R, "k": k, "g": g, "mu": mu, "e": e, "e_T": e_T, "v_y": v_y, "omega0": omega0
         },
+        units={"φ": "rad"},
         source=GARWIN,
         facts=partial(_spinning_ball_facts, m=m, R=R, k=k, g=g, mu=mu, e=e, e_T=e_T, v_y=v_y, omega0=omega0),
     )  # fmt: skip
@@ -367,6 +369,7 @@ def super_ball(
         v0={"φ": omega0},
         t_end=8.5 * fall,
         parameters={"m": m, "R": R, "k": k, "g": g, "mu": mu, "H": H, "omega0": omega0},
+        units={"φ": "rad"},
         source=GARWIN,
         facts=partial(_super_ball_facts, omega0, w, fall, v, u / R),
         motion=partial(_super_ball_motion, H=H, fall=fall, g=g, omega0=omega0, omega1=u / R, v=v),
@@ -474,6 +477,7 @@ def super_ball_table(
         v0={"x": v_x, "y": v_y},
         t_end=3.25 * h / v_y,
         parameters={"m": m, "R": R, "k": k, "mu": mu, "h": h, "v_x": v_x, "v_y": v_y},
+        units={"φ": "rad"},
         source=GARWIN,
         facts=partial(_super_ball_table_facts, R, h, v_y, states),
     )  # fmt: skip

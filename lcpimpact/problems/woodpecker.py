@@ -106,6 +106,7 @@ def woodpecker(
         v0={"φ_S": SPEED},
         t_end=0.25,
         parameters=parameters,
+        units={"φ_M": "rad", "φ_S": "rad"},
         source="Leine, Glocker and van Campen, Nonlinear dynamics of the woodpecker toy (2001)",
         facts=partial(_facts, *parameters.values()),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ENDINGS = (".html",)
+
+SYMBOL = re.compile(r"\b([^\W\d_])_(\w+)")
+"""A letter with an index, as t_1."""
 
 
 @dataclass(frozen=True)
@@ -143,4 +147,9 @@ def _table(section: Section) -> dict[str, Any]:
     words = [not any(isinstance(value, (int, float)) for value in table[name]) for name in table.columns]
     forms = [section.formats.get(str(name), section.form) for name in table.columns]
     rows = [list(map(cell, row, forms)) for row in table.itertuples(index=False, name=None)]
-    return {"header": [str(name) for name in table.columns], "words": words, "rows": rows}
+    return {"header": [_typeset(str(name)) for name in table.columns], "words": words, "rows": rows}
+
+
+def _typeset(name: str) -> str:
+    """Return the head of a column as HTML, with the index of a symbol of one letter as such."""
+    return SYMBOL.sub(r"<i>\1</i><sub>\2</sub>", escape(name))

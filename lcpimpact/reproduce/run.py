@@ -235,11 +235,12 @@ def _report_tables(found: PaperRuns, checks: tuple[Check, ...]) -> list[Section]
         _table(
             "Cross-validation",
             "Errors of the θ-step (with Lemke's method) and of the paper's RK4 against the exact solution; "
-            "t<sub>1</sub> ... t<sub>4</sub> are errors of the switching times, and mean|R| is the L1 error of R over the "
-            f"length of the run, at the instants of the force (mid-step for θ = 1/2). {tables.compared_with_rk4(found)} "
+            "t<sub>1</sub> ... t<sub>4</sub> are errors of the switching times, and the mean error of R is its L1 error "
+            f"over the length of the run, at the instants of the force (mid-step for θ = 1/2). "
+            f"{tables.compared_with_rk4(found)} "
             f"{' '.join(f'{escape(line)}.' for verdict in found.verdicts.values() for line in verdict.head())}",
-            tables.CROSS_VALIDATION_HEADER[:-4],
-            [row[:-4] for row in shown],
+            tables.CROSS_VALIDATION_HEADER[:-5],
+            [row[:-5] for row in shown],
             "cross-validation.csv",
         ),
         _table(
@@ -284,5 +285,6 @@ def _table(
     title: str, caption: str, header: Sequence[str], rows: Sequence[Sequence[Any]], file: str, *, folded: bool = False
 ) -> Section:
     text = f"{caption} The numbers are also in {file}."
-    table = pd.DataFrame(rows, columns=list(header))
-    return Section(title, text, table=table, form=".1e", formats=tables.FORMATS, folded=folded)
+    table = pd.DataFrame(rows, columns=[tables.HEADS.get(name, name) for name in header])
+    formats = {tables.HEADS.get(name, name): form for name, form in tables.FORMATS.items()}
+    return Section(title, text, table=table, form=".1e", formats=formats, folded=folded)

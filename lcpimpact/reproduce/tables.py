@@ -90,6 +90,15 @@ def write_csv(path: Path, header: Sequence[str], rows: Sequence[Sequence[Any]]) 
         writer.writerows(rows)
 
 
+HEADS = {
+    "theta": "θ",
+    "lcp_solver": "LCP solver",
+    "sup|x| [m]": "sup err x [m]",
+    "sup|x'| [m/s]": "sup err x' [m/s]",
+    "mean|R| [N]": "mean err R [N]",
+}
+"""Heads of columns in the report, where they differ from those in the files."""
+
 FORMATS = {
     "h [s]": "g",
     "theta": "g",

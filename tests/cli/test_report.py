@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from html.parser import HTMLParser
 
 import numpy as np
@@ -70,6 +71,14 @@ def test_a_report_holds_all_it_shows(tmp_path):
     for words in ("A study", "Of two methods.", "Both agree.", "Seen", "Below", "Made by lcpimpact"):
         assert words in page.text
     assert "http" not in path.read_text(encoding="utf-8").split("<body>")[1].split("<img")[0]
+
+
+def test_the_head_of_a_column_stands_as_its_cells_and_indices_are_set(tmp_path):
+    table = pd.DataFrame({"method": ["a"], "t_1 <s>": [0.5], "lcp_solver": ["lemke"]})
+    path = write_report(tmp_path / "study.html", "t", "l", [Section("Numbers", table=table)])
+    (head,) = re.findall(r"<thead>(.*?)</thead>", path.read_text(encoding="utf-8"))
+    words = '<th class="word">method</th><th><i>t</i><sub>1</sub> &lt;s&gt;</th><th class="word">lcp_solver</th>'
+    assert head == f"<tr>{words}</tr>"
 
 
 def test_the_same_study_gives_the_same_page(tmp_path):

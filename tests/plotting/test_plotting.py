@@ -530,7 +530,15 @@ def test_figure_9_shows_every_coordinate_and_shades_the_time_in_contact(runs: di
     exact, lcp, rk4 = runs["system-3"]
     figure = motion_figure(exact, lcp, rk4, number=9)
     motion, error = figure.axes
-    assert "positive downwards" in motion.get_ylabel()
+    assert motion.get_ylabel() == "$x$, $y$, $z$ [m]"
+    assert [text.get_text() for text in motion.texts[:3]] == ["$x$", "$y$", "$z$"]
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "exact",
+        "LCP, $h=0.01$ s",
+        "RK4, $h=0.01$ s",
+        "in contact",
+    ]
     assert len(motion.get_lines()) == 9
     drawn = [np.array(line.get_data()) for line in motion.get_lines()]
     for i in range(3):
@@ -670,11 +678,14 @@ def test_many_events_are_marked_but_not_named() -> None:
     assert_nothing_overlaps(figure)
 
 
-def test_names_of_events_that_stand_close_do_not_overlap() -> None:
+def test_events_that_stand_close_share_one_name_and_names_do_not_overlap() -> None:
     run = ball("exact", 3.6)
     assert 9 <= len(run.events) < 12
     figure = plot_trajectory(run)
-    assert len(figure.axes[0].texts) == len(run.events)
+    names = figure.axes[0].texts
+    assert {text.get_text() for text in names} == {"impact"}
+    assert len({text.get_position()[1] for text in names}) == 1
+    assert 3 <= len(names) < len(run.events)
     assert_nothing_overlaps(figure)
     assert_nothing_is_cut_off(figure)
 
@@ -733,11 +744,10 @@ def test_every_cone_and_every_column_is_named_and_nothing_overlaps(case: str) ->
     (ax,) = figure.axes
     written = [text.get_text() for text in ax.texts if text.get_text()]
     assert [name for name in written if name.startswith("$\\{")] == [f"$\\{{{name[1:-1]}\\}}$" for name in NAMES]
-    for cone, radius, text in zip(
-        cones(np.array(M)), RADII, [t for t in ax.texts if "\\{" in t.get_text()], strict=True
-    ):
+    for cone, text in zip(cones(np.array(M)), [t for t in ax.texts if "\\{" in t.get_text()], strict=True):
         x, y = text.get_position()
         if cone.kind == "wedge":
+            radius = wedges(ax)[cone.name][0].r
             assert cone.contains(np.degrees(np.arctan2(y, x)) % 360.0)
             assert radius - 0.16 < np.hypot(x, y) < radius
     columns = " ".join(written).replace(",", " ").split()
@@ -764,10 +774,10 @@ def test_the_cones_of_a_P_matrix_have_the_angles_of_its_columns_and_cover_the_pl
     lower, left = -np.degrees(np.arctan2(2.0, 1.0)) % 360.0, np.degrees(np.arctan2(1.0, -2.0))
     expected = {"{}": (0.0, 90.0), "{1}": (90.0, left), "{2}": (lower, 360.0), "{1,2}": (left, lower)}
     assert set(found) == set(expected)
-    for (name, angles), radius in zip(expected.items(), RADII, strict=True):
+    for name, angles in expected.items():
         (wedge,) = found[name]
         assert (wedge.theta1, wedge.theta2) == pytest.approx(angles, abs=1e-9)
-        assert wedge.r == radius
+        assert wedge.r == RADII[0]
     assert "one solution for every $q$: a P-matrix" in ax.get_title(loc="left")
 
 

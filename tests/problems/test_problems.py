@@ -1452,3 +1452,36 @@ OUTSIDE = {
     "bouncing-bar": bouncing_bar,
     "plastic-bar-impact": plastic_bar_impact,
 }
+
+
+# --- units ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", list(PROBLEMS))
+def test_units_of_series_are_those_of_the_closed_forms(name):
+    """A fact that has the unit of an angle or none for an instant says what the series of its problem are measured in."""
+    problem = load_problem(name)
+    of_facts = {fact.unit for fact in problem.facts}
+    series = {problem.unit(node) for node in problem.dynamics.nodes}
+    if problem.dimensionless:
+        assert series == {""}
+        assert problem.unit("t") == problem.unit(problem.dynamics.forces[0].name) == ""
+        assert of_facts == {""}
+    else:
+        assert problem.unit("t") == "s"
+    assert ("rad" in series) >= bool({"rad", "rad/s"} & of_facts)
+
+
+def test_the_problems_of_a_dimensionless_oscillator_and_those_with_angles():
+    assert [name for name in PROBLEMS if load_problem(name).dimensionless] == ["impact-oscillator", "shaw-holmes"]
+    block = load_problem("rocking-block")
+    assert [block.unit(series) for series in ("θ", "v_θ", "R")] == ["rad", "rad/s", "N m"]
+    assert load_problem("diode-bridge").unit("v_L") == ""
+
+
+def test_a_unit_of_an_unknown_node_is_refused():
+    ball = load_problem("bouncing-ball")
+    with pytest.raises(InputError, match="units of problem 'ball': unknown node 'y'"):
+        li.Problem("ball", ball.scheme, units={"y": "rad"})
+    with pytest.raises(InputError, match=r"units\['x'\] = 1 of problem 'ball' must be a string, as 'rad'"):
+        li.Problem("ball", ball.scheme, units={"x": 1})

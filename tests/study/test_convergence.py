@@ -421,7 +421,9 @@ def test_costs_are_drawn_and_what_has_none_is_said(table):
     costs = WorkPrecision(**{each.name: getattr(table, each.name) for each in fields(table)})
     (ax,) = costs.plot(cost="evaluations").axes
     labels = [line.get_label() for line in ax.get_lines()]
-    assert labels == ["moreau-jean", "heun", "radau-fesd", "exact: no right sides", "schatzman-paoli: no result"]
+    none = "exact: no evaluations of the right-hand side"
+    assert labels == ["moreau-jean", "heun", "radau-fesd", none, "schatzman-paoli: no result"]
+    assert [line.get_marker() for line in ax.get_lines()[3:]] == ["", ""]
     rows = table[table["method"] == "heun"]
     assert_allclose(ax.get_lines()[1].get_xdata(), rows["evaluations"].astype(float))
     assert_allclose(ax.get_lines()[1].get_ydata(), rows["sup_q"])

@@ -357,16 +357,22 @@ def test_pictures_show_the_points(basins, tmp_path):
     branch = li.continue_orbit(oscillator, [2.6, 2.7], transient=20)
     (ax,) = replace(diagram, branches=(branch,), parameter="s").plot(tmp_path / "diagram.svg").axes
     assert_allclose(ax.lines[0].get_ydata(), diagram.table["speed"])
-    assert ax.get_xlabel() == "$s$"
+    assert ax.get_xlabel() == "$s$ (dimensionless)"
+    assert ax.get_title(loc="left") == "shaw-holmes by exact"
     shown = [np.isfinite(line.get_ydata()).sum() for line in ax.lines[1:3]]
     assert shown == [2, 1], "the full line reaches the first orbit that is not stable"
     (ax,) = basins.plot(tmp_path / "basins.pdf").axes
     grid = basins.table.pivot(index="v0", columns="x0", values="attractor").to_numpy()
     assert_allclose(np.asarray(ax.collections[0].get_array()).reshape(grid.shape), grid)
+    assert [text.get_text() for text in ax.figure.legends[0].get_texts()][-1] == "attractor at phase 0"
     phase, circle = branch.orbits[0].plot(tmp_path / "orbit.png").axes
     μ = branch.orbits[0].floquet
     assert_allclose(circle.lines[1].get_xdata(), μ.real)
     assert "1 impact" in phase.get_title(loc="left")
+    (impact,) = branch.orbits[0].impacts
+    jump = phase.lines[1]
+    assert_allclose(jump.get_xdata(), [impact.left.q[0], impact.right.q[0]], atol=1e-12)
+    assert_allclose(sorted(jump.get_ydata()), sorted([impact.left.v[0], impact.right.v[0]]))
     assert {path.name for path in tmp_path.iterdir()} == {"section.png", "diagram.svg", "basins.pdf", "orbit.png"}
 
 

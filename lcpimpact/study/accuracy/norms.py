@@ -442,15 +442,17 @@ class Norm:
 
 
 NORMS = {
-    "sup_q": Norm(r"\sup |q - q^*|", "m", "greatest error of the coordinates", "q", sup_q),
-    "l1_v": Norm(r"\int |v - v^*| \, dt", "m", "integral of the error of the velocities", "v", l1_v),
-    "l2_v": Norm(r"\|v - v^*\|_{L^2}", "m/s^(1/2)", "root of the integral of its square", "", l2_v),
-    "hausdorff_v": Norm(r"d_H(v, v^*)", "", "distance of the filled-in graphs of the velocities", "v", hausdorff_v),
-    "event_times": Norm(r"\max |t_k - t_k^*|", "s", "greatest error of the instants of events", "", event_times),
-    "impulses": Norm(r"\max |P_k - P_k^*|", "N s", "greatest error of the impulses", "", impulses),
-    "energy": Norm(r"\overline{|E - E^*|}", "J", "mean error of the stored energy", "", energy),
-    "penetration": Norm(r"\max (-u)^+", "m", "largest penetration", "", penetration),
-    "complementarity": Norm(r"\max |r\,u|", "J", "largest product of the laws", "", complementarity),
+    "sup_q": Norm(r"\sup\,|q - q^{\ast}|", "m", "greatest error of the coordinates", "q", sup_q),
+    "l1_v": Norm(r"\int |v - v^{\ast}| \, dt", "m", "integral of the error of the velocities", "v", l1_v),
+    "l2_v": Norm(r"\|v - v^{\ast}\|_{L^2}", "m/s^(1/2)", "root of the integral of its square", "", l2_v),
+    "hausdorff_v": Norm(
+        r"d_H(v, v^{\ast})", "", "distance of the filled-in graphs of the velocities", "v", hausdorff_v
+    ),
+    "event_times": Norm(r"\max\,|t_k - t_k^{\ast}|", "s", "greatest error of the instants of events", "", event_times),
+    "impulses": Norm(r"\max\,|P_k - P_k^{\ast}|", "N s", "greatest error of the impulses", "", impulses),
+    "energy": Norm(r"\overline{|E - E^{\ast}|}", "J", "mean error of the stored energy", "", energy),
+    "penetration": Norm(r"\max\,(-u)^+", "m", "largest penetration", "", penetration),
+    "complementarity": Norm(r"\max\,|r\,u|", "J", "largest product of the laws", "", complementarity),
 }
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -45,12 +45,15 @@ class Basins(Study):
         Name of the problem.
     longest : int
         Maximum number of periods of the force per run.
+    units : mapping
+        Units of the coordinates that are not in m, as of `Problem`.
     """
 
     table: pd.DataFrame
     attractors: pd.DataFrame
     name: str
     longest: int
+    units: Mapping[str, str] = field(default_factory=dict)
 
     drawn_by = "lcpimpact.plotting.dynamics:plot_basins"
     title = "Basins of attraction of {0.name}"
@@ -155,7 +158,9 @@ def basins(
         for i, point in enumerate(cycle)
     ]
     found = pd.DataFrame(rows, columns=["attractor", "period", "share", "point", *columns])
-    return Basins(table, found, "" if problem is None else problem.name, longest)
+    if problem is None:
+        return Basins(table, found, "", longest)
+    return Basins(table, found, problem.name, longest, problem.units)
 
 
 def _settled(problem: Problem, longest: int, tol: float) -> Points:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,7 @@ class BifurcationDiagram(Study):
     parameter : str             name of the parameter in summary and plot
     branches : tuple of Branch  branches of periodic orbits added to the plot
     y : str or None             plotted column, if not the default
+    units : mapping             units of the coordinates that are not in m, as of `Problem`
     """
 
     table: pd.DataFrame
@@ -46,6 +47,7 @@ class BifurcationDiagram(Study):
     parameter: str = "value"
     branches: tuple[Branch, ...] = ()
     y: str | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
 
     drawn_by = "lcpimpact.plotting.dynamics:plot_bifurcation"
     title = "Bifurcation diagram of {0.name}"
@@ -153,14 +155,19 @@ def bifurcation(
     columns = max((list(table.columns) for table in tables), key=len)
     columns = [*(name for name in columns if name not in ("period", "failure")), "period", "failure"]
     table = pd.concat([each.reindex(columns=columns) for each in tables], ignore_index=True)
-    return BifurcationDiagram(table, _name(family, chosen[0]), where, integrator.name, parameter)
+    name, units = _name_and_units(family, chosen)
+    return BifurcationDiagram(table, name, where, integrator.name, parameter, units=units)
 
 
-def _name(family: Callable[[float], Problem], value: float) -> str:
-    try:
-        return family(value).name
-    except LcpImpactError:
-        return ""
+def _name_and_units(family: Callable[[float], Problem], values: Iterable[float]) -> tuple[str, Mapping[str, str]]:
+    """Return the name and the units of the first problem that can be built."""
+    for value in values:
+        try:
+            problem = family(value)
+        except LcpImpactError:
+            continue
+        return problem.name, problem.units
+    return "", {}
 
 
 def _continued(problem: Problem, last: Array) -> Problem:
