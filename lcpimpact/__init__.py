@@ -15,7 +15,7 @@ from typing import Any
 
 from lcpimpact.exports import exports
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _HERE = __path__[0]
 _LOCATIONS = exports(f"{_HERE}/__init__.pyi") | exports(f"{_HERE}/scheme/elements/registry.pyi")
