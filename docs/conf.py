@@ -42,7 +42,8 @@ html_title = "lcpimpact"
 html_show_sourcelink = False
 html_extra_path = ["extra"]
 MATHJAX = next(file for file in files("sphinx-mathjax-offline") or () if file.name == "tex-chtml.js")
-html_static_path = [str(Path(str(MATHJAX.locate())).parents[1])]  # the folder that holds mathjax/
+html_css_files = ["site.css"]
+html_static_path = ["_static", str(Path(str(MATHJAX.locate())).parents[1])]  # the folder that holds mathjax/
 mathjax_path = "mathjax/tex-chtml.js"
 html_theme_options = {"navigation_with_keys": True}
 
