@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from io import StringIO
 from typing import Any
@@ -11,6 +12,8 @@ import pandas as pd
 from others_problems import CASES
 
 NUMBERS = ("sup_q", "l1_v", "asked", "asked_error", "true", "scale", "ms")
+
+GREEK = {"γ": r"$\gamma$", "ε": r"$\varepsilon$"}
 
 CLOSE, ROUNDING = 1e-3, 1e-12
 """Errors of q over the greatest |q|: what counts as close to the truth, and what as rounding."""
@@ -86,7 +89,7 @@ def page(text: str) -> str:
     lines += ["## What is seen", "", *(f"- {sentence}" for sentence in seen(table)), ""]
     for title in dict.fromkeys(table["problem"]):
         lines += section(title, table[table["problem"] == title])
-    return "\n".join(lines)
+    return re.sub("[γε]", lambda letter: GREEK[letter[0]], "\n".join(lines))
 
 
 def overview(table: pd.DataFrame) -> list[str]:

@@ -84,8 +84,8 @@ MAX_STRING_LENGTH = 1_000
 """Maximum number of characters of a string."""
 
 KEYS = {
-    "elements": ["name", "source", "t_end", "built_from", "elements", "initial", "run"],
-    "system": ["name", "source", "t_end", "built_from", "system", "initial", "run"],
+    "elements": ["name", "source", "t_end", "built_from", "elements", "initial", "units", "run"],
+    "system": ["name", "source", "t_end", "built_from", "system", "initial", "units", "run"],
     "problem": ["problem", "parameters", "run"],
 }
 """Keys of a file, for each of the three ways to state a problem."""
@@ -379,7 +379,8 @@ def _parse(text: str, stem: str) -> SchemeFile:
     else:
         scheme = _build(LinearComplementaritySystem, _check_table(data["system"], "system"), "system", SYSTEM)
         nodes = list(scheme.states or ())
-    q0, v0 = _read_initial(_check_table(data.get("initial", {}), "initial"), list(dict.fromkeys(nodes)))
+    nodes = list(dict.fromkeys(nodes))
+    q0, v0 = _read_initial(_check_table(data.get("initial", {}), "initial"), nodes)
     problem = Problem(
         _convert(data.get("name", stem), str, "name"),
         scheme,
@@ -388,6 +389,7 @@ def _parse(text: str, stem: str) -> SchemeFile:
         t_end=_check_time("t_end", data.get("t_end", 1.0)),
         parameters=_read_numbers(data.get("built_from", {}), "built_from"),
         source=_convert(data.get("source", "-"), str, "source"),
+        units=_read_units(_check_table(data.get("units", {}), "units"), nodes),
     )
     return SchemeFile(problem, run)
 
@@ -469,6 +471,14 @@ def _read_initial(tables: Mapping[str, Any], nodes: list[str]) -> tuple[dict[str
                 raise InputError(f"{place}: {nearest(key, list(found), 'key')}")
             found[key][node] = _read_number(value, f"{place}.{key}")
     return found["q"], found["v"]
+
+
+def _read_units(table: Mapping[str, Any], nodes: list[str]) -> dict[str, str]:
+    """Return the units of coordinates that are not m."""
+    for node in table:
+        if node not in nodes:
+            raise InputError(f"units: {nearest(node, nodes, 'node')}")
+    return {node: _convert(unit, str, f"units.{node}") for node, unit in table.items()}
 
 
 def _read_run(value: Any) -> Run:
@@ -604,6 +614,8 @@ def _format(problem: Problem, run: Run) -> str:
         for node, given in starts.items():
             if given:
                 document["initial"][node] = _table_of(given, f"initial.{node}")
+    if problem.units:
+        document["units"] = _table_of(problem.units, "units")
     settings = _entries(run)
     options = settings.pop("options", {})
     if settings or options:

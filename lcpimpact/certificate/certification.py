@@ -174,7 +174,7 @@ def certify(
         forces, momenta = scales.forces, scales.momenta
         gained = impact_gain(d, record, events, integrator, limits.precision) if d.stores_energy else ImpactGain()
         if d.stores_energy and not _driven(d) and energies[0] > GROWTH * energies[1]:
-            found["energy_growth"] = _growth(d, start, record, scales, energies[1], gained)
+            found["energy_growth"] = _growth(d, start, record, scales, energies[1], gained, limits)
     if not d.stores_energy:
         energies = (np.nan, np.nan)
     allowed = {name: limit for name, (_, limit) in found.items()} if integrator is not None else {}
@@ -213,15 +213,18 @@ def _growth(
     scales: Scales,
     scale: float,
     gained: ImpactGain,
+    limits: Limits,
 ) -> tuple[float, float]:
     """Return the largest growth of the stored energy of a system that nothing drives, and its limit."""
     account = account_of(d)
     q0, v0 = start
     before = account.stored(q0[None], v0[None], q0).sum()
     growth = float((account.stored(record.q, record.v, q0).sum(axis=1) - before).max(initial=0.0)) - gained.gained
+    h, q, v = float(np.diff(record.t).max(initial=0.0)), *(np.abs(each).max(axis=0) for each in (record.q, record.v))
     # What rests may be moved by the loads of one step, and energies of large terms that cancel have their rounding error.
-    h, v = float(np.diff(record.t).max(initial=0.0)), np.abs(record.v).max(axis=0)
-    limit = GROWTH * scale + h * float(np.abs(account.steady_loads) @ v)
+    load, m = np.abs(account.steady_loads), np.diag(d.M)
+    v = np.maximum(v, np.divide(h * load, m, out=np.zeros_like(load), where=m > 0.0))
+    limit = GROWTH * scale + h * float(load @ v) + limits.precision * (scale + float(load @ q))
     return max(growth, 0.0), limit + SUM_RTOL * float(scales.forces @ scales.q + scales.momenta @ v)
 
 

@@ -232,6 +232,9 @@ function readFile(text, stem) {
   const tEnd = _check_time("t_end", data.has("t_end") ? data.get("t_end") : 1);
   _read_numbers(data.has("built_from") ? data.get("built_from") : new Dict(), "built_from");
   _convert(data.has("source") ? data.get("source") : "-", FILES.text, "source");
+  const units = _check_table(data.has("units") ? data.get("units") : new Dict(), "units");
+  for (const node of units.keys()) if (!nodes.includes(node)) throw new InputError(`units: ${nearest(node, nodes, "node")}`);
+  for (const [node, unit] of units) _convert(unit, FILES.text, `units.${node}`);
   if (!is_name(name)) throw new InputError(`name = ${repr(name)} of a problem must be a string that is not empty and has no hidden characters`);
   return {name, elements, q0, v0, run, tEnd: Number(run.t_end ?? tEnd)};
 }

@@ -70,14 +70,14 @@ class Problem:
         Suggested end time in s, or a function that returns it.
     parameters : mapping of str to float
         The values that the scheme was built from.
-    units : mapping of str to str
-        Unit of each coordinate that is not in m: "rad" for an angle, "" in a dimensionless problem.
     source : str
         Where it is from.
     facts : tuple of Fact
         Its closed-form values, or a function that returns them.
     motion : callable, optional
         The closed form of the motion: takes times (nt,) and returns q and v (nt, n), right limits.
+    units : mapping of str to str
+        Unit of each coordinate that is not in m: "rad" for an angle, "" in a dimensionless problem.
 
     Raises
     ------
@@ -98,10 +98,10 @@ class Problem:
     v0: Mapping[str, float] = field(default_factory=dict)
     t_end: Deferred[float] = Deferred(1.0)
     parameters: Mapping[str, float] = field(default_factory=dict)
-    units: Mapping[str, str] = field(default_factory=dict)
     source: str = "-"
     facts: Deferred[tuple[Fact, ...]] = field(default=Deferred(()), compare=False, repr=False)
     motion: Callable[[Array], tuple[Array, Array]] | None = field(default=None, compare=False, repr=False)
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not is_name(self.name):

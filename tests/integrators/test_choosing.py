@@ -46,11 +46,11 @@ def test_the_page_says_what_a_method_declares(choose, name):
     ]
     assert set(choose.FEATURES) == set(Feature)
     assert f"## {name}\n" in page
-    assert f"- Energy: {d.energy}." in page
+    assert f"- Energy: {choose.with_tex(d.energy)}." in page
 
 
 def test_formulas_become_tex(choose):
-    assert choose.markdown("a ``b``\n\n.. math:: x = 1,\n          y = 2\n\nc") == "a `b`\n\n$$x = 1,\ny = 2$$\n\nc"
+    assert choose.markdown("a ``b.c``\n\n.. math:: x = 1,\n          y = 2\n\nso") == "a `b.c`\n\n$$x = 1,\ny = 2$$\n\nso"
     assert choose.markdown(".. math::\n\n    x = 1") == "$$\nx = 1$$"
 
 

@@ -570,7 +570,7 @@ def test_newmark_is_the_theta_step_in_smooth_motion():
 )
 def test_factor_of_the_highest_frequencies(name, options, factor):
     scheme = li.Scheme(li.Mass("x", 1.0), li.Spring("x", "ground", 1e10))
-    found = run(li.Problem("stiff", scheme, q0={"x": 1.0}), name, 1.0, 400.0, **options)
+    found = run(li.Problem("stiff", scheme, q0={"x": 1.0}), name, 1.0, 400.0, throw=False, **options)
     size = np.hypot(found["x"], found["v_x"])
     # A multiple root grows by a power of the number of steps, besides.
     assert_allclose((size[400] / size[200]) ** (1.0 / 200.0), factor, rtol=0.02)

@@ -209,7 +209,8 @@ def test_every_step_has_a_solution_and_newton_finds_it(θ):
     """Steps far too long for such stiff laws: without the search along the way one run in six would end with NEWTON."""
     for seed in range(60):
         run = simulate(random_chain(seed), dt=1e-3, t_end=0.1, theta=θ, throw=False)
-        assert run.success, (seed, run.message)
+        # Steps as long as that may make energy, which their certificate says.
+        assert run.status in (li.Status.SOLVED, li.Status.VIOLATED), (seed, run.message)
         assert np.isfinite(run.q).all()
 
 
