@@ -50,7 +50,9 @@ def test_the_page_says_what_a_method_declares(choose, name):
 
 
 def test_formulas_become_tex(choose):
-    assert choose.markdown("a ``b.c``\n\n.. math:: x = 1,\n          y = 2\n\nso") == "a `b.c`\n\n$$x = 1,\ny = 2$$\n\nso"
+    assert (
+        choose.markdown("a ``b.c``\n\n.. math:: x = 1,\n          y = 2\n\nso") == "a `b.c`\n\n$$x = 1,\ny = 2$$\n\nso"
+    )
     assert choose.markdown(".. math::\n\n    x = 1") == "$$\nx = 1$$"
 
 
