@@ -336,6 +336,9 @@ HEAVY = {
 COLLAPSES = {"inelastic-collapse": {"heun", "ssprk3", "bs23", "rk4", "dopri5"}}
 """Problems with more impacts in one step than these methods correct, so that bodies stay a little inside each other."""
 
+UNSTABLE = {"bouncing-bar": {"heun"}}
+"""Problems with oscillations too fast for 400 steps of these methods: Heun's method throws a bar of 1 m over hundreds."""
+
 
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow) if name in HEAVY else name for name in PROBLEMS]
@@ -344,8 +347,9 @@ def test_no_method_alarms_on_a_registered_problem(name):
     problem = li.load_problem(name, **HEAVY.get(name, {}))
     judged = {method: accepted(problem, method, problem.t_end / 400, problem.t_end) for method in METHODS}
     alarms = {method: failures for method, failures in judged.items() if failures}
-    assert set(alarms) == COLLAPSES.get(name, set()), alarms
-    assert all("penetrate" in sentence for failures in alarms.values() for sentence in failures)
+    assert set(alarms) == COLLAPSES.get(name, set()) | UNSTABLE.get(name, set()), alarms
+    what = "energy grows" if name in UNSTABLE else "penetrate"
+    assert all(what in sentence for failures in alarms.values() for sentence in failures)
     assert sum(failures is not None for failures in judged.values()) >= 3
 
 
