@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import subprocess
 import sys
 from importlib.metadata import files
@@ -13,7 +12,7 @@ from lcpimpact import __version__, explore
 
 os.environ.setdefault("LCPIMPACT_COMPILE", "later")
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))  # for notebooks.py
+sys.path.insert(0, str(HERE))  # for docstrings.py and notebooks.py
 
 project = "lcpimpact"
 author = "The lcpimpact developers"
@@ -30,12 +29,15 @@ extensions = [
     "sphinx_design",
     "sphinx_gallery.gen_gallery",
     "sphinxcontrib.bibtex",
+    "docstrings",
     "notebooks",
 ]
 root_doc = "index"
 default_role = "py:obj"
 templates_path = ["_templates"]
 exclude_patterns = [".jupyter_cache", "paper", "_templates", "images", "pictures", "gallery", "examples/*.[!r]*"]
+
+highlight_language = "none"  # of literal blocks without a language: the drawings in docstrings
 
 html_theme = "furo"
 html_title = "lcpimpact"
@@ -86,27 +88,12 @@ def write_generated(*_: object) -> None:
     reference = HERE / "reference" / "command-line.md"
     command = ["utils", "docs", "--name", "lcpimpact", "--title", "Command line", "--output", str(reference)]
     subprocess.run([sys.executable, "-m", "typer", "lcpimpact.cli.commands", *command], check=True, capture_output=True)
+    text = reference.read_text(encoding="utf-8")
+    reference.write_text(text.replace("[bold]", "`").replace("[/bold]", "`"), encoding="utf-8")
     (HERE / "extra").mkdir(exist_ok=True)
     explore(path=HERE / "extra" / "explorer-page.html")
 
 
-SPECIAL = re.compile(r"(?P<code>``.*?``|`[^`]*`_?)|[|]|(?<=\w)_(?=\W|$)")
-
-
-def escape_formulas(_app: object, _what: str, _name: str, _thing: object, _options: object, lines: list[str]) -> None:
-    """Escape what a formula in plain text and reStructuredText read differently, |u| and M_, outside of code."""
-    literal = None  # the indentation of the line before a literal block
-    for i, line in enumerate(lines):
-        indent = len(line) - len(line.lstrip())
-        if literal is not None and line.strip() and indent <= literal:
-            literal = None
-        if literal is None and not line.lstrip().startswith((">>>", "..", ":", "=")):
-            lines[i] = SPECIAL.sub(lambda found: found["code"] or f"\\{found[0]}", line)
-        if literal is None and (line.rstrip().endswith("::") or line.lstrip().startswith((">>>", ".. math::"))):
-            literal = indent
-
-
 def setup(app: object) -> None:
-    """Connect what the build writes itself, and what reads the docstrings before numpydoc does."""
+    """Connect what the build writes itself."""
     app.connect("config-inited", write_generated, priority=0)  # type: ignore[attr-defined]
-    app.connect("autodoc-process-docstring", escape_formulas, priority=400)  # type: ignore[attr-defined]

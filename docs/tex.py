@@ -12,6 +12,7 @@ The force jumps to $R(0^+) = c v_0$ at first touch, for $\theta \ge 1/2$ too; se
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
 LETTERS = "alpha beta gamma delta varepsilon zeta eta theta kappa lambda mu nu xi pi rho sigma tau varphi chi psi omega"
 CAPITALS = "Gamma Delta Theta Lambda Xi Pi Sigma Phi Psi Omega"
@@ -25,6 +26,7 @@ FUNCTIONS = {
     "acosh": "\\operatorname{arcosh}",
     "sign": "\\operatorname{sign}",
     "Sgn": "\\operatorname{Sgn}",
+    "Im": "\\operatorname{Im}",
     "∫": "\\int",
     "Σ": "\\sum",
 }
@@ -32,6 +34,7 @@ OPERATORS = {
     "<=": "\\le",
     ">=": "\\ge",
     "!=": "\\ne",
+    ":=": ":=",
     "⟂": "\\perp",
     "→": "\\to",
     "·": "\\cdot",
@@ -58,14 +61,15 @@ TOKEN = re.compile(
     rf"""(?P<group>(?:sqrt|abs|ceil|floor)\(|\^\(|_[({{]|[(\[⌈])
     |(?P<raised>[{"".join(RAISED)}]+|\^[\w+]|(?<=[A-Za-z])\*(?=[ )]|$)|(?<=\(0)\+(?=\)))
     |(?P<prime>'+)
-    |(?P<lowered>_∞|_[A-Za-z\d{"".join(GREEK)}]+|∞)
+    |(?P<lowered>_∞|_·j|_[A-Za-z\d{"".join(GREEK)}]+|∞)
     |(?P<close>[)\]⌉}}])
     |(?P<bar>\|)
     |(?P<comma>,[ ]|,(?=[\d{"".join(GREEK)}]))
     |(?P<function>[∫Σ]|(?:{"|".join(FUNCTIONS)})(?![A-Za-z]))
     |(?P<operator>{"|".join(map(re.escape, OPERATORS))})
-    |(?P<number>\d+(?:\.\d+)?(?:e-?\d+)?(?!\.\d)|½|\.\.\.(?=[ ][=+]))
+    |(?P<number>\d+(?:\.\d+)?(?:e-?\d+)?(?!\.\d)|½|√\d+|\.\.\.(?=[ ][=+]))
     |(?P<differential>d[stx](?!\w))
+    |(?P<word>(?:lower|upper|gap|slack|inf)(?:_i)?(?!\w))
     |(?P<symbol>[{"".join(GREEK)}](?=[a-z](?!\w))|[A-Za-z{"".join(GREEK)}]\d*(?![A-Za-zÀ-ÿ]))""",
     re.VERBOSE,
 )
@@ -75,13 +79,14 @@ UNIT = re.compile(
 )
 PROTECTED = re.compile(
     r"(?P<literal>``(?P<plain>[^`]+)``)|`[^`]*`|\$\$.*?\$\$|\$[^$]*\$|!?\[[^\]]*\]\([^)]*\)"
-    rf"|\bin {UNIT.pattern}|(?<=\band ){UNIT.pattern}|\bN/mⁿ|\d[\d.e-]* {UNIT.pattern}|\b(?:L1|D1⁻)(?!\w)",
+    rf"|\b[Ii]n {UNIT.pattern}|(?<=\b(?:and|.or) ){UNIT.pattern}|\bN/mⁿ|\d[\d.e-]* {UNIT.pattern}|\b(?:L1|D1⁻)(?!\w)"
+    rf"|\({UNIT.pattern}(?=[,);:])(?!, \w\))|\bEqs?\. \([^)]*\)|\b\w*(?:NAME|NODE)[\w.]*|\"[^\"\n]*\"",
     re.DOTALL,
 )
-NAMES = {"L1": "$L^1$", "D1⁻": "$\\mathrm{D1}^-$"}
+NAMES = {"L1": "L^1", "D1⁻": "\\mathrm{D1}^-"}
 """Of a norm and a method, whose digits are no subscripts."""
 
-ENDS = {"close", "raised", "prime", "lowered", "number", "symbol", "differential"}
+ENDS = {"close", "raised", "prime", "lowered", "number", "symbol", "word", "differential"}
 Token = tuple[str, str, int, int]
 """Kind, text, and where it begins and ends."""
 
@@ -101,33 +106,39 @@ def spelled(formula: str) -> str:
     v_{1/2} = \theta h
     """
     letters = re.sub(f"[{''.join(GREEK)}](?=([A-Za-z])?)", lambda m: f"\\{GREEK[m[0]]}{' ' if m[1] else ''}", formula)
-    return letters.replace("_½", "_{1/2}")
+    return letters.replace("_½", "_{1/2}").replace("½", "\\tfrac12")
 
 
 def with_tex(text: str) -> str:
     """Return a text with its formulas in TeX; code, links and what is TeX already stay."""
-    done, at = "", 0
+    return "".join(f"${part}$" if formula else part for part, formula in parts(text))
+
+
+def parts(text: str) -> Iterator[tuple[str, bool]]:
+    """Yield the parts of a text, each with whether it is a formula, which is in TeX."""
+    at = 0
     while at < len(text):
         if match := PROTECTED.match(text, at):
-            found, at = protected(match), match.end()
+            yield protected(match)
+            at = match.end()
         elif tokens := prose(text, at):
-            found, at = f"${written(tokens)}$", tokens[-1][3]
+            yield written(tokens), True
+            at = tokens[-1][3]
         else:
             match = re.compile(r"\w+(?:['-][A-Za-z]\w*)*|.", re.DOTALL).match(text, at)
             assert match is not None
-            found, at = match[0], match.end()
-        done += found
-    return done
+            yield match[0], False
+            at = match.end()
 
 
-def protected(match: re.Match[str]) -> str:
+def protected(match: re.Match[str]) -> tuple[str, bool]:
     """Return a literal that is a formula in TeX, and everything else that is protected as it is."""
     if match[0] in NAMES:
-        return NAMES[match[0]]
+        return NAMES[match[0]], True
     try:
-        return f"${tex(match['plain'])}$" if match["literal"] else match[0]
+        return (tex(match["plain"]), True) if match["literal"] else (match[0], False)
     except ValueError:
-        return match[0]
+        return match[0], False
 
 
 def prose(text: str, at: int) -> list[Token]:
@@ -166,17 +177,22 @@ def fits(tokens: list[Token], match: re.Match[str], gap: bool) -> bool:
     if text == "∞":
         return True
     if kind in ("raised", "prime", "lowered") or text in ("^(", "_(", "_{"):
-        return (before in ENDS or (before == "function" and (kind == "raised" or tokens[-1][1] == "Σ"))) and not gap
+        return (
+            before in ENDS or (before == "function" and (kind == "raised" or tokens[-1][1] == "Σ" or len(text) == 2))
+        ) and not gap
     if kind == "close":
         return before in ENDS and bool(opened(tokens)) and GROUPS[opened(tokens)[-1]][1] == text
     if kind == "comma":
         return before in ENDS and bool(opened(tokens))
     if kind == "operator":
-        return before in ENDS or (text in "-±∓" and before in ("", "group", "operator", "comma", "function"))
+        return before in ENDS or (
+            (text in "-±∓" or (text == "+" and before == "operator"))
+            and before in ("", "group", "operator", "comma", "function")
+        )
     if kind == "number":
         return before not in ENDS or (before == "close" and gap)
     if kind == "differential":
-        return any(each[1] == "∫" for each in tokens)
+        return any(each[1] == "∫" for each in tokens) or (text == "dt" and bool(tokens))
     return True
 
 
@@ -184,12 +200,14 @@ def reads(tokens: list[Token], match: re.Match[str], gap: bool) -> bool:
     """Whether a token in running text is meant as a part of a formula."""
     text, end, whole = match[0], match.end(), match.string
     before = tokens[-1] if tokens else ("", "", 0, 0)
-    if before[0] == "number" and gap and UNIT.match(whole, match.start()):
+    if before[0] == "number" and before[1] != "½" and gap and UNIT.match(whole, match.start()):
         return False
     if match.lastgroup == "symbol" and re.match(r"-(?!th\b)[A-Za-z]", whole[end:]) and (text.isascii() or not tokens):
         return not text.isascii()
+    if match.lastgroup == "word":
+        return before[0] == "operator" or bool(re.match(r" (?:[<>]=?|:?=) ", whole[end:]))
     if text in ("a", "A", "I"):
-        ahead = re.match(r"['_⁺⁻ᵀ²/]|[ \n](?:[-=<>+⟂]|[<>]=) ", whole[end:])
+        ahead = re.match(r"['_⁺⁻ᵀ²/]|[ \n](?:(?:[-=<>+⟂]|[<>]=) |(?:cos|sin|sign|exp)\b)", whole[end:])
         if text == "A" and re.search(r"[a-z]\s$", whole[: match.start()][-2:]):
             return True
         return bool(ahead) or before[0] in ("operator", "group", "comma") or (before[0] in ENDS and text != "a")
@@ -199,7 +217,7 @@ def reads(tokens: list[Token], match: re.Match[str], gap: bool) -> bool:
         spaced = whole[end : end + 1] in (" ", "\n")
         return spaced == gap if before[0] in ENDS and text != "/" else not spaced
     if match.lastgroup == "group" and text == "(" and gap and before[0] in ENDS:
-        return not re.match(r"\d+(, \d+)*\)|[^()]*[=<>⟂]", whole[end:]) and (
+        return not re.match(rf"\d+(, \d+)*\)|[^()]*[=<>⟂]|{UNIT.pattern}[,)]", whole[end:]) and (
             before[0] != "number" or whole[end : end + 1].isalpha()
         )
     return match.lastgroup != "function" or text in "∫Σ" or bool(re.match(r"[ \n(|²]", whole[end:]))
@@ -257,6 +275,9 @@ def symbol(kind: str, text: str) -> str:
         return OPERATORS[text] if text != "·" else " \\cdot "
     if kind == "differential":
         return f"\\, \\mathrm{{d}}{text[1]}"
+    if kind == "word":
+        name, _, index = text.partition("_")
+        return "\\infty" if name == "inf" else f"\\mathrm{{{name}}}" + (f"_{index}" if index else "")
     if kind == "number":
         return number_in_tex(text)
     if kind == "symbol":
@@ -267,11 +288,13 @@ def symbol(kind: str, text: str) -> str:
 
 def lowered(text: str) -> str:
     """Return a subscript in TeX: one letter or number as it is, words upright."""
-    if text in ("max", "min"):
+    if text in ("max", "min", *LETTERS.split()):
         return f"{{\\{text}}}"
+    if text in ("inf", "·j"):
+        return {"inf": "\\infty", "·j": "{\\cdot j}"}[text]
     if text in GREEK:
         return f"\\{GREEK[text]}"
-    if text.isdigit() or len(text) == 1 or text in ("ij", "ii"):
+    if text.isdigit() or len(text) == 1 or text in ("ij", "ii", "tt", "xx"):
         return text if len(text) == 1 else f"{{{text}}}"
     return f"{{\\mathrm{{{text}}}}}"
 
@@ -280,6 +303,8 @@ def number_in_tex(text: str) -> str:
     """Return a number in TeX: 2.5e-3 as 2.5 times a power of ten."""
     if text in ("½", "..."):
         return {"½": "\\tfrac12", "...": "\\dots"}[text]
+    if text.startswith("√"):
+        return f"\\sqrt{{{text[1:]}}}"
     mantissa, _, exponent = text.partition("e")
     if not exponent:
         return mantissa

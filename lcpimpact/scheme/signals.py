@@ -175,7 +175,7 @@ class PiecewisePolynomial(ABC):
 
     @abstractmethod
     def derivatives(self, t: ArrayLike) -> Array:
-        """Return the right limits of f, f', ... f^(d) at the times t, with the shape of t followed by (d + 1,)."""
+        """Return f and its first d derivatives at the times t, right limits, with the shape of t followed by (d + 1,)."""
 
     def __call__(self, t: float) -> float:
         """Return the value at time t, its right limit where it jumps."""
@@ -245,7 +245,7 @@ class Polynomial(PiecewisePolynomial):
         return np.zeros(0)
 
     def derivatives(self, t: ArrayLike) -> Array:
-        """Return f, f', ... f^(d), with the shape of t followed by (d + 1,)."""
+        """Return f and its first d derivatives, with the shape of t followed by (d + 1,)."""
         return np.stack([polyval(np.asarray(t, dtype=np.float64), row) for row in self._derivatives], axis=-1)
 
 

@@ -12,12 +12,12 @@ from lcpimpact.scheme.elements.linked_masses import Ends, LinkedMasses
 
 @dataclass(frozen=True)
 class Chain(LinkedMasses):
-    r"""A row of n masses NAME.1 ... NAME.n, each joined to the next by a spring, a dashpot, a bumper, or several of these.
+    r"""A row of n masses, NAME.1 to NAME.n, each joined to the next by a spring, a dashpot, a bumper, or several of these.
 
     A column of beads above the floor, a Newton's cradle and a bar in finite elements are chains. Link i is between the
     masses i and i + 1; where ``a`` or ``b`` is given, the first link is between it and the first mass, and the last link
     between the last mass and it. In a `SparseScheme` a chain is assembled by arrays, in a time proportional to n.
-    Energy: Σ ½ m v² and Σ ½ k (q_i+1 - q_i)²; dashpots dissipate c (v_i+1 - v_i)², and so do impacts with e < 1.
+    Energy: Σ ½ m v² and Σ ½ k (q_(i+1) - q_i)²; dashpots dissipate c (v_(i+1) - v_i)², and so do impacts with e < 1.
 
     ::
 

@@ -13,7 +13,7 @@ from lcpimpact.scheme.terms import PowerLaw, Terms
 
 @dataclass(frozen=True)
 class HertzSpring(Element):
-    r"""Hertz's contact of two elastic bodies, Eq. (1): f = K δ^(3/2), and no force apart.
+    r"""Hertz's contact of two elastic bodies: f = K δ^(3/2), and no force apart.
 
     δ = q_upper - q_lower - gap is the penetration; the force pushes the bodies apart. The energy is
     2/5 K δ^(5/2), and more generally K δⁿ⁺¹/(n + 1). For two spheres K = 4/3 E* sqrt(R*), 1/E* = Σ (1 - ν²)/E and

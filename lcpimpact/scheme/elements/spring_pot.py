@@ -57,8 +57,8 @@ class SpringPot(Compound):
     `GeneralizedMaxwell` without k_inf. Its modulus differs from G(t) on t_min <= t <= t_max by less than ``bound`` <= rtol,
     relative to G(t); the bound is the sum of
 
-    - 2 |Γ(α + 2πi/η)|/Γ(α)/(1 - √2 exp(-π²/η)) for the rule: by Poisson's summation the error is Σ 2 |Γ(α + 2πik/η)|/Γ(α),
-      the same at all t, and Im ψ(α + iy) >= π/2 - 1/(2y) makes the terms fall at least so fast;
+    - 2 |Γ(α + 2πi/η)|/Γ(α)/(1 - √2 exp(-π²/η)) for the rule: by Poisson's summation the error is Σ 2 |Γ(α + 2π i k/η)|/Γ(α),
+      the same at all t, and Im ψ(α + i y) >= π/2 - 1/(2y) makes the terms fall at least so fast;
     - η (s_0 t_max)^(2+α)/(2 Γ(α) (exp((2+α)η) - 1)) for the slow terms, whose first two moments are kept;
     - η x^α e^(-x)/Γ(α)/(1 - exp(αη - x (exp(η) - 1))) for the fast terms, x = s_n t_min >= 1 with the first of them.
 

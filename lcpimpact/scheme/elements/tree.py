@@ -17,7 +17,7 @@ from lcpimpact.scheme.elements.linked_masses import Ends, LinkedMasses
 
 @dataclass(frozen=True)
 class Tree(LinkedMasses):
-    r"""Masses NAME.1 ... NAME.n, each joined to the one that it rests on by a spring, a dashpot, a bumper, or several.
+    r"""Masses NAME.1 to NAME.n, each joined to the one that it rests on by a spring, a dashpot, a bumper, or several.
 
     Link i is between the mass i, above, and the mass ``on[i - 1]``, below; 0 is the node ``b`` that the roots rest on, and
     where no b is given roots have no link. In a `SparseScheme` a tree is assembled by arrays, in a time proportional to n.
