@@ -23,6 +23,7 @@ const square = (x) => x * x;
 
 // Elementwise, with the shapes of NumPy.
 function elementwise(f, a, b, truth = false) {
+  if (typeof a === "number" && typeof b === "number") return f(a, b);
   const flat = (x) => !isTensor(x);
   if (flat(a) && flat(b)) return f(Number(a), Number(b));
   const Kind = truth ? Uint8Array : Float64Array;
@@ -118,8 +119,9 @@ function put(a, value, key) {
 
 const any_of = (a, {axis} = {}) => axis !== undefined ? Uint8Array.from(axis ? a : transpose(a), (line) => line.some((x) => x !== 0))
   : isMatrix(a) ? a.some((row) => any_of(row)) : a.some((x) => x !== 0);
-const any = (a) => [...iter(a)].some(truth);
-const all_of = (a) => isMatrix(a) ? a.every((row) => all_of(row)) : a.every((x) => x !== 0), all = (a) => [...iter(a)].every(truth);
+const any = (a) => { for (const x of iter(a)) if (truth(x)) return true; return false; };
+const all_of = (a) => isMatrix(a) ? a.every((row) => all_of(row)) : a.every((x) => x !== 0);
+const all = (a) => { for (const x of iter(a)) if (!truth(x)) return false; return true; };
 const along = (f) => (a, given = {}) => {
   if (given.axis === undefined) return f(isMatrix(a) ? a.flatMap((row) => [...row]) : [...a], given);
   const lines = given.axis === 0 ? transpose(a) : a, found = Array.from(lines, (line) => f([...line], given));

@@ -514,12 +514,15 @@ class Layout:
                 crossings += sum(line.overlaps(box) and not before.overlaps(box) for box in obstacles)
             return abs(x - preferred) + CROSSING_COST * crossings, -x
 
+        def is_clear(x: float) -> bool:
+            moved = [box.moved(x) for box in boxes]
+            return not any(box.overlaps(other) for box in moved for other in obstacles)
+
         candidates = [preferred]
         for box in boxes:
             for other in obstacles:
                 candidates += [other.left - box.right - CLEARANCE, other.right - box.left + CLEARANCE]
-        clear = [x for x in candidates if not any(b.moved(x).overlaps(other) for b in boxes for other in obstacles)]
-        return min(clear, key=cost)
+        return min((x for x in candidates if is_clear(x)), key=cost)
 
     # --- heights -------------------------------------------------------------------------------------------------------
 
