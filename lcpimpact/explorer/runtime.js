@@ -50,7 +50,7 @@ const order = (a, b) => {
 const compared = (f) => (a, b) => typeof a === "string" ? f(a, b) : isArray(a) && !isMatrix(a) ? f(order(a, b), 0) : elementwise(f, a, b, true);
 const lt = compared((x, y) => x < y), le = compared((x, y) => x <= y), gt = compared((x, y) => x > y), ge = compared((x, y) => x >= y);
 const both = (a, b) => a instanceof Set ? new Set([...a].filter((x) => b.has(x))) : elementwise((x, y) => x && y, a, b, true);
-const either = (a, b) => a instanceof Map ? new Dict([...a, ...b]) : elementwise((x, y) => x || y, a, b, true);
+const either = (a, b) => a instanceof Map ? new Dict([...a, ...b]) : a instanceof Set ? new Set([...a, ...b]) : elementwise((x, y) => x || y, a, b, true);
 const invert = (a) => isVector(a) ? a.map((x) => 1 - x) : matrix(...a.shape, (i, j) => 1 - a[i][j], Uint8Array);
 const negative = (a) => isTensor(a) ? elementwise((x) => -x, a, 0) : -a;
 const same = (a, b) => isArray(a) && isArray(b) ? a.length === b.length && a.every((x, i) => same(x, b[i]))

@@ -327,7 +327,7 @@ class Writer:
 
     def _is_range(self, node: ast.expr) -> bool:
         called = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "range"
-        return called and not any(isinstance(each, ast.Starred) for each in node.args)  # type: ignore[attr-defined]
+        return called and not _unpacks(node)  # type: ignore[arg-type]
 
     def _range(self, node: ast.Call) -> tuple[str, str, str]:
         given = list(map(self.of, node.args))
@@ -594,7 +594,7 @@ class Writer:
             ordered = _in_order(self.functions[called.id], given, named) if named else given
             return f"{safe(called.id)}({','.join(ordered)})"
         if isinstance(called, ast.Name):
-            if called.id in EXTREMES and (len(given) != 2 or named):
+            if called.id in EXTREMES and (len(given) != 2 or named or _unpacks(node)):
                 return self._extreme(node, called.id, given, options)
             if called.id == "len" and not self.arrays:
                 return f"{given[0]}.length"
@@ -612,7 +612,7 @@ class Writer:
 
     def _extreme(self, node: ast.Call, name: str, given: list[str], options: str) -> str:
         """Return the extreme of one sequence."""
-        if len(given) != 1 or isinstance(node.args[0], ast.Starred):
+        if len(given) != 1 or _unpacks(node):
             raise TypeError(f"{ast.unparse(node)} is not translated: give max and min two numbers, or one sequence")
         return f"{EXTREMES[name]}({given[0]},{options})"
 
@@ -646,6 +646,11 @@ def _in_order(parameters: Sequence[str], given: list[str], named: dict[str, str]
 def _stored(node: ast.AST) -> set[str]:
     """Return the names that a target binds."""
     return {each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)}
+
+
+def _unpacks(node: ast.Call) -> bool:
+    """Return whether a call unpacks a sequence into arguments."""
+    return any(isinstance(each, ast.Starred) for each in node.args)
 
 
 def _yields(node: ast.AST) -> bool:

@@ -98,7 +98,15 @@ def sets_and_mappings(a, b):
     found = dict.fromkeys(a, 0)
     found |= {"b": 2, "z": 1}
     found.setdefault("y", [3]).extend([4])
-    return [*sorted({*a} & {*b}), *sorted({*a} - {*b}), {*a} == {*b}, {*a} == {*reversed(a)}, *found, *found.values()]
+    return [
+        *sorted({*a} & {*b}),
+        *sorted({*a} - {*b}),
+        *sorted({*a} | {*b}),
+        {*a} == {*b},
+        {*a} == {*reversed(a)},
+        *found,
+        *found.values(),
+    ]
 
 
 def generators(n):
@@ -209,7 +217,7 @@ def of_three(x):
 
 
 def of_unpacked(x):
-    return min(*x)
+    return min(1, *x)
 
 
 def by_keywords(f):
