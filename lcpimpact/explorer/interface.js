@@ -1,5 +1,6 @@
 const by = (id) => document.getElementById(id);
 const SVG = "http://www.w3.org/2000/svg", SYMBOL_WIDTH = LIMITS.symbol, EXACT_SAMPLES = 400, TICKS = 1000, QUICK = 4;
+const FAR = 8;  // the farthest way of a node in a drawing, of which a mass is 1.1 high
 const OWN = "a scheme file";
 const state = {problem: "", method: "", values: {}, tEnd: 1, steps: LIMITS.steps, k: 0};
 let cost = 0, following = 0;
@@ -207,7 +208,7 @@ function energies() {
 
 function layPanels() {
   const {nodes, contacts, inexact} = problem, massive = problem.parts.massive.flatMap((unit) => unit.indexOf(1));
-  const names = (list, all) => list.map((i) => [all[i], i]), indices = nodes.map((_, i) => i), system = !problem.drawing && !problem.own;
+  const names = (list, all) => list.map((i) => [all[i], i]), indices = nodes.map((_, i) => i), system = !problem.drawing;
   const wanted = [{what: "q", title: system ? "states x" : "coordinates q in m", keys: names(indices, nodes)}];
   if (massive.length) wanted.push({what: "v", title: "velocities v in m/s", keys: names(massive, nodes)});
   if (contacts.length) wanted.push({what: "r", title: system ? "multipliers r" : "reactions r in N, impulses as ticks", keys: contacts.map((each, i) => [each.name, i])});
@@ -327,19 +328,25 @@ function layScheme() {
   svg.parentElement.style.display = drawing ? "" : "none";
   if (!drawing) return;
   drawing.moving = [];
-  for (const [node, y, left, right, half, text] of drawing.nodes) {
-    const group = element("svg:g", {}, svg);
+  drawing.left = -1.5;
+  drawing.right = 0;
+  const keep = (left, right) => { drawing.left = Math.min(drawing.left, left); drawing.right = Math.max(drawing.right, right); };
+  for (const [moves, y, left, right, half, text, name] of drawing.nodes) {
+    const group = element("svg:g", {}, svg), fixed = !moves.length;
+    keep(left - 0.9, right + Math.max(1.1, 0.3 + breadth(name)));
     if (half) element("svg:rect", {x: left, y: -y - half, width: right - left, height: 2 * half, fill: "var(--faint)", stroke: "var(--ink)", "stroke-width": 0.05}, group);
-    else if (node < 0) for (let x = left - 0.6; x < right + 0.6; x += 0.25) element("svg:line", {x1: x, y1: 0.3 - y, x2: x + 0.25, y2: -y, stroke: "var(--grey)", "stroke-width": 0.03}, group);
-    if (!half) element("svg:line", {x1: node < 0 ? left - 0.6 : left - 0.1, x2: node < 0 ? right + 0.85 : right + 0.1, y1: -y, y2: -y, stroke: "var(--ink)", "stroke-width": 0.08}, group);
-    if (node >= 0) element("svg:text", {x: right + 0.15, y: 0.15 - y, style: "font-size:0.5px;fill:var(--c0)"}, group, problem.nodes[node]);
+    else if (fixed) for (let x = left - 0.6; x < right + 0.6; x += 0.25) element("svg:line", {x1: x, y1: 0.3 - y, x2: x + 0.25, y2: -y, stroke: "var(--grey)", "stroke-width": 0.03}, group);
+    if (!half) element("svg:line", {x1: fixed ? left - 0.6 : left - 0.1, x2: fixed ? right + 0.85 : right + 0.1, y1: -y, y2: -y, stroke: "var(--ink)", "stroke-width": 0.08}, group);
+    if (name) element("svg:text", {x: right + 0.15, y: 0.15 - y, style: "font-size:0.5px;fill:var(--c0)"}, group, name);
     if (text) element("svg:text", {x: (left + right) / 2, y: 0.18 - y, "text-anchor": "middle", style: "font-size:0.5px"}, group, plain(text));
-    drawing.moving.push((shift) => group.setAttribute("transform", `translate(0 ${shift(node)})`));
+    drawing.moving.push((shift) => group.setAttribute("transform", `translate(0 ${shift(moves)})`));
   }
   for (const [shape, [top, above], [bottom, below], [x, lead, tail, height], split, down, side, text, reaction] of drawing.links) {
     const group = element("svg:g", {stroke: "var(--ink)", "stroke-width": 0.06, fill: "none"}, svg);
-    const strokes = STROKES[shape].map((points) => [element("svg:polyline", {}, group), points]);
-    const words = element("svg:text", {x: x + 0.7 * side, "text-anchor": side > 0 ? "start" : "end", stroke: "none", style: "font-size:0.5px"}, group, plain(text));
+    const strokes = (problem.own ? shape : STROKES[shape]).map((points) => [element("svg:polyline", {}, group), points]);
+    const beside = 0.2 + SYMBOL_WIDTH * Math.max(...strokes.flatMap(([, points]) => points.map(([, t]) => abs(t)))), far = beside + 0.1 + breadth(text);
+    keep(x - (side < 0 ? far : 0), x + (side < 0 ? 0 : Math.max(far, 1.9)));
+    const words = element("svg:text", {x: x + beside * side, "text-anchor": side > 0 ? "start" : "end", stroke: "none", style: "font-size:0.5px"}, group, plain(text));
     const contact = problem.contacts.findIndex((each) => each.name === reaction);
     drawing.moving.push((shift) => {
       const first = -top + shift(above), last = -bottom + shift(below), length = last - first;
@@ -360,6 +367,7 @@ function layScheme() {
 }
 
 const plain = (text) => text.replace(/[${}\\]/g, "").replace(/_/g, "");
+const breadth = (text) => 0.29 * plain(text).length;  // as the layout has it
 const acts = (i) => { const laws = problem.methods[state.method].laws, nc = problem.contacts.length, k = state.k - 1;
   for (let law = 0; law < laws; law++) if (k >= 0 && run.z[(k * laws + law) * nc + i] !== 0) return true;
   return false; };
@@ -368,16 +376,14 @@ function drawScheme() {
   if (!drawing || run.taken < 0) return;
   const n = problem.nodes.length, relative = drawing.links.map(([, [, a], [, b]]) => [a, b]);
   let most = 0, shifts = [0, 0];
-  const q = (k, i) => i < 0 ? 0 : run.q[k * n + i], stride = Math.max(Math.floor(run.taken / 200), 1);
+  const q = (k, moves) => { let sum = 0; for (const [i, c] of moves) sum += c * run.q[k * n + i]; return sum; }, stride = Math.max(Math.floor(run.taken / 200), 1);
   for (let k = 0; k <= run.taken; k += stride) for (const [a, b] of relative) most = Math.max(most, abs(q(k, a) - q(k, b)));
-  const scale = most > 0 ? 1.4 / most : 0;
-  for (let k = 0; k <= run.taken; k += stride) for (let i = 0; i < n; i++) shifts = [Math.min(shifts[0], q(k, i)), Math.max(shifts[1], q(k, i))];
-  const xs = drawing.nodes.flatMap(([, , left, right]) => [left - 0.9, right + 1.1]);
-  const left = Math.min(...xs, -1.5), right = drawing.links.reduce((m, each) => Math.max(m, each[3][0] + 1.9), Math.max(...xs));
+  for (let k = 0; k <= run.taken; k += stride) for (const [moves] of drawing.nodes) shifts = [Math.min(shifts[0], q(k, moves)), Math.max(shifts[1], q(k, moves))];
+  const scale = most > 0 ? Math.min(1.4 / most, FAR / (shifts[1] - shifts[0])) : 0, {left, right} = drawing;
   const high = drawing.nodes.reduce((m, [, y, , , half]) => Math.max(m, y + half), 0) - scale * shifts[0] + 0.4;
   const low = drawing.nodes.reduce((m, [, y, , , half]) => Math.min(m, y - half), 0) - Math.max(scale * shifts[1], 0) - 0.5;
   by("scheme").setAttribute("viewBox", `${left} ${-high} ${right - left} ${high - low}`);
-  for (const move of drawing.moving) move((node) => scale * q(state.k, node));
+  for (const move of drawing.moving) move((moves) => scale * q(state.k, moves));
 }
 
 // The LCP w = q + W z, 0 <= z ⟂ w >= 0.

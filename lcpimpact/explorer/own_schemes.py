@@ -11,6 +11,7 @@ from typing import Any, Union, cast, get_args, get_origin, get_type_hints
 
 from lcpimpact import schemefile
 from lcpimpact.errors import InputError
+from lcpimpact.explorer.drawing import drawing
 from lcpimpact.explorer.models import FIRST, LOWER, MAX_NODES, UPPER
 from lcpimpact.explorer.translation import Translation
 from lcpimpact.explorer.units import OF_INITIAL, stated_units
@@ -39,7 +40,9 @@ OF_STEPS = {
 """What a page runs of a method."""
 
 GIVEN = {
-    ".drawn", ".labels", ".modulus", ".tau", "_as_tuple", "_convert", "_floor", "_locate_errors", "_shared_step",
+    "Bar", "HertzSpring", "HuntCrossley", "KelvinVoigtStop", "math_text", "Layout.coordinate_places", "Layout.load_place",
+    "Layout._link_box",
+    ".modulus", ".tau", "_as_tuple", "_convert", "_floor", "_locate_errors", "_shared_step",
     "balance_together", "callable", "checked", "Described", "examine", "featured_at", "find_rows", "ForceLaw",
     "InputError", "is_name", "is_real", "kept_at", "kernel_at",
     "lcpimpact.integrators.stepping.elimination.solve", "lcpimpact.integrators.stepping.impulse_paths.impulse_paths",
@@ -62,7 +65,7 @@ def translated() -> str:
         assembly.refuse_parallel_contacts, assembly._refuse_levers, assembly._check_restitution,
         decomposition.decompose, decomposition.relative_degrees, impulse_paths.impulse_paths, scheme._named, Problem,
         schemefile._check_size, schemefile._statement_kind, schemefile._read_initial, schemefile._read_numbers,
-        schemefile._check_time, waves.cosine,
+        schemefile._check_time, waves.cosine, drawing,
     )  # fmt: skip
     return found.source()
 

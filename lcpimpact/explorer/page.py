@@ -19,11 +19,12 @@ from lcpimpact import __version__
 from lcpimpact.arguments import checked
 from lcpimpact.errors import UnsupportedError
 from lcpimpact.explorer import own_schemes
+from lcpimpact.explorer.drawing import drawing
 from lcpimpact.explorer.javascript import equations_source, run_source
 from lcpimpact.explorer.models import MOST_STEPS, STEPS, Model, model, refusals_of, why_not_exact
 from lcpimpact.explorer.units import units_of
 from lcpimpact.files import check_output, whole_file
-from lcpimpact.plotting.layout import SYMBOL_WIDTH, Layout, label
+from lcpimpact.plotting.layout import SYMBOL_WIDTH
 from lcpimpact.problems import PROBLEMS, load_problem
 from lcpimpact.problems.base import Problem
 from lcpimpact.problems.parameters import is_registered
@@ -195,7 +196,7 @@ def problem_source(found: Model, shapes: dict[str, int]) -> str:
         "units": units_of(problem, first.names),
         "sliders": [[each.name, each.value, each.low, each.high] for each in found.sliders],
         "refusals": refusals_of(found),
-        "drawing": drawing(problem, shapes),
+        "drawing": drawn(problem, shapes),
     }
     methods = []
     for name, traces in found.traces.items():
@@ -216,46 +217,10 @@ def _about(problem: Problem) -> str:
     return (inspect.getdoc(known) or "").split("\n")[0] if known else ""
 
 
-def drawing(problem: Problem, shapes: dict[str, int]) -> dict[str, Any] | None:
-    """Return where a page draws the nodes and the elements of a scheme; None for a system given by its matrices.
-
-    Nodes
-        Index, or -1 of what does not move; y, left, right; half of its height; label.
-    Links
-        Number of its strokes; edge and node above, and below; x, leads and length of the symbol; split; whether its first
-        end is above; side of the label; label; name of the reaction.
-    """
+def drawn(problem: Problem, shapes: dict[str, int]) -> dict[str, Any] | None:
+    """Return the drawing of a scheme, with the number of its strokes in ``shapes``; None for a system of matrices."""
     if not isinstance(problem.scheme, Scheme):
         return None
-    layout, names = Layout(problem.scheme.elements), list(problem.dynamics.nodes)
-
-    def index(node: str) -> int:
-        return names.index(node) if node in names else -1
-
-    y, bars = layout.y, layout.inner_bars
-    nodes = []
-    for node in y:
-        left, right = bars[node] if node in bars else layout.span(node)
-        half = layout.edge(y, node, 1) - y[node] if node in layout.nodes and layout.bodies(node) else 0.0
-        text = " + ".join(map(label, layout.bodies(node))) if node in layout.nodes else ""
-        nodes.append([index(node), y[node], left, right, half, text])
-    links = []
-    for link in layout.links:
-        strokes = _json([[[_short(s), _short(t)] for s, t in stroke] for stroke in link.part.strokes])
-        ends = [(layout.edge(y, link.top, -1), index(link.top)), (layout.edge(y, link.bottom, 1), index(link.bottom))]
-        numbers = [link.x, *link.leads, link.body]
-        shape = shapes.setdefault(strokes, len(shapes))
-        reaction = getattr(link.part, "name", None) or link.part.reaction or ""
-        links.append([shape, *ends, numbers, link.part.split, link.down, link.side, label(link.part), reaction])
-    return {"nodes": _rounded(nodes), "links": _rounded(links)}
-
-
-def _short(value: float) -> float:
-    return round(float(value), 3)
-
-
-def _rounded(value: Any) -> Any:
-    """Return nested lists with numbers of three decimals."""
-    if isinstance(value, list | tuple):
-        return [_rounded(each) for each in value]
-    return _short(value) if isinstance(value, float) else value
+    nodes, links = drawing(problem.scheme.elements, problem.dynamics.nodes)
+    numbered = [[shapes.setdefault(_json(strokes), len(shapes)), *others] for strokes, *others in links]
+    return {"nodes": nodes, "links": numbered}

@@ -4,6 +4,8 @@ class Dict extends Map {}
 class InputError extends Error { get inWords() { return true; } }
 class UnknownNameError extends InputError {}
 class UnsupportedError extends InputError { get unsupported() { return true; } }
+class Absent {}  // the elements that a page does not take
+const Bar = Absent, HertzSpring = Absent, HuntCrossley = Absent, KelvinVoigtStop = Absent;
 const mentions = () => false, _floor = Math.floor, ForceLaw = null, PiecewisePolynomial = class {};
 class Int extends Number {}  // a whole number of a file, which Python prints without a point
 const isArray = Array.isArray, isVector = (a) => ArrayBuffer.isView(a);
@@ -21,6 +23,7 @@ const square = (x) => x * x;
 
 // Elementwise, with the shapes of NumPy.
 function elementwise(f, a, b, truth = false) {
+  if (typeof a === "number" && typeof b === "number") return f(a, b);
   const flat = (x) => !isTensor(x);
   if (flat(a) && flat(b)) return f(Number(a), Number(b));
   const Kind = truth ? Uint8Array : Float64Array;
@@ -38,12 +41,20 @@ const add = (a, b) => typeof a === "string" ? a + b : isArray(a) && !isMatrix(a)
 const sub = (a, b) => a instanceof Set ? new Set([...a].filter((x) => !b.has(x))) : elementwise((x, y) => x - y, a, b);
 const mul = (a, b) => isArray(a) && !isMatrix(a) ? [].concat(...Array(Number(b)).fill(a)) : elementwise((x, y) => x * y, a, b);
 const div = (a, b) => elementwise((x, y) => x / y, a, b);
-const compared = (f) => (a, b) => typeof a === "string" ? f(a, b) : elementwise(f, a, b, true);
+// The order of numbers, of texts, and of lists by their first entries that differ.
+const order = (a, b) => {
+  if (!isArray(a)) return a < b ? -1 : a > b ? 1 : 0;
+  for (let i = 0; i < a.length && i < b.length; i++) { const found = order(a[i], b[i]); if (found) return found; }
+  return a.length - b.length;
+};
+const compared = (f) => (a, b) => typeof a === "string" ? f(a, b) : isArray(a) && !isMatrix(a) ? f(order(a, b), 0) : elementwise(f, a, b, true);
 const lt = compared((x, y) => x < y), le = compared((x, y) => x <= y), gt = compared((x, y) => x > y), ge = compared((x, y) => x >= y);
-const both = (a, b) => elementwise((x, y) => x && y, a, b, true), either = (a, b) => elementwise((x, y) => x || y, a, b, true);
+const both = (a, b) => a instanceof Set ? new Set([...a].filter((x) => b.has(x))) : elementwise((x, y) => x && y, a, b, true);
+const either = (a, b) => a instanceof Map ? new Dict([...a, ...b]) : a instanceof Set ? new Set([...a, ...b]) : elementwise((x, y) => x || y, a, b, true);
 const invert = (a) => isVector(a) ? a.map((x) => 1 - x) : matrix(...a.shape, (i, j) => 1 - a[i][j], Uint8Array);
 const negative = (a) => isTensor(a) ? elementwise((x) => -x, a, 0) : -a;
 const same = (a, b) => isArray(a) && isArray(b) ? a.length === b.length && a.every((x, i) => same(x, b[i]))
+  : a instanceof Set && b instanceof Set ? a.size === b.size && [...a].every((x) => b.has(x))
   : a instanceof Int || b instanceof Int ? Number(a) === Number(b) && typeof a !== "string" && typeof b !== "string" : a === b;
 const eq = (a, b) => isTensor(a) || isTensor(b) ? elementwise((x, y) => x === y, a, b, true) : same(a, b);
 const ne = (a, b) => isTensor(a) || isTensor(b) ? elementwise((x, y) => x !== y, a, b, true) : !same(a, b);
@@ -108,8 +119,9 @@ function put(a, value, key) {
 
 const any_of = (a, {axis} = {}) => axis !== undefined ? Uint8Array.from(axis ? a : transpose(a), (line) => line.some((x) => x !== 0))
   : isMatrix(a) ? a.some((row) => any_of(row)) : a.some((x) => x !== 0);
-const any = (a) => [...iter(a)].some(truth);
-const all_of = (a) => isMatrix(a) ? a.every((row) => all_of(row)) : a.every((x) => x !== 0), all = (a) => [...iter(a)].every(truth);
+const any = (a) => { for (const x of iter(a)) if (truth(x)) return true; return false; };
+const all_of = (a) => isMatrix(a) ? a.every((row) => all_of(row)) : a.every((x) => x !== 0);
+const all = (a) => { for (const x of iter(a)) if (!truth(x)) return false; return true; };
 const along = (f) => (a, given = {}) => {
   if (given.axis === undefined) return f(isMatrix(a) ? a.flatMap((row) => [...row]) : [...a], given);
   const lines = given.axis === 0 ? transpose(a) : a, found = Array.from(lines, (line) => f([...line], given));
@@ -120,9 +132,10 @@ const sum = (a) => [...iter(a)].reduce((s, x) => isTensor(x) ? add(s, x) : s + N
 const copy_of = (a) => isMatrix(a) ? shaped(a.map((row) => row.slice()), ...a.shape) : a.slice();
 const tolist_of = (a) => [...a];
 const astype_of = (a) => isMatrix(a) ? matrix(...a.shape, (i, j) => a[i][j]) : Float64Array.from(a);
-const append_of = (a, x) => { a.push(x); };
+const append_of = (a, x) => { a.push(x); }, extend_of = (a, more) => { a.push(...iter(more)); };
 const items_of = (a) => a.entries(), keys_of = (a) => a.keys(), values_of = (a) => a.values();
 const get_of = (a, key, other = null) => a.has(key) ? a.get(key) : other;
+const setdefault_of = (a, key, other) => { if (!a.has(key)) a.set(key, other); return a.get(key); };
 const join_of = (glue, parts) => [...iter(parts)].join(glue);
 const startswith_of = (text, part) => text.startsWith(part);
 const removeprefix_of = (text, part) => text.startsWith(part) ? text.slice(part.length) : text;
@@ -132,7 +145,20 @@ const zip = (...lists) => { const all = lists.filter((each) => each[Symbol.itera
 const enumerate = (a, first = 0) => [...iter(a)].map((x, i) => [i + first, x]);
 const parted = (a, n, m) => [...a.slice(0, n), a.slice(n, a.length - m), ...a.slice(a.length - m)];
 const range = (a, b) => Array.from({length: max((b ?? a) - (b === undefined ? 0 : a), 0)}, (_, i) => (b === undefined ? 0 : a) + i);
-const sorted = (a) => [...iter(a)].sort((x, y) => x < y ? -1 : x > y ? 1 : 0);
+const sorted = (a, {key = (x) => x} = {}) => [...iter(a)].map((x) => [key(x), x]).sort(([x], [y]) => order(x, y)).map(([, x]) => x);
+const reversed = (a) => [...a].reverse();
+const extreme = (sign) => (a, {key = (x) => x, default: other} = {}) => {
+  const all = [...iter(a)];
+  if (!all.length) { if (other === undefined) throw new RangeError("the extreme of nothing"); return other; }
+  return all.map((x) => [key(x), x]).reduce((best, each) => sign * order(each[0], best[0]) > 0 ? each : best)[1];
+};
+const largest = extreme(1), smallest = extreme(-1), id = (x) => x;
+// A number of n decimals; one in the middle between two, which is a multiple of 2 ** -(n + 1), goes to the even one.
+const round = (x, n) => {
+  if (abs(x * 2 ** (n + 1)) % 2 !== 1) return Number(x.toFixed(n));
+  const below = floor(x * 10 ** n);
+  return (below + abs(below % 2)) / 10 ** n;
+};
 const pairwise = (a) => a.slice(1).map((x, i) => [a[i], x]);
 const next = (a, other) => { const found = a.next(); return found.done ? other : found.value; };
 const cast = (_, x) => x, int = (x) => Number(x), bool = (x) => truth(x), set = (a = []) => new Set(iter(a));
@@ -234,6 +260,17 @@ function make(Kind, given, named = {}) {
   Kind.fields.forEach(([name, other], i) => { made[name] = i < given.length ? given[i] : name in named ? named[name] : typeof other === "function" ? other() : other; });
   if (made.__post_init__) made.__post_init__();
   return made;
+}
+// Properties that are computed once, as Python's cached properties.
+function keep(Kind, names) {
+  for (const name of names) {
+    const {get} = Object.getOwnPropertyDescriptor(Kind.prototype, name);
+    Object.defineProperty(Kind.prototype, name, {get() {
+      const value = get.call(this);
+      Object.defineProperty(this, name, {value});
+      return value;
+    }});
+  }
 }
 const replace = (thing, named) => make(thing.constructor, [], {...thing, ...named});
 const getattr = (thing, name, other) => thing.fields ? (thing.fields.find((each) => each[0] === name) || [name, other])[1] ?? other : name in thing && thing[name] !== undefined ? thing[name] : other;

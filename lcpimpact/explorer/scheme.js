@@ -25,6 +25,13 @@ function solve(A, B) {
   if (!eliminate(rows)) throw new RangeError("Singular matrix");
   return isVector(B) ? Float64Array.from(rows, (row) => row[n]) : matrix(n, columns, (i, j) => rows[i][n + j]);
 }
+// A letter with or without a subscript, and the operators between them, as math text; other text as it is.
+function math_text(symbol) {
+  const text = symbol.replaceAll("$", "\\$"), letter = "[\\p{L}\\p{N}]", word = "[\\p{L}\\p{N}_]";
+  if (!new RegExp(`^(?:${letter}(?:_${letter}+)?|[ ()+=,.'-])+$`, "u").test(text)) return text;
+  const indexed = text.replace(new RegExp(`(?<!${word})((?!\\p{Nd})${letter})(\\p{Nd}+)(?!${word})`, "gu"), "$1_$2");
+  return `$${indexed.replace(new RegExp(`_(${word}{2,})`, "gu"), "_{$1}").replaceAll(" ", "\\ ")}$`;
+}
 function _locate_errors(where, run) {
   try { return run(); } catch (error) {
     if (error instanceof InputError && where) error.message = `${where}: ${error.message}`;
@@ -292,14 +299,14 @@ function ownProblem(text, stem) {
   });
   if ("moreau-jean" in methods) sliders.push(["theta", Number(file.run.options?.get("theta") ?? 0.5), 0.5, 1]);
   const triples = (A) => A.flatMap((row, i) => [...row.keys()].filter((j) => row[j] !== 0).map((j) => [i, j, row[j]]));
-  const step = file.run.dt === null ? 0 : Math.round(file.tEnd / file.run.dt);
+  const [nodes, links] = drawing(file.elements, d.nodes), step = file.run.dt === null ? 0 : Math.round(file.tEnd / file.run.dt);
   return {
     about: `${file.name}: ${file.elements.length} elements of a file`, registered: false, own: true, tEnd: file.tEnd, nodes: d.nodes,
     contacts: d.contacts.map((each) => ({name: each.name, law: each.law, degree: each.relative_degree})), H: d.H.map((row) => [...row]),
     parts: {massive: units(parts.massive), damped: units(parts.damped), static: units(parts.static), driven: units(parts.driven)},
     inexact: d.contacts.every((each) => each.law !== "slider" || each.relative_degree) ? "" : FILES.inexact,
     names, numbers: Object.fromEntries(names.map((name, k) => [name, given[k]])), sliders,
-    units: Object.fromEntries(names.map((name, k) => [name, FILES.units[places[k].initial ?? file.elements[places[k].element].constructor.name]]).map(([name, unit], k) => [name, typeof unit === "string" ? unit : unit[places[k].name]])), refusals: {}, drawing: null, methods,
+    units: Object.fromEntries(names.map((name, k) => [name, FILES.units[places[k].initial ?? file.elements[places[k].element].constructor.name]]).map(([name, unit], k) => [name, typeof unit === "string" ? unit : unit[places[k].name]])), refusals: {}, drawing: {nodes, links}, methods,
     method: file.run.method, theta: Number(file.run.options?.get("theta") ?? 0.5), steps: step >= 1 && step <= LIMITS.most ? step : null,
     equations: (p) => {
       const {d: e, q, v} = build(p), constant = e.loads.filter(([, f]) => !callable(f)), waves = e.loads.filter(([, f]) => callable(f));

@@ -20,7 +20,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from enum import Enum
-from functools import cache
+from functools import cache, cached_property
 from importlib.resources import files
 from types import FunctionType, ModuleType
 from typing import Any
@@ -40,19 +40,22 @@ OPERATIONS: dict[type[ast.AST], str] = {
 """Functions of runtime.js for operators that may act on arrays."""
 
 METHODS = {
-    "all", "any", "append", "astype", "copy", "get", "items", "join", "keys", "max", "removeprefix", "startswith", "sum",
-    "tolist", "values",
+    "all", "any", "append", "astype", "copy", "extend", "get", "items", "join", "keys", "max", "removeprefix", "setdefault",
+    "startswith", "sum", "tolist", "values",
 }  # fmt: skip
 """Methods of Python's and NumPy's own objects, which are functions of runtime.js with the object first."""
 
 EXCEPTIONS = {"TypeError", "ValueError"}
 """Exceptions that only a defect raises here."""
 
+EXTREMES = {"max": "largest", "min": "smallest"}
+"""Functions of runtime.js for the extremes of one sequence; those of two numbers are functions of engine.js."""
+
 SPECIAL = {"T": "transpose", "shape": "shape", "size": "size"}
 """Attributes of arrays, which are functions of runtime.js."""
 
 
-CONSTANTS = {"reaction", "laws", "instants", "remembers", "impact_steps", "name"}
+CONSTANTS = {"reaction", "laws", "instants", "remembers", "impact_steps", "name", "split", "strokes"}
 """Constants of classes that are kept."""
 
 
@@ -159,19 +162,25 @@ class Translation:
         of_fields = {each.name for each in fields(kind)} if is_dataclass(kind) else set()
         for key in sorted((CONSTANTS & vars(kind).keys()) - of_fields):
             parts.append(f"get {key}(){{return {literal(vars(kind)[key])}}}")
-        parts += [self._method(kind, key, value) for key, value in vars(kind).items() if only is None or key in only]
-        return f"{head}{{{''.join(parts)}}}"
+        wanted = {key: value for key, value in vars(kind).items() if only is None or key in only}
+        methods = {key: self._method(kind, key, value) for key, value in wanted.items()}
+        once = [key for key, text in methods.items() if text and isinstance(wanted[key], cached_property)]
+        kept = f"keep({name},{literal(once)});" if once else ""
+        return f"{head}{{{''.join([*parts, *methods.values()])}}}{kept}"
 
     def _field(self, each: Any) -> str:
         """Return the name of a field, and its default if it has one."""
         if each.default_factory is not MISSING:
             empty = {list: "()=>[]", dict: "()=>new Dict()"}.get(each.default_factory)
             return f"[{literal(each.name)},{empty or f'()=>{self.name(each.default_factory)}()'}]"
+        if isinstance(each.default, FunctionType):
+            return f"[{literal(each.name)},()=>{self.name(each.default)}]"
         return literal([each.name, *([] if each.default is MISSING else [each.default])])
 
     def _method(self, kind: Any, key: str, value: Any) -> str:
         """Return a method or a property in JavaScript, "" if it is left out."""
-        method: Any = value.fget if isinstance(value, property) else value
+        read = isinstance(value, property | cached_property)
+        method: Any = value.fget if isinstance(value, property) else value.func if read else value
         left_out = not self.given.isdisjoint((f"{kind.__name__}.{key}", f".{key}"))
         own = isinstance(method, FunctionType) and method.__qualname__ == f"{kind.__qualname__}.{key}"
         special = key.startswith("__") and key not in ("__post_init__", "__str__")
@@ -181,7 +190,7 @@ class Translation:
         (tree,) = ast.parse(textwrap.dedent(inspect.getsource(method))).body
         assert isinstance(tree, ast.FunctionDef)
         writer = Writer(self, method.__globals__, arrays=True)
-        return ("get " if isinstance(value, property) else "") + writer.function(tree, key, method=True)
+        return ("get " if read else "") + writer.function(tree, key, method=True)
 
 
 def safe(name: str) -> str:
@@ -214,31 +223,37 @@ def literal(value: Any) -> str:
 
 @dataclass
 class Writer:
-    """Writes one function; ``arrays`` says whether its operators may act on arrays."""
+    """Writes one function; ``arrays`` says whether its operators may act on arrays.
+
+    It knows the names that are ``local``, and of the ``functions`` in the function their parameters.
+    """
 
     translation: Translation
     globals: dict[str, Any]
     arrays: bool
     local: set[str] = field(default_factory=set)
+    functions: dict[str, list[str]] = field(default_factory=dict)
 
     def function(self, tree: ast.FunctionDef, name: str, method: bool = False) -> str:
         """Return the function, or a method, under a name."""
-        outer, arguments = self.local, tree.args
-        given = [each.arg for each in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
+        outer, arguments = (self.local, self.functions), tree.args
+        given = _parameters(tree)
         defaults = dict(zip(given[::-1], [*arguments.kw_defaults[::-1], *arguments.defaults[::-1]], strict=False))
         names = given[1:] if method else given
         written = [safe(each) + (f"={self.of(defaults[each])}" if defaults.get(each) else "") for each in names]
         if arguments.vararg:
             written.append(f"...{arguments.vararg.arg}")
         inner = {each for part in tree.body for each in _bound(part)} - {*given}
-        functions = {each.name for each in tree.body if isinstance(each, ast.FunctionDef)}
-        self.local = outer | inner | functions | {*given} | ({arguments.vararg.arg} if arguments.vararg else set())
-        yields = any(isinstance(each, ast.Yield) for each in ast.walk(tree))
+        functions = {each.name: _parameters(each) for each in tree.body if isinstance(each, ast.FunctionDef)}
+        rest = {arguments.vararg.arg} if arguments.vararg else set()
+        self.functions = self.functions | functions
+        self.local = self.local | inner | functions.keys() | {*given} | rest
+        yields = any(map(_yields, tree.body))
         declared = f"let {','.join(map(safe, sorted(inner)))};" if inner else ""
         own = "const self=this;" if method else ""
         head = f"{'*' if yields else ''}{name}" if method else f"function{'*' if yields else ''} {name}"
         text = f"{head}({','.join(written)}){{{own}{declared}{self.body(tree.body)}}}"
-        self.local = outer
+        self.local, self.functions = outer
         return text
 
     def body(self, statements: Iterable[ast.stmt]) -> str:
@@ -312,7 +327,7 @@ class Writer:
 
     def _is_range(self, node: ast.expr) -> bool:
         called = isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "range"
-        return called and not any(isinstance(each, ast.Starred) for each in node.args)  # type: ignore[attr-defined]
+        return called and not _unpacks(node)  # type: ignore[arg-type]
 
     def _range(self, node: ast.Call) -> tuple[str, str, str]:
         given = list(map(self.of, node.args))
@@ -347,6 +362,7 @@ class Writer:
     def _AugAssign(self, node: ast.AugAssign) -> str:
         if not self.arrays:
             return f"{self.of(node.target)}{SYMBOLS[type(node.op)]}={self.of(node.value)};"
+        # A list that others hold must grow by `extend`: here += makes a new one.
         value = f"{OPERATIONS[type(node.op)]}({self.of(node.target)},{self.of(node.value)})"
         if isinstance(node.target, ast.Subscript):
             return f"{self._put(node.target, value)};"
@@ -405,6 +421,8 @@ class Writer:
                 return f"np.{node.attr}"
             if node.attr in runtime_names():
                 return node.attr
+            if getattr(value, "__module__", "").startswith("lcpimpact"):
+                return self._global(value, node.attr)
             raise TypeError(f"{ast.unparse(node)} is not in runtime.js")
         if node.attr == "__name__":
             return f"name_of_type({self.of(node.value)})"
@@ -559,6 +577,9 @@ class Writer:
     def _Yield(self, node: ast.Yield) -> str:
         return f"yield {self.of(node.value)}"
 
+    def _YieldFrom(self, node: ast.YieldFrom) -> str:
+        return f"yield* iter({self.of(node.value)})"
+
     # Calls.
 
     def _Call(self, node: ast.Call) -> str:
@@ -567,7 +588,14 @@ class Writer:
         options = f"{{{','.join(f'{key}:{value}' for key, value in named.items())}}}"
         if isinstance(called, ast.Attribute):
             return self._method(called, given, named, options)
-        if isinstance(called, ast.Name) and called.id not in self.local:
+        if isinstance(called, ast.Name) and called.id in self.local:
+            if named and called.id not in self.functions:
+                raise TypeError(f"{ast.unparse(node)} is not translated")
+            ordered = _in_order(self.functions[called.id], given, named) if named else given
+            return f"{safe(called.id)}({','.join(ordered)})"
+        if isinstance(called, ast.Name):
+            if called.id in EXTREMES and (len(given) != 2 or named or _unpacks(node)):
+                return self._extreme(node, called.id, given, options)
             if called.id == "len" and not self.arrays:
                 return f"{given[0]}.length"
             if called.id == "iter":
@@ -576,11 +604,17 @@ class Writer:
             if is_dataclass(value):
                 return f"make({self.of(called)},[{','.join(given)}],{options})"
             if isinstance(value, FunctionType) and named and value.__module__.startswith("lcpimpact"):
-                return f"{self.of(called)}({','.join(_in_order(value, given, named))})"
+                return f"{self.of(called)}({','.join(_in_order([*inspect.signature(value).parameters], given, named))})"
             own = isinstance(value, type) and value.__module__.startswith("lcpimpact") and not issubclass(value, tuple)
             if called.id in EXCEPTIONS or own:
                 return f"new {self.of(called)}({','.join(given)})"
         return f"{self.of(called)}({','.join([*given, *([options] if named else [])])})"
+
+    def _extreme(self, node: ast.Call, name: str, given: list[str], options: str) -> str:
+        """Return the extreme of one sequence."""
+        if len(given) != 1 or _unpacks(node):
+            raise TypeError(f"{ast.unparse(node)} is not translated: give max and min two numbers, or one sequence")
+        return f"{EXTREMES[name]}({given[0]},{options})"
 
     def _method(self, called: ast.Attribute, given: list[str], named: dict[str, str], options: str) -> str:
         inner = called.value
@@ -597,9 +631,14 @@ class Writer:
         return f"{self.of(called)}({','.join([*given, *last])})"
 
 
-def _in_order(function: FunctionType, given: list[str], named: dict[str, str]) -> list[str]:
+def _parameters(tree: ast.FunctionDef) -> list[str]:
+    """Return the names of the parameters of a function, in the order in which JavaScript takes them."""
+    return [each.arg for each in (*tree.args.posonlyargs, *tree.args.args, *tree.args.kwonlyargs)]
+
+
+def _in_order(parameters: Sequence[str], given: list[str], named: dict[str, str]) -> list[str]:
     """Return the arguments of a call by their positions."""
-    parameters = list(inspect.signature(function).parameters)[len(given) :]
+    parameters = parameters[len(given) :]
     last = max(parameters.index(name) for name in named) + 1
     return [*given, *(named.get(name, "undefined") for name in parameters[:last])]
 
@@ -607,6 +646,18 @@ def _in_order(function: FunctionType, given: list[str], named: dict[str, str]) -
 def _stored(node: ast.AST) -> set[str]:
     """Return the names that a target binds."""
     return {each.id for each in ast.walk(node) if isinstance(each, ast.Name) and isinstance(each.ctx, ast.Store)}
+
+
+def _unpacks(node: ast.Call) -> bool:
+    """Return whether a call unpacks a sequence into arguments."""
+    return any(isinstance(each, ast.Starred) for each in node.args)
+
+
+def _yields(node: ast.AST) -> bool:
+    """Return whether a statement yields, outside of functions in it."""
+    if isinstance(node, ast.FunctionDef):
+        return False
+    return isinstance(node, ast.Yield | ast.YieldFrom) or any(map(_yields, ast.iter_child_nodes(node)))
 
 
 def _bound(node: ast.AST) -> set[str]:

@@ -7,10 +7,9 @@ between the same two nodes form an arm: links in parallel, in series, or both.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from statistics import fmean
 from typing import Literal
 
 from lcpimpact.plotting.timeline import math_text
@@ -80,7 +79,7 @@ def label(part: Element) -> str:
 
 def width(text: str) -> float:
     """Return the approximate width of a text."""
-    return LETTER_WIDTH * len(text.translate(str.maketrans("", "", "$_{}\\")))
+    return LETTER_WIDTH * sum(letter not in "$_{}\\" for letter in text)
 
 
 def half_breadth(link: Element) -> float:
@@ -158,20 +157,26 @@ def arms_between(elements: Sequence[Element]) -> list[Arm]:
     outer = {node for element in elements for node in outer_nodes(element)}
     arms = [Arm(*ends(p), p) for e in elements for p in e.drawn() if len(p.nodes) > 1]
     while True:
-        pairs: dict[frozenset[str], list[Arm]] = {}
-        for arm in arms:
-            pairs.setdefault(frozenset((arm.top, arm.bottom)), []).append(arm)
-        arms = [side_by_side(pair) for pair in pairs.values()]
-        for node in inner:
-            here = [arm for arm in arms if node in (arm.top, arm.bottom)]
-            if len(here) == 2 and node not in outer:
-                upper, lower = here
-                joined = in_series(upper.turned() if upper.top == node else upper, lower.downwards(node))
-                arms[arms.index(upper)] = joined
-                arms.remove(lower)
-                break
-        else:
+        arms = in_parallel(arms)
+        at = {node: [arm for arm in arms if node in (arm.top, arm.bottom)] for node in inner if node not in outer}
+        node = next((node for node, here in at.items() if len(here) == 2), None)
+        if node is None:
             return arms
+        upper, lower = at[node]
+        joined = in_series(upper.turned() if upper.top == node else upper, lower.downwards(node))
+        arms = [joined if arm is upper else arm for arm in arms if arm is not lower]
+
+
+def in_parallel(arms: Sequence[Arm]) -> list[Arm]:
+    """Combine all arms between the same two nodes."""
+    found: list[list[Arm]] = []
+    for arm in arms:
+        beside = next((each for each in found if {each[0].top, each[0].bottom} == {arm.top, arm.bottom}), None)
+        if beside is None:
+            found.append([arm])
+        else:
+            beside.append(arm)
+    return [side_by_side(each) for each in found]
 
 
 @dataclass(frozen=True)
@@ -226,6 +231,11 @@ class Box:
         )
 
 
+def at_rest(top: str, bottom: str) -> tuple[float, float]:
+    """Return the range of the relative motion of two nodes in a drawing without motion."""
+    return 0.0, 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class Layout:
     """Positions of all parts of the drawing; y points upwards from the ground at zero.
@@ -242,7 +252,7 @@ class Layout:
     """
 
     elements: tuple[Element, ...]
-    travel: Callable[[str, str], tuple[float, float]] = field(default=lambda top, bottom: (0.0, 0.0))
+    travel: Callable[[str, str], tuple[float, float]] = at_rest
     scale: float = 0.0
 
     # --- contents ------------------------------------------------------------------------------------------------------
@@ -293,13 +303,11 @@ class Layout:
                 new = [other for other in self._neighbours(node) if other not in found]
                 found |= dict.fromkeys(new, found[node] + 1)
                 reached.extend(new)
-            free = [node for node in self.nodes if node not in found]
+            free = [node for node in reversed(self.nodes) if node not in found]
             carries = {
                 outer_nodes(link)[0] for arm in self.undirected_arms for link in arm.links if _has_upper_end(link)
             }
-            bases = sorted(free, key=lambda node: (not self.motions(node), node in carries, -self.nodes.index(node)))[
-                :1
-            ]
+            bases = sorted(free, key=lambda node: (not self.motions(node), node in carries))[:1]
         return found
 
     def _neighbours(self, node: str) -> list[str]:
@@ -330,7 +338,7 @@ class Layout:
         for i, arm in sorted(enumerate(self.undirected_arms), key=urgency):
             top = next((ends(link)[0] for link in arm.links if _has_upper_end(link)), None)
             if top is None or {GROUND, CEILING} & {arm.top, arm.bottom}:
-                top = max(arm.top, arm.bottom, key=rank.__getitem__)
+                top = arm.top if rank[arm.top] > rank[arm.bottom] else arm.bottom
             if leads(arm.downwards(top).bottom, top):
                 top = arm.downwards(top).bottom
             found[i] = arm.downwards(top)
@@ -436,15 +444,15 @@ class Layout:
                 first, last = _span(self.feet(arm, 0.0, node))
                 level = self.level[node]
                 boxes.append(Box(first - CLEARANCE, last + CLEARANCE, level - 0.25, level + 0.25, node))
-            preferred = fmean(_span(extents[bottom])) if bottom in extents else 0.0
+            preferred = _middle(extents[bottom]) if bottom in extents else 0.0
             if bottom == GROUND and top in extents:
-                preferred = fmean(_span(extents[top]))
+                preferred = _middle(extents[top])
             bars = {self.level[node]: _span(extents[node]) for node in (top, bottom) if node in extents}
             x = self._place(preferred, boxes, occupied, bars, own)
             middle[i] = x
             if top not in extents:
                 extents[top] = [x - self._half(top), x + self._half(top)] if self._half(top) else []
-            occupied += [box.moved(x) for box in boxes]
+            occupied.extend(box.moved(x) for box in boxes)
             extents[top] += self.feet(arm, x, top)
             extents.setdefault(bottom, []).extend(self.feet(arm, x, bottom))
         for node in free:
@@ -470,7 +478,7 @@ class Layout:
                 text = CLEARANCE + width(label(load))
                 left, right = (0.15, 0.15 + text) if side > 0 else (0.15 + text, 0.15)
                 box = Box(-left, right, self.level[node] + 0.25, self.level[node] + 0.6)
-                preferred = min(above) - SYMBOL_WIDTH if above else fmean(_span(extents[node]))
+                preferred = min(above) - SYMBOL_WIDTH if above else _middle(extents[node])
                 x = self._place(preferred, [box], occupied, {self.level[node]: _span(extents[node])}, [node])
                 loads[id(load)] = x, side
                 extents[node].append(x)
@@ -506,12 +514,15 @@ class Layout:
                 crossings += sum(line.overlaps(box) and not before.overlaps(box) for box in obstacles)
             return abs(x - preferred) + CROSSING_COST * crossings, -x
 
+        def is_clear(x: float) -> bool:
+            moved = [box.moved(x) for box in boxes]
+            return not any(box.overlaps(other) for box in moved for other in obstacles)
+
         candidates = [preferred]
         for box in boxes:
             for other in obstacles:
                 candidates += [other.left - box.right - CLEARANCE, other.right - box.left + CLEARANCE]
-        clear = [x for x in candidates if not any(b.moved(x).overlaps(other) for b in boxes for other in obstacles)]
-        return min(clear, key=cost)
+        return min((x for x in candidates if is_clear(x)), key=cost)
 
     # --- heights -------------------------------------------------------------------------------------------------------
 
@@ -569,8 +580,8 @@ class Layout:
         y, top, level = {GROUND: 0.0}, 0.0, 0
         for row in self.rows:
             here = self.level[row[0]]
-            thick = max(map(self.thickness, row))
-            if y.keys() != {GROUND} or self.grounded:
+            thick = max(self.thickness(node) for node in row)
+            if len(y) > 1 or self.grounded:
                 below = [
                     arm
                     for i, arm in enumerate(self.arms)
@@ -726,3 +737,8 @@ def _has_upper_end(link: Element) -> bool:
 
 def _span(x: Sequence[float]) -> tuple[float, float]:
     return min(x), max(x)
+
+
+def _middle(x: Sequence[float]) -> float:
+    low, high = _span(x)
+    return (low + high) / 2.0

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+from contextlib import suppress
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +34,7 @@ console.log(JSON.stringify(given.map(({text, steps, changes}) => {
     return {method, taken: o.taken, q: hex(o.q), v: hex(o.v), r: hex(o.r)};
   });
   const refusal = problem.refusal(problem.names.map((each) => values[each]), problem.tEnd);
-  return {runs, numbers: problem.numbers, tEnd: problem.tEnd, refusal};
+  return {runs, numbers: problem.numbers, tEnd: problem.tEnd, refusal, drawing: problem.drawing};
 })));
 """
 
@@ -100,14 +102,17 @@ def a_link(rng, a, b, number, i):
     return kinds[int(rng.choice(len(kinds), p=[0.2, 0.1, 0.3, 0.1, 0.1, 0.1, 0.1]))]()
 
 
+def random_files(folder: Path) -> list[Path]:
+    """Write 48 random schemes to files 0.toml, 1.toml, ... of a folder."""
+    rng, paths = np.random.default_rng(3), []
+    while len(paths) < 48:
+        with suppress(li.InputError):
+            paths.append(write_scheme_file(a_scheme(rng), folder / f"{len(paths)}.toml"))
+    return paths
+
+
 def test_runs_of_random_files_have_the_bits_of_simulate(tmp_path):
-    rng, texts = np.random.default_rng(3), []
-    while len(texts) < 48:
-        try:
-            write_scheme_file(a_scheme(rng), tmp_path / f"{len(texts)}.toml")
-        except li.InputError:
-            continue
-        texts.append((tmp_path / f"{len(texts)}.toml").read_text(encoding="utf-8"))
+    texts = [path.read_text(encoding="utf-8") for path in random_files(tmp_path)]
     for name in ("vibrating-table", "impact-pair", "bouncing-ball", "maxwell-impact"):
         path = write_scheme_file(li.load_problem(name), tmp_path / f"{len(texts)}.toml")
         texts.append(path.read_text(encoding="utf-8"))

@@ -13,6 +13,7 @@ import lcpimpact as li
 from lcpimpact.cli.main import main
 from lcpimpact.explorer.models import Model
 from lcpimpact.explorer.page import all_models, page
+from lcpimpact.plotting.layout import Layout
 from lcpimpact.problems import PROBLEMS
 
 STEPS = 300
@@ -129,6 +130,10 @@ def test_a_scheme_file_is_pasted(tmp_path):
         )
         assert (shown, method, steps) == ("a scheme file", "moreau-jean", 1000)
         assert browser.value("[...by('method').options].map((each) => each.value).length") == 9
+        strokes = sum(
+            len(link.part.strokes) for link in Layout(li.read_scheme_file(file).problem.scheme.elements).links
+        )
+        assert browser.value("by('scheme').querySelectorAll('polyline').length") == strokes > 0
         ours = li.read_scheme_file(file).problem
         assert call.startswith('li.simulate(li.read_scheme_file("my.toml").problem, "moreau-jean"')
         run = li.simulate(ours, dt=ours.t_end / 1000, t_end=ours.t_end, progress=False)
@@ -150,6 +155,25 @@ def test_a_scheme_file_is_pasted(tmp_path):
         assert browser.errors == []
     with opened(link) as browser:  # the address holds the file
         assert browser.value("[by('problem').value, Array.from(run.q)]") == ["a scheme file", kept]
+
+
+@in_chromium
+def test_a_sum_of_coordinates_moves_in_the_drawing(tmp_path):
+    path = li.explore("system-1", tmp_path / "page.html")
+    corner = li.Bumper({"x": 1.0, "φ": -0.25}, "ground", gap=5.0, e=0.5)
+    scheme = li.Scheme(li.Mass("x", m=1.0), li.Mass("φ", m=1.0), li.Spring("x", "ground", k=2.0), corner)
+    problem = li.Problem("corner", scheme, {}, {"x": 1.0, "φ": -2.0}, t_end=1.0)
+    text = li.write_scheme_file(problem, tmp_path / "corner.toml").read_text(encoding="utf-8")
+    with opened(path.as_uri()) as browser:
+        browser.value(f"by('file').value = {json.dumps(text)}; by('run').click(); moveTo(700)")
+        groups = "[...by('scheme').querySelectorAll('g')].filter((each) => each.hasAttribute('transform'))"
+        moved = f"{groups}.map((each) => [each.textContent, each.transform.baseVal[0].matrix.f])"
+        found = {name.removesuffix("m"): y for name, y in browser.value(moved)}
+        q = dict(zip(problem.dynamics.nodes, browser.value("Array.from(run.q.slice(1400, 1402))"), strict=True))
+    scale = found["x"] / q["x"]
+    assert found[""] == 0.0  # the ground
+    assert found["φ"] == pytest.approx(scale * q["φ"], rel=1e-5)
+    assert found["x - 0.25 φ"] == pytest.approx(scale * (q["x"] - 0.25 * q["φ"]), rel=1e-5)
 
 
 @in_chromium

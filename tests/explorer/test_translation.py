@@ -6,6 +6,8 @@ import json
 import math
 import shutil
 import subprocess
+from dataclasses import dataclass
+from functools import cached_property
 from importlib.resources import files
 
 import numpy as np
@@ -76,6 +78,57 @@ def words(name):
     return [nearest(name, ["moreau-jean", "newmark-ns", "exact", "rk4", "rk4-paper", "Mass", "Spring"], "word")]
 
 
+def extremes(pairs):
+    return [
+        *max(pairs, key=lambda pair: pair[0]),
+        *min(pairs),
+        *sorted(pairs)[1],
+        *sorted(pairs, key=lambda pair: (pair[0] < 2, -pair[1]))[0],
+        max((x for _, x in pairs), default=0),
+        min([x for _, x in pairs if x > 9], default=-1),
+        (1, 2) < (1, 2, 3),
+    ]
+
+
+def rounds(numbers):
+    return [round(x, 3) for x in numbers]
+
+
+def sets_and_mappings(a, b):
+    found = dict.fromkeys(a, 0)
+    found |= {"b": 2, "z": 1}
+    found.setdefault("y", [3]).extend([4])
+    return [
+        *sorted({*a} & {*b}),
+        *sorted({*a} - {*b}),
+        *sorted({*a} | {*b}),
+        {*a} == {*b},
+        {*a} == {*reversed(a)},
+        *found,
+        *found.values(),
+    ]
+
+
+def generators(n):
+    def down(k, *, twice=False, step=1):
+        if k > 0:
+            yield k
+            yield from down(k - step, step=step)
+        if twice:
+            yield 0
+
+    return [*down(n, step=2), *down(n, twice=True)]
+
+
+@dataclass(frozen=True)
+class Powers:
+    x: float
+
+    @cached_property
+    def all(self):
+        return [self.x, self.x**2]
+
+
 def refuses(x):
     if x < 0.0:
         raise InputError(f"x = {x!r} must not be negative")
@@ -94,6 +147,10 @@ CASES = [
     (chains, [0.0, 4.0]),
     (records, [3.5]),
     *((words, [name]) for name in ("moreau", "newmak-ns", "rk", "Mas", "sprng", "x", "exakt", "paper-rk4")),
+    (extremes, [[[2, 5.0], [1, 7.0], [2, 3.0], [1, 4.0]]]),
+    (rounds, [[0.0625, 0.1875, -0.0625, -0.1875, 2.5, 1.0005, -7.12345, 1e-9, 123456.7895]]),
+    (sets_and_mappings, [["a", "b", "c"], ["b", "c", "d"]]),
+    (generators, [5]),
     (refuses, [2.0]),
 ]
 
@@ -101,17 +158,19 @@ CASES = [
 @pytest.mark.skipif(shutil.which("node") is None, reason="node, which runs the page's code, is not installed")
 def test_translated_functions_give_what_they_give_in_python():
     found = Translation({"InputError"})
-    found.add(*dict.fromkeys(function for function, _ in CASES))
+    found.add(*dict.fromkeys(function for function, _ in CASES), Powers)
     parts = [(files("lcpimpact.explorer") / name).read_text(encoding="utf-8") for name in ("engine.js", "runtime.js")]
     calls = ",".join(f"{f.__name__}(...{json.dumps(given)})" for f, given in CASES)
     script = "\n".join(['"use strict";', *parts, found.source(), f"console.log(JSON.stringify([{calls}]));"])
+    script += "const powers = make(Powers, [3], {}); console.log(...powers.all, powers.all === powers.all);"
     script += "try { refuses(-1); } catch (error) { console.log(error.inWords, error.message); }"
     done = subprocess.run(["node", "-"], input=script, capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
-    answers, refusal = done.stdout.splitlines()
+    answers, once, refusal = done.stdout.splitlines()
     for (function, given), answer in zip(CASES, json.loads(answers), strict=True):
         expected = json.loads(json.dumps(function(*given), default=float))
         assert [*map(plain, answer)] == [*map(plain, expected)], (function.__name__, given)
+    assert once == "3 9 true"
     assert refusal == "true x = -1.0 must not be negative"
 
 
@@ -153,7 +212,21 @@ def with_else(x):
     return 0
 
 
-@pytest.mark.parametrize("function", [tries, powers, of_another_library, of_numpy, with_else])
+def of_three(x):
+    return max(x, 1, 2)
+
+
+def of_unpacked(x):
+    return min(1, *x)
+
+
+def by_keywords(f):
+    return f(x=1)
+
+
+@pytest.mark.parametrize(
+    "function", [tries, powers, of_another_library, of_numpy, with_else, of_three, of_unpacked, by_keywords]
+)
 def test_what_is_not_translated_is_refused(function):
     with pytest.raises(TypeError, match=r"not translated|not in runtime\.js"):
         Translation().add(function)
