@@ -53,7 +53,7 @@ def python() -> Callable[..., Any]:
 
     def run(code: str, **environment: str) -> Any:
         done = subprocess.run(
-            [sys.executable, "-c", code], env=os.environ | environment, capture_output=True, text=True, timeout=240
+            [sys.executable, "-c", code], env=os.environ | environment, capture_output=True, text=True, timeout=900
         )
         assert done.returncode == 0, done.stderr
         return json.loads(done.stdout)

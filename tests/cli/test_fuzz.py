@@ -55,8 +55,8 @@ LONGEST = 20.0
 QUICK = {"calls": 100, "scheme files": 60, "LCP files": 60, "commands": 20, "measurements": 5}
 """Cases of each kind in a quick run, as their time allows."""
 
-MANY = {"calls": 10_000, "scheme files": 5_000, "LCP files": 4_000, "commands": 700, "measurements": 300}
-"""Cases of each kind in the slow run, 20,000 in all."""
+MANY = {"calls": 5_000, "scheme files": 5_000, "LCP files": 4_000, "commands": 700, "measurements": 300}
+"""Cases of each kind in the slow run, 15,000 in all."""
 
 SHARDS = 5
 """Parts of a slow run of one kind, which may run beside each other."""

@@ -406,12 +406,17 @@ def test_exact_is_right_on_a_few_schemes(kind):
     assert outcomes["agrees"] >= 3
 
 
+LAST = dict.fromkeys(KINDS, 130) | {"stiff": 80, "stopped plates": 60}
+"""Seeds end before this one; the reference of some kinds takes seconds a scheme."""
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_exact_is_right_or_refuses(kind):
-    outcomes = examine(kind, range(5, 130))
+    seeds = range(5, LAST[kind])
+    outcomes = examine(kind, seeds)
     judged = sum(outcomes.values()) - outcomes["undecided"]
-    assert judged >= 110
+    assert judged >= 0.88 * len(seeds)
     assert outcomes["refused"] <= 0.04 * judged
     assert outcomes["agrees"] >= 0.8 * judged
 
