@@ -174,18 +174,27 @@ class Account:
             flows[:, len(INFLOWS) :] += d.spring_losses(q, v, s) @ self.sinks.springs
         return flows
 
-    def by_theta_rule(self, record: Record, events: Sequence[Event], θ: float) -> Array:
+    def by_theta_rule(self, record: Record, events: Sequence[Event], θ: float, impact_steps: int = 1) -> Array:
         """Return the flows of each step in J, h w·(forces at t + θ h) with w = (q⁺ - q)/h (steps, 2 + m).
 
-        For θ = 1/2 and linear springs it is an identity of the step.
+        For θ = 1/2 and linear springs it is an identity of the θ-step. Reactions at the ends of a step act by their mean.
         """
         d, h = self.d, np.diff(record.t)
         w, f = np.diff(record.q, axis=0) / h[:, None], d.force(record.t)
         q, f = ((1.0 - θ) * each[:-1] + θ * each[1:] for each in (record.q, f))
         f += motion_forces_in_steps(d, record, θ)
         s = mean_forces(d.power_laws, d.approach(q), d.approach_rate(w), h)
-        impulses = h[:, None] * record.reaction + _impulses(d, record, events, 1)
+        r = record.reaction if len(record.reaction) < len(record.t) else _means(record.reaction)
+        impulses = h[:, None] * r + _impulses(d, record, events, impact_steps)
         return h[:, None] * self._without_contacts(f, q, w, s) + self.of_contacts(w, impulses)
+
+    def supplied(self, record: Record, events: Sequence[Event], impact_steps: int) -> Array:
+        """Return the work in J of time-dependent loads and prescribed motions since t = 0 (nt,), along q⁺ - q.
+
+        Displacements have no jumps, and the work on springs along them is a difference of their energies for any step.
+        """
+        flows = self.by_theta_rule(record, events, 0.5, impact_steps)[:, : len(INFLOWS)]
+        return np.append(0.0, np.cumsum(flows.sum(axis=1)))
 
     def by_trapezoidal_rule(self, record: Record, events: Sequence[Event], impact_steps: int = 1) -> Array:
         """Return the flows of each step in J, by the powers at its ends (steps, 2 + m).
@@ -214,6 +223,11 @@ class Account:
 def account_of(d: Dynamics) -> Account:
     """Return the account of a system with one sink for all."""
     return Account(d, Sinks.all_as_one(d))
+
+
+def _means(values: Array) -> Array:
+    """Return the means of successive values (nt, ...) as an array (nt - 1, ...)."""
+    return np.asarray(0.5 * (values[1:] + values[:-1]))
 
 
 def _impulses(d: Dynamics, record: Record, events: Sequence[Event], impact_steps: int) -> Array:
