@@ -9,10 +9,11 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.continuous import SUM_RTOL, judge_continuous
+from lcpimpact.certificate.drives import between_steps, missed_impulses
 from lcpimpact.certificate.energy import account_of
 from lcpimpact.certificate.grid import judge_grid
 from lcpimpact.certificate.impact_gain import ImpactGain, impact_gain
-from lcpimpact.certificate.scales import Judgement, Scales, largest_violation
+from lcpimpact.certificate.scales import Judgement, Scales, larger_violation, largest_violation
 from lcpimpact.certificate.theta_steps import judge_theta_steps
 from lcpimpact.certificate.trapezoid import trapezoid_errors
 from lcpimpact.integrators.base import Integrator, Limits
@@ -25,6 +26,9 @@ RESIDUAL_FACTOR = 1e3
 GROWTH = 0.5
 """Fraction of its largest stored energy by which the energy of a run may exceed what it had and was supplied."""
 
+UNSEEN, SLIGHT = 0.5, 0.01
+"""Impulse of loads and prescribed motions that steps may miss, relative to that which they see, and to the momentum."""
+
 SENTENCES = {
     "complementarity": "force and gap, or friction and sliding, violate complementarity by {:.3g} J",
     "penetration": "bodies penetrate by {:.3g} m",
@@ -35,6 +39,7 @@ SENTENCES = {
     "momentum": "the momentum is out of balance by {:.3g} N s",
     "equilibrium": "a massless node is out of balance by {:.3g} N",
     "kinematics": "coordinates and velocities differ by {:.3g} m",
+    "missed_impulse": "the steps miss {:.3g} N s of a load or a prescribed motion: take shorter ones",
     "sampling": "the record differs from the continuous solution by {:.3g} of its scale",
     "motion": "a node deviates from its prescribed motion by {:.3g} m",
 }
@@ -76,7 +81,11 @@ class Certificate:
     kinematics : float
         Largest |q - q(0) - ∫ v dt| in m of a node whose velocity is an independent state.
     motion : float
-        Largest |q_i - y(t)| in m of a node with prescribed motion.
+        Largest |q_i - y(t)| in m of a node with prescribed motion, at the instants of the steps and between them.
+    missed_impulse : float
+        Largest impulse in N s by which a time-dependent load, or a prescribed motion by springs and dashpots, differs from
+        what its values at the instants of the steps say (`lcpimpact.certificate.drives`): a blow within a step, a load that
+        turns once in each. Zero for a continuous solution, whose method chooses its steps.
     sampling : float
         Largest difference between the record and the continuous solution, relative to the scale of each series.
     length_scale, velocity_scale, force_scale, momentum_scale : float
@@ -101,6 +110,7 @@ class Certificate:
     equilibrium: float = 0.0
     kinematics: float = 0.0
     motion: float = 0.0
+    missed_impulse: float = 0.0
     sampling: float = 0.0
     length_scale: float = 0.0
     velocity_scale: float = 0.0
@@ -171,6 +181,9 @@ def certify(
             found, scales, energies = judge_grid(d, start, record, events, integrator, limits)
         found["motion"] = _motion(d, record, limits)
         forces, momenta = scales.forces, scales.momenta
+        if dense is None and d.stores_energy and len(record.t) > 1:
+            found["missed_impulse"] = _missed_impulse(d, record.t, momenta)
+            found["motion"] = larger_violation(found["motion"], _missed_motion(d, record))
         gained = impact_gain(d, record, events, integrator, limits.precision) if d.stores_energy else ImpactGain()
         if d.stores_energy and energies[0] > GROWTH * energies[1]:
             spread = 1 if integrator is None else integrator.impact_steps
@@ -229,6 +242,19 @@ def _growth(
     v = np.maximum(v, np.divide(h * load, m, out=np.zeros_like(load), where=m > 0.0))
     limit = GROWTH * scale + h * float(load @ v) + limits.precision * (scale + float(load @ q))
     return max(growth, 0.0), limit + SUM_RTOL * float(scales.forces @ scales.q + scales.momenta @ v)
+
+
+def _missed_impulse(d: Dynamics, t: Array, momenta: Array) -> tuple[float, float]:
+    """Return the largest impulse of the drives that the steps miss, and its limit."""
+    missed, had = missed_impulses(d, t)
+    return largest_violation(missed, UNSEEN * had + SLIGHT * np.where(d.massive, momenta, momenta.max(initial=0.0)))
+
+
+def _missed_motion(d: Dynamics, record: Record) -> tuple[float, float]:
+    """Return the largest deviation of a prescribed motion from its nodes between the steps, and its limit."""
+    nodes, q = list(d.motions), record.q
+    off = [between_steps(d.motions[j], record.t, q[:, j], record.v[:, j]) for j in nodes]
+    return largest_violation(np.array(off), UNSEEN * np.ptp(q[:, nodes], axis=0) + SLIGHT * np.abs(q).max())
 
 
 def _motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:
