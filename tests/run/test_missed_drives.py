@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_trapezoid
 
 from lcpimpact import (
     Bumper,
@@ -112,7 +113,24 @@ def test_the_missed_impulse_of_a_square_wave_is_that_of_its_jumps():
 
 
 def test_no_impulse_of_constant_and_linear_drives_is_missed():
-    scheme = Scheme(Mass("x", 1.0), Load("x", 3.0), Load("x", Table([0.0, 1.0], [0.0, 5.0])))
+    scheme = Scheme(
+        Mass("x", 1.0), Load("x", 3.0), Load("x", Table([0.0, 1.0], [0.0, 5.0])), Load("x", lambda t: 2.0 * t)
+    )
     missed, had = missed_impulses(scheme.assemble(), np.linspace(0.0, 1.0, 8))
     assert missed == pytest.approx(0.0, abs=1e-14)
-    assert had == pytest.approx(2.5)
+    assert had == pytest.approx(3.5)
+
+
+@pytest.mark.parametrize(
+    "drive", [Table(np.linspace(0.0, 1.0, 13), np.sin(np.arange(13.0))), np.cos], ids=["table", "cos"]
+)
+def test_the_missed_impulses_are_those_of_quadrature(drive):
+    """At instants that have nothing to do with those of the table, by sums over very short intervals."""
+    t = np.linspace(0.0, 1.0, 10)
+    missed, had = missed_impulses(Scheme(Mass("x", 1.0), Load("x", drive)).assemble(), t)
+    fine = np.linspace(0.0, 1.0, 90_001)
+    acts, line = np.array([drive(s) for s in fine]), np.interp(fine, t, [drive(s) for s in t])
+    ends = np.sort(np.append(t, t[:-1] + 0.5 * (3.0 - 5.0**0.5) * np.diff(t)))
+    acts, seen = (np.interp(ends, fine, cumulative_trapezoid(f, fine, initial=0.0)) for f in (acts, line))
+    assert had == pytest.approx(np.abs(seen).max(), rel=1e-6)
+    assert missed == pytest.approx(np.abs(acts - seen).max(), rel=1e-4)
