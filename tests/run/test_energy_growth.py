@@ -6,6 +6,7 @@ import pytest
 from lcpimpact import (
     Bumper,
     Dashpot,
+    Force,
     Harmonic,
     KelvinVoigtStop,
     Load,
@@ -81,6 +82,29 @@ def test_a_ball_on_a_stiff_stop_that_a_load_shakes_is_not_called_solved_where_it
     scheme = Scheme(Mass("x", 1.0), Load("x", 9.81), Load("x", Harmonic(3.0, 7.0)), stop)
     run = simulate(Problem("shaken", scheme), method, dt=1e-3, t_end=2.0, throw=False)
     assert run.status is not Status.SOLVED or -run["x"].min() < 0.5
+
+
+FORCED = ["moreau-jean", "heun", "ssprk3", "bs23", "rk4", "dopri5"]
+
+
+@pytest.mark.parametrize("method", FORCED)
+def test_a_ball_on_a_stop_that_a_function_describes_is_not_called_solved_where_it_is_thrown_up(method):
+    """The same contact of 0.3 ms as a function, of which a step of 1 ms knows one or two values."""
+    stop = Force(("x",), lambda t, q, v: np.where(q > 0.0, -1e8 * q, 0.0))
+    problem = Problem("stop", Scheme(Mass("x", 1.0), Load("x", 9.81), stop), q0={"x": -1.0})
+    run = simulate(problem, method, dt=1e-3, t_end=2.0, throw=False)
+    assert -run["x"].min() > 5.0
+    assert run.status is not Status.SOLVED
+
+
+@pytest.mark.parametrize("method", FORCED)
+@pytest.mark.parametrize("dt", [0.02, 0.1])
+def test_a_self_excited_oscillation_is_supplied_by_its_force(method, dt):
+    """Van der Pol's oscillator grows from 0.01 to 2.02 and stays there."""
+    pump = Force(("x",), lambda t, q, v: (1.0 - q**2) * v)
+    problem = Problem("van der pol", Scheme(Mass("x", 1.0), Spring("x", "ground", 1.0), pump), q0={"x": 0.01})
+    run = simulate(problem, method, dt=dt, t_end=100.0)
+    assert np.abs(run["x"]).max() == pytest.approx(2.01, abs=0.03)
 
 
 @pytest.mark.parametrize("method", ["moreau-jean", "radau", "heun", "rk4"])
