@@ -9,7 +9,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.continuous import SUM_RTOL, judge_continuous
-from lcpimpact.certificate.drives import between_steps, missed_impulses
+from lcpimpact.certificate.drives import SLIGHT, UNSEEN, between_steps, missed_impulses
 from lcpimpact.certificate.energy import account_of
 from lcpimpact.certificate.grid import judge_grid
 from lcpimpact.certificate.impact_gain import ImpactGain, impact_gain
@@ -28,9 +28,6 @@ GROWTH = 0.5
 
 PASSED = 0.005
 """Fraction of the work of forces of any kind that errors of convergent steps may add up to in a long run."""
-
-UNSEEN, SLIGHT = 0.5, 0.01
-"""Impulse of loads and prescribed motions that steps may miss, relative to that which they see, and to the momentum."""
 
 SENTENCES = {
     "complementarity": "force and gap, or friction and sliding, violate complementarity by {:.3g} J",

@@ -22,6 +22,9 @@ from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial, Signal, values_at
 from lcpimpact.scheme.waves import sine
 
+UNSEEN, SLIGHT = 0.5, 0.01
+"""Impulse of loads and prescribed motions that steps may miss, relative to that which they see, and to the momentum."""
+
 SPLIT = 0.5 * (3.0 - 5.0**0.5)
 """Where each step is cut in two, by the golden section: there no wave that returns with the steps returns too."""
 
@@ -56,8 +59,19 @@ def missed_impulses(d: Dynamics, t: Array) -> tuple[Array, Array]:
     return missed, had
 
 
+def missed_integral(signal: Any, t: Array) -> float:
+    """Return the largest integral of a function of time that the steps miss; 0 if it is below `UNSEEN` of that they see."""
+    if _is_resolved(signal, t):
+        return 0.0
+    acts, seen = np.cumsum(_integrals(signal, t), axis=1)
+    missed = float(np.abs(acts - seen).max())
+    return 0.0 if missed <= UNSEEN * np.abs(seen).max() else missed
+
+
 def _is_resolved(signal: Any, t: Array) -> bool:
     """Return whether it is known of a function of time that it is nearly a line in each step."""
+    if len(t) < 2:
+        return True
     if isinstance(signal, Harmonic):
         return bool(signal.omega * np.diff(t).max() < RESOLVED)
     if isinstance(signal, PiecewisePolynomial):

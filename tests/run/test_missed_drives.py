@@ -13,6 +13,7 @@ from lcpimpact import (
     PrescribedMotion,
     Problem,
     Scheme,
+    SparseScheme,
     Spring,
     Square,
     Table,
@@ -73,6 +74,22 @@ def test_a_function_of_unknown_form_is_sampled_too():
     assert found.status is Status.VIOLATED
     assert "the steps miss 75 N s of a load" in found.message
     assert run(wave, "moreau-jean", dt=0.001).success
+
+
+SPARSE = {
+    "a blow": (Load("x", BLOW),),
+    "a wave": (Load("x", Harmonic(50.0, 200.0 * np.pi)),),
+    "a base": (Spring("x", "b", 1.0), PrescribedMotion("b", Harmonic(1.0, 200.0 * np.pi))),
+}
+
+
+@pytest.mark.parametrize("drive", SPARSE)
+def test_sparse_steps_are_judged_too(drive):
+    scheme = SparseScheme(Mass("x", 1.0), Spring("x", "ground", 1.0), *SPARSE[drive])
+    found = run(Problem("driven", scheme), "moreau-jean", dt=0.01)
+    assert found.status is Status.VIOLATED
+    assert "the steps miss" in found.message
+    assert run(Problem("driven", scheme), "moreau-jean", dt=1e-4, t_end=1.0).success
 
 
 BASE = {
