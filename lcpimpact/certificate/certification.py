@@ -191,7 +191,7 @@ def certify(
             spread = 1 if integrator is None else integrator.impact_steps
             work, passed = account_of(d).supplied(record, events, spread)
             supplied = work + PASSED * passed + gained.gained
-            found["energy_growth"] = _growth(d, start, record, scales, (energies[1], supplied), limits)
+            found["energy_growth"] = _growth(d, start, record, scales, supplied, limits)
     if not d.stores_energy:
         energies = (np.nan, np.nan)
     allowed = {name: limit for name, (_, limit) in found.items()} if integrator is not None else {}
@@ -224,21 +224,14 @@ def _nothing(d: Dynamics, record: Record) -> tuple[Judgement, Scales, tuple[floa
 
 
 def _growth(
-    d: Dynamics,
-    start: tuple[Array, Array],
-    record: Record,
-    scales: Scales,
-    energies: tuple[float, Array],
-    limits: Limits,
+    d: Dynamics, start: tuple[Array, Array], record: Record, scales: Scales, supplied: Array, limits: Limits
 ) -> tuple[float, float]:
-    """Return the largest growth of the stored energy beyond that supplied, and its limit.
-
-    ``energies`` are the largest stored energy, and what was supplied up to each instant (nt,).
-    """
-    account, (scale, supplied) = account_of(d), energies
-    q0, v0 = start
-    before = account.stored(q0[None], v0[None], q0).sum()
-    growth = float((account.stored(record.q, record.v, q0).sum(axis=1) - before - supplied).max(initial=0.0))
+    """Return the largest growth of the stored energy beyond that ``supplied`` up to each instant (nt,), and its limit."""
+    account, (q0, v0) = account_of(d), start
+    before, stored = account.stored(q0[None], v0[None], q0).sum(), account.stored(record.q, record.v, q0)
+    growth = float((stored.sum(axis=1) - before - supplied).max(initial=0.0))
+    # A negative spring stores less than nothing, so that the energy of a fast motion may be small.
+    scale = float(np.abs(stored[:, :2]).sum(axis=1).max())
     h, q, v = float(np.diff(record.t).max(initial=0.0)), *(np.abs(each).max(axis=0) for each in (record.q, record.v))
     # What rests may be moved by the loads of one step, and energies of large terms that cancel have their rounding error.
     load, m = np.abs(account.steady_loads), np.diag(d.M)

@@ -11,6 +11,7 @@ from lcpimpact import (
     KelvinVoigtStop,
     Load,
     Mass,
+    NegativeSpring,
     PrescribedMotion,
     Problem,
     Scheme,
@@ -105,6 +106,14 @@ def test_a_self_excited_oscillation_is_supplied_by_its_force(method, dt):
     problem = Problem("van der pol", Scheme(Mass("x", 1.0), Spring("x", "ground", 1.0), pump), q0={"x": 0.01})
     run = simulate(problem, method, dt=dt, t_end=100.0)
     assert np.abs(run["x"]).max() == pytest.approx(2.01, abs=0.03)
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "heun", "rk4", "stormer-verlet-ns", "cd-lagrange"])
+def test_a_body_that_a_negative_spring_drives_away_gains_what_the_spring_loses(method):
+    """x = 0.01 cosh 2t: kinetic energies of 1e13 J that those of the spring cancel to 1e-4 J."""
+    scheme = Scheme(Mass("x", 1.0), NegativeSpring("x", "ground", 4.0))
+    run = simulate(Problem("away", scheme, q0={"x": 0.01}), method, dt=0.05, t_end=10.0)
+    assert run["x"][-1] == pytest.approx(0.01 * np.cosh(20.0), rel=0.04)
 
 
 @pytest.mark.parametrize("method", ["moreau-jean", "radau", "heun", "rk4"])
