@@ -15,7 +15,7 @@ from lcpimpact.certificate.grid import judge_grid
 from lcpimpact.certificate.impact_gain import ImpactGain, impact_gain
 from lcpimpact.certificate.scales import Judgement, Scales, larger_violation, largest_violation
 from lcpimpact.certificate.theta_steps import judge_theta_steps
-from lcpimpact.certificate.trapezoid import trapezoid_errors
+from lcpimpact.certificate.trapezoid import integration_defect, trapezoid_errors
 from lcpimpact.integrators.base import Integrator, Limits
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
@@ -82,7 +82,8 @@ class Certificate:
     kinematics : float
         Largest |q - q(0) - ∫ v dt| in m of a node whose velocity is an independent state.
     motion : float
-        Largest |q_i - y(t)| in m of a node with prescribed motion, at the instants of the steps and between them.
+        Largest |q_i - y(t)| in m of a node with prescribed motion, at the instants of the steps and between them, or
+        |y(t) - y(0) - ∫ y' dt| by the velocity that is given with y.
     missed_impulse : float
         Largest impulse in N s by which a time-dependent load, or a prescribed motion by springs and dashpots, differs from
         what its values at the instants of the steps say (`lcpimpact.certificate.drives`): a blow within a step, a load that
@@ -184,7 +185,7 @@ def certify(
         forces, momenta = scales.forces, scales.momenta
         if dense is None and d.stores_energy and len(record.t) > 1:
             found["missed_impulse"] = _missed_impulse(d, record.t, momenta)
-            found["motion"] = larger_violation(found["motion"], _missed_motion(d, record))
+            found["motion"] = larger_violation(found["motion"], _missed_motion(d, record, limits))
         gained = impact_gain(d, record, events, integrator, limits.precision) if d.stores_energy else ImpactGain()
         unseen = bool(d.force_laws) and dense is None and len(record.t) > 1
         if d.stores_energy and (unseen or energies[0] > GROWTH * energies[1]):
@@ -246,11 +247,15 @@ def _missed_impulse(d: Dynamics, t: Array, momenta: Array) -> tuple[float, float
     return largest_violation(missed, UNSEEN * had + SLIGHT * np.where(d.massive, momenta, momenta.max(initial=0.0)))
 
 
-def _missed_motion(d: Dynamics, record: Record) -> tuple[float, float]:
-    """Return the largest deviation of a prescribed motion from its nodes between the steps, and its limit."""
-    nodes, q = list(d.motions), record.q
-    off = [between_steps(d.motions[j], record.t, q[:, j], record.v[:, j]) for j in nodes]
-    return largest_violation(np.array(off), UNSEEN * np.ptp(q[:, nodes], axis=0) + SLIGHT * np.abs(q).max())
+def _missed_motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:
+    """Return the largest deviation of a prescribed motion between the steps, or from the integral of its velocity."""
+    t, nodes = record.t, list(d.motions)
+    q, v = (np.ascontiguousarray(each[:, nodes]) for each in (record.q, record.v))
+    off = [between_steps(motion, t, q[:, k], v[:, k]) for k, motion in enumerate(d.motions.values())]
+    between = largest_violation(np.array(off), UNSEEN * np.ptp(q, axis=0) + SLIGHT * np.abs(record.q).max())
+    way = integration_defect(np.diff(t), q, v, q[:0], np.zeros(len(nodes)))
+    allowed = limits.precision * np.abs(q).max(axis=0) + limits.slack * trapezoid_errors(np.diff(t), v, limits.order)
+    return larger_violation(between, largest_violation(np.abs(way), allowed))
 
 
 def _motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:

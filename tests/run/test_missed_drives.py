@@ -10,6 +10,7 @@ from lcpimpact import (
     Harmonic,
     Load,
     Mass,
+    Motion,
     PrescribedMotion,
     Problem,
     Scheme,
@@ -106,6 +107,22 @@ def test_a_base_that_moves_between_the_instants_is_found_out(method, way):
     element, motion = BASE[way]
     found = run(oscillator(element, PrescribedMotion("b", motion)), method, dt=0.01)
     assert found is None or found.status is Status.VIOLATED
+
+
+@pytest.mark.parametrize("method", ["exact", "event-driven"])
+@pytest.mark.parametrize("phase", [0.0, -0.5 * np.pi])
+def test_the_spacing_of_the_output_is_no_step(method, phase):
+    """The base moves once between two instants of the record, by 0.1 μm on the body."""
+    base = PrescribedMotion("b", Harmonic(1e-3, 2000.0 * np.pi, phase))
+    found = run(oscillator(Spring("x", "b", 1.0), base), method, dt=1e-3, t_end=0.02)
+    assert found.certificate.motion < 1e-9
+
+
+@pytest.mark.parametrize("velocity", [lambda t: 0.0, lambda t: 2.0 * np.cos(t), lambda t: 1.02 * np.cos(t)])
+def test_a_motion_whose_velocity_is_not_its_own_is_found_out(velocity):
+    for own, status in ((velocity, Status.VIOLATED), (np.cos, Status.SOLVED)):
+        base = PrescribedMotion("b", Motion(np.sin, own))
+        assert run(oscillator(Dashpot("x", "b", 1.0), base), "moreau-jean", dt=0.01).status is status
 
 
 @pytest.mark.parametrize("method", STEPPING)
