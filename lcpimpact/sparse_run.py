@@ -10,6 +10,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.certificate import Certificate
+from lcpimpact.certificate.drives import SLIGHT, missed_integral
 from lcpimpact.certificate.scales import largest_violation
 from lcpimpact.errors import InputError, Status, UnsupportedError
 from lcpimpact.integrators.moreau_jean import MoreauJean
@@ -188,6 +189,7 @@ class SparseRun:
         violations, limits = _violations(self.found)
         with np.errstate(all="ignore"):  # where nothing moves, there is no scale
             violations["penetration"], limits["penetration"] = self._penetration()
+            violations["missed_impulse"], limits["missed_impulse"] = self._missed_impulse(steps)
         balance, scale = map(float, self.found.energy[:2])
         # An identity for θ = 1/2, unless coordinates are moved to equilibrium after a step.
         if self.method.theta == 0.5 and self.dynamics.kinds.static.shape[1] == 0:
@@ -214,6 +216,15 @@ class SparseRun:
         gap_change = np.where(exact, 0.0, h * np.maximum(room.rate, abs(d.H) @ speed))
         terms = abs(d.H) @ (place + h * self.found.energy[4]) + np.abs(d.u0)
         return largest_violation(room.penetration, gap_change + ε * terms)
+
+    def _missed_impulse(self, steps: int) -> tuple[float, float]:
+        """Return the impulse of loads, or of motions by springs, that the steps miss, and its limit by the momenta."""
+        d, t = self.dynamics, self.grid.times(0, steps)
+        missed = abs(d.F) @ np.array([missed_integral(signal, t) for signal in d.signals.listed])
+        missed += abs(d.K)[:, list(d.motions)] @ np.array([missed_integral(y, t) for y in d.motions.values()])
+        momenta = abs(d.M) @ self.room.speed
+        momenta[~d.massive] = momenta.max(initial=0.0)
+        return largest_violation(missed[~d.driven], SLIGHT * momenta[~d.driven])
 
     def _energy_of_loads(self) -> float:
         """Return what the loads that depend on time could give in a step to masses at rest, in J."""

@@ -9,12 +9,13 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.continuous import SUM_RTOL, judge_continuous
+from lcpimpact.certificate.drives import SLIGHT, UNSEEN, between_steps, missed_impulses
 from lcpimpact.certificate.energy import account_of
 from lcpimpact.certificate.grid import judge_grid
 from lcpimpact.certificate.impact_gain import ImpactGain, impact_gain
-from lcpimpact.certificate.scales import Judgement, Scales, largest_violation
+from lcpimpact.certificate.scales import Judgement, Scales, larger_violation, largest_violation
 from lcpimpact.certificate.theta_steps import judge_theta_steps
-from lcpimpact.certificate.trapezoid import trapezoid_errors
+from lcpimpact.certificate.trapezoid import integration_defect, trapezoid_errors
 from lcpimpact.integrators.base import Integrator, Limits
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.scheme.dynamics import Dynamics
@@ -23,18 +24,22 @@ RESIDUAL_FACTOR = 1e3
 """Violation of a law, in its own unit, per unit of the residual to which the LCPs are solved."""
 
 GROWTH = 0.5
-"""Fraction of its largest stored energy by which the energy of a run may grow where nothing supplies any."""
+"""Fraction of its largest stored energy by which the energy of a run may exceed what it had and was supplied."""
+
+PASSED = 0.005
+"""Fraction of the work of forces of any kind that errors of convergent steps may add up to in a long run."""
 
 SENTENCES = {
     "complementarity": "force and gap, or friction and sliding, violate complementarity by {:.3g} J",
     "penetration": "bodies penetrate by {:.3g} m",
     "energy_balance": "the energy is out of balance by {:.3g} J",
-    "energy_growth": "the energy grows by {:.3g} J, which nothing supplies: take shorter steps",
+    "energy_growth": "the energy grows by {:.3g} J that nothing supplies: take shorter steps",
     "tension": "a reaction is outside its bounds by {:.3g} N",
     "impact_law": "the impact law is violated by {:.3g} m/s",
     "momentum": "the momentum is out of balance by {:.3g} N s",
     "equilibrium": "a massless node is out of balance by {:.3g} N",
     "kinematics": "coordinates and velocities differ by {:.3g} m",
+    "missed_impulse": "the steps miss {:.3g} N s of a load or a prescribed motion: take shorter ones",
     "sampling": "the record differs from the continuous solution by {:.3g} of its scale",
     "motion": "a node deviates from its prescribed motion by {:.3g} m",
 }
@@ -61,10 +66,10 @@ class Certificate:
     energy_scale : float
         Largest stored energy of the run in J, for comparison.
     energy_growth : float
-        Largest growth in J of the stored energy over that at t = 0, beyond what impacts gained, where loads are constant and
-        nothing moves or drives the system. It is computed only if the energy is out of balance by half the energy scale,
-        which no convergent run is, and zero otherwise: an explicit method on a contact that is too stiff for its steps
-        throws bodies up.
+        Largest growth in J of the stored energy over that at t = 0, beyond what loads and prescribed motions supplied and
+        impacts gained. It is computed if the energy is out of balance by half the energy scale, which no convergent run is,
+        or under forces of any kind, whose balance may close by what one instant of a step says; it is zero otherwise. An
+        explicit method is unstable on springs and contacts that are too stiff for its steps.
     tension : float
         Largest violation of the bounds of a reaction in N: -r, -P/h for an impulse in a step, or |r| - r0 of a slider.
     impact_law : float
@@ -77,7 +82,12 @@ class Certificate:
     kinematics : float
         Largest |q - q(0) - ∫ v dt| in m of a node whose velocity is an independent state.
     motion : float
-        Largest |q_i - y(t)| in m of a node with prescribed motion.
+        Largest |q_i - y(t)| in m of a node with prescribed motion, at the instants of the steps and between them, or
+        |y(t) - y(0) - ∫ y' dt| by the velocity that is given with y.
+    missed_impulse : float
+        Largest impulse in N s by which a time-dependent load, or a prescribed motion by springs and dashpots, differs from
+        what its values at the instants of the steps say (`lcpimpact.certificate.drives`): a blow within a step, a load that
+        turns once in each. Zero for a continuous solution, whose method chooses its steps.
     sampling : float
         Largest difference between the record and the continuous solution, relative to the scale of each series.
     length_scale, velocity_scale, force_scale, momentum_scale : float
@@ -102,6 +112,7 @@ class Certificate:
     equilibrium: float = 0.0
     kinematics: float = 0.0
     motion: float = 0.0
+    missed_impulse: float = 0.0
     sampling: float = 0.0
     length_scale: float = 0.0
     velocity_scale: float = 0.0
@@ -172,9 +183,16 @@ def certify(
             found, scales, energies = judge_grid(d, start, record, events, integrator, limits)
         found["motion"] = _motion(d, record, limits)
         forces, momenta = scales.forces, scales.momenta
+        if dense is None and d.stores_energy and len(record.t) > 1:
+            found["missed_impulse"] = _missed_impulse(d, record.t, momenta)
+            found["motion"] = larger_violation(found["motion"], _missed_motion(d, record, limits))
         gained = impact_gain(d, record, events, integrator, limits.precision) if d.stores_energy else ImpactGain()
-        if d.stores_energy and not _driven(d) and energies[0] > GROWTH * energies[1]:
-            found["energy_growth"] = _growth(d, start, record, scales, energies[1], gained, limits)
+        unseen = bool(d.force_laws) and dense is None and len(record.t) > 1
+        if d.stores_energy and (unseen or energies[0] > GROWTH * energies[1]):
+            spread = 1 if integrator is None else integrator.impact_steps
+            work, passed = account_of(d).supplied(record, events, spread)
+            supplied = work + PASSED * passed + gained.gained
+            found["energy_growth"] = _growth(d, start, record, scales, supplied, limits)
     if not d.stores_energy:
         energies = (np.nan, np.nan)
     allowed = {name: limit for name, (_, limit) in found.items()} if integrator is not None else {}
@@ -207,19 +225,14 @@ def _nothing(d: Dynamics, record: Record) -> tuple[Judgement, Scales, tuple[floa
 
 
 def _growth(
-    d: Dynamics,
-    start: tuple[Array, Array],
-    record: Record,
-    scales: Scales,
-    scale: float,
-    gained: ImpactGain,
-    limits: Limits,
+    d: Dynamics, start: tuple[Array, Array], record: Record, scales: Scales, supplied: Array, limits: Limits
 ) -> tuple[float, float]:
-    """Return the largest growth of the stored energy of a system that nothing drives, and its limit."""
-    account = account_of(d)
-    q0, v0 = start
-    before = account.stored(q0[None], v0[None], q0).sum()
-    growth = float((account.stored(record.q, record.v, q0).sum(axis=1) - before).max(initial=0.0)) - gained.gained
+    """Return the largest growth of the stored energy beyond that ``supplied`` up to each instant (nt,), and its limit."""
+    account, (q0, v0) = account_of(d), start
+    before, stored = account.stored(q0[None], v0[None], q0).sum(), account.stored(record.q, record.v, q0)
+    growth = float((stored.sum(axis=1) - before - supplied).max(initial=0.0))
+    # A negative spring stores less than nothing, so that the energy of a fast motion may be small.
+    scale = float(np.abs(stored[:, :2]).sum(axis=1).max())
     h, q, v = float(np.diff(record.t).max(initial=0.0)), *(np.abs(each).max(axis=0) for each in (record.q, record.v))
     # What rests may be moved by the loads of one step, and energies of large terms that cancel have their rounding error.
     load, m = np.abs(account.steady_loads), np.diag(d.M)
@@ -228,9 +241,21 @@ def _growth(
     return max(growth, 0.0), limit + SUM_RTOL * float(scales.forces @ scales.q + scales.momenta @ v)
 
 
-def _driven(d: Dynamics) -> bool:
-    """Return whether something may supply energy: a load that changes, a prescribed motion, a force of any kind."""
-    return not d.constant_loads or bool(d.motions) or bool(d.force_laws)
+def _missed_impulse(d: Dynamics, t: Array, momenta: Array) -> tuple[float, float]:
+    """Return the largest impulse of the drives that the steps miss, and its limit."""
+    missed, had = missed_impulses(d, t)
+    return largest_violation(missed, UNSEEN * had + SLIGHT * np.where(d.massive, momenta, momenta.max(initial=0.0)))
+
+
+def _missed_motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:
+    """Return the largest deviation of a prescribed motion between the steps, or from the integral of its velocity."""
+    t, nodes = record.t, list(d.motions)
+    q, v = (np.ascontiguousarray(each[:, nodes]) for each in (record.q, record.v))
+    off = [between_steps(motion, t, q[:, k], v[:, k]) for k, motion in enumerate(d.motions.values())]
+    between = largest_violation(np.array(off), UNSEEN * np.ptp(q, axis=0) + SLIGHT * np.abs(record.q).max())
+    way = integration_defect(np.diff(t), q, v, q[:0], np.zeros(len(nodes)))
+    allowed = limits.precision * np.abs(q).max(axis=0) + limits.slack * trapezoid_errors(np.diff(t), v, limits.order)
+    return larger_violation(between, largest_violation(np.abs(way), allowed))
 
 
 def _motion(d: Dynamics, record: Record, limits: Limits) -> tuple[float, float]:

@@ -25,7 +25,7 @@ import numpy as np
 
 from lcpimpact.arrays import Array
 from lcpimpact.certificate.impacts import RunImpacts, rows_by_name
-from lcpimpact.certificate.laws import motion_forces_in_steps
+from lcpimpact.certificate.laws import mean_motion_forces, motion_forces_in_steps
 from lcpimpact.events import steps_of
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, Record
@@ -174,18 +174,39 @@ class Account:
             flows[:, len(INFLOWS) :] += d.spring_losses(q, v, s) @ self.sinks.springs
         return flows
 
-    def by_theta_rule(self, record: Record, events: Sequence[Event], θ: float) -> Array:
+    def by_theta_rule(self, record: Record, events: Sequence[Event], θ: float, impact_steps: int = 1) -> Array:
         """Return the flows of each step in J, h w·(forces at t + θ h) with w = (q⁺ - q)/h (steps, 2 + m).
 
-        For θ = 1/2 and linear springs it is an identity of the step.
+        For θ = 1/2 and linear springs it is an identity of the θ-step. Reactions at the ends of a step act by their mean.
         """
         d, h = self.d, np.diff(record.t)
         w, f = np.diff(record.q, axis=0) / h[:, None], d.force(record.t)
         q, f = ((1.0 - θ) * each[:-1] + θ * each[1:] for each in (record.q, f))
         f += motion_forces_in_steps(d, record, θ)
         s = mean_forces(d.power_laws, d.approach(q), d.approach_rate(w), h)
-        impulses = h[:, None] * record.reaction + _impulses(d, record, events, 1)
+        r = record.reaction if len(record.reaction) < len(record.t) else _means(record.reaction)
+        impulses = h[:, None] * r + _impulses(d, record, events, impact_steps)
         return h[:, None] * self._without_contacts(f, q, w, s) + self.of_contacts(w, impulses)
+
+    def supplied(self, record: Record, events: Sequence[Event], impact_steps: int) -> tuple[Array, Array]:
+        """Return the work in J of time-dependent loads, forces of any kind and prescribed motions since t = 0, along q⁺ - q.
+
+        Displacements have no jumps, and the work on springs along them is a difference of their energies for any step.
+        Forces of any kind are taken along the whole of each step: at its middle alone, a stiff spring supplies too much.
+
+        Returns
+        -------
+        work, passed : (nt,) arrays
+            The work; and how much the forces of any kind have done in either direction, of which a part is their error.
+        """
+        d, way, passed = self.d, np.diff(record.q, axis=0), np.zeros(len(record.t) - 1)
+        work = self.by_theta_rule(record, events, 0.5, impact_steps)[:, : len(INFLOWS)].sum(axis=1)
+        if d.force_laws:
+            at_middle, mean = motion_forces_in_steps(d, record, 0.5), mean_motion_forces(d, record)
+            work += np.einsum("ki,ki->k", mean - at_middle, way * ~d.driven)
+            passed = np.abs(mean * way).sum(axis=1)
+        sums = np.cumsum([work, passed], axis=1)
+        return np.append(0.0, sums[0]), np.append(0.0, sums[1])
 
     def by_trapezoidal_rule(self, record: Record, events: Sequence[Event], impact_steps: int = 1) -> Array:
         """Return the flows of each step in J, by the powers at its ends (steps, 2 + m).
@@ -214,6 +235,11 @@ class Account:
 def account_of(d: Dynamics) -> Account:
     """Return the account of a system with one sink for all."""
     return Account(d, Sinks.all_as_one(d))
+
+
+def _means(values: Array) -> Array:
+    """Return the means of successive values (nt, ...) as an array (nt - 1, ...)."""
+    return np.asarray(0.5 * (values[1:] + values[:-1]))
 
 
 def _impulses(d: Dynamics, record: Record, events: Sequence[Event], impact_steps: int) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lcpimpact.arrays import Array, Flags, Indices
+from lcpimpact.certificate.quadrature import GAUSS_NODES, GAUSS_WEIGHTS
 from lcpimpact.certificate.scales import masses
 from lcpimpact.certificate.theta_balance import DAMPED, DRIVEN, FREE, MASSIVE
 from lcpimpact.record import Record
@@ -67,3 +68,11 @@ def motion_forces_in_steps(d: Dynamics, record: Record, θ: float) -> Array:
     h, way = np.diff(record.t), np.diff(record.q, axis=0)
     v = np.where(d.massive, (1.0 - θ) * record.v[:-1] + θ * record.v[1:], way / h[:, None])
     return d.motion_forces(record.t[:-1] + θ * h, record.q[:-1] + θ * way, v)
+
+
+def mean_motion_forces(d: Dynamics, record: Record) -> Array:
+    """Return the means of the forces of any kind along the line from q to q⁺ of each step, by Gauss's rule (steps, n)."""
+    t, q, v, found = record.t, record.q, record.v, np.zeros((len(record.t) - 1, len(d.nodes)))
+    for node, weight in zip(0.5 * (1.0 + GAUSS_NODES), 0.5 * GAUSS_WEIGHTS, strict=True):
+        found += weight * d.motion_forces(*((1.0 - node) * each[:-1] + node * each[1:] for each in (t, q, v)))
+    return found

@@ -3,7 +3,25 @@
 import numpy as np
 import pytest
 
-from lcpimpact import Bumper, KelvinVoigtStop, Load, Mass, Problem, Scheme, Spring, load_problem, penalized, simulate
+from lcpimpact import (
+    Bumper,
+    Dashpot,
+    Force,
+    Harmonic,
+    KelvinVoigtStop,
+    Load,
+    Mass,
+    NegativeSpring,
+    PrescribedMotion,
+    Problem,
+    Scheme,
+    Spring,
+    Table,
+    UnsupportedError,
+    load_problem,
+    penalized,
+    simulate,
+)
 from lcpimpact.errors import Status
 from lcpimpact.integrators import METHODS
 
@@ -30,6 +48,82 @@ def test_an_unstable_oscillation_is_not_called_solved():
     run = simulate(problem, "rk4", dt=1.0, t_end=60.0, throw=False)
     assert np.abs(run.q).max() > 10.0
     assert run.status is not Status.SOLVED
+
+
+FAST = 8.1
+"""ω² of a body of 1 kg: with a step of 1 s, h ω = 2.85 is beyond the limits of all explicit methods."""
+
+DRIVEN = {
+    "by a load": (Spring("x", "ground", FAST), Load("x", Harmonic(1.0, 0.5))),
+    "by a load, with a dashpot": (
+        Spring("x", "ground", FAST),
+        Dashpot("x", "ground", 0.1),
+        Load("x", Harmonic(1.0, 0.5)),
+    ),
+    "by its base": (Spring("x", "base", FAST), PrescribedMotion("base", Harmonic(0.1, 0.5))),
+}
+
+
+@pytest.mark.parametrize("drive", DRIVEN)
+@pytest.mark.parametrize("method", [name for name in METHODS if name not in ("rk4-paper",)])
+def test_a_driven_oscillation_that_is_unstable_is_not_called_solved(method, drive):
+    """The work of the drive is bounded by its force times the way of the body; what is far beyond it is made of nothing."""
+    problem = Problem("driven", Scheme(Mass("x", 1.0), *DRIVEN[drive]))
+    try:
+        run = simulate(problem, method, dt=1.0, t_end=60.0, throw=False)
+    except UnsupportedError:
+        return
+    resonance = 1.0 / (FAST - 0.5**2)
+    assert (run.status is Status.SOLVED) == (np.abs(run["x"]).max() < 3.0 * resonance)
+
+
+@pytest.mark.parametrize("method", ["heun", "dopri5", "rk4", "moreau-jean", "stormer-verlet-ns"])
+def test_a_ball_on_a_stiff_stop_that_a_load_shakes_is_not_called_solved_where_it_is_thrown_up(method):
+    stop = KelvinVoigtStop("x", "ground", k=1e8, c=100.0, gap=1.0)
+    scheme = Scheme(Mass("x", 1.0), Load("x", 9.81), Load("x", Harmonic(3.0, 7.0)), stop)
+    run = simulate(Problem("shaken", scheme), method, dt=1e-3, t_end=2.0, throw=False)
+    assert run.status is not Status.SOLVED or -run["x"].min() < 0.5
+
+
+FORCED = ["moreau-jean", "heun", "ssprk3", "bs23", "rk4", "dopri5"]
+
+
+@pytest.mark.parametrize("method", FORCED)
+def test_a_ball_on_a_stop_that_a_function_describes_is_not_called_solved_where_it_is_thrown_up(method):
+    """The same contact of 0.3 ms as a function, of which a step of 1 ms knows one or two values."""
+    stop = Force(("x",), lambda t, q, v: np.where(q > 0.0, -1e8 * q, 0.0))
+    problem = Problem("stop", Scheme(Mass("x", 1.0), Load("x", 9.81), stop), q0={"x": -1.0})
+    run = simulate(problem, method, dt=1e-3, t_end=2.0, throw=False)
+    assert -run["x"].min() > 5.0
+    assert run.status is not Status.SOLVED
+
+
+@pytest.mark.parametrize("method", FORCED)
+@pytest.mark.parametrize("dt", [0.02, 0.1])
+def test_a_self_excited_oscillation_is_supplied_by_its_force(method, dt):
+    """Van der Pol's oscillator grows from 0.01 to 2.02 and stays there."""
+    pump = Force(("x",), lambda t, q, v: (1.0 - q**2) * v)
+    problem = Problem("van der pol", Scheme(Mass("x", 1.0), Spring("x", "ground", 1.0), pump), q0={"x": 0.01})
+    run = simulate(problem, method, dt=dt, t_end=100.0)
+    assert np.abs(run["x"]).max() == pytest.approx(2.01, abs=0.03)
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "heun", "rk4", "stormer-verlet-ns", "cd-lagrange"])
+def test_a_body_that_a_negative_spring_drives_away_gains_what_the_spring_loses(method):
+    """x = 0.01 cosh 2t: kinetic energies of 1e13 J that those of the spring cancel to 1e-4 J."""
+    scheme = Scheme(Mass("x", 1.0), NegativeSpring("x", "ground", 4.0))
+    run = simulate(Problem("away", scheme, q0={"x": 0.01}), method, dt=0.05, t_end=10.0)
+    assert run["x"][-1] == pytest.approx(0.01 * np.cosh(20.0), rel=0.04)
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "radau", "heun", "rk4"])
+def test_a_base_that_rises_in_one_step_supplies_energy(method):
+    """A base that moves by 0.1 m at once puts ½ k (0.1 m)² into the spring of a body at rest."""
+    rise = Table([0.0, 0.5, 0.51, 2.0], [0.0, 0.0, 0.1, 0.1])
+    scheme = Scheme(Mass("x", 1.0), Spring("x", "base", 100.0), PrescribedMotion("base", rise))
+    run = simulate(Problem("rise", scheme), method, dt=1e-2, t_end=2.0)
+    assert run.certificate.energy_scale == pytest.approx(0.5, rel=0.1)
+    assert run.certificate.energy_growth < 0.05
 
 
 @pytest.mark.parametrize("method", [name for name in METHODS if name not in ("rk4-paper",)])

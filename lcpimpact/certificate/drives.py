@@ -1,0 +1,142 @@
+r"""Loads and prescribed motions between the instants of a run: what steps that are too long do not see of them.
+
+A method knows a load at some instants of a step, and takes it as smooth between them. A blow that is over before the next
+instant is missed, and a load that turns once in a step acts as a constant one. The impulse that a run misses is
+
+.. math:: \left|\int_0^t (f - \bar f)\,dt\right|, \qquad f = f(t) - K y - C y',
+
+with the forces of springs and dashpots that lead to nodes with prescribed motions y, and the line f̄ between the values of
+f at the ends of each step.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from lcpimpact.arrays import Array
+from lcpimpact.certificate.quadrature import Pieces
+from lcpimpact.scheme.dynamics import Dynamics
+from lcpimpact.scheme.signals import Harmonic, PiecewisePolynomial, Signal, values_at
+from lcpimpact.scheme.waves import sine
+
+UNSEEN, SLIGHT = 0.5, 0.01
+"""Impulse of loads and prescribed motions that steps may miss, relative to that which they see, and to the momentum."""
+
+SPLIT = 0.5 * (3.0 - 5.0**0.5)
+"""Where each step is cut in two, by the golden section: there no wave that returns with the steps returns too."""
+
+RESOLVED = 0.5
+"""Angle in rad by which a wave turns in a step whose line misses no more than 2 % of its impulse."""
+
+MOST_STEPS = 1000
+"""Number of steps in which a function of unknown form is sampled; they lie evenly in the run."""
+
+
+def missed_impulses(d: Dynamics, t: Array) -> tuple[Array, Array]:
+    """Return for each node the largest impulse that the steps miss, and that they have, in N s (n,).
+
+    Parameters
+    ----------
+    d : Dynamics
+    t : (nt,) array
+        The instants of the run.
+
+    Returns
+    -------
+    missed, had : (n,) arrays
+        Zero where nothing drives, and at nodes with prescribed motion.
+    """
+    missed, had = np.zeros((2, len(d.nodes)))
+    for i in np.flatnonzero(~d.driven):
+        signals = [(load, 1.0, 0.0) for node, load in d.loads if node == i and callable(load)]
+        signals += [(motion, -d.K[i, j], -d.C[i, j]) for j, motion in d.motions.items() if d.K[i, j] or d.C[i, j]]
+        if not all(_is_resolved(signal, t) for signal, _, _ in signals):
+            acts, seen = np.cumsum(np.sum([_impulses(*each, t) for each in signals], axis=0), axis=1)
+            missed[i], had[i] = np.abs(acts - seen).max(), np.abs(seen).max()
+    return missed, had
+
+
+def missed_integral(signal: Any, t: Array) -> float:
+    """Return the largest integral of a function of time that the steps miss; 0 if it is below `UNSEEN` of that they see."""
+    if _is_resolved(signal, t):
+        return 0.0
+    acts, seen = np.cumsum(_integrals(signal, t), axis=1)
+    missed = float(np.abs(acts - seen).max())
+    return 0.0 if missed <= UNSEEN * np.abs(seen).max() else missed
+
+
+def _is_resolved(signal: Any, t: Array) -> bool:
+    """Return whether it is known of a function of time that it is nearly a line in each step."""
+    if len(t) < 2:
+        return True
+    if isinstance(signal, Harmonic):
+        return bool(signal.omega * np.diff(t).max() < RESOLVED)
+    if isinstance(signal, PiecewisePolynomial):
+        breaks = signal.breakpoints(float(t[0]), float(t[-1]))
+        return bool((t[np.searchsorted(t, breaks)] == breaks).all())
+    return False
+
+
+def _impulses(signal: Any, k: float, c: float, t: Array) -> Array:
+    """Return the impulses k f + c f' of a function of time in both parts of each step, and of lines (2, 2 nt - 2)."""
+    found = k * _integrals(signal, t)
+    if c:
+        found[0] += c * np.diff(values_at(signal, _ends_of_parts(t)))
+        found[1] += c * _by_ends(values_at(signal.rate, t), np.diff(t))
+    return found
+
+
+def _integrals(signal: Any, t: Array) -> Array:
+    """Return the integrals of a function of time over both parts of each step, and of lines between its ends (2, 2 nt - 2).
+
+    A function of unknown form is sampled in `MOST_STEPS` steps, which stand for those between them.
+    """
+    ends, h = _ends_of_parts(t), np.diff(t)
+    if isinstance(signal, Harmonic):
+        turned = sine(signal.omega * ends + signal.phase) * (signal.amplitude / signal.omega)
+        return np.stack([np.diff(turned), _by_ends(values_at(signal, t), h)])
+    if isinstance(signal, PiecewisePolynomial):
+        # Only where a step holds breakpoints does its line differ from the signal by more than the error of the method.
+        breaks, stride = signal.breakpoints(float(t[0]), float(t[-1])), 1
+        chosen = np.unique(np.searchsorted(t, breaks) - 1)
+        seen = _by_ends(values_at(signal, t), h)
+    else:
+        breaks, stride = t[:0], -(-len(h) // MOST_STEPS)
+        chosen = np.arange(0, len(h), stride)
+        values, seen = np.zeros(len(t)), np.zeros(2 * len(h))
+        for k in (chosen, chosen + 1):
+            values[k] = values_at(signal, t[k])
+        seen.reshape(-1, 2)[chosen] = stride * _by_ends(values, h).reshape(-1, 2)[chosen]
+    parts, acts = ends[2 * chosen[:, None] + np.arange(3)], seen.copy()
+    pieces = Pieces(np.union1d(parts, breaks))
+    integral = pieces.integral(values_at(signal, pieces.times))
+    acts.reshape(-1, 2)[chosen] = stride * np.diff(integral[np.searchsorted(pieces.cuts, parts)], axis=1)
+    return np.stack([acts, seen])
+
+
+def _ends_of_parts(t: Array) -> Array:
+    """Return the instants of a run, with those that cut its steps in two (2 nt - 1,)."""
+    found = np.empty(2 * len(t) - 1)
+    found[::2], found[1::2] = t, (1.0 - SPLIT) * t[:-1] + SPLIT * t[1:]
+    return found
+
+
+def _by_ends(values: Array, h: Array) -> Array:
+    """Return the integrals over both parts of each step of the line between the values (nt,) at its ends (2 nt - 2,)."""
+    whole = 0.5 * h * (values[:-1] + values[1:])
+    first = h * SPLIT * (values[:-1] + 0.5 * SPLIT * np.diff(values))
+    return np.stack([first, whole - first], axis=1).ravel()
+
+
+def between_steps(motion: Signal, t: Array, q: Array, v: Array) -> float:
+    """Return by how much a prescribed motion leaves the cubic through q and v (nt,) between the instants of a run, in m."""
+    if isinstance(motion, PiecewisePolynomial):
+        cuts = motion.breakpoints(float(t[0]), float(t[-1]))
+        times = np.union1d(_ends_of_parts(t)[1::2], cuts)
+    else:
+        stride = 1 if isinstance(motion, Harmonic) else -(-(len(t) - 1) // MOST_STEPS)
+        times = _ends_of_parts(t)[1 :: 2 * stride]
+    return float(np.abs(values_at(motion, times) - CubicHermiteSpline(t, q, v)(times)).max(initial=0.0))
