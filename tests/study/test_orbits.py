@@ -314,6 +314,11 @@ def test_a_stop_is_named_where_there_are_several():
         li.grazing(between, (0.1, 0.2), contact="below")
 
 
+def test_a_gap_that_jumps_is_no_grazing():
+    with pytest.raises(li.FailureError, match=r"the least gap of 'R' jumps at 0\.3"):
+        li.grazing(lambda f: oscillator(f, 0.8, 5.0 if f < 0.3 else 0.1), (0.1, 1.0))
+
+
 def test_a_branch_ends_at_the_grazing_and_says_so():
     f_star = math.hypot(1.0 - 0.8**2, 2.0 * ζ * 0.8)
     branch = li.continue_orbit(lambda f: oscillator(f, 0.8, 1.0), np.linspace(0.3, 0.5, 5))
@@ -367,9 +372,21 @@ def test_exponents_are_averaged_from_t_start_to_t_end():
 
 def test_chaos_has_an_exponent_above_zero():
     T = 2.0 * math.pi / 2.8
-    λ = li.lyapunov(oscillator(omega=2.8), t_end=200 * T, t_start=50 * T).exponents
+    study = li.lyapunov(oscillator(omega=2.8), t_end=200 * T, t_start=50 * T)
+    λ = study.exponents
     assert λ[0] > 0.05
     assert λ[1] < 0.0
+    assert "exponents, chaos" in study.summary()
+
+
+def test_a_shear_is_no_chaos():
+    # Balls that bounce without loss part in proportion to time: the exponents are zero, and ln t/t in a run of length t.
+    study = li.lyapunov(li.load_problem("bouncing-ball", e=1.0), t_end=100.0)
+    assert 0.0 < study.exponents[0] < 0.1
+    assert study.stretching == pytest.approx(math.log(2.0), abs=0.1)
+    assert "too short a run to tell a positive exponent from zero" in study.summary()
+    still = li.lyapunov(li.Problem("oscillator", li.Scheme(li.Mass("x", 1.0), li.Spring("x", "ground", 9.0))), t_end=10.3)
+    assert "exponents, chaos" not in still.summary()
 
 
 # ---- what is refused ------------------------------------------------------------------------------------------------
