@@ -50,7 +50,7 @@ def sobol_indices(dataset: Any, output: str) -> pd.DataFrame:
     Raises
     ------
     InputError
-        For other samples, an unknown output, one that has no value in some of the sets, and one that varies by rounding only.
+        For other samples, an unknown output, and one that has no value in some of the sets or varies by rounding only.
 
     Examples
     --------

@@ -112,6 +112,19 @@ def test_no_method_is_its_own_reference():
     assert table["reference"].item().startswith("dopri5")
     with pytest.raises(li.InputError, match=r"reference ends at 1 s, before t_end = 3 s"):
         convergence(problem, ["heun"], [0.03], reference=li.simulate(problem, "exact", dt=0.1, t_end=1.0))
+    own = convergence(problem, ["dopri5", "moreau-jean"], [0.03], norms=["sup_q"], reference=ours)
+    assert own.table["failure"].iloc[0].startswith("the reference that is given is by dopri5 itself")
+    assert np.isnan(own.table["sup_q"].iloc[0])
+    assert own.table["sup_q"].iloc[1] > 0.0
+
+
+@pytest.mark.parametrize(
+    "study", [lambda *a, **k: convergence(*a, [0.03], **k), lambda *a, **k: li.compare(*a, dt=0.03, **k)]
+)
+def test_a_reference_of_other_parameters_is_refused(study):
+    other = li.simulate(li.load_problem("system-1", c_o=300.0), "exact", dt=0.1, t_end=3.0)
+    with pytest.raises(li.InputError, match=r"reference is of 'system-1' with c_o = 300, and the problem has 250"):
+        study(li.load_problem("system-1"), ["moreau-jean"], reference=other)
 
 
 def test_what_is_refused_or_fails_is_a_row():

@@ -385,7 +385,9 @@ def test_a_shear_is_no_chaos():
     assert 0.0 < study.exponents[0] < 0.1
     assert study.stretching == pytest.approx(math.log(2.0), abs=0.1)
     assert "too short a run to tell a positive exponent from zero" in study.summary()
-    still = li.lyapunov(li.Problem("oscillator", li.Scheme(li.Mass("x", 1.0), li.Spring("x", "ground", 9.0))), t_end=10.3)
+    still = li.lyapunov(
+        li.Problem("oscillator", li.Scheme(li.Mass("x", 1.0), li.Spring("x", "ground", 9.0))), t_end=10.3
+    )
     assert "exponents, chaos" not in still.summary()
 
 

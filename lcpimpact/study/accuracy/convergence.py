@@ -334,7 +334,7 @@ def convergence(
         rigid motion combine those of method and model.
     reference : Trajectory, Reference or "auto"
         Reference of the errors. "auto" is `lcpimpact.study.accuracy.reference.reference`, which is never computed by the
-        method under study.
+        method under study; nor is one that is given taken for its own method.
     repeats : int
         Runs of each row, interleaved; the time is their minimum, without compilation.
     lcp_solver : str
@@ -492,7 +492,12 @@ def _truths(
 ) -> dict[str, Reference | str]:
     """Return the reference of each method by name, or why there is none."""
     if given != "auto":
-        return dict.fromkeys((integrator.name for integrator in methods.values()), given_reference(given, t_end))
+        known = given_reference(given, problem, t_end)
+        own = (
+            f"the reference that is given is by {_name(known.trajectory)} itself: give one by another method, or 'auto'"
+        )
+        names = [integrator.name for integrator in methods.values()]
+        return {name: own if name == _name(known.trajectory) else known for name in names}
     best = _truth(problem, t_end, ())
     found = {}
     for integrator in methods.values():

@@ -218,8 +218,8 @@ def grazing(
     orbit, least, t = orbits[value]
     if not abs(least) <= GRAZING_RTOL * max(map(abs, ends)):
         raise FailureError(
-            f"the least gap of {name!r} jumps at {value:.9g} and is not zero there ({least:.3g} m): the orbit changes in the "
-            "bracket without grazing; take a bracket beside it",
+            f"the least gap of {name!r} jumps at {value:.9g} and is not zero there ({least:.3g} m): the orbit changes in "
+            "the bracket without grazing; take a bracket beside it",
             None,
         )
     return Grazing(value, name, t, least, orbit)

@@ -62,7 +62,8 @@ def lyapunov(
     .. math:: λ_i = \lim_{t → ∞} \frac{1}{t - t_\mathrm{start}} \sum \ln |R_{ii}|
 
     with the QR factors of the fundamental matrix, the product of flows and saltation matrices. A positive largest exponent
-    means chaos, if the run is long enough to tell it from zero; where a contact stays closed or a slider sticks, directions are lost and their exponent is -inf.
+    means chaos, if the run is long enough to tell it from zero; where a contact stays closed or a slider sticks, directions
+    are lost and their exponent is -inf.
 
     Parameters
     ----------
