@@ -344,6 +344,29 @@ def test_a_branch_goes_on_where_the_orbit_is_not_stable():
     assert branch.table["gap"].isna().all(), "between its impacts the mass turns far from the stop, and only there"
 
 
+def test_rest_is_no_orbit():
+    """A free vibration dies, and a ball or a slider stays where it stops: there is nothing periodic but the rest."""
+    block = li.Scheme(li.Mass("x", 1.0), li.KelvinVoigt("x", "ground", k=4.0, c=0.2))
+    for problem, transient in (
+        (li.Problem("damped", block, q0={"x": 1.0}, t_end=20.0), 0),
+        (li.load_problem("bouncing-ball", e=0.5), 10),
+        (li.load_problem("coulomb-oscillator"), 10),
+    ):
+        with pytest.raises(li.FailureError, match="ends at rest, which has no period"):
+            li.periodic_orbit(problem, T=1.0, transient=transient)
+
+
+def test_a_multiple_of_the_least_period_is_said_so():
+    once, twice = (li.periodic_orbit(oscillator(), periods=number, transient=20) for number in (1, 2))
+    assert (once.repeats, twice.repeats) == (1, 2)
+    assert "(2 times the least period)" in twice.head()[0]
+    assert li.periodic_orbit(oscillator(omega=2.7), periods=2, transient=60).repeats == 1
+    spring = li.Problem(
+        "spring", li.Scheme(li.Mass("x", 1.0), li.Spring("x", "ground", k=4.0)), q0={"x": 1.0}, t_end=20.0
+    )
+    assert li.periodic_orbit(spring, T=3.0 * math.pi).repeats == 3
+
+
 def test_the_multiplier_of_a_free_phase_is_left_out():
     orbit = replace(li.periodic_orbit(oscillator(), transient=20), monodromy=np.diag([1.0, -0.5]))
     assert (orbit.growth, orbit.stable) == (1.0, False)

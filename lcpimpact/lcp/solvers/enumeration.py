@@ -155,4 +155,4 @@ def _same(M: Array, q: Array, z: Array, other: Array) -> bool:
     apart, larger = np.abs(z - other), np.maximum(np.abs(z), np.abs(other))
     size = np.abs(q) + np.abs(M) @ larger
     differing = np.flatnonzero(apart > SAME_RTOL * larger)
-    return all(0.0 < apart[j] * weight(M, j, size) <= SAME_RTOL for j in differing)
+    return all(0.0 < apart[j] * weight(M, int(j), size) <= SAME_RTOL for j in differing)
