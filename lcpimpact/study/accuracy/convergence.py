@@ -493,11 +493,11 @@ def _truths(
     """Return the reference of each method by name, or why there is none."""
     if given != "auto":
         known = given_reference(given, problem, t_end)
-        own = (
+        refused = (
             f"the reference that is given is by {_name(known.trajectory)} itself: give one by another method, or 'auto'"
         )
         names = [integrator.name for integrator in methods.values()]
-        return {name: own if name == _name(known.trajectory) else known for name in names}
+        return {name: refused if name == _name(known.trajectory) else known for name in names}
     best = _truth(problem, t_end, ())
     found = {}
     for integrator in methods.values():
