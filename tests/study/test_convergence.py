@@ -224,6 +224,15 @@ def test_verdicts():
     assert verdict(np.full(6, 1e-8), declared=math.inf, reference="moreau-jean (1000003 steps)") == "as declared"
 
 
+def test_an_order_is_stated_with_its_standard_error_which_two_points_do_not_tell():
+    errors = np.array([1.0, 0.5, 0.1])
+    error = linregress(np.log10([3.0 / count for count in (101, 163, 257)]), np.log10(errors)).stderr
+    assert f" ± {error:.2f} " in made(errors).summary()
+    two = made(errors[:2]).summary()
+    assert "±" not in two
+    assert " by two points" in two
+
+
 def test_errors_that_are_rounding_are_left_out_and_counted():
     errors = 0.1 * np.array(SIX) ** 4
     errors[4:] = 1e-13
@@ -410,7 +419,7 @@ def test_a_picture_shows_the_errors_and_the_orders(table, tmp_path):
     assert lines["exact"].get_label().endswith("rounding")
     assert lines["schatzman-paoli"].get_label().endswith("no result")
     order = observed_orders(table, "sup_q").set_index("method").loc["heun"]
-    assert f"{order['order']:.2f} ± {order['scatter']:.2f}" in lines["heun"].get_label()
+    assert f"{order['order']:.2f} ± {order['standard_error']:.2f}" in lines["heun"].get_label()
 
 
 def test_triangles_have_the_slopes_that_are_seen_and_lie_clear_of_the_lines(table):

@@ -26,7 +26,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.problems.penalty import penalized
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import make_integrator
-from lcpimpact.study.accuracy.fitted_order import observe
+from lcpimpact.study.accuracy.fitted_order import observe, stated
 from lcpimpact.study.accuracy.limits import Limit, chosen_options, declared_order, limits_of
 from lcpimpact.study.accuracy.norms import NORMS, errors
 from lcpimpact.study.accuracy.reference import Reference, given_reference
@@ -201,7 +201,7 @@ class Convergence(Study):
         ]
 
     def summary(self) -> str:
-        """Return the observed order of each method, its scatter, the declared order, and the failures."""
+        """Return the observed order of each method, its standard error, the declared order, and the failures."""
         orders = observed_orders(self, self.norm).to_dict("records")
         return "\n".join([*self.head(), *map(_order_line, orders), *self.remarks()])
 
@@ -261,7 +261,7 @@ def _order_line(row: Mapping[str, Any]) -> str:
     if row["points"] < 2:
         return f"  {name:<28} {row['verdict'] or 'no order to be seen'}"
     declared = "" if math.isnan(row["declared"]) else f"  declared {row['declared']:g}"
-    return f"  {name:<28} order {row['order']:.2f} ± {row['scatter']:.2f}{declared}  {row['verdict']}"
+    return f"  {name:<28} order {stated(row['order'], row['standard_error'])}{declared}  {row['verdict']}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
