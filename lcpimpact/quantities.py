@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from lcpimpact.arrays import Array
+from lcpimpact.arrays import Array, Flags
 from lcpimpact.certificate.energy import INFLOWS, Account, account_of
 from lcpimpact.certificate.impacts import RunImpacts
 from lcpimpact.certificate.quadrature import Pieces
@@ -48,6 +48,9 @@ AFTER = ("open", "slip", "slide", "switch")
 EVENT_NAME = re.compile(
     rf"(?:(?P<contact>.+)\.)?(?P<kind>{'|'.join(KINDS)}):(?P<number>\d+)(?:\.(?P<what>speed|impulse))?"
 )
+
+IMPULSE_RTOL = 1e-4
+"""Part of the force of a step that may be the impulse of an impact."""
 
 AT_REST_RTOL = 1e-9
 """Approach or rebound speed, relative to the fastest coordinate of the run, below which it is rounding."""
@@ -192,7 +195,10 @@ def _pushing(run: Any) -> Array:
 
 
 def peak_force(run: Any) -> float:
-    """Return the greatest force of a unilateral contact or non-linear spring, max R(t), in N; impulses are no forces."""
+    """Return the greatest force of a unilateral contact or non-linear spring, max R(t), in N; impulses are no forces.
+
+    Nor are those of the last of accumulating impacts, which steps hold in their forces without an event each.
+    """
     return _strongest(run)[1]
 
 
@@ -208,9 +214,29 @@ def _strongest(run: Any) -> tuple[float, float]:
     if run.dense is not None:
         push = run.problem.dynamics.push
         return highest(run, lambda state: np.hstack([state.reaction, push(state.q, state.v)])[:, columns].max(axis=1))
-    force = run.forces[:, columns].max(axis=1)
+    force = np.where(_holds_impulses(run)[:, columns], 0.0, run.forces[:, columns]).max(axis=1)
     j = int(np.argmax(force))
     return float(run.t_reaction[j]), float(force[j])
+
+
+def _holds_impulses(run: Any) -> Flags:
+    """Return which forces of steps (nr, nc + ns) hold impulses too small for an event, as where impacts accumulate.
+
+    A rate U of a contact between masses at either end of the step accounts for a part of the force, U/(h W_ii).
+    """
+    d = run.problem.dynamics
+    found = np.zeros(run.forces.shape, dtype=bool)
+    rigid = np.flatnonzero(d.unilateral & (d.relative_degree == 2))
+    if not len(rigid) or len(run.t) < 2:
+        return found
+    free = d.massive & ~d.driven
+    H = d.H[np.ix_(rigid, free)]
+    W = (H * np.linalg.solve(d.M[np.ix_(free, free)], H.T).T).sum(axis=1)
+    k = np.clip(np.searchsorted(run.t, run.t_reaction) - 1, 0, len(run.t) - 2)
+    U = np.abs(d.gap_rate(run.v)[:, rigid])
+    part = np.maximum(U[k], U[k + 1]) / np.diff(run.t)[k, None]
+    found[:, rigid] = (W > 0.0) & (part > IMPULSE_RTOL * W * run.forces[:, rigid])
+    return found
 
 
 def impacts(run: Any) -> float:

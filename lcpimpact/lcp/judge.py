@@ -78,8 +78,8 @@ def row_defect(
     scaled : float
         Maximum over the rows of the smaller of two defects: w_i relative to the size of row i, its terms |q_i| and
         |M_ij z_j|, times the fraction of the terms of a free row due to q or a bound; and the distance of z_i from its
-        bound, measured by the change it causes in any row. Values below rounding error count as zero. Infinite if a
-        number is not finite.
+        bound, measured by the change it causes in any row, and relative to the distance of two finite bounds. Values
+        below rounding error count as zero. Infinite if a number is not finite.
     rounding : float
         Largest bound of the rounding error of a w_i, relative to the size of its row.
     """
@@ -124,6 +124,9 @@ def row_defect(
         if room > 0.0 and defect > scaled:
             weight_i = weight(W, i, size)
             change = room * weight_i if weight_i > 0.0 else 0.0  # an infinite room times zero is no number
+            width = upper[i] - lower[i]
+            if 0.0 < width < np.inf:
+                change = max(change, room / width)
             scaled = max(scaled, min(defect, change) if change > 0.0 else defect)
     return scaled, most
 

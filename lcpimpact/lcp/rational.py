@@ -6,9 +6,9 @@ are decided by branch and bound over the complementary pairs, with linear progra
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from fractions import Fraction
-from math import gcd
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -202,9 +202,9 @@ def nearest_floats(values: list[Fraction]) -> Array:
     """Return a multiple of the values in floats: coprime integers if these are representable."""
     denominator = 1
     for a in values:
-        denominator = denominator * a.denominator // gcd(denominator, a.denominator)
+        denominator = denominator * a.denominator // math.gcd(denominator, a.denominator)
     numbers = [int(a * denominator) for a in values]
-    common = gcd(*numbers) or 1
+    common = math.gcd(*numbers) or 1
     numbers = [a // common for a in numbers]
     largest = max(map(abs, numbers), default=0)
     if largest < 2**53:
@@ -214,8 +214,15 @@ def nearest_floats(values: list[Fraction]) -> Array:
 
 
 def floats(values: list[Fraction]) -> Array:
-    """Return the nearest floats."""
-    return np.array([float(a) for a in values])
+    """Return the nearest floats, infinite beyond the largest."""
+    return np.array([_float(a) for a in values])
+
+
+def _float(a: Fraction) -> float:
+    try:
+        return float(a)
+    except OverflowError:
+        return math.inf if a > 0 else -math.inf
 
 
 def image(M: Delassus, q: Array, z: Array) -> Array:
@@ -223,7 +230,7 @@ def image(M: Delassus, q: Array, z: Array) -> Array:
     N, p = M.array(), [Fraction(float(a)) for a in q]
     x = [Fraction(float(a)) for a in z]
     rows = [sum((Fraction(float(a)) * b for a, b in zip(row, x, strict=True) if a and b), Fraction(0)) for row in N]
-    return np.array([float(a + b) for a, b in zip(rows, p, strict=True)])
+    return floats([a + b for a, b in zip(rows, p, strict=True)])
 
 
 class _Dictionary(NamedTuple):
@@ -319,7 +326,7 @@ def _reduced(
             )
         unit[a] = Fraction(max(each.denominator for each in line))
         whole_line = [int(each * unit[a]) for each in line]
-        common = gcd(*whole_line) or 1
+        common = math.gcd(*whole_line) or 1
         unit[a] /= common
         N[a], p[a] = [each // common for each in whole_line[:n]], whole_line[n] // common
     return N, p, row, sign, base, unit

@@ -22,6 +22,7 @@ from lcpimpact.plotting.style import GREY, LIGHT_GREY, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import axis_label, plain_text
 from lcpimpact.registry import nearest
 from lcpimpact.study.accuracy.convergence import COSTS, Convergence, WorkPrecision, observed_orders
+from lcpimpact.study.accuracy.fitted_order import stated
 from lcpimpact.study.accuracy.norms import NORMS
 
 MARKERS = "os^DvP<>X*"
@@ -60,8 +61,7 @@ TRIANGLE_MARGIN = 0.03
 def plot_convergence(study: Convergence, *, norm: str | None = None) -> Figure:
     """Draw the errors of each method over the step, with a slope triangle for each observed order.
 
-    A cross at the upper edge marks a failed run. The legend shows the observed order of each method and its scatter, the
-    standard deviation of log10 of the errors about the line.
+    A cross at the upper edge marks a failed run. The legend shows the observed order of each method and its standard error.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def plot_convergence(study: Convergence, *, norm: str | None = None) -> Figure:
     )
     _set_title(ax, study, norm)
     _limit_errors(ax, study.scales.get(norm, 0.0), resolved)
-    _draw_legend(figure, ax, "observed order ± scatter")
+    _draw_legend(figure, ax, "observed order ± standard error")
     _draw_triangles(ax, lines, slopes)
     return figure
 
@@ -214,7 +214,7 @@ def _order_label(row: pd.Series, runs: pd.DataFrame) -> str:
     if runs["rtol"].notna().any():
         return "steps of its own"
     if np.isfinite(row["order"]):
-        return f"{row['order']:.2f} ± {row['scatter']:.2f}"
+        return stated(row["order"], row["standard_error"])
     return "rounding" if row["rounding"] else "one step"
 
 

@@ -56,7 +56,7 @@ def _(study: Convergence) -> list[Section]:
         Section(
             "Observed orders",
             "<p>Slopes by least squares of log10 of the error over log10 of the step; the scatter is the standard "
-            "deviation of log10 of the errors about the line.</p>",
+            "deviation of log10 of the errors about the line, from which the standard error of the slope follows.</p>",
             table=here,
             form=".3f",
             verdict=not (known["verdict"] == "off").any() if len(known) else None,

@@ -19,6 +19,9 @@ CONFIDENCE = 0.95
 RESAMPLES = 999
 """Number of bootstrap samples for the intervals."""
 
+ROUNDING_RTOL = 1e-10
+"""Range of an output, relative to its largest value, below which it is rounding."""
+
 
 @checked
 def sobol_indices(dataset: Any, output: str) -> pd.DataFrame:
@@ -47,7 +50,7 @@ def sobol_indices(dataset: Any, output: str) -> pd.DataFrame:
     Raises
     ------
     InputError
-        For other samples, an unknown output, and one that has no value in some of the sets.
+        For other samples, an unknown output, and one that has no value in some of the sets or varies by rounding only.
 
     Examples
     --------
@@ -76,8 +79,8 @@ def sobol_indices(dataset: Any, output: str) -> pd.DataFrame:
             f"{output} has no value in {missing} of {len(y)} sets: see status and message, and narrow the ranges"
         )
     n = int(dataset.attrs["count"])
-    if np.ptp(y) == 0.0:
-        raise InputError(f"{output} is the same in all sets, so nothing explains its variance")
+    if np.ptp(y) <= ROUNDING_RTOL * np.abs(y).max():
+        raise InputError(f"{output} is the same in all sets but for rounding, so nothing explains its variance")
     parts = y.reshape(len(names) + 2, n)
     rng = np.random.default_rng(0)
     drawn = np.array([_indices(parts[:, rng.integers(n, size=n)]) for _ in range(RESAMPLES)])

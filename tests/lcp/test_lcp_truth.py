@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lcpimpact import Status, UnsupportedError, solve_lcp
+from lcpimpact import Status, UnsupportedError, all_solutions, solve_lcp
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual, holds, measure
 from lcpimpact.lcp.operators import Banded, Dense, Factored
@@ -446,3 +446,34 @@ def test_a_block_with_several_solutions_is_no_dead_end():
     found = solve_lcp(M, q)
     assert found.z.tolist() == [1.0, 0.0, 3.0]
     assert found.route[0] == "block-triangular"
+
+
+# ---- bounds far from what q asks for, and the ends of the range of floats ---------------------------------------------
+
+
+@pytest.mark.parametrize("name", [name for name in SOLVERS if SOLVERS[name].boxed])
+@pytest.mark.parametrize("q", [-1e11, 1e13, -1e20])
+def test_a_z_at_the_wrong_bound_is_no_solution(name, q):
+    # From one bound to the other z changes w by less than 1e-10 of it: the sign of w tells the bound all the same.
+    found = solve_lcp([[1.0]], [q], name, lower=-1.0, upper=1.0, throw=False)
+    assert found.status is not Status.SOLVED or found.z == -np.sign(q)
+    assert [z.item() for z in all_solutions([[1.0]], [q], lower=-1.0, upper=1.0)] == [-np.sign(q)]
+
+
+@pytest.mark.parametrize("unit", [1e-60, 1e-9, 1.0, 1e9, 1e60])
+def test_the_number_of_solutions_does_not_depend_on_units(unit):
+    assert len(all_solutions([[1.0, 2.0], [2.0, 1.0]], [-unit, -unit])) == 3
+    assert len(all_solutions(unit * np.array([[1.0, 2.0], [2.0, 1.0]]), [-1.0, -1.0])) == 3
+
+
+def test_the_vertices_of_a_box_are_told_apart_by_their_places():
+    assert len(all_solutions(np.zeros((2, 2)), [0.0, 0.0], lower=0.0, upper=[1.0, 2.0])) == 4
+
+
+def test_what_overflows_is_said_so():
+    M = np.array([[-3.0, -3.0], [-3.0, -2.0]])
+    found = solve_lcp(1e45 * M, [1.0, 0.0], lower=[0.0, 2.0], upper=[1e300, 2.0], throw=False)
+    assert found.status is Status.NON_FINITE
+    far = solve_lcp([[8.0, -6.0, 0.0], [-6.0, 5.0, 2.0], [0.0, 2.0, 8.0]], [0.0, -7e165, -3e166], "psor", throw=False)
+    near = solve_lcp([[8.0, -6.0, 0.0], [-6.0, 5.0, 2.0], [0.0, 2.0, 8.0]], [0.0, -0.7, -3.0])
+    assert np.allclose(far.z, 1e166 * near.z, rtol=1e-9, atol=0.0)

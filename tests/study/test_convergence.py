@@ -112,6 +112,19 @@ def test_no_method_is_its_own_reference():
     assert table["reference"].item().startswith("dopri5")
     with pytest.raises(li.InputError, match=r"reference ends at 1 s, before t_end = 3 s"):
         convergence(problem, ["heun"], [0.03], reference=li.simulate(problem, "exact", dt=0.1, t_end=1.0))
+    own = convergence(problem, ["dopri5", "moreau-jean"], [0.03], norms=["sup_q"], reference=ours)
+    assert own.table["failure"].iloc[0].startswith("the reference that is given is by dopri5 itself")
+    assert np.isnan(own.table["sup_q"].iloc[0])
+    assert own.table["sup_q"].iloc[1] > 0.0
+
+
+@pytest.mark.parametrize(
+    "study", [lambda *a, **k: convergence(*a, [0.03], **k), lambda *a, **k: li.compare(*a, dt=0.03, **k)]
+)
+def test_a_reference_of_other_parameters_is_refused(study):
+    other = li.simulate(li.load_problem("system-1", c_o=300.0), "exact", dt=0.1, t_end=3.0)
+    with pytest.raises(li.InputError, match=r"reference is of 'system-1' with c_o = 300, and the problem has 250"):
+        study(li.load_problem("system-1"), ["moreau-jean"], reference=other)
 
 
 def test_what_is_refused_or_fails_is_a_row():
@@ -209,6 +222,15 @@ def test_verdicts():
     assert verdict(np.full(6, 1e-8), declared=math.inf) == "off"
     assert verdict(np.full(6, 1e-8), declared=math.inf, rtol=1e-10) == "as declared"
     assert verdict(np.full(6, 1e-8), declared=math.inf, reference="moreau-jean (1000003 steps)") == "as declared"
+
+
+def test_an_order_is_stated_with_its_standard_error_which_two_points_do_not_tell():
+    errors = np.array([1.0, 0.5, 0.1])
+    error = linregress(np.log10([3.0 / count for count in (101, 163, 257)]), np.log10(errors)).stderr
+    assert f" ± {error:.2f} " in made(errors).summary()
+    two = made(errors[:2]).summary()
+    assert "±" not in two
+    assert " by two points" in two
 
 
 def test_errors_that_are_rounding_are_left_out_and_counted():
@@ -397,7 +419,7 @@ def test_a_picture_shows_the_errors_and_the_orders(table, tmp_path):
     assert lines["exact"].get_label().endswith("rounding")
     assert lines["schatzman-paoli"].get_label().endswith("no result")
     order = observed_orders(table, "sup_q").set_index("method").loc["heun"]
-    assert f"{order['order']:.2f} ± {order['scatter']:.2f}" in lines["heun"].get_label()
+    assert f"{order['order']:.2f} ± {order['standard_error']:.2f}" in lines["heun"].get_label()
 
 
 def test_triangles_have_the_slopes_that_are_seen_and_lie_clear_of_the_lines(table):

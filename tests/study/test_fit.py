@@ -27,7 +27,7 @@ from lcpimpact import (
     with_values,
 )
 from lcpimpact.problems.parameters import value_at
-from lcpimpact.problems.reading import event, peak
+from lcpimpact.problems.reading import at, event, peak
 
 M, K, C, V0 = 100.0, 3000.0, 200.0, 10.0
 
@@ -145,6 +145,21 @@ def test_several_series_are_weighed_by_their_own_scatter():
     errors = [each.table["standard_error"].to_numpy() for each in (both, force)]
     assert (errors[0] < 0.2 * errors[1]).all()
     assert both.values == pytest.approx({"k": K, "c": C}, rel=2e-3)
+
+
+@pytest.mark.parametrize("sigma", [2.0, 500.0])
+def test_a_curve_of_unknown_noise_beside_a_target_of_known_noise(sigma):
+    """Both count by their noise: values and errors are those of another least squares that is told both."""
+    data = noisy(5)
+    reading = float(force_by_hand(np.array(0.1), K, C)) + sigma
+    target = Target(lambda run: at(run, "R", 0.1), reading, sigma=sigma)
+    found = fit(start(), {"k": 3500.0, "c": 240.0}, data, outputs={"R(0.1)": target})
+    t, y = np.append(data["t"], 0.1), np.append(data["R"], reading)
+    values, covariance = curve_fit(
+        force_by_hand, t, y, p0=(3500.0, 240.0), sigma=np.append(np.full(len(data), 50.0), sigma), absolute_sigma=True
+    )
+    np.testing.assert_allclose(found.table["standard_error"], np.sqrt(np.diag(covariance)), rtol=0.2)
+    assert (np.abs(found.table["value"] - values) < 0.3 * np.sqrt(np.diag(covariance))).all()
 
 
 def test_an_outlier_counts_less_with_another_loss():

@@ -314,6 +314,11 @@ def test_a_stop_is_named_where_there_are_several():
         li.grazing(between, (0.1, 0.2), contact="below")
 
 
+def test_a_gap_that_jumps_is_no_grazing():
+    with pytest.raises(li.FailureError, match=r"the least gap of 'R' jumps at 0\.3"):
+        li.grazing(lambda f: oscillator(f, 0.8, 5.0 if f < 0.3 else 0.1), (0.1, 1.0))
+
+
 def test_a_branch_ends_at_the_grazing_and_says_so():
     f_star = math.hypot(1.0 - 0.8**2, 2.0 * ζ * 0.8)
     branch = li.continue_orbit(lambda f: oscillator(f, 0.8, 1.0), np.linspace(0.3, 0.5, 5))
@@ -337,6 +342,29 @@ def test_a_branch_goes_on_where_the_orbit_is_not_stable():
         assert_allclose(speed, known, rtol=1e-10)
     assert branch.table["stable"].tolist() == [True, True, *[False] * 5]
     assert branch.table["gap"].isna().all(), "between its impacts the mass turns far from the stop, and only there"
+
+
+def test_rest_is_no_orbit():
+    """A free vibration dies, and a ball or a slider stays where it stops: there is nothing periodic but the rest."""
+    block = li.Scheme(li.Mass("x", 1.0), li.KelvinVoigt("x", "ground", k=4.0, c=0.2))
+    for problem, transient in (
+        (li.Problem("damped", block, q0={"x": 1.0}, t_end=20.0), 0),
+        (li.load_problem("bouncing-ball", e=0.5), 10),
+        (li.load_problem("coulomb-oscillator"), 10),
+    ):
+        with pytest.raises(li.FailureError, match="ends at rest, which has no period"):
+            li.periodic_orbit(problem, T=1.0, transient=transient)
+
+
+def test_a_multiple_of_the_least_period_is_said_so():
+    once, twice = (li.periodic_orbit(oscillator(), periods=number, transient=20) for number in (1, 2))
+    assert (once.repeats, twice.repeats) == (1, 2)
+    assert "(2 times the least period)" in twice.head()[0]
+    assert li.periodic_orbit(oscillator(omega=2.7), periods=2, transient=60).repeats == 1
+    spring = li.Problem(
+        "spring", li.Scheme(li.Mass("x", 1.0), li.Spring("x", "ground", k=4.0)), q0={"x": 1.0}, t_end=20.0
+    )
+    assert li.periodic_orbit(spring, T=3.0 * math.pi).repeats == 3
 
 
 def test_the_multiplier_of_a_free_phase_is_left_out():
@@ -367,9 +395,23 @@ def test_exponents_are_averaged_from_t_start_to_t_end():
 
 def test_chaos_has_an_exponent_above_zero():
     T = 2.0 * math.pi / 2.8
-    λ = li.lyapunov(oscillator(omega=2.8), t_end=200 * T, t_start=50 * T).exponents
+    study = li.lyapunov(oscillator(omega=2.8), t_end=200 * T, t_start=50 * T)
+    λ = study.exponents
     assert λ[0] > 0.05
     assert λ[1] < 0.0
+    assert "exponents, chaos" in study.summary()
+
+
+def test_a_shear_is_no_chaos():
+    # Balls that bounce without loss part in proportion to time: the exponents are zero, and ln t/t in a run of length t.
+    study = li.lyapunov(li.load_problem("bouncing-ball", e=1.0), t_end=100.0)
+    assert 0.0 < study.exponents[0] < 0.1
+    assert study.stretching == pytest.approx(math.log(2.0), abs=0.1)
+    assert "too short a run to tell a positive exponent from zero" in study.summary()
+    still = li.lyapunov(
+        li.Problem("oscillator", li.Scheme(li.Mass("x", 1.0), li.Spring("x", "ground", 9.0))), t_end=10.3
+    )
+    assert "exponents, chaos" not in still.summary()
 
 
 # ---- what is refused ------------------------------------------------------------------------------------------------

@@ -66,6 +66,7 @@ def test_what_has_no_indices():
         (good, "z", "unknown output"),
         (dataset_of(samples, lambda x: np.where(x[0] > 0.5, np.nan, x[0])), "y", "has no value in"),
         (dataset_of(samples, lambda x: 0.0 * x[0]), "y", "the same in all sets"),
+        (dataset_of(samples, lambda x: 0.8 + 1e-16 * np.round(3.0 * x[0])), "y", "but for rounding"),
         (3.0, "y", "must be a Dataset of sweep"),
     ):
         with pytest.raises(li.InputError, match=said):

@@ -73,6 +73,14 @@ def test_the_first_impacts_of_a_ball(method, e):
     assert found["contact_time"] == 0.0 if e else math.isnan(found["contact_time"])
 
 
+@pytest.mark.parametrize("steps", [1009, 3001])
+@pytest.mark.parametrize("method", ["moreau-jean", "rattle-ns", "generalized-alpha", "cd-lagrange", "radau", "exact"])
+def test_the_last_of_accumulating_impacts_are_no_force(method, steps):
+    """A ball that comes to rest presses with its weight, m g from the instant (1 + e)/(1 - e) sqrt(2 H/g) on."""
+    run = li.simulate(li.load_problem("bouncing-ball", m=2.0, e=0.5), method, dt=3.0 / steps, t_end=3.0)
+    assert run.summary()["peak_force"] == pytest.approx(2.0 * 9.81, rel=1e-3)
+
+
 def test_system_1_against_an_integration_of_its_own():
     """Restitution, loss and momentum of the first contact by DOP853, which knows nothing of the package."""
     m, k, c, g = 100.0, 3924.0, 250.0, 9.81

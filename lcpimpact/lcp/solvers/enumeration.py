@@ -16,10 +16,14 @@ from lcpimpact.lcp.operators import as_operator, finite_array
 from lcpimpact.lcp.polish import move_to_bounds
 from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER, bounds
 from lcpimpact.lcp.solver import CompiledSolver
+from lcpimpact.lcp.storage import weight
 from lcpimpact.lcp.trace import NONE, note
 
 SOLVED, INFEASIBLE = int(Status.SOLVED), int(Status.INFEASIBLE)
 UNDECIDED, MAX_ITER = int(Status.UNDECIDED), int(Status.MAX_ITER)
+
+SAME_RTOL = 1e-9
+"""Relative difference up to which two solutions are one."""
 
 
 @compiled(types.boolean(i8, vector, vector, indices))
@@ -140,7 +144,15 @@ def all_solutions(
     while nth_basis(number, low, high, side):
         z = np.empty(operator.n)
         solved, _ = try_basis(operator.array(), right, low, high, side, z, tol)
-        if solved and not any(np.abs(z - other).max() <= 1e-9 * (1.0 + np.abs(z).max()) for other in found):
+        if solved and not any(_same(operator.array(), right, z, other) for other in found):
             found.append(np.clip(z, low, high))
         number += 1
     return found
+
+
+def _same(M: Array, q: Array, z: Array, other: Array) -> bool:
+    """Return whether two solutions differ by rounding only: in no z_j, or in z_j whose difference changes no row of w."""
+    apart, larger = np.abs(z - other), np.maximum(np.abs(z), np.abs(other))
+    size = np.abs(q) + np.abs(M) @ larger
+    differing = np.flatnonzero(apart > SAME_RTOL * larger)
+    return all(0.0 < apart[j] * weight(M, int(j), size) <= SAME_RTOL for j in differing)

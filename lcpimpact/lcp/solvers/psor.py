@@ -123,7 +123,7 @@ def psor(W: Array, q: Array, lower: Array, upper: Array, z: Array, tol: float, m
             early += fall
         if count < 3 * third:
             continue
-        rate = (late / early) ** (0.5 / third) if early > 0.0 and late > 0.0 else 0.0
+        rate = (late / early) ** (0.5 / third) if 0.0 < early < np.inf and 0.0 < late < np.inf else 0.0
         if omega != best and rate >= best_rate:
             trial, trial_rate, omega = omega, rate, best
         else:

@@ -269,7 +269,7 @@ def _reference(
     if given is None:
         return None
     if given != "auto":
-        return given_reference(given, t_end)
+        return given_reference(given, problem, t_end)
     try:
         return find_reference(problem, t_end, unlike=compared)
     except UnsupportedError:

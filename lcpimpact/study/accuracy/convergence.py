@@ -26,7 +26,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.problems.penalty import penalized
 from lcpimpact.registry import nearest
 from lcpimpact.simulation import make_integrator
-from lcpimpact.study.accuracy.fitted_order import observe
+from lcpimpact.study.accuracy.fitted_order import observe, stated
 from lcpimpact.study.accuracy.limits import Limit, chosen_options, declared_order, limits_of
 from lcpimpact.study.accuracy.norms import NORMS, errors
 from lcpimpact.study.accuracy.reference import Reference, given_reference
@@ -201,7 +201,7 @@ class Convergence(Study):
         ]
 
     def summary(self) -> str:
-        """Return the observed order of each method, its scatter, the declared order, and the failures."""
+        """Return the observed order of each method, its standard error, the declared order, and the failures."""
         orders = observed_orders(self, self.norm).to_dict("records")
         return "\n".join([*self.head(), *map(_order_line, orders), *self.remarks()])
 
@@ -261,7 +261,7 @@ def _order_line(row: Mapping[str, Any]) -> str:
     if row["points"] < 2:
         return f"  {name:<28} {row['verdict'] or 'no order to be seen'}"
     declared = "" if math.isnan(row["declared"]) else f"  declared {row['declared']:g}"
-    return f"  {name:<28} order {row['order']:.2f} ± {row['scatter']:.2f}{declared}  {row['verdict']}"
+    return f"  {name:<28} order {stated(row['order'], row['standard_error'])}{declared}  {row['verdict']}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -334,7 +334,7 @@ def convergence(
         rigid motion combine those of method and model.
     reference : Trajectory, Reference or "auto"
         Reference of the errors. "auto" is `lcpimpact.study.accuracy.reference.reference`, which is never computed by the
-        method under study.
+        method under study; nor is one that is given taken for its own method.
     repeats : int
         Runs of each row, interleaved; the time is their minimum, without compilation.
     lcp_solver : str
@@ -492,7 +492,12 @@ def _truths(
 ) -> dict[str, Reference | str]:
     """Return the reference of each method by name, or why there is none."""
     if given != "auto":
-        return dict.fromkeys((integrator.name for integrator in methods.values()), given_reference(given, t_end))
+        known = given_reference(given, problem, t_end)
+        refused = (
+            f"the reference that is given is by {_name(known.trajectory)} itself: give one by another method, or 'auto'"
+        )
+        names = [integrator.name for integrator in methods.values()]
+        return {name: refused if name == _name(known.trajectory) else known for name in names}
     best = _truth(problem, t_end, ())
     found = {}
     for integrator in methods.values():

@@ -80,6 +80,17 @@ def fit(dts: Sequence[float], errors: Sequence[float]) -> Order:
     )
 
 
+def stated(order: float, standard_error: float) -> str:
+    """Return an order with its standard error, which two points do not tell.
+
+    Examples
+    --------
+    >>> stated(1.97, 0.04), stated(1.35, math.nan)
+    ('1.97 ± 0.04', '1.35 by two points')
+    """
+    return f"{order:.2f} by two points" if math.isnan(standard_error) else f"{order:.2f} ± {standard_error:.2f}"
+
+
 def observe(
     runs: pd.DataFrame, norm: str, scale: float, declared: float = math.nan, limited_by: Limit | None = None
 ) -> dict[str, Any]:

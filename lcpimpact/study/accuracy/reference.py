@@ -39,9 +39,16 @@ class Reference:
     name: str
 
 
-def given_reference(given: Reference | Trajectory, t_end: float) -> Reference:
-    """Return the argument as a `Reference`, which must reach the end."""
+def given_reference(given: Reference | Trajectory, problem: Problem, t_end: float) -> Reference:
+    """Return the argument as a `Reference`, which must be of this problem with its parameters, and reach the end."""
     found = Reference(given, given.method) if isinstance(given, Trajectory) else given
+    other = found.trajectory.problem
+    for name, value in problem.parameters.items() if other.name == problem.name else ():
+        if other.parameters.get(name, value) != value:
+            raise InputError(
+                f"reference is of {other.name!r} with {name} = {other.parameters[name]:g}, and the problem has {value:g}: "
+                "take a run of the same problem"
+            )
     if found.trajectory.t[-1] < t_end * (1.0 - 1e-9):
         raise InputError(
             f"reference ends at {found.trajectory.t[-1]:g} s, before t_end = {t_end:g} s: take a longer one"

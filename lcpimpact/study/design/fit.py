@@ -10,7 +10,8 @@ with y a coordinate, velocity or reaction of the run. An unknown σ is estimated
 .. math:: \operatorname{cov} p = s^2 (J^T J)^{-1}, \qquad p_j \pm t_{N-n} \sqrt{\operatorname{cov}_{jj}},
 
 with Student's quantile t. Parameters with positive start values are fitted by their logarithms, so they and their intervals
-stay positive. Each of several series is weighted by its residual scatter in a first fit.
+stay positive. Each of several series, and one beside targets of known σ, is weighted by its residual scatter: first
+in a fit without those targets, then in fits to all.
 
 *Jumps.* If a reaction jumps at an instant that depends on the parameters, the sum of squares jumps each time that instant
 passes a sample. So J is computed from one-sided differences to both sides, and where they disagree the smaller is used. With
@@ -72,6 +73,9 @@ FAILURE_RESIDUAL = 1e6
 
 START_SPREAD = math.log(3.0)
 """Standard deviation of the logarithms of random starts."""
+
+WEIGHINGS = 3
+"""Number of searches by which the noise of each series is estimated, each with the weights that the one before gives."""
 
 LOSSES = ("linear", "soft_l1", "huber", "cauchy", "arctan")
 SAMPLINGS = ("point", "mean")
@@ -276,17 +280,18 @@ def fit(
     def run(problem: Problem) -> Trajectory:
         return simulate(problem, integrator, dt=h, t_end=end, lcp_solver=lcp_solver, progress=False)
 
-    model = _Model(parameters, measured, run)
+    weigh = sigma is None and measured.differ and sum(len(t) for _, t in measured.curves) > len(parameters.names)
+    model = _Model(parameters, measured.without_known_targets() if weigh else measured, run)
     model.check_start()
     begun = parameters.starts(starts, seed)
     results = [model.search(θ, loss) for θ in watched(begun, starts, "searches", progress)]
     rows = [model.row(θ, found) for θ, found in zip(begun, results, strict=True)]
     number = int(np.argmin([float(each.cost) for each in results]))
     best = results[number]
-    if len(measured.curves) > 1 and sigma is None:
-        # The noise of each series is estimated by the first search.
-        model.measured = measured = measured.weighed(best.fun)
-        best = model.search(best.x, loss)
+    if weigh:
+        for _ in range(WEIGHINGS):
+            model.measured = measured = measured.weighed(best.fun)
+            best = model.search(best.x, loss)
     fitted = parameters.problem(best.x)
     last = run(fitted)
     errors = _Errors.of(best, parameters, measured.known, level, loss)
@@ -541,6 +546,17 @@ class _Measured:
             known,
             max([float(t[-1]) for _, t, _ in curves], default=0.0),
         )
+
+    @property
+    def differ(self) -> bool:
+        """Whether a series of unknown noise stands beside others, or beside targets of known noise."""
+        return len(self.curves) > 1 or (len(self.curves) == 1 and any(target.sigma for target in self.targets))
+
+    def without_known_targets(self) -> _Measured:
+        """Return the data with targets of known noise left out, by an infinite scale, so that the series show their own."""
+        scales, begin = self.scales.copy(), len(self.scales) - len(self.targets)
+        scales[begin:] = np.where([bool(target.sigma) for target in self.targets], np.inf, scales[begin:])
+        return replace(self, scales=scales)
 
     def weighed(self, residuals: Array) -> _Measured:
         """Return the data with each series scaled by the scatter of its residuals."""

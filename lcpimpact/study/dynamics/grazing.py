@@ -13,7 +13,7 @@ import pandas as pd
 from scipy.optimize import brentq
 
 from lcpimpact.arguments import checked
-from lcpimpact.errors import InputError
+from lcpimpact.errors import FailureError, InputError
 from lcpimpact.hybrid.motion import HybridMotion
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import nearest
@@ -24,6 +24,9 @@ from lcpimpact.study.result import Study
 
 FAR_GAPS = 1e3
 """Gap of a stop that is removed, in units of the largest gap of the scheme plus one metre."""
+
+GRAZING_RTOL = 1e-6
+"""Largest gap of a grazing orbit, relative to those at the ends of the bracket; a larger one has jumped."""
 
 MAX_ORBITS = 100
 """Maximum number of orbits computed in the search for the grazing one; about ten suffice."""
@@ -167,6 +170,8 @@ def grazing(
     ------
     InputError
         If the gap has the same sign at both ends, or no stop is named although there are several.
+    FailureError
+        If the gap changes sign by a jump, where the orbit itself changes.
     LcpImpactError
         As `periodic_orbit`.
 
@@ -211,4 +216,10 @@ def grazing(
         value = float(brentq(gap, low, high, xtol=1e-300, rtol=4.0 * np.finfo(float).eps, maxiter=MAX_ORBITS))
         gap(value)
     orbit, least, t = orbits[value]
+    if not abs(least) <= GRAZING_RTOL * max(map(abs, ends)):
+        raise FailureError(
+            f"the least gap of {name!r} jumps at {value:.9g} and is not zero there ({least:.3g} m): the orbit changes in "
+            "the bracket without grazing; take a bracket beside it",
+            None,
+        )
     return Grazing(value, name, t, least, orbit)

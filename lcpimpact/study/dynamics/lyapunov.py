@@ -18,6 +18,10 @@ from lcpimpact.study.dynamics.shooting import follow_exactly, free_coordinates, 
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study
 
+CHAOS_STRETCHING = 5.0
+"""ln of the stretching over the second half of the time from which a positive exponent is called chaos. Stretching that is
+only proportional to time, as by a shear, contributes ln 2."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LyapunovExponents(Study):
@@ -28,18 +32,23 @@ class LyapunovExponents(Study):
     problem : Problem
     table : DataFrame       one row per event: ``t`` (s) and the running average of each exponent, ``1``, ``2``, ... (1/s)
     exponents : (k,) array  final values in 1/s, the largest first
+    stretching : float      ln |R| of the largest, summed over the events in the second half of the time
     """
 
     problem: Problem
     table: pd.DataFrame
     exponents: Array
+    stretching: float
 
     drawn_by = "lcpimpact.plotting.dynamics:plot_lyapunov"
     title = "Lyapunov exponents of {0.problem.name}"
 
     def summary(self) -> str:
-        """Return the exponents."""
-        verdict = "chaos" if len(self.exponents) and self.exponents[0] > 0.0 else "no chaos"
+        """Return the exponents, and whether the largest one shows chaos."""
+        verdict = "no chaos"
+        if len(self.exponents) and self.exponents[0] > 0.0:
+            enough = self.stretching >= CHAOS_STRETCHING
+            verdict = "chaos" if enough else "too short a run to tell a positive exponent from zero"
         rows = [f"  {exponent:+.9g} 1/s" for exponent in self.exponents]
         return "\n".join([f"{self.problem.name}: Lyapunov exponents, {verdict}", *rows])
 
@@ -53,7 +62,8 @@ def lyapunov(
     .. math:: λ_i = \lim_{t → ∞} \frac{1}{t - t_\mathrm{start}} \sum \ln |R_{ii}|
 
     with the QR factors of the fundamental matrix, the product of flows and saltation matrices. A positive largest exponent
-    means chaos; where a contact stays closed or a slider sticks, directions are lost and their exponent is -inf.
+    means chaos, if the run is long enough to tell it from zero; where a contact stays closed or a slider sticks, directions
+    are lost and their exponent is -inf.
 
     Parameters
     ----------
@@ -108,7 +118,11 @@ def lyapunov(
         totals.append(total)
     # Flows and saltation matrices alternate; each flow ends at an event.
     t = np.array([*(segment.t0 for segment in motion.segments[1:]), motion.end])
-    averages = np.array(totals[::2]) / (t - t_start)[:, None]
-    averages = averages[:, np.argsort(-total, kind="stable")]
+    sums = np.array(totals[::2])[:, np.argsort(-total, kind="stable")]
+    averages = sums / (t - t_start)[:, None]
+    middle = int(np.searchsorted(t, 0.5 * (t_start + end)))
+    with np.errstate(invalid="ignore"):
+        stretching = float(sums[-1, 0] - sums[middle, 0]) if len(free) else 0.0
     columns = {str(k): average for k, average in enumerate(averages.T, start=1)}
-    return LyapunovExponents(problem, pd.DataFrame({"t": t, **columns}), np.sort(total / (end - t_start))[::-1])
+    exponents = np.sort(total / (end - t_start))[::-1]
+    return LyapunovExponents(problem, pd.DataFrame({"t": t, **columns}), exponents, stretching)

@@ -31,6 +31,7 @@ from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, State
 from lcpimpact.scheme.dynamics import Dynamics, Feature
 from lcpimpact.scheme.signals import Harmonic, Square
+from lcpimpact.study.dynamics.period import extents
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study
 
@@ -39,6 +40,12 @@ CLOSURE_RTOL = 1e-10
 
 NEWTON_RTOL = 1e-13
 """Residual at which Newton's method has converged."""
+
+REST_RTOL = 1e-6
+"""Change of the states in a period, relative to their largest values, below which a motion without events is at rest."""
+
+REPEAT_RTOL = 1e-7
+"""Difference of two states, relative to the largest values along the orbit, below which they are the same."""
 
 MIN_PERIOD_RTOL = 1e-3
 """Shortest period, relative to the guess."""
@@ -54,7 +61,10 @@ ACCUMULATION_RTOL = 1e-6
 """Time between two like events, relative to the run, below which they belong to an accumulation and not to a period."""
 
 RETURN_SAMPLES = 400
-"""Number of samples of an autonomous motion in the search for its return."""
+"""Number of samples of a motion in the search for its return, and of an orbit for its size."""
+
+MAX_REPEATS = 16
+"""Maximum number of least periods that are looked for in the period of an autonomous orbit."""
 
 MAX_HALVINGS = 12
 """Maximum number of halvings of a Newton step or a parameter step."""
@@ -109,7 +119,8 @@ class PeriodicOrbit(Study):
         """Return the period, the stability, and the residual of the orbit."""
         verdict = "stable" if self.stable else "not stable"
         found = f"found to {self.residual:.1e} in {self.iterations} steps"
-        return [f"{self.problem.name}: T = {self.T:.15g} s, {verdict}, {found}"]
+        times = f" ({self.repeats} times the least period)" if self.repeats > 1 else ""
+        return [f"{self.problem.name}: T = {self.T:.15g} s{times}, {verdict}, {found}"]
 
     def summary(self) -> str:
         """Return the period, the multipliers and the events."""
@@ -135,6 +146,19 @@ class PeriodicOrbit(Study):
         if not self.forced:
             found = np.delete(found, np.argmin(np.abs(found - 1.0)))
         return float(np.abs(found).max(initial=0.0))
+
+    @property
+    def repeats(self) -> int:
+        """How often the orbit repeats itself within T; 1 if T is the least period."""
+        most = MAX_REPEATS
+        if self.forced:
+            most = round(self.T / (force_period(self.problem.dynamics) or self.T))
+        seen = self.sample(self.start + self.T * np.arange(RETURN_SAMPLES) / RETURN_SAMPLES)
+        parts = [times for times in range(most, 1, -1) if not (self.forced and most % times)]
+        later = self.sample(self.start + self.T / np.array([1, *parts]))
+        X, Y = np.hstack([seen.q, seen.v]), np.hstack([later.q, later.v])
+        same = (np.abs(Y[1:] - X[0]) <= REPEAT_RTOL * extents(X)).all(axis=1)
+        return next((times for times, returned in zip(parts, same, strict=True) if returned), 1)
 
     @property
     def events(self) -> tuple[Event, ...]:
@@ -233,7 +257,7 @@ def periodic_orbit(
     UnsupportedError
         If ``exact`` does not support the problem, or the orbit grazes or has simultaneous events.
     FailureError
-        If Newton's method does not converge from this guess.
+        If Newton's method does not converge from this guess, or ends at rest.
 
     Examples
     --------
@@ -491,6 +515,13 @@ def shoot(
         raise FailureError(
             f"{problem.name}: no periodic orbit found from this state; after {steps} steps of Newton's method it misses "
             f"itself by {residual:.1e} of its size: begin nearer to an orbit, or with a longer transient",
+            None,
+        )
+    moved = T * float(np.abs(here.velocity[newton.free] / newton.unit).max(initial=0.0))
+    if not guess.forced and len(here.motion.segments) == 1 and moved <= REST_RTOL:
+        raise FailureError(
+            f"{problem.name}: the search from this state ends at rest, which has no period: begin nearer to an orbit, or "
+            "take a motion that feeds the system",
             None,
         )
     monodromy = here.M[np.ix_(newton.free, newton.free)]
