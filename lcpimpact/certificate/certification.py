@@ -13,7 +13,7 @@ from lcpimpact.certificate.drives import SLIGHT, UNSEEN, between_steps, missed_i
 from lcpimpact.certificate.energy import account_of
 from lcpimpact.certificate.grid import judge_grid
 from lcpimpact.certificate.impact_gain import ImpactGain, impact_gain
-from lcpimpact.certificate.scales import Judgement, Scales, larger_violation, largest_violation
+from lcpimpact.certificate.scales import Judgement, Scales, forces_of, larger_violation, largest_violation, sizes
 from lcpimpact.certificate.theta_steps import judge_theta_steps
 from lcpimpact.certificate.trapezoid import integration_defect, trapezoid_errors
 from lcpimpact.integrators.base import Integrator, Limits
@@ -238,7 +238,10 @@ def _growth(
     load, m = np.abs(account.steady_loads), np.diag(d.M)
     v = np.maximum(v, np.divide(h * load, m, out=np.zeros_like(load), where=m > 0.0))
     limit = GROWTH * scale + h * float(load @ v) + limits.precision * (scale + float(load @ q))
-    return max(growth, 0.0), limit + SUM_RTOL * float(scales.forces @ scales.q + scales.momenta @ v)
+    # The force of a non-linear spring is that of its deflections: at the largest |q| it may be any number.
+    forces = forces_of(sizes(d), scales.q, scales.v, scales.r) + scales.f
+    forces += np.abs(d.spring_force(record.q, record.v)).max(axis=0)
+    return max(growth, 0.0), limit + SUM_RTOL * float(forces @ scales.q + scales.momenta @ v)
 
 
 def _missed_impulse(d: Dynamics, t: Array, momenta: Array) -> tuple[float, float]:

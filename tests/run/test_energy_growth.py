@@ -8,6 +8,7 @@ from lcpimpact import (
     Dashpot,
     Force,
     Harmonic,
+    HertzSpring,
     KelvinVoigtStop,
     Load,
     Mass,
@@ -131,6 +132,16 @@ def test_what_rests_at_the_start_stays_solved(method):
     """Loads of a step, and rounding, move what rests by energies that are all there is."""
     scheme = Scheme(Mass("x", 2.0), Load("x", 19.62), Bumper("x", "ground", e=0.3))
     assert simulate(Problem("rest", scheme), method, dt=1e-2, t_end=1.0).status is Status.SOLVED
+
+
+@pytest.mark.parametrize("method", ["heun", "rk4", "stormer-verlet-ns", "moreau-jean"])
+def test_a_ball_that_a_hertzian_contact_throws_up_is_not_called_solved(method):
+    """At the height of its flight, 2 m to 10 km, the law would give a force of 1e12 to 1e18 N, but there is no contact."""
+    hertz = HertzSpring("x", "ground", K=1e12, gap=0.1)
+    problem = Problem("hertz", Scheme(Mass("x", 1.0), Load("x", 9.81), hertz))
+    run = simulate(problem, method, dt=1e-3, t_end=2.0, throw=False)
+    assert -run["x"].min() > 1.0
+    assert run.status is not Status.SOLVED
 
 
 def test_a_plate_on_a_stop_settles():
