@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lcpimpact import Status, UnsupportedError, all_solutions, solve_lcp
+from lcpimpact import FailureError, Status, UnsupportedError, all_solutions, solve_lcp
 from lcpimpact.lcp import SOLVERS
 from lcpimpact.lcp.judge import clear_residual, holds, measure
 from lcpimpact.lcp.operators import Banded, Dense, Factored
@@ -468,6 +468,12 @@ def test_the_number_of_solutions_does_not_depend_on_units(unit):
 
 def test_the_vertices_of_a_box_are_told_apart_by_their_places():
     assert len(all_solutions(np.zeros((2, 2)), [0.0, 0.0], lower=0.0, upper=[1.0, 2.0])) == 4
+
+
+def test_solutions_that_rounding_hides_are_not_called_none():
+    with pytest.raises(FailureError, match="rounding hides"):
+        all_solutions([[10.000000001, -10.0], [-10.0, 10.000000001]], [-2.0, -4.0])
+    assert all_solutions([[0.0, 0.0], [0.0, 1.0]], [-1.0, 1.0]) == []
 
 
 def test_what_overflows_is_said_so():

@@ -9,12 +9,13 @@ from numpy.typing import ArrayLike
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array, Indices
 from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
-from lcpimpact.errors import InputError, Status
+from lcpimpact.errors import FailureError, InputError, Status
 from lcpimpact.lcp.basis import basic_solution
 from lcpimpact.lcp.judge import holds, measure
 from lcpimpact.lcp.operators import as_operator, finite_array
 from lcpimpact.lcp.polish import move_to_bounds
-from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER, bounds
+from lcpimpact.lcp.problem import FREE, LOWER, SIGNATURE, UPPER, LCPSolution, bounds
+from lcpimpact.lcp.rational import decide
 from lcpimpact.lcp.solver import CompiledSolver
 from lcpimpact.lcp.storage import weight
 from lcpimpact.lcp.trace import NONE, note
@@ -121,6 +122,8 @@ def all_solutions(
     ------
     InputError, UnsupportedError
         For data of the wrong shape or kind, or n > 15.
+    FailureError
+        If no solution is found because bases are nearly singular.
 
     Examples
     --------
@@ -140,13 +143,23 @@ def all_solutions(
     SOLVER.check(operator)
     low, high, _ = bounds(operator.n, lower, upper)
     found: list[Array] = []
+    any_doubt = False
     side, number = np.empty(operator.n, np.int64), 0
     while nth_basis(number, low, high, side):
         z = np.empty(operator.n)
-        solved, _ = try_basis(operator.array(), right, low, high, side, z, tol)
+        solved, doubt = try_basis(operator.array(), right, low, high, side, z, tol)
         if solved and not any(_same(operator.array(), right, z, other) for other in found):
             found.append(np.clip(z, low, high))
+        any_doubt = any_doubt or doubt
         number += 1
+    if not found and any_doubt:
+        decision = decide(operator, right, low, high)
+        if decision is None or decision.z is not None:
+            unknown = np.full(operator.n, np.nan)
+            undecided = LCPSolution(unknown, unknown, Status.UNDECIDED, np.inf, number, SOLVER.name, (SOLVER.name,))
+            raise FailureError(
+                "all_solutions: bases are so nearly singular that rounding hides their solutions", undecided
+            )
     return found
 
 
