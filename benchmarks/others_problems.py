@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import trapezoid
 
 import lcpimpact as li
 
@@ -117,7 +118,7 @@ class Case:
         (_, left), (_, right) = (self.truth(np.clip(motion.t + side, 0.0, self.t_end)) for side in (-ε, ε))
         off = np.max(np.abs(motion.v - v), axis=1) if self.rates else np.full(len(motion.t), math.nan)
         off[np.max(np.abs(right - left), axis=1) > 1e-6] *= 0.0
-        return float(np.max(np.abs(motion.q - q))), float(np.trapezoid(off, motion.t)), self.asked_error(motion)
+        return float(np.max(np.abs(motion.q - q))), float(trapezoid(off, motion.t)), self.asked_error(motion)
 
     def asked_error(self, motion: Motion) -> float:
         """Return how far the quantity is from its true value."""

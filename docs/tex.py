@@ -80,7 +80,7 @@ UNIT = re.compile(
 PROTECTED = re.compile(
     r"(?P<literal>``(?P<plain>[^`]+)``)|`[^`]*`|\$\$.*?\$\$|\$[^$]*\$|!?\[[^\]]*\]\([^)]*\)"
     rf"|\b[Ii]n {UNIT.pattern}|(?<=\b(?:and|.or) ){UNIT.pattern}|\bN/mⁿ|\d[\d.e-]* {UNIT.pattern}|\b(?:L1|D1⁻)(?!\w)"
-    rf"|\({UNIT.pattern}(?=[,);:])(?!, \w\))|\bEqs?\. \([^)]*\)|\b\w*(?:NAME|NODE)[\w.]*|\"[^\"\n]*\"",
+    rf"|\({UNIT.pattern}(?=[,);:])(?!, \w\))|\bEqs?\. \([^)]*\)|\b\w*(?:NAME|NODE)[\w.]*|\"[^\"\s]*\"",
     re.DOTALL,
 )
 NAMES = {"L1": "L^1", "D1⁻": "\\mathrm{D1}^-"}
