@@ -184,8 +184,7 @@ class Account:
         q, f = ((1.0 - θ) * each[:-1] + θ * each[1:] for each in (record.q, f))
         f += motion_forces_in_steps(d, record, θ)
         s = mean_forces(d.power_laws, d.approach(q), d.approach_rate(w), h)
-        r = record.reaction if len(record.reaction) < len(record.t) else _means(record.reaction)
-        impulses = h[:, None] * r + _impulses(d, record, events, impact_steps)
+        impulses = _all_impulses(d, record, events, impact_steps)
         return h[:, None] * self._without_contacts(f, q, w, s) + self.of_contacts(w, impulses)
 
     def supplied(self, record: Record, events: Sequence[Event], impact_steps: int) -> tuple[Array, Array]:
@@ -193,6 +192,7 @@ class Account:
 
         Displacements have no jumps, and the work on springs along them is a difference of their energies for any step.
         Forces of any kind are taken along the whole of each step: at its middle alone, a stiff spring supplies too much.
+        Where the velocity of a prescribed motion jumps in a step, an impulse supplies what it does at either velocity.
 
         Returns
         -------
@@ -205,6 +205,10 @@ class Account:
             at_middle, mean = motion_forces_in_steps(d, record, 0.5), mean_motion_forces(d, record)
             work += np.einsum("ki,ki->k", mean - at_middle, way * ~d.driven)
             passed = np.abs(mean * way).sum(axis=1)
+        if d.motions and len(d.contacts):
+            w = way / np.diff(record.t)[:, None]
+            jump = np.maximum(np.abs(record.v[:-1] - w), np.abs(record.v[1:] - w)) * d.driven
+            work += np.einsum("ki,ki->k", np.abs(_all_impulses(d, record, events, impact_steps)), jump @ np.abs(d.B))
         sums = np.cumsum([work, passed], axis=1)
         return np.append(0.0, sums[0]), np.append(0.0, sums[1])
 
@@ -237,9 +241,11 @@ def account_of(d: Dynamics) -> Account:
     return Account(d, Sinks.all_as_one(d))
 
 
-def _means(values: Array) -> Array:
-    """Return the means of successive values (nt, ...) as an array (nt - 1, ...)."""
-    return np.asarray(0.5 * (values[1:] + values[:-1]))
+def _all_impulses(d: Dynamics, record: Record, events: Sequence[Event], impact_steps: int) -> Array:
+    """Return the impulse of each contact in each step, by its reaction and its impacts, in N s (steps, nc)."""
+    r = record.reaction
+    means = r if len(r) < len(record.t) else 0.5 * (r[1:] + r[:-1])
+    return np.asarray(np.diff(record.t)[:, None] * means + _impulses(d, record, events, impact_steps))
 
 
 def _impulses(d: Dynamics, record: Record, events: Sequence[Event], impact_steps: int) -> Array:
