@@ -19,6 +19,7 @@ from lcpimpact import (
     Square,
     Table,
     UnsupportedError,
+    load_problem,
     simulate,
 )
 from lcpimpact.certificate.drives import missed_impulses
@@ -168,3 +169,15 @@ def test_the_missed_impulses_are_those_of_quadrature(drive):
     acts, seen = (np.interp(ends, fine, cumulative_trapezoid(f, fine, initial=0.0)) for f in (acts, line))
     assert had == pytest.approx(np.abs(seen).max(), rel=1e-6)
     assert missed == pytest.approx(np.abs(acts - seen).max(), rel=1e-4)
+
+
+@pytest.mark.parametrize("method", ["bs23", "dopri5"])
+def test_a_method_that_chooses_its_steps_sees_loads_between_the_instants_of_its_record(method):
+    """Seven instants over many periods of the load: what is recorded says nothing of what the steps saw."""
+    problem = load_problem("shaw-holmes")
+    h = problem.t_end / 7
+    run = simulate(problem, method, dt=h, rtol=1e-6)
+    truth = simulate(problem, "exact", dt=h)
+    assert run.stats.steps > 7
+    assert np.abs(run.q - truth.q).max() < 2e-5 * np.abs(truth.q).max()
+    assert run.certificate.missed_impulse == 0.0
