@@ -10,6 +10,7 @@ from importlib import import_module
 from textwrap import shorten
 from typing import Any, Generic, TypeVar
 
+from lcpimpact.arguments import check_kind
 from lcpimpact.errors import InputError, UnknownNameError, UnsupportedError
 
 T = TypeVar("T")
@@ -114,8 +115,7 @@ class Registry(Mapping[str, T], Generic[T]):
         entry: T
         if isinstance(name, str) and name in self._loaded:
             return self._loaded[name]
-        if not isinstance(name, str):
-            raise UnknownNameError(nearest(str(name), list(self), self.kind))
+        check_kind(self.kind, name, str)
         for prefix, location in self._families.items():
             if name.startswith(prefix):
                 entry = load(location)(name)

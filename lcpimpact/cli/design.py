@@ -137,6 +137,8 @@ def _free(text: str) -> list[tuple[str, float | None]]:
         name, equals, value = (each.strip() for each in part.partition("="))
         if not name or (equals and not value):
             raise InputError(f"--free {text!r} must read NAME or NAME=START, separated by commas, as in --free k=1e3,c")
+        if name in dict(found):
+            raise InputError(f"--free {text!r} names {name} twice: name it once")
         found.append((name, _number(value, "--free") if equals else None))
     return found
 

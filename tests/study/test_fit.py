@@ -413,6 +413,7 @@ def test_the_command_refuses_in_one_line(tmp_path, capsys):
     for arguments in (
         [*named, "--free", ""],
         [*named, "--free", "k=a"],
+        [*named, "--free", "k,k"],
         [*named, "--free", "k", "--bound", "k"],
         [*named, "--free", "k", "--out", str(tmp_path / "f.xlsx")],
         [*named, "--free", "k", "--column", "Q", "--plot", str(tmp_path / "f.png")],
