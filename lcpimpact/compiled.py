@@ -234,6 +234,11 @@ def as_declared(value: Any, kind: Any) -> Any:
     return convert(value) if convert else value
 
 
+def warning_free(function: F) -> F:
+    """Return a function whose arithmetic warns of nothing where the interpreter runs it, as in compiled code."""
+    return function if COMPILING else np.errstate(all="ignore")(function)
+
+
 def interpret(function: Any, signature: Any, arguments: Sequence[Any]) -> Any:
     """Call a compiled function in the interpreter; if that raises an error, its arrays are as before the call."""
     before = [(each, each.copy()) for each in arrays_in(arguments)]

@@ -619,7 +619,7 @@ def _definite_factor(A: Any) -> Any:
 
 def _is_definite(M: Delassus, shift: float) -> bool:
     """Return whether the symmetric part plus ``shift`` max |M| I has a Cholesky factor."""
-    S = 0.5 * (M.array() + M.array().T)
+    S = 0.5 * M.array() + 0.5 * M.array().T  # the sum of two large numbers may overflow
     scale = np.abs(S).max() or 1.0
     try:
         np.linalg.cholesky(S / scale + shift * np.eye(M.n))
@@ -643,7 +643,7 @@ def _is_banded_definite(M: Banded, shift: float) -> bool:
 def _is_sparse_definite(M: Sparse, shift: float) -> bool:
     from scipy.sparse import identity
 
-    S = 0.5 * (M.M + M.M.T)
+    S = 0.5 * M.M + 0.5 * M.M.T
     S = S / (abs(S).max() or 1.0) + shift * identity(M.n)
     d = S.diagonal()
     if (2.0 * d > abs(S).sum(axis=1)).all():  # diagonally dominant

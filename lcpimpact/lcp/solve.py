@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array
+from lcpimpact.compiled import warning_free
 from lcpimpact.errors import FailureError, InputError, Status, UnsupportedError
 from lcpimpact.lcp import SOLVERS, judge, rational
 from lcpimpact.lcp.farkas import infeasibility
@@ -56,6 +57,7 @@ class PreparedLCP(NamedTuple):
         registered = SOLVERS.get(self.solver.name) == self.solver
         return _prepare, (self.operator, self.solver.name if registered else self.solver, self.lower, self.upper)
 
+    @warning_free
     def solve(
         self,
         q: ArrayLike,
@@ -187,11 +189,14 @@ class PreparedLCP(NamedTuple):
         M, named = Dense(self.operator.array()), [name for name in solution.route if name in SOLVERS]
         method = SOLVERS[named[-1]] if named else self.solver
         kernel, notes = traced(method.init(M).kernel, M.M, q, self.lower, self.upper, method.name)
-        kernel(M.M, q, self.lower, self.upper, np.zeros(len(q)) if guess is None else guess.copy(), tol, max_iter)
+        start = np.zeros(len(q)) if guess is None else guess.copy()
+        with np.errstate(all="ignore"):
+            kernel(M.M, q, self.lower, self.upper, start, tol, max_iter)
         return notes().ending(solution.z)
 
 
 @checked
+@warning_free
 def prepare_lcp(
     M: Any,
     solver: str | LCPSolver = "auto",
@@ -237,6 +242,7 @@ def _prepare(
 
 
 @checked
+@warning_free
 def solve_lcp(
     M: Any,
     q: ArrayLike,

@@ -795,3 +795,29 @@ def test_the_interpreter_gives_the_bits_of_the_compiled_code(python):
     )
     assert len(compiled) > 15 * len(COMPILED)
     assert interpreted == compiled
+
+
+def test_nothing_warns_where_nothing_is_compiled(python):
+    """A zero in a row that is not active, no diagonal, a row of zeros, and numbers near the largest."""
+    code = f"""
+import json, warnings
+import numpy as np
+from lcpimpact import all_solutions, prepare_lcp, solve_lcp
+from lcpimpact.errors import UnsupportedError
+
+warnings.simplefilter("error")
+solved = 0
+for M, q in (
+    ([[2, 1], [1, 2]], [-1, 0]), ([[0, 1], [-1, 0]], [0, -1]), ([[1, 0], [0, 0]], [-1, 0]),
+    ([[1e308, 0], [0, 1e308]], [-1e308, 1e308]),
+):
+    for name in {COMPILED}:
+        try:
+            solved += solve_lcp(M, q, name, max_iter=100, throw=False, trace=True).success
+            solved += prepare_lcp(M, name).solve(q, max_iter=100, throw=False).success
+        except UnsupportedError:
+            continue
+    solved += len(all_solutions(M, q, lower=[-np.inf, -1.0], upper=[np.inf, 1.0]))
+print(json.dumps(solved))
+"""
+    assert python(code, NUMBA_DISABLE_JIT="1") > 40

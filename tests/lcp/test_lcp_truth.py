@@ -283,7 +283,7 @@ def test_the_judge_sees_a_row_of_small_numbers():
     M, q, plain, w = np.diag([1.0, 1e-13]), np.array([-1.0, -1e-13]), unbounded_above(2), np.empty(2)
     for z, solved in (([1.0, 0.0], False), ([1.0, 1.0], True), ([1.0, 1.0 + 1e-9], False), ([0.0, 1.0], False)):
         scaled, _, rounding = measure(M, q, *plain, np.array(z), w)
-        assert holds(scaled, rounding, 1e-10) is solved, z
+        assert bool(holds(scaled, rounding, 1e-10)) is solved, z
         assert (
             clear_residual(M, q, np.zeros(len(q)), np.full(len(q), np.inf), np.array(z), 1e-10) < np.inf
         ) is solved, z

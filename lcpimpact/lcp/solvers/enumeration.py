@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from lcpimpact.arguments import checked
 from lcpimpact.arrays import Array, Indices
-from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector
+from lcpimpact.compiled import compiled, f8, i8, indices, matrix, vector, warning_free
 from lcpimpact.errors import FailureError, InputError, Status
 from lcpimpact.lcp.basis import basic_solution
 from lcpimpact.lcp.judge import holds, measure
@@ -98,6 +98,7 @@ SOLVER = CompiledSolver(
 
 
 @checked
+@warning_free
 def all_solutions(
     M: ArrayLike, q: ArrayLike, *, lower: ArrayLike | None = None, upper: ArrayLike | None = None, tol: float = 1e-10
 ) -> list[Array]:
