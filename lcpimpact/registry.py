@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import reprlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
@@ -10,7 +11,6 @@ from importlib import import_module
 from textwrap import shorten
 from typing import Any, Generic, TypeVar
 
-from lcpimpact.arguments import check_kind
 from lcpimpact.errors import InputError, UnknownNameError, UnsupportedError
 
 T = TypeVar("T")
@@ -115,7 +115,8 @@ class Registry(Mapping[str, T], Generic[T]):
         entry: T
         if isinstance(name, str) and name in self._loaded:
             return self._loaded[name]
-        check_kind(self.kind, name, str)
+        if not isinstance(name, str):
+            raise InputError(f"{self.kind} = {reprlib.repr(name)} must be a string")
         for prefix, location in self._families.items():
             if name.startswith(prefix):
                 entry = load(location)(name)
