@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -34,6 +34,7 @@ from lcpimpact.certificate.impacts import RunImpacts
 from lcpimpact.certificate.quadrature import Pieces
 from lcpimpact.errors import InputError
 from lcpimpact.events import steps_of
+from lcpimpact.problems.base import Problem
 from lcpimpact.problems.reading import at, highest
 from lcpimpact.record import ContinuousSolution, Event, Record
 from lcpimpact.registry import html_of, nearest
@@ -81,15 +82,15 @@ def series_names(d: Dynamics) -> tuple[str, ...]:
     return (*d.nodes, *(f"v_{node}" for node in d.nodes), *(each.name for each in d.forces))
 
 
-def quantity(name: str, d: Dynamics) -> Quantity:
+def quantity(name: str, problem: Problem) -> Quantity:
     """Return the quantity of a name.
 
     Parameters
     ----------
     name : str
         As in `lcpimpact.quantities`.
-    d : Dynamics
-        The system of the runs, with the names of its coordinates and forces.
+    problem : Problem
+        The problem of the runs, with the names and units of its coordinates and forces.
 
     Raises
     ------
@@ -101,40 +102,40 @@ def quantity(name: str, d: Dynamics) -> Quantity:
     >>> from lcpimpact import load_problem, simulate
     >>> problem = load_problem("bouncing-ball", e=0.5)
     >>> run = simulate(problem, "exact", dt=0.1, t_end=1.0)
-    >>> [round(quantity(name, problem.dynamics).measure(run), 6) for name in ("impact:2", "impact:2.speed", "x.max")]
+    >>> [round(quantity(name, problem).measure(run), 6) for name in ("impact:2", "impact:2.speed", "x.max")]
     [0.903047, 2.214723, 1.0]
-    >>> quantity("x.mx", problem.dynamics)
+    >>> quantity("x.mx", problem)
     Traceback (most recent call last):
         ...
     lcpimpact.errors.InputError: unknown output 'x.mx': did you mean 'x.max'? known are ...
     """
+    d = problem.dynamics
     known = series_names(d)
     if name in known:
-        return Quantity(name, _unit(d, name), partial(_series, series=name), _dimension(d, name))
+        return Quantity(name, problem.unit(name), partial(_series, series=name), _dimension(d, name))
     if name in SUMMARY:
-        unit, measure = SUMMARY[name]
-        return Quantity(name, unit if d.stores_energy else "", measure)
+        return Quantity(name, problem.own_unit(SUMMARY[name][0]), SUMMARY[name][1])
     if event := EVENT_NAME.fullmatch(name):
-        return _event_quantity(name, event, d)
+        return _event_quantity(name, event, problem)
     series, dot, end = name.rpartition(".")
     if dot and series in known and end in ("max", "min"):
-        return Quantity(name, _unit(d, series), partial(extreme, series=series, sign=1.0 if end == "max" else -1.0))
+        return Quantity(name, problem.unit(series), partial(extreme, series=series, sign=1.0 if end == "max" else -1.0))
     series, sign, end = name.rpartition("@")
     if sign and series in known:
         t = _instant(name, end)
-        return Quantity(name, _unit(d, series), partial(at, series=series, t=t), until=t)
+        return Quantity(name, problem.unit(series), partial(at, series=series, t=t), until=t)
     outputs = [*(f"{each}{of}" for of in ("", ".max", ".min", "@1.0") for each in known), *SUMMARY]
     raise InputError(nearest(name, [*outputs, *(f"{kind}:1" for kind in KINDS)], "output"))
 
 
-def _event_quantity(name: str, event: re.Match[str], d: Dynamics) -> Quantity:
-    contacts = [each.name for each in d.forces]
+def _event_quantity(name: str, event: re.Match[str], problem: Problem) -> Quantity:
+    contacts = [each.name for each in problem.dynamics.forces]
     contact, kind, number, what = (event[key] for key in ("contact", "kind", "number", "what"))
     if contact is not None and contact not in contacts:
         raise InputError(f"{name}: {nearest(contact, contacts, 'contact')}")
     if int(number) < 1:
         raise InputError(f"{name}: events are counted from 1, as in {kind}:1")
-    unit = {"speed": "m/s", "impulse": "N s"}.get(what, "s") if d.stores_energy or what is None else ""
+    unit = problem.own_unit({"speed": "m/s", "impulse": "N s"}.get(what, "s"))
     return Quantity(name, unit, partial(_of_event, kind=kind, number=int(number), contact=contact, what=what))
 
 
@@ -150,12 +151,6 @@ def _instant(name: str, text: str) -> float:
 
 def _dimension(d: Dynamics, series: str) -> str:
     return "t" if series_names(d).index(series) < 2 * len(d.nodes) else "t_R"
-
-
-def _unit(d: Dynamics, series: str) -> str:
-    if not d.stores_energy:
-        return ""
-    return ("m", "m/s", "N")[min(series_names(d).index(series) // len(d.nodes), 2)]
 
 
 def _series(run: Any, series: str) -> Array:
@@ -426,7 +421,12 @@ SUMMARY: dict[str, tuple[str, Callable[[Any], float]]] = {
 
 
 class Summary(dict[str, float]):
-    """The quantities of `SUMMARY` by name, in SI units: numbers, printed and shown in notebooks as a table.
+    """The quantities of `SUMMARY` by name: numbers, printed and shown in notebooks as a table.
+
+    Attributes
+    ----------
+    units : mapping of str to str
+        SI unit of each quantity; of angles, and without units, those of the problem of the run.
 
     Examples
     --------
@@ -435,9 +435,18 @@ class Summary(dict[str, float]):
     restitution              -
     """
 
+    units: Mapping[str, str] = {name: unit for name, (unit, _) in SUMMARY.items()}
+
+    @classmethod
+    def of(cls, run: Any) -> Summary:
+        """Return the quantities of a run."""
+        found = cls({name: float(measure(run)) for name, (_, measure) in SUMMARY.items()})
+        found.units = {name: run.problem.own_unit(unit) for name, (unit, _) in SUMMARY.items()}
+        return found
+
     def rows(self) -> list[tuple[str, float, str]]:
         """Return the rows of the table: quantity in words, value and unit."""
-        return [(name.replace("_", " "), value, SUMMARY[name][0]) for name, value in self.items()]
+        return [(name.replace("_", " "), value, self.units[name]) for name, value in self.items()]
 
     def __str__(self) -> str:
         lines = (f"{words:<14}{'-' if math.isnan(x) else f'{x:.6g}':>12} {unit}" for words, x, unit in self.rows())

@@ -16,7 +16,7 @@ from lcpimpact.certificate import Certificate, certify
 from lcpimpact.errors import InputError, Status
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.problems.base import Problem
-from lcpimpact.quantities import SUMMARY, Summary
+from lcpimpact.quantities import Summary
 from lcpimpact.record import ContinuousSolution, Event, Record, State, Stats
 from lcpimpact.registry import html_of, load, nearest
 from lcpimpact.run_files import save, to_pandas, to_xarray
@@ -228,7 +228,7 @@ class Trajectory:
         return certify(d, start, record, self.dense, events, self.integrator)
 
     def summary(self) -> Summary:
-        """Return the usual quantities of an impact in SI units, by name.
+        """Return the usual quantities of an impact by name, in SI units.
 
         The keys are always those of `lcpimpact.quantities.SUMMARY`, so that the summaries of many runs make a table; a
         quantity that means nothing for the run, or that it does not reach, as the contact time of a contact that has not
@@ -240,7 +240,7 @@ class Trajectory:
             A dictionary of numbers that prints as a table: ``peak_force`` (N) and ``peak_time`` (s) of the contacts;
             ``contact_time`` (s), ``restitution`` -U⁺/U⁻ and ``rebound_speed`` U⁺ (m/s) of the first touch; the number of
             ``impacts``; the ``impulse`` (N s) of the contacts; the energy ``dissipated`` (J); the greatest ``deformation``
-            (m). Formulas: `lcpimpact.quantities`.
+            (m). Contacts of angles alone have moments in N m and rad. Formulas: `lcpimpact.quantities`.
 
         Examples
         --------
@@ -249,7 +249,7 @@ class Trajectory:
         >>> found["impacts"], round(found["restitution"], 9), round(found["rebound_speed"], 6), found["peak_force"]
         (2.0, 0.5, 2.214723, 0.0)
         """
-        return Summary({name: float(measure(self)) for name, (_, measure) in SUMMARY.items()})
+        return Summary.of(self)
 
     @checked
     def plot(self, path: str | Path | None = None) -> Any:
@@ -314,29 +314,29 @@ class Trajectory:
         return html_of(self)
 
     def __repr__(self) -> str:
-        d, c = self.problem.dynamics, self.certificate
+        problem, d, c = self.problem, self.problem.dynamics, self.certificate
+        second, gap, force, energy = (f" {problem.own_unit(unit)}".rstrip() for unit in ("s", "m", "N", "J"))
         lines = [
-            f"Trajectory of {self.problem.name} by {self.method}: {self.status.name.lower().replace('_', '-')}",
-            f"  grid        t = {self.t[0]:g} ... {self.t[-1]:g} s in {len(self.t) - 1:,} steps",
+            f"Trajectory of {problem.name} by {self.method}: {self.status.name.lower().replace('_', '-')}",
+            f"  grid        t = {self.t[0]:g} ... {self.t[-1]:g}{second} in {len(self.t) - 1:,} steps",
         ]
-        metre, newton = (" m", " N") if d.stores_energy else ("", "")
         for i, node in enumerate(d.nodes[:MAX_SHOWN]):
-            q = self.q[:, i]
-            lines.append(f"  {node:<10}  {q.min():.6g} ... {q.max():.6g}{metre}, at the end {q[-1]:.6g}{metre}")
+            q, unit = self.q[:, i], f" {problem.unit(node)}".rstrip()
+            lines.append(f"  {node:<10}  {q.min():.6g} ... {q.max():.6g}{unit}, at the end {q[-1]:.6g}{unit}")
         for each, series in list(zip(d.forces, self.forces.T, strict=True))[:MAX_SHOWN]:
             peak = np.abs(series).max(initial=0.0)
             kind = f"relative degree {each.relative_degree}" if isinstance(each, Contact) else "compliant"
-            lines.append(f"  {each.name:<10}  at most {peak:.6g}{newton}; {kind}")
+            lines.append(f"  {each.name:<10}  at most {peak:.6g}{force}; {kind}")
         for what, count in (("coordinates", len(d.nodes)), ("forces", len(d.forces))):
             if count > MAX_SHOWN:
                 lines.append(f"  ...         and {count - MAX_SHOWN} more {what}")
-        balance = f"energy {c.energy_balance:.1e} of {c.energy_scale:.3g} J" if d.stores_energy else "no energy"
+        balance = f"energy {c.energy_balance:.1e} of {c.energy_scale:.3g}{energy}" if d.stores_energy else "no energy"
         shown = ", ".join(f"{event.kind} {event.contact} {event.t:.6f}" for event in self.events[:6])
         more = f", and {len(self.events) - 6} more" if len(self.events) > 6 else ""
         lines += [
             f"  events      {shown or 'none'}{more}",
-            f"  certificate residual {c.residual:.1e}, complementarity {c.complementarity:.1e}{metre and ' J'}, "
-            f"penetration {c.penetration:.1e}{metre}, {balance}",
+            f"  certificate residual {c.residual:.1e}, complementarity {c.complementarity:.1e}{energy}, "
+            f"penetration {c.penetration:.1e}{gap}, {balance}",
         ]
         if c.impact_gain.sentence:
             lines.append(f"  impacts     {c.impact_gain.sentence}")

@@ -178,7 +178,7 @@ def _check_table(problem: Any, outputs: Sequence[str], path: Path | None) -> Non
     """Refuse, before any run, what the file cannot hold."""
     from lcpimpact.quantities import quantity
 
-    for each in (quantity(name, problem.dynamics) for name in outputs):
+    for each in (quantity(name, problem) for name in outputs):
         if path is not None and path.suffix == ".csv" and each.series:
             raise InputError(f"{each.name}: a table has no whole series; write a .nc or .zarr, or take {each.name}.max")
         if path is not None and path.suffix == ".nc" and not each.name.isascii():

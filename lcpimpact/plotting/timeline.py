@@ -84,8 +84,8 @@ def coordinates_label(problem: Problem, what: str = "coordinates") -> str:
 
 def impulse_label(problem: Problem) -> str:
     """Return the label of an axis of impulses."""
-    unit = problem.unit(problem.dynamics.forces[0].name)
-    return axis_label("impulse", f"{unit} s") if unit else "impulse\n(dimensionless)"
+    unit = problem.own_unit("N s")
+    return axis_label("impulse", unit) if unit else "impulse\n(dimensionless)"
 
 
 def shown_nodes(trajectory: Trajectory) -> list[int]:

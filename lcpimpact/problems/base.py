@@ -25,6 +25,9 @@ from lcpimpact.scheme.system import LinearComplementaritySystem
 
 T = TypeVar("T")
 
+ANGULAR = {"m": "rad", "m/s": "rad/s", "m/s^(1/2)": "rad/s^(1/2)", "N": "N m", "N s": "N m s"}
+"""Unit in a problem of angles that stands for one in a problem of displacements."""
+
 GIVEN_ZERO_RTOL = 8.0 * float(np.finfo(float).eps)
 """Tolerance for zero in an initial gap, whose data are floats, relative to its terms."""
 
@@ -243,8 +246,25 @@ class Problem:
         if series.startswith("v_") and series[2:] in nodes:
             length = self.units.get(series[2:], "m")
             return f"{length}/{second}" if length else ""
-        angles = all(self.units.get(node) == "rad" for node in nodes)
-        return "" if self.dimensionless else "N m" if angles else "N"
+        return self.own_unit("N")
+
+    def own_unit(self, unit: str) -> str:
+        """Return the unit by which the problem measures what others measure in s, m, m/s, N, N s or J.
+
+        It is "" without a unit, as for `unit`. Contacts of angles alone have gaps in rad and moments.
+
+        Examples
+        --------
+        >>> from lcpimpact import load_problem
+        >>> [load_problem("rocking-block").own_unit(unit) for unit in ("s", "m", "m/s", "N", "N s", "J")]
+        ['s', 'rad', 'rad/s', 'N m', 'N m s', 'J']
+        """
+        if unit == "s":
+            return self.unit("t")
+        if self.dimensionless or isinstance(self.scheme, LinearComplementaritySystem):
+            return ""
+        angles = all(self.units.get(node) == "rad" for node in self._nodes)
+        return ANGULAR.get(unit, unit) if angles else unit
 
     @property
     def initial_coordinates(self) -> Array:

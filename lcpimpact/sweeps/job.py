@@ -76,7 +76,7 @@ class Job:
 
     def quantities(self) -> list[Quantity]:
         """Return the outputs as quantities."""
-        return [quantity(name, self.problem.dynamics) for name in self.outputs]
+        return [quantity(name, self.problem) for name in self.outputs]
 
     def in_lanes(self, alone: Job, grid: Grid, traced: Integrator) -> dict[str, Output]:
         """Return how lanes read the outputs of a job ``alone``, with options of the method that may be formulas.

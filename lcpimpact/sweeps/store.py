@@ -17,6 +17,7 @@ from lcpimpact import __version__
 from lcpimpact.arrays import Array
 from lcpimpact.errors import InputError, Status
 from lcpimpact.memory import check_memory
+from lcpimpact.problems.base import Problem
 from lcpimpact.registry import import_extra
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.simulation import describe
@@ -172,17 +173,23 @@ def _variables(job: Job, plan: Plan) -> dict[str, Variable]:
 
 def _coordinates(job: Job, plan: Plan) -> dict[str, tuple[str, Array, dict[str, str]]]:
     found = {
-        name: (plan.dims[0] if plan.listed else name, values, {"units": unit} if (unit := _unit(name)) else {})
+        name: (
+            plan.dims[0] if plan.listed else name,
+            values,
+            {"units": unit} if (unit := _unit(name, job.problem)) else {},
+        )
         for name, values in plan.axes.items()
     }
     for dimension in {each.series for each in job.quantities() if each.series}:
-        found[dimension] = (dimension, job.times(dimension), {"units": "s"})
+        found[dimension] = (dimension, job.times(dimension), {"units": job.problem.unit("t")})
     return found
 
 
-def _unit(parameter: str) -> str:
+def _unit(parameter: str, problem: Problem) -> str:
     """Return the unit of a parameter where its address says it."""
-    return {"dt": "s", "q0": "m", "v0": "m/s"}.get(parameter.split(".")[0], "")
+    group, _, node = parameter.partition(".")
+    series = {"dt": "t", "q0": node, "v0": f"v_{node}"}.get(group, "")
+    return problem.unit(series) if series else ""
 
 
 def _attributes(job: Job, plan: Plan) -> dict[str, Any]:

@@ -24,7 +24,7 @@ def run_of(name, method="exact", steps=1000, **parameters):
 
 
 def value(run, name):
-    return quantity(name, run.problem.dynamics).measure(run)
+    return quantity(name, run.problem).measure(run)
 
 
 @pytest.mark.parametrize(
@@ -125,16 +125,44 @@ def test_series_extremes_and_values_at_an_instant():
     assert value(run, "R.max") == run["R"].max()
     assert value(run, "v_x.min") == run["v_x"].min()
     assert value(run, "x@0.5") == run["x"][50]
-    assert (quantity("R", run.problem.dynamics).series, quantity("v_x", run.problem.dynamics).series) == ("t_R", "t")
+    assert (quantity("R", run.problem).series, quantity("v_x", run.problem).series) == ("t_R", "t")
     np.testing.assert_array_equal(value(run, "R"), run["R"])
-    units = {
-        name: quantity(name, run.problem.dynamics).unit for name in ("x.max", "v_x@0", "R", "open:1", "open:1.speed")
-    }
+    units = {name: quantity(name, run.problem).unit for name in ("x.max", "v_x@0", "R", "open:1", "open:1.speed")}
     assert list(units.values()) == ["m", "m/s", "N", "s", "m/s"]
     # The bodies part, and the plate stays behind: U of the contact is zero before, and jumps with its force.
     exact = li.simulate(li.load_problem("system-1"), "exact", dt=1e-2, t_end=1.0)
     event = next(each for each in exact.events if each.kind == "open")
     assert_allclose(value(exact, "open:1.speed"), abs(event.right.v[1] - event.right.v[0]), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "units"),
+    [
+        ("bouncing-ball", ["m", "m/s", "N", "s", "m/s", "N s", "N", "s", "J"]),
+        ("rocking-block", ["rad", "rad/s", "N m", "s", "rad/s", "N m s", "N m", "s", "J"]),  # angles alone
+        ("spinning-ball", ["rad", "rad/s", "N", "s", "m/s", "N s", "N", "s", "J"]),  # gaps of displacements
+        ("impact-oscillator", [""] * 9),
+        ("diode-bridge", ["", "", "", "s", "", "", "", "s", ""]),
+    ],
+)
+def test_units_are_those_of_the_problem(name, units):
+    problem = li.load_problem(name)
+    d = problem.dynamics
+    node, force = d.nodes[-1], d.forces[0].name
+    names = (node, f"v_{node}.max", force, "open:1", "impact:1.speed", "impact:1.impulse")
+    names = (*names, "peak_force", "contact_time", "dissipated")
+    assert [quantity(each, problem).unit for each in names] == units
+    run = li.simulate(problem, dt=problem.t_end / 1000, throw=False)
+    summary = pickle.loads(pickle.dumps(run.summary()))
+    assert [summary.units[each] for each in names[-3:]] == units[-3:]
+    assert [row[2] for row in summary.rows()] == [summary.units[each] for each in SUMMARY]
+    text = repr(run)
+    assert f" {run.q[-1, -1]:.6g} {units[0]}".rstrip() + "\n" in text
+    assert f"... {run.t[-1]:g} {units[3]}".rstrip() + " in " in text
+    assert f"{np.abs(run.forces[:, 0]).max():.6g} {units[2]}".rstrip() + ";" in text
+    found = li.convergence(problem, ["moreau-jean"], [run.t[-1] / 500], norms=["sup_q"], reference=run, progress=False)
+    of_both = {"spinning-ball": "m"}.get(name, units[0])
+    assert found.head()[1].removeprefix("sup_q: greatest error of the coordinates").removeprefix(", ") == of_both
 
 
 @pytest.mark.parametrize(
@@ -152,7 +180,7 @@ def test_series_extremes_and_values_at_an_instant():
 )
 def test_an_unknown_name_gets_one_sentence_with_the_nearest(name, said):
     with pytest.raises(li.InputError, match=said) as caught:
-        quantity(name, li.load_problem("system-1").dynamics)
+        quantity(name, li.load_problem("system-1"))
     assert "\n" not in str(caught.value)
 
 
@@ -166,7 +194,7 @@ def test_every_problem_has_a_summary_of_the_same_keys(name):
     assert not any(math.isinf(each) for each in found.values())
     for series in series_names(problem.dynamics)[:3]:
         assert math.isfinite(value(run, f"{series}.max"))
-    pickle.loads(pickle.dumps(quantity("peak_force", problem.dynamics)))
+    pickle.loads(pickle.dumps(quantity("peak_force", problem)))
 
 
 @pytest.mark.parametrize("method", ["moreau-jean", "exact", "rk4"])

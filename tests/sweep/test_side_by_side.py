@@ -104,7 +104,7 @@ def test_outputs_have_the_bits_of_runs_alone(problem, ranges, outputs, options, 
         own = {name: value for name, value in values.items() if name == "theta"}
         run = li.simulate(li.with_values(problem, changes), method, dt=1e-3, t_end=1.0, **own)
         for name in outputs:
-            assert float(found[name][k]) == quantity(name, problem.dynamics).measure(run)
+            assert float(found[name][k]) == quantity(name, problem).measure(run)
 
 
 @pytest.mark.slow

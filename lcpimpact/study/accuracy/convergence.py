@@ -186,10 +186,11 @@ class Convergence(Study):
         """Return the first lines of the summary: the problem, the references and the norm."""
         references = " or ".join(dict.fromkeys(name for name in self.table["reference"] if name)) or "nothing"
         limit = "nothing" if self.limited_by is None else self.limited_by.name
-        norm = NORMS[self.norm]
+        norm, unit = NORMS[self.norm], self.problem.own_unit(NORMS[self.norm].unit)
+        end = f"{self.t_end:g} {self.problem.own_unit('s')}".rstrip()
         return [
-            f"{self.problem.name} to t = {self.t_end:g} s, against {references}; orders limited by: {limit}",
-            f"{self.norm}: {norm.what}" + (f", {norm.unit}" if norm.unit else ""),
+            f"{self.problem.name} to t = {end}, against {references}; orders limited by: {limit}",
+            f"{self.norm}: {norm.what}" + (f", {unit}" if unit else ""),
         ]
 
     def remarks(self) -> list[str]:
