@@ -12,6 +12,7 @@ from numba import types
 from lcpimpact.arrays import Array
 from lcpimpact.compiled import compiled, f8, matrix, named_tuple, vector
 from lcpimpact.scheme.dynamics import Dynamics, once
+from lcpimpact.scheme.power_law import tangents
 
 SCALE_FLOOR = 1e-6
 """Smallest scale of a motion, relative to the largest: at a precision of 1e-9, differences below it are rounding."""
@@ -71,7 +72,10 @@ def forces_of(size: Sizes, q: Array, v: Array, r: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Scales:
-    """The largest values of a run: |q| and |v| of each node (n,), |u|, |U| and |r| of each row (nc,), |f| (n,)."""
+    """The largest values of a run: |q| and |v| of each node (n,), |u|, |U| and |r| of each row (nc,).
+
+    And, of each node (n,), those of the loads |f| and of the forces |s| of non-linear springs.
+    """
 
     dynamics: Dynamics
     q: Array
@@ -80,17 +84,19 @@ class Scales:
     U: Array
     r: Array
     f: Array
+    s: Array
 
     @classmethod
     def of(cls, d: Dynamics, q: Array, v: Array, r: Array, f: Array) -> Scales:
-        """Return the scales of arrays over time."""
-        return cls.of_largest(d, *(np.abs(each).max(axis=0, initial=0.0) for each in (q, v, r, f)))
+        """Return the scales of arrays over time, with q and v at the same instants."""
+        largest = (np.abs(each).max(axis=0, initial=0.0) for each in (q, v, r, f))
+        return cls.of_largest(d, *largest, largest_spring_forces(d, q, v))
 
     @classmethod
-    def of_largest(cls, d: Dynamics, q: Array, v: Array, r: Array, f: Array) -> Scales:
-        """Return the scales for given largest |q|, |v|, |r| and |f|."""
+    def of_largest(cls, d: Dynamics, q: Array, v: Array, r: Array, f: Array, s: Array) -> Scales:
+        """Return the scales for given largest |q|, |v|, |r|, |f| and |s|."""
         u, U = gaps_of(sizes(d), q, v, r)
-        return cls(d, q, v, u, U, r, f)
+        return cls(d, q, v, u, U, r, f, s)
 
     def at_least(self, h: float) -> Scales:
         """Return scales bounded below for bodies at rest: by the effect of forces in a time h and the largest speed."""
@@ -102,20 +108,28 @@ class Scales:
             # Rates of a system at rest are the rounding of terms that balance.
             v += SCALE_FLOOR * self.forces
         q = self.q + SCALE_FLOOR * self.q.max(initial=0.0) + h * v
-        return Scales.of_largest(d, q, v, self.r, self.f)
+        return Scales.of_largest(d, q, v, self.r, self.f, self.s)
 
     @cached_property
     def forces(self) -> Array:
         """The sum of the largest forces at each node in N (n,)."""
-        forces = forces_of(sizes(self.dynamics), self.q, self.v, self.r) + self.f
-        if self.dynamics.springs:
-            forces += np.abs(self.dynamics.spring_force(self.q, self.v))
-        return np.asarray(forces)
+        return np.asarray(forces_of(sizes(self.dynamics), self.q, self.v, self.r) + self.f + self.s)
 
     @cached_property
     def momenta(self) -> Array:
         """The largest momentum of each node in N s (n,)."""
         return np.asarray(sizes(self.dynamics).M @ self.v)
+
+
+def largest_spring_forces(d: Dynamics, q: Array, v: Array) -> Array:
+    """Return the largest force of non-linear springs on each node in N (n,), q and v (nt, n), with that of rounding."""
+    if not d.springs:
+        return np.zeros(len(d.nodes))
+    N = np.abs(d.directions)
+    error, error_rate = (SCALE_FLOOR * (N @ np.abs(each).max(axis=0, initial=0.0)) for each in (q, v))
+    s, by_δ, by_rate = tangents(d.power_laws, d.approach(q), d.approach_rate(v))
+    largest = np.abs(s) + np.abs(by_δ) * error + np.abs(by_rate) * error_rate
+    return np.asarray(largest.max(axis=0, initial=0.0) @ N)
 
 
 @once

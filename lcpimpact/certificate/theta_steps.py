@@ -11,7 +11,7 @@ from numba import types
 from lcpimpact.arrays import Array, Flags, Indices, Places
 from lcpimpact.certificate.impacts import largest_impulses, rows_by_name
 from lcpimpact.certificate.laws import motion_forces_in_steps, node_kinds, switch_residual
-from lcpimpact.certificate.scales import Judgement, Scales, sizes, worse
+from lcpimpact.certificate.scales import Judgement, Scales, largest_spring_forces, sizes, worse
 from lcpimpact.certificate.theta_balance import (
     Contacts,
     Impulses,
@@ -103,7 +103,8 @@ def judge_theta_steps(
         f_θ = motion_forces_in_steps(d, record, θ)
     violations, balance, scale, h = _violations(d, record, events, θ, (f, f_θ))
     largest = np.abs(f).max(axis=0) + np.abs(f_θ).max(axis=0, initial=0.0)
-    scales = Scales.of_largest(d, violations.q, violations.v, violations.r, largest).at_least(h)
+    springs = largest_spring_forces(d, record.q, record.v)
+    scales = Scales.of_largest(d, violations.q, violations.v, violations.r, largest, springs).at_least(h)
     steps, duration = len(record.t) - 1, float(record.t[-1] - record.t[0]) or 1.0
     # In systems with jumps of coordinates, steps with θ = 1 are recognised by u, which is ambiguous if no contact is active.
     late = (1.0 - θ) * h / duration if _constants(d).feeds_through else 0.0

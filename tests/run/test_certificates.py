@@ -338,8 +338,11 @@ HEAVY = {
 COLLAPSES = {"inelastic-collapse": {"heun", "ssprk3", "bs23", "rk4", "dopri5"}}
 """Problems with more impacts in one step than these methods correct, so that bodies stay a little inside each other."""
 
-UNSTABLE = {"bouncing-bar": {"heun"}}
-"""Problems with oscillations too fast for 400 steps of these methods: Heun's method throws a bar of 1 m over hundreds."""
+UNSTABLE = {"bouncing-bar": {"heun"}, "two-ball-drop": {"schatzman-paoli"}}
+"""Problems too fast for 400 steps of these methods, which make energy: Heun's method throws a bar of 1 m over hundreds.
+
+Two balls that land 1 ms apart rebound by the scheme of Schatzman and Paoli at 1.3 times their speed.
+"""
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """Energy that nothing supplies: a run that holds much of it is not called solved."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -49,6 +51,37 @@ def test_an_unstable_oscillation_is_not_called_solved():
     run = simulate(problem, "rk4", dt=1.0, t_end=60.0, throw=False)
     assert np.abs(run.q).max() > 10.0
     assert run.status is not Status.SOLVED
+
+
+SPHERE = load_problem("hertz-impact")
+"""A steel sphere touches a wall for 70 µs, and leaves it at the speed at which it came."""
+
+
+@pytest.mark.parametrize("method", ["heun", "rk4", "dopri5", "moreau-jean", "newmark-ns", "stormer-verlet-ns"])
+@pytest.mark.parametrize("n", [300, 500, 1000, 3000])
+def test_a_sphere_does_not_leave_much_faster_than_it_came(method, n):
+    """The energy may grow by a fifth, so the speed by its root. Heun's method with 3 steps in the contact adds a third."""
+    problem = Problem("sphere", SPHERE.scheme, q0={"x": -0.01}, v0={"x": 1.0})
+    run = simulate(problem, method, dt=0.02 / n, t_end=0.02, throw=False)
+    assert (run.status is Status.SOLVED) == (abs(run.v[-1, 0]) < np.sqrt(1.2))
+
+
+@pytest.mark.parametrize("n", [500, 510])
+def test_two_balls_do_not_rebound_faster_than_they_fell(n):
+    """e = 1: they fall at 4.43 m/s, and by two impacts in one step of Schatzman and Paoli leave at 6.1."""
+    problem = load_problem("two-ball-drop")
+    assert not simulate(problem, "schatzman-paoli", dt=problem.t_end / n, throw=False).success
+    assert simulate(problem, "schatzman-paoli", dt=problem.t_end / 5000).success
+
+
+@pytest.mark.parametrize("method", ["moreau-jean", "rk4", "event-driven", "newmark-ns"])
+def test_the_force_of_a_contact_far_away_hides_no_error(method):
+    """At |q| the spring of the contact would have 6e17 N. The velocity changes by 0.1 % in the air, where nothing acts."""
+    problem = Problem("sphere", SPHERE.scheme, q0={"x": -1e5}, v0={"x": 1.0})
+    run = simulate(problem, method, dt=1e-2, t_end=1.0)
+    v = run.v.copy()
+    v[50:] *= 1.001
+    assert not replace(run, v=v, dense=None).certify().holds
 
 
 FAST = 8.1
