@@ -128,12 +128,18 @@ limits_type = types.NamedTuple((f8, f8, i8, i8), Limits)
 
 @compiled(types.boolean(plant_type, present_type, flags, flags, vector))
 def unresolved(plant: Plant, present: Present, no_gap: Flags, no_rate: Flags, scale: Array) -> bool:
-    """Return whether a gap at the start of the last segment has too few digits to order the impacts of several contacts."""
+    """Return whether a gap has too few digits to order the impacts of several contacts.
+
+    That is one at the start of the last segment, or one that is rounding at its end, where it still opens.
+    """
     if np.sum(plant.meets) < 2:
         return False
     u = reading(plant.C, plant.CA, present.state, scale, no_gap, no_rate, FINE_ZERO)[0]
+    v, V = reading(plant.C, plant.CA, present.X, scale, no_gap, no_rate, FINE_ZERO)
     for i in range(len(plant.meets)):
         if plant.meets[i] and 0.0 < u[0, i] < GAP_RESOLUTION * size_of(plant.C[0, i], scale):
+            return True
+        if plant.meets[i] and not no_gap[i] and v[0, i] <= 0.0 and V[0, i] > 0.0:
             return True
     return False
 

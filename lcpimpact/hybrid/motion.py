@@ -40,7 +40,17 @@ from lcpimpact.hybrid.flow import Chain, Expansions, Flow, SparseRows
 from lcpimpact.hybrid.gaps import gaps, still
 from lcpimpact.hybrid.impacts import impact
 from lcpimpact.hybrid.state_jump import enter_constraint
-from lcpimpact.hybrid.system import FINE_ZERO, ZERO, Mode, Still, System, refuse_mixed_degrees, system_of
+from lcpimpact.hybrid.system import (
+    FINE_ZERO,
+    ZERO,
+    Mode,
+    Still,
+    System,
+    refuse_mixed_degrees,
+    round_to_zero,
+    rounded_product,
+    system_of,
+)
 from lcpimpact.hybrid.transition import enter, happened, parted, state_of
 from lcpimpact.problems.base import GIVEN_ZERO_RTOL, Problem
 from lcpimpact.record import Event, State
@@ -369,11 +379,18 @@ def _opening(motion: HybridMotion, mode: Mode, X: DoubleDouble) -> tuple[Array, 
     return u.hi, U.hi
 
 
+def _accelerations(motion: HybridMotion, flow: Flow, X: DoubleDouble) -> Array:
+    """Return the opening accelerations (nc,) in the state X of a mode, those that are rounding as zero."""
+    rows = rounded_product(motion.system.fine.CA, flow.generator)
+    return round_to_zero(rows @ X, np.abs(rows.hi) @ motion.scale).hi
+
+
 def _resolved(motion: HybridMotion, t: DoubleDouble, X: DoubleDouble) -> tuple[int, bool] | None:
     """Return the segment from which impacts follow each other too fast for double-doubles to order them.
 
     Two or more contacts close at t, and the gap of one has too few digits to order them; so the motion goes back to where
-    all gaps are known, unless forces deflect the flights since: then the flag is False. None if all is resolved.
+    all gaps are known, unless forces deflect the flights since: then the flag is False. So do contacts that still open at
+    t, with a gap below rounding, while others close. None if all is resolved.
     """
     system, segments = motion.system, motion.segments
     if len(segments) <= motion.collapsed or np.count_nonzero(system.meets) < 2:
@@ -385,13 +402,17 @@ def _resolved(motion: HybridMotion, t: DoubleDouble, X: DoubleDouble) -> tuple[i
         u, U = _opening(motion, segment.mode, segment.state)
         return U, system.meets & (u > 0.0) & (u < GAP_RESOLUTION * size)
 
-    _, unknown = opening(segments[-1])
-    if not unknown.any():
+    if not segments:
         return None
+    _, unknown = opening(segments[-1])
     u, U = _opening(motion, segments[-1].mode, X)
     landing = (u <= 0.0) & system.meets & ~still(system, segments[-1].mode).u
-    if landing.sum() < 2 or not (landing & unknown).any() or not (U[landing] < 0.0).any():
+    if landing.sum() < 2 or not (U[landing] < 0.0).any():
         return None
+    if not (landing & unknown).any():
+        # What forces alone have opened since is ahead of what lands, however small its gap.
+        near = segments[-1].t0 >= float(t.hi) * (1.0 - COLLAPSE_RTOL)
+        return (len(segments) - 1, True) if near and (U[landing] > 0.0).any() else None
     first, speed = len(segments) - 1, np.abs(U[landing]).max()
     while unknown.any():
         before = segments[first - 1]
@@ -434,10 +455,13 @@ def _collapse(motion: HybridMotion, t: DoubleDouble, rest: float) -> tuple[Doubl
             rests = rows & (u <= GAP_RESOLUTION * size) & (np.abs(U) <= slow)
             return now, X, Still(held.u & ~rows | rests, held.U | rests, held.closed & ~rows | rests)
         meets = flights == δ
-        now, X = now + δ, system.mode(mode)[0].move(X, δ)
+        flow, _ = system.mode(mode)
+        parted = (u == 0.0) & ~held.u & ((U > 0.0) | (U == 0.0) & (_accelerations(motion, flow, X) > 0.0))
+        now, X = now + δ, flow.move(X, δ)
         u = np.where(meets, 0.0, np.maximum(u + U * δ, 0.0))
         e = np.where(-slow <= U, 0.0, system.restitution)
-        after, P, held = impact(system, X, motion.scale, motion.solver, e, held, FINE_ZERO, rows & (u == 0.0))
+        touches = rows & (u == 0.0) & ~parted
+        after, P, held = impact(system, X, motion.scale, motion.solver, e, held, FINE_ZERO, touches)
         left, t0 = state_of(system, mode, X), float(now.hi)
         mode = replace(mode, closed=tuple(i for i in mode.closed if held.U[i] or not rows[i]))
         right, ended = state_of(system, mode, after), system.fine.C.hi[np.argmax(meets)]

@@ -20,6 +20,7 @@ from lcpimpact.registry import html_of, nearest
 from lcpimpact.scheme.assembly import MAX_NODES
 from lcpimpact.scheme.dynamics import Dynamics
 from lcpimpact.scheme.scheme import Scheme
+from lcpimpact.scheme.signals import Harmonic
 from lcpimpact.scheme.sparse import SparseDynamics, SparseScheme
 from lcpimpact.scheme.system import LinearComplementaritySystem
 
@@ -148,7 +149,11 @@ class Problem:
 
     def _refuse_penetration(self) -> None:
         q, d = self.initial_coordinates, self.dynamics
-        gaps, terms = d.gap(q), np.abs(d.H) @ np.abs(q) + np.abs(d.u0)
+        sizes = np.abs(q)
+        # The rounding of a cos(φ) is relative to a: a table that moves by a sin(ω t) starts 1e-17 m off zero.
+        for i, motion in d.motions.items():
+            sizes[i] = max(sizes[i], abs(motion.amplitude)) if isinstance(motion, Harmonic) else sizes[i]
+        gaps, terms = d.gap(q), np.abs(d.H) @ sizes + np.abs(d.u0)
         openings = d.gap_paths @ gaps
         # Final positions of another run may penetrate by rounding.
         for k in np.flatnonzero(openings < -GIVEN_ZERO_RTOL * (d.gap_paths @ terms)):

@@ -2,6 +2,7 @@
 
 import math
 
+import mpmath
 import numpy as np
 import pytest
 from event_reference import Reference
@@ -112,6 +113,51 @@ def test_three_bodies_that_collapse_end_together():
     assert_allclose(run.q[-1] - [1.0, 0.0, -1.0], run.q[-1][1], rtol=0, atol=1e-12)
     limit = float(Reference(problem, 4.0).accumulations[0][0])
     assert max(each.t for each in run.events) == pytest.approx(limit, abs=1e-12)
+
+
+def impacts_of_a_pair(m, a, h, e, count):
+    """Two bodies fall together, the lower one faster: impacts on the floor (e) and, plastic, of the pair, in 300 digits.
+
+    Each pair of impacts slows them, and the next gap between them is about the square of the last.
+    """
+    with mpmath.workdps(300):
+        m1, m2, a1, a2, h, e = map(mpmath.mpf, (*m, *a, h, e))
+        t, apart, above, v1, v2 = mpmath.mpf(0), mpmath.mpf(0), h, mpmath.mpf(0), mpmath.mpf(0)
+        found = []
+        for _ in range(count):
+            flight = 2 * above / (v2 + mpmath.sqrt(v2**2 + 2 * a2 * above))
+            apart += (v2 - v1) * flight + (a2 - a1) * flight**2 / 2
+            t, v1, v2 = t + flight, v1 + a1 * flight, -e * (v2 + a2 * flight)
+            found.append((t, "floor", v1, v2))
+            closing = v1 - v2
+            flight = 2 * apart / (closing + mpmath.sqrt(closing**2 - 2 * (a2 - a1) * apart))
+            above = -v2 * flight - a2 * flight**2 / 2
+            t, v1, v2 = t + flight, v1 + a1 * flight, v2 + a2 * flight
+            v1 = v2 = (m1 * v1 + m2 * v2) / (m1 + m2)
+            apart = mpmath.mpf(0)
+            found.append((t, "pair", v1, v2))
+        return [(float(t), contact, float(v1), float(v2)) for t, contact, v1, v2 in found]
+
+
+@pytest.mark.parametrize("method", ["exact", "event-driven", "radau-fesd"])
+@pytest.mark.parametrize(("m", "e"), [((3.0, 1.0), 1.0), ((10.0, 1.0), 1.0), ((3.0, 1.0), 0.5)])
+def test_plates_that_a_force_has_parted_by_less_than_rounding_take_no_part_in_an_impact(method, m, e):
+    """After six impacts the gap between them is rounding; were they one body, both would rebound from the floor."""
+    a, h = (9.0, 10.0), 1.0
+    bodies = [li.Mass("x", m[0]), li.Load("x", m[0] * a[0]), li.Mass("y", m[1]), li.Load("y", m[1] * a[1])]
+    contacts = li.Bumper("y", "ground", gap=h, e=e, name="floor"), li.Bumper("x", "y", e=0.0, name="pair")
+    run = li.simulate(li.Problem("pair", li.Scheme(*bodies, *contacts)), method, dt=1e-2, t_end=1.0)
+    impacts = [event for event in run.events if event.kind == "impact"]
+    true = impacts_of_a_pair(m, a, h, e, 8)
+    assert run.success
+    for event, (t, contact, *v) in zip(impacts, true, strict=False):
+        assert event.contact == contact
+        assert event.t == pytest.approx(t, rel=1e-8)
+        assert_allclose(event.right.v, v, rtol=1e-6)
+    after = run.t > true[-1][0] + 1e-9
+    assert len(impacts) > len(true)
+    assert_allclose(run["x"][after], h, rtol=1e-12)
+    assert_allclose(run["y"][after], h, rtol=1e-12)
 
 
 @pytest.mark.parametrize("e", [0.06, 0.05, 0.04, 0.02])

@@ -6,6 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from schemes import frictional, random_problem
 
 import lcpimpact as li
@@ -550,3 +551,15 @@ def test_the_size_of_a_motion_raises_no_alarm(name, size):
     problem = li.Problem("scaled", scheme, v0={"x": -0.4 * size}, t_end=T_END)
     run = li.simulate(problem, name, dt=T_END / 500, t_end=T_END, progress=False, throw=False)
     assert run.success, run.message
+
+
+@pytest.mark.parametrize("k", [1.0, 48.28, 160.0])
+@pytest.mark.parametrize("c_1", [0.3, 3.63, 40.0])
+def test_a_body_at_rest_on_the_floor_beside_a_viscoelastic_element_is_called_solved(k, c_1):
+    """The inner node moves by rounding, 1e-22 m, and by nothing that it could be compared with."""
+    scheme = li.Scheme(li.Mass("x", m=2.49), li.Load("x", f=24.4269), li.Bumper("x", "ground", e=0.5))
+    scheme = scheme.add(li.Zener("x", "ground", k, k_1=167.95, c_1=c_1), li.NegativeSpring("x", "ground", k=2.4775))
+    run = li.simulate(li.Problem("at rest", scheme), "moreau-jean", dt=1e-3, t_end=1.0, throw=False)
+    assert run.success, run.message
+    assert_allclose(run["x"], 0.0, atol=1e-15)
+    assert_allclose(run["R"], 24.4269, rtol=1e-12)

@@ -127,3 +127,23 @@ def test_a_problem_begins_where_the_motion_begins():
         li.Problem(
             "table", Scheme(PrescribedMotion("y", Harmonic(0.2, 2.0, 3.0)), Mass("x", 1.0), Bumper("x", "y", e=0.0))
         )
+
+
+@pytest.mark.parametrize("method", ["exact", "event-driven", "moreau-jean"])
+def test_a_table_that_sets_off_as_a_sine_under_a_body_pushes_it(method):
+    """Its place at the start is 6e-18 m, the rounding of a cos(-π/2): P = m a ω, then R = (k - m ω²) a sin(ω t)."""
+    a, ω, m, k, T = 0.1, 5.0, 1.0, 100.0, 0.3
+    table = PrescribedMotion("w", Harmonic(a, ω, -0.5 * math.pi))
+    scheme = Scheme(table, Mass("x", m), Spring("x", "ground", k), Bumper("w", "x", e=0.0))
+    run = li.simulate(li.Problem("pushed", scheme), method, dt=1e-3, t_end=T)
+    (impact,) = (event for event in run.events if event.kind == "impact")
+    rtol = 1e-2 if method == "moreau-jean" else 1e-9
+    assert impact.impulse == pytest.approx(m * a * ω, rel=rtol)
+    assert run["x"][-1] == pytest.approx(a * math.sin(ω * T), rel=rtol)
+    assert run["R"][-1] == pytest.approx((k - m * ω**2) * a * math.sin(ω * T), rel=rtol)
+
+
+def test_a_body_within_a_table_that_is_moved_starts_penetrated():
+    scheme = Scheme(PrescribedMotion("w", Harmonic(0.1, 5.0, -0.5 * math.pi)), Mass("x", 1.0), Bumper("w", "x", e=0.0))
+    with pytest.raises(li.InputError, match=r"starts penetrated by 1\S*e-12 m"):
+        li.Problem("within", scheme, q0={"x": -1e-12})
