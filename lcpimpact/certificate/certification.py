@@ -237,7 +237,9 @@ def _growth(
     """Return the largest growth of the stored energy beyond that ``supplied`` up to each instant (nt,), and its limit."""
     account, (q0, v0) = account_of(d), start
     before, stored = account.stored(q0[None], v0[None], q0).sum(), account.stored(record.q, record.v, q0)
-    growth = np.maximum(stored.sum(axis=1) - before - supplied, 0.0)
+    # An impact at an instant of the record has changed its velocities, and its work is that of the step that begins there.
+    soon = np.maximum(supplied, np.append(supplied[1:], supplied[-1:]))
+    growth = np.maximum(stored.sum(axis=1) - before - soon, 0.0)
     # A negative spring stores less than nothing, so that the energy of a fast motion may be small.
     scale = float((np.abs(stored[:, :2]).sum(axis=1) - growth).max())
     h, q, v = float(np.diff(record.t).max(initial=0.0)), *(np.abs(each).max(axis=0) for each in (record.q, record.v))
