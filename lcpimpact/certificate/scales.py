@@ -89,8 +89,8 @@ class Scales:
     @classmethod
     def of(cls, d: Dynamics, q: Array, v: Array, r: Array, f: Array) -> Scales:
         """Return the scales of arrays over time, with q and v at the same instants."""
-        largest = [np.abs(each).max(axis=0, initial=0.0) for each in (q, v, r, f)]
-        return cls.of_largest(d, *largest, s=largest_spring_forces(d, q, v))
+        q_max, v_max, r_max, f_max = (np.abs(each).max(axis=0, initial=0.0) for each in (q, v, r, f))
+        return cls.of_largest(d, q_max, v_max, r_max, f_max, largest_spring_forces(d, q, v))
 
     @classmethod
     def of_largest(cls, d: Dynamics, q: Array, v: Array, r: Array, f: Array, s: Array) -> Scales:
