@@ -184,7 +184,7 @@ def _run_dense(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver:
         message = status.sentence
     else:
         status, remedy = Status.VIOLATED, _violation_remedy(integrator, problem.dynamics)
-        message = f"{integrator.name}: {'; '.join(certificate.failures)}. {remedy}"
+        message = f"{integrator.name}: {'; '.join(certificate.sentences(problem.own_unit))}. {remedy}"
     record.stats.steps = record.stats.steps or len(record.t) - 1
     record.stats.seconds = time.perf_counter() - started
     return Trajectory(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -30,19 +30,20 @@ PASSED = 0.005
 """Fraction of the work of forces of any kind that errors of convergent steps may add up to in a long run."""
 
 SENTENCES = {
-    "complementarity": "force and gap, or friction and sliding, violate complementarity by {:.3g} J",
-    "penetration": "bodies penetrate by {:.3g} m",
-    "energy_balance": "the energy is out of balance by {:.3g} J",
-    "energy_growth": "the energy grows by {:.3g} J that nothing supplies: take shorter steps",
-    "tension": "a reaction is outside its bounds by {:.3g} N",
-    "impact_law": "the impact law is violated by {:.3g} m/s",
-    "momentum": "the momentum is out of balance by {:.3g} N s",
-    "equilibrium": "a massless node is out of balance by {:.3g} N",
-    "kinematics": "coordinates and velocities differ by {:.3g} m",
-    "missed_impulse": "the steps miss {:.3g} N s of a load or a prescribed motion: take shorter ones",
-    "sampling": "the record differs from the continuous solution by {:.3g} of its scale",
-    "motion": "a node deviates from its prescribed motion by {:.3g} m",
+    "complementarity": ("force and gap, or friction and sliding, violate complementarity by {}", "J"),
+    "penetration": ("bodies penetrate by {}", "m"),
+    "energy_balance": ("the energy is out of balance by {}", "J"),
+    "energy_growth": ("the energy grows by {} that nothing supplies: take shorter steps", "J"),
+    "tension": ("a reaction is outside its bounds by {}", "N"),
+    "impact_law": ("the impact law is violated by {}", "m/s"),
+    "momentum": ("the momentum is out of balance by {}", "N s"),
+    "equilibrium": ("a massless node is out of balance by {}", "N"),
+    "kinematics": ("coordinates and velocities differ by {}", "m"),
+    "missed_impulse": ("the steps miss {} of a load or a prescribed motion: take shorter ones", "N s"),
+    "sampling": ("the record differs from the continuous solution by {} of its scale", ""),
+    "motion": ("a node deviates from its prescribed motion by {}", "m"),
 }
+"""The sentence for each violation, and its unit."""
 
 
 @dataclass(frozen=True)
@@ -125,17 +126,23 @@ class Certificate:
     @property
     def failures(self) -> tuple[str, ...]:
         """Violations beyond their limits, as sentences with value and limit, in descending order of their ratio."""
+        return self.sentences()
+
+    def sentences(self, unit: Callable[[str], str] = str) -> tuple[str, ...]:
+        """Return the `failures`; ``unit`` gives the unit in place of one in SI, as `Problem.own_unit` does."""
         beyond = {
             name: float(getattr(self, name) / limit if limit > 0.0 else np.inf)
             for name, limit in self.limits.items()
             if not getattr(self, name) <= limit < np.inf
         }
-        return tuple(
-            f"{SENTENCES[name].format(getattr(self, name))}, where {self.limits[name]:.2g} is allowed"
-            if np.isfinite(self.limits[name])
-            else f"the run cannot be judged by its {name.replace('_', ' ')}, which overflows: take other units"
-            for name in sorted(beyond, key=lambda name: -beyond[name])
-        )
+        return tuple(self._sentence(name, unit) for name in sorted(beyond, key=lambda name: -beyond[name]))
+
+    def _sentence(self, name: str, unit: Callable[[str], str]) -> str:
+        if not np.isfinite(self.limits[name]):
+            return f"the run cannot be judged by its {name.replace('_', ' ')}, which overflows: take other units"
+        sentence, of = SENTENCES[name]
+        value = f"{getattr(self, name):.3g} {unit(of) if of else ''}".rstrip()
+        return f"{sentence.format(value)}, where {self.limits[name]:.2g} is allowed"
 
     @property
     def holds(self) -> bool:
@@ -241,7 +248,7 @@ def _growth(
     soon = np.maximum(supplied, np.append(supplied[1:], supplied[-1:]))
     growth = np.maximum(stored.sum(axis=1) - before - soon, 0.0)
     # A negative spring stores less than nothing, so that the energy of a fast motion may be small.
-    scale = float((np.abs(stored[:, :2]).sum(axis=1) - growth).max())
+    scale = float((np.abs(stored[:, :2]).sum(axis=1) - growth).max(initial=0.0))
     h, q, v = float(np.diff(record.t).max(initial=0.0)), *(np.abs(each).max(axis=0) for each in (record.q, record.v))
     # What rests may be moved by the loads of one step, and energies of large terms that cancel have their rounding error.
     load, m = np.abs(account.steady_loads), np.diag(d.M)

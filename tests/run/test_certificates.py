@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -327,6 +328,24 @@ def accepted(problem, method, dt, t_end):
     except (li.UnsupportedError, li.InputError):
         return None
     return run.certificate.failures if run.status in (Status.SOLVED, Status.VIOLATED) else None
+
+
+def test_violations_have_the_units_of_the_problem():
+    block = li.load_problem("rocking-block")
+    assert (
+        "momentum is out of balance by 2.35 N m s, where"
+        in li.simulate(block, "rk4", dt=block.t_end / 3, throw=False).message
+    )
+    for name, unit, momentum in (
+        ("rocking-block", " rad", " N m s"),
+        ("impact-oscillator", "", ""),
+        ("system-1", " m", " N s"),
+    ):
+        problem = li.load_problem(name)
+        run = li.simulate(problem, dt=problem.t_end / 500)
+        said = "; ".join(dataclasses.replace(run, v=1.5 * run.v).certify().sentences(problem.own_unit))
+        assert re.search(rf"momentum is out of balance by [-+.e\d]+{momentum}, where", said)
+        assert re.search(rf"coordinates and velocities differ by [-+.e\d]+{unit}, where", said)
 
 
 HEAVY = {
