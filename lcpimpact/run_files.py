@@ -155,10 +155,10 @@ def to_xarray(run: Any) -> Any:
     given, unit = columns(run), units(run)
     forces = list(run.names[2 * len(run.nodes) :])
     axes = {name: "t_R" if name in forces else "t" for name in run.names}
-    series = {name: (axis, given[name], _unit_attribute(unit[name])) for name, axis in axes.items()}
+    series = {name: (axis, given[name], unit_attribute(unit[name])) for name, axis in axes.items()}
     found = _event_arrays(run)
     events: dict[str, Any] = {f"event_{name}": ("event", found[f"event_{name}"]) for name in EVENT_COLUMNS}
-    coordinates: dict[str, Any] = {name: (name, given[name], {"units": "s"}) for name in ("t", "t_R")}
+    coordinates: dict[str, Any] = {name: (name, given[name], unit_attribute(unit[name])) for name in ("t", "t_R")}
     coordinates["event_side"], coordinates["event_node"] = list(SIDES), list(run.nodes)
     places = {"q": "event_node", "v": "event_node"}
     if forces:  # netCDF has no axis of length 0 except that of the events
@@ -173,7 +173,8 @@ def to_xarray(run: Any) -> Any:
     return xarray.Dataset(series | events, coords=coordinates, attrs=_flat_metadata(run))
 
 
-def _unit_attribute(unit: str) -> dict[str, str]:
+def unit_attribute(unit: str) -> dict[str, str]:
+    """Return the attributes of a variable of a Dataset with a unit; without one it has none."""
     return {"units": unit} if unit else {}
 
 

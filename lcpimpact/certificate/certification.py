@@ -24,7 +24,7 @@ RESIDUAL_FACTOR = 1e3
 """Violation of a law, in its own unit, per unit of the residual to which the LCPs are solved."""
 
 GROWTH = 0.2
-"""Fraction of its largest stored energy by which the energy of a run may grow beyond it without a supply."""
+"""Growth of energy without a supply, relative to the largest stored energy without it, that a run may have."""
 
 PASSED = 0.005
 """Fraction of the work of forces of any kind that errors of convergent steps may add up to in a long run."""
@@ -68,10 +68,10 @@ class Certificate:
         Largest stored energy of the run in J, for comparison.
     energy_growth : float
         Largest growth in J of the stored energy over that at t = 0, beyond what loads and prescribed motions supplied and
-        impacts gained. It is computed if the energy is out of balance by a sixth of the energy scale, if the law of impact
-        is not that of the step, or under forces of any kind, whose balance may close by what one instant of a step says;
-        it is zero otherwise, and for driven systems if the method takes several steps between two instants of the record,
-        as with rtol. An explicit method is unstable on springs and contacts that are too stiff for its steps.
+        impacts gained. It is computed if the energy is out of balance by a sixth of the energy scale, for methods whose
+        steps do not impose the law of impact, and under forces of any kind, whose balance may close by what one instant of
+        a step says; it is zero otherwise, and for driven systems if the method takes several steps between two instants of
+        the record, as with rtol. An explicit method is unstable on springs and contacts that are too stiff for its steps.
     tension : float
         Largest violation of the bounds of a reaction in N: -r, -P/h for an impulse in a step, or |r| - r0 of a slider.
     impact_law : float
@@ -141,7 +141,7 @@ class Certificate:
         if not np.isfinite(self.limits[name]):
             return f"the run cannot be judged by its {name.replace('_', ' ')}, which overflows: take other units"
         sentence, of = SENTENCES[name]
-        value = f"{getattr(self, name):.3g} {unit(of) if of else ''}".rstrip()
+        value = f"{getattr(self, name):.3g} {unit(of)}".rstrip()
         return f"{sentence.format(value)}, where {self.limits[name]:.2g} is allowed"
 
     @property
@@ -200,7 +200,7 @@ def certify(
             found["motion"] = larger_violation(found["motion"], _missed_motion(d, record, limits))
         gained = impact_gain(d, record, events, integrator, limits.precision) if d.stores_energy else ImpactGain()
         unseen, known = bool(d.force_laws) and every_step, every_step or not _driven(d)
-        # The work of impulses hides what an impact gains, where the law of impact is not that of the step.
+        # Where steps do not impose the law of impact, what an impact gains is balanced by the work of its impulse.
         unsure = (θ is None and dense is None) or (1.0 + GROWTH) * energies[0] > GROWTH * energies[1]
         if d.stores_energy and (unseen or (known and unsure)):
             spread = 1 if integrator is None else integrator.impact_steps

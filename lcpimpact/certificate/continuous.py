@@ -113,7 +113,7 @@ def judge_continuous(
     """Judge a continuous solution, piece by piece between its cuts and events."""
     run = SampledMotion.of(d, start, float(record.t[-1]), dense, events)
     h = np.where(run.resolved, run.pieces.lengths, 0.0)
-    q, v = (np.concatenate(each) for each in zip((run.q, run.v), run.left[:2], strict=True))
+    q, v = (np.concatenate(each) for each in zip((run.q, run.v), run.left, strict=True))
     scales = Scales.of(d, q, v, run.r, run.f).at_least(float(h.max(initial=0.0)))
     elapsed = SUM_RTOL * np.cumsum(np.append(0.0, h))
     error_p, error_q = (

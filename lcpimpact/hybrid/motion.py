@@ -402,23 +402,20 @@ def _resolved(motion: HybridMotion, t: DoubleDouble, X: DoubleDouble) -> tuple[i
         u, U = _opening(motion, segment.mode, segment.state)
         return U, system.meets & (u > 0.0) & (u < GAP_RESOLUTION * size)
 
-    if not segments:
-        return None
     _, unknown = opening(segments[-1])
     u, U = _opening(motion, segments[-1].mode, X)
     landing = (u <= 0.0) & system.meets & ~still(system, segments[-1].mode).u
     if landing.sum() < 2 or not (U[landing] < 0.0).any():
         return None
+    near = segments[-1].t0 >= float(t.hi) * (1.0 - COLLAPSE_RTOL)
     if not (landing & unknown).any():
         # What forces alone have opened since is ahead of what lands, however small its gap.
-        near = segments[-1].t0 >= float(t.hi) * (1.0 - COLLAPSE_RTOL)
         return (len(segments) - 1, True) if near and (U[landing] > 0.0).any() else None
     first, speed = len(segments) - 1, np.abs(U[landing]).max()
     while unknown.any():
         before = segments[first - 1]
         bends = np.abs((system.fine.O @ before.state).hi[landing]) * float((t - before.start).hi)
         if first - 1 < motion.collapsed or (bends > DEFLECTION_RTOL * speed).any():
-            near = segments[-1].t0 >= float(t.hi) * (1.0 - COLLAPSE_RTOL)
             return (first, False) if near else None
         first -= 1
         U, unknown = opening(segments[first])
@@ -456,11 +453,11 @@ def _collapse(motion: HybridMotion, t: DoubleDouble, rest: float) -> tuple[Doubl
             return now, X, Still(held.u & ~rows | rests, held.U | rests, held.closed & ~rows | rests)
         meets = flights == δ
         flow, _ = system.mode(mode)
-        parted = (u == 0.0) & ~held.u & ((U > 0.0) | (U == 0.0) & (_accelerations(motion, flow, X) > 0.0))
+        opens = (u == 0.0) & ~held.u & ((U > 0.0) | (U == 0.0) & (_accelerations(motion, flow, X) > 0.0))
         now, X = now + δ, flow.move(X, δ)
         u = np.where(meets, 0.0, np.maximum(u + U * δ, 0.0))
         e = np.where(-slow <= U, 0.0, system.restitution)
-        touches = rows & (u == 0.0) & ~parted
+        touches = rows & (u == 0.0) & ~opens
         after, P, held = impact(system, X, motion.scale, motion.solver, e, held, FINE_ZERO, touches)
         left, t0 = state_of(system, mode, X), float(now.hi)
         mode = replace(mode, closed=tuple(i for i in mode.closed if held.U[i] or not rows[i]))

@@ -152,7 +152,8 @@ class Problem:
         sizes = np.abs(q)
         # The rounding of a cos(φ) is relative to a: a table that moves by a sin(ω t) starts 1e-17 m off zero.
         for i, motion in d.motions.items():
-            sizes[i] = max(sizes[i], abs(motion.amplitude)) if isinstance(motion, Harmonic) else sizes[i]
+            if isinstance(motion, Harmonic):
+                sizes[i] = max(sizes[i], abs(motion.amplitude))
         gaps, terms = d.gap(q), np.abs(d.H) @ sizes + np.abs(d.u0)
         openings = d.gap_paths @ gaps
         # Final positions of another run may penetrate by rounding.

@@ -19,6 +19,7 @@ from lcpimpact.errors import InputError, Status
 from lcpimpact.memory import check_memory
 from lcpimpact.problems.base import Problem
 from lcpimpact.registry import import_extra
+from lcpimpact.run_files import unit_attribute
 from lcpimpact.scheme.scheme import Scheme
 from lcpimpact.simulation import describe
 from lcpimpact.sweeps.job import Job, Sets
@@ -159,7 +160,7 @@ def _opened(store: Store, root: Any, chunk: tuple[int, ...], resumed: bool = Fal
 def _variables(job: Job, plan: Plan) -> dict[str, Variable]:
     found = {}
     for each in job.quantities():
-        attributes = {"units": each.unit} if each.unit else {}
+        attributes = unit_attribute(each.unit)
         series = ((each.series,), (len(job.times(each.series)),)) if each.series else ((), ())
         found[each.name] = Variable((*plan.dims, *series[0]), (*plan.shape, *series[1]), np.float64, np.nan, attributes)
     meanings = {
@@ -173,15 +174,11 @@ def _variables(job: Job, plan: Plan) -> dict[str, Variable]:
 
 def _coordinates(job: Job, plan: Plan) -> dict[str, tuple[str, Array, dict[str, str]]]:
     found = {
-        name: (
-            plan.dims[0] if plan.listed else name,
-            values,
-            {"units": unit} if (unit := _unit(name, job.problem)) else {},
-        )
+        name: (plan.dims[0] if plan.listed else name, values, unit_attribute(_unit(name, job.problem)))
         for name, values in plan.axes.items()
     }
     for dimension in {each.series for each in job.quantities() if each.series}:
-        found[dimension] = (dimension, job.times(dimension), {"units": job.problem.unit("t")})
+        found[dimension] = (dimension, job.times(dimension), unit_attribute(job.problem.unit("t")))
     return found
 
 

@@ -645,7 +645,7 @@ import json, lcpimpact as li
 bits = []
 for problem, t_end in (("two-balls-spring", 0.5), ("hunt-crossley-impact", 4e-5)):
     for name in {NAMES!r}:
-        run = li.simulate(li.load_problem(problem), name, dt=t_end / 60, t_end=t_end, throw=False)
+        run = li.simulate(li.load_problem(problem), name, dt=t_end / 80, t_end=t_end)
         bits += [run.q.tobytes().hex(), run.v.tobytes().hex(), run.reaction.tobytes().hex()]
 print(json.dumps(bits))
 """

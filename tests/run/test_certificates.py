@@ -361,7 +361,7 @@ COLLAPSES = {"inelastic-collapse": {"heun", "ssprk3", "bs23", "rk4", "dopri5"}}
 UNSTABLE = {"bouncing-bar": {"heun"}, "two-ball-drop": {"schatzman-paoli"}}
 """Problems too fast for 400 steps of these methods, which make energy: Heun's method throws a bar of 1 m over hundreds.
 
-Two balls that land 1 ms apart rebound by the scheme of Schatzman and Paoli at 1.3 times their speed.
+Two balls that land 1 ms apart rebound by the scheme of Schatzman and Paoli at 1.5 times their speed.
 """
 
 

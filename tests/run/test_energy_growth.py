@@ -76,7 +76,7 @@ def test_two_balls_do_not_rebound_faster_than_they_fell(n):
 
 @pytest.mark.parametrize("method", ["moreau-jean", "rk4", "event-driven", "newmark-ns"])
 def test_the_force_of_a_contact_far_away_hides_no_error(method):
-    """At |q| the spring of the contact would have 6e17 N. The velocity changes by 0.1 % in the air, where nothing acts."""
+    """At |q| the spring of the contact would have 5e17 N. The velocity changes by 0.1 % in the air, where nothing acts."""
     problem = Problem("sphere", SPHERE.scheme, q0={"x": -1e5}, v0={"x": 1.0})
     run = simulate(problem, method, dt=1e-2, t_end=1.0)
     v = run.v.copy()
