@@ -45,7 +45,7 @@ from lcpimpact.integrators.newmark_ns import NewmarkNS
 from lcpimpact.integrators.stepping.banded_table import DENSE
 from lcpimpact.integrators.stepping.stencil import solve_banded
 from lcpimpact.record import Grid, Record
-from lcpimpact.trajectory import whole_file
+from lcpimpact.files import whole_file
 
 T = TypeVar("T")
 Samples = defaultdict[str, list[float]]
