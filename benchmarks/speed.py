@@ -39,13 +39,13 @@ from lcpimpact import Problem, Trajectory, load_problem, simulate
 from lcpimpact.arrays import Array
 from lcpimpact.certificate import certify
 from lcpimpact.events import events_of_steps
+from lcpimpact.files import whole_file
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.integrators.moreau_jean import MoreauJean
 from lcpimpact.integrators.newmark_ns import NewmarkNS
 from lcpimpact.integrators.stepping.banded_table import DENSE
 from lcpimpact.integrators.stepping.stencil import solve_banded
 from lcpimpact.record import Grid, Record
-from lcpimpact.files import whole_file
 
 T = TypeVar("T")
 Samples = defaultdict[str, list[float]]
