@@ -24,6 +24,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 from scipy.integrate import solve_ivp
+from tiny import add_tiny
 
 from lcpimpact import bifurcation, load_problem, simulate
 from lcpimpact.arrays import Array
@@ -122,7 +123,7 @@ def systems_table(repeats: int) -> tuple[Table, bool]:
     return drawn, same
 
 
-def others_table(repeats: int, values: int) -> Table:
+def others_table(repeats: int, values: int, elements: int) -> Table:
     """Return the table of impacts, the bifurcation diagram and the bars."""
     drawn = Table("what", "median")
     ball = load_problem("bouncing-ball")
@@ -138,15 +139,15 @@ def others_table(repeats: int, values: int) -> Table:
         call = partial(bifurcation, shaw_holmes, over, "impact", workers=workers, progress=False)
         drawn.add_row(f"bifurcation, {values} values, 250 impacts, {workers} threads, s", f"{seconds(call):.2f}")
     for name in BARS:
-        bar = load_problem(name, elements=100)
+        bar = load_problem(name, elements=elements)
         motion(load_problem(name, elements=10), bar.t_end)
         drawn.add_row(
-            f"{name} of 100 elements, motion, s",
+            f"{name} of {elements} elements, motion, s",
             f"{seconds(lambda bar=bar: motion(bar, bar.t_end), time.thread_time):.2f}",
         )
-        bar = load_problem(name, elements=100)
+        bar = load_problem(name, elements=elements)
         call = partial(simulate, bar, "exact", dt=bar.t_end / 500)
-        drawn.add_row(f"{name} of 100 elements, through simulate, s", f"{seconds(call, time.thread_time):.2f}")
+        drawn.add_row(f"{name} of {elements} elements, through simulate, s", f"{seconds(call, time.thread_time):.2f}")
     return drawn
 
 
@@ -155,11 +156,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--repeats", type=int, default=9)
     parser.add_argument("--values", type=int, default=200)
+    parser.add_argument("--elements", type=int, default=100, help="of the bars")
+    add_tiny(parser, repeats=1, values=2, elements=10)
     options = parser.parse_args()
     table, same = systems_table(options.repeats)
     console = Console()
     console.print(table)
-    console.print(others_table(options.repeats, options.values))
+    console.print(others_table(options.repeats, options.values, options.elements))
     return 0 if same else 1
 
 

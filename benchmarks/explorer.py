@@ -28,6 +28,7 @@ import numpy as np
 from chromium import Page, opened
 from rich.console import Console
 from rich.table import Table
+from tiny import add_tiny
 
 from lcpimpact import (
     KelvinVoigt,
@@ -140,6 +141,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--moves", type=int, default=30, help="moves of the slider for each method")
     parser.add_argument("--exact", type=int, metavar="SETS", help="compare the exact motion instead")
+    add_tiny(parser, moves=1)
     given = parser.parse_args()
     if given.exact:
         exactness(given.exact)

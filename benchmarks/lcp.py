@@ -13,6 +13,8 @@ from __future__ import annotations
 
 import os
 
+from tiny import add_tiny
+
 # Before NumPy is loaded: one thread for everyone.
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
 
@@ -521,6 +523,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--goals", choices=("yes", "no", "only"), default="yes", help="whether to measure the goals")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, help="write the figures to a .csv file")
+    add_tiny(parser, classes=list(FAMILIES)[:2], sizes=["4"], instances=1, budget=1e-3, goals="no")
     parser.add_argument("--plot", type=Path, help="draw the performance profile: .svg, .png or .pdf")
     options = parser.parse_args()
     unknown = [name for name in options.classes if name not in FAMILIES]

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
+from tiny import add_tiny
 
 from lcpimpact.arrays import Array
 from lcpimpact.errors import UnsupportedError
@@ -77,6 +78,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sizes", default="100,316")
     parser.add_argument("--solvers", default="auto,nncg,psor,qp:osqp,qp:clarabel")
+    add_tiny(parser, sizes="5")
     options = parser.parse_args()
     small = Sparse(lattice(4), ["psd"])
     for name in options.solvers.split(","):

@@ -28,6 +28,7 @@ import numba
 import numpy as np
 from scipy.sparse import block_array
 from scipy.sparse.linalg import splu
+from tiny import add_tiny
 
 from lcpimpact import Chain, Harmonic, Lattice, Loads, PrescribedMotion, Problem, SparseScheme, Status, simulate
 from lcpimpact.arrays import Array
@@ -111,13 +112,13 @@ def siconos(n: int, steps: int) -> float | None:
         return None
 
 
-def columns(most: int, repeats: int) -> dict[int, float]:
+def columns(most: int, beads: int, repeats: int) -> dict[int, float]:
     """Print the cost of columns, and return the seconds of a step of those at rest."""
     found = {}
     print("column      beads   at rest: ns a bead   falling: ns a bead   shaken: ns a bead   paid once: ms")
     n = 100
     while n <= most:
-        steps = max(10, 1_000_000 // n)
+        steps = max(10, beads // n)
         rest, once = step_cost(column(n, 0.0), steps, repeats)
         falling, _ = step_cost(column(n, 1e-3), steps, repeats)
         found[n] = rest
@@ -194,8 +195,10 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--most", type=int, default=1_000_000)
     parser.add_argument("--discs", type=int, default=316)
+    parser.add_argument("--bead-steps", type=int, default=1_000_000, help="beads times steps of each column")
+    add_tiny(parser, repeats=1, most=1000, discs=4, bead_steps=1000)
     given = parser.parse_args()
-    found = columns(given.most, given.repeats)
+    found = columns(given.most, given.bead_steps, given.repeats)
     one_thousand(found[1000], given.repeats)
     discs(given.discs, given.repeats)
     lattice(given.discs, given.repeats)

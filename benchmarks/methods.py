@@ -23,6 +23,7 @@ from statistics import median
 from rich.console import Console
 from rich.table import Table
 from scipy.integrate import solve_ivp
+from tiny import add_tiny
 
 import lcpimpact as li
 from lcpimpact.files import whole_file
@@ -122,6 +123,7 @@ def runnable(problem: li.Problem) -> list[str]:
 def siconos(steps: int) -> list[dict[str, object]]:
     """Return the rows of Siconos, or one that says why there is none."""
     if not DEBIAN_PYTHON.exists():
+        print(f"skipped: Siconos, as there is no {DEBIAN_PYTHON}")
         return []
     data = {
         "steps": min(steps, 20_000),
@@ -130,6 +132,7 @@ def siconos(steps: int) -> list[dict[str, object]]:
     }
     done = subprocess.run([DEBIAN_PYTHON, PEER, json.dumps(data)], capture_output=True, text=True, timeout=300)
     if done.returncode != 0:
+        print(f"skipped: Siconos: {(done.stderr.strip().splitlines() or ['no reason given'])[-1]}")
         return []
     return [dict(row) for row in json.loads(done.stdout.splitlines()[-1])]
 
@@ -217,6 +220,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=20_000)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--out", type=Path)
+    add_tiny(parser, steps=200, repeats=1)
     chosen = parser.parse_args()
     rows = costs(chosen.steps, chosen.repeats) + siconos(chosen.steps)
     show("µs a step, with record and certificate", rows, "µs a step")

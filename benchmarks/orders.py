@@ -16,6 +16,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
+from tiny import add_tiny
 
 import lcpimpact as li
 from lcpimpact.study.accuracy.convergence import steps_clear_of
@@ -24,7 +25,7 @@ from lcpimpact.study.accuracy.orders import fit
 
 METHODS = "moreau-jean,moreau-midpoint,newmark-ns,stormer-verlet-ns"
 
-COUNTS = np.geomspace(211, 40_000, 20)
+COARSEST, FINEST = 211, 40_000
 
 RANGES = ((200, 2_600), (2_600, 11_000), (9_000, 41_000), (200, 41_000))
 
@@ -77,6 +78,9 @@ def main() -> None:
     parser.add_argument("--problems", type=int, default=23)
     parser.add_argument("--methods", default=METHODS)
     parser.add_argument("--out")
+    parser.add_argument("--counts", type=int, default=20, help="step counts of each problem")
+    parser.add_argument("--finest", type=int, default=FINEST, help="largest step count")
+    add_tiny(parser, problems=1, methods="moreau-jean", counts=4, finest=1000)
     given = parser.parse_args()
     rows = []
     for problem, truth in truths(given.problems):
@@ -87,7 +91,8 @@ def main() -> None:
             "rests": kinds.count("close"),
         }
         print(problem.name, told, flush=True)
-        counts = sorted({steps_clear_of(events, T_END, T_END / n) for n in COUNTS})
+        wanted = np.geomspace(COARSEST, given.finest, given.counts)
+        counts = sorted({steps_clear_of(events, T_END, T_END / n) for n in wanted})
         for method in given.methods.split(","):
             for n in counts:
                 run = li.simulate(problem, method, dt=T_END / n, t_end=T_END, progress=False)
@@ -103,6 +108,8 @@ def summarize(table: pd.DataFrame) -> None:
     found = []
     for (method, resting), runs in table.groupby(["method", table["rests"] > 0], sort=False):
         for low, high in RANGES:
+            if low >= runs["n"].max():
+                continue
             fits = [
                 fit(list(T_END / part["n"]), list(part["error"]))
                 for _, part in runs[(runs["n"] > low) & (runs["n"] < high)].groupby("problem")

@@ -29,6 +29,7 @@ import pandas as pd
 from others_page import page
 from others_problems import CASES, Case, Motion
 from table import conditions
+from tiny import add_tiny
 
 from lcpimpact.files import whole_file
 
@@ -123,6 +124,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0] if __doc__ else "")
     parser.add_argument("--only", help="a problem or a contestant: " + ", ".join([*CASES, *CONTESTANTS]))
     parser.add_argument("--out", type=Path, help="the CSV file")
+    add_tiny(parser, only="filippov")
     chosen = parser.parse_args()
     if chosen.only is not None and chosen.only not in {*CASES, *CONTESTANTS}:
         parser.error(

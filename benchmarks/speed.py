@@ -34,6 +34,7 @@ from typing import Any, TypeVar
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from tiny import add_tiny
 
 from lcpimpact import Problem, Trajectory, load_problem, simulate
 from lcpimpact.arrays import Array
@@ -260,30 +261,28 @@ def parts_of_simulate(problem: Problem, integrator: Integrator, grid: Grid) -> d
     return {"time grids": times, "advance": fresh, "advance again": again, "events": listing, "certificate": judging}
 
 
-def measure_parts(repeats: int) -> list[dict[str, Any]]:
+def measure_parts(repeats: int, steps: int) -> list[dict[str, Any]]:
     """Return kernel and certificate in ns a step of each of `PARTS`, the least of the turns."""
     found: dict[tuple[str, str], Samples] = {}
     for turn in range(repeats + 1):
         for name, integrator, t_end in PARTS:
-            parts = parts_of_simulate(load_problem(name), integrator, Grid(t_end, PART_STEPS))
+            parts = parts_of_simulate(load_problem(name), integrator, Grid(t_end, steps))
             for part in ("advance again", "certificate") if turn > 0 else ():
-                found.setdefault((name, integrator.name), defaultdict(list))[part].append(
-                    1e9 * parts[part] / PART_STEPS
-                )
+                found.setdefault((name, integrator.name), defaultdict(list))[part].append(1e9 * parts[part] / steps)
     return [
         {"problem": name, "method": method, **{part: min(values) for part, values in samples.items()}}
         for (name, method), samples in found.items()
     ]
 
 
-def measure_bars(repeats: int) -> list[dict[str, Any]]:
+def measure_bars(repeats: int, steps: int) -> list[dict[str, Any]]:
     """Return what steps of the bars cost, in ns a node, medians of processor time."""
-    return [{"problem": name} | bar_costs(load_problem(name), repeats) for name in BARS]
+    return [{"problem": name} | bar_costs(load_problem(name), repeats, steps) for name in BARS]
 
 
-def bar_costs(problem: Problem, repeats: int) -> dict[str, float]:
+def bar_costs(problem: Problem, repeats: int, count: int) -> dict[str, float]:
     """Return the kernel with banded equations and the LCP of the last basis, without each, and two sweeps alone."""
-    d, grid, integrator = problem.dynamics, Grid(problem.t_end, BAR_STEPS), MoreauJean()
+    d, grid, integrator = problem.dynamics, Grid(problem.t_end, count), MoreauJean()
     n, nc, samples = len(d.nodes), len(d.contacts), defaultdict[str, list[float]](list)
     step = integrator.prepare(d, grid.h, "auto")
     steps = {"banded": step, "dense": replace(step, banded=DENSE, keeps=False)}
@@ -291,23 +290,23 @@ def bar_costs(problem: Problem, repeats: int) -> dict[str, float]:
     for _ in range(repeats):
         for name, each in steps.items():
             record = Record(
-                grid.times(0, BAR_STEPS),
-                *np.zeros((2, BAR_STEPS + 1, n)),
+                grid.times(0, count),
+                *np.zeros((2, count + 1, n)),
                 integrator.reaction_times(grid),
-                np.zeros((BAR_STEPS, nc)),
+                np.zeros((count, nc)),
             )
             carry = replace(integrator.start(problem, grid, "auto", record), steps={0: each})
             began = time.process_time()
-            integrator.advance(carry, record, 0, BAR_STEPS)
+            integrator.advance(carry, record, 0, count)
             samples[name].append(time.process_time() - began)
         began = time.process_time()
         simulate(problem, dt=grid.h, t_end=problem.t_end)
         samples["simulate"].append(time.process_time() - began)
         began = time.process_time()
-        for _ in range(BAR_STEPS):
+        for _ in range(count):
             solve_banded(step.banded.factors[0], right)
         samples["sweeps"].append(time.process_time() - began)
-    return {name: 1e9 * median(values) / (BAR_STEPS * n) for name, values in samples.items()}
+    return {name: 1e9 * median(values) / (count * n) for name, values in samples.items()}
 
 
 def measure_imports(repeats: int) -> Samples:
@@ -469,6 +468,12 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--steps", type=int, default=1_000_000, help="steps of simulate and of the C loop")
     parser.add_argument("--repeats", type=int, default=7, help="turns of each contestant")
     parser.add_argument("--out", type=Path, help="write the figures to a .json or .csv file")
+    parser.add_argument("--imports", type=int, default=IMPORTS, help="imports in fresh interpreters")
+    parser.add_argument(
+        "--part-steps", type=int, default=PART_STEPS, help="steps of the kernel and the certificate alone"
+    )
+    parser.add_argument("--bar-steps", type=int, default=BAR_STEPS, help="steps of the bars")
+    add_tiny(parser, steps=200, repeats=1, imports=1, part_steps=200, bar_steps=200)
     options = parser.parse_args()
     if options.steps < 1 or options.repeats < 1:
         parser.error("--steps and --repeats must be at least 1")
@@ -487,11 +492,11 @@ def main() -> int:
         folder = Path(name)
         loop = tried(lambda: c_loop(problem, folder))
         samples, answer = measure_steps(problem, options.steps, options.repeats, loop)
-        imports = measure_imports(IMPORTS)
+        imports = measure_imports(options.imports)
         first = first_calls(folder / "cache")
         checks = agreements(problem, options.steps, loop, answer)
-        methods = measure_parts(options.repeats)
-        bars = measure_bars(options.repeats)
+        methods = measure_parts(options.repeats, options.part_steps)
+        bars = measure_bars(options.repeats, options.bar_steps)
 
     rows = step_rows(samples, options.steps, loop, answer) + process_rows(imports, first)
     parts = breakdown(samples, options.steps)

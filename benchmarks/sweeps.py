@@ -28,6 +28,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 from speed import MissingError, compiled_library, parameters
+from tiny import add_tiny
 
 from lcpimpact import Samples, load_problem, simulate, sweep
 from lcpimpact.arrays import Array
@@ -160,14 +161,16 @@ def main() -> int:
     parser.add_argument("--steps", type=int, default=1_000)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--cluster", action="store_true", help="measure a LocalCluster of dask instead")
+    parser.add_argument("--square", type=int, default=50, help="sets on each side of the small sweep")
+    add_tiny(parser, sets=128, steps=100, repeats=1, square=4)
     options = parser.parse_args()
     if options.cluster:
         Console().print(cluster_table(options.repeats))
         return 0
-    given, small = samples(options.sets // LANES[-1] * LANES[-1]), samples(2500)
+    given, small = samples(options.sets // LANES[-1] * LANES[-1]), samples(options.square**2)
     contestants: dict[str, tuple[Callable[[], Array], int, int]] = {
         "sweep": (lambda: swept(given, options.steps), len(given), options.steps),
-        "sweep of 50 x 50": (lambda: swept(small, 3000), len(small), 3000),
+        f"sweep of {options.square} x {options.square}": (lambda: swept(small, 3000), len(small), 3000),
         "loop over simulate": (lambda: looped(given, options.steps), min(ALONE, len(given)), options.steps),
     }
     with tempfile.TemporaryDirectory() as name:
@@ -198,7 +201,7 @@ def main() -> int:
         drawn.add_row(each, f"{median(took[each]):.4g}", f"{sets:,}", f"{steps:,}", f"{per_step[each]:.3g}", ratio)
     console = Console(width=None if sys.stdout.isatty() else 130)
     console.print(drawn)
-    console.print(methods_table(100_000, options.steps))
+    console.print(methods_table(min(100_000, options.sets), options.steps))
     same = bool((found["loop over simulate"] == found["sweep"][: len(found["loop over simulate"])]).all())
     print(f"sweep and simulate: {'the same bits' if same else 'NOT the same bits'}")
     agree = True

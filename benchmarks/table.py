@@ -31,6 +31,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from tiny import add_tiny
 
 import lcpimpact as li
 from lcpimpact.files import whole_file
@@ -342,6 +343,7 @@ def main() -> int:
     parser.add_argument("--methods", default=",".join(METHODS))
     parser.add_argument("--csv", type=Path, default=CSV)
     parser.add_argument("--page", type=Path, default=PAGE)
+    add_tiny(parser, problems="bouncing-ball", methods="exact", workers=1, csv=None, page=None)
     chosen = parser.parse_args()
     began = time.perf_counter()
     titles = [each.replace(";", ",") for each in chosen.problems.split(",")]
@@ -350,8 +352,9 @@ def main() -> int:
         conditions(time.perf_counter() - began, chosen.workers) + "\n" + table.to_csv(index=False, float_format="%.4g")
     )
     for path, content in ((chosen.csv, text), (chosen.page, page(text))):
-        with whole_file(path) as part:
-            part.write_text(content, encoding="utf-8")
+        if path is not None:
+            with whole_file(path) as part:
+                part.write_text(content, encoding="utf-8")
     off = table[table["verdict"] == "off"]
     for row in off.itertuples():
         print(f"off: {row.method} on {row.problem}: {row.order:.2f} ± {row.scatter:.2f}, declared {row.declared:g}")

@@ -140,15 +140,21 @@ class ContinuousSolution:
 
     Attributes
     ----------
-    read : callable         read(t, side) -> q, v, reaction at the sorted times t (nt,), on one side of the events
+    solution : callable     solution(t, side) -> q, v, reaction at the sorted times t (nt,), on one side of the events
     cuts : (nk,) array      times from 0 to the end between which the solution is smooth and resolved
     resolved : (nk - 1,) array of bool, optional
         Whether it is resolved between two cuts, if not between all, as with too many oscillations.
     """
 
-    read: Callable[[Array, str], tuple[Array, Array, Array]]
+    solution: Callable[[Array, str], tuple[Array, Array, Array]]
     cuts: Array
     resolved: Flags | None = None
+
+    def read(self, t: Array, side: str = "right") -> tuple[Array, Array, Array]:
+        """Return q (nt, n), v (nt, n) and the reactions (nt, nc) at the sorted times t (nt,), on one side of the events."""
+        return self.solution(
+            np.require(t, np.float64, ["C", "W"]), side
+        )  # compiled code takes no array that is read-only
 
     def resolves(self, cuts: Array) -> Flags:
         """Return whether the solution is resolved between other, finer cuts (nk - 1,)."""

@@ -67,6 +67,15 @@ def column(header, rows, name):
 # ---- series ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("method", ["exact", "event-driven", "radau-fesd"])
+def test_the_continuous_solution_is_read_at_the_recorded_instants(method):
+    run = simulate(load_problem("bouncing-ball"), method, dt=0.1, t_end=1.0)
+    assert run.dense is not None
+    assert not run.t.flags.writeable
+    np.testing.assert_array_equal(run.dense.read(run.t)[0], run.dense.read(run.t, "right")[0])
+    np.testing.assert_allclose(run.dense.read(run.t)[0], run.q, atol=1e-14)
+
+
 def test_shapes_and_the_grid(theta):
     assert theta.t.shape == (51,)
     np.testing.assert_array_equal(theta.t, np.arange(51) * 0.5 / 50)

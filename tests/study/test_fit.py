@@ -20,6 +20,7 @@ from lcpimpact import (
     Scheme,
     Spring,
     Target,
+    UnsupportedError,
     fit,
     load_problem,
     read_scheme_file,
@@ -174,6 +175,14 @@ def test_a_coarse_time_stepping_method_may_run_the_fit():
     found = fit(start(), ["k", "c"], noisy(0, noise=0.0), method="moreau-jean", dt=1e-3)
     assert found.values == pytest.approx({"k": K, "c": C}, rel=2e-2)
     assert found.run.method.startswith("moreau-jean")
+
+
+def test_a_method_that_does_not_locate_impacts_is_refused_where_a_body_strikes():
+    ball = load_problem("bouncing-ball")
+    data = pd.DataFrame({"t": np.linspace(0.0, 1.0, 21), "x": np.linspace(0.0, 1.0, 21)})
+    with pytest.raises(UnsupportedError, match="a body strikes at t = 0.45") as raised:
+        fit(ball, ["g"], data, method="moreau-jean", dt=1e-2)
+    assert "exact" in str(raised.value)
 
 
 def test_random_starts_are_repeatable_and_the_best_is_kept():

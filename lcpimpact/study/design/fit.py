@@ -35,7 +35,7 @@ from scipy.stats import t as student
 
 from lcpimpact.arguments import check_fields, checked
 from lcpimpact.arrays import Array
-from lcpimpact.errors import FailureError, InputError
+from lcpimpact.errors import FailureError, InputError, UnsupportedError
 from lcpimpact.integrators.base import Integrator
 from lcpimpact.numbers import count, finite, is_real, positive
 from lcpimpact.problems.base import Problem
@@ -224,7 +224,8 @@ def fit(
     loss : {"linear", "soft_l1", "huber", "cauchy", "arctan"}
         Robust losses reduce the weight of residuals above the median; intervals are then approximate.
     method, dt, t_end, lcp_solver, **method_options
-        Arguments of the simulation; by default ``exact`` to the end of the data. Coarse ``moreau-jean`` steps are faster.
+        Arguments of the simulation; by default ``exact`` to the end of the data. Coarse ``moreau-jean`` steps are faster,
+        and are refused where a body strikes: their derivatives converge to wrong numbers across impacts.
     starts : int
         Number of searches: the first from the start values, others from random ones, log-normal about them or uniform in
         the bounds.
@@ -245,7 +246,7 @@ def fit(
     InputError
         For invalid parameters, data or settings, each named; or if the run at the start values fails.
     UnsupportedError
-        If the method does not handle the problem.
+        If the method does not handle the problem, or if a body strikes and the method does not locate impacts.
 
     Notes
     -----
@@ -278,7 +279,15 @@ def fit(
     h = dt or end / (SAMPLES if math.isinf(integrator.declared.order_smooth) else STEPS)
 
     def run(problem: Problem) -> Trajectory:
-        return simulate(problem, integrator, dt=h, t_end=end, lcp_solver=lcp_solver, progress=False)
+        found = simulate(problem, integrator, dt=h, t_end=end, lcp_solver=lcp_solver, progress=False)
+        impacts = [event.t for event in found.events if event.kind == "impact"]
+        if impacts and integrator.declared.order_impact <= 1.0:
+            raise UnsupportedError(
+                f"fit: a body strikes at t = {impacts[0]:g} s, and derivatives of a run by {integrator.name} with respect to "
+                "a parameter converge to wrong numbers across impacts, since it does not locate them within its steps: "
+                "take method='exact', 'event-driven' or 'radau-fesd'"
+            )
+        return found
 
     weigh = sigma is None and measured.differ and sum(len(t) for _, t in measured.curves) > len(parameters.names)
     model = _Model(parameters, measured.without_known_targets() if weigh else measured, run)
