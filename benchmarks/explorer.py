@@ -25,7 +25,7 @@ from statistics import median
 from typing import Any
 
 import numpy as np
-from chromium import Page, opened
+from chromium import Page, chromium, opened
 from rich.console import Console
 from rich.table import Table
 from tiny import add_tiny
@@ -143,6 +143,9 @@ def main() -> int:
     parser.add_argument("--exact", type=int, metavar="SETS", help="compare the exact motion instead")
     add_tiny(parser, moves=1)
     given = parser.parse_args()
+    if chromium() is None:
+        print("skipped: Chromium is not installed (apt-get install chromium)")
+        return 0
     if given.exact:
         exactness(given.exact)
         return 0

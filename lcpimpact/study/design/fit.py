@@ -283,8 +283,8 @@ def fit(
         impacts = [event.t for event in found.events if event.kind == "impact"]
         if impacts and integrator.declared.order_impact <= 1.0:
             raise UnsupportedError(
-                f"fit: a body strikes at t = {impacts[0]:g} s, and derivatives of a run by {integrator.name} with respect to "
-                "a parameter converge to wrong numbers across impacts, since it does not locate them within its steps: "
+                f"fit: a body strikes at t = {impacts[0]:g} s, and derivatives of a run by {integrator.name} with respect "
+                "to a parameter converge to wrong numbers across impacts, since it does not locate them within its steps: "
                 "take method='exact', 'event-driven' or 'radau-fesd'"
             )
         return found
