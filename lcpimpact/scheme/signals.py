@@ -302,6 +302,26 @@ class Table(PiecewisePolynomial):
             slopes = np.divide(rises, steps, out=np.zeros_like(rises), where=steps > 0.0)
         return np.concatenate([[0.0], slopes, [0.0]])
 
+    @cached_property
+    def period(self) -> float | None:
+        """The shortest time in s after which the points come again, at least twice in the table; None without one."""
+        instants, first = np.unique(self._instants, return_index=True)
+        last = len(self.times) - 1 - np.unique(self._instants[::-1], return_index=True)[1]
+        values = np.array(self.values, dtype=np.float64)
+        after, before = values[last][:-1], values[first][1:]
+        pieces, extent = len(instants) - 1, instants[-1] - instants[0]
+        rounding = 4.0 * np.finfo(np.float64).eps * max(abs(instants[0]), abs(instants[-1]))
+        for each in range(1, pieces // 2 + 1):
+            T = extent * each / pieces
+            if (
+                pieces % each == 0
+                and (np.abs(instants[:-each] + T - instants[each:]) <= rounding).all()
+                and (after[:-each] == after[each:]).all()
+                and (before[:-each] == before[each:]).all()
+            ):
+                return float(T)
+        return None
+
     @property
     def degree(self) -> int:
         """One."""

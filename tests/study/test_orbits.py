@@ -465,3 +465,19 @@ def test_two_events_at_once_have_no_derivative():
 def test_a_search_that_fails_says_how_far_it_came():
     with pytest.raises(li.FailureError, match="no periodic orbit found from this state; after 1 steps"):
         li.periodic_orbit(oscillator(x0=-2.0), max_iter=1)
+
+
+@pytest.mark.parametrize(("E", "stable"), [(22.0, True), (24.4, True), (24.6, False)])
+def test_the_orbit_of_a_converter_is_found_through_the_jumps_of_its_sawtooth(E, stable):
+    problem = li.load_problem("buck-converter", E=E)
+    orbit = li.periodic_orbit(problem)
+    values = problem.parameters
+    assert pytest.approx(values["T"], rel=1e-15) == orbit.T
+    # Liouville: both modes have the trace -1/(R C), and a switch at a jump of the sawtooth shifts no instant
+    assert np.prod(orbit.floquet) == pytest.approx(math.exp(-values["T"] / (values["R"] * values["C"])), rel=1e-9)
+    assert orbit.stable == stable  # the period doubles at E = 24.52 V
+
+
+def test_a_table_that_ends_before_the_search_is_refused():
+    with pytest.raises(li.UnsupportedError, match="a table ends at"):
+        li.periodic_orbit(li.load_problem("buck-converter", periods=2))

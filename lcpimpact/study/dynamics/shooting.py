@@ -30,7 +30,7 @@ from lcpimpact.numbers import count, positive
 from lcpimpact.problems.base import Problem
 from lcpimpact.record import Event, State
 from lcpimpact.scheme.dynamics import Dynamics, Feature
-from lcpimpact.scheme.signals import Harmonic, Square
+from lcpimpact.scheme.signals import Harmonic, Square, Table
 from lcpimpact.study.dynamics.period import extents
 from lcpimpact.study.progress import Progress, watched
 from lcpimpact.study.result import Study
@@ -152,7 +152,7 @@ class PeriodicOrbit(Study):
         """How often the orbit repeats itself within T; 1 if T is the least period."""
         most = MAX_REPEATS
         if self.forced:
-            most = round(self.T / (force_period(self.problem.dynamics) or self.T))
+            most = round(self.T / (force_period(self.problem.dynamics, tables=True) or self.T))
         seen = self.sample(self.start + self.T * np.arange(RETURN_SAMPLES) / RETURN_SAMPLES)
         parts = [times for times in range(most, 1, -1) if not (self.forced and most % times)]
         later = self.sample(self.start + self.T / np.array([1, *parts]))
@@ -187,8 +187,10 @@ class PeriodicOrbit(Study):
         return State(q[back], v[back], r[back])
 
 
-def force_period(dynamics: Dynamics) -> float | None:
+def force_period(dynamics: Dynamics, tables: bool = False) -> float | None:
     """Return the common period of all loads and prescribed motions in s, None for an autonomous system.
+
+    A table that repeats its points has a period as far as it reaches: only where the caller allows for ``tables``.
 
     Raises
     ------
@@ -200,9 +202,12 @@ def force_period(dynamics: Dynamics) -> float | None:
     for signal in signals:
         if isinstance(signal, Harmonic | Square):
             ω.append(signal.omega)
+        elif tables and isinstance(signal, Table) and signal.period is not None:
+            ω.append(2.0 * math.pi / signal.period)
         elif callable(signal):
             raise UnsupportedError(
                 "a load or a motion is a function of time that tells no period: give it as Harmonic(...) or Square(...)"
+                + tables * ", or as a Table(...) that repeats its points"
             )
     if not ω:
         return None
@@ -289,7 +294,7 @@ def find_orbit(
     count("transient", transient, 0)
     count("max_iter", max_iter, 1)
     refuse_power_laws(problem)
-    force = force_period(problem.dynamics)
+    force = force_period(problem.dynamics, tables=True)
     if force is not None:
         if T is not None:
             raise InputError(f"T = {T!r}: the period of the force, {force:g} s, is known; give periods = ... instead")
@@ -298,12 +303,24 @@ def find_orbit(
         length = _guessed_period(problem) if T is None else T
         positive("T", length, "s")
     motion = begin_problem(problem, "exact", (transient + 3) * length, dynamics=dynamics)
+    _refuse_short_tables(problem, motion.end)
     follow_exactly(motion, problem, motion.end)
     start, X = away_from_events(motion, transient * length, (transient + 1) * length)
     if force is None:
         length = _closest_return(motion, start, X, length)
     guess = Guess(X, start, length, force is not None, motion.scale)
     return shoot(problem, motion.system, guess, max_iter, progress)
+
+
+def _refuse_short_tables(problem: Problem, end: float) -> None:
+    """Raise for a table that ends before the motion that is searched for its orbit."""
+    d = problem.dynamics
+    for signal in (*(load for _, load in d.loads), *d.motions.values()):
+        if isinstance(signal, Table) and signal.times[-1] < end * (1.0 - 1e-12):
+            raise UnsupportedError(
+                f"a table ends at {signal.times[-1]:g} s, and the search for the orbit takes the motion until {end:g} s: "
+                "repeat its points until then"
+            )
 
 
 def refuse_power_laws(problem: Problem) -> None:
