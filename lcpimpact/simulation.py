@@ -181,7 +181,7 @@ def _run_dense(problem: Problem, integrator: Integrator, grid: Grid, lcp_solver:
         status, why = _why_it_stopped(problem.dynamics, status, record, grid, events)
         message = f"{integrator.name} stopped after step {reached} (t = {record.t[-1]:g} s): {why}"
     elif certificate.holds:
-        message = status.sentence
+        message = " ".join([status.sentence, problem.note]).rstrip()
     else:
         status, remedy = Status.VIOLATED, _violation_remedy(integrator, problem.dynamics)
         message = f"{integrator.name}: {'; '.join(certificate.sentences(problem.own_unit))}. {remedy}"

@@ -32,6 +32,9 @@ ANGULAR = {"m": "rad", "m/s": "rad/s", "m/s^(1/2)": "rad/s^(1/2)", "N": "N m", "
 GIVEN_ZERO_RTOL = 8.0 * float(np.finfo(float).eps)
 """Tolerance for zero in an initial gap, whose data are floats, relative to its terms."""
 
+PUBLISHED_RTOL = 1e-5
+"""Largest initial penetration that is taken for rounding of published data, relative to the largest coordinate or gap."""
+
 
 class Deferred(Generic[T]):
     """A field of a problem given as its value, or as a function that returns it when it is first read."""
@@ -82,6 +85,9 @@ class Problem:
         The closed form of the motion: takes times (nt,) and returns q and v (nt, n), right limits.
     units : mapping of str to str
         Unit of each coordinate that is not in m: "rad" for an angle, "" in a dimensionless problem.
+    note : str
+        By how much q0 was changed: bumpers that start penetrated by less than 1e-5 of the largest coordinate or gap, as
+        where published data were rounded, are opened by the least change Σ Δq². Runs say so in their message.
 
     Raises
     ------
@@ -106,6 +112,7 @@ class Problem:
     facts: Deferred[tuple[Fact, ...]] = field(default=Deferred(()), compare=False, repr=False)
     motion: Callable[[Array], tuple[Array, Array]] | None = field(default=None, compare=False, repr=False)
     units: Mapping[str, str] = field(default_factory=dict)
+    note: str = field(default="", compare=False, repr=False)
 
     def __post_init__(self) -> None:
         if not is_name(self.name):
@@ -142,10 +149,34 @@ class Problem:
         if isinstance(self.scheme, SparseScheme):
             self._refuse_penetration_of_bumpers()
         elif self.dynamics.stores_energy:
+            self._open_touching_bumpers()
             self._refuse_penetration()
             self._refuse_open_joints()
         else:
             self._refuse_broken_equations()
+
+    def _open_touching_bumpers(self) -> None:
+        """Open bumpers that start penetrated by the rounding of published data: min |Δq|² with P (u + H Δq) >= 0."""
+        q, d = self.initial_coordinates, self.dynamics
+        openings = d.gap_paths @ d.gap(q)
+        size = max(np.abs(q).max(initial=0.0), np.abs(d.u0[d.unilateral]).max(initial=0.0))
+        deepest = -openings.min(initial=0.0)
+        if not GIVEN_ZERO_RTOL * size < deepest <= PUBLISHED_RTOL * size:
+            return
+        joints, free = d.H[d.joints], ~np.isin(np.arange(len(q)), list(d.motions))
+        rows = np.vstack([d.gap_paths @ d.H, joints, -joints]) * free
+        change = least_distance(rows, np.concatenate([-openings, np.zeros(2 * len(joints))]))
+        if change is None:
+            return
+        moved = dict(zip(d.nodes, (q + change).tolist(), strict=True))
+        object.__setattr__(self, "q0", self.q0 | {d.nodes[i]: moved[d.nodes[i]] for i in np.flatnonzero(change)})
+        object.__setattr__(
+            self,
+            "note",
+            f"The start was changed by at most {np.abs(change).max():.2g} in q0, as bumpers were penetrated by "
+            f"{deepest:.2g} {self.own_unit('m')}".rstrip()
+            + ".",
+        )
 
     def _refuse_penetration(self) -> None:
         q, d = self.initial_coordinates, self.dynamics
@@ -296,6 +327,22 @@ class Problem:
             driven = d.motion(0.0)[derivative]
             found |= dict(zip((d.nodes[i] for i in sorted(d.motions)), driven, strict=True))
         return np.array([*found.values()])
+
+
+def least_distance(A: Array, b: Array) -> Array | None:
+    """Return the shortest x (n,) with A x >= b, by non-negative least squares; None if there is none.
+
+    References
+    ----------
+    Lawson and Hanson, *Solving Least Squares Problems* (1974), chapter 23.
+    """
+    from scipy.optimize import nnls
+
+    scale = np.abs(b).max()
+    E = np.vstack([A.T, b / scale])
+    f = np.append(np.zeros(A.shape[1]), 1.0)
+    r = E @ nnls(E, f)[0] - f
+    return None if r[-1] >= -GIVEN_ZERO_RTOL else scale * r[:-1] / -r[-1]
 
 
 def build(name: str, builder: Callable[..., Problem], parameters: Mapping[str, Any]) -> Problem:
