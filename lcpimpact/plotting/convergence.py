@@ -21,7 +21,7 @@ from lcpimpact.errors import InputError
 from lcpimpact.plotting.style import GREY, LIGHT_GREY, PALETTE, Drawing, style
 from lcpimpact.plotting.timeline import axis_label, plain_text
 from lcpimpact.registry import nearest
-from lcpimpact.study.accuracy.convergence import COSTS, Convergence, WorkPrecision, observed_orders
+from lcpimpact.study.accuracy.convergence import COSTS, GRIDS, Convergence, WorkPrecision, observed_orders
 from lcpimpact.study.accuracy.fitted_order import stated
 from lcpimpact.study.accuracy.norms import NORMS
 
@@ -261,7 +261,7 @@ def _set_title(ax: Axes, study: Convergence, norm: str) -> None:
     ax.set_title(f"{plain_text(study.problem.name)}: {NORMS[norm].what}")
     if references:
         ax.annotate(
-            f"against {references}", (0.0, 0.0), (0.0, -35.0), xycoords="axes fraction", textcoords="offset points",
+            f"against {references}; {GRIDS}", (0.0, 0.0), (0.0, -35.0), xycoords="axes fraction", textcoords="offset points",
             fontsize=8.0, color=GREY, va="top",
         )  # fmt: skip
 

@@ -70,6 +70,9 @@ COUNTS = (
 )
 """Columns of counters."""
 
+GRIDS = "dt = t_end/n, n raised to a prime that keeps events off the grid"
+"""How steps are chosen, in words."""
+
 COSTS = ("steps", "lcp_solves", "lcp_iterations", "newton_iterations", "evaluations", "seconds")
 """Columns of the cost of a run."""
 
@@ -191,6 +194,7 @@ class Convergence(Study):
         return [
             f"{self.problem.name} to t = {end}, against {references}; orders limited by: {limit}",
             f"{self.norm}: {norm.what}" + (f", {unit}" if unit else ""),
+            GRIDS,
         ]
 
     def remarks(self) -> list[str]:
@@ -234,8 +238,9 @@ def observed_orders(study: Convergence, norm: str | None = None) -> pd.DataFrame
           minimum of the orders declared for those of smooth motion, kinks and jumps of the force, friction and impacts
           that occur in the reference
         - ``verdict``: "as declared" if the order is within 0.2 of the declared one in smooth motion and within 0.35 with
-          events, or if the errors of a method that is exact, or follows rtol, are small enough; else "off". "" if nothing
-          is declared; "rounding" if no order is observable; "failed" if no run has a result
+          events, or if the errors of a method that is exact, or follows rtol, are small enough; else "off". "too few steps
+          to tell" with events and fewer than six errors, or if two standard errors reach the band. "" if nothing is
+          declared; "rounding" if no order is observable; "failed" if no run has a result
 
     Examples
     --------

@@ -29,6 +29,10 @@ TOLERANCE_FACTOR = 1e3
 SMOOTH_BAND, EVENT_BAND = 0.2, 0.35
 """Maximum difference of the observed from the declared order, without and with events."""
 
+EVENT_POINTS = 6
+"""Minimum number of errors for a verdict with events: each depends on where in its step an event falls, and a line through
+few of them has by chance a small scatter and a wrong slope."""
+
 
 @dataclass(frozen=True)
 class Order:
@@ -122,7 +126,8 @@ def observe(
     if len(telling) >= 2 and telling["dt"].nunique() >= 2:
         found = fit(list(telling["dt"]), list(telling[norm]))
         row |= {"order": found.slope, "scatter": found.scatter, "standard_error": found.standard_error}
-    band = SMOOTH_BAND if limited_by == SMOOTH else EVENT_BAND
+    smooth = limited_by == SMOOTH
+    band = SMOOTH_BAND if smooth else EVENT_BAND
     if len(solved) == 0:
         verdict = "failed"
     elif math.isnan(declared):
@@ -134,5 +139,10 @@ def observe(
     elif math.isnan(row["order"]):
         verdict = "rounding"
     else:
-        verdict = "as declared" if abs(row["order"] - declared) <= band else "off"
+        off = abs(row["order"] - declared)
+        chance = 0.0 if smooth else 2.0 * row["standard_error"]
+        if (not smooth and len(telling) < EVENT_POINTS) or band < off <= band + chance:
+            verdict = "too few steps to tell"
+        else:
+            verdict = "as declared" if off <= band else "off"
     return row | {"verdict": verdict}
