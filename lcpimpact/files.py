@@ -192,6 +192,30 @@ def whole_files(*paths: Path) -> Iterator[tuple[Path, ...]]:
             _remove(parts)
 
 
+@contextmanager
+def new_folder(path: Path) -> Iterator[Path]:
+    """Yield a folder beside ``path``, which gets that name if the block succeeds and nothing has it.
+
+    Raises
+    ------
+    OSError
+        If it cannot be made; Ctrl-C and SIGTERM leave no temporary folder.
+    """
+    part = _name_beside(path)
+    with _sigterm_handler():
+        try:
+            part.mkdir()
+            yield part
+            try:
+                part.rename(path)
+            except OSError:
+                if not path.exists():
+                    raise
+                # another process was faster
+        finally:
+            _remove([part])
+
+
 @dataclass
 class _Batch:
     """Outputs to replace together: their paths, and the pairs of temporary file and target written so far."""
@@ -228,7 +252,7 @@ def atomic_outputs() -> Iterator[None]:
 
 
 _temporaries: set[Path] = set()
-"""Existing temporary files and backups of this process."""
+"""Existing temporary files, folders and backups of this process."""
 
 
 @contextmanager
@@ -269,8 +293,7 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 def remove_temporaries() -> None:
     """Remove the temporary files and backups of this process before it ends."""
-    for path in tuple(_temporaries):
-        path.unlink(missing_ok=True)
+    _remove(tuple(_temporaries))
 
 
 def _replace(parts: Sequence[Path], targets: Sequence[Path]) -> None:
@@ -319,7 +342,10 @@ def _name_beside(path: Path) -> Path:
 
 def _remove(parts: Iterable[Path]) -> None:
     for part in parts:
-        part.unlink(missing_ok=True)
+        if part.is_dir():
+            shutil.rmtree(part, ignore_errors=True)
+        else:
+            part.unlink(missing_ok=True)
         _temporaries.discard(part)
 
 
