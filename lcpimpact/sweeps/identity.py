@@ -23,11 +23,11 @@ PACKAGE = __name__.partition(".")[0]
 INSTALLED = tuple(sysconfig.get_paths()[name] for name in ("stdlib", "platstdlib", "purelib", "platlib"))
 """Folders of code that is known by its name and version."""
 
-NO_CONTENT = frozenset(
-    "__dict__ __weakref__ __module__ __doc__ __annotations__ __dataclass_fields__ __dataclass_params__ __match_args__ "
-    "__abstractmethods__ _abc_impl __parameters__ __orig_bases__ __firstlineno__ __static_attributes__ __slotnames__ "
-    "__annotate_func__ __annotations_cache__".split()
-)
+NO_CONTENT = frozenset({
+    "__dict__", "__weakref__", "__module__", "__doc__", "__annotations__", "__dataclass_fields__", "__dataclass_params__",
+    "__match_args__", "__abstractmethods__", "_abc_impl", "__parameters__", "__orig_bases__", "__firstlineno__",
+    "__static_attributes__", "__slotnames__", "__annotate_func__", "__annotations_cache__",
+})  # fmt: skip
 """Attributes of a class that change nothing of what it does."""
 
 SCALARS = (type(None), bool, int, complex, str, bytes, types.EllipsisType, types.NotImplementedType)
@@ -44,8 +44,8 @@ def digest(value: Any, what: str) -> str:
     """Return a digest of the content of a value: numbers, arrays, functions, objects, and all that these refer to.
 
     A function is its code, defaults, closure, attributes, and the globals that it names; an object its class and its
-    attributes. Code of lcpimpact, of Python and of installed packages is known by its name and version. A compiled function is
-    the function that it was compiled from.
+    attributes. Code of lcpimpact, of Python and of installed packages is known by its name and version. A compiled function
+    is the function that it was compiled from.
 
     Parameters
     ----------
@@ -62,8 +62,8 @@ def digest(value: Any, what: str) -> str:
         return _Reader().read(value).hex()[:16]
     except (_UnreadableError, RecursionError) as error:
         raise InputError(
-            f"{what} cannot be told from another one: {error or 'it is nested too deeply'}; leave out= away, or write it as a "
-            "function or an object whose attributes are numbers and arrays"
+            f"{what} cannot be told from another one: {error or 'it is nested too deeply'}; leave out= away, or write it as "
+            "a function or an object whose attributes are numbers and arrays"
         ) from None
 
 

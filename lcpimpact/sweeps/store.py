@@ -180,7 +180,7 @@ def _in_folder(store: Store, chunk: tuple[int, ...]) -> Store:
 
 
 def _arrays(store: Store, chunk: tuple[int, ...]) -> dict[str, tuple[Variable, tuple[int, ...], Any]]:
-    """Return the arrays of a folder by name: what each is, the size of its pieces, and its values, or None where they come."""
+    """Return the arrays of a folder by name: what each is, the size of its pieces, and its values if they are known."""
     every: dict[str, tuple[Variable, tuple[int, ...], Any]] = {
         name: (each, (*chunk, *each.shape[len(chunk) :]), None) for name, each in store.variables.items()
     }
@@ -216,6 +216,7 @@ def _reopened(store: Store) -> Store:
     What is lost or damaged of it is made again, empty.
     """
     zarr, path = import_extra("zarr", EXTRA), store.path
+    assert path is not None
     try:
         root = zarr.open_group(path, mode="r+", use_consolidated=False)
         held = dict(root.attrs)

@@ -25,7 +25,6 @@ from lcpimpact.sweeps.job import run_sets
 pytest.importorskip("xarray")
 pytest.importorskip("zarr")
 SYSTEM_1 = li.load_problem("system-1")
-AMPLITUDE = 1.0
 
 
 def push(amplitude):
@@ -40,8 +39,7 @@ def push_by_default(amplitude):
 
 
 def push_by_global(amplitude):
-    force = eval("lambda t: AMPLITUDE * sin(5.0 * t)", {"AMPLITUDE": amplitude, "sin": math.sin})
-    return force
+    return eval("lambda t: AMPLITUDE * sin(5.0 * t)", {"AMPLITUDE": amplitude, "sin": math.sin})
 
 
 def push_by_code(amplitude):
@@ -363,7 +361,7 @@ def test_a_sweep_of_the_older_form_is_refused_in_words(whole, tmp_path):
     for name in ("form", "chunk", "units", "source_of_lcpimpact"):
         described["attributes"].pop(name)
     (out / "zarr.json").write_text(json.dumps(described))
-    with pytest.raises(li.InputError, match="is a sweep of an older lcpimpact.*remove it"):
+    with pytest.raises(li.InputError, match=r"is a sweep of an older lcpimpact.*remove it"):
         sweep_of(SYSTEM_1, out, GRID, outputs=("R.max", "x"), t_end=0.5)
 
 
