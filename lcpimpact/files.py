@@ -17,8 +17,8 @@ from typing import Any
 
 from lcpimpact.errors import InputError
 
-MAX_STEM_LENGTH = 60
-"""Maximum number of characters of a file's name in the name of its temporary file."""
+MAX_STEM_LENGTH = 40
+"""Maximum number of characters, of up to four bytes each, of a file's name in the name of its temporary file."""
 
 
 def check_output(path: Path, endings: Iterable[str]) -> None:
@@ -31,6 +31,7 @@ def check_output(path: Path, endings: Iterable[str]) -> None:
     """
     if path.suffix not in endings:
         raise InputError(f"cannot write {str(path)!r}: the name must end in one of {', '.join(endings)}")
+    check_name(path)
     target = _resolved(path)
     folder = target.parent
     if target.is_dir():
@@ -43,6 +44,22 @@ def check_output(path: Path, endings: Iterable[str]) -> None:
         raise InputError(f"cannot write {str(path)!r}: there is no folder {str(folder)!r}; make it, or name another")
     if not os.access(folder, os.W_OK):
         raise InputError(f"cannot write {str(path)!r}: the folder is write-protected; name another")
+
+
+def check_name(path: Path) -> None:
+    """Check that the system takes the name of a file, which it may refuse as too long.
+
+    Raises
+    ------
+    InputError
+        Naming the file and the remedy.
+    """
+    try:
+        os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        return
+    except OSError as error:
+        raise InputError(f"cannot write {str(path)!r}: {error.strerror}; name another") from None
 
 
 def check_outputs(outputs: Iterable[tuple[Path | None, Iterable[str]]], inputs: Iterable[Path] = ()) -> None:
