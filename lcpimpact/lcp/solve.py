@@ -241,8 +241,8 @@ def prepare_lcp(
 def too_large(n: int) -> InputError:
     """Return the error of an LCP of order n whose matrix, or the copies of it that a solver makes, exceed the memory."""
     return InputError(
-        f"an LCP of order {n:,} does not fit in memory: its dense matrix takes {8e-9 * n**2:.3g} GB, and solvers make copies "
-        "of it; give M sparse, Banded or Factored, which need less"
+        f"an LCP of order {n:,} does not fit in memory: its dense matrix takes {8e-9 * n**2:.3g} GB, and solvers copy "
+        "it; give M sparse, Banded or Factored, which need less"
     )
 
 
